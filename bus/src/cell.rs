@@ -1,0 +1,295 @@
+//! A cell's place on this PC: its name, its folder in shared memory, its locks, and how it is cleaned.
+//!
+//! Everything a cell owns lies in `/dev/shm/quadrant-<cell>/` and in segments `/dev/shm/qd-<cell>_*`. Cell names have no
+//! underscore, so no cell's prefix is the beginning of another's: two cells never meet. Two locks say who lives: the
+//! launcher holds `owner.lock` exclusively, every member holds `members.lock` shared. The kernel lets go of both when
+//! the holder dies, however it dies.
+
+use std::fs::{self, DirBuilder, File, OpenOptions};
+use std::io;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use iceoryx2::config::Config;
+use iceoryx2::prelude::{FileName, Path as IoxPath, SemanticString};
+use rustix::fs::{FlockOperation, flock};
+
+use crate::machine::is_cell_name;
+
+const SHARED_MEMORY: &str = "/dev/shm";
+
+/// Why a cell cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum CellError {
+    /// Not a name for a cell.
+    #[error(
+        "cell name {0:?}: must be 1 to {max} lower-case letters, digits or hyphens",
+        max = crate::machine::CELL_NAME_LENGTH_MAX
+    )]
+    Name(String),
+    /// Another launcher owns it.
+    #[error(
+        "cell {cell:?} is already running{by}: stop it first, or give this one another name with --cell"
+    )]
+    Running {
+        /// The cell.
+        cell: String,
+        /// Its launcher, if known: " (launcher pid 123)".
+        by: String,
+    },
+    /// Its launcher is gone, but members of it still live.
+    #[error(
+        "cell {cell:?} has no launcher but processes of it still live: they stop by themselves; try again in a moment"
+    )]
+    MembersLive {
+        /// The cell.
+        cell: String,
+    },
+    /// The operating system refused something.
+    #[error("cell {cell:?}: {what}: {source}")]
+    System {
+        /// The cell.
+        cell: String,
+        /// What was tried.
+        what: String,
+        /// Why it failed.
+        source: io::Error,
+    },
+    /// iceoryx2 refused something.
+    #[error("cell {cell:?}: {what}")]
+    Transport {
+        /// The cell.
+        cell: String,
+        /// What was tried and why it failed.
+        what: String,
+    },
+}
+
+/// Where a cell keeps its things.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CellPlace {
+    name: String,
+}
+
+impl CellPlace {
+    /// The place of the cell of this name.
+    ///
+    /// # Errors
+    /// [`CellError::Name`].
+    pub fn new(name: &str) -> Result<Self, CellError> {
+        if is_cell_name(name) {
+            Ok(CellPlace { name: name.into() })
+        } else {
+            Err(CellError::Name(name.into()))
+        }
+    }
+
+    /// The cell's name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Its folder.
+    pub fn folder(&self) -> PathBuf {
+        PathBuf::from(format!("{SHARED_MEMORY}/quadrant-{}", self.name))
+    }
+
+    /// The wake page.
+    pub fn page(&self) -> PathBuf {
+        self.folder().join("page")
+    }
+
+    fn iceoryx2_root(&self) -> String {
+        format!("{SHARED_MEMORY}/quadrant-{}/iox", self.name)
+    }
+
+    fn segment_prefix(&self) -> String {
+        format!("qd-{}_", self.name)
+    }
+
+    fn error(&self, what: &str, source: io::Error) -> CellError {
+        CellError::System {
+            cell: self.name.clone(),
+            what: what.into(),
+            source,
+        }
+    }
+
+    /// iceoryx2 configuration of this cell: nothing is shared with any other cell or with the user's own files.
+    /// Only the launcher cleans up dead nodes (`cleaner`), see docs/architecture.md.
+    ///
+    /// # Errors
+    /// [`CellError::Transport`] if iceoryx2 refuses the names.
+    pub fn config(&self, cleaner: bool) -> Result<Config, CellError> {
+        let refuse = |error| CellError::Transport {
+            cell: self.name.clone(),
+            what: format!("iceoryx2 does not take the cell's name: {error:?}"),
+        };
+        let mut config = Config::default();
+        config.global.prefix = FileName::new(self.segment_prefix().as_bytes()).map_err(refuse)?;
+        let root = IoxPath::new(self.iceoryx2_root().as_bytes()).map_err(refuse)?;
+        config.global.set_root_path(&root);
+        config.global.creation_timeout = Duration::from_millis(200);
+        config.global.node.cleanup_dead_nodes_on_creation = cleaner;
+        config.global.node.cleanup_dead_nodes_on_destruction = cleaner;
+        config.global.service.cleanup_dead_nodes_on_open = cleaner;
+        Ok(config)
+    }
+
+    /// Takes the cell for a launcher: locks it, waits up to `patience` for members of a dead launcher to leave, and
+    /// removes whatever a crash left of it.
+    ///
+    /// # Errors
+    /// [`CellError::Running`], [`CellError::MembersLive`] or [`CellError::System`].
+    pub fn own(&self, patience: Duration) -> Result<Ownership, CellError> {
+        let owner = self.lock_owner()?;
+        let members = self.open_lock("members.lock")?;
+        let mut left = patience;
+        let step = Duration::from_millis(20);
+        while flock(&members, FlockOperation::NonBlockingLockExclusive).is_err() {
+            if left.is_zero() {
+                return Err(CellError::MembersLive {
+                    cell: self.name.clone(),
+                });
+            }
+            std::thread::sleep(step);
+            left = left.saturating_sub(step);
+        }
+        let leftovers = self.remove_leftovers()?;
+        flock(&members, FlockOperation::Unlock)
+            .map_err(|e| self.error("unlocking members.lock", e.into()))?;
+        Ok(Ownership {
+            place: self.clone(),
+            _owner: owner,
+            members,
+            leftovers,
+        })
+    }
+
+    /// Locks `owner.lock`, minding that an owner who leaves removes the folder.
+    fn lock_owner(&self) -> Result<File, CellError> {
+        loop {
+            let file = self.open_lock("owner.lock")?;
+            if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+                return Err(CellError::Running {
+                    cell: self.name.clone(),
+                    by: crate::page::launcher_pid(self)
+                        .map_or(String::new(), |pid| format!(" (launcher pid {pid})")),
+                });
+            }
+            let held = file
+                .metadata()
+                .map_err(|e| self.error("reading owner.lock", e))?;
+            let on_disk = fs::metadata(self.folder().join("owner.lock"));
+            if on_disk.is_ok_and(|m| m.ino() == held.ino()) {
+                return Ok(file);
+            }
+        }
+    }
+
+    fn open_lock(&self, name: &str) -> Result<File, CellError> {
+        DirBuilder::new()
+            .mode(0o700)
+            .recursive(true)
+            .create(self.folder())
+            .map_err(|e| self.error("making its folder in /dev/shm", e))?;
+        OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .mode(0o600)
+            .open(self.folder().join(name))
+            .map_err(|e| self.error(&format!("opening {name}"), e))
+    }
+
+    /// Holds the members' lock as one of them, for as long as the result lives.
+    ///
+    /// # Errors
+    /// [`CellError::System`] if the cell does not exist.
+    pub fn join(&self) -> Result<Membership, CellError> {
+        let file = OpenOptions::new()
+            .read(true)
+            .open(self.folder().join("members.lock"))
+            .map_err(|e| self.error("joining (does it run?)", e))?;
+        flock(&file, FlockOperation::LockShared)
+            .map_err(|e| self.error("locking members.lock", e.into()))?;
+        Ok(Membership { _file: file })
+    }
+
+    /// Removes all of the cell but its locks; to be called only while nobody lives. Returns how many files went.
+    fn remove_leftovers(&self) -> Result<usize, CellError> {
+        let mut removed = 0;
+        let gone = |e: io::Error| match e.kind() {
+            io::ErrorKind::NotFound => Ok(()),
+            _ => Err(e),
+        };
+        let prefix = self.segment_prefix();
+        let entries = fs::read_dir(SHARED_MEMORY).map_err(|e| self.error("listing /dev/shm", e))?;
+        for entry in entries.flatten() {
+            if entry.file_name().to_string_lossy().starts_with(&prefix) {
+                fs::remove_file(entry.path())
+                    .or_else(gone)
+                    .map_err(|e| self.error("removing a segment", e))?;
+                removed += 1;
+            }
+        }
+        let folder =
+            fs::read_dir(self.folder()).map_err(|e| self.error("listing its folder", e))?;
+        for entry in folder.flatten() {
+            let name = entry.file_name();
+            if name == "owner.lock" || name == "members.lock" {
+                continue;
+            }
+            let path = entry.path();
+            let result = if path.is_dir() {
+                fs::remove_dir_all(&path)
+            } else {
+                fs::remove_file(&path)
+            };
+            result
+                .or_else(gone)
+                .map_err(|e| self.error("removing a leftover", e))?;
+            removed += 1;
+        }
+        Ok(removed)
+    }
+}
+
+/// A member's hold on its cell.
+#[derive(Debug)]
+pub struct Membership {
+    _file: File,
+}
+
+/// The launcher's hold on its cell. Dropping it removes the cell's files if nobody of it lives any more.
+#[derive(Debug)]
+pub struct Ownership {
+    place: CellPlace,
+    _owner: File,
+    members: File,
+    /// Files of a crashed run that were removed.
+    pub leftovers: usize,
+}
+
+impl Ownership {
+    /// The cell's place.
+    pub fn place(&self) -> &CellPlace {
+        &self.place
+    }
+}
+
+impl Drop for Ownership {
+    fn drop(&mut self) {
+        if flock(&self.members, FlockOperation::NonBlockingLockExclusive).is_err() {
+            tracing::warn!(cell = %self.place.name, "members still live: their files stay until the next start");
+            return;
+        }
+        if let Err(error) = self.place.remove_leftovers() {
+            tracing::warn!(%error, "the cell's files could not all be removed");
+        }
+        // The folder goes while both locks are held: whoever comes next finds no folder, or waits for a new one.
+        let _ = fs::remove_dir_all(self.place.folder());
+    }
+}

@@ -1,0 +1,13 @@
+//! What all processes agree on: samples, services, ports, the scan clock, the machine file.
+//!
+//! **Invariant**: this is the only crate that names iceoryx2 (a test in `tests/` holds it).
+
+pub mod cell;
+pub mod machine;
+pub mod member;
+pub mod page;
+pub mod port;
+pub mod realtime;
+pub mod sample;
+pub mod service;
+pub mod window;

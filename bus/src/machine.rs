@@ -1,0 +1,403 @@
+//! The machine file: what the controller knows of its machine.
+//!
+//! `machine.toml` is read once, checked whole before anything starts, and shared by every process of the cell. What is
+//! true of the simulated machine stands in `plant.toml`, which only the machine side reads.
+//!
+//! Slides are in mm. Rotary axes use the same keys with degrees in place of millimetres (`rapid_mm_s` is degrees per
+//! second there): they share the code of slides.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+mod rules;
+
+use crate::sample::MAX_AXES;
+
+/// Longest machine file that is read, in bytes.
+pub const MACHINE_FILE_BYTES_MAX: u64 = 1 << 20;
+/// Longest cell name: the socket path limit of iceoryx2 (68 characters for prefix and root) leaves no more.
+pub const CELL_NAME_LENGTH_MAX: usize = 20;
+
+/// A machine file that cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum MachineFileError {
+    /// It cannot be read at all.
+    #[error("{path}: {what}")]
+    Unreadable {
+        /// The file.
+        path: String,
+        /// Why.
+        what: String,
+    },
+    /// It breaks rules: one line each, with file, line, value, unit and rule.
+    #[error("{}", .0.join("\n"))]
+    Broken(Vec<String>),
+}
+
+/// The whole machine file.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Machine {
+    /// The machine's name, and the cell's unless `--cell` says otherwise.
+    pub name: String,
+    /// The scan.
+    pub scan: Scan,
+    /// Path and program settings.
+    #[serde(default)]
+    pub program: ProgramSettings,
+    /// Its axes, at most [`MAX_AXES`].
+    #[serde(rename = "axis")]
+    pub axes: Vec<Axis>,
+}
+
+/// Clocks of the cell.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scan {
+    /// Scan period Tp, in µs.
+    pub period_us: u32,
+    /// Scans in one distribution period Ts.
+    pub distribution_period_scans: u32,
+    /// Scans in a row without a command after which a drive brakes by itself.
+    #[serde(default = "defaults::watchdog_scans")]
+    pub watchdog_scans: u32,
+    /// Distribution periods of intended motion a window carries beyond its own and the commit delay.
+    #[serde(default = "defaults::look_ahead_periods")]
+    pub look_ahead_periods: u32,
+    /// Scans at the programmed end within the in-position window before the program counts as done.
+    #[serde(default = "defaults::settle_scans")]
+    pub settle_scans: u32,
+}
+
+/// How programs are understood on this machine.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ProgramSettings {
+    /// Work offset G54 per axis, in mm: programmed zero stands there in machine coordinates.
+    pub work_offset_mm: std::collections::BTreeMap<String, f64>,
+}
+
+/// Slide or rotary.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Default)]
+#[serde(rename_all = "kebab-case")]
+pub enum AxisKind {
+    /// A slide: mm.
+    #[default]
+    Linear,
+    /// A rotary axis: degrees.
+    Rotary,
+}
+
+/// Where the servo's position comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Default)]
+#[serde(rename_all = "kebab-case")]
+pub enum PositionFeedback {
+    /// Motor encoder: semi-closed loop.
+    #[default]
+    Motor,
+    /// Linear scale: full-closed loop.
+    Scale,
+}
+
+/// Who closes the velocity loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Default)]
+#[serde(rename_all = "kebab-case")]
+pub enum DriveMode {
+    /// The drive (CiA 402 cyclic synchronous velocity with torque offset).
+    #[default]
+    Velocity,
+    /// The servo (CiA 402 cyclic synchronous torque).
+    Torque,
+}
+
+/// One axis.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Axis {
+    /// Its letter in part programs: X Y Z A B C U V W.
+    pub name: String,
+    /// Slide or rotary.
+    #[serde(default)]
+    pub kind: AxisKind,
+    /// Increment on the wire, in nm (µdeg·10⁻³… of rotary axes: 1 stands for 10⁻⁶ axis units).
+    #[serde(default = "defaults::increment_nm")]
+    pub increment_nm: f64,
+    /// Travel limits in machine coordinates, in mm.
+    pub travel_min_mm: f64,
+    /// Upper one.
+    pub travel_max_mm: f64,
+    /// Highest speed, in mm/s; also the rapid traverse.
+    pub rapid_mm_s: f64,
+    /// Highest acceleration of a setpoint, in mm/s².
+    pub acceleration_mm_s2: f64,
+    /// Highest deceleration the drive uses when it brakes by itself, in mm/s².
+    pub quick_stop_mm_s2: f64,
+    /// Following error that trips the axis, in mm.
+    pub following_error_limit_mm: f64,
+    /// In-position window, in µm.
+    #[serde(default = "defaults::in_position_um")]
+    pub in_position_um: f64,
+    /// Travel of the table per motor turn, in mm.
+    pub lead_mm: f64,
+    /// Where the position comes from.
+    #[serde(default)]
+    pub feedback: PositionFeedback,
+    /// Who closes the velocity loop.
+    #[serde(default)]
+    pub drive_mode: DriveMode,
+    /// The motor's rating plate.
+    pub motor: Motor,
+    /// Position loop.
+    pub position_loop: PositionLoop,
+    /// Velocity loop, of the drive or of the servo.
+    pub velocity_loop: VelocityLoop,
+    /// Velocity feed-forward.
+    #[serde(default)]
+    pub feed_forward: FeedForward,
+    /// What is done where the axis reverses.
+    pub reversal: Reversal,
+}
+
+/// Rating plate.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Motor {
+    /// Continuous torque, in N·m.
+    pub rated_torque_nm: f64,
+    /// Peak torque, in N·m.
+    pub peak_torque_nm: f64,
+}
+
+/// Position loop.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PositionLoop {
+    /// Kp, in 1/s.
+    pub gain_per_s: f64,
+}
+
+/// Velocity loop.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VelocityLoop {
+    /// Proportional gain Kv, in N·s/m at the table.
+    pub gain_n_s_per_m: f64,
+    /// Integral time Ti, in ms.
+    pub integral_time_ms: f64,
+    /// Period of the drive's loop, in µs (torque mode: the scan period).
+    pub period_us: u32,
+}
+
+/// Velocity feed-forward (METHODS §2).
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FeedForward {
+    /// On or off.
+    pub enabled: bool,
+    /// Coefficient α.
+    #[serde(default = "defaults::one")]
+    pub coefficient: f64,
+    /// How far ahead of the position command it is taken, in ms: the delay of everything behind it (transport, drive).
+    #[serde(default)]
+    pub advance_ms: f64,
+}
+
+impl Default for FeedForward {
+    fn default() -> Self {
+        FeedForward {
+            enabled: true,
+            coefficient: 1.0,
+            advance_ms: 0.0,
+        }
+    }
+}
+
+/// How far reversal errors are compensated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ReversalMethod {
+    /// Not at all.
+    None,
+    /// Position backlash step only.
+    Backlash,
+    /// Position backlash step and backlash acceleration (METHODS §2).
+    Kick,
+}
+
+/// What starts the kick.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Default)]
+#[serde(rename_all = "kebab-case")]
+pub enum Trigger {
+    /// The source's own: the speed command within A = K·|R2 − R0| of its sign change.
+    #[default]
+    CommandAcceleration,
+}
+
+impl Trigger {
+    /// The word in machine files and reports.
+    pub fn word(self) -> &'static str {
+        match self {
+            Trigger::CommandAcceleration => "command-acceleration",
+        }
+    }
+}
+
+/// Reversal compensation.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Reversal {
+    /// How much of it.
+    pub method: ReversalMethod,
+    /// Position backlash compensation, in µm.
+    #[serde(default)]
+    pub backlash_um: f64,
+    /// What starts the kick.
+    #[serde(default)]
+    pub trigger: Trigger,
+    /// Height of the kick, in mm/s.
+    #[serde(default)]
+    pub kick_mm_s: f64,
+    /// Its length Tb, in ms.
+    #[serde(default)]
+    pub kick_ms: f64,
+    /// How long before the reversal of the command it starts, in ms; K = lead/(2·Ts²).
+    #[serde(default)]
+    pub lead_ms: f64,
+}
+
+mod defaults {
+    pub fn watchdog_scans() -> u32 {
+        4
+    }
+    pub fn look_ahead_periods() -> u32 {
+        2
+    }
+    pub fn settle_scans() -> u32 {
+        100
+    }
+    pub fn increment_nm() -> f64 {
+        1.0
+    }
+    pub fn in_position_um() -> f64 {
+        20.0
+    }
+    pub fn one() -> f64 {
+        1.0
+    }
+}
+
+impl Machine {
+    /// Reads and checks a machine file; `path` is the file or its folder.
+    ///
+    /// # Errors
+    /// Unreadable, too large, not UTF-8, not TOML, unknown key, or a value against its rule: each with file, line,
+    /// value, unit and what would be right.
+    pub fn load(path: &Path) -> Result<Machine, MachineFileError> {
+        let path = machine_file(path);
+        let name = path.display().to_string();
+        let unreadable = |what: String| MachineFileError::Unreadable {
+            path: name.clone(),
+            what,
+        };
+        let text = read_text(&path).map_err(unreadable)?;
+        Self::parse(&name, &text)
+    }
+
+    /// Checks the text of a machine file; `name` stands in the messages.
+    ///
+    /// # Errors
+    /// As [`Machine::load`].
+    pub fn parse(name: &str, text: &str) -> Result<Machine, MachineFileError> {
+        let machine: Machine = toml::from_str(text)
+            .map_err(|error| MachineFileError::Broken(vec![toml_message(name, text, &error)]))?;
+        let broken = rules::broken(name, text, &machine);
+        if broken.is_empty() {
+            Ok(machine)
+        } else {
+            Err(MachineFileError::Broken(broken))
+        }
+    }
+
+    /// Scan period Tp in s.
+    pub fn scan_period_s(&self) -> f64 {
+        f64::from(self.scan.period_us) * 1e-6
+    }
+
+    /// Distribution period Ts in s.
+    pub fn distribution_period_s(&self) -> f64 {
+        self.scan_period_s() * f64::from(self.scan.distribution_period_scans)
+    }
+
+    /// Instrument samples within one scan: one every 250 µs, one where the scan is shorter.
+    pub fn subsamples(&self) -> u32 {
+        (self.scan.period_us / 250).max(1)
+    }
+
+    /// Rows of intended motion in a window: look-ahead, commit delay and one period.
+    pub fn intended_rows(&self) -> u32 {
+        self.scan.distribution_period_scans * (self.scan.look_ahead_periods + 2)
+    }
+}
+
+impl Axis {
+    /// Axis units per increment, in mm.
+    pub fn increment_mm(&self) -> f64 {
+        self.increment_nm * 1e-6
+    }
+}
+
+/// The machine file that a MACHINE argument names: the file itself or `machine.toml` in a folder.
+pub fn machine_file(path: &Path) -> PathBuf {
+    if path.is_dir() {
+        path.join("machine.toml")
+    } else {
+        path.to_path_buf()
+    }
+}
+
+fn read_text(path: &Path) -> Result<String, String> {
+    use std::io::Read;
+    let file = std::fs::File::open(path).map_err(|e| format!("cannot be opened: {e}"))?;
+    let metadata = file
+        .metadata()
+        .map_err(|e| format!("cannot be read: {e}"))?;
+    if !metadata.is_file() {
+        return Err("is not a file".into());
+    }
+    let mut bytes = Vec::new();
+    file.take(MACHINE_FILE_BYTES_MAX + 1)
+        .read_to_end(&mut bytes)
+        .map_err(|e| format!("cannot be read: {e}"))?;
+    if bytes.len() as u64 > MACHINE_FILE_BYTES_MAX {
+        return Err(format!(
+            "is {} bytes long: a machine file has at most {MACHINE_FILE_BYTES_MAX}",
+            metadata.len()
+        ));
+    }
+    String::from_utf8(bytes).map_err(|e| format!("is not UTF-8 text: {e}"))
+}
+
+fn toml_message(name: &str, text: &str, error: &toml::de::Error) -> String {
+    let mut out = name.to_string();
+    if let Some(span) = error.span() {
+        let line = text
+            .get(..span.start)
+            .map_or(1, |before| before.matches('\n').count() + 1);
+        let _ = write!(out, ":{line}");
+    }
+    let _ = write!(out, ": {}", error.message());
+    out
+}
+
+/// Whether this can name a cell: lower-case letters, digits and hyphens.
+pub fn is_cell_name(name: &str) -> bool {
+    !name.is_empty()
+        && name.len() <= CELL_NAME_LENGTH_MAX
+        && name
+            .bytes()
+            .all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-')
+}
+
+const _: () = assert!(MAX_AXES == 8);

@@ -1,0 +1,409 @@
+//! The rules of the machine file, each a line of this table: key, range, unit.
+
+use toml_edit::{Document, Item};
+
+use super::{DriveMode, Machine, ReversalMethod, is_cell_name};
+use crate::sample::{MAX_AXES, MAX_SUBSAMPLES};
+
+/// Letters a part program can move.
+const AXIS_LETTERS: &str = "XYZABCUVW";
+
+struct Rules<'a> {
+    name: &'a str,
+    text: &'a str,
+    document: Option<Document<String>>,
+    broken: Vec<(usize, String)>,
+}
+
+impl Rules<'_> {
+    /// Line of a key, found by its path; the nearest table that exists if the key itself is absent.
+    fn line(&self, path: &[&str], axis: Option<usize>) -> usize {
+        let Some(document) = &self.document else {
+            return 1;
+        };
+        let mut item: &Item = document.as_item();
+        let mut span = item.span();
+        if let Some(index) = axis {
+            let Some(next) = item.get("axis").and_then(|a| a.get(index)) else {
+                return 1;
+            };
+            item = next;
+            span = item.span().or(span);
+        }
+        for key in path {
+            let Some(next) = item.get(*key) else { break };
+            item = next;
+            span = item.span().or(span);
+        }
+        let start = span.map_or(0, |s| s.start);
+        self.text
+            .get(..start)
+            .map_or(1, |before| before.matches('\n').count() + 1)
+    }
+
+    fn say(&mut self, path: &[&str], axis: Option<(usize, &str)>, what: &str) {
+        let line = self.line(path, axis.map(|a| a.0));
+        let whose = axis.map_or(String::new(), |(_, name)| format!("axis {name} "));
+        self.broken.push((
+            line,
+            format!("{}:{line}: {whose}{} {what}", self.name, path.join(".")),
+        ));
+    }
+
+    /// `low < value <= high` if `open`, else `low <= value <= high`. NaN breaks it.
+    fn range(
+        &mut self,
+        path: &[&str],
+        axis: Option<(usize, &str)>,
+        value: f64,
+        unit: &str,
+        (low, high): (f64, f64),
+        open: bool,
+    ) {
+        let fits = if open { value > low } else { value >= low } && value <= high;
+        if !fits {
+            let unit = if unit.is_empty() {
+                String::new()
+            } else {
+                format!(" {unit}")
+            };
+            let from = if open { "above" } else { "at least" };
+            self.say(
+                path,
+                axis,
+                &format!("= {value}{unit}: must be {from} {low} and at most {high}{unit}"),
+            );
+        }
+    }
+}
+
+/// Every rule that the machine breaks, in the order of the file.
+pub fn broken(name: &str, text: &str, machine: &Machine) -> Vec<String> {
+    let mut rules = Rules {
+        name,
+        text,
+        document: Document::parse(text.to_string()).ok(),
+        broken: Vec::new(),
+    };
+    cell(&mut rules, machine);
+    for (index, axis) in machine.axes.iter().enumerate() {
+        let at = Some((index, axis.name.as_str()));
+        axis_identity(&mut rules, machine, index);
+        axis_motion(&mut rules, axis, at);
+        axis_loops(&mut rules, machine, axis, at);
+    }
+    rules.broken.sort_by_key(|(line, _)| *line);
+    rules.broken.into_iter().map(|(_, text)| text).collect()
+}
+
+fn cell(rules: &mut Rules, machine: &Machine) {
+    if !is_cell_name(&machine.name) {
+        rules.say(
+            &["name"],
+            None,
+            &format!(
+                "= {:?}: must be 1 to {} lower-case letters, digits or hyphens",
+                machine.name,
+                super::CELL_NAME_LENGTH_MAX
+            ),
+        );
+    }
+    let scan = &machine.scan;
+    let most_us = 250.0 * MAX_SUBSAMPLES as f64;
+    rules.range(
+        &["scan", "period_us"],
+        None,
+        scan.period_us.into(),
+        "µs",
+        (125.0, most_us),
+        false,
+    );
+    if scan.period_us > 250 && !scan.period_us.is_multiple_of(250) {
+        rules.say(
+            &["scan", "period_us"],
+            None,
+            &format!(
+                "= {} µs: above 250 it must be a multiple of 250 µs, the instruments' period",
+                scan.period_us
+            ),
+        );
+    }
+    rules.range(
+        &["scan", "distribution_period_scans"],
+        None,
+        scan.distribution_period_scans.into(),
+        "scans",
+        (2.0, 32.0),
+        false,
+    );
+    rules.range(
+        &["scan", "watchdog_scans"],
+        None,
+        scan.watchdog_scans.into(),
+        "scans",
+        (1.0, 100.0),
+        false,
+    );
+    rules.range(
+        &["scan", "look_ahead_periods"],
+        None,
+        scan.look_ahead_periods.into(),
+        "periods",
+        (1.0, 16.0),
+        false,
+    );
+    rules.range(
+        &["scan", "settle_scans"],
+        None,
+        scan.settle_scans.into(),
+        "scans",
+        (1.0, 100_000.0),
+        false,
+    );
+    if machine.axes.is_empty() || machine.axes.len() > MAX_AXES {
+        rules.say(
+            &["axis"],
+            None,
+            &format!(
+                "has {} tables: a machine has 1 to {MAX_AXES} axes",
+                machine.axes.len()
+            ),
+        );
+    }
+    for (letter, value) in &machine.program.work_offset_mm {
+        let path = ["program", "work_offset_mm", letter.as_str()];
+        match machine.axes.iter().find(|a| &a.name == letter) {
+            None => rules.say(&path, None, "names an axis that the machine does not have"),
+            Some(axis) => rules.range(
+                &path,
+                None,
+                *value,
+                "mm",
+                (axis.travel_min_mm, axis.travel_max_mm),
+                false,
+            ),
+        }
+    }
+}
+
+fn axis_identity(rules: &mut Rules, machine: &Machine, index: usize) {
+    let Some(axis) = machine.axes.get(index) else {
+        return;
+    };
+    let at = Some((index, axis.name.as_str()));
+    let mut letters = axis.name.chars();
+    let single = letters.next().filter(|_| letters.next().is_none());
+    if !single.is_some_and(|c| AXIS_LETTERS.contains(c)) {
+        rules.say(
+            &["name"],
+            at,
+            &format!("= {:?}: must be one of {AXIS_LETTERS}", axis.name),
+        );
+    }
+    let twice = machine
+        .axes
+        .iter()
+        .take(index)
+        .any(|other| other.name == axis.name);
+    if twice {
+        rules.say(&["name"], at, "stands twice: every axis has its own letter");
+    }
+}
+
+fn axis_motion(rules: &mut Rules, axis: &super::Axis, at: Option<(usize, &str)>) {
+    rules.range(
+        &["increment_nm"],
+        at,
+        axis.increment_nm,
+        "nm",
+        (0.01, 10_000.0),
+        false,
+    );
+    rules.range(
+        &["travel_min_mm"],
+        at,
+        axis.travel_min_mm,
+        "mm",
+        (-100_000.0, 100_000.0),
+        false,
+    );
+    rules.range(
+        &["travel_max_mm"],
+        at,
+        axis.travel_max_mm,
+        "mm",
+        (axis.travel_min_mm, 100_000.0),
+        true,
+    );
+    rules.range(
+        &["rapid_mm_s"],
+        at,
+        axis.rapid_mm_s,
+        "mm/s",
+        (0.0, 5000.0),
+        true,
+    );
+    rules.range(
+        &["acceleration_mm_s2"],
+        at,
+        axis.acceleration_mm_s2,
+        "mm/s²",
+        (0.0, 200_000.0),
+        true,
+    );
+    rules.range(
+        &["quick_stop_mm_s2"],
+        at,
+        axis.quick_stop_mm_s2,
+        "mm/s²",
+        (0.0, 500_000.0),
+        true,
+    );
+    rules.range(
+        &["following_error_limit_mm"],
+        at,
+        axis.following_error_limit_mm,
+        "mm",
+        (0.0, 100.0),
+        true,
+    );
+    rules.range(
+        &["in_position_um"],
+        at,
+        axis.in_position_um,
+        "µm",
+        (0.0, 10_000.0),
+        true,
+    );
+    rules.range(&["lead_mm"], at, axis.lead_mm, "mm", (0.0, 1000.0), true);
+    rules.range(
+        &["motor", "rated_torque_nm"],
+        at,
+        axis.motor.rated_torque_nm,
+        "N·m",
+        (0.0, 10_000.0),
+        true,
+    );
+    rules.range(
+        &["motor", "peak_torque_nm"],
+        at,
+        axis.motor.peak_torque_nm,
+        "N·m",
+        (0.0, 50_000.0),
+        true,
+    );
+    if axis.motor.peak_torque_nm < axis.motor.rated_torque_nm {
+        rules.say(
+            &["motor", "peak_torque_nm"],
+            at,
+            &format!(
+                "= {} N·m: must be at least rated_torque_nm = {} N·m",
+                axis.motor.peak_torque_nm, axis.motor.rated_torque_nm
+            ),
+        );
+    }
+}
+
+fn axis_loops(rules: &mut Rules, machine: &Machine, axis: &super::Axis, at: Option<(usize, &str)>) {
+    rules.range(
+        &["position_loop", "gain_per_s"],
+        at,
+        axis.position_loop.gain_per_s,
+        "1/s",
+        (0.0, 1000.0),
+        true,
+    );
+    rules.range(
+        &["velocity_loop", "gain_n_s_per_m"],
+        at,
+        axis.velocity_loop.gain_n_s_per_m,
+        "N·s/m",
+        (0.0, 1e9),
+        true,
+    );
+    rules.range(
+        &["velocity_loop", "integral_time_ms"],
+        at,
+        axis.velocity_loop.integral_time_ms,
+        "ms",
+        (0.1, 10_000.0),
+        false,
+    );
+    let period_us = axis.velocity_loop.period_us;
+    if period_us == 0 || !machine.scan.period_us.is_multiple_of(period_us) {
+        rules.say(
+            &["velocity_loop", "period_us"],
+            at,
+            &format!(
+                "= {period_us} µs: must divide scan.period_us = {} µs",
+                machine.scan.period_us
+            ),
+        );
+    } else if axis.drive_mode == DriveMode::Torque && period_us != machine.scan.period_us {
+        rules.say(
+            &["velocity_loop", "period_us"],
+            at,
+            &format!("= {period_us} µs: in torque mode the servo closes the loop once a scan: must be {} µs", machine.scan.period_us),
+        );
+    }
+    rules.range(
+        &["feed_forward", "coefficient"],
+        at,
+        axis.feed_forward.coefficient,
+        "",
+        (0.0, 1.5),
+        false,
+    );
+    let look_ahead_ms =
+        (f64::from(machine.scan.look_ahead_periods) - 0.5) * machine.distribution_period_s() * 1e3;
+    rules.range(
+        &["feed_forward", "advance_ms"],
+        at,
+        axis.feed_forward.advance_ms,
+        "ms",
+        (0.0, look_ahead_ms),
+        false,
+    );
+    let reversal = &axis.reversal;
+    rules.range(
+        &["reversal", "backlash_um"],
+        at,
+        reversal.backlash_um,
+        "µm",
+        (0.0, 1000.0),
+        false,
+    );
+    rules.range(
+        &["reversal", "kick_mm_s"],
+        at,
+        reversal.kick_mm_s,
+        "mm/s",
+        (0.0, 100.0),
+        false,
+    );
+    rules.range(
+        &["reversal", "kick_ms"],
+        at,
+        reversal.kick_ms,
+        "ms",
+        (0.0, 1000.0),
+        false,
+    );
+    rules.range(
+        &["reversal", "lead_ms"],
+        at,
+        reversal.lead_ms,
+        "ms",
+        (0.0, look_ahead_ms),
+        false,
+    );
+    if reversal.method == ReversalMethod::Kick
+        && (reversal.kick_mm_s == 0.0 || reversal.kick_ms == 0.0)
+    {
+        rules.say(
+            &["reversal"],
+            at,
+            "method = \"kick\" needs kick_mm_s and kick_ms above 0",
+        );
+    }
+}

@@ -1,0 +1,368 @@
+//! The wake page: one page of futex words that belongs to the cell.
+//!
+//! iceoryx2 carries the data; waking is done here, because its events can lose wake-ups. A bell is only a hint: whoever
+//! waits looks at its ports after every wake and after every timeout, so a lost ring costs time, never progress.
+
+use std::fs::OpenOptions;
+use std::os::unix::fs::OpenOptionsExt;
+use std::ptr::NonNull;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::time::Duration;
+
+use rustix::mm::{MapFlags, ProtFlags};
+use rustix::thread::futex;
+
+use crate::cell::{CellError, CellPlace};
+use crate::sample::MAX_PARTICIPANTS;
+
+const MAGIC: u64 = u64::from_le_bytes(*b"QUADRAN1");
+/// Bytes kept for one saved state of the machine side.
+pub const MACHINE_STATE_BYTES: usize = 8192;
+
+/// What the cell is doing, as the launcher sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum CellPhase {
+    /// Processes are being started.
+    Starting = 0,
+    /// Scans run.
+    Running = 1,
+    /// Everybody is to leave at once.
+    Ending = 2,
+}
+
+/// A futex word that some process waits at.
+#[repr(C, align(64))]
+#[derive(Debug, Default)]
+pub struct Bell(AtomicU32);
+
+impl Bell {
+    /// The count of rings; take it before looking at the ports, then wait for it to change.
+    pub fn count(&self) -> u32 {
+        self.0.load(Ordering::Acquire)
+    }
+
+    /// Wakes everybody who waits here.
+    pub fn ring(&self) {
+        self.0.fetch_add(1, Ordering::Release);
+        let _ = futex::wake(&self.0, futex::Flags::empty(), i32::MAX as u32);
+    }
+
+    /// Waits until the count is no longer `seen`, at most `limit`; may return early.
+    pub fn wait(&self, seen: u32, limit: Duration) {
+        let limit = futex::Timespec {
+            tv_sec: limit.as_secs() as i64,
+            tv_nsec: i64::from(limit.subsec_nanos()),
+        };
+        let _ = futex::wait(&self.0, futex::Flags::empty(), seen, Some(&limit));
+    }
+}
+
+#[repr(C)]
+struct Layout {
+    magic: AtomicU64,
+    launcher_pid: AtomicU32,
+    phase: AtomicU32,
+    answers: Answers,
+    scan: Bell,
+    planner: Bell,
+    machine: Bell,
+    monitor: Bell,
+    launcher: Bell,
+    recorded: Recorded,
+    places: [PlaceWords; MAX_PARTICIPANTS],
+    saved: [SavedState; 2],
+}
+
+#[repr(C, align(64))]
+struct Answers {
+    outstanding: AtomicU32,
+    eager: AtomicU32,
+}
+
+#[repr(C, align(64))]
+struct Recorded {
+    scans: AtomicU64,
+}
+
+#[repr(C)]
+struct PlaceWords {
+    ready_incarnation: AtomicU32,
+    pid: AtomicU32,
+}
+
+#[repr(C, align(64))]
+struct SavedState {
+    /// Odd while it is being written; the higher even one is the newer whole one.
+    version: AtomicU64,
+    words: [AtomicU64; MACHINE_STATE_BYTES / 8],
+}
+
+/// The mapped page.
+#[derive(Debug)]
+pub struct Page {
+    layout: NonNull<Layout>,
+}
+
+// SAFETY: the layout consists of atomics only.
+unsafe impl Send for Page {}
+// SAFETY: as above.
+unsafe impl Sync for Page {}
+
+impl Drop for Page {
+    fn drop(&mut self) {
+        // SAFETY: mapped by `map` with this length, and no reference outlives `self`.
+        let _ = unsafe { rustix::mm::munmap(self.layout.as_ptr().cast(), size_of::<Layout>()) };
+    }
+}
+
+impl Page {
+    /// Makes the cell's page; for the launcher, after it owns the cell.
+    ///
+    /// # Errors
+    /// [`CellError::System`].
+    pub fn create(place: &CellPlace) -> Result<Page, CellError> {
+        let page = Self::map(place, true)?;
+        let layout = page.layout();
+        layout
+            .launcher_pid
+            .store(std::process::id(), Ordering::Release);
+        layout.magic.store(MAGIC, Ordering::Release);
+        Ok(page)
+    }
+
+    /// Maps the page of a running cell.
+    ///
+    /// # Errors
+    /// [`CellError::System`] if there is none, or none of this version.
+    pub fn open(place: &CellPlace) -> Result<Page, CellError> {
+        let page = Self::map(place, false)?;
+        if page.layout().magic.load(Ordering::Acquire) != MAGIC {
+            return Err(CellError::Transport {
+                cell: place.name().into(),
+                what: "its page is not of this version of quadrant".into(),
+            });
+        }
+        Ok(page)
+    }
+
+    fn map(place: &CellPlace, create: bool) -> Result<Page, CellError> {
+        let system = |what: &str, source| CellError::System {
+            cell: place.name().into(),
+            what: what.into(),
+            source,
+        };
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create_new(create)
+            .mode(0o600)
+            .open(place.page())
+            .map_err(|e| system("opening its page (does it run?)", e))?;
+        let length = size_of::<Layout>();
+        if create {
+            file.set_len(length as u64)
+                .map_err(|e| system("sizing its page", e))?;
+        }
+        let found = file
+            .metadata()
+            .map_err(|e| system("reading its page", e))?
+            .len();
+        if found != length as u64 {
+            return Err(CellError::Transport {
+                cell: place.name().into(),
+                what: format!(
+                    "its page has {found} bytes, not {length}: another version of quadrant made it"
+                ),
+            });
+        }
+        // SAFETY: a fresh shared mapping of a file of exactly this length; the layout is valid for any bytes.
+        let address = unsafe {
+            rustix::mm::mmap(
+                std::ptr::null_mut(),
+                length,
+                ProtFlags::READ | ProtFlags::WRITE,
+                MapFlags::SHARED,
+                &file,
+                0,
+            )
+        }
+        .map_err(|e| system("mapping its page", e.into()))?;
+        let layout = NonNull::new(address.cast()).ok_or_else(|| CellError::Transport {
+            cell: place.name().into(),
+            what: "its page was mapped nowhere".into(),
+        })?;
+        Ok(Page { layout })
+    }
+
+    fn layout(&self) -> &Layout {
+        // SAFETY: mapped for the life of `self`, aligned to a page, atomics only.
+        unsafe { self.layout.as_ref() }
+    }
+
+    /// Process id of the launcher that made the page.
+    pub fn launcher_pid(&self) -> u32 {
+        self.layout().launcher_pid.load(Ordering::Acquire)
+    }
+
+    /// Rung by the machine side at the start of each scan; servos wait here.
+    pub fn scan_bell(&self) -> &Bell {
+        &self.layout().scan
+    }
+
+    /// Rung at each distribution period boundary; the planner waits here.
+    pub fn planner_bell(&self) -> &Bell {
+        &self.layout().planner
+    }
+
+    /// Rung when the last outstanding answer is there; the machine side waits here.
+    pub fn machine_bell(&self) -> &Bell {
+        &self.layout().machine
+    }
+
+    /// Rung now and then while there is something to record; the monitor waits here.
+    pub fn monitor_bell(&self) -> &Bell {
+        &self.layout().monitor
+    }
+
+    /// Rung when something happened that the launcher waits for.
+    pub fn launcher_bell(&self) -> &Bell {
+        &self.layout().launcher
+    }
+
+    /// What the cell is doing.
+    pub fn phase(&self) -> CellPhase {
+        match self.layout().phase.load(Ordering::Acquire) {
+            0 => CellPhase::Starting,
+            1 => CellPhase::Running,
+            _ => CellPhase::Ending,
+        }
+    }
+
+    /// Sets it and wakes everybody; for the launcher.
+    pub fn set_phase(&self, phase: CellPhase) {
+        self.layout().phase.store(phase as u32, Ordering::Release);
+        self.ring_all();
+    }
+
+    /// Wakes everybody of the cell.
+    pub fn ring_all(&self) {
+        let layout = self.layout();
+        for bell in [
+            &layout.scan,
+            &layout.planner,
+            &layout.machine,
+            &layout.monitor,
+            &layout.launcher,
+        ] {
+            bell.ring();
+        }
+    }
+
+    /// Says how many answers this scan waits for: the last to answer rings. For the machine side.
+    pub fn expect_answers(&self, count: u32) {
+        let answers = &self.layout().answers;
+        answers.eager.store(0, Ordering::Relaxed);
+        answers.outstanding.store(count, Ordering::Release);
+    }
+
+    /// From now on in this scan every answer rings: someone died or came back and the count no longer holds.
+    pub fn expect_eagerly(&self) {
+        self.layout().answers.eager.store(1, Ordering::Release);
+    }
+
+    /// Says that this process has answered the scan.
+    pub fn answered(&self) {
+        let answers = &self.layout().answers;
+        let before = answers.outstanding.fetch_sub(1, Ordering::AcqRel);
+        if before == 1 || answers.eager.load(Ordering::Acquire) != 0 {
+            self.layout().machine.ring();
+        }
+    }
+
+    /// Scans the recorder has taken from its queue: its credit with the machine side in lockstep.
+    pub fn recorded_scans(&self) -> u64 {
+        self.layout().recorded.scans.load(Ordering::Acquire)
+    }
+
+    /// Says how many scans have been recorded; for the recorder.
+    pub fn set_recorded_scans(&self, scans: u64) {
+        self.layout().recorded.scans.store(scans, Ordering::Release);
+    }
+
+    /// Says that the process in this place of the roster is ready to take part.
+    pub fn set_ready(&self, place: usize, incarnation: u32) {
+        if let Some(words) = self.layout().places.get(place) {
+            words.pid.store(std::process::id(), Ordering::Release);
+            words
+                .ready_incarnation
+                .store(incarnation, Ordering::Release);
+        }
+        self.layout().launcher.ring();
+    }
+
+    /// The incarnation that last said it was ready in this place.
+    pub fn ready_incarnation(&self, place: usize) -> u32 {
+        self.layout()
+            .places
+            .get(place)
+            .map_or(0, |words| words.ready_incarnation.load(Ordering::Acquire))
+    }
+
+    /// Saves the machine side's mechanical state into the older of two slots, so that a kill in the middle of it leaves
+    /// the other one whole. Bytes beyond [`MACHINE_STATE_BYTES`] are not kept: the caller's state must fit.
+    pub fn save_machine_state(&self, bytes: &[u8]) {
+        let [a, b] = &self.layout().saved;
+        let (a_version, b_version) = (even(a), even(b));
+        let (slot, newer) = if a_version <= b_version {
+            (a, b_version)
+        } else {
+            (b, a_version)
+        };
+        slot.version.store(newer + 1, Ordering::SeqCst);
+        let mut chunks = bytes.chunks(8);
+        for word in &slot.words {
+            let mut value = [0; 8];
+            if let Some(chunk) = chunks.next() {
+                for (to, from) in value.iter_mut().zip(chunk) {
+                    *to = *from;
+                }
+            } else {
+                break;
+            }
+            word.store(u64::from_le_bytes(value), Ordering::Relaxed);
+        }
+        slot.version.store(newer + 2, Ordering::SeqCst);
+    }
+
+    /// The last whole state that was saved, if any: `bytes` is filled from its start.
+    pub fn load_machine_state(&self, bytes: &mut [u8]) -> bool {
+        let [a, b] = &self.layout().saved;
+        let slot = if even(a) >= even(b) { a } else { b };
+        if even(slot) == 0 {
+            return false;
+        }
+        for (chunk, word) in bytes.chunks_mut(8).zip(&slot.words) {
+            let value = word.load(Ordering::Relaxed).to_le_bytes();
+            for (to, from) in chunk.iter_mut().zip(value) {
+                *to = from;
+            }
+        }
+        true
+    }
+}
+
+/// Version of a slot if it is whole, 0 if it never was or is torn.
+fn even(slot: &SavedState) -> u64 {
+    let version = slot.version.load(Ordering::SeqCst);
+    if version.is_multiple_of(2) {
+        version
+    } else {
+        0
+    }
+}
+
+/// Process id of the launcher of a cell, if its page is there.
+pub fn launcher_pid(place: &CellPlace) -> Option<u32> {
+    Page::open(place).ok().map(|page| page.launcher_pid())
+}

@@ -1,0 +1,387 @@
+//! Ports: the ends of services, with the scan's rules built in.
+//!
+//! A [`Reader`] in scan k sets aside whatever is visible only later, so no controller ever uses a peer's output of the
+//! same scan. A [`Writer`] overwrites the oldest sample of a slow reader and never blocks. What iceoryx2 refuses while
+//! running is counted and otherwise a sample that is not there: the reader's age rules decide what follows.
+
+use iceoryx2::active_request::ActiveRequest;
+use iceoryx2::port::client::Client;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::server::Server;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy};
+use iceoryx2::service::ipc;
+
+use crate::cell::CellError;
+use crate::sample::{
+    AxisCommand, Feedback, Instruments, OperatorRequest, OperatorResponse, PlannerStatus, Roster,
+    WindowHeader, WindowRow,
+};
+use crate::service::{Bus, PubSub, Sample, Topic, WINDOW_ROWS};
+
+/// How old the newest sample of a reader is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Age {
+    /// There has been none.
+    Never,
+    /// Of this scan.
+    Fresh,
+    /// Older.
+    Stale {
+        /// By how many scans.
+        age_scans: u64,
+    },
+}
+
+impl Age {
+    /// Age in scan `now` of a sample of scan `sample`, `None` for none. A sample of the future counts as fresh: its
+    /// reader refuses it by its number.
+    pub fn of(sample: Option<u64>, now: u64) -> Age {
+        match sample {
+            None => Age::Never,
+            Some(scan) if scan >= now => Age::Fresh,
+            Some(scan) => Age::Stale {
+                age_scans: now - scan,
+            },
+        }
+    }
+}
+
+/// The writing end of a service.
+#[derive(Debug)]
+pub struct Writer<T: Sample> {
+    publisher: Publisher<ipc::Service, T, ()>,
+    failed: u64,
+}
+
+impl<T: Sample> Writer<T> {
+    fn new(bus: &Bus, factory: &PubSub<T>, topic: &Topic) -> Result<Self, CellError> {
+        // All readers hold the same samples, so the deepest queue bounds what is in use, not the sum of all queues.
+        let most = topic.depth + topic.history + 64;
+        let publisher = factory
+            .publisher_builder()
+            .max_loaned_samples(2)
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .override_sample_preallocation(move |all| all.min(most))
+            .create()
+            .map_err(|e| bus.refuse(format!("writing {}: {e:?}", topic.name)))?;
+        Ok(Writer {
+            publisher,
+            failed: 0,
+        })
+    }
+
+    /// Sends one sample; what cannot be sent is counted in [`Writer::failed`].
+    pub fn send(&mut self, sample: &T) {
+        let sent = self
+            .publisher
+            .loan_uninit()
+            .map(|loan| loan.write_payload(*sample).send().is_ok());
+        if !matches!(sent, Ok(true)) {
+            self.failed += 1;
+        }
+    }
+
+    /// Samples that could not be sent.
+    pub fn failed(&self) -> u64 {
+        self.failed
+    }
+}
+
+/// The reading end of a service.
+#[derive(Debug)]
+pub struct Reader<T: Sample> {
+    subscriber: Subscriber<ipc::Service, T, ()>,
+    set_aside: Option<T>,
+    failed: u64,
+}
+
+impl<T: Sample> Reader<T> {
+    fn new(bus: &Bus, topic: &Topic, depth: usize) -> Result<Self, CellError> {
+        let factory = bus.open::<T>(topic)?;
+        let subscriber = factory
+            .subscriber_builder()
+            .buffer_size(depth.min(topic.depth))
+            .create()
+            .map_err(|e| bus.refuse(format!("reading {}: {e:?}", topic.name)))?;
+        Ok(Reader {
+            subscriber,
+            set_aside: None,
+            failed: 0,
+        })
+    }
+
+    fn receive(&mut self) -> Option<T> {
+        if let Some(sample) = self.set_aside.take() {
+            return Some(sample);
+        }
+        match self.subscriber.receive() {
+            Ok(sample) => sample.map(|s| *s.payload()),
+            Err(_) => {
+                self.failed += 1;
+                None
+            }
+        }
+    }
+
+    /// The next sample in order that may be acted on in `scan`.
+    pub fn next(&mut self, scan: u64) -> Option<T> {
+        let sample = self.receive()?;
+        if sample.visible_from() > scan {
+            self.set_aside = Some(sample);
+            return None;
+        }
+        Some(sample)
+    }
+
+    /// The newest sample that may be acted on in `scan`; older ones are dropped.
+    pub fn newest(&mut self, scan: u64) -> Option<T> {
+        let mut newest = None;
+        while let Some(sample) = self.next(scan) {
+            newest = Some(sample);
+        }
+        newest
+    }
+
+    /// The next sample in order, whatever its scan: for recorders and lookers-on, and for the feedback itself.
+    pub fn any(&mut self) -> Option<T> {
+        self.receive()
+    }
+
+    /// Receptions that iceoryx2 refused.
+    pub fn failed(&self) -> u64 {
+        self.failed
+    }
+}
+
+/// The planner's end of the setpoint service.
+#[derive(Debug)]
+pub struct WindowWriter {
+    publisher: Publisher<ipc::Service, [WindowRow], WindowHeader>,
+}
+
+impl WindowWriter {
+    /// Sends a window; false if it could not be sent.
+    pub fn send(&mut self, header: &WindowHeader, rows: &[WindowRow]) -> bool {
+        match self.publisher.loan_slice_uninit(rows.len()) {
+            Ok(mut loan) => {
+                *loan.user_header_mut() = *header;
+                loan.write_from_slice(rows).send().is_ok()
+            }
+            Err(_) => false,
+        }
+    }
+}
+
+/// A reading end of the setpoint service.
+#[derive(Debug)]
+pub struct WindowReader {
+    subscriber: Subscriber<ipc::Service, [WindowRow], WindowHeader>,
+    set_aside: Option<iceoryx2::sample::Sample<ipc::Service, [WindowRow], WindowHeader>>,
+}
+
+impl WindowReader {
+    /// Hands each window that may be acted on in `scan` to `take`, in order.
+    pub fn each(&mut self, scan: u64, mut take: impl FnMut(&WindowHeader, &[WindowRow])) {
+        loop {
+            let sample = match self.set_aside.take() {
+                Some(sample) => sample,
+                None => match self.subscriber.receive() {
+                    Ok(Some(sample)) => sample,
+                    _ => return,
+                },
+            };
+            if sample.user_header().visible_from > scan {
+                self.set_aside = Some(sample);
+                return;
+            }
+            take(sample.user_header(), sample.payload());
+        }
+    }
+}
+
+/// An operator's end of the operator service.
+#[derive(Debug)]
+pub struct OperatorClient {
+    client: Client<ipc::Service, OperatorRequest, (), OperatorResponse, ()>,
+}
+
+/// An order on its way.
+#[derive(Debug)]
+pub struct PendingOrder {
+    pending: iceoryx2::pending_response::PendingResponse<
+        ipc::Service,
+        OperatorRequest,
+        (),
+        OperatorResponse,
+        (),
+    >,
+}
+
+impl PendingOrder {
+    /// The answer, once it is there.
+    pub fn answer(&self) -> Option<OperatorResponse> {
+        match self.pending.receive() {
+            Ok(Some(response)) => Some(*response.payload()),
+            _ => None,
+        }
+    }
+}
+
+impl OperatorClient {
+    /// Sends an order; `None` if it could not be sent.
+    pub fn send(&self, request: OperatorRequest) -> Option<PendingOrder> {
+        self.client
+            .send_copy(request)
+            .ok()
+            .map(|pending| PendingOrder { pending })
+    }
+}
+
+/// The machine side's end of the operator service.
+#[derive(Debug)]
+pub struct OperatorServer {
+    server: Server<ipc::Service, OperatorRequest, (), OperatorResponse, ()>,
+}
+
+impl OperatorServer {
+    /// Takes the next order, judges it with `judge` and answers; false if there was none.
+    pub fn serve(&self, judge: impl FnOnce(&OperatorRequest) -> OperatorResponse) -> bool {
+        let request: ActiveRequest<ipc::Service, OperatorRequest, (), OperatorResponse, ()> =
+            match self.server.receive() {
+                Ok(Some(request)) => request,
+                _ => return false,
+            };
+        let response = judge(request.payload());
+        let _ = request.send_copy(response);
+        true
+    }
+}
+
+macro_rules! ports {
+    ($($writer:ident $reader:ident $field:ident $type:ty),*) => {$(
+        #[doc = concat!("The writing end of `", stringify!($field), "`.")]
+        ///
+        /// # Errors
+        /// [`CellError::Transport`], also if there is a writer already.
+        pub fn $writer(&self) -> Result<Writer<$type>, CellError> {
+            let topic = &self.services.$field;
+            Writer::new(self, &self.open(topic)?, topic)
+        }
+
+        #[doc = concat!("A reading end of `", stringify!($field), "` that holds `depth` samples.")]
+        ///
+        /// # Errors
+        /// [`CellError::Transport`].
+        pub fn $reader(&self, depth: usize) -> Result<Reader<$type>, CellError> {
+            Reader::new(self, &self.services.$field, depth)
+        }
+    )*};
+}
+
+impl Bus {
+    ports!(
+        feedback_writer feedback_reader feedback Feedback,
+        instruments_writer instruments_reader instruments Instruments,
+        planner_writer planner_reader planner PlannerStatus,
+        roster_writer roster_reader roster Roster
+    );
+
+    fn command_topic(&self, axis: usize, role: usize) -> Result<&Topic, CellError> {
+        self.services
+            .commands
+            .get(axis)
+            .and_then(|roles| roles.get(role))
+            .ok_or_else(|| self.refuse(format!("axis {axis} role {role}: there is no such servo")))
+    }
+
+    /// The writing end of one servo's commands.
+    ///
+    /// # Errors
+    /// [`CellError::Transport`], also if there is a writer already.
+    pub fn command_writer(
+        &self,
+        axis: usize,
+        role: usize,
+    ) -> Result<Writer<AxisCommand>, CellError> {
+        let topic = self.command_topic(axis, role)?;
+        Writer::new(self, &self.open(topic)?, topic)
+    }
+
+    /// A reading end of one servo's commands.
+    ///
+    /// # Errors
+    /// [`CellError::Transport`].
+    pub fn command_reader(
+        &self,
+        axis: usize,
+        role: usize,
+        depth: usize,
+    ) -> Result<Reader<AxisCommand>, CellError> {
+        Reader::new(self, self.command_topic(axis, role)?, depth)
+    }
+
+    /// The writing end of the setpoint service.
+    ///
+    /// # Errors
+    /// [`CellError::Transport`], also if there is a writer already.
+    pub fn window_writer(&self) -> Result<WindowWriter, CellError> {
+        let topic = &self.services.setpoint;
+        let most = topic.depth + topic.history + 32;
+        let publisher = self
+            .open_windows()?
+            .publisher_builder()
+            .initial_max_slice_len(WINDOW_ROWS)
+            .allocation_strategy(AllocationStrategy::Static)
+            .max_loaned_samples(2)
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .override_sample_preallocation(move |all| all.min(most))
+            .create()
+            .map_err(|e| self.refuse(format!("writing {}: {e:?}", topic.name)))?;
+        Ok(WindowWriter { publisher })
+    }
+
+    /// A reading end of the setpoint service.
+    ///
+    /// # Errors
+    /// [`CellError::Transport`].
+    pub fn window_reader(&self, depth: usize) -> Result<WindowReader, CellError> {
+        let topic = &self.services.setpoint;
+        let subscriber = self
+            .open_windows()?
+            .subscriber_builder()
+            .buffer_size(depth.min(topic.depth))
+            .create()
+            .map_err(|e| self.refuse(format!("reading {}: {e:?}", topic.name)))?;
+        Ok(WindowReader {
+            subscriber,
+            set_aside: None,
+        })
+    }
+
+    /// An operator's end of the operator service.
+    ///
+    /// # Errors
+    /// [`CellError::Transport`].
+    pub fn operator_client(&self) -> Result<OperatorClient, CellError> {
+        let client = self
+            .open_operator()?
+            .client_builder()
+            .create()
+            .map_err(|e| self.refuse(format!("asking at {}: {e:?}", self.services.operator)))?;
+        Ok(OperatorClient { client })
+    }
+
+    /// The machine side's end of the operator service.
+    ///
+    /// # Errors
+    /// [`CellError::Transport`].
+    pub fn operator_server(&self) -> Result<OperatorServer, CellError> {
+        let server = self
+            .open_operator()?
+            .server_builder()
+            .create()
+            .map_err(|e| self.refuse(format!("serving {}: {e:?}", self.services.operator)))?;
+        Ok(OperatorServer { server })
+    }
+}

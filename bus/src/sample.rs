@@ -1,0 +1,562 @@
+//! The samples on the wire: fixed size, zero-copy, plain old data.
+//!
+//! Every sample is `#[repr(C)]` without padding (checked by `bytemuck::Pod`), so any bytes are a value and a reader
+//! decides by checking, never by trusting. Enumerations travel as `u32` and are decoded with a refusal for the unknown.
+//! Positions are increments (`increment_nm` in the machine file; 1 nm or 1 µdeg by default); speeds and torques are
+//! `f64` with the unit in the name. Rotary axes use the same fields with degrees in place of millimetres.
+//!
+//! A change of layout is a change of the contract: bump the number in `type_name`.
+
+use bytemuck::{Pod, Zeroable};
+use iceoryx2::prelude::ZeroCopySend;
+
+/// The most axes one cell can have.
+pub const MAX_AXES: usize = 8;
+/// The most processes a roster can name.
+pub const MAX_PARTICIPANTS: usize = 24;
+/// The most instrument samples within one scan (one every 250 µs, scans of at most 2 ms).
+pub const MAX_SUBSAMPLES: usize = 8;
+/// The most rows one window can carry.
+pub const MAX_WINDOW_ROWS: usize = 1024;
+
+/// Names one window for good: who made it, its number and what it says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/WindowId/1")]
+#[repr(C)]
+pub struct WindowId {
+    /// XXH3 over header and rows, so that two windows of one name cannot differ unnoticed.
+    pub checksum: u64,
+    /// Counted by the planner from 1.
+    pub sequence: u32,
+    /// The planner's incarnation, from the roster.
+    pub incarnation: u32,
+}
+
+impl WindowId {
+    /// No window.
+    pub const NONE: WindowId = WindowId {
+        checksum: 0,
+        sequence: 0,
+        incarnation: 0,
+    };
+
+    /// Whether this names no window.
+    pub fn is_none(&self) -> bool {
+        *self == Self::NONE
+    }
+}
+
+/// Where on the program's path a row stands; a restarted planner goes on from here.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/PathTag/1")]
+#[repr(C)]
+pub struct PathTag {
+    /// Distance along the element, in mm.
+    pub distance_mm: f64,
+    /// Index of the element in the expanded path.
+    pub element: u32,
+    /// Scans of dwell still to wait at this row.
+    pub dwell_remaining_scans: u32,
+}
+
+/// One scan of a window.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/WindowRow/1")]
+#[repr(C)]
+pub struct WindowRow {
+    /// Position of every axis, in increments.
+    pub position: [i64; MAX_AXES],
+    /// Where on the path this is.
+    pub tag: PathTag,
+}
+
+/// What stands before the rows of a window.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/WindowHeader/1")]
+#[repr(C)]
+pub struct WindowHeader {
+    /// Its identity.
+    pub id: WindowId,
+    /// The window it continues; none after a *no window* state.
+    pub predecessor: WindowId,
+    /// Scan in which row 0 is executed.
+    pub first_scan: u64,
+    /// First scan in which a reader may act on it.
+    pub visible_from: u64,
+    /// Hash of program, machine file and start offsets that the tags refer to.
+    pub program_hash: u64,
+    /// The machine side's epoch that a window without predecessor belongs to.
+    pub epoch: u32,
+    /// Rows of intended motion; the others brake to rest.
+    pub intended_rows: u32,
+    /// Rows in all.
+    pub row_count: u32,
+    /// 1 if the last intended row is the end of the program.
+    pub ends_program: u32,
+}
+
+/// What the machine is doing: latched by the machine side, obeyed by everybody.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Mode {
+    /// Drives have no torque.
+    Disabled = 0,
+    /// Drives are on and windows are executed.
+    Enabled = 1,
+    /// No further window is admitted; the one in force brings the tool to rest on the path.
+    Stopping = 2,
+    /// At rest after a stop, drives on.
+    Stopped = 3,
+    /// A fault: the drives brake or have braked; held until somebody resets it.
+    Tripped = 4,
+    /// The program is done and the machine is in position.
+    Finished = 5,
+}
+
+impl Mode {
+    /// Decodes what came over the wire.
+    pub fn from_wire(value: u32) -> Option<Mode> {
+        Some(match value {
+            0 => Mode::Disabled,
+            1 => Mode::Enabled,
+            2 => Mode::Stopping,
+            3 => Mode::Stopped,
+            4 => Mode::Tripped,
+            5 => Mode::Finished,
+            _ => return None,
+        })
+    }
+
+    /// The word for it on screens and in reports.
+    pub fn word(self) -> &'static str {
+        match self {
+            Mode::Disabled => "disabled",
+            Mode::Enabled => "enabled",
+            Mode::Stopping => "stopping",
+            Mode::Stopped => "stopped",
+            Mode::Tripped => "tripped",
+            Mode::Finished => "finished",
+        }
+    }
+}
+
+/// Why an axis, and with it the machine, stopped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Cause {
+    /// No stop.
+    None = 0,
+    /// The following error went beyond its limit.
+    FollowingError = 1,
+    /// The command or the axis left the travel.
+    SoftLimit = 2,
+    /// A command beyond the speed limit.
+    SpeedLimit = 3,
+    /// A value that is not a number, or out of all reason.
+    BadValue = 4,
+    /// The feedback does not make sense (scan, mode or window).
+    BadFeedback = 5,
+    /// The servo does not hold the window that is being executed.
+    WindowMissing = 6,
+    /// Too many scans in a row without a command: the drive's watchdog.
+    Watchdog = 7,
+    /// The servo process of the axis died.
+    ServoLost = 8,
+    /// The machine's clock and the process disagree about the scan.
+    ScanMismatch = 9,
+    /// The torque stayed at its limit.
+    TorqueLimit = 10,
+    /// The planner cannot go on (its program is unreadable, changed or out of limits).
+    Planner = 11,
+}
+
+impl Cause {
+    /// Decodes what came over the wire.
+    pub fn from_wire(value: u32) -> Option<Cause> {
+        Some(match value {
+            0 => Cause::None,
+            1 => Cause::FollowingError,
+            2 => Cause::SoftLimit,
+            3 => Cause::SpeedLimit,
+            4 => Cause::BadValue,
+            5 => Cause::BadFeedback,
+            6 => Cause::WindowMissing,
+            7 => Cause::Watchdog,
+            8 => Cause::ServoLost,
+            9 => Cause::ScanMismatch,
+            10 => Cause::TorqueLimit,
+            11 => Cause::Planner,
+            _ => return None,
+        })
+    }
+
+    /// A sentence fragment for people.
+    pub fn words(self) -> &'static str {
+        match self {
+            Cause::None => "no fault",
+            Cause::FollowingError => "following error beyond its limit",
+            Cause::SoftLimit => "soft limit",
+            Cause::SpeedLimit => "speed limit",
+            Cause::BadValue => "a value that is not finite or out of range",
+            Cause::BadFeedback => "feedback that does not make sense",
+            Cause::WindowMissing => "servo does not hold the window being executed",
+            Cause::Watchdog => "commands missing for too many scans",
+            Cause::ServoLost => "servo process lost",
+            Cause::ScanMismatch => "command for a scan that is not due",
+            Cause::TorqueLimit => "torque at its limit for too long",
+            Cause::Planner => "planner cannot go on",
+        }
+    }
+}
+
+/// What the machine side says of one axis in one scan.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/AxisFeedback/1")]
+#[repr(C)]
+pub struct AxisFeedback {
+    /// Motor encoder, in increments of the axis (already through the position factor of the drive).
+    pub motor_position: i64,
+    /// Linear scale, in increments; equals the motor encoder where the axis has none.
+    pub scale_position: i64,
+    /// The position register: where the axis is commanded to be. Follows the encoder while the drive is off.
+    pub command_register: i64,
+    /// Scan of the command that acts in this scan.
+    pub command_scan: u64,
+    /// Velocity measured by the drive, in mm/s.
+    pub velocity_mm_s: f64,
+    /// Velocity command acting in this scan, in mm/s.
+    pub velocity_command_mm_s: f64,
+    /// Motor torque at the end of the scan before, in N·m.
+    pub torque_nm: f64,
+    /// Winding temperature above ambient, in K.
+    pub winding_k: f64,
+    /// Scans without a command in time, in all.
+    pub missed_scans: u32,
+    /// The same, in a row until now.
+    pub missed_in_a_row: u32,
+    /// Incarnation of the servo whose command was taken.
+    pub taken_incarnation: u32,
+    /// Its role (0 = a, 1 = b).
+    pub taken_role: u32,
+    /// [`Cause`] of a trip of this axis.
+    pub cause: u32,
+    /// 1 while the torque is at its limit.
+    pub torque_limited: u32,
+}
+
+/// What the machine side says each scan.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/Feedback/1")]
+#[repr(C)]
+pub struct Feedback {
+    /// Number of the scan that begins with this sample.
+    pub scan: u64,
+    /// First scan in which a reader may act on it (its own: the feedback starts the scan).
+    pub visible_from: u64,
+    /// Window being executed, or none.
+    pub window: WindowId,
+    /// Window that every enabled axis holds and that takes over at its first scan, or none.
+    pub armed: WindowId,
+    /// The last window that was voided, or none.
+    pub voided: WindowId,
+    /// Hash of the program that `tag` belongs to.
+    pub program_hash: u64,
+    /// Where the row being executed stands on the path.
+    pub tag: PathTag,
+    /// Row of the window being executed in this scan.
+    pub row: u32,
+    /// 1 once that row is the window's last: the machine is commanded to rest.
+    pub at_rest: u32,
+    /// The epoch: counts the *no window* states; a window without predecessor must name it.
+    pub epoch: u32,
+    /// Incarnation of the machine side.
+    pub incarnation: u32,
+    /// [`Mode`].
+    pub mode: u32,
+    /// [`Cause`] of a trip.
+    pub cause: u32,
+    /// Axis that caused it (index), or `u32::MAX`.
+    pub cause_axis: u32,
+    /// Latched override in percent.
+    pub override_percent: u32,
+    /// 1 while feed hold is latched.
+    pub hold: u32,
+    /// 1 if this is the last feedback of the run.
+    pub last: u32,
+    /// Scans that were skipped because the machine side itself was late.
+    pub overrun_scans: u32,
+    /// Axes in use.
+    pub axis_count: u32,
+    /// Per axis.
+    pub axes: [AxisFeedback; MAX_AXES],
+}
+
+/// What only an instrument could see: the bench's ball-bar and grid encoder, not for any controller.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/Instruments/1")]
+#[repr(C)]
+pub struct Instruments {
+    /// The scan these were taken in.
+    pub scan: u64,
+    /// First scan in which a reader may act on it.
+    pub visible_from: u64,
+    /// The machine side's running digest (see `motion_digest` in the report), first half.
+    pub motion_digest_high: u64,
+    /// Second half.
+    pub motion_digest_low: u64,
+    /// Samples per axis within the scan, evenly spaced; the last is at the end of the scan.
+    pub subsamples: u32,
+    /// Axes in use.
+    pub axis_count: u32,
+    /// Table position in mm, per axis and subsample.
+    pub table_mm: [[f64; MAX_SUBSAMPLES]; MAX_AXES],
+    /// Motor position in mm at the table side of the lead, per axis and subsample.
+    pub motor_mm: [[f64; MAX_SUBSAMPLES]; MAX_AXES],
+}
+
+/// Everything a servo remembers from one scan to the next: carried in each command, so that another controller of the
+/// axis can go on from it to the bit.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/ControllerState/1")]
+#[repr(C)]
+pub struct ControllerState {
+    /// Position command of the scan before, in increments, without compensation.
+    pub command_position: i64,
+    /// Feedback position of the scan before, in increments.
+    pub feedback_position: i64,
+    /// Position command before that.
+    pub command_position_before: i64,
+    /// Scan this state was left in.
+    pub scan: u64,
+    /// Position command at the end of the distribution period before the present one, in increments.
+    pub period_start: i64,
+    /// The same one period earlier: their difference is the last period's movement command (R2 of the source).
+    pub period_start_before: i64,
+    /// Position backlash compensation in force, in mm.
+    pub backlash_mm: f64,
+    /// Integrator of the velocity loop in torque mode, in N·m.
+    pub integrator_nm: f64,
+    /// Velocity estimate of the torque-mode loop, in mm/s.
+    pub velocity_mm_s: f64,
+    /// Amplitude A = K·|R2 − R0| the armed trigger compares with, in mm/s.
+    pub trigger_speed_mm_s: f64,
+    /// Kick now being output, in mm/s, signed.
+    pub kick_mm_s: f64,
+    /// Spare for methods that come later; zero.
+    pub reserved: [f64; 4],
+    /// Scans the running kick still lasts.
+    pub kick_remaining_scans: u32,
+    /// 0 nothing; 1 a reversal is announced and its kick has not started (F1 of the source); 2 its kick has started
+    /// ahead of it; 3 the command has reversed and the kick has not started yet.
+    pub armed: u32,
+    /// Direction of the last motion command: −1, 0 or 1 (sign of Rz of the source); 0 until the first motion.
+    pub direction: i32,
+    /// Scans spent with the torque at its limit, in a row.
+    pub torque_limited_scans: u32,
+    /// Kicks started since the axis was enabled.
+    pub kicks: u32,
+    /// 1 once the state has been set from a first feedback.
+    pub initialised: u32,
+    /// [`Cause`] of the stop this axis asked for, held until the drives are off or tripped.
+    pub cause: u32,
+    /// Kept zero.
+    pub spare: u32,
+}
+
+/// What one servo asks of its drive for one scan.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/AxisCommand/1")]
+#[repr(C)]
+pub struct AxisCommand {
+    /// Scan whose feedback this answers; takes effect one scan later.
+    pub scan: u64,
+    /// First scan in which a reader may act on it.
+    pub visible_from: u64,
+    /// Position command of this scan, in increments (the command register).
+    pub position: i64,
+    /// Velocity command to the drive, in mm/s (velocity mode).
+    pub velocity_mm_s: f64,
+    /// Torque added to the drive's own (velocity mode), or the whole torque (torque mode), in N·m at the motor.
+    pub torque_nm: f64,
+    /// Feed-forward part of the velocity command, in mm/s.
+    pub feed_forward_mm_s: f64,
+    /// Following error: command minus feedback, compensation not counted, in mm.
+    pub following_error_mm: f64,
+    /// Deceleration the drive is to use if this axis has to brake from now on, in mm/s².
+    pub stop_deceleration_mm_s2: f64,
+    /// Window this servo executes or would execute, none if it holds none.
+    pub held: WindowId,
+    /// Window it holds for later.
+    pub pending: WindowId,
+    /// Last window it refused, none if it never did.
+    pub refused: WindowId,
+    /// Tag of the row this command was made from.
+    pub tag: PathTag,
+    /// The state after this scan.
+    pub state: ControllerState,
+    /// Axis index.
+    pub axis: u32,
+    /// Role: 0 = a, 1 = b.
+    pub role: u32,
+    /// Incarnation of this servo, from the roster.
+    pub incarnation: u32,
+    /// Drive mode asked for: 0 velocity, 1 torque.
+    pub drive_mode: u32,
+    /// [`Cause`] of a stop this servo asks for.
+    pub cause: u32,
+    /// Kept zero.
+    pub reserved: u32,
+}
+
+/// What the planner says at each period boundary, also when it has nothing new.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/PlannerStatus/1")]
+#[repr(C)]
+pub struct PlannerStatus {
+    /// Scan whose feedback this answers.
+    pub scan: u64,
+    /// First scan in which a reader may act on it.
+    pub visible_from: u64,
+    /// Program in force.
+    pub program_hash: u64,
+    /// Last window published, none if none yet.
+    pub published: WindowId,
+    /// Path length of the program, in mm.
+    pub path_length_mm: f64,
+    /// Path travelled up to the window in force, in mm.
+    pub path_done_mm: f64,
+    /// Incarnation of this planner.
+    pub incarnation: u32,
+    /// 1 once the window that ends the program is published.
+    pub finished: u32,
+    /// [`Cause`] of a stop the planner asks for.
+    pub cause: u32,
+    /// Windows published in all.
+    pub windows: u32,
+}
+
+/// Job of a participant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Job {
+    /// The machine side.
+    Machine = 1,
+    /// The planner.
+    Planner = 2,
+    /// One servo.
+    Servo = 3,
+    /// The recorder.
+    Monitor = 4,
+}
+
+/// One process in the roster.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/Participant/1")]
+#[repr(C)]
+pub struct Participant {
+    /// Scan at which it last died, `u64::MAX` if it never did.
+    pub death_scan: u64,
+    /// [`Job`]; 0 for an unused entry.
+    pub job: u32,
+    /// Axis of a servo.
+    pub axis: u32,
+    /// Role of a servo.
+    pub role: u32,
+    /// Counts the processes that had this place, from 1.
+    pub incarnation: u32,
+    /// 1 while it lives.
+    pub live: u32,
+    /// Signal that ended the last one before, 0 if none.
+    pub death_signal: i32,
+    /// Exit status of the last one before.
+    pub death_status: i32,
+    /// Kept zero.
+    pub reserved: u32,
+}
+
+/// Who takes part: published by the launcher, which learns of deaths from the kernel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/Roster/1")]
+#[repr(C)]
+pub struct Roster {
+    /// Counted from 1.
+    pub version: u64,
+    /// First scan it counts for.
+    pub visible_from: u64,
+    /// The processes.
+    pub participants: [Participant; MAX_PARTICIPANTS],
+}
+
+impl Roster {
+    /// The participant in this place, if there is one.
+    pub fn find(&self, job: Job, axis: usize, role: u32) -> Option<&Participant> {
+        self.participants
+            .iter()
+            .find(|p| p.job == job as u32 && p.axis == axis as u32 && p.role == role)
+    }
+}
+
+/// What an operator, or the launcher for him, asks of the machine side.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/OperatorRequest/1")]
+#[repr(C)]
+pub struct OperatorRequest {
+    /// What: see [`Order`].
+    pub order: u32,
+    /// Kept zero.
+    pub reserved: u32,
+    /// Its value (override in percent).
+    pub value: f64,
+}
+
+/// The orders.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Order {
+    /// Come to rest on the path and stay.
+    Stop = 1,
+    /// Feed hold.
+    Hold = 2,
+    /// End a feed hold.
+    Resume = 3,
+    /// Override of the feed.
+    Override = 4,
+    /// End the run: everybody exits after the feedback marked last.
+    End = 5,
+}
+
+impl Order {
+    /// Decodes what came over the wire.
+    pub fn from_wire(value: u32) -> Option<Order> {
+        Some(match value {
+            1 => Order::Stop,
+            2 => Order::Hold,
+            3 => Order::Resume,
+            4 => Order::Override,
+            5 => Order::End,
+            _ => return None,
+        })
+    }
+}
+
+/// The answer: done or not, and the state it was judged in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/OperatorResponse/1")]
+#[repr(C)]
+pub struct OperatorResponse {
+    /// Scan in which it was latched.
+    pub scan: u64,
+    /// 1 if accepted.
+    pub accepted: u32,
+    /// [`Mode`] after it.
+    pub mode: u32,
+}
+
+impl Feedback {
+    /// The axes in use.
+    pub fn axes(&self) -> &[AxisFeedback] {
+        self.axes
+            .get(..self.axis_count as usize)
+            .unwrap_or(&self.axes)
+    }
+}

@@ -1,0 +1,299 @@
+//! The service table: every service of a cell, who writes it, who reads it, how deep its queues are.
+//!
+//! **Invariant**: one writer each. The launcher creates all services before it starts anybody and holds them open; all
+//! others only open them (a kill during creation would brick a service for good).
+
+use std::fmt::Debug;
+
+use bytemuck::Pod;
+use iceoryx2::node::{Node, NodeBuilder};
+use iceoryx2::prelude::{NodeName, ServiceName, SignalHandlingMode, ZeroCopySend};
+use iceoryx2::service::ipc;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+use iceoryx2::service::port_factory::request_response;
+
+use crate::cell::{CellError, CellPlace};
+use crate::machine::Machine;
+use crate::sample::{
+    AxisCommand, Feedback, Instruments, MAX_WINDOW_ROWS, OperatorRequest, OperatorResponse,
+    PlannerStatus, Roster, WindowHeader, WindowRow,
+};
+
+/// Scans the recorder's queues hold; in lockstep the machine side waits at half of it.
+pub const RECORDER_DEPTH_SCANS: usize = 1024;
+/// Samples a reader on the scan path holds.
+pub const SCAN_DEPTH: usize = 8;
+/// Samples a looker-on holds: the newest.
+pub const VIEWER_DEPTH: usize = 1;
+/// Controllers an axis can have: roles a and b.
+pub const ROLES: [&str; 2] = ["a", "b"];
+
+const VIEWERS_MAX: usize = 8;
+const NODES_SLACK: usize = 24;
+const READERS_MAX: usize = 20 + VIEWERS_MAX;
+
+/// One publish–subscribe service of the table.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Topic {
+    /// Its name below the cell's.
+    pub name: String,
+    /// Samples the deepest reader holds.
+    pub depth: usize,
+    /// Samples a late reader gets at once.
+    pub history: usize,
+}
+
+/// Names and depths of the services; all processes make the same table from the machine file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Services {
+    cell: String,
+    /// Written by the machine side at the start of each scan.
+    pub feedback: Topic,
+    /// Written by the machine side at the end of each scan; for the recorder only.
+    pub instruments: Topic,
+    /// Written by the planner: windows.
+    pub setpoint: Topic,
+    /// Written by the planner at each period boundary.
+    pub planner: Topic,
+    /// Written by the launcher.
+    pub roster: Topic,
+    /// Written by the servo of each axis (outer) and role (inner).
+    pub commands: Vec<[Topic; 2]>,
+    /// Served by the machine side.
+    pub operator: String,
+}
+
+impl Services {
+    /// The table of a cell.
+    pub fn of(place: &CellPlace, machine: &Machine) -> Services {
+        let topic = |name: String, depth: usize, history: usize| Topic {
+            name: format!("{}/{name}", place.name()),
+            depth,
+            history,
+        };
+        let periods = RECORDER_DEPTH_SCANS
+            / (machine.scan.distribution_period_scans as usize).max(1)
+            + SCAN_DEPTH;
+        Services {
+            cell: place.name().into(),
+            feedback: topic("feedback".into(), RECORDER_DEPTH_SCANS, 1),
+            instruments: topic("instruments".into(), RECORDER_DEPTH_SCANS, 0),
+            setpoint: topic("setpoint".into(), periods, 0),
+            planner: topic("planner".into(), periods, 1),
+            roster: topic("roster".into(), 64, 1),
+            commands: machine
+                .axes
+                .iter()
+                .map(|axis| {
+                    ROLES.map(|role| {
+                        topic(
+                            format!("command/{}/{role}", axis.name),
+                            RECORDER_DEPTH_SCANS,
+                            0,
+                        )
+                    })
+                })
+                .collect(),
+            operator: format!("{}/operator", place.name()),
+        }
+    }
+
+    /// Every publish–subscribe topic's name.
+    pub fn names(&self) -> Vec<&str> {
+        let mut names: Vec<&str> = [
+            &self.feedback,
+            &self.instruments,
+            &self.setpoint,
+            &self.planner,
+            &self.roster,
+        ]
+        .map(|topic| topic.name.as_str())
+        .to_vec();
+        names.extend(self.commands.iter().flatten().map(|t| t.name.as_str()));
+        names
+    }
+}
+
+pub(crate) type PubSub<T> = PortFactory<ipc::Service, T, ()>;
+pub(crate) type Windows = PortFactory<ipc::Service, [WindowRow], WindowHeader>;
+pub(crate) type Operator =
+    request_response::PortFactory<ipc::Service, OperatorRequest, (), OperatorResponse, ()>;
+
+/// What can travel in a publish–subscribe service of fixed size.
+pub trait Sample: Pod + ZeroCopySend + Debug {
+    /// The first scan in which a reader may act on it.
+    fn visible_from(&self) -> u64;
+}
+
+macro_rules! samples {
+    ($($type:ty),*) => {$(
+        impl Sample for $type {
+            fn visible_from(&self) -> u64 {
+                self.visible_from
+            }
+        }
+    )*};
+}
+samples!(Feedback, Instruments, AxisCommand, PlannerStatus, Roster);
+
+/// A process's foot in the cell's shared memory.
+#[derive(Debug)]
+pub struct Bus {
+    node: Node<ipc::Service>,
+    cell: String,
+    /// The service table.
+    pub services: Services,
+}
+
+impl Bus {
+    /// Enters the cell as `who`; `cleaner` is true for the launcher alone.
+    ///
+    /// # Errors
+    /// [`CellError::Transport`].
+    pub fn enter(
+        place: &CellPlace,
+        machine: &Machine,
+        who: &str,
+        cleaner: bool,
+    ) -> Result<Bus, CellError> {
+        iceoryx2::prelude::set_log_level(iceoryx2::prelude::LogLevel::Error);
+        let config = place.config(cleaner)?;
+        let refuse = |what: String| CellError::Transport {
+            cell: place.name().into(),
+            what,
+        };
+        let name = NodeName::new(who).map_err(|e| refuse(format!("node name {who:?}: {e:?}")))?;
+        let node = NodeBuilder::new()
+            .name(&name)
+            .config(&config)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<ipc::Service>()
+            .map_err(|e| refuse(format!("entering shared memory as {who}: {e:?}")))?;
+        Ok(Bus {
+            node,
+            cell: place.name().into(),
+            services: Services::of(place, machine),
+        })
+    }
+
+    pub(crate) fn refuse(&self, what: String) -> CellError {
+        CellError::Transport {
+            cell: self.cell.clone(),
+            what,
+        }
+    }
+
+    fn service_name(&self, name: &str) -> Result<ServiceName, CellError> {
+        ServiceName::new(name).map_err(|e| self.refuse(format!("service name {name}: {e:?}")))
+    }
+
+    fn create<T: Sample>(&self, topic: &Topic) -> Result<PubSub<T>, CellError> {
+        self.node
+            .service_builder(&self.service_name(&topic.name)?)
+            .publish_subscribe::<T>()
+            .enable_safe_overflow(true)
+            .max_publishers(1)
+            .max_subscribers(READERS_MAX)
+            .max_nodes(READERS_MAX + NODES_SLACK)
+            .subscriber_max_buffer_size(topic.depth)
+            .subscriber_max_borrowed_samples(2)
+            .history_size(topic.history)
+            .create()
+            .map_err(|e| self.refuse(format!("creating {}: {e:?}", topic.name)))
+    }
+
+    pub(crate) fn open<T: Sample>(&self, topic: &Topic) -> Result<PubSub<T>, CellError> {
+        self.node
+            .service_builder(&self.service_name(&topic.name)?)
+            .publish_subscribe::<T>()
+            .open()
+            .map_err(|e| self.refuse(format!("opening {}: {e:?}", topic.name)))
+    }
+
+    pub(crate) fn open_windows(&self) -> Result<Windows, CellError> {
+        let topic = &self.services.setpoint;
+        self.node
+            .service_builder(&self.service_name(&topic.name)?)
+            .publish_subscribe::<[WindowRow]>()
+            .user_header::<WindowHeader>()
+            .open()
+            .map_err(|e| self.refuse(format!("opening {}: {e:?}", topic.name)))
+    }
+
+    pub(crate) fn open_operator(&self) -> Result<Operator, CellError> {
+        let name = self.services.operator.clone();
+        self.node
+            .service_builder(&self.service_name(&name)?)
+            .request_response::<OperatorRequest, OperatorResponse>()
+            .open()
+            .map_err(|e| self.refuse(format!("opening {name}: {e:?}")))
+    }
+
+    /// Creates every service of the table; for the launcher, which keeps the result as long as the cell lives.
+    ///
+    /// # Errors
+    /// [`CellError::Transport`].
+    pub fn create_all(&self) -> Result<Created, CellError> {
+        let services = &self.services;
+        let setpoint = self
+            .node
+            .service_builder(&self.service_name(&services.setpoint.name)?)
+            .publish_subscribe::<[WindowRow]>()
+            .user_header::<WindowHeader>()
+            .enable_safe_overflow(true)
+            .max_publishers(1)
+            .max_subscribers(READERS_MAX)
+            .max_nodes(READERS_MAX + NODES_SLACK)
+            .subscriber_max_buffer_size(services.setpoint.depth)
+            .subscriber_max_borrowed_samples(2)
+            .history_size(services.setpoint.history)
+            .create()
+            .map_err(|e| self.refuse(format!("creating {}: {e:?}", services.setpoint.name)))?;
+        let operator = self
+            .node
+            .service_builder(&self.service_name(&services.operator)?)
+            .request_response::<OperatorRequest, OperatorResponse>()
+            .enable_safe_overflow_for_requests(true)
+            .max_servers(1)
+            .max_clients(VIEWERS_MAX)
+            .max_nodes(READERS_MAX + NODES_SLACK)
+            .create()
+            .map_err(|e| self.refuse(format!("creating {}: {e:?}", services.operator)))?;
+        let commands = services
+            .commands
+            .iter()
+            .flatten()
+            .map(|topic| self.create(topic))
+            .collect::<Result<_, _>>()?;
+        Ok(Created {
+            _feedback: self.create(&services.feedback)?,
+            _instruments: self.create(&services.instruments)?,
+            _planner: self.create(&services.planner)?,
+            _roster: self.create(&services.roster)?,
+            _setpoint: setpoint,
+            _commands: commands,
+            _operator: operator,
+        })
+    }
+
+    /// Cleans up after dead processes; for the launcher alone, after it has reaped them.
+    pub fn clean_dead(&self) {
+        let state = self.node.try_cleanup_dead_nodes();
+        tracing::debug!(?state, "dead nodes cleaned");
+    }
+}
+
+/// The services, held open by the launcher.
+#[derive(Debug)]
+pub struct Created {
+    _feedback: PubSub<Feedback>,
+    _instruments: PubSub<Instruments>,
+    _planner: PubSub<PlannerStatus>,
+    _roster: PubSub<Roster>,
+    _setpoint: Windows,
+    _commands: Vec<PubSub<AxisCommand>>,
+    _operator: Operator,
+}
+
+/// Rows for which the planner's segment has room.
+pub(crate) const WINDOW_ROWS: usize = MAX_WINDOW_ROWS;

@@ -1,0 +1,109 @@
+//! What an axis must not leave while its loop is closed.
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+/// Guards of one axis, judged each scan; written so that a value that is not a number breaks them.
+///
+/// Source: DESIGN §5. Units: mm and mm/s, increments for positions. No state.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AxisGuards {
+    /// Lower end of travel, in increments.
+    pub travel_min: i64,
+    /// Upper end, in increments.
+    pub travel_max: i64,
+    /// How far the feedback may be beyond the travel, in increments: a command that ends exactly there overshoots a little.
+    pub travel_margin: i64,
+    /// Following error, in mm.
+    pub following_error_mm: f64,
+    /// Speed command, in mm/s.
+    pub speed_mm_s: f64,
+}
+
+/// Which guard was broken.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Broken {
+    /// Command or axis beyond the travel.
+    Travel,
+    /// Following error too large.
+    FollowingError,
+    /// Speed command too high.
+    Speed,
+    /// Not a number, or infinite.
+    NotFinite,
+}
+
+impl AxisGuards {
+    /// Judges positions in increments.
+    pub fn positions(&self, command: i64, feedback: i64) -> Option<Broken> {
+        let inside = |p: i64, margin: i64| {
+            p >= self.travel_min.saturating_sub(margin)
+                && p <= self.travel_max.saturating_add(margin)
+        };
+        (!inside(command, 0) || !inside(feedback, self.travel_margin)).then_some(Broken::Travel)
+    }
+
+    /// Judges the following error.
+    pub fn following_error(&self, error_mm: f64) -> Option<Broken> {
+        if !error_mm.is_finite() {
+            Some(Broken::NotFinite)
+        } else if error_mm.abs() <= self.following_error_mm {
+            None
+        } else {
+            Some(Broken::FollowingError)
+        }
+    }
+
+    /// Judges the speed command.
+    pub fn speed(&self, speed_mm_s: f64) -> Option<Broken> {
+        if !speed_mm_s.is_finite() {
+            Some(Broken::NotFinite)
+        } else if speed_mm_s.abs() <= self.speed_mm_s {
+            None
+        } else {
+            Some(Broken::Speed)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GUARDS: AxisGuards = AxisGuards {
+        travel_min: -100,
+        travel_max: 200,
+        travel_margin: 5,
+        following_error_mm: 2.0,
+        speed_mm_s: 250.0,
+    };
+
+    #[test]
+    fn the_command_may_reach_the_travel_and_the_feedback_pass_it_by_the_margin() {
+        assert_eq!(GUARDS.positions(200, 205), None);
+        assert_eq!(GUARDS.positions(-100, -105), None);
+        for (command, feedback) in [
+            (201, 200),
+            (-101, 0),
+            (0, 206),
+            (0, -106),
+            (i64::MIN, 0),
+            (0, i64::MAX),
+        ] {
+            assert_eq!(GUARDS.positions(command, feedback), Some(Broken::Travel));
+        }
+    }
+
+    #[test]
+    fn error_and_speed_break_beyond_their_limit_and_when_not_finite() {
+        assert_eq!(GUARDS.following_error(-2.0), None);
+        assert_eq!(GUARDS.following_error(2.001), Some(Broken::FollowingError));
+        assert_eq!(GUARDS.following_error(f64::NAN), Some(Broken::NotFinite));
+        assert_eq!(GUARDS.speed(250.0), None);
+        assert_eq!(GUARDS.speed(-250.1), Some(Broken::Speed));
+        assert_eq!(GUARDS.speed(f64::INFINITY), Some(Broken::NotFinite));
+    }
+}

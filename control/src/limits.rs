@@ -1,0 +1,225 @@
+//! What the axes may do, and how much of it a plan may use so that rows of whole increments stay within it.
+
+use thiserror::Error;
+
+use crate::path::{AxisVector, MAX_AXES};
+
+/// The limits of one axis, in its own units (mm for slides, degrees for rotary axes).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AxisLimits {
+    /// Highest speed, in mm/s.
+    pub velocity_mm_s: f64,
+    /// Highest acceleration, in mm/s².
+    pub acceleration_mm_s2: f64,
+    /// Size of one increment, in mm.
+    pub increment_mm: f64,
+}
+
+/// The limits of all axes, judged on positions one scan apart.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MotionLimits {
+    axes: Vec<AxisLimits>,
+    scan_period_s: f64,
+}
+
+/// Why limits cannot be planned with.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum LimitsError {
+    /// No axis or too many.
+    #[error("{0} axes: a machine has 1 to {MAX_AXES}")]
+    AxisCount(usize),
+    /// The scan period is not a positive number.
+    #[error("scan period of {0} s: must be above 0")]
+    ScanPeriod(f64),
+    /// A limit is not a positive number.
+    #[error("axis {axis}: {name} of {value}: must be above 0")]
+    NotPositive {
+        /// Index of the axis.
+        axis: usize,
+        /// The key at fault.
+        name: &'static str,
+        /// What was found.
+        value: f64,
+    },
+    /// Rounding a position to whole increments would use up more than half of a limit.
+    #[error(
+        "axis {axis}: increments of {increment_mm} mm are too coarse: rounding to them at a scan period of {scan_period_s} s looks \
+         like {rounding} {unit}, more than half of the limit of {limit} {unit}"
+    )]
+    TooCoarse {
+        /// Index of the axis.
+        axis: usize,
+        /// Its increment, in mm.
+        increment_mm: f64,
+        /// The scan period, in s.
+        scan_period_s: f64,
+        /// What rounding can look like.
+        rounding: f64,
+        /// The limit it takes from.
+        limit: f64,
+        /// Unit of both.
+        unit: &'static str,
+    },
+}
+
+/// A row is off by up to half an increment, so a difference of two rows by one increment.
+const VELOCITY_ROUNDING_INCREMENTS: f64 = 1.0;
+/// A second difference of rows is off by up to half + one + half an increment; another half covers gaps in the geometry
+/// (at most a quarter, see `speed_map`) and the arithmetic of the planner.
+const ACCELERATION_ROUNDING_INCREMENTS: f64 = 2.5;
+
+impl MotionLimits {
+    /// Checks and takes the limits of all axes.
+    pub fn new(axes: &[AxisLimits], scan_period_s: f64) -> Result<Self, LimitsError> {
+        if axes.is_empty() || axes.len() > MAX_AXES {
+            return Err(LimitsError::AxisCount(axes.len()));
+        }
+        if !(scan_period_s > 0.0 && scan_period_s.is_finite()) {
+            return Err(LimitsError::ScanPeriod(scan_period_s));
+        }
+        let limits = Self {
+            axes: axes.to_vec(),
+            scan_period_s,
+        };
+        for (axis, of_axis) in axes.iter().enumerate() {
+            for (name, value) in [
+                ("velocity_mm_s", of_axis.velocity_mm_s),
+                ("acceleration_mm_s2", of_axis.acceleration_mm_s2),
+                ("increment_mm", of_axis.increment_mm),
+            ] {
+                if !(value > 0.0 && value.is_finite()) {
+                    return Err(LimitsError::NotPositive { axis, name, value });
+                }
+            }
+            for (rounding, limit, unit) in [
+                (
+                    limits.velocity_rounding_mm_s(of_axis),
+                    of_axis.velocity_mm_s,
+                    "mm/s",
+                ),
+                (
+                    limits.acceleration_rounding_mm_s2(of_axis),
+                    of_axis.acceleration_mm_s2,
+                    "mm/s²",
+                ),
+            ] {
+                if rounding > 0.5 * limit {
+                    return Err(LimitsError::TooCoarse {
+                        axis,
+                        increment_mm: of_axis.increment_mm,
+                        scan_period_s,
+                        rounding,
+                        limit,
+                        unit,
+                    });
+                }
+            }
+        }
+        Ok(limits)
+    }
+
+    /// The axes, in the order of an [`AxisVector`].
+    pub fn axes(&self) -> &[AxisLimits] {
+        &self.axes
+    }
+
+    /// Time from one row to the next, in s.
+    pub fn scan_period_s(&self) -> f64 {
+        self.scan_period_s
+    }
+
+    /// The whole increments nearest to a position; 0 for unused axes.
+    pub fn increments(&self, position: &AxisVector) -> [i64; MAX_AXES] {
+        let mut increments = [0; MAX_AXES];
+        for ((of_axis, component), axis) in increments.iter_mut().zip(position).zip(&self.axes) {
+            *of_axis = libm::round(component / axis.increment_mm) as i64;
+        }
+        increments
+    }
+
+    /// Speed that a plan may use on each axis, in mm/s; infinite for unused axes.
+    pub(crate) fn plan_velocity_mm_s(&self) -> [f64; MAX_AXES] {
+        self.each(|axis| axis.velocity_mm_s - self.velocity_rounding_mm_s(axis))
+    }
+
+    /// Acceleration that a plan may use on each axis, in mm/s²; infinite for unused axes.
+    pub(crate) fn plan_acceleration_mm_s2(&self) -> [f64; MAX_AXES] {
+        self.each(|axis| axis.acceleration_mm_s2 - self.acceleration_rounding_mm_s2(axis))
+    }
+
+    fn each(&self, value: impl Fn(&AxisLimits) -> f64) -> [f64; MAX_AXES] {
+        let mut values = [f64::INFINITY; MAX_AXES];
+        for (of_axis, axis) in values.iter_mut().zip(&self.axes) {
+            *of_axis = value(axis);
+        }
+        values
+    }
+
+    fn velocity_rounding_mm_s(&self, axis: &AxisLimits) -> f64 {
+        VELOCITY_ROUNDING_INCREMENTS * axis.increment_mm / self.scan_period_s
+    }
+
+    fn acceleration_rounding_mm_s2(&self, axis: &AxisLimits) -> f64 {
+        ACCELERATION_ROUNDING_INCREMENTS * axis.increment_mm
+            / (self.scan_period_s * self.scan_period_s)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SLIDE: AxisLimits = AxisLimits {
+        velocity_mm_s: 250.0,
+        acceleration_mm_s2: 2000.0,
+        increment_mm: 1e-6,
+    };
+
+    #[test]
+    fn increments_too_coarse_for_the_scan_are_refused_with_the_reason() {
+        let coarse = AxisLimits {
+            increment_mm: 1e-3,
+            ..SLIDE
+        };
+        let error = MotionLimits::new(&[SLIDE, coarse], 1e-3).unwrap_err();
+        assert!(
+            error
+                .to_string()
+                .starts_with("axis 1: increments of 0.001 mm are too coarse"),
+            "{error}"
+        );
+        assert!(MotionLimits::new(&[SLIDE, SLIDE], 250e-6).is_ok());
+    }
+
+    #[test]
+    fn nan_and_zero_limits_are_refused() {
+        for value in [f64::NAN, 0.0, -1.0, f64::INFINITY] {
+            let axis = AxisLimits {
+                acceleration_mm_s2: value,
+                ..SLIDE
+            };
+            assert!(matches!(
+                MotionLimits::new(&[axis], 1e-3),
+                Err(LimitsError::NotPositive {
+                    axis: 0,
+                    name: "acceleration_mm_s2",
+                    ..
+                })
+            ));
+            assert!(MotionLimits::new(&[SLIDE], value).is_err());
+        }
+        assert_eq!(MotionLimits::new(&[], 1e-3), Err(LimitsError::AxisCount(0)));
+    }
+
+    #[test]
+    fn positions_round_to_the_nearest_increment_and_unused_axes_stay_zero() {
+        let limits = MotionLimits::new(&[SLIDE], 1e-3).unwrap();
+        let mut position = AxisVector::zeros();
+        position[0] = 1.000_000_6;
+        position[1] = 5.0;
+        assert_eq!(
+            limits.increments(&position),
+            [1_000_001, 0, 0, 0, 0, 0, 0, 0]
+        );
+    }
+}

@@ -1,0 +1,332 @@
+//! Motion along a path, one scan at a time: the fastest within the speed map, or braking.
+//!
+//! Inside a scan the motion is followed exactly, phase by phase of constant acceleration: speed up, keep the cap, brake
+//! along the envelope. Where a scan ends has no influence on the motion, and the state at the end of a scan is all that
+//! the next scan depends on. So two plans that share a state share everything after it, to the bit.
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::indexing_slicing,
+    clippy::panic
+)]
+
+use crate::envelope::{Envelope, EnvelopeKey};
+use crate::path::Path;
+use crate::speed_map::{Segment, SpeedMap};
+
+/// A place and a speed on a path at the end of a scan: all that the motion from there depends on.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PathState {
+    /// Index of the element.
+    pub element: u32,
+    /// Scans still to wait there, if the element is a dwell.
+    pub dwell_remaining_scans: u32,
+    /// Distance along the element, in mm.
+    pub distance_mm: f64,
+    /// Speed along the path, in mm/s.
+    pub speed_mm_s: f64,
+    /// Stopped at the end of a block in single block; goes on when started.
+    pub waits_for_start: bool,
+}
+
+impl PathState {
+    /// The state at rest at a path tag, as a restarted planner finds it in the feedback. `None` for a tag that is not on
+    /// the path.
+    pub fn resume(
+        path: &Path,
+        element: u32,
+        distance_mm: f64,
+        dwell_remaining_scans: u32,
+    ) -> Option<Self> {
+        let on = path.elements.get(element as usize)?;
+        if !(0.0..=on.length_mm).contains(&distance_mm) {
+            return None;
+        }
+        Some(Self {
+            element,
+            dwell_remaining_scans: if on.is_dwell() {
+                dwell_remaining_scans
+            } else {
+                0
+            },
+            distance_mm,
+            speed_mm_s: 0.0,
+            waits_for_start: false,
+        })
+    }
+
+    /// Whether it stands still.
+    pub fn is_at_rest(&self) -> bool {
+        self.speed_mm_s == 0.0
+    }
+}
+
+/// Distances below this are none: some ulps of the distance along an element of 10 m. Worth a hundred-thousandth of an
+/// increment of 1 nm, and the impulse of stopping that much early is within the rounding allowance of the limits.
+const NEGLIGIBLE_MM: f64 = 2e-11;
+/// Relative excess of a speed over a cap that is rounding.
+const NEGLIGIBLE_EXCESS: f64 = 1e-12;
+
+/// One phase of constant acceleration, at most to the end of its segment.
+struct Phase {
+    end_speed_mm_s: f64,
+    length_mm: f64,
+    /// Whether it ends at the end of the segment.
+    to_the_end: bool,
+}
+
+/// Path, map and state during one scan.
+pub(crate) struct Traveller<'a> {
+    map: &'a SpeedMap,
+    scan_period_s: f64,
+    pub state: PathState,
+    segment: usize,
+}
+
+impl<'a> Traveller<'a> {
+    pub fn new(map: &'a SpeedMap, scan_period_s: f64, state: PathState) -> Self {
+        Self {
+            map,
+            scan_period_s,
+            state,
+            segment: map.segment_at(state.element, state.distance_mm),
+        }
+    }
+
+    /// Whether everything is done.
+    pub fn is_at_end(&self) -> bool {
+        self.segment >= self.map.segments.len() && self.state.is_at_rest()
+    }
+
+    /// One scan of intended motion.
+    pub fn go(&mut self, envelope: &mut Envelope) {
+        if self.state.waits_for_start {
+            return;
+        }
+        let EnvelopeKey {
+            feed_override,
+            single_block,
+        } = envelope.key();
+        if feed_override <= 0.0 {
+            return self.brake();
+        }
+        if self.wait(single_block) {
+            return;
+        }
+        if let Some(segment) = self.map.segments.get(self.segment) {
+            // At rest at the end of an element, the motion goes on at the start of the next.
+            if !segment.is_dwell && segment.element != self.state.element {
+                self.state.element = segment.element;
+                self.state.distance_mm = segment.from_mm;
+            }
+        }
+        let mut left_s = self.scan_period_s;
+        // At most four phases on a segment, and each segment once.
+        let phases_max =
+            4 * (self.map.segments.len() - self.segment.min(self.map.segments.len())) + 4;
+        for _ in 0..phases_max {
+            let Some(segment) = self.map.segments.get(self.segment) else {
+                self.state.speed_mm_s = 0.0;
+                return;
+            };
+            if segment.is_dwell {
+                return self.arrive_at_dwell(segment);
+            }
+            let end_squared = envelope.squared_mm2_s2(self.map, self.segment + 1);
+            let phase = self.phase(segment, end_squared, segment.cap_mm_s(feed_override));
+            if !self.follow(segment, &phase, &mut left_s) {
+                return;
+            }
+            if phase.to_the_end {
+                self.enter_next();
+                if single_block && segment.ends_block && self.state.is_at_rest() {
+                    self.stay_at_the_end_of(segment);
+                    self.state.waits_for_start = true;
+                    return;
+                }
+            }
+        }
+    }
+
+    /// One scan of braking, within the limits and along the path, to rest.
+    pub fn brake(&mut self) {
+        let mut left_s = self.scan_period_s;
+        while self.state.speed_mm_s > 0.0 {
+            let Some(segment) = self.map.segments.get(self.segment) else {
+                self.state.speed_mm_s = 0.0;
+                return;
+            };
+            if segment.is_dwell {
+                // Arrived without a speed but for rounding. The wait begins when the motion goes on.
+                self.state.speed_mm_s = 0.0;
+                return;
+            }
+            let phase = braking(segment, self.state.distance_mm, self.state.speed_mm_s, 0.0);
+            if !self.follow(segment, &phase, &mut left_s) {
+                return;
+            }
+            if phase.to_the_end {
+                self.enter_next();
+                if self
+                    .map
+                    .segments
+                    .get(self.segment)
+                    .is_none_or(|next| next.is_dwell)
+                {
+                    self.stay_at_the_end_of(segment);
+                    self.state.speed_mm_s = 0.0;
+                }
+            }
+        }
+    }
+
+    /// Waits a scan if a dwell is not over. Whether the scan is used up.
+    fn wait(&mut self, single_block: bool) -> bool {
+        let Some(segment) = self.map.segments.get(self.segment) else {
+            return false;
+        };
+        if !segment.is_dwell || self.state.element != segment.element {
+            return false;
+        }
+        if self.state.dwell_remaining_scans > 0 {
+            self.state.dwell_remaining_scans -= 1;
+            self.state.waits_for_start =
+                self.state.dwell_remaining_scans == 0 && single_block && segment.ends_block;
+            return true;
+        }
+        self.enter_next();
+        false
+    }
+
+    fn arrive_at_dwell(&mut self, dwell: &Segment) {
+        self.state.element = dwell.element;
+        self.state.distance_mm = 0.0;
+        self.state.speed_mm_s = 0.0;
+        self.state.dwell_remaining_scans = dwell.dwell_scans;
+    }
+
+    /// Puts the state at the start of the next segment; at the end of the path it stays where it is.
+    fn enter_next(&mut self) {
+        self.segment += 1;
+        match self.map.segments.get(self.segment) {
+            Some(next) if !next.is_dwell => {
+                self.state.element = next.element;
+                self.state.distance_mm = next.from_mm;
+            }
+            Some(_) => {}
+            None => self.state.speed_mm_s = 0.0,
+        }
+    }
+
+    fn stay_at_the_end_of(&mut self, segment: &Segment) {
+        self.state.element = segment.element;
+        self.state.distance_mm = segment.to_mm;
+    }
+
+    /// Moves along a phase for as long as the scan lasts. Whether the phase was finished.
+    fn follow(&mut self, segment: &Segment, phase: &Phase, left_s: &mut f64) -> bool {
+        let state = &mut self.state;
+        // Only a phase that ends there reaches the end, so that a state names one segment.
+        let inside_mm = segment.to_mm.next_down();
+        let sum_mm_s = state.speed_mm_s + phase.end_speed_mm_s;
+        let time_s = if phase.length_mm <= 0.0 {
+            0.0
+        } else {
+            2.0 * phase.length_mm / sum_mm_s
+        };
+        if time_s <= *left_s {
+            *left_s -= time_s;
+            state.speed_mm_s = phase.end_speed_mm_s;
+            state.distance_mm = if phase.to_the_end {
+                segment.to_mm
+            } else {
+                (state.distance_mm + phase.length_mm).min(inside_mm)
+            };
+            return true;
+        }
+        // Standing still under a cap of 0 takes for ever: time_s is infinite, nothing changes.
+        let gain_mm_s = (phase.end_speed_mm_s - state.speed_mm_s) / time_s * *left_s;
+        let way_mm = (state.speed_mm_s + 0.5 * gain_mm_s) * *left_s;
+        state.distance_mm = (state.distance_mm + way_mm).min(inside_mm);
+        state.speed_mm_s = (state.speed_mm_s + gain_mm_s).max(0.0);
+        *left_s = 0.0;
+        false
+    }
+
+    /// What to do now on a segment: brake down to the cap or the envelope, follow the envelope, speed up, or keep the cap.
+    fn phase(&self, segment: &Segment, end_squared: f64, cap_mm_s: f64) -> Phase {
+        let (at_mm, speed_mm_s) = (self.state.distance_mm, self.state.speed_mm_s);
+        let twice_mm_s2 = 2.0 * segment.acceleration_mm_s2;
+        let left_mm = segment.to_mm - at_mm;
+        let squared = speed_mm_s * speed_mm_s;
+        let end_mm_s = end_squared.sqrt();
+        let tolerance = twice_mm_s2 * NEGLIGIBLE_MM + NEGLIGIBLE_EXCESS * squared;
+        if left_mm <= NEGLIGIBLE_MM {
+            return Phase {
+                end_speed_mm_s: if squared > end_squared + 2.0 * tolerance {
+                    speed_mm_s
+                } else {
+                    speed_mm_s.min(end_mm_s)
+                },
+                length_mm: 0.0,
+                to_the_end: true,
+            };
+        }
+        if speed_mm_s > cap_mm_s * (1.0 + NEGLIGIBLE_EXCESS) {
+            return braking(segment, at_mm, speed_mm_s, cap_mm_s);
+        }
+        let allowed = end_squared + twice_mm_s2 * left_mm;
+        if squared > allowed + tolerance {
+            return braking(segment, at_mm, speed_mm_s, 0.0);
+        }
+        if squared >= allowed - tolerance {
+            return Phase {
+                end_speed_mm_s: end_mm_s,
+                length_mm: left_mm,
+                to_the_end: true,
+            };
+        }
+        if speed_mm_s >= cap_mm_s {
+            let until_braking_mm = (allowed - squared) / twice_mm_s2;
+            let to_the_end = until_braking_mm >= left_mm;
+            return Phase {
+                end_speed_mm_s: speed_mm_s,
+                length_mm: until_braking_mm.min(left_mm),
+                to_the_end,
+            };
+        }
+        let to_cap_mm = (cap_mm_s * cap_mm_s - squared) / twice_mm_s2;
+        let to_braking_mm = (allowed - squared) / (2.0 * twice_mm_s2);
+        let length_mm = to_cap_mm.min(to_braking_mm).min(left_mm);
+        Phase {
+            end_speed_mm_s: if length_mm == to_cap_mm {
+                cap_mm_s
+            } else {
+                (squared + twice_mm_s2 * length_mm).sqrt()
+            },
+            length_mm,
+            to_the_end: length_mm >= left_mm,
+        }
+    }
+}
+
+/// Braking on a segment down to a speed, or to its end.
+fn braking(segment: &Segment, at_mm: f64, speed_mm_s: f64, down_to_mm_s: f64) -> Phase {
+    let twice_mm_s2 = 2.0 * segment.acceleration_mm_s2;
+    let left_mm = (segment.to_mm - at_mm).max(0.0);
+    let squared = speed_mm_s * speed_mm_s;
+    let needed_mm = (squared - down_to_mm_s * down_to_mm_s) / twice_mm_s2;
+    if needed_mm <= left_mm {
+        Phase {
+            end_speed_mm_s: down_to_mm_s,
+            length_mm: needed_mm,
+            to_the_end: false,
+        }
+    } else {
+        Phase {
+            end_speed_mm_s: (squared - twice_mm_s2 * left_mm).max(0.0).sqrt(),
+            length_mm: left_mm,
+            to_the_end: true,
+        }
+    }
+}

@@ -1,0 +1,418 @@
+//! Backlash acceleration: a short velocity kick, started a fixed time ahead of the reversal (METHODS §2, \[Fanuc\]
+//! JP 2875646 / US 5,343,132).
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use crate::backlash::REVERSAL_TRAVEL_MIN;
+use crate::feed_forward::MovementCommands;
+
+/// Least difference |R2 − R0| that says something about the acceleration: below it one increment of rounding moves the
+/// start by more than a twentieth of the lead (PHYSICS §4).
+pub const DIFFERENCE_MIN_INCREMENTS: i64 = 20;
+
+/// How far a reversal has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Announcement {
+    /// No reversal in sight.
+    #[default]
+    None,
+    /// One is ahead and its kick has not started (F1 of the source).
+    Ahead,
+    /// Its kick has started, the command has not reversed yet.
+    Answered,
+    /// The command has reversed and the kick has not started yet.
+    Overdue,
+}
+
+/// Starts a kick when the speed command comes within `A = K·|R2 − R0|` of its change of sign.
+///
+/// With `K = lead/(2·Ts²)` the kick starts `lead` before the reversal whatever radius and feed are: `|R2 − R0|` is the
+/// command's acceleration over two periods. Start: `speed·s + A ≥ 0`, `s` the new direction; quantised to one scan, so
+/// the true lead is in (lead − Tp, lead]. J periods of look-ahead allow leads up to `(J − ½)·Ts`. Source: \[Fanuc\],
+/// METHODS §2, PHYSICS §4.
+///
+/// The compared speed is the command's alone, not `FF + Kp·ε`: at low acceleration A is a few µm/s, and `Kp·ε` of 0.2 µm
+/// would move the start by the whole lead.
+///
+/// Limits: where |R2 − R0| is below [`DIFFERENCE_MIN_INCREMENTS`] the difference is taken over more periods; where that
+/// does not help, or a dwell lies between (then it is no acceleration), A is 0 and the kick starts at the change of sign.
+/// Units: mm/s, s, increments. First call: nothing announced, no direction; the first motion is no reversal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BacklashAcceleration {
+    /// Time ahead of the reversal, in s.
+    pub lead_s: f64,
+    /// Distribution period Ts, in s.
+    pub period_s: f64,
+    /// Axis units per increment, in mm.
+    pub increment_mm: f64,
+    /// Height of the kick, in mm/s; 0 switches it off.
+    pub kick_mm_s: f64,
+    /// Length of the kick Tb, in scans.
+    pub kick_scans: u32,
+}
+
+/// What [`BacklashAcceleration`] remembers.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ReversalState {
+    /// The reversal being awaited.
+    pub announcement: Announcement,
+    /// A, in mm/s.
+    pub trigger_speed_mm_s: f64,
+    /// Kick being output, signed, in mm/s.
+    pub kick_mm_s: f64,
+    /// Scans it still lasts.
+    pub kick_remaining_scans: u32,
+    /// Kicks started.
+    pub kicks: u32,
+}
+
+impl BacklashAcceleration {
+    /// K of the source, in 1/s.
+    pub fn k_per_s(&self) -> f64 {
+        self.lead_s / (2.0 * self.period_s * self.period_s)
+    }
+
+    /// At each period boundary: looks for the next reversal in the movement commands of the window in force.
+    ///
+    /// Everything is found anew, so a reversal that a new window no longer has is forgotten and its armed kick with it.
+    pub fn announce(&self, state: &mut ReversalState, direction: i32, movement: &MovementCommands) {
+        let ahead = first_reversal(direction.into(), movement);
+        state.announcement = match (state.announcement, ahead) {
+            (Announcement::Answered, Some(_)) => return,
+            (Announcement::Overdue, None) => return,
+            (_, Some(at)) => {
+                let acceleration = acceleration(direction.into(), at, movement);
+                state.trigger_speed_mm_s = acceleration.map_or(0.0, |(difference, periods)| {
+                    // K·|R2 − R0| of the source for two periods; more of them are scaled to two.
+                    let per_two = difference as f64 * self.increment_mm * 2.0 / periods as f64;
+                    self.k_per_s() * per_two
+                });
+                Announcement::Ahead
+            }
+            (_, None) => {
+                state.trigger_speed_mm_s = 0.0;
+                Announcement::None
+            }
+        };
+    }
+
+    /// In the scan in which the position command reverses.
+    pub fn reversed(&self, state: &mut ReversalState) {
+        state.announcement = match state.announcement {
+            Announcement::Answered => Announcement::None,
+            Announcement::Ahead => Announcement::Overdue,
+            Announcement::None | Announcement::Overdue => {
+                state.trigger_speed_mm_s = 0.0;
+                Announcement::Overdue
+            }
+        };
+    }
+
+    /// Each scan, after [`announce`](Self::announce) and [`reversed`](Self::reversed): the kick, in mm/s.
+    pub fn update(&self, state: &mut ReversalState, direction: i32, speed_mm_s: f64) -> f64 {
+        let new_direction = match state.announcement {
+            Announcement::Ahead => -direction,
+            Announcement::Overdue => direction,
+            Announcement::None | Announcement::Answered => 0,
+        };
+        let sign = f64::from(new_direction);
+        let speed = sign * speed_mm_s;
+        let a = state.trigger_speed_mm_s;
+        // Without A it is the change of sign itself, which standing still is not. NaN never starts anything.
+        let due = if a > 0.0 {
+            speed + a >= 0.0
+        } else {
+            speed > 0.0
+        };
+        if new_direction != 0 && due {
+            state.announcement = match state.announcement {
+                Announcement::Ahead => Announcement::Answered,
+                _ => Announcement::None,
+            };
+            if self.kick_mm_s != 0.0 && self.kick_scans > 0 {
+                state.kick_mm_s = sign * self.kick_mm_s;
+                state.kick_remaining_scans = self.kick_scans;
+                state.kicks = state.kicks.wrapping_add(1);
+            }
+        }
+        if state.kick_remaining_scans == 0 {
+            state.kick_mm_s = 0.0;
+            return 0.0;
+        }
+        state.kick_remaining_scans -= 1;
+        state.kick_mm_s
+    }
+}
+
+/// Index of the first period that moves against `direction`, for good.
+fn first_reversal(direction: i64, movement: &MovementCommands) -> Option<usize> {
+    if direction == 0 {
+        return None;
+    }
+    let mut candidate = None;
+    let mut travel = 0i64;
+    for index in 1..movement.count() {
+        let back = movement.get(index).saturating_mul(-direction);
+        if candidate.is_none() && back > 0 {
+            candidate = Some(index);
+        }
+        if candidate.is_some() {
+            travel = travel.saturating_add(back);
+            if travel >= REVERSAL_TRAVEL_MIN {
+                return candidate;
+            }
+            if travel <= 0 {
+                candidate = None;
+                travel = 0;
+            }
+        }
+    }
+    None
+}
+
+/// Difference of movement commands around the reversal and the periods it spans: |R2 − R0| and 2 where that is large
+/// enough; `None` where it is no acceleration.
+fn acceleration(direction: i64, at: usize, movement: &MovementCommands) -> Option<(i64, usize)> {
+    let onward = |index: usize| movement.get(index).saturating_mul(direction) > 0;
+    let back = |index: usize| movement.get(index).saturating_mul(direction) < 0;
+    let mut low = at.checked_sub(2)?;
+    let mut high = at;
+    // Contiguous: the period between moves on, or turns within itself, or is too slow for its rows to show it turning.
+    let slow = movement
+        .get(high)
+        .saturating_sub(movement.get(low))
+        .saturating_abs()
+        < DIFFERENCE_MIN_INCREMENTS;
+    let between =
+        onward(at - 1) || (movement.get(at - 1) == 0 && (slow || !movement.is_rest(at - 1)));
+    if !between || !onward(low) {
+        return None;
+    }
+    loop {
+        let difference = movement
+            .get(high)
+            .saturating_sub(movement.get(low))
+            .saturating_abs();
+        if difference >= DIFFERENCE_MIN_INCREMENTS {
+            return Some((difference, high - low));
+        }
+        let lower = low.checked_sub(1).filter(|i| onward(*i));
+        let higher = Some(high + 1).filter(|i| *i < movement.count() && back(*i));
+        if lower.is_none() && higher.is_none() {
+            return None;
+        }
+        low = lower.unwrap_or(low);
+        high = higher.unwrap_or(high);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::backlash::{Backlash, BacklashState};
+    use crate::feed_forward::FeedForward;
+
+    struct Case {
+        scan_s: f64,
+        scans_per_period: u32,
+        look_ahead_periods: usize,
+        lead_s: f64,
+    }
+
+    const XY: Case = Case {
+        scan_s: 1e-3,
+        scans_per_period: 8,
+        look_ahead_periods: 2,
+        lead_s: 4e-3,
+    };
+
+    impl Case {
+        fn block(&self) -> BacklashAcceleration {
+            BacklashAcceleration {
+                lead_s: self.lead_s,
+                period_s: self.scan_s * f64::from(self.scans_per_period),
+                increment_mm: 1e-6,
+                kick_mm_s: 1.0,
+                kick_scans: 10,
+            }
+        }
+
+        /// Runs a path given in mm over seconds; the times at which kicks started, in s.
+        fn kicks(&self, seconds: f64, path: impl Fn(f64) -> f64) -> Vec<(f64, f64)> {
+            let n = self.scans_per_period;
+            let block = self.block();
+            let backlash = Backlash { step_mm: 0.0 };
+            let speed = FeedForward {
+                scans_per_period: n,
+                coefficient: 1.0,
+                advance_scans: 1.0,
+            };
+            let row = |k: i64| libm::rint(path(k as f64 * self.scan_s) * 1e6) as i64;
+            let (mut state, mut sides) = (ReversalState::default(), BacklashState::default());
+            let mut kicks = Vec::new();
+            for k in 0..(seconds / self.scan_s) as i64 {
+                let c = k.rem_euclid(n.into());
+                let start = k - c - 1;
+                let movement = MovementCommands::gather(
+                    row(start - i64::from(n)),
+                    row(start),
+                    c as u32,
+                    n,
+                    self.look_ahead_periods,
+                    |i| row(k + i),
+                );
+                let ahead = (1..16).map(|i| row(k + i));
+                if backlash.update(&mut sides, row(k - 1), row(k), ahead) {
+                    block.reversed(&mut state);
+                }
+                if c == 0 {
+                    block.announce(&mut state, sides.direction, &movement);
+                }
+                let v = speed.increments_per_scan(&movement, c as u32) * 1e-6 / self.scan_s;
+                let before = state.kicks;
+                let kick = block.update(&mut state, sides.direction, v);
+                if state.kicks > before {
+                    kicks.push((k as f64 * self.scan_s, kick));
+                }
+            }
+            kicks
+        }
+    }
+
+    #[test]
+    fn the_kick_starts_the_same_time_ahead_whatever_radius_and_feed_are() {
+        // METHODS §2: t = −2·K·Ts², K = 31.25 1/s for a lead of 4 ms at Ts = 8 ms; true lead in (lead − Tp, lead].
+        // At the highest accelerations (22 m/s² at R5 F20) the chord of the sine shortens it further, by less than a scan.
+        assert!((XY.block().k_per_s() - 31.25).abs() < 1e-9);
+        let modern = Case {
+            scan_s: 0.25e-3,
+            scans_per_period: 4,
+            look_ahead_periods: 8,
+            lead_s: 4e-3,
+        };
+        for case in [XY, modern] {
+            for radius_mm in [5.0, 10.0, 25.0, 50.0, 100.0, 200.0] {
+                for feed_m_min in [0.5, 1.0, 3.0, 10.0, 20.0] {
+                    let w = feed_m_min * 1000.0 / 60.0 / radius_mm;
+                    let acceleration = w * w * radius_mm;
+                    // Widest span of the modern timing: 9 periods of 1 ms; below, the difference says nothing.
+                    let span_s = if case.scans_per_period == 4 {
+                        9e-3 * 1e-3
+                    } else {
+                        2.0 * 64e-6
+                    };
+                    if acceleration * span_s < 21e-6 {
+                        continue;
+                    }
+                    for phase in [0.0, 0.13, 0.41, 0.77] {
+                        // Turns at w·t = 1 + phase·Ts·w (+ π).
+                        let turn_s = 1.0 / w + phase * 8e-3;
+                        let kicks = case.kicks(turn_s + 0.5 / w, |t| {
+                            radius_mm * libm::cos(w * (t - turn_s))
+                        });
+                        assert_eq!(
+                            kicks.len(),
+                            1,
+                            "R{radius_mm} F{feed_m_min} {phase}: {kicks:?}"
+                        );
+                        let (at_s, kick) = kicks[0];
+                        assert!(kick < 0.0);
+                        let lead_s = turn_s - at_s;
+                        // The speed near a turn is a sine, not a line: asin(x) − x of it, later by the chord of |R2 − R0|.
+                        let arc_s = 0.2 * w * w * case.lead_s * case.lead_s * case.lead_s + 1e-9;
+                        let chord_s = case.lead_s * 0.4 * (w * 12e-3) * (w * 12e-3);
+                        // Each of two movement commands is rounded by up to an increment.
+                        let period_s = case.scan_s * f64::from(case.scans_per_period);
+                        let difference = (acceleration * 2.0 * period_s * period_s * 1e6).max(20.0);
+                        let rounding_s = case.lead_s * 2.0 / difference;
+                        assert!(
+                            lead_s
+                                > case.lead_s - case.scan_s - chord_s.min(case.scan_s) - rounding_s
+                                && lead_s <= case.lead_s + arc_s + rounding_s,
+                            "R{radius_mm} F{feed_m_min} phase {phase} Tp {}: lead {lead_s}",
+                            case.scan_s
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn below_twenty_increments_the_kick_starts_at_the_change_of_sign() {
+        let coarse = Case {
+            scan_s: 0.25e-3,
+            scans_per_period: 4,
+            look_ahead_periods: 1,
+            lead_s: 0.5e-3,
+        };
+        // R200 F0.5: 0.35 mm/s², less than one increment per period squared.
+        let (w, radius_mm) = (8.333 / 200.0, 200.0);
+        let kicks = coarse.kicks(1.2, |t| radius_mm * libm::cos(w * (t - 1.0)));
+        // Rounded to one increment the turn is flat for ±2.4 ms, and a reversal counts after ten of them ahead.
+        assert_eq!(kicks.len(), 1);
+        assert!((kicks[0].0 - 1.0).abs() < 0.010, "{kicks:?}");
+    }
+
+    #[test]
+    fn after_a_dwell_the_difference_is_no_acceleration() {
+        // 10 mm/s forward, 40 ms at rest, 10 mm/s back.
+        let path = |t: f64| {
+            if t < 0.1 {
+                10.0 * t
+            } else {
+                1.0 - 10.0 * (t - 0.14).max(0.0)
+            }
+        };
+        let kicks = XY.kicks(0.3, path);
+        assert_eq!(kicks.len(), 1, "{kicks:?}");
+        assert!((0.132..0.150).contains(&kicks[0].0), "{kicks:?}");
+        let mut state = ReversalState::default();
+        let movement = MovementCommands::gather(-80_000, 0, 7, 8, 3, |i| {
+            [0, 0, 0, -80_000][((i / 8) as usize).min(3)]
+        });
+        XY.block().announce(&mut state, 1, &movement);
+        assert_eq!(
+            (state.announcement, state.trigger_speed_mm_s),
+            (Announcement::Ahead, 0.0)
+        );
+    }
+
+    #[test]
+    fn a_reversal_that_a_new_window_no_longer_has_is_disarmed() {
+        let block = XY.block();
+        let mut state = ReversalState::default();
+        let turning = MovementCommands::gather(-800, 0, 0, 8, 2, |i| (100 - i) * i);
+        let turning_back = MovementCommands::gather(0, 800, 7, 8, 2, |i| 800 - 100 * i);
+        block.announce(&mut state, 1, &turning_back);
+        assert_eq!(state.announcement, Announcement::Ahead);
+        block.announce(&mut state, 1, &turning);
+        assert_eq!(state.announcement, Announcement::None);
+        assert_eq!(block.update(&mut state, 1, 0.0), 0.0);
+    }
+
+    #[test]
+    fn a_running_kick_runs_out_and_ends_at_rest() {
+        let block = XY.block();
+        let mut state = ReversalState::default();
+        block.reversed(&mut state);
+        let kicks: Vec<f64> = (0..12)
+            .map(|_| block.update(&mut state, -1, -0.1))
+            .collect();
+        assert_eq!(kicks[..10], [-1.0; 10]);
+        assert_eq!(kicks[10..], [0.0; 2]);
+        assert_eq!(state.kick_mm_s, 0.0);
+    }
+
+    #[test]
+    fn a_speed_that_is_not_a_number_starts_nothing() {
+        let mut state = ReversalState::default();
+        XY.block().reversed(&mut state);
+        assert_eq!(XY.block().update(&mut state, 1, f64::NAN), 0.0);
+        assert_eq!(state.kicks, 0);
+    }
+}

@@ -1,0 +1,17 @@
+//! The monitor process: records every sample, measures and shows.
+//!
+//! A reader descends so: [`log`] writes and reads `run.mcap`; [`measure`] turns the stream of samples into errors,
+//! arcs and reversals, the same code whether the stream comes from the wire or from the log; [`report`] puts them into
+//! `report.json`, `report.txt` and plots.
+//!
+//! **Invariant**: nothing here looks at a clock to decide a number. Only the recorder does, to flush once a second, and
+//! the wall time of a run is handed in.
+
+pub mod digest;
+pub mod log;
+pub mod measure;
+pub mod report;
+mod run;
+#[cfg(test)]
+mod test_support;
+pub use run::{MonitorError, Options, run};

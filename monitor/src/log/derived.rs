@@ -1,0 +1,202 @@
+//! One row per axis and scan in plain units, `/axis/X`, so that a plotting tool shows something readable at once.
+//!
+//! A row needs feedback, instruments and command of one scan, which come through different queues: rows wait in a ring
+//! until they are whole. A row that is pushed out earlier is written with NaN for what is missing.
+
+use bus::machine::{Machine, PositionFeedback};
+use bus::sample::{AxisCommand, Feedback, Instruments};
+use bytemuck::{Pod, Zeroable};
+
+use super::layout::table;
+
+/// Scans a row waits for its missing parts.
+const RING_SCANS: usize = 1024;
+
+const FEEDBACK: u8 = 1;
+const INSTRUMENTS: u8 = 2;
+const COMMAND: u8 = 4;
+const WHOLE: u8 = FEEDBACK | INSTRUMENTS | COMMAND;
+
+/// One axis in one scan.
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct AxisRow {
+    /// Scan × scan period, in s.
+    pub time_s: f64,
+    /// Position command of the scan, in mm.
+    pub command_mm: f64,
+    /// What the servo read, in mm.
+    pub feedback_mm: f64,
+    /// The table at the end of the scan, in mm.
+    pub table_mm: f64,
+    /// Command minus feedback, compensation not counted, in µm.
+    pub following_error_um: f64,
+    /// Velocity measured by the drive, in mm/s.
+    pub velocity_mm_s: f64,
+    /// Motor torque, in N·m.
+    pub torque_nm: f64,
+    /// Winding temperature above ambient, in K.
+    pub winding_k: f64,
+    /// Backlash acceleration now being output, in mm/s.
+    pub kick_mm_s: f64,
+}
+table!(
+    AxisRow: time_s, command_mm, feedback_mm, table_mm, following_error_um, velocity_mm_s, torque_nm, winding_k,
+    kick_mm_s,
+);
+
+#[derive(Clone, Copy)]
+struct Slot {
+    scan: u64,
+    seen: u8,
+    row: AxisRow,
+}
+
+/// Rows that wait, per axis.
+pub(super) struct Rows {
+    increment_mm: Vec<f64>,
+    scale: Vec<bool>,
+    period_s: f64,
+    slots: Vec<Slot>,
+}
+
+impl Rows {
+    pub(super) fn new(machine: &Machine) -> Self {
+        let empty = Slot {
+            scan: u64::MAX,
+            seen: 0,
+            row: missing_row(f64::NAN),
+        };
+        Rows {
+            increment_mm: machine.axes.iter().map(|a| a.increment_mm()).collect(),
+            scale: machine
+                .axes
+                .iter()
+                .map(|a| a.feedback == PositionFeedback::Scale)
+                .collect(),
+            period_s: machine.scan_period_s(),
+            slots: vec![empty; machine.axes.len() * RING_SCANS],
+        }
+    }
+
+    /// Fills in a part of one row; hands rows that became whole, or had to make place, to `out`.
+    fn fill(
+        &mut self,
+        axis: usize,
+        scan: u64,
+        part: u8,
+        set: impl FnOnce(&mut AxisRow),
+        out: &mut Vec<(usize, u64, AxisRow)>,
+    ) {
+        let Some(slot) = self
+            .slots
+            .get_mut(axis * RING_SCANS + scan as usize % RING_SCANS)
+        else {
+            return;
+        };
+        if slot.scan != scan {
+            if slot.scan != u64::MAX && slot.scan > scan {
+                return; // Came too late: its row has been written.
+            }
+            if slot.seen & FEEDBACK != 0 && slot.seen != WHOLE {
+                out.push((axis, slot.scan, slot.row));
+            }
+            *slot = Slot {
+                scan,
+                seen: 0,
+                row: missing_row(scan as f64 * self.period_s),
+            };
+        }
+        if slot.seen & part != 0 {
+            return; // The other role's command says the same.
+        }
+        set(&mut slot.row);
+        slot.seen |= part;
+        if slot.seen == WHOLE {
+            out.push((axis, scan, slot.row));
+        }
+    }
+
+    pub(super) fn feedback(&mut self, sample: &Feedback, out: &mut Vec<(usize, u64, AxisRow)>) {
+        for (axis, feedback) in sample.axes.iter().enumerate() {
+            let (Some(&increment_mm), Some(&scale)) =
+                (self.increment_mm.get(axis), self.scale.get(axis))
+            else {
+                return;
+            };
+            let position = if scale {
+                feedback.scale_position
+            } else {
+                feedback.motor_position
+            };
+            let set = |row: &mut AxisRow| {
+                row.feedback_mm = position as f64 * increment_mm;
+                row.velocity_mm_s = feedback.velocity_mm_s;
+                row.torque_nm = feedback.torque_nm;
+                row.winding_k = feedback.winding_k;
+            };
+            self.fill(axis, sample.scan, FEEDBACK, set, out);
+        }
+    }
+
+    pub(super) fn instruments(
+        &mut self,
+        sample: &Instruments,
+        out: &mut Vec<(usize, u64, AxisRow)>,
+    ) {
+        let last = (sample.subsamples as usize).saturating_sub(1);
+        for axis in 0..self.increment_mm.len() {
+            let table_mm = sample.table_mm.get(axis).and_then(|row| row.get(last));
+            let set = |row: &mut AxisRow| row.table_mm = table_mm.copied().unwrap_or(f64::NAN);
+            self.fill(axis, sample.scan, INSTRUMENTS, set, out);
+        }
+    }
+
+    pub(super) fn command(
+        &mut self,
+        axis: usize,
+        sample: &AxisCommand,
+        out: &mut Vec<(usize, u64, AxisRow)>,
+    ) {
+        let Some(&increment_mm) = self.increment_mm.get(axis) else {
+            return;
+        };
+        let set = |row: &mut AxisRow| {
+            row.command_mm = sample.position as f64 * increment_mm;
+            row.following_error_um = sample.following_error_mm * 1e3;
+            row.kick_mm_s = sample.state.kick_mm_s;
+        };
+        self.fill(axis, sample.scan, COMMAND, set, out);
+    }
+
+    /// The rows that never became whole, in order of scan.
+    pub(super) fn rest(&mut self, out: &mut Vec<(usize, u64, AxisRow)>) {
+        for axis in 0..self.increment_mm.len() {
+            let slots = self
+                .slots
+                .get_mut(axis * RING_SCANS..(axis + 1) * RING_SCANS)
+                .unwrap_or_default();
+            slots.sort_by_key(|slot| slot.scan);
+            for slot in slots {
+                if slot.seen & FEEDBACK != 0 && slot.seen != WHOLE {
+                    out.push((axis, slot.scan, slot.row));
+                }
+                slot.seen = 0;
+            }
+        }
+    }
+}
+
+fn missing_row(time_s: f64) -> AxisRow {
+    AxisRow {
+        time_s,
+        command_mm: f64::NAN,
+        feedback_mm: f64::NAN,
+        table_mm: f64::NAN,
+        following_error_um: f64::NAN,
+        velocity_mm_s: f64::NAN,
+        torque_nm: f64::NAN,
+        winding_k: f64::NAN,
+        kick_mm_s: f64::NAN,
+    }
+}

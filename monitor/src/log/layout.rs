@@ -1,0 +1,465 @@
+//! How a sample lies in memory, in a message and in its schema: one table of fields for all three.
+//!
+//! A table only lists names; offsets, sizes and kinds come from the struct itself, and a compile-time check holds that
+//! the fields follow each other without a hole to the last byte, so none can be forgotten, swapped or mistyped.
+
+use std::fmt::Write as _;
+
+/// What a field is.
+#[derive(Debug, Clone, Copy)]
+pub enum Kind {
+    /// A number: its name in ROS 2 interface files and its size in bytes.
+    Number(&'static str, usize),
+    /// A struct of its own.
+    Struct(&'static Table),
+    /// Several of one kind.
+    Array(&'static Kind, usize),
+}
+
+impl Kind {
+    /// Size in memory, in bytes.
+    pub const fn bytes(&self) -> usize {
+        match self {
+            Kind::Number(_, bytes) => *bytes,
+            Kind::Struct(table) => table.bytes,
+            Kind::Array(element, count) => element.bytes() * *count,
+        }
+    }
+}
+
+/// A type that can stand in a sample.
+pub trait Wire {
+    /// What it is.
+    const KIND: Kind;
+}
+
+macro_rules! numbers {
+    ($($number:ident $name:literal),*) => {$(
+        impl Wire for $number {
+            const KIND: Kind = Kind::Number($name, size_of::<$number>());
+        }
+    )*};
+}
+numbers!(u32 "uint32", i32 "int32", u64 "uint64", i64 "int64", f64 "float64");
+
+impl<T: Wire, const N: usize> Wire for [T; N] {
+    const KIND: Kind = Kind::Array(&T::KIND, N);
+}
+
+/// How much of an array is in use.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cut {
+    /// All of it.
+    Whole,
+    /// One element per axis of the machine.
+    Axes,
+    /// One row per axis, one element per instrument sample within a scan.
+    AxesAndSubsamples,
+}
+
+/// One field.
+#[derive(Debug, Clone, Copy)]
+pub struct Field {
+    /// Its name.
+    pub name: &'static str,
+    /// Where it stands in the struct, in bytes.
+    pub offset: usize,
+    /// What it is.
+    pub kind: Kind,
+    /// How much of it is in use.
+    pub cut: Cut,
+}
+
+/// One struct.
+#[derive(Debug)]
+pub struct Table {
+    /// Its name.
+    pub name: &'static str,
+    /// Its size in memory, in bytes.
+    pub bytes: usize,
+    /// Its fields in order.
+    pub fields: &'static [Field],
+}
+
+impl Table {
+    /// Whether the fields cover the struct from the first to the last byte.
+    pub const fn is_whole(&self) -> bool {
+        let (mut next, mut index) = (0, 0);
+        while index < self.fields.len() {
+            if self.fields[index].offset != next {
+                return false;
+            }
+            next += self.fields[index].kind.bytes();
+            index += 1;
+        }
+        next == self.bytes
+    }
+}
+
+/// The kind of the field that `_get` names; the function itself is never called.
+pub const fn kind_of<T, F: Wire>(_get: fn(&T) -> &F) -> Kind {
+    F::KIND
+}
+
+/// Writes the table of a struct and implements [`Wire`] for it.
+macro_rules! table {
+    ($name:ident: $($field:ident $(@ $cut:ident)?),* $(,)?) => {
+        impl $crate::log::layout::Wire for $name {
+            const KIND: $crate::log::layout::Kind = $crate::log::layout::Kind::Struct(&$crate::log::layout::Table {
+                name: stringify!($name),
+                bytes: size_of::<$name>(),
+                fields: &[$($crate::log::layout::Field {
+                    name: stringify!($field),
+                    offset: std::mem::offset_of!($name, $field),
+                    kind: $crate::log::layout::kind_of(|sample: &$name| &sample.$field),
+                    cut: $crate::log::layout::table!(@cut $($cut)?),
+                }),*],
+            });
+        }
+        const _: () = assert!(
+            matches!(<$name as $crate::log::layout::Wire>::KIND, $crate::log::layout::Kind::Struct(table) if table.is_whole()),
+            "the table does not name every field in order"
+        );
+    };
+    (@cut) => { $crate::log::layout::Cut::Whole };
+    (@cut $cut:ident) => { $crate::log::layout::Cut::$cut };
+}
+pub(crate) use table;
+
+/// What is in use of the arrays: the same for all samples of one run.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Extent {
+    /// Letters of the axes, in order.
+    pub axes: Vec<String>,
+    /// Instrument samples within a scan.
+    pub subsamples: usize,
+}
+
+/// How the samples of one type are written in the log of one machine.
+#[derive(Debug, Clone)]
+pub struct Layout {
+    /// Name of the schema.
+    pub schema_name: String,
+    /// The schema: a ROS 2 interface definition with the nested ones after it.
+    pub schema: String,
+    /// Length of a message without its encapsulation header, in bytes.
+    pub bytes: usize,
+    /// Size of the struct in memory, in bytes.
+    pub memory_bytes: usize,
+    /// Where the pieces that are in use stand in the struct: (offset, length) in bytes.
+    pieces: Vec<(usize, usize)>,
+}
+
+impl Layout {
+    /// The layout of `T`, cut to what is in use.
+    pub fn of<T: Wire>(extent: &Extent) -> Layout {
+        let kind = T::KIND;
+        let name = match kind {
+            Kind::Struct(table) => table.name,
+            _ => "Number",
+        };
+        let mut builder = Builder {
+            extent,
+            pieces: Vec::new(),
+            definitions: Vec::new(),
+        };
+        builder.place(&kind, 0, Cut::Whole);
+        builder.define(&kind);
+        let pieces = merged(builder.pieces);
+        Layout {
+            schema_name: format!("quadrant/msg/{name}"),
+            schema: join_definitions(&builder.definitions),
+            bytes: pieces.iter().map(|piece| piece.1).sum(),
+            memory_bytes: kind.bytes(),
+            pieces,
+        }
+    }
+
+    /// A message without fixed length, of which only the schema is kept here.
+    pub fn text(name: &str, schema: &str) -> Layout {
+        Layout {
+            schema_name: format!("quadrant/msg/{name}"),
+            schema: schema.into(),
+            bytes: 0,
+            memory_bytes: 0,
+            pieces: Vec::new(),
+        }
+    }
+
+    /// Appends the pieces in use of a sample's bytes.
+    pub fn encode(&self, sample: &[u8], out: &mut Vec<u8>) {
+        for &(offset, length) in &self.pieces {
+            if let Some(piece) = sample.get(offset..offset + length) {
+                out.extend_from_slice(piece);
+            }
+        }
+    }
+
+    /// Puts a message back into a sample's bytes, unused ones left as they are; false if the lengths do not fit.
+    pub fn decode(&self, message: &[u8], sample: &mut [u8]) -> bool {
+        if message.len() != self.bytes || sample.len() != self.memory_bytes {
+            return false;
+        }
+        let mut rest = message;
+        for &(offset, length) in &self.pieces {
+            let Some((piece, after)) = rest.split_at_checked(length) else {
+                return false;
+            };
+            let Some(place) = sample.get_mut(offset..offset + length) else {
+                return false;
+            };
+            place.copy_from_slice(piece);
+            rest = after;
+        }
+        true
+    }
+}
+
+/// Puts definitions into one schema text, as the MCAP registry asks of `ros2msg`.
+pub fn join_definitions(definitions: &[(String, String)]) -> String {
+    let mut text = String::new();
+    for (index, (name, body)) in definitions.iter().enumerate() {
+        if index > 0 {
+            let _ = writeln!(text, "{}\nMSG: quadrant/{name}", "=".repeat(80));
+        }
+        text.push_str(body);
+    }
+    text
+}
+
+/// The definitions of `T` and everything in it, `T` first: (name, body).
+pub fn definitions_of<T: Wire>(extent: &Extent) -> Vec<(String, String)> {
+    let mut builder = Builder {
+        extent,
+        pieces: Vec::new(),
+        definitions: Vec::new(),
+    };
+    builder.define(&T::KIND);
+    builder.definitions
+}
+
+struct Builder<'a> {
+    extent: &'a Extent,
+    pieces: Vec<(usize, usize)>,
+    definitions: Vec<(String, String)>,
+}
+
+impl Builder<'_> {
+    fn used(&self, cut: Cut, count: usize) -> usize {
+        match cut {
+            Cut::Whole => count,
+            Cut::Axes | Cut::AxesAndSubsamples => self.extent.axes.len().min(count),
+        }
+    }
+
+    fn place(&mut self, kind: &Kind, offset: usize, cut: Cut) {
+        match kind {
+            Kind::Number(_, bytes) => self.pieces.push((offset, *bytes)),
+            Kind::Struct(table) => {
+                for field in table.fields {
+                    self.place(&field.kind, offset + field.offset, field.cut);
+                }
+            }
+            Kind::Array(element, count) => {
+                for index in 0..self.used(cut, *count) {
+                    let at = offset + index * element.bytes();
+                    match (cut, element) {
+                        (Cut::AxesAndSubsamples, Kind::Array(inner, most)) => {
+                            let used = self.extent.subsamples.min(*most);
+                            self.pieces.push((at, used * inner.bytes()));
+                        }
+                        _ => self.place(element, at, Cut::Whole),
+                    }
+                }
+            }
+        }
+    }
+
+    fn define(&mut self, kind: &Kind) {
+        let table = match kind {
+            Kind::Struct(table) => table,
+            Kind::Array(element, _) => return self.define(element),
+            Kind::Number(..) => return,
+        };
+        if self.definitions.iter().any(|(name, _)| name == table.name) {
+            return;
+        }
+        let mut body = String::new();
+        for field in table.fields {
+            self.declare(field, &mut body);
+        }
+        self.definitions.push((table.name.into(), body));
+        for field in table.fields {
+            self.define(&field.kind);
+        }
+    }
+
+    fn declare(&self, field: &Field, body: &mut String) {
+        let axes = self.extent.axes.iter().map(|axis| axis.to_lowercase());
+        let name = field.name;
+        // Writing to a string cannot fail.
+        let _ = match (field.cut, &field.kind) {
+            (Cut::Axes, Kind::Array(Kind::Struct(table), _)) => {
+                axes.for_each(|axis| {
+                    let _ = writeln!(body, "quadrant/{} {axis}", table.name);
+                });
+                Ok(())
+            }
+            (Cut::AxesAndSubsamples, Kind::Array(Kind::Array(element, most), _)) => {
+                let used = self.extent.subsamples.min(*most);
+                axes.for_each(|axis| {
+                    let _ = writeln!(body, "{}[{used}] {name}_{axis}", type_name(element));
+                });
+                Ok(())
+            }
+            (cut, Kind::Array(element, count)) => {
+                let used = self.used(cut, *count);
+                writeln!(body, "{}[{used}] {name}", type_name(element))
+            }
+            (_, kind) => writeln!(body, "{} {name}", type_name(kind)),
+        };
+    }
+}
+
+fn type_name(kind: &Kind) -> String {
+    match kind {
+        Kind::Number(name, _) => (*name).into(),
+        Kind::Struct(table) => format!("quadrant/{}", table.name),
+        Kind::Array(element, count) => format!("{}[{count}]", type_name(element)),
+    }
+}
+
+/// Adjacent pieces as one, so that a sample is copied in a few long moves.
+fn merged(pieces: Vec<(usize, usize)>) -> Vec<(usize, usize)> {
+    let mut out: Vec<(usize, usize)> = Vec::new();
+    for (offset, length) in pieces {
+        match out.last_mut() {
+            Some(last) if last.0 + last.1 == offset => last.1 += length,
+            _ => out.push((offset, length)),
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bus::sample::*;
+
+    fn extent(axes: usize, subsamples: usize) -> Extent {
+        let letters = ["X", "Y", "Z", "A", "B", "C", "U", "V"];
+        Extent {
+            axes: letters.iter().take(axes).map(|l| l.to_string()).collect(),
+            subsamples,
+        }
+    }
+
+    /// Walks the schema as a CDR reader does and returns the length it would read; panics where CDR would pad.
+    fn cdr_length(definitions: &[(String, String)], name: &str, start: usize) -> usize {
+        let (_, body) = definitions.iter().find(|(n, _)| n == name).unwrap();
+        let mut at = start;
+        for line in body.lines() {
+            let (kind, field) = line.split_once(' ').unwrap();
+            let (kind, count) = match kind.split_once('[') {
+                Some((kind, count)) => (kind, count.trim_end_matches(']').parse().unwrap()),
+                None => (kind, 1usize),
+            };
+            for _ in 0..count {
+                let bytes = match kind {
+                    "uint32" | "int32" => 4,
+                    "uint64" | "int64" | "float64" => 8,
+                    nested => {
+                        let nested = nested.strip_prefix("quadrant/").unwrap();
+                        at = cdr_length(definitions, nested, at);
+                        continue;
+                    }
+                };
+                assert_eq!(at % bytes, 0, "{name}.{field} would be padded");
+                at += bytes;
+            }
+        }
+        at
+    }
+
+    fn agrees<T: Wire>(name: &str) {
+        for axes in 1..=MAX_AXES {
+            for subsamples in 1..=MAX_SUBSAMPLES {
+                let extent = extent(axes, subsamples);
+                let layout = Layout::of::<T>(&extent);
+                let definitions = definitions_of::<T>(&extent);
+                assert_eq!(
+                    cdr_length(&definitions, name, 0),
+                    layout.bytes,
+                    "{name} {axes} {subsamples}"
+                );
+                assert_eq!(layout.bytes % 4, 0);
+            }
+        }
+        let all = Layout::of::<T>(&extent(MAX_AXES, MAX_SUBSAMPLES));
+        assert_eq!(
+            (all.bytes, all.memory_bytes),
+            (size_of::<T>(), size_of::<T>())
+        );
+    }
+
+    #[test]
+    fn every_schema_reads_exactly_the_bytes_of_its_sample_without_padding() {
+        agrees::<Feedback>("Feedback");
+        agrees::<Instruments>("Instruments");
+        agrees::<AxisCommand>("AxisCommand");
+        agrees::<PlannerStatus>("PlannerStatus");
+        agrees::<Roster>("Roster");
+        agrees::<WindowHeader>("WindowHeader");
+        agrees::<WindowRow>("WindowRow");
+    }
+
+    #[test]
+    fn a_table_that_forgets_or_swaps_a_field_is_not_whole() {
+        let Kind::Struct(table) = PathTag::KIND else {
+            panic!()
+        };
+        assert!(table.is_whole());
+        let without_last = Table {
+            name: "PathTag",
+            bytes: table.bytes,
+            fields: &table.fields[..2],
+        };
+        assert!(!without_last.is_whole());
+        let first_missing = Table {
+            name: "PathTag",
+            bytes: table.bytes,
+            fields: &table.fields[1..],
+        };
+        assert!(!first_missing.is_whole());
+    }
+
+    #[test]
+    fn axes_have_their_letters_in_the_schema() {
+        let layout = Layout::of::<Feedback>(&extent(2, 4));
+        assert!(
+            layout
+                .schema
+                .contains("quadrant/AxisFeedback x\nquadrant/AxisFeedback y\n=====")
+        );
+        assert!(layout.schema.contains("MSG: quadrant/AxisFeedback\n"));
+        let layout = Layout::of::<Instruments>(&extent(3, 4));
+        assert!(layout.schema.contains("float64[4] table_mm_z\n"));
+    }
+
+    #[test]
+    fn encoding_and_decoding_give_the_same_bits_for_the_axes_in_use() {
+        let layout = Layout::of::<Feedback>(&extent(3, 4));
+        let sample: Vec<u8> = (0..size_of::<Feedback>())
+            .map(|i| (i * 7 % 251) as u8)
+            .collect();
+        let mut message = Vec::new();
+        layout.encode(&sample, &mut message);
+        assert_eq!(message.len(), layout.bytes);
+        let mut back = vec![0; sample.len()];
+        assert!(layout.decode(&message, &mut back));
+        let used = std::mem::offset_of!(Feedback, axes) + 3 * size_of::<AxisFeedback>();
+        assert_eq!(back[..used], sample[..used]);
+        assert!(back[used..].iter().all(|b| *b == 0));
+        assert!(!layout.decode(&message[1..], &mut back));
+    }
+}

@@ -1,0 +1,411 @@
+//! Writes the log. One thread, no lock; what it costs per scan is measured by an ignored test in `log/tests.rs`.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use bus::machine::Machine;
+use bus::sample::{
+    AxisCommand, Feedback, Instruments, PlannerStatus, Roster, WindowHeader, WindowRow,
+};
+use mcap::records::MessageHeader;
+use mcap::{Attachment, Compression, WriteOptions, Writer};
+use xxhash_rust::xxh3::Xxh3;
+
+use super::derived::{AxisRow, Rows};
+use super::layout::{Extent, Layout, definitions_of, join_definitions};
+use super::{Event, LogError, RunEnd, RunInfo};
+use crate::digest::{self, ChannelHash};
+
+/// CDR, little-endian (XCDR1, OMG DDSI-RTPS 2.5 §10.2).
+pub(super) const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
+/// Uncompressed size of a chunk, in bytes.
+const CHUNK_BYTES: u64 = 2 << 20;
+/// Longest wall time that samples stay in memory.
+const FLUSH_PERIOD: Duration = Duration::from_millis(500);
+/// Scans between two looks at the clock.
+const SCANS_PER_CLOCK_LOOK: u32 = 16;
+
+const FEEDBACK: usize = 0;
+const INSTRUMENTS: usize = 1;
+const PLANNER: usize = 2;
+const ROSTER: usize = 3;
+const WINDOW: usize = 4;
+const EVENT: usize = 5;
+const AXES: usize = 6;
+
+struct Channel {
+    id: u16,
+    sequence: u32,
+    topic: String,
+    counts: bool,
+    layout: Layout,
+    hash: ChannelHash,
+}
+
+/// The log being written.
+pub struct Recorder {
+    path: PathBuf,
+    writer: Writer<BufWriter<File>>,
+    extent: Extent,
+    period_ns: u64,
+    /// Message being put together, encapsulation header first.
+    message: Vec<u8>,
+    /// The fixed ones first ([`FEEDBACK`] …), then one per axis for people, then one per axis and role of servos.
+    channels: Vec<Channel>,
+    window_row: Layout,
+    /// Channel of each axis' servos: role a, role b (made when first heard).
+    commands: Vec<[Option<usize>; 2]>,
+    rows: Rows,
+    whole_rows: Vec<(usize, u64, AxisRow)>,
+    flushed: Instant,
+    scans_until_clock_look: u32,
+}
+
+impl Recorder {
+    /// Begins a log at `path`, replacing what is there.
+    ///
+    /// # Errors
+    /// The file cannot be created or written.
+    pub fn create(path: &Path, machine: &Machine, info: &RunInfo) -> Result<Recorder, LogError> {
+        let file = File::create(path).map_err(|source| LogError::File {
+            path: path.into(),
+            source,
+        })?;
+        Self::begin(path, file, machine, info).map_err(|source| LogError::Write {
+            path: path.into(),
+            source,
+        })
+    }
+
+    fn begin(
+        path: &Path,
+        file: File,
+        machine: &Machine,
+        info: &RunInfo,
+    ) -> Result<Recorder, mcap::McapError> {
+        // Without seeking a chunk reaches the file whole: a killed recorder leaves a cut end, never a wrong length.
+        let mut writer = WriteOptions::new()
+            .compression(Some(Compression::Lz4))
+            .chunk_size(Some(CHUNK_BYTES))
+            .profile("ros2")
+            .library(format!("quadrant {}", env!("CARGO_PKG_VERSION")))
+            .disable_seeking(true)
+            .create(BufWriter::with_capacity(1 << 16, file))?;
+        let extent = Extent {
+            axes: machine.axes.iter().map(|axis| axis.name.clone()).collect(),
+            subsamples: machine.subsamples() as usize,
+        };
+        writer.write_metadata(&info.to_record(&extent, machine.scan.period_us))?;
+        for (name, data) in &info.files {
+            writer.attach(&Attachment {
+                log_time: 0,
+                create_time: 0,
+                name: name.clone(),
+                media_type: "text/plain".into(),
+                data: Cow::Borrowed(data),
+            })?;
+        }
+        let axis_count = extent.axes.len();
+        let mut plan = vec![
+            ("/feedback".to_string(), Layout::of::<Feedback>(&extent)),
+            ("/instruments".into(), Layout::of::<Instruments>(&extent)),
+            ("/planner".into(), Layout::of::<PlannerStatus>(&extent)),
+            ("/roster".into(), Layout::of::<Roster>(&extent)),
+            ("/window".into(), window_layout(&extent)),
+            ("/event".into(), event_layout()),
+        ];
+        for axis in &extent.axes {
+            plan.push((format!("/axis/{axis}"), Layout::of::<AxisRow>(&extent)));
+        }
+        for axis in &extent.axes {
+            let layout = Layout::of::<AxisCommand>(&extent);
+            plan.push((format!("/command/{axis}"), layout));
+        }
+        let mut channels = Vec::new();
+        for (topic, layout) in plan {
+            channels.push(channel(&mut writer, &topic, layout)?);
+        }
+        let commands = (0..axis_count)
+            .map(|axis| [Some(AXES + axis_count + axis), None])
+            .collect();
+        writer.flush()?;
+        Ok(Recorder {
+            path: path.into(),
+            writer,
+            period_ns: u64::from(machine.scan.period_us) * 1000,
+            message: ENCAPSULATION.to_vec(),
+            channels,
+            window_row: Layout::of::<WindowRow>(&extent),
+            commands,
+            rows: Rows::new(machine),
+            whole_rows: Vec::new(),
+            flushed: Instant::now(),
+            scans_until_clock_look: 0,
+            extent,
+        })
+    }
+
+    /// Records one feedback; once in a while looks at the clock and flushes.
+    ///
+    /// # Errors
+    /// The file cannot be written (for this and all others of its kind).
+    pub fn record_feedback(&mut self, sample: &Feedback) -> Result<(), LogError> {
+        let time = self.time_ns(sample.scan);
+        self.put(FEEDBACK, time, bytemuck::bytes_of(sample))?;
+        self.rows.feedback(sample, &mut self.whole_rows);
+        self.put_rows()?;
+        if self.scans_until_clock_look == 0 {
+            self.scans_until_clock_look = SCANS_PER_CLOCK_LOOK;
+            if self.flushed.elapsed() >= FLUSH_PERIOD {
+                self.flush()?;
+            }
+        }
+        self.scans_until_clock_look -= 1;
+        Ok(())
+    }
+
+    /// Records what the instruments saw.
+    ///
+    /// # Errors
+    /// As [`Recorder::record_feedback`].
+    pub fn record_instruments(&mut self, sample: &Instruments) -> Result<(), LogError> {
+        let time = self.time_ns(sample.scan);
+        self.put(INSTRUMENTS, time, bytemuck::bytes_of(sample))?;
+        self.rows.instruments(sample, &mut self.whole_rows);
+        self.put_rows()
+    }
+
+    /// Records one command of the axis with this index.
+    ///
+    /// # Errors
+    /// As [`Recorder::record_feedback`], or an axis or role that this machine does not have.
+    pub fn record_command(&mut self, axis: usize, sample: &AxisCommand) -> Result<(), LogError> {
+        let role = sample.role as usize;
+        let (Some(roles), Some(letter)) = (self.commands.get_mut(axis), self.extent.axes.get(axis))
+        else {
+            return Err(LogError::BadSample(format!(
+                "command for axis {axis}: this machine has {} axes",
+                self.extent.axes.len()
+            )));
+        };
+        let Some(known) = roles.get_mut(role) else {
+            return Err(LogError::BadSample(format!(
+                "command of axis {letter} with role {role}: must be 0 or 1"
+            )));
+        };
+        let which = match *known {
+            Some(which) => which,
+            None => {
+                let layout = Layout::of::<AxisCommand>(&self.extent);
+                let made = channel(&mut self.writer, &format!("/command/{letter}/b"), layout);
+                self.channels.push(made.map_err(|source| LogError::Write {
+                    path: self.path.clone(),
+                    source,
+                })?);
+                *known.insert(self.channels.len() - 1)
+            }
+        };
+        let time = self.time_ns(sample.scan);
+        self.put(which, time, bytemuck::bytes_of(sample))?;
+        self.rows.command(axis, sample, &mut self.whole_rows);
+        self.put_rows()
+    }
+
+    /// Records a window: its header, its intended rows and a checksum of the others. `rows` are all its rows.
+    ///
+    /// # Errors
+    /// As [`Recorder::record_feedback`].
+    pub fn record_window(
+        &mut self,
+        header: &WindowHeader,
+        rows: &[WindowRow],
+    ) -> Result<(), LogError> {
+        let (intended, tail) = rows
+            .split_at_checked(header.intended_rows as usize)
+            .unwrap_or((rows, &[]));
+        let mut hash = Xxh3::new();
+        hash.update(bytemuck::cast_slice(tail));
+        self.message.truncate(ENCAPSULATION.len());
+        let message = &mut self.message;
+        // The channel's layout is that of the header; what follows it has no fixed length.
+        if let Some(channel) = self.channels.get(WINDOW) {
+            channel.layout.encode(bytemuck::bytes_of(header), message);
+        }
+        message.extend_from_slice(&hash.digest().to_le_bytes());
+        message.extend_from_slice(&(intended.len() as u32).to_le_bytes());
+        if !intended.is_empty() {
+            message.extend_from_slice(&[0; 4]);
+        }
+        for row in intended {
+            self.window_row.encode(bytemuck::bytes_of(row), message);
+        }
+        let time = self.time_ns(header.visible_from);
+        self.send(WINDOW, time)
+    }
+
+    /// Records what the planner says.
+    ///
+    /// # Errors
+    /// As [`Recorder::record_feedback`].
+    pub fn record_planner(&mut self, sample: &PlannerStatus) -> Result<(), LogError> {
+        let time = self.time_ns(sample.scan);
+        self.put(PLANNER, time, bytemuck::bytes_of(sample))
+    }
+
+    /// Records who takes part.
+    ///
+    /// # Errors
+    /// As [`Recorder::record_feedback`].
+    pub fn record_roster(&mut self, sample: &Roster) -> Result<(), LogError> {
+        let time = self.time_ns(sample.visible_from);
+        self.put(ROSTER, time, bytemuck::bytes_of(sample))
+    }
+
+    /// Records something that happened to the process group.
+    ///
+    /// # Errors
+    /// As [`Recorder::record_feedback`].
+    pub fn record_event(&mut self, event: &Event) -> Result<(), LogError> {
+        self.message.truncate(ENCAPSULATION.len());
+        self.message.extend_from_slice(&event.scan.to_le_bytes());
+        put_string(&mut self.message, &event.process);
+        put_string(&mut self.message, &event.text);
+        let time = self.time_ns(event.scan);
+        self.send(EVENT, time)
+    }
+
+    /// Puts everything recorded so far into the file, so that it survives this process.
+    ///
+    /// # Errors
+    /// As [`Recorder::record_feedback`].
+    pub fn flush(&mut self) -> Result<(), LogError> {
+        self.flushed = Instant::now();
+        self.writer.flush().map_err(|source| LogError::Write {
+            path: self.path.clone(),
+            source,
+        })
+    }
+
+    /// The digest of everything recorded so far, in hexadecimal.
+    pub fn digest(&self) -> String {
+        digest::combine(
+            self.channels
+                .iter()
+                .map(|channel| (channel.topic.as_str(), &channel.hash)),
+        )
+    }
+
+    /// Ends the log and returns the digest of everything recorded.
+    ///
+    /// # Errors
+    /// As [`Recorder::record_feedback`].
+    pub fn finish(mut self, end: &RunEnd) -> Result<String, LogError> {
+        self.rows.rest(&mut self.whole_rows);
+        self.put_rows()?;
+        let digest = self.digest();
+        let ended = self
+            .writer
+            .write_metadata(&end.to_record(&digest))
+            .and_then(|()| self.writer.finish());
+        match ended {
+            Ok(_) => Ok(digest),
+            Err(source) => Err(LogError::Write {
+                path: self.path,
+                source,
+            }),
+        }
+    }
+
+    fn time_ns(&self, scan: u64) -> u64 {
+        scan.saturating_mul(self.period_ns)
+    }
+
+    fn put(&mut self, which: usize, time_ns: u64, sample: &[u8]) -> Result<(), LogError> {
+        self.message.truncate(ENCAPSULATION.len());
+        if let Some(channel) = self.channels.get(which) {
+            channel.layout.encode(sample, &mut self.message);
+        }
+        self.send(which, time_ns)
+    }
+
+    /// Writes the message that has been put together.
+    fn send(&mut self, which: usize, time_ns: u64) -> Result<(), LogError> {
+        let Some(channel) = self.channels.get_mut(which) else {
+            return Ok(());
+        };
+        if channel.counts {
+            channel.hash.update(&self.message);
+        }
+        let header = MessageHeader {
+            channel_id: channel.id,
+            sequence: channel.sequence,
+            log_time: time_ns,
+            publish_time: time_ns,
+        };
+        channel.sequence = channel.sequence.wrapping_add(1);
+        self.writer
+            .write_to_known_channel(&header, &self.message)
+            .map_err(|source| LogError::Write {
+                path: self.path.clone(),
+                source,
+            })
+    }
+
+    fn put_rows(&mut self) -> Result<(), LogError> {
+        while let Some((axis, scan, row)) = self.whole_rows.pop() {
+            let time = self.time_ns(scan);
+            self.put(AXES + axis, time, bytemuck::bytes_of(&row))?;
+        }
+        Ok(())
+    }
+}
+
+fn channel(
+    writer: &mut Writer<BufWriter<File>>,
+    topic: &str,
+    layout: Layout,
+) -> Result<Channel, mcap::McapError> {
+    let schema = writer.add_schema(&layout.schema_name, "ros2msg", layout.schema.as_bytes())?;
+    let id = writer.add_channel(schema, topic, "cdr", &BTreeMap::new())?;
+    Ok(Channel {
+        id,
+        sequence: 0,
+        topic: topic.into(),
+        counts: digest::counts(topic),
+        layout,
+        hash: ChannelHash::default(),
+    })
+}
+
+/// Layout of the header, schema of the whole message.
+fn window_layout(extent: &Extent) -> Layout {
+    let mut layout = Layout::of::<WindowHeader>(extent);
+    let body = "quadrant/WindowHeader header\nuint64 tail_checksum\nquadrant/WindowRow[] rows\n";
+    let mut definitions = vec![("Window".to_string(), body.to_string())];
+    definitions.extend(definitions_of::<WindowHeader>(extent));
+    for definition in definitions_of::<WindowRow>(extent) {
+        if !definitions.contains(&definition) {
+            definitions.push(definition);
+        }
+    }
+    layout.schema_name = "quadrant/msg/Window".into();
+    layout.schema = join_definitions(&definitions);
+    layout
+}
+
+fn event_layout() -> Layout {
+    Layout::text("Event", "uint64 scan\nstring process\nstring text\n")
+}
+
+/// A CDR string: length with the closing zero, bytes, zero, after padding to four bytes.
+fn put_string(message: &mut Vec<u8>, text: &str) {
+    let start = ENCAPSULATION.len();
+    message.resize(start + (message.len() - start).next_multiple_of(4), 0);
+    message.extend_from_slice(&(text.len() as u32 + 1).to_le_bytes());
+    message.extend_from_slice(text.as_bytes());
+    message.push(0);
+}

@@ -1,0 +1,343 @@
+//! What goes into a log comes out of it, also when its end is missing.
+
+use std::path::Path;
+use std::time::Instant;
+
+use bus::sample::*;
+use bytemuck::Zeroable;
+
+use super::*;
+use crate::test_support::machine;
+
+/// A run of some scans in which every field that is in use has a value of its own.
+struct Synthetic {
+    axes: usize,
+    subsamples: usize,
+}
+
+fn scrambled<T: bytemuck::Pod>(seed: u64) -> T {
+    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+    let mut sample = T::zeroed();
+    for byte in bytemuck::bytes_of_mut(&mut sample) {
+        state = state
+            .wrapping_mul(6364136223846793005)
+            .wrapping_add(1442695040888963407);
+        // Never all ones in an exponent, so that a value equals itself.
+        *byte = (state >> 33) as u8 & 0x3f;
+    }
+    sample
+}
+
+impl Synthetic {
+    fn feedback(&self, scan: u64) -> Feedback {
+        let mut sample: Feedback = scrambled(scan);
+        sample.scan = scan;
+        sample.axis_count = self.axes as u32;
+        sample.axes[self.axes..].fill(AxisFeedback::zeroed());
+        sample
+    }
+
+    fn instruments(&self, scan: u64) -> Instruments {
+        let mut sample: Instruments = scrambled(scan + 1_000_000);
+        sample.scan = scan;
+        sample.subsamples = self.subsamples as u32;
+        for table in [&mut sample.table_mm, &mut sample.motor_mm] {
+            table[self.axes..].fill([0.0; MAX_SUBSAMPLES]);
+            for row in table.iter_mut() {
+                row[self.subsamples..].fill(0.0);
+            }
+        }
+        sample
+    }
+
+    fn command(&self, scan: u64, axis: usize, role: u32) -> AxisCommand {
+        let mut sample: AxisCommand = scrambled(scan * 8 + axis as u64 + 2_000_000);
+        sample.scan = scan;
+        sample.axis = axis as u32;
+        sample.role = role;
+        sample
+    }
+
+    fn window(&self, sequence: u32) -> (WindowHeader, Vec<WindowRow>) {
+        let mut header: WindowHeader = scrambled(u64::from(sequence));
+        header.intended_rows = 32;
+        header.row_count = 80;
+        let rows = (0..80)
+            .map(|row| {
+                let mut sample: WindowRow = scrambled(u64::from(sequence) * 1000 + row);
+                sample.position[self.axes..].fill(0);
+                sample
+            })
+            .collect();
+        (header, rows)
+    }
+
+    /// Everything of one scan, in the order it is recorded.
+    fn record(&self, recorder: &mut Recorder, scan: u64) {
+        recorder.record_feedback(&self.feedback(scan)).unwrap();
+        for axis in 0..self.axes {
+            recorder
+                .record_command(axis, &self.command(scan, axis, 0))
+                .unwrap();
+        }
+        recorder
+            .record_instruments(&self.instruments(scan))
+            .unwrap();
+        if scan.is_multiple_of(8) {
+            let (header, rows) = self.window(scan as u32);
+            recorder.record_window(&header, &rows).unwrap();
+            recorder.record_planner(&scrambled(scan)).unwrap();
+        }
+    }
+}
+
+const TWO: Synthetic = Synthetic {
+    axes: 2,
+    subsamples: 4,
+};
+
+fn info() -> RunInfo {
+    RunInfo {
+        quadrant: "0.1.0".into(),
+        cell: "test".into(),
+        pace: "lockstep".into(),
+        program: "circle.ngc".into(),
+        settings: [("method".to_string(), "kick".to_string())].into(),
+        files: vec![("circle.ngc".into(), b"G2 X0\n".to_vec())],
+    }
+}
+
+fn write(path: &Path, scans: u64) -> String {
+    let machine = machine(&["X", "Y"]);
+    let mut recorder = Recorder::create(path, &machine, &info()).unwrap();
+    for scan in 0..scans {
+        TWO.record(&mut recorder, scan);
+    }
+    recorder.record_roster(&scrambled(7)).unwrap();
+    recorder
+        .record_event(&Event {
+            scan: 3,
+            process: "servo-X".into(),
+            text: "killed by signal 9".into(),
+        })
+        .unwrap();
+    recorder
+        .finish(&RunEnd {
+            wall_s: 0.25,
+            queue_losses: 3,
+            reason: None,
+        })
+        .unwrap()
+}
+
+#[test]
+fn what_is_recorded_is_read_back_to_the_bit() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join(LOG_FILE);
+    let digest = write(&path, 40);
+    let mut reader = Reader::open(&path).unwrap();
+    assert_eq!(reader.axes(), ["X", "Y"]);
+    let mut expected = Vec::new();
+    for scan in 0..40 {
+        expected.push(Sample::Feedback(Box::new(TWO.feedback(scan))));
+        expected.push(Sample::Command(Box::new(TWO.command(scan, 0, 0))));
+        expected.push(Sample::Command(Box::new(TWO.command(scan, 1, 0))));
+        expected.push(Sample::Instruments(Box::new(TWO.instruments(scan))));
+        if scan.is_multiple_of(8) {
+            let (header, mut rows) = TWO.window(scan as u32);
+            let tail = rows.split_off(32);
+            expected.push(Sample::Window(LoggedWindow {
+                header,
+                rows,
+                tail_checksum: xxhash_rust::xxh3::xxh3_64(bytemuck::cast_slice(&tail)),
+            }));
+            expected.push(Sample::Planner(scrambled(scan)));
+        }
+    }
+    expected.push(Sample::Roster(Box::new(scrambled(7))));
+    let event = Event {
+        scan: 3,
+        process: "servo-X".into(),
+        text: "killed by signal 9".into(),
+    };
+    expected.push(Sample::Event(event));
+    let read: Vec<Sample> = reader.by_ref().map(Result::unwrap).collect();
+    assert_eq!(read.len(), expected.len());
+    for (index, (read, expected)) in read.iter().zip(&expected).enumerate() {
+        assert_eq!(read, expected, "sample {index}");
+    }
+    assert_eq!(reader.digest(), digest);
+    assert_eq!(reader.cut(), None);
+    let end = reader.end().unwrap();
+    assert_eq!((end.wall_s, end.queue_losses), (0.25, 3));
+    assert_eq!(reader.info().pace, "lockstep");
+    assert_eq!(reader.info().settings["method"], "kick");
+}
+
+#[test]
+fn a_log_cut_anywhere_is_read_up_to_the_cut_and_says_so() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join(LOG_FILE);
+    let machine = machine(&["X", "Y"]);
+    let mut recorder = Recorder::create(&path, &machine, &info()).unwrap();
+    let mut flushed = Vec::new();
+    for scan in 0..300 {
+        TWO.record(&mut recorder, scan);
+        if (scan + 1).is_multiple_of(100) {
+            recorder.flush().unwrap();
+            flushed.push(std::fs::metadata(&path).unwrap().len() as usize);
+        }
+    }
+    drop(recorder);
+    let whole = std::fs::read(&path).unwrap();
+    let scans_in = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        let mut reader = Reader::open(&path).unwrap();
+        let scans = reader
+            .by_ref()
+            .filter(|sample| matches!(sample.as_ref().unwrap(), Sample::Feedback(_)))
+            .count();
+        (scans, reader.cut().map(str::to_string))
+    };
+    for (index, &end) in flushed.iter().enumerate() {
+        let (scans, cut) = scans_in(&whole[..end]);
+        assert_eq!(scans, (index + 1) * 100);
+        assert!(cut.is_some());
+        let (scans, cut) = scans_in(&whole[..end - 100]);
+        assert!(scans >= index * 100 && cut.is_some(), "{scans} {cut:?}");
+    }
+    let (_, cut) = scans_in(&whole);
+    assert_eq!(cut.as_deref(), Some("the recorder did not end it"));
+}
+
+#[test]
+fn damaged_and_foreign_files_are_refused_or_cut_but_never_panic() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join(LOG_FILE);
+    write(&path, 20);
+    let whole = std::fs::read(&path).unwrap();
+    for index in (0..whole.len()).step_by(61) {
+        let mut damaged = whole.clone();
+        damaged[index] ^= 0xff;
+        std::fs::write(&path, &damaged).unwrap();
+        if let Ok(mut reader) = Reader::open(&path) {
+            while let Ok(Some(_)) = reader.next_sample() {}
+        }
+    }
+    std::fs::write(&path, b"G1 X10 F1000\n").unwrap();
+    let refusal = Reader::open(&path).err().unwrap().to_string();
+    assert!(refusal.contains("is not an MCAP log"), "{refusal}");
+    std::fs::write(&path, b"").unwrap();
+    assert!(Reader::open(&path).is_err());
+    assert!(Reader::open(&dir.path().join("nothing")).is_err());
+}
+
+#[test]
+fn a_standby_has_a_channel_of_its_own_and_its_order_does_not_matter() {
+    let digest = |standby_first: bool| {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join(LOG_FILE);
+        let machine = machine(&["X", "Y"]);
+        let mut recorder = Recorder::create(&path, &machine, &info()).unwrap();
+        for scan in 0..10 {
+            let roles = if standby_first { [1, 0] } else { [0, 1] };
+            for role in roles {
+                recorder
+                    .record_command(1, &TWO.command(scan, 1, role))
+                    .unwrap();
+            }
+            recorder.record_feedback(&TWO.feedback(scan)).unwrap();
+        }
+        recorder.finish(&RunEnd::default()).unwrap()
+    };
+    assert_eq!(digest(true), digest(false));
+}
+
+#[test]
+fn samples_that_this_machine_cannot_have_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let machine = machine(&["X", "Y"]);
+    let mut recorder = Recorder::create(&dir.path().join(LOG_FILE), &machine, &info()).unwrap();
+    let refusal = recorder.record_command(2, &TWO.command(0, 2, 0));
+    assert_eq!(
+        refusal.unwrap_err().to_string(),
+        "command for axis 2: this machine has 2 axes"
+    );
+    assert!(recorder.record_command(1, &TWO.command(0, 1, 2)).is_err());
+}
+
+#[test]
+fn a_file_that_cannot_be_created_is_named() {
+    let machine = machine(&["X"]);
+    let refusal = Recorder::create(Path::new("/nonexistent/run.mcap"), &machine, &info());
+    let text = refusal.err().unwrap().to_string();
+    assert!(text.starts_with("/nonexistent/run.mcap: "), "{text}");
+}
+
+/// `cargo test -p monitor --release -- --ignored --nocapture recording_cost`
+#[test]
+#[ignore = "a measurement, not a check"]
+fn recording_cost_per_scan() {
+    let dir = tempfile::tempdir().unwrap();
+    for axes in [2usize, 3] {
+        let path = dir.path().join(LOG_FILE);
+        let letters: Vec<&str> = ["X", "Y", "Z"].into_iter().take(axes).collect();
+        let machine = machine(&letters);
+        let shape = Synthetic {
+            axes,
+            subsamples: 4,
+        };
+        let mut recorder = Recorder::create(&path, &machine, &info()).unwrap();
+        let smooth = |scan: u64, base: f64| base + libm::sin(scan as f64 * 1e-3);
+        let mut feedback: Feedback = shape.feedback(0);
+        let mut instruments = shape.instruments(0);
+        let mut command = shape.command(0, 0, 0);
+        let windows = shape.window(1);
+        let scans = 200_000;
+        let start = Instant::now();
+        for scan in 0..scans {
+            feedback.scan = scan;
+            instruments.scan = scan;
+            command.scan = scan;
+            for axis in 0..axes {
+                let at = smooth(scan, axis as f64);
+                feedback.axes[axis].motor_position = (at * 1e6) as i64;
+                feedback.axes[axis].torque_nm = at * 0.1;
+                feedback.axes[axis].velocity_mm_s = at * 3.0;
+                for sub in 0..4 {
+                    instruments.table_mm[axis][sub] = at + sub as f64 * 1e-5;
+                    instruments.motor_mm[axis][sub] = at - sub as f64 * 1e-5;
+                }
+            }
+            recorder.record_feedback(&feedback).unwrap();
+            for axis in 0..axes {
+                command.axis = axis as u32;
+                command.position = feedback.axes[axis].motor_position + 5;
+                command.velocity_mm_s = feedback.axes[axis].velocity_mm_s;
+                command.state.velocity_mm_s = command.velocity_mm_s;
+                recorder.record_command(axis, &command).unwrap();
+            }
+            recorder.record_instruments(&instruments).unwrap();
+            if scan.is_multiple_of(8) {
+                recorder.record_window(&windows.0, &windows.1).unwrap();
+                recorder.record_planner(&scrambled(scan)).unwrap();
+            }
+        }
+        recorder.finish(&RunEnd::default()).unwrap();
+        let wall_us = start.elapsed().as_secs_f64() * 1e6;
+        let bytes = std::fs::metadata(&path).unwrap().len();
+        println!(
+            "{axes} axes: {:.2} µs and {} file bytes per scan",
+            wall_us / scans as f64,
+            bytes / scans
+        );
+        let start = Instant::now();
+        let mut reader = Reader::open(&path).unwrap();
+        let samples = reader.by_ref().filter(|s| s.is_ok()).count();
+        println!(
+            "{axes} axes: read back in {:.2} µs per scan ({samples} samples, digest {})",
+            start.elapsed().as_secs_f64() * 1e6 / scans as f64,
+            reader.digest()
+        );
+    }
+}

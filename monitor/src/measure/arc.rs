@@ -1,0 +1,595 @@
+//! Circular deviation and quadrant protrusions of every arc (ISO 230-4), as PHYSICS §5 lays down.
+//!
+//! - *Run*: consecutive elements on one circle, in one direction, at one feed. Its samples are those taken while the
+//!   feedback named one of its elements.
+//! - *Steady*: the path speed of the setpoints is at least 99 % of the run's highest and has been for
+//!   min(50 ms, 15° of travel). Run-in, run-out and whatever a hold or an override leaves behind is skipped by this
+//!   rule. A run that is steady over less than 30° (a corner) is measured whole.
+//! - *Window* of a quadrant, in angles of the table, w the angular speed: from clip(6 ms·w, 2°, 12°) before it to
+//!   clip(50 ms·w, 8°, 40°) after it.
+//! - Centre and radius are fitted to steady samples outside the windows and reported apart; what remains, outward
+//!   positive, is the residual that protrusion (highest) and undercut (lowest) are read from.
+
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+use bus::sample::Feedback;
+use control::path::{AxisVector, Element, Feed, Path, Shape};
+
+use super::fit::{Fit, FitKind};
+
+/// Samples kept of one run; a longer run is thinned to every second, fourth … sample.
+const SAMPLES_MAX: usize = 1 << 19;
+/// Share of the highest path speed from which motion counts as steady.
+const STEADY_SHARE: f64 = 0.99;
+/// Longest time that motion must have been steady, in s.
+const SETTLE_S: f64 = 0.050;
+/// Longest angle for the same, in rad.
+const SETTLE_RAD: f64 = 15.0 * PI / 180.0;
+/// Shortest steady part that a measurement is limited to, in rad.
+const STEADY_RAD_MIN: f64 = 30.0 * PI / 180.0;
+/// Angular bins of the curve kept for plots, per turn.
+const BINS_PER_TURN: f64 = 1440.0;
+/// Turns of a run that the curve shows.
+const TURNS_SHOWN: usize = 8;
+
+/// The circle a run of elements lies on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Circle {
+    /// Indices of the axes of its plane: first, second.
+    pub plane: [usize; 2],
+    /// Its centre in the plane, in mm.
+    pub centre_mm: [f64; 2],
+    /// Its radius, in mm.
+    pub radius_mm: f64,
+    /// Whether it is travelled clockwise, seen with the first axis to the right and the second up.
+    pub clockwise: bool,
+    /// Programmed feed, in mm/s; none for rapid.
+    pub feed_mm_s: Option<f64>,
+}
+
+/// A run of elements on one circle.
+#[derive(Debug, Clone)]
+struct Run {
+    circle: Circle,
+    /// Elements, first to last.
+    elements: (usize, usize),
+    line: u32,
+    start_angle_rad: f64,
+    /// Angle travelled, positive.
+    sweep_rad: f64,
+}
+
+/// What remained at one quadrant whose whole window lies on the arc.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Quadrant {
+    /// Axis that reverses there.
+    pub axis: usize,
+    /// Where, unwrapped along the run as in [`ArcResult::angle_of`], in rad.
+    pub angle_rad: f64,
+    /// Largest residual, in µm.
+    pub protrusion_um: f64,
+    /// Angle of the largest residual, in rad.
+    pub protrusion_angle_rad: f64,
+    /// Smallest residual, in µm.
+    pub undercut_um: f64,
+    /// Width of the protrusion at half its height, in ms; none if it is no bump.
+    pub width_half_height_ms: Option<f64>,
+    /// Whether the whole window lies in steady motion.
+    pub steady: bool,
+}
+
+/// One point of the curve for plots.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CurvePoint {
+    /// Angle about the programmed centre, in rad.
+    pub angle_rad: f64,
+    /// Residual of the table, in µm.
+    pub table_um: f64,
+    /// Residual of the motor side, backlash compensation removed, in µm.
+    pub motor_um: f64,
+}
+
+/// Deviations of one series (table or motor side).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Deviations {
+    /// Fit to samples outside the windows.
+    pub fit: Fit,
+    /// Highest minus lowest residual about the fitted centre, in µm (ISO 230-4 circular deviation G).
+    pub circular_um: f64,
+    /// Highest and lowest distance from the programmed radius about the fitted centre, in µm (F of ISO 230-4).
+    pub radial_um: (f64, f64),
+    /// The same about the programmed centre.
+    pub programmed_um: (f64, f64),
+}
+
+/// One run on one circle, measured.
+#[derive(Debug, Clone)]
+pub struct ArcResult {
+    /// The circle.
+    pub circle: Circle,
+    /// Line of the program.
+    pub line: u32,
+    /// Elements, first to last.
+    pub elements: (usize, usize),
+    /// Scans, first to last.
+    pub scans: (f64, f64),
+    /// Turns programmed.
+    pub turns: f64,
+    /// Part of the run that was measured, in degrees of the table.
+    pub measured_deg: f64,
+    /// Highest path speed, in mm/s.
+    pub speed_mm_s: f64,
+    /// The table.
+    pub table: Deviations,
+    /// The motor side, backlash compensation removed.
+    pub motor: Deviations,
+    /// Quadrants that were crossed, window and all.
+    pub quadrants: Vec<Quadrant>,
+    /// The residuals, thinned.
+    pub curve: Vec<CurvePoint>,
+    start_angle_rad: f64,
+}
+
+impl ArcResult {
+    /// Signed unwrapped angle of a place on the programmed circle, `along_rad` travelled from the start.
+    pub fn angle_of(&self, along_rad: f64) -> f64 {
+        let sign = if self.circle.clockwise { -1.0 } else { 1.0 };
+        self.start_angle_rad + sign * along_rad
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Taken {
+    time_scans: f64,
+    speed_mm_s: f64,
+    /// Angle travelled by the table since the start of the programmed arc.
+    along_rad: f64,
+    table_mm: [f64; 2],
+    motor_mm: [f64; 2],
+}
+
+struct Open {
+    run: usize,
+    taken: Vec<Taken>,
+    stride: usize,
+    skipped: usize,
+}
+
+/// Measures the arcs of a path.
+pub struct ArcMeter {
+    period_s: f64,
+    runs: Vec<Run>,
+    /// Run of each element.
+    run_of: Vec<Option<usize>>,
+    /// Path length before each element, in mm.
+    before_mm: Vec<f64>,
+    open: Option<Open>,
+    place: Option<(u64, f64)>,
+    speed_mm_s: f64,
+    results: Vec<ArcResult>,
+}
+
+impl ArcMeter {
+    /// For one path.
+    pub fn new(path: &Path, period_s: f64) -> Self {
+        let (runs, run_of) = find_runs(path);
+        let mut length_mm = 0.0;
+        let before_mm = path.elements.iter().map(|element| {
+            let before = length_mm;
+            length_mm += element.length_mm;
+            before
+        });
+        ArcMeter {
+            period_s,
+            before_mm: before_mm.collect(),
+            runs,
+            run_of,
+            open: None,
+            place: None,
+            speed_mm_s: 0.0,
+            results: Vec::new(),
+        }
+    }
+
+    /// Begins a scan.
+    pub fn scan(&mut self, feedback: &Feedback, executing: bool) {
+        let element = feedback.tag.element as usize;
+        let run = self.run_of.get(element).copied().flatten();
+        let run = run.filter(|_| executing);
+        if self.open.as_ref().map(|open| open.run) != run {
+            self.close();
+            self.open = run.map(|run| Open {
+                run,
+                taken: Vec::new(),
+                stride: 1,
+                skipped: 0,
+            });
+        }
+        let before_mm = self.before_mm.get(element).copied().unwrap_or(0.0);
+        let place_mm = before_mm + feedback.tag.distance_mm;
+        if let Some((scan, place_before_mm)) = self.place {
+            let scans = feedback.scan.saturating_sub(scan).max(1) as f64;
+            self.speed_mm_s = (place_mm - place_before_mm) / (scans * self.period_s);
+        }
+        self.place = Some((feedback.scan, place_mm));
+    }
+
+    /// Takes one instrument sample of the scan begun last; time in scans.
+    pub fn sample(&mut self, time_scans: f64, table: &AxisVector, motor: &AxisVector) {
+        let Some(open) = &mut self.open else { return };
+        let Some(run) = self.runs.get(open.run) else {
+            return;
+        };
+        open.skipped += 1;
+        if open.skipped < open.stride {
+            return;
+        }
+        open.skipped = 0;
+        let circle = &run.circle;
+        let of = |point: &AxisVector| {
+            let along = |index: usize| {
+                let axis = point.get(circle.plane[index]).copied().unwrap_or(0.0);
+                axis - circle.centre_mm[index]
+            };
+            [along(0), along(1)]
+        };
+        let table_mm = of(table);
+        let angle_rad = libm::atan2(table_mm[1], table_mm[0]);
+        let sign = if circle.clockwise { -1.0 } else { 1.0 };
+        let raw_rad = sign * (angle_rad - run.start_angle_rad);
+        // The first sample lies within half a turn of the start, each further one within half a turn of the last.
+        let near_rad = open.taken.last().map_or(0.0, |taken| taken.along_rad);
+        let along_rad = raw_rad - TAU * libm::round((raw_rad - near_rad) / TAU);
+        let taken = Taken {
+            time_scans,
+            speed_mm_s: self.speed_mm_s,
+            along_rad,
+            table_mm,
+            motor_mm: of(motor),
+        };
+        let finite = taken.table_mm.iter().chain(&taken.motor_mm);
+        if !finite.copied().all(f64::is_finite) {
+            return;
+        }
+        open.taken.push(taken);
+        if open.taken.len() >= SAMPLES_MAX {
+            let mut index = 0;
+            open.taken.retain(|_| {
+                index += 1;
+                index % 2 == 0
+            });
+            open.stride *= 2;
+        }
+    }
+
+    /// Ends the measurement.
+    pub fn finish(mut self) -> Vec<ArcResult> {
+        self.close();
+        self.results
+    }
+
+    fn close(&mut self) {
+        let Some(open) = self.open.take() else { return };
+        if let Some(run) = self.runs.get(open.run) {
+            self.results
+                .extend(measure(run, &open.taken, self.period_s));
+        }
+    }
+}
+
+fn circle_of(element: &Element) -> Option<(Circle, f64, f64)> {
+    let Shape::Arc {
+        centre,
+        radius_mm,
+        u,
+        v,
+        start_angle_rad,
+        sweep_rad,
+        ..
+    } = &element.shape
+    else {
+        return None;
+    };
+    let axis = |unit: &AxisVector| unit.iter().position(|component| *component == 1.0);
+    let plane = [axis(u)?, axis(v)?];
+    let circle = Circle {
+        plane,
+        centre_mm: [centre.dot(u), centre.dot(v)],
+        radius_mm: *radius_mm,
+        clockwise: *sweep_rad < 0.0,
+        feed_mm_s: match element.feed {
+            Feed::PathMmS(feed) => Some(feed),
+            Feed::Rapid => None,
+        },
+    };
+    Some((circle, *start_angle_rad, sweep_rad.abs()))
+}
+
+/// Whether two arcs lie on one circle: centre and radius within 0.1 µm, far above the rounding of a program's numbers
+/// carried through arithmetic and far below what is measured.
+fn same_circle(a: &Circle, b: &Circle) -> bool {
+    let near = |a: f64, b: f64| (a - b).abs() <= 1e-4;
+    a.plane == b.plane
+        && a.clockwise == b.clockwise
+        && a.feed_mm_s == b.feed_mm_s
+        && near(a.radius_mm, b.radius_mm)
+        && near(a.centre_mm[0], b.centre_mm[0])
+        && near(a.centre_mm[1], b.centre_mm[1])
+}
+
+fn find_runs(path: &Path) -> (Vec<Run>, Vec<Option<usize>>) {
+    let mut runs: Vec<Run> = Vec::new();
+    let mut run_of: Vec<Option<usize>> = Vec::with_capacity(path.elements.len());
+    for (index, element) in path.elements.iter().enumerate() {
+        let Some((circle, start_angle_rad, sweep_rad)) = circle_of(element) else {
+            run_of.push(None);
+            continue;
+        };
+        match runs.last_mut() {
+            Some(run) if run.elements.1 + 1 == index && same_circle(&run.circle, &circle) => {
+                run.elements.1 = index;
+                run.sweep_rad += sweep_rad;
+            }
+            _ => runs.push(Run {
+                circle,
+                elements: (index, index),
+                line: element.line,
+                start_angle_rad,
+                sweep_rad,
+            }),
+        }
+        run_of.push(Some(runs.len() - 1));
+    }
+    (runs, run_of)
+}
+
+/// Window about a quadrant, in rad before and after it.
+pub fn window_rad(angular_speed_rad_s: f64) -> (f64, f64) {
+    let clip = |seconds: f64, low_deg: f64, high_deg: f64| {
+        (seconds * angular_speed_rad_s).clamp(low_deg.to_radians(), high_deg.to_radians())
+    };
+    (clip(0.006, 2.0, 12.0), clip(0.050, 8.0, 40.0))
+}
+
+fn measure(run: &Run, taken: &[Taken], period_s: f64) -> Option<ArcResult> {
+    let (first, last) = (taken.first()?, taken.last()?);
+    let radius_mm = run.circle.radius_mm;
+    let speed_mm_s = taken
+        .iter()
+        .fold(0.0, |most: f64, t| most.max(t.speed_mm_s));
+    let angular_speed_rad_s = speed_mm_s / radius_mm;
+    let steady = steady_samples(taken, speed_mm_s, angular_speed_rad_s, period_s);
+    let window = window_rad(angular_speed_rad_s);
+    let sign = if run.circle.clockwise { -1.0 } else { 1.0 };
+    let quadrants_along = quadrants_along(run.start_angle_rad, sign, first, last, window);
+    let in_window = |along_rad: f64| {
+        quadrants_along
+            .iter()
+            .any(|(at, _)| along_rad >= at - window.0 && along_rad <= at + window.1)
+    };
+    let of_fit: Vec<bool> = taken
+        .iter()
+        .zip(&steady)
+        .map(|(taken, steady)| *steady && !in_window(taken.along_rad))
+        .collect();
+    let deviations = |of: fn(&Taken) -> [f64; 2]| {
+        let points = taken
+            .iter()
+            .zip(&of_fit)
+            .filter(|(_, used)| **used)
+            .map(|(taken, _)| of(taken));
+        let fit = Fit::to_points(points, radius_mm);
+        let measured = taken.iter().zip(&steady).filter(|(_, steady)| **steady);
+        let none = (f64::NEG_INFINITY, f64::INFINITY);
+        let (mut residual, mut programmed) = (none, none);
+        for (taken, _) in measured {
+            let [x, y] = of(taken);
+            widen(&mut residual, fit.residual_mm([x, y], radius_mm) * 1e3);
+            widen(&mut programmed, ((x * x + y * y).sqrt() - radius_mm) * 1e3);
+        }
+        let radius_error_um = fit.radius_error_mm * 1e3;
+        Deviations {
+            fit,
+            circular_um: residual.0 - residual.1,
+            radial_um: (residual.0 + radius_error_um, residual.1 + radius_error_um),
+            programmed_um: programmed,
+        }
+    };
+    let table = deviations(|taken| taken.table_mm);
+    let motor = deviations(|taken| taken.motor_mm);
+    let quadrants = quadrants_along.iter().filter_map(|(at, axis)| {
+        let axis = run.circle.plane[*axis];
+        let angle_rad = run.start_angle_rad + sign * at;
+        quadrant(
+            taken,
+            &steady,
+            &table.fit,
+            radius_mm,
+            *at,
+            window,
+            period_s,
+            angle_rad,
+            axis,
+            sign,
+            run.start_angle_rad,
+        )
+    });
+    Some(ArcResult {
+        line: run.line,
+        elements: run.elements,
+        scans: (first.time_scans, last.time_scans),
+        turns: run.sweep_rad / TAU,
+        measured_deg: measured_rad(taken, &steady).to_degrees(),
+        speed_mm_s,
+        table,
+        motor,
+        quadrants: quadrants.collect(),
+        curve: curve(taken, &steady, run, sign, &table.fit, &motor.fit),
+        start_angle_rad: run.start_angle_rad,
+        circle: run.circle.clone(),
+    })
+}
+
+fn widen(range: &mut (f64, f64), value: f64) {
+    range.0 = range.0.max(value);
+    range.1 = range.1.min(value);
+}
+
+/// Angle over which steady samples follow each other, in rad.
+fn measured_rad(taken: &[Taken], steady: &[bool]) -> f64 {
+    let pairs = taken.windows(2).zip(steady.windows(2));
+    pairs
+        .filter(|(_, steady)| steady.iter().all(|s| *s))
+        .filter_map(|(pair, _)| Some(pair.last()?.along_rad - pair.first()?.along_rad))
+        .sum()
+}
+
+fn steady_samples(
+    taken: &[Taken],
+    speed_mm_s: f64,
+    angular_speed_rad_s: f64,
+    period_s: f64,
+) -> Vec<bool> {
+    let settle_scans = SETTLE_S.min(SETTLE_RAD / angular_speed_rad_s) / period_s;
+    let mut since: Option<f64> = None;
+    let steady: Vec<bool> = taken
+        .iter()
+        .map(|taken| {
+            if taken.speed_mm_s < STEADY_SHARE * speed_mm_s {
+                since = None;
+                return false;
+            }
+            taken.time_scans - *since.get_or_insert(taken.time_scans) >= settle_scans
+        })
+        .collect();
+    if measured_rad(taken, &steady) < STEADY_RAD_MIN {
+        return vec![true; taken.len()];
+    }
+    steady
+}
+
+/// Quadrants whose window the samples touch: (angle along the run, 0 or 1 for the axis of the plane that reverses).
+fn quadrants_along(
+    start_angle_rad: f64,
+    sign: f64,
+    first: &Taken,
+    last: &Taken,
+    window: (f64, f64),
+) -> Vec<(f64, usize)> {
+    let offset = sign * start_angle_rad;
+    let low = libm::ceil((first.along_rad - window.1 + offset) / FRAC_PI_2) as i64;
+    let high = libm::floor((last.along_rad + window.0 + offset) / FRAC_PI_2) as i64;
+    // A run has far fewer quadrants than this; it bounds what a damaged log can ask for.
+    (low..=high.min(low.saturating_add(100_000)))
+        .map(|k| (k as f64 * FRAC_PI_2 - offset, k.rem_euclid(2) as usize))
+        .collect()
+}
+
+#[allow(clippy::too_many_arguments)]
+fn quadrant(
+    taken: &[Taken],
+    steady: &[bool],
+    fit: &Fit,
+    radius_mm: f64,
+    at_rad: f64,
+    window: (f64, f64),
+    period_s: f64,
+    angle_rad: f64,
+    axis: usize,
+    sign: f64,
+    start_angle_rad: f64,
+) -> Option<Quadrant> {
+    let (from, to) = (at_rad - window.0, at_rad + window.1);
+    // A window that leaves the arc holds something else than this reversal on this circle.
+    if taken.first()?.along_rad > from || taken.last()?.along_rad < to {
+        return None;
+    }
+    let begin = taken.partition_point(|taken| taken.along_rad < from);
+    let end = taken.partition_point(|taken| taken.along_rad <= to);
+    let inside = taken.get(begin..end).filter(|inside| !inside.is_empty())?;
+    let residual_um = |taken: &Taken| fit.residual_mm(taken.table_mm, radius_mm) * 1e3;
+    let (mut highest, mut lowest) = ((0, f64::NEG_INFINITY), f64::INFINITY);
+    for (index, taken) in inside.iter().enumerate() {
+        let e = residual_um(taken);
+        if e > highest.1 {
+            highest = (index, e);
+        }
+        lowest = lowest.min(e);
+    }
+    let half_um = highest.1 / 2.0;
+    let below = |taken: &Taken| residual_um(taken) < half_um;
+    let (rising, falling) = inside.split_at_checked(highest.0)?;
+    let start = rising.iter().rev().find(|taken| below(taken));
+    let stop = falling.iter().find(|taken| below(taken));
+    let width_half_height_ms = match (start, stop) {
+        (Some(start), Some(stop)) if highest.1 > 0.0 => {
+            Some((stop.time_scans - start.time_scans) * period_s * 1e3)
+        }
+        _ => None,
+    };
+    let peak = inside.get(highest.0)?;
+    Some(Quadrant {
+        axis,
+        angle_rad,
+        protrusion_um: highest.1,
+        protrusion_angle_rad: start_angle_rad + sign * peak.along_rad,
+        undercut_um: lowest,
+        width_half_height_ms,
+        steady: steady.get(begin..end)?.iter().all(|steady| *steady),
+    })
+}
+
+/// Highest and lowest residual per angular bin, in order of travel.
+fn curve(
+    taken: &[Taken],
+    steady: &[bool],
+    run: &Run,
+    sign: f64,
+    table: &Fit,
+    motor: &Fit,
+) -> Vec<CurvePoint> {
+    let radius_mm = run.circle.radius_mm;
+    let bin_of = |taken: &Taken| libm::floor(taken.along_rad / TAU * BINS_PER_TURN) as i64;
+    let most = TURNS_SHOWN * BINS_PER_TURN as usize * 2;
+    let mut points: Vec<CurvePoint> = Vec::new();
+    let mut measured = taken
+        .iter()
+        .zip(steady)
+        .filter_map(|(taken, steady)| steady.then_some(taken))
+        .peekable();
+    while let Some(first) = measured.next() {
+        let point = |taken: &Taken| CurvePoint {
+            angle_rad: run.start_angle_rad + sign * taken.along_rad,
+            table_um: table.residual_mm(taken.table_mm, radius_mm) * 1e3,
+            motor_um: motor.residual_mm(taken.motor_mm, radius_mm) * 1e3,
+        };
+        let (mut low, mut high) = (point(first), point(first));
+        while let Some(next) = measured.next_if(|next| bin_of(next) == bin_of(first)) {
+            let next = point(next);
+            if next.table_um < low.table_um {
+                low = next;
+            }
+            if next.table_um > high.table_um {
+                high = next;
+            }
+        }
+        let (one, two) = if sign * low.angle_rad <= sign * high.angle_rad {
+            (low, high)
+        } else {
+            (high, low)
+        };
+        points.push(one);
+        if two != one {
+            points.push(two);
+        }
+        if points.len() >= most {
+            break;
+        }
+    }
+    points
+}
+
+/// Whether the residuals were read from a fitted circle.
+pub fn fitted(fit: &Fit) -> bool {
+    fit.kind == FitKind::LeastSquares
+}

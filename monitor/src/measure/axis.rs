@@ -1,0 +1,143 @@
+//! One axis over the run: following error, torque, heat; and the audit of its setpoints.
+
+use bus::machine::Machine;
+use bus::sample::{AxisCommand, AxisFeedback, Feedback, MAX_AXES, Mode};
+
+use super::series::{MinMaxSeries, Statistics};
+
+/// Room temperature that winding temperatures are counted from, in °C: the machine reports the rise above it only.
+pub const AMBIENT_C: f64 = 20.0;
+
+/// What was measured of one axis.
+#[derive(Debug, Clone, Default)]
+pub struct AxisMeter {
+    /// Command minus feedback, compensation not counted, in mm, while the drives were on.
+    pub following_error_mm: Statistics,
+    /// The same over time, in µm.
+    pub following_error_um_series: MinMaxSeries,
+    /// Motor torque, in N·m, while the drives were on.
+    pub torque_nm: Statistics,
+    /// Highest rise of the winding temperature above ambient, in K.
+    pub winding_k_peak: f64,
+    /// Scans without a command in time.
+    pub missed_scans: u32,
+}
+
+impl AxisMeter {
+    /// Takes one scan.
+    pub fn take(
+        &mut self,
+        scan: u64,
+        feedback: &AxisFeedback,
+        command: Option<&AxisCommand>,
+        drives_on: bool,
+    ) {
+        self.missed_scans = feedback.missed_scans;
+        if feedback.winding_k.is_finite() {
+            self.winding_k_peak = self.winding_k_peak.max(feedback.winding_k);
+        }
+        if !drives_on {
+            return;
+        }
+        self.torque_nm.take(feedback.torque_nm);
+        if let Some(command) = command {
+            self.following_error_mm.take(command.following_error_mm);
+            self.following_error_um_series
+                .take(scan, command.following_error_mm * 1e3);
+        }
+    }
+}
+
+/// Setpoints (one per axis and scan) that were beyond a limit of the machine file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct LimitCounts {
+    /// Faster than the rapid traverse.
+    pub velocity: u64,
+    /// Acceleration beyond the limit.
+    pub acceleration: u64,
+    /// Outside the travel.
+    pub travel: u64,
+}
+
+/// The limits of one axis, in increments per scan.
+#[derive(Debug, Clone, Copy)]
+struct AxisLimit {
+    step: f64,
+    step_change: f64,
+    low: f64,
+    high: f64,
+}
+
+/// Audit of the command registers that the machine side publishes, while it executes windows.
+///
+/// A register is a rounded position: a step of one scan may be one increment too long by rounding alone, the change
+/// between two steps two increments.
+#[derive(Debug, Clone)]
+pub struct LimitsAudit {
+    limits: Vec<AxisLimit>,
+    /// The registers of the last two scans, newest first, while they were contiguous.
+    before: Vec<[i64; MAX_AXES]>,
+    last_scan: u64,
+    /// What was found.
+    pub counts: LimitCounts,
+}
+
+impl LimitsAudit {
+    /// For one machine.
+    pub fn new(machine: &Machine) -> Self {
+        let period_s = machine.scan_period_s();
+        let limits = machine.axes.iter().map(|axis| {
+            let increment_mm = axis.increment_mm();
+            AxisLimit {
+                step: axis.rapid_mm_s * period_s / increment_mm * (1.0 + 1e-9) + 1.0,
+                step_change: axis.acceleration_mm_s2 * period_s * period_s / increment_mm
+                    * (1.0 + 1e-9)
+                    + 2.0,
+                low: axis.travel_min_mm / increment_mm - 1.0,
+                high: axis.travel_max_mm / increment_mm + 1.0,
+            }
+        });
+        LimitsAudit {
+            limits: limits.collect(),
+            before: Vec::new(),
+            last_scan: 0,
+            counts: LimitCounts::default(),
+        }
+    }
+
+    /// Takes one feedback.
+    pub fn take(&mut self, feedback: &Feedback) {
+        let commanded = !feedback.window.is_none()
+            && !matches!(
+                Mode::from_wire(feedback.mode),
+                Some(Mode::Disabled | Mode::Tripped) | None
+            );
+        if !commanded || feedback.scan != self.last_scan + 1 {
+            self.before.clear();
+        }
+        self.last_scan = feedback.scan;
+        if !commanded {
+            return;
+        }
+        let now = feedback.axes.map(|axis| axis.command_register);
+        let step = |a: &[i64; MAX_AXES], b: &[i64; MAX_AXES], axis: usize| {
+            let value = |row: &[i64; MAX_AXES]| row.get(axis).copied().unwrap_or(0);
+            value(a).saturating_sub(value(b)) as f64
+        };
+        for (axis, limit) in self.limits.iter().enumerate() {
+            let register = now.get(axis).map_or(0.0, |value| *value as f64);
+            self.counts.travel += u64::from(!(limit.low..=limit.high).contains(&register));
+            let Some(one) = self.before.first() else {
+                continue;
+            };
+            let last_step = step(&now, one, axis);
+            self.counts.velocity += u64::from(last_step.abs() > limit.step);
+            if let Some(two) = self.before.get(1) {
+                let change = (last_step - step(one, two, axis)).abs();
+                self.counts.acceleration += u64::from(change > limit.step_change);
+            }
+        }
+        self.before.truncate(1);
+        self.before.insert(0, now);
+    }
+}

@@ -1,0 +1,237 @@
+//! Every change of direction of an axis command, what was done about it and what it left on the table.
+
+use bus::machine::{Machine, ReversalMethod};
+use bus::sample::{AxisCommand, PathTag};
+use control::path::{Feed, Path, Shape};
+
+use super::arc::ArcResult;
+
+/// Travel in the new direction from which a reversal counts, in mm: above the rounding of setpoints, far below
+/// anything that friction notices.
+const TRAVEL_MM: f64 = 1e-4;
+/// Longest time by which a kick may come after the reversal it belongs to, in s.
+const KICK_LATE_S: f64 = 0.1;
+/// Largest difference between the angle of a reversal and the quadrant it is matched with, in rad.
+const QUADRANT_RAD: f64 = 0.2;
+
+/// One reversal.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReversalResult {
+    /// Axis index.
+    pub axis: usize,
+    /// Direction after it: −1 or 1.
+    pub new_direction: i32,
+    /// First scan commanded in the new direction.
+    pub scan: u64,
+    /// Line of the program.
+    pub line: Option<u32>,
+    /// Radius of the arc it happens on, in mm; none elsewhere.
+    pub radius_mm: Option<f64>,
+    /// Programmed feed, in mm/s; none at rapid.
+    pub feed_mm_s: Option<f64>,
+    /// What starts a kick on this axis; `none` where there is none.
+    pub trigger: &'static str,
+    /// How long before the command's own reversal the kick began, in ms; none if none began.
+    pub kick_lead_ms: Option<f64>,
+    /// Largest residual in its window, in µm; none where the window is not wholly on an arc.
+    pub protrusion_um: Option<f64>,
+    /// Smallest residual, in µm.
+    pub undercut_um: Option<f64>,
+    /// Width of the protrusion at half height, in ms.
+    pub width_half_height_ms: Option<f64>,
+    /// Whether the arc was in steady motion over the whole window.
+    pub steady: bool,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Turn {
+    scan: u64,
+    /// When the velocity of the command goes through zero, in scans.
+    time_scans: f64,
+    direction: i32,
+    tag: PathTag,
+    executing: bool,
+}
+
+/// Finds the reversals of one axis.
+pub struct ReversalMeter {
+    travel: i64,
+    direction: i64,
+    extreme: i64,
+    candidate: Option<Turn>,
+    last: Option<(u64, i64)>,
+    last_step: i64,
+    last_kick_mm_s: f64,
+    turns: Vec<Turn>,
+    /// Scan and direction of every kick that began.
+    kicks: Vec<(u64, i32)>,
+}
+
+impl ReversalMeter {
+    /// For an axis of this increment, in mm.
+    pub fn new(increment_mm: f64) -> Self {
+        ReversalMeter {
+            travel: (libm::round(TRAVEL_MM / increment_mm) as i64).max(1),
+            direction: 0,
+            extreme: 0,
+            candidate: None,
+            last: None,
+            last_step: 0,
+            last_kick_mm_s: 0.0,
+            turns: Vec::new(),
+            kicks: Vec::new(),
+        }
+    }
+
+    /// Takes the command of one scan.
+    pub fn take(&mut self, command: &AxisCommand) {
+        let kick_mm_s = command.state.kick_mm_s;
+        let turned = kick_mm_s * self.last_kick_mm_s <= 0.0;
+        if kick_mm_s != 0.0 && kick_mm_s.is_finite() && turned {
+            let direction = if kick_mm_s > 0.0 { 1 } else { -1 };
+            self.kicks.push((command.scan, direction));
+        }
+        self.last_kick_mm_s = kick_mm_s;
+        let Some((last_scan, last)) = self.last.replace((command.scan, command.position)) else {
+            self.extreme = command.position;
+            return;
+        };
+        let contiguous = command.scan == last_scan + 1;
+        let step = command.position.saturating_sub(last);
+        let from_extreme = command.position.saturating_sub(self.extreme);
+        if self.direction == 0 {
+            if from_extreme.saturating_abs() >= self.travel {
+                self.direction = from_extreme.signum();
+                self.extreme = command.position;
+            }
+        } else if from_extreme.saturating_mul(self.direction) >= 0 {
+            self.extreme = command.position;
+            self.candidate = None;
+        } else {
+            let direction = -self.direction;
+            let last_step = if contiguous { self.last_step } else { 0 };
+            let turn = *self.candidate.get_or_insert_with(|| Turn {
+                scan: command.scan,
+                time_scans: zero_of_velocity(command.scan, last_step, step, direction),
+                direction: direction as i32,
+                tag: command.tag,
+                executing: !command.held.is_none(),
+            });
+            if from_extreme.saturating_abs() >= self.travel {
+                self.turns.push(turn);
+                self.candidate = None;
+                self.direction = direction;
+                self.extreme = command.position;
+            }
+        }
+        self.last_step = step;
+    }
+
+    /// Ends the search and looks up what each reversal left on the table.
+    pub fn finish(
+        self,
+        axis: usize,
+        machine: &Machine,
+        path: &Path,
+        arcs: &[ArcResult],
+    ) -> Vec<ReversalResult> {
+        let period_s = machine.scan_period_s();
+        let reversal = machine.axes.get(axis).map(|axis| axis.reversal);
+        let trigger = match reversal {
+            Some(reversal) if reversal.method == ReversalMethod::Kick => reversal.trigger.word(),
+            _ => "none",
+        };
+        let mut earliest_scans = f64::NEG_INFINITY;
+        let mut kicks = self.kicks.iter().peekable();
+        let mut results = Vec::new();
+        for (index, turn) in self.turns.iter().enumerate() {
+            let next_scans = self
+                .turns
+                .get(index + 1)
+                .map_or(f64::INFINITY, |t| t.time_scans);
+            let latest_scans = (turn.time_scans + KICK_LATE_S / period_s).min(next_scans);
+            let mut kick_scans = None;
+            while let Some((scan, direction)) =
+                kicks.next_if(|(scan, _)| (*scan as f64) <= latest_scans)
+            {
+                if *direction == turn.direction && *scan as f64 > earliest_scans {
+                    kick_scans = kick_scans.or(Some(*scan as f64));
+                }
+            }
+            earliest_scans = turn.time_scans;
+            let element = path
+                .elements
+                .get(turn.tag.element as usize)
+                .filter(|_| turn.executing);
+            let radius_mm = element.and_then(|element| match &element.shape {
+                Shape::Arc {
+                    radius_mm, u, v, ..
+                } => {
+                    let moves = |unit: &control::path::AxisVector| unit.get(axis) == Some(&1.0);
+                    (moves(u) || moves(v)).then_some(*radius_mm)
+                }
+                _ => None,
+            });
+            let quadrant = element.and_then(|_| quadrant_of(turn, axis, path, arcs));
+            results.push(ReversalResult {
+                axis,
+                new_direction: turn.direction,
+                scan: turn.scan,
+                line: element.map(|element| element.line),
+                radius_mm,
+                feed_mm_s: element.and_then(|element| match element.feed {
+                    Feed::PathMmS(feed) => Some(feed),
+                    Feed::Rapid => None,
+                }),
+                trigger,
+                kick_lead_ms: kick_scans.map(|scans| (turn.time_scans - scans) * period_s * 1e3),
+                protrusion_um: quadrant.map(|quadrant| quadrant.protrusion_um),
+                undercut_um: quadrant.map(|quadrant| quadrant.undercut_um),
+                width_half_height_ms: quadrant.and_then(|quadrant| quadrant.width_half_height_ms),
+                steady: quadrant.is_some_and(|quadrant| quadrant.steady),
+            });
+        }
+        results
+    }
+}
+
+/// Between the middles of two steps of opposite sign the velocity is taken as a straight line; after rest the motion
+/// begins with the step.
+fn zero_of_velocity(scan: u64, last_step: i64, step: i64, direction: i64) -> f64 {
+    if last_step.saturating_mul(direction) >= 0 {
+        return scan as f64 - 1.0;
+    }
+    let (before, after) = (last_step.unsigned_abs() as f64, step.unsigned_abs() as f64);
+    scan as f64 - 1.5 + before / (before + after)
+}
+
+fn quadrant_of<'a>(
+    turn: &Turn,
+    axis: usize,
+    path: &Path,
+    arcs: &'a [ArcResult],
+) -> Option<&'a super::arc::Quadrant> {
+    let element = turn.tag.element as usize;
+    let scan = turn.scan as f64;
+    let arc = arcs.iter().find(|arc| {
+        (arc.elements.0..=arc.elements.1).contains(&element)
+            && scan >= arc.scans.0 - 2.0
+            && scan <= arc.scans.1 + 2.0
+    })?;
+    let before = path.elements.get(arc.elements.0..element)?;
+    let sweep_rad = |element: &control::path::Element| match &element.shape {
+        Shape::Arc { sweep_rad, .. } => sweep_rad.abs(),
+        _ => 0.0,
+    };
+    let here = path.elements.get(element)?;
+    let along_rad = before.iter().map(sweep_rad).sum::<f64>()
+        + sweep_rad(here) * (turn.tag.distance_mm / here.length_mm.max(f64::MIN_POSITIVE));
+    let angle_rad = arc.angle_of(along_rad);
+    arc.quadrants
+        .iter()
+        .filter(|quadrant| quadrant.axis == axis)
+        .map(|quadrant| (quadrant, (quadrant.angle_rad - angle_rad).abs()))
+        .filter(|(_, distance_rad)| *distance_rad < QUADRANT_RAD)
+        .min_by(|a, b| a.1.total_cmp(&b.1))
+        .map(|(quadrant, _)| quadrant)
+}

@@ -1,0 +1,240 @@
+//! The report of a run: `report.json`, `report.txt` and plots, made from its log.
+//!
+//! Making it again gives the same bytes; wall time and real-time factor are the recorder's, and stand in the log.
+
+mod circle_plot;
+mod json;
+mod svg;
+mod text;
+mod tracking_plot;
+
+#[cfg(test)]
+mod tests;
+
+use std::path::{Path, PathBuf};
+
+use bus::machine::{Machine, MachineFileError};
+use bus::sample::Feedback;
+use control::path::AxisVector;
+use program::{Program, ProgramError, Setup};
+
+pub use json::{
+    ArcReport, AxisReport, Death, FaultReport, LimitsReport, LogReport, MaxMin, OutcomeReport,
+    PeakRms, ProcessReport, Report, ReversalReport,
+};
+
+use crate::log::{LOG_FILE, LogError, Reader, RunEnd, RunInfo, Sample};
+use crate::measure::{Analysis, Measurements};
+
+/// A report that cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// The log.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// The copy of the machine file in the run directory.
+    #[error(transparent)]
+    Machine(#[from] MachineFileError),
+    /// The copy of the program in the run directory.
+    #[error(transparent)]
+    Program(#[from] ProgramError),
+    /// Log and machine file are not of one run.
+    #[error("{path}: {what}")]
+    Mismatch {
+        /// The run directory.
+        path: PathBuf,
+        /// What differs.
+        what: String,
+    },
+    /// A file of the report cannot be written.
+    #[error("{path}: cannot be written: {source}")]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// A plot cannot be drawn.
+    #[error("{path}: cannot be drawn: {what}")]
+    Plot {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        what: String,
+    },
+}
+
+/// What the measurement of one log gave.
+pub struct Evaluation {
+    /// What was measured.
+    pub measurements: Measurements,
+    /// What was known when the run began.
+    pub info: RunInfo,
+    /// What was known when it ended; none if the recorder was killed.
+    pub end: Option<RunEnd>,
+    /// Digest of everything in the log.
+    pub digest: String,
+    /// Why the log ends early, if it does.
+    pub cut: Option<String>,
+    /// The machine.
+    pub machine: Machine,
+    /// Whether the program read again is the one that ran; none if nothing ran.
+    pub program_matches: Option<bool>,
+}
+
+/// Measures the log in a run directory and writes `report.json`, `report.txt` and the plots there.
+///
+/// # Errors
+/// The log, the machine file or the program in the directory cannot be read or do not fit together; or the report
+/// cannot be written.
+pub fn make_report(run_dir: &Path) -> Result<Report, ReportError> {
+    let evaluation = evaluate(run_dir)?;
+    let report = Report::new(&evaluation);
+    let write = |name: &str, text: String| {
+        let path = run_dir.join(name);
+        std::fs::write(&path, text).map_err(|source| ReportError::Write { path, source })
+    };
+    for old in old_circles(run_dir) {
+        let _ = std::fs::remove_file(old);
+    }
+    circle_plot::draw_all(run_dir, &evaluation)?;
+    tracking_plot::draw(&run_dir.join("tracking.svg"), &evaluation)?;
+    write("report.txt", text::page(&report))?;
+    write("report.json", report.to_json())?;
+    Ok(report)
+}
+
+/// Measures the log in a run directory and writes nothing.
+///
+/// # Errors
+/// As [`make_report`].
+pub fn evaluate(run_dir: &Path) -> Result<Evaluation, ReportError> {
+    let machine = Machine::load(run_dir)?;
+    let log = run_dir.join(LOG_FILE);
+    let first = first_pass(&log)?;
+    let mut reader = Reader::open(&log)?;
+    fits(run_dir, &machine, &reader)?;
+    let program = match &first.start {
+        Some(start) => Some(load_program(run_dir, &machine, reader.info(), start)?),
+        None => None,
+    };
+    let path = program.as_ref().map(|program| program.path.clone());
+    let mut analysis = Analysis::new(machine.clone(), path.unwrap_or_default());
+    // Deaths are known before their scans are measured, so that nothing of their consequences is missed.
+    first
+        .rosters
+        .into_iter()
+        .for_each(|roster| analysis.take(roster));
+    while let Some(sample) = reader.next_sample()? {
+        if !matches!(sample, Sample::Roster(_)) {
+            analysis.take(sample);
+        }
+    }
+    Ok(Evaluation {
+        measurements: analysis.finish(),
+        info: reader.info().clone(),
+        end: reader.end().cloned(),
+        digest: reader.digest(),
+        cut: reader.cut().map(str::to_string),
+        program_matches: first
+            .start
+            .zip(program)
+            .map(|(start, program)| start.program_hash == program.source_hash),
+        machine,
+    })
+}
+
+/// What has to be known before the samples can be measured.
+#[derive(Default)]
+struct FirstPass {
+    /// Where the machine stood when the program began.
+    start: Option<Start>,
+    rosters: Vec<Sample>,
+}
+
+/// The machine when the first window was executed.
+struct Start {
+    /// Command registers, in increments.
+    registers: [i64; bus::sample::MAX_AXES],
+    program_hash: u64,
+}
+
+fn first_pass(log: &Path) -> Result<FirstPass, ReportError> {
+    let mut first = FirstPass::default();
+    let mut before: Option<Box<Feedback>> = None;
+    let mut reader = Reader::open(log)?;
+    while let Some(sample) = reader.next_sample()? {
+        match sample {
+            Sample::Roster(_) => first.rosters.push(sample),
+            Sample::Feedback(feedback) if first.start.is_none() => {
+                if !feedback.window.is_none() {
+                    let at = before.as_ref().unwrap_or(&feedback);
+                    first.start = Some(Start {
+                        registers: at.axes.map(|axis| axis.command_register),
+                        program_hash: feedback.program_hash,
+                    });
+                }
+                before = Some(feedback);
+            }
+            _ => {}
+        }
+    }
+    Ok(first)
+}
+
+fn fits(run_dir: &Path, machine: &Machine, reader: &Reader) -> Result<(), ReportError> {
+    let axes: Vec<&str> = machine.axes.iter().map(|axis| axis.name.as_str()).collect();
+    let period_us = machine.scan.period_us;
+    if axes != reader.axes() || period_us != reader.scan_period_us() {
+        return Err(ReportError::Mismatch {
+            path: run_dir.into(),
+            what: format!(
+                "machine.toml has axes {} and a scan of {period_us} µs, the log axes {} and {} µs: they are not of one run",
+                axes.join(" "),
+                reader.axes().join(" "),
+                reader.scan_period_us()
+            ),
+        });
+    }
+    Ok(())
+}
+
+fn load_program(
+    run_dir: &Path,
+    machine: &Machine,
+    info: &RunInfo,
+    start: &Start,
+) -> Result<Program, ReportError> {
+    let name = Path::new(&info.program);
+    // The name comes from a file: it may not lead out of the run directory.
+    if name.file_name() != Some(name.as_os_str()) {
+        return Err(ReportError::Mismatch {
+            path: run_dir.into(),
+            what: format!(
+                "the log names program {:?}: must be a file name without folders",
+                info.program
+            ),
+        });
+    }
+    let mut at = AxisVector::zeros();
+    let registers = machine.axes.iter().zip(start.registers);
+    for (place, (axis, register)) in at.iter_mut().zip(registers) {
+        *place = register as f64 * axis.increment_mm();
+    }
+    Ok(program::load(&run_dir.join(name), &Setup::of(machine), at)?)
+}
+
+/// Plots that an earlier report left.
+fn old_circles(run_dir: &Path) -> Vec<PathBuf> {
+    let Ok(entries) = std::fs::read_dir(run_dir) else {
+        return Vec::new();
+    };
+    let is_circle = |path: &PathBuf| {
+        let name = path.file_name().and_then(|name| name.to_str());
+        name.is_some_and(|name| name.starts_with("circle-") && name.ends_with(".svg"))
+    };
+    entries
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(is_circle)
+        .collect()
+}

@@ -1,0 +1,358 @@
+//! Ball-bar plots: the residual of each circle, exaggerated, about the least-squares circle (ISO 230-4 §7).
+
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, TAU};
+use std::path::Path;
+
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use super::svg::{self, Area, FINE, words};
+use super::{Evaluation, ReportError};
+use crate::measure::arc::{ArcResult, CurvePoint, Quadrant, fitted};
+
+/// Plots at most.
+const PLOTS_MAX: usize = 24;
+/// Runs shown in one plot at most: the first of each.
+const RUNS_MAX: usize = 4;
+/// Shortest run that is a circle to the eye, in degrees.
+const SHOWN_DEG_MIN: f64 = 150.0;
+
+const WIDTH: i32 = 900;
+const CENTRE: (f64, f64) = (450.0, 470.0);
+/// Radius of the circle without deviation, in pixels.
+const BASE_PX: f64 = 235.0;
+/// Radius of one division, in pixels.
+const DIVISION_PX: f64 = 36.0;
+/// Divisions on each side.
+const DIVISIONS: i32 = 3;
+/// Top of the captions.
+const CAPTIONS_Y: i32 = 900;
+
+const INK: RGBColor = RGBColor(0x22, 0x26, 0x2b);
+const SOFT: RGBColor = RGBColor(0x6b, 0x72, 0x7b);
+const GRID: RGBColor = RGBColor(0xd9, 0xdd, 0xe2);
+const COUNTER_CLOCKWISE: RGBColor = RGBColor(0x0b, 0x5c, 0xad);
+const CLOCKWISE: RGBColor = RGBColor(0xc2, 0x4a, 0x14);
+const MOTOR_COUNTER_CLOCKWISE: RGBColor = RGBColor(0x8f, 0xbd, 0xe6);
+const MOTOR_CLOCKWISE: RGBColor = RGBColor(0xf0, 0xb0, 0x8e);
+
+type Drawn = Result<(), String>;
+
+/// Draws one plot per distinct circle and feed.
+pub(super) fn draw_all(run_dir: &Path, evaluation: &Evaluation) -> Result<(), ReportError> {
+    let mut groups: Vec<Vec<&ArcResult>> = Vec::new();
+    let shown = |arc: &&ArcResult| fitted(&arc.table.fit) && arc.measured_deg >= SHOWN_DEG_MIN;
+    for arc in evaluation.measurements.arcs.iter().filter(shown) {
+        let group = groups.iter().position(|group| {
+            group.first().is_some_and(|first| {
+                first.circle.plane == arc.circle.plane
+                    && first.circle.feed_mm_s == arc.circle.feed_mm_s
+                    && (first.circle.radius_mm - arc.circle.radius_mm).abs() < 1e-4
+                    && (first.circle.centre_mm[0] - arc.circle.centre_mm[0]).abs() < 1e-4
+                    && (first.circle.centre_mm[1] - arc.circle.centre_mm[1]).abs() < 1e-4
+            })
+        });
+        if let Some(group) = group.and_then(|index| groups.get_mut(index)) {
+            if group.len() < RUNS_MAX {
+                group.push(arc);
+            }
+        } else if groups.len() < PLOTS_MAX {
+            groups.push(vec![arc]);
+        }
+    }
+    for (index, group) in groups.iter().enumerate() {
+        let path = run_dir.join(format!("circle-{}.svg", index + 1));
+        draw(&path, group, evaluation).map_err(|what| ReportError::Plot { path, what })?;
+    }
+    Ok(())
+}
+
+fn draw(path: &Path, runs: &[&ArcResult], evaluation: &Evaluation) -> Drawn {
+    let Some(first) = runs.first() else {
+        return Ok(());
+    };
+    let height = CAPTIONS_Y + 20 + 60 * runs.len() as i32;
+    svg::write(path, (WIDTH, height), |area| {
+        let division_um = division_um(runs);
+        title(area, first, evaluation)?;
+        grid(area, first, evaluation)?;
+        for run in runs {
+            let (table, motor) = colours(run);
+            curve(area, run, division_um, motor, 1.2, |point| point.motor_um)?;
+            curve(area, run, division_um, table, 1.8, |point| point.table_um)?;
+        }
+        scale(area, division_um)?;
+        for run in runs {
+            protrusions(area, run, division_um)?;
+        }
+        captions(area, runs, division_um)
+    })
+}
+
+fn colours(run: &ArcResult) -> (RGBColor, RGBColor) {
+    if run.circle.clockwise {
+        (CLOCKWISE, MOTOR_CLOCKWISE)
+    } else {
+        (COUNTER_CLOCKWISE, MOTOR_COUNTER_CLOCKWISE)
+    }
+}
+
+/// The smallest of 1, 2, 5 × 10^n µm by which everything fits into the divisions.
+fn division_um(runs: &[&ArcResult]) -> f64 {
+    let deviation = |point: &CurvePoint| point.table_um.abs().max(point.motor_um.abs());
+    let points = runs.iter().flat_map(|run| &run.curve);
+    let most_um = points.map(deviation).fold(0.0, f64::max);
+    let mut decade = 0.01;
+    while decade < 1e6 {
+        for step in [1.0, 2.0, 5.0] {
+            if most_um <= f64::from(DIVISIONS) * step * decade {
+                return step * decade;
+            }
+        }
+        decade *= 10.0;
+    }
+    decade
+}
+
+/// Pixels in units of the drawing.
+fn fine(pixels: f64) -> i32 {
+    libm::round(pixels * f64::from(FINE)) as i32
+}
+
+fn line_style(colour: RGBColor, pixels: f64) -> ShapeStyle {
+    colour.stroke_width(fine(pixels).max(1) as u32)
+}
+
+/// Where a deviation at an angle stands, in units of the drawing.
+fn place(angle_rad: f64, divisions: f64) -> (i32, i32) {
+    let radius = BASE_PX + divisions * DIVISION_PX;
+    (
+        fine(CENTRE.0 + radius * libm::cos(angle_rad)),
+        fine(CENTRE.1 - radius * libm::sin(angle_rad)),
+    )
+}
+
+fn letter(evaluation: &Evaluation, axis: usize) -> &str {
+    let axis = evaluation.machine.axes.get(axis);
+    axis.map_or("?", |axis| axis.name.as_str())
+}
+
+fn write(
+    area: &Area,
+    what: &str,
+    at: (i32, i32),
+    size: i32,
+    colour: &RGBColor,
+    anchor: Pos,
+) -> Drawn {
+    let font = ("sans-serif", size * FINE).into_font();
+    let style = font.color(colour).pos(anchor);
+    area.draw_text(what, &style, at).map_err(words)
+}
+
+const LEFT: Pos = Pos {
+    h_pos: HPos::Left,
+    v_pos: VPos::Center,
+};
+const MIDDLE: Pos = Pos {
+    h_pos: HPos::Center,
+    v_pos: VPos::Center,
+};
+const RIGHT: Pos = Pos {
+    h_pos: HPos::Right,
+    v_pos: VPos::Center,
+};
+
+/// A place in pixels, in units of the drawing.
+fn at(x: i32, y: i32) -> (i32, i32) {
+    (x * FINE, y * FINE)
+}
+
+fn title(area: &Area, first: &ArcResult, evaluation: &Evaluation) -> Drawn {
+    let circle = &first.circle;
+    let [x, y] = circle.plane.map(|axis| letter(evaluation, axis));
+    let feed = circle.feed_mm_s.unwrap_or(first.speed_mm_s) * 60.0;
+    let headline = format!(
+        "{x}{y} circle  ·  R {} mm  ·  F {feed:.0} mm/min",
+        tidy(circle.radius_mm)
+    );
+    write(area, &headline, at(40, 38), 26, &INK, LEFT)?;
+    let [cx, cy] = circle.centre_mm.map(tidy);
+    let info = &evaluation.info;
+    let below = format!(
+        "{} on {}   ·   centre {x} {cx} {y} {cy} mm   ·   {}",
+        info.program, evaluation.machine.name, info.pace
+    );
+    write(area, &below, at(40, 68), 15, &SOFT, LEFT)
+}
+
+/// A number of a program without rounding noise.
+fn tidy(value: f64) -> String {
+    format!("{}", libm::round(value * 1e4) / 1e4 + 0.0)
+}
+
+fn ring(area: &Area, divisions: f64, style: ShapeStyle) -> Drawn {
+    let half_degrees = (0..=720).map(|half| f64::from(half).to_radians() / 2.0);
+    let points = half_degrees.map(|angle_rad| place(angle_rad, divisions));
+    area.draw(&PathElement::new(points.collect::<Vec<_>>(), style))
+        .map_err(words)
+}
+
+fn grid(area: &Area, first: &ArcResult, evaluation: &Evaluation) -> Drawn {
+    for spoke in 0..8 {
+        let angle = f64::from(spoke) * FRAC_PI_4;
+        let from = if spoke % 2 == 0 {
+            -BASE_PX / DIVISION_PX
+        } else {
+            -3.0
+        };
+        let ends = vec![place(angle, from), place(angle, 3.0)];
+        area.draw(&PathElement::new(ends, line_style(GRID, 1.0)))
+            .map_err(words)?;
+    }
+    for division in -DIVISIONS..=DIVISIONS {
+        let style = if division == 0 {
+            line_style(SOFT, 1.2)
+        } else {
+            line_style(GRID, 1.0)
+        };
+        ring(area, division.into(), style)?;
+    }
+    for (index, angle) in [0.0, 1.0, 2.0, 3.0]
+        .map(|k| k * FRAC_PI_2)
+        .into_iter()
+        .enumerate()
+    {
+        let axis = first.circle.plane.get(index % 2).copied().unwrap_or(0);
+        let sign = if index < 2 { "+" } else { "−" };
+        let label = format!("{}{sign}", letter(evaluation, axis));
+        write(area, &label, place(angle, 4.4), 17, &INK, MIDDLE)?;
+    }
+    Ok(())
+}
+
+/// What the rings stand for, along a spoke on which no quadrant lies.
+fn scale(area: &Area, division_um: f64) -> Drawn {
+    for division in -DIVISIONS..=DIVISIONS {
+        let (x, y) = place(-0.75 * std::f64::consts::PI, division.into());
+        let label = match division {
+            0 => "0 µm".to_string(),
+            d if d < 0 => format!("−{}", tidy(-f64::from(d) * division_um)),
+            d => format!("+{}", tidy(f64::from(d) * division_um)),
+        };
+        let (half, tall) = (fine(4.0 * label.chars().count() as f64 + 3.0), fine(9.0));
+        let paper = Rectangle::new([(x - half, y - tall), (x + half, y + tall)], WHITE.filled());
+        area.draw(&paper).map_err(words)?;
+        write(area, &label, (x, y), 13, &SOFT, MIDDLE)?;
+    }
+    Ok(())
+}
+
+fn curve(
+    area: &Area,
+    run: &ArcResult,
+    division_um: f64,
+    colour: RGBColor,
+    width: f64,
+    of: impl Fn(&CurvePoint) -> f64,
+) -> Drawn {
+    let mut piece: Vec<(i32, i32)> = Vec::new();
+    let mut last_rad: Option<f64> = None;
+    for point in &run.curve {
+        // A part that was not measured is a gap, not a straight line.
+        if last_rad.is_some_and(|last| (point.angle_rad - last).abs() > TAU / 120.0) {
+            stroke(area, std::mem::take(&mut piece), colour, width)?;
+        }
+        last_rad = Some(point.angle_rad);
+        let at = place(point.angle_rad, of(point) / division_um);
+        if piece.last() != Some(&at) {
+            piece.push(at);
+        }
+    }
+    stroke(area, piece, colour, width)
+}
+
+fn stroke(area: &Area, piece: Vec<(i32, i32)>, colour: RGBColor, width: f64) -> Drawn {
+    if piece.len() < 2 {
+        return Ok(());
+    }
+    area.draw(&PathElement::new(piece, line_style(colour, width)))
+        .map_err(words)
+}
+
+/// Marks the largest protrusion at each quadrant of one run.
+fn protrusions(area: &Area, run: &ArcResult, division_um: f64) -> Drawn {
+    let (colour, _) = colours(run);
+    for index in 0..4 {
+        let of_index = |quadrant: &&Quadrant| {
+            let k = libm::round(quadrant.angle_rad / FRAC_PI_2) as i64;
+            k.rem_euclid(4) == index && quadrant.steady
+        };
+        let largest = run
+            .quadrants
+            .iter()
+            .filter(of_index)
+            .max_by(|a, b| a.protrusion_um.total_cmp(&b.protrusion_um));
+        let Some(quadrant) = largest else { continue };
+        let at = place(
+            quadrant.protrusion_angle_rad,
+            quadrant.protrusion_um / division_um,
+        );
+        area.draw(&Circle::new(at, fine(4.0), colour.filled()))
+            .map_err(words)?;
+        area.draw(&Circle::new(at, fine(4.0), line_style(WHITE, 1.0)))
+            .map_err(words)?;
+        // Beside the axis letter, each direction on the side it travels to.
+        let aside = if run.circle.clockwise { -0.16 } else { 0.16 };
+        let (x, y) = place(index as f64 * FRAC_PI_2 + aside, 3.75);
+        let label = format!("{:.1} µm", quadrant.protrusion_um);
+        write(area, &label, (x, y), 15, &colour, MIDDLE)?;
+    }
+    Ok(())
+}
+
+fn captions(area: &Area, runs: &[&ArcResult], division_um: f64) -> Drawn {
+    let scale = format!("1 division = {} µm", tidy(division_um));
+    write(area, &scale, at(WIDTH - 40, 38), 17, &INK, RIGHT)?;
+    write(
+        area,
+        "radial deviation, outward +, about the least-squares circle",
+        at(WIDTH - 40, 68),
+        13,
+        &SOFT,
+        RIGHT,
+    )?;
+    for (index, run) in runs.iter().enumerate() {
+        let (table, motor) = colours(run);
+        let y = CAPTIONS_Y + 60 * index as i32;
+        let bar = |colour: RGBColor, width: f64, y: i32| {
+            let ends = vec![at(40, y), at(74, y)];
+            area.draw(&PathElement::new(ends, line_style(colour, width)))
+                .map_err(words)
+        };
+        bar(table, 3.0, y)?;
+        bar(motor, 1.5, y + 23)?;
+        let turn = if run.circle.clockwise {
+            "clockwise"
+        } else {
+            "counter-clockwise"
+        };
+        let fit = &run.table.fit;
+        let (radial, radius_um) = (run.table.radial_um, fit.radius_error_mm * 1e3);
+        let [x_um, y_um] = fit.centre_mm.map(|mm| mm * 1e3);
+        let line = format!(
+            "table, {turn}, line {}:  G {:.1} µm  ·  F {:+.1} / {:+.1} µm  ·  radius {radius_um:+.1} µm  ·  centre {x_um:+.1} / {y_um:+.1} µm",
+            run.line, run.table.circular_um, radial.0, radial.1
+        );
+        write(area, &line, at(86, y), 15, &INK, LEFT)?;
+        let line = format!(
+            "motor side, backlash compensation removed:  G {:.1} µm  ·  radius {:+.1} µm  ·  measured over {:.0}° of {:.0}°",
+            run.motor.circular_um,
+            run.motor.fit.radius_error_mm * 1e3,
+            run.measured_deg,
+            run.turns * 360.0
+        );
+        write(area, &line, at(86, y + 23), 13, &SOFT, LEFT)?;
+    }
+    Ok(())
+}

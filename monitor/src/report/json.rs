@@ -1,0 +1,456 @@
+//! `report.json`: the names of INTERFACE.md, and some more. Lengths of errors are in µm, rounded to 1 nm.
+
+use bus::machine::DriveMode;
+use serde::Serialize;
+
+use super::Evaluation;
+use crate::measure::arc::{ArcResult, Deviations};
+use crate::measure::axis::AMBIENT_C;
+use crate::measure::fit::FitKind;
+use crate::measure::{Measurements, Outcome};
+
+/// The whole report.
+#[derive(Debug, Clone, Serialize)]
+pub struct Report {
+    /// Version of the product that recorded the run.
+    pub quadrant: String,
+    /// Name of the machine.
+    pub machine: String,
+    /// File name of the program.
+    pub program: String,
+    /// `lockstep` or `realtime`.
+    pub pace: String,
+    /// Scan period in µs.
+    pub scan_period_us: u32,
+    /// Scans in one distribution period.
+    pub distribution_period_scans: u32,
+    /// How it ended.
+    pub outcome: OutcomeReport,
+    /// Scans from the first to the last feedback.
+    pub scans: u64,
+    /// Wall time; null if the recorder did not end the log.
+    pub wall_s: Option<f64>,
+    /// Machine time over wall time.
+    pub real_time_factor: Option<f64>,
+    /// Over everything recorded.
+    pub digest: String,
+    /// Kept by the machine side; null without instruments.
+    pub motion_digest: Option<String>,
+    /// Samples missing in the log.
+    pub samples_lost: u64,
+    /// Scans skipped because the machine side itself was late.
+    pub overrun_scans: u32,
+    /// Windows the planner published.
+    pub windows: u64,
+    /// Windows that were voided.
+    pub windows_voided: u64,
+    /// The log itself.
+    pub log: LogReport,
+    /// Per axis.
+    pub axes: Vec<AxisReport>,
+    /// Distance of the table from the programmed path.
+    pub contour_error_um: PeakRms,
+    /// Runs of arcs on one circle.
+    pub arcs: Vec<ArcReport>,
+    /// Changes of direction of a command.
+    pub reversals: Vec<ReversalReport>,
+    /// Setpoints beyond limits.
+    pub limits: LimitsReport,
+    /// Who took part.
+    pub processes: Vec<ProcessReport>,
+    /// What befell them.
+    pub faults: Vec<FaultReport>,
+}
+
+/// How a run ended.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct OutcomeReport {
+    /// `completed`, `stopped` or `interrupted`.
+    pub kind: String,
+    /// Why, if it was not completed.
+    pub reason: Option<String>,
+}
+
+/// The log.
+#[derive(Debug, Clone, Serialize)]
+pub struct LogReport {
+    /// Why it ends early; null if it is whole.
+    pub cut: Option<String>,
+    /// Samples the recorder's queues lost, as the recorder counted.
+    pub queue_losses: u64,
+    /// Whether the program in the run directory is the one that ran; null if none ran.
+    pub program_matches: Option<bool>,
+}
+
+/// Peak and root mean square.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PeakRms {
+    /// Largest absolute value.
+    pub peak: f64,
+    /// Root mean square.
+    pub rms: f64,
+}
+
+/// Highest and lowest.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct MaxMin {
+    /// Highest.
+    pub max: f64,
+    /// Lowest.
+    pub min: f64,
+}
+
+/// One axis.
+#[derive(Debug, Clone, Serialize)]
+pub struct AxisReport {
+    /// Its letter.
+    pub axis: String,
+    /// `velocity` or `torque`.
+    pub drive_mode: &'static str,
+    /// Command minus feedback, compensation not counted, while the drives were on.
+    pub following_error_um: PeakRms,
+    /// Scans without a command in time.
+    pub missed_scans: u32,
+    /// Motor torque, root mean square, while the drives were on.
+    pub torque_rms_nm: f64,
+    /// Highest motor torque.
+    pub torque_peak_nm: f64,
+    /// Torque rms in percent of the continuous torque.
+    pub torque_rms_percent: f64,
+    /// Highest winding temperature in °C, at an assumed room temperature of `ambient_c`.
+    pub winding_c_peak: f64,
+    /// Room temperature assumed, in °C: the machine reports the rise only.
+    pub ambient_c: f64,
+}
+
+/// One run of arcs on one circle.
+#[derive(Debug, Clone, Serialize)]
+pub struct ArcReport {
+    /// Line of the program.
+    pub block: u32,
+    /// Axes of its plane.
+    pub plane: String,
+    /// Programmed centre in machine coordinates.
+    pub centre_mm: [f64; 2],
+    /// Programmed radius.
+    pub radius_mm: f64,
+    /// Programmed feed; null at rapid.
+    pub feed_mm_min: Option<f64>,
+    /// Highest path speed reached.
+    pub speed_mm_min: f64,
+    /// Direction.
+    pub clockwise: bool,
+    /// Turns programmed.
+    pub turns: f64,
+    /// Part that was in steady motion and was measured, in degrees.
+    pub measured_deg: f64,
+    /// What centre and radius were fitted by: `least-squares`, `radius only` (short arc) or `none`.
+    pub fit: &'static str,
+    /// Highest minus lowest deviation about the least-squares centre (G of ISO 230-4).
+    pub circular_deviation_um: f64,
+    /// Deviation from the programmed radius about the least-squares centre (F of ISO 230-4).
+    pub radial_deviation_um: MaxMin,
+    /// Deviation from the programmed radius about the programmed centre.
+    pub radial_deviation_programmed_um: MaxMin,
+    /// Fitted minus programmed centre; null if it could not be fitted.
+    pub centre_offset_um: Option<[f64; 2]>,
+    /// Fitted minus programmed radius; null if it could not be fitted.
+    pub radius_error_um: Option<f64>,
+    /// What remains outside the reversal windows, root mean square.
+    pub residual_rms_um: f64,
+    /// Circular deviation of the motor side, backlash compensation removed.
+    pub motor_circular_deviation_um: f64,
+    /// Radius error of the motor side.
+    pub motor_radius_error_um: Option<f64>,
+}
+
+/// One change of direction.
+#[derive(Debug, Clone, Serialize)]
+pub struct ReversalReport {
+    /// The axis.
+    pub axis: String,
+    /// −1 or 1.
+    pub new_direction: i32,
+    /// First scan commanded in the new direction.
+    pub scan: u64,
+    /// Line of the program.
+    pub block: Option<u32>,
+    /// Radius of the arc; null elsewhere.
+    pub radius_mm: Option<f64>,
+    /// Programmed feed; null at rapid.
+    pub feed_mm_min: Option<f64>,
+    /// What starts the kick; `none` where the axis has none.
+    pub trigger: &'static str,
+    /// How long before the command's reversal the kick began; null if none began.
+    pub kick_lead_ms: Option<f64>,
+    /// Highest residual in the window; null where the window is not wholly on an arc.
+    pub protrusion_um: Option<f64>,
+    /// Lowest residual.
+    pub undercut_um: Option<f64>,
+    /// Width of the protrusion at half its height.
+    pub width_half_height_ms: Option<f64>,
+    /// Whether the arc was in steady motion over the whole window.
+    pub steady: bool,
+}
+
+/// Setpoints (one per axis and scan) beyond a limit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct LimitsReport {
+    /// Faster than the axis may.
+    pub velocity_exceeded: u64,
+    /// Beyond its acceleration.
+    pub acceleration_exceeded: u64,
+    /// Beyond its jerk; 0 where no jerk limit is set.
+    pub jerk_exceeded: u64,
+    /// Outside the travel.
+    pub travel_exceeded: u64,
+}
+
+/// One process.
+#[derive(Debug, Clone, Serialize)]
+pub struct ProcessReport {
+    /// Its name.
+    pub process: String,
+    /// How many had its place.
+    pub starts: u32,
+    /// Deaths other than an orderly exit.
+    pub deaths: Vec<Death>,
+}
+
+/// A death.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Death {
+    /// Scan.
+    pub scan: u64,
+    /// Signal; 0 if it exited by itself.
+    pub signal: i32,
+}
+
+/// A fault and what followed.
+#[derive(Debug, Clone, Serialize)]
+pub struct FaultReport {
+    /// Scan.
+    pub scan: u64,
+    /// Process.
+    pub process: String,
+    /// `killed` or `exited`.
+    pub kind: String,
+    /// Scans until the roster said so.
+    pub noticed_after_scans: u64,
+    /// What the machine did.
+    pub reaction: String,
+    /// Largest contour error until motion resumed.
+    pub contour_error_um_max: f64,
+    /// Scan in which motion went on; null if it did not stop or did not go on.
+    pub resumed_at_scan: Option<u64>,
+}
+
+/// Rounded to 1/1000 of its unit; −0 becomes 0.
+fn r3(value: f64) -> f64 {
+    libm::round(value * 1e3) / 1e3 + 0.0
+}
+
+fn max_min((max, min): (f64, f64)) -> MaxMin {
+    MaxMin {
+        max: r3(max),
+        min: r3(min),
+    }
+}
+
+impl Report {
+    /// Puts a measurement into the words of the report.
+    pub fn new(evaluation: &Evaluation) -> Report {
+        let Evaluation {
+            measurements,
+            info,
+            end,
+            machine,
+            ..
+        } = evaluation;
+        let wall_s = end.as_ref().map(|end| end.wall_s);
+        let machine_s = measurements.scans as f64 * measurements.scan_period_s;
+        let queue_losses = end.as_ref().map_or(0, |end| end.queue_losses);
+        Report {
+            quadrant: info.quadrant.clone(),
+            machine: machine.name.clone(),
+            program: info.program.clone(),
+            pace: info.pace.clone(),
+            scan_period_us: machine.scan.period_us,
+            distribution_period_scans: machine.scan.distribution_period_scans,
+            outcome: outcome(evaluation),
+            scans: measurements.scans,
+            wall_s,
+            real_time_factor: wall_s
+                .filter(|wall_s| *wall_s > 0.0)
+                .map(|wall_s| r3(machine_s / wall_s)),
+            digest: evaluation.digest.clone(),
+            motion_digest: measurements.motion_digest.clone(),
+            samples_lost: measurements.samples_lost.max(queue_losses),
+            overrun_scans: measurements.overrun_scans,
+            windows: measurements.windows,
+            windows_voided: measurements.windows_voided,
+            log: LogReport {
+                cut: evaluation.cut.clone(),
+                queue_losses,
+                program_matches: evaluation.program_matches,
+            },
+            axes: axes(evaluation),
+            contour_error_um: PeakRms {
+                peak: r3(measurements.contour_error_mm.peak * 1e3),
+                rms: r3(measurements.contour_error_mm.rms() * 1e3),
+            },
+            arcs: measurements
+                .arcs
+                .iter()
+                .map(|result| arc(result, evaluation))
+                .collect(),
+            reversals: reversals(evaluation),
+            limits: LimitsReport {
+                velocity_exceeded: measurements.limits.velocity,
+                acceleration_exceeded: measurements.limits.acceleration,
+                jerk_exceeded: 0,
+                travel_exceeded: measurements.limits.travel,
+            },
+            processes: processes(measurements),
+            faults: faults(measurements),
+        }
+    }
+
+    /// The text of `report.json`.
+    pub fn to_json(&self) -> String {
+        // A struct of numbers and strings: it cannot fail, and if it did the file would show it.
+        let mut text = serde_json::to_string_pretty(self).unwrap_or_default();
+        text.push('\n');
+        text
+    }
+}
+
+fn outcome(evaluation: &Evaluation) -> OutcomeReport {
+    let (kind, reason) = match &evaluation.measurements.outcome {
+        Outcome::Completed => ("completed", None),
+        Outcome::Interrupted => ("interrupted", None),
+        Outcome::Stopped(reason) => ("stopped", Some(reason.clone())),
+    };
+    let from_outside = evaluation.end.as_ref().and_then(|end| end.reason.clone());
+    OutcomeReport {
+        kind: kind.into(),
+        reason: if kind == "completed" {
+            reason
+        } else {
+            from_outside.or(reason)
+        },
+    }
+}
+
+fn axes(evaluation: &Evaluation) -> Vec<AxisReport> {
+    let measured = evaluation.measurements.axes.iter();
+    measured
+        .zip(&evaluation.machine.axes)
+        .map(|(meter, axis)| AxisReport {
+            axis: axis.name.clone(),
+            drive_mode: match axis.drive_mode {
+                DriveMode::Velocity => "velocity",
+                DriveMode::Torque => "torque",
+            },
+            following_error_um: PeakRms {
+                peak: r3(meter.following_error_mm.peak * 1e3),
+                rms: r3(meter.following_error_mm.rms() * 1e3),
+            },
+            missed_scans: meter.missed_scans,
+            torque_rms_nm: r3(meter.torque_nm.rms()),
+            torque_peak_nm: r3(meter.torque_nm.peak),
+            torque_rms_percent: r3(meter.torque_nm.rms() / axis.motor.rated_torque_nm * 100.0),
+            winding_c_peak: r3(AMBIENT_C + meter.winding_k_peak),
+            ambient_c: AMBIENT_C,
+        })
+        .collect()
+}
+
+fn arc(result: &ArcResult, evaluation: &Evaluation) -> ArcReport {
+    let letter = |axis: usize| {
+        let axis = evaluation.machine.axes.get(axis);
+        axis.map_or("?", |axis| axis.name.as_str())
+    };
+    let circle = &result.circle;
+    let fit = &result.table.fit;
+    let radius_error = |series: &Deviations| {
+        (series.fit.kind != FitKind::None).then(|| r3(series.fit.radius_error_mm * 1e3))
+    };
+    ArcReport {
+        block: result.line,
+        plane: circle.plane.iter().map(|axis| letter(*axis)).collect(),
+        centre_mm: circle.centre_mm.map(|mm| libm::round(mm * 1e6) / 1e6 + 0.0),
+        radius_mm: libm::round(circle.radius_mm * 1e6) / 1e6,
+        feed_mm_min: circle.feed_mm_s.map(|feed| r3(feed * 60.0)),
+        speed_mm_min: r3(result.speed_mm_s * 60.0),
+        clockwise: circle.clockwise,
+        turns: r3(result.turns),
+        measured_deg: r3(result.measured_deg),
+        fit: fit.kind.word(),
+        circular_deviation_um: r3(result.table.circular_um),
+        radial_deviation_um: max_min(result.table.radial_um),
+        radial_deviation_programmed_um: max_min(result.table.programmed_um),
+        centre_offset_um: (fit.kind == FitKind::LeastSquares)
+            .then(|| fit.centre_mm.map(|mm| r3(mm * 1e3))),
+        radius_error_um: radius_error(&result.table),
+        residual_rms_um: r3(fit.residual_rms_mm * 1e3),
+        motor_circular_deviation_um: r3(result.motor.circular_um),
+        motor_radius_error_um: radius_error(&result.motor),
+    }
+}
+
+fn reversals(evaluation: &Evaluation) -> Vec<ReversalReport> {
+    let of = |axis: usize| {
+        let axis = evaluation.machine.axes.get(axis);
+        axis.map_or_else(|| "?".into(), |axis| axis.name.clone())
+    };
+    let measured = evaluation.measurements.reversals.iter();
+    measured
+        .map(|reversal| ReversalReport {
+            axis: of(reversal.axis),
+            new_direction: reversal.new_direction,
+            scan: reversal.scan,
+            block: reversal.line,
+            radius_mm: reversal
+                .radius_mm
+                .map(|radius_mm| libm::round(radius_mm * 1e6) / 1e6),
+            feed_mm_min: reversal.feed_mm_s.map(|feed| r3(feed * 60.0)),
+            trigger: reversal.trigger,
+            kick_lead_ms: reversal.kick_lead_ms.map(r3),
+            protrusion_um: reversal.protrusion_um.map(r3),
+            undercut_um: reversal.undercut_um.map(r3),
+            width_half_height_ms: reversal.width_half_height_ms.map(r3),
+            steady: reversal.steady,
+        })
+        .collect()
+}
+
+fn processes(measurements: &Measurements) -> Vec<ProcessReport> {
+    let processes = measurements.processes.iter();
+    processes
+        .map(|process| ProcessReport {
+            process: process.process.clone(),
+            starts: process.starts,
+            deaths: process
+                .deaths
+                .iter()
+                .map(|&(scan, signal)| Death { scan, signal })
+                .collect(),
+        })
+        .collect()
+}
+
+fn faults(measurements: &Measurements) -> Vec<FaultReport> {
+    let faults = measurements.faults.iter();
+    faults
+        .map(|fault| FaultReport {
+            scan: fault.scan,
+            process: fault.process.clone(),
+            kind: fault.kind.into(),
+            noticed_after_scans: fault.noticed_after_scans,
+            reaction: fault.reaction.clone(),
+            contour_error_um_max: r3(fault.contour_error_mm * 1e3),
+            resumed_at_scan: fault.resumed_at_scan,
+        })
+        .collect()
+}

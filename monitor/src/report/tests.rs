@@ -1,0 +1,224 @@
+//! From a log to the files of a report, and again.
+
+use std::path::Path;
+
+use super::*;
+use crate::log::{Recorder, RunEnd, RunInfo};
+use crate::test_support::{Deviation, SyntheticRun, machine, machine_text};
+
+const PROGRAM: &str = "G17 G21 G90
+(there and back on one circle)
+G0 X25 Y0
+G3 X25 Y0 I-25 J0 P2 F3000
+G1 X30 Y5
+G1 X25 Y0
+G2 X25 Y0 I-25 J0 P2
+G0 X50 Y-10
+G2 X50 Y-10 I-10 J0 F1000
+M2
+";
+
+const DEVIATION: Deviation = Deviation {
+    centre_mm: [0.0012, -0.0007],
+    radius_mm: -0.0031,
+    bump_mm: [0.0071, 0.0052, 0.0064, 0.0083],
+    bump_after_rad: 0.05,
+    bump_sigma_rad: 0.017,
+    lag_scans: 3.0,
+};
+
+/// A run directory with everything but the report.
+fn run_directory(dir: &Path) {
+    std::fs::write(dir.join("machine.toml"), machine_text(&["X", "Y"])).unwrap();
+    std::fs::write(dir.join("circle.ngc"), PROGRAM).unwrap();
+    let machine = machine(&["X", "Y"]);
+    let program = program::load(
+        &dir.join("circle.ngc"),
+        &Setup::of(&machine),
+        AxisVector::zeros(),
+    )
+    .unwrap();
+    let run = SyntheticRun::new(program.path, program.source_hash, DEVIATION);
+    let info = RunInfo {
+        quadrant: "0.1.0".into(),
+        cell: "test".into(),
+        pace: "lockstep".into(),
+        program: "circle.ngc".into(),
+        ..RunInfo::default()
+    };
+    let mut recorder = Recorder::create(&dir.join(LOG_FILE), &machine, &info).unwrap();
+    for sample in run.samples() {
+        match sample {
+            Sample::Feedback(sample) => recorder.record_feedback(&sample).unwrap(),
+            Sample::Instruments(sample) => recorder.record_instruments(&sample).unwrap(),
+            Sample::Command(sample) => {
+                recorder
+                    .record_command(sample.axis as usize, &sample)
+                    .unwrap();
+            }
+            _ => {}
+        }
+    }
+    let end = RunEnd {
+        wall_s: 0.5,
+        ..RunEnd::default()
+    };
+    recorder.finish(&end).unwrap();
+}
+
+#[test]
+fn a_report_has_the_names_of_the_interface_and_is_made_again_to_the_byte() {
+    let dir = tempfile::tempdir().unwrap();
+    run_directory(dir.path());
+    make_report(dir.path()).unwrap();
+    let files = [
+        "report.json",
+        "report.txt",
+        "tracking.svg",
+        "circle-1.svg",
+        "circle-2.svg",
+    ];
+    let read = || files.map(|name| std::fs::read_to_string(dir.path().join(name)).unwrap());
+    let first = read();
+    if let Some(keep) = std::env::var_os("QUADRANT_KEEP_REPORT") {
+        for name in files.iter().chain(&[LOG_FILE]) {
+            std::fs::copy(dir.path().join(name), Path::new(&keep).join(name)).unwrap();
+        }
+    }
+    make_report(dir.path()).unwrap();
+    assert_eq!(read(), first);
+    assert!(
+        !dir.path().join("circle-3.svg").exists(),
+        "both directions share a plot"
+    );
+    let json: serde_json::Value = serde_json::from_str(&first[0]).unwrap();
+    for name in [
+        "/quadrant",
+        "/machine",
+        "/program",
+        "/pace",
+        "/scan_period_us",
+        "/distribution_period_scans",
+        "/outcome/kind",
+        "/outcome/reason",
+        "/scans",
+        "/wall_s",
+        "/real_time_factor",
+        "/digest",
+        "/motion_digest",
+        "/samples_lost",
+        "/axes/0/axis",
+        "/axes/1/following_error_um/peak",
+        "/axes/0/following_error_um/rms",
+        "/axes/0/missed_scans",
+        "/axes/0/torque_rms_nm",
+        "/axes/0/torque_peak_nm",
+        "/axes/0/winding_c_peak",
+        "/contour_error_um/peak",
+        "/contour_error_um/rms",
+        "/arcs/0/block",
+        "/arcs/0/plane",
+        "/arcs/0/centre_mm/1",
+        "/arcs/0/radius_mm",
+        "/arcs/0/feed_mm_min",
+        "/arcs/0/clockwise",
+        "/arcs/0/circular_deviation_um",
+        "/arcs/0/radial_deviation_um/max",
+        "/arcs/0/radial_deviation_um/min",
+        "/arcs/0/centre_offset_um/1",
+        "/arcs/0/radius_error_um",
+        "/reversals/0/axis",
+        "/reversals/0/new_direction",
+        "/reversals/0/scan",
+        "/reversals/0/block",
+        "/reversals/0/radius_mm",
+        "/reversals/0/feed_mm_min",
+        "/reversals/0/trigger",
+        "/reversals/0/kick_lead_ms",
+        "/reversals/0/protrusion_um",
+        "/reversals/0/undercut_um",
+        "/limits/velocity_exceeded",
+        "/limits/acceleration_exceeded",
+        "/limits/jerk_exceeded",
+        "/limits/travel_exceeded",
+        "/processes",
+        "/faults",
+    ] {
+        assert!(json.pointer(name).is_some(), "{name} is missing");
+    }
+    let at = |name: &str| json.pointer(name).unwrap();
+    assert_eq!(at("/outcome/kind"), "completed");
+    assert_eq!(at("/log/program_matches"), true);
+    assert_eq!(at("/samples_lost"), 0);
+    assert_eq!(at("/arcs/0/plane"), "XY");
+    assert_eq!(at("/arcs/0/block"), 4);
+    let number = |name: &str| at(name).as_f64().unwrap();
+    assert!((number("/arcs/0/radius_error_um") + 3.1).abs() < 0.05);
+    assert!((number("/arcs/1/centre_offset_um/0") - 1.2).abs() < 0.05);
+    assert!((number("/arcs/1/circular_deviation_um") - 8.3).abs() < 0.1);
+    assert_eq!(number("/axes/0/winding_c_peak"), 25.0);
+    assert_eq!(number("/real_time_factor"), number("/scans") * 1e-3 / 0.5);
+}
+
+#[test]
+fn a_cut_log_still_gives_a_report_that_says_so() {
+    let dir = tempfile::tempdir().unwrap();
+    run_directory(dir.path());
+    let log = dir.path().join(LOG_FILE);
+    let whole = std::fs::read(&log).unwrap();
+    std::fs::write(&log, &whole[..whole.len() * 2 / 3]).unwrap();
+    let report = make_report(dir.path()).unwrap();
+    assert_eq!(report.outcome.kind, "stopped");
+    assert!(report.log.cut.is_some() && report.wall_s.is_none());
+    assert!(!report.arcs.is_empty());
+    let page = std::fs::read_to_string(dir.path().join("report.txt")).unwrap();
+    assert!(page.contains("THE LOG IS NOT WHOLE"), "{page}");
+}
+
+#[test]
+fn a_program_that_was_changed_after_the_run_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    run_directory(dir.path());
+    std::fs::write(
+        dir.path().join("circle.ngc"),
+        PROGRAM.replace("F1000", "F900"),
+    )
+    .unwrap();
+    let report = make_report(dir.path()).unwrap();
+    assert_eq!(report.log.program_matches, Some(false));
+}
+
+#[test]
+fn files_that_do_not_belong_together_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    run_directory(dir.path());
+    std::fs::write(dir.path().join("machine.toml"), machine_text(&["X", "Z"])).unwrap();
+    let text = make_report(dir.path()).unwrap_err().to_string();
+    assert!(text.contains("machine.toml has axes X Z"), "{text}");
+    std::fs::write(dir.path().join("machine.toml"), machine_text(&["X", "Y"])).unwrap();
+    std::fs::remove_file(dir.path().join("circle.ngc")).unwrap();
+    assert!(matches!(
+        make_report(dir.path()),
+        Err(ReportError::Program(_))
+    ));
+    std::fs::remove_file(dir.path().join(LOG_FILE)).unwrap();
+    assert!(matches!(make_report(dir.path()), Err(ReportError::Log(_))));
+}
+
+/// `cargo test -p monitor --release -- --ignored --nocapture evaluation_cost`
+#[test]
+#[ignore = "a measurement, not a check"]
+fn evaluation_cost_per_scan() {
+    let dir = tempfile::tempdir().unwrap();
+    run_directory(dir.path());
+    let start = std::time::Instant::now();
+    let scans = evaluate(dir.path()).unwrap().measurements.scans as f64;
+    let evaluated_us = start.elapsed().as_secs_f64() * 1e6;
+    make_report(dir.path()).unwrap();
+    let all_us = start.elapsed().as_secs_f64() * 1e6 - evaluated_us;
+    println!(
+        "reading and measuring {:.2} µs per scan, with report and plots {:.2} µs per scan ({scans} scans)",
+        evaluated_us / scans,
+        all_us / scans
+    );
+}

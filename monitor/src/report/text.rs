@@ -1,0 +1,281 @@
+//! `report.txt`: one page for people.
+
+use std::fmt::Write as _;
+
+use super::json::{ArcReport, Report, ReversalReport};
+
+/// Lines that a table shows before it says how many more there are.
+const ROWS_MAX: usize = 40;
+
+/// The page.
+pub fn page(report: &Report) -> String {
+    let mut page = String::new();
+    head(report, &mut page);
+    axes(report, &mut page);
+    arcs(report, &mut page);
+    reversals(report, &mut page);
+    processes(report, &mut page);
+    foot(report, &mut page);
+    page
+}
+
+// Writing to a string cannot fail; the macro keeps that out of sight.
+macro_rules! line {
+    ($page:expr) => { $page.push('\n') };
+    ($page:expr, $($what:tt)*) => {{ let _ = writeln!($page, $($what)*); }};
+}
+
+fn head(report: &Report, page: &mut String) {
+    let reason = report.outcome.reason.as_deref();
+    let outcome = match reason {
+        Some(reason) => format!("{}: {reason}", report.outcome.kind.to_uppercase()),
+        None => report.outcome.kind.to_uppercase(),
+    };
+    line!(
+        page,
+        "{} on {}    {outcome}",
+        report.program,
+        report.machine
+    );
+    line!(page, "{}", "=".repeat(72));
+    let period_s = f64::from(report.scan_period_us) * 1e-6;
+    line!(
+        page,
+        "{:.3} s of machine time, {} scans of {} µs, distribution period {} scans, {}",
+        report.scans as f64 * period_s,
+        report.scans,
+        report.scan_period_us,
+        report.distribution_period_scans,
+        report.pace
+    );
+    if let (Some(wall_s), Some(factor)) = (report.wall_s, report.real_time_factor) {
+        line!(page, "{wall_s:.3} s of wall time: {factor:.1} × real time");
+    }
+    if let Some(cut) = &report.log.cut {
+        line!(
+            page,
+            "THE LOG IS NOT WHOLE: {cut}. What follows is of the part that is there."
+        );
+    }
+    if report.log.program_matches == Some(false) {
+        line!(
+            page,
+            "THE PROGRAM IN THIS FOLDER IS NOT THE ONE THAT RAN: path, arcs and contour error mean nothing."
+        );
+    }
+    line!(
+        page,
+        "Contour error on the table: peak {:.2} µm, rms {:.2} µm",
+        report.contour_error_um.peak,
+        report.contour_error_um.rms
+    );
+    line!(page);
+}
+
+fn axes(report: &Report, page: &mut String) {
+    line!(
+        page,
+        "Axes            following error      torque               winding   missed"
+    );
+    line!(
+        page,
+        "                peak µm   rms µm    peak Nm  rms Nm  rated     °C    scans"
+    );
+    for axis in &report.axes {
+        line!(
+            page,
+            "  {:<2} {:<9} {:>8.2} {:>8.2}    {:>7.2} {:>7.2} {:>5.0} %  {:>5.1}  {:>7}",
+            axis.axis,
+            axis.drive_mode,
+            axis.following_error_um.peak,
+            axis.following_error_um.rms,
+            axis.torque_peak_nm,
+            axis.torque_rms_nm,
+            axis.torque_rms_percent,
+            axis.winding_c_peak,
+            axis.missed_scans
+        );
+    }
+    if let Some(axis) = report.axes.first() {
+        line!(
+            page,
+            "  (winding: rise above an assumed room temperature of {} °C)",
+            axis.ambient_c
+        );
+    }
+    line!(page);
+}
+
+fn arcs(report: &Report, page: &mut String) {
+    if report.arcs.is_empty() {
+        return;
+    }
+    line!(
+        page,
+        "Circles and arcs, on the table (ISO 230-4; µm; centre and radius by least squares outside"
+    );
+    line!(
+        page,
+        "the reversal windows; G about that centre, measured over the steady part)"
+    );
+    line!(
+        page,
+        "  line plane   radius    feed dir   steady       G   centre offset    radius   motor"
+    );
+    line!(
+        page,
+        "                   mm  mm/min          deg              1st     2nd     error    G"
+    );
+    for arc in report.arcs.iter().take(ROWS_MAX) {
+        line!(page, "{}", arc_row(arc));
+    }
+    more(report.arcs.len(), page);
+    line!(page);
+}
+
+fn arc_row(arc: &ArcReport) -> String {
+    let feed = arc.feed_mm_min.unwrap_or(arc.speed_mm_min);
+    let turn = if arc.clockwise { "cw" } else { "ccw" };
+    let offset = match arc.centre_offset_um {
+        Some([first, second]) => format!("{first:>7.2} {second:>7.2}"),
+        None => format!("{:>7} {:>7}", "–", "–"),
+    };
+    format!(
+        "  {:>4} {:<5} {:>8.3} {feed:>7.0} {turn:<4} {:>7.0} {:>7.2}  {offset} {:>9} {:>7.2}",
+        arc.block,
+        arc.plane,
+        arc.radius_mm,
+        arc.measured_deg,
+        arc.circular_deviation_um,
+        number(arc.radius_error_um, 2),
+        arc.motor_circular_deviation_um,
+    )
+}
+
+fn reversals(report: &Report, page: &mut String) {
+    if report.reversals.is_empty() {
+        return;
+    }
+    let on_arcs: Vec<&ReversalReport> = report
+        .reversals
+        .iter()
+        .filter(|reversal| reversal.protrusion_um.is_some())
+        .collect();
+    line!(
+        page,
+        "Reversals: {} in all, {} on arcs (µm; + outward, the axis is late; * not in steady motion)",
+        report.reversals.len(),
+        on_arcs.len()
+    );
+    if !on_arcs.is_empty() {
+        line!(
+            page,
+            "  axis      time s  line   radius    feed  protrusion  undercut  width  kick lead"
+        );
+        line!(
+            page,
+            "                             mm  mm/min                           ms         ms"
+        );
+    }
+    for reversal in on_arcs.iter().take(ROWS_MAX) {
+        let time_s = reversal.scan as f64 * f64::from(report.scan_period_us) * 1e-6;
+        let sign = if reversal.new_direction > 0 { '+' } else { '-' };
+        line!(
+            page,
+            "  {}{sign}{} {time_s:>11.3} {:>5} {:>8} {:>7} {:>10}  {:>9} {:>6} {:>9}",
+            reversal.axis,
+            if reversal.steady { ' ' } else { '*' },
+            reversal.block.map_or("–".into(), |block| block.to_string()),
+            number(reversal.radius_mm, 3),
+            number(reversal.feed_mm_min, 0),
+            number(reversal.protrusion_um, 2),
+            number(reversal.undercut_um, 2),
+            number(reversal.width_half_height_ms, 1),
+            number(reversal.kick_lead_ms, 2),
+        );
+    }
+    more(on_arcs.len(), page);
+    let steady: Vec<f64> = on_arcs
+        .iter()
+        .filter(|reversal| reversal.steady)
+        .filter_map(|reversal| reversal.protrusion_um)
+        .collect();
+    if !steady.is_empty() {
+        let mean = steady.iter().sum::<f64>() / steady.len() as f64;
+        let worst = steady.iter().fold(f64::NEG_INFINITY, |a, b| a.max(*b));
+        line!(
+            page,
+            "  in steady motion: mean protrusion {mean:.2} µm, worst {worst:.2} µm"
+        );
+    }
+    line!(page);
+}
+
+fn processes(report: &Report, page: &mut String) {
+    if !report.processes.is_empty() {
+        let names: Vec<String> = report
+            .processes
+            .iter()
+            .map(|process| match process.starts {
+                0 | 1 => process.process.clone(),
+                starts => format!("{} ({starts} starts)", process.process),
+            })
+            .collect();
+        line!(page, "Processes: {}", names.join(", "));
+    }
+    for fault in report.faults.iter().take(ROWS_MAX) {
+        let resumed = fault.resumed_at_scan.map_or(String::new(), |scan| {
+            format!(", motion again from scan {scan}")
+        });
+        line!(
+            page,
+            "  scan {}: {} {}, noticed after {} scans: {}{resumed}; contour error up to {:.2} µm",
+            fault.scan,
+            fault.process,
+            fault.kind,
+            fault.noticed_after_scans,
+            fault.reaction,
+            fault.contour_error_um_max
+        );
+    }
+    more(report.faults.len(), page);
+    if !report.processes.is_empty() {
+        line!(page);
+    }
+}
+
+fn foot(report: &Report, page: &mut String) {
+    let limits = &report.limits;
+    line!(
+        page,
+        "Setpoints beyond limits: velocity {}, acceleration {}, travel {}",
+        limits.velocity_exceeded,
+        limits.acceleration_exceeded,
+        limits.travel_exceeded
+    );
+    line!(
+        page,
+        "Windows {} (voided {}), overrun scans {}, samples lost {}",
+        report.windows,
+        report.windows_voided,
+        report.overrun_scans,
+        report.samples_lost
+    );
+    line!(page, "digest        {}", report.digest);
+    line!(
+        page,
+        "motion digest {}",
+        report.motion_digest.as_deref().unwrap_or("–")
+    );
+    line!(page, "quadrant {}", report.quadrant);
+}
+
+fn more(count: usize, page: &mut String) {
+    if count > ROWS_MAX {
+        line!(page, "  … and {} more in report.json", count - ROWS_MAX);
+    }
+}
+
+fn number(value: Option<f64>, digits: usize) -> String {
+    value.map_or("–".into(), |value| format!("{value:.digits$}"))
+}

@@ -1,0 +1,116 @@
+//! Following error of every axis over time. Thinned by lowest and highest value, so that a peak of one scan is seen.
+
+use std::path::Path;
+
+use plotters::prelude::*;
+
+use super::svg::{self, Area, FINE, words};
+use super::{Evaluation, ReportError};
+use crate::measure::axis::AxisMeter;
+
+const WIDTH: i32 = 1100;
+const PANEL: i32 = 230;
+const HEAD: i32 = 64;
+
+const INK: RGBColor = RGBColor(0x22, 0x26, 0x2b);
+const SOFT: RGBColor = RGBColor(0x6b, 0x72, 0x7b);
+const GRID: RGBColor = RGBColor(0xe3, 0xe6, 0xea);
+const CURVES: [RGBColor; 4] = [
+    RGBColor(0x0b, 0x5c, 0xad),
+    RGBColor(0xc2, 0x4a, 0x14),
+    RGBColor(0x2f, 0x7d, 0x32),
+    RGBColor(0x7b, 0x3f, 0xa0),
+];
+
+/// Draws one panel per axis.
+pub(super) fn draw(path: &Path, evaluation: &Evaluation) -> Result<(), ReportError> {
+    draw_panels(path, evaluation).map_err(|what| ReportError::Plot {
+        path: path.into(),
+        what,
+    })
+}
+
+fn draw_panels(path: &Path, evaluation: &Evaluation) -> Result<(), String> {
+    let count = evaluation.measurements.axes.len().max(1) as i32;
+    svg::write(path, (WIDTH, HEAD + PANEL * count + 16), |root| {
+        draw_on(root, evaluation, count)
+    })
+}
+
+fn font(size: i32, colour: &RGBColor) -> TextStyle<'static> {
+    ("sans-serif", size * FINE).into_font().color(colour)
+}
+
+fn draw_on(root: &Area, evaluation: &Evaluation, count: i32) -> Result<(), String> {
+    let measurements = &evaluation.measurements;
+    root.draw_text("Following error", &font(24, &INK), (40 * FINE, 18 * FINE))
+        .map_err(words)?;
+    let below = format!(
+        "{} on {}   ·   command minus feedback, compensation not counted",
+        evaluation.info.program, evaluation.machine.name
+    );
+    root.draw_text(&below, &font(14, &SOFT), (240 * FINE, 27 * FINE))
+        .map_err(words)?;
+    let (_, body) = root.split_vertically(HEAD * FINE);
+    let panels = body.split_evenly((count as usize, 1));
+    let axes = measurements.axes.iter().zip(&evaluation.machine.axes);
+    for (index, ((meter, axis), panel)) in axes.zip(&panels).enumerate() {
+        let colour = CURVES.get(index % CURVES.len()).copied().unwrap_or(INK);
+        let name = format!(
+            "{}:  peak {:.1} µm, rms {:.2} µm",
+            axis.name,
+            meter.following_error_mm.peak * 1e3,
+            meter.following_error_mm.rms() * 1e3
+        );
+        draw_panel(panel, &name, meter, colour, measurements.scan_period_s)?;
+    }
+    Ok(())
+}
+
+fn draw_panel(
+    area: &Area,
+    name: &str,
+    meter: &AxisMeter,
+    colour: RGBColor,
+    period_s: f64,
+) -> Result<(), String> {
+    let bins: Vec<(f64, f64, f64)> = meter.following_error_um_series.bins().collect();
+    let most = bins
+        .iter()
+        .fold(0.0f64, |most, bin| most.max(bin.1.abs()).max(bin.2.abs()));
+    let limit = if most > 0.0 { most * 1.1 } else { 1.0 };
+    let (from, to) = match (bins.first(), bins.last()) {
+        (Some(first), Some(last)) if last.0 > first.0 => (first.0 * period_s, last.0 * period_s),
+        _ => (0.0, 1.0),
+    };
+    let mut chart = ChartBuilder::on(area)
+        .caption(name, font(16, &colour))
+        .margin_top(8 * FINE)
+        .margin_left(16 * FINE)
+        .margin_right(30 * FINE)
+        .x_label_area_size(36 * FINE)
+        .y_label_area_size(66 * FINE)
+        .build_cartesian_2d(from..to, -limit..limit)
+        .map_err(words)?;
+    chart
+        .configure_mesh()
+        .light_line_style(WHITE)
+        .bold_line_style(GRID.stroke_width(FINE as u32))
+        .axis_style(SOFT.stroke_width(FINE as u32))
+        .set_all_tick_mark_size(5 * FINE)
+        .label_style(font(13, &SOFT))
+        .x_desc("time in s")
+        .y_desc("µm")
+        .y_labels(7)
+        .y_label_formatter(&|value: &f64| format!("{}", libm::round(value * 1e3) / 1e3 + 0.0))
+        .draw()
+        .map_err(words)?;
+    let points = bins.iter().flat_map(|&(scan, low, high)| {
+        let time_s = scan * period_s;
+        [(time_s, low), (time_s, high)]
+    });
+    chart
+        .draw_series(LineSeries::new(points, colour.stroke_width(FINE as u32)))
+        .map_err(words)?;
+    Ok(())
+}

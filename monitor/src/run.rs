@@ -1,0 +1,187 @@
+//! The monitor as a process: it records every sample and disturbs nothing.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use bus::cell::CellError;
+use bus::member::{Member, MemberError, Pace, Seat};
+use bus::port::{Reader, WindowReader};
+use bus::realtime::Priority;
+use bus::sample::{AxisCommand, Feedback, Instruments, PlannerStatus, Roster};
+use bus::service::{RECORDER_DEPTH_SCANS, ROLES};
+
+use crate::log::{LogError, Recorder, RunEnd, RunInfo};
+
+/// Scans recorded between two words to the machine side about it.
+const CREDIT_STEP_SCANS: u64 = 64;
+const LOOK_AROUND: Duration = Duration::from_millis(20);
+
+/// How a recorder is started.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Its seat in the cell.
+    pub seat: Seat,
+    /// Run directory.
+    pub out: PathBuf,
+    /// Part program, already copied into the run directory.
+    pub program: PathBuf,
+}
+
+/// Why the recorder ended before its run did.
+#[derive(Debug, thiserror::Error)]
+pub enum MonitorError {
+    /// The cell refuses it.
+    #[error(transparent)]
+    Member(#[from] MemberError),
+    /// The log cannot be written.
+    #[error(transparent)]
+    Log(#[from] LogError),
+    /// A file that belongs into the log cannot be read.
+    #[error("{path}: {source}")]
+    File {
+        /// The file.
+        path: String,
+        /// Why.
+        source: std::io::Error,
+    },
+}
+
+struct Ports {
+    feedback: Reader<Feedback>,
+    instruments: Reader<Instruments>,
+    commands: Vec<[Reader<AxisCommand>; ROLES.len()]>,
+    windows: WindowReader,
+    planner: Reader<PlannerStatus>,
+    roster: Reader<Roster>,
+}
+
+impl Ports {
+    fn open(member: &Member) -> Result<Ports, CellError> {
+        let bus = &member.bus;
+        let depth = RECORDER_DEPTH_SCANS;
+        let commands = (0..member.machine.axes.len())
+            .map(|axis| {
+                Ok([
+                    bus.command_reader(axis, 0, depth)?,
+                    bus.command_reader(axis, 1, depth)?,
+                ])
+            })
+            .collect::<Result<Vec<_>, CellError>>()?;
+        Ok(Ports {
+            feedback: bus.feedback_reader(depth)?,
+            instruments: bus.instruments_reader(depth)?,
+            commands,
+            windows: bus.window_reader(depth)?,
+            planner: bus.planner_reader(depth)?,
+            roster: bus.roster_reader(depth)?,
+        })
+    }
+
+    /// Records whatever became visible by the scan of this feedback, then the feedback itself: samples of one scan
+    /// stand together in the log, in the same order on every run.
+    fn record(&mut self, feedback: &Feedback, recorder: &mut Recorder) -> Result<(), LogError> {
+        let scan = feedback.scan;
+        while let Some(sample) = self.roster.next(scan) {
+            recorder.record_roster(&sample)?;
+        }
+        while let Some(sample) = self.instruments.next(scan) {
+            recorder.record_instruments(&sample)?;
+        }
+        for (axis, roles) in self.commands.iter_mut().enumerate() {
+            for reader in roles {
+                while let Some(sample) = reader.next(scan) {
+                    recorder.record_command(axis, &sample)?;
+                }
+            }
+        }
+        while let Some(sample) = self.planner.next(scan) {
+            recorder.record_planner(&sample)?;
+        }
+        let mut result = Ok(());
+        self.windows.each(scan, |header, rows| {
+            if result.is_ok() {
+                result = recorder.record_window(header, rows);
+            }
+        });
+        result?;
+        recorder.record_feedback(feedback)
+    }
+}
+
+fn run_info(options: &Options) -> Result<RunInfo, MonitorError> {
+    let read = |path: &PathBuf| {
+        std::fs::read(path).map_err(|source| MonitorError::File {
+            path: path.display().to_string(),
+            source,
+        })
+    };
+    let program = options.program.file_name().map_or_else(
+        || "program.ngc".into(),
+        |n| n.to_string_lossy().into_owned(),
+    );
+    let machine = bus::machine::machine_file(&options.seat.machine);
+    Ok(RunInfo {
+        quadrant: env!("CARGO_PKG_VERSION").into(),
+        cell: options.seat.cell.clone(),
+        pace: options.seat.pace.word().into(),
+        program: program.clone(),
+        files: vec![
+            ("machine.toml".into(), read(&machine)?),
+            (program, read(&options.program)?),
+        ],
+        ..RunInfo::default()
+    })
+}
+
+/// Records the cell until its last feedback.
+///
+/// # Errors
+/// [`MonitorError`]; what was recorded before stays readable.
+pub fn run(options: &Options) -> Result<(), MonitorError> {
+    let member = Member::enter(options.seat.clone(), "monitor")?;
+    let mut ports = Ports::open(&member).map_err(MemberError::Cell)?;
+    let mut recorder = Recorder::create(
+        &options.out.join("run.mcap"),
+        &member.machine,
+        &run_info(options)?,
+    )?;
+    member.ready(Priority::Ordinary);
+
+    let lockstep = options.seat.pace == Pace::Lockstep;
+    let mut started: Option<Instant> = None;
+    let mut alone_since: Option<Instant> = None;
+    let mut ended = false;
+    while !ended {
+        let seen = member.page.monitor_bell().count();
+        while let Some(feedback) = ports.feedback.any() {
+            started.get_or_insert_with(Instant::now);
+            ports.record(&feedback, &mut recorder)?;
+            ended = feedback.last == 1;
+            member.page.set_recorded_scans(feedback.scan + 1);
+            if lockstep && feedback.scan.is_multiple_of(CREDIT_STEP_SCANS) {
+                member.page.machine_bell().ring();
+            }
+        }
+        if ended || member.ending() {
+            break;
+        }
+        if lockstep {
+            member.page.machine_bell().ring();
+        }
+        member.page.monitor_bell().wait(seen, LOOK_AROUND);
+        if member.page.monitor_bell().count() == seen && !member.launcher_lives() {
+            // The machine side still brings the tool to rest: its last feedback ends the log, or this patience.
+            let since = alone_since.get_or_insert_with(Instant::now);
+            if since.elapsed() > Duration::from_secs(2) {
+                break;
+            }
+        }
+    }
+    let digest = recorder.finish(&RunEnd {
+        wall_s: started.map_or(0.0, |at| at.elapsed().as_secs_f64()),
+        queue_losses: 0,
+        reason: (!ended).then(|| "the cell ended before its last feedback".into()),
+    })?;
+    tracing::debug!(digest, "recorded");
+    Ok(())
+}

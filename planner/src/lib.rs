@@ -1,0 +1,11 @@
+//! The planner process: part program to windows of setpoints.
+//!
+//! [`run`] is the process; [`Planner`] its pure part: feedback in, window out.
+
+mod course;
+mod planner;
+mod run;
+
+pub use course::{CourseError, motion_limits, window_planner};
+pub use planner::{Decision, Planner};
+pub use run::{Options, PlannerError, run};

@@ -1,0 +1,308 @@
+//! The planner, pure: from the feedback of a period boundary to the next window.
+
+use bus::machine::Machine;
+use bus::sample::{
+    Cause, Feedback, MAX_AXES, Mode, PathTag, PlannerStatus, WindowHeader, WindowId, WindowRow,
+};
+use bus::window::checksum;
+use bytemuck::Zeroable;
+use control::path::AxisVector;
+use control::profile::PathState;
+use control::window::{Row, WindowPlanner, WindowRequest};
+use program::{ProgramError, Setup};
+
+use crate::course::{CourseError, window_planner};
+
+/// Scans from the feedback a window answers until it can be executed: seen by the servos in the next, admitted by the
+/// machine side for the one after.
+const COMMIT_SCANS: u64 = 2;
+
+/// A window that was published, with what the next one needs to start from any of its rows.
+#[derive(Debug)]
+struct Published {
+    header: WindowHeader,
+    states: Vec<PathState>,
+}
+
+impl Published {
+    fn none(rows_max: usize) -> Published {
+        Published {
+            header: WindowHeader::zeroed(),
+            states: Vec::with_capacity(rows_max),
+        }
+    }
+
+    fn is_none(&self) -> bool {
+        self.header.id.is_none()
+    }
+
+    /// The state of the row executed in `scan`.
+    fn state_in(&self, scan: u64) -> Option<PathState> {
+        let index = scan.saturating_sub(self.header.first_scan) as usize;
+        self.states
+            .get(index.min(self.states.len().saturating_sub(1)))
+            .copied()
+    }
+
+    /// Whether the row executed in `scan` is the end of the program.
+    fn is_done_in(&self, scan: u64) -> bool {
+        let row = scan.saturating_sub(self.header.first_scan) + 1;
+        self.header.ends_program == 1 && row >= u64::from(self.header.intended_rows)
+    }
+}
+
+/// The path of a program, ready to plan along.
+#[derive(Debug)]
+struct Course {
+    windows: WindowPlanner,
+    program_hash: u64,
+    /// Path length before each element, in mm; one more for the whole.
+    length_before_mm: Vec<f64>,
+}
+
+/// Why a program cannot be planned.
+#[derive(Debug, thiserror::Error)]
+enum StartError {
+    #[error(transparent)]
+    Program(#[from] ProgramError),
+    #[error(transparent)]
+    Course(#[from] CourseError),
+}
+
+/// What the planner answers at a period boundary.
+#[derive(Debug)]
+pub struct Decision<'a> {
+    /// Always said, also with nothing new.
+    pub status: PlannerStatus,
+    /// The next window.
+    pub window: Option<(WindowHeader, &'a [WindowRow])>,
+}
+
+/// The planner.
+#[derive(Debug)]
+pub struct Planner {
+    machine: Machine,
+    program_name: String,
+    program_text: String,
+    incarnation: u32,
+    period_scans: u64,
+    course: Option<Course>,
+    in_force: Published,
+    pending: Published,
+    sequence: u32,
+    cause: Cause,
+    rows: Vec<Row>,
+    wire: Vec<WindowRow>,
+}
+
+impl Planner {
+    /// A planner of one program; the path is expanded when the machine is first seen enabled, from where it then stands.
+    pub fn new(
+        machine: &Machine,
+        program_name: &str,
+        program_text: String,
+        incarnation: u32,
+    ) -> Planner {
+        let rows_max = bus::sample::MAX_WINDOW_ROWS + 1;
+        Planner {
+            machine: machine.clone(),
+            program_name: program_name.into(),
+            program_text,
+            incarnation,
+            period_scans: u64::from(machine.scan.distribution_period_scans),
+            course: None,
+            in_force: Published::none(rows_max),
+            pending: Published::none(rows_max),
+            sequence: 0,
+            cause: Cause::None,
+            rows: Vec::with_capacity(rows_max),
+            wire: Vec::with_capacity(rows_max),
+        }
+    }
+
+    /// Answers the feedback of a period boundary (or of a later scan, if it woke late).
+    pub fn scan(&mut self, feedback: &Feedback) -> Decision<'_> {
+        let header = self.next_window(feedback);
+        if let Some(header) = header {
+            self.pending.header = header;
+            self.pending.states.clear();
+            self.pending
+                .states
+                .extend(self.rows.iter().map(|row| row.state));
+        }
+        Decision {
+            status: self.status(feedback),
+            window: header.map(|header| (header, self.wire.as_slice())),
+        }
+    }
+
+    fn next_window(&mut self, feedback: &Feedback) -> Option<WindowHeader> {
+        self.settle_pending(feedback);
+        if Mode::from_wire(feedback.mode) != Some(Mode::Enabled)
+            || self.cause != Cause::None
+            || !self.pending.is_none()
+        {
+            return None;
+        }
+        let first_scan = (feedback.scan + COMMIT_SCANS).next_multiple_of(self.period_scans);
+        let starting = feedback.window.is_none();
+        let from = if starting {
+            self.start(feedback)?
+        } else if feedback.window == self.in_force.header.id {
+            self.go_on(feedback, first_scan)?
+        } else {
+            // Someone else's window: there is no state to go on from.
+            return None;
+        };
+        let request = WindowRequest {
+            intended_rows: self.machine.intended_rows(),
+            feed_override: f64::from(feedback.override_percent) / 100.0,
+            hold: feedback.hold == 1,
+            repeats_start: starting,
+            ..WindowRequest::default()
+        };
+        let course = self.course.as_mut()?;
+        let outcome = match course.windows.plan(&from, &request, &mut self.rows) {
+            Ok(outcome) => outcome,
+            Err(error) => {
+                tracing::error!(%error, "no window can be planned");
+                self.cause = Cause::Planner;
+                return None;
+            }
+        };
+        self.wire.clear();
+        self.wire.extend(self.rows.iter().map(wire_row));
+        self.sequence += 1;
+        let mut header = WindowHeader {
+            id: WindowId {
+                checksum: 0,
+                sequence: self.sequence,
+                incarnation: self.incarnation,
+            },
+            predecessor: feedback.window,
+            first_scan,
+            visible_from: feedback.scan + 1,
+            program_hash: course.program_hash,
+            epoch: feedback.epoch,
+            intended_rows: outcome.intended_rows,
+            row_count: outcome.row_count,
+            ends_program: u32::from(outcome.ends_program),
+        };
+        header.id.checksum = checksum(&header, &self.wire);
+        Some(header)
+    }
+
+    /// Learns from the feedback what became of the window that was published last.
+    fn settle_pending(&mut self, feedback: &Feedback) {
+        let pending = self.pending.header;
+        if pending.id.is_none() {
+            return;
+        }
+        let overdue = feedback.scan >= pending.first_scan;
+        if feedback.window == pending.id {
+            std::mem::swap(&mut self.in_force, &mut self.pending);
+            self.pending.header = WindowHeader::zeroed();
+        } else if feedback.voided == pending.id || overdue {
+            self.pending.header = WindowHeader::zeroed();
+        }
+    }
+
+    /// Expands the program from where the machine stands; the state before the first row.
+    fn start(&mut self, feedback: &Feedback) -> Option<PathState> {
+        if self.course.is_some() {
+            // The run was broken off and the axes stand somewhere: going on is for whoever resumes it.
+            return None;
+        }
+        match self.expand(feedback) {
+            Ok(course) => self.course = Some(course),
+            Err(error) => {
+                tracing::error!("{error}");
+                self.cause = Cause::Planner;
+                return None;
+            }
+        }
+        Some(PathState::default())
+    }
+
+    fn expand(&self, feedback: &Feedback) -> Result<Course, StartError> {
+        let mut start = AxisVector::zeros();
+        for ((value, axis), feedback) in start
+            .iter_mut()
+            .zip(&self.machine.axes)
+            .zip(feedback.axes())
+        {
+            *value = feedback.command_register as f64 * axis.increment_mm();
+        }
+        let setup = Setup::of(&self.machine);
+        let program = program::interpret(&self.program_name, &self.program_text, &setup, start)?;
+        let program_hash = program.source_hash;
+        let windows = window_planner(&self.machine, program.path, start)?;
+        let mut length_mm = 0.0;
+        let mut length_before_mm = vec![0.0];
+        for element in &windows.path().elements {
+            length_mm += element.length_mm;
+            length_before_mm.push(length_mm);
+        }
+        Ok(Course {
+            windows,
+            program_hash,
+            length_before_mm,
+        })
+    }
+
+    /// The state before `first_scan` in the window in force; none where nothing is left to plan.
+    fn go_on(&self, feedback: &Feedback, first_scan: u64) -> Option<PathState> {
+        let before = first_scan - 1;
+        if self.in_force.is_done_in(before) {
+            return None;
+        }
+        let state = self.in_force.state_in(before)?;
+        let held = feedback.hold == 1 || feedback.override_percent == 0;
+        if held && state.is_at_rest() {
+            return None;
+        }
+        Some(state)
+    }
+
+    fn status(&self, feedback: &Feedback) -> PlannerStatus {
+        let (path_length_mm, path_done_mm, program_hash) =
+            self.course.as_ref().map_or((0.0, 0.0, 0), |course| {
+                let lengths = &course.length_before_mm;
+                let before = lengths.get(feedback.tag.element as usize);
+                (
+                    lengths.last().copied().unwrap_or(0.0),
+                    before.copied().unwrap_or(0.0) + feedback.tag.distance_mm,
+                    course.program_hash,
+                )
+            });
+        let last = if self.pending.is_none() {
+            &self.in_force
+        } else {
+            &self.pending
+        };
+        PlannerStatus {
+            scan: feedback.scan,
+            visible_from: feedback.scan + 1,
+            program_hash,
+            published: last.header.id,
+            path_length_mm,
+            path_done_mm,
+            incarnation: self.incarnation,
+            finished: last.header.ends_program,
+            cause: self.cause as u32,
+            windows: self.sequence,
+        }
+    }
+}
+
+fn wire_row(row: &Row) -> WindowRow {
+    const _: () = assert!(MAX_AXES == control::path::MAX_AXES);
+    WindowRow {
+        position: row.position_increments,
+        tag: PathTag {
+            distance_mm: row.state.distance_mm,
+            element: row.state.element,
+            dwell_remaining_scans: row.state.dwell_remaining_scans,
+        },
+    }
+}

@@ -1,0 +1,431 @@
+//! One simulated axis: drive, motor and mechanics, advanced one scan at a time.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::drive::{DriveCommand, DriveParameters, DriveSettings, DriveState};
+use crate::mechanics::{MechanicsSettings, MechanicsState};
+use crate::plant_file::{PlantAxis, PlantFile};
+use crate::winding::{WindingSettings, WindingState};
+
+/// Period of the bench instruments, in µs.
+pub const INSTRUMENT_PERIOD_US: u32 = 250;
+
+/// Positions farther from zero than this, in m, are not those of a machine.
+const POSITION_M_MAX: f64 = 1e3;
+/// Scans without one count of movement after which an axis is at rest (beside the time in [`REST_S`]).
+const REST_SCANS_MIN: u32 = 4;
+/// Time without one count of movement after which an axis is at rest, in s.
+const REST_S: f64 = 0.05;
+/// Longest simulated time a run-down may take, in s: minutes of travel at any speed and deceleration that exist.
+const RUN_DOWN_S_MAX: f64 = 20.0;
+
+/// Clocks that do not fit each other.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum AxisSettingsError {
+    /// The drive period is not a whole number of microsteps.
+    #[error(
+        "axis {axis} velocity_loop.period_us = {period_us} µs: must be a multiple of the plant's microstep_us = {microstep_us} µs"
+    )]
+    DrivePeriod {
+        /// Axis.
+        axis: String,
+        /// The drive period.
+        period_us: u32,
+        /// The microstep, as text.
+        microstep_us: String,
+    },
+    /// The scan is not a whole number of drive periods.
+    #[error(
+        "axis {axis} velocity_loop.period_us = {period_us} µs: the scan of {scan_us} µs must be a multiple of it"
+    )]
+    ScanPeriod {
+        /// Axis.
+        axis: String,
+        /// The drive period.
+        period_us: u32,
+        /// The scan.
+        scan_us: u32,
+    },
+    /// The scan is longer than an instrument period and not a whole number of them.
+    #[error(
+        "scan.period_us = {scan_us} µs: above {INSTRUMENT_PERIOD_US} µs it must be a multiple of it, the instruments' period"
+    )]
+    InstrumentPeriod {
+        /// The scan.
+        scan_us: u32,
+    },
+    /// The plant file has no such axis.
+    #[error("axis {axis}: the plant file has no [[axis]] of that name")]
+    NoSuchAxis {
+        /// Axis.
+        axis: String,
+    },
+}
+
+/// A saved state that is not one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the saved state of the axis holds a value that no machine can have")]
+pub struct StateRefused;
+
+/// What the bench instruments read at one instant.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct InstrumentSample {
+    /// True motor position, in mm of travel, without the encoder's steps.
+    pub motor_mm: f64,
+    /// True table position, in mm.
+    pub table_mm: f64,
+}
+
+/// The constants of one axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AxisSettings {
+    mechanics: MechanicsSettings,
+    drive: DriveSettings,
+    winding: WindingSettings,
+    radius_m: f64,
+    count_m: f64,
+    scale_count_m: Option<f64>,
+    start_m: f64,
+    microsteps_per_drive_period: u32,
+    microsteps_per_scan: u32,
+    microsteps_per_sample: u32,
+    samples_per_scan: u32,
+    scan_s: f64,
+}
+
+/// Everything an axis remembers; plain bytes, so that it survives the process.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct AxisState {
+    /// Motor, screw and table.
+    pub mechanics: MechanicsState,
+    /// Drive.
+    pub drive: DriveState,
+    /// Winding.
+    pub winding: WindingState,
+    /// Mean torque of the last scan, in N·m.
+    pub torque_mean_nm: f64,
+    /// 1 if the torque limit was active in the last scan.
+    pub torque_limited: u64,
+}
+
+/// How a run-down went.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RunDown {
+    /// Scans simulated.
+    pub scans: u32,
+    /// Whether the axis came to rest; false only for a drive whose loop oscillates.
+    pub at_rest: bool,
+}
+
+/// One simulated axis: settings and state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AxisSimulation {
+    settings: AxisSettings,
+    state: AxisState,
+}
+
+impl AxisSettings {
+    /// Prepares axis `name` of a plant for this drive and scan.
+    ///
+    /// # Errors
+    /// The plant has no such axis, or microstep, drive period, instrument period and scan are not whole multiples.
+    pub fn new(
+        plant: &PlantFile,
+        name: &str,
+        drive: &DriveParameters,
+        scan_us: u32,
+    ) -> Result<Self, AxisSettingsError> {
+        let axis = plant
+            .axis(name)
+            .ok_or_else(|| AxisSettingsError::NoSuchAxis { axis: name.into() })?;
+        let microstep_ns = plant.microstep_ns();
+        let microsteps_per_drive_period =
+            whole(drive.period_us, microstep_ns).ok_or_else(|| AxisSettingsError::DrivePeriod {
+                axis: name.into(),
+                period_us: drive.period_us,
+                microstep_us: plant.microstep_us.to_string(),
+            })?;
+        if drive.period_us == 0 || scan_us == 0 || !scan_us.is_multiple_of(drive.period_us) {
+            return Err(AxisSettingsError::ScanPeriod {
+                axis: name.into(),
+                period_us: drive.period_us,
+                scan_us,
+            });
+        }
+        let sample_us = scan_us.min(INSTRUMENT_PERIOD_US);
+        let microsteps_per_sample = whole(sample_us, microstep_ns)
+            .filter(|_| scan_us.is_multiple_of(sample_us))
+            .ok_or(AxisSettingsError::InstrumentPeriod { scan_us })?;
+        let microsteps_per_scan = microsteps_per_drive_period * (scan_us / drive.period_us);
+        Ok(Self::build(
+            axis,
+            drive,
+            microstep_ns as f64 * 1e-9,
+            microsteps_per_drive_period,
+            microsteps_per_sample,
+            microsteps_per_scan,
+            scan_us,
+        ))
+    }
+
+    fn build(
+        axis: &PlantAxis,
+        drive: &DriveParameters,
+        microstep_s: f64,
+        microsteps_per_drive_period: u32,
+        microsteps_per_sample: u32,
+        microsteps_per_scan: u32,
+        scan_us: u32,
+    ) -> Self {
+        let radius_m = axis.radius_m();
+        let count_m = axis.screw.lead_mm * 1e-3 / f64::from(axis.motor.encoder_counts_per_turn);
+        let scan_s = f64::from(scan_us) * 1e-6;
+        AxisSettings {
+            mechanics: MechanicsSettings::new(&axis.mechanics(), microstep_s),
+            drive: DriveSettings::new(drive, axis.motor.peak_torque_nm, radius_m, count_m),
+            winding: WindingSettings::new(&axis.winding(), scan_s),
+            radius_m,
+            count_m,
+            scale_count_m: axis.scale.map(|scale| scale.resolution_nm * 1e-9),
+            start_m: axis.start_position_mm * 1e-3,
+            microsteps_per_drive_period,
+            microsteps_per_scan,
+            microsteps_per_sample,
+            samples_per_scan: scan_us.div_ceil(INSTRUMENT_PERIOD_US),
+            scan_s,
+        }
+    }
+
+    /// Instrument samples in one scan: one every 250 µs, or one per scan where the scan is shorter.
+    pub fn samples_per_scan(&self) -> usize {
+        self.samples_per_scan as usize
+    }
+}
+
+/// How many microsteps make `period_us`, if it is a whole number above 0.
+fn whole(period_us: u32, microstep_ns: u64) -> Option<u32> {
+    let period_ns = u64::from(period_us) * 1_000;
+    (period_ns > 0 && microstep_ns > 0 && period_ns.is_multiple_of(microstep_ns))
+        .then(|| u32::try_from(period_ns / microstep_ns).ok())
+        .flatten()
+}
+
+impl AxisSimulation {
+    /// An axis at rest, without force, at the start position of the plant file.
+    pub fn new(settings: AxisSettings) -> Self {
+        let mut state = AxisState::default();
+        state.mechanics.motor_m = settings.start_m;
+        state.mechanics.table_m = settings.start_m;
+        state.drive.counts = counts(settings.start_m, settings.count_m);
+        AxisSimulation { settings, state }
+    }
+
+    /// The settings it was made with.
+    pub fn settings(&self) -> &AxisSettings {
+        &self.settings
+    }
+
+    /// Everything it remembers.
+    pub fn state(&self) -> &AxisState {
+        &self.state
+    }
+
+    /// Goes on from a saved state, to the bit.
+    ///
+    /// # Errors
+    /// A value is not finite or lies where no machine is; the axis stays as it was.
+    pub fn restore(&mut self, state: &AxisState) -> Result<(), StateRefused> {
+        if state.is_possible() {
+            self.state = *state;
+            Ok(())
+        } else {
+            Err(StateRefused)
+        }
+    }
+
+    /// Advances one scan with this command.
+    ///
+    /// Each drive period begins with its velocity loop, on the encoder as it is then. `samples` gets one instrument
+    /// sample every 250 µs (one per scan where the scan is shorter), the last at the end of the scan; it should hold
+    /// [`AxisSettings::samples_per_scan`], further samples are dropped and further places left alone.
+    pub fn scan(&mut self, command: &DriveCommand, samples: &mut [InstrumentSample]) {
+        let settings = &self.settings;
+        let mut places = samples.iter_mut();
+        let mut force_sum_n = 0.0;
+        let mut force_square_sum_n2 = 0.0;
+        let mut limited = false;
+        let mut left = settings.microsteps_per_scan;
+        let mut until_drive = 0;
+        let mut until_sample = settings.microsteps_per_sample;
+        while left > 0 {
+            if until_drive == 0 {
+                let counts = counts(self.state.mechanics.motor_m, settings.count_m);
+                settings
+                    .drive
+                    .update(&mut self.state.drive, command, counts);
+                limited |= self.state.drive.limited != 0;
+                until_drive = settings.microsteps_per_drive_period;
+            }
+            let steps = until_drive.min(until_sample).min(left);
+            let effort =
+                settings
+                    .mechanics
+                    .run(&mut self.state.mechanics, steps, self.state.drive.demand_n);
+            force_sum_n += effort.force_sum_n;
+            force_square_sum_n2 += effort.force_square_sum_n2;
+            left -= steps;
+            until_drive -= steps;
+            until_sample -= steps;
+            if until_sample == 0 {
+                until_sample = settings.microsteps_per_sample;
+                if let Some(place) = places.next() {
+                    *place = self.instruments();
+                }
+            }
+        }
+        let microsteps = f64::from(settings.microsteps_per_scan);
+        let radius_m = settings.radius_m;
+        self.state.torque_mean_nm = radius_m * force_sum_n / microsteps;
+        self.state.torque_limited = u64::from(limited);
+        settings.winding.update(
+            &mut self.state.winding,
+            radius_m * radius_m * force_square_sum_n2 / microsteps,
+        );
+    }
+
+    /// Lets the drive brake until the axis has not moved by a count for 50 ms.
+    ///
+    /// For a restored axis: what the drive did while its master was away. The deceleration is in mm/s²; the drive's own
+    /// quick stop where it is not above 0. Bounded by 20 s of simulated time.
+    pub fn run_down(&mut self, deceleration_mm_s2: f64) -> RunDown {
+        let command = DriveCommand::Brake { deceleration_mm_s2 };
+        let scans_max = (RUN_DOWN_S_MAX / self.settings.scan_s) as u32;
+        let rest_scans = ((REST_S / self.settings.scan_s) as u32).max(REST_SCANS_MIN);
+        let mut still = 0;
+        for scans in 1..=scans_max {
+            let before = self.state.drive.counts;
+            self.scan(&command, &mut []);
+            let ramped = self.state.drive.command_m_s == 0.0;
+            let unmoved = self.state.drive.counts == before && self.state.drive.velocity_m_s == 0.0;
+            still = if ramped && unmoved { still + 1 } else { 0 };
+            if still >= rest_scans {
+                return RunDown {
+                    scans,
+                    at_rest: true,
+                };
+            }
+        }
+        RunDown {
+            scans: scans_max,
+            at_rest: false,
+        }
+    }
+
+    /// True positions now.
+    pub fn instruments(&self) -> InstrumentSample {
+        InstrumentSample {
+            motor_mm: self.state.mechanics.motor_m * 1e3,
+            table_mm: self.state.mechanics.table_m * 1e3,
+        }
+    }
+
+    /// Motor encoder now, in whole counts (rounded down), as mm of travel. Absolute: a restart does not lose it.
+    pub fn motor_position_mm(&self) -> f64 {
+        let count_m = self.settings.count_m;
+        counts(self.state.mechanics.motor_m, count_m) as f64 * (count_m * 1e3)
+    }
+
+    /// Linear scale at the table now, in whole steps (rounded down), in mm; none where the axis has no scale.
+    pub fn scale_position_mm(&self) -> Option<f64> {
+        self.settings
+            .scale_count_m
+            .map(|count_m| counts(self.state.mechanics.table_m, count_m) as f64 * (count_m * 1e3))
+    }
+
+    /// Velocity the drive measured at its last period, from encoder counts, in mm/s.
+    pub fn velocity_mm_s(&self) -> f64 {
+        self.state.drive.velocity_m_s * 1e3
+    }
+
+    /// Velocity command of the drive at its last period, in mm/s: its own ramp while it brakes.
+    pub fn velocity_command_mm_s(&self) -> f64 {
+        self.state.drive.command_m_s * 1e3
+    }
+
+    /// Motor torque now, behind the current loop, in N·m.
+    pub fn torque_nm(&self) -> f64 {
+        self.state.mechanics.force_n * self.settings.radius_m
+    }
+
+    /// Mean motor torque of the last scan, in N·m.
+    pub fn torque_mean_nm(&self) -> f64 {
+        self.state.torque_mean_nm
+    }
+
+    /// Whether the torque limit cut the demand at any period of the last scan.
+    pub fn torque_limited(&self) -> bool {
+        self.state.torque_limited != 0
+    }
+
+    /// Winding temperature, in °C.
+    pub fn winding_c(&self) -> f64 {
+        self.settings.winding.temperature_c(&self.state.winding)
+    }
+
+    /// Winding temperature above the ambient, in K.
+    pub fn winding_rise_k(&self) -> f64 {
+        self.state.winding.rise_k
+    }
+
+    /// Integral of the squared torque over all scans, in N²·m²·s.
+    pub fn torque_square_nm2_s(&self) -> f64 {
+        self.state.winding.torque_square_nm2_s
+    }
+}
+
+impl AxisState {
+    /// Whether a machine could be in this state: every number finite, positions within a kilometre.
+    pub fn is_possible(&self) -> bool {
+        let m = &self.mechanics;
+        let d = &self.drive;
+        let positions = [m.motor_m, m.table_m];
+        let contacts = [&m.motor_friction, &m.table_friction];
+        let numbers = [
+            m.motor_m_s,
+            m.table_m_s,
+            m.force_n,
+            d.velocity_m_s,
+            d.command_m_s,
+            d.integral_n,
+            d.offset_n,
+            d.demand_n,
+            self.winding.rise_k,
+            self.winding.torque_square_nm2_s,
+            self.torque_mean_nm,
+        ];
+        positions.iter().all(|x| x.abs() <= POSITION_M_MAX)
+            && numbers.iter().all(|x| x.is_finite())
+            && contacts.iter().all(|f| {
+                f.velocity_m_s.is_finite()
+                    && f.force_n.iter().all(|x| x.is_finite())
+                    && f.slipping.iter().all(|s| *s == 0.0 || *s == 1.0)
+            })
+            && d.mode <= 3
+            && d.limited <= 1
+            && self.torque_limited <= 1
+    }
+}
+
+/// Whole counts at a position, rounded down.
+fn counts(position_m: f64, count_m: f64) -> i64 {
+    libm::floor(position_m / count_m) as i64
+}

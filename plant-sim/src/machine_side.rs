@@ -1,0 +1,541 @@
+//! The machine side, pure: it latches what the machine does, admits windows, hands commands to the drives and says in
+//! the feedback what everybody obeys. Reads no clock and no port: [`run`](crate::run) brings the answers.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::machine::{Axis, DriveMode, Machine, PositionFeedback};
+use bus::sample::{
+    AxisCommand, AxisFeedback, Cause, Feedback, Instruments, Job, MAX_AXES, MAX_SUBSAMPLES, Mode,
+    OperatorRequest, OperatorResponse, Order, PathTag, PlannerStatus, Roster, WindowHeader,
+    WindowId, WindowRow,
+};
+use bus::service::ROLES;
+use bytemuck::Zeroable;
+
+use crate::axis::{AxisSimulation, InstrumentSample};
+use crate::digest::MotionDigest;
+use crate::drive::DriveCommand;
+use crate::window_book::WindowBook;
+
+/// Speed below which a braked axis counts as standing, in mm/s.
+const STANDSTILL_MM_S: f64 = 0.5;
+/// Longest wait for the in-position window at the programmed end, in s.
+const IN_POSITION_PATIENCE_S: f64 = 5.0;
+/// A command beyond the axis's speed limit by this factor is no command: kicks and the position loop stay well below.
+const SPEED_SANITY: f64 = 2.0;
+
+/// When a run ends without being told.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RunEnd {
+    /// Never: a cell that stays up.
+    Never,
+    /// When its one program is done, or the machine has stopped or tripped, and stands.
+    AfterProgram,
+}
+
+/// What was answered in one scan.
+#[derive(Debug, Clone, Copy)]
+pub struct Answers {
+    /// The command of each axis (outer) and role (inner).
+    pub commands: [[Option<AxisCommand>; ROLES.len()]; MAX_AXES],
+    /// The planner's word, at a period boundary.
+    pub planner: Option<PlannerStatus>,
+}
+
+impl Answers {
+    /// Nothing answered yet.
+    pub const NONE: Answers = Answers {
+        commands: [[None; ROLES.len()]; MAX_AXES],
+        planner: None,
+    };
+}
+
+/// One axis as the machine side sees it.
+#[derive(Debug)]
+struct AxisUnit {
+    settings: Axis,
+    simulation: AxisSimulation,
+    /// The command in force.
+    command: AxisCommand,
+    /// Where the axis is commanded to be, in increments.
+    register: i64,
+    missed: u32,
+    missed_in_a_row: u32,
+    cause: Cause,
+    taken_incarnation: u32,
+}
+
+impl AxisUnit {
+    fn increments(&self, mm: f64) -> i64 {
+        libm::round(mm / self.settings.increment_mm()) as i64
+    }
+
+    fn motor_position(&self) -> i64 {
+        self.increments(self.simulation.motor_position_mm())
+    }
+
+    fn scale_position(&self) -> i64 {
+        self.simulation
+            .scale_position_mm()
+            .map_or_else(|| self.motor_position(), |mm| self.increments(mm))
+    }
+
+    fn feedback_position(&self) -> i64 {
+        match self.settings.feedback {
+            PositionFeedback::Motor => self.motor_position(),
+            PositionFeedback::Scale => self.scale_position(),
+        }
+    }
+
+    /// What the drive is told for this scan.
+    fn drive_command(&self, mode: Mode) -> DriveCommand {
+        match mode {
+            Mode::Disabled => DriveCommand::Disabled,
+            Mode::Tripped => self.brake(),
+            Mode::Enabled | Mode::Stopping | Mode::Stopped | Mode::Finished => {
+                if self.cause != Cause::None {
+                    return self.brake();
+                }
+                match self.settings.drive_mode {
+                    DriveMode::Velocity => DriveCommand::Velocity {
+                        velocity_mm_s: self.command.velocity_mm_s,
+                        torque_offset_nm: self.command.torque_nm,
+                    },
+                    DriveMode::Torque
+                        if self.command.scan == 0 && self.command.incarnation == 0 =>
+                    {
+                        self.brake()
+                    }
+                    DriveMode::Torque => DriveCommand::Torque {
+                        torque_nm: self.command.torque_nm,
+                    },
+                }
+            }
+        }
+    }
+
+    fn brake(&self) -> DriveCommand {
+        let asked = self.command.stop_deceleration_mm_s2;
+        let most = self.settings.quick_stop_mm_s2;
+        DriveCommand::Brake {
+            deceleration_mm_s2: if asked > 0.0 && asked <= most {
+                asked
+            } else {
+                most
+            },
+        }
+    }
+
+    /// Whether a command is one that the drive may see; the named cause otherwise.
+    fn judge(&self, command: &AxisCommand) -> Cause {
+        let speed_most = self.settings.rapid_mm_s * SPEED_SANITY;
+        let finite = command.velocity_mm_s.is_finite()
+            && command.torque_nm.is_finite()
+            && command.stop_deceleration_mm_s2.is_finite();
+        if !finite || command.torque_nm.abs() > self.settings.motor.peak_torque_nm {
+            return Cause::BadValue;
+        }
+        if command.velocity_mm_s.abs() > speed_most {
+            return Cause::SpeedLimit;
+        }
+        Cause::from_wire(command.cause).unwrap_or(Cause::BadValue)
+    }
+}
+
+/// The machine side.
+#[derive(Debug)]
+pub struct MachineSide {
+    axes: Vec<AxisUnit>,
+    scan: u64,
+    incarnation: u32,
+    period_scans: u64,
+    watchdog_scans: u32,
+    settle_scans: u32,
+    in_position_patience_scans: u32,
+    run_end: RunEnd,
+    mode: Mode,
+    cause: Cause,
+    cause_axis: u32,
+    windows: WindowBook,
+    hold: bool,
+    override_percent: u32,
+    settled_scans: u32,
+    waited_scans: u32,
+    last: bool,
+    overrun_scans: u32,
+    samples: [[InstrumentSample; MAX_SUBSAMPLES]; MAX_AXES],
+    subsamples: u32,
+    digest: MotionDigest,
+}
+
+impl MachineSide {
+    /// A machine side whose axes stand where the simulations are; drives on from the first scan if `enabled`.
+    pub fn new(
+        machine: &Machine,
+        simulations: Vec<AxisSimulation>,
+        incarnation: u32,
+        first_scan: u64,
+        enabled: bool,
+        run_end: RunEnd,
+    ) -> MachineSide {
+        let axes = machine
+            .axes
+            .iter()
+            .zip(simulations)
+            .map(|(settings, simulation)| {
+                let mut unit = AxisUnit {
+                    settings: settings.clone(),
+                    simulation,
+                    command: AxisCommand::zeroed(),
+                    register: 0,
+                    missed: 0,
+                    missed_in_a_row: 0,
+                    cause: Cause::None,
+                    taken_incarnation: 0,
+                };
+                unit.register = unit.feedback_position();
+                unit
+            })
+            .collect();
+        MachineSide {
+            axes,
+            scan: first_scan,
+            incarnation,
+            period_scans: u64::from(machine.scan.distribution_period_scans),
+            watchdog_scans: machine.scan.watchdog_scans,
+            settle_scans: machine.scan.settle_scans,
+            in_position_patience_scans: (IN_POSITION_PATIENCE_S / machine.scan_period_s()) as u32,
+            run_end,
+            mode: if enabled {
+                Mode::Enabled
+            } else {
+                Mode::Disabled
+            },
+            cause: Cause::None,
+            cause_axis: u32::MAX,
+            windows: WindowBook::new(),
+            hold: false,
+            override_percent: 100,
+            settled_scans: 0,
+            waited_scans: 0,
+            last: false,
+            overrun_scans: 0,
+            samples: [[InstrumentSample::zeroed(); MAX_SUBSAMPLES]; MAX_AXES],
+            subsamples: machine.subsamples(),
+            digest: MotionDigest::new(),
+        }
+    }
+
+    /// The scan in progress.
+    pub fn scan(&self) -> u64 {
+        self.scan
+    }
+
+    /// Whether the planner is asked in this scan.
+    pub fn is_period_boundary(&self) -> bool {
+        self.scan.is_multiple_of(self.period_scans)
+    }
+
+    /// Whether the feedback of this scan is the last.
+    pub fn is_last(&self) -> bool {
+        self.last
+    }
+
+    /// What everybody obeys in this scan.
+    pub fn feedback(&self) -> Feedback {
+        let mut feedback = Feedback::zeroed();
+        feedback.scan = self.scan;
+        feedback.visible_from = self.scan;
+        self.windows.tell(self.scan, &mut feedback);
+        feedback.incarnation = self.incarnation;
+        feedback.mode = self.mode as u32;
+        feedback.cause = self.cause as u32;
+        feedback.cause_axis = self.cause_axis;
+        feedback.override_percent = self.override_percent;
+        feedback.hold = u32::from(self.hold);
+        feedback.last = u32::from(self.last);
+        feedback.overrun_scans = self.overrun_scans;
+        feedback.axis_count = self.axes.len() as u32;
+        for (out, axis) in feedback.axes.iter_mut().zip(&self.axes) {
+            *out = AxisFeedback {
+                motor_position: axis.motor_position(),
+                scale_position: axis.scale_position(),
+                command_register: axis.register,
+                command_scan: axis.command.scan,
+                velocity_mm_s: axis.simulation.velocity_mm_s(),
+                velocity_command_mm_s: axis.command.velocity_mm_s,
+                torque_nm: axis.simulation.torque_nm(),
+                winding_k: axis.simulation.winding_rise_k(),
+                missed_scans: axis.missed,
+                missed_in_a_row: axis.missed_in_a_row,
+                taken_incarnation: axis.taken_incarnation,
+                taken_role: axis.command.role,
+                cause: axis.cause as u32,
+                torque_limited: u32::from(axis.simulation.torque_limited()),
+            };
+        }
+        feedback
+    }
+
+    /// Moves the machine through this scan under the commands in force; the instruments' readings of it.
+    pub fn simulate(&mut self) -> Instruments {
+        let mut out = Instruments::zeroed();
+        out.scan = self.scan;
+        out.visible_from = self.scan + 1;
+        out.subsamples = self.subsamples;
+        out.axis_count = self.axes.len() as u32;
+        let (window, row) = self.windows.in_force(self.scan);
+        self.digest.begin(self.scan, window, row);
+        let taken = self.subsamples as usize;
+        let rows = out.table_mm.iter_mut().zip(&mut out.motor_mm);
+        for ((axis, samples), (table, motor)) in
+            self.axes.iter_mut().zip(&mut self.samples).zip(rows)
+        {
+            let command = axis.drive_command(self.mode);
+            let samples = samples.get_mut(..taken).unwrap_or_default();
+            axis.simulation.scan(&command, samples);
+            for ((sample, table), motor) in samples.iter().zip(table).zip(motor) {
+                *table = sample.table_mm;
+                *motor = sample.motor_mm;
+            }
+            self.digest.axis(
+                &command,
+                axis.feedback_position(),
+                samples.last().map_or(0.0, |s| s.table_mm),
+            );
+        }
+        (out.motion_digest_high, out.motion_digest_low) = self.digest.value();
+        out
+    }
+
+    /// A window became visible in this scan.
+    pub fn offer(&mut self, header: &WindowHeader, rows: &[WindowRow], roster: &Roster) {
+        let planner = roster
+            .find(Job::Planner, 0, 0)
+            .filter(|p| p.live == 1)
+            .map_or(0, |p| p.incarnation);
+        self.windows.offer(header, rows, planner);
+    }
+
+    /// Ends the scan: takes the answers, judges faults, decides about windows, and steps to the next.
+    pub fn close_scan(&mut self, answers: &Answers, roster: &Roster) {
+        self.take_commands(answers, roster);
+        if let Some(status) = &answers.planner
+            && status.cause != 0
+        {
+            self.trip(
+                Cause::from_wire(status.cause).unwrap_or(Cause::BadValue),
+                u32::MAX,
+            );
+        }
+        self.judge_axes();
+        self.decide_window();
+        self.follow_up();
+        self.advance_mode();
+        self.scan += 1;
+    }
+
+    fn take_commands(&mut self, answers: &Answers, roster: &Roster) {
+        let driven = self.mode != Mode::Disabled;
+        for (index, (axis, commands)) in self.axes.iter_mut().zip(&answers.commands).enumerate() {
+            let servo = roster.find(Job::Servo, index, 0).filter(|p| p.live == 1);
+            let Some(servo) = servo else {
+                if driven && axis.cause == Cause::None {
+                    axis.cause = Cause::ServoLost;
+                }
+                continue;
+            };
+            let [command, _standby] = commands;
+            let in_time = command.filter(|c| {
+                c.scan == self.scan
+                    && c.axis == index as u32
+                    && c.role == 0
+                    && c.incarnation == servo.incarnation
+            });
+            match in_time {
+                Some(command) => {
+                    axis.missed_in_a_row = 0;
+                    let cause = axis.judge(&command);
+                    if cause == Cause::None {
+                        axis.command = command;
+                        axis.taken_incarnation = command.incarnation;
+                        axis.register = command.position;
+                    } else if axis.cause == Cause::None {
+                        axis.cause = cause;
+                    }
+                }
+                None => {
+                    axis.missed += 1;
+                    axis.missed_in_a_row += 1;
+                    if driven
+                        && axis.missed_in_a_row >= self.watchdog_scans
+                        && axis.cause == Cause::None
+                    {
+                        axis.cause = Cause::Watchdog;
+                    }
+                }
+            }
+        }
+    }
+
+    /// One axis's fault stops all: they brake together, each as its servo said beforehand.
+    fn judge_axes(&mut self) {
+        let fault = self
+            .axes
+            .iter()
+            .enumerate()
+            .find(|(_, axis)| axis.cause != Cause::None)
+            .map(|(index, axis)| (axis.cause, index as u32));
+        if let Some((cause, index)) = fault {
+            self.trip(cause, index);
+        }
+    }
+
+    fn trip(&mut self, cause: Cause, axis: u32) {
+        if self.mode == Mode::Tripped {
+            return;
+        }
+        self.mode = Mode::Tripped;
+        self.cause = cause;
+        self.cause_axis = axis;
+        self.settled_scans = 0;
+        self.windows.drop_all();
+    }
+
+    fn decide_window(&mut self) {
+        let axes = &self.axes;
+        let held_by_all = |id: WindowId| axes.iter().all(|axis| axis.command.pending == id);
+        self.windows
+            .decide(self.scan + 1, self.mode == Mode::Enabled, held_by_all);
+    }
+
+    /// While a loop is open its position register follows the encoder (METHODS §6).
+    fn follow_up(&mut self) {
+        if matches!(self.mode, Mode::Disabled | Mode::Tripped) {
+            for axis in &mut self.axes {
+                axis.register = axis.feedback_position();
+            }
+        }
+    }
+
+    fn advance_mode(&mut self) {
+        let next_scan = self.scan + 1;
+        let at_rest = self.windows.at_rest(next_scan);
+        match self.mode {
+            Mode::Enabled => {
+                if at_rest && self.windows.ends_program() && self.in_position() {
+                    self.mode = Mode::Finished;
+                }
+            }
+            Mode::Stopping => {
+                if at_rest {
+                    self.mode = Mode::Stopped;
+                }
+            }
+            Mode::Disabled | Mode::Stopped | Mode::Tripped | Mode::Finished => {}
+        }
+        let standing = match self.mode {
+            Mode::Finished | Mode::Stopped => true,
+            Mode::Tripped => self
+                .axes
+                .iter()
+                .all(|axis| axis.simulation.velocity_mm_s().abs() < STANDSTILL_MM_S),
+            Mode::Disabled | Mode::Enabled | Mode::Stopping => false,
+        };
+        self.settled_scans = if standing { self.settled_scans + 1 } else { 0 };
+        if self.run_end == RunEnd::AfterProgram && self.settled_scans > self.settle_scans {
+            self.last = true;
+        }
+    }
+
+    /// All axes within their in-position windows; after a bounded wait the program counts as done all the same.
+    fn in_position(&mut self) -> bool {
+        self.waited_scans += 1;
+        self.waited_scans > self.in_position_patience_scans
+            || self.axes.iter().all(|axis| {
+                let off = (axis.feedback_position() - axis.register) as f64;
+                let most =
+                    axis.settings.in_position_um * 1e-3 + axis.settings.reversal.backlash_um * 1e-3;
+                off.abs() * axis.settings.increment_mm() <= most
+            })
+    }
+
+    /// Judges an order; what is latched shows in the next feedback.
+    pub fn order(&mut self, request: &OperatorRequest) -> OperatorResponse {
+        let accepted = match Order::from_wire(request.order) {
+            Some(Order::Stop) => self.stop(),
+            Some(Order::Hold) => {
+                self.hold = true;
+                true
+            }
+            Some(Order::Resume) => {
+                self.hold = false;
+                true
+            }
+            Some(Order::Override) => {
+                let valid = request.value >= 0.0 && request.value <= 100.0;
+                if valid {
+                    self.override_percent = request.value as u32;
+                }
+                valid
+            }
+            Some(Order::End) => {
+                self.last = true;
+                true
+            }
+            None => false,
+        };
+        OperatorResponse {
+            scan: self.scan,
+            accepted: u32::from(accepted),
+            mode: self.mode as u32,
+        }
+    }
+
+    /// Comes to rest on the path: no further window is admitted. False where there is nothing to stop.
+    pub fn stop(&mut self) -> bool {
+        match self.mode {
+            Mode::Enabled => {
+                self.mode = if self.windows.has_window() {
+                    Mode::Stopping
+                } else {
+                    Mode::Stopped
+                };
+                true
+            }
+            Mode::Stopping | Mode::Stopped => true,
+            Mode::Disabled | Mode::Tripped | Mode::Finished => false,
+        }
+    }
+
+    /// The launcher is gone: comes to rest on the path, then ends the run, also that of a cell that stays up.
+    pub fn end_after_stop(&mut self) {
+        self.run_end = RunEnd::AfterProgram;
+        if self.mode == Mode::Disabled {
+            self.last = true;
+        }
+        self.stop();
+    }
+
+    /// Scans that were skipped because this side was late itself.
+    pub fn skip(&mut self, scans: u32) {
+        self.overrun_scans += scans;
+    }
+
+    /// The simulations, for saving their state.
+    pub fn simulations(&self) -> impl Iterator<Item = &AxisSimulation> {
+        self.axes.iter().map(|axis| &axis.simulation)
+    }
+}
+
+/// Where the row being executed stands on the path, before any window.
+pub const NO_TAG: PathTag = PathTag {
+    distance_mm: 0.0,
+    element: 0,
+    dwell_remaining_scans: 0,
+};

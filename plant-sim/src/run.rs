@@ -1,0 +1,425 @@
+//! The machine side as a process: the clock of the cell.
+//!
+//! Each scan: say the feedback, wake everybody, move the machine, collect the answers, close the scan.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use bus::member::{Member, MemberError, Pace, Seat};
+use bus::page::CellPhase;
+use bus::port::{OperatorServer, Reader, WindowReader, Writer};
+use bus::realtime::{self, Priority};
+use bus::sample::{AxisCommand, Feedback, Instruments, Job, MAX_AXES, PlannerStatus, Roster};
+use bus::service::{RECORDER_DEPTH_SCANS, ROLES, SCAN_DEPTH};
+
+use crate::axis::{AxisSimulation, StateRefused};
+use crate::machine_side::{Answers, MachineSide, RunEnd};
+use crate::plant_file::{PlantFile, PlantFileError};
+use crate::saved::SavedMachine;
+use crate::setup::SetupError;
+
+/// Scans between two looks whether the launcher lives and two rings of the monitor's bell.
+const LOOK_AROUND_SCANS: u64 = 64;
+const WAIT_STEP: Duration = Duration::from_millis(50);
+
+/// How a machine side is started.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Its seat in the cell.
+    pub seat: Seat,
+    /// The plant file.
+    pub plant: PathBuf,
+    /// Drives on from the first scan.
+    pub enabled: bool,
+    /// When the run ends by itself.
+    pub run_end: RunEnd,
+    /// In lockstep: how long a live process may take for one answer before the environment counts as broken.
+    pub answer_limit: Duration,
+}
+
+/// Why the machine side ended before its run did.
+#[derive(Debug, thiserror::Error)]
+pub enum MachineSideError {
+    /// It could not take part.
+    #[error(transparent)]
+    Member(#[from] MemberError),
+    /// Its plant file is not usable.
+    #[error(transparent)]
+    Plant(#[from] PlantFileError),
+    /// Plant file and machine file do not fit each other.
+    #[error(transparent)]
+    Setup(#[from] SetupError),
+    /// The state that a machine side before this one left is damaged.
+    #[error(transparent)]
+    Saved(#[from] StateRefused),
+    /// Someone who lives does not answer.
+    #[error(
+        "{who} has not answered scan {scan} for {waited_s} s although it lives: this PC is too busy, or it hangs"
+    )]
+    NoAnswer {
+        /// The silent ones.
+        who: String,
+        /// The scan.
+        scan: u64,
+        /// How long it was waited, in s.
+        waited_s: u64,
+    },
+}
+
+struct Ports {
+    feedback: Writer<Feedback>,
+    instruments: Writer<Instruments>,
+    commands: Vec<[Reader<AxisCommand>; ROLES.len()]>,
+    windows: WindowReader,
+    planner: Reader<PlannerStatus>,
+    roster: Reader<Roster>,
+    operator: OperatorServer,
+}
+
+impl Ports {
+    fn open(member: &Member) -> Result<Ports, MemberError> {
+        let bus = &member.bus;
+        let commands = (0..member.machine.axes.len())
+            .map(|axis| {
+                Ok([
+                    bus.command_reader(axis, 0, SCAN_DEPTH)?,
+                    bus.command_reader(axis, 1, SCAN_DEPTH)?,
+                ])
+            })
+            .collect::<Result<Vec<_>, MemberError>>()?;
+        Ok(Ports {
+            feedback: bus.feedback_writer()?,
+            instruments: bus.instruments_writer()?,
+            commands,
+            windows: bus.window_reader(SCAN_DEPTH)?,
+            planner: bus.planner_reader(SCAN_DEPTH)?,
+            roster: bus.roster_reader(SCAN_DEPTH)?,
+            operator: bus.operator_server()?,
+        })
+    }
+
+    /// Takes what has been answered for `scan`, visible in the next, into `answers`.
+    fn read_answers(&mut self, scan: u64, answers: &mut Answers) {
+        for (readers, commands) in self.commands.iter_mut().zip(&mut answers.commands) {
+            for (reader, command) in readers.iter_mut().zip(commands) {
+                if let Some(newest) = reader.newest(scan + 1) {
+                    *command = Some(newest);
+                }
+            }
+        }
+        if let Some(newest) = self.planner.newest(scan + 1) {
+            answers.planner = Some(newest);
+        }
+    }
+}
+
+/// Who of the live participants has not answered the scan yet.
+fn missing(scan: u64, ask_planner: bool, answers: &Answers, roster: &Roster) -> Missing {
+    let mut missing = Missing::default();
+    for place in roster.participants.iter().filter(|p| p.live == 1) {
+        let answered = if place.job == Job::Servo as u32 {
+            answers
+                .commands
+                .get(place.axis as usize)
+                .and_then(|roles| roles.get(place.role as usize))
+                .is_some_and(|c| {
+                    c.is_some_and(|c| c.scan >= scan && c.incarnation == place.incarnation)
+                })
+        } else if place.job == Job::Planner as u32 && ask_planner {
+            answers
+                .planner
+                .is_some_and(|s| s.scan >= scan && s.incarnation == place.incarnation)
+        } else {
+            continue;
+        };
+        if answered {
+            missing.answered += 1;
+        } else if let Some(slot) = missing.places.get_mut(missing.count) {
+            *slot = (place.job, place.axis);
+            missing.count += 1;
+        }
+    }
+    missing
+}
+
+#[derive(Default)]
+struct Missing {
+    answered: usize,
+    count: usize,
+    places: [(u32, u32); MAX_AXES * ROLES.len() + 1],
+}
+
+impl Missing {
+    fn names(&self, axes: &[bus::machine::Axis]) -> String {
+        let name = |&(job, axis): &(u32, u32)| {
+            if job == Job::Planner as u32 {
+                "the planner".to_string()
+            } else {
+                let letter = axes.get(axis as usize).map_or("?", |a| a.name.as_str());
+                format!("servo {letter}")
+            }
+        };
+        let names: Vec<String> = self.places.iter().take(self.count).map(name).collect();
+        names.join(" and ")
+    }
+}
+
+/// The clock's two paces: how the end of a scan is awaited.
+struct Clock {
+    pace: Pace,
+    period_ns: u64,
+    next_ns: u64,
+    answer_limit: Duration,
+}
+
+struct Cell {
+    member: Member,
+    ports: Ports,
+    roster: Roster,
+    clock: Clock,
+    launcher_gone: bool,
+}
+
+impl Cell {
+    fn read_roster(&mut self) {
+        if let Some(roster) = self.ports.roster.newest(u64::MAX) {
+            self.roster = roster;
+        }
+    }
+
+    /// Waits for the launcher's word; false if the cell ends before it began.
+    fn wait_for_start(&mut self) -> bool {
+        loop {
+            let seen = self.member.page.machine_bell().count();
+            self.read_roster();
+            match self.member.page.phase() {
+                CellPhase::Running if self.roster.version > 0 => return true,
+                CellPhase::Ending => return false,
+                _ => {}
+            }
+            if !self.member.launcher_lives() {
+                return false;
+            }
+            self.member.page.machine_bell().wait(seen, WAIT_STEP);
+        }
+    }
+
+    /// Wakes whoever is to answer this scan.
+    fn wake(&self, scan: u64, ask_planner: bool) {
+        let page = &self.member.page;
+        let asked = missing(scan, ask_planner, &Answers::NONE, &self.roster);
+        page.expect_answers(asked.count as u32);
+        page.scan_bell().ring();
+        if ask_planner {
+            page.planner_bell().ring();
+        }
+        if scan.is_multiple_of(LOOK_AROUND_SCANS) {
+            page.monitor_bell().ring();
+        }
+    }
+
+    /// Lockstep: waits until every live participant has answered. `None` when the cell is to end at once.
+    fn await_answers(
+        &mut self,
+        scan: u64,
+        ask_planner: bool,
+    ) -> Result<Option<Answers>, MachineSideError> {
+        let mut answers = Answers::NONE;
+        let mut waited: Option<Instant> = None;
+        loop {
+            let seen = self.member.page.machine_bell().count();
+            self.ports.read_answers(scan, &mut answers);
+            let missing = missing(scan, ask_planner, &answers, &self.roster);
+            if missing.count == 0 {
+                return Ok(Some(answers));
+            }
+            if let Some(since) = waited {
+                if self.member.ending() {
+                    return Ok(None);
+                }
+                // Somebody came too late for the count, died or came back: from here on each answer rings.
+                self.member.page.expect_eagerly();
+                self.read_roster();
+                if since.elapsed() > self.clock.answer_limit {
+                    return Err(MachineSideError::NoAnswer {
+                        who: missing.names(&self.member.machine.axes),
+                        scan,
+                        waited_s: self.clock.answer_limit.as_secs(),
+                    });
+                }
+                if self.launcher_gone || !self.member.launcher_lives() {
+                    self.launcher_gone = true;
+                    self.give_up_on_the_silent(scan, ask_planner, &answers, since);
+                }
+            } else {
+                waited = Some(Instant::now());
+                self.member.page.machine_bell().wait(seen, WAIT_STEP);
+                continue;
+            }
+            self.member.page.machine_bell().wait(seen, WAIT_STEP);
+        }
+    }
+
+    /// Without a launcher nobody says who died: whoever is silent for long is not waited for.
+    fn give_up_on_the_silent(
+        &mut self,
+        scan: u64,
+        ask_planner: bool,
+        answers: &Answers,
+        since: Instant,
+    ) {
+        if since.elapsed() < 4 * WAIT_STEP {
+            return;
+        }
+        let missing = missing(scan, ask_planner, answers, &self.roster);
+        for (job, axis) in missing.places.iter().take(missing.count) {
+            for place in &mut self.roster.participants {
+                if place.job == *job && place.axis == *axis {
+                    place.live = 0;
+                }
+            }
+        }
+    }
+
+    /// In lockstep the recorder loses nothing: waits while its queue is half full.
+    fn await_recorder(&mut self, scan: u64) {
+        let credit = RECORDER_DEPTH_SCANS as u64 / 2;
+        let mut since: Option<Instant> = None;
+        while self
+            .roster
+            .find(Job::Monitor, 0, 0)
+            .is_some_and(|p| p.live == 1)
+            && scan.saturating_sub(self.member.page.recorded_scans()) >= credit
+        {
+            let seen = self.member.page.machine_bell().count();
+            self.member.page.monitor_bell().ring();
+            if scan.saturating_sub(self.member.page.recorded_scans()) < credit {
+                break;
+            }
+            self.member.page.machine_bell().wait(seen, WAIT_STEP);
+            self.read_roster();
+            let since = since.get_or_insert_with(Instant::now);
+            if self.member.ending() || since.elapsed() > self.clock.answer_limit {
+                break;
+            }
+        }
+    }
+
+    /// Realtime: sleeps until the next scan is due; the scans that were overrun.
+    fn sleep(&mut self) -> u32 {
+        realtime::sleep_until_ns(self.clock.next_ns);
+        let now = realtime::now_ns();
+        let late = now.saturating_sub(self.clock.next_ns);
+        let overrun = late / self.clock.period_ns;
+        if overrun > 0 {
+            // Time that was lost is not made up: the scans go on from here.
+            self.clock.next_ns = now;
+        }
+        self.clock.next_ns += self.clock.period_ns;
+        overrun as u32
+    }
+}
+
+/// Runs the machine side until its run ends or the cell does.
+///
+/// # Errors
+/// [`MachineSideError`]; whatever happens, the feedback marked last has been sent if scans ever ran.
+pub fn run(options: &Options) -> Result<(), MachineSideError> {
+    let plant = PlantFile::load(&options.plant)?;
+    let member = Member::enter(options.seat.clone(), "machine")?;
+    let ports = Ports::open(&member)?;
+    let mut simulations = plant.simulations(&member.machine)?;
+    let first_scan = restore(&member, &mut simulations)?;
+    let mut side = MachineSide::new(
+        &member.machine,
+        simulations,
+        options.seat.incarnation,
+        first_scan,
+        options.enabled && first_scan == 0,
+        options.run_end,
+    );
+    let clock = Clock {
+        pace: options.seat.pace,
+        period_ns: u64::from(member.machine.scan.period_us) * 1000,
+        next_ns: 0,
+        answer_limit: options.answer_limit,
+    };
+    member.ready(Priority::Machine);
+    let mut cell = Cell {
+        member,
+        ports,
+        roster: bytemuck::Zeroable::zeroed(),
+        clock,
+        launcher_gone: false,
+    };
+    if !cell.wait_for_start() {
+        return Ok(());
+    }
+    cell.clock.next_ns = realtime::now_ns() + cell.clock.period_ns;
+    let mut saved = SavedMachine::new(side.simulations().count());
+    let result = scan_cycle(&mut cell, &mut side, &mut saved);
+    cell.member.page.ring_all();
+    result
+}
+
+fn scan_cycle(
+    cell: &mut Cell,
+    side: &mut MachineSide,
+    saved: &mut SavedMachine,
+) -> Result<(), MachineSideError> {
+    loop {
+        let scan = side.scan();
+        let ask_planner = side.is_period_boundary();
+        cell.ports.feedback.send(&side.feedback());
+        cell.wake(scan, ask_planner);
+        if side.is_last() {
+            return Ok(());
+        }
+        cell.ports.instruments.send(&side.simulate());
+        saved.save(scan, side.simulations(), &cell.member.page);
+
+        let answers = match cell.clock.pace {
+            Pace::Lockstep => {
+                cell.await_recorder(scan);
+                match cell.await_answers(scan, ask_planner)? {
+                    Some(answers) => answers,
+                    None => return Ok(()),
+                }
+            }
+            Pace::Realtime => {
+                side.skip(cell.sleep());
+                cell.read_roster();
+                let mut answers = Answers::NONE;
+                cell.ports.read_answers(scan, &mut answers);
+                answers
+            }
+        };
+        while cell.ports.operator.serve(|request| side.order(request)) {}
+        if scan.is_multiple_of(LOOK_AROUND_SCANS) && !cell.launcher_gone {
+            cell.launcher_gone = !cell.member.launcher_lives();
+            if cell.member.ending() {
+                return Ok(());
+            }
+        }
+        if cell.launcher_gone {
+            side.end_after_stop();
+        }
+        let roster = &cell.roster;
+        cell.ports
+            .windows
+            .each(scan, |header, rows| side.offer(header, rows, roster));
+        side.close_scan(&answers, &cell.roster);
+    }
+}
+
+/// Takes over the mechanical state that a machine side before this one left; the scan to go on with.
+fn restore(member: &Member, simulations: &mut [AxisSimulation]) -> Result<u64, MachineSideError> {
+    let mut saved = SavedMachine::new(simulations.len());
+    match saved.load(&member.page) {
+        Some(scan) => {
+            saved.restore(simulations)?;
+            Ok(scan + 1)
+        }
+        None => Ok(0),
+    }
+}

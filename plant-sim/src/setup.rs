@@ -1,0 +1,73 @@
+//! The simulated axes of a machine: machine file and plant file put together, and checked against each other.
+
+use bus::machine::{Axis, Machine, PositionFeedback};
+
+use crate::axis::{AxisSettings, AxisSettingsError, AxisSimulation};
+use crate::drive::DriveParameters;
+use crate::plant_file::PlantFile;
+
+/// Machine file and plant file do not fit each other.
+#[derive(Debug, thiserror::Error)]
+pub enum SetupError {
+    /// Periods or axes do not fit.
+    #[error(transparent)]
+    Axis(#[from] AxisSettingsError),
+    /// The plant has an axis that the machine does not know.
+    #[error("axis {0}: stands in the plant file but not in the machine file")]
+    UnknownAxis(String),
+    /// The machine wants a scale that the plant does not have.
+    #[error(
+        "axis {0}: feedback = \"scale\" in the machine file, but the plant file has no [axis.scale]"
+    )]
+    NoScale(String),
+}
+
+fn drive_parameters(axis: &Axis) -> DriveParameters {
+    DriveParameters {
+        velocity_gain_n_s_per_m: axis.velocity_loop.gain_n_s_per_m,
+        integral_time_ms: axis.velocity_loop.integral_time_ms,
+        period_us: axis.velocity_loop.period_us,
+        torque_limit_nm: axis.motor.peak_torque_nm,
+        quick_stop_mm_s2: axis.quick_stop_mm_s2,
+    }
+}
+
+impl PlantFile {
+    /// The simulated axes in the order of the machine file, each at its start position.
+    ///
+    /// # Errors
+    /// [`SetupError`].
+    pub fn simulations(&self, machine: &Machine) -> Result<Vec<AxisSimulation>, SetupError> {
+        for axis in &self.axes {
+            if !machine.axes.iter().any(|known| known.name == axis.name) {
+                return Err(SetupError::UnknownAxis(axis.name.clone()));
+            }
+        }
+        machine
+            .axes
+            .iter()
+            .map(|axis| {
+                let settings = AxisSettings::new(
+                    self,
+                    &axis.name,
+                    &drive_parameters(axis),
+                    machine.scan.period_us,
+                )?;
+                let has_scale = self.axis(&axis.name).is_some_and(|a| a.scale.is_some());
+                if axis.feedback == PositionFeedback::Scale && !has_scale {
+                    return Err(SetupError::NoScale(axis.name.clone()));
+                }
+                Ok(AxisSimulation::new(settings))
+            })
+            .collect()
+    }
+
+    /// Where the axes stand at the start, in the order of the machine file, in mm.
+    pub fn start_positions_mm(&self, machine: &Machine) -> Vec<f64> {
+        machine
+            .axes
+            .iter()
+            .map(|axis| self.axis(&axis.name).map_or(0.0, |a| a.start_position_mm))
+            .collect()
+    }
+}

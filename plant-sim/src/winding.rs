@@ -1,0 +1,97 @@
+//! Heat of the motor winding.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bytemuck::{Pod, Zeroable};
+
+/// What is true of one motor's winding.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WindingParameters {
+    /// Continuous torque, in N·m.
+    pub rated_torque_nm: f64,
+    /// Rise over the ambient at rated torque, in K.
+    pub rise_at_rated_k: f64,
+    /// Thermal time constant, in s.
+    pub time_constant_s: f64,
+    /// Ambient temperature, in °C.
+    pub ambient_c: f64,
+}
+
+/// The constants of [`WindingSettings::update`] for one period.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WindingSettings {
+    rise_k_per_nm2: f64,
+    decay: f64,
+    period_s: f64,
+    ambient_c: f64,
+}
+
+/// Heat of one winding.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct WindingState {
+    /// Rise over the ambient, in K.
+    pub rise_k: f64,
+    /// Integral of the squared torque since the start, in N²·m²·s; the root of its mean over time is the rms torque.
+    pub torque_square_nm2_s: f64,
+}
+
+impl WindingSettings {
+    /// Prepares a winding for periods of `period_s`.
+    pub fn new(parameters: &WindingParameters, period_s: f64) -> Self {
+        let rated_nm = parameters.rated_torque_nm;
+        WindingSettings {
+            rise_k_per_nm2: parameters.rise_at_rated_k / (rated_nm * rated_nm),
+            decay: libm::exp(-period_s / parameters.time_constant_s),
+            period_s,
+            ambient_c: parameters.ambient_c,
+        }
+    }
+
+    /// One period at this mean square of the torque, in N²·m².
+    ///
+    /// `θ' = (100 K·(T/T_rated)² − θ)/τ_th`, solved exactly for a constant square (PHYSICS §3). First call: cold.
+    pub fn update(&self, state: &mut WindingState, torque_square_nm2: f64) {
+        let end_k = self.rise_k_per_nm2 * torque_square_nm2;
+        state.rise_k = end_k + (state.rise_k - end_k) * self.decay;
+        state.torque_square_nm2_s += torque_square_nm2 * self.period_s;
+    }
+
+    /// Temperature of the winding, in °C.
+    pub fn temperature_c(&self, state: &WindingState) -> f64 {
+        self.ambient_c + state.rise_k
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_winding_warms_by_the_first_order_law() {
+        let parameters = WindingParameters {
+            rated_torque_nm: 8.0,
+            rise_at_rated_k: 100.0,
+            time_constant_s: 2400.0,
+            ambient_c: 25.0,
+        };
+        let settings = WindingSettings::new(&parameters, 1e-3);
+        let mut state = WindingState::default();
+        for _ in 0..2_400_000 {
+            settings.update(&mut state, 36.0);
+        }
+        let expected_c = 25.0 + 56.25 * (1.0 - libm::exp(-1.0));
+        let c = settings.temperature_c(&state);
+        assert!(
+            (c - expected_c).abs() < 1e-6,
+            "{c} °C, theory {expected_c} °C"
+        );
+        let rms_nm = (state.torque_square_nm2_s / 2400.0).sqrt();
+        assert!((rms_nm - 6.0).abs() < 1e-9, "{rms_nm} N·m");
+    }
+}

@@ -1,0 +1,178 @@
+//! Which window is executed: decided here, in one place, for all axes at once (docs/architecture.md, Windows).
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::{Feedback, MAX_WINDOW_ROWS, PathTag, WindowHeader, WindowId, WindowRow};
+use bytemuck::Zeroable;
+
+/// A window as the machine side keeps it: its header and the tags of its rows.
+#[derive(Debug)]
+struct Kept {
+    header: WindowHeader,
+    tags: Vec<PathTag>,
+}
+
+impl Kept {
+    fn none() -> Kept {
+        Kept {
+            header: WindowHeader::zeroed(),
+            tags: Vec::with_capacity(MAX_WINDOW_ROWS),
+        }
+    }
+
+    fn is_none(&self) -> bool {
+        self.header.id.is_none()
+    }
+
+    fn set(&mut self, header: &WindowHeader, rows: &[WindowRow]) {
+        self.header = *header;
+        self.tags.clear();
+        self.tags
+            .extend(rows.iter().take(MAX_WINDOW_ROWS).map(|row| row.tag));
+    }
+
+    fn clear(&mut self) {
+        self.header = WindowHeader::zeroed();
+        self.tags.clear();
+    }
+
+    fn row(&self, scan: u64) -> u32 {
+        let last = u64::from(self.header.row_count.max(1) - 1);
+        scan.saturating_sub(self.header.first_scan).min(last) as u32
+    }
+}
+
+/// The windows in force and pending.
+#[derive(Debug)]
+pub struct WindowBook {
+    in_force: Kept,
+    pending: Kept,
+    armed: bool,
+    voided: WindowId,
+    epoch: u32,
+}
+
+impl Default for WindowBook {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl WindowBook {
+    /// No window, in the first epoch.
+    pub fn new() -> WindowBook {
+        WindowBook {
+            in_force: Kept::none(),
+            pending: Kept::none(),
+            armed: false,
+            voided: WindowId::NONE,
+            epoch: 1,
+        }
+    }
+
+    /// The window in force in this scan and its row.
+    pub fn in_force(&self, scan: u64) -> (WindowId, u32) {
+        if self.in_force.is_none() {
+            (WindowId::NONE, 0)
+        } else {
+            (self.in_force.header.id, self.in_force.row(scan))
+        }
+    }
+
+    /// Whether a window is in force.
+    pub fn has_window(&self) -> bool {
+        !self.in_force.is_none()
+    }
+
+    /// Whether the command stands in this scan: the window's last row is reached.
+    pub fn at_rest(&self, scan: u64) -> bool {
+        self.in_force.is_none() || self.in_force.row(scan) + 1 >= self.in_force.header.row_count
+    }
+
+    /// Whether the window in force brings the program to its end.
+    pub fn ends_program(&self) -> bool {
+        self.in_force.header.ends_program == 1
+    }
+
+    /// Writes into the feedback what everybody is to execute in this scan.
+    pub fn tell(&self, scan: u64, feedback: &mut Feedback) {
+        let (window, row) = self.in_force(scan);
+        feedback.window = window;
+        feedback.row = row;
+        feedback.tag = self
+            .in_force
+            .tags
+            .get(row as usize)
+            .copied()
+            .unwrap_or_default();
+        feedback.program_hash = self.in_force.header.program_hash;
+        feedback.at_rest = u32::from(self.at_rest(scan));
+        feedback.armed = if self.armed {
+            self.pending.header.id
+        } else {
+            WindowId::NONE
+        };
+        feedback.voided = self.voided;
+        feedback.epoch = self.epoch;
+    }
+
+    /// A window came in from the planner of this incarnation. A second one while one is pending is void at once, and
+    /// so is one of a planner that is not the live one or of another size than it says.
+    pub fn offer(&mut self, header: &WindowHeader, rows: &[WindowRow], planner: u32) {
+        let known = header.id.incarnation == planner && planner != 0;
+        let sized = header.row_count as usize == rows.len()
+            && !rows.is_empty()
+            && rows.len() <= MAX_WINDOW_ROWS;
+        if !self.pending.is_none() || !known || !sized {
+            self.voided = header.id;
+            return;
+        }
+        self.pending.set(header, rows);
+    }
+
+    /// Decides about the pending window for scan `next`: it takes over at its first scan if every axis holds it by
+    /// then, its predecessor is the one in force (or its epoch the present one) and motion is allowed; otherwise it is
+    /// void for good.
+    pub fn decide(&mut self, next: u64, allowed: bool, held_by_all: impl Fn(WindowId) -> bool) {
+        if self.pending.is_none() {
+            return;
+        }
+        let header = self.pending.header;
+        let continues = header.predecessor == self.in_force.header.id
+            && (!header.predecessor.is_none() || header.epoch == self.epoch);
+        let held = held_by_all(header.id);
+        if !allowed || !continues || header.first_scan < next {
+            self.void();
+        } else if header.first_scan == next {
+            if held {
+                std::mem::swap(&mut self.in_force, &mut self.pending);
+                self.pending.clear();
+                self.armed = false;
+            } else {
+                self.void();
+            }
+        } else {
+            self.armed = held;
+        }
+    }
+
+    fn void(&mut self) {
+        self.voided = self.pending.header.id;
+        self.pending.clear();
+        self.armed = false;
+    }
+
+    /// No window from now on: a new epoch begins.
+    pub fn drop_all(&mut self) {
+        if !self.pending.is_none() {
+            self.void();
+        }
+        self.in_force.clear();
+        self.epoch += 1;
+    }
+}

@@ -1,0 +1,189 @@
+//! The geometry of one arc block, in the plane: where its centre is and which way round it goes.
+
+use control::path::{AxisVector, Element, Shape, axis_unit, sweep_between_rad};
+
+/// Ends nearer than this are one point, and the arc a full circle: 1 nm, as LinuxCNC's CIRCLE_FUZZ.
+const FULL_CIRCLE_CHORD_MM: f64 = 1e-6;
+
+/// The smallest radius taken for an arc: 1 nm.
+const RADIUS_MIN_MM: f64 = 1e-6;
+
+/// A radius difference of the two ends below this is rounding of the arithmetic; the centre stays as programmed.
+const ROUNDING_MM: f64 = 1e-9;
+
+/// How an arc block names its circle, in the two axes of the plane.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Circle {
+    /// Centre in machine coordinates (first, second axis of the plane).
+    Centre([f64; 2]),
+    /// Radius; negative for the way round that is longer than half a turn.
+    RadiusMm(f64),
+}
+
+/// An arc block, its words understood.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArcBlock {
+    /// Start in machine coordinates.
+    pub from: AxisVector,
+    /// End in machine coordinates.
+    pub to: AxisVector,
+    /// First and second axis of the plane; counter-clockwise leads from the first to the second.
+    pub plane: [usize; 2],
+    /// Where the circle is.
+    pub circle: Circle,
+    /// G2 rather than G3.
+    pub clockwise: bool,
+    /// Turns begun, at least 1.
+    pub turns: u32,
+    /// How far the radii of start and end may differ.
+    pub tolerance_mm: f64,
+}
+
+/// What is wrong with an arc, and what would be right.
+pub type ArcRefusal = (String, String);
+
+impl ArcBlock {
+    /// The one or two shapes the block becomes; see the crate's page for when it is two.
+    pub fn shapes(&self) -> Result<Vec<Shape>, ArcRefusal> {
+        let centre = match self.circle {
+            Circle::Centre(centre) => centre,
+            Circle::RadiusMm(radius_mm) => self.centre_of_radius(radius_mm)?,
+        };
+        let (start, end) = (self.in_plane(&self.from), self.in_plane(&self.to));
+        let [start_radius_mm, end_radius_mm] =
+            [start, end].map(|point| libm::hypot(point[0] - centre[0], point[1] - centre[1]));
+        if start_radius_mm < RADIUS_MIN_MM {
+            return Err((
+                "an arc of radius zero".into(),
+                "the centre must lie away from the start".into(),
+            ));
+        }
+        let difference_mm = (start_radius_mm - end_radius_mm).abs();
+        if difference_mm > self.tolerance_mm {
+            let found = format!(
+                "an arc whose start is {start_radius_mm:.4} mm and whose end is {end_radius_mm:.4} mm from its centre"
+            );
+            return Err((
+                found,
+                format!("the radii may differ by at most {} mm", self.tolerance_mm),
+            ));
+        }
+        let centre = self.placed(centre);
+        let sweep = |from: &AxisVector, to: &AxisVector, centre: &AxisVector, turns: u32| {
+            sweep_between_rad(
+                from,
+                to,
+                centre,
+                self.plane,
+                self.clockwise,
+                turns,
+                FULL_CIRCLE_CHORD_MM,
+            )
+        };
+        let sweep_rad = sweep(&self.from, &self.to, &centre, self.turns);
+        let chord_mm = libm::hypot(end[0] - start[0], end[1] - start[1]);
+        if difference_mm <= ROUNDING_MM || chord_mm <= FULL_CIRCLE_CHORD_MM {
+            return Ok(vec![Element::arc_shape(
+                self.from, self.to, centre, self.plane, sweep_rad,
+            )]);
+        }
+        let piece = |from: AxisVector, to: AxisVector, turns: u32| {
+            let centre = self.onto_bisector(&centre, &from, &to);
+            Element::arc_shape(
+                from,
+                to,
+                centre,
+                self.plane,
+                sweep(&from, &to, &centre, turns),
+            )
+        };
+        if sweep_rad.abs() <= std::f64::consts::PI {
+            return Ok(vec![piece(self.from, self.to, 1)]);
+        }
+        // Half-way round, on the mean radius. All whole turns stay in the first piece.
+        let first_turn_rad = sweep(&self.from, &self.to, &centre, 1);
+        let spoke = self.from - centre;
+        let (first_mm, second_mm) = (
+            spoke.dot(&axis_unit(self.plane[0])),
+            spoke.dot(&axis_unit(self.plane[1])),
+        );
+        let angle_rad = libm::atan2(second_mm, first_mm) + first_turn_rad / 2.0;
+        let mean_mm = (start_radius_mm + end_radius_mm) / 2.0;
+        let share = (sweep_rad - first_turn_rad / 2.0) / sweep_rad;
+        let middle = self.replaced(
+            self.from + (self.to - self.from) * share,
+            [
+                self.along(&centre, 0) + mean_mm * libm::cos(angle_rad),
+                self.along(&centre, 1) + mean_mm * libm::sin(angle_rad),
+            ],
+        );
+        Ok(vec![
+            piece(self.from, middle, self.turns),
+            piece(middle, self.to, 1),
+        ])
+    }
+
+    /// The centre that an R word means (NIST §3.5.3.1): the shorter way round, the longer for a negative R.
+    fn centre_of_radius(&self, radius_mm: f64) -> Result<[f64; 2], ArcRefusal> {
+        let (start, end) = (self.in_plane(&self.from), self.in_plane(&self.to));
+        let (first_mm, second_mm) = (end[0] - start[0], end[1] - start[1]);
+        let chord_mm = libm::hypot(first_mm, second_mm);
+        if chord_mm <= FULL_CIRCLE_CHORD_MM {
+            let right = "name the centre with I, J, K for a full circle";
+            return Err(("an R arc that ends where it starts".into(), right.into()));
+        }
+        let (radius, half_mm) = (radius_mm.abs(), chord_mm / 2.0);
+        if half_mm > radius + self.tolerance_mm {
+            let found = format!("R of {radius:.4} mm for ends {chord_mm:.4} mm apart");
+            return Err((found, format!("R must be at least {half_mm:.4} mm")));
+        }
+        // A radius short by no more than the tolerance means half a turn.
+        let height_mm = (radius * radius - half_mm * half_mm).max(0.0).sqrt();
+        let left = (radius_mm < 0.0) == self.clockwise;
+        let signed_mm = if left { height_mm } else { -height_mm };
+        Ok([
+            start[0] + first_mm / 2.0 - second_mm / chord_mm * signed_mm,
+            start[1] + second_mm / 2.0 + first_mm / chord_mm * signed_mm,
+        ])
+    }
+
+    /// The centre moved along the chord of two points until both are equally far from it.
+    fn onto_bisector(&self, centre: &AxisVector, from: &AxisVector, to: &AxisVector) -> AxisVector {
+        let (start, end, old) = (
+            self.in_plane(from),
+            self.in_plane(to),
+            self.in_plane(centre),
+        );
+        let chord = [end[0] - start[0], end[1] - start[1]];
+        let middle = [
+            (start[0] + end[0]) / 2.0 - old[0],
+            (start[1] + end[1]) / 2.0 - old[1],
+        ];
+        let share = (middle[0] * chord[0] + middle[1] * chord[1])
+            / (chord[0] * chord[0] + chord[1] * chord[1]);
+        self.placed([old[0] + share * chord[0], old[1] + share * chord[1]])
+    }
+
+    fn along(&self, vector: &AxisVector, which: usize) -> f64 {
+        vector.dot(&axis_unit(self.plane[which]))
+    }
+
+    fn in_plane(&self, vector: &AxisVector) -> [f64; 2] {
+        [self.along(vector, 0), self.along(vector, 1)]
+    }
+
+    /// A point of the plane through the start.
+    fn placed(&self, point: [f64; 2]) -> AxisVector {
+        self.replaced(self.from, point)
+    }
+
+    /// `vector` with its components in the plane replaced.
+    fn replaced(&self, mut vector: AxisVector, point: [f64; 2]) -> AxisVector {
+        for (axis, value) in self.plane.iter().zip(point) {
+            if let Some(component) = vector.get_mut(*axis) {
+                *component = value;
+            }
+        }
+        vector
+    }
+}

@@ -1,0 +1,169 @@
+//! Reading the program file.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use control::path::AxisVector;
+
+use crate::error::{Problem, ProgramError};
+use crate::interpreter::interpret;
+use crate::program::{Program, Setup};
+use crate::reader::column;
+
+/// The largest program file: 64 MiB, some two million blocks, days of machining.
+pub const FILE_BYTES_MAX: u64 = 64 << 20;
+
+/// Reads and interprets a program file, for a machine that stands at `start` (machine coordinates).
+///
+/// What is no regular file, too large, not text or not a program is refused; a large file before it is read.
+pub fn load(file: &Path, setup: &Setup, start: AxisVector) -> Result<Program, ProgramError> {
+    let name = file.display().to_string();
+    let text = read_text(file, &name)?;
+    // Editors on Windows put a byte order mark before UTF-8 text.
+    interpret(
+        &name,
+        text.strip_prefix('\u{feff}').unwrap_or(&text),
+        setup,
+        start,
+    )
+}
+
+fn read_text(file: &Path, name: &str) -> Result<String, ProgramError> {
+    let unreadable = |error: std::io::Error| {
+        let right = "a program is a file that can be read";
+        ProgramError::of_file(name, format!("cannot be read ({error})"), right)
+    };
+    // Before it is opened: opening a pipe would wait for its writer.
+    let metadata = std::fs::metadata(file).map_err(unreadable)?;
+    if metadata.is_dir() {
+        return Err(ProgramError::of_file(
+            name,
+            "is a directory",
+            "name the program file in it",
+        ));
+    }
+    if !metadata.is_file() {
+        return Err(ProgramError::of_file(
+            name,
+            "is not a regular file",
+            "name a program file",
+        ));
+    }
+    let too_large = |bytes: u64| {
+        let found = format!("has {:.1} MiB", bytes as f64 / f64::from(1 << 20));
+        ProgramError::of_file(
+            name,
+            found,
+            format!("a program file has at most {} MiB", FILE_BYTES_MAX >> 20),
+        )
+    };
+    if metadata.len() > FILE_BYTES_MAX {
+        return Err(too_large(metadata.len()));
+    }
+    let mut bytes = Vec::new();
+    let opened = File::open(file).map_err(unreadable)?;
+    opened
+        .take(FILE_BYTES_MAX + 1)
+        .read_to_end(&mut bytes)
+        .map_err(unreadable)?;
+    if bytes.len() as u64 > FILE_BYTES_MAX {
+        return Err(too_large(bytes.len() as u64));
+    }
+    if let Some(offset) = bytes.iter().position(|&byte| byte == 0) {
+        let found = format!("is a binary file (byte {offset} is zero)");
+        return Err(ProgramError::of_file(
+            name,
+            found,
+            "a program is plain text, UTF-8",
+        ));
+    }
+    String::from_utf8(bytes).map_err(|error| {
+        let valid_bytes = error.utf8_error().valid_up_to();
+        let bytes = error.into_bytes();
+        let (valid, rest) = bytes.split_at(valid_bytes);
+        let valid = String::from_utf8_lossy(valid);
+        let line = u32::try_from(valid.matches('\n').count()).unwrap_or(u32::MAX - 1) + 1;
+        let last = valid.rsplit('\n').next().unwrap_or_default();
+        let byte = rest.first().copied().unwrap_or_default();
+        let problem = Problem {
+            place: Some((line, column(last, last.len()))),
+            found: format!("byte 0x{byte:02X} is not UTF-8 text"),
+            right: "save the program as plain text, UTF-8".to_owned(),
+        };
+        ProgramError {
+            name: name.to_owned(),
+            problems: vec![problem],
+            more: false,
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::program::AxisSetup;
+
+    fn load_bytes(bytes: &[u8]) -> Result<Program, ProgramError> {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("part.ngc");
+        std::fs::write(&file, bytes).unwrap();
+        load_at(&file)
+    }
+
+    fn load_at(file: &Path) -> Result<Program, ProgramError> {
+        let axis = |letter| AxisSetup {
+            letter,
+            travel_min: -100.0,
+            travel_max: 100.0,
+            rotary: false,
+        };
+        let setup = Setup {
+            axes: vec![axis('X'), axis('Y')],
+            work_offset: AxisVector::zeros(),
+        };
+        load(file, &setup, AxisVector::zeros())
+    }
+
+    fn refused(result: Result<Program, ProgramError>, part: &str) {
+        let text = result.unwrap_err().to_string();
+        assert!(text.contains(part), "{text}");
+    }
+
+    #[test]
+    fn a_file_with_byte_order_mark_and_windows_line_ends_is_read() {
+        let program = load_bytes(b"\xEF\xBB\xBFG0 X1\r\nG1 X5 F600\r\nM2\r\n").unwrap();
+        assert_eq!(program.path.elements.len(), 2);
+    }
+
+    #[test]
+    fn files_that_are_no_programs_are_refused_with_the_reason() {
+        refused(load_bytes(b""), "no blocks");
+        refused(load_bytes(b"(only a comment)\n\n"), "no blocks");
+        refused(
+            load_bytes(b"\x7fELF\x02\x01\x01\0\0"),
+            "binary file (byte 7 is zero)",
+        );
+        refused(
+            load_bytes(b"G0 X1\n(gr\xFC\xDF)\n"),
+            "part.ngc:2:4: byte 0xFC is not UTF-8",
+        );
+        refused(
+            load_at(Path::new("/nowhere/part.ngc")),
+            "/nowhere/part.ngc: cannot be read",
+        );
+        refused(load_at(&std::env::temp_dir()), "is a directory");
+        refused(load_at(Path::new("/dev/zero")), "not a regular file");
+    }
+
+    #[test]
+    fn a_file_of_200_mb_is_refused_before_it_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("huge.ngc");
+        File::create(&file).unwrap().set_len(200_000_000).unwrap();
+        refused(
+            load_at(&file),
+            "has 190.7 MiB: a program file has at most 64 MiB",
+        );
+    }
+}

@@ -1,0 +1,121 @@
+//! Whatever the text, the interpreter ends, without a panic, with a sound path or a refusal.
+
+mod common;
+
+use common::{at, mill};
+use program::{AxisSetup, Program, ProgramError, Setup, interpret};
+use proptest::prelude::*;
+
+fn machines() -> [Setup; 2] {
+    let mut five = mill(100.0);
+    five.work_offset = at(&[1.5, -2.25, 0.1]);
+    for letter in ['A', 'U'] {
+        five.axes.push(AxisSetup {
+            letter,
+            travel_min: -400.0,
+            travel_max: 400.0,
+            rotary: letter == 'A',
+        });
+    }
+    [mill(1e9), five]
+}
+
+fn check(result: Result<Program, ProgramError>, setup: &Setup) -> Result<(), TestCaseError> {
+    match result {
+        Ok(program) => {
+            prop_assert!(program.path.is_finite());
+            prop_assert_eq!(program.path.first_break(), None);
+            prop_assert!(
+                program
+                    .path
+                    .elements
+                    .iter()
+                    .all(|element| element.length_mm > 0.0 || element.is_dwell())
+            );
+            if let Some((low, high)) = program.path.bounds() {
+                for (axis, (low, high)) in setup.axes.iter().zip(low.iter().zip(high.iter())) {
+                    prop_assert!(*low >= axis.travel_min - 2e-6 && *high <= axis.travel_max + 2e-6);
+                }
+            }
+        }
+        Err(error) => {
+            prop_assert!(!error.problems.is_empty() && error.problems.len() <= 20);
+            let lines: Vec<_> = error
+                .problems
+                .iter()
+                .filter_map(|problem| problem.place)
+                .collect();
+            prop_assert!(lines.is_sorted_by_key(|place| place.0));
+            prop_assert!(!error.to_string().is_empty());
+        }
+    }
+    Ok(())
+}
+
+/// Words likely to mean something.
+fn word() -> impl Strategy<Value = String> {
+    let code = prop::sample::select(vec![
+        "G0", "G1", "G2", "G3", "g4 P.1", "G17", "G18", "G19", "G20", "G21", "G40", "G49", "G54",
+        "G61", "G64", "G80", "G90", "G91", "G90.1", "G91.1", "G94", "M3", "M4", "M5", "F500",
+        "S100", "/", "(c)",
+    ]);
+    let value = prop_oneof![-40i32..40, Just(0), Just(10)];
+    let letter = prop::sample::select(vec!["X", "Y", "Z", "A", "U", "I", "J", "K", "R", "P"]);
+    prop_oneof![
+        code.prop_map(str::to_owned),
+        (letter, value).prop_map(|(letter, value)| format!("{letter}{value}"))
+    ]
+}
+
+/// Blocks that mostly run: arcs with consistent ends, in every plane.
+fn good_block() -> impl Strategy<Value = String> {
+    let number = || (-80i32..80).prop_map(|value| f64::from(value) / 2.0);
+    prop_oneof![
+        (number(), number(), number()).prop_map(|(x, y, z)| format!("G1 X{x} Y{y} Z{z}")),
+        (number(), number()).prop_map(|(x, y)| format!("G0 X{x} U{y} A{x}")),
+        (number(), number(), 1..4u32).prop_map(|(i, j, p)| format!("G17 G2 I{i} J{j} P{p}")),
+        (number(), number()).prop_map(|(i, z)| format!(
+            "G18 G91 G3 X{} Z{z} I{i} K{} G90",
+            2.0 * i,
+            z / 2.0
+        )),
+        (number(), number()).prop_map(|(y, z)| format!("G19 G3 Y{y} Z{z} R150")),
+        (number(), number()).prop_map(|(y, z)| format!("G19 G2 Y{y} Z{z} R-70.25 X3")),
+        Just("G4 P0.5".to_owned()),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 2000, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn random_words_never_break_the_interpreter(lines in prop::collection::vec(prop::collection::vec(word(), 0..6), 0..12)) {
+        let text: String = lines.iter().map(|words| words.join(" ") + "\n").collect();
+        for setup in machines() {
+            check(interpret("fuzz", &text, &setup, at(&[0.5])), &setup)?;
+        }
+    }
+
+    #[test]
+    fn random_text_never_breaks_the_interpreter(text in "(?s).{0,200}") {
+        for setup in machines() {
+            check(interpret("fuzz", &text, &setup, at(&[0.5])), &setup)?;
+        }
+    }
+
+    #[test]
+    fn random_bytes_of_the_right_alphabet_never_break_the_interpreter(text in "[GMXYZAIJKRPFSNO0-9.+\\-/%();# \n\r]{0,200}") {
+        for setup in machines() {
+            check(interpret("fuzz", &text, &setup, at(&[0.5])), &setup)?;
+        }
+    }
+
+    #[test]
+    fn random_good_programs_make_unbroken_paths(blocks in prop::collection::vec(good_block(), 1..30)) {
+        let text = format!("F600\n{}\nM2\n", blocks.join("\n"));
+        for setup in machines() {
+            if setup.axes.len() == 3 && text.contains('U') { continue; }
+            check(interpret("fuzz", &text, &setup, at(&[0.5])), &setup)?;
+        }
+    }
+}

@@ -1,0 +1,510 @@
+//! The pure servo: windows in, feedback in, command out. No port, no clock, no allocation after construction.
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::machine::{DriveMode, Machine, PositionFeedback};
+use bus::sample::{
+    AxisCommand, AxisFeedback, Cause, ControllerState, Feedback, Mode, WindowHeader, WindowId,
+    WindowRow,
+};
+use bytemuck::Zeroable;
+use control::backlash::BacklashState;
+use control::feed_forward::{FeedForward, MovementCommands};
+use control::guards::Broken;
+use control::reversal::{Announcement, ReversalState};
+use control::velocity_loop::VelocityLoopState;
+
+use crate::held::{HeldWindow, Refusal, check_itself, check_seam};
+use crate::settings::{ServoSettings, ServoSettingsError};
+
+/// One axis in one role.
+///
+/// Each scan: offer the windows that became visible, then [`scan`](Servo::scan) the feedback. All that a command depends
+/// on is the feedback, the windows held and the [`ControllerState`] of the command before, so that another servo of the
+/// axis can go on from there to the bit.
+#[derive(Debug, Clone)]
+pub struct Servo {
+    settings: ServoSettings,
+    role: u32,
+    incarnation: u32,
+    held: HeldWindow,
+    pending: HeldWindow,
+    refused: WindowId,
+    state: ControllerState,
+}
+
+impl Servo {
+    /// A servo that holds nothing yet; all its memory is allocated here.
+    ///
+    /// # Errors
+    /// The machine has no such axis.
+    pub fn new(
+        machine: &Machine,
+        axis: usize,
+        role: u32,
+        incarnation: u32,
+    ) -> Result<Servo, ServoSettingsError> {
+        Ok(Servo {
+            settings: ServoSettings::new(machine, axis)?,
+            role,
+            incarnation,
+            held: HeldWindow::none(),
+            pending: HeldWindow::none(),
+            refused: WindowId::NONE,
+            state: ControllerState::zeroed(),
+        })
+    }
+
+    /// Its settings.
+    pub fn settings(&self) -> &ServoSettings {
+        &self.settings
+    }
+
+    /// The state after the last scan.
+    pub fn state(&self) -> &ControllerState {
+        &self.state
+    }
+
+    /// Goes on from the state another controller of the axis left, before the next scan.
+    pub fn adopt(&mut self, state: &ControllerState) {
+        self.state = *state;
+    }
+
+    /// A window became visible in the scan that `feedback` began; before [`scan`](Servo::scan) of the same feedback.
+    ///
+    /// Accepted, it is pending (reported in the next command) until feedback names or voids it. The window that is being
+    /// executed already is taken as it is by a servo that came late. A window it holds already is no news.
+    ///
+    /// # Errors
+    /// Why it is refused; reported in the commands from then on.
+    pub fn offer(
+        &mut self,
+        header: &WindowHeader,
+        rows: &[WindowRow],
+        feedback: &Feedback,
+    ) -> Result<(), Refusal> {
+        self.obey(feedback);
+        let id = header.id;
+        if !id.is_none() && (id == self.held.id() || id == self.pending.id()) {
+            return Ok(());
+        }
+        let judged = check_itself(&self.settings, header, rows).and_then(|()| {
+            if id == feedback.window {
+                Ok(&mut self.held)
+            } else {
+                check_seam(
+                    &self.settings,
+                    &self.held,
+                    &self.pending,
+                    header,
+                    rows,
+                    feedback,
+                )
+                .map(|()| &mut self.pending)
+            }
+        });
+        match judged {
+            Ok(place) => {
+                place.set(header, rows);
+                Ok(())
+            }
+            Err(refusal) => {
+                self.refused = id;
+                Err(refusal)
+            }
+        }
+    }
+
+    /// Windows as the feedback says: the pending one takes over, is void, or waits.
+    fn obey(&mut self, feedback: &Feedback) {
+        if !self.pending.is_none() {
+            let id = self.pending.id();
+            if feedback.window == id {
+                core::mem::swap(&mut self.held, &mut self.pending);
+                self.pending.clear();
+            } else {
+                let header = self.pending.header();
+                let missed = feedback.scan >= header.first_scan;
+                let orphaned = header.predecessor != feedback.window;
+                if feedback.voided == id || missed || orphaned {
+                    self.pending.clear();
+                }
+            }
+        }
+        if feedback.window.is_none() {
+            self.held.clear();
+        }
+    }
+
+    /// One scan: the command that answers this feedback.
+    ///
+    /// 1. judge the feedback; 2. obey it as to windows; 3. with the drives off or tripped, follow the axis; 4. otherwise
+    /// position command, following error, reversal, feed-forward, velocity command, limits; 5. in torque mode, velocity
+    /// loop. A cause stops the axis and is held until the drives are off or tripped.
+    pub fn scan(&mut self, feedback: &Feedback) -> AxisCommand {
+        let mut command = self.blank(feedback);
+        let (mode, axis) = match self.judge(feedback) {
+            Ok(judged) => judged,
+            Err(cause) => return self.stop(command, cause),
+        };
+        self.obey(feedback);
+        command.held = self.held.id();
+        command.pending = self.pending.id();
+        let missing = !feedback.window.is_none() && self.held.id() != feedback.window;
+        if self.state.initialised == 0 {
+            self.initialise(feedback, &axis);
+        }
+        let scan_before = self.state.scan;
+        self.state.scan = feedback.scan;
+        if matches!(mode, Mode::Disabled | Mode::Tripped) {
+            self.follow_up(&axis);
+            return self.finish(command);
+        }
+        if missing {
+            return self.stop(command, Cause::WindowMissing);
+        }
+        if !self.held.is_none() && !self.held.has_row(feedback.row) {
+            return self.stop(command, Cause::BadFeedback);
+        }
+        command.tag = if self.held.is_none() {
+            feedback.tag
+        } else {
+            self.held.tag(feedback.row)
+        };
+        command.stop_deceleration_mm_s2 = self
+            .held
+            .stop_deceleration_mm_s2(&self.settings, feedback.row);
+        self.closed(feedback, &axis, scan_before, command)
+    }
+
+    /// Mode and axis of a feedback that makes sense.
+    fn judge(&self, feedback: &Feedback) -> Result<(Mode, AxisFeedback), Cause> {
+        let mode = Mode::from_wire(feedback.mode).ok_or(Cause::BadFeedback)?;
+        let forward = self.state.initialised == 0 || feedback.scan > self.state.scan;
+        let whole = feedback.axis_count as usize == self.settings.axis_count;
+        let axis = feedback
+            .axes
+            .get(self.settings.axis)
+            .filter(|_| forward && whole && feedback.visible_from <= feedback.scan)
+            .ok_or(Cause::BadFeedback)?;
+        let finite = axis.velocity_mm_s.is_finite()
+            && axis.velocity_command_mm_s.is_finite()
+            && axis.torque_nm.is_finite();
+        if finite {
+            Ok((mode, *axis))
+        } else {
+            Err(Cause::BadValue)
+        }
+    }
+
+    fn position(&self, axis: &AxisFeedback) -> i64 {
+        match self.settings.feedback {
+            PositionFeedback::Motor => axis.motor_position,
+            PositionFeedback::Scale => axis.scale_position,
+        }
+    }
+
+    /// The position command `ahead` scans from this one.
+    fn command_at(&self, feedback: &Feedback, axis: &AxisFeedback, ahead: i64) -> i64 {
+        if self.held.is_none() {
+            axis.command_register
+        } else {
+            self.held
+                .position(self.settings.axis, i64::from(feedback.row) + ahead)
+        }
+    }
+
+    /// First feedback: as if the axis had been commanded along the window until now, or had stood.
+    fn initialise(&mut self, feedback: &Feedback, axis: &AxisFeedback) {
+        let phase = self.phase(feedback.scan);
+        let at = |ahead: i64| self.command_at(feedback, axis, ahead);
+        let period = i64::from(self.settings.scans_per_period);
+        let start = -1 - i64::from(phase);
+        self.state = ControllerState {
+            command_position: at(-1),
+            command_position_before: at(-2),
+            feedback_position: self.position(axis),
+            period_start: at(start),
+            period_start_before: at(start - period),
+            velocity_mm_s: axis.velocity_mm_s,
+            // This scan: no period boundary is seen to pass.
+            scan: feedback.scan,
+            cause: self.state.cause,
+            initialised: 1,
+            ..ControllerState::zeroed()
+        };
+    }
+
+    /// Place of a scan in its distribution period, from 0.
+    fn phase(&self, scan: u64) -> u32 {
+        let period = u64::from(self.settings.scans_per_period.max(1));
+        u32::try_from(scan % period).unwrap_or(0)
+    }
+
+    /// Open loop: the register follows the axis (METHODS §6); closing it starts from a clean state where the axis is.
+    fn follow_up(&mut self, axis: &AxisFeedback) {
+        let position = self.position(axis);
+        self.state = ControllerState {
+            command_position: axis.command_register,
+            command_position_before: axis.command_register,
+            feedback_position: position,
+            period_start: axis.command_register,
+            period_start_before: axis.command_register,
+            velocity_mm_s: axis.velocity_mm_s,
+            scan: self.state.scan,
+            kicks: self.state.kicks,
+            initialised: 1,
+            ..ControllerState::zeroed()
+        };
+    }
+
+    /// Closed loop: the block diagram of the servo.
+    fn closed(
+        &mut self,
+        feedback: &Feedback,
+        axis: &AxisFeedback,
+        scan_before: u64,
+        mut command: AxisCommand,
+    ) -> AxisCommand {
+        let settings = self.settings;
+        let phase = self.phase(feedback.scan);
+        let position_command = self.command_at(feedback, axis, 0);
+        let position = self.position(axis);
+        let boundary = self.step_period(feedback, axis, scan_before);
+        if self.held.is_none() {
+            self.state.period_start = axis.command_register;
+            self.state.period_start_before = axis.command_register;
+        }
+        let movement = MovementCommands::gather(
+            self.state.period_start_before,
+            self.state.period_start,
+            phase,
+            settings.scans_per_period,
+            settings.look_ahead_periods,
+            |ahead| self.command_at(feedback, axis, ahead),
+        );
+        let speed_per_increment = settings.increment_mm / settings.scan_s;
+
+        let (compensation_mm, reversed) = self.backlash(feedback, axis, position_command);
+        let error = position_command.saturating_sub(position) as f64 * settings.increment_mm;
+        let proportional_mm_s = settings.position_gain_per_s * (error + compensation_mm);
+        let feed_forward_mm_s =
+            settings.feed_forward.increments_per_scan(&movement, phase) * speed_per_increment;
+        // What the reversal is judged by: the speed of the rows themselves (their smoothed speed is centred one scan back),
+        // or of the position loop where nothing is fed forward and the axis lags by 1/Kp.
+        let speed_mm_s = if settings.feed_forward_enabled {
+            let rows = FeedForward {
+                coefficient: 1.0,
+                advance_scans: 1.0,
+                ..settings.feed_forward
+            };
+            rows.increments_per_scan(&movement, phase) * speed_per_increment
+        } else {
+            proportional_mm_s
+        };
+        let kick_mm_s = self.kick(&movement, boundary, reversed, speed_mm_s);
+        let velocity_mm_s = proportional_mm_s + feed_forward_mm_s + kick_mm_s;
+
+        let measured_mm_s =
+            position.saturating_sub(self.state.feedback_position) as f64 * speed_per_increment;
+        self.state.command_position_before = self.state.command_position;
+        self.state.command_position = position_command;
+        self.state.feedback_position = position;
+        self.state.velocity_mm_s = measured_mm_s;
+        command.following_error_mm = error;
+        command.feed_forward_mm_s = feed_forward_mm_s;
+
+        let guards = &settings.guards;
+        let broken = guards
+            .following_error(error)
+            .or(guards.positions(position_command, position))
+            .or(guards.speed(velocity_mm_s));
+        if let Some(broken) = broken {
+            return self.stop(command, cause(broken));
+        }
+        if self.state.cause != Cause::None as u32 {
+            // Held until the machine side has taken notice.
+            return self.silence(command);
+        }
+        let limited = match settings.drive_mode {
+            DriveMode::Velocity => {
+                command.velocity_mm_s = velocity_mm_s;
+                axis.torque_limited != 0
+            }
+            DriveMode::Torque => {
+                let mut inner = VelocityLoopState {
+                    integrator_nm: self.state.integrator_nm,
+                };
+                let torque =
+                    settings
+                        .velocity_loop
+                        .update(&mut inner, velocity_mm_s, measured_mm_s);
+                if !torque.torque_nm.is_finite() {
+                    return self.stop(command, Cause::BadValue);
+                }
+                self.state.integrator_nm = inner.integrator_nm;
+                command.velocity_mm_s = velocity_mm_s;
+                command.torque_nm = torque.torque_nm;
+                torque.limited
+            }
+        };
+        self.state.torque_limited_scans = if limited {
+            self.state.torque_limited_scans.saturating_add(1)
+        } else {
+            0
+        };
+        if self.state.torque_limited_scans > settings.torque_limited_scans_max {
+            return self.stop(command, Cause::TorqueLimit);
+        }
+        self.finish(command)
+    }
+
+    /// Steps the registers of the distribution period; true in the first scan of one. Goes by scan numbers; where some
+    /// were skipped, the rows of the window say what was commanded.
+    fn step_period(&mut self, feedback: &Feedback, axis: &AxisFeedback, scan_before: u64) -> bool {
+        let phase = self.phase(feedback.scan);
+        if feedback.scan.saturating_sub(scan_before) <= u64::from(phase) {
+            return false;
+        }
+        if feedback.scan == scan_before.wrapping_add(1) {
+            self.state.period_start_before = self.state.period_start;
+            self.state.period_start = self.state.command_position;
+        } else {
+            let start = -1 - i64::from(phase);
+            let period = i64::from(self.settings.scans_per_period);
+            self.state.period_start = self.command_at(feedback, axis, start);
+            self.state.period_start_before = self.command_at(feedback, axis, start - period);
+        }
+        true
+    }
+
+    fn backlash(
+        &mut self,
+        feedback: &Feedback,
+        axis: &AxisFeedback,
+        position_command: i64,
+    ) -> (f64, bool) {
+        let settings = &self.settings;
+        let mut side = BacklashState {
+            direction: self.state.direction,
+            compensation_mm: self.state.backlash_mm,
+        };
+        let rows = settings.scans_per_period as i64 * settings.look_ahead_periods as i64;
+        let ahead = (1..=rows).map(|i| self.command_at(feedback, axis, i));
+        let reversed = settings.backlash.update(
+            &mut side,
+            self.state.command_position,
+            position_command,
+            ahead,
+        );
+        self.state.direction = side.direction;
+        self.state.backlash_mm = side.compensation_mm;
+        (side.compensation_mm, reversed)
+    }
+
+    fn kick(
+        &mut self,
+        movement: &MovementCommands,
+        boundary: bool,
+        reversed: bool,
+        speed_mm_s: f64,
+    ) -> f64 {
+        let block = &self.settings.kick;
+        let mut reversal = ReversalState {
+            announcement: match self.state.armed {
+                1 => Announcement::Ahead,
+                2 => Announcement::Answered,
+                3 => Announcement::Overdue,
+                _ => Announcement::None,
+            },
+            trigger_speed_mm_s: self.state.trigger_speed_mm_s,
+            kick_mm_s: self.state.kick_mm_s,
+            kick_remaining_scans: self.state.kick_remaining_scans,
+            kicks: self.state.kicks,
+        };
+        if reversed {
+            block.reversed(&mut reversal);
+        }
+        if boundary {
+            block.announce(&mut reversal, self.state.direction, movement);
+        }
+        let kick_mm_s = block.update(&mut reversal, self.state.direction, speed_mm_s);
+        self.state.armed = match reversal.announcement {
+            Announcement::None => 0,
+            Announcement::Ahead => 1,
+            Announcement::Answered => 2,
+            Announcement::Overdue => 3,
+        };
+        self.state.trigger_speed_mm_s = reversal.trigger_speed_mm_s;
+        self.state.kick_mm_s = reversal.kick_mm_s;
+        self.state.kick_remaining_scans = reversal.kick_remaining_scans;
+        self.state.kicks = reversal.kicks;
+        kick_mm_s
+    }
+
+    fn blank(&self, feedback: &Feedback) -> AxisCommand {
+        AxisCommand {
+            scan: feedback.scan,
+            visible_from: feedback.scan.saturating_add(1),
+            position: self.state.command_position,
+            stop_deceleration_mm_s2: self
+                .settings
+                .quick_stop_mm_s2
+                .get(self.settings.axis)
+                .copied()
+                .unwrap_or(0.0),
+            held: self.held.id(),
+            pending: self.pending.id(),
+            axis: self.settings.axis as u32,
+            role: self.role,
+            incarnation: self.incarnation,
+            drive_mode: match self.settings.drive_mode {
+                DriveMode::Velocity => 0,
+                DriveMode::Torque => 1,
+            },
+            ..AxisCommand::zeroed()
+        }
+    }
+
+    /// Drives nothing and says why; the first cause is held.
+    fn stop(&mut self, command: AxisCommand, cause: Cause) -> AxisCommand {
+        if self.state.cause == Cause::None as u32 {
+            self.state.cause = cause as u32;
+        }
+        self.silence(command)
+    }
+
+    fn silence(&mut self, mut command: AxisCommand) -> AxisCommand {
+        command.velocity_mm_s = 0.0;
+        command.torque_nm = 0.0;
+        self.state.integrator_nm = 0.0;
+        if !command.following_error_mm.is_finite() {
+            command.following_error_mm = 0.0;
+        }
+        if !command.feed_forward_mm_s.is_finite() {
+            command.feed_forward_mm_s = 0.0;
+        }
+        self.finish(command)
+    }
+
+    fn finish(&self, mut command: AxisCommand) -> AxisCommand {
+        command.position = self.state.command_position;
+        command.refused = self.refused;
+        command.cause = self.state.cause;
+        command.state = self.state;
+        command
+    }
+}
+
+fn cause(broken: Broken) -> Cause {
+    match broken {
+        Broken::Travel => Cause::SoftLimit,
+        Broken::FollowingError => Cause::FollowingError,
+        Broken::Speed => Cause::SpeedLimit,
+        Broken::NotFinite => Cause::BadValue,
+    }
+}

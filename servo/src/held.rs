@@ -1,0 +1,289 @@
+//! The windows a servo holds, and what it refuses.
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::{Feedback, MAX_WINDOW_ROWS, PathTag, WindowHeader, WindowId, WindowRow};
+use bytemuck::Zeroable;
+
+use crate::settings::ServoSettings;
+
+/// Why a window is refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Refusal {
+    /// Its rows do not hash to what its name says.
+    #[error("its checksum does not match its rows")]
+    Checksum,
+    /// Row counts outside their bounds or not those of the rows.
+    #[error("its row counts do not fit its rows (2 to {MAX_WINDOW_ROWS}, intended at most all)")]
+    RowCount,
+    /// It has no name.
+    #[error("it has no sequence or incarnation")]
+    Unnamed,
+    /// Its first scan is not in the future.
+    #[error("its first scan is not in the future")]
+    TooLate,
+    /// Its first scan is not the start of a distribution period.
+    #[error("its first scan is not at a boundary of the distribution period")]
+    OffBoundary,
+    /// Another window is pending.
+    #[error("another window is pending")]
+    OnePending,
+    /// Its predecessor is not the window being executed, or not held here.
+    #[error("its predecessor is not the window being executed")]
+    Predecessor,
+    /// It has no predecessor and belongs to another epoch.
+    #[error("it belongs to another epoch")]
+    Epoch,
+    /// It has no predecessor and does not start where the axis is commanded to be.
+    #[error("it does not start at the command register")]
+    Register,
+    /// A row outside the travel.
+    #[error("a row is outside the travel")]
+    Travel,
+    /// Rows, or the step to its first row, faster than the axis may be.
+    #[error("a row is faster than the axis may be")]
+    Speed,
+    /// Rows, or the way to its first rows, with more acceleration than the axis may have.
+    #[error("a row asks for more acceleration than the axis may have")]
+    Acceleration,
+    /// It does not end at rest.
+    #[error("it does not end at rest")]
+    NotAtRest,
+}
+
+/// One window in a buffer that is allocated once.
+#[derive(Debug, Clone)]
+pub(crate) struct HeldWindow {
+    header: WindowHeader,
+    rows: Vec<WindowRow>,
+}
+
+impl HeldWindow {
+    pub(crate) fn none() -> HeldWindow {
+        HeldWindow {
+            header: WindowHeader::zeroed(),
+            rows: Vec::with_capacity(MAX_WINDOW_ROWS),
+        }
+    }
+
+    pub(crate) fn id(&self) -> WindowId {
+        self.header.id
+    }
+
+    pub(crate) fn is_none(&self) -> bool {
+        self.header.id.is_none()
+    }
+
+    pub(crate) fn header(&self) -> &WindowHeader {
+        &self.header
+    }
+
+    /// The caller has checked that the rows fit.
+    pub(crate) fn set(&mut self, header: &WindowHeader, rows: &[WindowRow]) {
+        self.header = *header;
+        self.rows.clear();
+        self.rows
+            .extend_from_slice(rows.get(..MAX_WINDOW_ROWS).unwrap_or(rows));
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.header = WindowHeader::zeroed();
+        self.rows.clear();
+    }
+
+    pub(crate) fn has_row(&self, row: u32) -> bool {
+        (row as usize) < self.rows.len()
+    }
+
+    /// A row; before the first that one, beyond the last that one: the window ends at rest.
+    fn row(&self, row: i64) -> Option<&WindowRow> {
+        let last = self.rows.len().saturating_sub(1);
+        self.rows.get(usize::try_from(row).unwrap_or(0).min(last))
+    }
+
+    pub(crate) fn position(&self, axis: usize, row: i64) -> i64 {
+        self.row(row)
+            .and_then(|r| r.position.get(axis))
+            .copied()
+            .unwrap_or(0)
+    }
+
+    pub(crate) fn tag(&self, row: u32) -> PathTag {
+        self.row(row.into())
+            .map_or_else(PathTag::default, |r| r.tag)
+    }
+
+    /// Deceleration that brings this axis to rest together with all others, each within its quick stop, in mm/s².
+    ///
+    /// `T = max |v_i|/q_i`, deceleration `|v|/T`; the axis's own quick stop at rest. Speeds are those commanded from this
+    /// row to the next.
+    pub(crate) fn stop_deceleration_mm_s2(&self, settings: &ServoSettings, row: u32) -> f64 {
+        let quick_stop = settings
+            .quick_stop_mm_s2
+            .get(settings.axis)
+            .copied()
+            .unwrap_or(0.0);
+        let (Some(here), Some(next)) = (self.row(row.into()), self.row(i64::from(row) + 1)) else {
+            return quick_stop;
+        };
+        let mut longest_s = 0.0f64;
+        let mut own_mm_s = 0.0;
+        let positions = here.position.iter().zip(&next.position);
+        let axes = settings
+            .increments_mm
+            .iter()
+            .zip(&settings.quick_stop_mm_s2);
+        for (index, ((from, to), (increment, most))) in
+            positions.zip(axes).take(settings.axis_count).enumerate()
+        {
+            let speed =
+                to.saturating_sub(*from).saturating_abs() as f64 * increment / settings.scan_s;
+            longest_s = longest_s.max(speed / most);
+            if index == settings.axis {
+                own_mm_s = speed;
+            }
+        }
+        if own_mm_s > 0.0 && longest_s > 0.0 {
+            own_mm_s / longest_s
+        } else {
+            quick_stop
+        }
+    }
+}
+
+/// Checks of the window itself: name, size, checksum, travel, limits within, end at rest.
+pub(crate) fn check_itself(
+    settings: &ServoSettings,
+    header: &WindowHeader,
+    rows: &[WindowRow],
+) -> Result<(), Refusal> {
+    if header.id.sequence == 0 || header.id.incarnation == 0 {
+        return Err(Refusal::Unnamed);
+    }
+    let count = header.row_count as usize;
+    if !(2..=MAX_WINDOW_ROWS).contains(&count)
+        || count != rows.len()
+        || header.intended_rows > header.row_count
+    {
+        return Err(Refusal::RowCount);
+    }
+    if !header
+        .first_scan
+        .is_multiple_of(settings.scans_per_period.max(1).into())
+    {
+        return Err(Refusal::OffBoundary);
+    }
+    if bus::window::checksum(header, rows) != header.id.checksum {
+        return Err(Refusal::Checksum);
+    }
+    let first = position(settings, rows.first());
+    let mut limits = RowLimits {
+        settings,
+        before: first,
+        step: position(settings, rows.get(1)).saturating_sub(first),
+    };
+    // The first step is judged against the predecessor, at the seam.
+    limits.inside(first)?;
+    for row in rows.iter().skip(1) {
+        limits.take(position(settings, Some(row)))?;
+    }
+    // It stands at its last row from then on: that, too, must be within the limits.
+    limits.take(limits.before).map_err(|_| Refusal::NotAtRest)
+}
+
+/// Checks of the way into the window: in time, one pending, predecessor, continuous in position, speed, acceleration.
+pub(crate) fn check_seam(
+    settings: &ServoSettings,
+    held: &HeldWindow,
+    pending: &HeldWindow,
+    header: &WindowHeader,
+    rows: &[WindowRow],
+    feedback: &Feedback,
+) -> Result<(), Refusal> {
+    if !pending.is_none() {
+        return Err(Refusal::OnePending);
+    }
+    if header.first_scan <= feedback.scan {
+        return Err(Refusal::TooLate);
+    }
+    if header.predecessor != feedback.window {
+        return Err(Refusal::Predecessor);
+    }
+    let mut limits = if header.predecessor.is_none() {
+        if header.epoch != feedback.epoch {
+            return Err(Refusal::Epoch);
+        }
+        let register = feedback
+            .axes
+            .get(settings.axis)
+            .map_or(i64::MIN, |axis| axis.command_register);
+        if position(settings, rows.first()) != register {
+            return Err(Refusal::Register);
+        }
+        RowLimits::starting(settings, register, register)
+    } else {
+        if held.id() != header.predecessor || header.first_scan <= held.header().first_scan {
+            return Err(Refusal::Predecessor);
+        }
+        let row = i64::try_from(header.first_scan - held.header().first_scan).unwrap_or(i64::MAX);
+        RowLimits::starting(
+            settings,
+            held.position(settings.axis, row.saturating_sub(2)),
+            held.position(settings.axis, row - 1),
+        )
+    };
+    for row in rows.iter().take(2) {
+        limits.take(position(settings, Some(row)))?;
+    }
+    Ok(())
+}
+
+fn position(settings: &ServoSettings, row: Option<&WindowRow>) -> i64 {
+    row.and_then(|r| r.position.get(settings.axis))
+        .copied()
+        .unwrap_or(i64::MIN)
+}
+
+/// First and second differences of the rows, judged one by one.
+struct RowLimits<'a> {
+    settings: &'a ServoSettings,
+    before: i64,
+    step: i64,
+}
+
+impl RowLimits<'_> {
+    fn starting(settings: &ServoSettings, before: i64, last: i64) -> RowLimits<'_> {
+        RowLimits {
+            settings,
+            before: last,
+            step: last.saturating_sub(before),
+        }
+    }
+
+    fn inside(&self, position: i64) -> Result<(), Refusal> {
+        let limits = &self.settings.guards;
+        if position < limits.travel_min || position > limits.travel_max {
+            return Err(Refusal::Travel);
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, position: i64) -> Result<(), Refusal> {
+        self.inside(position)?;
+        let step = position.saturating_sub(self.before);
+        if step.saturating_abs() > self.settings.step_max {
+            return Err(Refusal::Speed);
+        }
+        let change = step.saturating_sub(self.step).saturating_abs();
+        if change > self.settings.step_change_max {
+            return Err(Refusal::Acceleration);
+        }
+        self.before = position;
+        self.step = step;
+        Ok(())
+    }
+}

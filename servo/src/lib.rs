@@ -1,0 +1,16 @@
+//! The servo process: position and velocity loop of one axis in one role.
+//!
+//! [`Servo`] is pure: windows and feedback in, commands out. The process around it is in `run`.
+//!
+//! **Invariant**: whatever a command depends on is in the feedback, in the windows held, or in the state that the
+//! command before carried; a second controller of the axis goes on from there to the bit.
+
+mod controller;
+mod held;
+mod run;
+mod settings;
+
+pub use controller::Servo;
+pub use held::Refusal;
+pub use run::{Options, ServoError, run};
+pub use settings::{ServoSettings, ServoSettingsError};

@@ -1,0 +1,78 @@
+//! The servo as a process. Each scan: wake, read feedback and windows, compute, command.
+
+use bus::member::{Member, MemberError, Seat};
+use bus::realtime::Priority;
+use bus::service::SCAN_DEPTH;
+
+use crate::controller::Servo;
+use crate::settings::ServoSettingsError;
+
+/// How a servo is started.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Its seat in the cell.
+    pub seat: Seat,
+    /// Letter of its axis.
+    pub axis: String,
+    /// Role: 0 = a, 1 = b.
+    pub role: u32,
+}
+
+/// Why a servo cannot take part.
+#[derive(Debug, thiserror::Error)]
+pub enum ServoError {
+    /// The cell refuses it.
+    #[error(transparent)]
+    Member(#[from] MemberError),
+    /// The axis's settings make no servo.
+    #[error(transparent)]
+    Settings(#[from] ServoSettingsError),
+    /// The machine has no such axis.
+    #[error("axis {0:?}: the machine has none of that name")]
+    NoAxis(String),
+}
+
+/// Runs one servo until the run or the cell ends.
+///
+/// # Errors
+/// [`ServoError`].
+pub fn run(options: &Options) -> Result<(), ServoError> {
+    let member = Member::enter(options.seat.clone(), &format!("servo-{}", options.axis))?;
+    let axis = member
+        .machine
+        .axes
+        .iter()
+        .position(|axis| axis.name == options.axis)
+        .ok_or_else(|| ServoError::NoAxis(options.axis.clone()))?;
+    let cell = |error| ServoError::Member(MemberError::Cell(error));
+    let mut feedback_in = member.bus.feedback_reader(SCAN_DEPTH).map_err(cell)?;
+    let mut windows_in = member.bus.window_reader(SCAN_DEPTH).map_err(cell)?;
+    let mut command_out = member
+        .bus
+        .command_writer(axis, options.role as usize)
+        .map_err(cell)?;
+    let mut servo = Servo::new(
+        &member.machine,
+        axis,
+        options.role,
+        options.seat.incarnation,
+    )?;
+    member.ready(Priority::Servo);
+
+    let mut last = None;
+    while let Some(feedback) = member.next_feedback(member.page.scan_bell(), &mut feedback_in, last)
+    {
+        if feedback.last == 1 {
+            break;
+        }
+        last = Some(feedback.scan);
+        windows_in.each(feedback.scan, |header, rows| {
+            // A refusal is reported in the command.
+            let _ = servo.offer(header, rows, &feedback);
+        });
+        let command = servo.scan(&feedback);
+        command_out.send(&command);
+        member.page.answered();
+    }
+    Ok(())
+}

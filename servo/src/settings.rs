@@ -1,0 +1,172 @@
+//! What a servo needs of the machine file, in its own units, computed once.
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::machine::{Axis, DriveMode, Machine, PositionFeedback, ReversalMethod};
+use control::backlash::Backlash;
+use control::feed_forward::FeedForward;
+use control::guards::AxisGuards;
+use control::reversal::BacklashAcceleration;
+use control::velocity_loop::VelocityLoop;
+
+/// Speed commands may be that much above the rapid traverse before they trip: position loop and kicks add to the rows.
+const SPEED_MARGIN: f64 = 1.2;
+/// Feedback may be beyond the travel by that part of the following-error limit: a command may end exactly at the travel.
+const TRAVEL_MARGIN: f64 = 0.25;
+/// Time the torque may stay at its limit, in s, before the axis is stopped.
+const TORQUE_LIMITED_S: f64 = 0.2;
+
+/// An axis that cannot be served.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum ServoSettingsError {
+    /// The machine has no axis of this index.
+    #[error("axis {axis}: the machine has {count} axes")]
+    NoSuchAxis {
+        /// The index asked for.
+        axis: usize,
+        /// Axes there are.
+        count: usize,
+    },
+}
+
+/// Immutable settings of one servo.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ServoSettings {
+    /// Index of the axis.
+    pub axis: usize,
+    /// Axes of the machine.
+    pub axis_count: usize,
+    /// Tp, in s.
+    pub scan_s: f64,
+    /// N.
+    pub scans_per_period: u32,
+    /// J, periods of look-ahead.
+    pub look_ahead_periods: usize,
+    /// Axis units per increment, in mm.
+    pub increment_mm: f64,
+    /// Where the position comes from.
+    pub feedback: PositionFeedback,
+    /// Who closes the velocity loop.
+    pub drive_mode: DriveMode,
+    /// Kp, in 1/s.
+    pub position_gain_per_s: f64,
+    /// α and advance; α is 0 where the feed-forward is off.
+    pub feed_forward: FeedForward,
+    /// Whether the feed-forward is on.
+    pub feed_forward_enabled: bool,
+    /// Position backlash compensation; a step of 0 where it is off.
+    pub backlash: Backlash,
+    /// Backlash acceleration; a kick of 0 where it is off.
+    pub kick: BacklashAcceleration,
+    /// Velocity loop of torque mode.
+    pub velocity_loop: VelocityLoop,
+    /// Following error, travel and speed guards.
+    pub guards: AxisGuards,
+    /// Scans in a row at the torque limit that stop the axis.
+    pub torque_limited_scans_max: u32,
+    /// Quick-stop decelerations of all axes, in mm/s², by index.
+    pub quick_stop_mm_s2: [f64; bus::sample::MAX_AXES],
+    /// Axis units per increment of all axes, in mm.
+    pub increments_mm: [f64; bus::sample::MAX_AXES],
+    /// Largest difference of two rows, in increments.
+    pub step_max: i64,
+    /// Largest second difference of rows, in increments.
+    pub step_change_max: i64,
+}
+
+impl ServoSettings {
+    /// For the axis of this index.
+    ///
+    /// # Errors
+    /// The machine has no such axis.
+    pub fn new(machine: &Machine, index: usize) -> Result<ServoSettings, ServoSettingsError> {
+        let axis = machine
+            .axes
+            .get(index)
+            .ok_or(ServoSettingsError::NoSuchAxis {
+                axis: index,
+                count: machine.axes.len(),
+            })?;
+        let scan_s = machine.scan_period_s();
+        let increment_mm = axis.increment_mm();
+        let reversal = &axis.reversal;
+        let compensates = reversal.method != ReversalMethod::None;
+        let kicks = reversal.method == ReversalMethod::Kick;
+        let forward = &axis.feed_forward;
+        let mut settings = ServoSettings {
+            axis: index,
+            axis_count: machine.axes.len(),
+            scan_s,
+            scans_per_period: machine.scan.distribution_period_scans,
+            look_ahead_periods: machine.scan.look_ahead_periods as usize,
+            increment_mm,
+            feedback: axis.feedback,
+            drive_mode: axis.drive_mode,
+            position_gain_per_s: axis.position_loop.gain_per_s,
+            feed_forward: FeedForward {
+                scans_per_period: machine.scan.distribution_period_scans,
+                coefficient: if forward.enabled {
+                    forward.coefficient
+                } else {
+                    0.0
+                },
+                advance_scans: forward.advance_ms * 1e-3 / scan_s,
+            },
+            feed_forward_enabled: forward.enabled,
+            backlash: Backlash {
+                step_mm: if compensates {
+                    reversal.backlash_um * 1e-3
+                } else {
+                    0.0
+                },
+            },
+            kick: BacklashAcceleration {
+                lead_s: reversal.lead_ms * 1e-3,
+                period_s: machine.distribution_period_s(),
+                increment_mm,
+                kick_mm_s: if kicks { reversal.kick_mm_s } else { 0.0 },
+                kick_scans: libm::round(reversal.kick_ms * 1e-3 / scan_s) as u32,
+            },
+            velocity_loop: VelocityLoop::new(
+                axis.velocity_loop.gain_n_s_per_m,
+                axis.velocity_loop.integral_time_ms * 1e-3,
+                scan_s,
+                axis.lead_mm,
+                axis.motor.peak_torque_nm,
+            ),
+            guards: guards(axis),
+            torque_limited_scans_max: libm::ceil(TORQUE_LIMITED_S / scan_s) as u32,
+            quick_stop_mm_s2: [0.0; bus::sample::MAX_AXES],
+            increments_mm: [0.0; bus::sample::MAX_AXES],
+            // Rounding to increments alone changes a difference by up to 1 and a second difference by up to 2.
+            step_max: libm::floor(axis.rapid_mm_s * scan_s / increment_mm) as i64 + 1,
+            step_change_max: libm::floor(axis.acceleration_mm_s2 * scan_s * scan_s / increment_mm)
+                as i64
+                + 2,
+        };
+        let places = settings
+            .quick_stop_mm_s2
+            .iter_mut()
+            .zip(&mut settings.increments_mm);
+        for ((quick_stop, increment), other) in places.zip(&machine.axes) {
+            *quick_stop = other.quick_stop_mm_s2;
+            *increment = other.increment_mm();
+        }
+        Ok(settings)
+    }
+}
+
+fn guards(axis: &Axis) -> AxisGuards {
+    let increments = |mm: f64| libm::round(mm / axis.increment_mm()) as i64;
+    AxisGuards {
+        travel_min: increments(axis.travel_min_mm),
+        travel_max: increments(axis.travel_max_mm),
+        travel_margin: increments(TRAVEL_MARGIN * axis.following_error_limit_mm),
+        following_error_mm: axis.following_error_limit_mm,
+        speed_mm_s: SPEED_MARGIN * axis.rapid_mm_s,
+    }
+}

@@ -1,0 +1,207 @@
+//! A servo on a circle: what it remembers, when it kicks, how it would stop.
+#![allow(missing_docs)]
+mod common;
+
+use bus::sample::{AxisCommand, Mode};
+use bytemuck::{Zeroable, bytes_of};
+use common::{RADIUS_MM, Rig, SPEED_MM_S, machine, servo};
+
+/// A command with what names its maker taken out.
+fn anonymous(mut command: AxisCommand) -> AxisCommand {
+    command.incarnation = 0;
+    command.role = 0;
+    command.refused = bus::sample::WindowId::NONE;
+    command
+}
+
+#[test]
+fn a_standby_that_is_given_the_state_goes_on_to_the_bit_from_any_scan() {
+    for name in ["xy", "xy-fast", "xy-torque"] {
+        let machine = machine(name);
+        let mut rig = Rig::new(machine.clone());
+        // Holds the windows and nothing else: its state is replaced before each scan.
+        let mut standby = servo(&machine, 1);
+        let revolution_s = 2.0 * std::f64::consts::PI * RADIUS_MM / SPEED_MM_S;
+        let scans = (1.3 * revolution_s / machine.scan_period_s()) as u64;
+        let mut states = 0;
+        for _ in 0..scans {
+            let before = *rig.servos[1].state();
+            let mut command = AxisCommand::zeroed();
+            rig.step(|feedback, offered| {
+                if let Some((header, rows)) = offered {
+                    standby.offer(header, rows, feedback).expect("good");
+                }
+                standby.adopt(&before);
+                command = standby.scan(feedback);
+            });
+            assert!(
+                bytes_of(&anonymous(command)) == bytes_of(&anonymous(rig.commands[1])),
+                "{name} scan {}: {command:#?}\n{:#?}",
+                rig.scan - 1,
+                rig.commands[1]
+            );
+            states |= 1 << command.state.armed;
+        }
+        // The comparison is worth something only if there was something to carry.
+        assert!(rig.commands[1].state.kicks >= 2, "{name}");
+        assert_eq!(
+            states & 0b111,
+            0b111,
+            "{name}: announced and answered reversals were seen"
+        );
+    }
+}
+
+#[test]
+fn a_standby_that_came_late_takes_the_window_in_force_and_goes_on_to_the_bit() {
+    let machine = machine("xy");
+    let mut rig = Rig::new(machine.clone());
+    let mut late = servo(&machine, 0);
+    for _ in 0..1200 {
+        let before = *rig.servos[0].state();
+        let joined = rig.scan >= 300;
+        let last = rig.last_window.clone();
+        let mut command = AxisCommand::zeroed();
+        rig.step(|feedback, offered| {
+            if feedback.scan == 300 {
+                // What the service keeps for those who come late.
+                let _ = late.offer(&last.0, &last.1, feedback);
+            }
+            if let Some((header, rows)) = offered.as_ref().filter(|_| joined) {
+                let _ = late.offer(header, rows, feedback);
+            }
+            late.adopt(&before);
+            command = late.scan(feedback);
+        });
+        if rig.scan > 330 {
+            assert!(
+                bytes_of(&anonymous(command)) == bytes_of(&anonymous(rig.commands[0])),
+                "scan {}",
+                rig.scan - 1
+            );
+        }
+    }
+}
+
+#[test]
+fn each_kick_starts_its_lead_before_the_rows_reverse() {
+    for name in ["xy", "xy-fast"] {
+        let machine = machine(name);
+        let scan_s = machine.scan_period_s();
+        let lead_s = machine.axes[0].reversal.lead_ms * 1e-3;
+        let mut rig = Rig::new(machine);
+        let mut started = Vec::new();
+        let mut reversed = Vec::new();
+        let scans = (2.0 / scan_s) as u64;
+        for _ in 0..scans {
+            let before = rig.commands;
+            rig.step(|_, _| ());
+            for axis in 0..2 {
+                let (was, is) = (&before[axis].state, &rig.commands[axis].state);
+                if is.kicks > was.kicks {
+                    started.push((axis, rig.scan - 1));
+                }
+                if was.direction != 0 && is.direction != was.direction {
+                    // The command reversed between the row before and this one.
+                    reversed.push((axis, rig.scan - 1));
+                }
+            }
+        }
+        assert!(reversed.len() >= 4, "{name}: {reversed:?}");
+        for ((axis, kick), (of, turn)) in started.iter().zip(&reversed) {
+            assert_eq!(axis, of);
+            let found_s = (*turn as f64 - 1.0 - *kick as f64) * scan_s;
+            assert!(
+                found_s <= lead_s && found_s > lead_s - 3.0 * scan_s,
+                "{name}: {found_s}"
+            );
+        }
+    }
+}
+
+#[test]
+fn an_announced_kick_is_forgotten_when_the_windows_no_longer_reverse() {
+    let mut rig = Rig::new(machine("xy"));
+    // Until a reversal of either axis is announced, then the planner falls silent: the tail ends before the reversal.
+    let announced = loop {
+        rig.step(|_, _| ());
+        assert!(rig.scan < 5_000);
+        if let Some(axis) = (0..2).find(|a| rig.commands[*a].state.armed == 1) {
+            break axis;
+        }
+    };
+    let kicks = rig.commands[announced].state.kicks;
+    // The machine side drops the future: no window, the register stays.
+    rig.window = bus::sample::WindowId::NONE;
+    rig.pending = None;
+    rig.publishing = false;
+    rig.mode = Mode::Stopped;
+    for _ in 0..40 {
+        rig.step(|_, _| ());
+    }
+    let state = rig.commands[announced].state;
+    assert_eq!((state.armed, state.kicks, state.kick_mm_s), (0, kicks, 0.0));
+    assert_eq!(rig.commands[announced].feed_forward_mm_s, 0.0);
+}
+
+#[test]
+fn a_silent_planner_ends_in_rest_with_nothing_left_over() {
+    let mut rig = Rig::new(machine("xy"));
+    rig.run_to(700);
+    rig.publishing = false;
+    rig.run_to(2_000);
+    for command in &rig.commands {
+        assert_eq!(command.feed_forward_mm_s, 0.0);
+        assert_eq!(command.state.kick_mm_s, 0.0);
+        assert!(command.velocity_mm_s.abs() < 1e-3, "{command:?}");
+    }
+}
+
+#[test]
+fn the_axes_would_stop_together() {
+    let mut machine = machine("xy");
+    machine.axes[1].quick_stop_mm_s2 = 6000.0;
+    let mut rig = Rig::new(machine);
+    rig.run_to(500);
+    for _ in 0..1_000 {
+        let was = rig.feedback();
+        let now = was.row as usize;
+        let rows = rig.last_window.1.clone();
+        rig.step(|_, _| ());
+        if rig.last_window.0.id != was.window || now + 1 >= rows.len() {
+            continue;
+        }
+        let speed = |axis: usize| {
+            (rows[now + 1].position[axis] - rows[now].position[axis]).abs() as f64 * 1e-3
+        };
+        let time = |axis: usize| speed(axis) / rig.commands[axis].stop_deceleration_mm_s2;
+        if speed(0) > 0.0 && speed(1) > 0.0 {
+            assert!((time(0) - time(1)).abs() < 1e-12);
+            assert!(rig.commands[0].stop_deceleration_mm_s2 <= 12_000.0 + 1e-6);
+            assert!(rig.commands[1].stop_deceleration_mm_s2 <= 6_000.0 + 1e-6);
+        }
+    }
+}
+
+#[test]
+fn the_feed_forward_leaves_little_following_error_to_the_position_loop() {
+    let mut machine = machine("xy");
+    for axis in &mut machine.axes {
+        // Axes without mass: transport, hold and centring only.
+        axis.feed_forward.advance_ms = 2.5;
+        axis.reversal.method = bus::machine::ReversalMethod::None;
+    }
+    let mut rig = Rig::new(machine);
+    rig.run_to(800);
+    for _ in 0..800 {
+        rig.step(|_, _| ());
+        for command in &rig.commands {
+            // Radius error of v²/R · 0.5 scan / Kp at most.
+            assert!(
+                command.following_error_mm.abs() < 0.06,
+                "{}",
+                command.following_error_mm
+            );
+        }
+    }
+}

@@ -1,0 +1,222 @@
+//! A circle driven by servos against axes that do what they are told: no friction, no mass, one scan of transport.
+#![allow(dead_code, missing_docs)]
+
+use std::path::Path;
+
+use bus::machine::Machine;
+use bus::sample::{AxisCommand, Feedback, Mode, WindowHeader, WindowId, WindowRow};
+use bytemuck::Zeroable;
+use servo::{Refusal, Servo};
+
+pub const RADIUS_MM: f64 = 10.0;
+pub const SPEED_MM_S: f64 = 50.0;
+const RUN_IN_MM_S2: f64 = 1000.0;
+
+pub fn machine(name: &str) -> Machine {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../machines")
+        .join(name);
+    let mut machine = Machine::load(&folder).expect("a machine that comes with the product");
+    machine.axes.truncate(2);
+    machine
+}
+
+pub fn servo(machine: &Machine, axis: usize) -> Servo {
+    Servo::new(machine, axis, 0, 1).expect("an axis of the machine")
+}
+
+/// Sets the checksum, so that only what the test broke is wrong.
+pub fn seal(header: &mut WindowHeader, rows: &[WindowRow]) {
+    header.id.checksum = bus::window::checksum(header, rows);
+}
+
+pub struct Rig {
+    pub machine: Machine,
+    pub servos: Vec<Servo>,
+    pub scan: u64,
+    pub start_scan: u64,
+    /// Distance at which the path is to end, in mm: beyond, windows brake to there.
+    pub window: WindowId,
+    pub in_force: WindowHeader,
+    pub pending: Option<WindowHeader>,
+    pub sequence: u32,
+    pub mode: Mode,
+    pub position: [i64; 2],
+    pub register: [i64; 2],
+    pub commands: [AxisCommand; 2],
+    pub publishing: bool,
+    pub last_window: (WindowHeader, Vec<WindowRow>),
+}
+
+impl Rig {
+    pub fn new(machine: Machine) -> Rig {
+        let servos = (0..2).map(|i| servo(&machine, i)).collect();
+        let period = u64::from(machine.scan.distribution_period_scans);
+        Rig {
+            servos,
+            scan: 1,
+            start_scan: 4 * period + 3,
+            machine,
+            window: WindowId::NONE,
+            in_force: WindowHeader::zeroed(),
+            pending: None,
+            sequence: 0,
+            mode: Mode::Enabled,
+            position: [0; 2],
+            register: [0; 2],
+            commands: [AxisCommand::zeroed(); 2],
+            publishing: true,
+            last_window: (WindowHeader::zeroed(), Vec::new()),
+        }
+    }
+
+    pub fn period(&self) -> u64 {
+        self.machine.scan.distribution_period_scans.into()
+    }
+
+    /// Positions at a distance on a circle that starts at 60°.
+    pub fn at(distance_mm: f64) -> [i64; 2] {
+        let from = std::f64::consts::PI / 3.0;
+        let angle = from + distance_mm / RADIUS_MM;
+        let x = RADIUS_MM * (libm::cos(angle) - libm::cos(from));
+        let y = RADIUS_MM * (libm::sin(angle) - libm::sin(from));
+        [libm::round(x * 1e6) as i64, libm::round(y * 1e6) as i64]
+    }
+
+    /// Distance and speed that many scans after the start.
+    fn profile(&self, scan: u64) -> (f64, f64) {
+        let t = scan.saturating_sub(self.start_scan) as f64 * self.machine.scan_period_s();
+        let run_in_s = SPEED_MM_S / RUN_IN_MM_S2;
+        if t < run_in_s {
+            (0.5 * RUN_IN_MM_S2 * t * t, RUN_IN_MM_S2 * t)
+        } else {
+            (SPEED_MM_S * (t - run_in_s / 2.0), SPEED_MM_S)
+        }
+    }
+
+    /// A whole window: intended rows on the circle, then braking along it.
+    pub fn make(&mut self, first_scan: u64) -> (WindowHeader, Vec<WindowRow>) {
+        let scan_s = self.machine.scan_period_s();
+        let intended = u64::from(self.machine.intended_rows());
+        let row = |distance: f64| {
+            let mut row = WindowRow::zeroed();
+            let [x, y] = Self::at(distance);
+            row.position[0] = x;
+            row.position[1] = y;
+            row.tag.distance_mm = distance;
+            row
+        };
+        let mut rows: Vec<_> = (0..intended)
+            .map(|i| row(self.profile(first_scan + i).0))
+            .collect();
+        let (mut distance, mut speed) = self.profile(first_scan + intended - 1);
+        while speed > 0.0 {
+            let less = speed.min(3000.0 * scan_s);
+            distance += (speed - less / 2.0) * scan_s;
+            speed -= less;
+            rows.push(row(distance));
+        }
+        rows.push(row(distance));
+        self.sequence += 1;
+        let mut header = WindowHeader::zeroed();
+        header.id.sequence = self.sequence;
+        header.id.incarnation = 1;
+        header.predecessor = self.window;
+        header.first_scan = first_scan;
+        header.visible_from = self.scan;
+        header.epoch = 1;
+        header.intended_rows = intended as u32;
+        header.row_count = rows.len() as u32;
+        seal(&mut header, &rows);
+        (header, rows)
+    }
+
+    pub fn feedback(&self) -> Feedback {
+        let mut feedback = Feedback::zeroed();
+        feedback.scan = self.scan;
+        feedback.visible_from = self.scan;
+        feedback.window = self.window;
+        feedback.epoch = 1;
+        feedback.mode = self.mode as u32;
+        feedback.cause_axis = u32::MAX;
+        feedback.axis_count = 2;
+        if !self.window.is_none() {
+            let row = self.scan - self.in_force.first_scan;
+            feedback.row = (row as u32).min(self.in_force.row_count - 1);
+        }
+        for (axis, out) in feedback.axes.iter_mut().take(2).enumerate() {
+            out.motor_position = self.position[axis];
+            out.scale_position = self.position[axis];
+            out.command_register = self.register[axis];
+        }
+        feedback
+    }
+
+    /// What became visible in this scan, if the planner has something.
+    pub fn offers(&mut self) -> Option<(WindowHeader, Vec<WindowRow>)> {
+        if let Some(next) = self.pending
+            && next.first_scan == self.scan
+        {
+            self.window = next.id;
+            self.in_force = next;
+            self.pending = None;
+        }
+        let boundary = self.scan.is_multiple_of(self.period());
+        (boundary && self.publishing && self.pending.is_none()).then(|| {
+            let made = self.make(self.scan + self.period());
+            self.pending = Some(made.0);
+            self.last_window = made.clone();
+            made
+        })
+    }
+
+    /// One scan; the feedback and window it saw are handed to `also` before the commands act.
+    pub fn step(&mut self, also: impl FnOnce(&Feedback, &Option<(WindowHeader, Vec<WindowRow>)>)) {
+        let offered = self.offers();
+        let feedback = self.feedback();
+        also(&feedback, &offered);
+        let before = self.commands;
+        for (axis, servo) in self.servos.iter_mut().enumerate() {
+            if let Some((header, rows)) = &offered {
+                assert_eq!(
+                    servo.offer(header, rows, &feedback),
+                    Ok(()),
+                    "scan {}",
+                    self.scan
+                );
+            }
+            self.commands[axis] = servo.scan(&feedback);
+            assert_eq!(
+                self.commands[axis].cause, 0,
+                "scan {} axis {axis}",
+                self.scan
+            );
+            self.register[axis] = self.commands[axis].position;
+            // The command of the scan before acts now; in torque mode the axis gets that speed as well.
+            let moved = before[axis].velocity_mm_s * self.machine.scan_period_s() * 1e6;
+            self.position[axis] += libm::round(moved) as i64;
+        }
+        self.scan += 1;
+    }
+
+    pub fn run_to(&mut self, scan: u64) {
+        while self.scan < scan {
+            self.step(|_, _| ());
+        }
+    }
+}
+
+/// What a fresh servo of axis 0 says of a window, after `feedback`.
+pub fn refusal(
+    machine: &Machine,
+    header: &WindowHeader,
+    rows: &[WindowRow],
+    feedback: &Feedback,
+) -> Refusal {
+    let mut servo = servo(machine, 0);
+    let refusal = servo
+        .offer(header, rows, feedback)
+        .expect_err("the window should be refused");
+    assert_eq!(servo.scan(feedback).refused, header.id);
+    refusal
+}

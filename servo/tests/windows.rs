@@ -1,0 +1,248 @@
+//! Which windows a servo takes and which it refuses.
+#![allow(missing_docs)]
+mod common;
+
+use bus::sample::{Cause, WindowHeader, WindowId, WindowRow};
+use common::{Rig, machine, refusal, seal, servo};
+use servo::Refusal;
+
+/// A good first window and the rig it belongs to.
+fn first() -> (Rig, WindowHeader, Vec<WindowRow>) {
+    let mut rig = Rig::new(machine("xy"));
+    let (header, rows) = rig.make(32);
+    (rig, header, rows)
+}
+
+fn refused(change: impl FnOnce(&mut WindowHeader, &mut Vec<WindowRow>)) -> Refusal {
+    let (rig, mut header, mut rows) = first();
+    change(&mut header, &mut rows);
+    seal(&mut header, &rows);
+    refusal(&rig.machine, &header, &rows, &rig.feedback())
+}
+
+#[test]
+fn a_good_window_is_pending_until_feedback_names_it() {
+    let (mut rig, header, rows) = first();
+    let mut servo = servo(&rig.machine, 0);
+    assert_eq!(servo.offer(&header, &rows, &rig.feedback()), Ok(()));
+    let command = servo.scan(&rig.feedback());
+    assert_eq!((command.held, command.pending), (WindowId::NONE, header.id));
+    rig.scan = 32;
+    rig.window = header.id;
+    rig.in_force = header;
+    let command = servo.scan(&rig.feedback());
+    assert_eq!((command.held, command.pending), (header.id, WindowId::NONE));
+    assert_eq!(command.cause, Cause::None as u32);
+}
+
+#[test]
+fn a_void_window_is_dropped() {
+    let (mut rig, header, rows) = first();
+    let mut servo = servo(&rig.machine, 0);
+    servo.offer(&header, &rows, &rig.feedback()).expect("good");
+    rig.scan = 2;
+    let mut feedback = rig.feedback();
+    feedback.voided = header.id;
+    assert_eq!(servo.scan(&feedback).pending, WindowId::NONE);
+}
+
+#[test]
+fn a_window_that_was_not_admitted_in_time_is_dropped() {
+    let (mut rig, header, rows) = first();
+    let mut servo = servo(&rig.machine, 0);
+    servo.offer(&header, &rows, &rig.feedback()).expect("good");
+    rig.scan = header.first_scan;
+    assert_eq!(servo.scan(&rig.feedback()).pending, WindowId::NONE);
+}
+
+#[test]
+fn the_same_window_twice_is_no_news() {
+    let (rig, header, rows) = first();
+    let mut servo = servo(&rig.machine, 0);
+    let feedback = rig.feedback();
+    assert_eq!(servo.offer(&header, &rows, &feedback), Ok(()));
+    assert_eq!(servo.offer(&header, &rows, &feedback), Ok(()));
+    assert_eq!(servo.scan(&feedback).refused, WindowId::NONE);
+}
+
+#[test]
+fn a_changed_row_is_refused_by_its_checksum() {
+    let (rig, header, mut rows) = first();
+    rows[5].position[1] += 1;
+    assert_eq!(
+        refusal(&rig.machine, &header, &rows, &rig.feedback()),
+        Refusal::Checksum
+    );
+}
+
+#[test]
+fn row_counts_that_lie_are_refused() {
+    assert_eq!(refused(|h, _| h.row_count += 1), Refusal::RowCount);
+    assert_eq!(
+        refused(|h, _| h.intended_rows = h.row_count + 1),
+        Refusal::RowCount
+    );
+    assert_eq!(
+        refused(|h, r| {
+            r.truncate(1);
+            h.row_count = 1;
+            h.intended_rows = 1
+        }),
+        Refusal::RowCount
+    );
+    let most = bus::sample::MAX_WINDOW_ROWS + 1;
+    assert_eq!(
+        refused(|h, r| {
+            r.resize(most, r[0]);
+            h.row_count = most as u32
+        }),
+        Refusal::RowCount
+    );
+}
+
+#[test]
+fn a_window_without_a_name_is_refused() {
+    assert_eq!(refused(|h, _| h.id.sequence = 0), Refusal::Unnamed);
+    assert_eq!(refused(|h, _| h.id.incarnation = 0), Refusal::Unnamed);
+}
+
+#[test]
+fn a_window_that_should_have_begun_is_refused() {
+    let (mut rig, header, rows) = first();
+    rig.scan = header.first_scan;
+    assert_eq!(
+        refusal(&rig.machine, &header, &rows, &rig.feedback()),
+        Refusal::TooLate
+    );
+}
+
+#[test]
+fn a_window_between_period_boundaries_is_refused() {
+    assert_eq!(refused(|h, _| h.first_scan += 1), Refusal::OffBoundary);
+}
+
+#[test]
+fn a_second_pending_window_is_refused() {
+    let (mut rig, header, rows) = first();
+    let mut servo = servo(&rig.machine, 0);
+    servo.offer(&header, &rows, &rig.feedback()).expect("good");
+    let (other, rows) = rig.make(40);
+    assert_eq!(
+        servo.offer(&other, &rows, &rig.feedback()),
+        Err(Refusal::OnePending)
+    );
+    assert_eq!(servo.scan(&rig.feedback()).pending, header.id);
+}
+
+#[test]
+fn a_window_that_continues_another_one_is_refused() {
+    assert_eq!(
+        refused(|h, _| h.predecessor.sequence = 7),
+        Refusal::Predecessor
+    );
+    // Also where feedback names that predecessor and this servo does not hold it.
+    let (mut rig, _, _) = first();
+    rig.window.sequence = 7;
+    let (header, rows) = rig.make(32);
+    let mut servo = servo(&rig.machine, 0);
+    assert_eq!(
+        servo.offer(&header, &rows, &rig.feedback()),
+        Err(Refusal::Predecessor)
+    );
+}
+
+#[test]
+fn a_window_of_another_epoch_is_refused() {
+    assert_eq!(refused(|h, _| h.epoch = 2), Refusal::Epoch);
+}
+
+#[test]
+fn a_first_window_must_start_at_the_register_to_the_increment() {
+    let (mut rig, header, rows) = first();
+    rig.register[0] = 1;
+    assert_eq!(
+        refusal(&rig.machine, &header, &rows, &rig.feedback()),
+        Refusal::Register
+    );
+}
+
+#[test]
+fn a_row_outside_the_travel_is_refused() {
+    let far = |r: &mut WindowRow| r.position[0] = i64::MAX;
+    assert_eq!(refused(|_, rows| far(&mut rows[9])), Refusal::Travel);
+    assert_eq!(
+        refused(|_, rows| rows[9].position[0] = -220_000_001),
+        Refusal::Travel
+    );
+}
+
+#[test]
+fn a_row_that_jumps_is_refused_as_too_fast() {
+    assert_eq!(
+        refused(|_, rows| for row in &mut rows[9..] {
+            row.position[0] += 300_000;
+        }),
+        Refusal::Speed
+    );
+}
+
+#[test]
+fn a_row_that_jerks_is_refused_as_too_much_acceleration() {
+    // 5000 mm/s² is 5000 increments per scan².
+    assert_eq!(
+        refused(|_, rows| for row in &mut rows[9..] {
+            row.position[0] += 6_000;
+        }),
+        Refusal::Acceleration
+    );
+    // Right at the start: at the register, not at rest.
+    assert_eq!(
+        refused(|_, rows| for (i, row) in rows.iter_mut().enumerate() {
+            row.position[0] += 6_000 * i as i64;
+        }),
+        Refusal::Acceleration
+    );
+}
+
+#[test]
+fn a_window_that_does_not_end_at_rest_is_refused() {
+    assert_eq!(
+        refused(|h, rows| {
+            rows.truncate(60);
+            h.row_count = 60;
+            for (i, row) in rows.iter_mut().enumerate() {
+                row.position[0] = 4_000 * (i * i) as i64 / 2;
+            }
+            h.intended_rows = 32
+        }),
+        Refusal::NotAtRest
+    );
+}
+
+#[test]
+fn the_seam_with_the_predecessor_is_judged_for_speed_and_acceleration() {
+    for (shift, expected) in [(6_000, Refusal::Acceleration), (300_000, Refusal::Speed)] {
+        let mut rig = Rig::new(machine("xy"));
+        rig.run_to(160);
+        let feedback = rig.feedback();
+        let (mut header, mut rows) = rig.make(168);
+        for row in &mut rows {
+            row.position[0] += shift;
+        }
+        seal(&mut header, &rows);
+        assert_eq!(
+            rig.servos[0].offer(&header, &rows, &feedback),
+            Err(expected)
+        );
+    }
+}
+
+#[test]
+fn a_servo_that_does_not_hold_the_named_window_drives_nothing_and_says_so() {
+    let mut rig = Rig::new(machine("xy"));
+    rig.run_to(160);
+    let mut late = servo(&rig.machine, 0);
+    let command = late.scan(&rig.feedback());
+    assert_eq!(command.cause, Cause::WindowMissing as u32);
+    assert_eq!((command.velocity_mm_s, command.torque_nm), (0.0, 0.0));
+}

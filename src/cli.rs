@@ -1,0 +1,217 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use bus::member::Pace;
+use clap::{Args, Parser, Subcommand};
+
+/// Multi-axis motion control made of separate processes over shared memory.
+///
+/// A planner, one servo process per axis, a machine simulator and a monitor exchange setpoint and feedback samples once
+/// a scan. Start with:
+///
+///   quadrant run machines/xy machines/xy/programs/circle-r25-f3000.ngc
+#[derive(Debug, Parser)]
+#[command(
+    version,
+    after_help = "Exit status: 0 done; 1 the machine stopped for a reason that is printed; 2 bad usage or bad input,\nnothing was started; 3 the environment does not allow it; 130 interrupted, after an orderly stop."
+)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// What can be asked for.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Start the process group, run the program to its end, stop the group, write the run directory
+    Run(RunOptions),
+    /// Check a machine and, if given, a program; start nothing
+    Check(CheckOptions),
+    /// Plan a program without running it: time, distance, limits, setpoints per scan
+    Plan(PlanOptions),
+    /// Make report and plots again from a run's log
+    Report(ReportOptions),
+    /// Remove what a crash left of a cell in which nobody lives
+    Clean(CleanOptions),
+    /// What this PC offers for real time: kernel, priorities, memory locking, timer, shared memory
+    Doctor,
+    /// The project's own measurements, each beside its floor on this machine
+    Bench(BenchOptions),
+    /// The machine side of a running cell (started by `run`)
+    PlantSim(PlantSimOptions),
+    /// The planner of a running cell (started by `run`)
+    Planner(PlannerOptions),
+    /// One servo of a running cell (started by `run`)
+    Servo(ServoOptions),
+    /// The recorder of a running cell (started by `run`)
+    Recorder(RecorderOptions),
+    /// The other side of a measurement
+    #[command(hide = true)]
+    BenchPong(BenchPongOptions),
+}
+
+#[derive(Debug, Clone, Args)]
+pub struct BenchPongOptions {
+    #[arg(long)]
+    pub cell: String,
+    #[arg(long)]
+    pub core: usize,
+}
+
+#[derive(Debug, Clone, Args)]
+pub struct RunOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml
+    pub machine: PathBuf,
+    /// Part program (RS274/NGC, "G-code")
+    pub program: PathBuf,
+    /// realtime: scans at absolute times; lockstep: as fast as the machine goes, the same result to the bit every time
+    #[arg(long, default_value = "lockstep", value_parser = ["realtime", "lockstep"])]
+    pub pace: String,
+    /// Run directory to write; made new [default: runs/<machine>-<program>-<time>]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Name of the cell, when several share a PC [default: the machine's own name]
+    #[arg(long, value_name = "NAME")]
+    pub cell: Option<String>,
+    /// In lockstep: seconds a living process may take for one answer before the run is given up
+    #[arg(long, value_name = "SECONDS", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600), hide_short_help = true)]
+    pub answer_limit: u64,
+}
+
+impl RunOptions {
+    pub fn pace(&self) -> Pace {
+        self.pace.parse().unwrap_or(Pace::Lockstep)
+    }
+}
+
+#[derive(Debug, Clone, Args)]
+pub struct CheckOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml
+    pub machine: PathBuf,
+    /// Part program to check against the machine
+    pub program: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Args)]
+pub struct PlanOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml
+    pub machine: PathBuf,
+    /// Part program
+    pub program: PathBuf,
+    /// Write the setpoints of every scan as CSV
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Args)]
+pub struct ReportOptions {
+    /// A run directory
+    pub run_dir: PathBuf,
+    /// Print report.json instead of the text
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Clone, Args)]
+pub struct CleanOptions {
+    /// The cell
+    pub cell: String,
+}
+
+#[derive(Debug, Clone, Args)]
+pub struct BenchOptions {
+    /// Which measurement
+    #[arg(default_value = "lockstep", value_parser = ["lockstep"])]
+    pub name: String,
+    /// Machine to measure with
+    #[arg(long, default_value = "machines/xy")]
+    pub machine: PathBuf,
+}
+
+/// What every role is told by the launcher.
+#[derive(Debug, Clone, Args)]
+pub struct SeatOptions {
+    /// Name of the cell
+    #[arg(long)]
+    pub cell: String,
+    /// Machine file
+    #[arg(long)]
+    pub machine: PathBuf,
+    /// Place in the roster
+    #[arg(long)]
+    pub place: usize,
+    /// Which process in that place this is
+    #[arg(long, default_value_t = 1)]
+    pub incarnation: u32,
+    /// Pace of the cell
+    #[arg(long, value_parser = ["realtime", "lockstep"])]
+    pub pace: String,
+    /// Processor to stay on
+    #[arg(long)]
+    pub core: Option<usize>,
+}
+
+impl SeatOptions {
+    pub fn seat(&self) -> bus::member::Seat {
+        bus::member::Seat {
+            cell: self.cell.clone(),
+            machine: self.machine.clone(),
+            place: self.place,
+            incarnation: self.incarnation,
+            pace: self.pace.parse().unwrap_or(Pace::Lockstep),
+            core: self.core,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Args)]
+pub struct PlantSimOptions {
+    #[command(flatten)]
+    pub seat: SeatOptions,
+    /// Plant file
+    #[arg(long)]
+    pub plant: PathBuf,
+    /// Drives on from the first scan
+    #[arg(long)]
+    pub enabled: bool,
+    /// End when the program is done or the machine has stopped
+    #[arg(long)]
+    pub end_after_program: bool,
+    /// Seconds a living process may take for one answer
+    #[arg(long, default_value_t = 30)]
+    pub answer_limit: u64,
+}
+
+#[derive(Debug, Clone, Args)]
+pub struct PlannerOptions {
+    #[command(flatten)]
+    pub seat: SeatOptions,
+    /// Part program
+    #[arg(long)]
+    pub program: PathBuf,
+}
+
+#[derive(Debug, Clone, Args)]
+pub struct ServoOptions {
+    #[command(flatten)]
+    pub seat: SeatOptions,
+    /// Axis letter
+    #[arg(long)]
+    pub axis: String,
+    /// Role: a drives, b stands by
+    #[arg(long, default_value = "a", value_parser = ["a", "b"])]
+    pub role: String,
+}
+
+#[derive(Debug, Clone, Args)]
+pub struct RecorderOptions {
+    #[command(flatten)]
+    pub seat: SeatOptions,
+    /// Run directory to record into
+    #[arg(long)]
+    pub out: PathBuf,
+    /// Part program, for the log's metadata
+    #[arg(long)]
+    pub program: PathBuf,
+}

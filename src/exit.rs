@@ -1,0 +1,50 @@
+//! Exit statuses, the same for every command.
+
+use std::process::ExitCode;
+
+/// Why a command did not end with 0. Each kind has its status; the error inside is for people.
+#[derive(Debug)]
+pub enum Failure {
+    /// 1: the machine stopped for a reason that is printed.
+    Stopped(anyhow::Error),
+    /// 2: bad usage or bad input; nothing was started.
+    Input(anyhow::Error),
+    /// 3: the environment does not allow it.
+    Environment(anyhow::Error),
+    /// 130: interrupted, after an orderly stop.
+    Interrupted,
+}
+
+/// What a command comes to.
+pub type Outcome = Result<(), Failure>;
+
+/// Names the kind of failure an error is.
+pub trait Kind<T> {
+    /// Bad input.
+    fn input(self) -> Result<T, Failure>;
+    /// The environment does not allow it.
+    fn environment(self) -> Result<T, Failure>;
+}
+
+impl<T, E: Into<anyhow::Error>> Kind<T> for Result<T, E> {
+    fn input(self) -> Result<T, Failure> {
+        self.map_err(|e| Failure::Input(e.into()))
+    }
+
+    fn environment(self) -> Result<T, Failure> {
+        self.map_err(|e| Failure::Environment(e.into()))
+    }
+}
+
+/// Prints what went wrong, if anything, and gives the status.
+pub fn code(outcome: Outcome) -> ExitCode {
+    let (status, error) = match outcome {
+        Ok(()) => return ExitCode::SUCCESS,
+        Err(Failure::Interrupted) => return ExitCode::from(130),
+        Err(Failure::Stopped(error)) => (1, error),
+        Err(Failure::Input(error)) => (2, error),
+        Err(Failure::Environment(error)) => (3, error),
+    };
+    eprintln!("quadrant: {error:#}");
+    ExitCode::from(status)
+}

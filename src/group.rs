@@ -1,0 +1,404 @@
+//! The process group: one table of who takes part, started, watched, reaped and stopped by the launcher.
+
+use std::os::fd::OwnedFd;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::PathBuf;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use bus::cell::{CellPlace, Ownership};
+use bus::machine::Machine;
+use bus::member::{Pace, watch};
+use bus::page::{CellPhase, Page};
+use bus::port::Writer;
+use bus::sample::{Job, Participant, Roster};
+use bus::service::{Bus, Created};
+use bytemuck::Zeroable;
+use rustix::process::{Signal, pidfd_send_signal};
+
+use crate::logs;
+
+/// Until then every process must have said that it is ready.
+const READY_LIMIT: Duration = Duration::from_secs(30);
+/// So long a process may take to leave after it was told to.
+const LEAVE_LIMIT: Duration = Duration::from_secs(10);
+
+/// One process of the table.
+#[derive(Debug, Clone)]
+pub struct Role {
+    /// Name in logs, reports and `ps`.
+    pub name: String,
+    /// What it does.
+    pub job: Job,
+    /// Axis of a servo.
+    pub axis: usize,
+    /// Arguments beyond its seat.
+    pub arguments: Vec<String>,
+}
+
+/// What the group needs to know of a run.
+#[derive(Debug)]
+pub struct Plan {
+    /// Copy of the machine file that all read.
+    pub machine_file: PathBuf,
+    /// Copy of the plant file.
+    pub plant_file: PathBuf,
+    /// Copy of the program.
+    pub program: PathBuf,
+    /// Where the recorder writes.
+    pub out: PathBuf,
+    /// Pace.
+    pub pace: Pace,
+    /// Seconds a living process may take for one answer in lockstep.
+    pub answer_limit_s: u64,
+}
+
+/// The table of processes, in the order they are started in: who listens before who speaks.
+pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
+    let path = |p: &PathBuf| p.display().to_string();
+    let mut roles = vec![Role {
+        name: "monitor".into(),
+        job: Job::Monitor,
+        axis: 0,
+        arguments: vec![
+            "recorder".into(),
+            "--out".into(),
+            path(&plan.out),
+            "--program".into(),
+            path(&plan.program),
+        ],
+    }];
+    roles.extend(machine.axes.iter().enumerate().map(|(index, axis)| Role {
+        name: format!("servo-{}", axis.name),
+        job: Job::Servo,
+        axis: index,
+        arguments: vec!["servo".into(), "--axis".into(), axis.name.clone()],
+    }));
+    roles.push(Role {
+        name: "planner".into(),
+        job: Job::Planner,
+        axis: 0,
+        arguments: vec!["planner".into(), "--program".into(), path(&plan.program)],
+    });
+    roles.push(Role {
+        name: "machine".into(),
+        job: Job::Machine,
+        axis: 0,
+        arguments: vec![
+            "plant-sim".into(),
+            "--plant".into(),
+            path(&plan.plant_file),
+            "--enabled".into(),
+            "--end-after-program".into(),
+            "--answer-limit".into(),
+            plan.answer_limit_s.to_string(),
+        ],
+    });
+    roles
+}
+
+/// A started process.
+#[derive(Debug)]
+struct Member {
+    role: Role,
+    child: Child,
+    ended: OwnedFd,
+    log: Option<JoinHandle<()>>,
+    status: Option<ExitStatus>,
+}
+
+/// A death that the launcher has dealt with.
+#[derive(Debug, Clone)]
+pub struct Death {
+    /// Which process.
+    pub name: String,
+    /// What it did.
+    pub job: Job,
+    /// How it ended.
+    pub status: ExitStatus,
+}
+
+impl Death {
+    /// How it ended, in words.
+    pub fn words(&self) -> String {
+        match (self.status.signal(), self.status.code()) {
+            (Some(signal), _) => format!("killed by signal {signal}"),
+            (None, Some(code)) => format!("ended with status {code}"),
+            (None, None) => "ended".into(),
+        }
+    }
+}
+
+/// The group of one cell. Dropping it ends and reaps whatever still lives, then the cell's files go.
+#[derive(Debug)]
+pub struct Group {
+    members: Vec<Member>,
+    roster: Roster,
+    roster_writer: Writer<Roster>,
+    /// The launcher's foot in the cell.
+    pub bus: Bus,
+    /// The wake page.
+    pub page: Page,
+    _services: Created,
+    _cell: Ownership,
+}
+
+/// The processor on which the processes of a lockstep cell hand over to each other: on one, a hand-over costs a few
+/// µs; between two, the wake-up of a sleeping one. Cells spread over the processors by the launcher's process id.
+fn lockstep_core(pace: Pace) -> Option<usize> {
+    if pace != Pace::Lockstep {
+        return None;
+    }
+    let cores = bus::realtime::processors();
+    cores
+        .get(std::process::id() as usize % cores.len().max(1))
+        .copied()
+}
+
+impl Group {
+    /// Creates the cell's services and starts all roles; returns when every one of them is ready.
+    ///
+    /// # Errors
+    /// The cell is taken, the environment refuses, a process ends or does not get ready. Nothing is left running.
+    pub fn start(
+        cell: Ownership,
+        machine: &Machine,
+        plan: &Plan,
+        interrupted: &dyn Fn() -> bool,
+    ) -> anyhow::Result<Group> {
+        let place: CellPlace = cell.place().clone();
+        let bus = Bus::enter(&place, machine, "launcher", true)?;
+        let services = bus.create_all()?;
+        let page = Page::create(&place)?;
+        let roster_writer = bus.roster_writer()?;
+        let mut group = Group {
+            members: Vec::new(),
+            roster: Roster::zeroed(),
+            roster_writer,
+            bus,
+            page,
+            _services: services,
+            _cell: cell,
+        };
+        let core = lockstep_core(plan.pace);
+        for (index, role) in roles(machine, plan).into_iter().enumerate() {
+            group.spawn(&place, plan, index, role, core)?;
+        }
+        group.wait_until_ready(interrupted)?;
+        group.publish_roster();
+        group.page.set_phase(CellPhase::Running);
+        Ok(group)
+    }
+
+    fn spawn(
+        &mut self,
+        place: &CellPlace,
+        plan: &Plan,
+        index: usize,
+        role: Role,
+        core: Option<usize>,
+    ) -> anyhow::Result<()> {
+        let mut command = Command::new("/proc/self/exe");
+        command
+            .arg0("quadrant")
+            .args(&role.arguments)
+            .args(["--cell", place.name(), "--machine"])
+            .arg(&plan.machine_file)
+            .args(["--pace", plan.pace.word()])
+            .args(["--place", &index.to_string(), "--incarnation", "1"])
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            // Ctrl-C goes to the launcher alone, which stops the group in order.
+            .process_group(0);
+        if let Some(core) = core
+            && role.job != Job::Monitor
+        {
+            command.args(["--core", &core.to_string()]);
+        }
+        let mut child = command
+            .spawn()
+            .with_context(|| format!("starting {}", role.name))?;
+        let ended = watch(child.id()).with_context(|| format!("watching {}", role.name))?;
+        let log = child
+            .stderr
+            .take()
+            .map(|stderr| logs::forward(role.name.clone(), stderr));
+        tracing::debug!(process = role.name, pid = child.id(), "started");
+        if let Some(participant) = self.roster.participants.get_mut(index) {
+            *participant = Participant {
+                death_scan: u64::MAX,
+                job: role.job as u32,
+                axis: role.axis as u32,
+                incarnation: 1,
+                live: 1,
+                ..Participant::zeroed()
+            };
+        }
+        self.members.push(Member {
+            role,
+            child,
+            ended,
+            log,
+            status: None,
+        });
+        Ok(())
+    }
+
+    fn wait_until_ready(&mut self, interrupted: &dyn Fn() -> bool) -> anyhow::Result<()> {
+        let started = Instant::now();
+        loop {
+            let seen = self.page.launcher_bell().count();
+            let waiting: Vec<&str> = self
+                .members
+                .iter()
+                .enumerate()
+                .filter(|(index, _)| self.page.ready_incarnation(*index) != 1)
+                .map(|(_, member)| member.role.name.as_str())
+                .collect();
+            if waiting.is_empty() {
+                return Ok(());
+            }
+            if started.elapsed() > READY_LIMIT {
+                bail!(
+                    "not ready after {} s: {}",
+                    READY_LIMIT.as_secs(),
+                    waiting.join(", ")
+                );
+            }
+            if interrupted() {
+                bail!("interrupted while the processes were being started");
+            }
+            if let Some(death) = self.reap().into_iter().next() {
+                bail!("{} {} before it was ready", death.name, death.words());
+            }
+            self.page
+                .launcher_bell()
+                .wait(seen, Duration::from_millis(20));
+        }
+    }
+
+    fn publish_roster(&mut self) {
+        self.roster.version += 1;
+        self.roster_writer.send(&self.roster);
+        self.page.ring_all();
+    }
+
+    /// Descriptors that become readable when a process ends.
+    pub fn descriptors(&self) -> impl Iterator<Item = &OwnedFd> {
+        self.members
+            .iter()
+            .filter(|m| m.status.is_none())
+            .map(|m| &m.ended)
+    }
+
+    /// Names and process ids of all that live.
+    pub fn living(&self) -> impl Iterator<Item = (&str, u32)> {
+        self.members
+            .iter()
+            .filter(|m| m.status.is_none())
+            .map(|m| (m.role.name.as_str(), m.child.id()))
+    }
+
+    /// Whether the process doing this job still lives.
+    pub fn lives(&self, job: Job) -> bool {
+        self.members
+            .iter()
+            .any(|m| m.role.job == job && m.status.is_none())
+    }
+
+    /// Reaps whoever has ended, cleans up what they left in shared memory and tells the cell.
+    pub fn reap(&mut self) -> Vec<Death> {
+        let mut deaths = Vec::new();
+        for (index, member) in self.members.iter_mut().enumerate() {
+            if member.status.is_some() {
+                continue;
+            }
+            let Ok(Some(status)) = member.child.try_wait() else {
+                continue;
+            };
+            member.status = Some(status);
+            if let Some(log) = member.log.take() {
+                let _ = log.join();
+            }
+            // Who leaves in order has been told to: that is no news, and no sample may hang on when it was noticed.
+            if let Some(participant) = self.roster.participants.get_mut(index)
+                && !status.success()
+            {
+                participant.live = 0;
+                participant.death_signal = status.signal().unwrap_or(0);
+                participant.death_status = status.code().unwrap_or(0);
+            }
+            deaths.push(Death {
+                name: member.role.name.clone(),
+                job: member.role.job,
+                status,
+            });
+        }
+        if !deaths.is_empty() {
+            self.bus.clean_dead();
+        }
+        if deaths.iter().any(|death| !death.status.success()) {
+            self.publish_roster();
+        }
+        deaths
+    }
+
+    /// Waits until all have left, at most a bounded time; then ends who is still there.
+    pub fn wait_until_left(&mut self) -> Vec<Death> {
+        let started = Instant::now();
+        let mut deaths = Vec::new();
+        while started.elapsed() < LEAVE_LIMIT {
+            deaths.extend(self.reap());
+            if self.living().next().is_none() {
+                return deaths;
+            }
+            let mut fds: Vec<_> = self
+                .descriptors()
+                .map(|fd| rustix::event::PollFd::new(fd, rustix::event::PollFlags::IN))
+                .collect();
+            let limit = rustix::event::Timespec {
+                tv_sec: 0,
+                tv_nsec: 100_000_000,
+            };
+            let _ = rustix::event::poll(&mut fds, Some(&limit));
+        }
+        for (name, pid) in self.living() {
+            tracing::warn!(process = name, pid, "did not leave in time: killed");
+        }
+        deaths.extend(self.kill());
+        deaths
+    }
+
+    /// Ends everybody at once and reaps them.
+    pub fn kill(&mut self) -> Vec<Death> {
+        self.page.set_phase(CellPhase::Ending);
+        let mut deaths = Vec::new();
+        for member in self.members.iter_mut().filter(|m| m.status.is_none()) {
+            let _ = pidfd_send_signal(&member.ended, Signal::KILL);
+            if let Ok(status) = member.child.wait() {
+                member.status = Some(status);
+                deaths.push(Death {
+                    name: member.role.name.clone(),
+                    job: member.role.job,
+                    status,
+                });
+            }
+            if let Some(log) = member.log.take() {
+                let _ = log.join();
+            }
+        }
+        self.bus.clean_dead();
+        deaths
+    }
+}
+
+impl Drop for Group {
+    fn drop(&mut self) {
+        if self.living().next().is_some() {
+            self.kill();
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! Logs: every process writes lines to its standard error; the launcher forwards its children's with their names.
+
+use std::io::{BufRead, BufReader, IsTerminal};
+use std::process::ChildStderr;
+
+use tracing_subscriber::EnvFilter;
+
+/// Variable with the filter of all processes, in the syntax of `tracing` (info, debug, servo=trace, …).
+pub const FILTER_VARIABLE: &str = "QUADRANT_LOG";
+
+fn filter(default: &str) -> EnvFilter {
+    EnvFilter::try_from_env(FILTER_VARIABLE).unwrap_or_else(|_| EnvFilter::new(default))
+}
+
+/// Logging of the launcher and of commands that run alone.
+pub fn init_launcher() {
+    let _ = tracing_subscriber::fmt()
+        .with_env_filter(filter("info"))
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_target(false)
+        .without_time()
+        .try_init();
+}
+
+/// Logging of a child: plain lines that the launcher understands.
+pub fn init_role() {
+    let _ = tracing_subscriber::fmt()
+        .with_env_filter(filter("info"))
+        .with_writer(std::io::stderr)
+        .with_ansi(false)
+        .with_target(false)
+        .without_time()
+        .try_init();
+}
+
+/// Passes a child's lines on until it closes its standard error.
+pub fn forward(process: String, stderr: ChildStderr) -> std::thread::JoinHandle<()> {
+    std::thread::spawn(move || {
+        let mut lines = BufReader::new(stderr);
+        let mut line = Vec::new();
+        while let Ok(1..) = lines.read_until(b'\n', &mut line) {
+            let text = String::from_utf8_lossy(&line);
+            let text = text.trim();
+            match text.split_once(' ') {
+                Some(("ERROR", rest)) => tracing::error!("{process}: {}", rest.trim_start()),
+                Some(("WARN", rest)) => tracing::warn!("{process}: {}", rest.trim_start()),
+                Some(("INFO", rest)) => tracing::info!("{process}: {}", rest.trim_start()),
+                Some(("DEBUG", rest)) => tracing::debug!("{process}: {}", rest.trim_start()),
+                Some(("TRACE", rest)) => tracing::trace!("{process}: {}", rest.trim_start()),
+                _ if text.is_empty() => {}
+                // Not a log line: a panic message or a library's complaint.
+                _ => tracing::error!("{process}: {text}"),
+            }
+            line.clear();
+        }
+    })
+}

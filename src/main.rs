@@ -1,0 +1,36 @@
+//! The `quadrant` command: one binary whose subcommands are the launcher's commands and the roles of the process group.
+
+mod bench;
+mod check;
+mod cli;
+mod doctor;
+mod exit;
+mod group;
+mod logs;
+mod progress;
+mod report;
+mod roles;
+mod run;
+mod run_dir;
+mod signals;
+
+use clap::Parser;
+
+fn main() -> std::process::ExitCode {
+    let cli = cli::Cli::parse();
+    let outcome = match cli.command {
+        cli::Command::Run(options) => run::run(&options),
+        cli::Command::Check(options) => check::check(&options),
+        cli::Command::Plan(options) => check::plan(&options),
+        cli::Command::Report(options) => report::report(&options),
+        cli::Command::Doctor => doctor::doctor(),
+        cli::Command::Clean(options) => run::clean(&options),
+        cli::Command::Bench(options) => bench::bench(&options),
+        cli::Command::BenchPong(options) => bench::pong(&options.cell, options.core),
+        cli::Command::PlantSim(options) => roles::plant_sim(&options),
+        cli::Command::Planner(options) => roles::planner(&options),
+        cli::Command::Servo(options) => roles::servo(&options),
+        cli::Command::Recorder(options) => roles::recorder(&options),
+    };
+    exit::code(outcome)
+}

@@ -1,0 +1,81 @@
+//! Progress of a run on a terminal: program line, percent, real-time factor. Silent when not a terminal.
+
+use std::io::IsTerminal;
+use std::time::{Duration, Instant};
+
+use bus::port::Reader;
+use bus::sample::{Feedback, PlannerStatus};
+use control::path::Path;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+/// Looks at the cell now and then.
+pub struct Progress {
+    bar: ProgressBar,
+    feedback: Reader<Feedback>,
+    planner: Reader<PlannerStatus>,
+    scan_period_s: f64,
+    started: Instant,
+    newest: Option<Feedback>,
+}
+
+impl Progress {
+    /// With a bar if standard error is a terminal.
+    pub fn new(
+        feedback: Reader<Feedback>,
+        planner: Reader<PlannerStatus>,
+        scan_period_s: f64,
+    ) -> Progress {
+        let target = if std::io::stderr().is_terminal() {
+            ProgressDrawTarget::stderr_with_hz(10)
+        } else {
+            ProgressDrawTarget::hidden()
+        };
+        let bar = ProgressBar::with_draw_target(Some(1000), target);
+        if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} %  {msg}") {
+            bar.set_style(style);
+        }
+        Progress {
+            bar,
+            feedback,
+            planner,
+            scan_period_s,
+            started: Instant::now(),
+            newest: None,
+        }
+    }
+
+    /// Looks and draws; the newest feedback, if there has been one.
+    pub fn look(&mut self, path: &Path) -> Option<&Feedback> {
+        if let Some(feedback) = self.feedback.newest(u64::MAX) {
+            self.newest = Some(feedback);
+        }
+        let status = self.planner.newest(u64::MAX);
+        if let (Some(feedback), Some(status)) = (&self.newest, status)
+            && status.path_length_mm > 0.0
+        {
+            let done = status.path_done_mm / status.path_length_mm;
+            self.bar.set_position((done * 1000.0) as u64);
+            let wall_s = self.started.elapsed().as_secs_f64().max(1e-9);
+            let machine_s = feedback.scan as f64 * self.scan_period_s;
+            let line = path.line_of(feedback.tag.element as usize).unwrap_or(0);
+            self.bar.set_message(format!(
+                "line {line}  {machine_s:.1} s  {:.1}x real time",
+                machine_s / wall_s
+            ));
+        }
+        self.newest.as_ref()
+    }
+
+    /// The newest feedback that was seen.
+    pub fn newest(&self) -> Option<&Feedback> {
+        self.newest.as_ref()
+    }
+
+    /// Takes the bar away.
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+/// How often the launcher looks.
+pub const LOOK_EVERY: Duration = Duration::from_millis(100);

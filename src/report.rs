@@ -1,0 +1,33 @@
+//! `quadrant report`: report and plots from a run's log.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::Context;
+
+use crate::cli::ReportOptions;
+use crate::exit::{Kind, Outcome};
+use crate::logs;
+
+/// Makes report.json, report.txt and the plots of a run directory; the text.
+///
+/// # Errors
+/// The log cannot be read, or the folder not be written.
+pub fn make(run_dir: &Path) -> anyhow::Result<String> {
+    monitor::report::make_report(run_dir)?;
+    let text = run_dir.join("report.txt");
+    fs::read_to_string(&text).with_context(|| format!("{}: cannot be read", text.display()))
+}
+
+/// Makes the report again and prints it.
+pub fn report(options: &ReportOptions) -> Outcome {
+    logs::init_launcher();
+    let text = make(&options.run_dir).input()?;
+    if options.json {
+        let json = options.run_dir.join("report.json");
+        println!("{}", fs::read_to_string(json).input()?);
+    } else {
+        println!("{text}");
+    }
+    Ok(())
+}

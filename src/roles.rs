@@ -1,0 +1,57 @@
+//! The roles as subcommands: each hands its options to its crate.
+
+use std::time::Duration;
+
+use crate::cli::{PlannerOptions, PlantSimOptions, RecorderOptions, ServoOptions};
+use crate::exit::{Failure, Kind, Outcome};
+use crate::logs;
+
+/// The machine side.
+pub fn plant_sim(options: &PlantSimOptions) -> Outcome {
+    logs::init_role();
+    let run_end = if options.end_after_program {
+        plant_sim::RunEnd::AfterProgram
+    } else {
+        plant_sim::RunEnd::Never
+    };
+    plant_sim::run(&plant_sim::Options {
+        seat: options.seat.seat(),
+        plant: options.plant.clone(),
+        enabled: options.enabled,
+        run_end,
+        answer_limit: Duration::from_secs(options.answer_limit),
+    })
+    .environment()
+}
+
+/// The planner.
+pub fn planner(options: &PlannerOptions) -> Outcome {
+    logs::init_role();
+    planner::run(&planner::Options {
+        seat: options.seat.seat(),
+        program: options.program.clone(),
+    })
+    .environment()
+}
+
+/// One servo.
+pub fn servo(options: &ServoOptions) -> Outcome {
+    logs::init_role();
+    servo::run(&servo::Options {
+        seat: options.seat.seat(),
+        axis: options.axis.clone(),
+        role: u32::from(options.role == "b"),
+    })
+    .map_err(|e| Failure::Environment(e.into()))
+}
+
+/// The recorder.
+pub fn recorder(options: &RecorderOptions) -> Outcome {
+    logs::init_role();
+    monitor::run(&monitor::Options {
+        seat: options.seat.seat(),
+        out: options.out.clone(),
+        program: options.program.clone(),
+    })
+    .environment()
+}

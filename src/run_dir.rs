@@ -1,0 +1,123 @@
+//! The run directory: made new, with copies of everything the run depends on, so that nobody's edits reach a running cell
+//! and the report can be made again.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use anyhow::{Context, bail};
+
+/// A run directory with its copies.
+#[derive(Debug)]
+pub struct RunDir {
+    /// The folder.
+    pub folder: PathBuf,
+    /// Copy of the machine file.
+    pub machine: PathBuf,
+    /// Copy of the plant file.
+    pub plant: PathBuf,
+    /// Copy of the program, under its own name.
+    pub program: PathBuf,
+}
+
+/// What is copied into it.
+#[derive(Debug)]
+pub struct Sources<'a> {
+    /// Machine file.
+    pub machine: &'a Path,
+    /// Plant file.
+    pub plant: &'a Path,
+    /// Part program.
+    pub program: &'a Path,
+}
+
+/// The folder a run writes to if none is named.
+pub fn default_folder(machine: &str, program: &Path) -> PathBuf {
+    let seconds = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |d| d.as_secs());
+    let stem = program
+        .file_stem()
+        .map_or("program".into(), |s| s.to_string_lossy());
+    let base = format!("runs/{machine}-{stem}-{}", utc(seconds));
+    let mut folder = PathBuf::from(&base);
+    let mut number = 2;
+    while folder.exists() {
+        folder = PathBuf::from(format!("{base}-{number}"));
+        number += 1;
+    }
+    folder
+}
+
+/// Year to second of a Unix time, as `20261121-103000` (days to civil date after H. Hinnant, 2013).
+fn utc(seconds: u64) -> String {
+    let (days, rest) = (seconds / 86_400 + 719_468, seconds % 86_400);
+    let (era, day_of_era) = (days / 146_097, days % 146_097);
+    let year_of_era =
+        (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let shifted = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * shifted + 2) / 5 + 1;
+    let month = if shifted < 10 {
+        shifted + 3
+    } else {
+        shifted - 9
+    };
+    let year = year_of_era + era * 400 + u64::from(month <= 2);
+    format!(
+        "{year:04}{month:02}{day:02}-{:02}{:02}{:02}",
+        rest / 3600,
+        rest / 60 % 60,
+        rest % 60
+    )
+}
+
+impl RunDir {
+    /// Makes it and copies the sources.
+    ///
+    /// # Errors
+    /// The folder exists and is not empty, or cannot be written.
+    pub fn make(folder: &Path, sources: &Sources<'_>) -> anyhow::Result<RunDir> {
+        let shown = folder.display();
+        if folder.exists() {
+            let mut entries = fs::read_dir(folder)
+                .with_context(|| format!("{shown}: is not a folder that can be written to"))?;
+            if entries.next().is_some() {
+                bail!(
+                    "{shown}: is not empty: nothing is written over an earlier run; name another folder"
+                );
+            }
+        }
+        fs::create_dir_all(folder).with_context(|| format!("{shown}: cannot be made"))?;
+        let copy = |from: &Path, name: &Path| -> anyhow::Result<PathBuf> {
+            let to = folder.join(name);
+            let text =
+                fs::read(from).with_context(|| format!("{}: cannot be read", from.display()))?;
+            fs::write(&to, text).with_context(|| format!("{}: cannot be written", to.display()))?;
+            Ok(to)
+        };
+        let program_name = sources
+            .program
+            .file_name()
+            .map_or_else(|| PathBuf::from("program.ngc"), PathBuf::from);
+        Ok(RunDir {
+            folder: folder.to_path_buf(),
+            machine: copy(sources.machine, Path::new("machine.toml"))?,
+            plant: copy(sources.plant, Path::new("plant.toml"))?,
+            program: copy(sources.program, &program_name)?,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_unix_time_is_written_as_the_date_that_it_is() {
+        assert_eq!(utc(0), "19700101-000000");
+        assert_eq!(utc(951_782_399), "20000228-235959");
+        assert_eq!(utc(951_782_400), "20000229-000000");
+        assert_eq!(utc(1_795_257_000), "20261121-103000");
+    }
+}

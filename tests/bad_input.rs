@@ -1,0 +1,285 @@
+//! Bad input of every kind: refused before anything starts, with file, line, value, unit and rule; nothing left behind.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+use crate::support::{Bench, LiveCell, circle_program, quadrant, root, traces_of, unique_cell};
+
+struct Refused {
+    status: i32,
+    stderr: String,
+}
+
+/// Runs what is to be refused, and checks that nothing was started or left.
+fn refused(machine: &Path, program: &Path) -> Refused {
+    let folder = tempfile::tempdir().expect("a folder");
+    let out = folder.path().join("run");
+    let cell = unique_cell();
+    let output: Output = quadrant()
+        .arg("run")
+        .arg(machine)
+        .arg(program)
+        .args(["--pace", "lockstep", "--cell", &cell, "--out"])
+        .arg(&out)
+        .output()
+        .expect("running quadrant");
+    assert!(!out.exists(), "a run directory was made for refused input");
+    assert!(traces_of(&cell).is_empty(), "{:?}", traces_of(&cell));
+    Refused {
+        status: output.status.code().unwrap_or(-1),
+        stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
+    }
+}
+
+fn refused_program(text: &[u8], expected: &[&str]) {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.path().join("bad.ngc");
+    fs::write(&program, text).expect("writing");
+    let refused = refused(bench.path(), &program);
+    assert_eq!(refused.status, 2, "{}", refused.stderr);
+    for word in expected {
+        assert!(
+            refused.stderr.contains(word),
+            "no {word:?} in: {}",
+            refused.stderr
+        );
+    }
+}
+
+fn refused_machine(what: &str, by: &str, expected: &[&str]) {
+    let bench = Bench::of("xy", &[(what, by)]);
+    let program = root().join("machines/xy/programs/circle-r25-f3000.ngc");
+    let refused = refused(bench.path(), &program);
+    assert_eq!(refused.status, 2, "{}", refused.stderr);
+    for word in expected {
+        assert!(
+            refused.stderr.contains(word),
+            "no {word:?} in: {}",
+            refused.stderr
+        );
+    }
+}
+
+#[test]
+fn a_misspelt_key_in_the_machine_file_is_named_with_its_line() {
+    refused_machine(
+        "gain_per_s = 50.0",
+        "gian_per_s = 50.0",
+        &["machine.toml:", "gian_per_s"],
+    );
+}
+
+#[test]
+fn a_negative_gain_is_refused_with_unit_and_rule() {
+    refused_machine(
+        "gain_per_s = 50.0",
+        "gain_per_s = -50.0",
+        &[
+            "machine.toml:",
+            "axis X",
+            "gain_per_s = -50 1/s",
+            "must be above 0",
+        ],
+    );
+}
+
+#[test]
+fn a_value_that_is_not_a_number_is_refused() {
+    refused_machine(
+        "rapid_mm_s = 250.0",
+        "rapid_mm_s = nan",
+        &["rapid_mm_s", "must be above 0"],
+    );
+}
+
+#[test]
+fn a_missing_axis_is_refused() {
+    let bench = Bench::of("xy", &[]);
+    let text = fs::read_to_string(bench.path().join("machine.toml")).expect("machine.toml");
+    let second = text.rfind("[[axis]]").expect("two axes");
+    fs::write(bench.path().join("machine.toml"), &text[..second]).expect("writing");
+    let program = root().join("machines/xy/programs/circle-r25-f3000.ngc");
+    let refused = refused(bench.path(), &program);
+    assert_eq!(refused.status, 2, "{}", refused.stderr);
+    assert!(refused.stderr.contains('Y'), "{}", refused.stderr);
+}
+
+#[test]
+fn a_plant_value_out_of_range_is_refused_with_its_line() {
+    let bench = Bench::of("xy", &[]);
+    let plant = fs::read_to_string(bench.path().join("plant.toml")).expect("plant.toml");
+    let line = plant
+        .lines()
+        .find(|l| l.starts_with("mass_kg"))
+        .expect("a mass");
+    fs::write(
+        bench.path().join("plant.toml"),
+        plant.replacen(line, "mass_kg = -1.0", 1),
+    )
+    .expect("writing");
+    let refused = refused(
+        bench.path(),
+        &root().join("machines/xy/programs/circle-r25-f3000.ngc"),
+    );
+    assert_eq!(refused.status, 2, "{}", refused.stderr);
+    assert!(
+        refused.stderr.contains("plant.toml:") && refused.stderr.contains("mass_kg"),
+        "{}",
+        refused.stderr
+    );
+}
+
+#[test]
+fn an_unsupported_word_is_refused_with_line_column_and_what_is_supported() {
+    refused_program(
+        b"G21 G90\nG0 X10\nG1 X20 F500 Q7\nM2\n",
+        &["bad.ngc:3:", "Q"],
+    );
+    refused_program(b"G21 G90\nG96 S200\nM2\n", &["bad.ngc:2:", "G96"]);
+}
+
+#[test]
+fn a_program_leaving_the_travel_is_refused_with_axis_and_limit() {
+    refused_program(b"G21 G90\nG1 X500 F500\nM2\n", &["bad.ngc:2", "X", "220"]);
+}
+
+#[test]
+fn an_arc_in_the_wrong_plane_is_refused() {
+    refused_program(
+        b"G21 G90 G18\nG0 X10 Y0\nG2 X20 I5 F500\nM2\n",
+        &["bad.ngc:3"],
+    );
+    refused_program(
+        b"G21 G90 G17\nG0 X10 Y0\nG2 X20 K5 F500\nM2\n",
+        &["bad.ngc:3", "K"],
+    );
+}
+
+#[test]
+fn an_arc_with_an_inconsistent_radius_is_refused() {
+    refused_program(
+        b"G21 G90 G17\nG0 X10 Y0\nG2 X30 Y0 I5 J0 F500\nM2\n",
+        &["bad.ngc:3", "radius"],
+    );
+}
+
+#[test]
+fn an_empty_file_a_binary_file_and_a_folder_are_refused() {
+    refused_program(b"", &["bad.ngc"]);
+    refused_program(&[0x7f, b'E', b'L', b'F', 0, 1, 2, 0xff, 0xfe], &["bad.ngc"]);
+    let bench = Bench::of("xy", &[]);
+    let refused = refused(bench.path(), bench.path());
+    assert_eq!(refused.status, 2, "{}", refused.stderr);
+}
+
+#[test]
+fn a_file_of_200_mb_is_refused_without_being_read() {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.path().join("huge.ngc");
+    let file = fs::File::create(&program).expect("a file");
+    file.set_len(200 << 20).expect("a sparse file");
+    let refused = refused(bench.path(), &program);
+    assert_eq!(refused.status, 2, "{}", refused.stderr);
+    assert!(refused.stderr.contains("huge.ngc"), "{}", refused.stderr);
+}
+
+#[test]
+fn an_unreadable_file_and_one_that_is_not_there_are_refused() {
+    let bench = Bench::of("xy", &[]);
+    for machine in [bench.path().to_path_buf(), PathBuf::from("no/such/machine")] {
+        let refused = refused(&machine, Path::new("no/such/program.ngc"));
+        assert_eq!(refused.status, 2, "{}", refused.stderr);
+        assert!(refused.stderr.contains("no/such/"), "{}", refused.stderr);
+    }
+    // A file that even root cannot read as text: its own memory map is refused by the kernel.
+    let refused = refused(bench.path(), Path::new("/proc/self/mem"));
+    assert_eq!(refused.status, 2, "{}", refused.stderr);
+}
+
+#[test]
+fn an_output_folder_that_cannot_be_written_or_is_not_empty_is_refused_with_3() {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("circle.ngc", &circle_program(10.0, 6000.0, (0.0, 0.0), 0.0));
+    for out in [Path::new("/proc/nothing/here"), bench.path()] {
+        let cell = unique_cell();
+        let output = quadrant()
+            .arg("run")
+            .arg(bench.path())
+            .arg(&program)
+            .args(["--pace", "lockstep", "--cell", &cell, "--out"])
+            .arg(out)
+            .output()
+            .expect("running quadrant");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(3), "{stderr}");
+        assert!(stderr.contains(&out.display().to_string()), "{stderr}");
+        assert!(traces_of(&cell).is_empty(), "{:?}", traces_of(&cell));
+    }
+}
+
+#[test]
+fn a_cell_of_that_name_that_already_runs_is_refused_with_3_and_goes_on() {
+    let bench = Bench::of("xy", &[("[scan]", "[scan]\nwatchdog_scans = 100")]);
+    let program = bench.file("circle.ngc", &circle_program(10.0, 3000.0, (0.0, 0.0), 0.0));
+    let mut cell = LiveCell::start(bench.path(), &program, "realtime");
+    cell.wait_for_scan(100);
+    let output = quadrant()
+        .arg("run")
+        .arg(bench.path())
+        .arg(&program)
+        .args(["--cell", &cell.cell, "--out"])
+        .arg(bench.path().join("second"))
+        .output()
+        .expect("running quadrant");
+    let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(3), "{stderr}");
+    assert!(
+        stderr.contains("already running") && stderr.contains("--cell"),
+        "{stderr}"
+    );
+    cell.finish().good_report();
+}
+
+#[test]
+fn a_cell_name_that_is_none_is_refused() {
+    for name in [
+        "Upper",
+        "under_score",
+        "a-name-that-is-much-too-long-for-a-socket",
+        "../escape",
+        "",
+    ] {
+        let output = quadrant()
+            .args([
+                "run",
+                "machines/xy",
+                "machines/xy/programs/circle-r25-f3000.ngc",
+                "--cell",
+                name,
+            ])
+            .output()
+            .expect("running quadrant");
+        assert_eq!(
+            output.status.code(),
+            Some(2),
+            "{name:?}: {}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+    }
+}
+
+#[test]
+fn bad_usage_ends_with_2() {
+    for arguments in [
+        vec!["run"],
+        vec!["no-such-command"],
+        vec!["run", "machines/xy", "x.ngc", "--pace", "warp"],
+    ] {
+        let output = quadrant()
+            .args(&arguments)
+            .output()
+            .expect("running quadrant");
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+    }
+}

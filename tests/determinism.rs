@@ -1,0 +1,118 @@
+//! Lockstep: the same result to the bit, whatever else this PC does and whoever is slow.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use serde_json::Value;
+
+use crate::support::{Bench, LiveCell, Run, circle_program, run, send, text};
+
+fn digests(report: &Value) -> (String, String) {
+    (text(report, "/digest"), text(report, "/motion_digest"))
+}
+
+fn bench() -> (Bench, std::path::PathBuf) {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file(
+        "circle.ngc",
+        &circle_program(25.0, 3000.0, (3.0, -2.0), 20.0),
+    );
+    (bench, program)
+}
+
+fn finished(run: Run) -> (String, String) {
+    digests(&run.good_report())
+}
+
+#[test]
+fn two_runs_are_the_same_to_the_bit() {
+    let (bench, program) = bench();
+    let first = finished(run(bench.path(), &program));
+    let second = finished(run(bench.path(), &program));
+    assert_eq!(first, second);
+}
+
+#[test]
+fn the_digests_see_a_changed_gain() {
+    let (bench, program) = bench();
+    let other = Bench::of("xy", &[("gain_per_s = 50.0", "gain_per_s = 50.001")]);
+    let first = finished(run(bench.path(), &program));
+    let second = finished(run(other.path(), &program));
+    assert_ne!(first.0, second.0);
+    assert_ne!(first.1, second.1);
+}
+
+#[test]
+fn a_busy_machine_changes_no_bit() {
+    let (bench, program) = bench();
+    let quiet = finished(run(bench.path(), &program));
+    let stop = Arc::new(AtomicBool::new(false));
+    let busy: Vec<_> = (0..4)
+        .map(|_| {
+            let stop = Arc::clone(&stop);
+            std::thread::spawn(move || {
+                while !stop.load(Ordering::Relaxed) {
+                    std::hint::spin_loop();
+                }
+            })
+        })
+        .collect();
+    let loaded = finished(run(bench.path(), &program));
+    stop.store(true, Ordering::Relaxed);
+    for thread in busy {
+        thread.join().expect("a busy thread");
+    }
+    assert_eq!(quiet, loaded);
+}
+
+/// A small deterministic generator (SplitMix64; Steele, Lea, Flood 2014), so that a failing seed can be repeated.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+}
+
+/// Every process of the group is stopped and let go again at random instants, wherever in its scan it happens to be.
+#[test]
+fn processes_delayed_at_random_instants_change_no_bit() {
+    let (bench, program) = bench();
+    let undisturbed = finished(run(bench.path(), &program));
+    for seed in [1, 2, 3] {
+        let mut random = Random(seed);
+        let mut cell = LiveCell::start(bench.path(), &program, "lockstep");
+        cell.wait_for_scan(1);
+        let children: Vec<i32> = cell.children().into_iter().map(|(pid, _)| pid).collect();
+        let mut delays = 0;
+        for _ in 0..60 {
+            if children.is_empty() || !matches!(cell.child.try_wait(), Ok(None)) {
+                break;
+            }
+            let pid = children[(random.next() % children.len() as u64) as usize];
+            send(pid, libc::SIGSTOP);
+            std::thread::sleep(Duration::from_micros(random.next() % 4000));
+            send(pid, libc::SIGCONT);
+            std::thread::sleep(Duration::from_micros(random.next() % 2000));
+            delays += 1;
+        }
+        let disturbed = finished(cell.finish());
+        assert_eq!(undisturbed, disturbed, "seed {seed}, {delays} delays");
+        assert!(
+            delays > 5,
+            "seed {seed}: only {delays} delays, the run was over too soon to tell"
+        );
+    }
+}
+
+#[test]
+fn nothing_is_lost_on_the_way_to_the_log() {
+    let (bench, program) = bench();
+    let report = run(bench.path(), &program).good_report();
+    assert_eq!(report["samples_lost"], 0);
+}

@@ -1,0 +1,91 @@
+//! The two paces, and what a group looks like from outside.
+
+use crate::support::{Bench, LiveCell, circle_program, number, text, traces_of};
+
+#[test]
+fn one_process_per_role_can_be_told_apart_while_it_runs() {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("circle.ngc", &circle_program(25.0, 3000.0, (0.0, 0.0), 0.0));
+    let mut cell = LiveCell::start(bench.path(), &program, "realtime");
+    cell.wait_for_scan(10);
+    let lines: Vec<String> = cell.children().into_iter().map(|(_, line)| line).collect();
+    for role in [
+        "quadrant plant-sim ",
+        "quadrant planner ",
+        "quadrant servo --axis X ",
+        "quadrant servo --axis Y ",
+        "quadrant recorder ",
+    ] {
+        let count = lines.iter().filter(|line| line.starts_with(role)).count();
+        assert_eq!(count, 1, "{role:?} among {lines:#?}");
+    }
+    assert_eq!(lines.len(), 5, "{lines:#?}");
+    for (pid, line) in cell.children() {
+        let name = std::fs::read_to_string(format!("/proc/{pid}/comm")).expect("a name");
+        assert!(name.starts_with("qd-"), "{line} is called {name} in top");
+    }
+}
+
+#[test]
+fn in_realtime_a_program_completes_and_missed_scans_are_counted_not_fatal() {
+    let bench = Bench::of("xy", &[("[scan]", "[scan]\nwatchdog_scans = 100")]);
+    let program = bench.file("circle.ngc", &circle_program(10.0, 3000.0, (0.0, 0.0), 0.0));
+    let run = LiveCell::start(bench.path(), &program, "realtime").finish();
+    let report = run.good_report();
+    assert_eq!(text(&report, "/outcome/kind"), "completed");
+    assert_eq!(text(&report, "/pace"), "realtime");
+    for axis in 0..2 {
+        assert!(number(&report, &format!("/axes/{axis}/missed_scans")) >= 0.0);
+    }
+    assert_eq!(number(&report, "/limits/velocity_exceeded"), 0.0);
+    assert_eq!(number(&report, "/limits/acceleration_exceeded"), 0.0);
+}
+
+#[test]
+fn every_shipped_machine_runs_a_program_in_lockstep() {
+    for (machine, program) in [
+        ("machines/xy", "machines/xy/programs/rounded-square.ngc"),
+        (
+            "machines/xy-fast",
+            "machines/xy/programs/circle-r10-f3000-ccw.ngc",
+        ),
+        (
+            "machines/xy-torque",
+            "machines/xy/programs/circle-r10-f3000-ccw.ngc",
+        ),
+        ("machines/xyz-mill", "machines/xyz-mill/programs/helix.ngc"),
+    ] {
+        let run = crate::support::run(machine, program);
+        let report = run.good_report();
+        assert_eq!(text(&report, "/outcome/kind"), "completed", "{machine}");
+        assert!(
+            number(&report, "/contour_error_um/rms") < 30.0,
+            "{machine}: {report}"
+        );
+        assert!(
+            traces_of(&run.cell).is_empty(),
+            "{:?}",
+            traces_of(&run.cell)
+        );
+    }
+}
+
+#[test]
+fn a_program_without_motion_is_done_at_once() {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("nothing.ngc", "G21 G90\nM2\n");
+    let report = crate::support::run(bench.path(), &program).good_report();
+    assert_eq!(text(&report, "/outcome/kind"), "completed");
+}
+
+#[test]
+fn two_cells_on_one_pc_never_meet() {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("circle.ngc", &circle_program(10.0, 6000.0, (0.0, 0.0), 0.0));
+    let alone = crate::support::run(bench.path(), &program).good_report();
+    let first = LiveCell::start(bench.path(), &program, "lockstep");
+    let second = LiveCell::start(bench.path(), &program, "lockstep");
+    let (first, second) = (first.finish().good_report(), second.finish().good_report());
+    assert_eq!(text(&alone, "/digest"), text(&first, "/digest"));
+    assert_eq!(text(&alone, "/digest"), text(&second, "/digest"));
+}

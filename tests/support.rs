@@ -1,0 +1,328 @@
+//! Runs cells for tests: each with its own name, ended and cleaned up whatever happens.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+
+use bus::cell::CellPlace;
+use bus::machine::Machine;
+use bus::port::Reader;
+use bus::sample::Feedback;
+use bus::service::Bus;
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// Nothing here takes longer, whatever else this PC does.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// The workspace.
+pub fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// A cell name that no other test has.
+pub fn unique_cell() -> String {
+    static NEXT: AtomicU32 = AtomicU32::new(0);
+    format!(
+        "t{}-{}",
+        std::process::id(),
+        NEXT.fetch_add(1, Ordering::Relaxed)
+    )
+}
+
+/// A machine in a folder of its own, made from a shipped one by replacing text in its files.
+pub struct Bench {
+    pub folder: TempDir,
+}
+
+impl Bench {
+    /// The shipped machine `name`; `edits` replace text in machine.toml and must match.
+    pub fn of(name: &str, edits: &[(&str, &str)]) -> Bench {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let from = root().join("machines").join(name);
+        let mut machine = fs::read_to_string(from.join("machine.toml")).expect("machine.toml");
+        for (what, by) in edits {
+            assert!(
+                machine.contains(what),
+                "{name}/machine.toml has no {what:?}"
+            );
+            machine = machine.replace(what, by);
+        }
+        fs::write(folder.path().join("machine.toml"), machine).expect("writing machine.toml");
+        fs::copy(from.join("plant.toml"), folder.path().join("plant.toml")).expect("plant.toml");
+        Bench { folder }
+    }
+
+    pub fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// Writes a file beside the machine.
+    pub fn file(&self, name: &str, text: &str) -> PathBuf {
+        let path = self.path().join(name);
+        fs::write(&path, text).expect("writing a file");
+        path
+    }
+}
+
+/// The `quadrant` command.
+pub fn quadrant() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_quadrant"));
+    command.current_dir(root()).stdin(Stdio::null());
+    command
+}
+
+/// A finished run.
+pub struct Run {
+    pub output: Output,
+    pub out: PathBuf,
+    pub cell: String,
+    _folder: TempDir,
+}
+
+impl Run {
+    pub fn status(&self) -> i32 {
+        self.output.status.code().unwrap_or(-1)
+    }
+
+    pub fn stderr(&self) -> String {
+        String::from_utf8_lossy(&self.output.stderr).into_owned()
+    }
+
+    pub fn report(&self) -> Value {
+        let text = fs::read_to_string(self.out.join("report.json"))
+            .unwrap_or_else(|e| panic!("no report.json ({e}); stderr:\n{}", self.stderr()));
+        serde_json::from_str(&text).expect("report.json is JSON")
+    }
+
+    /// The same, of a run that must have ended well.
+    pub fn good_report(&self) -> Value {
+        assert_eq!(self.status(), 0, "stderr:\n{}", self.stderr());
+        self.report()
+    }
+}
+
+/// A cell that runs; dropping it ends it.
+pub struct LiveCell {
+    pub child: Child,
+    pub cell: String,
+    pub out: PathBuf,
+    machine: PathBuf,
+    folder: Option<TempDir>,
+}
+
+impl LiveCell {
+    /// Starts `quadrant run` with a cell of its own.
+    pub fn start(machine: &Path, program: &Path, pace: &str) -> LiveCell {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let cell = unique_cell();
+        let out = folder.path().join("run");
+        let child = quadrant()
+            .arg("run")
+            .arg(machine)
+            .arg(program)
+            .args(["--pace", pace, "--cell", &cell, "--out"])
+            .arg(&out)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("starting quadrant");
+        LiveCell {
+            child,
+            cell,
+            out,
+            machine: machine.to_path_buf(),
+            folder: Some(folder),
+        }
+    }
+
+    /// A looker-on's reader of its feedback, once it can be had.
+    pub fn feedback(&mut self) -> (Bus, Reader<Feedback>) {
+        let machine = Machine::load(&root().join(&self.machine)).expect("the machine file");
+        let place = CellPlace::new(&self.cell).expect("a cell name");
+        let started = Instant::now();
+        loop {
+            if let Ok(bus) = Bus::enter(&place, &machine, "test", false)
+                && let Ok(reader) = bus.feedback_reader(1)
+            {
+                return (bus, reader);
+            }
+            assert!(
+                started.elapsed() < PATIENCE,
+                "cell {} does not come up",
+                self.cell
+            );
+            assert!(
+                self.child.try_wait().expect("the launcher").is_none(),
+                "the launcher ended before its cell was up"
+            );
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    /// Waits until the cell's scans have come to `scan`; the feedback seen then.
+    pub fn wait_for_scan(&mut self, scan: u64) -> Feedback {
+        self.wait_for(|feedback| feedback.scan >= scan)
+    }
+
+    /// Waits until some feedback satisfies `reached`.
+    pub fn wait_for(&mut self, reached: impl Fn(&Feedback) -> bool) -> Feedback {
+        let (_bus, mut reader) = self.feedback();
+        let started = Instant::now();
+        loop {
+            if let Some(feedback) = reader.newest(u64::MAX)
+                && reached(&feedback)
+            {
+                return feedback;
+            }
+            assert!(started.elapsed() < PATIENCE, "it never came to that");
+            assert!(
+                self.child.try_wait().expect("the launcher").is_none(),
+                "the run ended before it came to that"
+            );
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// Process ids and command lines of the launcher's children.
+    pub fn children(&self) -> Vec<(i32, String)> {
+        let parent = format!("{}", self.child.id());
+        let mut children = Vec::new();
+        for entry in fs::read_dir("/proc").expect("/proc").flatten() {
+            let Ok(pid) = entry.file_name().to_string_lossy().parse::<i32>() else {
+                continue;
+            };
+            let Ok(stat) = fs::read_to_string(entry.path().join("stat")) else {
+                continue;
+            };
+            let after_name = stat.rsplit_once(')').map_or("", |(_, rest)| rest);
+            if after_name.split_whitespace().nth(1) == Some(parent.as_str()) {
+                let line = fs::read(entry.path().join("cmdline")).unwrap_or_default();
+                let line = String::from_utf8_lossy(&line).replace('\0', " ");
+                children.push((pid, line));
+            }
+        }
+        children
+    }
+
+    /// The process id of the child whose command line has `role` in it.
+    pub fn pid_of(&self, role: &str) -> i32 {
+        self.children()
+            .into_iter()
+            .find(|(_, line)| line.contains(role))
+            .unwrap_or_else(|| panic!("no child {role:?} among {:?}", self.children()))
+            .0
+    }
+
+    pub fn signal_launcher(&self, signal: i32) {
+        send(self.child.id() as i32, signal);
+    }
+
+    /// Waits for the end of the run.
+    pub fn finish(mut self) -> Run {
+        let started = Instant::now();
+        let stdout = drain(self.child.stdout.take());
+        let stderr = drain(self.child.stderr.take());
+        let status = loop {
+            if let Some(status) = self.child.try_wait().expect("the launcher") {
+                break status;
+            }
+            assert!(started.elapsed() < PATIENCE, "the run does not end");
+            std::thread::sleep(Duration::from_millis(5));
+        };
+        Run {
+            output: Output {
+                status,
+                stdout: stdout.join().unwrap_or_default(),
+                stderr: stderr.join().unwrap_or_default(),
+            },
+            out: self.out.clone(),
+            cell: self.cell.clone(),
+            _folder: self.folder.take().expect("still there"),
+        }
+    }
+}
+
+fn drain(pipe: Option<impl std::io::Read + Send + 'static>) -> std::thread::JoinHandle<Vec<u8>> {
+    std::thread::spawn(move || {
+        let mut bytes = Vec::new();
+        if let Some(mut pipe) = pipe {
+            let _ = pipe.read_to_end(&mut bytes);
+        }
+        bytes
+    })
+}
+
+impl Drop for LiveCell {
+    fn drop(&mut self) {
+        for (pid, _) in self.children() {
+            send(pid, libc::SIGCONT);
+        }
+        if let Ok(None) = self.child.try_wait() {
+            for (pid, _) in self.children() {
+                send(pid, libc::SIGKILL);
+            }
+            let _ = self.child.kill();
+            let _ = self.child.wait();
+            let _ = quadrant().args(["clean", &self.cell]).output();
+        }
+    }
+}
+
+/// Sends a signal to a process that this test started.
+pub fn send(pid: i32, signal: i32) {
+    // SAFETY: a plain system call.
+    unsafe {
+        libc::kill(pid, signal);
+    }
+}
+
+/// Runs a program to its end in lockstep.
+pub fn run(machine: impl AsRef<Path>, program: impl AsRef<Path>) -> Run {
+    LiveCell::start(machine.as_ref(), program.as_ref(), "lockstep").finish()
+}
+
+/// What of a cell is in shared memory.
+pub fn traces_of(cell: &str) -> Vec<String> {
+    let mine = [format!("quadrant-{cell}"), format!("qd-{cell}_")];
+    fs::read_dir("/dev/shm")
+        .expect("/dev/shm")
+        .flatten()
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .filter(|name| *name == mine[0] || name.starts_with(&mine[1]))
+        .collect()
+}
+
+/// A number in a report, by its path (`/axes/0/missed_scans`).
+pub fn number(report: &Value, pointer: &str) -> f64 {
+    report
+        .pointer(pointer)
+        .and_then(Value::as_f64)
+        .unwrap_or_else(|| panic!("the report has no number {pointer}"))
+}
+
+/// A text in a report.
+pub fn text(report: &Value, pointer: &str) -> String {
+    report
+        .pointer(pointer)
+        .and_then(Value::as_str)
+        .unwrap_or_else(|| panic!("the report has no text {pointer}"))
+        .to_string()
+}
+
+/// Full circles with a run-in, around a centre, from a start angle: ccw twice, then cw twice.
+pub fn circle_program(radius: f64, feed: f64, centre: (f64, f64), start_deg: f64) -> String {
+    let angle = start_deg.to_radians();
+    let (dx, dy) = (radius * angle.cos(), radius * angle.sin());
+    let (x, y) = (centre.0 + dx, centre.1 + dy);
+    let turn = |g: &str| format!("{g} X{x:.5} Y{y:.5} I{:.5} J{:.5} F{feed}\n", -dx, -dy);
+    format!(
+        "G21 G17 G90 G94\nG0 X{x:.5} Y{y:.5}\nG4 P0.2\n{}{}G4 P0.2\n{}{}G4 P0.2\nM2\n",
+        turn("G3"),
+        turn("G3"),
+        turn("G2"),
+        turn("G2")
+    )
+}
