@@ -87,7 +87,9 @@ fn a_scan_allocates_nothing_but_what_iceoryx2_allocates_per_send() {
             let feedback = launcher.feedback_reader(SCAN_DEPTH).expect("feedback");
             let windows = launcher.window_reader(SCAN_DEPTH).expect("windows");
             let out = launcher.command_writer(axis, 0).expect("commands");
-            let back = launcher.command_reader(axis, 0, SCAN_DEPTH).expect("commands");
+            let back = launcher
+                .command_reader(axis, 0, SCAN_DEPTH)
+                .expect("commands");
             (servo, feedback, windows, out, back)
         })
         .collect();
@@ -154,6 +156,10 @@ fn a_scan_allocates_nothing_but_what_iceoryx2_allocates_per_send() {
     }
     let feedback = side.feedback();
     assert_eq!(feedback.cause, 0);
-    assert!(feedback.tag.element >= 2, "the circle was under way: {:?}", feedback.tag);
+    assert!(
+        feedback.tag.element >= 2,
+        "the circle was under way: {:?}",
+        feedback.tag
+    );
     drop(owned);
 }

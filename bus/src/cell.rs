@@ -218,6 +218,22 @@ impl CellPlace {
         Ok(Membership { _file: file })
     }
 
+    /// Makes every segment of the cell, and its folder, their owner's alone: iceoryx2 leaves one segment
+    /// (`…global_mgmt`) open to all and opens the folder to the group.
+    pub(crate) fn close_to_others(&self) -> Result<(), CellError> {
+        use std::os::unix::fs::PermissionsExt;
+        let prefix = self.segment_prefix();
+        let entries = fs::read_dir(SHARED_MEMORY).map_err(|e| self.error("listing /dev/shm", e))?;
+        for entry in entries.flatten() {
+            if entry.file_name().to_string_lossy().starts_with(&prefix) {
+                fs::set_permissions(entry.path(), fs::Permissions::from_mode(0o600))
+                    .map_err(|e| self.error("closing a segment to others", e))?;
+            }
+        }
+        fs::set_permissions(self.folder(), fs::Permissions::from_mode(0o700))
+            .map_err(|e| self.error("closing its folder to others", e))
+    }
+
     /// Removes all of the cell but its locks; to be called only while nobody lives. Returns how many files went.
     fn remove_leftovers(&self) -> Result<usize, CellError> {
         let mut removed = 0;

@@ -140,7 +140,7 @@ samples!(Feedback, Instruments, AxisCommand, PlannerStatus, Roster);
 #[derive(Debug)]
 pub struct Bus {
     node: Node<ipc::Service>,
-    cell: String,
+    place: CellPlace,
     /// The service table.
     pub services: Services,
 }
@@ -171,14 +171,14 @@ impl Bus {
             .map_err(|e| refuse(format!("entering shared memory as {who}: {e:?}")))?;
         Ok(Bus {
             node,
-            cell: place.name().into(),
+            place: place.clone(),
             services: Services::of(place, machine),
         })
     }
 
     pub(crate) fn refuse(&self, what: String) -> CellError {
         CellError::Transport {
-            cell: self.cell.clone(),
+            cell: self.place.name().into(),
             what,
         }
     }
@@ -265,7 +265,7 @@ impl Bus {
             .flatten()
             .map(|topic| self.create(topic))
             .collect::<Result<_, _>>()?;
-        Ok(Created {
+        let created = Created {
             _feedback: self.create(&services.feedback)?,
             _instruments: self.create(&services.instruments)?,
             _planner: self.create(&services.planner)?,
@@ -273,7 +273,9 @@ impl Bus {
             _setpoint: setpoint,
             _commands: commands,
             _operator: operator,
-        })
+        };
+        self.place.close_to_others()?;
+        Ok(created)
     }
 
     /// Cleans up after dead processes; for the launcher alone, after it has reaped them.

@@ -211,6 +211,7 @@ fn acceleration(direction: i64, at: usize, movement: &MovementCommands) -> Optio
 }
 
 #[cfg(test)]
+#[allow(clippy::indexing_slicing)]
 mod tests {
     use super::*;
     use crate::backlash::{Backlash, BacklashState};

@@ -437,7 +437,7 @@ fn any_run(
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 5000, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
 
     #[test]
     fn no_axis_is_over_a_limit_at_any_scan_whatever_the_operator_and_the_planner_do(

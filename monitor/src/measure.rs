@@ -89,6 +89,8 @@ pub struct Analysis {
     backlash_mm: AxisVector,
     /// Axes whose command of the scan before is in the stream.
     commanded: [bool; MAX_AXES],
+    /// Whether the stream has the instruments of the scan before.
+    instrumented: bool,
     first_scan: Option<u64>,
     last: Option<Feedback>,
     on_path: bool,
@@ -117,6 +119,7 @@ impl Analysis {
             faults: Faults::new(&machine),
             backlash_mm: AxisVector::zeros(),
             commanded: [false; MAX_AXES],
+            instrumented: false,
             first_scan: None,
             last: None,
             on_path: false,
@@ -258,8 +261,10 @@ impl Analysis {
     }
 
     fn count_losses(&mut self, set: &ScanSet, feedback: &Feedback) {
-        self.samples_lost += u64::from(set.instruments.is_none());
+        // Judged one scan later: nobody waits for the instruments of a run's last scan.
+        let instrumented = std::mem::replace(&mut self.instrumented, set.instruments.is_some());
         let Some(last) = &self.last else { return };
+        self.samples_lost += u64::from(!instrumented);
         let skipped = feedback.overrun_scans.saturating_sub(last.overrun_scans);
         if feedback.incarnation == last.incarnation {
             let gap = feedback.scan.saturating_sub(last.scan + 1);

@@ -176,6 +176,13 @@ impl SyntheticRun {
         std::array::from_fn(|axis| (point[axis] * 1e6).round() as i64)
     }
 
+    /// Position backlash compensation: 2 µm towards the direction of the command.
+    fn backlash_mm(&self, scan: i64, axis: usize) -> f64 {
+        let at_s = scan as f64 * self.period_s;
+        let step_mm = self.command(at_s)[axis] - self.command(at_s - self.period_s)[axis];
+        if step_mm < 0.0 { -0.002 } else { 0.002 }
+    }
+
     /// All samples of one scan: feedback, commands, instruments.
     pub fn scan(&self, scan: u64) -> Vec<Sample> {
         let time_s = scan as f64 * self.period_s;
@@ -226,7 +233,9 @@ impl SyntheticRun {
             for sub in 0..4 {
                 let at = self.table(time_s + (sub + 1) as f64 * self.period_s / 4.0);
                 instruments.table_mm[axis][sub] = at[axis];
-                instruments.motor_mm[axis][sub] = at[axis] + 0.002;
+                // Asked for in the scan before, in force in this one.
+                instruments.motor_mm[axis][sub] =
+                    at[axis] + self.backlash_mm(scan as i64 - 1, axis);
             }
             let mut command = AxisCommand::zeroed();
             command.scan = scan;
@@ -234,7 +243,7 @@ impl SyntheticRun {
             command.position = position[axis];
             command.following_error_mm = position[axis] as f64 * 1e-6 - table[axis];
             command.tag = tag;
-            command.state.backlash_mm = 0.002;
+            command.state.backlash_mm = self.backlash_mm(scan as i64, axis);
             if started {
                 command.held = window;
             }

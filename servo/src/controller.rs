@@ -142,9 +142,13 @@ impl Servo {
 
     /// One scan: the command that answers this feedback.
     ///
-    /// 1. judge the feedback; 2. obey it as to windows; 3. with the drives off or tripped, follow the axis; 4. otherwise
-    /// position command, following error, reversal, feed-forward, velocity command, limits; 5. in torque mode, velocity
-    /// loop. A cause stops the axis and is held until the drives are off or tripped.
+    /// 1. judge the feedback;
+    /// 2. obey it as to windows;
+    /// 3. with the drives off or tripped, follow the axis;
+    /// 4. otherwise position command, following error, reversal, feed-forward, velocity command, limits;
+    /// 5. in torque mode, the velocity loop.
+    ///
+    /// A cause stops the axis and is held until the drives are off or tripped.
     pub fn scan(&mut self, feedback: &Feedback) -> AxisCommand {
         let mut command = self.blank(feedback);
         let (mode, axis) = match self.judge(feedback) {
@@ -276,6 +280,8 @@ impl Servo {
         let position = self.position(axis);
         let boundary = self.step_period(feedback, axis, scan_before);
         if self.held.is_none() {
+            // No window, no future: nothing is fed forward and no kick waits for a reversal that will not come.
+            self.state.armed = 0;
             self.state.period_start = axis.command_register;
             self.state.period_start_before = axis.command_register;
         }

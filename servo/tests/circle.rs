@@ -59,13 +59,13 @@ fn a_standby_that_came_late_takes_the_window_in_force_and_goes_on_to_the_bit() {
     let mut late = servo(&machine, 0);
     for _ in 0..1200 {
         let before = *rig.servos[0].state();
-        let joined = rig.scan >= 300;
+        let joined = rig.scan >= 304;
         let last = rig.last_window.clone();
         let mut command = AxisCommand::zeroed();
         rig.step(|feedback, offered| {
-            if feedback.scan == 300 {
-                // What the service keeps for those who come late.
-                let _ = late.offer(&last.0, &last.1, feedback);
+            if feedback.scan == 304 {
+                // What the service keeps for those who come late: the window in force since this scan.
+                assert_eq!(late.offer(&last.0, &last.1, feedback), Ok(()));
             }
             if let Some((header, rows)) = offered.as_ref().filter(|_| joined) {
                 let _ = late.offer(header, rows, feedback);
@@ -73,7 +73,7 @@ fn a_standby_that_came_late_takes_the_window_in_force_and_goes_on_to_the_bit() {
             late.adopt(&before);
             command = late.scan(feedback);
         });
-        if rig.scan > 330 {
+        if joined {
             assert!(
                 bytes_of(&anonymous(command)) == bytes_of(&anonymous(rig.commands[0])),
                 "scan {}",
@@ -96,8 +96,8 @@ fn each_kick_starts_its_lead_before_the_rows_reverse() {
         for _ in 0..scans {
             let before = rig.commands;
             rig.step(|_, _| ());
-            for axis in 0..2 {
-                let (was, is) = (&before[axis].state, &rig.commands[axis].state);
+            for (axis, (was, is)) in before.iter().zip(&rig.commands).enumerate() {
+                let (was, is) = (&was.state, &is.state);
                 if is.kicks > was.kicks {
                     started.push((axis, rig.scan - 1));
                 }

@@ -135,6 +135,9 @@ fn what_is_recorded_is_read_back_to_the_bit() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join(LOG_FILE);
     let digest = write(&path, 40);
+    if let Some(keep) = std::env::var_os("QUADRANT_KEEP_LOG") {
+        std::fs::copy(&path, keep).unwrap();
+    }
     let mut reader = Reader::open(&path).unwrap();
     assert_eq!(reader.axes(), ["X", "Y"]);
     let mut expected = Vec::new();
@@ -208,6 +211,28 @@ fn a_log_cut_anywhere_is_read_up_to_the_cut_and_says_so() {
     }
     let (_, cut) = scans_in(&whole);
     assert_eq!(cut.as_deref(), Some("the recorder did not end it"));
+}
+
+#[test]
+fn a_recorder_that_is_killed_between_flushes_leaves_whole_chunks_and_a_cut_end() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join(LOG_FILE);
+    let machine = machine(&["X", "Y"]);
+    let mut recorder = Recorder::create(&path, &machine, &info()).unwrap();
+    let mut lengths = std::collections::BTreeSet::new();
+    for scan in 0..6000 {
+        TWO.record(&mut recorder, scan);
+        if scan % 500 == 0 {
+            let copy = dir.path().join("as-killed.mcap");
+            lengths.insert(std::fs::copy(&path, &copy).unwrap());
+            let mut reader = Reader::open(&copy).unwrap();
+            while reader.next_sample().unwrap().is_some() {}
+            let cut = reader.cut().unwrap().to_string();
+            let fair = cut.contains("in the middle of a record") || cut.contains("did not end");
+            assert!(fair, "scan {scan}: {cut}");
+        }
+    }
+    assert!(lengths.len() > 2, "{lengths:?}");
 }
 
 #[test]
