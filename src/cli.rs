@@ -150,6 +150,9 @@ pub struct SeatOptions {
     /// Processor to stay on
     #[arg(long)]
     pub core: Option<usize>,
+    /// Processor to keep off, where there is another
+    #[arg(long)]
+    pub avoid_core: Option<usize>,
 }
 
 impl SeatOptions {
@@ -161,6 +164,7 @@ impl SeatOptions {
             incarnation: self.incarnation,
             pace: self.pace.parse().unwrap_or(Pace::Lockstep),
             core: self.core,
+            avoid_core: self.avoid_core,
         }
     }
 }

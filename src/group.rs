@@ -213,10 +213,13 @@ impl Group {
             .stderr(Stdio::piped())
             // Ctrl-C goes to the launcher alone, which stops the group in order.
             .process_group(0);
-        if let Some(core) = core
-            && role.job != Job::Monitor
-        {
-            command.args(["--core", &core.to_string()]);
+        if let Some(core) = core {
+            let where_to = if role.job == Job::Monitor {
+                "--avoid-core"
+            } else {
+                "--core"
+            };
+            command.args([where_to, &core.to_string()]);
         }
         let mut child = command
             .spawn()

@@ -61,6 +61,8 @@ pub struct Seat {
     pub pace: Pace,
     /// Processor to stay on.
     pub core: Option<usize>,
+    /// Processor to keep off, where there is another.
+    pub avoid_core: Option<usize>,
 }
 
 /// Why a role cannot take part.
@@ -125,6 +127,9 @@ impl Member {
     pub fn ready(&self, priority: realtime::Priority) {
         if let Some(core) = self.seat.core {
             realtime::stay_on(core);
+        }
+        if let Some(core) = self.seat.avoid_core {
+            realtime::keep_off(core);
         }
         if self.seat.pace == Pace::Realtime {
             // What is refused here was said once by the launcher, for all.

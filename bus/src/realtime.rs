@@ -89,6 +89,19 @@ pub fn stay_on(core: usize) {
     let _ = sched_setaffinity(None, &set);
 }
 
+/// Keeps the calling thread off one processor; without effect where there is no other.
+pub fn keep_off(core: usize) {
+    let others: Vec<usize> = processors().into_iter().filter(|&c| c != core).collect();
+    if others.is_empty() {
+        return;
+    }
+    let mut set = CpuSet::new();
+    for other in others {
+        set.set(other);
+    }
+    let _ = sched_setaffinity(None, &set);
+}
+
 /// The monotonic clock in ns.
 pub fn now_ns() -> u64 {
     let now = clock_gettime(rustix::time::ClockId::Monotonic);

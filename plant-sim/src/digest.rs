@@ -3,20 +3,22 @@
 //! It covers scan, applied command, window, row, encoder and table position of every axis; not roles, misses, roster or
 //! standbys. Two runs with the same motion have the same digest, whoever computed it.
 
-use bus::sample::WindowId;
-use xxhash_rust::xxh3::Xxh3;
+use bus::sample::{MAX_AXES, WindowId};
+use xxhash_rust::xxh3::xxh3_128;
 
 use crate::drive::DriveCommand;
 
-/// A running XXH3-128.
-pub struct MotionDigest {
-    hash: Box<Xxh3>,
-}
+/// Words of one axis: kind and two values of the command, encoder, table.
+const AXIS_WORDS: usize = 5;
+/// Words of a scan before its axes: the digest before (two), scan, window, row.
+const HEAD_WORDS: usize = 5;
 
-impl std::fmt::Debug for MotionDigest {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("MotionDigest").finish_non_exhaustive()
-    }
+/// A chain of XXH3-128: each scan's value is the hash of the one before and of what happened in the scan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MotionDigest {
+    value: u128,
+    words: [u64; HEAD_WORDS + AXIS_WORDS * MAX_AXES],
+    used: usize,
 }
 
 impl Default for MotionDigest {
@@ -29,14 +31,30 @@ impl MotionDigest {
     /// Of nothing yet.
     pub fn new() -> MotionDigest {
         MotionDigest {
-            hash: Box::new(Xxh3::new()),
+            value: 0,
+            words: [0; HEAD_WORDS + AXIS_WORDS * MAX_AXES],
+            used: 0,
         }
+    }
+
+    fn push(&mut self, words: &[u64]) {
+        for (place, word) in self.words.iter_mut().skip(self.used).zip(words) {
+            *place = *word;
+        }
+        self.used += words.len();
     }
 
     /// Begins a scan.
     pub fn begin(&mut self, scan: u64, window: WindowId, row: u32) {
-        let words = [scan, window.checksum, u64::from(row)];
-        self.hash.update(bytemuck::bytes_of(&words));
+        self.used = 0;
+        let value = self.value;
+        self.push(&[
+            (value >> 64) as u64,
+            value as u64,
+            scan,
+            window.checksum,
+            u64::from(row),
+        ]);
     }
 
     /// Takes in one axis after its motion.
@@ -50,19 +68,44 @@ impl MotionDigest {
             DriveCommand::Torque { torque_nm } => (2, torque_nm, 0.0),
             DriveCommand::Brake { deceleration_mm_s2 } => (3, deceleration_mm_s2, 0.0),
         };
-        let words = [
+        self.push(&[
             kind,
             f64::to_bits(a),
             f64::to_bits(b),
             encoder as u64,
             table_mm.to_bits(),
-        ];
-        self.hash.update(bytemuck::bytes_of(&words));
+        ]);
     }
 
-    /// Its value so far, high and low half.
-    pub fn value(&self) -> (u64, u64) {
-        let value = self.hash.digest128();
-        ((value >> 64) as u64, value as u64)
+    /// Ends the scan; the value so far, high and low half.
+    pub fn end(&mut self) -> (u64, u64) {
+        let used = self.words.get(..self.used).unwrap_or(&self.words);
+        self.value = xxh3_128(bytemuck::cast_slice(used));
+        ((self.value >> 64) as u64, self.value as u64)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn digest_of(scans: &[(u64, i64, f64)]) -> (u64, u64) {
+        let mut digest = MotionDigest::new();
+        let mut value = (0, 0);
+        for &(scan, encoder, table_mm) in scans {
+            digest.begin(scan, WindowId::NONE, 0);
+            digest.axis(&DriveCommand::Disabled, encoder, table_mm);
+            value = digest.end();
+        }
+        value
+    }
+
+    #[test]
+    fn one_bit_in_any_scan_changes_all_that_follows() {
+        let same = digest_of(&[(0, 1, 0.5), (1, 2, 0.6), (2, 3, 0.7)]);
+        assert_eq!(same, digest_of(&[(0, 1, 0.5), (1, 2, 0.6), (2, 3, 0.7)]));
+        assert_ne!(same, digest_of(&[(0, 1, 0.5), (1, 2, 0.6), (2, 4, 0.7)]));
+        assert_ne!(same, digest_of(&[(0, 1, f64::from_bits(0.5f64.to_bits() + 1)), (1, 2, 0.6), (2, 3, 0.7)]));
+        assert_ne!(same, digest_of(&[(0, 1, 0.5), (2, 2, 0.6), (2, 3, 0.7)]));
     }
 }

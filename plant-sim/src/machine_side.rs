@@ -309,7 +309,7 @@ impl MachineSide {
                 samples.last().map_or(0.0, |s| s.table_mm),
             );
         }
-        (out.motion_digest_high, out.motion_digest_low) = self.digest.value();
+        (out.motion_digest_high, out.motion_digest_low) = self.digest.end();
         out
     }
 

@@ -20,6 +20,8 @@ use crate::setup::SetupError;
 
 /// Scans between two looks whether the launcher lives and two rings of the monitor's bell.
 const LOOK_AROUND_SCANS: u64 = 64;
+/// Scans between two looks whether an operator asks for something.
+const OPERATOR_SCANS: u64 = 4;
 const WAIT_STEP: Duration = Duration::from_millis(50);
 
 /// How a machine side is started.
@@ -98,16 +100,28 @@ impl Ports {
         })
     }
 
-    /// Takes what has been answered for `scan`, visible in the next, into `answers`.
-    fn read_answers(&mut self, scan: u64, answers: &mut Answers) {
-        for (readers, commands) in self.commands.iter_mut().zip(&mut answers.commands) {
-            for (reader, command) in readers.iter_mut().zip(commands) {
-                if let Some(newest) = reader.newest(scan + 1) {
-                    *command = Some(newest);
-                }
+    /// Takes what has been answered for `scan`, visible in the next, into `answers`; from those who are in the roster.
+    fn read_answers(
+        &mut self,
+        scan: u64,
+        ask_planner: bool,
+        roster: &Roster,
+        answers: &mut Answers,
+    ) {
+        for place in &roster.participants {
+            if place.job != Job::Servo as u32 {
+                continue;
+            }
+            let (axis, role) = (place.axis as usize, place.role as usize);
+            let reader = self.commands.get_mut(axis).and_then(|r| r.get_mut(role));
+            let command = answers.commands.get_mut(axis).and_then(|c| c.get_mut(role));
+            if let (Some(reader), Some(command)) = (reader, command)
+                && let Some(newest) = reader.newest(scan + 1)
+            {
+                *command = Some(newest);
             }
         }
-        if let Some(newest) = self.planner.newest(scan + 1) {
+        if ask_planner && let Some(newest) = self.planner.newest(scan + 1) {
             answers.planner = Some(newest);
         }
     }
@@ -178,6 +192,8 @@ struct Cell {
     roster: Roster,
     clock: Clock,
     launcher_gone: bool,
+    /// Rings of the machine side's bell before anybody was woken in this scan.
+    seen_before_waking: u32,
 }
 
 impl Cell {
@@ -205,8 +221,9 @@ impl Cell {
     }
 
     /// Wakes whoever is to answer this scan.
-    fn wake(&self, scan: u64, ask_planner: bool) {
+    fn wake(&mut self, scan: u64, ask_planner: bool) {
         let page = &self.member.page;
+        self.seen_before_waking = page.machine_bell().count();
         let asked = missing(scan, ask_planner, &Answers::NONE, &self.roster);
         page.expect_answers(asked.count as u32);
         page.scan_bell().ring();
@@ -225,36 +242,37 @@ impl Cell {
         ask_planner: bool,
     ) -> Result<Option<Answers>, MachineSideError> {
         let mut answers = Answers::NONE;
-        let mut waited: Option<Instant> = None;
+        // Nearly always the last to answer has rung or will, and all answers are there after one wait.
+        self.member
+            .page
+            .machine_bell()
+            .wait(self.seen_before_waking, WAIT_STEP);
+        let mut late_since: Option<Instant> = None;
         loop {
             let seen = self.member.page.machine_bell().count();
-            self.ports.read_answers(scan, &mut answers);
+            self.ports
+                .read_answers(scan, ask_planner, &self.roster, &mut answers);
             let missing = missing(scan, ask_planner, &answers, &self.roster);
             if missing.count == 0 {
                 return Ok(Some(answers));
             }
-            if let Some(since) = waited {
-                if self.member.ending() {
-                    return Ok(None);
-                }
-                // Somebody came too late for the count, died or came back: from here on each answer rings.
-                self.member.page.expect_eagerly();
-                self.read_roster();
-                if since.elapsed() > self.clock.answer_limit {
-                    return Err(MachineSideError::NoAnswer {
-                        who: missing.names(&self.member.machine.axes),
-                        scan,
-                        waited_s: self.clock.answer_limit.as_secs(),
-                    });
-                }
-                if self.launcher_gone || !self.member.launcher_lives() {
-                    self.launcher_gone = true;
-                    self.give_up_on_the_silent(scan, ask_planner, &answers, since);
-                }
-            } else {
-                waited = Some(Instant::now());
-                self.member.page.machine_bell().wait(seen, WAIT_STEP);
-                continue;
+            if self.member.ending() {
+                return Ok(None);
+            }
+            // Rung by somebody else, or someone died or came back: from here on each answer rings.
+            self.member.page.expect_eagerly();
+            self.read_roster();
+            let since = *late_since.get_or_insert_with(Instant::now);
+            if since.elapsed() > self.clock.answer_limit {
+                return Err(MachineSideError::NoAnswer {
+                    who: missing.names(&self.member.machine.axes),
+                    scan,
+                    waited_s: self.clock.answer_limit.as_secs(),
+                });
+            }
+            if self.launcher_gone || !self.member.launcher_lives() {
+                self.launcher_gone = true;
+                self.give_up_on_the_silent(scan, ask_planner, &answers, since);
             }
             self.member.page.machine_bell().wait(seen, WAIT_STEP);
         }
@@ -351,6 +369,7 @@ pub fn run(options: &Options) -> Result<(), MachineSideError> {
         roster: bytemuck::Zeroable::zeroed(),
         clock,
         launcher_gone: false,
+        seen_before_waking: 0,
     };
     if !cell.wait_for_start() {
         return Ok(());
@@ -390,11 +409,14 @@ fn scan_cycle(
                 side.skip(cell.sleep());
                 cell.read_roster();
                 let mut answers = Answers::NONE;
-                cell.ports.read_answers(scan, &mut answers);
+                cell.ports
+                    .read_answers(scan, true, &cell.roster, &mut answers);
                 answers
             }
         };
-        while cell.ports.operator.serve(|request| side.order(request)) {}
+        if scan.is_multiple_of(OPERATOR_SCANS) {
+            while cell.ports.operator.serve(|request| side.order(request)) {}
+        }
         if scan.is_multiple_of(LOOK_AROUND_SCANS) && !cell.launcher_gone {
             cell.launcher_gone = !cell.member.launcher_lives();
             if cell.member.ending() {
