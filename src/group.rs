@@ -121,6 +121,11 @@ pub struct Death {
 }
 
 impl Death {
+    /// Whether the process doing this job ended otherwise than it was told to.
+    pub fn is_untimely(&self, job: Job) -> bool {
+        self.job == job && !self.status.success()
+    }
+
     /// How it ended, in words.
     pub fn words(&self) -> String {
         match (self.status.signal(), self.status.code()) {
@@ -135,6 +140,8 @@ impl Death {
 #[derive(Debug)]
 pub struct Group {
     members: Vec<Member>,
+    /// The newest scan the launcher has seen: when a death is noticed, it happened about then.
+    pub newest_scan: u64,
     roster: Roster,
     roster_writer: Writer<Roster>,
     /// The launcher's foot in the cell.
@@ -175,6 +182,7 @@ impl Group {
         let roster_writer = bus.roster_writer()?;
         let mut group = Group {
             members: Vec::new(),
+            newest_scan: 0,
             roster: Roster::zeroed(),
             roster_writer,
             bus,
@@ -285,6 +293,7 @@ impl Group {
 
     fn publish_roster(&mut self) {
         self.roster.version += 1;
+        self.roster.visible_from = self.newest_scan;
         self.roster_writer.send(&self.roster);
         self.page.ring_all();
     }
@@ -331,6 +340,7 @@ impl Group {
                 && !status.success()
             {
                 participant.live = 0;
+                participant.death_scan = self.newest_scan;
                 participant.death_signal = status.signal().unwrap_or(0);
                 participant.death_status = status.code().unwrap_or(0);
             }

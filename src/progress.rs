@@ -45,7 +45,7 @@ impl Progress {
     }
 
     /// Looks and draws; the newest feedback, if there has been one.
-    pub fn look(&mut self, path: &Path) -> Option<&Feedback> {
+    pub fn look(&mut self, path: Option<&Path>) -> Option<&Feedback> {
         if let Some(feedback) = self.feedback.newest(u64::MAX) {
             self.newest = Some(feedback);
         }
@@ -57,7 +57,9 @@ impl Progress {
             self.bar.set_position((done * 1000.0) as u64);
             let wall_s = self.started.elapsed().as_secs_f64().max(1e-9);
             let machine_s = feedback.scan as f64 * self.scan_period_s;
-            let line = path.line_of(feedback.tag.element as usize).unwrap_or(0);
+            let line = path
+                .and_then(|path| path.line_of(feedback.tag.element as usize))
+                .unwrap_or(0);
             self.bar.set_message(format!(
                 "line {line}  {machine_s:.1} s  {:.1}x real time",
                 machine_s / wall_s

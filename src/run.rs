@@ -1,17 +1,20 @@
 //! `quadrant run`: check everything, start the group, supervise it, stop it, write the report.
 
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::anyhow;
 use bus::cell::CellPlace;
 use bus::machine::machine_file;
 use bus::member::Pace;
+use bus::page::CellPhase;
+use bus::port::OperatorClient;
 use bus::sample::{Cause, Feedback, Job, Mode, OperatorRequest, Order};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::check::{self, Checked};
 use crate::cli::{CleanOptions, RunOptions};
+use crate::events::{Event, Events};
 use crate::exit::{Failure, Kind, Outcome};
 use crate::group::{Death, Group, Plan};
 use crate::progress::{LOOK_EVERY, Progress};
@@ -66,7 +69,15 @@ pub fn run(options: &RunOptions) -> Outcome {
         Err(_) if signals.count() > 0 => return Err(Failure::Interrupted),
         Err(error) => return Err(Failure::Environment(error)),
     };
-    let ending = supervise(&mut group, &checked, &signals).environment()?;
+    let mut events = Events::create(&run_dir.folder).environment()?;
+    for (process, pid) in group.living() {
+        events.write(&Event {
+            process: Some(process),
+            pid: Some(pid),
+            ..Event::of_cell(0, "started", None)
+        });
+    }
+    let ending = supervise(&mut group, &checked, &signals, &mut events).environment()?;
     drop(group);
     let made = report::make(&run_dir.folder);
     conclude(ending, made, &run_dir.folder)
@@ -81,76 +92,101 @@ struct Ending {
     axes: Vec<String>,
 }
 
-fn supervise(group: &mut Group, checked: &Checked, signals: &Signals) -> anyhow::Result<Ending> {
+/// Watches the group until its machine side has ended, and stops it in order when asked to or when it has to.
+fn supervise(
+    group: &mut Group,
+    checked: &Checked,
+    signals: &Signals,
+    events: &mut Events,
+) -> anyhow::Result<Ending> {
     let mut progress = Progress::new(
         group.bus.feedback_reader(1)?,
         group.bus.planner_reader(1)?,
         checked.machine.scan_period_s(),
     );
     let operator = group.bus.operator_client()?;
+    let axes: Vec<String> = checked
+        .machine
+        .axes
+        .iter()
+        .map(|axis| axis.name.clone())
+        .collect();
+    let path = checked.program.as_ref().map(|p| &p.path);
     let mut deaths: Vec<Death> = Vec::new();
-    let mut stopping: Option<Instant> = None;
-    let mut interruptions = 0;
-    let path = checked
-        .program
-        .as_ref()
-        .map(|p| p.path.clone())
-        .unwrap_or_default();
-    while group.lives(Job::Machine) {
+    let mut stopping = false;
+    while group.lives(Job::Machine) && signals.count() < 2 {
         wait(group, signals);
-        progress.look(&path);
+        group.newest_scan = progress.look(path).map_or(0, |feedback| feedback.scan);
         for death in group.reap() {
-            if !death.status.success() {
-                tracing::error!("{} {}", death.name, death.words());
-            }
+            note_death(&death, group.newest_scan, events);
             deaths.push(death);
         }
-        interruptions = signals.count();
-        let planner_lost = !group.lives(Job::Planner) && group.lives(Job::Machine);
-        if (interruptions > 0 || planner_lost) && stopping.is_none() {
-            let order = OperatorRequest {
-                order: Order::Stop as u32,
-                ..OperatorRequest::default()
-            };
-            if operator.send(order).is_some() {
-                stopping = Some(Instant::now());
-            }
-            group.page.machine_bell().ring();
-            if interruptions > 0 {
-                tracing::info!(
-                    "interrupted: the tool comes to rest on the path (Ctrl-C again stops at once)"
-                );
-            }
-        }
-        if interruptions > 1 {
-            tracing::warn!("stopped at once");
-            break;
+        let why = if signals.count() > 0 {
+            Some("interrupted")
+        } else if deaths.iter().any(|d| d.is_untimely(Job::Planner)) {
+            Some("planner lost")
+        } else {
+            None
+        };
+        if let Some(why) = why
+            && !stopping
+        {
+            stopping = stop(group, &operator);
+            events.write(&Event::of_cell(group.newest_scan, "stop", Some(why.into())));
+            tracing::info!(
+                "{why}: the tool comes to rest on the path (Ctrl-C {} stops at once)",
+                if signals.count() > 0 {
+                    "again"
+                } else {
+                    "twice"
+                }
+            );
         }
     }
-    if interruptions > 1 {
+    if signals.count() > 1 {
+        tracing::warn!("stopped at once");
         deaths.extend(group.kill());
     } else {
-        if !deaths
-            .iter()
-            .all(|d| d.job != Job::Machine || d.status.success())
-        {
-            group.page.set_phase(bus::page::CellPhase::Ending);
+        if deaths.iter().any(|d| d.is_untimely(Job::Machine)) {
+            group.page.set_phase(CellPhase::Ending);
         }
         deaths.extend(group.wait_until_left());
     }
-    progress.look(&path);
+    progress.look(path);
     progress.finish();
+    let last = progress.newest().copied();
+    if let Some(last) = &last {
+        let how = stop_words(last, &axes);
+        events.write(&Event::of_cell(last.scan, "ended", Some(how)));
+    }
     Ok(Ending {
-        last: progress.newest().copied(),
+        last,
         deaths,
-        interruptions,
-        axes: checked
-            .machine
-            .axes
-            .iter()
-            .map(|a| a.name.clone())
-            .collect(),
+        interruptions: signals.count(),
+        axes,
     })
+}
+
+fn note_death(death: &Death, scan: u64, events: &mut Events) {
+    if death.status.success() {
+        return;
+    }
+    tracing::error!("{} {}", death.name, death.words());
+    events.write(&Event {
+        process: Some(&death.name),
+        ..Event::of_cell(scan, "died", Some(death.words()))
+    });
+}
+
+/// Asks the machine side to come to rest on the path; false if the order could not be sent.
+fn stop(group: &Group, operator: &OperatorClient) -> bool {
+    let order = OperatorRequest {
+        order: Order::Stop as u32,
+        ..OperatorRequest::default()
+    };
+    let sent = operator.send(order).is_some();
+    group.page.machine_bell().ring();
+    sent
 }
 
 /// Sleeps until a process ends, a signal comes or it is time to look.

@@ -103,10 +103,11 @@ fn the_files_of_a_living_cell_are_its_owners_alone() {
     let traces = traces_of(&cell.cell);
     assert!(traces.len() > 1);
     for name in traces {
-        let mode = std::fs::metadata(Path::new("/dev/shm").join(&name))
-            .expect("a file")
-            .permissions()
-            .mode();
+        // Segments come and go with their readers.
+        let Ok(metadata) = std::fs::metadata(Path::new("/dev/shm").join(&name)) else {
+            continue;
+        };
+        let mode = metadata.permissions().mode();
         assert_eq!(mode & 0o077, 0, "{name} has mode {mode:o}");
     }
 }

@@ -164,7 +164,7 @@ impl Analysis {
         let last_scan = self.last.as_ref().map(|feedback| feedback.scan);
         let (processes, faults) = self.faults.finish();
         Measurements {
-            outcome: outcome(&self.machine, self.last.as_ref()),
+            outcome: outcome(&self.machine, self.last.as_ref(), &faults),
             scans: match (self.first_scan, last_scan) {
                 (Some(first), Some(last)) => last - first + 1,
                 _ => 0,
@@ -265,10 +265,8 @@ impl Analysis {
         let instrumented = std::mem::replace(&mut self.instrumented, set.instruments.is_some());
         let Some(last) = &self.last else { return };
         self.samples_lost += u64::from(!instrumented);
-        let skipped = feedback.overrun_scans.saturating_sub(last.overrun_scans);
         if feedback.incarnation == last.incarnation {
-            let gap = feedback.scan.saturating_sub(last.scan + 1);
-            self.samples_lost += gap.saturating_sub(skipped.into());
+            self.samples_lost += feedback.scan.saturating_sub(last.scan + 1);
         }
         if feedback.scan != last.scan + 1 {
             return;
@@ -281,13 +279,20 @@ impl Analysis {
     }
 }
 
-fn outcome(machine: &Machine, last: Option<&Feedback>) -> Outcome {
+fn outcome(machine: &Machine, last: Option<&Feedback>, faults: &[FaultResult]) -> Outcome {
     let Some(last) = last else {
         return Outcome::Stopped("the log holds no feedback".into());
     };
     match Mode::from_wire(last.mode) {
         Some(Mode::Finished) => Outcome::Completed,
-        Some(Mode::Stopped) => Outcome::Interrupted,
+        // An operator stops a machine, and so does the launcher when the planner is gone.
+        Some(Mode::Stopped) => match faults.iter().find(|fault| fault.process == "planner") {
+            Some(fault) => Outcome::Stopped(format!(
+                "planner {} in scan {}; the machine came to rest on the path",
+                fault.kind, fault.scan
+            )),
+            None => Outcome::Interrupted,
+        },
         Some(Mode::Tripped) => {
             let cause = Cause::from_wire(last.cause).unwrap_or(Cause::BadFeedback);
             let axis = machine.axes.get(last.cause_axis as usize);

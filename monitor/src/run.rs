@@ -56,6 +56,16 @@ struct Ports {
 }
 
 impl Ports {
+    /// Receptions that failed, in all.
+    fn failed(&self) -> u64 {
+        let commands: u64 = self.commands.iter().flatten().map(Reader::failed).sum();
+        commands
+            + self.feedback.failed()
+            + self.instruments.failed()
+            + self.planner.failed()
+            + self.roster.failed()
+    }
+
     fn open(member: &Member) -> Result<Ports, CellError> {
         let bus = &member.bus;
         let depth = RECORDER_DEPTH_SCANS;
@@ -169,6 +179,7 @@ pub fn run(options: &Options) -> Result<(), MonitorError> {
             member.page.machine_bell().ring();
         }
         member.page.monitor_bell().wait(seen, LOOK_AROUND);
+        recorder.flush_if_due()?;
         if member.page.monitor_bell().count() == seen && !member.launcher_lives() {
             // The machine side still brings the tool to rest: its last feedback ends the log, or this patience.
             let since = alone_since.get_or_insert_with(Instant::now);
@@ -179,7 +190,7 @@ pub fn run(options: &Options) -> Result<(), MonitorError> {
     }
     let digest = recorder.finish(&RunEnd {
         wall_s: started.map_or(0.0, |at| at.elapsed().as_secs_f64()),
-        queue_losses: 0,
+        queue_losses: ports.failed(),
         reason: (!ended).then(|| "the cell ended before its last feedback".into()),
     })?;
     tracing::debug!(digest, "recorded");

@@ -105,7 +105,14 @@ mod tests {
         let same = digest_of(&[(0, 1, 0.5), (1, 2, 0.6), (2, 3, 0.7)]);
         assert_eq!(same, digest_of(&[(0, 1, 0.5), (1, 2, 0.6), (2, 3, 0.7)]));
         assert_ne!(same, digest_of(&[(0, 1, 0.5), (1, 2, 0.6), (2, 4, 0.7)]));
-        assert_ne!(same, digest_of(&[(0, 1, f64::from_bits(0.5f64.to_bits() + 1)), (1, 2, 0.6), (2, 3, 0.7)]));
+        assert_ne!(
+            same,
+            digest_of(&[
+                (0, 1, f64::from_bits(0.5f64.to_bits() + 1)),
+                (1, 2, 0.6),
+                (2, 3, 0.7)
+            ])
+        );
         assert_ne!(same, digest_of(&[(0, 1, 0.5), (2, 2, 0.6), (2, 3, 0.7)]));
     }
 }

@@ -160,11 +160,20 @@ impl Recorder {
         self.put_rows()?;
         if self.scans_until_clock_look == 0 {
             self.scans_until_clock_look = SCANS_PER_CLOCK_LOOK;
-            if self.flushed.elapsed() >= FLUSH_PERIOD {
-                self.flush()?;
-            }
+            self.flush_if_due()?;
         }
         self.scans_until_clock_look -= 1;
+        Ok(())
+    }
+
+    /// Flushes if the last time is long ago; also when nothing comes, so that the end of a stalled run is on disk.
+    ///
+    /// # Errors
+    /// As [`Recorder::record_feedback`].
+    pub fn flush_if_due(&mut self) -> Result<(), LogError> {
+        if self.flushed.elapsed() >= FLUSH_PERIOD {
+            self.flush()?;
+        }
         Ok(())
     }
 

@@ -112,11 +112,13 @@ impl LimitsAudit {
                 Mode::from_wire(feedback.mode),
                 Some(Mode::Disabled | Mode::Tripped) | None
             );
-        if !commanded || feedback.scan != self.last_scan + 1 {
+        // A register that no command reached stands still and catches up: that is a missed scan, not a setpoint.
+        let missed = feedback.axes().iter().any(|axis| axis.missed_in_a_row > 0);
+        if !commanded || missed || feedback.scan != self.last_scan + 1 {
             self.before.clear();
         }
         self.last_scan = feedback.scan;
-        if !commanded {
+        if !commanded || missed {
             return;
         }
         let now = feedback.axes.map(|axis| axis.command_register);
