@@ -1,15 +1,20 @@
 //! `quadrant bench`: the project's own measurements, each beside its floor on this machine.
 
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use bus::cell::CellPlace;
+use bus::machine::Machine;
 use bus::page::{CellPhase, Page};
+use bus::sample::{AxisCommand, Feedback};
+use bus::service::{Bus, SCAN_DEPTH};
+use bytemuck::Zeroable;
 use serde_json::Value;
 
 use crate::check;
-use crate::cli::BenchOptions;
+use crate::cli::{BenchOptions, BenchPongOptions};
 use crate::exit::{Kind, Outcome};
 use crate::logs;
 
@@ -26,51 +31,82 @@ pub fn bench(options: &BenchOptions) -> Outcome {
     lockstep(options).environment()
 }
 
+/// One round of the measurement, all in µs but the factor.
+#[derive(Debug, Clone, Copy)]
+struct Round {
+    scan_us: f64,
+    factor: f64,
+    physics_us: f64,
+    ring_us: f64,
+    sample_us: f64,
+}
+
 /// Speed of a lockstep cell beside physics alone and the bare hand-over, all on this machine in one go.
 fn lockstep(options: &BenchOptions) -> anyhow::Result<()> {
     let program = options.machine.join("programs/circle-r25-f3000.ngc");
     let checked = check::load(&options.machine, Some(&program))?;
     let period_us = f64::from(checked.machine.scan.period_us);
     let period_scans = f64::from(checked.machine.scan.distribution_period_scans);
-    let mut rows = Vec::new();
+    let mut rounds = Vec::new();
     for run in 0..RUNS {
-        let floor_us = hand_over_us()?;
-        let physics_us = physics_us(&checked)?;
         let (scan_us, factor) = cell_us(options, &program, run, period_us)?;
-        rows.push((scan_us, factor, physics_us, floor_us));
+        rounds.push(Round {
+            scan_us,
+            factor,
+            physics_us: physics_us(&checked)?,
+            ring_us: hand_over_us(&options.machine, Ball::Ring)?,
+            sample_us: hand_over_us(&options.machine, Ball::Sample)?,
+        });
     }
-    rows.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let median = |take: fn(&(f64, f64, f64, f64)) -> f64| {
-        let mut values: Vec<f64> = rows.iter().map(take).collect();
+    let median = |take: fn(&Round) -> f64| {
+        let mut values: Vec<f64> = rounds.iter().map(take).collect();
         values.sort_by(f64::total_cmp);
         values.get(values.len() / 2).copied().unwrap_or(0.0)
     };
-    let (scan_us, factor) = (median(|r| r.0), median(|r| r.1));
-    let (physics_us, floor_us) = (median(|r| r.2), median(|r| r.3));
-    let hand_overs = checked.machine.axes.len() as f64 + 1.0 + 2.0 / period_scans;
-    let least_us = physics_us + hand_overs * floor_us;
+    let middle = Round {
+        scan_us: median(|r| r.scan_us),
+        factor: median(|r| r.factor),
+        physics_us: median(|r| r.physics_us),
+        ring_us: median(|r| r.ring_us),
+        sample_us: median(|r| r.sample_us),
+    };
+    // Machine side to each servo in turn and back; to the planner and back once a period.
+    let hand_overs = checked.machine.axes.len() as f64 + 1.0 + 1.0 / period_scans;
     println!(
-        "lockstep, {} with {}, recorder on, median of {RUNS} runs",
+        "lockstep: {} with {}, recorder on, 5 processes, median of {RUNS} rounds",
         options.machine.display(),
         program.display()
     );
-    println!(
-        "  wall time per scan       {scan_us:8.2} µs   ({factor:.1} x real time at {period_us} µs)"
-    );
-    println!("  physics alone            {physics_us:8.2} µs");
-    println!(
-        "  hand-overs               {:8.2} µs   ({hand_overs:.2} a scan, {floor_us:.2} µs each: bare futex ping-pong of two processes on one processor)",
-        hand_overs * floor_us
-    );
-    println!(
-        "  the rest                 {:8.2} µs   (IPC, control, planning, digests, waiting for the recorder)",
-        scan_us - least_us
-    );
-    println!(
-        "  ratio to physics + hand-overs  {:.2}   (goal: at most 1.3)",
-        scan_us / least_us
-    );
+    print_round(&middle, hand_overs, period_us);
     Ok(())
+}
+
+fn print_round(round: &Round, hand_overs: f64, period_us: f64) {
+    let with_samples_us = hand_overs * round.sample_us;
+    let least_us = round.physics_us + with_samples_us;
+    let bare_us = round.physics_us + hand_overs * round.ring_us;
+    println!(
+        "  wall time per scan   {:7.2} µs   {:.1} x real time at {period_us} µs",
+        round.scan_us, round.factor
+    );
+    println!("  physics alone        {:7.2} µs", round.physics_us);
+    println!(
+        "  hand-overs           {with_samples_us:7.2} µs   {hand_overs:.2} a scan, {:.2} µs each: ping-pong of two processes, a sample and a ring",
+        round.sample_us
+    );
+    println!(
+        "  the rest             {:7.2} µs   control, planning, instruments, digest, saved state",
+        round.scan_us - least_us
+    );
+    println!(
+        "  ratio                {:7.2}      to physics + hand-overs with a sample",
+        round.scan_us / least_us
+    );
+    println!(
+        "  ratio                {:7.2}      to physics + hand-overs by a bare ring of {:.2} µs",
+        round.scan_us / bare_us,
+        round.ring_us
+    );
 }
 
 /// One whole run; µs of wall time per scan and the real-time factor, as the report has them.
@@ -134,14 +170,29 @@ fn physics_us(checked: &check::Checked) -> anyhow::Result<f64> {
     Ok(started.elapsed().as_secs_f64() * 1e6 / PHYSICS_SCANS as f64)
 }
 
-/// The bare hand-over: half a round trip of two processes at two futex words, both on one processor, in µs.
-fn hand_over_us() -> anyhow::Result<f64> {
+/// What is handed over in the floor's ping-pong.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Ball {
+    /// Nothing: a ring of the bell.
+    Ring,
+    /// A feedback there and a command back, through shared memory, then the ring.
+    Sample,
+}
+
+/// Half a round trip of two processes at two bells of a wake page, both on one processor, in µs.
+fn hand_over_us(machine: &Path, ball: Ball) -> anyhow::Result<f64> {
     let core = bus::realtime::processors().first().copied().unwrap_or(0);
     let name = format!("pong-{}", std::process::id());
     let cell = CellPlace::new(&name)?.own(Duration::ZERO)?;
+    let settings = Machine::load(machine)?;
+    let bus = Bus::enter(cell.place(), &settings, "ping", true)?;
+    let _services = bus.create_all()?;
     let page = Page::create(cell.place())?;
     let mut pong = Command::new("/proc/self/exe")
         .args(["bench-pong", "--cell", &name, "--core", &core.to_string()])
+        .arg("--machine")
+        .arg(machine)
+        .args((ball == Ball::Sample).then_some("--samples"))
         .stdin(Stdio::null())
         .spawn()
         .context("starting the other side")?;
@@ -154,47 +205,63 @@ fn hand_over_us() -> anyhow::Result<f64> {
             bail!("the other side ended with {status}");
         }
     }
-    // In a thread of its own, so that the launcher itself stays free to move.
-    let round_trip_us = std::thread::scope(|scope| {
-        scope
-            .spawn(|| {
-                bus::realtime::stay_on(core);
-                let started = Instant::now();
-                for _ in 0..ROUND_TRIPS {
-                    let seen = page.machine_bell().count();
-                    page.scan_bell().ring();
-                    while page.machine_bell().count() == seen {
-                        page.machine_bell().wait(seen, Duration::from_secs(1));
-                    }
-                }
-                started.elapsed().as_secs_f64() * 1e6 / f64::from(ROUND_TRIPS)
-            })
-            .join()
-            .unwrap_or(f64::NAN)
-    });
+    let before = bus::realtime::processors();
+    bus::realtime::stay_on(core);
+    let mut feedback_out = bus.feedback_writer()?;
+    let mut commands_in = bus.command_reader(0, 0, SCAN_DEPTH)?;
+    let mut feedback = Feedback::zeroed();
+    let started = Instant::now();
+    for scan in 0..ROUND_TRIPS {
+        let seen = page.machine_bell().count();
+        if ball == Ball::Sample {
+            feedback.scan = scan.into();
+            feedback_out.send(&feedback);
+        }
+        page.scan_bell().ring();
+        while page.machine_bell().count() == seen {
+            page.machine_bell().wait(seen, Duration::from_secs(1));
+        }
+        if ball == Ball::Sample && commands_in.any().is_none() {
+            bail!("the other side sent nothing");
+        }
+    }
+    let round_trip_us = started.elapsed().as_secs_f64() * 1e6 / f64::from(ROUND_TRIPS);
+    bus::realtime::stay_on_all(&before);
     page.set_phase(CellPhase::Ending);
     pong.wait()?;
     Ok(round_trip_us / 2.0)
 }
 
 /// The other side of the ping-pong.
-pub fn pong(cell: &str, core: usize) -> Outcome {
-    let place = CellPlace::new(cell).input()?;
-    let page = Page::open(&place).environment()?;
-    bus::realtime::stay_on(core);
+pub fn pong(options: &BenchPongOptions) -> Outcome {
+    pong_until_ended(options).environment()
+}
+
+fn pong_until_ended(options: &BenchPongOptions) -> anyhow::Result<()> {
+    let place = CellPlace::new(&options.cell)?;
+    let page = Page::open(&place)?;
+    let machine = Machine::load(&options.machine)?;
+    let bus = Bus::enter(&place, &machine, "pong", false)?;
+    let mut feedback_in = bus.feedback_reader(SCAN_DEPTH)?;
+    let mut commands_out = bus.command_writer(0, 0)?;
+    bus::realtime::stay_on(options.core);
     let mut seen = page.scan_bell().count();
     page.set_ready(0, 1);
-    loop {
-        while page.scan_bell().count() == seen {
+    while page.phase() != CellPhase::Ending {
+        if page.scan_bell().count() == seen {
             page.scan_bell().wait(seen, Duration::from_secs(1));
-            if page.phase() == CellPhase::Ending {
-                return Ok(());
-            }
+            continue;
         }
         seen = page.scan_bell().count();
-        if page.phase() == CellPhase::Ending {
-            return Ok(());
+        if options.samples
+            && let Some(feedback) = feedback_in.any()
+        {
+            commands_out.send(&AxisCommand {
+                scan: feedback.scan,
+                ..AxisCommand::zeroed()
+            });
         }
         page.machine_bell().ring();
     }
+    Ok(())
 }

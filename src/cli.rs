@@ -56,7 +56,12 @@ pub struct BenchPongOptions {
     #[arg(long)]
     pub cell: String,
     #[arg(long)]
+    pub machine: PathBuf,
+    #[arg(long)]
     pub core: usize,
+    /// Hand over samples, not bare rings
+    #[arg(long)]
+    pub samples: bool,
 }
 
 #[derive(Debug, Clone, Args)]

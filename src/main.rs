@@ -27,7 +27,7 @@ fn main() -> std::process::ExitCode {
         cli::Command::Doctor => doctor::doctor(),
         cli::Command::Clean(options) => run::clean(&options),
         cli::Command::Bench(options) => bench::bench(&options),
-        cli::Command::BenchPong(options) => bench::pong(&options.cell, options.core),
+        cli::Command::BenchPong(options) => bench::pong(&options),
         cli::Command::PlantSim(options) => roles::plant_sim(&options),
         cli::Command::Planner(options) => roles::planner(&options),
         cli::Command::Servo(options) => roles::servo(&options),

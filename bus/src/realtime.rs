@@ -84,22 +84,24 @@ pub fn processors() -> Vec<usize> {
 
 /// Keeps the calling thread on one processor; without effect where that is refused.
 pub fn stay_on(core: usize) {
+    stay_on_all(&[core]);
+}
+
+/// Keeps the calling thread on these processors; without effect where that is refused.
+pub fn stay_on_all(cores: &[usize]) {
     let mut set = CpuSet::new();
-    set.set(core);
+    for &core in cores {
+        set.set(core);
+    }
     let _ = sched_setaffinity(None, &set);
 }
 
 /// Keeps the calling thread off one processor; without effect where there is no other.
 pub fn keep_off(core: usize) {
     let others: Vec<usize> = processors().into_iter().filter(|&c| c != core).collect();
-    if others.is_empty() {
-        return;
+    if !others.is_empty() {
+        stay_on_all(&others);
     }
-    let mut set = CpuSet::new();
-    for other in others {
-        set.set(other);
-    }
-    let _ = sched_setaffinity(None, &set);
 }
 
 /// The monotonic clock in ns.
