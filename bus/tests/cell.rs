@@ -1,0 +1,152 @@
+//! A cell's place: names that never meet, one owner, nothing left behind.
+
+use std::time::Duration;
+
+use bus::cell::{CellError, CellPlace};
+use bus::machine::Machine;
+use bus::page::{CellPhase, MACHINE_STATE_BYTES, Page};
+use bus::port::Age;
+use bus::sample::{Feedback, PlannerStatus};
+use bus::service::{Bus, SCAN_DEPTH};
+use bytemuck::Zeroable;
+
+fn place(test: &str) -> CellPlace {
+    CellPlace::new(&format!("b{}-{test}", std::process::id())).expect("a name")
+}
+
+fn machine() -> Machine {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
+    Machine::load(&folder).expect("the machine")
+}
+
+#[test]
+fn a_cell_has_one_owner_at_a_time_and_its_folder_goes_with_him() {
+    let place = place("own");
+    let first = place.own(Duration::ZERO).expect("the cell");
+    assert!(matches!(
+        place.own(Duration::ZERO),
+        Err(CellError::Running { .. })
+    ));
+    drop(first);
+    assert!(!place.folder().exists());
+    drop(place.own(Duration::ZERO).expect("the cell again"));
+}
+
+#[test]
+fn a_cell_whose_members_live_is_not_taken_from_them() {
+    let place = place("live");
+    let owner = place.own(Duration::ZERO).expect("the cell");
+    let member = place.join().expect("a member");
+    // The owner dies: nothing of its clean-up runs, but the kernel lets go of its locks.
+    std::mem::forget(owner);
+    assert!(matches!(
+        place.own(Duration::ZERO),
+        Err(CellError::Running { .. } | CellError::MembersLive { .. })
+    ));
+    drop(member);
+    std::fs::remove_dir_all(place.folder()).expect("removing what was forgotten");
+}
+
+#[test]
+fn names_that_could_meet_or_escape_are_refused() {
+    for name in ["", "a_b", "A", "a/b", "..", "a b", "twenty-one-characters"] {
+        assert!(CellPlace::new(name).is_err(), "{name:?}");
+    }
+    assert!(CellPlace::new("twenty-characters-ok").is_ok());
+}
+
+#[test]
+fn a_name_of_full_length_fits_the_socket_path_limit() {
+    let name = format!("n{:019}", std::process::id());
+    let place = CellPlace::new(&name).expect("a name of 20 characters");
+    let owner = place.own(Duration::ZERO).expect("the cell");
+    let bus = Bus::enter(&place, &machine(), "launcher", true).expect("shared memory");
+    bus.create_all().expect("services");
+    drop(bus);
+    drop(owner);
+}
+
+#[test]
+fn a_state_is_read_back_whole_also_when_the_writer_died_in_the_middle() {
+    let place = place("state");
+    let owner = place.own(Duration::ZERO).expect("the cell");
+    let page = Page::create(&place).expect("the page");
+    let mut read = [0u8; 100];
+    assert!(!page.load_machine_state(&mut read), "nothing was saved yet");
+    for round in 1..=5u8 {
+        page.save_machine_state(&[round; 100]);
+        assert!(page.load_machine_state(&mut read));
+        assert_eq!(read, [round; 100]);
+    }
+    assert_eq!(MACHINE_STATE_BYTES % 8, 0);
+    page.set_phase(CellPhase::Ending);
+    assert_eq!(
+        Page::open(&place).expect("the page").phase(),
+        CellPhase::Ending
+    );
+    drop(owner);
+}
+
+#[test]
+fn a_reader_sets_aside_what_is_visible_only_later_and_keeps_the_order() {
+    let place = place("ports");
+    let owner = place.own(Duration::ZERO).expect("the cell");
+    let bus = Bus::enter(&place, &machine(), "launcher", true).expect("shared memory");
+    let _services = bus.create_all().expect("services");
+    let mut writer = bus.planner_writer().expect("a writer");
+    let mut reader = bus.planner_reader(SCAN_DEPTH).expect("a reader");
+    let status = |scan| PlannerStatus {
+        scan,
+        visible_from: scan + 1,
+        ..PlannerStatus::zeroed()
+    };
+    for scan in [4, 5, 6] {
+        writer.send(&status(scan));
+    }
+    assert!(reader.next(4).is_none(), "made in scan 4, visible from 5");
+    assert_eq!(reader.next(5).map(|s| s.scan), Some(4));
+    assert_eq!(reader.newest(6).map(|s| s.scan), Some(5));
+    assert!(reader.newest(6).is_none());
+    assert_eq!(reader.newest(7).map(|s| s.scan), Some(6));
+    assert_eq!((writer.failed(), reader.failed()), (0, 0));
+    drop(owner);
+}
+
+#[test]
+fn a_second_writer_of_a_service_is_refused() {
+    let place = place("one");
+    let owner = place.own(Duration::ZERO).expect("the cell");
+    let bus = Bus::enter(&place, &machine(), "launcher", true).expect("shared memory");
+    let _services = bus.create_all().expect("services");
+    let _writer = bus.feedback_writer().expect("a writer");
+    assert!(bus.feedback_writer().is_err());
+    drop(owner);
+}
+
+#[test]
+fn a_slow_reader_loses_the_oldest_and_never_holds_up_the_writer() {
+    let place = place("slow");
+    let owner = place.own(Duration::ZERO).expect("the cell");
+    let bus = Bus::enter(&place, &machine(), "launcher", true).expect("shared memory");
+    let _services = bus.create_all().expect("services");
+    let mut writer = bus.feedback_writer().expect("a writer");
+    let mut reader = bus.feedback_reader(SCAN_DEPTH).expect("a reader");
+    let mut feedback = Feedback::zeroed();
+    for scan in 0..10_000 {
+        feedback.scan = scan;
+        writer.send(&feedback);
+    }
+    assert_eq!(writer.failed(), 0);
+    assert_eq!(
+        reader.any().map(|f| f.scan),
+        Some(10_000 - SCAN_DEPTH as u64)
+    );
+    drop(owner);
+}
+
+#[test]
+fn age_is_counted_in_scans() {
+    assert_eq!(Age::of(None, 7), Age::Never);
+    assert_eq!(Age::of(Some(7), 7), Age::Fresh);
+    assert_eq!(Age::of(Some(4), 7), Age::Stale { age_scans: 3 });
+}

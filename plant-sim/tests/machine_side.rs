@@ -1,0 +1,389 @@
+//! The machine side's judgement: commands, windows, modes. Each guard has a test that goes red without it.
+
+use bus::machine::Machine;
+use bus::sample::{
+    AxisCommand, Cause, Feedback, Job, Mode, OperatorRequest, Order, Participant, PlannerStatus,
+    Roster, WindowHeader, WindowId, WindowRow,
+};
+use bytemuck::Zeroable;
+use plant_sim::RunEnd;
+use plant_sim::machine_side::{Answers, MachineSide};
+use plant_sim::plant_file::PlantFile;
+
+const AXES: usize = 2;
+
+struct Bench {
+    side: MachineSide,
+    roster: Roster,
+    /// What every servo says it holds as pending.
+    pending: WindowId,
+}
+
+impl Bench {
+    fn new() -> Bench {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
+        let machine = Machine::load(&folder).expect("the machine");
+        let plant = PlantFile::load(&folder).expect("the plant");
+        let simulations = plant.simulations(&machine).expect("axes");
+        let mut roster = Roster::zeroed();
+        roster.version = 1;
+        let jobs = [(Job::Planner, 0), (Job::Servo, 0), (Job::Servo, 1)];
+        for (place, (job, axis)) in roster.participants.iter_mut().zip(jobs) {
+            *place = Participant {
+                job: job as u32,
+                axis,
+                incarnation: 1,
+                live: 1,
+                ..Participant::zeroed()
+            };
+        }
+        Bench {
+            side: MachineSide::new(&machine, simulations, 1, 0, true, RunEnd::AfterProgram),
+            roster,
+            pending: WindowId::NONE,
+        }
+    }
+
+    /// A good command of each servo for this scan.
+    fn good_answers(&self) -> Answers {
+        let feedback = self.side.feedback();
+        let mut answers = Answers::NONE;
+        for (axis, commands) in answers.commands.iter_mut().take(AXES).enumerate() {
+            commands[0] = Some(AxisCommand {
+                scan: feedback.scan,
+                visible_from: feedback.scan + 1,
+                position: feedback.axes[axis].command_register,
+                stop_deceleration_mm_s2: 1000.0,
+                axis: axis as u32,
+                incarnation: 1,
+                pending: self.pending,
+                ..AxisCommand::zeroed()
+            });
+        }
+        answers
+    }
+
+    /// One scan whose answers `change` may spoil; the feedback of the next.
+    fn scan(&mut self, change: impl FnOnce(&mut Answers)) -> Feedback {
+        let mut answers = self.good_answers();
+        change(&mut answers);
+        self.side.simulate();
+        self.side.close_scan(&answers, &self.roster);
+        self.side.feedback()
+    }
+
+    fn scans(&mut self, count: usize) -> Feedback {
+        let mut feedback = self.side.feedback();
+        for _ in 0..count {
+            feedback = self.scan(|_| {});
+        }
+        feedback
+    }
+
+    /// Offers a window of `rows` rows at rest where the machine stands.
+    fn offer(
+        &mut self,
+        sequence: u32,
+        first_scan: u64,
+        rows: usize,
+        predecessor: WindowId,
+    ) -> WindowId {
+        let feedback = self.side.feedback();
+        let mut position = [0; bus::sample::MAX_AXES];
+        for (value, axis) in position.iter_mut().zip(feedback.axes()) {
+            *value = axis.command_register;
+        }
+        let rows = vec![
+            WindowRow {
+                position,
+                ..WindowRow::zeroed()
+            };
+            rows
+        ];
+        let header = WindowHeader {
+            id: WindowId {
+                checksum: u64::from(sequence),
+                sequence,
+                incarnation: 1,
+            },
+            predecessor,
+            first_scan,
+            visible_from: feedback.scan,
+            epoch: feedback.epoch,
+            intended_rows: 1,
+            row_count: rows.len() as u32,
+            ..WindowHeader::zeroed()
+        };
+        self.side.offer(&header, &rows, &self.roster);
+        header.id
+    }
+}
+
+fn mode(feedback: &Feedback) -> Mode {
+    Mode::from_wire(feedback.mode).expect("a known mode")
+}
+
+fn cause(feedback: &Feedback) -> Cause {
+    Cause::from_wire(feedback.cause).expect("a known cause")
+}
+
+#[test]
+fn a_command_that_is_not_a_number_trips_with_its_axis_and_never_reaches_the_drive() {
+    for spoil in [
+        (|c: &mut AxisCommand| c.velocity_mm_s = f64::NAN) as fn(&mut AxisCommand),
+        |c| c.velocity_mm_s = f64::INFINITY,
+        |c| c.torque_nm = f64::NAN,
+        |c| c.torque_nm = 1000.0,
+        |c| c.stop_deceleration_mm_s2 = f64::NAN,
+        |c| c.cause = 4711,
+    ] {
+        let mut bench = Bench::new();
+        bench.scans(3);
+        let feedback = bench.scan(|answers| {
+            if let Some(command) = &mut answers.commands[1][0] {
+                spoil(command);
+            }
+        });
+        assert_eq!(
+            (mode(&feedback), cause(&feedback)),
+            (Mode::Tripped, Cause::BadValue)
+        );
+        assert_eq!(feedback.cause_axis, 1);
+        assert!(feedback.axes[1].velocity_command_mm_s == 0.0);
+    }
+}
+
+#[test]
+fn a_command_beyond_all_speed_trips() {
+    let mut bench = Bench::new();
+    let feedback = bench.scan(|answers| {
+        if let Some(command) = &mut answers.commands[0][0] {
+            command.velocity_mm_s = 1e6;
+        }
+    });
+    assert_eq!(
+        (mode(&feedback), cause(&feedback)),
+        (Mode::Tripped, Cause::SpeedLimit)
+    );
+    assert_eq!(feedback.cause_axis, 0);
+}
+
+#[test]
+fn a_command_of_another_scan_axis_role_or_incarnation_counts_as_missed() {
+    for spoil in [
+        (|c: &mut AxisCommand| c.scan += 1) as fn(&mut AxisCommand),
+        |c| c.scan -= 1,
+        |c| c.axis = 0,
+        |c| c.role = 1,
+        |c| c.incarnation = 7,
+    ] {
+        let mut bench = Bench::new();
+        bench.scans(3);
+        let feedback = bench.scan(|answers| {
+            if let Some(command) = &mut answers.commands[1][0] {
+                command.velocity_mm_s = 99.0;
+                spoil(command);
+            }
+        });
+        assert_eq!(mode(&feedback), Mode::Enabled);
+        assert_eq!(feedback.axes[1].missed_scans, 1);
+        assert_eq!(
+            feedback.axes[1].velocity_command_mm_s, 0.0,
+            "the last good command holds"
+        );
+        assert_eq!(feedback.axes[0].missed_scans, 0);
+        let feedback = bench.scans(1);
+        assert_eq!(feedback.axes[1].missed_in_a_row, 0);
+    }
+}
+
+#[test]
+fn the_watchdog_trips_after_its_scans_in_a_row_and_not_before() {
+    let mut bench = Bench::new();
+    bench.scans(3);
+    let mut feedback = bench.side.feedback();
+    for missed in 1..=4 {
+        feedback = bench.scan(|answers| answers.commands[0][0] = None);
+        assert_eq!(feedback.axes[0].missed_in_a_row, missed);
+        assert_eq!(mode(&feedback) == Mode::Tripped, missed == 4);
+    }
+    assert_eq!(cause(&feedback), Cause::Watchdog);
+}
+
+#[test]
+fn a_servo_that_left_the_roster_trips_with_its_axis() {
+    let mut bench = Bench::new();
+    bench.scans(3);
+    bench.roster.participants[2].live = 0;
+    let feedback = bench.scan(|answers| answers.commands[1][0] = None);
+    assert_eq!(
+        (mode(&feedback), cause(&feedback)),
+        (Mode::Tripped, Cause::ServoLost)
+    );
+    assert_eq!(feedback.cause_axis, 1);
+}
+
+#[test]
+fn a_planner_that_cannot_go_on_trips() {
+    let mut bench = Bench::new();
+    let feedback = bench.scan(|answers| {
+        answers.planner = Some(PlannerStatus {
+            cause: Cause::Planner as u32,
+            ..PlannerStatus::zeroed()
+        });
+    });
+    assert_eq!(
+        (mode(&feedback), cause(&feedback)),
+        (Mode::Tripped, Cause::Planner)
+    );
+}
+
+#[test]
+fn a_window_is_executed_only_when_every_axis_holds_it() {
+    let mut bench = Bench::new();
+    let id = bench.offer(1, 8, 4, WindowId::NONE);
+    let feedback = bench.scans(8);
+    assert!(feedback.window.is_none(), "no axis holds it");
+    assert_eq!(feedback.voided, id);
+
+    let id = bench.offer(2, 16, 4, WindowId::NONE);
+    bench.pending = id;
+    bench.scans(3);
+    // In the last scan before its first, one axis lets go of it.
+    bench.scans(4);
+    let feedback = bench.scan(|answers| {
+        if let Some(command) = &mut answers.commands[1][0] {
+            command.pending = WindowId::NONE;
+        }
+    });
+    assert!(feedback.window.is_none());
+    assert_eq!(feedback.voided, id);
+
+    let id = bench.offer(3, 24, 4, WindowId::NONE);
+    bench.pending = id;
+    let feedback = bench.scans(7);
+    assert!(feedback.window.is_none());
+    assert_eq!(feedback.armed, id);
+    let feedback = bench.scans(1);
+    assert_eq!((feedback.window, feedback.row), (id, 0));
+    assert_eq!(
+        (bench.scans(2).row, bench.scans(5).row),
+        (2, 3),
+        "the last row is held"
+    );
+    assert_eq!(bench.side.feedback().at_rest, 1);
+}
+
+#[test]
+fn a_window_with_the_wrong_predecessor_epoch_planner_or_size_is_void() {
+    let stranger = WindowId {
+        checksum: 9,
+        sequence: 9,
+        incarnation: 1,
+    };
+    let mut bench = Bench::new();
+    bench.pending = bench.offer(1, 8, 4, stranger);
+    assert!(
+        bench.scans(9).window.is_none(),
+        "another predecessor than the one in force"
+    );
+
+    let mut bench = Bench::new();
+    bench.roster.participants[0].incarnation = 2;
+    bench.pending = bench.offer(1, 8, 4, WindowId::NONE);
+    assert!(
+        bench.scans(9).window.is_none(),
+        "a planner that is not the live one"
+    );
+
+    let mut bench = Bench::new();
+    bench.pending = bench.offer(1, 8, 0, WindowId::NONE);
+    assert!(bench.scans(9).window.is_none(), "no rows");
+}
+
+#[test]
+fn a_second_window_while_one_is_pending_is_void() {
+    let mut bench = Bench::new();
+    let first = bench.offer(1, 8, 4, WindowId::NONE);
+    bench.pending = first;
+    let second = bench.offer(2, 8, 4, WindowId::NONE);
+    assert_eq!(bench.side.feedback().voided, second);
+    assert_eq!(bench.scans(8).window, first);
+}
+
+#[test]
+fn after_a_stop_no_window_is_admitted_and_the_run_ends_at_rest() {
+    let mut bench = Bench::new();
+    let first = bench.offer(1, 8, 40, WindowId::NONE);
+    bench.pending = first;
+    bench.scans(10);
+    let answer = bench.side.order(&OperatorRequest {
+        order: Order::Stop as u32,
+        ..OperatorRequest::zeroed()
+    });
+    assert_eq!((answer.accepted, answer.mode), (1, Mode::Stopping as u32));
+    bench.pending = bench.offer(2, 16, 40, first);
+    let feedback = bench.scans(10);
+    assert_eq!(
+        feedback.window, first,
+        "the window in force is executed to its end"
+    );
+    assert_eq!(mode(&feedback), Mode::Stopping);
+    let feedback = bench.scans(40);
+    assert_eq!(mode(&feedback), Mode::Stopped);
+    let feedback = bench.scans(200);
+    assert_eq!(feedback.last, 1);
+}
+
+#[test]
+fn an_order_that_is_none_is_refused() {
+    let mut bench = Bench::new();
+    for (order, value) in [
+        (0, 0.0),
+        (99, 0.0),
+        (Order::Override as u32, f64::NAN),
+        (Order::Override as u32, 300.0),
+    ] {
+        let answer = bench.side.order(&OperatorRequest {
+            order,
+            value,
+            ..OperatorRequest::zeroed()
+        });
+        assert_eq!(answer.accepted, 0, "order {order} with {value}");
+    }
+    assert_eq!(mode(&bench.side.feedback()), Mode::Enabled);
+}
+
+#[test]
+fn while_tripped_the_position_register_follows_the_encoder() {
+    let mut bench = Bench::new();
+    for _ in 0..50 {
+        bench.scan(|answers| {
+            for commands in answers.commands.iter_mut().take(AXES) {
+                if let Some(command) = &mut commands[0] {
+                    command.velocity_mm_s = 20.0;
+                }
+            }
+        });
+    }
+    bench.roster.participants[1].live = 0;
+    let feedback = bench.scan(|answers| answers.commands[0][0] = None);
+    assert_eq!(mode(&feedback), Mode::Tripped);
+    let mut moved = false;
+    for _ in 0..100 {
+        let feedback = bench.scan(|_| {});
+        for axis in feedback.axes() {
+            moved |= axis.velocity_mm_s.abs() > 1.0;
+            assert_eq!(axis.command_register, axis.motor_position);
+        }
+    }
+    assert!(moved, "the axes braked for a while");
+    let feedback = bench.side.feedback();
+    assert!(
+        feedback
+            .axes()
+            .iter()
+            .all(|axis| axis.velocity_mm_s.abs() < 0.5),
+        "and stand"
+    );
+}
