@@ -22,8 +22,10 @@ use crate::logs;
 
 /// Until then every process must have said that it is ready.
 const READY_LIMIT: Duration = Duration::from_secs(30);
-/// So long a process may take to leave after it was told to.
-const LEAVE_LIMIT: Duration = Duration::from_secs(10);
+/// So long a process may take to leave in order, the recorder with its queue to empty among them.
+pub const LEAVE_LIMIT: Duration = Duration::from_secs(10);
+/// The same where the machine side is gone and nothing is left to wait for.
+pub const LEAVE_LIMIT_AFTER_MACHINE: Duration = Duration::from_secs(2);
 
 /// One process of the table.
 #[derive(Debug, Clone)]
@@ -359,11 +361,11 @@ impl Group {
         deaths
     }
 
-    /// Waits until all have left, at most a bounded time; then ends who is still there.
-    pub fn wait_until_left(&mut self) -> Vec<Death> {
+    /// Waits until all have left, at most `limit`; then ends who is still there.
+    pub fn wait_until_left(&mut self, limit: Duration) -> Vec<Death> {
         let started = Instant::now();
         let mut deaths = Vec::new();
-        while started.elapsed() < LEAVE_LIMIT {
+        while started.elapsed() < limit {
             deaths.extend(self.reap());
             if self.living().next().is_none() {
                 return deaths;
@@ -372,11 +374,11 @@ impl Group {
                 .descriptors()
                 .map(|fd| rustix::event::PollFd::new(fd, rustix::event::PollFlags::IN))
                 .collect();
-            let limit = rustix::event::Timespec {
+            let step = rustix::event::Timespec {
                 tv_sec: 0,
                 tv_nsec: 100_000_000,
             };
-            let _ = rustix::event::poll(&mut fds, Some(&limit));
+            let _ = rustix::event::poll(&mut fds, Some(&step));
         }
         for (name, pid) in self.living() {
             tracing::warn!(process = name, pid, "did not leave in time: killed");

@@ -16,7 +16,7 @@ use crate::check::{self, Checked};
 use crate::cli::{CleanOptions, RunOptions};
 use crate::events::{Event, Events};
 use crate::exit::{Failure, Kind, Outcome};
-use crate::group::{Death, Group, Plan};
+use crate::group::{Death, Group, LEAVE_LIMIT, LEAVE_LIMIT_AFTER_MACHINE, Plan};
 use crate::progress::{LOOK_EVERY, Progress};
 use crate::run_dir::{RunDir, Sources, default_folder};
 use crate::signals::Signals;
@@ -147,10 +147,13 @@ fn supervise(
         tracing::warn!("stopped at once");
         deaths.extend(group.kill());
     } else {
-        if deaths.iter().any(|d| d.is_untimely(Job::Machine)) {
+        let limit = if deaths.iter().any(|d| d.is_untimely(Job::Machine)) {
             group.page.set_phase(CellPhase::Ending);
-        }
-        deaths.extend(group.wait_until_left());
+            LEAVE_LIMIT_AFTER_MACHINE
+        } else {
+            LEAVE_LIMIT
+        };
+        deaths.extend(group.wait_until_left(limit));
     }
     progress.look(path);
     progress.finish();

@@ -71,3 +71,37 @@ fn a_killed_machine_side_ends_the_cell() {
         run.stderr()
     );
 }
+
+/// In lockstep a living process is waited for, but not for ever: that is the environment's fault, not a missed scan.
+#[test]
+fn a_process_that_hangs_in_lockstep_ends_the_run_as_an_environment_failure_that_names_it() {
+    let bench = Bench::of("xy", &[]);
+    // Long enough that it cannot be over before it is stopped.
+    let turns = circle_program(25.0, 3000.0, (0.0, 0.0), 0.0);
+    let arcs: String = turns
+        .lines()
+        .filter(|l| l.starts_with("G3"))
+        .map(|l| format!("{l}\n"))
+        .collect();
+    let program = bench.file(
+        "long.ngc",
+        &turns.replace("M2\n", &format!("{}M2\n", arcs.repeat(60))),
+    );
+    let mut cell =
+        LiveCell::start_with(bench.path(), &program, "lockstep", &["--answer-limit", "1"]);
+    cell.wait_for_scan(100);
+    send(cell.pid_of("quadrant servo --axis X"), libc::SIGSTOP);
+    let run = cell.finish();
+    assert_eq!(run.status(), 3, "{}", run.stderr());
+    assert!(
+        run.stderr()
+            .contains("servo X (last answered 1 scans ago) has not answered"),
+        "{}",
+        run.stderr()
+    );
+    assert!(
+        traces_of(&run.cell).is_empty(),
+        "{:?}",
+        traces_of(&run.cell)
+    );
+}

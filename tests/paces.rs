@@ -89,3 +89,31 @@ fn two_cells_on_one_pc_never_meet() {
     assert_eq!(text(&alone, "/digest"), text(&first, "/digest"));
     assert_eq!(text(&alone, "/digest"), text(&second, "/digest"));
 }
+
+/// Resident memory of a process, in kB.
+fn resident_kb(pid: i32) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
+    let line = status.lines().find(|line| line.starts_with("VmRSS:"));
+    line.and_then(|line| line.split_whitespace().nth(1)?.parse().ok())
+        .unwrap_or(0)
+}
+
+#[test]
+fn a_servo_stays_under_20_mb_and_does_not_grow() {
+    let bench = Bench::of("xy", &[("[scan]", "[scan]\nwatchdog_scans = 100")]);
+    let program = bench.file("circle.ngc", &circle_program(25.0, 3000.0, (0.0, 0.0), 0.0));
+    let mut cell = LiveCell::start(bench.path(), &program, "realtime");
+    cell.wait_for_scan(2000);
+    let servos =
+        ["quadrant servo --axis X", "quadrant servo --axis Y"].map(|role| cell.pid_of(role));
+    let early = servos.map(resident_kb);
+    cell.wait_for_scan(6000);
+    let late = servos.map(resident_kb);
+    for (early, late) in early.into_iter().zip(late) {
+        assert!(early > 0 && late < 20_000, "{late} kB");
+        assert!(late <= early + 256, "grew from {early} to {late} kB");
+    }
+    // The rest of the program tells nothing about memory.
+    cell.signal_launcher(libc::SIGINT);
+    assert_eq!(cell.finish().status(), 130);
+}

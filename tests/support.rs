@@ -116,6 +116,11 @@ pub struct LiveCell {
 impl LiveCell {
     /// Starts `quadrant run` with a cell of its own.
     pub fn start(machine: &Path, program: &Path, pace: &str) -> LiveCell {
+        Self::start_with(machine, program, pace, &[])
+    }
+
+    /// The same with more arguments.
+    pub fn start_with(machine: &Path, program: &Path, pace: &str, more: &[&str]) -> LiveCell {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let cell = unique_cell();
         let out = folder.path().join("run");
@@ -125,6 +130,7 @@ impl LiveCell {
             .arg(program)
             .args(["--pace", pace, "--cell", &cell, "--out"])
             .arg(&out)
+            .args(more)
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()

@@ -33,6 +33,16 @@ pub enum Age {
     },
 }
 
+impl std::fmt::Display for Age {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Age::Never => f.write_str("never answered"),
+            Age::Fresh => f.write_str("answered in this scan"),
+            Age::Stale { age_scans } => write!(f, "last answered {age_scans} scans ago"),
+        }
+    }
+}
+
 impl Age {
     /// Age in scan `now` of a sample of scan `sample`, `None` for none. A sample of the future counts as fresh: its
     /// reader refuses it by its number.
@@ -93,6 +103,7 @@ impl<T: Sample> Writer<T> {
 pub struct Reader<T: Sample> {
     subscriber: Subscriber<ipc::Service, T, ()>,
     set_aside: Option<T>,
+    newest_scan: Option<u64>,
     failed: u64,
 }
 
@@ -107,8 +118,14 @@ impl<T: Sample> Reader<T> {
         Ok(Reader {
             subscriber,
             set_aside: None,
+            newest_scan: None,
             failed: 0,
         })
+    }
+
+    /// How old the newest sample handed out is in scan `now`.
+    pub fn age(&self, now: u64) -> Age {
+        Age::of(self.newest_scan, now)
     }
 
     fn receive(&mut self) -> Option<T> {
@@ -131,6 +148,7 @@ impl<T: Sample> Reader<T> {
             self.set_aside = Some(sample);
             return None;
         }
+        self.newest_scan = Some(sample.scan());
         Some(sample)
     }
 

@@ -121,20 +121,32 @@ pub(crate) type Operator =
 
 /// What can travel in a publish–subscribe service of fixed size.
 pub trait Sample: Pod + ZeroCopySend + Debug {
+    /// The scan it was made in.
+    fn scan(&self) -> u64;
     /// The first scan in which a reader may act on it.
     fn visible_from(&self) -> u64;
 }
 
 macro_rules! samples {
-    ($($type:ty),*) => {$(
+    ($($type:ty: $scan:ident),*) => {$(
         impl Sample for $type {
+            fn scan(&self) -> u64 {
+                self.$scan
+            }
+
             fn visible_from(&self) -> u64 {
                 self.visible_from
             }
         }
     )*};
 }
-samples!(Feedback, Instruments, AxisCommand, PlannerStatus, Roster);
+samples!(
+    Feedback: scan,
+    Instruments: scan,
+    AxisCommand: scan,
+    PlannerStatus: scan,
+    Roster: visible_from
+);
 
 /// A process's foot in the cell's shared memory.
 #[derive(Debug)]

@@ -109,6 +109,7 @@ fn a_reader_sets_aside_what_is_visible_only_later_and_keeps_the_order() {
     assert!(reader.newest(6).is_none());
     assert_eq!(reader.newest(7).map(|s| s.scan), Some(6));
     assert_eq!((writer.failed(), reader.failed()), (0, 0));
+    assert_eq!(reader.age(9), Age::Stale { age_scans: 3 });
     drop(owner);
 }
 

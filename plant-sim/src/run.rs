@@ -5,9 +5,10 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use bus::machine::Axis;
 use bus::member::{Member, MemberError, Pace, Seat};
 use bus::page::CellPhase;
-use bus::port::{OperatorServer, Reader, WindowReader, Writer};
+use bus::port::{Age, OperatorServer, Reader, WindowReader, Writer};
 use bus::realtime::{self, Priority};
 use bus::sample::{AxisCommand, Feedback, Instruments, Job, MAX_AXES, PlannerStatus, Roster};
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES, SCAN_DEPTH};
@@ -164,14 +165,18 @@ struct Missing {
 }
 
 impl Missing {
-    fn names(&self, axes: &[bus::machine::Axis]) -> String {
+    /// Who they are, and when they were last heard.
+    fn names(&self, scan: u64, axes: &[Axis], ports: &Ports) -> String {
         let name = |&(job, axis): &(u32, u32)| {
             if job == Job::Planner as u32 {
-                "the planner".to_string()
-            } else {
-                let letter = axes.get(axis as usize).map_or("?", |a| a.name.as_str());
-                format!("servo {letter}")
+                return format!("the planner ({})", ports.planner.age(scan));
             }
+            let letter = axes.get(axis as usize).map_or("?", |a| a.name.as_str());
+            let roles = ports.commands.get(axis as usize);
+            let age = roles
+                .and_then(|roles| roles.first())
+                .map_or(Age::Never, |reader| reader.age(scan));
+            format!("servo {letter} ({age})")
         };
         let names: Vec<String> = self.places.iter().take(self.count).map(name).collect();
         names.join(" and ")
@@ -265,7 +270,7 @@ impl Cell {
             let since = *late_since.get_or_insert_with(Instant::now);
             if since.elapsed() > self.clock.answer_limit {
                 return Err(MachineSideError::NoAnswer {
-                    who: missing.names(&self.member.machine.axes),
+                    who: missing.names(scan, &self.member.machine.axes, &self.ports),
                     scan,
                     waited_s: self.clock.answer_limit.as_secs(),
                 });
