@@ -73,7 +73,7 @@ pub struct RunOptions {
     /// realtime: scans at absolute times; lockstep: as fast as the machine goes, the same result to the bit every time
     #[arg(long, default_value = "lockstep", value_parser = ["realtime", "lockstep"])]
     pub pace: String,
-    /// Run directory to write; made new [default: runs/<machine>-<program>-<time>]
+    /// Run directory to write; made new [default: runs/MACHINE-PROGRAM-TIME]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Name of the cell, when several share a PC [default: the machine's own name]

@@ -1,6 +1,6 @@
 //! The planner process: part program to windows of setpoints.
 //!
-//! [`run`] is the process; [`Planner`] its pure part: feedback in, window out.
+//! [`run()`] is the process; [`Planner`] its pure part: feedback in, window out.
 
 mod course;
 mod planner;

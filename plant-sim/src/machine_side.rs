@@ -1,5 +1,5 @@
 //! The machine side, pure: it latches what the machine does, admits windows, hands commands to the drives and says in
-//! the feedback what everybody obeys. Reads no clock and no port: [`run`](crate::run) brings the answers.
+//! the feedback what everybody obeys. Reads no clock and no port: [`run`](mod@crate::run) brings the answers.
 
 #![deny(
     clippy::unwrap_used,

@@ -333,19 +333,36 @@ fn a_trip_is_told_with_axis_and_cause() {
     feedback.mode = Mode::Tripped as u32;
     feedback.cause = Cause::FollowingError as u32;
     feedback.cause_axis = 1;
-    let told = outcome(&machine(&["X", "Y"]), Some(&feedback));
+    let told = outcome(&machine(&["X", "Y"]), Some(&feedback), &[]);
     assert_eq!(
         told,
         Outcome::Stopped("axis Y: following error beyond its limit".into())
     );
     feedback.mode = Mode::Stopped as u32;
     assert_eq!(
-        outcome(&machine(&["X", "Y"]), Some(&feedback)),
+        outcome(&machine(&["X", "Y"]), Some(&feedback), &[]),
         Outcome::Interrupted
+    );
+    let fault = faults::FaultResult {
+        scan: 900,
+        process: "planner".into(),
+        kind: "killed",
+        signal: 9,
+        noticed_after_scans: 1,
+        reaction: String::new(),
+        contour_error_mm: 0.0,
+        resumed_at_scan: None,
+    };
+    assert!(
+        matches!(
+            outcome(&machine(&["X", "Y"]), Some(&feedback), &[fault]),
+            Outcome::Stopped(reason) if reason.contains("planner killed in scan 900")
+        ),
+        "a machine stopped because its planner is gone was not interrupted"
     );
     feedback.mode = 77;
     assert!(matches!(
-        outcome(&machine(&["X"]), Some(&feedback)),
+        outcome(&machine(&["X"]), Some(&feedback), &[]),
         Outcome::Stopped(_)
     ));
 }
