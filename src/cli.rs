@@ -126,8 +126,8 @@ pub struct CleanOptions {
 
 #[derive(Debug, Clone, Args)]
 pub struct BenchOptions {
-    /// Which measurement
-    #[arg(default_value = "lockstep", value_parser = ["lockstep"])]
+    /// lockstep: speed of a whole cell; circles: quadrant protrusions over radii and feeds, by compensation
+    #[arg(default_value = "lockstep", value_parser = ["lockstep", "circles"])]
     pub name: String,
     /// Machine to measure with
     #[arg(long, default_value = "machines/xy")]

@@ -9,7 +9,7 @@ fn worst_um(report: &Value) -> f64 {
     let reversals = report["reversals"].as_array().expect("reversals");
     let on_arcs: Vec<&Value> = reversals
         .iter()
-        .filter(|r| r["radius_mm"].is_number())
+        .filter(|r| r["radius_mm"].is_number() && r["steady"] == true)
         .collect();
     assert!(
         on_arcs.len() >= 12,

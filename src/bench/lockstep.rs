@@ -1,4 +1,4 @@
-//! `quadrant bench`: the project's own measurements, each beside its floor on this machine.
+//! `quadrant bench lockstep`: speed of a whole cell beside physics alone and the bare hand-over between two processes.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -13,10 +13,10 @@ use bus::service::{Bus, SCAN_DEPTH};
 use bytemuck::Zeroable;
 use serde_json::Value;
 
+use super::run_report;
 use crate::check;
 use crate::cli::{BenchOptions, BenchPongOptions};
 use crate::exit::{Kind, Outcome};
-use crate::logs;
 
 /// Runs of the whole cell; the median counts.
 const RUNS: usize = 5;
@@ -24,12 +24,6 @@ const RUNS: usize = 5;
 const ROUND_TRIPS: u32 = 50_000;
 /// Scans of physics alone.
 const PHYSICS_SCANS: usize = 20_000;
-
-/// Runs the measurement asked for.
-pub fn bench(options: &BenchOptions) -> Outcome {
-    logs::init_launcher();
-    lockstep(options).environment()
-}
 
 /// One round of the measurement, all in µs but the factor.
 #[derive(Debug, Clone, Copy)]
@@ -42,14 +36,17 @@ struct Round {
 }
 
 /// Speed of a lockstep cell beside physics alone and the bare hand-over, all on this machine in one go.
-fn lockstep(options: &BenchOptions) -> anyhow::Result<()> {
+///
+/// # Errors
+/// A run fails, or the other side of the ping-pong cannot be had.
+pub fn lockstep(options: &BenchOptions) -> anyhow::Result<()> {
     let program = options.machine.join("programs/circle-r25-f3000.ngc");
     let checked = check::load(&options.machine, Some(&program))?;
     let period_us = f64::from(checked.machine.scan.period_us);
     let period_scans = f64::from(checked.machine.scan.distribution_period_scans);
     let mut rounds = Vec::new();
-    for run in 0..RUNS {
-        let (scan_us, factor) = cell_us(options, &program, run, period_us)?;
+    for _ in 0..RUNS {
+        let (scan_us, factor) = cell_us(options, &program, period_us)?;
         rounds.push(Round {
             scan_us,
             factor,
@@ -110,43 +107,12 @@ fn print_round(round: &Round, hand_overs: f64, period_us: f64) {
 }
 
 /// One whole run; µs of wall time per scan and the real-time factor, as the report has them.
-fn cell_us(
-    options: &BenchOptions,
-    program: &std::path::Path,
-    run: usize,
-    period_us: f64,
-) -> anyhow::Result<(f64, f64)> {
-    let out = std::env::temp_dir().join(format!("quadrant-bench-{}-{run}", std::process::id()));
-    let status = Command::new("/proc/self/exe")
-        .arg("run")
-        .arg(&options.machine)
-        .arg(program)
-        .args([
-            "--pace",
-            "lockstep",
-            "--cell",
-            &format!("bench-{}", std::process::id()),
-            "--out",
-        ])
-        .arg(&out)
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .stderr(Stdio::inherit())
-        .status()
-        .context("starting a run")?;
-    let report = std::fs::read_to_string(out.join("report.json"));
-    let _ = std::fs::remove_dir_all(&out);
-    if !status.success() {
-        bail!("a run ended with {status}");
-    }
-    let report: Value = serde_json::from_str(&report.context("reading its report")?)?;
-    let number = |key: &str| {
-        report
-            .get(key)
-            .and_then(Value::as_f64)
-            .with_context(|| format!("report.json has no {key}"))
-    };
-    let factor = number("real_time_factor")?;
+fn cell_us(options: &BenchOptions, program: &Path, period_us: f64) -> anyhow::Result<(f64, f64)> {
+    let report = run_report(&options.machine, program)?;
+    let factor = report
+        .get("real_time_factor")
+        .and_then(Value::as_f64)
+        .context("report.json has no real_time_factor")?;
     Ok((period_us / factor, factor))
 }
 
