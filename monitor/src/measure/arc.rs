@@ -3,7 +3,7 @@
 //! - *Run*: consecutive elements on one circle, in one direction, at one feed. Its samples are those taken while the
 //!   feedback named one of its elements.
 //! - *Steady*: the path speed of the setpoints is at least 99 % of the run's highest and has been for
-//!   min(50 ms, 15° of travel). Run-in, run-out and whatever a hold or an override leaves behind is skipped by this
+//!   min(100 ms, 120° of travel). Run-in, run-out and whatever a hold or an override leaves behind is skipped by this
 //!   rule. A run that is steady over less than 30° (a corner) is measured whole.
 //! - *Window* of a quadrant, in angles of the table, w the angular speed: from clip(6 ms·w, 2°, 12°) before it to
 //!   clip(50 ms·w, 8°, 40°) after it.
@@ -22,9 +22,10 @@ const SAMPLES_MAX: usize = 1 << 19;
 /// Share of the highest path speed from which motion counts as steady.
 const STEADY_SHARE: f64 = 0.99;
 /// Longest time that motion must have been steady, in s.
-const SETTLE_S: f64 = 0.050;
+/// Five time constants of a position loop of 50 1/s: the swing from the run-in's acceleration has died away.
+const SETTLE_S: f64 = 0.100;
 /// Longest angle for the same, in rad.
-const SETTLE_RAD: f64 = 15.0 * PI / 180.0;
+const SETTLE_RAD: f64 = 120.0 * PI / 180.0;
 /// Shortest steady part that a measurement is limited to, in rad.
 const STEADY_RAD_MIN: f64 = 30.0 * PI / 180.0;
 /// Angular bins of the curve kept for plots, per turn.
