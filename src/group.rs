@@ -85,7 +85,7 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
         arguments: vec!["planner".into(), "--program".into(), path(&plan.program)],
     });
     roles.push(Role {
-        name: "machine".into(),
+        name: "plant-sim".into(),
         job: Job::Machine,
         axis: 0,
         arguments: vec![

@@ -1,7 +1,10 @@
 //! Logs: every process writes lines to its standard error; the launcher forwards its children's with their names.
 
-use std::io::{BufRead, BufReader, IsTerminal};
+use std::io::{BufRead, BufReader, IsTerminal, Write};
 use std::process::ChildStderr;
+use std::sync::OnceLock;
+
+use indicatif::ProgressBar;
 
 use tracing_subscriber::EnvFilter;
 
@@ -12,11 +15,35 @@ fn filter(default: &str) -> EnvFilter {
     EnvFilter::try_from_env(FILTER_VARIABLE).unwrap_or_else(|_| EnvFilter::new(default))
 }
 
+/// The progress bar that stands below the log, once there is one.
+static BAR: OnceLock<ProgressBar> = OnceLock::new();
+
+/// Keeps this bar out of the way of log lines.
+pub fn write_above(bar: &ProgressBar) {
+    let _ = BAR.set(bar.clone());
+}
+
+/// Standard error, with the progress bar taken away while a line is written.
+struct AboveTheBar;
+
+impl Write for AboveTheBar {
+    fn write(&mut self, buffer: &[u8]) -> std::io::Result<usize> {
+        match BAR.get() {
+            Some(bar) => bar.suspend(|| std::io::stderr().write(buffer)),
+            None => std::io::stderr().write(buffer),
+        }
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        std::io::stderr().flush()
+    }
+}
+
 /// Logging of the launcher and of commands that run alone.
 pub fn init_launcher() {
     let _ = tracing_subscriber::fmt()
         .with_env_filter(filter("info"))
-        .with_writer(std::io::stderr)
+        .with_writer(|| AboveTheBar)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
         .without_time()

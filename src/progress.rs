@@ -34,6 +34,7 @@ impl Progress {
         if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} %  {msg}") {
             bar.set_style(style);
         }
+        crate::logs::write_above(&bar);
         Progress {
             bar,
             feedback,

@@ -66,7 +66,7 @@ fn a_killed_machine_side_ends_the_cell() {
     let (run, _) = killed("quadrant plant-sim");
     assert_eq!(run.status(), 1, "{}", run.stderr());
     assert!(
-        run.stderr().contains("machine killed by signal 9"),
+        run.stderr().contains("plant-sim killed by signal 9"),
         "{}",
         run.stderr()
     );

@@ -244,6 +244,27 @@ impl Trigger {
     }
 }
 
+/// Form of the kick; the same area whatever the form.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Default)]
+#[serde(rename_all = "kebab-case")]
+pub enum KickShape {
+    /// The source's own: `kick_mm_s` for `kick_ms`.
+    #[default]
+    Constant,
+    /// Follows friction as it turns round over `presliding_um`, from at most `kick_mm_s` decaying with `kick_ms`.
+    Decaying,
+}
+
+impl KickShape {
+    /// The word in machine files and reports.
+    pub fn word(self) -> &'static str {
+        match self {
+            KickShape::Constant => "constant",
+            KickShape::Decaying => "decaying",
+        }
+    }
+}
+
 /// Reversal compensation.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -256,12 +277,18 @@ pub struct Reversal {
     /// What starts the kick.
     #[serde(default)]
     pub trigger: Trigger,
+    /// Form of the kick.
+    #[serde(default)]
+    pub shape: KickShape,
     /// Height of the kick, in mm/s.
     #[serde(default)]
     pub kick_mm_s: f64,
-    /// Its length Tb, in ms.
+    /// Its length Tb, in ms; of a decaying one its decay time τ.
     #[serde(default)]
     pub kick_ms: f64,
+    /// Distance on which friction turns round by 63 %, in µm; 0 turns it at once. Of decaying kicks only.
+    #[serde(default)]
+    pub presliding_um: f64,
     /// How long before the reversal of the command it starts, in ms; K = lead/(2·Ts²).
     #[serde(default)]
     pub lead_ms: f64,

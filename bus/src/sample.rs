@@ -317,7 +317,7 @@ pub struct Instruments {
 /// Everything a servo remembers from one scan to the next: carried in each command, so that another controller of the
 /// axis can go on from it to the bit.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/ControllerState/1")]
+#[type_name("quadrant/ControllerState/2")]
 #[repr(C)]
 pub struct ControllerState {
     /// Position command of the scan before, in increments, without compensation.
@@ -342,9 +342,13 @@ pub struct ControllerState {
     pub trigger_speed_mm_s: f64,
     /// Kick now being output, in mm/s, signed.
     pub kick_mm_s: f64,
+    /// Trigger amplitude A the running kick was started with, in mm/s.
+    pub kick_trigger_mm_s: f64,
+    /// Distance since the running kick's reversal, seen one lead ahead, in mm.
+    pub kick_distance_mm: f64,
     /// Spare for methods that come later; zero.
-    pub reserved: [f64; 4],
-    /// Scans the running kick still lasts.
+    pub reserved: [f64; 2],
+    /// Scans the running kick still lasts, at most.
     pub kick_remaining_scans: u32,
     /// 0 nothing; 1 a reversal is announced and its kick has not started (F1 of the source); 2 its kick has started
     /// ahead of it; 3 the command has reversed and the kick has not started yet.
@@ -359,13 +363,13 @@ pub struct ControllerState {
     pub initialised: u32,
     /// [`Cause`] of the stop this axis asked for, held until the drives are off or tripped.
     pub cause: u32,
-    /// Kept zero.
-    pub spare: u32,
+    /// Direction the last kick was started in: −1, 0 (none yet) or 1.
+    pub kick_direction: i32,
 }
 
 /// What one servo asks of its drive for one scan.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/AxisCommand/1")]
+#[type_name("quadrant/AxisCommand/2")]
 #[repr(C)]
 pub struct AxisCommand {
     /// Scan whose feedback this answers; takes effect one scan later.

@@ -14,6 +14,47 @@ use crate::feed_forward::MovementCommands;
 /// start by more than a twentieth of the lead (PHYSICS §4).
 pub const DIFFERENCE_MIN_INCREMENTS: i64 = 20;
 
+/// Distance, in multiples of the presliding distance, after which friction counts as turned round (e⁻⁵ = 0.7 % is left).
+const TURNED_DISTANCES: f64 = 5.0;
+/// Part of its full height below which a decaying kick is over.
+const KICK_OVER_PART: f64 = 0.01;
+/// Longest decaying kick, in s. Slower friction is no kick any more: the velocity integrator follows it within Ti.
+const KICK_S_MAX: f64 = 1.0;
+
+/// Form of the kick; its area `∫kick dt = 2F/Ki` is the same in all of them.
+///
+/// The velocity loop gives `Kv·(e + ∫e dt/Ti)`. Before the reversal its integrator holds +F, afterwards it must hold −F:
+/// whoever wants that without a position error has to hand it the area 2F/Ki (Ki = Kv/Ti) as a velocity error.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum KickShape {
+    /// `kick_mm_s` for `kick_scans` scans, then nothing. Source: \[Fanuc\], METHODS §2.
+    Constant,
+    /// The kick that puts friction itself on the loop, as friction turns round. Our own derivation; that a decaying kick is
+    /// better than a constant one was measured before it was derived (PHYSICS §4).
+    ///
+    /// A kick that causes no motion of its own satisfies `Kv·(k + ∫k dt/Ti) = ΔF(t)`, ΔF being what friction has turned by,
+    /// so `dk/dt + k/Ti = (dΔF/dt)/Kv`: each bit of friction enters with height ΔF/Kv and decays with Ti. Friction
+    /// turns round over a distance, `ΔF = 2F·(1 − exp(−d/d0))` (PHYSICS §1.2; the exponential is the smoothest curve of one
+    /// parameter), whence per scan
+    ///
+    /// `k ← k·exp(−Tp/τ) + s·h·[exp(−d/d0) before − after]`, τ = Ti, h = 2F/Kv, d = ∫ max(0, s·speed + A) dt.
+    ///
+    /// `s·speed + A` is the trigger's own quantity: with `A = lead·a` it is the speed the command has one lead later, so d is
+    /// the distance of the command since its reversal, seen one lead ahead. At high acceleration friction has turned before
+    /// the kick has decayed, a kick of height h; at low acceleration it takes `sqrt(2·d/a)` and the kick is as much flatter
+    /// and longer. Kicks add up, for the equation is linear; and by Masing's rule ΔF is the same function of the distance
+    /// wherever a reversal began, so a short way back gets only its part.
+    ///
+    /// Limits: d0 = 0 is friction that turns at once, a plain decaying kick. It is over, and 0, once d exceeds
+    /// 5·d0 and k is below 1 % of h, after 1 s in any case. A command that stops loses nothing: A keeps d growing.
+    Decaying {
+        /// Decay time τ, in scans.
+        decay_scans: f64,
+        /// Presliding distance d0, in mm: on it friction turns by 63 %.
+        presliding_mm: f64,
+    },
+}
+
 /// How far a reversal has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Announcement {
@@ -49,9 +90,13 @@ pub struct BacklashAcceleration {
     pub period_s: f64,
     /// Axis units per increment, in mm.
     pub increment_mm: f64,
+    /// Scan period Tp, in s.
+    pub scan_s: f64,
+    /// Form of the kick.
+    pub shape: KickShape,
     /// Height of the kick, in mm/s; 0 switches it off.
     pub kick_mm_s: f64,
-    /// Length of the kick Tb, in scans.
+    /// Length Tb of a constant kick, in scans.
     pub kick_scans: u32,
 }
 
@@ -64,8 +109,14 @@ pub struct ReversalState {
     pub trigger_speed_mm_s: f64,
     /// Kick being output, signed, in mm/s.
     pub kick_mm_s: f64,
-    /// Scans it still lasts.
+    /// Scans it still lasts, at most.
     pub kick_remaining_scans: u32,
+    /// Direction it was started in: −1, 0 (none yet) or 1.
+    pub kick_direction: i32,
+    /// A it was started with, in mm/s.
+    pub kick_trigger_mm_s: f64,
+    /// Distance since its reversal, seen one lead ahead, in mm.
+    pub kick_distance_mm: f64,
     /// Kicks started.
     pub kicks: u32,
 }
@@ -128,14 +179,19 @@ impl BacklashAcceleration {
         } else {
             speed > 0.0
         };
+        let mut starts = false;
         if new_direction != 0 && due {
             state.announcement = match state.announcement {
                 Announcement::Ahead => Announcement::Answered,
                 _ => Announcement::None,
             };
-            if self.kick_mm_s != 0.0 && self.kick_scans > 0 {
-                state.kick_mm_s = sign * self.kick_mm_s;
-                state.kick_remaining_scans = self.kick_scans;
+            let longest_scans = self.longest_scans();
+            if self.kick_mm_s != 0.0 && longest_scans > 0 {
+                starts = true;
+                state.kick_remaining_scans = longest_scans;
+                state.kick_direction = new_direction;
+                state.kick_trigger_mm_s = a;
+                state.kick_distance_mm = 0.0;
                 state.kicks = state.kicks.wrapping_add(1);
             }
         }
@@ -144,7 +200,62 @@ impl BacklashAcceleration {
             return 0.0;
         }
         state.kick_remaining_scans -= 1;
+        match self.shape {
+            KickShape::Constant => {
+                state.kick_mm_s = f64::from(state.kick_direction) * self.kick_mm_s;
+            }
+            KickShape::Decaying {
+                decay_scans,
+                presliding_mm,
+            } => self.decay(state, speed_mm_s, decay_scans, presliding_mm, starts),
+        }
         state.kick_mm_s
+    }
+
+    /// Scans after which a kick is over in any case.
+    fn longest_scans(&self) -> u32 {
+        match self.shape {
+            KickShape::Constant => self.kick_scans,
+            KickShape::Decaying { .. } => libm::ceil(KICK_S_MAX / self.scan_s) as u32,
+        }
+    }
+
+    /// One scan of [`KickShape::Decaying`].
+    fn decay(
+        &self,
+        state: &mut ReversalState,
+        speed_mm_s: f64,
+        decay_scans: f64,
+        presliding_mm: f64,
+        starts: bool,
+    ) {
+        let sign = f64::from(state.kick_direction);
+        let turned = |distance_mm: f64| {
+            if presliding_mm > 0.0 {
+                1.0 - libm::exp(-distance_mm / presliding_mm)
+            } else {
+                1.0
+            }
+        };
+        let before = if starts {
+            0.0
+        } else {
+            turned(state.kick_distance_mm)
+        };
+        let speed_ahead_mm_s = sign * speed_mm_s + state.kick_trigger_mm_s;
+        if speed_ahead_mm_s > 0.0 {
+            state.kick_distance_mm += speed_ahead_mm_s * self.scan_s;
+        }
+        // Mean of the decay over a scan: the output is held for one, and the area is to be h·τ whatever Tp is.
+        let decay = libm::exp(-1.0 / decay_scans);
+        let held = (1.0 - decay) * decay_scans;
+        let step_mm_s = held * self.kick_mm_s * (turned(state.kick_distance_mm) - before);
+        state.kick_mm_s = state.kick_mm_s * decay + sign * step_mm_s;
+        let all_turned = state.kick_distance_mm >= TURNED_DISTANCES * presliding_mm;
+        if all_turned && libm::fabs(state.kick_mm_s) < KICK_OVER_PART * self.kick_mm_s {
+            state.kick_mm_s = 0.0;
+            state.kick_remaining_scans = 0;
+        }
     }
 }
 
@@ -237,6 +348,8 @@ mod tests {
                 lead_s: self.lead_s,
                 period_s: self.scan_s * f64::from(self.scans_per_period),
                 increment_mm: 1e-6,
+                scan_s: self.scan_s,
+                shape: KickShape::Constant,
                 kick_mm_s: 1.0,
                 kick_scans: 10,
             }
@@ -407,6 +520,115 @@ mod tests {
         assert_eq!(kicks[..10], [-1.0; 10]);
         assert_eq!(kicks[10..], [0.0; 2]);
         assert_eq!(state.kick_mm_s, 0.0);
+    }
+
+    fn decaying(presliding_mm: f64) -> BacklashAcceleration {
+        BacklashAcceleration {
+            shape: KickShape::Decaying {
+                decay_scans: 10.0,
+                presliding_mm,
+            },
+            kick_mm_s: 3.5,
+            ..XY.block()
+        }
+    }
+
+    /// Kicks of a reversal with this acceleration, whose trigger is reached in the first scan.
+    fn reversal(block: &BacklashAcceleration, acceleration_mm_s2: f64) -> Vec<f64> {
+        let trigger_speed_mm_s = acceleration_mm_s2 * block.lead_s;
+        let mut state = ReversalState {
+            announcement: Announcement::Ahead,
+            trigger_speed_mm_s,
+            ..ReversalState::default()
+        };
+        let mut kicks = Vec::new();
+        for k in 0..1500 {
+            let direction = if f64::from(k) * block.scan_s < block.lead_s {
+                -1
+            } else {
+                1
+            };
+            let speed = acceleration_mm_s2 * f64::from(k) * block.scan_s - trigger_speed_mm_s;
+            kicks.push(block.update(&mut state, direction, speed));
+        }
+        assert_eq!(state.kicks, 1);
+        assert_eq!((state.kick_mm_s, state.kick_remaining_scans), (0.0, 0));
+        kicks
+    }
+
+    #[test]
+    fn a_decaying_kick_has_the_same_area_at_every_acceleration_and_ends_at_rest() {
+        for presliding_mm in [0.0, 0.008] {
+            // R150 F0.5 to R10 F10.
+            for acceleration_mm_s2 in [0.46, 2.8, 100.0, 2800.0] {
+                let kicks = reversal(&decaying(presliding_mm), acceleration_mm_s2);
+                let area_um: f64 = kicks.iter().sum();
+                assert!(
+                    (34.0..=35.0).contains(&area_um),
+                    "{presliding_mm} mm, {acceleration_mm_s2} mm/s²: {area_um}"
+                );
+                assert!(kicks.iter().all(|k| *k >= 0.0));
+            }
+        }
+    }
+
+    #[test]
+    fn a_decaying_kick_lasts_as_long_as_friction_takes_to_turn_round() {
+        let height = |acceleration: f64| {
+            let kicks = reversal(&decaying(0.008), acceleration);
+            let peak = kicks.iter().copied().fold(0.0, f64::max);
+            (peak, kicks.iter().filter(|k| **k > 0.2 * peak).count())
+        };
+        let (fast_mm_s, fast_scans) = height(2800.0);
+        let (slow_mm_s, slow_scans) = height(2.8);
+        // At once, it would be 3.33 mm/s (h, mean over a scan) and 16 scans (ln 5 · τ).
+        assert!((2.4..3.33).contains(&fast_mm_s), "{fast_mm_s}");
+        assert!((16..22).contains(&fast_scans), "{fast_scans}");
+        // sqrt(2·8 µm/a) is 76 ms.
+        assert!((0.2..0.5).contains(&slow_mm_s), "{slow_mm_s}");
+        assert!((76..152).contains(&slow_scans), "{slow_scans}");
+    }
+
+    #[test]
+    fn friction_that_turns_at_once_gets_a_plain_exponential() {
+        let kicks = reversal(&decaying(0.0), 100.0);
+        assert!((kicks[0] - 3.5 * 10.0 * (1.0 - libm::exp(-0.1))).abs() < 1e-12);
+        for pair in kicks.windows(2).filter(|pair| pair[1] > 0.0) {
+            assert!((pair[1] / pair[0] - libm::exp(-0.1)).abs() < 1e-12);
+        }
+        assert_eq!(kicks[50..], [0.0; 1450]);
+    }
+
+    #[test]
+    fn a_decaying_kick_whose_command_stops_or_turns_away_ends_at_rest() {
+        let block = decaying(0.008);
+        for (acceleration_mm_s2, speed_mm_s) in
+            [(100.0, 0.0), (0.0, 0.0), (100.0, -50.0), (100.0, f64::NAN)]
+        {
+            let mut state = ReversalState {
+                announcement: Announcement::Ahead,
+                trigger_speed_mm_s: acceleration_mm_s2 * block.lead_s,
+                ..ReversalState::default()
+            };
+            block.update(&mut state, -1, 1.0);
+            assert_eq!((state.kicks, state.kick_direction), (1, 1));
+            for _ in 0..1000 {
+                let kick = block.update(&mut state, 1, speed_mm_s);
+                assert!((0.0..3.5).contains(&kick), "{speed_mm_s}: {kick}");
+            }
+            assert_eq!((state.kick_mm_s, state.kick_remaining_scans), (0.0, 0));
+        }
+    }
+
+    #[test]
+    fn a_second_reversal_adds_its_kick_to_what_is_left_of_the_first() {
+        let block = decaying(0.0);
+        let mut state = ReversalState::default();
+        block.reversed(&mut state);
+        let first = block.update(&mut state, 1, 0.1);
+        block.reversed(&mut state);
+        let second = block.update(&mut state, -1, -0.1);
+        assert!((second - first * (libm::exp(-0.1) - 1.0)).abs() < 1e-12);
     }
 
     #[test]

@@ -349,7 +349,7 @@ impl Cell {
 /// [`MachineSideError`]; whatever happens, the feedback marked last has been sent if scans ever ran.
 pub fn run(options: &Options) -> Result<(), MachineSideError> {
     let plant = PlantFile::load(&options.plant)?;
-    let member = Member::enter(options.seat.clone(), "machine")?;
+    let member = Member::enter(options.seat.clone(), "plant-sim")?;
     let ports = Ports::open(&member)?;
     let mut simulations = plant.simulations(&member.machine)?;
     let first_scan = restore(&member, &mut simulations)?;

@@ -430,6 +430,9 @@ impl Servo {
             trigger_speed_mm_s: self.state.trigger_speed_mm_s,
             kick_mm_s: self.state.kick_mm_s,
             kick_remaining_scans: self.state.kick_remaining_scans,
+            kick_direction: self.state.kick_direction,
+            kick_trigger_mm_s: self.state.kick_trigger_mm_s,
+            kick_distance_mm: self.state.kick_distance_mm,
             kicks: self.state.kicks,
         };
         if reversed {
@@ -448,6 +451,9 @@ impl Servo {
         self.state.trigger_speed_mm_s = reversal.trigger_speed_mm_s;
         self.state.kick_mm_s = reversal.kick_mm_s;
         self.state.kick_remaining_scans = reversal.kick_remaining_scans;
+        self.state.kick_direction = reversal.kick_direction;
+        self.state.kick_trigger_mm_s = reversal.kick_trigger_mm_s;
+        self.state.kick_distance_mm = reversal.kick_distance_mm;
         self.state.kicks = reversal.kicks;
         kick_mm_s
     }

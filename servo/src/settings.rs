@@ -6,11 +6,13 @@
     clippy::indexing_slicing
 )]
 
-use bus::machine::{Axis, DriveMode, Machine, PositionFeedback, ReversalMethod};
+use bus::machine::{
+    Axis, DriveMode, KickShape as ShapeSetting, Machine, PositionFeedback, ReversalMethod,
+};
 use control::backlash::Backlash;
 use control::feed_forward::FeedForward;
 use control::guards::AxisGuards;
-use control::reversal::BacklashAcceleration;
+use control::reversal::{BacklashAcceleration, KickShape};
 use control::velocity_loop::VelocityLoop;
 
 /// Speed commands may be that much above the rapid traverse before they trip: position loop and kicks add to the rows.
@@ -128,6 +130,14 @@ impl ServoSettings {
                 lead_s: reversal.lead_ms * 1e-3,
                 period_s: machine.distribution_period_s(),
                 increment_mm,
+                scan_s,
+                shape: match reversal.shape {
+                    ShapeSetting::Constant => KickShape::Constant,
+                    ShapeSetting::Decaying => KickShape::Decaying {
+                        decay_scans: reversal.kick_ms * 1e-3 / scan_s,
+                        presliding_mm: reversal.presliding_um * 1e-3,
+                    },
+                },
                 kick_mm_s: if kicks { reversal.kick_mm_s } else { 0.0 },
                 kick_scans: libm::round(reversal.kick_ms * 1e-3 / scan_s) as u32,
             },

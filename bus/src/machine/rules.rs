@@ -2,7 +2,7 @@
 
 use toml_edit::{Document, Item};
 
-use super::{DriveMode, Machine, ReversalMethod, is_cell_name};
+use super::{DriveMode, KickShape, Machine, ReversalMethod, is_cell_name};
 use crate::sample::{MAX_AXES, MAX_SUBSAMPLES};
 
 /// Letters a part program can move.
@@ -389,6 +389,24 @@ fn axis_loops(rules: &mut Rules, machine: &Machine, axis: &super::Axis, at: Opti
         (0.0, 1000.0),
         false,
     );
+    rules.range(
+        &["reversal", "presliding_um"],
+        at,
+        reversal.presliding_um,
+        "µm",
+        (0.0, 1000.0),
+        false,
+    );
+    if reversal.shape == KickShape::Constant && reversal.presliding_um > 0.0 {
+        rules.say(
+            &["reversal", "presliding_um"],
+            at,
+            &format!(
+                "= {} µm: needs shape = \"decaying\", a constant kick does not follow the distance",
+                reversal.presliding_um
+            ),
+        );
+    }
     rules.range(
         &["reversal", "lead_ms"],
         at,

@@ -29,8 +29,9 @@ table!(
 );
 table!(
     ControllerState: command_position, feedback_position, command_position_before, scan, period_start,
-    period_start_before, backlash_mm, integrator_nm, velocity_mm_s, trigger_speed_mm_s, kick_mm_s, reserved,
-    kick_remaining_scans, armed, direction, torque_limited_scans, kicks, initialised, cause, spare,
+    period_start_before, backlash_mm, integrator_nm, velocity_mm_s, trigger_speed_mm_s, kick_mm_s,
+    kick_trigger_mm_s, kick_distance_mm, reserved, kick_remaining_scans, armed, direction, torque_limited_scans, kicks,
+    initialised, cause, kick_direction,
 );
 table!(
     AxisCommand: scan, visible_from, position, velocity_mm_s, torque_nm, feed_forward_mm_s, following_error_mm,
