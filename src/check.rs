@@ -14,8 +14,9 @@ use plant_sim::plant_file::PlantFile;
 use program::{Program, Setup};
 
 use crate::cli::{CheckOptions, PlanOptions};
-use crate::exit::{Kind, Outcome};
+use crate::exit::{Failure, Kind, Outcome};
 use crate::logs;
+use crate::output::say;
 
 /// What was checked.
 #[derive(Debug)]
@@ -100,7 +101,7 @@ pub fn check(options: &CheckOptions) -> Outcome {
     logs::init_launcher();
     let checked = load(&options.machine, options.program.as_deref()).input()?;
     let machine = &checked.machine;
-    println!(
+    say(&format!(
         "machine {}: {} axes ({}), scan {} µs, distribution period {} scans: good",
         machine.name,
         machine.axes.len(),
@@ -112,7 +113,7 @@ pub fn check(options: &CheckOptions) -> Outcome {
             .join(" "),
         machine.scan.period_us,
         machine.scan.distribution_period_scans
-    );
+    ));
     if checked.program.is_some() {
         let totals = checked.walk(|_| ControlFlow::Continue(())).input()?;
         print_totals(&checked, &totals);
@@ -125,17 +126,17 @@ pub fn plan(options: &PlanOptions) -> Outcome {
     logs::init_launcher();
     let checked = load(&options.machine, Some(&options.program)).input()?;
     let totals = match &options.csv {
-        Some(file) => write_csv(&checked, file).environment()?,
+        Some(file) => write_csv(&checked, file)?,
         None => checked.walk(|_| ControlFlow::Continue(())).input()?,
     };
     print_totals(&checked, &totals);
     Ok(())
 }
 
-fn write_csv(checked: &Checked, file: &Path) -> anyhow::Result<Totals> {
+fn write_csv(checked: &Checked, file: &Path) -> Result<Totals, Failure> {
     let named = || format!("{}: cannot be written", file.display());
     let program = checked.program.as_ref();
-    let mut out = BufWriter::new(File::create(file).with_context(named)?);
+    let mut out = BufWriter::new(File::create(file).with_context(named).environment()?);
     let axes = &checked.machine.axes;
     let columns: Vec<String> = axes
         .iter()
@@ -146,33 +147,39 @@ fn write_csv(checked: &Checked, file: &Path) -> anyhow::Result<Totals> {
         "scan,line,element,distance_mm,path_velocity_mm_s,{}",
         columns.join(",")
     )
-    .with_context(named)?;
+    .with_context(named)
+    .environment()?;
     let mut scan = 0u64;
     let mut result = Ok(());
-    let totals = checked.walk(|row| {
-        let state = &row.state;
-        let line = program
-            .and_then(|p| p.path.line_of(state.element as usize))
-            .unwrap_or(0);
-        result = write!(
-            out,
-            "{scan},{line},{},{:.9},{:.6}",
-            state.element, state.distance_mm, state.speed_mm_s
-        )
-        .and_then(|()| {
-            for (axis, position) in axes.iter().zip(row.position_increments) {
-                write!(out, ",{:.6}", position as f64 * axis.increment_mm())?;
+    let totals = checked
+        .walk(|row| {
+            let state = &row.state;
+            let line = program
+                .and_then(|p| p.path.line_of(state.element as usize))
+                .unwrap_or(0);
+            result = write!(
+                out,
+                "{scan},{line},{},{:.9},{:.6}",
+                state.element, state.distance_mm, state.speed_mm_s
+            )
+            .and_then(|()| {
+                for (axis, position) in axes.iter().zip(row.position_increments) {
+                    write!(out, ",{:.6}", position as f64 * axis.increment_mm())?;
+                }
+                writeln!(out)
+            });
+            scan += 1;
+            if result.is_ok() {
+                ControlFlow::Continue(())
+            } else {
+                ControlFlow::Break(())
             }
-            writeln!(out)
-        });
-        scan += 1;
-        if result.is_ok() {
-            ControlFlow::Continue(())
-        } else {
-            ControlFlow::Break(())
-        }
-    })?;
-    result.and_then(|()| out.flush()).with_context(named)?;
+        })
+        .input()?;
+    result
+        .and_then(|()| out.flush())
+        .with_context(named)
+        .environment()?;
     Ok(totals)
 }
 
@@ -180,31 +187,31 @@ fn print_totals(checked: &Checked, totals: &Totals) {
     let Some(program) = &checked.program else {
         return;
     };
-    println!(
+    say(&format!(
         "program {}: {} elements, {:.3} mm, {:.3} s, {} rows: good",
         program.name,
         program.path.elements.len(),
         totals.distance_mm,
         totals.time_s,
         totals.rows
-    );
+    ));
     for (index, axis) in checked.machine.axes.iter().enumerate() {
         let share = |shares: &[f64]| shares.get(index).copied().unwrap_or(0.0) * 100.0;
-        println!(
+        say(&format!(
             "  axis {}: at most {:5.1} % of {} mm/s, {:5.1} % of {} mm/s²",
             axis.name,
             share(&totals.shares.velocity),
             axis.rapid_mm_s,
             share(&totals.shares.acceleration),
             axis.acceleration_mm_s2
-        );
+        ));
     }
     if let Some(speed_mm_s) = totals.speed_limited_by_window_mm_s {
-        println!(
+        say(&format!(
             "  path speed limited to {speed_mm_s:.1} mm/s: braking from more does not fit a window"
-        );
+        ));
     }
     for note in &program.notes {
-        println!("  line {}: {}", note.line, note.text);
+        say(&format!("  line {}: {}", note.line, note.text));
     }
 }

@@ -149,6 +149,9 @@ pub struct SeatOptions {
     /// Which process in that place this is
     #[arg(long, default_value_t = 1)]
     pub incarnation: u32,
+    /// Process id of the launcher whose cell this is
+    #[arg(long)]
+    pub launcher: u32,
     /// Pace of the cell
     #[arg(long, value_parser = ["realtime", "lockstep"])]
     pub pace: String,
@@ -167,6 +170,7 @@ impl SeatOptions {
             machine: self.machine.clone(),
             place: self.place,
             incarnation: self.incarnation,
+            launcher: self.launcher,
             pace: self.pace.parse().unwrap_or(Pace::Lockstep),
             core: self.core,
             avoid_core: self.avoid_core,

@@ -5,6 +5,7 @@ use std::fs;
 use bus::realtime::{self, Priority};
 
 use crate::exit::Outcome;
+use crate::output::say;
 
 const TIMER_SAMPLES: usize = 500;
 
@@ -111,7 +112,7 @@ fn row(what: &str, found: &str, advice: &str) {
     } else {
         format!("\n{:21} -> {advice}", "")
     };
-    println!("{what:20} {found}{advice}");
+    say(&format!("{what:20} {found}{advice}"));
 }
 
 fn yes_no(yes: bool) -> &'static str {

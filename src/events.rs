@@ -42,6 +42,8 @@ impl<'a> Event<'a> {
 #[derive(Debug)]
 pub struct Events {
     file: File,
+    /// How many deaths have been written.
+    pub deaths_noted: usize,
 }
 
 impl Events {
@@ -53,7 +55,10 @@ impl Events {
         let path = run_dir.join("events.jsonl");
         let file = File::create(&path)
             .with_context(|| format!("{}: cannot be written", path.display()))?;
-        Ok(Events { file })
+        Ok(Events {
+            file,
+            deaths_noted: 0,
+        })
     }
 
     /// Writes one; a full disk costs the line and a warning, not the run.

@@ -167,7 +167,8 @@ fn lockstep_core(pace: Pace) -> Option<usize> {
 }
 
 impl Group {
-    /// Creates the cell's services and starts all roles; returns when every one of them is ready.
+    /// Creates the cell's services and starts all roles; returns when every one of them is ready. Scans run from
+    /// [`Group::begin`] on, so that whoever wants to see the first has time to listen.
     ///
     /// # Errors
     /// The cell is taken, the environment refuses, a process ends or does not get ready. Nothing is left running.
@@ -197,9 +198,13 @@ impl Group {
             group.spawn(&place, plan, index, role, core)?;
         }
         group.wait_until_ready(interrupted)?;
-        group.publish_roster();
-        group.page.set_phase(CellPhase::Running);
         Ok(group)
+    }
+
+    /// Lets the scans begin.
+    pub fn begin(&mut self) {
+        self.publish_roster();
+        self.page.set_phase(CellPhase::Running);
     }
 
     fn spawn(
@@ -218,6 +223,7 @@ impl Group {
             .arg(&plan.machine_file)
             .args(["--pace", plan.pace.word()])
             .args(["--place", &index.to_string(), "--incarnation", "1"])
+            .args(["--launcher", &std::process::id().to_string()])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
@@ -234,7 +240,12 @@ impl Group {
         let mut child = command
             .spawn()
             .with_context(|| format!("starting {}", role.name))?;
-        let ended = watch(child.id()).with_context(|| format!("watching {}", role.name))?;
+        let ended = watch(child.id()).or_else(|error| {
+            // Nobody else knows of it yet.
+            let _ = child.kill();
+            let _ = child.wait();
+            Err(error).with_context(|| format!("watching {}", role.name))
+        })?;
         let log = child
             .stderr
             .take()
@@ -369,6 +380,10 @@ impl Group {
             deaths.extend(self.reap());
             if self.living().next().is_none() {
                 return deaths;
+            }
+            if started.elapsed() > limit / 2 && self.page.phase() != CellPhase::Ending {
+                // Whoever still waits for a last feedback waits in vain.
+                self.page.set_phase(CellPhase::Ending);
             }
             let mut fds: Vec<_> = self
                 .descriptors()

@@ -8,6 +8,7 @@ mod events;
 mod exit;
 mod group;
 mod logs;
+mod output;
 mod progress;
 mod report;
 mod roles;

@@ -8,6 +8,7 @@ use anyhow::Context;
 use crate::cli::ReportOptions;
 use crate::exit::{Kind, Outcome};
 use crate::logs;
+use crate::output::say;
 
 /// Makes report.json, report.txt and the plots of a run directory; the text.
 ///
@@ -25,9 +26,9 @@ pub fn report(options: &ReportOptions) -> Outcome {
     let text = make(&options.run_dir).input()?;
     if options.json {
         let json = options.run_dir.join("report.json");
-        println!("{}", fs::read_to_string(json).input()?);
+        say(&format!("{}", fs::read_to_string(json).input()?));
     } else {
-        println!("{text}");
+        say(&format!("{text}"));
     }
     Ok(())
 }

@@ -1,7 +1,7 @@
 //! `quadrant run`: check everything, start the group, supervise it, stop it, write the report.
 
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use bus::cell::CellPlace;
@@ -17,11 +17,14 @@ use crate::cli::{CleanOptions, RunOptions};
 use crate::events::{Event, Events};
 use crate::exit::{Failure, Kind, Outcome};
 use crate::group::{Death, Group, LEAVE_LIMIT, LEAVE_LIMIT_AFTER_MACHINE, Plan};
+use crate::output::say;
 use crate::progress::{LOOK_EVERY, Progress};
 use crate::run_dir::{RunDir, Sources, default_folder};
 use crate::signals::Signals;
 use crate::{doctor, logs, report};
 
+/// So long the machine may take to come to rest once it was told to.
+const STOP_LIMIT: Duration = Duration::from_secs(15);
 /// Members of a dead launcher get so long to stop on the path and leave.
 const MEMBERS_PATIENCE: Duration = Duration::from_secs(10);
 
@@ -53,6 +56,14 @@ pub fn run(options: &RunOptions) -> Outcome {
         },
     )
     .environment()?;
+    // What runs is what was copied: checked once more, in case someone edited it meanwhile.
+    let checked = match check::load(&run_dir.machine, Some(&run_dir.program)) {
+        Ok(checked) => checked,
+        Err(error) => {
+            let _ = std::fs::remove_dir_all(&run_dir.folder);
+            return Err(Failure::Input(error));
+        }
+    };
     if options.pace() == Pace::Realtime {
         doctor::say_what_realtime_lacks();
     }
@@ -77,7 +88,9 @@ pub fn run(options: &RunOptions) -> Outcome {
             ..Event::of_cell(0, "started", None)
         });
     }
-    let ending = supervise(&mut group, &checked, &signals, &mut events).environment()?;
+    let watch = Watch::new(&group, &checked).environment()?;
+    group.begin();
+    let ending = supervise(&mut group, &checked, watch, &signals, &mut events);
     drop(group);
     let made = report::make(&run_dir.folder);
     conclude(ending, made, &run_dir.folder)
@@ -89,22 +102,41 @@ struct Ending {
     last: Option<Feedback>,
     deaths: Vec<Death>,
     interruptions: u32,
+    /// The machine side left by itself; it was not killed.
+    in_order: bool,
     axes: Vec<String>,
+}
+
+/// The launcher's own looks into the cell; made before the scans begin, so that it sees also the shortest run.
+struct Watch {
+    progress: Progress,
+    operator: OperatorClient,
+}
+
+impl Watch {
+    fn new(group: &Group, checked: &Checked) -> anyhow::Result<Watch> {
+        let mut progress = Progress::new(
+            group.bus.feedback_reader(1)?,
+            group.bus.planner_reader(1)?,
+            checked.machine.scan_period_s(),
+        );
+        // A reader is connected from its first look on.
+        progress.look(None);
+        Ok(Watch {
+            progress,
+            operator: group.bus.operator_client()?,
+        })
+    }
 }
 
 /// Watches the group until its machine side has ended, and stops it in order when asked to or when it has to.
 fn supervise(
     group: &mut Group,
     checked: &Checked,
+    mut watch: Watch,
     signals: &Signals,
     events: &mut Events,
-) -> anyhow::Result<Ending> {
-    let mut progress = Progress::new(
-        group.bus.feedback_reader(1)?,
-        group.bus.planner_reader(1)?,
-        checked.machine.scan_period_s(),
-    );
-    let operator = group.bus.operator_client()?;
+) -> Ending {
     let axes: Vec<String> = checked
         .machine
         .axes
@@ -113,14 +145,22 @@ fn supervise(
         .collect();
     let path = checked.program.as_ref().map(|p| &p.path);
     let mut deaths: Vec<Death> = Vec::new();
-    let mut stopping = false;
+    let mut stop_since: Option<Instant> = None;
+    let mut tripped = false;
     while group.lives(Job::Machine) && signals.count() < 2 {
         wait(group, signals);
-        group.newest_scan = progress.look(path).map_or(0, |feedback| feedback.scan);
-        for death in group.reap() {
-            note_death(&death, group.newest_scan, events);
-            deaths.push(death);
+        let newest = watch.progress.look(path).copied();
+        group.newest_scan = newest.map_or(0, |feedback| feedback.scan);
+        if let Some(feedback) = newest
+            && feedback.mode == Mode::Tripped as u32
+            && !tripped
+        {
+            tripped = true;
+            let how = stop_words(&feedback, &axes);
+            events.write(&Event::of_cell(feedback.scan, "trip", Some(how)));
         }
+        deaths.extend(group.reap());
+        note_deaths(&deaths, group.newest_scan, events);
         let why = if signals.count() > 0 {
             Some("interrupted")
         } else if deaths.iter().any(|d| d.is_untimely(Job::Planner)) {
@@ -129,24 +169,30 @@ fn supervise(
             None
         };
         if let Some(why) = why
-            && !stopping
+            && stop_since.is_none()
+            && stop(group, &watch.operator)
         {
-            stopping = stop(group, &operator);
+            stop_since = Some(Instant::now());
             events.write(&Event::of_cell(group.newest_scan, "stop", Some(why.into())));
+            let again = if signals.count() > 0 {
+                "again"
+            } else {
+                "twice"
+            };
             tracing::info!(
-                "{why}: the tool comes to rest on the path (Ctrl-C {} stops at once)",
-                if signals.count() > 0 {
-                    "again"
-                } else {
-                    "twice"
-                }
+                "{why}: the tool comes to rest on the path (Ctrl-C {again} stops at once)"
             );
         }
+        if stop_since.is_some_and(|since| since.elapsed() > STOP_LIMIT) {
+            tracing::error!(
+                "not at rest {} s after it was told to stop",
+                STOP_LIMIT.as_secs()
+            );
+            break;
+        }
     }
-    if signals.count() > 1 {
-        tracing::warn!("stopped at once");
-        deaths.extend(group.kill());
-    } else {
+    let in_order = !group.lives(Job::Machine);
+    if in_order {
         let limit = if deaths.iter().any(|d| d.is_untimely(Job::Machine)) {
             group.page.set_phase(CellPhase::Ending);
             LEAVE_LIMIT_AFTER_MACHINE
@@ -154,31 +200,39 @@ fn supervise(
             LEAVE_LIMIT
         };
         deaths.extend(group.wait_until_left(limit));
+        note_deaths(&deaths, group.newest_scan, events);
+    } else {
+        tracing::warn!("stopped at once");
+        group.kill();
     }
-    progress.look(path);
-    progress.finish();
-    let last = progress.newest().copied();
+    watch.progress.look(path);
+    watch.progress.finish();
+    let last = watch.progress.newest().copied();
     if let Some(last) = &last {
         let how = stop_words(last, &axes);
         events.write(&Event::of_cell(last.scan, "ended", Some(how)));
     }
-    Ok(Ending {
+    Ending {
         last,
         deaths,
         interruptions: signals.count(),
+        in_order,
         axes,
-    })
+    }
 }
 
-fn note_death(death: &Death, scan: u64, events: &mut Events) {
-    if death.status.success() {
-        return;
+/// Says who died untimely; each death once.
+fn note_deaths(deaths: &[Death], scan: u64, events: &mut Events) {
+    for death in deaths.iter().skip(events.deaths_noted) {
+        if !death.status.success() {
+            tracing::error!("{} {}", death.name, death.words());
+            events.write(&Event {
+                process: Some(&death.name),
+                ..Event::of_cell(scan, "died", Some(death.words()))
+            });
+        }
     }
-    tracing::error!("{} {}", death.name, death.words());
-    events.write(&Event {
-        process: Some(&death.name),
-        ..Event::of_cell(scan, "died", Some(death.words()))
-    });
+    events.deaths_noted = deaths.len();
 }
 
 /// Asks the machine side to come to rest on the path; false if the order could not be sent.
@@ -210,21 +264,28 @@ fn wait(group: &Group, signals: &Signals) {
 fn conclude(ending: Ending, made: anyhow::Result<String>, folder: &Path) -> Outcome {
     match &made {
         Ok(text) => {
-            println!("{text}");
-            println!("Run directory: {}", folder.display());
+            say(&format!("{text}"));
+            say(&format!("Run directory: {}", folder.display()));
         }
         Err(error) => tracing::error!("no report could be made of {}: {error:#}", folder.display()),
     }
-    if let Some(death) = ending.deaths.iter().find(|d| !d.status.success())
-        && ending.interruptions == 0
-    {
+    if ending.interruptions > 1 {
+        return Err(Failure::Interrupted);
+    }
+    if !ending.in_order {
+        return Err(Failure::Stopped(anyhow!(
+            "the machine did not come to rest in order"
+        )));
+    }
+    if let Some(death) = ending.deaths.iter().find(|d| !d.status.success()) {
         if death.status.code() == Some(3) {
             return Err(Failure::Environment(anyhow!(
                 "{} could not go on",
                 death.name
             )));
         }
-        let end = ending.last.as_ref().map_or(String::new(), |f| {
+        let end = ending.last.as_ref();
+        let end = end.map_or(String::new(), |f| {
             format!(": {}", stop_words(f, &ending.axes))
         });
         return Err(Failure::Stopped(anyhow!(
@@ -233,13 +294,13 @@ fn conclude(ending: Ending, made: anyhow::Result<String>, folder: &Path) -> Outc
             death.words()
         )));
     }
-    if ending.interruptions > 0 {
-        return Err(Failure::Interrupted);
-    }
     let last = ending
         .last
         .ok_or_else(|| Failure::Environment(anyhow!("no scan ever ran")))?;
     match Mode::from_wire(last.mode) {
+        Some(Mode::Stopped) if ending.interruptions > 0 && last.cause == 0 => {
+            Err(Failure::Interrupted)
+        }
         Some(Mode::Finished) => {
             made.map_err(Failure::Environment)?;
             Ok(())
@@ -262,6 +323,13 @@ fn stop_words(feedback: &Feedback, axes: &[String]) -> String {
             "the machine tripped in scan {}: {cause}{axis}",
             feedback.scan
         ),
+        Some(mode) if feedback.cause != 0 => {
+            format!(
+                "the machine is {} in scan {}: {cause}",
+                mode.word(),
+                feedback.scan
+            )
+        }
         Some(mode) => format!("the machine is {} in scan {}", mode.word(), feedback.scan),
         None => format!(
             "the machine is in an unknown mode in scan {}",
@@ -275,6 +343,9 @@ pub fn clean(options: &CleanOptions) -> Outcome {
     logs::init_launcher();
     let place = CellPlace::new(&options.cell).input()?;
     let cell = place.own(Duration::ZERO).environment()?;
-    println!("cell {}: {} files removed", options.cell, cell.leftovers);
+    say(&format!(
+        "cell {}: {} files removed",
+        options.cell, cell.leftovers
+    ));
     Ok(())
 }

@@ -220,7 +220,7 @@ fn an_output_folder_that_cannot_be_written_or_is_not_empty_is_refused_with_3() {
 
 #[test]
 fn a_cell_of_that_name_that_already_runs_is_refused_with_3_and_goes_on() {
-    let bench = Bench::of("xy", &[("[scan]", "[scan]\nwatchdog_scans = 100")]);
+    let bench = Bench::of("xy", &[]);
     let program = bench.file("circle.ngc", &circle_program(10.0, 3000.0, (0.0, 0.0), 0.0));
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(100);
@@ -235,7 +235,9 @@ fn a_cell_of_that_name_that_already_runs_is_refused_with_3_and_goes_on() {
     let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(3), "{stderr}");
     assert!(
-        stderr.contains("already running") && stderr.contains("--cell"),
+        stderr.contains("already running")
+            && stderr.contains(&format!("launcher pid {}", cell.child.id()))
+            && stderr.contains("--cell"),
         "{stderr}"
     );
     cell.finish().good_report();

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::support::{Bench, LiveCell, Run, circle_program, run, send, text};
+use crate::support::{Bench, LiveCell, Run, circle_program, long_program, run, send, text};
 
 fn digests(report: &Value) -> (String, String) {
     (text(report, "/digest"), text(report, "/motion_digest"))
@@ -82,7 +82,8 @@ impl Random {
 /// Every process of the group is stopped and let go again at random instants, wherever in its scan it happens to be.
 #[test]
 fn processes_delayed_at_random_instants_change_no_bit() {
-    let (bench, program) = bench();
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("long.ngc", &long_program());
     let undisturbed = finished(run(bench.path(), &program));
     for seed in [1, 2, 3] {
         let mut random = Random(seed);

@@ -1,11 +1,11 @@
 //! Ctrl-C and SIGTERM: the tool comes to rest on the path, the report is written, nothing stays behind.
 
-use crate::support::{Bench, LiveCell, circle_program, number, text, traces_of};
+use crate::support::{Bench, LiveCell, long_program, number, text, traces_of};
 
 fn arc_in_progress(signal: i32) -> (crate::support::Run, serde_json::Value) {
-    let bench = Bench::of("xy", &[("[scan]", "[scan]\nwatchdog_scans = 100")]);
-    let program = bench.file("circle.ngc", &circle_program(25.0, 3000.0, (0.0, 0.0), 0.0));
-    let mut cell = LiveCell::start(bench.path(), &program, "realtime");
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("long.ngc", &long_program());
+    let mut cell = LiveCell::start(bench.path(), &program, "lockstep");
     cell.wait_for(|f| f.tag.element >= 2 && f.tag.distance_mm > 30.0);
     cell.signal_launcher(signal);
     let run = cell.finish();
@@ -37,8 +37,8 @@ fn sigterm_is_an_orderly_stop_too() {
 
 #[test]
 fn a_second_ctrl_c_stops_at_once_and_leaves_nothing_behind() {
-    let bench = Bench::of("xy", &[("[scan]", "[scan]\nwatchdog_scans = 100")]);
-    let program = bench.file("circle.ngc", &circle_program(25.0, 3000.0, (0.0, 0.0), 0.0));
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(300);
     // A machine side that is stopped cannot come to rest in order.

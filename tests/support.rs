@@ -318,6 +318,16 @@ pub fn text(report: &Value, pointer: &str) -> String {
         .to_string()
 }
 
+/// A program of so many circles that no test is over before it has done to it what it wants.
+pub fn long_program() -> String {
+    let once = circle_program(25.0, 3000.0, (0.0, 0.0), 0.0);
+    let turn = once
+        .lines()
+        .find(|line| line.starts_with("G3"))
+        .unwrap_or_default();
+    once.replace("M2\n", &format!("{}M2\n", format!("{turn}\n").repeat(60)))
+}
+
 /// Full circles with a run-in, around a centre, from a start angle: ccw twice, then cw twice.
 pub fn circle_program(radius: f64, feed: f64, centre: (f64, f64), start_deg: f64) -> String {
     let angle = start_deg.to_radians();

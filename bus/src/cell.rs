@@ -6,7 +6,7 @@
 //! the holder dies, however it dies.
 
 use std::fs::{self, DirBuilder, File, OpenOptions};
-use std::io;
+use std::io::{self, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -172,10 +172,14 @@ impl CellPlace {
         loop {
             let file = self.open_lock("owner.lock")?;
             if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+                let pid = fs::read_to_string(self.folder().join("owner.lock")).unwrap_or_default();
                 return Err(CellError::Running {
                     cell: self.name.clone(),
-                    by: crate::page::launcher_pid(self)
-                        .map_or(String::new(), |pid| format!(" (launcher pid {pid})")),
+                    by: if pid.is_empty() {
+                        String::new()
+                    } else {
+                        format!(" (launcher pid {pid})")
+                    },
                 });
             }
             let held = file
@@ -183,6 +187,9 @@ impl CellPlace {
                 .map_err(|e| self.error("reading owner.lock", e))?;
             let on_disk = fs::metadata(self.folder().join("owner.lock"));
             if on_disk.is_ok_and(|m| m.ino() == held.ino()) {
+                // For the message to whoever wants the cell meanwhile.
+                let _ = file.set_len(0);
+                let _ = (&file).write_all(std::process::id().to_string().as_bytes());
                 return Ok(file);
             }
         }

@@ -190,7 +190,7 @@ pub struct VelocityLoop {
     pub period_us: u32,
 }
 
-/// Velocity feed-forward (METHODS §2).
+/// Velocity feed-forward (docs/methods.md §2).
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FeedForward {
@@ -222,7 +222,7 @@ pub enum ReversalMethod {
     None,
     /// Position backlash step only.
     Backlash,
-    /// Position backlash step and backlash acceleration (METHODS §2).
+    /// Position backlash step and backlash acceleration (docs/methods.md §2).
     Kick,
 }
 

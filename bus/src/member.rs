@@ -57,6 +57,8 @@ pub struct Seat {
     pub place: usize,
     /// Which process in that place this is, counted from 1.
     pub incarnation: u32,
+    /// Process id of the launcher whose cell it is: a latecomer must not take a seat in the next one of that name.
+    pub launcher: u32,
     /// Pace of the cell.
     pub pace: Pace,
     /// Processor to stay on.
@@ -74,6 +76,14 @@ pub enum MemberError {
     /// The machine file is not usable.
     #[error(transparent)]
     Machine(#[from] MachineFileError),
+    /// The cell belongs to another launcher.
+    #[error("the cell belongs to launcher {found}, not {expected}")]
+    OtherLauncher {
+        /// Process id in the cell's page.
+        found: u32,
+        /// Process id that was asked for.
+        expected: u32,
+    },
     /// The launcher is gone.
     #[error("the launcher of the cell is gone: {0}")]
     LauncherGone(io::Error),
@@ -110,6 +120,12 @@ impl Member {
         let place = CellPlace::new(&seat.cell)?;
         let membership = place.join()?;
         let page = Page::open(&place)?;
+        if page.launcher_pid() != seat.launcher {
+            return Err(MemberError::OtherLauncher {
+                found: page.launcher_pid(),
+                expected: seat.launcher,
+            });
+        }
         let launcher = watch(page.launcher_pid()).map_err(MemberError::LauncherGone)?;
         let machine = Machine::load(&seat.machine)?;
         let bus = Bus::enter(&place, &machine, who, false)?;

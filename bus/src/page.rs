@@ -88,7 +88,6 @@ struct Recorded {
 #[repr(C)]
 struct PlaceWords {
     ready_incarnation: AtomicU32,
-    pid: AtomicU32,
 }
 
 #[repr(C, align(64))]
@@ -293,7 +292,6 @@ impl Page {
     /// Says that the process in this place of the roster is ready to take part.
     pub fn set_ready(&self, place: usize, incarnation: u32) {
         if let Some(words) = self.layout().places.get(place) {
-            words.pid.store(std::process::id(), Ordering::Release);
             words
                 .ready_incarnation
                 .store(incarnation, Ordering::Release);
@@ -360,9 +358,4 @@ fn even(slot: &SavedState) -> u64 {
     } else {
         0
     }
-}
-
-/// Process id of the launcher of a cell, if its page is there.
-pub fn launcher_pid(place: &CellPlace) -> Option<u32> {
-    Page::open(place).ok().map(|page| page.launcher_pid())
 }

@@ -168,6 +168,8 @@ pub enum Cause {
     TorqueLimit = 10,
     /// The planner cannot go on (its program is unreadable, changed or out of limits).
     Planner = 11,
+    /// The axis stands at the programmed end and never came into its in-position window.
+    NotInPosition = 12,
 }
 
 impl Cause {
@@ -186,6 +188,7 @@ impl Cause {
             9 => Cause::ScanMismatch,
             10 => Cause::TorqueLimit,
             11 => Cause::Planner,
+            12 => Cause::NotInPosition,
             _ => return None,
         })
     }
@@ -205,6 +208,7 @@ impl Cause {
             Cause::ScanMismatch => "command for a scan that is not due",
             Cause::TorqueLimit => "torque at its limit for too long",
             Cause::Planner => "planner cannot go on",
+            Cause::NotInPosition => "not in position at the programmed end",
         }
     }
 }
@@ -525,8 +529,6 @@ pub enum Order {
     Resume = 3,
     /// Override of the feed.
     Override = 4,
-    /// End the run: everybody exits after the feedback marked last.
-    End = 5,
 }
 
 impl Order {
@@ -537,7 +539,6 @@ impl Order {
             2 => Order::Hold,
             3 => Order::Resume,
             4 => Order::Override,
-            5 => Order::End,
             _ => return None,
         })
     }

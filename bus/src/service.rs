@@ -97,21 +97,6 @@ impl Services {
             operator: format!("{}/operator", place.name()),
         }
     }
-
-    /// Every publish–subscribe topic's name.
-    pub fn names(&self) -> Vec<&str> {
-        let mut names: Vec<&str> = [
-            &self.feedback,
-            &self.instruments,
-            &self.setpoint,
-            &self.planner,
-            &self.roster,
-        ]
-        .map(|topic| topic.name.as_str())
-        .to_vec();
-        names.extend(self.commands.iter().flatten().map(|t| t.name.as_str()));
-        names
-    }
 }
 
 pub(crate) type PubSub<T> = PortFactory<ipc::Service, T, ()>;

@@ -291,6 +291,10 @@ fn outcome(machine: &Machine, last: Option<&Feedback>, faults: &[FaultResult]) -
                 "planner {} in scan {}; the machine came to rest on the path",
                 fault.kind, fault.scan
             )),
+            None if last.cause != 0 => {
+                let cause = Cause::from_wire(last.cause).unwrap_or(Cause::BadFeedback);
+                Outcome::Stopped(cause.words().into())
+            }
             None => Outcome::Interrupted,
         },
         Some(Mode::Tripped) => {

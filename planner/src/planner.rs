@@ -56,6 +56,8 @@ impl Published {
 struct Course {
     windows: WindowPlanner,
     program_hash: u64,
+    /// Command registers it was expanded from, in increments.
+    start: [i64; MAX_AXES],
     /// Path length before each element, in mm; one more for the whole.
     length_before_mm: Vec<f64>,
 }
@@ -90,6 +92,8 @@ pub struct Planner {
     in_force: Published,
     pending: Published,
     sequence: u32,
+    /// Whether a window of the course has been in force: from then on the path is under way.
+    under_way: bool,
     cause: Cause,
     rows: Vec<Row>,
     wire: Vec<WindowRow>,
@@ -114,6 +118,7 @@ impl Planner {
             in_force: Published::none(rows_max),
             pending: Published::none(rows_max),
             sequence: 0,
+            under_way: false,
             cause: Cause::None,
             rows: Vec::with_capacity(rows_max),
             wire: Vec::with_capacity(rows_max),
@@ -201,27 +206,37 @@ impl Planner {
         let overdue = feedback.scan >= pending.first_scan;
         if feedback.window == pending.id {
             std::mem::swap(&mut self.in_force, &mut self.pending);
+            self.under_way = true;
             self.pending.header = WindowHeader::zeroed();
         } else if feedback.voided == pending.id || overdue {
             self.pending.header = WindowHeader::zeroed();
         }
     }
 
-    /// Expands the program from where the machine stands; the state before the first row.
+    /// The state before the first row, once the program is expanded from where the machine stands.
+    ///
+    /// Expanding takes as long as the program is, so the scan that does it has nothing new to say; a first window that
+    /// came to nothing is planned again.
     fn start(&mut self, feedback: &Feedback) -> Option<PathState> {
-        if self.course.is_some() {
+        if self.under_way {
             // The run was broken off and the axes stand somewhere: going on is for whoever resumes it.
             return None;
+        }
+        let stands_at_start = self
+            .course
+            .as_ref()
+            .is_some_and(|course| course.start == registers(feedback));
+        if stands_at_start {
+            return Some(PathState::default());
         }
         match self.expand(feedback) {
             Ok(course) => self.course = Some(course),
             Err(error) => {
                 tracing::error!("{error}");
                 self.cause = Cause::Planner;
-                return None;
             }
         }
-        Some(PathState::default())
+        None
     }
 
     fn expand(&self, feedback: &Feedback) -> Result<Course, StartError> {
@@ -246,6 +261,7 @@ impl Planner {
         Ok(Course {
             windows,
             program_hash,
+            start: registers(feedback),
             length_before_mm,
         })
     }
@@ -293,6 +309,11 @@ impl Planner {
             windows: self.sequence,
         }
     }
+}
+
+/// Where the axes are commanded to be, in increments.
+fn registers(feedback: &Feedback) -> [i64; MAX_AXES] {
+    feedback.axes.map(|axis| axis.command_register)
 }
 
 fn wire_row(row: &Row) -> WindowRow {

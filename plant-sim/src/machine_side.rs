@@ -11,8 +11,8 @@
 use bus::machine::{Axis, DriveMode, Machine, PositionFeedback};
 use bus::sample::{
     AxisCommand, AxisFeedback, Cause, Feedback, Instruments, Job, MAX_AXES, MAX_SUBSAMPLES, Mode,
-    OperatorRequest, OperatorResponse, Order, PathTag, PlannerStatus, Roster, WindowHeader,
-    WindowId, WindowRow,
+    OperatorRequest, OperatorResponse, Order, PlannerStatus, Roster, WindowHeader, WindowId,
+    WindowRow,
 };
 use bus::service::ROLES;
 use bytemuck::Zeroable;
@@ -28,6 +28,9 @@ const STANDSTILL_MM_S: f64 = 0.5;
 const IN_POSITION_PATIENCE_S: f64 = 5.0;
 /// A command beyond the axis's speed limit by this factor is no command: kicks and the position loop stay well below.
 const SPEED_SANITY: f64 = 2.0;
+
+/// A position command further outside the travel than this is no command.
+const POSITION_SANITY_MM: f64 = 10.0;
 
 /// When a run ends without being told.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -137,7 +140,11 @@ impl AxisUnit {
         let finite = command.velocity_mm_s.is_finite()
             && command.torque_nm.is_finite()
             && command.stop_deceleration_mm_s2.is_finite();
-        if !finite || command.torque_nm.abs() > self.settings.motor.peak_torque_nm {
+        let position_mm = command.position as f64 * self.settings.increment_mm();
+        let reachable = position_mm >= self.settings.travel_min_mm - POSITION_SANITY_MM
+            && position_mm <= self.settings.travel_max_mm + POSITION_SANITY_MM;
+        let torque_fits = command.torque_nm.abs() <= self.settings.motor.peak_torque_nm;
+        if !finite || !reachable || !torque_fits {
             return Cause::BadValue;
         }
         if command.velocity_mm_s.abs() > speed_most {
@@ -325,19 +332,25 @@ impl MachineSide {
     /// Ends the scan: takes the answers, judges faults, decides about windows, and steps to the next.
     pub fn close_scan(&mut self, answers: &Answers, roster: &Roster) {
         self.take_commands(answers, roster);
-        if let Some(status) = &answers.planner
-            && status.cause != 0
-        {
-            self.trip(
-                Cause::from_wire(status.cause).unwrap_or(Cause::BadValue),
-                u32::MAX,
-            );
-        }
+        self.heed_planner(answers, roster);
         self.judge_axes();
         self.decide_window();
         self.follow_up();
         self.advance_mode();
         self.scan += 1;
+    }
+
+    /// A planner that cannot go on is no reason to leave the path: the window in force ends at rest on it.
+    fn heed_planner(&mut self, answers: &Answers, roster: &Roster) {
+        let planner = roster.find(Job::Planner, 0, 0).filter(|p| p.live == 1);
+        let Some((status, planner)) = answers.planner.as_ref().zip(planner) else {
+            return;
+        };
+        let genuine = status.incarnation == planner.incarnation && status.scan <= self.scan;
+        if genuine && status.cause != 0 && self.cause == Cause::None {
+            self.cause = Cause::from_wire(status.cause).unwrap_or(Cause::BadValue);
+            self.stop();
+        }
     }
 
     fn take_commands(&mut self, answers: &Answers, roster: &Roster) {
@@ -414,7 +427,7 @@ impl MachineSide {
             .decide(self.scan + 1, self.mode == Mode::Enabled, held_by_all);
     }
 
-    /// While a loop is open its position register follows the encoder (METHODS §6).
+    /// While a loop is open its position register follows the encoder (docs/methods.md §6).
     fn follow_up(&mut self) {
         if matches!(self.mode, Mode::Disabled | Mode::Tripped) {
             for axis in &mut self.axes {
@@ -428,8 +441,8 @@ impl MachineSide {
         let at_rest = self.windows.at_rest(next_scan);
         match self.mode {
             Mode::Enabled => {
-                if at_rest && self.windows.ends_program() && self.in_position() {
-                    self.mode = Mode::Finished;
+                if at_rest && self.windows.ends_program() {
+                    self.await_position();
                 }
             }
             Mode::Stopping => {
@@ -453,16 +466,22 @@ impl MachineSide {
         }
     }
 
-    /// All axes within their in-position windows; after a bounded wait the program counts as done all the same.
-    fn in_position(&mut self) -> bool {
+    /// At the programmed end: finished once all axes are within their in-position windows; a trip if one never comes.
+    fn await_position(&mut self) {
+        let out_of_position = self.axes.iter().position(|axis| {
+            let off = axis.feedback_position().saturating_sub(axis.register) as f64;
+            let most_mm =
+                (axis.settings.in_position_um + axis.settings.reversal.backlash_um) * 1e-3;
+            off.abs() * axis.settings.increment_mm() > most_mm
+        });
         self.waited_scans += 1;
-        self.waited_scans > self.in_position_patience_scans
-            || self.axes.iter().all(|axis| {
-                let off = (axis.feedback_position() - axis.register) as f64;
-                let most =
-                    axis.settings.in_position_um * 1e-3 + axis.settings.reversal.backlash_um * 1e-3;
-                off.abs() * axis.settings.increment_mm() <= most
-            })
+        match out_of_position {
+            None => self.mode = Mode::Finished,
+            Some(axis) if self.waited_scans > self.in_position_patience_scans => {
+                self.trip(Cause::NotInPosition, axis as u32);
+            }
+            Some(_) => {}
+        }
     }
 
     /// Judges an order; what is latched shows in the next feedback.
@@ -483,10 +502,6 @@ impl MachineSide {
                     self.override_percent = request.value as u32;
                 }
                 valid
-            }
-            Some(Order::End) => {
-                self.last = true;
-                true
             }
             None => false,
         };
@@ -532,10 +547,3 @@ impl MachineSide {
         self.axes.iter().map(|axis| &axis.simulation)
     }
 }
-
-/// Where the row being executed stands on the path, before any window.
-pub const NO_TAG: PathTag = PathTag {
-    distance_mm: 0.0,
-    element: 0,
-    dwell_remaining_scans: 0,
-};

@@ -1,6 +1,6 @@
 //! The plant file: what is true of the simulated machine, and the controller must not know.
 //!
-//! `plant.toml` beside `machine.toml`; read once and checked whole. Source of the reference values: PHYSICS §3.
+//! `plant.toml` beside `machine.toml`; read once and checked whole. Source of the reference values: docs/physics.md §3.
 
 use std::fmt::Write as _;
 use std::io::Read as _;

@@ -10,7 +10,9 @@ use bus::member::{Member, MemberError, Pace, Seat};
 use bus::page::CellPhase;
 use bus::port::{Age, OperatorServer, Reader, WindowReader, Writer};
 use bus::realtime::{self, Priority};
-use bus::sample::{AxisCommand, Feedback, Instruments, Job, MAX_AXES, PlannerStatus, Roster};
+use bus::sample::{
+    AxisCommand, Feedback, Instruments, Job, MAX_AXES, Participant, PlannerStatus, Roster,
+};
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES, SCAN_DEPTH};
 
 use crate::axis::{AxisSimulation, StateRefused};
@@ -23,6 +25,8 @@ use crate::setup::SetupError;
 const LOOK_AROUND_SCANS: u64 = 64;
 /// Scans between two looks whether an operator asks for something.
 const OPERATOR_SCANS: u64 = 4;
+/// So long the recorder may take for what is in its queue at the end.
+const LAST_RECORD_LIMIT: Duration = Duration::from_secs(5);
 const WAIT_STEP: Duration = Duration::from_millis(50);
 
 /// How a machine side is started.
@@ -197,6 +201,8 @@ struct Cell {
     roster: Roster,
     clock: Clock,
     launcher_gone: bool,
+    /// The recorder has stalled and is not waited for any more.
+    recorder_dropped: bool,
     /// Rings of the machine side's bell before anybody was woken in this scan.
     seen_before_waking: u32,
 }
@@ -225,12 +231,14 @@ impl Cell {
         }
     }
 
-    /// Wakes whoever is to answer this scan.
-    fn wake(&mut self, scan: u64, ask_planner: bool) {
+    /// Says the feedback of a scan and wakes whoever is to answer it.
+    fn begin_scan(&mut self, feedback: &Feedback, ask_planner: bool) {
+        let scan = feedback.scan;
+        let asked = missing(scan, ask_planner, &Answers::NONE, &self.roster);
         let page = &self.member.page;
         self.seen_before_waking = page.machine_bell().count();
-        let asked = missing(scan, ask_planner, &Answers::NONE, &self.roster);
         page.expect_answers(asked.count as u32);
+        self.ports.feedback.send(feedback);
         page.scan_bell().ring();
         if ask_planner {
             page.planner_bell().ring();
@@ -264,10 +272,14 @@ impl Cell {
             if self.member.ending() {
                 return Ok(None);
             }
-            // Rung by somebody else, or someone died or came back: from here on each answer rings.
-            self.member.page.expect_eagerly();
             self.read_roster();
-            let since = *late_since.get_or_insert_with(Instant::now);
+            let Some(since) = late_since else {
+                // Rung by somebody else, or someone died or came back: from here on each answer rings. Who answered
+                // just before is found by looking once more.
+                self.member.page.expect_eagerly();
+                late_since = Some(Instant::now());
+                continue;
+            };
             if since.elapsed() > self.clock.answer_limit {
                 return Err(MachineSideError::NoAnswer {
                     who: missing.names(scan, &self.member.machine.axes, &self.ports),
@@ -304,26 +316,33 @@ impl Cell {
         }
     }
 
-    /// In lockstep the recorder loses nothing: waits while its queue is half full.
+    /// In lockstep the recorder loses nothing: waits until it has taken the first scan (from then on it is connected to
+    /// everybody) and then while its queue is half full.
     fn await_recorder(&mut self, scan: u64) {
-        let credit = RECORDER_DEPTH_SCANS as u64 / 2;
+        let taken = (scan + 1).saturating_sub(RECORDER_DEPTH_SCANS as u64 / 2);
+        self.await_recorded(taken.max(1), self.clock.answer_limit);
+    }
+
+    /// Waits until the recorder has taken this many scans. One that does not within `limit` is stalled: it is not waited
+    /// for again, and its log shows what it lost.
+    fn await_recorded(&mut self, scans: u64, limit: Duration) {
         let mut since: Option<Instant> = None;
-        while self
-            .roster
-            .find(Job::Monitor, 0, 0)
-            .is_some_and(|p| p.live == 1)
-            && scan.saturating_sub(self.member.page.recorded_scans()) >= credit
-        {
+        while !self.recorder_dropped && self.member.page.recorded_scans() < scans {
             let seen = self.member.page.machine_bell().count();
             self.member.page.monitor_bell().ring();
-            if scan.saturating_sub(self.member.page.recorded_scans()) < credit {
-                break;
+            if self.member.page.recorded_scans() >= scans {
+                return;
             }
             self.member.page.machine_bell().wait(seen, WAIT_STEP);
             self.read_roster();
-            let since = since.get_or_insert_with(Instant::now);
-            if self.member.ending() || since.elapsed() > self.clock.answer_limit {
-                break;
+            let lives = |p: &Participant| p.live == 1;
+            let recorder_lives = self.roster.find(Job::Monitor, 0, 0).is_some_and(lives);
+            if since.get_or_insert_with(Instant::now).elapsed() > limit {
+                tracing::warn!("the recorder has stalled: it is not waited for any more");
+                self.recorder_dropped = true;
+            }
+            if !recorder_lives || self.member.ending() || !self.member.launcher_lives() {
+                return;
             }
         }
     }
@@ -346,7 +365,7 @@ impl Cell {
 /// Runs the machine side until its run ends or the cell does.
 ///
 /// # Errors
-/// [`MachineSideError`]; whatever happens, the feedback marked last has been sent if scans ever ran.
+/// [`MachineSideError`]. A run that ends by itself has sent a feedback marked last; one that is given up has not.
 pub fn run(options: &Options) -> Result<(), MachineSideError> {
     let plant = PlantFile::load(&options.plant)?;
     let member = Member::enter(options.seat.clone(), "plant-sim")?;
@@ -374,6 +393,7 @@ pub fn run(options: &Options) -> Result<(), MachineSideError> {
         roster: bytemuck::Zeroable::zeroed(),
         clock,
         launcher_gone: false,
+        recorder_dropped: false,
         seen_before_waking: 0,
     };
     if !cell.wait_for_start() {
@@ -394,9 +414,10 @@ fn scan_cycle(
     loop {
         let scan = side.scan();
         let ask_planner = side.is_period_boundary();
-        cell.ports.feedback.send(&side.feedback());
-        cell.wake(scan, ask_planner);
+        cell.begin_scan(&side.feedback(), ask_planner);
         if side.is_last() {
+            // The log is whole before this process, and with it what it has sent, goes.
+            cell.await_recorded(scan + 1, LAST_RECORD_LIMIT);
             return Ok(());
         }
         cell.ports.instruments.send(&side.simulate());

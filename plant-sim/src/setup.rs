@@ -61,13 +61,4 @@ impl PlantFile {
             })
             .collect()
     }
-
-    /// Where the axes stand at the start, in the order of the machine file, in mm.
-    pub fn start_positions_mm(&self, machine: &Machine) -> Vec<f64> {
-        machine
-            .axes
-            .iter()
-            .map(|axis| self.axis(&axis.name).map_or(0.0, |a| a.start_position_mm))
-            .collect()
-    }
 }

@@ -128,7 +128,8 @@ impl WindowBook {
         let sized = header.row_count as usize == rows.len()
             && !rows.is_empty()
             && rows.len() <= MAX_WINDOW_ROWS;
-        if !self.pending.is_none() || !known || !sized {
+        let told = header.intended_rows >= 1 && header.intended_rows <= header.row_count;
+        if !self.pending.is_none() || !known || !sized || !told {
             self.voided = header.id;
             return;
         }
@@ -146,7 +147,8 @@ impl WindowBook {
         let continues = header.predecessor == self.in_force.header.id
             && (!header.predecessor.is_none() || header.epoch == self.epoch);
         let held = held_by_all(header.id);
-        if !allowed || !continues || header.first_scan < next {
+        let too_far = header.first_scan > next + MAX_WINDOW_ROWS as u64;
+        if !allowed || !continues || too_far || header.first_scan < next {
             self.void();
         } else if header.first_scan == next {
             if held {

@@ -17,6 +17,7 @@ struct Bench {
     roster: Roster,
     /// What every servo says it holds as pending.
     pending: WindowId,
+    watchdog_scans: u32,
 }
 
 impl Bench {
@@ -41,6 +42,7 @@ impl Bench {
             side: MachineSide::new(&machine, simulations, 1, 0, true, RunEnd::AfterProgram),
             roster,
             pending: WindowId::NONE,
+            watchdog_scans: machine.scan.watchdog_scans,
         }
     }
 
@@ -202,10 +204,11 @@ fn the_watchdog_trips_after_its_scans_in_a_row_and_not_before() {
     let mut bench = Bench::new();
     bench.scans(3);
     let mut feedback = bench.side.feedback();
-    for missed in 1..=4 {
+    let watchdog_scans = bench.watchdog_scans;
+    for missed in 1..=watchdog_scans {
         feedback = bench.scan(|answers| answers.commands[0][0] = None);
         assert_eq!(feedback.axes[0].missed_in_a_row, missed);
-        assert_eq!(mode(&feedback) == Mode::Tripped, missed == 4);
+        assert_eq!(mode(&feedback) == Mode::Tripped, missed == watchdog_scans);
     }
     assert_eq!(cause(&feedback), Cause::Watchdog);
 }
@@ -224,18 +227,36 @@ fn a_servo_that_left_the_roster_trips_with_its_axis() {
 }
 
 #[test]
-fn a_planner_that_cannot_go_on_trips() {
+fn a_planner_that_cannot_go_on_stops_the_machine_on_the_path() {
     let mut bench = Bench::new();
-    let feedback = bench.scan(|answers| {
-        answers.planner = Some(PlannerStatus {
-            cause: Cause::Planner as u32,
-            ..PlannerStatus::zeroed()
-        });
-    });
+    let first = bench.offer(1, 8, 40, WindowId::NONE);
+    bench.pending = first;
+    bench.scans(10);
+    let report = |incarnation| {
+        move |answers: &mut Answers| {
+            answers.planner = Some(PlannerStatus {
+                cause: Cause::Planner as u32,
+                incarnation,
+                ..PlannerStatus::zeroed()
+            });
+        }
+    };
+    let feedback = bench.scan(report(9));
+    assert_eq!(
+        mode(&feedback),
+        Mode::Enabled,
+        "a stranger's word counts nothing"
+    );
+    let feedback = bench.scan(report(1));
     assert_eq!(
         (mode(&feedback), cause(&feedback)),
-        (Mode::Tripped, Cause::Planner)
+        (Mode::Stopping, Cause::Planner)
     );
+    assert_eq!(
+        feedback.window, first,
+        "the window in force is executed to its end"
+    );
+    assert_eq!(mode(&bench.scans(60)), Mode::Stopped);
 }
 
 #[test]

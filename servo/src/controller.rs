@@ -249,7 +249,7 @@ impl Servo {
         u32::try_from(scan % period).unwrap_or(0)
     }
 
-    /// Open loop: the register follows the axis (METHODS §6); closing it starts from a clean state where the axis is.
+    /// Open loop: the register follows the axis (docs/methods.md §6); closing it starts from a clean state where the axis is.
     fn follow_up(&mut self, axis: &AxisFeedback) {
         let position = self.position(axis);
         self.state = ControllerState {

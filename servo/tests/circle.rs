@@ -2,6 +2,7 @@
 #![allow(missing_docs)]
 mod common;
 
+use bus::machine::KickShape;
 use bus::sample::{AxisCommand, Mode};
 use bytemuck::{Zeroable, bytes_of};
 use common::{RADIUS_MM, Rig, SPEED_MM_S, machine, servo};
@@ -16,14 +17,22 @@ fn anonymous(mut command: AxisCommand) -> AxisCommand {
 
 #[test]
 fn a_standby_that_is_given_the_state_goes_on_to_the_bit_from_any_scan() {
-    for name in ["xy", "xy-fast", "xy-torque"] {
-        let machine = machine(name);
+    for (name, shape) in [
+        ("xy", KickShape::Decaying),
+        ("xy", KickShape::Constant),
+        ("xy-fast", KickShape::Decaying),
+        ("xy-torque", KickShape::Decaying),
+    ] {
+        let mut machine = machine(name);
+        for axis in &mut machine.axes {
+            axis.reversal.shape = shape;
+        }
         let mut rig = Rig::new(machine.clone());
         // Holds the windows and nothing else: its state is replaced before each scan.
         let mut standby = servo(&machine, 1);
         let revolution_s = 2.0 * std::f64::consts::PI * RADIUS_MM / SPEED_MM_S;
         let scans = (1.3 * revolution_s / machine.scan_period_s()) as u64;
-        let mut states = 0;
+        let (mut states, mut kicking) = (0, 0);
         for _ in 0..scans {
             let before = *rig.servos[1].state();
             let mut command = AxisCommand::zeroed();
@@ -41,9 +50,11 @@ fn a_standby_that_is_given_the_state_goes_on_to_the_bit_from_any_scan() {
                 rig.commands[1]
             );
             states |= 1 << command.state.armed;
+            kicking += u32::from(command.state.kick_remaining_scans > 0);
         }
         // The comparison is worth something only if there was something to carry.
         assert!(rig.commands[1].state.kicks >= 2, "{name}");
+        assert!(kicking >= 10, "{name}: {kicking} scans with a kick running");
         assert_eq!(
             states & 0b111,
             0b111,

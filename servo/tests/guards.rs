@@ -153,7 +153,7 @@ fn a_stop_is_held_until_the_machine_side_has_taken_notice() {
 
 #[test]
 fn a_pushed_axis_is_followed_and_closing_the_loop_steps_by_nothing() {
-    // METHODS §6. The register in feedback follows the encoder while the loop is open.
+    // docs/methods.md §6. The register in feedback follows the encoder while the loop is open.
     for name in ["xy", "xy-torque"] {
         let mut rig = Rig::new(machine(name));
         // Into the circle, so that every part of the state is something.

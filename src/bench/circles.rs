@@ -11,6 +11,7 @@ use toml_edit::{DocumentMut, value};
 
 use super::run_report;
 use crate::cli::BenchOptions;
+use crate::output::say;
 
 /// Radii of the grid, in mm.
 const RADII_MM: [f64; 4] = [10.0, 25.0, 50.0, 100.0];
@@ -37,14 +38,14 @@ fn table(machine: &Path, folder: &Path) -> anyhow::Result<()> {
         .map(|method| variant(machine, &folder.join(method), method))
         .into_iter()
         .collect::<anyhow::Result<Vec<PathBuf>>>()?;
-    println!(
+    say(&format!(
         "worst protrusion or undercut on the table, µm; {}, cw and ccw, two turns each",
         machine.display()
-    );
-    println!(
+    ));
+    say(&format!(
         "  radius     feed   {}",
         METHODS.map(|m| format!("{m:>18}")).concat()
-    );
+    ));
     let mut all: Vec<Vec<f64>> = vec![Vec::new(); METHODS.len()];
     for radius_mm in RADII_MM {
         for feed_mm_min in FEEDS_MM_MIN {
@@ -62,7 +63,7 @@ fn table(machine: &Path, folder: &Path) -> anyhow::Result<()> {
                 );
                 values.push(worst_um);
             }
-            println!("{row}");
+            say(&format!("{row}"));
         }
     }
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
@@ -72,7 +73,7 @@ fn table(machine: &Path, folder: &Path) -> anyhow::Result<()> {
             .iter()
             .map(|v| format!("{:9.1}          ", of(v)))
             .collect();
-        println!("  {name:15} {cells}");
+        say(&format!("  {name:15} {cells}"));
     }
     Ok(())
 }

@@ -17,6 +17,7 @@ use super::run_report;
 use crate::check;
 use crate::cli::{BenchOptions, BenchPongOptions};
 use crate::exit::{Kind, Outcome};
+use crate::output::say;
 
 /// Runs of the whole cell; the median counts.
 const RUNS: usize = 5;
@@ -69,11 +70,12 @@ pub fn lockstep(options: &BenchOptions) -> anyhow::Result<()> {
     };
     // Machine side to each servo in turn and back; to the planner and back once a period.
     let hand_overs = checked.machine.axes.len() as f64 + 1.0 + 1.0 / period_scans;
-    println!(
-        "lockstep: {} with {}, recorder on, 5 processes, median of {RUNS} rounds",
+    say(&format!(
+        "lockstep: {} with {}, recorder on, {} processes, median of {RUNS} rounds",
         options.machine.display(),
-        program.display()
-    );
+        program.display(),
+        checked.machine.axes.len() + 3
+    ));
     print_round(&middle, hand_overs, period_us);
     Ok(())
 }
@@ -82,28 +84,31 @@ fn print_round(round: &Round, hand_overs: f64, period_us: f64) {
     let with_samples_us = hand_overs * round.sample_us;
     let least_us = round.physics_us + with_samples_us;
     let bare_us = round.physics_us + hand_overs * round.ring_us;
-    println!(
+    say(&format!(
         "  wall time per scan   {:7.2} µs   {:.1} x real time at {period_us} µs",
         round.scan_us, round.factor
-    );
-    println!("  physics alone        {:7.2} µs", round.physics_us);
-    println!(
+    ));
+    say(&format!(
+        "  physics alone        {:7.2} µs",
+        round.physics_us
+    ));
+    say(&format!(
         "  hand-overs           {with_samples_us:7.2} µs   {hand_overs:.2} a scan, {:.2} µs each: ping-pong of two processes, a sample and a ring",
         round.sample_us
-    );
-    println!(
+    ));
+    say(&format!(
         "  the rest             {:7.2} µs   control, planning, instruments, digest, saved state",
         round.scan_us - least_us
-    );
-    println!(
+    ));
+    say(&format!(
         "  ratio                {:7.2}      to physics + hand-overs with a sample",
         round.scan_us / least_us
-    );
-    println!(
+    ));
+    say(&format!(
         "  ratio                {:7.2}      to physics + hand-overs by a bare ring of {:.2} µs",
         round.scan_us / bare_us,
         round.ring_us
-    );
+    ));
 }
 
 /// One whole run; µs of wall time per scan and the real-time factor, as the report has them.

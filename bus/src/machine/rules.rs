@@ -141,7 +141,7 @@ fn cell(rules: &mut Rules, machine: &Machine) {
         None,
         scan.watchdog_scans.into(),
         "scans",
-        (1.0, 100.0),
+        (1.0, 1000.0),
         false,
     );
     rules.range(

@@ -99,7 +99,11 @@ impl Faults {
                     },
                     signal: participant.death_signal,
                     noticed_after_scans: roster.visible_from.saturating_sub(participant.death_scan),
-                    reaction: "motion went on undisturbed".into(),
+                    reaction: if participant.job == Job::Machine as u32 {
+                        "the cell ended".into()
+                    } else {
+                        "motion went on undisturbed".into()
+                    },
                     contour_error_mm: 0.0,
                     resumed_at_scan: None,
                 },

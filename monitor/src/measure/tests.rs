@@ -339,6 +339,7 @@ fn a_trip_is_told_with_axis_and_cause() {
         Outcome::Stopped("axis Y: following error beyond its limit".into())
     );
     feedback.mode = Mode::Stopped as u32;
+    feedback.cause = Cause::None as u32;
     assert_eq!(
         outcome(&machine(&["X", "Y"]), Some(&feedback), &[]),
         Outcome::Interrupted

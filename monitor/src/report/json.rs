@@ -1,4 +1,4 @@
-//! `report.json`: the names of INTERFACE.md, and some more. Lengths of errors are in µm, rounded to 1 nm.
+//! `report.json`: the names of the README, and some more. Lengths of errors are in µm, rounded to 1 nm.
 
 use bus::machine::DriveMode;
 use serde::Serialize;

@@ -1,4 +1,4 @@
-//! A circle in a plain position loop, and its measurement as PHYSICS §5 says. Only for these tests: it shares nothing
+//! A circle in a plain position loop, and its measurement as docs/physics.md §5 says. Only for these tests: it shares nothing
 //! with the product's own servo and monitor.
 
 use std::f64::consts::{PI, TAU};
