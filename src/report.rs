@@ -26,9 +26,9 @@ pub fn report(options: &ReportOptions) -> Outcome {
     let text = make(&options.run_dir).input()?;
     if options.json {
         let json = options.run_dir.join("report.json");
-        say(&format!("{}", fs::read_to_string(json).input()?));
+        say(&fs::read_to_string(json).input()?);
     } else {
-        say(&format!("{text}"));
+        say(&text);
     }
     Ok(())
 }

@@ -264,7 +264,7 @@ fn wait(group: &Group, signals: &Signals) {
 fn conclude(ending: Ending, made: anyhow::Result<String>, folder: &Path) -> Outcome {
     match &made {
         Ok(text) => {
-            say(&format!("{text}"));
+            say(text);
             say(&format!("Run directory: {}", folder.display()));
         }
         Err(error) => tracing::error!("no report could be made of {}: {error:#}", folder.display()),

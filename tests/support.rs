@@ -292,12 +292,16 @@ pub fn run(machine: impl AsRef<Path>, program: impl AsRef<Path>) -> Run {
 
 /// What of a cell is in shared memory.
 pub fn traces_of(cell: &str) -> Vec<String> {
-    let mine = [format!("quadrant-{cell}"), format!("qd-{cell}_")];
+    let mine = [
+        format!("quadrant-{cell}"),
+        format!("qd-{cell}_"),
+        format!("quadrant-{cell}."),
+    ];
     fs::read_dir("/dev/shm")
         .expect("/dev/shm")
         .flatten()
         .map(|entry| entry.file_name().to_string_lossy().into_owned())
-        .filter(|name| *name == mine[0] || name.starts_with(&mine[1]))
+        .filter(|name| *name == mine[0] || name.starts_with(&mine[1]) || name.starts_with(&mine[2]))
         .collect()
 }
 

@@ -9,7 +9,7 @@ use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::PathBuf;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use iceoryx2::config::Config;
 use iceoryx2::prelude::{FileName, Path as IoxPath, SemanticString};
@@ -18,6 +18,9 @@ use rustix::fs::{FlockOperation, flock};
 use crate::machine::is_cell_name;
 
 const SHARED_MEMORY: &str = "/dev/shm";
+const OWNER_LOCK: &str = "owner.lock";
+const MEMBERS_LOCK: &str = "members.lock";
+const MEMBERS_LOOK: Duration = Duration::from_millis(20);
 
 /// Why a cell cannot be had.
 #[derive(Debug, thiserror::Error)]
@@ -143,72 +146,95 @@ impl CellPlace {
     /// # Errors
     /// [`CellError::Running`], [`CellError::MembersLive`] or [`CellError::System`].
     pub fn own(&self, patience: Duration) -> Result<Ownership, CellError> {
-        let owner = self.lock_owner()?;
-        let members = self.open_lock("members.lock")?;
-        let mut left = patience;
-        let step = Duration::from_millis(20);
-        while flock(&members, FlockOperation::NonBlockingLockExclusive).is_err() {
-            if left.is_zero() {
+        let started = Instant::now();
+        loop {
+            // An owner who leaves takes the folder away: locks of a folder that is gone are worth nothing.
+            let Some(owner) = self.lock_owner()? else {
+                continue;
+            };
+            let Some(members) = self.lock_members(patience.saturating_sub(started.elapsed()))?
+            else {
+                continue;
+            };
+            // For the message to whoever wants the cell meanwhile.
+            let _ = owner.set_len(0);
+            let _ = (&owner).write_all(std::process::id().to_string().as_bytes());
+            let leftovers = self.remove_leftovers()?;
+            flock(&members, FlockOperation::Unlock)
+                .map_err(|e| self.error("unlocking members.lock", e.into()))?;
+            return Ok(Ownership {
+                place: self.clone(),
+                _owner: owner,
+                members,
+                leftovers,
+            });
+        }
+    }
+
+    /// The owner's lock, or nothing if its folder went meanwhile.
+    fn lock_owner(&self) -> Result<Option<File>, CellError> {
+        let Some(file) = self.open_lock(OWNER_LOCK)? else {
+            return Ok(None);
+        };
+        if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+            let pid = fs::read_to_string(self.folder().join(OWNER_LOCK)).unwrap_or_default();
+            return Err(CellError::Running {
+                cell: self.name.clone(),
+                by: if pid.is_empty() {
+                    String::new()
+                } else {
+                    format!(" (launcher pid {pid})")
+                },
+            });
+        }
+        self.still_there(file, OWNER_LOCK)
+    }
+
+    /// The members' lock, once no member lives, or nothing if its folder went meanwhile.
+    fn lock_members(&self, patience: Duration) -> Result<Option<File>, CellError> {
+        let Some(file) = self.open_lock(MEMBERS_LOCK)? else {
+            return Ok(None);
+        };
+        let started = Instant::now();
+        while flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+            if started.elapsed() >= patience {
                 return Err(CellError::MembersLive {
                     cell: self.name.clone(),
                 });
             }
-            std::thread::sleep(step);
-            left = left.saturating_sub(step);
+            std::thread::sleep(MEMBERS_LOOK);
         }
-        let leftovers = self.remove_leftovers()?;
-        flock(&members, FlockOperation::Unlock)
-            .map_err(|e| self.error("unlocking members.lock", e.into()))?;
-        Ok(Ownership {
-            place: self.clone(),
-            _owner: owner,
-            members,
-            leftovers,
-        })
+        self.still_there(file, MEMBERS_LOCK)
     }
 
-    /// Locks `owner.lock`, minding that an owner who leaves removes the folder.
-    fn lock_owner(&self) -> Result<File, CellError> {
-        loop {
-            let file = self.open_lock("owner.lock")?;
-            if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
-                let pid = fs::read_to_string(self.folder().join("owner.lock")).unwrap_or_default();
-                return Err(CellError::Running {
-                    cell: self.name.clone(),
-                    by: if pid.is_empty() {
-                        String::new()
-                    } else {
-                        format!(" (launcher pid {pid})")
-                    },
-                });
-            }
-            let held = file
-                .metadata()
-                .map_err(|e| self.error("reading owner.lock", e))?;
-            let on_disk = fs::metadata(self.folder().join("owner.lock"));
-            if on_disk.is_ok_and(|m| m.ino() == held.ino()) {
-                // For the message to whoever wants the cell meanwhile.
-                let _ = file.set_len(0);
-                let _ = (&file).write_all(std::process::id().to_string().as_bytes());
-                return Ok(file);
-            }
-        }
+    /// The file, if it is the one of this name in the folder of today.
+    fn still_there(&self, file: File, name: &str) -> Result<Option<File>, CellError> {
+        let held = file
+            .metadata()
+            .map_err(|e| self.error(&format!("reading {name}"), e))?;
+        let on_disk = fs::metadata(self.folder().join(name));
+        Ok(on_disk.is_ok_and(|m| m.ino() == held.ino()).then_some(file))
     }
 
-    fn open_lock(&self, name: &str) -> Result<File, CellError> {
+    /// A lock file of the cell's folder, made if need be, or nothing if the folder went meanwhile.
+    fn open_lock(&self, name: &str) -> Result<Option<File>, CellError> {
         DirBuilder::new()
             .mode(0o700)
             .recursive(true)
             .create(self.folder())
             .map_err(|e| self.error("making its folder in /dev/shm", e))?;
-        OpenOptions::new()
+        let opened = OpenOptions::new()
             .read(true)
             .write(true)
             .create(true)
             .truncate(false)
             .mode(0o600)
-            .open(self.folder().join(name))
-            .map_err(|e| self.error(&format!("opening {name}"), e))
+            .open(self.folder().join(name));
+        match opened {
+            Ok(file) => Ok(Some(file)),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(self.error(&format!("opening {name}"), error)),
+        }
     }
 
     /// Holds the members' lock as one of them, for as long as the result lives.
@@ -218,7 +244,7 @@ impl CellPlace {
     pub fn join(&self) -> Result<Membership, CellError> {
         let file = OpenOptions::new()
             .read(true)
-            .open(self.folder().join("members.lock"))
+            .open(self.folder().join(MEMBERS_LOCK))
             .map_err(|e| self.error("joining (does it run?)", e))?;
         flock(&file, FlockOperation::LockShared)
             .map_err(|e| self.error("locking members.lock", e.into()))?;
@@ -249,20 +275,29 @@ impl CellPlace {
             _ => Err(e),
         };
         let prefix = self.segment_prefix();
+        // A folder that an owner was about to remove when it was killed.
+        let left_folder = format!("quadrant-{}.", self.name);
         let entries = fs::read_dir(SHARED_MEMORY).map_err(|e| self.error("listing /dev/shm", e))?;
         for entry in entries.flatten() {
-            if entry.file_name().to_string_lossy().starts_with(&prefix) {
+            let name = entry.file_name();
+            let name = name.to_string_lossy();
+            let result = if name.starts_with(&prefix) {
                 fs::remove_file(entry.path())
-                    .or_else(gone)
-                    .map_err(|e| self.error("removing a segment", e))?;
-                removed += 1;
-            }
+            } else if name.starts_with(&left_folder) {
+                fs::remove_dir_all(entry.path())
+            } else {
+                continue;
+            };
+            result
+                .or_else(gone)
+                .map_err(|e| self.error("removing a segment", e))?;
+            removed += 1;
         }
         let folder =
             fs::read_dir(self.folder()).map_err(|e| self.error("listing its folder", e))?;
         for entry in folder.flatten() {
             let name = entry.file_name();
-            if name == "owner.lock" || name == "members.lock" {
+            if name == OWNER_LOCK || name == MEMBERS_LOCK {
                 continue;
             }
             let path = entry.path();
@@ -312,7 +347,9 @@ impl Drop for Ownership {
         if let Err(error) = self.place.remove_leftovers() {
             tracing::warn!(%error, "the cell's files could not all be removed");
         }
-        // The folder goes while both locks are held: whoever comes next finds no folder, or waits for a new one.
-        let _ = fs::remove_dir_all(self.place.folder());
+        // The folder goes at once, by its name, while both locks are held: whoever comes next finds none and makes a new one.
+        let folder = self.place.folder();
+        let gone = folder.with_extension(format!("{}.gone", std::process::id()));
+        let _ = fs::rename(&folder, &gone).and_then(|()| fs::remove_dir_all(&gone));
     }
 }

@@ -3,6 +3,13 @@
 //! iceoryx2 carries the data; waking is done here, because its events can lose wake-ups. A bell is only a hint: whoever
 //! waits looks at its ports after every wake and after every timeout, so a lost ring costs time, never progress.
 
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
 use std::fs::OpenOptions;
 use std::os::unix::fs::OpenOptionsExt;
 use std::ptr::NonNull;

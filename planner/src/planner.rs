@@ -1,5 +1,12 @@
 //! The planner, pure: from the feedback of a period boundary to the next window.
 
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
 use bus::machine::Machine;
 use bus::sample::{
     Cause, Feedback, MAX_AXES, Mode, PathTag, PlannerStatus, WindowHeader, WindowId, WindowRow,

@@ -2,6 +2,13 @@
 //!
 //! Each scan: say the feedback, wake everybody, move the machine, collect the answers, close the scan.
 
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 

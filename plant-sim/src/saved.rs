@@ -1,6 +1,13 @@
 //! The mechanical state that outlives the machine side: saved each scan into the cell's page, so that a machine side
 //! that was killed comes back with the positions its axes really have.
 
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
 use bus::page::{MACHINE_STATE_BYTES, Page};
 
 use crate::axis::{AxisSimulation, AxisState, StateRefused};

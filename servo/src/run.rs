@@ -1,5 +1,12 @@
 //! The servo as a process. Each scan: wake, read feedback and windows, compute, command.
 
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
 use bus::member::{Member, MemberError, Seat};
 use bus::realtime::Priority;
 use bus::service::SCAN_DEPTH;

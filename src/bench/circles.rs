@@ -63,7 +63,7 @@ fn table(machine: &Path, folder: &Path) -> anyhow::Result<()> {
                 );
                 values.push(worst_um);
             }
-            say(&format!("{row}"));
+            say(&row);
         }
     }
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
