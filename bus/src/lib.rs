@@ -10,4 +10,5 @@ pub mod port;
 pub mod realtime;
 pub mod sample;
 pub mod service;
+pub mod settings_file;
 pub mod window;

@@ -6,7 +6,6 @@
 //! Slides are in mm. Rotary axes use the same keys with degrees in place of millimetres (`rapid_mm_s` is degrees per
 //! second there): they share the code of slides.
 
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
@@ -14,27 +13,10 @@ use serde::Deserialize;
 mod rules;
 
 use crate::sample::MAX_AXES;
+use crate::settings_file::{self, SettingsFileError, read_text};
 
-/// Longest machine file that is read, in bytes.
-pub const MACHINE_FILE_BYTES_MAX: u64 = 1 << 20;
 /// Longest cell name: the socket path limit of iceoryx2 (68 characters for prefix and root) leaves no more.
 pub const CELL_NAME_LENGTH_MAX: usize = 20;
-
-/// A machine file that cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum MachineFileError {
-    /// It cannot be read at all.
-    #[error("{path}: {what}")]
-    Unreadable {
-        /// The file.
-        path: String,
-        /// Why.
-        what: String,
-    },
-    /// It breaks rules: one line each, with file, line, value, unit and rule.
-    #[error("{}", .0.join("\n"))]
-    Broken(Vec<String>),
-}
 
 /// The whole machine file.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -321,30 +303,19 @@ impl Machine {
     /// # Errors
     /// Unreadable, too large, not UTF-8, not TOML, unknown key, or a value against its rule: each with file, line,
     /// value, unit and what would be right.
-    pub fn load(path: &Path) -> Result<Machine, MachineFileError> {
+    pub fn load(path: &Path) -> Result<Machine, SettingsFileError> {
         let path = machine_file(path);
-        let name = path.display().to_string();
-        let unreadable = |what: String| MachineFileError::Unreadable {
-            path: name.clone(),
-            what,
-        };
-        let text = read_text(&path).map_err(unreadable)?;
-        Self::parse(&name, &text)
+        Self::parse(&path.display().to_string(), &read_text(&path)?)
     }
 
     /// Checks the text of a machine file; `name` stands in the messages.
     ///
     /// # Errors
     /// As [`Machine::load`].
-    pub fn parse(name: &str, text: &str) -> Result<Machine, MachineFileError> {
-        let machine: Machine = toml::from_str(text)
-            .map_err(|error| MachineFileError::Broken(vec![toml_message(name, text, &error)]))?;
-        let broken = rules::broken(name, text, &machine);
-        if broken.is_empty() {
-            Ok(machine)
-        } else {
-            Err(MachineFileError::Broken(broken))
-        }
+    pub fn parse(name: &str, text: &str) -> Result<Machine, SettingsFileError> {
+        let machine: Machine = settings_file::parse(name, text)?;
+        rules::judge(name, text, &machine)?;
+        Ok(machine)
     }
 
     /// Scan period Tp in s.
@@ -382,40 +353,6 @@ pub fn machine_file(path: &Path) -> PathBuf {
     } else {
         path.to_path_buf()
     }
-}
-
-fn read_text(path: &Path) -> Result<String, String> {
-    use std::io::Read;
-    let file = std::fs::File::open(path).map_err(|e| format!("cannot be opened: {e}"))?;
-    let metadata = file
-        .metadata()
-        .map_err(|e| format!("cannot be read: {e}"))?;
-    if !metadata.is_file() {
-        return Err("is not a file".into());
-    }
-    let mut bytes = Vec::new();
-    file.take(MACHINE_FILE_BYTES_MAX + 1)
-        .read_to_end(&mut bytes)
-        .map_err(|e| format!("cannot be read: {e}"))?;
-    if bytes.len() as u64 > MACHINE_FILE_BYTES_MAX {
-        return Err(format!(
-            "is {} bytes long: a machine file has at most {MACHINE_FILE_BYTES_MAX}",
-            metadata.len()
-        ));
-    }
-    String::from_utf8(bytes).map_err(|e| format!("is not UTF-8 text: {e}"))
-}
-
-fn toml_message(name: &str, text: &str, error: &toml::de::Error) -> String {
-    let mut out = name.to_string();
-    if let Some(span) = error.span() {
-        let line = text
-            .get(..span.start)
-            .map_or(1, |before| before.matches('\n').count() + 1);
-        let _ = write!(out, ":{line}");
-    }
-    let _ = write!(out, ": {}", error.message());
-    out
 }
 
 /// Whether this can name a cell: lower-case letters, digits and hyphens.

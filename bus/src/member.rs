@@ -16,12 +16,13 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
 
 use crate::cell::{CellError, CellPlace, Membership};
-use crate::machine::{Machine, MachineFileError};
+use crate::machine::Machine;
 use crate::page::{Bell, CellPhase, Page};
 use crate::port::Reader;
 use crate::realtime;
 use crate::sample::Feedback;
 use crate::service::Bus;
+use crate::settings_file::SettingsFileError;
 
 /// How the cell's scans follow each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -82,7 +83,7 @@ pub enum MemberError {
     Cell(#[from] CellError),
     /// The machine file is not usable.
     #[error(transparent)]
-    Machine(#[from] MachineFileError),
+    Machine(#[from] SettingsFileError),
     /// The cell belongs to another launcher.
     #[error("the cell belongs to launcher {found}, not {expected}")]
     OtherLauncher {

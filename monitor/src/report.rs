@@ -13,8 +13,9 @@ mod tests;
 
 use std::path::{Path, PathBuf};
 
-use bus::machine::{Machine, MachineFileError};
+use bus::machine::Machine;
 use bus::sample::Feedback;
+use bus::settings_file::SettingsFileError;
 use control::path::AxisVector;
 use program::{Program, ProgramError, Setup};
 
@@ -34,7 +35,7 @@ pub enum ReportError {
     Log(#[from] LogError),
     /// The copy of the machine file in the run directory.
     #[error(transparent)]
-    Machine(#[from] MachineFileError),
+    Machine(#[from] SettingsFileError),
     /// The copy of the program in the run directory.
     #[error(transparent)]
     Program(#[from] ProgramError),

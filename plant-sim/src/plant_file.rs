@@ -2,10 +2,9 @@
 //!
 //! `plant.toml` beside `machine.toml`; read once and checked whole. Source of the reference values: docs/physics.md §3.
 
-use std::fmt::Write as _;
-use std::io::Read as _;
 use std::path::Path;
 
+use bus::settings_file::{self, SettingsFileError, read_text};
 use serde::Deserialize;
 
 use crate::friction::{ELEMENTS, FrictionParameters};
@@ -13,25 +12,6 @@ use crate::mechanics::MechanicsParameters;
 use crate::winding::WindingParameters;
 
 mod rules;
-
-/// Longest plant file that is read, in bytes.
-pub const PLANT_FILE_BYTES_MAX: u64 = 1 << 20;
-
-/// A plant file that cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum PlantFileError {
-    /// It cannot be read at all.
-    #[error("{path}: {what}")]
-    Unreadable {
-        /// The file.
-        path: String,
-        /// Why.
-        what: String,
-    },
-    /// It breaks rules: one line each, with file, line, value, unit and rule.
-    #[error("{}", .0.join("\n"))]
-    Broken(Vec<String>),
-}
 
 /// The whole plant file.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -175,35 +155,26 @@ impl PlantFile {
     /// # Errors
     /// Unreadable, too large, not UTF-8, not TOML, unknown or missing key, or a value against its rule: each with file,
     /// line, value, unit and what would be right.
-    pub fn load(path: &Path) -> Result<PlantFile, PlantFileError> {
+    pub fn load(path: &Path) -> Result<PlantFile, SettingsFileError> {
         let file = if path.is_dir() {
             path.join("plant.toml")
         } else {
             path.to_path_buf()
         };
-        let name = file.display().to_string();
-        match read_text(&file) {
-            Ok(text) => Self::parse(&name, &text),
-            Err(what) => Err(PlantFileError::Unreadable { path: name, what }),
-        }
+        Self::parse(&file.display().to_string(), &read_text(&file)?)
     }
 
     /// Checks the text of a plant file; `name` stands in the messages.
     ///
     /// # Errors
     /// As [`PlantFile::load`].
-    pub fn parse(name: &str, text: &str) -> Result<PlantFile, PlantFileError> {
-        let mut plant: PlantFile = toml::from_str(text)
-            .map_err(|error| PlantFileError::Broken(vec![toml_message(name, text, &error)]))?;
+    pub fn parse(name: &str, text: &str) -> Result<PlantFile, SettingsFileError> {
+        let mut plant: PlantFile = settings_file::parse(name, text)?;
         for axis in &mut plant.axes {
             axis.ambient_c = plant.ambient_c;
         }
-        let broken = rules::broken(name, text, &plant);
-        if broken.is_empty() {
-            Ok(plant)
-        } else {
-            Err(PlantFileError::Broken(broken))
-        }
+        rules::judge(name, text, &plant)?;
+        Ok(plant)
     }
 
     /// The axis of this name.
@@ -279,44 +250,6 @@ impl PlantAxis {
             ambient_c: self.ambient_c,
         }
     }
-}
-
-fn read_text(path: &Path) -> Result<String, String> {
-    let is_file = std::fs::metadata(path)
-        .map_err(|e| format!("cannot be read: {e}"))?
-        .is_file();
-    if !is_file {
-        return Err("is not a file".into());
-    }
-    let file = std::fs::File::open(path).map_err(|e| format!("cannot be opened: {e}"))?;
-    let mut bytes = Vec::new();
-    file.take(PLANT_FILE_BYTES_MAX + 1)
-        .read_to_end(&mut bytes)
-        .map_err(|e| format!("cannot be read: {e}"))?;
-    if bytes.len() as u64 > PLANT_FILE_BYTES_MAX {
-        return Err(format!(
-            "is longer than {PLANT_FILE_BYTES_MAX} bytes: no plant file is"
-        ));
-    }
-    String::from_utf8(bytes).map_err(|e| {
-        format!(
-            "is not UTF-8 text (byte {} is the first that is not)",
-            e.utf8_error().valid_up_to()
-        )
-    })
-}
-
-fn toml_message(name: &str, text: &str, error: &toml::de::Error) -> String {
-    let mut out = name.to_string();
-    if let Some(span) = error.span() {
-        let line = rules::line_of(text, span.start);
-        let _ = write!(out, ":{line}");
-        if let Some(axis) = rules::axis_at(text, span.start) {
-            let _ = write!(out, ": axis {axis}");
-        }
-    }
-    let _ = write!(out, ": {}", error.message());
-    out
 }
 
 #[cfg(test)]

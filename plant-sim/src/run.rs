@@ -21,10 +21,11 @@ use bus::sample::{
     AxisCommand, Feedback, Instruments, Job, MAX_AXES, Participant, PlannerStatus, Roster,
 };
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES, SCAN_DEPTH};
+use bus::settings_file::SettingsFileError;
 
 use crate::axis::{AxisSimulation, StateRefused};
 use crate::machine_side::{Answers, MachineSide, RunEnd};
-use crate::plant_file::{PlantFile, PlantFileError};
+use crate::plant_file::PlantFile;
 use crate::saved::SavedMachine;
 use crate::setup::SetupError;
 
@@ -59,7 +60,7 @@ pub enum MachineSideError {
     Member(#[from] MemberError),
     /// Its plant file is not usable.
     #[error(transparent)]
-    Plant(#[from] PlantFileError),
+    Plant(#[from] SettingsFileError),
     /// Plant file and machine file do not fit each other.
     #[error(transparent)]
     Setup(#[from] SetupError),

@@ -1,90 +1,18 @@
 //! The rules of the machine file, each a line of this table: key, range, unit.
 
-use toml_edit::{Document, Item};
-
 use super::{DriveMode, KickShape, Machine, ReversalMethod, is_cell_name};
 use crate::sample::{MAX_AXES, MAX_SUBSAMPLES};
+use crate::settings_file::{At, From, Rules, SettingsFileError};
 
 /// Letters a part program can move.
 const AXIS_LETTERS: &str = "XYZABCUVW";
 
-struct Rules<'a> {
-    name: &'a str,
-    text: &'a str,
-    document: Option<Document<String>>,
-    broken: Vec<(usize, String)>,
-}
-
-impl Rules<'_> {
-    /// Line of a key, found by its path; the nearest table that exists if the key itself is absent.
-    fn line(&self, path: &[&str], axis: Option<usize>) -> usize {
-        let Some(document) = &self.document else {
-            return 1;
-        };
-        let mut item: &Item = document.as_item();
-        let mut span = item.span();
-        if let Some(index) = axis {
-            let Some(next) = item.get("axis").and_then(|a| a.get(index)) else {
-                return 1;
-            };
-            item = next;
-            span = item.span().or(span);
-        }
-        for key in path {
-            let Some(next) = item.get(*key) else { break };
-            item = next;
-            span = item.span().or(span);
-        }
-        let start = span.map_or(0, |s| s.start);
-        self.text
-            .get(..start)
-            .map_or(1, |before| before.matches('\n').count() + 1)
-    }
-
-    fn say(&mut self, path: &[&str], axis: Option<(usize, &str)>, what: &str) {
-        let line = self.line(path, axis.map(|a| a.0));
-        let whose = axis.map_or(String::new(), |(_, name)| format!("axis {name} "));
-        self.broken.push((
-            line,
-            format!("{}:{line}: {whose}{} {what}", self.name, path.join(".")),
-        ));
-    }
-
-    /// `low < value <= high` if `open`, else `low <= value <= high`. NaN breaks it.
-    fn range(
-        &mut self,
-        path: &[&str],
-        axis: Option<(usize, &str)>,
-        value: f64,
-        unit: &str,
-        (low, high): (f64, f64),
-        open: bool,
-    ) {
-        let fits = if open { value > low } else { value >= low } && value <= high;
-        if !fits {
-            let unit = if unit.is_empty() {
-                String::new()
-            } else {
-                format!(" {unit}")
-            };
-            let from = if open { "above" } else { "at least" };
-            self.say(
-                path,
-                axis,
-                &format!("= {value}{unit}: must be {from} {low} and at most {high}{unit}"),
-            );
-        }
-    }
-}
-
-/// Every rule that the machine breaks, in the order of the file.
-pub fn broken(name: &str, text: &str, machine: &Machine) -> Vec<String> {
-    let mut rules = Rules {
-        name,
-        text,
-        document: Document::parse(text.to_string()).ok(),
-        broken: Vec::new(),
-    };
+/// Checks every rule of the machine file.
+///
+/// # Errors
+/// Every rule that is broken, in the order of the file.
+pub fn judge(name: &str, text: &str, machine: &Machine) -> Result<(), SettingsFileError> {
+    let mut rules = Rules::of(name, text);
     cell(&mut rules, machine);
     for (index, axis) in machine.axes.iter().enumerate() {
         let at = Some((index, axis.name.as_str()));
@@ -92,8 +20,7 @@ pub fn broken(name: &str, text: &str, machine: &Machine) -> Vec<String> {
         axis_motion(&mut rules, axis, at);
         axis_loops(&mut rules, machine, axis, at);
     }
-    rules.broken.sort_by_key(|(line, _)| *line);
-    rules.broken.into_iter().map(|(_, text)| text).collect()
+    rules.judge()
 }
 
 fn cell(rules: &mut Rules, machine: &Machine) {
@@ -115,8 +42,8 @@ fn cell(rules: &mut Rules, machine: &Machine) {
         None,
         scan.period_us.into(),
         "µs",
-        (125.0, most_us),
-        false,
+        From::AtLeast(125.0),
+        most_us,
     );
     if scan.period_us > 250 && !scan.period_us.is_multiple_of(250) {
         rules.say(
@@ -133,32 +60,32 @@ fn cell(rules: &mut Rules, machine: &Machine) {
         None,
         scan.distribution_period_scans.into(),
         "scans",
-        (2.0, 32.0),
-        false,
+        From::AtLeast(2.0),
+        32.0,
     );
     rules.range(
         &["scan", "watchdog_scans"],
         None,
         scan.watchdog_scans.into(),
         "scans",
-        (1.0, 1000.0),
-        false,
+        From::AtLeast(1.0),
+        1000.0,
     );
     rules.range(
         &["scan", "look_ahead_periods"],
         None,
         scan.look_ahead_periods.into(),
         "periods",
-        (1.0, 16.0),
-        false,
+        From::AtLeast(1.0),
+        16.0,
     );
     rules.range(
         &["scan", "settle_scans"],
         None,
         scan.settle_scans.into(),
         "scans",
-        (1.0, 100_000.0),
-        false,
+        From::AtLeast(1.0),
+        100_000.0,
     );
     if machine.axes.is_empty() || machine.axes.len() > MAX_AXES {
         rules.say(
@@ -179,8 +106,8 @@ fn cell(rules: &mut Rules, machine: &Machine) {
                 None,
                 *value,
                 "mm",
-                (axis.travel_min_mm, axis.travel_max_mm),
-                false,
+                From::AtLeast(axis.travel_min_mm),
+                axis.travel_max_mm,
             ),
         }
     }
@@ -210,87 +137,94 @@ fn axis_identity(rules: &mut Rules, machine: &Machine, index: usize) {
     }
 }
 
-fn axis_motion(rules: &mut Rules, axis: &super::Axis, at: Option<(usize, &str)>) {
+fn axis_motion(rules: &mut Rules, axis: &super::Axis, at: At) {
     rules.range(
         &["increment_nm"],
         at,
         axis.increment_nm,
         "nm",
-        (0.01, 10_000.0),
-        false,
+        From::AtLeast(0.01),
+        10_000.0,
     );
     rules.range(
         &["travel_min_mm"],
         at,
         axis.travel_min_mm,
         "mm",
-        (-100_000.0, 100_000.0),
-        false,
+        From::AtLeast(-100_000.0),
+        100_000.0,
     );
     rules.range(
         &["travel_max_mm"],
         at,
         axis.travel_max_mm,
         "mm",
-        (axis.travel_min_mm, 100_000.0),
-        true,
+        From::Above(axis.travel_min_mm),
+        100_000.0,
     );
     rules.range(
         &["rapid_mm_s"],
         at,
         axis.rapid_mm_s,
         "mm/s",
-        (0.0, 5000.0),
-        true,
+        From::Above(0.0),
+        5000.0,
     );
     rules.range(
         &["acceleration_mm_s2"],
         at,
         axis.acceleration_mm_s2,
         "mm/s²",
-        (0.0, 200_000.0),
-        true,
+        From::Above(0.0),
+        200_000.0,
     );
     rules.range(
         &["quick_stop_mm_s2"],
         at,
         axis.quick_stop_mm_s2,
         "mm/s²",
-        (0.0, 500_000.0),
-        true,
+        From::Above(0.0),
+        500_000.0,
     );
     rules.range(
         &["following_error_limit_mm"],
         at,
         axis.following_error_limit_mm,
         "mm",
-        (0.0, 100.0),
-        true,
+        From::Above(0.0),
+        100.0,
     );
     rules.range(
         &["in_position_um"],
         at,
         axis.in_position_um,
         "µm",
-        (0.0, 10_000.0),
-        true,
+        From::Above(0.0),
+        10_000.0,
     );
-    rules.range(&["lead_mm"], at, axis.lead_mm, "mm", (0.0, 1000.0), true);
+    rules.range(
+        &["lead_mm"],
+        at,
+        axis.lead_mm,
+        "mm",
+        From::Above(0.0),
+        1000.0,
+    );
     rules.range(
         &["motor", "rated_torque_nm"],
         at,
         axis.motor.rated_torque_nm,
         "N·m",
-        (0.0, 10_000.0),
-        true,
+        From::Above(0.0),
+        10_000.0,
     );
     rules.range(
         &["motor", "peak_torque_nm"],
         at,
         axis.motor.peak_torque_nm,
         "N·m",
-        (0.0, 50_000.0),
-        true,
+        From::Above(0.0),
+        50_000.0,
     );
     if axis.motor.peak_torque_nm < axis.motor.rated_torque_nm {
         rules.say(
@@ -304,30 +238,30 @@ fn axis_motion(rules: &mut Rules, axis: &super::Axis, at: Option<(usize, &str)>)
     }
 }
 
-fn axis_loops(rules: &mut Rules, machine: &Machine, axis: &super::Axis, at: Option<(usize, &str)>) {
+fn axis_loops(rules: &mut Rules, machine: &Machine, axis: &super::Axis, at: At) {
     rules.range(
         &["position_loop", "gain_per_s"],
         at,
         axis.position_loop.gain_per_s,
         "1/s",
-        (0.0, 1000.0),
-        true,
+        From::Above(0.0),
+        1000.0,
     );
     rules.range(
         &["velocity_loop", "gain_n_s_per_m"],
         at,
         axis.velocity_loop.gain_n_s_per_m,
         "N·s/m",
-        (0.0, 1e9),
-        true,
+        From::Above(0.0),
+        1e9,
     );
     rules.range(
         &["velocity_loop", "integral_time_ms"],
         at,
         axis.velocity_loop.integral_time_ms,
         "ms",
-        (0.1, 10_000.0),
-        false,
+        From::AtLeast(0.1),
+        10_000.0,
     );
     let period_us = axis.velocity_loop.period_us;
     if period_us == 0 || !machine.scan.period_us.is_multiple_of(period_us) {
@@ -351,8 +285,8 @@ fn axis_loops(rules: &mut Rules, machine: &Machine, axis: &super::Axis, at: Opti
         at,
         axis.feed_forward.coefficient,
         "",
-        (0.0, 1.5),
-        false,
+        From::AtLeast(0.0),
+        1.5,
     );
     let look_ahead_ms =
         (f64::from(machine.scan.look_ahead_periods) - 0.5) * machine.distribution_period_s() * 1e3;
@@ -361,8 +295,8 @@ fn axis_loops(rules: &mut Rules, machine: &Machine, axis: &super::Axis, at: Opti
         at,
         axis.feed_forward.advance_ms,
         "ms",
-        (0.0, look_ahead_ms),
-        false,
+        From::AtLeast(0.0),
+        look_ahead_ms,
     );
     let reversal = &axis.reversal;
     rules.range(
@@ -370,32 +304,32 @@ fn axis_loops(rules: &mut Rules, machine: &Machine, axis: &super::Axis, at: Opti
         at,
         reversal.backlash_um,
         "µm",
-        (0.0, 1000.0),
-        false,
+        From::AtLeast(0.0),
+        1000.0,
     );
     rules.range(
         &["reversal", "kick_mm_s"],
         at,
         reversal.kick_mm_s,
         "mm/s",
-        (0.0, 100.0),
-        false,
+        From::AtLeast(0.0),
+        100.0,
     );
     rules.range(
         &["reversal", "kick_ms"],
         at,
         reversal.kick_ms,
         "ms",
-        (0.0, 1000.0),
-        false,
+        From::AtLeast(0.0),
+        1000.0,
     );
     rules.range(
         &["reversal", "presliding_um"],
         at,
         reversal.presliding_um,
         "µm",
-        (0.0, 1000.0),
-        false,
+        From::AtLeast(0.0),
+        1000.0,
     );
     if reversal.shape == KickShape::Constant && reversal.presliding_um > 0.0 {
         rules.say(
@@ -412,8 +346,8 @@ fn axis_loops(rules: &mut Rules, machine: &Machine, axis: &super::Axis, at: Opti
         at,
         reversal.lead_ms,
         "ms",
-        (0.0, look_ahead_ms),
-        false,
+        From::AtLeast(0.0),
+        look_ahead_ms,
     );
     if reversal.method == ReversalMethod::Kick
         && (reversal.kick_mm_s == 0.0 || reversal.kick_ms == 0.0)
