@@ -1,5 +1,6 @@
 //! Exit statuses, the same for every command.
 
+use std::io::Write;
 use std::process::ExitCode;
 
 /// Why a command did not end with 0. Each kind has its status; the error inside is for people.
@@ -36,6 +37,20 @@ impl<T, E: Into<anyhow::Error>> Kind<T> for Result<T, E> {
     }
 }
 
+/// An error and its causes, each said once: some errors name their cause themselves.
+fn words(error: &anyhow::Error) -> String {
+    let mut words = String::new();
+    for cause in error.chain() {
+        let text = cause.to_string();
+        if words.is_empty() {
+            words = text;
+        } else if !words.contains(&text) {
+            words = format!("{words}: {text}");
+        }
+    }
+    words
+}
+
 /// Prints what went wrong, if anything, and gives the status.
 pub fn code(outcome: Outcome) -> ExitCode {
     let (status, error) = match outcome {
@@ -45,6 +60,6 @@ pub fn code(outcome: Outcome) -> ExitCode {
         Err(Failure::Input(error)) => (2, error),
         Err(Failure::Environment(error)) => (3, error),
     };
-    eprintln!("quadrant: {error:#}");
+    let _ = writeln!(std::io::stderr(), "quadrant: {}", words(&error));
     ExitCode::from(status)
 }

@@ -23,7 +23,7 @@ use crate::logs;
 /// Until then every process must have said that it is ready.
 const READY_LIMIT: Duration = Duration::from_secs(30);
 /// So long a process may take to leave in order, the recorder with its queue to empty among them.
-pub const LEAVE_LIMIT: Duration = Duration::from_secs(10);
+pub const LEAVE_LIMIT: Duration = Duration::from_secs(60);
 /// The same where the machine side is gone and nothing is left to wait for.
 pub const LEAVE_LIMIT_AFTER_MACHINE: Duration = Duration::from_secs(2);
 

@@ -28,14 +28,18 @@ struct AboveTheBar;
 
 impl Write for AboveTheBar {
     fn write(&mut self, buffer: &[u8]) -> std::io::Result<usize> {
-        match BAR.get() {
-            Some(bar) => bar.suspend(|| std::io::stderr().write(buffer)),
-            None => std::io::stderr().write(buffer),
-        }
+        // A terminal that is gone is no reason to lose the run: what cannot be written is dropped.
+        let written = match BAR.get() {
+            Some(bar) => bar.suspend(|| std::io::stderr().write_all(buffer)),
+            None => std::io::stderr().write_all(buffer),
+        };
+        drop(written);
+        Ok(buffer.len())
     }
 
     fn flush(&mut self) -> std::io::Result<()> {
-        std::io::stderr().flush()
+        let _ = std::io::stderr().flush();
+        Ok(())
     }
 }
 

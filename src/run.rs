@@ -19,7 +19,7 @@ use crate::exit::{Failure, Kind, Outcome};
 use crate::group::{Death, Group, LEAVE_LIMIT, LEAVE_LIMIT_AFTER_MACHINE, Plan};
 use crate::output::say;
 use crate::progress::{LOOK_EVERY, Progress};
-use crate::run_dir::{RunDir, Sources, default_folder};
+use crate::run_dir::{RunDir, Sources, default_folder, program_name};
 use crate::signals::Signals;
 use crate::{doctor, logs, report};
 
@@ -31,6 +31,7 @@ const MEMBERS_PATIENCE: Duration = Duration::from_secs(10);
 /// Runs a program on a machine.
 pub fn run(options: &RunOptions) -> Outcome {
     logs::init_launcher();
+    program_name(&options.program).input()?;
     let checked = check::load(&options.machine, Some(&options.program)).input()?;
     let cell_name = options.cell.as_deref().unwrap_or(&checked.machine.name);
     let place = CellPlace::new(cell_name).input()?;

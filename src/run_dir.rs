@@ -72,6 +72,33 @@ fn utc(seconds: u64) -> String {
     )
 }
 
+/// Files of a run directory that are not the program.
+const RESERVED: [&str; 6] = [
+    "machine.toml",
+    "plant.toml",
+    "run.mcap",
+    "report.json",
+    "report.txt",
+    "events.jsonl",
+];
+
+/// The name a program keeps in the run directory.
+///
+/// # Errors
+/// It has none, one that is not UTF-8, or one that a file of the run directory has.
+pub fn program_name(program: &Path) -> anyhow::Result<&str> {
+    let shown = program.display();
+    let name = program
+        .file_name()
+        .with_context(|| format!("{shown}: is not the name of a file"))?
+        .to_str()
+        .with_context(|| format!("{shown}: a program's name must be UTF-8"))?;
+    if RESERVED.contains(&name) || name.ends_with(".svg") {
+        bail!("{shown}: a file of that name is written by the run itself: rename the program");
+    }
+    Ok(name)
+}
+
 impl RunDir {
     /// Makes it and copies the sources.
     ///
@@ -96,15 +123,12 @@ impl RunDir {
             fs::write(&to, text).with_context(|| format!("{}: cannot be written", to.display()))?;
             Ok(to)
         };
-        let program_name = sources
-            .program
-            .file_name()
-            .map_or_else(|| PathBuf::from("program.ngc"), PathBuf::from);
+        let program_name = Path::new(program_name(sources.program)?);
         Ok(RunDir {
             folder: folder.to_path_buf(),
             machine: copy(sources.machine, Path::new("machine.toml"))?,
             plant: copy(sources.plant, Path::new("plant.toml"))?,
-            program: copy(sources.program, &program_name)?,
+            program: copy(sources.program, program_name)?,
         })
     }
 }

@@ -248,6 +248,7 @@ fn a_cell_name_that_is_none_is_refused() {
     for name in [
         "Upper",
         "under_score",
+        "-hyphen",
         "a-name-that-is-much-too-long-for-a-socket",
         "../escape",
         "",
@@ -257,9 +258,8 @@ fn a_cell_name_that_is_none_is_refused() {
                 "run",
                 "machines/xy",
                 "machines/xy/programs/circle-r25-f3000.ngc",
-                "--cell",
-                name,
             ])
+            .arg(format!("--cell={name}"))
             .output()
             .expect("running quadrant");
         assert_eq!(
@@ -284,4 +284,47 @@ fn bad_usage_ends_with_2() {
             .expect("running quadrant");
         assert_eq!(output.status.code(), Some(2), "{arguments:?}");
     }
+}
+
+#[test]
+fn a_program_with_the_name_of_a_file_of_the_run_directory_is_refused() {
+    let bench = Bench::of("xy", &[]);
+    for name in ["run.mcap", "report.json", "events.jsonl", "circle-1.svg"] {
+        let program = bench.file(name, &circle_program(10.0, 6000.0, (0.0, 0.0), 0.0));
+        let refused = refused(bench.path(), &program);
+        assert_eq!(refused.status, 2, "{}", refused.stderr);
+        assert!(
+            refused.stderr.contains("rename the program"),
+            "{}",
+            refused.stderr
+        );
+    }
+}
+
+/// Anybody may write to /dev/shm: what stands in the cell's place is not followed, taken or removed unless it is ours.
+#[test]
+fn a_link_in_the_place_of_the_cell_is_refused_and_what_it_points_to_stays() {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("circle.ngc", &circle_program(10.0, 6000.0, (0.0, 0.0), 0.0));
+    let victim = tempfile::tempdir().expect("a folder");
+    fs::write(victim.path().join("precious"), "kept").expect("a file");
+    let cell = unique_cell();
+    let place = format!("/dev/shm/quadrant-{cell}");
+    std::os::unix::fs::symlink(victim.path(), &place).expect("a link");
+    let output = quadrant()
+        .arg("run")
+        .arg(bench.path())
+        .arg(&program)
+        .args(["--cell", &cell, "--out"])
+        .arg(bench.path().join("run"))
+        .output()
+        .expect("running quadrant");
+    fs::remove_file(&place).expect("removing the link");
+    assert_eq!(output.status.code(), Some(3));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("is not a folder"));
+    let left: Vec<_> = fs::read_dir(victim.path())
+        .expect("the folder")
+        .flatten()
+        .collect();
+    assert_eq!(left.len(), 1, "{left:?}");
 }

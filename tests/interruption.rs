@@ -62,3 +62,18 @@ fn a_second_ctrl_c_stops_at_once_and_leaves_nothing_behind() {
         traces_of(&run.cell)
     );
 }
+
+/// A terminal that is gone takes nothing with it: the run stops in order and its report is written.
+#[test]
+fn a_closed_standard_error_and_a_hangup_still_end_in_order() {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("long.ngc", &long_program());
+    let mut cell = LiveCell::start(bench.path(), &program, "lockstep");
+    cell.wait_for_scan(2000);
+    drop(cell.child.stderr.take());
+    drop(cell.child.stdout.take());
+    cell.signal_launcher(libc::SIGHUP);
+    let run = cell.finish();
+    assert_eq!(run.status(), 130);
+    assert_eq!(text(&run.report(), "/outcome/kind"), "interrupted");
+}

@@ -49,6 +49,16 @@ pub enum CellError {
         /// The cell.
         cell: String,
     },
+    /// What stands in its place is not ours.
+    #[error("cell {cell:?}: {folder} {found}: name another cell with --cell")]
+    Foreign {
+        /// The cell.
+        cell: String,
+        /// Its place.
+        folder: String,
+        /// What stands there.
+        found: String,
+    },
     /// The operating system refused something.
     #[error("cell {cell:?}: {what}: {source}")]
     System {
@@ -196,7 +206,14 @@ impl CellPlace {
             return Ok(None);
         };
         let started = Instant::now();
+        let mut said = false;
         while flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+            if !std::mem::replace(&mut said, true) && !patience.is_zero() {
+                tracing::info!(
+                    "processes of a cell {} whose launcher is gone still live: waiting for them to leave",
+                    self.name
+                );
+            }
             if started.elapsed() >= patience {
                 return Err(CellError::MembersLive {
                     cell: self.name.clone(),
@@ -223,6 +240,7 @@ impl CellPlace {
             .recursive(true)
             .create(self.folder())
             .map_err(|e| self.error("making its folder in /dev/shm", e))?;
+        self.must_be_ours()?;
         let opened = OpenOptions::new()
             .read(true)
             .write(true)
@@ -235,6 +253,25 @@ impl CellPlace {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             Err(error) => Err(self.error(&format!("opening {name}"), error)),
         }
+    }
+
+    /// Anybody can put something of this name into /dev/shm: only a folder of this user is the cell's.
+    fn must_be_ours(&self) -> Result<(), CellError> {
+        let folder = self.folder();
+        let found = match fs::symlink_metadata(&folder) {
+            // It went meanwhile: opening a lock in it will tell.
+            Err(_) => return Ok(()),
+            Ok(metadata) if !metadata.is_dir() => "is not a folder".to_string(),
+            Ok(metadata) if metadata.uid() != rustix::process::geteuid().as_raw() => {
+                format!("belongs to user {}", metadata.uid())
+            }
+            Ok(_) => return Ok(()),
+        };
+        Err(CellError::Foreign {
+            cell: self.name.clone(),
+            folder: folder.display().to_string(),
+            found,
+        })
     }
 
     /// Holds the members' lock as one of them, for as long as the result lives.

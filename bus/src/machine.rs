@@ -358,6 +358,7 @@ pub fn machine_file(path: &Path) -> PathBuf {
 /// Whether this can name a cell: lower-case letters, digits and hyphens.
 pub fn is_cell_name(name: &str) -> bool {
     !name.is_empty()
+        && !name.starts_with('-')
         && name.len() <= CELL_NAME_LENGTH_MAX
         && name
             .bytes()

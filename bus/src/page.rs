@@ -274,14 +274,15 @@ impl Page {
 
     /// From now on in this scan every answer rings: someone died or came back and the count no longer holds.
     pub fn expect_eagerly(&self) {
-        self.layout().answers.eager.store(1, Ordering::Release);
+        // Ordered before the look at the ports that follows: an answer is seen there, or its ring is.
+        self.layout().answers.eager.swap(1, Ordering::SeqCst);
     }
 
     /// Says that this process has answered the scan.
     pub fn answered(&self) {
         let answers = &self.layout().answers;
-        let before = answers.outstanding.fetch_sub(1, Ordering::AcqRel);
-        if before == 1 || answers.eager.load(Ordering::Acquire) != 0 {
+        let before = answers.outstanding.fetch_sub(1, Ordering::SeqCst);
+        if before == 1 || answers.eager.load(Ordering::SeqCst) != 0 {
             self.layout().machine.ring();
         }
     }

@@ -168,7 +168,7 @@ pub fn run(options: &Options) -> Result<(), MonitorError> {
             ports.record(&feedback, &mut recorder)?;
             ended = feedback.last == 1;
             member.page.set_recorded_scans(feedback.scan + 1);
-            if lockstep && feedback.scan.is_multiple_of(CREDIT_STEP_SCANS) {
+            if ended || (lockstep && feedback.scan.is_multiple_of(CREDIT_STEP_SCANS)) {
                 member.page.machine_bell().ring();
             }
         }
