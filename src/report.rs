@@ -15,7 +15,13 @@ use crate::output::say;
 /// # Errors
 /// The log cannot be read, or the folder not be written.
 pub fn make(run_dir: &Path) -> anyhow::Result<String> {
-    monitor::report::make_report(run_dir)?;
+    let report = monitor::report::make_report(run_dir)?;
+    if report.samples_lost > 0 {
+        tracing::warn!(
+            "{} samples are missing in the log: its digest compares with no other run's",
+            report.samples_lost
+        );
+    }
     let text = run_dir.join("report.txt");
     fs::read_to_string(&text).with_context(|| format!("{}: cannot be read", text.display()))
 }
