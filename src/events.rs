@@ -42,8 +42,6 @@ impl<'a> Event<'a> {
 #[derive(Debug)]
 pub struct Events {
     file: File,
-    /// How many deaths have been written.
-    pub deaths_noted: usize,
 }
 
 impl Events {
@@ -55,10 +53,7 @@ impl Events {
         let path = run_dir.join("events.jsonl");
         let file = File::create(&path)
             .with_context(|| format!("{}: cannot be written", path.display()))?;
-        Ok(Events {
-            file,
-            deaths_noted: 0,
-        })
+        Ok(Events { file })
     }
 
     /// Writes one; a full disk costs the line and a warning, not the run.

@@ -1,6 +1,6 @@
 //! The process group: one table of who takes part, started, watched, reaped and stopped by the launcher.
 
-use std::os::fd::OwnedFd;
+use std::os::fd::{BorrowedFd, OwnedFd};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -16,6 +16,7 @@ use bus::port::Writer;
 use bus::sample::{Job, Participant, Roster};
 use bus::service::{Bus, Created};
 use bytemuck::Zeroable;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
 
 use crate::logs;
@@ -26,6 +27,9 @@ const READY_LIMIT: Duration = Duration::from_secs(30);
 pub const LEAVE_LIMIT: Duration = Duration::from_secs(60);
 /// The same where the machine side is gone and nothing is left to wait for.
 pub const LEAVE_LIMIT_AFTER_MACHINE: Duration = Duration::from_secs(2);
+
+/// The longest wait without looking who has left.
+const LEAVE_LOOK: Duration = Duration::from_millis(100);
 
 /// One process of the table.
 #[derive(Debug, Clone)]
@@ -311,12 +315,18 @@ impl Group {
         self.page.ring_all();
     }
 
-    /// Descriptors that become readable when a process ends.
-    pub fn descriptors(&self) -> impl Iterator<Item = &OwnedFd> {
-        self.members
-            .iter()
-            .filter(|m| m.status.is_none())
-            .map(|m| &m.ended)
+    /// Sleeps until a process ends or `also` becomes readable, at most `limit`.
+    pub fn wait(&self, also: Option<BorrowedFd<'_>>, limit: Duration) {
+        let living = self.members.iter().filter(|m| m.status.is_none());
+        let mut fds: Vec<PollFd<'_>> = living
+            .map(|member| PollFd::new(&member.ended, PollFlags::IN))
+            .collect();
+        fds.extend(also.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)));
+        let limit = Timespec {
+            tv_sec: limit.as_secs() as i64,
+            tv_nsec: i64::from(limit.subsec_nanos()),
+        };
+        let _ = poll(&mut fds, Some(&limit));
     }
 
     /// Names and process ids of all that live.
@@ -385,15 +395,7 @@ impl Group {
                 // Whoever still waits for a last feedback waits in vain.
                 self.page.set_phase(CellPhase::Ending);
             }
-            let mut fds: Vec<_> = self
-                .descriptors()
-                .map(|fd| rustix::event::PollFd::new(fd, rustix::event::PollFlags::IN))
-                .collect();
-            let step = rustix::event::Timespec {
-                tv_sec: 0,
-                tv_nsec: 100_000_000,
-            };
-            let _ = rustix::event::poll(&mut fds, Some(&step));
+            self.wait(None, LEAVE_LOOK);
         }
         for (name, pid) in self.living() {
             tracing::warn!(process = name, pid, "did not leave in time: killed");

@@ -10,7 +10,6 @@ use bus::member::Pace;
 use bus::page::CellPhase;
 use bus::port::OperatorClient;
 use bus::sample::{Cause, Feedback, Job, Mode, OperatorRequest, Order};
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::check::{self, Checked};
 use crate::cli::{CleanOptions, RunOptions};
@@ -21,7 +20,7 @@ use crate::output::say;
 use crate::progress::{LOOK_EVERY, Progress};
 use crate::run_dir::{RunDir, Sources, default_folder, program_name};
 use crate::signals::Signals;
-use crate::{doctor, logs, report};
+use crate::{doctor, exit, logs, report};
 
 /// So long the machine may take to come to rest once it was told to.
 const STOP_LIMIT: Duration = Duration::from_secs(15);
@@ -149,7 +148,7 @@ fn supervise(
     let mut stop_since: Option<Instant> = None;
     let mut tripped = false;
     while group.lives(Job::Machine) && signals.count() < 2 {
-        wait(group, signals);
+        group.wait(Some(signals.descriptor()), LOOK_EVERY);
         let newest = watch.progress.look(path).copied();
         group.newest_scan = newest.map_or(0, |feedback| feedback.scan);
         if let Some(feedback) = newest
@@ -160,8 +159,9 @@ fn supervise(
             let how = stop_words(&feedback, &axes);
             events.write(&Event::of_cell(feedback.scan, "trip", Some(how)));
         }
-        deaths.extend(group.reap());
-        note_deaths(&deaths, group.newest_scan, events);
+        let died = group.reap();
+        note_deaths(&died, group.newest_scan, events);
+        deaths.extend(died);
         let why = if signals.count() > 0 {
             Some("interrupted")
         } else if deaths.iter().any(|d| d.is_untimely(Job::Planner)) {
@@ -200,8 +200,9 @@ fn supervise(
         } else {
             LEAVE_LIMIT
         };
-        deaths.extend(group.wait_until_left(limit));
-        note_deaths(&deaths, group.newest_scan, events);
+        let left = group.wait_until_left(limit);
+        note_deaths(&left, group.newest_scan, events);
+        deaths.extend(left);
     } else {
         tracing::warn!("stopped at once");
         group.kill();
@@ -222,18 +223,15 @@ fn supervise(
     }
 }
 
-/// Says who died untimely; each death once.
+/// Says who died untimely.
 fn note_deaths(deaths: &[Death], scan: u64, events: &mut Events) {
-    for death in deaths.iter().skip(events.deaths_noted) {
-        if !death.status.success() {
-            tracing::error!("{} {}", death.name, death.words());
-            events.write(&Event {
-                process: Some(&death.name),
-                ..Event::of_cell(scan, "died", Some(death.words()))
-            });
-        }
+    for death in deaths.iter().filter(|death| !death.status.success()) {
+        tracing::error!("{} {}", death.name, death.words());
+        events.write(&Event {
+            process: Some(&death.name),
+            ..Event::of_cell(scan, "died", Some(death.words()))
+        });
     }
-    events.deaths_noted = deaths.len();
 }
 
 /// Asks the machine side to come to rest on the path; false if the order could not be sent.
@@ -247,28 +245,16 @@ fn stop(group: &Group, operator: &OperatorClient) -> bool {
     sent
 }
 
-/// Sleeps until a process ends, a signal comes or it is time to look.
-fn wait(group: &Group, signals: &Signals) {
-    let signal = signals.descriptor();
-    let mut fds: Vec<PollFd<'_>> = group
-        .descriptors()
-        .map(|fd| PollFd::new(fd, PollFlags::IN))
-        .collect();
-    fds.push(PollFd::from_borrowed_fd(signal, PollFlags::IN));
-    let limit = Timespec {
-        tv_sec: 0,
-        tv_nsec: i64::from(LOOK_EVERY.subsec_nanos()),
-    };
-    let _ = poll(&mut fds, Some(&limit));
-}
-
 fn conclude(ending: Ending, made: anyhow::Result<String>, folder: &Path) -> Outcome {
     match &made {
         Ok(text) => {
             say(text);
             say(&format!("Run directory: {}", folder.display()));
         }
-        Err(error) => tracing::error!("no report could be made of {}: {error:#}", folder.display()),
+        Err(error) => {
+            let why = exit::words(error);
+            tracing::error!("no report could be made of {}: {why}", folder.display());
+        }
     }
     if ending.interruptions > 1 {
         return Err(Failure::Interrupted);

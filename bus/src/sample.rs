@@ -502,6 +502,11 @@ impl Roster {
             .iter()
             .find(|p| p.job == job as u32 && p.axis == axis as u32 && p.role == role)
     }
+
+    /// The participant in this place, if it lives.
+    pub fn living(&self, job: Job, axis: usize, role: u32) -> Option<&Participant> {
+        self.find(job, axis, role).filter(|p| p.live == 1)
+    }
 }
 
 /// What an operator, or the launcher for him, asks of the machine side.

@@ -323,8 +323,7 @@ impl MachineSide {
     /// A window became visible in this scan.
     pub fn offer(&mut self, header: &WindowHeader, rows: &[WindowRow], roster: &Roster) {
         let planner = roster
-            .find(Job::Planner, 0, 0)
-            .filter(|p| p.live == 1)
+            .living(Job::Planner, 0, 0)
             .map_or(0, |p| p.incarnation);
         self.windows.offer(header, rows, planner);
     }
@@ -342,7 +341,7 @@ impl MachineSide {
 
     /// A planner that cannot go on is no reason to leave the path: the window in force ends at rest on it.
     fn heed_planner(&mut self, answers: &Answers, roster: &Roster) {
-        let planner = roster.find(Job::Planner, 0, 0).filter(|p| p.live == 1);
+        let planner = roster.living(Job::Planner, 0, 0);
         let Some((status, planner)) = answers.planner.as_ref().zip(planner) else {
             return;
         };
@@ -356,8 +355,7 @@ impl MachineSide {
     fn take_commands(&mut self, answers: &Answers, roster: &Roster) {
         let driven = self.mode != Mode::Disabled;
         for (index, (axis, commands)) in self.axes.iter_mut().zip(&answers.commands).enumerate() {
-            let servo = roster.find(Job::Servo, index, 0).filter(|p| p.live == 1);
-            let Some(servo) = servo else {
+            let Some(servo) = roster.living(Job::Servo, index, 0) else {
                 if driven && axis.cause == Cause::None {
                     axis.cause = Cause::ServoLost;
                 }

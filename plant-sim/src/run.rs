@@ -17,9 +17,7 @@ use bus::member::{Member, MemberError, Pace, Seat};
 use bus::page::CellPhase;
 use bus::port::{Age, OperatorServer, Reader, WindowReader, Writer};
 use bus::realtime::{self, Priority};
-use bus::sample::{
-    AxisCommand, Feedback, Instruments, Job, MAX_AXES, Participant, PlannerStatus, Roster,
-};
+use bus::sample::{AxisCommand, Feedback, Instruments, Job, MAX_AXES, PlannerStatus, Roster};
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES, SCAN_DEPTH};
 use bus::settings_file::SettingsFileError;
 
@@ -343,8 +341,7 @@ impl Cell {
             }
             self.member.page.machine_bell().wait(seen, WAIT_STEP);
             self.read_roster();
-            let lives = |p: &Participant| p.live == 1;
-            let recorder_lives = self.roster.find(Job::Monitor, 0, 0).is_some_and(lives);
+            let recorder_lives = self.roster.living(Job::Monitor, 0, 0).is_some();
             if since.get_or_insert_with(Instant::now).elapsed() > limit {
                 tracing::warn!("the recorder has stalled: it is not waited for any more");
                 self.recorder_dropped = true;

@@ -21,8 +21,8 @@ use super::fit::{Fit, FitKind};
 const SAMPLES_MAX: usize = 1 << 19;
 /// Share of the highest path speed from which motion counts as steady.
 const STEADY_SHARE: f64 = 0.99;
-/// Longest time that motion must have been steady, in s.
-/// Five time constants of a position loop of 50 1/s: the swing from the run-in's acceleration has died away.
+/// Longest time that motion must have been steady, in s: five time constants of a position loop of 50 1/s, after which the
+/// swing from the run-in's acceleration has died away.
 const SETTLE_S: f64 = 0.100;
 /// Longest angle for the same, in rad.
 const SETTLE_RAD: f64 = 120.0 * PI / 180.0;
