@@ -10,7 +10,10 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
+pub mod model;
 mod rules;
+
+pub use model::{AxisModel, DisturbanceObserver, TorqueFeedForward};
 
 use crate::sample::MAX_AXES;
 use crate::settings_file::{self, SettingsFileError, read_text};
@@ -126,6 +129,9 @@ pub struct Axis {
     /// Where the position comes from.
     #[serde(default)]
     pub feedback: PositionFeedback,
+    /// With a scale: time constant, in ms, below which the motor encoder is believed rather than the scale.
+    #[serde(default)]
+    pub dual_feedback_ms: f64,
     /// Who closes the velocity loop.
     #[serde(default)]
     pub drive_mode: DriveMode,
@@ -140,6 +146,14 @@ pub struct Axis {
     pub feed_forward: FeedForward,
     /// What is done where the axis reverses.
     pub reversal: Reversal,
+    /// Its mechanics, as identified.
+    pub model: Option<AxisModel>,
+    /// Torque fed forward from them.
+    #[serde(default)]
+    pub torque_feed_forward: TorqueFeedForward,
+    /// Disturbance observer.
+    #[serde(default)]
+    pub disturbance_observer: DisturbanceObserver,
 }
 
 /// Rating plate.
@@ -206,6 +220,8 @@ pub enum ReversalMethod {
     Backlash,
     /// Position backlash step and backlash acceleration (docs/methods.md §2).
     Kick,
+    /// Position backlash crossed when the contact force that `[axis.model]` predicts changes sign (docs/methods.md §8).
+    ContactForce,
 }
 
 /// What starts the kick.

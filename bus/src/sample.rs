@@ -321,7 +321,7 @@ pub struct Instruments {
 /// Everything a servo remembers from one scan to the next: carried in each command, so that another controller of the
 /// axis can go on from it to the bit.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/ControllerState/2")]
+#[type_name("quadrant/ControllerState/3")]
 #[repr(C)]
 pub struct ControllerState {
     /// Position command of the scan before, in increments, without compensation.
@@ -350,8 +350,12 @@ pub struct ControllerState {
     pub kick_trigger_mm_s: f64,
     /// Distance since the running kick's reversal, seen one lead ahead, in mm.
     pub kick_distance_mm: f64,
-    /// Spare for methods that come later; zero.
-    pub reserved: [f64; 2],
+    /// Filter of the disturbance observer, in N.
+    pub observer_n: f64,
+    /// Motor encoder of the scan before, in increments.
+    pub motor_position: i64,
+    /// Correction by the scale, in mm.
+    pub scale_correction_mm: f64,
     /// Scans the running kick still lasts, at most.
     pub kick_remaining_scans: u32,
     /// 0 nothing; 1 a reversal is announced and its kick has not started (F1 of the source); 2 its kick has started
@@ -369,11 +373,15 @@ pub struct ControllerState {
     pub cause: u32,
     /// Direction the last kick was started in: −1, 0 (none yet) or 1.
     pub kick_direction: i32,
+    /// Torque fed forward in this scan and in the one before, in N·m.
+    pub torque_feed_forward_nm: [f64; 2],
+    /// State of the inverse dynamics, in the order of its own block.
+    pub inverse_dynamics: [f64; 32],
 }
 
 /// What one servo asks of its drive for one scan.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/AxisCommand/2")]
+#[type_name("quadrant/AxisCommand/3")]
 #[repr(C)]
 pub struct AxisCommand {
     /// Scan whose feedback this answers; takes effect one scan later.

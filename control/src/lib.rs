@@ -5,10 +5,14 @@
 pub mod audit;
 pub mod backlash;
 mod course;
+pub mod disturbance_observer;
 mod envelope;
 pub mod feed_forward;
 pub mod guards;
+pub mod inverse_dynamics;
+pub mod learned_table;
 pub mod limits;
+pub mod maxwell_slip;
 pub mod path;
 pub mod profile;
 pub mod reversal;

@@ -15,9 +15,11 @@ use bytemuck::Zeroable;
 use control::backlash::BacklashState;
 use control::feed_forward::{FeedForward, MovementCommands};
 use control::guards::Broken;
+use control::learned_table::LearnedTable;
 use control::reversal::{Announcement, ReversalState};
 use control::velocity_loop::VelocityLoopState;
 
+use crate::compensation::Added;
 use crate::held::{HeldWindow, Refusal, check_itself, check_seam};
 use crate::settings::{ServoSettings, ServoSettingsError};
 
@@ -35,6 +37,7 @@ pub struct Servo {
     pending: HeldWindow,
     refused: WindowId,
     state: ControllerState,
+    learned: Option<Box<LearnedTable>>,
 }
 
 impl Servo {
@@ -56,6 +59,7 @@ impl Servo {
             pending: HeldWindow::none(),
             refused: WindowId::NONE,
             state: ControllerState::zeroed(),
+            learned: None,
         })
     }
 
@@ -235,6 +239,7 @@ impl Servo {
             period_start: at(start),
             period_start_before: at(start - period),
             velocity_mm_s: axis.velocity_mm_s,
+            motor_position: axis.motor_position,
             // This scan: no period boundary is seen to pass.
             scan: feedback.scan,
             cause: self.state.cause,
@@ -259,6 +264,7 @@ impl Servo {
             period_start: axis.command_register,
             period_start_before: axis.command_register,
             velocity_mm_s: axis.velocity_mm_s,
+            motor_position: axis.motor_position,
             scan: self.state.scan,
             kicks: self.state.kicks,
             initialised: 1,
@@ -296,8 +302,10 @@ impl Servo {
         let speed_per_increment = settings.increment_mm / settings.scan_s;
 
         let (compensation_mm, reversed) = self.backlash(feedback, axis, position_command);
+        let model = self.model(feedback, axis, compensation_mm);
         let error = position_command.saturating_sub(position) as f64 * settings.increment_mm;
-        let proportional_mm_s = settings.position_gain_per_s * (error + compensation_mm);
+        let proportional_mm_s = settings.position_gain_per_s
+            * self.position_error_mm(axis, position_command, model.compensation_mm);
         let feed_forward_mm_s =
             settings.feed_forward.increments_per_scan(&movement, phase) * speed_per_increment;
         // What the reversal is judged by: the speed of the rows themselves (their smoothed speed is centred one scan back),
@@ -313,7 +321,7 @@ impl Servo {
             proportional_mm_s
         };
         let kick_mm_s = self.kick(&movement, boundary, reversed, speed_mm_s);
-        let velocity_mm_s = proportional_mm_s + feed_forward_mm_s + kick_mm_s;
+        let velocity_mm_s = proportional_mm_s + feed_forward_mm_s + kick_mm_s + model.velocity_mm_s;
 
         let measured_mm_s =
             position.saturating_sub(self.state.feedback_position) as f64 * speed_per_increment;
@@ -339,6 +347,7 @@ impl Servo {
         let limited = match settings.drive_mode {
             DriveMode::Velocity => {
                 command.velocity_mm_s = velocity_mm_s;
+                command.torque_nm = model.torque_nm;
                 axis.torque_limited != 0
             }
             DriveMode::Torque => {
@@ -354,7 +363,7 @@ impl Servo {
                 }
                 self.state.integrator_nm = inner.integrator_nm;
                 command.velocity_mm_s = velocity_mm_s;
-                command.torque_nm = torque.torque_nm;
+                command.torque_nm = torque.torque_nm + model.torque_nm;
                 torque.limited
             }
         };
@@ -456,6 +465,49 @@ impl Servo {
         self.state.kick_distance_mm = reversal.kick_distance_mm;
         self.state.kicks = reversal.kicks;
         kick_mm_s
+    }
+
+    /// What the identified model adds to the commands.
+    fn model(&mut self, feedback: &Feedback, axis: &AxisFeedback, step_mm: f64) -> Added {
+        let mut state = self.state;
+        let added = self.settings.model.update(
+            &mut state,
+            axis,
+            self.learned.as_deref(),
+            step_mm,
+            |scans| match scans {
+                0.. => self.command_at(feedback, axis, scans),
+                -1 => self.state.command_position,
+                _ => self.state.command_position_before,
+            },
+        );
+        state.backlash_mm = added.compensation_mm;
+        self.state = state;
+        added
+    }
+
+    /// Position error of the loop, in mm: at the motor with its compensation, and with a scale corrected by what the
+    /// scale says, at once or smoothly where `dual_feedback_ms` is set.
+    fn position_error_mm(
+        &mut self,
+        axis: &AxisFeedback,
+        position_command: i64,
+        compensation_mm: f64,
+    ) -> f64 {
+        let settings = &self.settings;
+        let off_mm = |position: i64| {
+            position_command.saturating_sub(position) as f64 * settings.increment_mm
+        };
+        let motor_mm = off_mm(axis.motor_position) + compensation_mm;
+        match settings.feedback {
+            PositionFeedback::Motor => motor_mm,
+            PositionFeedback::Scale => {
+                let missing_mm = off_mm(axis.scale_position) - motor_mm;
+                let correction_mm = &mut self.state.scale_correction_mm;
+                *correction_mm += settings.scale_share * (missing_mm - *correction_mm);
+                motor_mm + *correction_mm
+            }
+        }
     }
 
     fn blank(&self, feedback: &Feedback) -> AxisCommand {

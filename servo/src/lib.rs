@@ -5,6 +5,7 @@
 //! **Invariant**: whatever a command depends on is in the feedback, in the windows held, or in the state that the
 //! command before carried; a second controller of the axis goes on from there to the bit.
 
+mod compensation;
 mod controller;
 mod held;
 mod run;

@@ -12,8 +12,11 @@ use bus::machine::{
 use control::backlash::Backlash;
 use control::feed_forward::FeedForward;
 use control::guards::AxisGuards;
+
 use control::reversal::{BacklashAcceleration, KickShape};
 use control::velocity_loop::VelocityLoop;
+
+use crate::compensation::ModelSettings;
 
 /// Speed commands may be that much above the rapid traverse before they trip: position loop and kicks add to the rows.
 const SPEED_MARGIN: f64 = 1.2;
@@ -52,6 +55,8 @@ pub struct ServoSettings {
     pub increment_mm: f64,
     /// Where the position comes from.
     pub feedback: PositionFeedback,
+    /// Part of the scale's correction that is taken over in one scan.
+    pub scale_share: f64,
     /// Who closes the velocity loop.
     pub drive_mode: DriveMode,
     /// Kp, in 1/s.
@@ -66,6 +71,8 @@ pub struct ServoSettings {
     pub kick: BacklashAcceleration,
     /// Velocity loop of torque mode.
     pub velocity_loop: VelocityLoop,
+    /// What the axis's model adds.
+    pub model: ModelSettings,
     /// Following error, travel and speed guards.
     pub guards: AxisGuards,
     /// Scans in a row at the torque limit that stop the axis.
@@ -107,6 +114,11 @@ impl ServoSettings {
             look_ahead_periods: machine.scan.look_ahead_periods as usize,
             increment_mm,
             feedback: axis.feedback,
+            scale_share: if axis.dual_feedback_ms > 0.0 {
+                1.0 - libm::exp(-scan_s / (axis.dual_feedback_ms * 1e-3))
+            } else {
+                1.0
+            },
             drive_mode: axis.drive_mode,
             position_gain_per_s: axis.position_loop.gain_per_s,
             feed_forward: FeedForward {
@@ -148,6 +160,7 @@ impl ServoSettings {
                 axis.lead_mm,
                 axis.motor.peak_torque_nm,
             ),
+            model: ModelSettings::new(axis, scan_s),
             guards: guards(axis),
             torque_limited_scans_max: libm::ceil(TORQUE_LIMITED_S / scan_s) as u32,
             quick_stop_mm_s2: [0.0; bus::sample::MAX_AXES],

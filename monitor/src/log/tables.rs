@@ -30,8 +30,8 @@ table!(
 table!(
     ControllerState: command_position, feedback_position, command_position_before, scan, period_start,
     period_start_before, backlash_mm, integrator_nm, velocity_mm_s, trigger_speed_mm_s, kick_mm_s,
-    kick_trigger_mm_s, kick_distance_mm, reserved, kick_remaining_scans, armed, direction, torque_limited_scans, kicks,
-    initialised, cause, kick_direction,
+    kick_trigger_mm_s, kick_distance_mm, observer_n, motor_position, scale_correction_mm, kick_remaining_scans, armed, direction, torque_limited_scans, kicks,
+    initialised, cause, kick_direction, torque_feed_forward_nm, inverse_dynamics,
 );
 table!(
     AxisCommand: scan, visible_from, position, velocity_mm_s, torque_nm, feed_forward_mm_s, following_error_mm,

@@ -1,0 +1,376 @@
+//! What the motor must do, and with which torque, so that the *table* follows the command.
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use crate::learned_table::LearnedTable;
+use crate::maxwell_slip::{ELEMENTS, MaxwellSlip};
+
+/// Compensations kept: the model runs up to so many scans ahead of the position command.
+pub const LEAD_SCANS_MAX: f64 = 2.999;
+const HISTORY: usize = 3;
+/// Values that [`InverseDynamicsState`] travels in.
+pub const STATE_VALUES: usize = 32;
+/// Bandwidth of the filter on the predicted contact force, in rad/s. A setpoint may step its acceleration; the motor
+/// cannot step the wind-up of the screw. Its delay of 2/ω is made up for by looking that much further ahead.
+const SMOOTHING_RAD_S: f64 = 1500.0;
+
+/// Which parts of the model are put out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Parts {
+    /// Wind-up and gap on the position command.
+    pub compensation: bool,
+    /// `M·a` as torque.
+    pub acceleration: bool,
+    /// Viscous friction as torque.
+    pub viscous: bool,
+    /// Friction over distance as torque.
+    pub friction: bool,
+}
+
+/// A motor and a table, joined by a screw with stiffness and a gap, turned round: from the motion that the table is to make to
+/// the motion and torque of the motor.
+///
+/// ```text
+/// contact      fc = M2·a + B2·v + f2(x)                       what the screw must carry
+/// motor        x1 = x + fc/k + (b/2)·side                     side: −1 … 1, crossed where fc changes sign
+/// torque       T  = p·[fc + M1·x1'' + B1·x1' + f1(x1)]        f1, f2: Maxwell slip elements
+/// ```
+///
+/// The gap is crossed along a smooth step (10u³ − 15u⁴ + 6u⁵) in the time `crossing_s`, half of it before the contact force
+/// changes sign, half of it after: so neither an early nor a late crossing lets the table go. Everything is computed
+/// `lead_scans` ahead, the delay of a command until the middle of the scan that it acts in; the position command gets the
+/// compensation of that many scans ago. Learned residuals ([`LearnedTable`]) are added over the distance since the reversal.
+///
+/// Source: the two-mass equations of docs/physics.md §3 solved for the motor (the system is differentially flat in the
+/// table's position: Fliess, Lévine, Martin, Rouchon 1995); predicted crossing: docs/physics.md §4. Units: mm and mm/s for
+/// motion, N and kg at the table, N·m at the motor. First call: no spring is wound, neither side of the gap is known, and the
+/// compensation is 0. An input that is not a number gives outputs that are not numbers; the caller stops the axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InverseDynamics {
+    /// What is put out.
+    pub parts: Parts,
+    /// Scan period, in s.
+    pub scan_s: f64,
+    /// Motor and screw, in kg at the table.
+    pub motor_mass_kg: f64,
+    /// Table, in kg.
+    pub table_mass_kg: f64,
+    /// Viscous friction at the motor, in N·s/m.
+    pub motor_viscous_n_s_per_m: f64,
+    /// Viscous friction at the table, in N·s/m.
+    pub table_viscous_n_s_per_m: f64,
+    /// Screw, in N/m.
+    pub stiffness_n_per_m: f64,
+    /// Gap, in mm.
+    pub gap_mm: f64,
+    /// Time for crossing it, in s.
+    pub crossing_s: f64,
+    /// Lead of the model over the position command, in scans, at most [`LEAD_SCANS_MAX`].
+    pub lead_scans: f64,
+    /// Friction at the motor.
+    pub motor_friction: MaxwellSlip,
+    /// Friction at the table.
+    pub table_friction: MaxwellSlip,
+    /// Travel per radian of the motor, in m.
+    pub radius_m: f64,
+}
+
+/// What [`InverseDynamics`] remembers.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct InverseDynamicsState {
+    /// Whether it has been called before.
+    pub begun: bool,
+    /// Position seen furthest ahead, in mm.
+    pub far_mm: f64,
+    /// Position seen ahead by lead and filter, in mm.
+    pub near_mm: f64,
+    /// Motor position, in mm.
+    pub motor_mm: f64,
+    /// Table friction furthest ahead.
+    pub far_table_n: [f64; ELEMENTS],
+    /// Table friction.
+    pub table_n: [f64; ELEMENTS],
+    /// Motor friction.
+    pub motor_n: [f64; ELEMENTS],
+    /// Where in the gap the motor is, −1 to 1.
+    pub side: f64,
+    /// Where it goes: −1, 0 (not known yet) or 1.
+    pub side_wanted: f64,
+    /// Compensations of the scans before, the last first, in mm.
+    pub compensation_mm: [f64; HISTORY],
+    /// Force before the present one, in N.
+    pub force_n: f64,
+    /// Contact force behind the filter, in N, and its rate, in N/s.
+    pub contact_n: f64,
+    /// Its rate, in N/s.
+    pub contact_n_per_s: f64,
+    /// Direction of travel: −1, 0 (none yet) or 1.
+    pub direction: f64,
+    /// Distance since the reversal, in mm.
+    pub distance_mm: f64,
+}
+
+/// The motion that the table is to make, at one instant.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Motion {
+    /// Position, in mm.
+    pub position_mm: f64,
+    /// Velocity, in mm/s.
+    pub velocity_mm_s: f64,
+    /// Acceleration, in mm/s².
+    pub acceleration_mm_s2: f64,
+}
+
+/// The commanded motion at the three leads that the model asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Ahead {
+    /// At [`InverseDynamics::lead_scans`].
+    pub here: Motion,
+    /// At [`InverseDynamics::near_lead_scans`].
+    pub near: Motion,
+    /// At [`InverseDynamics::far_lead_scans`].
+    pub far: Motion,
+}
+
+/// What is added to the servo's commands.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Wanted {
+    /// To the position command of this scan, in mm.
+    pub compensation_mm: f64,
+    /// To the velocity command, in mm/s.
+    pub velocity_mm_s: f64,
+    /// To the torque, in N·m.
+    pub torque_nm: f64,
+}
+
+impl InverseDynamics {
+    /// Lead at which the crossing of the gap is decided, in scans.
+    pub fn far_lead_scans(&self) -> f64 {
+        self.lead_scans + 0.5 * self.crossing_s / self.scan_s
+    }
+
+    /// Lead at which the contact force enters its filter, in scans.
+    pub fn near_lead_scans(&self) -> f64 {
+        self.lead_scans + 2.0 / (SMOOTHING_RAD_S * self.scan_s)
+    }
+
+    /// One scan.
+    pub fn update(
+        &self,
+        state: &mut InverseDynamicsState,
+        ahead: &Ahead,
+        learned: Option<&LearnedTable>,
+    ) -> Wanted {
+        if !state.begun {
+            *state = InverseDynamicsState {
+                begun: true,
+                far_mm: ahead.far.position_mm,
+                near_mm: ahead.near.position_mm,
+                motor_mm: ahead.here.position_mm,
+                ..InverseDynamicsState::default()
+            };
+        }
+        let (gap_mm, gap_mm_s2) = self.cross_gap(state, &ahead.far);
+        let contact_n_per_s2 = self.carry(state, &ahead.near);
+        let (learned_mm, learned_nm) = self.recall(state, &ahead.here, learned);
+
+        let modelled_mm = gap_mm + state.contact_n / self.stiffness_n_per_m * 1e3;
+        let compensation_mm = if self.parts.compensation {
+            modelled_mm + learned_mm
+        } else {
+            0.0
+        };
+        let motor_mm = ahead.here.position_mm + compensation_mm;
+        let motor_travel_mm = motor_mm - state.motor_mm;
+        state.motor_mm = motor_mm;
+        let motor_mm_s = motor_travel_mm / self.scan_s;
+        let motor_friction_n =
+            self.motor_friction
+                .update(&mut state.motor_n, motor_travel_mm, motor_mm_s);
+        let force_n = self.force_n(state, ahead, motor_mm_s, motor_friction_n);
+        // Held over a scan: its mean.
+        let mean_n = 0.5 * (force_n + state.force_n);
+        state.force_n = force_n;
+        // The compensation's own acceleration, from its parts: a difference of differences would be noise.
+        let own_m_s2 = gap_mm_s2 * 1e-3 + contact_n_per_s2 / self.stiffness_n_per_m;
+        let own_n = if self.parts.compensation && self.parts.acceleration {
+            self.motor_mass_kg * own_m_s2
+        } else {
+            0.0
+        };
+
+        let [last, before, first] = state.compensation_mm;
+        state.compensation_mm = [compensation_mm, last, before];
+        let history = [compensation_mm, last, before, first];
+        let whole = libm::floor(self.lead_scans);
+        let part = self.lead_scans - whole;
+        let at = |index: f64| history.get(index as usize).copied().unwrap_or(first);
+        Wanted {
+            compensation_mm: (1.0 - part) * at(whole) + part * at(whole + 1.0),
+            velocity_mm_s: (compensation_mm - last) / self.scan_s,
+            torque_nm: (mean_n + own_n) * self.radius_m + learned_nm,
+        }
+    }
+
+    /// Where in the gap the motor is, in mm, and its acceleration, in mm/s².
+    fn cross_gap(&self, state: &mut InverseDynamicsState, far: &Motion) -> (f64, f64) {
+        let travel_mm = far.position_mm - state.far_mm;
+        state.far_mm = far.position_mm;
+        let friction_n =
+            self.table_friction
+                .update(&mut state.far_table_n, travel_mm, far.velocity_mm_s);
+        let contact_n = self.contact_n(far, friction_n);
+        if contact_n > 0.0 {
+            state.side_wanted = 1.0;
+        } else if contact_n < 0.0 {
+            state.side_wanted = -1.0;
+        }
+        let step = 2.0 * self.scan_s / self.crossing_s;
+        let before = state.side;
+        state.side += (state.side_wanted - before).max(-step).min(step);
+        let rate_per_s = 0.5 * (state.side - before) / self.scan_s;
+        let u = 0.5 * (state.side + 1.0);
+        let place = u * u * u * (10.0 - 15.0 * u + 6.0 * u * u);
+        let bend = u * (60.0 - 180.0 * u + 120.0 * u * u);
+        (
+            self.gap_mm * (place - 0.5),
+            self.gap_mm * bend * rate_per_s * rate_per_s,
+        )
+    }
+
+    /// Contact force behind its filter, critically damped, exact for an input that is held over a scan; the rate of its rate.
+    fn carry(&self, state: &mut InverseDynamicsState, near: &Motion) -> f64 {
+        let travel_mm = near.position_mm - state.near_mm;
+        state.near_mm = near.position_mm;
+        let friction_n =
+            self.table_friction
+                .update(&mut state.table_n, travel_mm, near.velocity_mm_s);
+        let wanted_n = self.contact_n(near, friction_n);
+        let decay = libm::exp(-SMOOTHING_RAD_S * self.scan_s);
+        let off_n = state.contact_n - wanted_n;
+        let slope = state.contact_n_per_s + SMOOTHING_RAD_S * off_n;
+        let left_n = (off_n + slope * self.scan_s) * decay;
+        let rate = slope * decay - SMOOTHING_RAD_S * left_n;
+        let rate_of_rate = (rate - state.contact_n_per_s) / self.scan_s;
+        state.contact_n = wanted_n + left_n;
+        state.contact_n_per_s = rate;
+        rate_of_rate
+    }
+
+    /// What was learned of this place: on the position, in mm, and on the torque, in N·m.
+    fn recall(
+        &self,
+        state: &mut InverseDynamicsState,
+        here: &Motion,
+        learned: Option<&LearnedTable>,
+    ) -> (f64, f64) {
+        let step_mm = here.velocity_mm_s * self.scan_s;
+        if step_mm * state.direction < 0.0 || (state.direction == 0.0 && step_mm != 0.0) {
+            state.direction = if step_mm > 0.0 { 1.0 } else { -1.0 };
+            state.distance_mm = 0.0;
+        }
+        state.distance_mm += step_mm.abs();
+        match learned {
+            Some(table) if state.direction != 0.0 => {
+                let value = table.value(state.direction > 0.0, state.distance_mm);
+                (value.lost_motion_mm, value.torque_nm)
+            }
+            _ => (0.0, 0.0),
+        }
+    }
+
+    fn contact_n(&self, motion: &Motion, friction_n: f64) -> f64 {
+        friction_n
+            + self.table_mass_kg * motion.acceleration_mm_s2 * 1e-3
+            + self.table_viscous_n_s_per_m * motion.velocity_mm_s * 1e-3
+    }
+
+    /// The parts asked for, without the compensation's own acceleration.
+    fn force_n(
+        &self,
+        state: &InverseDynamicsState,
+        ahead: &Ahead,
+        motor_mm_s: f64,
+        motor_friction_n: f64,
+    ) -> f64 {
+        let part = |wanted: bool, force_n: f64| if wanted { force_n } else { 0.0 };
+        let mass_kg = self.motor_mass_kg + self.table_mass_kg;
+        let viscous_n = (self.motor_viscous_n_s_per_m * motor_mm_s
+            + self.table_viscous_n_s_per_m * ahead.near.velocity_mm_s)
+            * 1e-3;
+        // Table friction as the filter has it: contact force less its other parts.
+        let carried_n = state.contact_n
+            - (self.table_mass_kg * ahead.here.acceleration_mm_s2
+                + self.table_viscous_n_s_per_m * ahead.here.velocity_mm_s)
+                * 1e-3;
+        part(
+            self.parts.acceleration,
+            mass_kg * ahead.here.acceleration_mm_s2 * 1e-3,
+        ) + part(self.parts.viscous, viscous_n)
+            + part(self.parts.friction, carried_n + motor_friction_n)
+    }
+}
+
+impl InverseDynamicsState {
+    /// The values it travels in.
+    pub fn values(&self) -> [f64; STATE_VALUES] {
+        let scalars = [
+            f64::from(u8::from(self.begun)),
+            self.far_mm,
+            self.near_mm,
+            self.motor_mm,
+            self.side,
+            self.side_wanted,
+            self.force_n,
+            self.contact_n,
+            self.contact_n_per_s,
+            self.direction,
+            self.distance_mm,
+        ];
+        let mut values = [0.0; STATE_VALUES];
+        let all = scalars
+            .iter()
+            .chain(&self.compensation_mm)
+            .chain(&self.far_table_n)
+            .chain(&self.table_n)
+            .chain(&self.motor_n);
+        for (place, value) in values.iter_mut().zip(all) {
+            *place = *value;
+        }
+        values
+    }
+
+    /// The state that travelled in these values.
+    pub fn from_values(values: &[f64; STATE_VALUES]) -> InverseDynamicsState {
+        let mut state = InverseDynamicsState::default();
+        let mut begun = 0.0;
+        let scalars = [
+            &mut begun,
+            &mut state.far_mm,
+            &mut state.near_mm,
+            &mut state.motor_mm,
+            &mut state.side,
+            &mut state.side_wanted,
+            &mut state.force_n,
+            &mut state.contact_n,
+            &mut state.contact_n_per_s,
+            &mut state.direction,
+            &mut state.distance_mm,
+        ];
+        let all = scalars
+            .into_iter()
+            .chain(&mut state.compensation_mm)
+            .chain(&mut state.far_table_n)
+            .chain(&mut state.table_n)
+            .chain(&mut state.motor_n);
+        for (place, value) in all.zip(values) {
+            *place = *value;
+        }
+        state.begun = begun != 0.0;
+        state
+    }
+}

@@ -1,0 +1,74 @@
+//! What runs before this one have taught about an axis's reversals.
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+/// Cells of one direction.
+pub const CELLS: usize = 64;
+/// Distance since the reversal of the last cell, in mm.
+pub const DISTANCE_MAX_MM: f64 = 0.4;
+
+/// One cell.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct LearnedValue {
+    /// Torque that the model lacks, in N·m.
+    pub torque_nm: f64,
+    /// Lost motion that the model lacks, in mm.
+    pub lost_motion_mm: f64,
+}
+
+/// Residual torque and lost motion over the distance since the last reversal, for both directions.
+///
+/// Cell i lies at `d = 0.4 mm·(i/63)²`: fine where friction turns round, coarse where it has. Between cells it is linear; beyond
+/// the last that one holds. Source: feedback-error learning (Kawato 1987) over distance, docs/physics.md §4.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LearnedTable {
+    /// Cells of negative and of positive travel.
+    pub directions: [[LearnedValue; CELLS]; 2],
+}
+
+impl Default for LearnedTable {
+    fn default() -> Self {
+        LearnedTable {
+            directions: [[LearnedValue::default(); CELLS]; 2],
+        }
+    }
+}
+
+/// Place of a distance among the cells, 0 to `CELLS − 1`, not rounded.
+pub fn cell_of(distance_mm: f64) -> f64 {
+    let last = (CELLS - 1) as f64;
+    (last * libm::sqrt((distance_mm / DISTANCE_MAX_MM).max(0.0))).min(last)
+}
+
+/// Distance of a cell, in mm.
+pub fn distance_mm(cell: usize) -> f64 {
+    let part = cell as f64 / (CELLS - 1) as f64;
+    DISTANCE_MAX_MM * part * part
+}
+
+impl LearnedTable {
+    /// What was learned of a distance; nothing where it is not a number.
+    pub fn value(&self, positive: bool, distance_mm: f64) -> LearnedValue {
+        let [negative, forward] = &self.directions;
+        let cells = if positive { forward } else { negative };
+        let place = cell_of(distance_mm);
+        let low = libm::floor(place);
+        let part = place - low;
+        let at = |index: usize| cells.get(index).copied().unwrap_or_default();
+        let here = at(low as usize);
+        let next = at((low as usize + 1).min(CELLS - 1));
+        let mix = |a: f64, b: f64| a + (b - a) * part;
+        if part.is_finite() {
+            LearnedValue {
+                torque_nm: mix(here.torque_nm, next.torque_nm),
+                lost_motion_mm: mix(here.lost_motion_mm, next.lost_motion_mm),
+            }
+        } else {
+            LearnedValue::default()
+        }
+    }
+}

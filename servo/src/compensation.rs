@@ -1,0 +1,183 @@
+//! What the identified model of an axis adds to its commands: inverse dynamics, learned residuals, disturbance observer.
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::machine::model::FrictionCurve;
+use bus::machine::{Axis, ReversalMethod};
+use bus::sample::{AxisFeedback, ControllerState};
+use control::disturbance_observer::DisturbanceObserver;
+use control::inverse_dynamics::{
+    Ahead, InverseDynamics, InverseDynamicsState, LEAD_SCANS_MAX, Motion, Parts,
+};
+use control::learned_table::LearnedTable;
+use control::maxwell_slip::{MaxwellSlip, SlipElement};
+
+/// A difference over fewer increments than this time gives would be rounding, in s.
+const DIFFERENCE_S: f64 = 2e-3;
+/// Scans before this one whose position command the state still holds.
+const ROWS_BEHIND: f64 = 2.0;
+/// Part of the peak torque that the disturbance observer may ask for.
+const OBSERVER_TORQUE_PART: f64 = 0.25;
+
+/// The model's part of a servo's settings.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ModelSettings {
+    /// None where the axis has no model or makes no use of it.
+    pub inverse_dynamics: Option<InverseDynamics>,
+    /// Off where its bandwidth is 0.
+    pub observer: DisturbanceObserver,
+    /// Tp, in s.
+    scan_s: f64,
+    /// Axis units per increment, in mm.
+    increment_mm: f64,
+    /// Travel per radian of the motor, in m.
+    radius_m: f64,
+}
+
+/// What is added.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Added {
+    /// To the position command, in mm.
+    pub compensation_mm: f64,
+    /// To the velocity command, in mm/s.
+    pub velocity_mm_s: f64,
+    /// To the torque, in N·m.
+    pub torque_nm: f64,
+}
+
+impl ModelSettings {
+    /// For this axis.
+    pub fn new(axis: &Axis, scan_s: f64) -> ModelSettings {
+        let radius_m = axis.lead_mm * 1e-3 / (2.0 * core::f64::consts::PI);
+        ModelSettings {
+            inverse_dynamics: inverse_dynamics(axis, scan_s, radius_m),
+            observer: DisturbanceObserver {
+                bandwidth_rad_s: axis.disturbance_observer.bandwidth_rad_s,
+                mass_kg: axis.model.map_or(0.0, |model| model.mass_kg),
+                scan_s,
+                limit_n: OBSERVER_TORQUE_PART * axis.motor.peak_torque_nm / radius_m,
+            },
+            scan_s,
+            increment_mm: axis.increment_mm(),
+            radius_m,
+        }
+    }
+
+    /// One scan: `step_mm` is the compensation of the position backlash step, `row` the position command so many scans
+    /// from now.
+    pub(crate) fn update(
+        &self,
+        state: &mut ControllerState,
+        axis: &AxisFeedback,
+        learned: Option<&LearnedTable>,
+        step_mm: f64,
+        row: impl Fn(i64) -> i64,
+    ) -> Added {
+        let before_mm = state.backlash_mm;
+        let mut added = Added {
+            compensation_mm: step_mm,
+            ..Added::default()
+        };
+        if let Some(model) = &self.inverse_dynamics {
+            let position_mm = |ahead: f64| {
+                let low = libm::floor(ahead);
+                let at = |scans: i64| row(scans) as f64 * self.increment_mm;
+                let (here, next) = (at(low as i64), at(low as i64 + 1));
+                here + (next - here) * (ahead - low)
+            };
+            let motion = |ahead: f64| {
+                let wide = (DIFFERENCE_S / self.scan_s).min(ahead + ROWS_BEHIND);
+                let wide_s = wide * self.scan_s;
+                let (last, here, next) = (
+                    position_mm(ahead - wide),
+                    position_mm(ahead),
+                    position_mm(ahead + wide),
+                );
+                Motion {
+                    position_mm: here,
+                    velocity_mm_s: (next - last) / (2.0 * wide_s),
+                    acceleration_mm_s2: (next - 2.0 * here + last) / (wide_s * wide_s),
+                }
+            };
+            let ahead = Ahead {
+                here: motion(model.lead_scans),
+                near: motion(model.near_lead_scans()),
+                far: motion(model.far_lead_scans()),
+            };
+            let mut inverse = InverseDynamicsState::from_values(&state.inverse_dynamics);
+            let wanted = model.update(&mut inverse, &ahead, learned);
+            state.inverse_dynamics = inverse.values();
+            if model.parts.compensation {
+                added.compensation_mm = wanted.compensation_mm;
+                added.velocity_mm_s = wanted.velocity_mm_s;
+            }
+            added.torque_nm = wanted.torque_nm;
+        }
+        let [last_nm, acting_nm] = state.torque_feed_forward_nm;
+        state.torque_feed_forward_nm = [added.torque_nm, last_nm];
+        if self.observer.bandwidth_rad_s > 0.0 {
+            let commanded_mm = row(0).saturating_sub(row(-1)) as f64 * self.increment_mm
+                + added.compensation_mm
+                - before_mm;
+            let travelled_mm =
+                axis.motor_position.saturating_sub(state.motor_position) as f64 * self.increment_mm;
+            let off_mm_s = (travelled_mm - commanded_mm) / self.scan_s;
+            let force_n = (axis.torque_nm - acting_nm) / self.radius_m;
+            let resisting_n = self
+                .observer
+                .update(&mut state.observer_n, force_n, off_mm_s);
+            added.torque_nm += resisting_n * self.radius_m;
+        }
+        state.motor_position = axis.motor_position;
+        added
+    }
+}
+
+fn inverse_dynamics(axis: &Axis, scan_s: f64, radius_m: f64) -> Option<InverseDynamics> {
+    let torque = &axis.torque_feed_forward;
+    let crosses = axis.reversal.method == ReversalMethod::ContactForce;
+    let model = axis.model.filter(|_| crosses || torque.any())?;
+    let table = model.table.unwrap_or_default();
+    let curve = model.friction.unwrap_or_default();
+    Some(InverseDynamics {
+        parts: Parts {
+            compensation: crosses,
+            acceleration: torque.acceleration,
+            viscous: torque.viscous,
+            friction: torque.friction,
+        },
+        scan_s,
+        motor_mass_kg: model.mass_kg - table.mass_kg,
+        table_mass_kg: table.mass_kg,
+        motor_viscous_n_s_per_m: model.viscous_n_s_per_m - table.viscous_n_s_per_m,
+        table_viscous_n_s_per_m: table.viscous_n_s_per_m,
+        stiffness_n_per_m: table.stiffness_n_per_um * 1e6,
+        gap_mm: table.gap_um * 1e-3,
+        crossing_s: table.crossing_ms * 1e-3,
+        // The feed-forward is centred half a scan behind its advance, in the middle of the scan that a command acts in.
+        lead_scans: (axis.feed_forward.advance_ms * 1e-3 / scan_s - 0.5).clamp(0.0, LEAD_SCANS_MAX),
+        motor_friction: slip(model.coulomb_n - table.coulomb_n, &curve),
+        table_friction: slip(table.coulomb_n, &table.friction.unwrap_or(curve)),
+        radius_m,
+    })
+}
+
+fn slip(coulomb_n: f64, curve: &FrictionCurve) -> MaxwellSlip {
+    let mut slip = MaxwellSlip {
+        static_excess: curve.static_ratio - 1.0,
+        stribeck_velocity_mm_s: curve.stribeck_mm_s,
+        ..MaxwellSlip::default()
+    };
+    let curve = curve.share.iter().zip(&curve.break_um);
+    for (element, (share, break_um)) in slip.elements.iter_mut().zip(curve) {
+        *element = SlipElement {
+            slip_n: coulomb_n * share,
+            break_distance_mm: break_um * 1e-3,
+        };
+    }
+    slip
+}
