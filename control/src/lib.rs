@@ -10,6 +10,7 @@ pub mod feed_forward;
 pub mod guards;
 pub mod limits;
 pub mod path;
+pub mod positioning;
 pub mod profile;
 pub mod reversal;
 pub mod speed_map;
