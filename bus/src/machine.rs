@@ -10,7 +10,12 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
+mod model;
+mod positioning;
 mod rules;
+
+pub use model::AxisModel;
+pub use positioning::{Positioning, RapidProfile};
 
 use crate::sample::MAX_AXES;
 use crate::settings_file::{self, SettingsFileError, read_text};
@@ -29,6 +34,9 @@ pub struct Machine {
     /// Path and program settings.
     #[serde(default)]
     pub program: ProgramSettings,
+    /// How single rapids are travelled.
+    #[serde(default)]
+    pub positioning: Positioning,
     /// Its axes, at most [`MAX_AXES`].
     #[serde(rename = "axis")]
     pub axes: Vec<Axis>,
@@ -131,6 +139,9 @@ pub struct Axis {
     pub drive_mode: DriveMode,
     /// The motor's rating plate.
     pub motor: Motor,
+    /// What it has to move, for the methods that reckon with torque.
+    #[serde(default)]
+    pub model: Option<AxisModel>,
     /// Position loop.
     pub position_loop: PositionLoop,
     /// Velocity loop, of the drive or of the servo.
