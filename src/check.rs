@@ -206,6 +206,7 @@ fn print_totals(checked: &Checked, totals: &Totals) {
             axis.acceleration_mm_s2
         ));
     }
+    print_rapids(checked);
     if let Some(speed_mm_s) = totals.speed_limited_by_window_mm_s {
         say(&format!(
             "  path speed limited to {speed_mm_s:.1} mm/s: braking from more does not fit a window"
@@ -214,4 +215,31 @@ fn print_totals(checked: &Checked, totals: &Totals) {
     for note in &program.notes {
         say(&format!("  line {}: {}", note.line, note.text));
     }
+}
+
+/// The rapids that are travelled at least heat, and how near they take the motors to their rating.
+fn print_rapids(checked: &Checked) {
+    let Ok(planner) = checked.planner() else {
+        return;
+    };
+    let moves = planner.speed_map().moves();
+    if moves.is_empty() {
+        return;
+    }
+    let of_axes = checked
+        .machine
+        .axes
+        .iter()
+        .enumerate()
+        .map(|(index, axis)| {
+            let shares = moves.iter().filter_map(|of| of.rms_share.get(index));
+            let most = shares.copied().fold(0.0, f64::max);
+            format!("{} {:.1} %", axis.name, most * 100.0)
+        });
+    let of_axes: Vec<String> = of_axes.collect();
+    say(&format!(
+        "  {} rapids at least heat: motors at most at {} of their continuous rating",
+        moves.len(),
+        of_axes.join(", ")
+    ));
 }

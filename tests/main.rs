@@ -7,6 +7,7 @@ mod house;
 mod interruption;
 mod leftovers;
 mod paces;
+mod positioning;
 mod quality;
 mod setpoints;
 mod support;

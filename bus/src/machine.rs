@@ -11,9 +11,11 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 
 pub mod model;
+mod positioning;
 mod rules;
 
 pub use model::{AxisModel, DisturbanceObserver, TorqueFeedForward};
+pub use positioning::{Positioning, RapidProfile};
 
 use crate::sample::MAX_AXES;
 use crate::settings_file::{self, SettingsFileError, read_text};
@@ -32,6 +34,9 @@ pub struct Machine {
     /// Path and program settings.
     #[serde(default)]
     pub program: ProgramSettings,
+    /// How single rapids are travelled.
+    #[serde(default)]
+    pub positioning: Positioning,
     /// Its axes, at most [`MAX_AXES`].
     #[serde(rename = "axis")]
     pub axes: Vec<Axis>,
@@ -137,6 +142,9 @@ pub struct Axis {
     pub drive_mode: DriveMode,
     /// The motor's rating plate.
     pub motor: Motor,
+    /// What it has to move, for the methods that reckon with torque.
+    #[serde(default)]
+    pub model: Option<AxisModel>,
     /// Position loop.
     pub position_loop: PositionLoop,
     /// Velocity loop, of the drive or of the servo.
@@ -146,8 +154,6 @@ pub struct Axis {
     pub feed_forward: FeedForward,
     /// What is done where the axis reverses.
     pub reversal: Reversal,
-    /// Its mechanics, as identified.
-    pub model: Option<AxisModel>,
     /// Torque fed forward from them.
     #[serde(default)]
     pub torque_feed_forward: TorqueFeedForward,

@@ -12,6 +12,7 @@
 
 use crate::limits::MotionLimits;
 use crate::path::{AxisVector, Element, Feed, MAX_AXES, Path, Shape};
+use crate::positioning::rapids as positioning;
 use crate::speed_map::{MapError, Segment};
 
 /// Share of an axis' acceleration that travelling an arc may use across the path; 60 % remains along it.
@@ -143,6 +144,8 @@ struct Stretch {
     feed_mm_s: f64,
     /// The lower of both at the highest override.
     fastest_mm_s: f64,
+    /// A rapid between places where it has to stop or nearly so: it begins and ends at rest.
+    from_rest_to_rest: bool,
 }
 
 /// Two elements that meet in motion, with different directions.
@@ -179,7 +182,13 @@ pub(crate) struct Course {
 }
 
 impl Course {
-    pub fn new(path: &Path, limits: &MotionLimits, override_max: f64) -> Result<Self, MapError> {
+    /// With `single_rapids` a rapid that its neighbours force to rest at both ends stops there altogether.
+    pub fn new(
+        path: &Path,
+        limits: &MotionLimits,
+        override_max: f64,
+        single_rapids: bool,
+    ) -> Result<Self, MapError> {
         let mut course = Self {
             limits: PlanLimits {
                 velocity_mm_s: limits.plan_velocity_mm_s(),
@@ -191,6 +200,14 @@ impl Course {
             junctions: Vec::new(),
             zone_starts: Vec::new(),
             zone_ends: Vec::new(),
+        };
+        // The next element, if motion can go on to it without a stop.
+        let after = |index: usize| {
+            let rest = path.elements.iter().skip(index + 1);
+            let next = |after: &&Element| after.is_dwell() || after.length_mm > 0.0;
+            rest.into_iter()
+                .find(next)
+                .filter(|after| !after.is_dwell())
         };
         let mut start_mm = 0.0;
         // The element before, if motion can go on from it without a stop.
@@ -212,6 +229,22 @@ impl Course {
                 Feed::PathMmS(feed_mm_s) => feed_mm_s,
             };
             let fastest_mm_s = speed_mm_s.min(feed_mm_s * override_max);
+            let from_rest_to_rest = single_rapids
+                && positioning::is_straight_rapid(element)
+                && course.stands_alone(
+                    before,
+                    (element, &sharing, speed_mm_s),
+                    after(index),
+                    override_max,
+                );
+            let stops = from_rest_to_rest
+                || course
+                    .stretches
+                    .last()
+                    .is_some_and(|last| last.from_rest_to_rest);
+            if stops {
+                before = None;
+            }
             if let (Some(before), Some(last)) = (before, course.stretches.last()) {
                 let kink = element.tangent(0.0) - before.tangent(before.length_mm);
                 let fastest_mm_s = fastest_mm_s.min(last.fastest_mm_s);
@@ -225,11 +258,51 @@ impl Course {
                 speed_mm_s,
                 feed_mm_s,
                 fastest_mm_s,
+                from_rest_to_rest,
             });
             start_mm += element.length_mm;
             before = Some(element);
         }
         Ok(course)
+    }
+
+    /// Whether a straight rapid has to stop, or nearly so, at both of its ends: in a kink, or for a feed that is far slower.
+    fn stands_alone(
+        &self,
+        before: Option<&Element>,
+        (element, sharing, speed_mm_s): (&Element, &Sharing, f64),
+        after: Option<&Element>,
+        override_max: f64,
+    ) -> bool {
+        let acceleration_mm_s2 =
+            sharing.acceleration_mm_s2(&self.limits.acceleration_mm_s2, speed_mm_s);
+        let direction = element.tangent(0.0);
+        let stops = |kink: AxisVector, neighbour: &Element| {
+            let of_neighbour_mm_s = match neighbour.feed {
+                Feed::Rapid => f64::INFINITY,
+                Feed::PathMmS(feed_mm_s) => feed_mm_s * override_max,
+            };
+            positioning::forces_rest(
+                self.bearable_mm_s(&kink).min(of_neighbour_mm_s),
+                element.length_mm,
+                speed_mm_s,
+                acceleration_mm_s2,
+            )
+        };
+        before.is_none_or(|before| stops(direction - before.tangent(before.length_mm), before))
+            && after.is_none_or(|after| stops(after.tangent(0.0) - direction, after))
+    }
+
+    /// Speed at which a lone junction with this jump of the tangent can be crossed, in mm/s.
+    fn bearable_mm_s(&self, kink: &AxisVector) -> f64 {
+        let mut bearable_mm_s = f64::INFINITY;
+        for (jump, limit_mm_s2) in kink.iter().zip(&self.limits.acceleration_mm_s2) {
+            let seen_per_mm_s = ZONE_HEIGHT * jump.abs() / self.scan_period_s;
+            if seen_per_mm_s > 0.0 {
+                bearable_mm_s = bearable_mm_s.min(JUNCTION_SHARE * limit_mm_s2 / seen_per_mm_s);
+            }
+        }
+        bearable_mm_s
     }
 
     fn add_junction(&mut self, at_mm: f64, kink: &AxisVector, fastest_mm_s: f64) {
@@ -399,6 +472,8 @@ impl Course {
                     .sharing
                     .acceleration_mm_s2(&left_mm_s2, fastest_mm_s),
                 ends_block: false,
+                from_rest_to_rest: stretch.from_rest_to_rest,
+                of_move: None,
             });
         });
         self.add_dwells(
@@ -434,6 +509,8 @@ impl Course {
                     feed_mm_s: 0.0,
                     acceleration_mm_s2: 0.0,
                     ends_block: false,
+                    from_rest_to_rest: false,
+                    of_move: None,
                 });
             }
         }

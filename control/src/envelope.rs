@@ -116,6 +116,9 @@ impl Envelope {
             if self.key.single_block && before.ends_block {
                 cap = 0.0;
             }
+            if before.rests_before(after) {
+                cap = 0.0;
+            }
         }
         cap * cap
     }

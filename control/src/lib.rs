@@ -14,6 +14,7 @@ pub mod learned_table;
 pub mod limits;
 pub mod maxwell_slip;
 pub mod path;
+pub mod positioning;
 pub mod profile;
 pub mod reversal;
 pub mod speed_map;

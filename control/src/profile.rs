@@ -1,8 +1,9 @@
 //! Motion along a path, one scan at a time: the fastest within the speed map, or braking.
 //!
 //! Inside a scan the motion is followed exactly, phase by phase of constant acceleration: speed up, keep the cap, brake
-//! along the envelope. Where a scan ends has no influence on the motion, and the state at the end of a scan is all that
-//! the next scan depends on. So two plans that share a state share everything after it, to the bit.
+//! along the envelope. Single rapids may follow a profile of least heat instead (`positioning`). Where a scan ends has no
+//! influence on the motion, and the state at the end of a scan is all that the next scan depends on. So two plans that
+//! share a state share everything after it, to the bit.
 #![deny(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -12,6 +13,7 @@
 
 use crate::envelope::{Envelope, EnvelopeKey};
 use crate::path::Path;
+use crate::positioning::Profile;
 use crate::speed_map::{Segment, SpeedMap};
 
 /// A place and a speed on a path at the end of a scan: all that the motion from there depends on.
@@ -66,6 +68,12 @@ impl PathState {
 const NEGLIGIBLE_MM: f64 = 2e-11;
 /// Relative excess of a speed over a cap that is rounding.
 const NEGLIGIBLE_EXCESS: f64 = 1e-12;
+
+/// Ends of moves this near in time are reached: some millionths of a scan. The impulse of stopping that much early is within
+/// the rounding allowance of the limits.
+const ARRIVAL_S: f64 = 1e-9;
+/// Halvings of a scan until a meeting of two motions is known to the last bits.
+const MEETING_STEPS: u32 = 48;
 
 /// One phase of constant acceleration, at most to the end of its segment.
 struct Phase {
@@ -132,12 +140,20 @@ impl<'a> Traveller<'a> {
             if segment.is_dwell {
                 return self.arrive_at_dwell(segment);
             }
-            let end_squared = envelope.squared_mm2_s2(self.map, self.segment + 1);
-            let phase = self.phase(segment, end_squared, segment.cap_mm_s(feed_override));
-            if !self.follow(segment, &phase, &mut left_s) {
-                return;
-            }
-            if phase.to_the_end {
+            let to_the_end = if let Some(profile) = self.map.profile_of(segment) {
+                if !self.follow_move(segment, profile, feed_override, &mut left_s) {
+                    return;
+                }
+                true
+            } else {
+                let end_squared = envelope.squared_mm2_s2(self.map, self.segment + 1);
+                let phase = self.phase(segment, end_squared, segment.cap_mm_s(feed_override));
+                if !self.follow(segment, &phase, &mut left_s) {
+                    return;
+                }
+                phase.to_the_end
+            };
+            if to_the_end {
                 self.enter_next();
                 if single_block && segment.ends_block && self.state.is_at_rest() {
                     self.stay_at_the_end_of(segment);
@@ -167,12 +183,8 @@ impl<'a> Traveller<'a> {
             }
             if phase.to_the_end {
                 self.enter_next();
-                if self
-                    .map
-                    .segments
-                    .get(self.segment)
-                    .is_none_or(|next| next.is_dwell)
-                {
+                let next = self.map.segments.get(self.segment);
+                if next.is_none_or(|next| next.is_dwell || segment.rests_before(next)) {
                     self.stay_at_the_end_of(segment);
                     self.state.speed_mm_s = 0.0;
                 }
@@ -251,6 +263,96 @@ impl<'a> Traveller<'a> {
         state.speed_mm_s = (state.speed_mm_s + gain_mm_s).max(0.0);
         *left_s = 0.0;
         false
+    }
+
+    /// Moves along a rapid at least heat for as long as the scan lasts. Whether its end was reached.
+    ///
+    /// The profile is a speed for each place. At an override below 1 it is the same motion in slow motion. Whoever is below
+    /// that speed (after a hold, or a change of the override) speeds up at the limit until it is met, whoever is above it
+    /// brakes at the limit; either way the motion depends on place and speed alone. Nobody is ever faster than the profile
+    /// at 100 %, from which everything ahead can be kept.
+    fn follow_move(
+        &mut self,
+        segment: &Segment,
+        profile: &Profile,
+        feed_override: f64,
+        left_s: &mut f64,
+    ) -> bool {
+        let pace = feed_override.min(1.0);
+        let inside_mm = segment.to_mm.next_down();
+        // Up to the profile, along it to the end, and once more for rounding.
+        for _ in 0..3 {
+            let (at_mm, speed_mm_s) = (self.state.distance_mm, self.state.speed_mm_s);
+            let twice_mm_s2 = 2.0 * segment.acceleration_mm_s2;
+            let squared = speed_mm_s * speed_mm_s;
+            let tolerance = twice_mm_s2 * NEGLIGIBLE_MM + NEGLIGIBLE_EXCESS * squared;
+            if segment.to_mm - at_mm <= NEGLIGIBLE_MM {
+                self.arrive_at_rest(segment);
+                return true;
+            }
+            let nominal_mm_s = pace * profile.velocity_at_mm_s(at_mm);
+            let off = squared - nominal_mm_s * nominal_mm_s;
+            if off.abs() <= tolerance {
+                let time_s = profile.time_at_s(at_mm) / pace + *left_s;
+                let over_s = time_s - profile.travel_time_s() / pace;
+                if over_s >= -ARRIVAL_S {
+                    *left_s = over_s.clamp(0.0, *left_s);
+                    self.arrive_at_rest(segment);
+                    return true;
+                }
+                let (distance_mm, velocity_mm_s) = profile.at(time_s * pace);
+                // Rounding never takes it back.
+                self.state.distance_mm = distance_mm.max(at_mm).min(inside_mm);
+                self.state.speed_mm_s = pace * velocity_mm_s;
+                *left_s = 0.0;
+                return false;
+            }
+            let toward_mm_s2 = if off < 0.0 {
+                segment.acceleration_mm_s2
+            } else {
+                -segment.acceleration_mm_s2
+            };
+            // Place and speed after a time at the limit.
+            let after = |time_s: f64| {
+                (
+                    at_mm + (speed_mm_s + 0.5 * toward_mm_s2 * time_s) * time_s,
+                    speed_mm_s + toward_mm_s2 * time_s,
+                )
+            };
+            let has_met = |time_s: f64| {
+                let (place_mm, speed_mm_s) = after(time_s);
+                let nominal_mm_s = pace * profile.velocity_at_mm_s(place_mm);
+                (speed_mm_s - nominal_mm_s) * toward_mm_s2 >= 0.0
+            };
+            let met = has_met(*left_s);
+            let mut time_s = *left_s;
+            if met {
+                let mut before_s = 0.0;
+                for _ in 0..MEETING_STEPS {
+                    let middle_s = 0.5 * (before_s + time_s);
+                    if has_met(middle_s) {
+                        time_s = middle_s;
+                    } else {
+                        before_s = middle_s;
+                    }
+                }
+            }
+            let (place_mm, end_mm_s) = after(time_s);
+            self.state.distance_mm = place_mm.max(at_mm).min(inside_mm);
+            self.state.speed_mm_s = end_mm_s.max(0.0);
+            *left_s -= time_s;
+            if !met {
+                return false;
+            }
+            // The meeting place is on the profile but for the last bits, which must not decide what comes next.
+            self.state.speed_mm_s = pace * profile.velocity_at_mm_s(self.state.distance_mm);
+        }
+        false
+    }
+
+    fn arrive_at_rest(&mut self, segment: &Segment) {
+        self.state.distance_mm = segment.to_mm;
+        self.state.speed_mm_s = 0.0;
     }
 
     /// What to do now on a segment: brake down to the cap or the envelope, follow the envelope, speed up, or keep the cap.

@@ -20,6 +20,7 @@ use thiserror::Error;
 use crate::course::Course;
 use crate::limits::MotionLimits;
 use crate::path::{AxisVector, Feed, Path, Shape};
+use crate::positioning::{Move, Positioning, Profile, rapids};
 
 /// Gap between elements that the rounding allowance of the limits covers, in increments.
 const GAP_INCREMENTS_MAX: f64 = 0.25;
@@ -95,6 +96,10 @@ pub(crate) struct Segment {
     pub acceleration_mm_s2: f64,
     /// Whether a block of the program ends with it.
     pub ends_block: bool,
+    /// Whether its element begins and ends at rest whatever comes before and after (`positioning`).
+    pub from_rest_to_rest: bool,
+    /// Its profile among the moves of the map, if it is travelled at least heat.
+    pub of_move: Option<u32>,
 }
 
 impl Segment {
@@ -102,12 +107,18 @@ impl Segment {
     pub fn cap_mm_s(&self, feed_override: f64) -> f64 {
         self.speed_mm_s.min(self.feed_mm_s * feed_override)
     }
+
+    /// Whether the motion rests between this segment and the next because one of them is on a rapid from rest to rest.
+    pub fn rests_before(&self, next: &Segment) -> bool {
+        (self.from_rest_to_rest || next.from_rest_to_rest) && self.element != next.element
+    }
 }
 
 /// Speed limits all along a path.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SpeedMap {
     pub(crate) segments: Vec<Segment>,
+    moves: Vec<Move>,
     limited_by_window_mm_s: Option<f64>,
     override_max: f64,
 }
@@ -118,6 +129,16 @@ impl SpeedMap {
         path: &Path,
         limits: &MotionLimits,
         settings: &MapSettings,
+    ) -> Result<Self, MapError> {
+        Self::with_positioning(path, limits, settings, None)
+    }
+
+    /// The same with single rapids from rest to rest at least heat, where `positioning` is given.
+    pub fn with_positioning(
+        path: &Path,
+        limits: &MotionLimits,
+        settings: &MapSettings,
+        positioning: Option<&Positioning>,
     ) -> Result<Self, MapError> {
         if path.elements.is_empty() {
             return Err(MapError::Empty);
@@ -131,7 +152,7 @@ impl SpeedMap {
             1.0
         };
         check_geometry(path, limits)?;
-        let mut course = Course::new(path, limits, override_max)?;
+        let mut course = Course::new(path, limits, override_max, positioning.is_some())?;
         course.share_among_junctions();
         let mut segments = course.segments(path);
         let limited_by_window_mm_s = limit_to_window(
@@ -139,8 +160,12 @@ impl SpeedMap {
             override_max,
             f64::from(settings.braking_rows_max) * limits.scan_period_s(),
         );
+        let moves = positioning.map_or_else(Vec::new, |positioning| {
+            rapids::assign(path, limits, positioning, override_max, &mut segments)
+        });
         Ok(Self {
             segments,
+            moves,
             limited_by_window_mm_s,
             override_max,
         })
@@ -154,6 +179,17 @@ impl SpeedMap {
     /// Highest override it provides for.
     pub fn override_max(&self) -> f64 {
         self.override_max
+    }
+
+    /// The rapids that are travelled at least heat, in the order of the path.
+    pub fn moves(&self) -> &[Move] {
+        &self.moves
+    }
+
+    /// The profile that a segment is travelled by, if it is a move of its own.
+    pub(crate) fn profile_of(&self, segment: &Segment) -> Option<&Profile> {
+        let of_move = self.moves.get(segment.of_move? as usize)?;
+        Some(&of_move.profile)
     }
 
     /// How many pieces of constant limits it has.

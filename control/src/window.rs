@@ -16,6 +16,7 @@ use thiserror::Error;
 use crate::envelope::{Envelope, EnvelopeKey};
 use crate::limits::MotionLimits;
 use crate::path::{MAX_AXES, Path};
+use crate::positioning::Positioning;
 use crate::profile::{PathState, Traveller};
 use crate::speed_map::{MapError, MapSettings, SpeedMap};
 
@@ -135,18 +136,29 @@ impl WindowPlanner {
         limits: MotionLimits,
         settings: WindowSettings,
     ) -> Result<Self, PlanError> {
+        Self::with_positioning(path, limits, settings, None)
+    }
+
+    /// The same with single rapids from rest to rest at least heat, where `positioning` is given.
+    pub fn with_positioning(
+        path: impl Into<Arc<Path>>,
+        limits: MotionLimits,
+        settings: WindowSettings,
+        positioning: Option<&Positioning>,
+    ) -> Result<Self, PlanError> {
         let path = path.into();
         let braking_rows_max = settings.braking_rows_max;
         if braking_rows_max < BRAKING_ROWS_MIN {
             return Err(PlanError::BrakingRows { braking_rows_max });
         }
-        let map = SpeedMap::new(
+        let map = SpeedMap::with_positioning(
             &path,
             &limits,
             &MapSettings {
                 override_max: settings.override_max,
                 braking_rows_max: braking_rows_max - REST_ROWS,
             },
+            positioning,
         )?;
         Ok(Self {
             envelope: Envelope::new(&map),

@@ -1,9 +1,10 @@
 //! The course of a run: the program's path with the limits of the machine on it.
 
-use bus::machine::Machine;
+use bus::machine::{Machine, RapidProfile};
 use bus::sample::MAX_WINDOW_ROWS;
 use control::limits::{AxisLimits, LimitsError, MotionLimits};
 use control::path::{AxisVector, Element, Path};
+use control::positioning::{MotorLoad, Positioning, RatingError};
 use control::window::{PlanError, WindowPlanner, WindowSettings};
 
 /// Highest override, as a share of the programmed feed.
@@ -18,6 +19,14 @@ pub enum CourseError {
     /// The path does not go with the limits.
     #[error(transparent)]
     Plan(#[from] PlanError),
+    /// An axis that its motor cannot move at its rating.
+    #[error("axis {axis}: {source}")]
+    Rating {
+        /// Letter of the axis.
+        axis: String,
+        /// Why.
+        source: RatingError,
+    },
 }
 
 /// The limits of a machine's axes.
@@ -35,6 +44,31 @@ pub fn motion_limits(machine: &Machine) -> Result<MotionLimits, LimitsError> {
         })
         .collect();
     MotionLimits::new(&axes, machine.scan_period_s())
+}
+
+/// What the motors have to move, if rapids are to be travelled at least heat.
+///
+/// # Errors
+/// [`CourseError::Rating`].
+fn positioning(machine: &Machine) -> Result<Option<Positioning>, CourseError> {
+    if machine.positioning.profile != RapidProfile::MinimumHeat {
+        return Ok(None);
+    }
+    let mut positioning = Positioning::default();
+    for (load, axis) in positioning.loads.iter_mut().zip(&machine.axes) {
+        let Some(model) = &axis.model else { continue };
+        let of_axis = MotorLoad::new(
+            axis.rated_force_n(),
+            model.mass_kg,
+            model.coulomb_n,
+            model.viscous_n_s_per_m,
+        );
+        *load = Some(of_axis.map_err(|source| CourseError::Rating {
+            axis: axis.name.clone(),
+            source,
+        })?);
+    }
+    Ok(Some(positioning))
 }
 
 /// A planner of windows along a program's path. A program without motion waits at `start` for no time.
@@ -55,5 +89,12 @@ pub fn window_planner(
         braking_rows_max: (MAX_WINDOW_ROWS as u32).saturating_sub(intended_rows_max + 1),
         override_max: OVERRIDE_MAX,
     };
-    Ok(WindowPlanner::new(path, motion_limits(machine)?, settings)?)
+    let limits = motion_limits(machine)?;
+    let positioning = positioning(machine)?;
+    Ok(WindowPlanner::with_positioning(
+        path,
+        limits,
+        settings,
+        positioning.as_ref(),
+    )?)
 }

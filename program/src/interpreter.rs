@@ -7,6 +7,7 @@ use control::path::{
 };
 
 use crate::arc::{ArcBlock, Circle};
+use crate::cycles::{Cycle, CycleBlock, PECKS_MAX, Series, Step};
 use crate::error::{PROBLEMS_MAX, Problem, ProgramError};
 use crate::program::{
     Block, Event, EventKind, Note, Program, ProgramEnd, Setup, check_setup, source_hash,
@@ -27,6 +28,12 @@ const ARC_TOLERANCE_INCH_MM: f64 = 0.0002 * MM_PER_INCH;
 
 /// What a position may exceed the travel by and count as rounding: 1 nm.
 const TRAVEL_ROUNDING: f64 = 1e-6;
+
+/// The most elements of one path; an arc block makes up to two, a drilling block as many as it has moves.
+const ELEMENTS_MAX: usize = 2 * BLOCKS_MAX;
+
+/// The most holes of one drilling block.
+const REPEATS_MAX: f64 = 10_000.0;
 
 /// The most turns of one arc.
 const TURNS_MAX: f64 = 10_000.0;
@@ -180,6 +187,7 @@ enum Motion {
     Arc {
         clockwise: bool,
     },
+    Cycle(Cycle),
 }
 
 struct Interpreter<'a> {
@@ -191,6 +199,9 @@ struct Interpreter<'a> {
     inches: bool,
     incremental: bool,
     arc_absolute: bool,
+    /// What drilling cycles in a row keep; none between them.
+    series: Option<Series>,
+    returns_to_r: bool,
     /// (in mm/s, in degrees/s)
     feed_per_s: Option<(f64, f64)>,
     position: AxisVector,
@@ -217,6 +228,8 @@ impl<'a> Interpreter<'a> {
             inches: false,
             incremental: false,
             arc_absolute: false,
+            series: None,
+            returns_to_r: false,
             feed_per_s: None,
             position: start,
             state_known: true,
@@ -289,8 +302,14 @@ impl<'a> Interpreter<'a> {
                 10 => Motion::Line,
                 20 => Motion::Arc { clockwise: true },
                 30 => Motion::Arc { clockwise: false },
-                _ => Motion::None,
+                other => Cycle::of_code(other).map_or(Motion::None, Motion::Cycle),
             };
+        }
+        if let Some((number, _)) = words.code(Group::CycleReturn) {
+            self.returns_to_r = number == 990;
+        }
+        if !matches!(self.motion, Motion::Cycle(_)) {
+            self.series = None;
         }
         if let Some(seconds) = dwell_s.filter(|&seconds| seconds > 0.0) {
             self.path
@@ -377,36 +396,57 @@ impl<'a> Interpreter<'a> {
     /// Refuses words that nothing in the block makes use of.
     fn check_words_used(&self, words: &Words) -> Result<(), Refusal> {
         let arc = matches!(self.motion, Motion::Arc { .. });
-        if let Some(word) = words.first_of("IJKR").filter(|_| !arc) {
+        let cycle = match self.motion {
+            Motion::Cycle(cycle) if words.first_of(AXIS_LETTERS).is_some() => Some(cycle),
+            _ => None,
+        };
+        if let Some(word) = words.first_of("IJK").filter(|_| !arc) {
             return Err(Refusal::new(
                 word.offset,
                 format!("{} without an arc", word.letter),
-                "I J K R belong to G2 and G3",
+                "I J K belong to G2 and G3",
+            ));
+        }
+        if let Some(word) = words.value('R').filter(|_| !arc && cycle.is_none()) {
+            return Err(Refusal::new(
+                word.offset,
+                "R without an arc or a hole",
+                "R belongs to G2 and G3 (radius) and to G81, G82 and G83 with X, Y or Z (level)",
+            ));
+        }
+        if let Some(word) = words.value('L').filter(|_| cycle.is_none()) {
+            return Err(Refusal::new(
+                word.offset,
+                format!("L{}", word.value),
+                "L belongs to G81, G82 and G83 with X, Y or Z (holes)",
             ));
         }
         let g64 = matches!(words.code(Group::PathControl), Some((640, _)));
         let dwell = words.code(Group::Dwell).is_some();
-        let arc_words = words.first_of("IJKR").is_some();
+        let arc_words = arc && words.first_of("IJKR").is_some();
+        let dwells_in_hole = cycle == Some(Cycle::DrillAndDwell);
         if let Some(word) = words.value('P') {
-            let users = [dwell, g64, arc_words]
+            let users = [dwell, g64, arc_words, dwells_in_hole]
                 .into_iter()
                 .filter(|&uses| uses)
                 .count();
             let right = match users {
-                0 => "P belongs to G4 (seconds), G64 (tolerance), G2 and G3 (turns)",
+                0 => "P belongs to G4 (seconds), G64 (tolerance), G2 and G3 (turns), G82 (seconds)",
                 1 => "",
-                _ => "only one of G4, G64, G2/G3 in a block with P: which is it for?",
+                _ => "only one of G4, G64, G2/G3, G82 in a block with P: which is it for?",
             };
             if users != 1 {
                 return Err(Refusal::new(word.offset, format!("P{}", word.value), right));
             }
         }
-        if let Some(word) = words.value('Q').filter(|_| !g64) {
-            return Err(Refusal::new(
-                word.offset,
-                format!("Q{}", word.value),
-                "Q belongs to G64",
-            ));
+        let pecks = cycle == Some(Cycle::Peck);
+        if let Some(word) = words.value('Q').filter(|_| g64 == pecks) {
+            let right = if g64 {
+                "only one of G64 and G83 in a block with Q: which is it for?"
+            } else {
+                "Q belongs to G64 (tolerance) and G83 (peck)"
+            };
+            return Err(Refusal::new(word.offset, format!("Q{}", word.value), right));
         }
         Ok(())
     }
@@ -423,10 +463,13 @@ impl<'a> Interpreter<'a> {
         let Some(offset) = offset.map(|word| word.offset) else {
             return Ok(());
         };
+        if let Motion::Cycle(cycle) = self.motion {
+            return self.drill(line, words, cycle, offset);
+        }
         let target = self.target(words);
         let (shapes, feed) = match self.motion {
             _ if axis_word.is_none() && words.first_of("IJKR").is_none() => return Ok(()),
-            Motion::None => {
+            Motion::None | Motion::Cycle(_) => {
                 let found = format!(
                     "{} without a motion mode",
                     axis_word.map_or('?', |word| word.letter)
@@ -481,6 +524,232 @@ impl<'a> Interpreter<'a> {
         } else {
             Err(outside)
         }
+    }
+
+    /// The holes of a drilling block.
+    fn drill(
+        &mut self,
+        line: u32,
+        words: &Words,
+        cycle: Cycle,
+        offset: usize,
+    ) -> Result<(), Vec<Refusal>> {
+        let one = |refusal| vec![refusal];
+        let block = self.cycle_block(words, cycle, offset).map_err(one)?;
+        self.series = Some(block.series);
+        let feed = self.feed(&self.position, offset).map_err(one)?;
+        if self.path.elements.len() as f64 + block.steps_max() > ELEMENTS_MAX as f64 {
+            let found = format!("holes that take the path beyond {ELEMENTS_MAX} elements");
+            return Err(one(Refusal::new(offset, found, "split the program")));
+        }
+        let mut shapes = Vec::new();
+        let mut elements = Vec::new();
+        let mut here = self.position;
+        for step in block.steps() {
+            let (to, feed) = match step {
+                Step::Dwell(seconds) => {
+                    elements.push(Element::dwell(line, here, seconds));
+                    continue;
+                }
+                Step::Rapid(to) => (to, Feed::Rapid),
+                Step::Feed(to) => {
+                    self.straight_feeds += 1;
+                    (to, feed)
+                }
+            };
+            let shape = Shape::Line { from: here, to };
+            let element = Element::new(line, shape.clone(), feed, &self.rotary);
+            if element.length_mm > 0.0 {
+                elements.push(element);
+            }
+            shapes.push(shape);
+            here = to;
+        }
+        let outside = self.outside(words, &shapes, offset);
+        self.path.elements.extend(elements);
+        self.position = here;
+        if outside.is_empty() {
+            Ok(())
+        } else {
+            Err(outside)
+        }
+    }
+
+    /// Understands the words of a drilling block.
+    fn cycle_block(
+        &self,
+        words: &Words,
+        cycle: Cycle,
+        offset: usize,
+    ) -> Result<CycleBlock, Refusal> {
+        let code = cycle.code();
+        let (plane, letters, _) = self.plane;
+        if plane != 17 {
+            let found = format!(
+                "{code} in the plane {}{} (G{plane})",
+                letters[0], letters[1]
+            );
+            let right = "drilling cycles are supported along Z: choose the plane XY with G17";
+            return Err(Refusal::new(offset, found, right));
+        }
+        let slide = |letter| {
+            let index = self.setup.axis_index(letter)?;
+            self.rotary
+                .get(index)
+                .is_some_and(|rotary| !rotary)
+                .then_some(index)
+        };
+        let Some(drill_axis) = slide('Z') else {
+            let right = "drilling cycles run along Z: this machine has no slide Z";
+            return Err(Refusal::new(offset, code, right));
+        };
+        if let Some(word) = words.first_of("ABCUVW") {
+            let found = format!("{}{} in {code}", word.letter, word.value);
+            return Err(Refusal::new(
+                word.offset,
+                found,
+                "a drilling cycle moves X, Y and Z",
+            ));
+        }
+        if words.first_of("XYZ").is_none() {
+            let right = "say where: X, Y or Z";
+            return Err(Refusal::new(
+                offset,
+                format!("{code} without a hole"),
+                right,
+            ));
+        }
+        let series = self.cycle_series(words, cycle, drill_axis, offset)?;
+        let repeats = match words.value('L') {
+            None => 1,
+            Some(l) if l.value >= 1.0 && l.value <= REPEATS_MAX && l.value.fract() == 0.0 => {
+                l.value as u32
+            }
+            Some(l) => {
+                let right = format!("holes are a whole number from 1 to {REPEATS_MAX}");
+                return Err(Refusal::new(l.offset, format!("L{}", l.value), right));
+            }
+        };
+        let mut hole = self.target(words);
+        if let (Some(of_hole), Some(here)) =
+            (hole.get_mut(drill_axis), self.position.get(drill_axis))
+        {
+            *of_hole = *here;
+        }
+        let pitch = if self.incremental {
+            hole - self.position
+        } else {
+            AxisVector::zeros()
+        };
+        let block = CycleBlock {
+            from: self.position,
+            hole,
+            pitch,
+            repeats,
+            drill_axis,
+            series,
+            returns_to_r: self.returns_to_r,
+        };
+        if cycle == Cycle::Peck && block.pecks() >= PECKS_MAX {
+            let place = words.value('Q').map_or(offset, |q| q.offset);
+            let found = format!(
+                "Q{} with {} pecks a hole",
+                series.peck_mm / self.unit_mm(),
+                block.pecks() + 1.0
+            );
+            return Err(Refusal::new(
+                place,
+                found,
+                format!("at most {PECKS_MAX} pecks"),
+            ));
+        }
+        Ok(block)
+    }
+
+    /// The levels, the wait and the peck of a drilling block: its own words, else those that stay from the block before.
+    fn cycle_series(
+        &self,
+        words: &Words,
+        cycle: Cycle,
+        drill_axis: usize,
+        offset: usize,
+    ) -> Result<Series, Refusal> {
+        let code = cycle.code();
+        let kept = self.series.filter(|series| series.cycle == cycle);
+        let missing = |letter: char, what: &str| {
+            let found = format!("{code} without {letter}");
+            Refusal::new(
+                offset,
+                found,
+                format!("{what} in the first block of a cycle"),
+            )
+        };
+        let here_mm = self.position.get(drill_axis).copied().unwrap_or(0.0);
+        let zero_mm = self
+            .setup
+            .work_offset
+            .get(drill_axis)
+            .copied()
+            .unwrap_or(0.0);
+        let level = |letter: char, counts_from_mm: f64| {
+            words.value(letter).map(|word| {
+                let from_mm = if self.incremental {
+                    counts_from_mm
+                } else {
+                    zero_mm
+                };
+                from_mm + word.value * self.unit_mm()
+            })
+        };
+        let r_mm = level('R', here_mm)
+            .or(kept.map(|kept| kept.r_mm))
+            .ok_or_else(|| missing('R', "the level to feed from"))?;
+        let bottom_mm = level('Z', r_mm)
+            .or(kept.map(|kept| kept.bottom_mm))
+            .ok_or_else(|| missing('Z', "the bottom of the hole"))?;
+        if r_mm < bottom_mm {
+            let place = words.value('R').or(words.value('Z'));
+            let (r, z) = [r_mm, bottom_mm]
+                .map(|mm| (mm - zero_mm) / self.unit_mm())
+                .into();
+            let found = format!("{code} with R at {r:.4} below Z at {z:.4}");
+            let place = place.map_or(offset, |word| word.offset);
+            return Err(Refusal::new(
+                place,
+                found,
+                "R lies above the bottom of the hole",
+            ));
+        }
+        let dwell_s = match words.value('P') {
+            _ if cycle != Cycle::DrillAndDwell => 0.0,
+            Some(p) if p.value >= 0.0 => p.value,
+            Some(p) => {
+                let found = format!("P{}", p.value);
+                return Err(Refusal::new(p.offset, found, "a time is 0 s or more"));
+            }
+            None => kept
+                .map(|kept| kept.dwell_s)
+                .ok_or_else(|| missing('P', "the seconds to wait at the bottom"))?,
+        };
+        let peck_mm = match words.value('Q') {
+            _ if cycle != Cycle::Peck => 0.0,
+            Some(q) if q.value > 0.0 => q.value * self.unit_mm(),
+            Some(q) => {
+                let found = format!("Q{}", q.value);
+                return Err(Refusal::new(q.offset, found, "a peck is above 0"));
+            }
+            None => kept
+                .map(|kept| kept.peck_mm)
+                .ok_or_else(|| missing('Q', "the depth of one peck"))?,
+        };
+        Ok(Series {
+            cycle,
+            initial_mm: self.series.map_or(here_mm, |series| series.initial_mm),
+            r_mm,
+            bottom_mm,
+            dwell_s,
+            peck_mm,
+        })
     }
 
     /// Where the block's axis words lead, in machine coordinates.

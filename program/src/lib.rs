@@ -7,9 +7,9 @@
 //!
 //! # Supported
 //!
-//! G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G49 G54 G61 G64 G80 G90 G91 G90.1 G91.1 G94, M2 M3 M4 M5 M30, the axis
-//! letters the machine has, I J K R P F S N, comments, `%`. A program starts in G17 G21 G40 G49 G54 G61 G90 G91.1 G94 with
-//! no motion mode and no feed. Where this differs from NIST or needs choosing:
+//! G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G49 G54 G61 G64 G80 G81 G82 G83 G90 G91 G90.1 G91.1 G94 G98 G99,
+//! M2 M3 M4 M5 M30, the axis letters the machine has, I J K L R P Q F S N, comments, `%`. A program starts in G17 G21 G40
+//! G49 G54 G61 G90 G91.1 G94 G98 with no motion mode and no feed. Where this differs from NIST or needs choosing:
 //!
 //! - `/` before a block (block delete): there is no such switch, the block runs.
 //! - G61 and G64 both follow the exact path; the tolerance words of G64 (P, Q) are read and not used.
@@ -26,6 +26,20 @@
 //! meets both ends exactly with a true radius. Where a small gap would move the centre far (sweeps over half a turn)
 //! the arc becomes two elements that meet half-way.
 //!
+//! # Drilling cycles
+//!
+//! `G81 X Y Z R L` drills, `G82` with `P` (seconds) waits at the bottom, `G83` with `Q` pecks; G80 and every other motion
+//! word ends them (NIST §3.5.16). Each block that names X, Y or Z drills `L` holes (1 if absent). Z, R, P and Q stay from
+//! block to block of the same cycle. In G91 X and Y are steps from hole to hole, R counts from where Z is and Z from R.
+//! After a hole the tool returns to R (G99), or to where Z was before the first cycle in a row (G98), if that is higher.
+//! Where NIST leaves a choice, or is not followed:
+//!
+//! - Between pecks the tool rises to R, also in G98, as LinuxCNC and Fanuc do; back down it stops 0.254 mm (0.01 inch)
+//!   above the bottom.
+//! - Levels that stay are kept as places: a later G91 block without R and Z drills between the same levels.
+//! - Cycles run along Z: G18 and G19 are refused, and so are words of other axes in a cycle.
+//! - A word that the cycle makes no use of (P in G81, Q in G82) is refused.
+//!
 //! # Why a reader of our own
 //!
 //! The `gcode` crate (0.7.0) was judged and not taken. It keeps every number as `f32`: between 128 and 256 mm neighbouring
@@ -34,6 +48,7 @@
 //! here is small and strict.
 
 mod arc;
+mod cycles;
 mod error;
 mod file;
 mod interpreter;

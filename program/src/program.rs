@@ -100,7 +100,7 @@ pub struct Program {
     pub notes: Vec<Note>,
     /// How it ends.
     pub end: ProgramEnd,
-    /// Blocks that made a straight feed (G1).
+    /// Straight feeds: blocks of G1, and the ways down of drilling cycles.
     pub straight_feeds: u32,
     /// Blocks that made an arc feed (G2, G3).
     pub arc_feeds: u32,

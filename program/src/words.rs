@@ -7,7 +7,7 @@ use crate::reader::{Line, Word};
 /// Letters that can name an axis.
 pub const AXIS_LETTERS: &str = "XYZABCUVW";
 
-const SUPPORTED_G: &str = "supported are G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G49 G54 G61 G64 G80 G90 G90.1 G91 G91.1 G94";
+const SUPPORTED_G: &str = "supported are G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G49 G54 G61 G64 G80 G81 G82 G83 G90 G90.1 G91 G91.1 G94 G98 G99";
 const SUPPORTED_M: &str = "supported are M2 M3 M4 M5 M30";
 
 /// One reason to refuse a block.
@@ -45,6 +45,7 @@ pub enum Group {
     ToolLength,
     WorkOffset,
     PathControl,
+    CycleReturn,
     Stop,
     Spindle,
 }
@@ -152,7 +153,7 @@ impl Words {
             'S' if value < 0.0 => {
                 return refuse(format!("S{value}"), "a spindle speed is 0 or more");
             }
-            'F' | 'S' | 'I' | 'J' | 'K' | 'R' | 'P' | 'Q' => {}
+            'F' | 'S' | 'I' | 'J' | 'K' | 'L' | 'R' | 'P' | 'Q' => {}
             axis if AXIS_LETTERS.contains(axis) => {
                 if setup.axis_index(axis).is_none() {
                     let has: Vec<String> = setup
@@ -173,7 +174,7 @@ impl Words {
                 );
             }
             _ => {
-                let right = "supported are G M N F S P I J K R and the letters of the axes";
+                let right = "supported are G M N F S P Q I J K L R and the letters of the axes";
                 return refuse(format!("{letter}{value}"), right);
             }
         }
@@ -207,7 +208,7 @@ fn shown_code(number: u32) -> String {
 fn group_of(letter: char, number: u32) -> Option<Group> {
     Some(match (letter, number) {
         ('G', 40) => Group::Dwell,
-        ('G', 0 | 10 | 20 | 30 | 800) => Group::Motion,
+        ('G', 0 | 10 | 20 | 30 | 800 | 810 | 820 | 830) => Group::Motion,
         ('G', 170 | 180 | 190) => Group::Plane,
         ('G', 900 | 910) => Group::Distance,
         ('G', 901 | 911) => Group::ArcDistance,
@@ -217,6 +218,7 @@ fn group_of(letter: char, number: u32) -> Option<Group> {
         ('G', 490) => Group::ToolLength,
         ('G', 540) => Group::WorkOffset,
         ('G', 610 | 640) => Group::PathControl,
+        ('G', 980 | 990) => Group::CycleReturn,
         ('M', 20 | 300) => Group::Stop,
         ('M', 30 | 40 | 50) => Group::Spindle,
         _ => return None,

@@ -56,11 +56,13 @@ fn check(result: Result<Program, ProgramError>, setup: &Setup) -> Result<(), Tes
 fn word() -> impl Strategy<Value = String> {
     let code = prop::sample::select(vec![
         "G0", "G1", "G2", "G3", "g4 P.1", "G17", "G18", "G19", "G20", "G21", "G40", "G49", "G54",
-        "G61", "G64", "G80", "G90", "G91", "G90.1", "G91.1", "G94", "M3", "M4", "M5", "F500",
-        "S100", "/", "(c)",
+        "G61", "G64", "G80", "G90", "G91", "G90.1", "G91.1", "G94", "G81", "G82", "G83", "G98",
+        "G99", "M3", "M4", "M5", "F500", "S100", "/", "(c)",
     ]);
     let value = prop_oneof![-40i32..40, Just(0), Just(10)];
-    let letter = prop::sample::select(vec!["X", "Y", "Z", "A", "U", "I", "J", "K", "R", "P"]);
+    let letter = prop::sample::select(vec![
+        "X", "Y", "Z", "A", "U", "I", "J", "K", "R", "P", "Q", "L",
+    ]);
     prop_oneof![
         code.prop_map(str::to_owned),
         (letter, value).prop_map(|(letter, value)| format!("{letter}{value}"))
@@ -81,6 +83,10 @@ fn good_block() -> impl Strategy<Value = String> {
         )),
         (number(), number()).prop_map(|(y, z)| format!("G19 G3 Y{y} Z{z} R150")),
         (number(), number()).prop_map(|(y, z)| format!("G19 G2 Y{y} Z{z} R-70.25 X3")),
+        (number(), number(), 1..4u32)
+            .prop_map(|(x, z, l)| format!("G17 G99 G81 X{x} Z{} R{z} L{l}", z - 5.0)),
+        (number(), 1..4u32)
+            .prop_map(|(x, l)| format!("G17 G98 G91 G83 X{} Z-7 R-2 Q3 L{l} G90", x / 20.0)),
         Just("G4 P0.5".to_owned()),
     ]
 }

@@ -1,6 +1,6 @@
 //! The rules of the machine file, each a line of this table: key, range, unit.
 
-use super::{DriveMode, KickShape, Machine, ReversalMethod, is_cell_name};
+use super::{DriveMode, KickShape, Machine, ReversalMethod, is_cell_name, model, positioning};
 use crate::sample::{MAX_AXES, MAX_SUBSAMPLES};
 use crate::settings_file::{At, From, Rules, SettingsFileError};
 
@@ -14,10 +14,12 @@ const AXIS_LETTERS: &str = "XYZABCUVW";
 pub fn judge(name: &str, text: &str, machine: &Machine) -> Result<(), SettingsFileError> {
     let mut rules = Rules::of(name, text);
     cell(&mut rules, machine);
+    positioning::judge(&mut rules, machine);
     for (index, axis) in machine.axes.iter().enumerate() {
         let at = Some((index, axis.name.as_str()));
         axis_identity(&mut rules, machine, index);
         axis_motion(&mut rules, axis, at);
+        model::judge(&mut rules, axis, at, machine.scan_period_s());
         axis_loops(&mut rules, machine, axis, at);
     }
     rules.judge()
