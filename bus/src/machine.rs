@@ -10,7 +10,10 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
+mod kinematics;
 mod rules;
+
+pub use kinematics::{Carries, Interpolation, Kinematics, KinematicsKind, StraightLines};
 
 use crate::sample::MAX_AXES;
 use crate::settings_file::{self, SettingsFileError, read_text};
@@ -29,6 +32,11 @@ pub struct Machine {
     /// Path and program settings.
     #[serde(default)]
     pub program: ProgramSettings,
+    /// How rows of setpoints are made.
+    #[serde(default)]
+    pub interpolation: Interpolation,
+    /// How the axes carry the tool; none where they are the program's X, Y, Z ….
+    pub kinematics: Option<Kinematics>,
     /// Its axes, at most [`MAX_AXES`].
     #[serde(rename = "axis")]
     pub axes: Vec<Axis>,
@@ -336,6 +344,16 @@ impl Machine {
     /// Rows of intended motion in a window: look-ahead, commit delay and one period.
     pub fn intended_rows(&self) -> u32 {
         self.scan.distribution_period_scans * (self.scan.look_ahead_periods + 2)
+    }
+}
+
+impl AxisKind {
+    /// Its unit of position.
+    pub fn unit(self) -> &'static str {
+        match self {
+            AxisKind::Linear => "mm",
+            AxisKind::Rotary => "deg",
+        }
     }
 }
 

@@ -199,6 +199,7 @@ impl MotionLimits {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pivot::{Carries, PivotY};
 
     const SLIDE: AxisLimits = AxisLimits {
         velocity_mm_s: 250.0,
@@ -240,6 +241,37 @@ mod tests {
             assert!(MotionLimits::new(&[SLIDE], value).is_err());
         }
         assert_eq!(MotionLimits::new(&[], 1e-3), Err(LimitsError::AxisCount(0)));
+    }
+
+    #[test]
+    fn a_master_axis_takes_more_of_the_limits_and_goes_with_straight_axes_only() {
+        let master = RowSettings {
+            straight_lines: StraightLines::MasterAxis,
+            ..RowSettings::default()
+        };
+        let rounded = MotionLimits::new(&[SLIDE], 1e-3).unwrap();
+        let by_master = MotionLimits::with_rows(&[SLIDE], 1e-3, master).unwrap();
+        // Of 1 nm and 1 ms: 2.5 and 10.5 increments of 0.001 mm/s² each.
+        for (limits, left_mm_s2) in [(rounded, 1999.9975), (by_master, 1999.9895)] {
+            let found_mm_s2 = limits.plan_acceleration_mm_s2()[0];
+            assert!((found_mm_s2 - left_mm_s2).abs() < 1e-9, "{found_mm_s2}");
+        }
+        let arm = PivotY {
+            slide: 0,
+            arm: 1,
+            arm_length_mm: 100.0,
+            arm_min_deg: -45.0,
+            arm_max_deg: 45.0,
+            carries: Carries::Arm,
+        };
+        let both = RowSettings {
+            kinematics: Kinematics::PivotY(arm),
+            ..master
+        };
+        assert_eq!(
+            MotionLimits::with_rows(&[SLIDE, SLIDE], 1e-3, both),
+            Err(LimitsError::NoStraightLines)
+        );
     }
 
     #[test]

@@ -244,23 +244,22 @@ impl PivotY {
         Ok(())
     }
 
-    /// Whether the machine, standing with its axes at `start`, can follow a path with its slide between `low_mm` and
-    /// `high_mm`. Of paths that touch the end of the travel in a curve the last 0.1 µm are refused too.
-    pub fn check(
-        &self,
-        path: &Path,
-        start: &AxisVector,
-        low_mm: f64,
-        high_mm: f64,
-    ) -> Result<(), OutOfReach> {
-        let angle_deg = start.get(self.arm).copied().unwrap_or(0.0);
-        if !(self.arm_min_deg..=self.arm_max_deg).contains(&angle_deg) {
-            return Err(OutOfReach::Start {
-                angle_deg,
-                low_deg: self.arm_min_deg,
-                high_deg: self.arm_max_deg,
-            });
+    /// Whether the arm stands within its range: the place of the tool alone does not say on which side of 90° it does.
+    pub fn check_start(&self, axes: &AxisVector) -> Result<(), OutOfReach> {
+        let angle_deg = axes.get(self.arm).copied().unwrap_or(0.0);
+        if (self.arm_min_deg..=self.arm_max_deg).contains(&angle_deg) {
+            return Ok(());
         }
+        Err(OutOfReach::Start {
+            angle_deg,
+            low_deg: self.arm_min_deg,
+            high_deg: self.arm_max_deg,
+        })
+    }
+
+    /// Whether the machine can follow a path with its slide between `low_mm` and `high_mm`. Of paths that touch the end of
+    /// the travel in a curve the last 0.1 µm are refused too.
+    pub fn check(&self, path: &Path, low_mm: f64, high_mm: f64) -> Result<(), OutOfReach> {
         for element in &path.elements {
             self.check_reach(element)?;
             if let Some(found_mm) = self.slide_outside(element, low_mm, high_mm) {
@@ -481,7 +480,7 @@ mod tests {
         let pivot = arm(Carries::Arm);
         let line = |line, from, to| Element::line(line, from, to, Feed::Rapid);
         let check = |elements: Vec<Element>, low_mm, high_mm| {
-            pivot.check(&Path { elements }, &at(0.0, 0.0, 0.0), low_mm, high_mm)
+            pivot.check(&Path { elements }, low_mm, high_mm)
         };
         let zero = at(0.0, 0.0, 0.0);
         let reach = pivot.reach_mm().1;
@@ -508,7 +507,7 @@ mod tests {
         ));
         let turned = at(0.0, 61.0, 0.0);
         assert!(matches!(
-            pivot.check(&Path::default(), &turned, -100.0, 100.0),
+            pivot.check_start(&turned),
             Err(OutOfReach::Start { .. })
         ));
     }
@@ -522,9 +521,6 @@ mod tests {
         let path = Path {
             elements: vec![element],
         };
-        assert_eq!(
-            pivot.check(&path, &at(0.0, 0.0, 0.0), -1.0, high_mm),
-            Ok(())
-        );
+        assert_eq!(pivot.check(&path, -1.0, high_mm), Ok(()));
     }
 }
