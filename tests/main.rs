@@ -7,6 +7,8 @@ mod house;
 mod interruption;
 mod leftovers;
 mod paces;
+mod pivot;
 mod quality;
 mod setpoints;
+mod straight_lines;
 mod support;
