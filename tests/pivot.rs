@@ -54,7 +54,7 @@ fn a_circle_on_the_part_is_as_round_as_that_of_two_slides() {
         let rms = |report: &Value| number(report, "/contour_error_um/rms");
         let (arm_um, slides_um) = both(rms);
         assert!(
-            arm_um <= 2.5 * slides_um,
+            arm_um <= 1.5 * slides_um,
             "contour R{radius} F{feed}: {arm_um} µm with the arm, {slides_um} µm with slides"
         );
     }

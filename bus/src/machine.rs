@@ -4,7 +4,7 @@
 //! true of the simulated machine stands in `plant.toml`, which only the machine side reads.
 //!
 //! Slides are in mm. Rotary axes use the same keys with degrees in place of millimetres (`rapid_mm_s` is degrees per
-//! second there): they share the code of slides.
+//! second there): they share the code of slides. What forces and masses mean there: docs/methods/pivot-axis.md.
 
 use std::path::{Path, PathBuf};
 

@@ -315,6 +315,7 @@ impl PivotY {
 }
 
 #[cfg(test)]
+#[allow(clippy::indexing_slicing)]
 mod tests {
     use super::*;
     use crate::path::Feed;
