@@ -251,8 +251,8 @@ mod tests {
         };
         let rounded = MotionLimits::new(&[SLIDE], 1e-3).unwrap();
         let by_master = MotionLimits::with_rows(&[SLIDE], 1e-3, master).unwrap();
-        // Of 1 nm and 1 ms: 2.5 and 10.5 increments of 0.001 mm/s² each.
-        for (limits, left_mm_s2) in [(rounded, 1999.9975), (by_master, 1999.9895)] {
+        // An increment is 1 mm/s² at 1 nm and 1 ms: 2.5 and 10.5 of them.
+        for (limits, left_mm_s2) in [(rounded, 1997.5), (by_master, 1989.5)] {
             let found_mm_s2 = limits.plan_acceleration_mm_s2()[0];
             assert!((found_mm_s2 - left_mm_s2).abs() < 1e-9, "{found_mm_s2}");
         }
