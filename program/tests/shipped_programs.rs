@@ -87,7 +87,7 @@ fn every_shipped_program_runs_to_its_m2_without_a_remark() {
             files += 1;
         }
     }
-    assert_eq!(files, 27 + 3);
+    assert_eq!(files, 27 + 3 + 4);
 }
 
 #[test]
