@@ -27,7 +27,7 @@ pub struct Checked {
     pub plant: PlantFile,
     /// The program, expanded from where the simulated machine stands at the start.
     pub program: Option<Program>,
-    /// Where that is, in axis units.
+    /// Where its tool is then, in the coordinates of programs.
     pub start: AxisVector,
 }
 
@@ -51,6 +51,8 @@ pub fn load(machine: &Path, program: Option<&Path>) -> anyhow::Result<Checked> {
     }
     let limits = planner::motion_limits(&machine);
     limits.with_context(|| path.display().to_string())?;
+    let start =
+        planner::tool_at(&machine, &start).with_context(|| plant_path.display().to_string())?;
     let program = program
         .map(|file| program::load(file, &Setup::of(&machine), start))
         .transpose()?;
@@ -140,7 +142,7 @@ fn write_csv(checked: &Checked, file: &Path) -> Result<Totals, Failure> {
     let axes = &checked.machine.axes;
     let columns: Vec<String> = axes
         .iter()
-        .map(|a| format!("{}_mm", a.name.to_lowercase()))
+        .map(|a| format!("{}_{}", a.name.to_lowercase(), a.kind.unit()))
         .collect();
     writeln!(
         out,
@@ -196,9 +198,10 @@ fn print_totals(checked: &Checked, totals: &Totals) {
         totals.rows
     ));
     for (index, axis) in checked.machine.axes.iter().enumerate() {
+        let unit = axis.kind.unit();
         let share = |shares: &[f64]| shares.get(index).copied().unwrap_or(0.0) * 100.0;
         say(&format!(
-            "  axis {}: at most {:5.1} % of {} mm/s, {:5.1} % of {} mm/s²",
+            "  axis {}: at most {:5.1} % of {} {unit}/s, {:5.1} % of {} {unit}/s²",
             axis.name,
             share(&totals.shares.velocity),
             axis.rapid_mm_s,

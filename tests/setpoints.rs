@@ -12,6 +12,7 @@ fn no_shipped_program_breaks_a_limit_or_leaves_its_path_at_any_scan() {
         ("xy-fast", "xy"),
         ("xy-torque", "xy"),
         ("xyz-mill", "xyz-mill"),
+        ("xzb-pivot", "xzb-pivot"),
     ] {
         let folder = root().join("machines").join(programs).join("programs");
         for entry in fs::read_dir(folder).expect("programs").flatten() {
@@ -48,6 +49,7 @@ fn the_setpoints_a_user_gets_as_csv_keep_the_limits() {
             "machines/xyz-mill",
             "machines/xyz-mill/programs/pocket-3d.ngc",
         ),
+        ("machines/xzb-pivot", "machines/xzb-pivot/programs/line.ngc"),
     ] {
         let csv = folder.path().join("rows.csv");
         let output = quadrant()

@@ -4,16 +4,18 @@
 //! true of the simulated machine stands in `plant.toml`, which only the machine side reads.
 //!
 //! Slides are in mm. Rotary axes use the same keys with degrees in place of millimetres (`rapid_mm_s` is degrees per
-//! second there): they share the code of slides.
+//! second there): they share the code of slides. What forces and masses mean there: docs/methods/pivot-axis.md.
 
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
+mod kinematics;
 pub mod model;
 mod positioning;
 mod rules;
 
+pub use kinematics::{Carries, Interpolation, Kinematics, KinematicsKind, StraightLines};
 pub use model::{AxisModel, DisturbanceObserver, TorqueFeedForward};
 pub use positioning::{Positioning, RapidProfile};
 
@@ -37,6 +39,11 @@ pub struct Machine {
     /// How single rapids are travelled.
     #[serde(default)]
     pub positioning: Positioning,
+    /// How rows of setpoints are made.
+    #[serde(default)]
+    pub interpolation: Interpolation,
+    /// How the axes carry the tool; none where they are the program's X, Y, Z ….
+    pub kinematics: Option<Kinematics>,
     /// Its axes, at most [`MAX_AXES`].
     #[serde(rename = "axis")]
     pub axes: Vec<Axis>,
@@ -358,6 +365,16 @@ impl Machine {
     /// Rows of intended motion in a window: look-ahead, commit delay and one period.
     pub fn intended_rows(&self) -> u32 {
         self.scan.distribution_period_scans * (self.scan.look_ahead_periods + 2)
+    }
+}
+
+impl AxisKind {
+    /// Its unit of position.
+    pub fn unit(self) -> &'static str {
+        match self {
+            AxisKind::Linear => "mm",
+            AxisKind::Rotary => "deg",
+        }
     }
 }
 

@@ -10,7 +10,7 @@
 use thiserror::Error;
 
 use crate::limits::MotionLimits;
-use crate::path::{MAX_AXES, Path};
+use crate::path::{Element, MAX_AXES, Path};
 
 /// What is wrong with a row.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
@@ -48,6 +48,14 @@ pub enum RowFault {
         axis: usize,
         /// Distance to the path point of the tag.
         off_increments: f64,
+    },
+    /// An axis of a straight line that follows a master axis is not on the line.
+    #[error("row {row}: axis {axis} is a whole increment or more off the line from start to end")]
+    OffLine {
+        /// Rows judged before this one.
+        row: u64,
+        /// Index of the axis.
+        axis: usize,
     },
     /// The tag names no place of the path.
     #[error("row {row}: element {element} at {distance_mm} mm is not on the path")]
@@ -156,7 +164,8 @@ impl RowAudit {
         self.row(&last)
     }
 
-    /// Judges whether the row judged last lies within one increment of the place its tag names.
+    /// Judges whether the row judged last lies within one increment of the place its tag names. Where axes follow a master
+    /// axis, that one does, and the others lie within one increment of the line at the master's place.
     pub fn place(&self, path: &Path, element: u32, distance_mm: f64) -> Result<(), RowFault> {
         let row = self.rows.saturating_sub(1);
         let on = path
@@ -168,18 +177,51 @@ impl RowAudit {
                 element,
                 distance_mm,
             })?;
-        let point = on.point(distance_mm);
+        let rows = self.limits.rows();
+        let point = rows.kinematics.axes(&on.point(distance_mm));
         let [_, last] = self.before;
+        let off_increments_max = if rows.follow_master(on) {
+            self.on_line(on, &last)?;
+            rows.off_place_increments()
+        } else {
+            1.0
+        };
         for (axis, ((increments, component), limit)) in
             last.iter().zip(&point).zip(self.limits.axes()).enumerate()
         {
             let off_increments = (*increments as f64 - component / limit.increment_mm).abs();
-            if off_increments > 1.0 || off_increments.is_nan() {
+            if off_increments > off_increments_max || off_increments.is_nan() {
                 return Err(RowFault::OffPath {
                     row,
                     axis,
                     off_increments,
                 });
+            }
+        }
+        Ok(())
+    }
+
+    /// Judges a row by the line between the rounded ends of its element, in whole numbers and not by the line's own block:
+    /// (y − y_start)·Δx and (x − x_start)·Δy are less than |Δx| apart.
+    fn on_line(&self, element: &Element, place: &[i64; MAX_AXES]) -> Result<(), RowFault> {
+        let row = self.rows.saturating_sub(1);
+        let from = self.limits.increments(&element.start());
+        let to = self.limits.increments(&element.end());
+        let ends = from.iter().zip(&to).zip(place);
+        let ways = ends.map(|((from, to), place)| {
+            let [from, to, place] = [from, to, place].map(|p| i128::from(*p));
+            (place - from, to - from)
+        });
+        let (along, whole) = ways.clone().fold((0, 0i128), |longest: (i128, i128), way| {
+            if way.1.abs() > longest.1.abs() {
+                way
+            } else {
+                longest
+            }
+        });
+        for (axis, (way, travel)) in ways.enumerate() {
+            if (way * whole - along * travel).abs() >= whole.abs().max(1) {
+                return Err(RowFault::OffLine { row, axis });
             }
         }
         Ok(())

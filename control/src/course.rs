@@ -10,6 +10,7 @@
 //! **Arcs** use at most `CENTRIPETAL_SHARE` of the acceleration across the path; what remains of the vector is for
 //! changing speed: `a = sqrt(a_lim² − (κv²)²)`, constant on the element.
 
+use crate::kinematics::{AxisRates, Kinematics};
 use crate::limits::MotionLimits;
 use crate::path::{AxisVector, Element, Feed, MAX_AXES, Path, Shape};
 use crate::positioning::rapids as positioning;
@@ -40,14 +41,21 @@ const SHARE_TOLERANCE: f64 = 1e-2;
 struct Sharing {
     /// Part of the tangent that turns in the plane of an arc.
     swing: [f64; MAX_AXES],
-    /// Part of the tangent that is constant.
+    /// Part of the tangent that is constant, or a bound of it all where the axes are not the program's.
     straight: [f64; MAX_AXES],
     /// Curvature, in 1/mm.
     curvature_per_mm: [f64; MAX_AXES],
 }
 
 impl Sharing {
-    fn of(element: &Element) -> Self {
+    fn of(element: &Element, kinematics: &Kinematics) -> Self {
+        if let Some(AxisRates { first, second }) = kinematics.axes_rates(element) {
+            return Self {
+                swing: [0.0; MAX_AXES],
+                straight: first,
+                curvature_per_mm: second,
+            };
+        }
         let mut sharing = Self {
             swing: [0.0; MAX_AXES],
             straight: [0.0; MAX_AXES],
@@ -116,7 +124,8 @@ impl Sharing {
                 // |across·cos φ| + |a·swing·sin φ| is at most the length of the vector, at every angle.
                 (left * left - across * across).max(0.0).sqrt() / swing
             } else if straight > 0.0 {
-                left / straight
+                // Lines of axes that are the program's have nothing across.
+                (left - across) / straight
             } else {
                 continue;
             };
@@ -209,6 +218,7 @@ impl Course {
                 .find(next)
                 .filter(|after| !after.is_dwell())
         };
+        let kinematics = &limits.rows().kinematics;
         let mut start_mm = 0.0;
         // The element before, if motion can go on from it without a stop.
         let mut before: Option<&Element> = None;
@@ -219,7 +229,7 @@ impl Course {
             if element.is_dwell() || element.length_mm <= 0.0 {
                 continue;
             }
-            let sharing = Sharing::of(element);
+            let sharing = Sharing::of(element, kinematics);
             let speed_mm_s = sharing.speed_mm_s(&course.limits);
             if !speed_mm_s.is_finite() {
                 return Err(MapError::NoSuchAxis { line: element.line });
@@ -247,6 +257,7 @@ impl Course {
             }
             if let (Some(before), Some(last)) = (before, course.stretches.last()) {
                 let kink = element.tangent(0.0) - before.tangent(before.length_mm);
+                let kink = kinematics.axes_tangent(&element.start(), &kink);
                 let fastest_mm_s = fastest_mm_s.min(last.fastest_mm_s);
                 course.add_junction(start_mm, &kink, fastest_mm_s);
             }

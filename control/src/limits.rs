@@ -2,7 +2,9 @@
 
 use thiserror::Error;
 
+use crate::kinematics::Kinematics;
 use crate::path::{AxisVector, MAX_AXES};
+use crate::rows::{RowSettings, StraightLines};
 
 /// The limits of one axis, in its own units (mm for slides, degrees for rotary axes).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,11 +17,13 @@ pub struct AxisLimits {
     pub increment_mm: f64,
 }
 
-/// The limits of all axes, judged on positions one scan apart.
+/// The limits of all axes, judged on positions one scan apart, and how those positions are made: what rounding takes of the
+/// limits depends on it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MotionLimits {
     axes: Vec<AxisLimits>,
     scan_period_s: f64,
+    rows: RowSettings,
 }
 
 /// Why limits cannot be planned with.
@@ -41,6 +45,9 @@ pub enum LimitsError {
         /// What was found.
         value: f64,
     },
+    /// A straight line of the program is none of the axes.
+    #[error("straight lines by a master axis: axes that do not move in straight lines have none")]
+    NoStraightLines,
     /// Rounding a position to whole increments would use up more than half of a limit.
     #[error(
         "axis {axis}: increments of {increment_mm} mm are too coarse: rounding to them at a scan period of {scan_period_s} s looks \
@@ -62,24 +69,41 @@ pub enum LimitsError {
     },
 }
 
-/// A row is off by up to half an increment, so a difference of two rows by one increment.
-const VELOCITY_ROUNDING_INCREMENTS: f64 = 1.0;
-/// A second difference of rows is off by up to half + one + half an increment; another half covers gaps in the geometry
-/// (at most a quarter, see `speed_map`) and the arithmetic of the planner.
-const ACCELERATION_ROUNDING_INCREMENTS: f64 = 2.5;
+/// Rows in a difference of two rows, each off by up to what [`RowSettings`] say: half an increment where all axes are rounded,
+/// so one increment in all.
+const VELOCITY_ROUNDING_ROWS: f64 = 2.0;
+/// The same of a second difference: once, twice and once again, so two increments where all axes are rounded.
+const ACCELERATION_ROUNDING_ROWS: f64 = 4.0;
+/// Covers gaps in the geometry (at most a quarter, see `speed_map`) and the arithmetic of the planner, in increments.
+const ACCELERATION_GAP_INCREMENTS: f64 = 0.5;
 
 impl MotionLimits {
-    /// Checks and takes the limits of all axes.
+    /// Checks and takes the limits of all axes; rows are rounded, and axes are the program's.
     pub fn new(axes: &[AxisLimits], scan_period_s: f64) -> Result<Self, LimitsError> {
+        Self::with_rows(axes, scan_period_s, RowSettings::default())
+    }
+
+    /// Checks and takes the limits of all axes, and how rows are made.
+    pub fn with_rows(
+        axes: &[AxisLimits],
+        scan_period_s: f64,
+        rows: RowSettings,
+    ) -> Result<Self, LimitsError> {
         if axes.is_empty() || axes.len() > MAX_AXES {
             return Err(LimitsError::AxisCount(axes.len()));
         }
         if !(scan_period_s > 0.0 && scan_period_s.is_finite()) {
             return Err(LimitsError::ScanPeriod(scan_period_s));
         }
+        if rows.straight_lines == StraightLines::MasterAxis
+            && rows.kinematics != Kinematics::Cartesian
+        {
+            return Err(LimitsError::NoStraightLines);
+        }
         let limits = Self {
             axes: axes.to_vec(),
             scan_period_s,
+            rows,
         };
         for (axis, of_axis) in axes.iter().enumerate() {
             for (name, value) in [
@@ -123,6 +147,11 @@ impl MotionLimits {
         &self.axes
     }
 
+    /// How rows are made.
+    pub fn rows(&self) -> &RowSettings {
+        &self.rows
+    }
+
     /// Time from one row to the next, in s.
     pub fn scan_period_s(&self) -> f64 {
         self.scan_period_s
@@ -156,18 +185,21 @@ impl MotionLimits {
     }
 
     fn velocity_rounding_mm_s(&self, axis: &AxisLimits) -> f64 {
-        VELOCITY_ROUNDING_INCREMENTS * axis.increment_mm / self.scan_period_s
+        let increments = VELOCITY_ROUNDING_ROWS * self.rows.off_place_increments();
+        increments * axis.increment_mm / self.scan_period_s
     }
 
     fn acceleration_rounding_mm_s2(&self, axis: &AxisLimits) -> f64 {
-        ACCELERATION_ROUNDING_INCREMENTS * axis.increment_mm
-            / (self.scan_period_s * self.scan_period_s)
+        let increments = ACCELERATION_ROUNDING_ROWS * self.rows.off_place_increments()
+            + ACCELERATION_GAP_INCREMENTS;
+        increments * axis.increment_mm / (self.scan_period_s * self.scan_period_s)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pivot::{Carries, PivotY};
 
     const SLIDE: AxisLimits = AxisLimits {
         velocity_mm_s: 250.0,
@@ -209,6 +241,37 @@ mod tests {
             assert!(MotionLimits::new(&[SLIDE], value).is_err());
         }
         assert_eq!(MotionLimits::new(&[], 1e-3), Err(LimitsError::AxisCount(0)));
+    }
+
+    #[test]
+    fn a_master_axis_takes_more_of_the_limits_and_goes_with_straight_axes_only() {
+        let master = RowSettings {
+            straight_lines: StraightLines::MasterAxis,
+            ..RowSettings::default()
+        };
+        let rounded = MotionLimits::new(&[SLIDE], 1e-3).unwrap();
+        let by_master = MotionLimits::with_rows(&[SLIDE], 1e-3, master).unwrap();
+        // An increment is 1 mm/s² at 1 nm and 1 ms: 2.5 and 10.5 of them.
+        for (limits, left_mm_s2) in [(rounded, 1997.5), (by_master, 1989.5)] {
+            let found_mm_s2 = limits.plan_acceleration_mm_s2()[0];
+            assert!((found_mm_s2 - left_mm_s2).abs() < 1e-9, "{found_mm_s2}");
+        }
+        let arm = PivotY {
+            slide: 0,
+            arm: 1,
+            arm_length_mm: 100.0,
+            arm_min_deg: -45.0,
+            arm_max_deg: 45.0,
+            carries: Carries::Arm,
+        };
+        let both = RowSettings {
+            kinematics: Kinematics::PivotY(arm),
+            ..master
+        };
+        assert_eq!(
+            MotionLimits::with_rows(&[SLIDE, SLIDE], 1e-3, both),
+            Err(LimitsError::NoStraightLines)
+        );
     }
 
     #[test]

@@ -10,6 +10,9 @@
 //! v·|Δt_i| · δ(time of crossing)             at a junction where the tangent jumps by Δt
 //! ```
 //!
+//! Where the axes are not the program's (`kinematics`), t and κ are the derivatives of the axes along the path of the tool;
+//! their bounds over an element stand for them on the whole of it.
+//!
 //! How speed and acceleration are shared out between the two is `course`'s business.
 //!
 //! The map depends on path and limits only. Override scales the feed of its segments (rapids too), never what the axes
@@ -20,6 +23,7 @@ use thiserror::Error;
 use crate::course::Course;
 use crate::limits::MotionLimits;
 use crate::path::{AxisVector, Feed, Path, Shape};
+use crate::pivot::OutOfReach;
 use crate::positioning::{Move, Positioning, Profile, rapids};
 
 /// Gap between elements that the rounding allowance of the limits covers, in increments.
@@ -56,6 +60,9 @@ pub enum MapError {
         /// Line of the program.
         line: u32,
     },
+    /// A place that the machine's axes cannot bring the tool to.
+    #[error(transparent)]
+    OutOfReach(#[from] OutOfReach),
     /// An element does not start where the one before ends, or an arc does not run into its own end.
     #[error("line {line}: the path jumps by {gap_mm} mm here")]
     Gap {
@@ -230,6 +237,7 @@ fn check_geometry(path: &Path, limits: &MotionLimits) -> Result<(), MapError> {
         {
             return Err(MapError::NoSuchAxis { line });
         }
+        limits.rows().kinematics.check_reach(element)?;
         let own_gap = match &element.shape {
             Shape::Arc { .. } => {
                 // The circle itself at both ends, not the stored end points that `point` gives there.
@@ -245,6 +253,7 @@ fn check_geometry(path: &Path, limits: &MotionLimits) -> Result<(), MapError> {
         };
         let between = previous_end.map_or(own_gap, |end| (element.start() - end).abs());
         for gap in [own_gap, between] {
+            let gap = limits.rows().kinematics.axes_gap(element, &gap);
             for (gap_mm, axis) in gap.iter().zip(limits.axes()) {
                 if *gap_mm > GAP_INCREMENTS_MAX * axis.increment_mm {
                     return Err(MapError::Gap {

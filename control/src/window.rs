@@ -23,7 +23,7 @@ use crate::speed_map::{MapError, MapSettings, SpeedMap};
 /// One scan of setpoints.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Row {
-    /// Position of every axis, in increments: the path at the state's place, rounded.
+    /// Position of every axis, in increments: the path at the state's place, as [`MotionLimits::row`] makes it.
     pub position_increments: [i64; MAX_AXES],
     /// Place and speed at this row. Element, distance and remaining dwell are its path tag; a window that replaces this
     /// one after this row starts from here.
@@ -193,7 +193,7 @@ impl WindowPlanner {
     pub fn row(&self, state: &PathState) -> Option<Row> {
         let element = self.path.elements.get(state.element as usize)?;
         Some(Row {
-            position_increments: self.limits.increments(&element.point(state.distance_mm)),
+            position_increments: self.limits.row(element, state.distance_mm),
             state: *state,
         })
     }
@@ -284,7 +284,7 @@ impl WindowPlanner {
 
 fn row_at(path: &Path, limits: &MotionLimits, state: &PathState) -> Row {
     let position_increments = match path.elements.get(state.element as usize) {
-        Some(element) => limits.increments(&element.point(state.distance_mm)),
+        Some(element) => limits.row(element, state.distance_mm),
         None => [0; MAX_AXES],
     };
     Row {

@@ -3,10 +3,14 @@
 use std::ops::ControlFlow;
 
 use control::audit::RowAudit;
+use control::kinematics::Kinematics;
 use control::limits::{AxisLimits, MotionLimits};
 use control::path::{AxisVector, Element, Feed, Path};
+use control::pivot::{Carries, PivotY};
 use control::positioning::{MotorLoad, Positioning};
 use control::profile::PathState;
+use control::rows::{RowSettings, StraightLines};
+use control::speed_map::MapError;
 use control::totals::{ProgramWalk, Totals};
 use control::window::{
     PlanError, Row, WindowOutcome, WindowPlanner, WindowRequest, WindowSettings,
@@ -23,19 +27,22 @@ fn at(values: &[f64]) -> AxisVector {
     vector
 }
 
-/// Three slides, unequal on purpose.
-fn limits(scan_period_s: f64) -> MotionLimits {
-    let slide = |velocity_mm_s, acceleration_mm_s2| AxisLimits {
+/// Speed and acceleration of three slides, unequal on purpose.
+const SLIDES: [(f64, f64); 3] = [(250.0, 2000.0), (250.0, 2500.0), (100.0, 1500.0)];
+/// The same with an arm between the slides, in degrees.
+const WITH_ARM: [(f64, f64); 3] = [(250.0, 2000.0), (90.0, 900.0), (100.0, 1500.0)];
+
+fn limits_of_rows(scan_period_s: f64, rows: RowSettings, of_axes: [(f64, f64); 3]) -> MotionLimits {
+    let axes = of_axes.map(|(velocity_mm_s, acceleration_mm_s2)| AxisLimits {
         velocity_mm_s,
         acceleration_mm_s2,
         increment_mm: 1e-6,
-    };
-    let axes = [
-        slide(250.0, 2000.0),
-        slide(250.0, 2500.0),
-        slide(100.0, 1500.0),
-    ];
-    MotionLimits::new(&axes, scan_period_s).unwrap()
+    });
+    MotionLimits::with_rows(&axes, scan_period_s, rows).unwrap()
+}
+
+fn limits(scan_period_s: f64) -> MotionLimits {
+    limits_of_rows(scan_period_s, RowSettings::default(), SLIDES)
 }
 
 /// Motors for the three slides, from far weaker than their limits of acceleration ask for to stronger.
@@ -385,17 +392,17 @@ impl Cell {
 fn any_run(
     blocks: &[(Block, Feed)],
     events: &[Event],
-    scan_period_s: f64,
+    limits: MotionLimits,
     period_rows: usize,
     braking_rows_max: u32,
     positioning: Option<&Positioning>,
 ) -> Result<(), TestCaseError> {
     let elements = elements_of(blocks);
-    let end = elements.last().map_or(at(&[]), Element::end);
+    let last = elements.last().cloned();
     let intended_rows = 4 * period_rows as u32;
     let planner = match WindowPlanner::with_positioning(
         Path { elements },
-        limits(scan_period_s),
+        limits,
         WindowSettings {
             braking_rows_max,
             ..settings(intended_rows)
@@ -403,6 +410,9 @@ fn any_run(
         positioning,
     ) {
         Ok(planner) => planner,
+        Err(PlanError::Map(MapError::OutOfReach(_))) => {
+            return Err(TestCaseError::reject("out of the arm's reach"));
+        }
         Err(error) => return Err(TestCaseError::fail(error.to_string())),
     };
     let (mut cell, mut request) = Cell::start(planner, intended_rows);
@@ -442,7 +452,8 @@ fn any_run(
         }
         cell.replan(&request, unchanged)?;
     }
-    if at_end {
+    if let Some(last) = last.filter(|_| at_end) {
+        let end = cell.planner.limits().rows().kinematics.axes(&last.end());
         prop_assert_eq!(
             cell.last.position_increments,
             cell.planner.limits().increments(&end)
@@ -461,9 +472,12 @@ proptest! {
         fast in any::<bool>(),
         long_period in any::<bool>(),
         braking_rows_max in prop_oneof![Just(900u32), 12..200u32],
+        straight_lines in prop_oneof![Just(StraightLines::Rounded), Just(StraightLines::MasterAxis)],
     ) {
         let scan_period_s = if fast { 250e-6 } else { 1e-3 };
-        any_run(&blocks, &events, scan_period_s, if long_period { 8 } else { 4 }, braking_rows_max, None)?;
+        let rows = RowSettings { straight_lines, ..RowSettings::default() };
+        let limits = limits_of_rows(scan_period_s, rows, SLIDES);
+        any_run(&blocks, &events, limits, if long_period { 8 } else { 4 }, braking_rows_max, None)?;
     }
 
     #[test]
@@ -480,7 +494,41 @@ proptest! {
             .into_iter()
             .map(|((block, feed), rapid)| (block, if rapid { Feed::Rapid } else { feed }))
             .collect();
-        any_run(&blocks, &events, scan_period_s, if long_period { 8 } else { 4 }, braking_rows_max, Some(&loads(rated_n)))?;
+        any_run(&blocks, &events, limits(scan_period_s), if long_period { 8 } else { 4 }, braking_rows_max, Some(&loads(rated_n)))?;
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig {
+        cases: 200,
+        max_global_rejects: 100_000,
+        ..ProptestConfig::default()
+    })]
+
+    /// The same where an arm stands in for Y: its speed and acceleration, and those of the slide with its correction.
+    #[test]
+    fn no_axis_of_a_machine_with_an_arm_is_over_a_limit_at_any_scan(
+        blocks in prop::collection::vec(any_block(), 1..8),
+        events in prop::collection::vec(any_event(), 0..200),
+        fast in any::<bool>(),
+        arm_length_mm in 40.0..300.0f64,
+        carries in prop_oneof![Just(Carries::Arm), Just(Carries::Work)],
+    ) {
+        let scan_period_s = if fast { 250e-6 } else { 1e-3 };
+        let pivot = PivotY {
+            slide: 0,
+            arm: 1,
+            arm_length_mm,
+            arm_min_deg: -75.0,
+            arm_max_deg: 75.0,
+            carries,
+        };
+        let rows = RowSettings {
+            kinematics: Kinematics::PivotY(pivot),
+            ..RowSettings::default()
+        };
+        let limits = limits_of_rows(scan_period_s, rows, WITH_ARM);
+        any_run(&blocks, &events, limits, 8, 900, None)?;
     }
 }
 

@@ -2,7 +2,7 @@
 //! log, and the same result however the channels were interleaved ([`align`]).
 //!
 //! Everything about the path is measured on the *table* as the bench's instruments saw it, in the terms of
-//! ISO 230-4:2022 (circular tests) and ISO 230-1 (contour deviations).
+//! ISO 230-4:2022 (circular tests) and ISO 230-1 (contour deviations); where an arm stands in for Y, on the part.
 
 pub mod align;
 pub mod arc;
@@ -18,6 +18,7 @@ mod tests;
 
 use bus::machine::Machine;
 use bus::sample::{Cause, Feedback, Mode, WindowId};
+use control::kinematics::Kinematics;
 use control::path::{AxisVector, MAX_AXES, Path};
 
 use crate::log::Sample;
@@ -78,6 +79,7 @@ pub struct Measurements {
 pub struct Analysis {
     machine: Machine,
     path: Path,
+    kinematics: Kinematics,
     aligner: Aligner,
     axes: Vec<AxisMeter>,
     audit: LimitsAudit,
@@ -105,13 +107,14 @@ impl Analysis {
     /// Begins the measurement of a run of `path` on `machine`.
     pub fn new(machine: Machine, path: Path) -> Self {
         let period_s = machine.scan_period_s();
+        let kinematics = program::kinematics_of(&machine);
         let increments_mm: Vec<f64> = machine.axes.iter().map(|a| a.increment_mm()).collect();
         Analysis {
             aligner: Aligner::new(machine.axes.len()),
             axes: machine.axes.iter().map(|_| AxisMeter::default()).collect(),
             audit: LimitsAudit::new(&machine),
             contour_mm: Statistics::default(),
-            arcs: ArcMeter::new(&path, period_s),
+            arcs: ArcMeter::new(&path, &kinematics, period_s),
             reversals: increments_mm
                 .iter()
                 .map(|increment_mm| ReversalMeter::new(*increment_mm))
@@ -130,6 +133,7 @@ impl Analysis {
             motion_digest: None,
             machine,
             path,
+            kinematics,
         }
     }
 
@@ -248,8 +252,10 @@ impl Analysis {
         let executing = !feedback.window.is_none();
         self.arcs.scan(feedback, executing);
         for sub in 0..count {
-            let table = at(&instruments.table_mm, sub);
+            // From here on everything is in the coordinates of the program: where the axes had the tool on the part.
+            let table = self.kinematics.tool(&at(&instruments.table_mm, sub));
             let motor = at(&instruments.motor_mm, sub) - self.backlash_mm;
+            let motor = self.kinematics.tool(&motor);
             if let Some(error_mm) = contour::error_mm(&self.path, &feedback.tag, &table) {
                 self.contour_mm.take(error_mm);
                 largest_mm = largest_mm.max(error_mm);

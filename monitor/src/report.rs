@@ -222,7 +222,19 @@ fn load_program(
     for (place, (axis, register)) in at.iter_mut().zip(registers) {
         *place = register as f64 * axis.increment_mm();
     }
-    Ok(program::load(&run_dir.join(name), &Setup::of(machine), at)?)
+    let start = program::kinematics_of(machine).tool(&at);
+    Ok(program::load(
+        &run_dir.join(name),
+        &Setup::of(machine),
+        start,
+    )?)
+}
+
+/// Letter of a coordinate of the path: the program's, which is not the axis' own where an arm stands in for Y.
+fn coordinate(machine: &Machine, index: usize) -> String {
+    let setup = Setup::of(machine);
+    let axis = setup.axes.get(index);
+    axis.map_or("?".into(), |axis| axis.letter.to_string())
 }
 
 /// Plots that an earlier report left.

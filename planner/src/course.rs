@@ -1,11 +1,15 @@
 //! The course of a run: the program's path with the limits of the machine on it.
 
-use bus::machine::{Machine, RapidProfile};
+use bus::machine::{self, Machine, RapidProfile};
 use bus::sample::MAX_WINDOW_ROWS;
+use control::kinematics::Kinematics;
 use control::limits::{AxisLimits, LimitsError, MotionLimits};
 use control::path::{AxisVector, Element, Path};
+use control::pivot::OutOfReach;
 use control::positioning::{MotorLoad, Positioning, RatingError};
+use control::rows::{RowSettings, StraightLines};
 use control::window::{PlanError, WindowPlanner, WindowSettings};
+use program::kinematics_of;
 
 /// Highest override, as a share of the programmed feed.
 const OVERRIDE_MAX: f64 = 1.0;
@@ -27,9 +31,12 @@ pub enum CourseError {
         /// Why.
         source: RatingError,
     },
+    /// The axes cannot bring the tool there.
+    #[error(transparent)]
+    OutOfReach(#[from] OutOfReach),
 }
 
-/// The limits of a machine's axes.
+/// The limits of a machine's axes, and how rows are made on it.
 ///
 /// # Errors
 /// Increments too coarse for the limits at this scan period.
@@ -43,7 +50,14 @@ pub fn motion_limits(machine: &Machine) -> Result<MotionLimits, LimitsError> {
             increment_mm: axis.increment_mm(),
         })
         .collect();
-    MotionLimits::new(&axes, machine.scan_period_s())
+    let rows = RowSettings {
+        straight_lines: match machine.interpolation.straight_lines {
+            machine::StraightLines::Rounded => StraightLines::Rounded,
+            machine::StraightLines::MasterAxis => StraightLines::MasterAxis,
+        },
+        kinematics: kinematics_of(machine),
+    };
+    MotionLimits::with_rows(&axes, machine.scan_period_s(), rows)
 }
 
 /// What the motors have to move, if rapids are to be travelled at least heat.
@@ -71,7 +85,20 @@ fn positioning(machine: &Machine) -> Result<Option<Positioning>, CourseError> {
     Ok(Some(positioning))
 }
 
-/// A planner of windows along a program's path. A program without motion waits at `start` for no time.
+/// Where the tool stands, in the coordinates of programs, with the axes at `axes`.
+///
+/// # Errors
+/// The axes stand where no program can start.
+pub fn tool_at(machine: &Machine, axes: &AxisVector) -> Result<AxisVector, OutOfReach> {
+    let kinematics = kinematics_of(machine);
+    if let Kinematics::PivotY(pivot) = kinematics {
+        pivot.check_start(axes)?;
+    }
+    Ok(kinematics.tool(axes))
+}
+
+/// A planner of windows along a program's path, from where the tool stands at the start. A program without motion waits
+/// there for no time.
 ///
 /// # Errors
 /// [`CourseError`].
@@ -83,13 +110,18 @@ pub fn window_planner(
     if path.elements.is_empty() {
         path.elements.push(Element::dwell(1, start, 0.0));
     }
+    let limits = motion_limits(machine)?;
+    if let Kinematics::PivotY(pivot) = limits.rows().kinematics
+        && let Some(slide) = machine.axes.get(pivot.slide)
+    {
+        pivot.check(&path, slide.travel_min_mm, slide.travel_max_mm)?;
+    }
     let intended_rows_max = machine.intended_rows();
     let settings = WindowSettings {
         intended_rows_max,
         braking_rows_max: (MAX_WINDOW_ROWS as u32).saturating_sub(intended_rows_max + 1),
         override_max: OVERRIDE_MAX,
     };
-    let limits = motion_limits(machine)?;
     let positioning = positioning(machine)?;
     Ok(WindowPlanner::with_positioning(
         path,

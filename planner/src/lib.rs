@@ -6,6 +6,6 @@ mod course;
 mod planner;
 mod run;
 
-pub use course::{CourseError, motion_limits, window_planner};
+pub use course::{CourseError, motion_limits, tool_at, window_planner};
 pub use planner::{Decision, Planner};
 pub use run::{Options, PlannerError, run};

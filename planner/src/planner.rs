@@ -18,7 +18,7 @@ use control::profile::PathState;
 use control::window::{Row, WindowPlanner, WindowRequest};
 use program::{ProgramError, Setup};
 
-use crate::course::{CourseError, window_planner};
+use crate::course::{CourseError, tool_at, window_planner};
 
 /// Scans from the feedback a window answers until it can be executed: seen by the servos in the next, admitted by the
 /// machine side for the one after.
@@ -255,6 +255,7 @@ impl Planner {
         {
             *value = feedback.command_register as f64 * axis.increment_mm();
         }
+        let start = tool_at(&self.machine, &start).map_err(CourseError::from)?;
         let setup = Setup::of(&self.machine);
         let program = program::interpret(&self.program_name, &self.program_text, &setup, start)?;
         let program_hash = program.source_hash;

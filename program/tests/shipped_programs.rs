@@ -40,6 +40,19 @@ fn xyz_mill() -> Setup {
     }
 }
 
+/// The reach of an arm of 150 mm to 60° is Y here, and X goes as far beyond its slide as the arm draws back.
+fn xzb_pivot() -> Setup {
+    let axes = vec![
+        slide('X', -295.0, 295.0),
+        slide('Y', -129.9, 129.9),
+        slide('Z', -300.0, 0.0),
+    ];
+    Setup {
+        axes,
+        work_offset: at(&[0.0, 0.0, -100.0]),
+    }
+}
+
 fn loaded(file: &Path, setup: &Setup) -> Program {
     load(file, setup, AxisVector::zeros()).unwrap_or_else(|error| panic!("{error}"))
 }
@@ -47,7 +60,11 @@ fn loaded(file: &Path, setup: &Setup) -> Program {
 #[test]
 fn every_shipped_program_runs_to_its_m2_without_a_remark() {
     let mut files = 0;
-    for (machine, setup) in [("xy", xy()), ("xyz-mill", xyz_mill())] {
+    for (machine, setup) in [
+        ("xy", xy()),
+        ("xyz-mill", xyz_mill()),
+        ("xzb-pivot", xzb_pivot()),
+    ] {
         for file in programs_of(machine) {
             let program = loaded(&file, &setup);
             assert!(
@@ -70,7 +87,7 @@ fn every_shipped_program_runs_to_its_m2_without_a_remark() {
             files += 1;
         }
     }
-    assert_eq!(files, 27 + 4);
+    assert_eq!(files, 27 + 4 + 4);
 }
 
 #[test]

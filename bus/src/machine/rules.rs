@@ -15,6 +15,7 @@ pub fn judge(name: &str, text: &str, machine: &Machine) -> Result<(), SettingsFi
     let mut rules = Rules::of(name, text);
     cell(&mut rules, machine);
     positioning::judge(&mut rules, machine);
+    super::kinematics::judge(&mut rules, machine);
     for (index, axis) in machine.axes.iter().enumerate() {
         let at = Some((index, axis.name.as_str()));
         axis_identity(&mut rules, machine, index);
@@ -101,6 +102,9 @@ fn cell(rules: &mut Rules, machine: &Machine) {
     }
     for (letter, value) in &machine.program.work_offset_mm {
         let path = ["program", "work_offset_mm", letter.as_str()];
+        if super::kinematics::judge_work_offset(rules, machine, letter, *value) {
+            continue;
+        }
         match machine.axes.iter().find(|a| &a.name == letter) {
             None => rules.say(&path, None, "names an axis that the machine does not have"),
             Some(axis) => rules.range(

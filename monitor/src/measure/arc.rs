@@ -13,6 +13,7 @@
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use bus::sample::Feedback;
+use control::kinematics::Kinematics;
 use control::path::{AxisVector, Element, Feed, Path, Shape};
 
 use super::fit::{Fit, FitKind};
@@ -58,6 +59,9 @@ struct Run {
     start_angle_rad: f64,
     /// Angle travelled, positive.
     sweep_rad: f64,
+    /// Where the axes of its plane reverse, if that is not at the quadrants: (angle in one turn, 0 or 1 for the axis of the
+    /// plane), in rising order.
+    reversals: Option<Vec<(f64, usize)>>,
 }
 
 /// What remained at one quadrant whose whole window lies on the arc.
@@ -172,8 +176,8 @@ pub struct ArcMeter {
 
 impl ArcMeter {
     /// For one path.
-    pub fn new(path: &Path, period_s: f64) -> Self {
-        let (runs, run_of) = find_runs(path);
+    pub fn new(path: &Path, kinematics: &Kinematics, period_s: f64) -> Self {
+        let (runs, run_of) = find_runs(path, kinematics);
         let mut length_mm = 0.0;
         let before_mm = path.elements.iter().map(|element| {
             let before = length_mm;
@@ -318,7 +322,61 @@ fn same_circle(a: &Circle, b: &Circle) -> bool {
         && near(a.centre_mm[1], b.centre_mm[1])
 }
 
-fn find_runs(path: &Path) -> (Vec<Run>, Vec<Option<usize>>) {
+/// Places of a turn looked at for reversals; between two of them an axis reverses at most once.
+const REVERSAL_STEPS: u32 = 720;
+
+/// Where on a circle the axes of its plane reverse: they are found by the sign of their speed and halving. None where they
+/// are the program's axes, which reverse at the quadrants.
+fn reversals_on(
+    element: &Element,
+    circle: &Circle,
+    kinematics: &Kinematics,
+) -> Option<Vec<(f64, usize)>> {
+    if *kinematics == Kinematics::Cartesian {
+        return None;
+    }
+    let [first, second] = circle.plane;
+    let speed = |angle_rad: f64, axis: usize| {
+        let (sine, cosine) = (libm::sin(angle_rad), libm::cos(angle_rad));
+        let (mut place, mut tangent) = (element.start(), AxisVector::zeros());
+        for (axis, centre_mm, spoke, along) in [
+            (first, circle.centre_mm[0], cosine, -sine),
+            (second, circle.centre_mm[1], sine, cosine),
+        ] {
+            if let (Some(place), Some(tangent)) = (place.get_mut(axis), tangent.get_mut(axis)) {
+                *place = centre_mm + circle.radius_mm * spoke;
+                *tangent = along;
+            }
+        }
+        let of_axes = kinematics.axes_tangent(&place, &tangent);
+        of_axes.get(axis).copied().unwrap_or(0.0)
+    };
+    let mut reversals = Vec::new();
+    for (index, axis) in circle.plane.into_iter().enumerate() {
+        for step in 0..REVERSAL_STEPS {
+            // Off the quadrants, so that a speed of zero there lies between two places.
+            let place_rad = |step: u32| (f64::from(step) + 0.5) * TAU / f64::from(REVERSAL_STEPS);
+            let (mut low_rad, mut high_rad) = (place_rad(step), place_rad(step + 1));
+            let low_speed = speed(low_rad, axis);
+            if low_speed * speed(high_rad, axis) >= 0.0 {
+                continue;
+            }
+            for _ in 0..50 {
+                let middle_rad = 0.5 * (low_rad + high_rad);
+                if low_speed * speed(middle_rad, axis) > 0.0 {
+                    low_rad = middle_rad;
+                } else {
+                    high_rad = middle_rad;
+                }
+            }
+            reversals.push((high_rad, index));
+        }
+    }
+    reversals.sort_by(|a, b| a.0.total_cmp(&b.0));
+    Some(reversals)
+}
+
+fn find_runs(path: &Path, kinematics: &Kinematics) -> (Vec<Run>, Vec<Option<usize>>) {
     let mut runs: Vec<Run> = Vec::new();
     let mut run_of: Vec<Option<usize>> = Vec::with_capacity(path.elements.len());
     for (index, element) in path.elements.iter().enumerate() {
@@ -332,6 +390,7 @@ fn find_runs(path: &Path) -> (Vec<Run>, Vec<Option<usize>>) {
                 run.sweep_rad += sweep_rad;
             }
             _ => runs.push(Run {
+                reversals: reversals_on(element, &circle, kinematics),
                 circle,
                 elements: (index, index),
                 line: element.line,
@@ -362,7 +421,12 @@ fn measure(run: &Run, taken: &[Taken], period_s: f64) -> Option<ArcResult> {
     let steady = steady_samples(taken, speed_mm_s, angular_speed_rad_s, period_s);
     let window = window_rad(angular_speed_rad_s);
     let sign = if run.circle.clockwise { -1.0 } else { 1.0 };
-    let quadrants_along = quadrants_along(run.start_angle_rad, sign, first, last, window);
+    let quadrants_along = match &run.reversals {
+        None => quadrants_along(run.start_angle_rad, sign, first, last, window),
+        Some(of_a_turn) => {
+            reversals_along(run.start_angle_rad, sign, first, last, window, of_a_turn)
+        }
+    };
     let in_window = |along_rad: f64| {
         quadrants_along
             .iter()
@@ -484,6 +548,28 @@ fn quadrants_along(
     (low..=high.min(low.saturating_add(100_000)))
         .map(|k| (k as f64 * FRAC_PI_2 - offset, k.rem_euclid(2) as usize))
         .collect()
+}
+
+/// The same where the axes reverse elsewhere than at the quadrants.
+fn reversals_along(
+    start_angle_rad: f64,
+    sign: f64,
+    first: &Taken,
+    last: &Taken,
+    window: (f64, f64),
+    of_a_turn: &[(f64, usize)],
+) -> Vec<(f64, usize)> {
+    let (low_rad, high_rad) = (first.along_rad - window.1, last.along_rad + window.0);
+    let turns = libm::ceil(((high_rad - low_rad) / TAU).clamp(0.0, 25_000.0)) as u32 + 1;
+    let mut along: Vec<(f64, usize)> = Vec::new();
+    for (angle_rad, axis) in of_a_turn {
+        let at_rad = sign * (angle_rad - start_angle_rad);
+        let first_rad = at_rad + TAU * libm::ceil((low_rad - at_rad) / TAU);
+        let of_turns = (0..turns).map(|turn| (first_rad + f64::from(turn) * TAU, *axis));
+        along.extend(of_turns.take_while(|(at_rad, _)| *at_rad <= high_rad));
+    }
+    along.sort_by(|a, b| a.0.total_cmp(&b.0));
+    along
 }
 
 #[allow(clippy::too_many_arguments)]

@@ -132,9 +132,8 @@ fn place(angle_rad: f64, divisions: f64) -> (i32, i32) {
     )
 }
 
-fn letter(evaluation: &Evaluation, axis: usize) -> &str {
-    let axis = evaluation.machine.axes.get(axis);
-    axis.map_or("?", |axis| axis.name.as_str())
+fn letter(evaluation: &Evaluation, axis: usize) -> String {
+    super::coordinate(&evaluation.machine, axis)
 }
 
 fn write(

@@ -367,10 +367,7 @@ fn axes(evaluation: &Evaluation) -> Vec<AxisReport> {
 }
 
 fn arc(result: &ArcResult, evaluation: &Evaluation) -> ArcReport {
-    let letter = |axis: usize| {
-        let axis = evaluation.machine.axes.get(axis);
-        axis.map_or("?", |axis| axis.name.as_str())
-    };
+    let letter = |axis: usize| super::coordinate(&evaluation.machine, axis);
     let circle = &result.circle;
     let fit = &result.table.fit;
     let radius_error = |series: &Deviations| {
