@@ -4,10 +4,13 @@
 
 pub mod audit;
 pub mod backlash;
+pub mod changeover;
 mod course;
 mod envelope;
 pub mod feed_forward;
+pub mod follow_up;
 pub mod guards;
+pub mod jog;
 pub mod limits;
 pub mod path;
 pub mod profile;

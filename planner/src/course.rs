@@ -1,7 +1,7 @@
 //! The course of a run: the program's path with the limits of the machine on it.
 
 use bus::machine::Machine;
-use bus::sample::MAX_WINDOW_ROWS;
+use bus::sample::{MAX_AXES, MAX_WINDOW_ROWS};
 use control::limits::{AxisLimits, LimitsError, MotionLimits};
 use control::path::{AxisVector, Element, Path};
 use control::window::{PlanError, WindowPlanner, WindowSettings};
@@ -56,4 +56,13 @@ pub fn window_planner(
         override_max: OVERRIDE_MAX,
     };
     Ok(WindowPlanner::new(path, motion_limits(machine)?, settings)?)
+}
+
+/// A position in axis units.
+pub(crate) fn point_of(machine: &Machine, increments: &[i64; MAX_AXES]) -> AxisVector {
+    let mut point = AxisVector::zeros();
+    for ((value, axis), increments) in point.iter_mut().zip(&machine.axes).zip(increments) {
+        *value = *increments as f64 * axis.increment_mm();
+    }
+    point
 }

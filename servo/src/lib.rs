@@ -7,6 +7,7 @@
 
 mod controller;
 mod held;
+mod manual;
 mod run;
 mod settings;
 

@@ -15,6 +15,8 @@ use control::guards::AxisGuards;
 use control::reversal::{BacklashAcceleration, KickShape};
 use control::velocity_loop::VelocityLoop;
 
+use crate::manual::ManualController;
+
 /// Speed commands may be that much above the rapid traverse before they trip: position loop and kicks add to the rows.
 const SPEED_MARGIN: f64 = 1.2;
 /// Feedback may be beyond the travel by that part of the following-error limit: a command may end exactly at the travel.
@@ -66,6 +68,8 @@ pub struct ServoSettings {
     pub kick: BacklashAcceleration,
     /// Velocity loop of torque mode.
     pub velocity_loop: VelocityLoop,
+    /// The second controller and the changeover to it.
+    pub manual: ManualController,
     /// Following error, travel and speed guards.
     pub guards: AxisGuards,
     /// Scans in a row at the torque limit that stop the axis.
@@ -148,6 +152,7 @@ impl ServoSettings {
                 axis.lead_mm,
                 axis.motor.peak_torque_nm,
             ),
+            manual: ManualController::new(machine, axis),
             guards: guards(axis),
             torque_limited_scans_max: libm::ceil(TORQUE_LIMITED_S / scan_s) as u32,
             quick_stop_mm_s2: [0.0; bus::sample::MAX_AXES],
