@@ -303,16 +303,10 @@ impl Planner {
             left_at.dwell_remaining_scans,
         );
         let known = feedback.program_hash == course.program_hash;
-        let place = resumed.filter(|_| known).and_then(|state| {
-            let row = windows.row(&state)?;
-            let element = windows.path().elements.get(state.element as usize)?;
-            Some((
-                state,
-                row.position_increments,
-                element.point(state.distance_mm),
-            ))
-        });
-        let Some((state, position, point)) = place else {
+        let place = resumed
+            .filter(|_| known)
+            .and_then(|state| Some((state, windows.row(&state)?.position_increments)));
+        let Some((state, position)) = place else {
             tracing::error!("the place where the path was left is not on the path of this program");
             self.cause = Cause::Planner;
             return None;
@@ -323,7 +317,7 @@ impl Planner {
         }
         let plans = |way: &WayBack| way.from == here && way.to == state;
         if !self.way_back.as_ref().is_some_and(plans) {
-            match WayBack::new(&self.machine, here, state, point) {
+            match WayBack::new(&self.machine, here, state, windows.path()) {
                 Ok(way_back) => self.way_back = Some(way_back),
                 Err(error) => {
                     tracing::error!("{error}");
