@@ -19,9 +19,9 @@ use control::jog::JogProfile;
 const ACCELERATION_SHARE: f64 = 0.2;
 /// Below this speed the motor stands, in mm/s: five encoder counts of 10 nm in a scan of 1 ms.
 const STANDING_MM_S: f64 = 0.05;
-/// It must stand so long, in s, to count as settled: four times the time constant of a position loop of 50/s is 80 ms
-/// until it stands at all.
-const SETTLE_S: f64 = 0.02;
+/// It must stand so long, in s, to count as settled: at that speed a position loop of 50/s is off by 1 µm, two and a
+/// half of its time constants later by less than a tenth of that.
+const SETTLE_S: f64 = 0.05;
 /// It is not waited for longer than this in any phase, in s.
 const PATIENCE_S: f64 = 0.5;
 /// What was commanded before a switch fades with this time constant, in s.
