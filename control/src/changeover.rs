@@ -189,6 +189,7 @@ fn follow_up(state: &mut ChangeoverState) {
 }
 
 #[cfg(test)]
+#[allow(clippy::panic, clippy::indexing_slicing)]
 mod tests {
     use super::*;
     use proptest::prelude::*;

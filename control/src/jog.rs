@@ -58,6 +58,7 @@ fn braking_way(step: i64, change: i64) -> i128 {
 }
 
 #[cfg(test)]
+#[allow(clippy::panic)]
 mod tests {
     use super::*;
     use proptest::prelude::*;

@@ -97,7 +97,7 @@ fn point_before(path: &Path, place: &PathState, back_mm: f64) -> Option<AxisVect
 }
 
 #[cfg(test)]
-#[allow(clippy::indexing_slicing)]
+#[allow(clippy::indexing_slicing, clippy::expect_used)]
 mod tests {
     use super::*;
 
