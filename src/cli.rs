@@ -110,7 +110,7 @@ impl RunOptions {
 /// What every order to a running cell takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "Prints what happened, or why it was refused, and exits with 0 or 1; also with 1 if the cell does not answer\nwithin 5 s or there is none; with 2 on bad usage.\n\nA hold in the middle of a program, a look at the workpiece, and on:\n  quadrant hold\n  quadrant jog Z 20\n  quadrant resume"
+    after_help = "Prints what happened, or why it was refused, and exits with 0 or 1; also with 1 if\nno cell runs or it does not answer within 5 s; with 2 on bad usage.\n\nA hold in the middle of a program, a look at the workpiece, and on:\n  quadrant hold\n  quadrant jog Z 20\n  quadrant resume"
 )]
 pub struct OperatorOptions {
     /// Name of the cell [default: the only one that runs]

@@ -224,7 +224,7 @@ fn a_hold_on_the_way_back_a_second_jog_and_a_jog_before_the_start_still_end_at_t
         vec![
             (MID_ARC, "stop", ""),
             (1640, "jog", "axis = \"X\"; value = 0.5"),
-            (1900, "resume", ""),
+            (1950, "resume", ""),
         ],
     ] {
         let run = run_with(&bench, &program, &list);
