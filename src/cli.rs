@@ -32,6 +32,20 @@ pub enum Command {
     Plan(PlanOptions),
     /// Make report and plots again from a run's log
     Report(ReportOptions),
+    /// Feed hold of a running cell: the tool comes to rest on the path and waits for `resume`
+    Hold(OperatorOptions),
+    /// Go on after a hold or a stop; after a jog, or with the drives off in between, return to the path first
+    Resume(OperatorOptions),
+    /// Stop a running cell: the tool comes to rest on the path; a `run` ends then
+    Stop(OperatorOptions),
+    /// Set the feed override of a running cell, 0 to 100 percent; 0 stands like a hold
+    Override(OverrideOptions),
+    /// Move one axis of a running cell by hand: at rest in hold only, at the machine file's reduced jog speed
+    Jog(JogOptions),
+    /// Drives on, in hold: nothing moves before `resume`
+    Enable(OperatorOptions),
+    /// Drives off: at rest in hold or stopped only; the position is not lost when the axes are pushed
+    Disable(OperatorOptions),
     /// Remove what a crash left of a cell in which nobody lives
     Clean(CleanOptions),
     /// What this PC offers for real time: kernel, priorities, memory locking, timer, shared memory
@@ -82,12 +96,46 @@ pub struct RunOptions {
     /// In lockstep: seconds a living process may take for one answer before the run is given up
     #[arg(long, value_name = "SECONDS", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600), hide_short_help = true)]
     pub answer_limit: u64,
+    /// Orders that the machine side obeys, each at its scan (TOML: [[order]] scan, order, axis, value)
+    #[arg(long, value_name = "FILE", hide = true)]
+    pub orders: Option<PathBuf>,
 }
 
 impl RunOptions {
     pub fn pace(&self) -> Pace {
         self.pace.parse().unwrap_or(Pace::Lockstep)
     }
+}
+
+/// What every order to a running cell takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Prints what happened, or why it was refused, and exits with 0 or 1; also with 1 if\nno cell runs or it does not answer within 5 s; with 2 on bad usage.\n\nA hold in the middle of a program, a look at the workpiece, and on:\n  quadrant hold\n  quadrant jog Z 20\n  quadrant resume"
+)]
+pub struct OperatorOptions {
+    /// Name of the cell [default: the only one that runs]
+    #[arg(long, value_name = "NAME")]
+    pub cell: Option<String>,
+}
+
+#[derive(Debug, Clone, Args)]
+pub struct OverrideOptions {
+    /// Share of the programmed feeds and rapids, in percent
+    #[arg(allow_negative_numbers = true)]
+    pub percent: f64,
+    #[command(flatten)]
+    pub to: OperatorOptions,
+}
+
+#[derive(Debug, Clone, Args)]
+pub struct JogOptions {
+    /// Axis letter
+    pub axis: String,
+    /// Distance from where the axis stands, in mm (degrees of a rotary axis), signed
+    #[arg(allow_negative_numbers = true)]
+    pub distance: f64,
+    #[command(flatten)]
+    pub to: OperatorOptions,
 }
 
 #[derive(Debug, Clone, Args)]
@@ -194,6 +242,9 @@ pub struct PlantSimOptions {
     /// Seconds a living process may take for one answer
     #[arg(long, default_value_t = 30)]
     pub answer_limit: u64,
+    /// Orders to obey, each at its scan
+    #[arg(long)]
+    pub orders: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Args)]

@@ -59,6 +59,8 @@ pub struct Plan {
     pub pace: Pace,
     /// Seconds a living process may take for one answer in lockstep.
     pub answer_limit_s: u64,
+    /// Copy of the scripted orders, if there are any.
+    pub orders: Option<PathBuf>,
 }
 
 /// The table of processes, in the order they are started in: who listens before who speaks.
@@ -102,6 +104,11 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
             plan.answer_limit_s.to_string(),
         ],
     });
+    if let (Some(machine_side), Some(orders)) = (roles.last_mut(), &plan.orders) {
+        machine_side
+            .arguments
+            .extend(["--orders".into(), path(orders)]);
+    }
     roles
 }
 
@@ -183,6 +190,9 @@ impl Group {
         interrupted: &dyn Fn() -> bool,
     ) -> anyhow::Result<Group> {
         let place: CellPlace = cell.place().clone();
+        // Its clients know the machine from here.
+        std::fs::copy(&plan.machine_file, place.machine_file())
+            .context("copying the machine file into the cell")?;
         let bus = Bus::enter(&place, machine, "launcher", true)?;
         let services = bus.create_all()?;
         let page = Page::create(&place)?;

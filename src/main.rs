@@ -8,6 +8,7 @@ mod events;
 mod exit;
 mod group;
 mod logs;
+mod operator;
 mod output;
 mod progress;
 mod report;
@@ -16,6 +17,7 @@ mod run;
 mod run_dir;
 mod signals;
 
+use bus::sample::Order;
 use clap::Parser;
 
 fn main() -> std::process::ExitCode {
@@ -27,6 +29,13 @@ fn main() -> std::process::ExitCode {
         cli::Command::Report(options) => report::report(&options),
         cli::Command::Doctor => doctor::doctor(),
         cli::Command::Clean(options) => run::clean(&options),
+        cli::Command::Hold(options) => operator::simple(Order::Hold, &options),
+        cli::Command::Resume(options) => operator::simple(Order::Resume, &options),
+        cli::Command::Stop(options) => operator::simple(Order::Stop, &options),
+        cli::Command::Override(options) => operator::set_override(&options),
+        cli::Command::Jog(options) => operator::jog(&options),
+        cli::Command::Enable(options) => operator::simple(Order::Enable, &options),
+        cli::Command::Disable(options) => operator::simple(Order::Disable, &options),
         cli::Command::Bench(options) => bench::bench(&options),
         cli::Command::BenchPong(options) => bench::pong(&options),
         cli::Command::PlantSim(options) => roles::plant_sim(&options),

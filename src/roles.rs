@@ -19,6 +19,7 @@ pub fn plant_sim(options: &PlantSimOptions) -> Outcome {
         plant: options.plant.clone(),
         enabled: options.enabled,
         run_end,
+        orders: options.orders.clone(),
         answer_limit: Duration::from_secs(options.answer_limit),
     })
     .environment()

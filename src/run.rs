@@ -7,6 +7,7 @@ use anyhow::anyhow;
 use bus::cell::CellPlace;
 use bus::machine::machine_file;
 use bus::member::Pace;
+use bus::order_file;
 use bus::page::CellPhase;
 use bus::port::OperatorClient;
 use bus::sample::{Cause, Feedback, Job, Mode, OperatorRequest, Order};
@@ -32,6 +33,9 @@ pub fn run(options: &RunOptions) -> Outcome {
     logs::init_launcher();
     program_name(&options.program).input()?;
     let checked = check::load(&options.machine, Some(&options.program)).input()?;
+    if let Some(orders) = &options.orders {
+        order_file::load(orders, &checked.machine).input()?;
+    }
     let cell_name = options.cell.as_deref().unwrap_or(&checked.machine.name);
     let place = CellPlace::new(cell_name).input()?;
     let signals = Signals::catch().environment()?;
@@ -53,6 +57,7 @@ pub fn run(options: &RunOptions) -> Outcome {
             machine: &machine_path,
             plant: &machine_path.with_file_name("plant.toml"),
             program: &options.program,
+            orders: options.orders.as_deref(),
         },
     )
     .environment()?;
@@ -74,6 +79,7 @@ pub fn run(options: &RunOptions) -> Outcome {
         out: run_dir.folder.clone(),
         pace: options.pace(),
         answer_limit_s: options.answer_limit,
+        orders: run_dir.orders.clone(),
     };
     let mut group = match Group::start(cell, &checked.machine, &plan, &|| signals.count() > 0) {
         Ok(group) => group,
@@ -285,7 +291,7 @@ fn conclude(ending: Ending, made: anyhow::Result<String>, folder: &Path) -> Outc
         .last
         .ok_or_else(|| Failure::Environment(anyhow!("no scan ever ran")))?;
     match Mode::from_wire(last.mode) {
-        Some(Mode::Stopped) if ending.interruptions > 0 && last.cause == 0 => {
+        Some(Mode::Stopped | Mode::Disabled) if ending.interruptions > 0 && last.cause == 0 => {
             Err(Failure::Interrupted)
         }
         Some(Mode::Finished) => {

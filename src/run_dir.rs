@@ -18,6 +18,8 @@ pub struct RunDir {
     pub plant: PathBuf,
     /// Copy of the program, under its own name.
     pub program: PathBuf,
+    /// Copy of the scripted orders, if there are any.
+    pub orders: Option<PathBuf>,
 }
 
 /// What is copied into it.
@@ -29,6 +31,8 @@ pub struct Sources<'a> {
     pub plant: &'a Path,
     /// Part program.
     pub program: &'a Path,
+    /// Scripted orders.
+    pub orders: Option<&'a Path>,
 }
 
 /// The folder a run writes to if none is named.
@@ -73,13 +77,14 @@ fn utc(seconds: u64) -> String {
 }
 
 /// Files of a run directory that are not the program.
-const RESERVED: [&str; 6] = [
+const RESERVED: [&str; 7] = [
     "machine.toml",
     "plant.toml",
     "run.mcap",
     "report.json",
     "report.txt",
     "events.jsonl",
+    "orders.toml",
 ];
 
 /// The name a program keeps in the run directory.
@@ -129,6 +134,10 @@ impl RunDir {
             machine: copy(sources.machine, Path::new("machine.toml"))?,
             plant: copy(sources.plant, Path::new("plant.toml"))?,
             program: copy(sources.program, program_name)?,
+            orders: match sources.orders {
+                Some(orders) => Some(copy(orders, Path::new("orders.toml"))?),
+                None => None,
+            },
         })
     }
 }

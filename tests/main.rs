@@ -6,6 +6,7 @@ mod determinism;
 mod house;
 mod interruption;
 mod leftovers;
+mod operator;
 mod paces;
 mod pivot;
 mod positioning;

@@ -108,6 +108,25 @@ impl CellPlace {
         PathBuf::from(format!("{SHARED_MEMORY}/quadrant-{}", self.name))
     }
 
+    /// Copy of the cell's machine file: what its clients know of it.
+    pub fn machine_file(&self) -> PathBuf {
+        self.folder().join("machine.toml")
+    }
+
+    /// Names of the cells whose folders are on this PC; whether they run is told by their page.
+    pub fn names() -> Vec<String> {
+        let entries = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
+        let mut names: Vec<String> = entries
+            .filter_map(|entry| {
+                let name = entry.file_name().into_string().ok()?;
+                let cell = name.strip_prefix("quadrant-")?;
+                is_cell_name(cell).then(|| cell.to_string())
+            })
+            .collect();
+        names.sort();
+        names
+    }
+
     /// The wake page.
     pub fn page(&self) -> PathBuf {
         self.folder().join("page")

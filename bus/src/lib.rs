@@ -5,6 +5,7 @@
 pub mod cell;
 pub mod machine;
 pub mod member;
+pub mod order_file;
 pub mod page;
 pub mod port;
 pub mod realtime;

@@ -44,6 +44,9 @@ pub struct Machine {
     pub interpolation: Interpolation,
     /// How the axes carry the tool; none where they are the program's X, Y, Z ….
     pub kinematics: Option<Kinematics>,
+    /// Motion off the path.
+    #[serde(default)]
+    pub manual: Manual,
     /// Its axes, at most [`MAX_AXES`].
     #[serde(rename = "axis")]
     pub axes: Vec<Axis>,
@@ -74,6 +77,37 @@ pub struct Scan {
 pub struct ProgramSettings {
     /// Work offset G54 per axis, in mm: programmed zero stands there in machine coordinates.
     pub work_offset_mm: std::collections::BTreeMap<String, f64>,
+}
+
+/// Motion off the path: at reduced speeds, because nobody planned it. Axes that are slower anyway keep their own limit.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Manual {
+    /// Speed of a jog, in mm/s.
+    pub jog_mm_s: f64,
+    /// Speed at which a resumed program returns to where its path was left, in mm/s along the straight line there.
+    pub return_mm_s: f64,
+}
+
+impl Default for Manual {
+    fn default() -> Self {
+        Manual {
+            jog_mm_s: 10.0,
+            return_mm_s: 20.0,
+        }
+    }
+}
+
+/// How an axis changes over to its second, manual controller (docs/methods/two-controllers.md).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Default)]
+#[serde(rename_all = "kebab-case")]
+pub enum Changeover {
+    /// The first controller's error after the second has settled is its steady deviation: what the motor drifted stays
+    /// in it.
+    #[default]
+    SettledDeviation,
+    /// The motor is first brought back to where it stood before the switch.
+    ReturnToStand,
 }
 
 /// Slide or rotary.
@@ -167,6 +201,9 @@ pub struct Axis {
     /// Disturbance observer.
     #[serde(default)]
     pub disturbance_observer: DisturbanceObserver,
+    /// How it changes over between its controllers.
+    #[serde(default)]
+    pub changeover: Changeover,
 }
 
 /// Rating plate.

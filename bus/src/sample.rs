@@ -10,6 +10,8 @@
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
+mod order;
+
 /// The most axes one cell can have.
 pub const MAX_AXES: usize = 8;
 /// The most processes a roster can name.
@@ -57,6 +59,21 @@ pub struct PathTag {
     pub element: u32,
     /// Scans of dwell still to wait at this row.
     pub dwell_remaining_scans: u32,
+}
+
+impl PathTag {
+    /// Not on the program's path: jogging, drives off, or on the way back to where the path was left. No path has that
+    /// many elements, so whoever looks the element up finds none.
+    pub const OFF_PATH: PathTag = PathTag {
+        distance_mm: 0.0,
+        element: u32::MAX,
+        dwell_remaining_scans: 0,
+    };
+
+    /// Whether this names no place on the path.
+    pub fn is_off_path(&self) -> bool {
+        self.element == Self::OFF_PATH.element
+    }
 }
 
 /// One scan of a window.
@@ -111,6 +128,8 @@ pub enum Mode {
     Tripped = 4,
     /// The program is done and the machine is in position.
     Finished = 5,
+    /// A second controller moves an axis by hand; no window is executed.
+    Jogging = 6,
 }
 
 impl Mode {
@@ -123,6 +142,7 @@ impl Mode {
             3 => Mode::Stopped,
             4 => Mode::Tripped,
             5 => Mode::Finished,
+            6 => Mode::Jogging,
             _ => return None,
         })
     }
@@ -136,6 +156,7 @@ impl Mode {
             Mode::Stopped => "stopped",
             Mode::Tripped => "tripped",
             Mode::Finished => "finished",
+            Mode::Jogging => "jogging",
         }
     }
 }
@@ -215,7 +236,7 @@ impl Cause {
 
 /// What the machine side says of one axis in one scan.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/AxisFeedback/1")]
+#[type_name("quadrant/AxisFeedback/2")]
 #[repr(C)]
 pub struct AxisFeedback {
     /// Motor encoder, in increments of the axis (already through the position factor of the drive).
@@ -224,6 +245,8 @@ pub struct AxisFeedback {
     pub scale_position: i64,
     /// The position register: where the axis is commanded to be. Follows the encoder while the drive is off.
     pub command_register: i64,
+    /// Where the register is to be at the end of a jog; counts while [`AxisFeedback::driver`] is the manual controller.
+    pub jog_target: i64,
     /// Scan of the command that acts in this scan.
     pub command_scan: u64,
     /// Velocity measured by the drive, in mm/s.
@@ -246,11 +269,39 @@ pub struct AxisFeedback {
     pub cause: u32,
     /// 1 while the torque is at its limit.
     pub torque_limited: u32,
+    /// [`Driver`]: which of the axis's two controllers drives.
+    pub driver: u32,
+    /// Kept zero.
+    pub reserved: u32,
+}
+
+/// Which of an axis's two controllers drives it: the switch between them, set by the machine side, obeyed by the servo.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Driver {
+    /// The program's: it executes windows.
+    Program = 0,
+    /// The manual one: it jogs to [`AxisFeedback::jog_target`].
+    Manual = 1,
+    /// The manual one: it comes to rest where it can.
+    ManualStop = 2,
+}
+
+impl Driver {
+    /// Decodes what came over the wire.
+    pub fn from_wire(value: u32) -> Option<Driver> {
+        Some(match value {
+            0 => Driver::Program,
+            1 => Driver::Manual,
+            2 => Driver::ManualStop,
+            _ => return None,
+        })
+    }
 }
 
 /// What the machine side says each scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Feedback/1")]
+#[type_name("quadrant/Feedback/2")]
 #[repr(C)]
 pub struct Feedback {
     /// Number of the scan that begins with this sample.
@@ -267,6 +318,8 @@ pub struct Feedback {
     pub program_hash: u64,
     /// Where the row being executed stands on the path.
     pub tag: PathTag,
+    /// Where the path was left, and where a resumed program returns to; off the path as long as none was begun.
+    pub left_at: PathTag,
     /// Row of the window being executed in this scan.
     pub row: u32,
     /// 1 once that row is the window's last: the machine is commanded to rest.
@@ -377,6 +430,37 @@ pub struct ControllerState {
     pub torque_feed_forward_nm: [f64; 2],
     /// State of the inverse dynamics, in the order of its own block.
     pub inverse_dynamics: [f64; 32],
+    /// Follow-up and the second controller.
+    pub manual: ManualState,
+}
+
+/// What an axis remembers of follow-up and of its second, manual controller (docs/methods/two-controllers.md).
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/ManualState/1")]
+#[repr(C)]
+pub struct ManualState {
+    /// Position command of the manual controller, in increments of its own.
+    pub command_position: i64,
+    /// Where that command is to end.
+    pub goal: i64,
+    /// Change of that command in the last scan, in increments.
+    pub step: i64,
+    /// The program controller's steady deviation E0 while it does not drive, in increments.
+    pub steady_deviation: i64,
+    /// The manual controller's error just before the switch, in increments.
+    pub stored_error: i64,
+    /// Share of the speed command that takes over what was commanded before a switch and fades, in mm/s.
+    pub fade_mm_s: f64,
+    /// Speed offset that brought the motor back to where it stood before the switch, in mm/s.
+    pub return_mm_s: f64,
+    /// Who drove in the scan before: 0 nobody (loop open), 1 the program's controller, 2 the manual one.
+    pub drove: u32,
+    /// Phase of the changeover: 0 none, 1 settling, 2 returning to where the motor stood, 3 following up.
+    pub phase: u32,
+    /// Scans the motor has stood, in a row.
+    pub settled_scans: u32,
+    /// Scans spent in this phase.
+    pub waited_scans: u32,
 }
 
 /// What one servo asks of its drive for one scan.
@@ -420,8 +504,8 @@ pub struct AxisCommand {
     pub drive_mode: u32,
     /// [`Cause`] of a stop this servo asks for.
     pub cause: u32,
-    /// Kept zero.
-    pub reserved: u32,
+    /// 1 while the manual controller drives and has come to rest: at its target, or where it was told to stop.
+    pub jog_done: u32,
 }
 
 /// What the planner says at each period boundary, also when it has nothing new.
@@ -517,58 +601,7 @@ impl Roster {
     }
 }
 
-/// What an operator, or the launcher for him, asks of the machine side.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/OperatorRequest/1")]
-#[repr(C)]
-pub struct OperatorRequest {
-    /// What: see [`Order`].
-    pub order: u32,
-    /// Kept zero.
-    pub reserved: u32,
-    /// Its value (override in percent).
-    pub value: f64,
-}
-
-/// The orders.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub enum Order {
-    /// Come to rest on the path and stay.
-    Stop = 1,
-    /// Feed hold.
-    Hold = 2,
-    /// End a feed hold.
-    Resume = 3,
-    /// Override of the feed.
-    Override = 4,
-}
-
-impl Order {
-    /// Decodes what came over the wire.
-    pub fn from_wire(value: u32) -> Option<Order> {
-        Some(match value {
-            1 => Order::Stop,
-            2 => Order::Hold,
-            3 => Order::Resume,
-            4 => Order::Override,
-            _ => return None,
-        })
-    }
-}
-
-/// The answer: done or not, and the state it was judged in.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/OperatorResponse/1")]
-#[repr(C)]
-pub struct OperatorResponse {
-    /// Scan in which it was latched.
-    pub scan: u64,
-    /// 1 if accepted.
-    pub accepted: u32,
-    /// [`Mode`] after it.
-    pub mode: u32,
-}
+pub use order::{OperatorRequest, OperatorResponse, Order, Refused};
 
 impl Feedback {
     /// The axes in use.

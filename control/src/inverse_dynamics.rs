@@ -82,7 +82,8 @@ pub struct InverseDynamics {
 /// What [`InverseDynamics`] remembers.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct InverseDynamicsState {
-    /// Whether it has been called before.
+    /// Whether the positions are those of the scan before; false at the first call and where the axis was moved by others:
+    /// then it goes on from the place it finds, with springs and gap as they were.
     pub begun: bool,
     /// Position seen furthest ahead, in mm.
     pub far_mm: f64,
@@ -166,13 +167,11 @@ impl InverseDynamics {
         learned: Option<&LearnedTable>,
     ) -> Wanted {
         if !state.begun {
-            *state = InverseDynamicsState {
-                begun: true,
-                far_mm: ahead.far.position_mm,
-                near_mm: ahead.near.position_mm,
-                motor_mm: ahead.here.position_mm,
-                ..InverseDynamicsState::default()
-            };
+            let [compensation_mm, ..] = state.compensation_mm;
+            state.begun = true;
+            state.far_mm = ahead.far.position_mm;
+            state.near_mm = ahead.near.position_mm;
+            state.motor_mm = ahead.here.position_mm + compensation_mm;
         }
         let (gap_mm, gap_mm_s2) = self.cross_gap(state, &ahead.far);
         let contact_n_per_s2 = self.carry(state, &ahead.near);
@@ -342,6 +341,12 @@ impl InverseDynamicsState {
             *place = *value;
         }
         values
+    }
+
+    /// The axis is moved by others from now on: its next motion begins anew, wherever it then is.
+    pub fn leave(values: &mut [f64; STATE_VALUES]) {
+        let [begun, ..] = values;
+        *begun = 0.0;
     }
 
     /// The state that travelled in these values.

@@ -4,12 +4,15 @@
 
 pub mod audit;
 pub mod backlash;
+pub mod changeover;
 mod course;
 pub mod disturbance_observer;
 mod envelope;
 pub mod feed_forward;
+pub mod follow_up;
 pub mod guards;
 pub mod inverse_dynamics;
+pub mod jog;
 pub mod kinematics;
 pub mod learned_table;
 pub mod limits;

@@ -303,6 +303,8 @@ fn outcome(machine: &Machine, last: Option<&Feedback>, faults: &[FaultResult]) -
             }
             None => Outcome::Interrupted,
         },
+        // Whoever switched the drives off ended the run so.
+        Some(Mode::Disabled) if last.cause == 0 && last.last == 1 => Outcome::Interrupted,
         Some(Mode::Tripped) => {
             let cause = Cause::from_wire(last.cause).unwrap_or(Cause::BadFeedback);
             let axis = machine.axes.get(last.cause_axis as usize);

@@ -5,6 +5,7 @@
 mod course;
 mod planner;
 mod run;
+mod way_back;
 
 pub use course::{CourseError, motion_limits, tool_at, window_planner};
 pub use planner::{Decision, Planner};

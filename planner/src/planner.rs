@@ -13,12 +13,12 @@ use bus::sample::{
 };
 use bus::window::checksum;
 use bytemuck::Zeroable;
-use control::path::AxisVector;
 use control::profile::PathState;
 use control::window::{Row, WindowPlanner, WindowRequest};
 use program::{ProgramError, Setup};
 
-use crate::course::{CourseError, tool_at, window_planner};
+use crate::course::{CourseError, point_of, tool_at, window_planner};
+use crate::way_back::WayBack;
 
 /// Scans from the feedback a window answers until it can be executed: seen by the servos in the next, admitted by the
 /// machine side for the one after.
@@ -29,6 +29,10 @@ const COMMIT_SCANS: u64 = 2;
 struct Published {
     header: WindowHeader,
     states: Vec<PathState>,
+    /// It returns to where the path was left.
+    returns: bool,
+    /// The last intended row is the end of its path: of the program, or of the return.
+    ends_path: bool,
 }
 
 impl Published {
@@ -36,6 +40,8 @@ impl Published {
         Published {
             header: WindowHeader::zeroed(),
             states: Vec::with_capacity(rows_max),
+            returns: false,
+            ends_path: false,
         }
     }
 
@@ -51,10 +57,10 @@ impl Published {
             .copied()
     }
 
-    /// Whether the row executed in `scan` is the end of the program.
+    /// Whether the row executed in `scan` is the end of its path.
     fn is_done_in(&self, scan: u64) -> bool {
         let row = scan.saturating_sub(self.header.first_scan) + 1;
-        self.header.ends_program == 1 && row >= u64::from(self.header.intended_rows)
+        self.ends_path && row >= u64::from(self.header.intended_rows)
     }
 }
 
@@ -67,6 +73,26 @@ struct Course {
     start: [i64; MAX_AXES],
     /// Path length before each element, in mm; one more for the whole.
     length_before_mm: Vec<f64>,
+}
+
+/// Where the next window starts, and on which path.
+#[derive(Debug, Clone, Copy)]
+struct From {
+    state: PathState,
+    /// On the way back to where the path was left.
+    returns: bool,
+    /// Row 0 is the state itself: the machine stands there, and no window is in force.
+    starts: bool,
+}
+
+impl From {
+    fn program(state: PathState, starts: bool) -> From {
+        From {
+            state,
+            returns: false,
+            starts,
+        }
+    }
 }
 
 /// Why a program cannot be planned.
@@ -96,6 +122,7 @@ pub struct Planner {
     incarnation: u32,
     period_scans: u64,
     course: Option<Course>,
+    way_back: Option<WayBack>,
     in_force: Published,
     pending: Published,
     sequence: u32,
@@ -122,6 +149,7 @@ impl Planner {
             incarnation,
             period_scans: u64::from(machine.scan.distribution_period_scans),
             course: None,
+            way_back: None,
             in_force: Published::none(rows_max),
             pending: Published::none(rows_max),
             sequence: 0,
@@ -157,8 +185,7 @@ impl Planner {
             return None;
         }
         let first_scan = (feedback.scan + COMMIT_SCANS).next_multiple_of(self.period_scans);
-        let starting = feedback.window.is_none();
-        let from = if starting {
+        let from = if feedback.window.is_none() {
             self.start(feedback)?
         } else if feedback.window == self.in_force.header.id {
             self.go_on(feedback, first_scan)?
@@ -170,11 +197,16 @@ impl Planner {
             intended_rows: self.machine.intended_rows(),
             feed_override: f64::from(feedback.override_percent) / 100.0,
             hold: feedback.hold == 1,
-            repeats_start: starting,
+            repeats_start: from.starts,
             ..WindowRequest::default()
         };
         let course = self.course.as_mut()?;
-        let outcome = match course.windows.plan(&from, &request, &mut self.rows) {
+        let windows = if from.returns {
+            &mut self.way_back.as_mut()?.windows
+        } else {
+            &mut course.windows
+        };
+        let outcome = match windows.plan(&from.state, &request, &mut self.rows) {
             Ok(outcome) => outcome,
             Err(error) => {
                 tracing::error!(%error, "no window can be planned");
@@ -183,7 +215,17 @@ impl Planner {
             }
         };
         self.wire.clear();
-        self.wire.extend(self.rows.iter().map(wire_row));
+        let rows = self.rows.iter().map(wire_row);
+        self.wire.extend(rows.map(|row| WindowRow {
+            tag: if from.returns {
+                PathTag::OFF_PATH
+            } else {
+                row.tag
+            },
+            ..row
+        }));
+        self.pending.returns = from.returns;
+        self.pending.ends_path = outcome.ends_program;
         self.sequence += 1;
         let mut header = WindowHeader {
             id: WindowId {
@@ -198,7 +240,7 @@ impl Planner {
             epoch: feedback.epoch,
             intended_rows: outcome.intended_rows,
             row_count: outcome.row_count,
-            ends_program: u32::from(outcome.ends_program),
+            ends_program: u32::from(outcome.ends_program && !from.returns),
         };
         header.id.checksum = checksum(&header, &self.wire);
         Some(header)
@@ -224,17 +266,16 @@ impl Planner {
     ///
     /// Expanding takes as long as the program is, so the scan that does it has nothing new to say; a first window that
     /// came to nothing is planned again.
-    fn start(&mut self, feedback: &Feedback) -> Option<PathState> {
+    fn start(&mut self, feedback: &Feedback) -> Option<From> {
         if self.under_way {
-            // The run was broken off and the axes stand somewhere: going on is for whoever resumes it.
-            return None;
+            return self.return_to_path(feedback);
         }
         let stands_at_start = self
             .course
             .as_ref()
             .is_some_and(|course| course.start == registers(feedback));
         if stands_at_start {
-            return Some(PathState::default());
+            return Some(From::program(PathState::default(), true));
         }
         match self.expand(feedback) {
             Ok(course) => self.course = Some(course),
@@ -246,16 +287,55 @@ impl Planner {
         None
     }
 
-    fn expand(&self, feedback: &Feedback) -> Result<Course, StartError> {
-        let mut start = AxisVector::zeros();
-        for ((value, axis), feedback) in start
-            .iter_mut()
-            .zip(&self.machine.axes)
-            .zip(feedback.axes())
-        {
-            *value = feedback.command_register as f64 * axis.increment_mm();
+    /// The axes were moved by hand or pushed: the way back to where the path was left, once somebody has resumed. An
+    /// axis outside its travel is not moved by any plan.
+    fn return_to_path(&mut self, feedback: &Feedback) -> Option<From> {
+        if feedback.hold == 1 {
+            return None;
         }
-        let start = tool_at(&self.machine, &start).map_err(CourseError::from)?;
+        let course = self.course.as_ref()?;
+        let left_at = feedback.left_at;
+        let windows = &course.windows;
+        let resumed = PathState::resume(
+            windows.path(),
+            left_at.element,
+            left_at.distance_mm,
+            left_at.dwell_remaining_scans,
+        );
+        let known = feedback.program_hash == course.program_hash;
+        let place = resumed
+            .filter(|_| known)
+            .and_then(|state| Some((state, windows.row(&state)?.position_increments)));
+        let Some((state, position)) = place else {
+            tracing::error!("the place where the path was left is not on the path of this program");
+            self.cause = Cause::Planner;
+            return None;
+        };
+        let here = registers(feedback);
+        if here == position {
+            return Some(From::program(state, true));
+        }
+        let plans = |way: &WayBack| way.from == here && way.to == state;
+        if !self.way_back.as_ref().is_some_and(plans) {
+            match WayBack::new(&self.machine, here, state, windows.path()) {
+                Ok(way_back) => self.way_back = Some(way_back),
+                Err(error) => {
+                    tracing::error!("{error}");
+                    self.cause = Cause::Planner;
+                    return None;
+                }
+            }
+        }
+        Some(From {
+            state: PathState::default(),
+            returns: true,
+            starts: true,
+        })
+    }
+
+    fn expand(&self, feedback: &Feedback) -> Result<Course, StartError> {
+        let stands = point_of(&self.machine, &registers(feedback));
+        let start = tool_at(&self.machine, &stands).map_err(CourseError::from)?;
         let setup = Setup::of(&self.machine);
         let program = program::interpret(&self.program_name, &self.program_text, &setup, start)?;
         let program_hash = program.source_hash;
@@ -275,27 +355,41 @@ impl Planner {
     }
 
     /// The state before `first_scan` in the window in force; none where nothing is left to plan.
-    fn go_on(&self, feedback: &Feedback, first_scan: u64) -> Option<PathState> {
+    fn go_on(&self, feedback: &Feedback, first_scan: u64) -> Option<From> {
         let before = first_scan - 1;
-        if self.in_force.is_done_in(before) {
-            return None;
-        }
-        let state = self.in_force.state_in(before)?;
+        let returns = self.in_force.returns;
+        let done = self.in_force.is_done_in(before);
+        let state = match (done, returns) {
+            (true, false) => return None,
+            // Back on the path: the program goes on from the very place.
+            (true, true) => self.way_back.as_ref()?.to,
+            (false, _) => self.in_force.state_in(before)?,
+        };
         let held = feedback.hold == 1 || feedback.override_percent == 0;
         if held && state.is_at_rest() {
             return None;
         }
-        Some(state)
+        Some(From {
+            state,
+            returns: returns && !done,
+            starts: false,
+        })
     }
 
     fn status(&self, feedback: &Feedback) -> PlannerStatus {
         let (path_length_mm, path_done_mm, program_hash) =
             self.course.as_ref().map_or((0.0, 0.0, 0), |course| {
                 let lengths = &course.length_before_mm;
-                let before = lengths.get(feedback.tag.element as usize);
+                // Off the path, what is done is what was done when it was left.
+                let tag = if feedback.tag.is_off_path() {
+                    feedback.left_at
+                } else {
+                    feedback.tag
+                };
+                let before = lengths.get(tag.element as usize);
                 (
                     lengths.last().copied().unwrap_or(0.0),
-                    before.copied().unwrap_or(0.0) + feedback.tag.distance_mm,
+                    before.copied().unwrap_or(0.0) + tag.distance_mm,
                     course.program_hash,
                 )
             });

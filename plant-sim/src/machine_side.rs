@@ -10,9 +10,8 @@
 
 use bus::machine::{Axis, DriveMode, Machine, PositionFeedback};
 use bus::sample::{
-    AxisCommand, AxisFeedback, Cause, Feedback, Instruments, Job, MAX_AXES, MAX_SUBSAMPLES, Mode,
-    OperatorRequest, OperatorResponse, Order, PlannerStatus, Roster, WindowHeader, WindowId,
-    WindowRow,
+    AxisCommand, AxisFeedback, Cause, Driver, Feedback, Instruments, Job, MAX_AXES, MAX_SUBSAMPLES,
+    Mode, PlannerStatus, Roster, WindowHeader, WindowId, WindowRow,
 };
 use bus::service::ROLES;
 use bytemuck::Zeroable;
@@ -20,7 +19,9 @@ use bytemuck::Zeroable;
 use crate::axis::{AxisSimulation, InstrumentSample};
 use crate::digest::MotionDigest;
 use crate::drive::DriveCommand;
-use crate::window_book::WindowBook;
+use crate::window_book::{Dropped, WindowBook};
+
+mod orders;
 
 /// Speed below which a braked axis counts as standing, in mm/s.
 const STANDSTILL_MM_S: f64 = 0.5;
@@ -71,6 +72,12 @@ struct AxisUnit {
     missed_in_a_row: u32,
     cause: Cause,
     taken_incarnation: u32,
+    /// Which of its controllers drives it.
+    driver: Driver,
+    /// Where a jog is to bring the register.
+    jog_target: i64,
+    /// Register less feedback position when the drives were switched off: the steady deviation of the open loop.
+    deviation: i64,
 }
 
 impl AxisUnit {
@@ -100,7 +107,7 @@ impl AxisUnit {
         match mode {
             Mode::Disabled => DriveCommand::Disabled,
             Mode::Tripped => self.brake(),
-            Mode::Enabled | Mode::Stopping | Mode::Stopped | Mode::Finished => {
+            Mode::Enabled | Mode::Stopping | Mode::Stopped | Mode::Finished | Mode::Jogging => {
                 if self.cause != Cause::None {
                     return self.brake();
                 }
@@ -173,6 +180,17 @@ pub struct MachineSide {
     override_percent: u32,
     settled_scans: u32,
     waited_scans: u32,
+    /// Scans the command has been at rest and the axes have stood, in a row.
+    rest_scans: u32,
+    /// So many of them make the machine be at rest: the feed-forward has run out by then.
+    rest_scans_min: u32,
+    /// Mode that a jog began in and goes back to, and the scans it may still take.
+    jog_from: Mode,
+    jog_patience_scans: u64,
+    jog_mm_s: f64,
+    scan_period_s: f64,
+    /// Somebody has asked a machine without drives to stop: the run may end.
+    ended_disabled: bool,
     last: bool,
     overrun_scans: u32,
     samples: [[InstrumentSample; MAX_SUBSAMPLES]; MAX_AXES],
@@ -204,6 +222,9 @@ impl MachineSide {
                     missed_in_a_row: 0,
                     cause: Cause::None,
                     taken_incarnation: 0,
+                    driver: Driver::Program,
+                    jog_target: 0,
+                    deviation: 0,
                 };
                 unit.register = unit.feedback_position();
                 unit
@@ -230,6 +251,13 @@ impl MachineSide {
             override_percent: 100,
             settled_scans: 0,
             waited_scans: 0,
+            rest_scans: 0,
+            rest_scans_min: machine.intended_rows(),
+            jog_from: Mode::Enabled,
+            jog_patience_scans: 0,
+            jog_mm_s: machine.manual.jog_mm_s,
+            scan_period_s: machine.scan_period_s(),
+            ended_disabled: false,
             last: false,
             overrun_scans: 0,
             samples: [[InstrumentSample::zeroed(); MAX_SUBSAMPLES]; MAX_AXES],
@@ -273,6 +301,7 @@ impl MachineSide {
                 motor_position: axis.motor_position(),
                 scale_position: axis.scale_position(),
                 command_register: axis.register,
+                jog_target: axis.jog_target,
                 command_scan: axis.command.scan,
                 velocity_mm_s: axis.simulation.velocity_mm_s(),
                 velocity_command_mm_s: axis.command.velocity_mm_s,
@@ -284,6 +313,8 @@ impl MachineSide {
                 taken_role: axis.command.role,
                 cause: axis.cause as u32,
                 torque_limited: u32::from(axis.simulation.torque_limited()),
+                driver: axis.driver as u32,
+                reserved: 0,
             };
         }
         feedback
@@ -330,11 +361,14 @@ impl MachineSide {
 
     /// Ends the scan: takes the answers, judges faults, decides about windows, and steps to the next.
     pub fn close_scan(&mut self, answers: &Answers, roster: &Roster) {
-        self.take_commands(answers, roster);
+        let jog_done = self.take_commands(answers, roster);
         self.heed_planner(answers, roster);
         self.judge_axes();
         self.decide_window();
         self.follow_up();
+        if jog_done {
+            self.end_jog();
+        }
         self.advance_mode();
         self.scan += 1;
     }
@@ -352,13 +386,16 @@ impl MachineSide {
         }
     }
 
-    fn take_commands(&mut self, answers: &Answers, roster: &Roster) {
+    /// Takes the commands of this scan; whether every axis that is driven by hand has come to rest.
+    fn take_commands(&mut self, answers: &Answers, roster: &Roster) -> bool {
+        let (mut by_hand, mut done) = (false, true);
         let driven = self.mode != Mode::Disabled;
         for (index, (axis, commands)) in self.axes.iter_mut().zip(&answers.commands).enumerate() {
             let Some(servo) = roster.living(Job::Servo, index, 0) else {
                 if driven && axis.cause == Cause::None {
                     axis.cause = Cause::ServoLost;
                 }
+                done &= axis.driver == Driver::Program;
                 continue;
             };
             let [command, _standby] = commands;
@@ -368,6 +405,10 @@ impl MachineSide {
                     && c.role == 0
                     && c.incarnation == servo.incarnation
             });
+            if axis.driver != Driver::Program {
+                by_hand = true;
+                done &= in_time.is_some_and(|c| c.jog_done == 1);
+            }
             match in_time {
                 Some(command) => {
                     axis.missed_in_a_row = 0;
@@ -392,6 +433,7 @@ impl MachineSide {
                 }
             }
         }
+        by_hand && done
     }
 
     /// One axis's fault stops all: they brake together, each as its servo said beforehand.
@@ -415,7 +457,10 @@ impl MachineSide {
         self.cause = cause;
         self.cause_axis = axis;
         self.settled_scans = 0;
-        self.windows.drop_all();
+        self.windows.drop_all(self.scan, Dropped::Tripped);
+        for axis in &mut self.axes {
+            axis.driver = Driver::Program;
+        }
     }
 
     fn decide_window(&mut self) {
@@ -425,18 +470,28 @@ impl MachineSide {
             .decide(self.scan + 1, self.mode == Mode::Enabled, held_by_all);
     }
 
-    /// While a loop is open its position register follows the encoder (docs/methods.md §6).
+    /// While a loop is open its position register follows the encoder (docs/methods/follow-up.md): with the drives off
+    /// as far from it as it was when they were switched off; after a trip, in which the deviation means nothing, at it.
     fn follow_up(&mut self) {
-        if matches!(self.mode, Mode::Disabled | Mode::Tripped) {
-            for axis in &mut self.axes {
-                axis.register = axis.feedback_position();
-            }
+        for axis in &mut self.axes {
+            let deviation = match self.mode {
+                Mode::Disabled => axis.deviation,
+                Mode::Tripped => 0,
+                _ => continue,
+            };
+            axis.register = axis.feedback_position().saturating_add(deviation);
         }
     }
 
     fn advance_mode(&mut self) {
         let next_scan = self.scan + 1;
-        let at_rest = self.windows.at_rest(next_scan);
+        let by_hand = self.is_by_hand();
+        let at_rest = self.windows.at_rest(next_scan) && !by_hand;
+        self.rest_scans = if at_rest && self.stands() {
+            self.rest_scans.saturating_add(1)
+        } else {
+            0
+        };
         match self.mode {
             Mode::Enabled => {
                 if at_rest && self.windows.ends_program() {
@@ -448,20 +503,33 @@ impl MachineSide {
                     self.mode = Mode::Stopped;
                 }
             }
-            Mode::Disabled | Mode::Stopped | Mode::Tripped | Mode::Finished => {}
+            Mode::Disabled | Mode::Stopped | Mode::Tripped | Mode::Finished | Mode::Jogging => {}
+        }
+        if by_hand {
+            self.await_jog();
         }
         let standing = match self.mode {
             Mode::Finished | Mode::Stopped => true,
-            Mode::Tripped => self
-                .axes
-                .iter()
-                .all(|axis| axis.simulation.velocity_mm_s().abs() < STANDSTILL_MM_S),
-            Mode::Disabled | Mode::Enabled | Mode::Stopping => false,
+            Mode::Tripped => self.stands(),
+            Mode::Disabled => self.ended_disabled,
+            Mode::Enabled | Mode::Stopping | Mode::Jogging => false,
         };
         self.settled_scans = if standing { self.settled_scans + 1 } else { 0 };
         if self.run_end == RunEnd::AfterProgram && self.settled_scans > self.settle_scans {
             self.last = true;
         }
+    }
+
+    /// Whether the axes stand.
+    fn stands(&self) -> bool {
+        self.axes
+            .iter()
+            .all(|axis| axis.simulation.velocity_mm_s().abs() < STANDSTILL_MM_S)
+    }
+
+    /// Whether a second controller drives an axis.
+    fn is_by_hand(&self) -> bool {
+        self.axes.iter().any(|axis| axis.driver != Driver::Program)
     }
 
     /// At the programmed end: finished once all axes are within their in-position windows; a trip if one never comes.
@@ -479,50 +547,6 @@ impl MachineSide {
                 self.trip(Cause::NotInPosition, axis as u32);
             }
             Some(_) => {}
-        }
-    }
-
-    /// Judges an order; what is latched shows in the next feedback.
-    pub fn order(&mut self, request: &OperatorRequest) -> OperatorResponse {
-        let accepted = match Order::from_wire(request.order) {
-            Some(Order::Stop) => self.stop(),
-            Some(Order::Hold) => {
-                self.hold = true;
-                true
-            }
-            Some(Order::Resume) => {
-                self.hold = false;
-                true
-            }
-            Some(Order::Override) => {
-                let valid = request.value >= 0.0 && request.value <= 100.0;
-                if valid {
-                    self.override_percent = request.value as u32;
-                }
-                valid
-            }
-            None => false,
-        };
-        OperatorResponse {
-            scan: self.scan,
-            accepted: u32::from(accepted),
-            mode: self.mode as u32,
-        }
-    }
-
-    /// Comes to rest on the path: no further window is admitted. False where there is nothing to stop.
-    pub fn stop(&mut self) -> bool {
-        match self.mode {
-            Mode::Enabled => {
-                self.mode = if self.windows.has_window() {
-                    Mode::Stopping
-                } else {
-                    Mode::Stopped
-                };
-                true
-            }
-            Mode::Stopping | Mode::Stopped => true,
-            Mode::Disabled | Mode::Tripped | Mode::Finished => false,
         }
     }
 

@@ -14,10 +14,13 @@ use std::time::{Duration, Instant};
 
 use bus::machine::Axis;
 use bus::member::{Member, MemberError, Pace, Seat};
+use bus::order_file::{self, ScriptedOrder};
 use bus::page::CellPhase;
 use bus::port::{Age, OperatorServer, Reader, WindowReader, Writer};
 use bus::realtime::{self, Priority};
-use bus::sample::{AxisCommand, Feedback, Instruments, Job, MAX_AXES, PlannerStatus, Roster};
+use bus::sample::{
+    AxisCommand, Feedback, Instruments, Job, MAX_AXES, Order, PlannerStatus, Refused, Roster,
+};
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES, SCAN_DEPTH};
 use bus::settings_file::SettingsFileError;
 
@@ -46,6 +49,8 @@ pub struct Options {
     pub enabled: bool,
     /// When the run ends by itself.
     pub run_end: RunEnd,
+    /// A file of orders to obey, each at its scan.
+    pub orders: Option<PathBuf>,
     /// In lockstep: how long a live process may take for one answer before the environment counts as broken.
     pub answer_limit: Duration,
 }
@@ -56,7 +61,7 @@ pub enum MachineSideError {
     /// It could not take part.
     #[error(transparent)]
     Member(#[from] MemberError),
-    /// Its plant file is not usable.
+    /// A settings file (plant, orders) is not usable.
     #[error(transparent)]
     Plant(#[from] SettingsFileError),
     /// Plant file and machine file do not fit each other.
@@ -391,6 +396,10 @@ pub fn run(options: &Options) -> Result<(), MachineSideError> {
         next_ns: 0,
         answer_limit: options.answer_limit,
     };
+    let script = match &options.orders {
+        Some(path) => order_file::load(path, &member.machine)?,
+        None => Vec::new(),
+    };
     member.ready(Priority::Machine);
     let mut cell = Cell {
         member,
@@ -406,7 +415,7 @@ pub fn run(options: &Options) -> Result<(), MachineSideError> {
     }
     cell.clock.next_ns = realtime::now_ns() + cell.clock.period_ns;
     let mut saved = SavedMachine::new(side.simulations().count());
-    let result = scan_cycle(&mut cell, &mut side, &mut saved);
+    let result = scan_cycle(&mut cell, &mut side, &mut saved, &script);
     cell.member.page.ring_all();
     result
 }
@@ -415,6 +424,7 @@ fn scan_cycle(
     cell: &mut Cell,
     side: &mut MachineSide,
     saved: &mut SavedMachine,
+    mut script: &[ScriptedOrder],
 ) -> Result<(), MachineSideError> {
     loop {
         let scan = side.scan();
@@ -445,6 +455,10 @@ fn scan_cycle(
                 answers
             }
         };
+        while let Some((order, rest)) = script.split_first().filter(|(o, _)| o.scan <= scan) {
+            script = rest;
+            obey(side, order);
+        }
         if scan.is_multiple_of(OPERATOR_SCANS) {
             while cell.ports.operator.serve(|request| side.order(request)) {}
         }
@@ -462,6 +476,19 @@ fn scan_cycle(
             .windows
             .each(scan, |header, rows| side.offer(header, rows, roster));
         side.close_scan(&answers, &cell.roster);
+    }
+}
+
+/// Hands a scripted order to the machine side and says what became of it; runs with a script are no production.
+fn obey(side: &mut MachineSide, order: &ScriptedOrder) {
+    let answer = side.order(&order.request);
+    let word = Order::from_wire(order.request.order).map_or("order", Order::word);
+    match Refused::from_wire(answer.reason) {
+        Some(Refused::Not) => tracing::info!("scan {}: {word}", order.scan),
+        reason => {
+            let why = reason.map_or("for an unknown reason", Refused::words);
+            tracing::warn!("scan {}: {word} refused: {why}", order.scan);
+        }
     }
 }
 

@@ -55,6 +55,20 @@ pub struct WindowBook {
     armed: bool,
     voided: WindowId,
     epoch: u32,
+    /// Where the path was when its last window went, and the program it belongs to.
+    left_at: PathTag,
+    left_program: u64,
+    /// What the feedback says of the path while no window is in force.
+    shown: PathTag,
+}
+
+/// Why there is to be no window.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Dropped {
+    /// A fault: how far the axes stray from where the path was left is still measured.
+    Tripped,
+    /// The operator moves the axes, or somebody may push them: they are off the path.
+    LeavesPath,
 }
 
 impl Default for WindowBook {
@@ -72,6 +86,9 @@ impl WindowBook {
             armed: false,
             voided: WindowId::NONE,
             epoch: 1,
+            left_at: PathTag::OFF_PATH,
+            left_program: 0,
+            shown: PathTag::default(),
         }
     }
 
@@ -104,13 +121,17 @@ impl WindowBook {
         let (window, row) = self.in_force(scan);
         feedback.window = window;
         feedback.row = row;
-        feedback.tag = self
-            .in_force
-            .tags
-            .get(row as usize)
-            .copied()
-            .unwrap_or_default();
-        feedback.program_hash = self.in_force.header.program_hash;
+        let tag = self.in_force.tags.get(row as usize).copied();
+        feedback.tag = tag.unwrap_or(self.shown);
+        feedback.left_at = match tag {
+            Some(tag) if !tag.is_off_path() => tag,
+            _ => self.left_at,
+        };
+        feedback.program_hash = if self.in_force.is_none() {
+            self.left_program
+        } else {
+            self.in_force.header.program_hash
+        };
         feedback.at_rest = u32::from(self.at_rest(scan));
         feedback.armed = if self.armed {
             self.pending.header.id
@@ -169,10 +190,21 @@ impl WindowBook {
         self.armed = false;
     }
 
-    /// No window from now on: a new epoch begins.
-    pub fn drop_all(&mut self) {
+    /// No window from `scan` on: a new epoch begins. Where on the path the one in force stood is kept.
+    pub fn drop_all(&mut self, scan: u64, why: Dropped) {
         if !self.pending.is_none() {
             self.void();
+        }
+        if !self.in_force.is_none() {
+            let tag = self.in_force.tags.get(self.in_force.row(scan) as usize);
+            self.shown = tag.copied().unwrap_or_default();
+            if !self.shown.is_off_path() {
+                self.left_at = self.shown;
+            }
+            self.left_program = self.in_force.header.program_hash;
+        }
+        if why == Dropped::LeavesPath && !self.left_at.is_off_path() {
+            self.shown = PathTag::OFF_PATH;
         }
         self.in_force.clear();
         self.epoch += 1;

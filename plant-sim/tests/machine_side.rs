@@ -2,8 +2,8 @@
 
 use bus::machine::Machine;
 use bus::sample::{
-    AxisCommand, Cause, Feedback, Job, Mode, OperatorRequest, Order, Participant, PlannerStatus,
-    Roster, WindowHeader, WindowId, WindowRow,
+    AxisCommand, Cause, Driver, Feedback, Job, Mode, OperatorRequest, Order, Participant,
+    PlannerStatus, Refused, Roster, WindowHeader, WindowId, WindowRow,
 };
 use bytemuck::Zeroable;
 use plant_sim::RunEnd;
@@ -407,4 +407,225 @@ fn while_tripped_the_position_register_follows_the_encoder() {
             .all(|axis| axis.velocity_mm_s.abs() < 0.5),
         "and stand"
     );
+}
+
+/// The state an order comes in.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum State {
+    Moving,
+    Held,
+    Stopping,
+    Stopped,
+    Jogging,
+    Disabled,
+    Tripped,
+    Finished,
+}
+
+fn order(bench: &mut Bench, order: Order, axis: u32, value: f64) -> Refused {
+    let answer = bench.side.order(&OperatorRequest {
+        order: order as u32,
+        axis,
+        value,
+    });
+    let reason = Refused::from_wire(answer.reason).expect("a known reason");
+    assert_eq!(answer.accepted == 1, reason == Refused::Not);
+    reason
+}
+
+fn in_state(state: State) -> Bench {
+    let mut bench = Bench::new();
+    let id = bench.offer(1, 8, 40, WindowId::NONE);
+    bench.pending = id;
+    bench.scans(if state == State::Moving || state == State::Stopping {
+        20
+    } else {
+        200
+    });
+    let mut accepted =
+        |o: Order, value: f64| assert_eq!(order(&mut bench, o, 0, value), Refused::Not);
+    match state {
+        State::Moving => {}
+        State::Held => accepted(Order::Hold, 0.0),
+        State::Stopping => accepted(Order::Stop, 0.0),
+        State::Stopped => {
+            accepted(Order::Stop, 0.0);
+            bench.scans(2);
+        }
+        State::Jogging => {
+            accepted(Order::Hold, 0.0);
+            accepted(Order::Jog, 1.0);
+        }
+        State::Disabled => {
+            accepted(Order::Hold, 0.0);
+            accepted(Order::Disable, 0.0);
+        }
+        State::Tripped => {
+            bench.roster.participants[1].live = 0;
+            bench.scan(|answers| answers.commands[0][0] = None);
+        }
+        State::Finished => {
+            bench.offer_end();
+            bench.scans(60);
+            assert_eq!(mode(&bench.side.feedback()), Mode::Finished);
+        }
+    }
+    bench
+}
+
+impl Bench {
+    /// A window that ends the program where the machine stands.
+    fn offer_end(&mut self) {
+        let feedback = self.side.feedback();
+        let mut rows = [WindowRow::zeroed(); 4];
+        for row in &mut rows {
+            row.position = feedback.axes.map(|axis| axis.command_register);
+        }
+        let header = WindowHeader {
+            id: WindowId {
+                checksum: 7,
+                sequence: 7,
+                incarnation: 1,
+            },
+            predecessor: feedback.window,
+            first_scan: (feedback.scan + 2).next_multiple_of(8),
+            visible_from: feedback.scan,
+            intended_rows: 1,
+            row_count: 4,
+            ends_program: 1,
+            ..WindowHeader::zeroed()
+        };
+        self.side.offer(&header, &rows, &self.roster);
+        self.pending = header.id;
+    }
+}
+
+/// The table of docs/architecture.md, "Modes and orders", as far as orders are refused.
+#[test]
+fn orders_are_refused_in_the_states_they_make_no_sense_in_and_nothing_is_latched() {
+    use Refused::{DrivesOff, Finished, Jogging, Not, NotAtRest, NotHeld, Tripped};
+    let orders = [
+        (Order::Hold, 0.0),
+        (Order::Resume, 0.0),
+        (Order::Stop, 0.0),
+        (Order::Disable, 0.0),
+        (Order::Enable, 0.0),
+        (Order::Jog, 2.0),
+    ];
+    for (state, expected) in [
+        (State::Moving, [Not, Not, Not, NotHeld, Not, NotHeld]),
+        (State::Held, [Not, Not, Not, Not, Not, Not]),
+        (
+            State::Stopping,
+            [Not, NotAtRest, Not, NotAtRest, Not, NotAtRest],
+        ),
+        (State::Stopped, [Not, Not, Not, Not, Not, Not]),
+        (State::Jogging, [Not, Jogging, Not, Jogging, Not, Jogging]),
+        (State::Disabled, [Not, DrivesOff, Not, Not, Not, DrivesOff]),
+        (State::Tripped, [Tripped; 6]),
+        (State::Finished, [Finished; 6]),
+    ] {
+        for ((what, value), expected) in orders.into_iter().zip(expected) {
+            let mut bench = in_state(state);
+            let before = bench.side.feedback();
+            let found = order(&mut bench, what, 0, value);
+            assert_eq!(found, expected, "{} while {state:?}", what.word());
+            if found != Not {
+                assert_eq!(
+                    bench.side.feedback(),
+                    before,
+                    "{} while {state:?}",
+                    what.word()
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_jog_of_nothing_of_no_axis_or_beyond_the_travel_is_refused_with_what_is_allowed() {
+    let mut bench = in_state(State::Held);
+    for (axis, value, expected) in [
+        (0, 0.0, Refused::BadValue),
+        (0, f64::NAN, Refused::BadValue),
+        (0, f64::INFINITY, Refused::BadValue),
+        (0, 1e-7, Refused::BadValue),
+        (2, 1.0, Refused::UnknownAxis),
+        (u32::MAX, 1.0, Refused::UnknownAxis),
+        (0, 220.001, Refused::BeyondTravel),
+        (1, -1e300, Refused::BeyondTravel),
+    ] {
+        assert_eq!(
+            order(&mut bench, Order::Jog, axis, value),
+            expected,
+            "{axis} {value}"
+        );
+    }
+    let answer = bench.side.order(&OperatorRequest {
+        order: Order::Jog as u32,
+        axis: 1,
+        value: 200.0,
+    });
+    let register_mm = bench.side.feedback().axes[1].command_register as f64 * 1e-6;
+    assert!((answer.allowed_min_mm - (-150.0 - register_mm)).abs() < 1e-9);
+    assert!((answer.allowed_max_mm - (150.0 - register_mm)).abs() < 1e-9);
+    assert_eq!(
+        order(&mut bench, Order::Jog, 1, answer.allowed_max_mm),
+        Refused::Not
+    );
+}
+
+#[test]
+fn a_jog_voids_the_windows_begins_an_epoch_keeps_the_place_and_ends_in_hold() {
+    let mut bench = in_state(State::Held);
+    let before = bench.side.feedback();
+    assert_eq!(order(&mut bench, Order::Jog, 1, 2.0), Refused::Not);
+    let feedback = bench.scans(1);
+    assert_eq!(mode(&feedback), Mode::Jogging);
+    assert!(feedback.window.is_none() && feedback.tag.is_off_path());
+    assert_eq!(feedback.epoch, before.epoch + 1);
+    assert_eq!(feedback.left_at, before.tag);
+    let target = before.axes[1].command_register + 2_000_000;
+    let driver = |feedback: &Feedback| feedback.axes.map(|axis| axis.driver);
+    assert_eq!((driver(&feedback)[0], driver(&feedback)[1]), (0, 1));
+    assert_eq!(feedback.axes[1].jog_target, target);
+    let feedback = bench.scan(|answers| {
+        if let Some(command) = &mut answers.commands[1][0] {
+            command.jog_done = 1;
+        }
+    });
+    assert_eq!((mode(&feedback), feedback.hold), (Mode::Enabled, 1));
+    assert_eq!(driver(&feedback)[1], Driver::Program as u32);
+}
+
+#[test]
+fn a_stop_in_a_jog_is_done_when_the_axis_rests_and_a_jog_that_never_ends_trips() {
+    let mut bench = in_state(State::Jogging);
+    assert_eq!(order(&mut bench, Order::Stop, 0, 0.0), Refused::Not);
+    let feedback = bench.scans(50);
+    assert_eq!(mode(&feedback), Mode::Stopping);
+    assert_eq!(feedback.axes[0].driver, Driver::ManualStop as u32);
+    let feedback = bench.scan(|answers| {
+        if let Some(command) = &mut answers.commands[0][0] {
+            command.jog_done = 1;
+        }
+    });
+    assert_eq!(mode(&feedback), Mode::Stopped);
+
+    let mut bench = in_state(State::Jogging);
+    let feedback = bench.scans(6000);
+    assert_eq!(
+        (mode(&feedback), cause(&feedback)),
+        (Mode::Tripped, Cause::NotInPosition)
+    );
+    assert_eq!(feedback.axes[0].driver, Driver::Program as u32);
+}
+
+#[test]
+fn a_stop_without_drives_lets_the_run_end() {
+    let mut bench = in_state(State::Disabled);
+    assert_eq!(bench.scans(300).last, 0);
+    assert_eq!(order(&mut bench, Order::Stop, 0, 0.0), Refused::Not);
+    let feedback = bench.scans(200);
+    assert_eq!((mode(&feedback), feedback.last), (Mode::Disabled, 1));
 }

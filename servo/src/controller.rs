@@ -8,19 +8,21 @@
 
 use bus::machine::{DriveMode, Machine, PositionFeedback};
 use bus::sample::{
-    AxisCommand, AxisFeedback, Cause, ControllerState, Feedback, Mode, WindowHeader, WindowId,
-    WindowRow,
+    AxisCommand, AxisFeedback, Cause, ControllerState, Driver, Feedback, ManualState, Mode,
+    WindowHeader, WindowId, WindowRow,
 };
 use bytemuck::Zeroable;
 use control::backlash::BacklashState;
 use control::feed_forward::{FeedForward, MovementCommands};
 use control::guards::Broken;
+use control::inverse_dynamics::InverseDynamicsState;
 use control::learned_table::LearnedTable;
 use control::reversal::{Announcement, ReversalState};
 use control::velocity_loop::VelocityLoopState;
 
 use crate::compensation::Added;
 use crate::held::{HeldWindow, Refusal, check_itself, check_seam};
+use crate::manual::{self, PROGRAM};
 use crate::settings::{ServoSettings, ServoSettingsError};
 
 /// One axis in one role.
@@ -149,7 +151,8 @@ impl Servo {
     /// 1. judge the feedback;
     /// 2. obey it as to windows;
     /// 3. with the drives off or tripped, follow the axis;
-    /// 4. otherwise position command, following error, reversal, feed-forward, velocity command, limits;
+    /// 4. otherwise position command, following error, reversal, feed-forward, velocity command, limits, or the manual
+    ///    controller's;
     /// 5. in torque mode, the velocity loop.
     ///
     /// A cause stops the axis and is held until the drives are off or tripped.
@@ -169,9 +172,14 @@ impl Servo {
         let scan_before = self.state.scan;
         self.state.scan = feedback.scan;
         if matches!(mode, Mode::Disabled | Mode::Tripped) {
-            self.follow_up(&axis);
+            self.follow_up(mode, &axis);
             return self.finish(command);
         }
+        let driver = Driver::from_wire(axis.driver);
+        let Some(driver) = driver.filter(|d| *d == Driver::Program || feedback.window.is_none())
+        else {
+            return self.stop(command, Cause::BadFeedback);
+        };
         if missing {
             return self.stop(command, Cause::WindowMissing);
         }
@@ -186,7 +194,11 @@ impl Servo {
         command.stop_deceleration_mm_s2 = self
             .held
             .stop_deceleration_mm_s2(&self.settings, feedback.row);
-        self.closed(feedback, &axis, scan_before, command)
+        if driver == Driver::Program {
+            self.closed(feedback, &axis, scan_before, command)
+        } else {
+            self.by_hand(&axis, driver == Driver::ManualStop, command)
+        }
     }
 
     /// Mode and axis of a feedback that makes sense.
@@ -244,6 +256,11 @@ impl Servo {
             scan: feedback.scan,
             cause: self.state.cause,
             initialised: 1,
+            // Whoever comes late takes over what is being commanded; there is no switch.
+            manual: ManualState {
+                drove: PROGRAM,
+                ..ManualState::zeroed()
+            },
             ..ControllerState::zeroed()
         };
     }
@@ -254,9 +271,33 @@ impl Servo {
         u32::try_from(scan % period).unwrap_or(0)
     }
 
-    /// Open loop: the register follows the axis (docs/methods.md §6); closing it starts from a clean state where the axis is.
-    fn follow_up(&mut self, axis: &AxisFeedback) {
+    /// Open loop: the register follows the axis (docs/methods/follow-up.md).
+    ///
+    /// With the drives switched off at rest, direction and backlash compensation stay true with it. After a trip, or
+    /// where the machine side's register says otherwise, closing it starts from a clean state where that register is.
+    fn follow_up(&mut self, mode: Mode, axis: &AxisFeedback) {
         let position = self.position(axis);
+        let register = manual::follow_up(&mut self.state, position);
+        let kept = if mode == Mode::Disabled && register == axis.command_register {
+            ControllerState {
+                direction: self.state.direction,
+                backlash_mm: self.state.backlash_mm,
+                inverse_dynamics: {
+                    let mut values = self.state.inverse_dynamics;
+                    InverseDynamicsState::leave(&mut values);
+                    values
+                },
+                manual: self.state.manual,
+                ..ControllerState::zeroed()
+            }
+        } else {
+            let mut manual = ManualState::zeroed();
+            manual.steady_deviation = axis.command_register.saturating_sub(position);
+            ControllerState {
+                manual,
+                ..ControllerState::zeroed()
+            }
+        };
         self.state = ControllerState {
             command_position: axis.command_register,
             command_position_before: axis.command_register,
@@ -268,8 +309,48 @@ impl Servo {
             scan: self.state.scan,
             kicks: self.state.kicks,
             initialised: 1,
-            ..ControllerState::zeroed()
+            ..kept
         };
+    }
+
+    /// The second controller drives the axis (docs/methods/two-controllers.md).
+    fn by_hand(
+        &mut self,
+        axis: &AxisFeedback,
+        stop: bool,
+        mut command: AxisCommand,
+    ) -> AxisCommand {
+        let settings = self.settings;
+        let position = self.position(axis);
+        let speed_per_increment = settings.increment_mm / settings.scan_s;
+        let measured_mm_s =
+            position.saturating_sub(self.state.feedback_position) as f64 * speed_per_increment;
+        let output = settings
+            .manual
+            .update(&mut self.state, axis, position, stop);
+        let register = self.state.command_position;
+        self.state.command_position_before = register;
+        self.state.period_start = register;
+        self.state.period_start_before = register;
+        self.state.velocity_mm_s = measured_mm_s;
+        self.state.armed = 0;
+        self.state.kick_mm_s = 0.0;
+        self.state.kick_remaining_scans = 0;
+        command.jog_done = u32::from(output.done);
+        command.following_error_mm = output.error as f64 * settings.increment_mm;
+        // The model does not know where this motion goes: its torque stays, and goes on from there.
+        InverseDynamicsState::leave(&mut self.state.inverse_dynamics);
+        self.state.motor_position = axis.motor_position;
+        let [torque_nm, _] = self.state.torque_feed_forward_nm;
+        self.state.torque_feed_forward_nm = [torque_nm; 2];
+        self.drive(
+            axis,
+            register,
+            position,
+            output.velocity_mm_s,
+            torque_nm,
+            command,
+        )
     }
 
     /// Closed loop: the block diagram of the servo.
@@ -284,6 +365,11 @@ impl Servo {
         let phase = self.phase(feedback.scan);
         let position_command = self.command_at(feedback, axis, 0);
         let position = self.position(axis);
+        if self.state.manual.drove != PROGRAM {
+            // The register came from elsewhere: where it is, is no motion.
+            self.state.command_position = position_command;
+            self.state.command_position_before = position_command;
+        }
         let boundary = self.step_period(feedback, axis, scan_before);
         if self.held.is_none() {
             // No window, no future: nothing is fed forward and no kick waits for a reversal that will not come.
@@ -321,7 +407,11 @@ impl Servo {
             proportional_mm_s
         };
         let kick_mm_s = self.kick(&movement, boundary, reversed, speed_mm_s);
-        let velocity_mm_s = proportional_mm_s + feed_forward_mm_s + kick_mm_s + model.velocity_mm_s;
+        let own_mm_s = proportional_mm_s + feed_forward_mm_s + kick_mm_s + model.velocity_mm_s;
+        let velocity_mm_s =
+            settings
+                .manual
+                .program_drives(&mut self.state, axis.velocity_command_mm_s, own_mm_s);
 
         let measured_mm_s =
             position.saturating_sub(self.state.feedback_position) as f64 * speed_per_increment;
@@ -331,10 +421,31 @@ impl Servo {
         self.state.velocity_mm_s = measured_mm_s;
         command.following_error_mm = error;
         command.feed_forward_mm_s = feed_forward_mm_s;
+        self.drive(
+            axis,
+            position_command,
+            position,
+            velocity_mm_s,
+            model.torque_nm,
+            command,
+        )
+    }
 
+    /// Guards, then the velocity command for the drive or, in torque mode, through the velocity loop the torque.
+    fn drive(
+        &mut self,
+        axis: &AxisFeedback,
+        position_command: i64,
+        position: i64,
+        velocity_mm_s: f64,
+        torque_nm: f64,
+        mut command: AxisCommand,
+    ) -> AxisCommand {
+        let settings = self.settings;
+        let measured_mm_s = self.state.velocity_mm_s;
         let guards = &settings.guards;
         let broken = guards
-            .following_error(error)
+            .following_error(command.following_error_mm)
             .or(guards.positions(position_command, position))
             .or(guards.speed(velocity_mm_s));
         if let Some(broken) = broken {
@@ -347,7 +458,7 @@ impl Servo {
         let limited = match settings.drive_mode {
             DriveMode::Velocity => {
                 command.velocity_mm_s = velocity_mm_s;
-                command.torque_nm = model.torque_nm;
+                command.torque_nm = torque_nm;
                 axis.torque_limited != 0
             }
             DriveMode::Torque => {
@@ -363,7 +474,7 @@ impl Servo {
                 }
                 self.state.integrator_nm = inner.integrator_nm;
                 command.velocity_mm_s = velocity_mm_s;
-                command.torque_nm = torque.torque_nm + model.torque_nm;
+                command.torque_nm = torque.torque_nm + torque_nm;
                 torque.limited
             }
         };

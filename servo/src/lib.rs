@@ -8,6 +8,7 @@
 mod compensation;
 mod controller;
 mod held;
+mod manual;
 mod run;
 mod settings;
 

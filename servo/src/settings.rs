@@ -17,6 +17,7 @@ use control::reversal::{BacklashAcceleration, KickShape};
 use control::velocity_loop::VelocityLoop;
 
 use crate::compensation::ModelSettings;
+use crate::manual::ManualController;
 
 /// Speed commands may be that much above the rapid traverse before they trip: position loop and kicks add to the rows.
 const SPEED_MARGIN: f64 = 1.2;
@@ -73,6 +74,8 @@ pub struct ServoSettings {
     pub velocity_loop: VelocityLoop,
     /// What the axis's model adds.
     pub model: ModelSettings,
+    /// The second controller and the changeover to it.
+    pub manual: ManualController,
     /// Following error, travel and speed guards.
     pub guards: AxisGuards,
     /// Scans in a row at the torque limit that stop the axis.
@@ -161,6 +164,7 @@ impl ServoSettings {
                 axis.motor.peak_torque_nm,
             ),
             model: ModelSettings::new(axis, scan_s),
+            manual: ManualController::new(machine, axis),
             guards: guards(axis),
             torque_limited_scans_max: libm::ceil(TORQUE_LIMITED_S / scan_s) as u32,
             quick_stop_mm_s2: [0.0; bus::sample::MAX_AXES],

@@ -29,6 +29,13 @@ pub(super) fn judge(rules: &mut Rules, machine: &Machine) {
     if machine.positioning.profile != RapidProfile::MinimumHeat {
         return;
     }
+    if machine.kinematics.is_some() {
+        rules.say(
+            &["positioning", "profile"],
+            None,
+            "= \"minimum-heat\": the heat of axes behind [kinematics] is not reckoned; use \"constant-acceleration\"",
+        );
+    }
     for axis in &machine.axes {
         if axis.kind == AxisKind::Linear && axis.model.is_none() {
             rules.say(

@@ -100,6 +100,7 @@ fn cell(rules: &mut Rules, machine: &Machine) {
             ),
         );
     }
+    manual(rules, machine);
     for (letter, value) in &machine.program.work_offset_mm {
         let path = ["program", "work_offset_mm", letter.as_str()];
         if super::kinematics::judge_work_offset(rules, machine, letter, *value) {
@@ -116,6 +117,25 @@ fn cell(rules: &mut Rules, machine: &Machine) {
                 axis.travel_max_mm,
             ),
         }
+    }
+}
+
+/// Fastest motion off the path, in mm/s: "reduced" is to mean something on every machine.
+const MANUAL_MM_S_MAX: f64 = 100.0;
+
+fn manual(rules: &mut Rules, machine: &Machine) {
+    for (key, value) in [
+        ("jog_mm_s", machine.manual.jog_mm_s),
+        ("return_mm_s", machine.manual.return_mm_s),
+    ] {
+        rules.range(
+            &["manual", key],
+            None,
+            value,
+            "mm/s",
+            From::Above(0.0),
+            MANUAL_MM_S_MAX,
+        );
     }
 }
 

@@ -171,6 +171,7 @@ pub struct ArcMeter {
     open: Option<Open>,
     place: Option<(u64, f64)>,
     speed_mm_s: f64,
+    off_path: bool,
     results: Vec<ArcResult>,
 }
 
@@ -192,12 +193,20 @@ impl ArcMeter {
             open: None,
             place: None,
             speed_mm_s: 0.0,
+            off_path: false,
             results: Vec::new(),
         }
     }
 
     /// Begins a scan.
+    ///
+    /// Off the path nothing is taken; who returns to it goes on with the arc that was left.
     pub fn scan(&mut self, feedback: &Feedback, executing: bool) {
+        self.off_path = feedback.tag.is_off_path();
+        if self.off_path {
+            self.place = None;
+            return;
+        }
         let element = feedback.tag.element as usize;
         let run = self.run_of.get(element).copied().flatten();
         let run = run.filter(|_| executing);
@@ -221,6 +230,9 @@ impl ArcMeter {
 
     /// Takes one instrument sample of the scan begun last; time in scans.
     pub fn sample(&mut self, time_scans: f64, table: &AxisVector, motor: &AxisVector) {
+        if self.off_path {
+            return;
+        }
         let Some(open) = &mut self.open else { return };
         let Some(run) = self.runs.get(open.run) else {
             return;

@@ -1,0 +1,197 @@
+//! What an operator asks of the machine side, and what it answers.
+
+use bytemuck::{Pod, Zeroable};
+use iceoryx2::prelude::ZeroCopySend;
+
+/// What an operator, or the launcher for him, asks of the machine side.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/OperatorRequest/2")]
+#[repr(C)]
+pub struct OperatorRequest {
+    /// What: see [`Order`].
+    pub order: u32,
+    /// Index of the axis, of orders to one axis.
+    pub axis: u32,
+    /// Its value: override in percent, distance of a jog in mm.
+    pub value: f64,
+}
+
+/// The orders. Numbers stay what they are: they travel on the wire and stand in logs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Order {
+    /// Come to rest on the path and stay.
+    Stop = 1,
+    /// Feed hold.
+    Hold = 2,
+    /// End a feed hold or a stop; off the path, return to it first.
+    Resume = 3,
+    /// Override of the feed.
+    Override = 4,
+    /// Drives off.
+    Disable = 5,
+    /// Drives on, in hold.
+    Enable = 6,
+    /// Move one axis by hand.
+    Jog = 7,
+}
+
+impl Order {
+    /// All of them.
+    pub const ALL: [Order; 7] = [
+        Order::Stop,
+        Order::Hold,
+        Order::Resume,
+        Order::Override,
+        Order::Disable,
+        Order::Enable,
+        Order::Jog,
+    ];
+
+    /// Decodes what came over the wire.
+    pub fn from_wire(value: u32) -> Option<Order> {
+        Self::ALL.into_iter().find(|order| *order as u32 == value)
+    }
+
+    /// The word for it on the command line and in files.
+    pub fn word(self) -> &'static str {
+        match self {
+            Order::Stop => "stop",
+            Order::Hold => "hold",
+            Order::Resume => "resume",
+            Order::Override => "override",
+            Order::Disable => "disable",
+            Order::Enable => "enable",
+            Order::Jog => "jog",
+        }
+    }
+
+    /// The order of this word.
+    pub fn from_word(word: &str) -> Option<Order> {
+        Self::ALL.into_iter().find(|order| order.word() == word)
+    }
+}
+
+/// Why an order was refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Refused {
+    /// It was not.
+    Not = 0,
+    /// There is no such order.
+    UnknownOrder = 1,
+    /// Its value is not a number or out of range.
+    BadValue = 2,
+    /// The machine has no such axis.
+    UnknownAxis = 3,
+    /// Something moves, or stopped moving just now.
+    NotAtRest = 4,
+    /// The machine is neither held nor stopped.
+    NotHeld = 5,
+    /// The drives are off.
+    DrivesOff = 6,
+    /// The machine has tripped.
+    Tripped = 7,
+    /// The program is done.
+    Finished = 8,
+    /// An axis is being jogged.
+    Jogging = 9,
+    /// The target is outside the travel; the answer carries the distances that are allowed.
+    BeyondTravel = 10,
+    /// An axis stands outside its travel.
+    OutsideTravel = 11,
+    /// The machine was stopped by a fault that lasts.
+    Faulted = 12,
+}
+
+impl Refused {
+    const ALL: [Refused; 13] = [
+        Refused::Not,
+        Refused::UnknownOrder,
+        Refused::BadValue,
+        Refused::UnknownAxis,
+        Refused::NotAtRest,
+        Refused::NotHeld,
+        Refused::DrivesOff,
+        Refused::Tripped,
+        Refused::Finished,
+        Refused::Jogging,
+        Refused::BeyondTravel,
+        Refused::OutsideTravel,
+        Refused::Faulted,
+    ];
+
+    /// Decodes what came over the wire.
+    pub fn from_wire(value: u32) -> Option<Refused> {
+        Self::ALL.into_iter().find(|reason| *reason as u32 == value)
+    }
+
+    /// Why, and what would be right.
+    pub fn words(self) -> &'static str {
+        match self {
+            Refused::Not => "not refused",
+            Refused::UnknownOrder => "there is no such order",
+            Refused::BadValue => {
+                "its value is out of range: an override is 0 to 100 %, a jog any distance but 0"
+            }
+            Refused::UnknownAxis => "the machine has no such axis",
+            Refused::NotAtRest => {
+                "the machine is not at rest: hold or stop it first and wait until it stands"
+            }
+            Refused::NotHeld => "the machine is not in hold: hold or stop it first",
+            Refused::DrivesOff => "the drives are off: enable them first",
+            Refused::Tripped => "the machine has tripped: it is started again",
+            Refused::Finished => "the program is done",
+            Refused::Jogging => "an axis is being jogged: wait until it stands, or hold it",
+            Refused::BeyondTravel => "the target is outside the travel",
+            Refused::OutsideTravel => "an axis stands outside its travel: push it back by hand",
+            Refused::Faulted => "the machine was stopped by a fault that lasts",
+        }
+    }
+}
+
+/// The answer: done or not, and the state it was judged in.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/OperatorResponse/2")]
+#[repr(C)]
+pub struct OperatorResponse {
+    /// Scan in which it was latched.
+    pub scan: u64,
+    /// Distances in mm that a jog of the axis may have, of an order refused as beyond the travel.
+    pub allowed_min_mm: f64,
+    /// The upper one.
+    pub allowed_max_mm: f64,
+    /// 1 if accepted.
+    pub accepted: u32,
+    /// [`Mode`](super::Mode) after it.
+    pub mode: u32,
+    /// [`Refused`]: why it was not accepted.
+    pub reason: u32,
+    /// 1 while feed hold is latched.
+    pub hold: u32,
+    /// Override in percent.
+    pub override_percent: u32,
+    /// Kept zero.
+    pub reserved: u32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_and_words_of_orders_and_reasons_are_read_back() {
+        for (index, order) in Order::ALL.into_iter().enumerate() {
+            assert_eq!(order as usize, index + 1);
+            assert_eq!(Order::from_wire(order as u32), Some(order));
+            assert_eq!(Order::from_word(order.word()), Some(order));
+        }
+        for (index, reason) in Refused::ALL.into_iter().enumerate() {
+            assert_eq!(reason as usize, index);
+            assert_eq!(Refused::from_wire(reason as u32), Some(reason));
+        }
+        assert_eq!(Order::from_wire(0), None);
+        assert_eq!(Order::from_wire(8), None);
+        assert_eq!(Refused::from_wire(13), None);
+    }
+}

@@ -1,0 +1,410 @@
+//! Two control devices on one motor: the switch between them, and the position of the one that does not drive.
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use crate::follow_up::FollowUpState;
+
+/// What is done about the motor's drift after the switch to the second device.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Variant {
+    /// \[Fanuc-P2\]: the first device's error, once the second has settled, is its steady deviation.
+    #[default]
+    SettledDeviation,
+    /// \[Fanuc-P3\]: an offset to the speed command first brings the motor back to where it stood before the switch.
+    ReturnToStand,
+}
+
+/// Where a changeover stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Phase {
+    /// The first device drives.
+    #[default]
+    FirstDrives,
+    /// The second drives and settles.
+    Settling,
+    /// The motor has settled and is brought back ([`Variant::ReturnToStand`]).
+    Returning,
+    /// The second drives as it likes; the first follows up.
+    Following,
+}
+
+/// Switches a motor from a first control device to a second and back, without a step in the speed command, and keeps
+/// the first one's position register true meanwhile.
+///
+/// ```text
+/// at a switch:   fade ← speed command before − own speed command      (each scan: fade ← fade·f)
+/// settling:      E1 counts what the motor drifts, register 1 stands
+/// returning:     offset ← offset + g·(E2 − E2 before the switch)      until that is within the tolerance
+/// then:          E0 ← E1;  from then on d = E1 − E0;  register 1 ← register 1 − d;  E1 ← E1 − d
+/// ```
+///
+/// The second device's speed command is `Kp·E2 + fade + offset`; [`Changeover::update`] gives the last two. Register less
+/// error is the encoder in every phase, to the increment. Every phase ends after `patience_scans` at the latest.
+///
+/// Source: \[Fanuc-P2\] and \[Fanuc-P3\], docs/methods/two-controllers.md, which says what is interpretation (how
+/// "settled" is judged, that the offset is summed up, and the fading share, which is ours). Units: increments for
+/// positions, mm/s for speeds. First call: [`Changeover::to_second`]. Speeds that are not numbers stay so in the speed
+/// command, which its guard refuses.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Changeover {
+    /// Which variant.
+    pub variant: Variant,
+    /// The motor stands if it moved by at most this much in a scan, in increments.
+    pub standing_increments: i64,
+    /// Scans in a row it must stand to count as settled.
+    pub settle_scans: u32,
+    /// Scans after which a phase ends whatever the motor does.
+    pub patience_scans: u32,
+    /// Gain g of the return, in mm/s per increment and scan.
+    pub return_gain_mm_s: f64,
+    /// The motor is back where it stood within this, in increments.
+    pub return_tolerance: i64,
+    /// Factor f by which the fading share shrinks each scan, from 0 up to below 1.
+    pub fade_factor: f64,
+}
+
+/// Below this the fading share is none, in mm/s: an increment of 1 nm in a quarter of an hour.
+const FADED_MM_S: f64 = 1e-9;
+
+/// What [`Changeover`] remembers.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ChangeoverState {
+    /// The first device: register, error counter, steady deviation.
+    pub first: FollowUpState,
+    /// Where the changeover stands.
+    pub phase: Phase,
+    /// The second device's error just before the switch, in increments.
+    pub second_stored_error: i64,
+    /// Share of the speed command that takes over what was commanded before the switch, in mm/s.
+    pub fade_mm_s: f64,
+    /// Share that brought the motor back, in mm/s.
+    pub return_mm_s: f64,
+    /// Scans the motor has stood in a row.
+    pub settled_scans: u32,
+    /// Scans spent in this phase.
+    pub waited_scans: u32,
+}
+
+impl Changeover {
+    /// Switches to the second device, whose own speed command and error counter are now these.
+    pub fn to_second(
+        &self,
+        state: &mut ChangeoverState,
+        register: i64,
+        encoder: i64,
+        second_error: i64,
+        before_mm_s: f64,
+        own_mm_s: f64,
+    ) {
+        *state = ChangeoverState {
+            first: FollowUpState::closed(register, encoder),
+            phase: Phase::Settling,
+            second_stored_error: second_error,
+            fade_mm_s: before_mm_s - own_mm_s,
+            ..ChangeoverState::default()
+        };
+    }
+
+    /// Switches back to the first device, whose own speed command is now this.
+    pub fn to_first(&self, state: &mut ChangeoverState, before_mm_s: f64, own_mm_s: f64) {
+        *state = ChangeoverState {
+            first: state.first,
+            fade_mm_s: before_mm_s - own_mm_s,
+            ..ChangeoverState::default()
+        };
+    }
+
+    /// One scan while the second device drives; what is added to its speed command, in mm/s.
+    pub fn update(&self, state: &mut ChangeoverState, encoder: i64, second_error: i64) -> f64 {
+        let moved = encoder.saturating_sub(state.first.encoder);
+        let stands = moved.saturating_abs() <= self.standing_increments;
+        state.settled_scans = if stands {
+            state.settled_scans.saturating_add(1)
+        } else {
+            0
+        };
+        state.waited_scans = state.waited_scans.saturating_add(1);
+        let impatient = state.waited_scans > self.patience_scans;
+        match state.phase {
+            Phase::FirstDrives => {}
+            Phase::Settling => {
+                state.first.count(encoder);
+                if state.settled_scans >= self.settle_scans || impatient {
+                    match self.variant {
+                        Variant::SettledDeviation => follow_up(state),
+                        Variant::ReturnToStand => enter(state, Phase::Returning),
+                    }
+                }
+            }
+            Phase::Returning => {
+                state.first.count(encoder);
+                let off = second_error.saturating_sub(state.second_stored_error);
+                state.return_mm_s += self.return_gain_mm_s * off as f64;
+                let back = off.saturating_abs() <= self.return_tolerance;
+                if !back {
+                    state.settled_scans = 0;
+                }
+                if state.settled_scans >= self.settle_scans || impatient {
+                    follow_up(state);
+                }
+            }
+            Phase::Following => state.first.follow(encoder),
+        }
+        self.fade(&mut state.fade_mm_s) + state.return_mm_s
+    }
+
+    /// The fading share of this scan; of the first device, too.
+    pub fn fade(&self, fade_mm_s: &mut f64) -> f64 {
+        let now = *fade_mm_s;
+        let next = now * self.fade_factor;
+        *fade_mm_s = if next.abs() < FADED_MM_S { 0.0 } else { next };
+        now
+    }
+
+    /// Whether the motor has settled in this phase, or never will.
+    pub fn is_settled(&self, state: &ChangeoverState) -> bool {
+        state.settled_scans >= self.settle_scans || state.waited_scans > self.patience_scans
+    }
+
+    /// The second device moves: whether the motor has settled is judged anew from its next rest on.
+    pub fn moves(&self, state: &mut ChangeoverState) {
+        state.settled_scans = 0;
+        state.waited_scans = 0;
+    }
+}
+
+fn enter(state: &mut ChangeoverState, phase: Phase) {
+    state.phase = phase;
+    state.settled_scans = 0;
+    state.waited_scans = 0;
+}
+
+fn follow_up(state: &mut ChangeoverState) {
+    state.first.open();
+    enter(state, Phase::Following);
+}
+
+#[cfg(test)]
+#[allow(clippy::panic, clippy::indexing_slicing)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const INCREMENT_MM: f64 = 1e-6;
+    const SCAN_S: f64 = 1e-3;
+
+    fn changeover(variant: Variant) -> Changeover {
+        Changeover {
+            variant,
+            standing_increments: 1,
+            settle_scans: 20,
+            patience_scans: 2000,
+            return_gain_mm_s: 50.0 * INCREMENT_MM * 0.01,
+            return_tolerance: 20,
+            fade_factor: 0.98,
+        }
+    }
+
+    /// A motor that does what the speed command says, and drifts besides, as an amplifier with an offset makes it.
+    struct Motor {
+        drift_mm_s: f64,
+        position: f64,
+    }
+
+    impl Motor {
+        fn scan(&mut self, command_mm_s: f64) {
+            self.position += (command_mm_s + self.drift_mm_s) * SCAN_S / INCREMENT_MM;
+        }
+
+        fn encoder(&self) -> i64 {
+            libm::round(self.position) as i64
+        }
+    }
+
+    /// Two devices with position loops of their own.
+    struct Bench {
+        block: Changeover,
+        state: ChangeoverState,
+        motor: Motor,
+        gains_per_s: [f64; 2],
+        register: i64,
+        second_command: i64,
+        speed_mm_s: f64,
+        /// Largest step of the speed command in a scan with a switch, in mm/s.
+        switch_step_mm_s: f64,
+    }
+
+    impl Bench {
+        fn new(variant: Variant, drift_mm_s: f64, gains_per_s: [f64; 2]) -> Bench {
+            Bench {
+                block: changeover(variant),
+                state: ChangeoverState::default(),
+                motor: Motor {
+                    drift_mm_s,
+                    position: 0.0,
+                },
+                gains_per_s,
+                register: 0,
+                second_command: 0,
+                speed_mm_s: 0.0,
+                switch_step_mm_s: 0.0,
+            }
+        }
+
+        fn first_mm_s(&self) -> f64 {
+            self.gains_per_s[0] * (self.register - self.motor.encoder()) as f64 * INCREMENT_MM
+        }
+
+        fn second_error(&self) -> i64 {
+            self.second_command - self.motor.encoder()
+        }
+
+        fn first_scan(&mut self, switch: bool) {
+            let own_mm_s = self.first_mm_s();
+            if switch {
+                self.register = self.state.first.register;
+                let own_mm_s = self.first_mm_s();
+                self.block
+                    .to_first(&mut self.state, self.speed_mm_s, own_mm_s);
+                return self.drive(own_mm_s, true);
+            }
+            self.drive(own_mm_s, false);
+        }
+
+        fn drive(&mut self, own_mm_s: f64, switch: bool) {
+            let speed_mm_s = own_mm_s + self.block.fade(&mut self.state.fade_mm_s);
+            self.took(speed_mm_s, switch);
+        }
+
+        fn second_scan(&mut self, switch: bool, step: i64) {
+            self.second_command += step;
+            if switch {
+                self.second_command = self.motor.encoder();
+                self.block.to_second(
+                    &mut self.state,
+                    self.register,
+                    self.motor.encoder(),
+                    0,
+                    self.speed_mm_s,
+                    0.0,
+                );
+            }
+            let error = self.second_error();
+            let own_mm_s = self.gains_per_s[1] * error as f64 * INCREMENT_MM;
+            let added = self
+                .block
+                .update(&mut self.state, self.motor.encoder(), error);
+            let first = &self.state.first;
+            assert_eq!(first.register - first.error, self.motor.encoder());
+            self.took(own_mm_s + added, switch);
+        }
+
+        fn took(&mut self, speed_mm_s: f64, switch: bool) {
+            if switch {
+                let step = (speed_mm_s - self.speed_mm_s).abs();
+                self.switch_step_mm_s = self.switch_step_mm_s.max(step);
+            }
+            self.speed_mm_s = speed_mm_s;
+            self.motor.scan(speed_mm_s);
+        }
+
+        /// Rest under the first device.
+        fn rest(&mut self, scans: usize) {
+            for _ in 0..scans {
+                self.first_scan(false);
+            }
+        }
+
+        /// To the second until it follows up.
+        fn change_over(&mut self) {
+            self.second_scan(true, 0);
+            for _ in 0..5000 {
+                if self.state.phase == Phase::Following {
+                    return;
+                }
+                self.second_scan(false, 0);
+            }
+            panic!("{:?} never ends", self.state.phase);
+        }
+    }
+
+    #[test]
+    fn a_drifting_motor_is_brought_back_in_the_one_variant_and_not_in_the_other() {
+        for (variant, back) in [
+            (Variant::SettledDeviation, false),
+            (Variant::ReturnToStand, true),
+        ] {
+            let mut bench = Bench::new(variant, 0.05, [50.0, 20.0]);
+            bench.rest(1000);
+            // It stands with the error that holds the drift: 0.05 mm/s / 50 1/s = 1 µm.
+            assert_eq!(bench.register - bench.motor.encoder(), -1000);
+            let stood = bench.motor.encoder();
+            bench.change_over();
+            let drifted = bench.state.first.encoder - stood;
+            // The second starts at no error and needs 2.5 µm to hold the drift.
+            assert_eq!(
+                drifted.abs() <= 20,
+                back,
+                "{variant:?}: {drifted} increments"
+            );
+            assert_eq!(bench.state.first.steady_deviation, -1000 - drifted);
+            assert_eq!(bench.state.first.register, 0, "the register has not moved");
+            // Back at the first, the motor stands where it stood.
+            bench.first_scan(true);
+            bench.rest(1000);
+            assert!((bench.motor.encoder() - stood).abs() <= 1);
+        }
+    }
+
+    #[test]
+    fn a_motor_that_never_settles_is_not_waited_for_for_ever() {
+        for variant in [Variant::SettledDeviation, Variant::ReturnToStand] {
+            let block = changeover(variant);
+            let mut state = ChangeoverState::default();
+            block.to_second(&mut state, 0, 0, 0, 0.0, 0.0);
+            let mut scans = 0;
+            while state.phase != Phase::Following {
+                scans += 1;
+                block.update(&mut state, scans * 1000, -scans * 1000);
+                assert!(scans <= 4010);
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn through_any_sequence_of_switches_registers_are_true_and_the_speed_command_does_not_step(
+            returns in any::<bool>(),
+            drift_mm_s in -0.1f64..0.1,
+            first_gain in 10.0f64..100.0,
+            second_gain in 10.0f64..100.0,
+            turns in prop::collection::vec((0usize..300, prop::collection::vec(-5_000i64..5_000, 0..100), 0usize..400), 1..6),
+        ) {
+            let variant = if returns { Variant::ReturnToStand } else { Variant::SettledDeviation };
+            let mut bench = Bench::new(variant, drift_mm_s, [first_gain, second_gain]);
+            for (rest, jog, wait) in turns {
+                bench.rest(rest);
+                let before = bench.register;
+                bench.change_over();
+                let followed_from = bench.state.first.encoder;
+                prop_assert_eq!(bench.state.first.register, before);
+                for step in &jog {
+                    bench.second_scan(false, *step);
+                }
+                for _ in 0..wait {
+                    bench.second_scan(false, 0);
+                }
+                let counted = bench.state.first.encoder - followed_from;
+                prop_assert_eq!(bench.state.first.register - before, counted);
+                let deviation = bench.state.first.steady_deviation;
+                prop_assert_eq!(bench.state.first.register, bench.state.first.encoder + deviation);
+                bench.first_scan(true);
+            }
+            prop_assert!(bench.switch_step_mm_s <= 1e-12, "{} mm/s", bench.switch_step_mm_s);
+        }
+    }
+}

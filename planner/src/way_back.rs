@@ -1,0 +1,139 @@
+//! The way back to where the path was left: a straight line at a reduced feed to a point shortly before it, the last
+//! piece along the path, then a moment to settle.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::machine::{AxisKind, Machine};
+use bus::sample::MAX_AXES;
+use control::path::{ALL_LINEAR, AxisVector, Element, Feed, Path, Shape};
+use control::profile::PathState;
+use control::window::WindowPlanner;
+
+use crate::course::{CourseError, point_of, tool_at, window_planner};
+
+/// The machine stands so long at the place, in s, before the program goes on: ten time constants of a position loop of
+/// 50/s, so that what the return left is gone before the path is measured again.
+const SETTLE_S: f64 = 0.2;
+
+/// The last piece is travelled along the path, in its direction, over this length in mm: friction and lost motion then
+/// lie as they did when the path was left. Friction turns round within some hundredths of a mm (docs/physics.md §3).
+const RUN_UP_MM: f64 = 0.5;
+/// Chords that stand for the path there: 50 µm long, within 0.3 µm of an arc of 1 mm radius.
+const RUN_UP_CHORDS: u32 = 10;
+
+/// A planned return.
+#[derive(Debug)]
+pub(crate) struct WayBack {
+    /// Command registers it starts from, in increments.
+    pub from: [i64; MAX_AXES],
+    /// State of the program it leads to.
+    pub to: PathState,
+    /// Plans along it.
+    pub windows: WindowPlanner,
+}
+
+impl WayBack {
+    /// From the registers to the place of `to` on the path of the program. Both ends are within the travel, so is the line
+    /// between them; the run-up is on the path, where the tool has been.
+    pub fn new(
+        machine: &Machine,
+        from: [i64; MAX_AXES],
+        to: PathState,
+        program: &Path,
+    ) -> Result<WayBack, CourseError> {
+        let mut rotary = ALL_LINEAR;
+        for (is_rotary, axis) in rotary.iter_mut().zip(&machine.axes) {
+            *is_rotary = axis.kind == AxisKind::Rotary;
+        }
+        let feed = Feed::PathMmS(machine.manual.return_mm_s);
+        let start = tool_at(machine, &point_of(machine, &from))?;
+        let mut here = start;
+        let mut elements = Vec::with_capacity(RUN_UP_CHORDS as usize + 2);
+        for chord in (0..=RUN_UP_CHORDS).rev() {
+            let back_mm = RUN_UP_MM * f64::from(chord) / f64::from(RUN_UP_CHORDS);
+            let there = point_before(program, &to, back_mm).unwrap_or(start);
+            let line = Shape::Line {
+                from: here,
+                to: there,
+            };
+            let element = Element::new(0, line, feed, &rotary);
+            // Near the start of the path there is nothing to run up on.
+            if element.length_mm > 0.0 {
+                elements.push(element);
+                here = there;
+            }
+        }
+        elements.push(Element::dwell(0, here, SETTLE_S));
+        Ok(WayBack {
+            from,
+            to,
+            windows: window_planner(machine, Path { elements }, start)?,
+        })
+    }
+}
+
+/// The point that lies this far before a place along the path; the start of the path at most.
+fn point_before(path: &Path, place: &PathState, back_mm: f64) -> Option<AxisVector> {
+    let mut left_mm = back_mm;
+    let mut at_mm = place.distance_mm;
+    let before = path.elements.get(..=place.element as usize)?;
+    let mut point = None;
+    for (index, element) in before.iter().enumerate().rev() {
+        if index < place.element as usize {
+            at_mm = element.length_mm;
+        }
+        point = Some(element.point((at_mm - left_mm).max(0.0)));
+        if left_mm <= at_mm {
+            break;
+        }
+        left_mm -= at_mm;
+    }
+    point
+}
+
+#[cfg(test)]
+#[allow(clippy::indexing_slicing, clippy::expect_used)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_run_up_goes_back_over_element_ends_and_no_farther_than_the_start() {
+        let corner = |x: f64, y: f64| {
+            let mut point = AxisVector::zeros();
+            (point[0], point[1]) = (x, y);
+            point
+        };
+        let feed = Feed::Rapid;
+        let path = Path {
+            elements: vec![
+                Element::line(1, corner(0.0, 0.0), corner(0.2, 0.0), feed),
+                Element::dwell(2, corner(0.2, 0.0), 1.0),
+                Element::line(3, corner(0.2, 0.0), corner(0.2, 5.0), feed),
+            ],
+        };
+        let at = |element, distance_mm| PathState {
+            element,
+            distance_mm,
+            ..PathState::default()
+        };
+        for (place, back_mm, x, y) in [
+            (at(2, 3.0), 0.5, 0.2, 2.5),
+            (at(2, 3.0), 0.0, 0.2, 3.0),
+            (at(2, 0.3), 0.4, 0.1, 0.0),
+            (at(1, 0.0), 0.05, 0.15, 0.0),
+            (at(2, 0.1), 0.5, 0.0, 0.0),
+            (at(0, 0.0), 0.5, 0.0, 0.0),
+        ] {
+            let found = point_before(&path, &place, back_mm).expect("a point");
+            assert!(
+                (found - corner(x, y)).norm() < 1e-12,
+                "{place:?} {back_mm}: {found}"
+            );
+        }
+    }
+}

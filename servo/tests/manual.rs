@@ -1,0 +1,182 @@
+//! The second controller of an axis: jogs, switches, and another servo that goes on from its state.
+#![allow(missing_docs)]
+mod common;
+
+use bus::machine::Changeover;
+use bus::sample::{AxisCommand, Cause, Driver, Feedback, Mode};
+use common::{Rig, machine, servo};
+use servo::Servo;
+
+/// One axis that does what it is told, a scan later.
+struct Axis {
+    rig: Rig,
+    servo: Servo,
+    command: AxisCommand,
+    driver: Driver,
+    target: i64,
+    blocked: bool,
+}
+
+impl Axis {
+    fn new(changeover: Changeover) -> Axis {
+        let mut machine = machine("xy");
+        machine.axes[0].changeover = changeover;
+        Axis {
+            servo: servo(&machine, 0),
+            rig: Rig::new(machine),
+            command: AxisCommand::default(),
+            driver: Driver::Program,
+            target: 0,
+            blocked: false,
+        }
+    }
+
+    fn feedback(&self) -> Feedback {
+        let mut feedback = self.rig.feedback();
+        feedback.axes[0].driver = self.driver as u32;
+        feedback.axes[0].jog_target = self.target;
+        feedback.axes[0].velocity_command_mm_s = self.command.velocity_mm_s;
+        feedback
+    }
+
+    fn scan(&mut self) -> AxisCommand {
+        let feedback = self.feedback();
+        let before = self.command;
+        self.command = self.servo.scan(&feedback);
+        self.rig.register[0] = self.command.position;
+        if !self.blocked {
+            self.rig.position[0] += libm::round(before.velocity_mm_s * 1e3) as i64;
+        }
+        self.rig.scan += 1;
+        self.command
+    }
+
+    fn jog(&mut self, distance: i64) {
+        self.rig.mode = Mode::Jogging;
+        self.driver = Driver::Manual;
+        self.target = self.rig.register[0] + distance;
+    }
+
+    /// Register and encoder agree in every scan in which it follows up.
+    fn until_done(&mut self) {
+        for _ in 0..20_000 {
+            let seen = self.rig.position[0];
+            let command = self.scan();
+            let manual = &command.state.manual;
+            if manual.phase == 3 {
+                assert_eq!(command.position - seen, manual.steady_deviation);
+            }
+            if command.jog_done == 1 {
+                self.driver = Driver::Program;
+                self.rig.mode = Mode::Enabled;
+                return;
+            }
+            assert_eq!(self.command.cause, 0, "scan {}", self.rig.scan);
+        }
+        panic!("the jog never ends");
+    }
+}
+
+#[test]
+fn a_jog_moves_register_and_axis_by_its_distance_and_no_switch_steps() {
+    for changeover in [Changeover::SettledDeviation, Changeover::ReturnToStand] {
+        let mut axis = Axis::new(changeover);
+        // The motor stands a little off its command, as friction lets it.
+        axis.rig.position[0] = 40;
+        axis.scan();
+        for distance in [3_000_000, -1_234_567, 10, -3_000_000] {
+            let (register, position) = (axis.rig.register[0], axis.rig.position[0]);
+            let before = axis.command.velocity_mm_s;
+            axis.jog(distance);
+            assert!((axis.scan().velocity_mm_s - before).abs() < 1e-12);
+            axis.until_done();
+            let moved = axis.rig.position[0] - position;
+            let registered = axis.rig.register[0] - register;
+            assert!((registered - distance).abs() <= 100, "{registered}");
+            assert!((moved - distance).abs() <= 100, "{distance}: {moved}");
+            let before = axis.command.velocity_mm_s;
+            assert!((axis.scan().velocity_mm_s - before).abs() < 1e-12);
+            for _ in 0..500 {
+                axis.scan();
+            }
+        }
+    }
+}
+
+#[test]
+fn told_to_stop_it_comes_to_rest_on_the_way() {
+    let mut axis = Axis::new(Changeover::SettledDeviation);
+    axis.scan();
+    axis.jog(50_000_000);
+    for _ in 0..500 {
+        axis.scan();
+    }
+    axis.driver = Driver::ManualStop;
+    axis.until_done();
+    let moved = axis.rig.position[0];
+    assert!(moved > 1_000_000 && moved < 10_000_000, "{moved}");
+    assert!((axis.rig.register[0] - moved).abs() <= 50);
+}
+
+#[test]
+fn another_servo_goes_on_from_its_state_to_the_bit() {
+    for changeover in [Changeover::SettledDeviation, Changeover::ReturnToStand] {
+        let mut axis = Axis::new(changeover);
+        axis.rig.position[0] = 300;
+        axis.scan();
+        axis.jog(1_000_000);
+        // Anywhere: settling, returning, moving, at rest, back at the program's controller.
+        let mut seen = [0; 4];
+        for scan in 0..2_000 {
+            let mut other = servo(&axis.rig.machine, 0);
+            other.adopt(axis.servo.state());
+            let expected = other.scan(&axis.feedback());
+            assert_eq!(axis.scan(), expected, "scan {scan}");
+            seen[axis.command.state.manual.phase as usize] += 1;
+            if axis.command.jog_done == 1 {
+                axis.driver = Driver::Program;
+                axis.rig.mode = Mode::Enabled;
+            }
+        }
+        let returned = seen[2] > 0;
+        assert_eq!(
+            returned,
+            changeover == Changeover::ReturnToStand,
+            "{seen:?}"
+        );
+        assert!(seen[0] > 0 && seen[1] > 0 && seen[3] > 100, "{seen:?}");
+    }
+}
+
+#[test]
+fn a_blocked_axis_trips_by_the_manual_controllers_own_error() {
+    let mut axis = Axis::new(Changeover::SettledDeviation);
+    axis.scan();
+    axis.blocked = true;
+    axis.jog(10_000_000);
+    for _ in 0..2_000 {
+        if axis.scan().cause != 0 {
+            break;
+        }
+    }
+    assert_eq!(
+        Cause::from_wire(axis.command.cause),
+        Some(Cause::FollowingError)
+    );
+    assert_eq!(axis.command.velocity_mm_s, 0.0);
+}
+
+#[test]
+fn a_driver_that_is_none_and_a_jog_while_a_window_is_executed_make_no_sense() {
+    let mut rig = Rig::new(machine("xy"));
+    rig.run_to(160);
+    for (driver, window) in [(9, false), (Driver::Manual as u32, true)] {
+        let mut feedback = rig.feedback();
+        feedback.axes[0].driver = driver;
+        if !window {
+            feedback.window = bus::sample::WindowId::NONE;
+        }
+        let command = rig.servos[0].clone().scan(&feedback);
+        assert_eq!(command.cause, Cause::BadFeedback as u32, "driver {driver}");
+    }
+}

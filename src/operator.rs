@@ -1,0 +1,196 @@
+//! Orders to a running cell: each asks the machine side, waits for its answer and says what happened.
+
+use std::time::{Duration, Instant};
+
+use anyhow::anyhow;
+use bus::cell::CellPlace;
+use bus::machine::Machine;
+use bus::member::watch;
+use bus::order_file::axis_index;
+use bus::page::{CellPhase, Page};
+use bus::sample::{Mode, OperatorRequest, OperatorResponse, Order, Refused};
+use bus::service::Bus;
+
+use crate::cli::{JogOptions, OperatorOptions, OverrideOptions};
+use crate::exit::{Failure, Kind, Outcome};
+use crate::output::say;
+
+/// A cell that has not answered by then is silent.
+const ANSWER_LIMIT: Duration = Duration::from_secs(5);
+/// Time between two looks for the answer.
+const LOOK: Duration = Duration::from_millis(2);
+
+/// `hold`, `resume`, `stop`, `enable`, `disable`.
+pub fn simple(order: Order, options: &OperatorOptions) -> Outcome {
+    let client = Client::find(options)?;
+    let request = OperatorRequest {
+        order: order as u32,
+        ..OperatorRequest::default()
+    };
+    let answer = client.ask(order, request)?;
+    let mode = Mode::from_wire(answer.mode);
+    say(&match (order, mode) {
+        (Order::Hold, Some(Mode::Jogging)) => "hold: the jog comes to rest".into(),
+        (Order::Hold, _) => "hold: the tool comes to rest on the path".to_string(),
+        (Order::Resume, _) => "resumed".into(),
+        (Order::Stop, Some(Mode::Disabled)) => "stopped: the drives are off".into(),
+        (Order::Stop, Some(Mode::Stopped)) => "stopped".into(),
+        (Order::Stop, _) => "stopping: the tool comes to rest".into(),
+        (Order::Enable, _) if answer.hold == 1 => "drives on, in hold: resume moves".into(),
+        (Order::Enable, _) => "drives on".into(),
+        (Order::Disable, _) => "drives off: positions follow the axes".into(),
+        _ => format!("{}: done", order.word()),
+    });
+    Ok(())
+}
+
+/// `override`.
+pub fn set_override(options: &OverrideOptions) -> Outcome {
+    let client = Client::find(&options.to)?;
+    let request = OperatorRequest {
+        order: Order::Override as u32,
+        value: options.percent,
+        ..OperatorRequest::default()
+    };
+    let answer = client.ask(Order::Override, request)?;
+    say(&format!("override {} %", answer.override_percent));
+    Ok(())
+}
+
+/// `jog`.
+pub fn jog(options: &JogOptions) -> Outcome {
+    let client = Client::find(&options.to)?;
+    let axis =
+        axis_index(&client.machine, &options.axis).map_err(|e| Failure::Input(anyhow!(e)))?;
+    let request = OperatorRequest {
+        order: Order::Jog as u32,
+        axis,
+        value: options.distance,
+    };
+    client.ask(Order::Jog, request)?;
+    say(&format!(
+        "jogging {} by {} {}",
+        options.axis,
+        options.distance,
+        client.unit(axis)
+    ));
+    Ok(())
+}
+
+/// A running cell, seen from outside.
+struct Client {
+    place: CellPlace,
+    machine: Machine,
+    page: Page,
+    bus: Bus,
+}
+
+impl Client {
+    /// The cell that was named, or the only one that runs.
+    fn find(options: &OperatorOptions) -> Result<Client, Failure> {
+        let place = match &options.cell {
+            Some(name) => CellPlace::new(name).input()?,
+            None => only_one()?,
+        };
+        let not_running = || Failure::Stopped(anyhow!("cell {:?} does not run", place.name()));
+        let page = page_of(&place).ok_or_else(not_running)?;
+        let machine = Machine::load(&place.machine_file()).map_err(|_| not_running())?;
+        let bus = Bus::enter(&place, &machine, "operator", false).environment()?;
+        Ok(Client {
+            place,
+            machine,
+            page,
+            bus,
+        })
+    }
+
+    /// Unit of an axis's distances.
+    fn unit(&self, axis: u32) -> &'static str {
+        match self.machine.axes.get(axis as usize).map(|axis| axis.kind) {
+            Some(bus::machine::AxisKind::Rotary) => "degrees",
+            _ => "mm",
+        }
+    }
+
+    /// Sends an order and waits for its answer; a refusal is a failure with its reason.
+    fn ask(&self, order: Order, request: OperatorRequest) -> Result<OperatorResponse, Failure> {
+        let cell = self.place.name();
+        let operator = self.bus.operator_client().environment()?;
+        let pending = operator
+            .send(request)
+            .ok_or_else(|| Failure::Stopped(anyhow!("cell {cell:?} takes no orders")))?;
+        let asked = Instant::now();
+        let answer = loop {
+            if let Some(answer) = pending.answer() {
+                break answer;
+            }
+            if self.page.phase() == CellPhase::Ending || asked.elapsed() > ANSWER_LIMIT {
+                return Err(Failure::Stopped(anyhow!(
+                    "cell {cell:?} does not answer: {} may or may not have been obeyed",
+                    order.word()
+                )));
+            }
+            std::thread::sleep(LOOK);
+        };
+        match Refused::from_wire(answer.reason) {
+            Some(Refused::Not) => Ok(answer),
+            reason => Err(Failure::Stopped(anyhow!(
+                "{} refused: {}",
+                order.word(),
+                self.words(reason, &request, &answer)
+            ))),
+        }
+    }
+
+    fn words(
+        &self,
+        reason: Option<Refused>,
+        request: &OperatorRequest,
+        answer: &OperatorResponse,
+    ) -> String {
+        let Some(reason) = reason else {
+            return "for a reason this program does not know".into();
+        };
+        let mode = Mode::from_wire(answer.mode).map_or("in an unknown mode", Mode::word);
+        match reason {
+            Refused::BeyondTravel => format!(
+                "{}: it may be {:.3} to {:.3} {}",
+                reason.words(),
+                answer.allowed_min_mm,
+                answer.allowed_max_mm,
+                self.unit(request.axis)
+            ),
+            _ => format!(
+                "{} (the machine is {mode} in scan {})",
+                reason.words(),
+                answer.scan
+            ),
+        }
+    }
+}
+
+/// The page of a cell whose launcher lives and which is not about to end.
+fn page_of(place: &CellPlace) -> Option<Page> {
+    let page = Page::open(place).ok()?;
+    let runs = page.phase() == CellPhase::Running && watch(page.launcher_pid()).is_ok();
+    runs.then_some(page)
+}
+
+fn only_one() -> Result<CellPlace, Failure> {
+    let mut running = Vec::new();
+    for name in CellPlace::names() {
+        let place = CellPlace::new(&name).input()?;
+        if page_of(&place).is_some() {
+            running.push(place);
+        }
+    }
+    let names: Vec<&str> = running.iter().map(CellPlace::name).collect();
+    match names.len() {
+        0 => Err(Failure::Stopped(anyhow!("no cell runs"))),
+        1 => Ok(running.remove(0)),
+        _ => Err(Failure::Input(anyhow!(
+            "several cells run: name one with --cell: {}",
+            names.join(", ")
+        ))),
+    }
+}
