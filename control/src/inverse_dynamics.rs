@@ -173,8 +173,9 @@ impl InverseDynamics {
             state.near_mm = ahead.near.position_mm;
             state.motor_mm = ahead.here.position_mm + compensation_mm;
         }
-        let (gap_mm, gap_mm_s2) = self.cross_gap(state, &ahead.far);
-        let contact_n_per_s2 = self.carry(state, &ahead.near);
+        let scale = learned.map_or(1.0, |table| table.friction_scale);
+        let (gap_mm, gap_mm_s2) = self.cross_gap(state, &ahead.far, scale);
+        let contact_n_per_s2 = self.carry(state, &ahead.near, scale);
         let (learned_mm, learned_nm) = self.recall(state, &ahead.here, learned);
 
         let modelled_mm = gap_mm + state.contact_n / self.stiffness_n_per_m * 1e3;
@@ -189,7 +190,7 @@ impl InverseDynamics {
         let motor_mm_s = motor_travel_mm / self.scan_s;
         let motor_friction_n =
             self.motor_friction
-                .update(&mut state.motor_n, motor_travel_mm, motor_mm_s);
+                .update(&mut state.motor_n, motor_travel_mm, motor_mm_s, scale);
         let force_n = self.force_n(state, ahead, motor_mm_s, motor_friction_n);
         // Held over a scan: its mean.
         let mean_n = 0.5 * (force_n + state.force_n);
@@ -216,12 +217,12 @@ impl InverseDynamics {
     }
 
     /// Where in the gap the motor is, in mm, and its acceleration, in mm/s².
-    fn cross_gap(&self, state: &mut InverseDynamicsState, far: &Motion) -> (f64, f64) {
+    fn cross_gap(&self, state: &mut InverseDynamicsState, far: &Motion, scale: f64) -> (f64, f64) {
         let travel_mm = far.position_mm - state.far_mm;
         state.far_mm = far.position_mm;
         let friction_n =
             self.table_friction
-                .update(&mut state.far_table_n, travel_mm, far.velocity_mm_s);
+                .update(&mut state.far_table_n, travel_mm, far.velocity_mm_s, scale);
         let contact_n = self.contact_n(far, friction_n);
         if contact_n > 0.0 {
             state.side_wanted = 1.0;
@@ -242,12 +243,12 @@ impl InverseDynamics {
     }
 
     /// Contact force behind its filter, critically damped, exact for an input that is held over a scan; the rate of its rate.
-    fn carry(&self, state: &mut InverseDynamicsState, near: &Motion) -> f64 {
+    fn carry(&self, state: &mut InverseDynamicsState, near: &Motion, scale: f64) -> f64 {
         let travel_mm = near.position_mm - state.near_mm;
         state.near_mm = near.position_mm;
         let friction_n =
             self.table_friction
-                .update(&mut state.table_n, travel_mm, near.velocity_mm_s);
+                .update(&mut state.table_n, travel_mm, near.velocity_mm_s, scale);
         let wanted_n = self.contact_n(near, friction_n);
         let decay = libm::exp(-SMOOTHING_RAD_S * self.scan_s);
         let off_n = state.contact_n - wanted_n;

@@ -26,6 +26,8 @@ pub struct LearnedValue {
 /// the last that one holds. Source: feedback-error learning (Kawato 1987) over distance, docs/physics.md §4.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LearnedTable {
+    /// Friction there is over friction of the model.
+    pub friction_scale: f64,
     /// Cells of negative and of positive travel.
     pub directions: [[LearnedValue; CELLS]; 2],
 }
@@ -33,6 +35,7 @@ pub struct LearnedTable {
 impl Default for LearnedTable {
     fn default() -> Self {
         LearnedTable {
+            friction_scale: 1.0,
             directions: [[LearnedValue::default(); CELLS]; 2],
         }
     }

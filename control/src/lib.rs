@@ -15,6 +15,7 @@ pub mod inverse_dynamics;
 pub mod jog;
 pub mod kinematics;
 pub mod learned_table;
+pub mod learning;
 pub mod limits;
 pub mod line;
 pub mod maxwell_slip;

@@ -35,8 +35,14 @@ pub struct MaxwellSlip {
 }
 
 impl MaxwellSlip {
-    /// Moves on by `travel_mm` at `velocity_mm_s`; the friction, in N, positive in the direction of positive motion.
-    pub fn update(&self, state: &mut [f64; ELEMENTS], travel_mm: f64, velocity_mm_s: f64) -> f64 {
+    /// Moves on by `travel_mm` at `velocity_mm_s`, with `scale` times the friction of the curve; the friction, in N, positive in the direction of positive motion.
+    pub fn update(
+        &self,
+        state: &mut [f64; ELEMENTS],
+        travel_mm: f64,
+        velocity_mm_s: f64,
+        scale: f64,
+    ) -> f64 {
         let ratio = velocity_mm_s / self.stribeck_velocity_mm_s;
         let factor = if self.static_excess > 0.0 {
             1.0 + self.static_excess * libm::exp(-ratio * ratio)
@@ -46,8 +52,8 @@ impl MaxwellSlip {
         let mut sum_n = 0.0;
         for (force_n, element) in state.iter_mut().zip(&self.elements) {
             if travel_mm.is_finite() && element.break_distance_mm > 0.0 {
-                let most_n = element.slip_n * factor;
-                let stiffness = element.slip_n / element.break_distance_mm;
+                let most_n = scale * element.slip_n * factor;
+                let stiffness = scale * element.slip_n / element.break_distance_mm;
                 *force_n = (*force_n + stiffness * travel_mm).max(-most_n).min(most_n);
             }
             sum_n += *force_n;

@@ -128,6 +128,11 @@ impl Rehearsal {
         })
     }
 
+    /// The servos, before the first scan.
+    pub fn servos(&mut self) -> &mut [Servo] {
+        &mut self.servos
+    }
+
     /// An order of the operator, between two scans.
     pub fn order(&mut self, request: &OperatorRequest) -> OperatorResponse {
         self.side.order(request)

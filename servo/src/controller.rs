@@ -70,6 +70,11 @@ impl Servo {
         &self.settings
     }
 
+    /// Goes by what runs before this one have taught; before its first scan.
+    pub fn recall(&mut self, learned: LearnedTable) {
+        self.learned = Some(Box::new(learned));
+    }
+
     /// The state after the last scan.
     pub fn state(&self) -> &ControllerState {
         &self.state
