@@ -21,7 +21,7 @@ use program::{Program, ProgramError, Setup};
 
 pub use json::{
     ArcReport, AxisReport, Death, FaultReport, LimitsReport, LogReport, MaxMin, OutcomeReport,
-    PeakRms, ProcessReport, Report, ReversalReport,
+    PeakRms, PredictionReport, ProcessReport, Report, ReversalReport,
 };
 
 use crate::log::{LOG_FILE, LogError, Reader, RunEnd, RunInfo, Sample};
