@@ -3,6 +3,7 @@
 //! Making it again gives the same bytes; wall time and real-time factor are the recorder's, and stand in the log.
 
 mod circle_plot;
+pub mod comparison;
 mod json;
 mod svg;
 mod text;
