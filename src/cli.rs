@@ -174,12 +174,92 @@ pub struct CleanOptions {
 
 #[derive(Debug, Clone, Args)]
 pub struct BenchOptions {
-    /// lockstep: speed of a whole cell; circles: quadrant protrusions over radii and feeds, by compensation
-    #[arg(default_value = "lockstep", value_parser = ["lockstep", "circles"])]
-    pub name: String,
-    /// Machine to measure with
-    #[arg(long, default_value = "machines/xy")]
+    #[command(subcommand)]
+    pub command: Option<BenchCommand>,
+}
+
+/// What can be measured; lockstep if nothing is named.
+#[derive(Debug, Clone, Subcommand)]
+pub enum BenchCommand {
+    /// Speed of a whole cell in lockstep, beside physics alone and the bare hand-over
+    Lockstep(LockstepOptions),
+    /// Quadrant protrusions over radii and feeds, by way of compensation
+    Circles(CirclesOptions),
+}
+
+impl Default for BenchCommand {
+    fn default() -> Self {
+        BenchCommand::Lockstep(LockstepOptions {
+            machine: BENCH_MACHINE.into(),
+        })
+    }
+}
+
+/// Machine that is measured if none is named.
+const BENCH_MACHINE: &str = "machines/xy";
+
+#[derive(Debug, Clone, Args)]
+pub struct LockstepOptions {
+    /// Folder with machine.toml, plant.toml and programs/circle-r25-f3000.ngc
+    #[arg(default_value = BENCH_MACHINE)]
     pub machine: PathBuf,
+}
+
+#[derive(Debug, Clone, Args)]
+pub struct CirclesOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml
+    #[arg(default_value = BENCH_MACHINE)]
+    pub machine: PathBuf,
+    /// Ways of compensating, in the order of the table [default: all]
+    #[arg(long, value_delimiter = ',', value_name = "NAMES", value_parser = clap::builder::PossibleValuesParser::new(crate::bench::method_names()))]
+    pub methods: Vec<String>,
+    /// Radii in mm
+    #[arg(long, value_delimiter = ',', value_name = "MM", default_value = "10,25,50,100", value_parser = above_zero)]
+    pub radii: Vec<f64>,
+    /// Feeds in mm/min
+    #[arg(long, value_delimiter = ',', value_name = "MM/MIN", default_value = "1000,3000,10000", value_parser = above_zero)]
+    pub feeds: Vec<f64>,
+    /// Where circles start, in degrees; off the axes, every reversal lies in steady motion
+    #[arg(
+        long,
+        value_name = "DEGREES",
+        default_value_t = 45.0,
+        allow_negative_numbers = true
+    )]
+    pub start_deg: f64,
+    /// Centre of the circles in mm, in X and Y of the program
+    #[arg(long, value_name = "X,Y", default_value = "0,0", value_parser = point, allow_hyphen_values = true)]
+    pub centre: (f64, f64),
+    /// Folder for circles.csv and circles.svg
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Runs at the same time, each on a processor of its own
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=64))]
+    pub jobs: u64,
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    let value: f64 = text
+        .trim()
+        .parse()
+        .map_err(|_| format!("{text:?} is no number"))?;
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err("must be finite".into())
+    }
+}
+
+fn above_zero(text: &str) -> Result<f64, String> {
+    match number(text)? {
+        value if value > 0.0 => Ok(value),
+        _ => Err("must be above 0".into()),
+    }
+}
+
+fn point(text: &str) -> Result<(f64, f64), String> {
+    let (x, y) = text.split_once(',').ok_or("must be X,Y")?;
+    Ok((number(x)?, number(y)?))
 }
 
 /// What every role is told by the launcher.

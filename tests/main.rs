@@ -1,6 +1,7 @@
 //! The whole machine, as its users meet it: through the `quadrant` command, with real processes and real shared memory.
 
 mod bad_input;
+mod bench;
 mod deaths;
 mod determinism;
 mod house;
@@ -14,3 +15,4 @@ mod quality;
 mod setpoints;
 mod straight_lines;
 mod support;
+mod triggers;

@@ -10,14 +10,18 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
+mod interpolation;
 mod kinematics;
 pub mod model;
 mod positioning;
+mod prediction;
 mod rules;
 
-pub use kinematics::{Carries, Interpolation, Kinematics, KinematicsKind, StraightLines};
+pub use interpolation::{Interpolation, Rows, StraightLines};
+pub use kinematics::{Carries, Kinematics, KinematicsKind};
 pub use model::{AxisModel, DisturbanceObserver, TorqueFeedForward};
 pub use positioning::{Positioning, RapidProfile};
+pub use prediction::{PREDICTION_M_MAX, PREDICTION_M_MIN, Prediction};
 
 use crate::sample::MAX_AXES;
 use crate::settings_file::{self, SettingsFileError, read_text};
@@ -193,6 +197,8 @@ pub struct Axis {
     /// Velocity feed-forward.
     #[serde(default)]
     pub feed_forward: FeedForward,
+    /// Prediction of the feedback position; none is off.
+    pub prediction: Option<Prediction>,
     /// What is done where the axis reverses.
     pub reversal: Reversal,
     /// Torque fed forward from them.
@@ -274,10 +280,16 @@ pub enum ReversalMethod {
     ContactForce,
 }
 
-/// What starts the kick.
+/// What starts the kick (docs/methods/backlash-acceleration.md).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Default)]
 #[serde(rename_all = "kebab-case")]
 pub enum Trigger {
+    /// Change of sign of the position error.
+    PositionError,
+    /// Change of sign of the feed-forward.
+    FeedForward,
+    /// Change of sign of the velocity command, Kp·ε + FF.
+    VelocityCommand,
     /// The source's own: the speed command within A = K·|R2 − R0| of its sign change.
     #[default]
     CommandAcceleration,
@@ -287,9 +299,25 @@ impl Trigger {
     /// The word in machine files and reports.
     pub fn word(self) -> &'static str {
         match self {
+            Trigger::PositionError => "position-error",
+            Trigger::FeedForward => "feed-forward",
+            Trigger::VelocityCommand => "velocity-command",
             Trigger::CommandAcceleration => "command-acceleration",
         }
     }
+}
+
+/// How much of Kp·ε the start of a kick by [`Trigger::CommandAcceleration`] is judged by, beside the speed of the command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Default)]
+#[serde(rename_all = "kebab-case")]
+pub enum PositionErrorPart {
+    /// None: the start depends on the command alone.
+    #[default]
+    None,
+    /// As much as moves the start by half the lead at most.
+    Clamped,
+    /// All of it, as in the source.
+    Full,
 }
 
 /// Form of the kick; the same area whatever the form.
@@ -325,6 +353,9 @@ pub struct Reversal {
     /// What starts the kick.
     #[serde(default)]
     pub trigger: Trigger,
+    /// How much of Kp·ε `command-acceleration` is judged by.
+    #[serde(default)]
+    pub position_error_part: PositionErrorPart,
     /// Form of the kick.
     #[serde(default)]
     pub shape: KickShape,

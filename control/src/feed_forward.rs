@@ -57,11 +57,8 @@ impl MovementCommands {
             }
             let movement = end.saturating_sub(start);
             // A period that comes back to where it began is a dwell only if it also stood there half-way.
-            let rest = movement == 0
-                && (index < 2 || {
-                    let half = length * index as i64 - 1 - i64::from(scan_in_period) - length / 2;
-                    position(half) == start
-                });
+            let half = length * index as i64 - 1 - i64::from(scan_in_period) - length / 2;
+            let rest = movement == 0 && (half < 0 || position(half) == start);
             if let (Some(m), Some(r)) = (out.movement.get_mut(index), out.rest.get_mut(index)) {
                 *m = movement;
                 *r = rest;

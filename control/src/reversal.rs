@@ -9,6 +9,7 @@
 
 use crate::backlash::REVERSAL_TRAVEL_MIN;
 use crate::feed_forward::MovementCommands;
+use crate::trigger::{Speeds, Trigger};
 
 /// Least difference |R2 − R0| that says something about the acceleration: below it one increment of rounding moves the
 /// start by more than a twentieth of the lead (docs/physics.md §4).
@@ -69,15 +70,16 @@ pub enum Announcement {
     Overdue,
 }
 
-/// Starts a kick when the speed command comes within `A = K·|R2 − R0|` of its change of sign.
+/// Starts a kick at a reversal: by the source's trigger when the speed command comes within `A = K·|R2 − R0|` of its
+/// change of sign, or by one of the older ones ([`Trigger`]).
 ///
 /// With `K = lead/(2·Ts²)` the kick starts `lead` before the reversal whatever radius and feed are: `|R2 − R0|` is the
 /// command's acceleration over two periods. Start: `speed·s + A ≥ 0`, `s` the new direction; quantised to one scan, so
 /// the true lead is in (lead − Tp, lead]. J periods of look-ahead allow leads up to `(J − ½)·Ts`. Source: \[Fanuc\],
 /// docs/methods.md §2, docs/physics.md §4.
 ///
-/// The compared speed is the command's alone, not `FF + Kp·ε`: at low acceleration A is a few µm/s, and `Kp·ε` of 0.2 µm
-/// would move the start by the whole lead.
+/// The compared speed is the command's alone unless the trigger says otherwise, not `FF + Kp·ε`: at low acceleration A is a
+/// few µm/s, and `Kp·ε` of 0.2 µm would move the start by the whole lead.
 ///
 /// Limits: where |R2 − R0| is below [`DIFFERENCE_MIN_INCREMENTS`] the difference is taken over more periods; where that
 /// does not help, or a dwell lies between (then it is no acceleration), A is 0 and the kick starts at the change of sign.
@@ -92,6 +94,8 @@ pub struct BacklashAcceleration {
     pub increment_mm: f64,
     /// Scan period Tp, in s.
     pub scan_s: f64,
+    /// What starts the kick.
+    pub trigger: Trigger,
     /// Form of the kick.
     pub shape: KickShape,
     /// Height of the kick, in mm/s; 0 switches it off.
@@ -164,21 +168,16 @@ impl BacklashAcceleration {
     }
 
     /// Each scan, after [`announce`](Self::announce) and [`reversed`](Self::reversed): the kick, in mm/s.
-    pub fn update(&self, state: &mut ReversalState, direction: i32, speed_mm_s: f64) -> f64 {
+    pub fn update(&self, state: &mut ReversalState, direction: i32, speeds: &Speeds) -> f64 {
         let new_direction = match state.announcement {
             Announcement::Ahead => -direction,
             Announcement::Overdue => direction,
             Announcement::None | Announcement::Answered => 0,
         };
         let sign = f64::from(new_direction);
-        let speed = sign * speed_mm_s;
         let a = state.trigger_speed_mm_s;
-        // Without A it is the change of sign itself, which standing still is not. NaN never starts anything.
-        let due = if a > 0.0 {
-            speed + a >= 0.0
-        } else {
-            speed > 0.0
-        };
+        let has_reversed = state.announcement == Announcement::Overdue;
+        let due = self.trigger.is_due(sign, a, has_reversed, speeds);
         let mut starts = false;
         if new_direction != 0 && due {
             state.announcement = match state.announcement {
@@ -190,7 +189,7 @@ impl BacklashAcceleration {
                 starts = true;
                 state.kick_remaining_scans = longest_scans;
                 state.kick_direction = new_direction;
-                state.kick_trigger_mm_s = a;
+                state.kick_trigger_mm_s = self.trigger.started_at_mm_s(sign, a, speeds);
                 state.kick_distance_mm = 0.0;
                 state.kicks = state.kicks.wrapping_add(1);
             }
@@ -207,7 +206,13 @@ impl BacklashAcceleration {
             KickShape::Decaying {
                 decay_scans,
                 presliding_mm,
-            } => self.decay(state, speed_mm_s, decay_scans, presliding_mm, starts),
+            } => self.decay(
+                state,
+                speeds.command_mm_s,
+                decay_scans,
+                presliding_mm,
+                starts,
+            ),
         }
         state.kick_mm_s
     }
@@ -290,16 +295,22 @@ fn first_reversal(direction: i64, movement: &MovementCommands) -> Option<usize> 
 fn acceleration(direction: i64, at: usize, movement: &MovementCommands) -> Option<(i64, usize)> {
     let onward = |index: usize| movement.get(index).saturating_mul(direction) > 0;
     let back = |index: usize| movement.get(index).saturating_mul(direction) < 0;
-    let mut low = at.checked_sub(2)?;
-    let mut high = at;
+    let (mut low, mut high) = if at == 1 {
+        // It lies in the period that begins now: what follows takes the place of what is no longer known.
+        let goes_on = at + 1 < movement.count() && back(at + 1);
+        (0, if goes_on { 2 } else { 1 })
+    } else {
+        (at.checked_sub(2)?, at)
+    };
     // Contiguous: the period between moves on, or turns within itself, or is too slow for its rows to show it turning.
     let slow = movement
         .get(high)
         .saturating_sub(movement.get(low))
         .saturating_abs()
         < DIFFERENCE_MIN_INCREMENTS;
-    let between =
-        onward(at - 1) || (movement.get(at - 1) == 0 && (slow || !movement.is_rest(at - 1)));
+    let between = at == 1
+        || onward(at - 1)
+        || (movement.get(at - 1) == 0 && (slow || !movement.is_rest(at - 1)));
     if !between || !onward(low) {
         return None;
     }
@@ -327,6 +338,17 @@ mod tests {
     use super::*;
     use crate::backlash::{Backlash, BacklashState};
     use crate::feed_forward::FeedForward;
+    use crate::trigger::PositionErrorPart;
+
+    /// The command's speed, followed without error.
+    fn speeds(speed_mm_s: f64) -> Speeds {
+        Speeds {
+            command_mm_s: speed_mm_s,
+            fed_command_mm_s: speed_mm_s,
+            feed_forward_mm_s: speed_mm_s,
+            proportional_mm_s: 0.0,
+        }
+    }
 
     struct Case {
         scan_s: f64,
@@ -349,6 +371,7 @@ mod tests {
                 period_s: self.scan_s * f64::from(self.scans_per_period),
                 increment_mm: 1e-6,
                 scan_s: self.scan_s,
+                trigger: Trigger::CommandAcceleration(PositionErrorPart::None),
                 shape: KickShape::Constant,
                 kick_mm_s: 1.0,
                 kick_scans: 10,
@@ -388,7 +411,7 @@ mod tests {
                 }
                 let v = speed.increments_per_scan(&movement, c as u32) * 1e-6 / self.scan_s;
                 let before = state.kicks;
-                let kick = block.update(&mut state, sides.direction, v);
+                let kick = block.update(&mut state, sides.direction, &speeds(v));
                 if state.kicks > before {
                     kicks.push((k as f64 * self.scan_s, kick));
                 }
@@ -457,6 +480,50 @@ mod tests {
     }
 
     #[test]
+    fn a_lead_as_long_as_the_look_ahead_guarantees_is_reached_at_every_phase() {
+        // (J − ½)·Ts less the scan in which a period begins: 11 ms of two periods of 8 ms. One period ahead, as in the
+        // source, guarantees half a one. Phase 3 turns in the very middle of a period, whose movement command is 0.
+        for look_ahead_periods in [1, 2, 4] {
+            let case = Case {
+                look_ahead_periods,
+                lead_s: (look_ahead_periods as f64 - 0.5) * 8e-3 - 1e-3,
+                ..XY
+            };
+            let (radius_mm, w) = (50.0, 1.0);
+            for phase in 0..8 {
+                let turn_s = 1.0 + f64::from(phase) * 1e-3;
+                let kicks = case.kicks(1.5, |t| radius_mm * libm::cos(w * (t - turn_s)));
+                assert_eq!(kicks.len(), 1, "{look_ahead_periods} {phase}: {kicks:?}");
+                let lead_s = turn_s - kicks[0].0;
+                assert!(
+                    lead_s > case.lead_s - 1.1e-3 && lead_s <= case.lead_s + 1e-4,
+                    "{look_ahead_periods} periods, phase {phase}: {lead_s}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_lead_shorter_than_the_rest_of_the_period_is_kept_at_every_phase() {
+        for lead_ms in [1.0, 2.0, 3.0] {
+            let case = Case {
+                lead_s: lead_ms * 1e-3,
+                ..XY
+            };
+            for phase in 0..16 {
+                let turn_s = 1.0 + f64::from(phase) * 0.5e-3;
+                let kicks = case.kicks(1.5, |t| 50.0 * libm::cos(t - turn_s));
+                assert_eq!(kicks.len(), 1, "{lead_ms} {phase}: {kicks:?}");
+                let found_ms = (turn_s - kicks[0].0) * 1e3;
+                assert!(
+                    found_ms > lead_ms - 1.1 && found_ms <= lead_ms + 0.1,
+                    "{lead_ms} ms, phase {phase}: {found_ms} ms"
+                );
+            }
+        }
+    }
+
+    #[test]
     fn below_twenty_increments_the_kick_starts_at_the_change_of_sign() {
         let coarse = Case {
             scan_s: 0.25e-3,
@@ -506,7 +573,7 @@ mod tests {
         assert_eq!(state.announcement, Announcement::Ahead);
         block.announce(&mut state, 1, &turning);
         assert_eq!(state.announcement, Announcement::None);
-        assert_eq!(block.update(&mut state, 1, 0.0), 0.0);
+        assert_eq!(block.update(&mut state, 1, &speeds(0.0)), 0.0);
     }
 
     #[test]
@@ -515,7 +582,7 @@ mod tests {
         let mut state = ReversalState::default();
         block.reversed(&mut state);
         let kicks: Vec<f64> = (0..12)
-            .map(|_| block.update(&mut state, -1, -0.1))
+            .map(|_| block.update(&mut state, -1, &speeds(-0.1)))
             .collect();
         assert_eq!(kicks[..10], [-1.0; 10]);
         assert_eq!(kicks[10..], [0.0; 2]);
@@ -549,7 +616,7 @@ mod tests {
                 1
             };
             let speed = acceleration_mm_s2 * f64::from(k) * block.scan_s - trigger_speed_mm_s;
-            kicks.push(block.update(&mut state, direction, speed));
+            kicks.push(block.update(&mut state, direction, &speeds(speed)));
         }
         assert_eq!(state.kicks, 1);
         assert_eq!((state.kick_mm_s, state.kick_remaining_scans), (0.0, 0));
@@ -610,10 +677,10 @@ mod tests {
                 trigger_speed_mm_s: acceleration_mm_s2 * block.lead_s,
                 ..ReversalState::default()
             };
-            block.update(&mut state, -1, 1.0);
+            block.update(&mut state, -1, &speeds(1.0));
             assert_eq!((state.kicks, state.kick_direction), (1, 1));
             for _ in 0..1000 {
-                let kick = block.update(&mut state, 1, speed_mm_s);
+                let kick = block.update(&mut state, 1, &speeds(speed_mm_s));
                 assert!((0.0..3.5).contains(&kick), "{speed_mm_s}: {kick}");
             }
             assert_eq!((state.kick_mm_s, state.kick_remaining_scans), (0.0, 0));
@@ -625,9 +692,9 @@ mod tests {
         let block = decaying(0.0);
         let mut state = ReversalState::default();
         block.reversed(&mut state);
-        let first = block.update(&mut state, 1, 0.1);
+        let first = block.update(&mut state, 1, &speeds(0.1));
         block.reversed(&mut state);
-        let second = block.update(&mut state, -1, -0.1);
+        let second = block.update(&mut state, -1, &speeds(-0.1));
         assert!((second - first * (libm::exp(-0.1) - 1.0)).abs() < 1e-12);
     }
 
@@ -635,7 +702,7 @@ mod tests {
     fn a_speed_that_is_not_a_number_starts_nothing() {
         let mut state = ReversalState::default();
         XY.block().reversed(&mut state);
-        assert_eq!(XY.block().update(&mut state, 1, f64::NAN), 0.0);
+        assert_eq!(XY.block().update(&mut state, 1, &speeds(f64::NAN)), 0.0);
         assert_eq!(state.kicks, 0);
     }
 }

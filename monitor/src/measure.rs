@@ -10,6 +10,7 @@ pub mod axis;
 pub mod contour;
 pub mod faults;
 pub mod fit;
+pub mod prediction;
 pub mod reversal;
 pub mod series;
 
@@ -111,7 +112,7 @@ impl Analysis {
         let increments_mm: Vec<f64> = machine.axes.iter().map(|a| a.increment_mm()).collect();
         Analysis {
             aligner: Aligner::new(machine.axes.len()),
-            axes: machine.axes.iter().map(|_| AxisMeter::default()).collect(),
+            axes: machine.axes.iter().map(AxisMeter::of).collect(),
             audit: LimitsAudit::new(&machine),
             contour_mm: Statistics::default(),
             arcs: ArcMeter::new(&path, &kinematics, period_s),

@@ -3,6 +3,7 @@
 //! Making it again gives the same bytes; wall time and real-time factor are the recorder's, and stand in the log.
 
 mod circle_plot;
+pub mod comparison;
 mod json;
 mod svg;
 mod text;
@@ -21,7 +22,7 @@ use program::{Program, ProgramError, Setup};
 
 pub use json::{
     ArcReport, AxisReport, Death, FaultReport, LimitsReport, LogReport, MaxMin, OutcomeReport,
-    PeakRms, ProcessReport, Report, ReversalReport,
+    PeakRms, PredictionReport, ProcessReport, Report, ReversalReport,
 };
 
 use crate::log::{LOG_FILE, LogError, Reader, RunEnd, RunInfo, Sample};

@@ -6,7 +6,7 @@
     clippy::indexing_slicing
 )]
 
-use bus::machine::{DriveMode, Machine, PositionFeedback};
+use bus::machine::{DriveMode, Machine, PositionFeedback, Rows};
 use bus::sample::{
     AxisCommand, AxisFeedback, Cause, ControllerState, Driver, Feedback, ManualState, Mode,
     WindowHeader, WindowId, WindowRow,
@@ -18,9 +18,11 @@ use control::guards::Broken;
 use control::inverse_dynamics::InverseDynamicsState;
 use control::learned_table::LearnedTable;
 use control::reversal::{Announcement, ReversalState};
+use control::trigger::Speeds;
 use control::velocity_loop::VelocityLoopState;
 
 use crate::compensation::Added;
+use crate::even_rows::PeriodEnds;
 use crate::held::{HeldWindow, Refusal, check_itself, check_seam};
 use crate::manual::{self, PROGRAM};
 use crate::settings::{ServoSettings, ServoSettingsError};
@@ -236,11 +238,39 @@ impl Servo {
     /// The position command `ahead` scans from this one.
     fn command_at(&self, feedback: &Feedback, axis: &AxisFeedback, ahead: i64) -> i64 {
         if self.held.is_none() {
-            axis.command_register
-        } else {
-            self.held
-                .position(self.settings.axis, i64::from(feedback.row) + ahead)
+            return axis.command_register;
         }
+        let row = i64::from(feedback.row) + ahead;
+        match self.settings.rows {
+            Rows::Exact => self.held.position(self.settings.axis, row),
+            Rows::Even => self.even_row(feedback, row, ahead),
+        }
+    }
+
+    /// A row of the period's even split: the windows stay exact, only what this servo makes of them is split.
+    ///
+    /// The period in which the window ends is not split: the machine counts as at rest from its last row on.
+    fn even_row(&self, feedback: &Feedback, row: i64, ahead: i64) -> i64 {
+        let axis = self.settings.axis;
+        let period = self.settings.scans_per_period;
+        let scan = i64::try_from(feedback.scan).unwrap_or(i64::MAX);
+        let scan_in_period = scan.saturating_add(ahead).rem_euclid(period.into());
+        let before = row - scan_in_period - 1;
+        let last = before + i64::from(period);
+        if self.held.ends_by(last) {
+            return self.held.position(axis, row);
+        }
+        // The window begins with this period: its predecessor's last row is what was commanded.
+        let from_predecessor = before < 0 && ahead >= 0 && self.state.initialised != 0;
+        let ends = PeriodEnds {
+            before: if from_predecessor {
+                self.state.period_start
+            } else {
+                self.held.position(axis, before)
+            },
+            last: self.held.position(axis, last),
+        };
+        ends.split(u32::try_from(scan_in_period).unwrap_or(0), period)
     }
 
     /// First feedback: as if the axis had been commanded along the window until now, or had stood.
@@ -368,14 +398,15 @@ impl Servo {
     ) -> AxisCommand {
         let settings = self.settings;
         let phase = self.phase(feedback.scan);
-        let position_command = self.command_at(feedback, axis, 0);
-        let position = self.position(axis);
         if self.state.manual.drove != PROGRAM {
             // The register came from elsewhere: where it is, is no motion.
-            self.state.command_position = position_command;
-            self.state.command_position_before = position_command;
+            let register = self.command_at(feedback, axis, 0);
+            self.state.command_position = register;
+            self.state.command_position_before = register;
         }
         let boundary = self.step_period(feedback, axis, scan_before);
+        let position_command = self.command_at(feedback, axis, 0);
+        let position = self.position(axis);
         if self.held.is_none() {
             // No window, no future: nothing is fed forward and no kick waits for a reversal that will not come.
             self.state.armed = 0;
@@ -395,8 +426,9 @@ impl Servo {
         let (compensation_mm, reversed) = self.backlash(feedback, axis, position_command);
         let model = self.model(feedback, axis, compensation_mm);
         let error = position_command.saturating_sub(position) as f64 * settings.increment_mm;
+        let ahead_mm = self.error_ahead_mm(feedback, axis, scan_before, position);
         let proportional_mm_s = settings.position_gain_per_s
-            * self.position_error_mm(axis, position_command, model.compensation_mm);
+            * (self.position_error_mm(axis, position_command, model.compensation_mm) + ahead_mm);
         let feed_forward_mm_s =
             settings.feed_forward.increments_per_scan(&movement, phase) * speed_per_increment;
         // What the reversal is judged by: the speed of the rows themselves (their smoothed speed is centred one scan back),
@@ -411,7 +443,13 @@ impl Servo {
         } else {
             proportional_mm_s
         };
-        let kick_mm_s = self.kick(&movement, boundary, reversed, speed_mm_s);
+        let speeds = Speeds {
+            command_mm_s: speed_mm_s,
+            fed_command_mm_s: settings.feed_forward.coefficient * speed_mm_s,
+            feed_forward_mm_s,
+            proportional_mm_s,
+        };
+        let kick_mm_s = self.kick(&movement, boundary, reversed, &speeds);
         let own_mm_s = proportional_mm_s + feed_forward_mm_s + kick_mm_s + model.velocity_mm_s;
         let velocity_mm_s =
             settings
@@ -513,6 +551,23 @@ impl Servo {
         true
     }
 
+    /// What the prediction of the feedback adds to the position error: the command as far ahead, less the feedback's share.
+    fn error_ahead_mm(
+        &self,
+        feedback: &Feedback,
+        axis: &AxisFeedback,
+        scan_before: u64,
+        position: i64,
+    ) -> f64 {
+        let settings = &self.settings;
+        let scans = feedback.scan.saturating_sub(scan_before).max(1) as f64;
+        let difference = position.saturating_sub(self.state.feedback_position) as f64 / scans;
+        let command = settings
+            .prediction
+            .command_ahead(|ahead| self.command_at(feedback, axis, ahead));
+        (command - settings.prediction.added(difference)) * settings.increment_mm
+    }
+
     fn backlash(
         &mut self,
         feedback: &Feedback,
@@ -542,7 +597,7 @@ impl Servo {
         movement: &MovementCommands,
         boundary: bool,
         reversed: bool,
-        speed_mm_s: f64,
+        speeds: &Speeds,
     ) -> f64 {
         let block = &self.settings.kick;
         let mut reversal = ReversalState {
@@ -566,7 +621,7 @@ impl Servo {
         if boundary {
             block.announce(&mut reversal, self.state.direction, movement);
         }
-        let kick_mm_s = block.update(&mut reversal, self.state.direction, speed_mm_s);
+        let kick_mm_s = block.update(&mut reversal, self.state.direction, speeds);
         self.state.armed = match reversal.announcement {
             Announcement::None => 0,
             Announcement::Ahead => 1,

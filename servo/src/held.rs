@@ -112,6 +112,11 @@ impl HeldWindow {
             .unwrap_or(0)
     }
 
+    /// Whether the window comes to its end in this row or had before: it stands there from then on.
+    pub(crate) fn ends_by(&self, row: i64) -> bool {
+        row >= i64::from(self.header.row_count) - 1
+    }
+
     pub(crate) fn tag(&self, row: u32) -> PathTag {
         self.row(row.into())
             .map_or_else(PathTag::default, |r| r.tag)

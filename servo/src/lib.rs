@@ -7,6 +7,7 @@
 
 mod compensation;
 mod controller;
+mod even_rows;
 mod held;
 mod manual;
 mod run;

@@ -7,13 +7,15 @@
 )]
 
 use bus::machine::{
-    Axis, DriveMode, KickShape as ShapeSetting, Machine, PositionFeedback, ReversalMethod,
+    Axis, DriveMode, KickShape as ShapeSetting, Machine, PositionErrorPart as PartSetting,
+    PositionFeedback, Reversal, ReversalMethod, Rows, Trigger as TriggerSetting,
 };
 use control::backlash::Backlash;
 use control::feed_forward::FeedForward;
 use control::guards::AxisGuards;
-
+use control::prediction::Prediction;
 use control::reversal::{BacklashAcceleration, KickShape};
+use control::trigger::{PositionErrorPart, Trigger};
 use control::velocity_loop::VelocityLoop;
 
 use crate::compensation::ModelSettings;
@@ -54,10 +56,14 @@ pub struct ServoSettings {
     pub look_ahead_periods: usize,
     /// Axis units per increment, in mm.
     pub increment_mm: f64,
+    /// Position command within a distribution period.
+    pub rows: Rows,
     /// Where the position comes from.
     pub feedback: PositionFeedback,
     /// Part of the scale's correction that is taken over in one scan.
     pub scale_share: f64,
+    /// Prediction of the feedback position.
+    pub prediction: Prediction,
     /// Who closes the velocity loop.
     pub drive_mode: DriveMode,
     /// Kp, in 1/s.
@@ -116,12 +122,16 @@ impl ServoSettings {
             scans_per_period: machine.scan.distribution_period_scans,
             look_ahead_periods: machine.scan.look_ahead_periods as usize,
             increment_mm,
+            rows: machine.interpolation.rows,
             feedback: axis.feedback,
             scale_share: if axis.dual_feedback_ms > 0.0 {
                 1.0 - libm::exp(-scan_s / (axis.dual_feedback_ms * 1e-3))
             } else {
                 1.0
             },
+            prediction: axis
+                .prediction
+                .map_or(Prediction::OFF, |p| Prediction { m: p.m }),
             drive_mode: axis.drive_mode,
             position_gain_per_s: axis.position_loop.gain_per_s,
             feed_forward: FeedForward {
@@ -146,6 +156,7 @@ impl ServoSettings {
                 period_s: machine.distribution_period_s(),
                 increment_mm,
                 scan_s,
+                trigger: trigger(reversal),
                 shape: match reversal.shape {
                     ShapeSetting::Constant => KickShape::Constant,
                     ShapeSetting::Decaying => KickShape::Decaying {
@@ -184,6 +195,21 @@ impl ServoSettings {
             *increment = other.increment_mm();
         }
         Ok(settings)
+    }
+}
+
+fn trigger(reversal: &Reversal) -> Trigger {
+    match reversal.trigger {
+        TriggerSetting::PositionError => Trigger::PositionError,
+        TriggerSetting::FeedForward => Trigger::FeedForward,
+        TriggerSetting::VelocityCommand => Trigger::VelocityCommand,
+        TriggerSetting::CommandAcceleration => {
+            Trigger::CommandAcceleration(match reversal.position_error_part {
+                PartSetting::None => PositionErrorPart::None,
+                PartSetting::Clamped => PositionErrorPart::Clamped,
+                PartSetting::Full => PositionErrorPart::Full,
+            })
+        }
     }
 }
 

@@ -3,6 +3,7 @@
 
 use bus::machine::{KickShape, Machine};
 use control::reversal::KickShape as Shape;
+use control::trigger::{PositionErrorPart, Trigger};
 use servo::ServoSettings;
 
 /// The reference machine with other lines for the form of the kick.
@@ -58,5 +59,81 @@ fn a_constant_kick_with_a_presliding_distance_is_refused_with_its_line() {
             error.starts_with("machine.toml:") && error.contains(said),
             "{error}"
         );
+    }
+}
+
+/// The reference machine with a piece of its text replaced.
+fn changed(what: &str, by: &str) -> Result<Machine, String> {
+    let text = include_str!("../../machines/xy/machine.toml");
+    assert!(text.contains(what));
+    Machine::parse("machine.toml", &text.replace(what, by)).map_err(|error| error.to_string())
+}
+
+#[test]
+fn every_trigger_and_part_of_the_position_error_reaches_the_servo() {
+    for (word, expected) in [
+        ("position-error", Trigger::PositionError),
+        ("feed-forward", Trigger::FeedForward),
+        ("velocity-command", Trigger::VelocityCommand),
+        (
+            "command-acceleration",
+            Trigger::CommandAcceleration(PositionErrorPart::None),
+        ),
+        (
+            "command-acceleration\"\nposition_error_part = \"clamped",
+            Trigger::CommandAcceleration(PositionErrorPart::Clamped),
+        ),
+        (
+            "command-acceleration\"\nposition_error_part = \"full",
+            Trigger::CommandAcceleration(PositionErrorPart::Full),
+        ),
+    ] {
+        let machine = changed("\"command-acceleration\"", &format!("\"{word}\"")).expect("good");
+        let kick = ServoSettings::new(&machine, 1).expect("an axis").kick;
+        assert_eq!(kick.trigger, expected);
+    }
+}
+
+#[test]
+fn settings_that_do_not_belong_together_are_refused_with_their_line() {
+    let trigger = "trigger = \"command-acceleration\"";
+    for (what, by, said) in [
+        (
+            "[axis.reversal]",
+            "[axis.prediction]\nm = 0.1\n\n[axis.reversal]",
+            "axis X prediction.m = 0.1: must be at least 0.2 and at most 100",
+        ),
+        (
+            trigger,
+            "trigger = \"velocity-command\"\nposition_error_part = \"full\"",
+            "axis X reversal.position_error_part needs trigger = \"command-acceleration\", \"velocity-command\" does not ask",
+        ),
+        (trigger, "trigger = \"luck\"", "unknown variant `luck`"),
+        (
+            "[[axis]]\nname = \"X\"",
+            "[interpolation]\nrows = \"odd\"\n\n[[axis]]\nname = \"X\"",
+            "unknown variant `odd`",
+        ),
+    ] {
+        let error = changed(what, by).expect_err(by);
+        assert!(
+            error.starts_with("machine.toml:") && error.contains(said),
+            "{error}"
+        );
+    }
+    let text =
+        include_str!("../../machines/xy/machine.toml").replace("enabled = true", "enabled = false");
+    for (by, said) in [
+        (
+            "trigger = \"feed-forward\"",
+            "axis Y reversal.trigger = \"feed-forward\": needs feed_forward.enabled = true",
+        ),
+        (
+            "trigger = \"command-acceleration\"\nposition_error_part = \"clamped\"",
+            "axis Y reversal.position_error_part = \"clamped\": needs feed_forward.enabled = true",
+        ),
+    ] {
+        let error = Machine::parse("machine.toml", &text.replace(trigger, by)).expect_err(by);
+        assert!(error.to_string().contains(said), "{error}");
     }
 }

@@ -13,11 +13,12 @@ use bus::service::{Bus, SCAN_DEPTH};
 use bytemuck::Zeroable;
 use serde_json::Value;
 
-use super::run_report;
+use super::runs::{Runs, Scratch};
 use crate::check;
-use crate::cli::{BenchOptions, BenchPongOptions};
-use crate::exit::{Kind, Outcome};
+use crate::cli::{BenchPongOptions, LockstepOptions};
+use crate::exit::{Failure, Kind, Outcome};
 use crate::output::say;
+use crate::signals::Signals;
 
 /// Runs of the whole cell; the median counts.
 const RUNS: usize = 5;
@@ -40,20 +41,26 @@ struct Round {
 ///
 /// # Errors
 /// A run fails, or the other side of the ping-pong cannot be had.
-pub fn lockstep(options: &BenchOptions) -> anyhow::Result<()> {
+pub fn lockstep(options: &LockstepOptions) -> Outcome {
     let program = options.machine.join("programs/circle-r25-f3000.ngc");
-    let checked = check::load(&options.machine, Some(&program))?;
+    let checked = check::load(&options.machine, Some(&program)).input()?;
+    let signals = Signals::catch().environment()?;
+    let scratch = Scratch::make().environment()?;
+    let runs = Runs {
+        scratch: &scratch,
+        signals: &signals,
+    };
     let period_us = f64::from(checked.machine.scan.period_us);
     let period_scans = f64::from(checked.machine.scan.distribution_period_scans);
     let mut rounds = Vec::new();
     for _ in 0..RUNS {
-        let (scan_us, factor) = cell_us(options, &program, period_us)?;
+        let (scan_us, factor) = cell_us(&runs, options, &program, period_us)?;
         rounds.push(Round {
             scan_us,
             factor,
-            physics_us: physics_us(&checked)?,
-            ring_us: hand_over_us(&options.machine, Ball::Ring)?,
-            sample_us: hand_over_us(&options.machine, Ball::Sample)?,
+            physics_us: physics_us(&checked).environment()?,
+            ring_us: hand_over_us(&options.machine, Ball::Ring).environment()?,
+            sample_us: hand_over_us(&options.machine, Ball::Sample).environment()?,
         });
     }
     let median = |take: fn(&Round) -> f64| {
@@ -112,12 +119,18 @@ fn print_round(round: &Round, hand_overs: f64, period_us: f64) {
 }
 
 /// One whole run; µs of wall time per scan and the real-time factor, as the report has them.
-fn cell_us(options: &BenchOptions, program: &Path, period_us: f64) -> anyhow::Result<(f64, f64)> {
-    let report = run_report(&options.machine, program)?;
+fn cell_us(
+    runs: &Runs,
+    options: &LockstepOptions,
+    program: &Path,
+    period_us: f64,
+) -> Result<(f64, f64), Failure> {
+    let report = runs.report(&options.machine, program, 0)?;
     let factor = report
         .get("real_time_factor")
         .and_then(Value::as_f64)
-        .context("report.json has no real_time_factor")?;
+        .context("report.json has no real_time_factor")
+        .environment()?;
     Ok((period_us / factor, factor))
 }
 

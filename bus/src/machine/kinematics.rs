@@ -1,32 +1,13 @@
-//! The machine file's word on how lines are made and how the axes carry the tool.
+//! The machine file's word on how the axes carry the tool.
 
 use serde::Deserialize;
 
-use super::{AxisKind, Machine};
+use super::{AxisKind, Machine, StraightLines};
 use crate::settings_file::{From, Rules};
 
 /// Largest angle of an arm from X, in degrees: at 85° the arm turns 11 times as fast for the same Y as at 0, and the slide's
 /// correction bends 1500 times as much.
 const ARM_ANGLE_MAX_DEG: f64 = 85.0;
-
-/// How rows of setpoints are made (docs/methods/straight-lines.md).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Interpolation {
-    /// Those of straight lines, G0 and G1.
-    pub straight_lines: StraightLines,
-}
-
-/// How rows of straight lines are made.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum StraightLines {
-    /// Every axis is rounded from the exact place.
-    #[default]
-    Rounded,
-    /// The axis of the largest travel is, the others follow it by integer division with a carried remainder.
-    MasterAxis,
-}
 
 /// How the axes carry the tool (docs/methods/pivot-axis.md).
 #[derive(Debug, Clone, PartialEq, Deserialize)]

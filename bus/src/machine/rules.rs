@@ -1,6 +1,9 @@
 //! The rules of the machine file, each a line of this table: key, range, unit.
 
-use super::{DriveMode, KickShape, Machine, ReversalMethod, is_cell_name, model, positioning};
+use super::{
+    DriveMode, KickShape, Machine, PREDICTION_M_MAX, PREDICTION_M_MIN, PositionErrorPart,
+    ReversalMethod, Trigger, is_cell_name, model, positioning,
+};
 use crate::sample::{MAX_AXES, MAX_SUBSAMPLES};
 use crate::settings_file::{At, From, Rules, SettingsFileError};
 
@@ -324,6 +327,17 @@ fn axis_loops(rules: &mut Rules, machine: &Machine, axis: &super::Axis, at: At) 
         From::AtLeast(0.0),
         look_ahead_ms,
     );
+    if let Some(prediction) = &axis.prediction {
+        rules.range(
+            &["prediction", "m"],
+            at,
+            prediction.m,
+            "",
+            From::AtLeast(PREDICTION_M_MIN),
+            PREDICTION_M_MAX,
+        );
+    }
+    triggers(rules, axis, at);
     let reversal = &axis.reversal;
     rules.range(
         &["reversal", "backlash_um"],
@@ -382,6 +396,38 @@ fn axis_loops(rules: &mut Rules, machine: &Machine, axis: &super::Axis, at: At) 
             &["reversal"],
             at,
             "method = \"kick\" needs kick_mm_s and kick_ms above 0",
+        );
+    }
+}
+
+/// Settings of the trigger that belong together.
+fn triggers(rules: &mut Rules, axis: &super::Axis, at: At) {
+    let (reversal, forward) = (&axis.reversal, &axis.feed_forward);
+    let fed = forward.enabled && forward.coefficient > 0.0;
+    if reversal.method == ReversalMethod::Kick && reversal.trigger == Trigger::FeedForward && !fed {
+        rules.say(
+            &["reversal", "trigger"],
+            at,
+            "= \"feed-forward\": needs feed_forward.enabled = true and a coefficient above 0, without them its sign never changes",
+        );
+    }
+    let clamped = reversal.position_error_part == PositionErrorPart::Clamped;
+    if clamped && !(forward.enabled && forward.coefficient >= 0.5) {
+        rules.say(
+            &["reversal", "position_error_part"],
+            at,
+            "= \"clamped\": needs feed_forward.enabled = true and a coefficient of at least 0.5, below Kp·ε is most of the velocity command",
+        );
+    }
+    let judged = reversal.position_error_part != PositionErrorPart::None;
+    if judged && reversal.trigger != Trigger::CommandAcceleration {
+        rules.say(
+            &["reversal", "position_error_part"],
+            at,
+            &format!(
+                "needs trigger = \"command-acceleration\", {:?} does not ask for it",
+                reversal.trigger.word()
+            ),
         );
     }
 }

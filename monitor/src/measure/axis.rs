@@ -1,8 +1,9 @@
 //! One axis over the run: following error, torque, heat; and the audit of its setpoints.
 
-use bus::machine::Machine;
+use bus::machine::{Axis, Machine, Rows};
 use bus::sample::{AxisCommand, AxisFeedback, Feedback, MAX_AXES, Mode};
 
+use super::prediction::PredictionMeter;
 use super::series::{MinMaxSeries, Statistics};
 
 /// Room temperature that winding temperatures are counted from, in °C: the machine reports the rise above it only.
@@ -21,9 +22,19 @@ pub struct AxisMeter {
     pub winding_k_peak: f64,
     /// Scans without a command in time.
     pub missed_scans: u32,
+    /// Prediction of the feedback position; none where it is off.
+    pub prediction: Option<PredictionMeter>,
 }
 
 impl AxisMeter {
+    /// For one axis.
+    pub fn of(axis: &Axis) -> AxisMeter {
+        AxisMeter {
+            prediction: PredictionMeter::of(axis),
+            ..AxisMeter::default()
+        }
+    }
+
     /// Takes one scan.
     pub fn take(
         &mut self,
@@ -40,6 +51,9 @@ impl AxisMeter {
             return;
         }
         self.torque_nm.take(feedback.torque_nm);
+        if let Some(prediction) = &mut self.prediction {
+            prediction.take(scan, feedback);
+        }
         if let Some(command) = command {
             self.following_error_mm.take(command.following_error_mm);
             self.following_error_um_series
@@ -72,11 +86,19 @@ struct AxisLimit {
 ///
 /// A register is a rounded position: a step of one scan may be one increment too long by rounding alone, the change
 /// between two steps two increments.
+///
+/// Where the servos split each distribution period evenly (`[interpolation] rows = "even"`) the speed steps at every period
+/// boundary, by as much as it changes in a whole period: acceleration is judged there on the means of whole periods, that
+/// is on the registers at their ends and the period in place of the scan.
 #[derive(Debug, Clone)]
 pub struct LimitsAudit {
     limits: Vec<AxisLimit>,
-    /// The registers of the last two scans, newest first, while they were contiguous.
-    before: Vec<[i64; MAX_AXES]>,
+    /// Scans over which acceleration is judged: one, or a distribution period that is split evenly.
+    stride: u64,
+    /// The registers at the last ends of such a stride, newest first, while they were contiguous.
+    ends: Vec<[i64; MAX_AXES]>,
+    /// The registers of the scan before, if it was contiguous.
+    before: Option<[i64; MAX_AXES]>,
     last_scan: u64,
     /// What was found.
     pub counts: LimitCounts,
@@ -86,11 +108,16 @@ impl LimitsAudit {
     /// For one machine.
     pub fn new(machine: &Machine) -> Self {
         let period_s = machine.scan_period_s();
+        let stride = match machine.interpolation.rows {
+            Rows::Exact => 1,
+            Rows::Even => machine.scan.distribution_period_scans,
+        };
+        let stride_s = period_s * f64::from(stride);
         let limits = machine.axes.iter().map(|axis| {
             let increment_mm = axis.increment_mm();
             AxisLimit {
                 step: axis.rapid_mm_s * period_s / increment_mm * (1.0 + 1e-9) + 1.0,
-                step_change: axis.acceleration_mm_s2 * period_s * period_s / increment_mm
+                step_change: axis.acceleration_mm_s2 * stride_s * stride_s / increment_mm
                     * (1.0 + 1e-9)
                     + 2.0,
                 low: axis.travel_min_mm / increment_mm - 1.0,
@@ -99,7 +126,9 @@ impl LimitsAudit {
         });
         LimitsAudit {
             limits: limits.collect(),
-            before: Vec::new(),
+            stride: stride.into(),
+            ends: Vec::new(),
+            before: None,
             last_scan: 0,
             counts: LimitCounts::default(),
         }
@@ -115,7 +144,8 @@ impl LimitsAudit {
         // A register that no command reached stands still and catches up: that is a missed scan, not a setpoint.
         let missed = feedback.axes().iter().any(|axis| axis.missed_in_a_row > 0);
         if !commanded || missed || feedback.scan != self.last_scan + 1 {
-            self.before.clear();
+            self.before = None;
+            self.ends.clear();
         }
         self.last_scan = feedback.scan;
         if !commanded || missed {
@@ -129,17 +159,24 @@ impl LimitsAudit {
         for (axis, limit) in self.limits.iter().enumerate() {
             let register = now.get(axis).map_or(0.0, |value| *value as f64);
             self.counts.travel += u64::from(!(limit.low..=limit.high).contains(&register));
-            let Some(one) = self.before.first() else {
+            let Some(one) = &self.before else {
                 continue;
             };
             let last_step = step(&now, one, axis);
             self.counts.velocity += u64::from(last_step.abs() > limit.step);
-            if let Some(two) = self.before.get(1) {
-                let change = (last_step - step(one, two, axis)).abs();
+        }
+        self.before = Some(now);
+        // A register is the command of the scan before: at a period's first scan it is the period's end.
+        if !feedback.scan.is_multiple_of(self.stride) {
+            return;
+        }
+        if let [one, two] = self.ends.as_slice() {
+            for (axis, limit) in self.limits.iter().enumerate() {
+                let change = (step(&now, one, axis) - step(one, two, axis)).abs();
                 self.counts.acceleration += u64::from(change > limit.step_change);
             }
         }
-        self.before.truncate(1);
-        self.before.insert(0, now);
+        self.ends.truncate(1);
+        self.ends.insert(0, now);
     }
 }

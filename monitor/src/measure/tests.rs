@@ -328,6 +328,36 @@ fn no_limit_is_exceeded_by_rounding_and_every_true_excess_is_counted() {
 }
 
 #[test]
+fn rows_that_are_split_evenly_are_judged_on_the_means_of_their_periods() {
+    let mut machine = machine(&["X", "Y"]);
+    let judged = |machine: &bus::machine::Machine, acceleration_mm_s2: f64| {
+        let mut audit = LimitsAudit::new(machine);
+        let mut feedback: Feedback = bytemuck::Zeroable::zeroed();
+        feedback.mode = Mode::Enabled as u32;
+        feedback.axis_count = 2;
+        feedback.window.sequence = 1;
+        for scan in 1..80u64 {
+            // Periods of 8 scans end in the register of their successor's first; straight lines between the ends.
+            let end = |period: u64| {
+                let t_s = period as f64 * 8e-3;
+                0.5 * acceleration_mm_s2 * t_s * t_s * 1e6
+            };
+            let (period, part) = (scan / 8, (scan % 8) as f64 / 8.0);
+            let position = end(period) + part * (end(period + 1) - end(period));
+            feedback.scan = scan;
+            feedback.axes[0].command_register = libm::round(position) as i64;
+            audit.take(&feedback);
+        }
+        audit.counts.acceleration
+    };
+    // As rows of their own they step by eight times the limit at every boundary.
+    assert_eq!(judged(&machine, 4_990.0), 9);
+    machine.interpolation.rows = bus::machine::Rows::Even;
+    assert_eq!(judged(&machine, 4_990.0), 0);
+    assert_eq!(judged(&machine, 5_010.0), 7);
+}
+
+#[test]
 fn a_trip_is_told_with_axis_and_cause() {
     let mut feedback: Feedback = bytemuck::Zeroable::zeroed();
     feedback.mode = Mode::Tripped as u32;

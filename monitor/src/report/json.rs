@@ -7,6 +7,7 @@ use super::Evaluation;
 use crate::measure::arc::{ArcResult, Deviations};
 use crate::measure::axis::AMBIENT_C;
 use crate::measure::fit::FitKind;
+use crate::measure::prediction::PredictionMeter;
 use crate::measure::{Measurements, Outcome};
 
 /// The whole report.
@@ -121,6 +122,25 @@ pub struct AxisReport {
     pub winding_c_peak: f64,
     /// Room temperature assumed, in °C: the machine reports the rise only.
     pub ambient_c: f64,
+    /// What the prediction of the feedback does; null where it is off.
+    pub prediction: Option<PredictionReport>,
+}
+
+/// Prediction of the feedback position of one axis (docs/methods/prediction.md), all rms while the drives were on.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PredictionReport {
+    /// Divisor of the first difference.
+    pub m: f64,
+    /// Delay that is made up for, in ms.
+    pub horizon_ms: f64,
+    /// Error of the sample as it is, after that delay.
+    pub unpredicted_error_um: f64,
+    /// Error of the prediction.
+    pub predicted_error_um: f64,
+    /// Noise that the prediction adds to the position.
+    pub added_noise_um: f64,
+    /// The same at the velocity command.
+    pub added_noise_mm_s: f64,
 }
 
 /// One run of arcs on one circle.
@@ -343,7 +363,8 @@ fn outcome(evaluation: &Evaluation) -> OutcomeReport {
 }
 
 fn axes(evaluation: &Evaluation) -> Vec<AxisReport> {
-    let measured = evaluation.measurements.axes.iter();
+    let measurements = &evaluation.measurements;
+    let measured = measurements.axes.iter();
     measured
         .zip(&evaluation.machine.axes)
         .map(|(meter, axis)| AxisReport {
@@ -362,8 +383,25 @@ fn axes(evaluation: &Evaluation) -> Vec<AxisReport> {
             torque_rms_percent: r3(meter.torque_nm.rms() / axis.motor.rated_torque_nm * 100.0),
             winding_c_peak: r3(AMBIENT_C + meter.winding_k_peak),
             ambient_c: AMBIENT_C,
+            prediction: meter
+                .prediction
+                .as_ref()
+                .map(|p| prediction(p, measurements.scan_period_s)),
         })
         .collect()
+}
+
+fn prediction(meter: &PredictionMeter, scan_period_s: f64) -> PredictionReport {
+    // Noise of an encoder is a few nm: finer than other errors.
+    let fine = |value: f64| libm::round(value * 1e6) / 1e6;
+    PredictionReport {
+        m: meter.m(),
+        horizon_ms: r3(scan_period_s * 1e3 / meter.m()),
+        unpredicted_error_um: r3(meter.unpredicted_um.rms()),
+        predicted_error_um: r3(meter.predicted_um.rms()),
+        added_noise_um: fine(meter.added_noise_um()),
+        added_noise_mm_s: fine(meter.added_noise_mm_s()),
+    }
 }
 
 fn arc(result: &ArcResult, evaluation: &Evaluation) -> ArcReport {

@@ -1,0 +1,156 @@
+//! `quadrant bench circles`: a small grid through real processes.
+
+use std::fs;
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+use crate::support::{quadrant, send};
+
+#[test]
+fn a_small_grid_gives_a_table_a_csv_and_a_plot() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let out = folder.path().join("out");
+    let done = quadrant()
+        .args(["bench", "circles", "machines/xy", "--radii", "12"])
+        .args([
+            "--feeds",
+            "4000",
+            "--methods",
+            "none,backlash,kick-decaying",
+        ])
+        .args(["--centre", "-5,3", "--start-deg", "-30", "--out"])
+        .arg(&out)
+        .output()
+        .expect("quadrant");
+    let stderr = String::from_utf8_lossy(&done.stderr);
+    assert!(done.status.success(), "{stderr}");
+    let table = String::from_utf8_lossy(&done.stdout);
+    assert!(
+        table.contains("R12     F4000") && table.contains("never worse than backlash"),
+        "{table}"
+    );
+
+    let csv = fs::read_to_string(out.join("circles.csv")).expect("circles.csv");
+    let mut lines = csv.lines();
+    let names: Vec<&str> = lines.next().expect("a head").split(',').collect();
+    let column = |name: &str| {
+        let place = names.iter().position(|n| *n == name);
+        place.unwrap_or_else(|| panic!("no column {name} in {names:?}"))
+    };
+    let rows: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
+    assert_eq!(rows.len(), 3);
+    let worst: Vec<f64> = rows
+        .iter()
+        .map(|row| {
+            assert_eq!(row.len(), names.len());
+            assert_eq!(
+                (
+                    row[column("machine")],
+                    row[column("radius_mm")],
+                    row[column("feed_mm_min")]
+                ),
+                ("xy", "12", "4000")
+            );
+            let number = |name: &str| row[column(name)].parse::<f64>().expect("a number");
+            let per_axis = ["x", "y"].map(|axis| {
+                number(&format!("{axis}_protrusion_um"))
+                    .max(-number(&format!("{axis}_undercut_um")))
+            });
+            let worst_um = number("worst_um");
+            assert_eq!(worst_um, per_axis[0].max(per_axis[1]));
+            worst_um
+        })
+        .collect();
+    let methods: Vec<&str> = rows.iter().map(|row| row[column("method")]).collect();
+    assert_eq!(methods, ["none", "backlash", "kick-decaying"]);
+    assert!(
+        worst[0] > worst[1] && worst[1] > 2.0 * worst[2],
+        "{worst:?}"
+    );
+    let plot = fs::read_to_string(out.join("circles.svg")).expect("circles.svg");
+    assert!(plot.starts_with("<svg") && plot.contains("kick-decaying"));
+}
+
+#[test]
+fn a_grid_the_machine_cannot_run_is_refused_before_anything_starts() {
+    for (arguments, said) in [
+        (["--radii", "400", "--feeds", "3000"], "R400 F3000"),
+        (
+            ["--radii", "5", "--feeds", "12000"],
+            "R5 F12000: v²/R = 8000 mm/s²: axis X accelerates with at most 5000 mm/s²",
+        ),
+        (
+            ["--radii", "100", "--feeds", "20000"],
+            "axis X goes at most 250 mm/s",
+        ),
+        (["--radii", "0", "--feeds", "1000"], "must be above 0"),
+        (["--methods", "luck", "--feeds", "1000"], "kick-decaying"),
+        (["--centre", "1", "--feeds", "1000"], "must be X,Y"),
+    ] {
+        let done = quadrant()
+            .args(["bench", "circles", "machines/xy"])
+            .args(arguments)
+            .output()
+            .expect("quadrant");
+        let stderr = String::from_utf8_lossy(&done.stderr);
+        assert_eq!(done.status.code(), Some(2), "{arguments:?}: {stderr}");
+        assert!(stderr.contains(said), "{arguments:?}: {stderr}");
+    }
+}
+
+#[test]
+fn an_interrupted_bench_leaves_no_process_and_no_file() {
+    let temporary = tempfile::tempdir().expect("a temporary folder");
+    let mut bench = quadrant()
+        .args(["bench", "circles", "machines/xy", "--radii", "100"])
+        .args(["--feeds", "1000", "--jobs", "2"])
+        .env("TMPDIR", temporary.path())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("quadrant");
+    let mark = format!("bench-{}-", bench.id());
+    let started = Instant::now();
+    let waiting = |what: &str| {
+        assert!(started.elapsed() < Duration::from_secs(120), "{what}");
+        std::thread::sleep(Duration::from_millis(20));
+    };
+    while !processes_with(&mark)
+        .iter()
+        .any(|line| line.contains("servo"))
+    {
+        waiting("no run ever started");
+    }
+    send(bench.id() as i32, libc::SIGINT);
+    let status = loop {
+        if let Some(status) = bench.try_wait().expect("the bench") {
+            break status;
+        }
+        waiting("the bench does not end");
+    };
+    assert_eq!(status.code(), Some(130));
+    assert_eq!(processes_with(&mark), Vec::<String>::new());
+    let left: Vec<_> = fs::read_dir(temporary.path())
+        .expect("the folder")
+        .flatten()
+        .map(|entry| entry.path())
+        .collect();
+    assert!(left.is_empty(), "{left:?}");
+    let shared = fs::read_dir("/dev/shm").expect("/dev/shm").flatten();
+    let shared: Vec<String> = shared
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .filter(|name| name.contains(&mark))
+        .collect();
+    assert!(shared.is_empty(), "{shared:?}");
+}
+
+/// Command lines of processes that have `mark` in them.
+fn processes_with(mark: &str) -> Vec<String> {
+    fs::read_dir("/proc")
+        .expect("/proc")
+        .flatten()
+        .filter_map(|entry| fs::read(entry.path().join("cmdline")).ok())
+        .map(|line| String::from_utf8_lossy(&line).replace('\0', " "))
+        .filter(|line| line.contains(mark))
+        .collect()
+}
