@@ -96,7 +96,7 @@ pub struct RunOptions {
     /// In lockstep: seconds a living process may take for one answer before the run is given up
     #[arg(long, value_name = "SECONDS", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600), hide_short_help = true)]
     pub answer_limit: u64,
-    /// Orders that the machine side obeys, each at its scan (TOML: [[order]] scan, order, axis, value)
+    /// Orders that the machine side obeys, each at its scan (TOML: `[[order]]` scan, order, axis, value)
     #[arg(long, value_name = "FILE", hide = true)]
     pub orders: Option<PathBuf>,
 }
