@@ -18,6 +18,9 @@ pub const STATE_VALUES: usize = 32;
 /// cannot step the wind-up of the screw. Its delay of 2/ω is made up for by looking that much further ahead.
 const SMOOTHING_RAD_S: f64 = 1500.0;
 
+/// Part of the table's Coulomb friction that the contact force must exceed for a crossing against the acceleration.
+const BACK_PART: f64 = 0.5;
+
 /// Which parts of the model are put out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Parts {
@@ -224,10 +227,12 @@ impl InverseDynamics {
             self.table_friction
                 .update(&mut state.far_table_n, travel_mm, far.velocity_mm_s, scale);
         let contact_n = self.contact_n(far, friction_n);
-        if contact_n > 0.0 {
-            state.side_wanted = 1.0;
-        } else if contact_n < 0.0 {
-            state.side_wanted = -1.0;
+        // With the acceleration it is the reversal itself. Against it (friction rises as the table slows down) the motor would
+        // cross for a moment and back: only a force that lasts is worth it.
+        let lasting_n = BACK_PART * scale * self.table_friction.coulomb_n();
+        let with_acceleration = contact_n * far.acceleration_mm_s2 > 0.0;
+        if contact_n != 0.0 && (with_acceleration || contact_n.abs() > lasting_n) {
+            state.side_wanted = if contact_n > 0.0 { 1.0 } else { -1.0 };
         }
         let step = 2.0 * self.scan_s / self.crossing_s;
         let before = state.side;

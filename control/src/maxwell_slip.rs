@@ -35,6 +35,11 @@ pub struct MaxwellSlip {
 }
 
 impl MaxwellSlip {
+    /// Friction in steady sliding, beyond the Stribeck velocity, in N.
+    pub fn coulomb_n(&self) -> f64 {
+        self.elements.iter().map(|element| element.slip_n).sum()
+    }
+
     /// Moves on by `travel_mm` at `velocity_mm_s`, with `scale` times the friction of the curve; the friction, in N, positive in the direction of positive motion.
     pub fn update(
         &self,

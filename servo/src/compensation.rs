@@ -158,8 +158,8 @@ fn inverse_dynamics(axis: &Axis, scan_s: f64, radius_m: f64) -> Option<InverseDy
         stiffness_n_per_m: table.stiffness_n_per_um * 1e6,
         gap_mm: table.gap_um * 1e-3,
         crossing_s: table.crossing_ms * 1e-3,
-        // The feed-forward is centred half a scan behind its advance, in the middle of the scan that a command acts in.
-        lead_scans: (axis.feed_forward.advance_ms * 1e-3 / scan_s - 0.5).clamp(0.0, LEAD_SCANS_MAX),
+        // A command acts one scan later and is held for one; the force follows it by the current loop.
+        lead_scans: (2.0 + torque.current_loop_ms * 1e-3 / scan_s).min(LEAD_SCANS_MAX),
         motor_friction: slip(model.coulomb_n - table.coulomb_n, &curve),
         table_friction: slip(table.coulomb_n, &table.friction.unwrap_or(curve)),
         radius_m,

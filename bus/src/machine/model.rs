@@ -66,7 +66,7 @@ pub struct FrictionCurve {
 }
 
 /// Torque that is fed forward, part by part.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TorqueFeedForward {
     /// Mass times acceleration.
@@ -78,6 +78,24 @@ pub struct TorqueFeedForward {
     /// Friction over the distance since the reversal.
     #[serde(default)]
     pub friction: bool,
+    /// Time by which the force lags behind the torque command, in ms: 1/(2π · 1000 Hz) of a usual current loop.
+    #[serde(default = "current_loop_ms")]
+    pub current_loop_ms: f64,
+}
+
+fn current_loop_ms() -> f64 {
+    0.16
+}
+
+impl Default for TorqueFeedForward {
+    fn default() -> Self {
+        TorqueFeedForward {
+            acceleration: false,
+            viscous: false,
+            friction: false,
+            current_loop_ms: current_loop_ms(),
+        }
+    }
 }
 
 /// Disturbance observer.
@@ -213,6 +231,14 @@ fn judge_use(rules: &mut Rules, axis: &Axis, at: At, scan_s: f64) {
         );
     }
     let torque = &axis.torque_feed_forward;
+    rules.between(
+        &["torque_feed_forward", "current_loop_ms"],
+        at,
+        torque.current_loop_ms,
+        "ms",
+        0.0,
+        0.9 * scan_s * 1e3,
+    );
     if torque.any() && axis.model.is_none() {
         let key = if torque.acceleration {
             "acceleration"
