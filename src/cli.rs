@@ -93,6 +93,12 @@ pub struct RunOptions {
     /// Name of the cell, when several share a PC [default: the machine's own name]
     #[arg(long, value_name = "NAME")]
     pub cell: Option<String>,
+    /// If the run goes well: learn from it what the model lacks at reversals, into learned.toml beside the machine file
+    #[arg(long, conflicts_with = "no_learned")]
+    pub learn: bool,
+    /// Go without what earlier runs have taught (learned.toml beside the machine file)
+    #[arg(long)]
+    pub no_learned: bool,
     /// In lockstep: seconds a living process may take for one answer before the run is given up
     #[arg(long, value_name = "SECONDS", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600), hide_short_help = true)]
     pub answer_limit: u64,

@@ -7,6 +7,7 @@ mod doctor;
 mod events;
 mod exit;
 mod group;
+mod learn;
 mod logs;
 mod operator;
 mod output;

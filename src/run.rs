@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use bus::cell::CellPlace;
+use bus::machine::learned::{Learned, learned_file};
 use bus::machine::machine_file;
 use bus::member::Pace;
 use bus::order_file;
@@ -21,7 +22,7 @@ use crate::output::say;
 use crate::progress::{LOOK_EVERY, Progress};
 use crate::run_dir::{RunDir, Sources, default_folder, program_name};
 use crate::signals::Signals;
-use crate::{doctor, exit, logs, report};
+use crate::{doctor, exit, learn, logs, report};
 
 /// So long the machine may take to come to rest once it was told to.
 const STOP_LIMIT: Duration = Duration::from_secs(15);
@@ -51,12 +52,24 @@ pub fn run(options: &RunOptions) -> Outcome {
         .out
         .clone()
         .unwrap_or_else(|| default_folder(&checked.machine.name, &options.program));
+    let learned_path = learned_file(&machine_path);
+    let taught = (!options.no_learned).then(|| Learned::beside(&machine_path, &checked.machine));
+    let taught = taught.transpose().input()?.flatten();
+    if let Some(taught) = &taught {
+        for axis in taught.outdated(&checked.machine) {
+            tracing::warn!(
+                "{}: axis {axis} has other settings now: what it had learned is not used",
+                learned_path.display()
+            );
+        }
+    }
     let run_dir = RunDir::make(
         &folder,
         &Sources {
             machine: &machine_path,
             plant: &machine_path.with_file_name("plant.toml"),
             program: &options.program,
+            learned: taught.is_some().then_some(learned_path.as_path()),
             orders: options.orders.as_deref(),
         },
     )
@@ -99,7 +112,16 @@ pub fn run(options: &RunOptions) -> Outcome {
     let ending = supervise(&mut group, &checked, watch, &signals, &mut events);
     drop(group);
     let made = report::make(&run_dir.folder);
-    conclude(ending, made, &run_dir.folder)
+    conclude(ending, made, &run_dir.folder)?;
+    if options.learn {
+        // Only a run that went well gets here.
+        let lines = learn::learn(&run_dir.folder, &machine_path, &checked.machine).environment()?;
+        say(&format!("Learned, {}:", learned_path.display()));
+        for line in lines {
+            say(&format!("  {line}"));
+        }
+    }
+    Ok(())
 }
 
 /// How a supervised run ended.

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, bail};
+use bus::machine::learned::LEARNED_FILE;
 
 /// A run directory with its copies.
 #[derive(Debug)]
@@ -31,6 +32,8 @@ pub struct Sources<'a> {
     pub plant: &'a Path,
     /// Part program.
     pub program: &'a Path,
+    /// What runs before have taught, if it is to be used and there is any.
+    pub learned: Option<&'a Path>,
     /// Scripted orders.
     pub orders: Option<&'a Path>,
 }
@@ -77,8 +80,9 @@ fn utc(seconds: u64) -> String {
 }
 
 /// Files of a run directory that are not the program.
-const RESERVED: [&str; 7] = [
+const RESERVED: [&str; 8] = [
     "machine.toml",
+    "learned.toml",
     "plant.toml",
     "run.mcap",
     "report.json",
@@ -129,6 +133,9 @@ impl RunDir {
             Ok(to)
         };
         let program_name = Path::new(program_name(sources.program)?);
+        if let Some(learned) = sources.learned {
+            copy(learned, Path::new(LEARNED_FILE))?;
+        }
         Ok(RunDir {
             folder: folder.to_path_buf(),
             machine: copy(sources.machine, Path::new("machine.toml"))?,

@@ -12,6 +12,7 @@ use serde::Deserialize;
 
 mod interpolation;
 mod kinematics;
+pub mod learned;
 pub mod model;
 mod positioning;
 mod prediction;

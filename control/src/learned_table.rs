@@ -54,6 +54,37 @@ pub fn distance_mm(cell: usize) -> f64 {
 }
 
 impl LearnedTable {
+    /// From columns of cells for negative and positive travel; what a column lacks is 0.
+    pub fn from_columns(
+        friction_scale: f64,
+        torque_nm: [&[f64]; 2],
+        lost_motion_um: [&[f64]; 2],
+    ) -> LearnedTable {
+        let mut table = LearnedTable {
+            friction_scale,
+            ..LearnedTable::default()
+        };
+        let columns = torque_nm.into_iter().zip(lost_motion_um);
+        for (cells, (torques, lost)) in table.directions.iter_mut().zip(columns) {
+            for (cell, (torque_nm, lost_um)) in cells.iter_mut().zip(torques.iter().zip(lost)) {
+                cell.torque_nm = *torque_nm;
+                cell.lost_motion_mm = lost_um * 1e-3;
+            }
+        }
+        table
+    }
+
+    /// Half of everything that was learned.
+    pub fn weakened(&self) -> LearnedTable {
+        let mut table = *self;
+        table.friction_scale = 0.5 * (1.0 + self.friction_scale);
+        for value in table.directions.iter_mut().flatten() {
+            value.torque_nm *= 0.5;
+            value.lost_motion_mm *= 0.5;
+        }
+        table
+    }
+
     /// What was learned of a distance; nothing where it is not a number.
     pub fn value(&self, positive: bool, distance_mm: f64) -> LearnedValue {
         let [negative, forward] = &self.directions;

@@ -7,9 +7,12 @@
     clippy::indexing_slicing
 )]
 
+use bus::machine::learned::Learned;
 use bus::member::{Member, MemberError, Seat};
 use bus::realtime::Priority;
 use bus::service::SCAN_DEPTH;
+use bus::settings_file::SettingsFileError;
+use control::learned_table::LearnedTable;
 
 use crate::controller::Servo;
 use crate::settings::ServoSettingsError;
@@ -34,6 +37,9 @@ pub enum ServoError {
     /// The axis's settings make no servo.
     #[error(transparent)]
     Settings(#[from] ServoSettingsError),
+    /// What was learned cannot be read.
+    #[error(transparent)]
+    Learned(#[from] SettingsFileError),
     /// The machine has no such axis.
     #[error("axis {0:?}: the machine has none of that name")]
     NoAxis(String),
@@ -64,6 +70,18 @@ pub fn run(options: &Options) -> Result<(), ServoError> {
         options.role,
         options.seat.incarnation,
     )?;
+    let learned = Learned::beside(&options.seat.machine, &member.machine)?;
+    let of_axis = learned.as_ref().zip(member.machine.axes.get(axis));
+    if let Some(taught) = of_axis.and_then(|(l, a)| l.of(&member.machine, a)) {
+        servo.recall(LearnedTable::from_columns(
+            taught.friction_scale,
+            [&taught.negative_torque_nm, &taught.positive_torque_nm],
+            [
+                &taught.negative_lost_motion_um,
+                &taught.positive_lost_motion_um,
+            ],
+        ));
+    }
     member.ready(Priority::Servo);
 
     let mut last = None;
