@@ -17,6 +17,8 @@ const TORQUE_SHARE: f64 = 0.1;
 const LOST_MOTION_MM: f64 = 0.02;
 /// A pass that finds the same program worse than this, against the pass before, has learned something wrong.
 const WORSE: f64 = 1.2;
+/// Accelerations above this share of the axis's own are those of rapids, starts and stops: arcs use less (40 % of it).
+const ACCELERATION_SHARE: f64 = 0.6;
 /// Feeds above this share of the rapid traverse are positioning: nobody measures the path there.
 const FEED_SHARE: f64 = 0.7;
 
@@ -120,7 +122,12 @@ impl Follower {
     fn new(machine: &Machine, axis: &Axis) -> Option<Follower> {
         let model = axis.model?;
         Some(Follower {
-            learner: Learner::new(model.mass_kg, radius_m(axis), machine.scan_period_s()),
+            learner: Learner::new(
+                model.mass_kg,
+                radius_m(axis),
+                machine.scan_period_s(),
+                ACCELERATION_SHARE * axis.acceleration_mm_s2,
+            ),
             increment_mm: axis.increment_mm(),
             feed_max_mm_s: FEED_SHARE * axis.rapid_mm_s,
             fed_forward_nm: [0.0; 2],
@@ -168,7 +175,8 @@ fn pass(
     program: &str,
 ) -> (Option<LearnedAxis>, String) {
     let table = before.as_ref().map(table_of).unwrap_or_default();
-    let coulomb_n = axis.model.map_or(0.0, |model| model.coulomb_n);
+    let scaled = axis.model.filter(|_| axis.torque_feed_forward.friction);
+    let coulomb_n = scaled.map_or(0.0, |model| model.coulomb_n);
     let limits = LessonLimits {
         coulomb_nm: coulomb_n * radius_m(axis),
         torque_nm: TORQUE_SHARE * axis.motor.peak_torque_nm,

@@ -4,12 +4,20 @@ use std::collections::VecDeque;
 
 use crate::learned_table::{CELLS, DISTANCE_MAX_MM, LearnedTable, LearnedValue, cell_of};
 
-/// Part of a residual that one pass takes over. Source: docs/physics.md §4.
-pub const GAIN: f64 = 0.7;
+/// Part of a residual that one pass takes over. The source of docs/physics.md §4 takes 0.7; here the scale of friction takes the
+/// large part at once, and what is left is taken slowly, so that a loop's own swing does not build up over passes.
+pub const GAIN: f64 = 0.4;
+/// Part of what was learned that a pass forgets: a lesson must be confirmed to stay.
+pub const LEAK: f64 = 0.15;
 /// Nothing is learned farther from a reversal than this, in mm.
 const DISTANCE_LEARNED_MM: f64 = 4.0 * DISTANCE_MAX_MM;
 /// Half the span of the difference that gives the acceleration of the deviation, in s.
 const DIFFERENCE_S: f64 = 2e-3;
+/// Time after a reversal, in s, from which on the loop shows what the model lacks, and not its own swing: three times
+/// 1/(300 rad/s) of the velocity loop. What fast reversals hide of the first micrometres slow ones show.
+const SHOWN_S: f64 = 0.01;
+/// So long a swing of the loop lasts, in s: ten integral times.
+const SETTLE_S: f64 = 0.1;
 /// Samples a cell must have before it is believed.
 const WEIGHT_MIN: f64 = 3.0;
 
@@ -43,7 +51,7 @@ const SCALE_MAX: f64 = 2.0;
 /// What a lesson is measured by and may not exceed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LessonLimits {
-    /// Coulomb friction of the model as a torque of the motor, in N·m.
+    /// Coulomb friction of the model as a torque of the motor, in N·m; 0 where it is not fed forward, and so not scaled.
     pub coulomb_nm: f64,
     /// Largest learned torque, in N·m.
     pub torque_nm: f64,
@@ -67,10 +75,14 @@ struct Cell {
 pub struct Learner {
     mass_nm_s2_per_mm: f64,
     scan_s: f64,
+    acceleration_max_mm_s2: f64,
     span: usize,
+    /// Scans that still pass before what is seen counts.
+    unsettled_scans: u32,
     window: VecDeque<Observation>,
     direction: f64,
     distance_mm: f64,
+    since_reversal_s: f64,
     cells: [[Cell; CELLS]; 2],
     has_scale: bool,
     square_sum_nm2: f64,
@@ -89,15 +101,19 @@ pub struct Lesson {
 }
 
 impl Learner {
-    /// For an axis that moves `mass_kg` on `radius_m` of travel per radian.
-    pub fn new(mass_kg: f64, radius_m: f64, scan_s: f64) -> Learner {
+    /// For an axis that moves `mass_kg` on `radius_m` of travel per radian. Where the command accelerates by more than
+    /// `acceleration_max_mm_s2` (rapids, starts and stops) its steps swing the loop, and shortly after it nothing is learned.
+    pub fn new(mass_kg: f64, radius_m: f64, scan_s: f64, acceleration_max_mm_s2: f64) -> Learner {
         Learner {
             mass_nm_s2_per_mm: mass_kg * radius_m * 1e-3,
             scan_s,
+            acceleration_max_mm_s2,
+            unsettled_scans: 0,
             span: (libm::round(DIFFERENCE_S / scan_s) as usize).max(1),
             window: VecDeque::new(),
             direction: 0.0,
             distance_mm: 0.0,
+            since_reversal_s: 0.0,
             cells: [[Cell::default(); CELLS]; 2],
             has_scale: false,
             square_sum_nm2: 0.0,
@@ -118,12 +134,25 @@ impl Learner {
         if step_mm * self.direction < 0.0 || (self.direction == 0.0 && step_mm != 0.0) {
             self.direction = step_mm.signum();
             self.distance_mm = 0.0;
+            self.since_reversal_s = 0.0;
         }
         self.distance_mm += step_mm.abs();
+        self.since_reversal_s += self.scan_s;
+        let span_s = self.span as f64 * self.scan_s;
+        let commanded_mm_s2 =
+            (last.command_mm - 2.0 * here.command_mm + first.command_mm) / (span_s * span_s);
         let on_path = self.window.iter().all(|seen| seen.counts);
-        if on_path && step_mm != 0.0 && self.distance_mm <= DISTANCE_LEARNED_MM {
+        if !on_path || commanded_mm_s2.abs() > self.acceleration_max_mm_s2 {
+            self.unsettled_scans = libm::ceil(SETTLE_S / self.scan_s) as u32;
+        } else {
+            self.unsettled_scans = self.unsettled_scans.saturating_sub(1);
+        }
+        if self.unsettled_scans == 0
+            && self.since_reversal_s >= SHOWN_S
+            && step_mm != 0.0
+            && self.distance_mm <= DISTANCE_LEARNED_MM
+        {
             let off = |seen: &Observation| seen.motor_mm - seen.command_mm - seen.compensation_mm;
-            let span_s = self.span as f64 * self.scan_s;
             let own_mm_s2 = (off(&last) - 2.0 * off(&here) + off(&first)) / (span_s * span_s);
             let torque_nm =
                 here.torque_nm - here.fed_forward_nm - self.mass_nm_s2_per_mm * own_mm_s2;
@@ -178,9 +207,10 @@ impl Learner {
     /// lesson; otherwise the residuals are taken over.
     pub fn lesson(&self, table: &LearnedTable, limits: &LessonLimits) -> Lesson {
         let residual_rms_nm = libm::sqrt(self.square_sum_nm2 / self.count.max(1.0));
-        let part = self.friction_nm().map_or(0.0, |lacking_nm| {
-            lacking_nm / limits.coulomb_nm.max(f64::MIN_POSITIVE)
-        });
+        let part = self
+            .friction_nm()
+            .filter(|_| limits.coulomb_nm > 0.0)
+            .map_or(0.0, |lacking_nm| lacking_nm / limits.coulomb_nm);
         let scale = (table.friction_scale + part).clamp(SCALE_MIN, SCALE_MAX);
         let table = if part.abs() > SCALE_STEP_MIN && scale != table.friction_scale {
             LearnedTable {
@@ -215,10 +245,11 @@ impl Learner {
             let Some(residual) = residual else { continue };
             for (value, index) in values.iter_mut().zip(0..) {
                 let smooth = smoothed(&residual, index);
-                value.torque_nm = (value.torque_nm + GAIN * smooth.torque_nm)
+                value.torque_nm = ((1.0 - LEAK) * value.torque_nm + GAIN * smooth.torque_nm)
                     .clamp(-limits.torque_nm, limits.torque_nm);
                 if learns_lost {
-                    value.lost_motion_mm = (value.lost_motion_mm + GAIN * smooth.lost_motion_mm)
+                    value.lost_motion_mm = ((1.0 - LEAK) * value.lost_motion_mm
+                        + GAIN * smooth.lost_motion_mm)
                         .clamp(-limits.lost_motion_mm, limits.lost_motion_mm);
                 }
             }

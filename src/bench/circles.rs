@@ -32,6 +32,8 @@ pub fn method_names() -> Vec<&'static str> {
 /// Everything that is to be run, checked before anything starts.
 struct Bench {
     machine: Machine,
+    /// Circles that methods learn from before the grid.
+    lesson: PathBuf,
     methods: Vec<(&'static Method, PathBuf)>,
     conditions: Vec<(Condition, PathBuf)>,
 }
@@ -49,6 +51,7 @@ pub fn circles(options: &CirclesOptions) -> Outcome {
         scratch: &scratch,
         signals: &signals,
     };
+    bench.teach(&runs)?;
     let lines = bench.run(&runs, options)?;
     bench.print_summary(&lines);
     if let Some(out) = &options.out {
@@ -68,8 +71,16 @@ impl Bench {
     /// Writes machine files and programs and checks them all.
     fn prepare(options: &CirclesOptions, folder: &Path) -> anyhow::Result<Bench> {
         let machine = Machine::load(&options.machine)?;
-        let names = if options.methods.is_empty() {
-            method_names()
+        let has_model = machine
+            .axes
+            .iter()
+            .all(|axis| axis.model.is_some_and(|model| model.table.is_some()));
+        let names: Vec<&str> = if options.methods.is_empty() {
+            if !has_model {
+                say("methods that need [axis.model] are left out: `quadrant tune` identifies it");
+            }
+            let usable = METHODS.iter().filter(|m| has_model || !m.needs_model);
+            usable.map(|method| method.name).collect()
         } else {
             options.methods.iter().map(String::as_str).collect()
         };
@@ -103,11 +114,25 @@ impl Bench {
         for (method, variant) in &methods {
             check::load(variant, None).with_context(|| format!("method {}", method.name))?;
         }
+        let lesson = folder.join("lesson.ngc");
+        fs::write(&lesson, circles_to_learn_from(&conditions, options))
+            .with_context(|| lesson.display().to_string())?;
         Ok(Bench {
             machine,
+            lesson,
             methods,
             conditions,
         })
+    }
+
+    /// Lets the methods that learn learn, from a few circles of the grid.
+    fn teach(&self, runs: &Runs) -> Result<(), Failure> {
+        for (method, machine) in &self.methods {
+            for _ in 0..method.passes {
+                runs.learn(machine, &self.lesson)?;
+            }
+        }
+        Ok(())
     }
 
     /// Runs everything, condition by condition, printing each row of the table once it is whole.
@@ -418,6 +443,18 @@ fn variant(machine: &Path, folder: &Path, method: &Method) -> anyhow::Result<Pat
     let plant = file.with_file_name("plant.toml");
     fs::copy(&plant, folder.join("plant.toml")).with_context(|| plant.display().to_string())?;
     Ok(folder.to_path_buf())
+}
+
+/// A circle from the middle, one from the end and one from the beginning of the grid, one after the other.
+fn circles_to_learn_from(conditions: &[(Condition, PathBuf)], options: &CirclesOptions) -> String {
+    let last = conditions.len().saturating_sub(1);
+    let chosen = [last / 2, last, 0]
+        .into_iter()
+        .filter_map(|at| conditions.get(at));
+    let circles: String = chosen
+        .map(|(condition, _)| circle(*condition, options).replace("M2\n", ""))
+        .collect();
+    circles + "M2\n"
 }
 
 /// Two turns counter-clockwise, two clockwise.

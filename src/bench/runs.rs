@@ -62,6 +62,24 @@ impl Runs<'_> {
     /// # Errors
     /// It was interrupted, or the run did not end well.
     pub fn report(&self, machine: &Path, program: &Path, lane: usize) -> Result<Value, Failure> {
+        self.run(machine, program, lane, &[])
+    }
+
+    /// Lets a machine learn from a program.
+    ///
+    /// # Errors
+    /// As [`Runs::report`].
+    pub fn learn(&self, machine: &Path, program: &Path) -> Result<(), Failure> {
+        self.run(machine, program, 0, &["--learn"]).map(|_| ())
+    }
+
+    fn run(
+        &self,
+        machine: &Path,
+        program: &Path,
+        lane: usize,
+        options: &[&str],
+    ) -> Result<Value, Failure> {
         if self.signals.count() > 0 {
             return Err(Failure::Interrupted);
         }
@@ -73,6 +91,7 @@ impl Runs<'_> {
             .arg(program)
             .args(["--pace", "lockstep", "--cell", &cell, "--out"])
             .arg(&out)
+            .args(options)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::inherit())

@@ -8,6 +8,10 @@ use toml_edit::{DocumentMut, Item, Table, value};
 pub struct Method {
     /// Its name in tables, files and on the command line.
     pub name: &'static str,
+    /// Whether it needs `[axis.model]`.
+    pub needs_model: bool,
+    /// Passes of `run --learn` before the grid.
+    pub passes: u32,
     edit: fn(&mut Table) -> anyhow::Result<()>,
 }
 
@@ -23,32 +27,122 @@ pub const METHODS: &[Method] = &[
     Method {
         name: "none",
         edit: |axis| plain(axis, "none"),
+        ..PLAIN
     },
     Method {
         name: REFERENCE,
         edit: |axis| plain(axis, "backlash"),
+        ..PLAIN
     },
     Method {
         name: "kick-position-error",
         edit: |axis| constant_kick(axis, "position-error"),
+        ..PLAIN
     },
     Method {
         name: "kick-feed-forward",
         edit: |axis| constant_kick(axis, "feed-forward"),
+        ..PLAIN
     },
     Method {
         name: "kick-velocity-command",
         edit: |axis| constant_kick(axis, "velocity-command"),
+        ..PLAIN
     },
     Method {
         name: "kick-command-acceleration",
         edit: |axis| constant_kick(axis, "command-acceleration"),
+        ..PLAIN
     },
     Method {
         name: "kick-decaying",
         edit: decaying_kick,
+        ..PLAIN
+    },
+    Method {
+        name: "kick-torque",
+        edit: |axis| {
+            decaying_kick(axis)?;
+            torque(axis, false);
+            Ok(())
+        },
+        ..MODELLED
+    },
+    Method {
+        name: "crossing-observer",
+        edit: |axis| {
+            crossing(axis, false)?;
+            observer(axis);
+            Ok(())
+        },
+        ..MODELLED
+    },
+    Method {
+        name: "learned-torque",
+        edit: |axis| crossing(axis, false),
+        passes: LEARNING_PASSES,
+        ..MODELLED
+    },
+    Method {
+        name: "contact-force",
+        edit: |axis| crossing(axis, true),
+        ..MODELLED
+    },
+    Method {
+        name: "contact-force-observer",
+        edit: |axis| {
+            crossing(axis, true)?;
+            observer(axis);
+            Ok(())
+        },
+        ..MODELLED
+    },
+    Method {
+        name: "contact-force-learned",
+        edit: |axis| crossing(axis, true),
+        passes: LEARNING_PASSES,
+        ..MODELLED
     },
 ];
+
+/// Passes of learning before the grid.
+const LEARNING_PASSES: u32 = 3;
+/// Bandwidth of the disturbance observer where it is compared, in rad/s: 0.1 rad a scan of 1 ms.
+const OBSERVER_RAD_S: f64 = 100.0;
+
+/// What every method has that is not said otherwise.
+const PLAIN: Method = Method {
+    name: "",
+    needs_model: false,
+    passes: 0,
+    edit: |_| Ok(()),
+};
+const MODELLED: Method = Method {
+    needs_model: true,
+    ..PLAIN
+};
+
+/// The gap crossed by predicted contact force, with torque feed-forward.
+fn crossing(axis: &mut Table, friction: bool) -> anyhow::Result<()> {
+    plain(axis, "contact-force")?;
+    torque(axis, friction);
+    Ok(())
+}
+
+/// Torque feed-forward of acceleration and viscous friction, and of friction over distance where asked for.
+fn torque(axis: &mut Table, friction: bool) {
+    let mut table = Table::new();
+    table.insert("acceleration", value(true));
+    table.insert("viscous", value(true));
+    table.insert("friction", value(friction));
+    axis.insert("torque_feed_forward", Item::Table(table));
+}
+
+fn observer(axis: &mut Table) {
+    let mut table = Table::new();
+    table.insert("bandwidth_rad_s", value(OBSERVER_RAD_S));
+    axis.insert("disturbance_observer", Item::Table(table));
+}
 
 /// Tables of an axis that do something about reversal errors beside `[axis.reversal]`; a newer one belongs here too, so that
 /// the older methods stay what they are called.
@@ -145,7 +239,8 @@ mod tests {
             include_str!("../../../machines/xy-fast/machine.toml"),
             include_str!("../../../machines/xy-torque/machine.toml"),
         ] {
-            for method in METHODS {
+            let has_model = text.contains("[axis.model.table]");
+            for method in METHODS.iter().filter(|m| has_model || !m.needs_model) {
                 let changed = method.apply(text).unwrap();
                 Machine::parse(method.name, &changed).unwrap();
             }
@@ -184,7 +279,7 @@ mod tests {
             "[axis.reversal]",
             "[axis.prediction]\nm = 0.4\n\n[axis.disturbance_observer]\nbandwidth_rad_s = 100.0\n\n[axis.torque_feed_forward]\nviscous = true\n\n[axis.reversal]",
         );
-        for method in METHODS {
+        for method in METHODS.iter().filter(|method| !method.needs_model) {
             let changed = method.apply(&text).unwrap();
             let machine = Machine::parse(method.name, &changed).unwrap();
             for axis in &machine.axes {
