@@ -39,9 +39,51 @@ impl DisturbanceObserver {
             *filtered_n = 0.0;
             return 0.0;
         }
-        *filtered_n = next_n.max(-self.limit_n).min(self.limit_n);
+        *filtered_n = next_n;
         (*filtered_n - momentum_n)
             .max(-self.limit_n)
             .min(self.limit_n)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const OBSERVER: DisturbanceObserver = DisturbanceObserver {
+        bandwidth_rad_s: 100.0,
+        mass_kg: 858.0,
+        scan_s: 1e-3,
+        limit_n: 5000.0,
+    };
+
+    #[test]
+    fn a_force_that_moves_nothing_is_seen_whole_after_a_few_time_constants() {
+        let (mut filtered, mut found) = (0.0, 0.0);
+        for _ in 0..100 {
+            found = OBSERVER.update(&mut filtered, 300.0, 0.0);
+        }
+        assert!((found - 300.0).abs() < 0.1, "{found}");
+    }
+
+    #[test]
+    fn force_that_only_accelerates_the_mass_is_no_disturbance() {
+        // 858 N accelerate 858 kg by 1 m/s²: 1 mm/s more each scan.
+        let (mut filtered, mut largest) = (0.0, 0.0f64);
+        for scan in 1..200 {
+            let found = OBSERVER.update(&mut filtered, 858.0, f64::from(scan));
+            largest = largest.max(found.abs());
+        }
+        assert!(largest < 0.1 * 858.0, "{largest}");
+    }
+
+    #[test]
+    fn it_asks_for_no_more_than_its_limit_and_forgets_what_is_no_number() {
+        let mut filtered = 0.0;
+        for _ in 0..1000 {
+            assert!(OBSERVER.update(&mut filtered, 1e6, 0.0) <= 5000.0);
+        }
+        assert_eq!(OBSERVER.update(&mut filtered, f64::NAN, 0.0), 0.0);
+        assert_eq!(filtered, 0.0);
     }
 }

@@ -385,3 +385,166 @@ impl InverseDynamicsState {
         state
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::maxwell_slip::SlipElement;
+
+    fn slip(coulomb_n: f64) -> MaxwellSlip {
+        let mut elements = [SlipElement::default(); ELEMENTS];
+        elements[0] = SlipElement {
+            slip_n: coulomb_n,
+            break_distance_mm: 5e-3,
+        };
+        MaxwellSlip {
+            elements,
+            static_excess: 0.3,
+            stribeck_velocity_mm_s: 3.0,
+        }
+    }
+
+    fn model() -> InverseDynamics {
+        InverseDynamics {
+            parts: Parts {
+                compensation: true,
+                acceleration: true,
+                viscous: true,
+                friction: true,
+            },
+            scan_s: 1e-3,
+            motor_mass_kg: 758.0,
+            table_mass_kg: 100.0,
+            motor_viscous_n_s_per_m: 1579.0,
+            table_viscous_n_s_per_m: 1000.0,
+            stiffness_n_per_m: 1.2e8,
+            gap_mm: 5e-3,
+            crossing_s: 3e-3,
+            lead_scans: 2.16,
+            motor_friction: slip(251.0),
+            table_friction: slip(200.0),
+            radius_m: 1.5915e-3,
+        }
+    }
+
+    /// Runs a path given in mm over scans; what is wanted at each scan.
+    fn run(model: &InverseDynamics, scans: u32, path: impl Fn(f64) -> f64) -> Vec<Wanted> {
+        let motion = |at: f64| Motion {
+            position_mm: path(at),
+            velocity_mm_s: (path(at + 2.0) - path(at - 2.0)) / (4.0 * model.scan_s),
+            acceleration_mm_s2: (path(at + 2.0) - 2.0 * path(at) + path(at - 2.0))
+                / (4.0 * model.scan_s * model.scan_s),
+        };
+        let mut state = InverseDynamicsState::default();
+        (0..scans)
+            .map(|scan| {
+                let scan = f64::from(scan);
+                let ahead = Ahead {
+                    here: motion(scan + model.lead_scans),
+                    near: motion(scan + model.near_lead_scans()),
+                    far: motion(scan + model.far_lead_scans()),
+                };
+                // As it travels in commands.
+                state = InverseDynamicsState::from_values(&state.values());
+                model.update(&mut state, &ahead, None)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn at_constant_speed_it_is_half_the_gap_the_wind_up_and_the_torque_of_friction() {
+        let model = model();
+        let found = run(&model, 500, |scan| 0.05 * scan);
+        let Some(last) = found.last() else { panic!() };
+        let contact_n = 200.0 + 1000.0 * 0.05;
+        let wind_up_mm = contact_n / 1.2e8 * 1e3;
+        assert!(
+            (last.compensation_mm - (2.5e-3 + wind_up_mm)).abs() < 1e-9,
+            "{last:?}"
+        );
+        let torque_nm = (contact_n + 251.0 + 1579.0 * 0.05) * model.radius_m;
+        assert!(
+            (last.torque_nm - torque_nm).abs() < 1e-6,
+            "{last:?} {torque_nm}"
+        );
+        assert!(last.velocity_mm_s.abs() < 1e-9);
+    }
+
+    #[test]
+    fn the_gap_is_crossed_once_at_every_reversal_and_without_a_jump() {
+        let model = model();
+        for (radius_mm, feed_mm_s) in [(10.0, 16.7), (10.0, 166.7), (25.0, 50.0), (100.0, 16.7)] {
+            let angular = feed_mm_s / radius_mm * model.scan_s;
+            let turns = 3.0 * core::f64::consts::TAU / angular;
+            let found = run(&model, turns as u32, |scan| {
+                radius_mm * libm::sin(angular * scan)
+            });
+            let settled = found.get((turns / 6.0) as usize..).unwrap_or_default();
+            let side = |wanted: &Wanted| wanted.compensation_mm > 0.0;
+            let flips = settled
+                .windows(2)
+                .filter(|w| side(&w[0]) != side(&w[1]))
+                .count();
+            assert!(
+                (5..=6).contains(&flips),
+                "R{radius_mm} F{feed_mm_s}: {flips} flips in 2.5 turns"
+            );
+            let jump_mm = settled
+                .windows(2)
+                .map(|w| (w[1].compensation_mm - w[0].compensation_mm).abs())
+                .fold(0.0, f64::max);
+            assert!(jump_mm < 4.5e-3, "R{radius_mm} F{feed_mm_s}: {jump_mm}");
+        }
+    }
+
+    #[test]
+    fn the_sum_of_all_velocities_it_adds_is_the_compensation() {
+        let model = model();
+        let found = run(&model, 4000, |scan| 25.0 * libm::sin(2e-3 * scan));
+        let mut sum_mm = 0.0;
+        let lead = 2;
+        for (index, wanted) in found.iter().enumerate() {
+            sum_mm += wanted.velocity_mm_s * model.scan_s;
+            if let Some(later) = found.get(index + lead) {
+                assert!((later.compensation_mm - sum_mm).abs() < 1.5e-3, "{index}");
+            }
+        }
+    }
+
+    #[test]
+    fn parts_that_are_off_add_nothing() {
+        let off = InverseDynamics {
+            parts: Parts::default(),
+            ..model()
+        };
+        let found = run(&off, 3000, |scan| 25.0 * libm::sin(2e-3 * scan));
+        assert!(found.iter().all(|wanted| *wanted == Wanted::default()));
+    }
+
+    #[test]
+    fn an_axis_that_others_moved_goes_on_where_it_is_without_a_jump() {
+        let model = model();
+        let still = |at: f64| {
+            let motion = Motion {
+                position_mm: at,
+                ..Motion::default()
+            };
+            Ahead {
+                here: motion,
+                near: motion,
+                far: motion,
+            }
+        };
+        let mut state = InverseDynamicsState::default();
+        let mut before = Wanted::default();
+        for scan in 0..200 {
+            before = model.update(&mut state, &still(f64::from(scan) * 0.05), None);
+        }
+        let mut values = state.values();
+        InverseDynamicsState::leave(&mut values);
+        let mut state = InverseDynamicsState::from_values(&values);
+        let after = model.update(&mut state, &still(-70.0), None);
+        assert!((after.compensation_mm - before.compensation_mm).abs() < 1e-5);
+        assert!(after.velocity_mm_s.abs() < 1.0, "{after:?}");
+    }
+}

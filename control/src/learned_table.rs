@@ -96,7 +96,7 @@ impl LearnedTable {
         let here = at(low as usize);
         let next = at((low as usize + 1).min(CELLS - 1));
         let mix = |a: f64, b: f64| a + (b - a) * part;
-        if part.is_finite() {
+        if distance_mm.is_finite() {
             LearnedValue {
                 torque_nm: mix(here.torque_nm, next.torque_nm),
                 lost_motion_mm: mix(here.lost_motion_mm, next.lost_motion_mm),
@@ -104,5 +104,40 @@ impl LearnedTable {
         } else {
             LearnedValue::default()
         }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::indexing_slicing)]
+mod tests {
+    use super::*;
+
+    fn table() -> LearnedTable {
+        let torque: Vec<f64> = (0..CELLS).map(|cell| cell as f64).collect();
+        let lost = vec![2.0; CELLS];
+        let none = vec![0.0; CELLS];
+        LearnedTable::from_columns(1.2, [&none, &torque], [&none, &lost])
+    }
+
+    #[test]
+    fn cells_hold_at_their_distances_linear_between_and_the_last_beyond() {
+        let table = table();
+        for cell in [0, 1, 17, 63] {
+            let value = table.value(true, distance_mm(cell));
+            assert!((value.torque_nm - cell as f64).abs() < 1e-9, "{cell}");
+            assert!((value.lost_motion_mm - 2e-3).abs() < 1e-12);
+        }
+        assert_eq!(table.value(true, 7.0).torque_nm, 63.0);
+        let middle = table.value(true, DISTANCE_MAX_MM * (17.5 / 63.0) * (17.5 / 63.0));
+        assert!((middle.torque_nm - 17.5).abs() < 1e-9);
+        assert_eq!(table.value(false, 0.1), LearnedValue::default());
+        assert_eq!(table.value(true, f64::NAN), LearnedValue::default());
+    }
+
+    #[test]
+    fn half_of_it_is_half_of_everything() {
+        let half = table().weakened();
+        assert_eq!(half.friction_scale, 1.1);
+        assert_eq!(half.directions[1][10].torque_nm, 5.0);
     }
 }

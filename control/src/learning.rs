@@ -297,3 +297,102 @@ fn smoothed(values: &[LearnedValue], index: usize) -> LearnedValue {
         ),
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::indexing_slicing)]
+mod tests {
+    use super::*;
+
+    const LIMITS: LessonLimits = LessonLimits {
+        coulomb_nm: 0.7,
+        torque_nm: 3.0,
+        lost_motion_mm: 0.02,
+    };
+
+    /// Slow turns of 5 mm with this torque and lost motion, as functions of direction and distance in mm.
+    fn lesson(
+        table: &LearnedTable,
+        torque_nm: impl Fn(f64, f64) -> f64,
+        lost_mm: impl Fn(f64) -> f64,
+    ) -> Lesson {
+        let mut learner = Learner::new(858.0, 1.59e-3, 1e-3, 3000.0);
+        let (mut direction, mut turned_at, mut before) = (1.0, 0.0, 0.0);
+        for scan in 0..12_000 {
+            let command_mm = 5.0 * libm::sin(f64::from(scan) * 1e-3 * 2.0);
+            if (command_mm - before) * direction < 0.0 {
+                direction = -direction;
+                turned_at = before;
+            }
+            before = command_mm;
+            learner.take(Observation {
+                command_mm,
+                motor_mm: command_mm,
+                scale_mm: command_mm - lost_mm(direction),
+                torque_nm: torque_nm(direction, (command_mm - turned_at).abs()),
+                counts: true,
+                ..Observation::default()
+            });
+        }
+        learner.lesson(table, &LIMITS)
+    }
+
+    #[test]
+    fn friction_as_a_whole_that_is_off_is_scaled_in_one_pass() {
+        let found = lesson(
+            &LearnedTable::default(),
+            |direction, _| 0.14 * direction,
+            |_| 0.0,
+        );
+        assert!(
+            (found.table.friction_scale - 1.2).abs() < 0.01,
+            "{}",
+            found.table.friction_scale
+        );
+        assert_eq!(found.table.directions, LearnedTable::default().directions);
+        assert!((found.residual_rms_nm - 0.14).abs() < 0.01);
+    }
+
+    #[test]
+    fn a_bump_over_distance_and_lost_motion_are_taken_over_by_the_gain() {
+        let bump = |direction: f64, mm: f64| 0.2 * direction * libm::exp(-mm / 0.05);
+        let found = lesson(&LearnedTable::default(), bump, |direction| {
+            0.003 * direction
+        });
+        assert_eq!(found.table.friction_scale, 1.0);
+        let value = found.table.value(true, 0.05);
+        assert!(
+            (value.torque_nm - GAIN * bump(1.0, 0.05)).abs() < 0.005,
+            "{value:?}"
+        );
+        assert!(
+            (value.lost_motion_mm - GAIN * 0.003).abs() < 1e-4,
+            "{value:?}"
+        );
+        let other = found.table.value(false, 0.05);
+        assert!((other.torque_nm + value.torque_nm).abs() < 0.005);
+    }
+
+    #[test]
+    fn what_is_not_confirmed_is_forgotten() {
+        let bump = |direction: f64, mm: f64| 0.2 * direction * libm::exp(-mm / 0.05);
+        let mut table = lesson(&LearnedTable::default(), bump, |_| 0.0).table;
+        for _ in 0..20 {
+            table = lesson(&table, |_, _| 0.0, |_| 0.0).table;
+        }
+        assert!(table.value(true, 0.05).torque_nm.abs() < 0.01);
+    }
+
+    #[test]
+    fn a_run_off_the_path_teaches_nothing() {
+        let mut learner = Learner::new(858.0, 1.59e-3, 1e-3, 3000.0);
+        for scan in 0..5000 {
+            learner.take(Observation {
+                command_mm: 5.0 * libm::sin(f64::from(scan) * 2e-3),
+                torque_nm: 1.0,
+                ..Observation::default()
+            });
+        }
+        let found = learner.lesson(&LearnedTable::default(), &LIMITS);
+        assert_eq!((found.samples, found.table), (0, LearnedTable::default()));
+    }
+}

@@ -66,3 +66,100 @@ impl MaxwellSlip {
         sum_n
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::indexing_slicing)]
+mod tests {
+    use super::*;
+
+    fn curve() -> MaxwellSlip {
+        let mut elements = [SlipElement::default(); ELEMENTS];
+        for (element, (slip_n, break_um)) in
+            elements
+                .iter_mut()
+                .zip([(70.0, 1.0), (60.0, 4.0), (40.0, 12.0), (30.0, 40.0)])
+        {
+            *element = SlipElement {
+                slip_n,
+                break_distance_mm: break_um * 1e-3,
+            };
+        }
+        MaxwellSlip {
+            elements,
+            static_excess: 0.0,
+            stribeck_velocity_mm_s: 3.0,
+        }
+    }
+
+    /// Friction after travelling `mm` in steps of 0.1 µm.
+    fn travel(curve: &MaxwellSlip, state: &mut [f64; ELEMENTS], mm: f64) -> f64 {
+        let steps = (mm.abs() / 1e-4).round() as u32;
+        let mut force_n = 0.0;
+        for _ in 0..steps {
+            force_n = curve.update(state, 1e-4 * mm.signum(), 10.0, 1.0);
+        }
+        force_n
+    }
+
+    #[test]
+    fn after_a_long_way_it_is_coulomb_friction_in_the_direction_of_travel() {
+        let (curve, mut state) = (curve(), [0.0; ELEMENTS]);
+        assert!((travel(&curve, &mut state, 0.2) - 200.0).abs() < 1e-9);
+        assert!((travel(&curve, &mut state, -0.2) + 200.0).abs() < 1e-9);
+        assert_eq!(curve.coulomb_n(), 200.0);
+    }
+
+    #[test]
+    fn the_curve_after_a_reversal_is_the_virgin_curve_doubled() {
+        let curve = curve();
+        for um in [0.5, 2.0, 6.0, 20.0] {
+            let mut virgin = [0.0; ELEMENTS];
+            let first_n = travel(&curve, &mut virgin, um * 1e-3);
+            let mut state = [0.0; ELEMENTS];
+            let steady_n = travel(&curve, &mut state, 0.2);
+            let after_n = travel(&curve, &mut state, -2.0 * um * 1e-3);
+            let turned_n = steady_n - after_n;
+            assert!(
+                (turned_n - 2.0 * first_n).abs() < 1e-6,
+                "{um} µm: {turned_n} and {first_n}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_small_way_back_and_forth_closes_its_loop() {
+        let (curve, mut state) = (curve(), [0.0; ELEMENTS]);
+        travel(&curve, &mut state, 0.2);
+        travel(&curve, &mut state, -0.010);
+        let before_n = travel(&curve, &mut state, -0.001);
+        travel(&curve, &mut state, 0.003);
+        let again_n = travel(&curve, &mut state, -0.003);
+        assert!((before_n - again_n).abs() < 1e-6, "{before_n} {again_n}");
+    }
+
+    #[test]
+    fn slow_sliding_has_the_static_excess_and_a_scale_scales_it_all() {
+        let curve = MaxwellSlip {
+            static_excess: 0.3,
+            ..curve()
+        };
+        let slide = |velocity_mm_s: f64, scale: f64| {
+            let mut state = [0.0; ELEMENTS];
+            let mut force_n = 0.0;
+            for _ in 0..2000 {
+                force_n = curve.update(&mut state, 1e-4, velocity_mm_s, scale);
+            }
+            force_n
+        };
+        assert!((slide(0.0, 1.0) - 260.0).abs() < 1e-9);
+        assert!((slide(100.0, 1.0) - 200.0).abs() < 1e-9);
+        assert!((slide(100.0, 1.3) - 260.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_way_that_is_no_number_changes_nothing() {
+        let (curve, mut state) = (curve(), [0.0; ELEMENTS]);
+        let before_n = travel(&curve, &mut state, 0.003);
+        assert_eq!(curve.update(&mut state, f64::NAN, 10.0, 1.0), before_n);
+    }
+}
