@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod bench;
+mod compensation;
 mod deaths;
 mod determinism;
 mod house;
@@ -12,6 +13,7 @@ mod paces;
 mod pivot;
 mod positioning;
 mod quality;
+mod rehearsed;
 mod setpoints;
 mod straight_lines;
 mod support;

@@ -290,6 +290,11 @@ pub fn run(machine: impl AsRef<Path>, program: impl AsRef<Path>) -> Run {
     LiveCell::start(machine.as_ref(), program.as_ref(), "lockstep").finish()
 }
 
+/// The same with more options.
+pub fn run_with(machine: impl AsRef<Path>, program: impl AsRef<Path>, more: &[&str]) -> Run {
+    LiveCell::start_with(machine.as_ref(), program.as_ref(), "lockstep", more).finish()
+}
+
 /// What of a cell is in shared memory.
 pub fn traces_of(cell: &str) -> Vec<String> {
     let mine = [
