@@ -116,7 +116,7 @@ fn circle(radius_mm: f64, feed_mm_min: f64) -> String {
 }
 
 /// Largest protrusion or undercut in steady motion on an arc.
-fn worst_um(report: &Value) -> anyhow::Result<f64> {
+pub fn worst_um(report: &Value) -> anyhow::Result<f64> {
     let reversals = report
         .get("reversals")
         .and_then(Value::as_array)

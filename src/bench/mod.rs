@@ -13,6 +13,7 @@ use crate::cli::BenchOptions;
 use crate::exit::{Kind, Outcome};
 use crate::logs;
 
+pub use circles::worst_um;
 pub use lockstep::pong;
 
 /// Runs the measurement asked for.
