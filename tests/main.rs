@@ -14,3 +14,4 @@ mod quality;
 mod setpoints;
 mod straight_lines;
 mod support;
+mod tune;
