@@ -56,7 +56,8 @@ fn without_compensation_the_reference_circle_shows_protrusions_of_20_to_35_um() 
 }
 
 #[test]
-fn backlash_acceleration_removes_60_percent_and_the_tuned_model_80_also_at_conditions_nobody_tuned_for() {
+fn backlash_acceleration_removes_60_percent_and_the_tuned_model_80_also_at_conditions_nobody_tuned_for()
+ {
     let without = by_method("none");
     let with = by_method("kick");
     let shipped = Bench::of("xy", &[]);

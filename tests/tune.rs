@@ -115,27 +115,58 @@ fn another_friction_and_another_gap_are_found_as_well() {
 
 #[test]
 fn a_machine_that_the_model_does_not_fit_is_refused_and_its_file_stays() {
-    // Cogging a hundred times as strong: torque that no friction explains.
-    let bench = untuned(&[("element_share = [0.35, 0.30, 0.20, 0.15]      # [typ]\nbreak_distance_um = [1.0", "NO")]);
+    // A coupling that has come loose: the table follows the motor like a weight on a rubber band.
+    let bench = untuned(&[("stiffness_n_per_m = 1.2e8", "stiffness_n_per_m = 1.0e6")]);
     let file = bench.path().join("machine.toml");
     let old = fs::read_to_string(&file).expect("machine.toml");
     let output = tune(bench.path(), &[]);
     assert_eq!(output.status.code(), Some(1), "{}", words(&output));
     let said = words(&output);
-    assert!(said.contains("axis X") && said.contains("nothing is written"), "{said}");
+    assert!(
+        said.contains("axis X") && said.contains("nothing is written"),
+        "{said}"
+    );
     assert_eq!(fs::read_to_string(&file).expect("machine.toml"), old);
     assert!(!bench.path().join("machine.toml.before-tune").exists());
 }
 
 #[test]
-fn a_dry_run_shows_the_file_and_leaves_everything_as_it_is() {
+fn an_axis_that_trips_during_the_test_motions_is_named_and_nothing_is_written() {
     let bench = untuned(&[]);
     let file = bench.path().join("machine.toml");
-    let old = fs::read_to_string(&file).expect("machine.toml");
-    let output = tune(bench.path(), &["--dry-run"]);
-    assert_eq!(output.status.code(), Some(0), "{}", words(&output));
-    assert!(words(&output).contains("[axis.model.table]"));
+    let old = fs::read_to_string(&file).expect("machine.toml").replace(
+        "following_error_limit_mm = 2.0",
+        "following_error_limit_mm = 0.02",
+    );
+    fs::write(&file, &old).expect("machine.toml");
+    let output = tune(bench.path(), &[]);
+    assert_eq!(output.status.code(), Some(1), "{}", words(&output));
+    let said = words(&output);
+    assert!(
+        said.contains("following error") && said.contains("axis X"),
+        "{said}"
+    );
     assert_eq!(fs::read_to_string(&file).expect("machine.toml"), old);
+}
+
+#[test]
+fn an_axis_without_a_scale_says_so_and_takes_its_lost_motion_as_told_and_a_dry_run_only_shows_it() {
+    let scale = "[axis.scale]\nresolution_nm = 50.0      # [typ]\n";
+    let bench = untuned(&[(scale, "")]);
+    let file = bench.path().join("machine.toml");
+    let old = fs::read_to_string(&file).expect("machine.toml");
+    let output = tune(
+        bench.path(),
+        &["--dry-run", "--lost-motion-um", "X=8.3,Y=12.3"],
+    );
+    assert_eq!(output.status.code(), Some(0), "{}", words(&output));
+    assert!(words(&output).contains("axis X has no scale"));
+    assert_eq!(fs::read_to_string(&file).expect("machine.toml"), old);
+    let shown = String::from_utf8_lossy(&output.stdout).into_owned();
+    let from = shown.find("# The reference machine").expect("the file");
+    let machine = Machine::parse("shown", &shown[from..]).expect("a machine file");
+    assert_eq!(machine.axes[0].reversal.backlash_um, 8.3);
+    assert!(machine.axes[0].model.expect("a model").table.is_none());
 }
 
 #[test]

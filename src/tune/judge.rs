@@ -17,7 +17,12 @@ const LOST_MOTION_UM_MAX: f64 = 200.0;
 pub fn misfit(axis: &Axis, found: &Found) -> Option<String> {
     let rated_n = axis.rated_force_n();
     let (mass_kg, friction_n) = (found.mass_kg(), found.coulomb_n());
-    let numbers = [mass_kg, friction_n, found.residual_n, found.viscous_n_s_per_m()];
+    let numbers = [
+        mass_kg,
+        friction_n,
+        found.residual_n,
+        found.viscous_n_s_per_m(),
+    ];
     if numbers.iter().any(|number| !number.is_finite()) || found.motor_mass_kg <= 0.0 {
         return Some(format!(
             "motor and screw come to {:.0} kg: its torque does not follow its acceleration; look at lead_mm and at the sign \
@@ -35,7 +40,7 @@ pub fn misfit(axis: &Axis, found: &Found) -> Option<String> {
     if found.residual_n > most_n {
         return Some(format!(
             "mass {mass_kg:.0} kg and friction {friction_n:.0} N leave {:.0} N of its torque unexplained, more than {most_n:.0} N: \
-             something else works on it: a resonance, a weight that is not balanced, friction that changes with place",
+             something else works on it: a resonance, or friction that changes with place",
             found.residual_n
         ));
     }

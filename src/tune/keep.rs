@@ -27,9 +27,9 @@ pub fn findings(machine: &Machine, all: &[Found]) -> String {
             found.motor.stribeck_mm_s,
             found.viscous_n_s_per_m(),
         );
-        text += &found.table.map_or(
-            format!(" {:49} |", "no scale: not known"),
-            |table| {
+        text += &found
+            .table
+            .map_or(format!(" {:49} |", "no scale: not known"), |table| {
                 format!(
                     " {:5.1} {:8.1} {:9.1} {:6.2} {:12.2} |",
                     table.mass_kg,
@@ -38,8 +38,7 @@ pub fn findings(machine: &Machine, all: &[Found]) -> String {
                     table.gap_um,
                     found.lost_motion_um(),
                 )
-            },
-        );
+            });
         text += &format!(
             " {:.1}; cogging {:.3} N·m, {} a turn",
             found.residual_n, found.cogging_nm, found.cogging_per_turn

@@ -97,8 +97,12 @@ fn method(
     if found.table.is_none() {
         let why = match (axis.model.and_then(|m| m.table), told_um) {
             (Some(_), None) => "the table and the gap stay as the machine file has them",
-            (Some(_), Some(_)) => "the table stays as the machine file has it, the gap follows from the lost motion told",
-            (None, Some(_)) => "the lost motion is the one told, and crossed in one step (\"backlash\")",
+            (Some(_), Some(_)) => {
+                "the table stays as the machine file has it, the gap follows from the lost motion told"
+            }
+            (None, Some(_)) => {
+                "the lost motion is the one told, and crossed in one step (\"backlash\")"
+            }
             (None, None) => {
                 "backlash_um stays as the machine file has it, and is crossed in one step (\"backlash\"); measure the lost motion with a \
                  dial gauge and tell it: --lost-motion-um"
@@ -119,7 +123,8 @@ fn method(
 fn lost_motions(machine: &Machine, told: &[String]) -> anyhow::Result<Vec<Option<f64>>> {
     let mut all = vec![None; machine.axes.len()];
     for pair in told {
-        let wrong = || anyhow!("--lost-motion-um {pair}: must be AXIS=µm, 0 to 1000 µm, like X=8.3");
+        let wrong =
+            || anyhow!("--lost-motion-um {pair}: must be AXIS=µm, 0 to 1000 µm, like X=8.3");
         let (name, number) = pair.split_once('=').ok_or_else(wrong)?;
         let number: f64 = number.parse().map_err(|_| wrong())?;
         if !(0.0..=1000.0).contains(&number) {
@@ -127,8 +132,12 @@ fn lost_motions(machine: &Machine, told: &[String]) -> anyhow::Result<Vec<Option
         }
         let index = machine.axes.iter().position(|axis| axis.name == name);
         let place = index.and_then(|index| all.get_mut(index));
-        *place.ok_or_else(|| anyhow!("--lost-motion-um {pair}: {} has no axis {name}", machine.name))? =
-            Some(number);
+        *place.ok_or_else(|| {
+            anyhow!(
+                "--lost-motion-um {pair}: {} has no axis {name}",
+                machine.name
+            )
+        })? = Some(number);
     }
     Ok(all)
 }
@@ -194,7 +203,13 @@ fn refuse_misfits(machine: &Machine, found: &[Found]) -> Outcome {
         .axes
         .iter()
         .zip(found)
-        .filter_map(|(axis, found)| Some(format!("axis {}: {}", axis.name, judge::misfit(axis, found)?)))
+        .filter_map(|(axis, found)| {
+            Some(format!(
+                "axis {}: {}",
+                axis.name,
+                judge::misfit(axis, found)?
+            ))
+        })
         .collect();
     if misfits.is_empty() {
         return Ok(());
@@ -215,7 +230,10 @@ fn choose(
 ) -> Result<Option<DocumentMut>, Failure> {
     let circles = trial::circles(machine);
     if circles.is_empty() {
-        tracing::warn!("no two slides of {} span a plane for test circles: before and after are not compared", machine.name);
+        tracing::warn!(
+            "no two slides of {} span a plane for test circles: before and after are not compared",
+            machine.name
+        );
         return Ok(Some(model));
     }
     tracing::info!("circles before and after");
@@ -227,7 +245,11 @@ fn choose(
     let [was, kicked, modelled] = &columns;
     say(&trial::table(
         &circles,
-        &[("before", was), ("kick by law", kicked), ("after", modelled)],
+        &[
+            ("before", was),
+            ("kick by law", kicked),
+            ("after", modelled),
+        ],
     ));
     let [was_um, kicked_um, modelled_um] = columns.each_ref().map(trial::mean_um);
     if was_um + SAME_UM < modelled_um.min(kicked_um) {

@@ -50,7 +50,7 @@ fn one_by_one(machine: &Machine, strokes: impl Fn(&Axis, f64) -> Vec<(f64, f64)>
                 speed_mm_s * 60.0
             );
         }
-        let _ = write!(text, "G4 P0.2\n");
+        text += "G4 P0.2\n";
     }
     text + "M2\n"
 }

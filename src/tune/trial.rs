@@ -54,7 +54,8 @@ pub fn mean_um(column: &Column) -> f64 {
 
 /// The table for people.
 pub fn table(circles: &[(f64, f64, String)], columns: &[(&str, &Column)]) -> String {
-    let mut text = String::from("worst protrusion or undercut, µm, cw and ccw\n  radius     feed  ");
+    let mut text =
+        String::from("worst protrusion or undercut, µm, cw and ccw\n  radius     feed  ");
     for (name, _) in columns {
         text += &format!("{name:>15}");
     }

@@ -179,7 +179,12 @@ pub fn settings(
     );
     let force_n = found.coulomb_n();
     let reversal = inner(axis, &["reversal"]);
-    set(reversal, "method", method, &format!("{tuned} none | backlash | kick | contact-force"));
+    set(
+        reversal,
+        "method",
+        method,
+        &format!("{tuned} none | backlash | kick | contact-force"),
+    );
     if found.table.is_some() {
         set(
             reversal,
@@ -223,11 +228,25 @@ pub fn settings(
         torque,
         "friction",
         friction,
-        if friction { "" } else { "the kick makes up for it" },
+        if friction {
+            ""
+        } else {
+            "the kick makes up for it"
+        },
     );
     let model = inner(axis, &["model"]);
-    set(model, "mass_kg", digits(mass_kg, 4), &format!("{tuned} torque over acceleration"));
-    set(model, "coulomb_n", digits(force_n, 4), &format!("{tuned} all of it, at the table"));
+    set(
+        model,
+        "mass_kg",
+        digits(mass_kg, 4),
+        &format!("{tuned} torque over acceleration"),
+    );
+    set(
+        model,
+        "coulomb_n",
+        digits(force_n, 4),
+        &format!("{tuned} all of it, at the table"),
+    );
     set(
         model,
         "viscous_n_s_per_m",
@@ -237,8 +256,18 @@ pub fn settings(
     curve(inner(axis, &["model", "friction"]), &found.motor);
     if let Some(found) = &found.table {
         let table = inner(axis, &["model", "table"]);
-        set(table, "mass_kg", digits(found.mass_kg, 3), &format!("{tuned} wind-up over acceleration"));
-        set(table, "coulomb_n", digits(found.friction.coulomb_n(), 4), "");
+        set(
+            table,
+            "mass_kg",
+            digits(found.mass_kg, 3),
+            &format!("{tuned} wind-up over acceleration"),
+        );
+        set(
+            table,
+            "coulomb_n",
+            digits(found.friction.coulomb_n(), 4),
+            "",
+        );
         set(
             table,
             "viscous_n_s_per_m",
@@ -251,14 +280,22 @@ pub fn settings(
             digits(found.stiffness_n_per_um, 3),
             &format!("{tuned} torque over wind-up"),
         );
-        set(table, "gap_um", digits(found.gap_um, 3), &format!("{tuned} wind-up without torque"));
+        set(
+            table,
+            "gap_um",
+            digits(found.gap_um, 3),
+            &format!("{tuned} wind-up without torque"),
+        );
         set(
             table,
             "crossing_ms",
             laws::crossing_ms(scan_s),
             &format!("{tuned} three scans, at least 2 ms"),
         );
-        curve(inner(axis, &["model", "table", "friction"]), &found.friction);
+        curve(
+            inner(axis, &["model", "table", "friction"]),
+            &found.friction,
+        );
     } else if let (Some(lost_um), Some(known)) = (
         lost_motion_um,
         machine.axes.get(index).and_then(|a| a.model?.table),
@@ -275,9 +312,8 @@ pub fn settings(
 
 /// Writes one friction curve.
 fn curve(table: &mut Table, friction: &Friction) {
-    let array = |values: [f64; ELEMENTS]| -> Value {
-        Value::Array(values.into_iter().collect::<Array>())
-    };
+    let array =
+        |values: [f64; ELEMENTS]| -> Value { Value::Array(values.into_iter().collect::<Array>()) };
     set(
         table,
         "share",
