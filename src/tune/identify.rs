@@ -580,8 +580,10 @@ mod tests {
 
     /// Slip elements of these Coulomb forces along a position, without Stribeck effect.
     fn friction_n(element_n: [f64; ELEMENTS], positions_mm: &[f64]) -> Vec<f64> {
-        let mut slip = MaxwellSlip::default();
-        slip.stribeck_velocity_mm_s = 1.0;
+        let mut slip = MaxwellSlip {
+            stribeck_velocity_mm_s: 1.0,
+            ..MaxwellSlip::default()
+        };
         for ((place, slip_n), um) in slip.elements.iter_mut().zip(element_n).zip(BREAK_UM) {
             *place = SlipElement {
                 slip_n,
@@ -617,7 +619,12 @@ mod tests {
             .collect();
         let newton = |mass_kg: f64, viscous: f64, positions_mm: &[f64], friction_n: &[f64]| {
             let speed = rate(positions_mm);
-            let acceleration = rate(&speed.iter().map(|v| v * 1e3).collect::<Vec<_>>());
+            let at = |i: usize| positions_mm[i.min(positions_mm.len() - 1)];
+            let acceleration: Vec<f64> = (0..positions_mm.len())
+                .map(|i| {
+                    (at(i + 1) - 2.0 * at(i) + at(i.saturating_sub(1))) / SCAN_S / SCAN_S * 1e-3
+                })
+                .collect();
             (0..positions_mm.len())
                 .map(|i| mass_kg * acceleration[i] + viscous * speed[i] + friction_n[i])
                 .collect::<Vec<f64>>()
