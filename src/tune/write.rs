@@ -217,7 +217,7 @@ pub fn settings(
     set(
         reversal,
         "lead_ms",
-        digits(laws::lead_ms(scan_s), 3),
+        digits(laws::lead_ms(scan_s), 2),
         &format!("{tuned} 1/(300 rad/s) + 0.16 ms + 2 scans"),
     );
     let friction = method != "kick";
