@@ -50,6 +50,8 @@ pub enum Command {
     Clean(CleanOptions),
     /// What this PC offers for real time: kernel, priorities, memory locking, timer, shared memory
     Doctor,
+    /// Identify every axis by short test motions, set its gains and compensations by law, write the machine file
+    Tune(TuneOptions),
     /// The project's own measurements, each beside its floor on this machine
     Bench(BenchOptions),
     /// The machine side of a running cell (started by `run`)
@@ -176,6 +178,24 @@ pub struct ReportOptions {
 pub struct CleanOptions {
     /// The cell
     pub cell: String,
+}
+
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "The axes move by themselves, one after the other, up to 20 mm (100 mm/s) to either side of the middle of\ntheir travel; then a few circles. Exit status 1: the model that was found does not fit; nothing is written."
+)]
+pub struct TuneOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml
+    pub machine: PathBuf,
+    /// Show what would be written; write nothing
+    #[arg(long)]
+    pub dry_run: bool,
+    /// Write to this file, and leave the machine file as it is
+    #[arg(long, value_name = "FILE", conflicts_with = "dry_run")]
+    pub out: Option<PathBuf>,
+    /// Lost motion of axes that have no scale, as AXIS=µm,…: X=8.3,Y=12.3
+    #[arg(long, value_name = "AXIS=UM", value_delimiter = ',')]
+    pub lost_motion_um: Vec<String>,
 }
 
 #[derive(Debug, Clone, Args)]

@@ -17,6 +17,7 @@ mod roles;
 mod run;
 mod run_dir;
 mod signals;
+mod tune;
 
 use bus::sample::Order;
 use clap::Parser;
@@ -37,6 +38,7 @@ fn main() -> std::process::ExitCode {
         cli::Command::Jog(options) => operator::jog(&options),
         cli::Command::Enable(options) => operator::simple(Order::Enable, &options),
         cli::Command::Disable(options) => operator::simple(Order::Disable, &options),
+        cli::Command::Tune(options) => tune::tune(&options),
         cli::Command::Bench(options) => bench::bench(&options),
         cli::Command::BenchPong(options) => bench::pong(&options),
         cli::Command::PlantSim(options) => roles::plant_sim(&options),

@@ -179,6 +179,7 @@ fn only_the_machine_side_and_the_launcher_read_or_copy_the_plant_file() {
         root().join("src/run.rs"),
         root().join("src/run_dir.rs"),
         root().join("src/bench/circles.rs"),
+        root().join("src/tune/bench.rs"),
     ];
     for krate in crates().into_iter().filter(|k| *k != "plant-sim") {
         for (path, text) in sources(&root().join(krate).join("src")) {

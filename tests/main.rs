@@ -18,3 +18,4 @@ mod setpoints;
 mod straight_lines;
 mod support;
 mod triggers;
+mod tune;

@@ -12,12 +12,17 @@ pub const RADIUS_MM: f64 = 10.0;
 pub const SPEED_MM_S: f64 = 50.0;
 const RUN_IN_MM_S2: f64 = 1000.0;
 
+/// A machine that comes with the product, its reversals kicked.
 pub fn machine(name: &str) -> Machine {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../machines")
         .join(name);
     let mut machine = Machine::load(&folder).expect("a machine that comes with the product");
     machine.axes.truncate(2);
+    for axis in &mut machine.axes {
+        axis.reversal.method = bus::machine::ReversalMethod::Kick;
+        axis.torque_feed_forward = bus::machine::TorqueFeedForward::default();
+    }
     machine
 }
 

@@ -1,0 +1,178 @@
+//! `quadrant tune`: from untuned gains to circles within bounds, on machines that nobody told it about.
+
+use std::fs;
+use std::path::Path;
+use std::process::Output;
+
+use bus::machine::Machine;
+
+use crate::quality::{measure, worst_um};
+use crate::support::{Bench, quadrant};
+
+/// The reference machine as somebody might set it who knows nothing of it, with `plant` edits of what is true.
+fn untuned(plant: &[(&str, &str)]) -> Bench {
+    let bench = Bench::of("xy", &[]);
+    let file = bench.path().join("machine.toml");
+    let text = fs::read_to_string(&file).expect("machine.toml");
+    let mut skipping = false;
+    let mut lines = Vec::new();
+    for line in text.lines() {
+        if line.starts_with('[') {
+            skipping = line.starts_with("[axis.model") || line == "[axis.torque_feed_forward]";
+        }
+        if skipping {
+            continue;
+        }
+        let key = line.split(" = ").next().unwrap_or_default();
+        lines.push(match key {
+            "gain_per_s" => "gain_per_s = 20.0".into(),
+            "gain_n_s_per_m" => "gain_n_s_per_m = 86000.0".into(),
+            "advance_ms" => "advance_ms = 0.0".into(),
+            "method" => "method = \"none\"".into(),
+            _ => line.to_string(),
+        });
+    }
+    fs::write(&file, lines.join("\n") + "\n").expect("machine.toml");
+    let file = bench.path().join("plant.toml");
+    let mut text = fs::read_to_string(&file).expect("plant.toml");
+    for (what, by) in plant {
+        assert!(text.contains(what), "plant.toml has no {what:?}");
+        text = text.replace(what, by);
+    }
+    fs::write(&file, text).expect("plant.toml");
+    bench
+}
+
+fn tune(machine: &Path, more: &[&str]) -> Output {
+    quadrant()
+        .arg("tune")
+        .arg(machine)
+        .args(more)
+        .output()
+        .expect("quadrant tune")
+}
+
+fn words(output: &Output) -> String {
+    format!(
+        "{}{}",
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    )
+}
+
+fn near(what: &str, found: f64, right: f64, percent: f64) {
+    assert!(
+        (found / right - 1.0).abs() * 100.0 <= percent,
+        "{what} {found}, really {right}"
+    );
+}
+
+#[test]
+fn from_untuned_gains_it_finds_the_machine_and_its_circles_are_round_to_4_um() {
+    let bench = untuned(&[]);
+    let old = fs::read_to_string(bench.path().join("machine.toml")).expect("machine.toml");
+    let output = tune(bench.path(), &[]);
+    assert_eq!(output.status.code(), Some(0), "{}", words(&output));
+    let kept = fs::read_to_string(bench.path().join("machine.toml.before-tune"));
+    assert_eq!(kept.expect("the old file"), old);
+
+    let machine = Machine::load(bench.path()).expect("the new file");
+    for (axis, mass_kg, friction_n, gap_um, lost_um) in
+        [(0, 858.0, 451.3, 5.0, 8.3), (1, 908.0, 561.6, 8.0, 12.3)]
+    {
+        let axis = &machine.axes[axis];
+        let model = axis.model.expect("a model");
+        let table = model.table.expect("a table");
+        near("mass", model.mass_kg, mass_kg, 3.0);
+        near("friction", model.coulomb_n, friction_n, 3.0);
+        near("gap", table.gap_um, gap_um, 10.0);
+        near("lost motion", axis.reversal.backlash_um, lost_um, 5.0);
+    }
+    for (radius, feed) in [(25.0, 3000.0), (17.0, 2200.0), (60.0, 8000.0)] {
+        let worst = worst_um(&measure(&bench, radius, feed, (0.0, 0.0), 45.0));
+        assert!(worst <= 3.9, "R{radius} F{feed}: {worst} µm");
+    }
+}
+
+#[test]
+fn another_friction_and_another_gap_are_found_as_well() {
+    let bench = untuned(&[
+        ("coulomb_torque_nm = 0.40", "coulomb_torque_nm = 0.52"),
+        ("static_torque_nm = 0.50", "static_torque_nm = 0.65"),
+        ("coulomb_n = 200.0", "coulomb_n = 260.0"),
+        ("static_n = 260.0", "static_n = 338.0"),
+        ("gap_um = 5.0", "gap_um = 7.5"),
+    ]);
+    let output = tune(bench.path(), &[]);
+    assert_eq!(output.status.code(), Some(0), "{}", words(&output));
+    let machine = Machine::load(bench.path()).expect("the new file");
+    let model = machine.axes[0].model.expect("a model");
+    near("friction", model.coulomb_n, 1.3 * 451.3, 3.0);
+    near("gap", model.table.expect("a table").gap_um, 7.5, 10.0);
+    let worst = worst_um(&measure(&bench, 25.0, 3000.0, (0.0, 0.0), 45.0));
+    assert!(worst <= 3.9, "{worst} µm");
+}
+
+#[test]
+fn a_machine_that_the_model_does_not_fit_is_refused_and_its_file_stays() {
+    // A coupling that has come loose: the table follows the motor like a weight on a rubber band.
+    let bench = untuned(&[("stiffness_n_per_m = 1.2e8", "stiffness_n_per_m = 1.0e6")]);
+    let file = bench.path().join("machine.toml");
+    let old = fs::read_to_string(&file).expect("machine.toml");
+    let output = tune(bench.path(), &[]);
+    assert_eq!(output.status.code(), Some(1), "{}", words(&output));
+    let said = words(&output);
+    assert!(
+        said.contains("axis X") && said.contains("nothing is written"),
+        "{said}"
+    );
+    assert_eq!(fs::read_to_string(&file).expect("machine.toml"), old);
+    assert!(!bench.path().join("machine.toml.before-tune").exists());
+}
+
+#[test]
+fn an_axis_that_trips_during_the_test_motions_is_named_and_nothing_is_written() {
+    let bench = untuned(&[]);
+    let file = bench.path().join("machine.toml");
+    let old = fs::read_to_string(&file).expect("machine.toml").replace(
+        "following_error_limit_mm = 2.0",
+        "following_error_limit_mm = 0.02",
+    );
+    fs::write(&file, &old).expect("machine.toml");
+    let output = tune(bench.path(), &[]);
+    assert_eq!(output.status.code(), Some(1), "{}", words(&output));
+    let said = words(&output);
+    assert!(
+        said.contains("following error") && said.contains("axis X"),
+        "{said}"
+    );
+    assert_eq!(fs::read_to_string(&file).expect("machine.toml"), old);
+}
+
+#[test]
+fn an_axis_without_a_scale_says_so_and_takes_its_lost_motion_as_told_and_a_dry_run_only_shows_it() {
+    let scale = "[axis.scale]\nresolution_nm = 50.0      # [typ]\n";
+    let bench = untuned(&[(scale, "")]);
+    let file = bench.path().join("machine.toml");
+    let old = fs::read_to_string(&file).expect("machine.toml");
+    let output = tune(
+        bench.path(),
+        &["--dry-run", "--lost-motion-um", "X=8.3,Y=12.3"],
+    );
+    assert_eq!(output.status.code(), Some(0), "{}", words(&output));
+    assert!(words(&output).contains("axis X has no scale"));
+    assert_eq!(fs::read_to_string(&file).expect("machine.toml"), old);
+    let shown = String::from_utf8_lossy(&output.stdout).into_owned();
+    let from = shown.find("# The reference machine").expect("the file");
+    let machine = Machine::parse("shown", &shown[from..]).expect("a machine file");
+    assert_eq!(machine.axes[0].reversal.backlash_um, 8.3);
+    assert!(machine.axes[0].model.expect("a model").table.is_none());
+}
+
+#[test]
+fn a_lost_motion_of_an_axis_that_is_not_there_is_bad_input() {
+    let bench = untuned(&[]);
+    let output = tune(bench.path(), &["--lost-motion-um", "Q=8"]);
+    assert_eq!(output.status.code(), Some(2), "{}", words(&output));
+    assert!(words(&output).contains("no axis Q"));
+}
