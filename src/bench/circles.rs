@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use bus::machine::{Machine, machine_file};
+use bus::machine::machine_file;
 use serde_json::Value;
 use toml_edit::{DocumentMut, value};
 
@@ -18,9 +18,7 @@ const RADII_MM: [f64; 4] = [10.0, 25.0, 50.0, 100.0];
 /// Feeds of the grid, in mm/min.
 const FEEDS_MM_MIN: [f64; 3] = [1000.0, 3000.0, 10_000.0];
 /// Values of `reversal.method` that are compared; the first is what the others are judged against.
-const METHODS: [&str; 4] = ["none", "backlash", "kick", MODELLED];
-/// The one that needs a model of the axis, and the torque that the model feeds forward with it.
-const MODELLED: &str = "contact-force";
+const METHODS: [&str; 3] = ["none", "backlash", "kick"];
 /// Where circles start, off the axes, so that every reversal lies in steady motion.
 const START_DEG: f64 = 45.0;
 
@@ -36,18 +34,9 @@ pub fn circles(options: &BenchOptions) -> anyhow::Result<()> {
 }
 
 fn table(machine: &Path, folder: &Path) -> anyhow::Result<()> {
-    let known = Machine::load(machine)?;
-    let modelled = known
-        .axes
-        .iter()
-        .all(|axis| axis.model.is_some_and(|model| model.table.is_some()));
-    let methods: Vec<&str> = METHODS
-        .into_iter()
-        .filter(|method| *method != MODELLED || modelled)
-        .collect();
-    let machines = methods
-        .iter()
+    let machines = METHODS
         .map(|method| variant(machine, &folder.join(method), method))
+        .into_iter()
         .collect::<anyhow::Result<Vec<PathBuf>>>()?;
     say(&format!(
         "worst protrusion or undercut on the table, µm; {}, cw and ccw, two turns each",
@@ -55,12 +44,9 @@ fn table(machine: &Path, folder: &Path) -> anyhow::Result<()> {
     ));
     say(&format!(
         "  radius     feed   {}",
-        methods
-            .iter()
-            .map(|m| format!("{m:>18}"))
-            .collect::<String>()
+        METHODS.map(|m| format!("{m:>18}")).concat()
     ));
-    let mut all: Vec<Vec<f64>> = vec![Vec::new(); methods.len()];
+    let mut all: Vec<Vec<f64>> = vec![Vec::new(); METHODS.len()];
     for radius_mm in RADII_MM {
         for feed_mm_min in FEEDS_MM_MIN {
             let program = folder.join("circle.ngc");
@@ -105,10 +91,6 @@ fn variant(machine: &Path, folder: &Path, method: &str) -> anyhow::Result<PathBu
         .and_then(|axes| axes.as_array_of_tables_mut())
         .with_context(|| format!("{}: has no [[axis]]", file.display()))?;
     for axis in axes.iter_mut() {
-        // The others are the position and velocity commands' own: nothing is fed forward as torque.
-        if method != MODELLED {
-            axis.remove("torque_feed_forward");
-        }
         if let Some(reversal) = axis.get_mut("reversal").and_then(|r| r.as_table_mut()) {
             reversal.insert("method", value(method));
         }
@@ -134,7 +116,7 @@ fn circle(radius_mm: f64, feed_mm_min: f64) -> String {
 }
 
 /// Largest protrusion or undercut in steady motion on an arc.
-pub fn worst_um(report: &Value) -> anyhow::Result<f64> {
+fn worst_um(report: &Value) -> anyhow::Result<f64> {
     let reversals = report
         .get("reversals")
         .and_then(Value::as_array)

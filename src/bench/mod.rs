@@ -13,7 +13,6 @@ use crate::cli::BenchOptions;
 use crate::exit::{Kind, Outcome};
 use crate::logs;
 
-pub use circles::worst_um;
 pub use lockstep::pong;
 
 /// Runs the measurement asked for.
