@@ -38,7 +38,7 @@ fn machine(profile: &str, acceleration_mm_s2: f64) -> Bench {
     let rated = format!("rated_torque_nm = {RATED_TORQUE_NM}");
     let positioning = format!("[positioning]\nprofile = \"{profile}\"\n\n[scan]");
     let acceleration = format!("acceleration_mm_s2 = {acceleration_mm_s2}");
-    let bench = Bench::of(
+    let bench = Bench::without_model(
         "xy",
         &[
             ("[scan]", &positioning),
@@ -156,7 +156,7 @@ fn a_triangle_heats_the_motor_by_a_third_more_than_the_parabola_in_the_same_time
 
 #[test]
 fn least_heat_without_a_model_of_the_axis_is_refused_before_anything_starts() {
-    let bench = Bench::of(
+    let bench = Bench::without_model(
         "xy",
         &[(
             "[scan]",

@@ -55,6 +55,33 @@ impl Bench {
         Bench { folder }
     }
 
+    /// The same without what was identified of its axes: its reversals kicked, no torque fed forward.
+    pub fn without_model(name: &str, edits: &[(&str, &str)]) -> Bench {
+        let bench = Bench::of(name, &[]);
+        let file = bench.path().join("machine.toml");
+        let text = fs::read_to_string(&file).expect("machine.toml");
+        let mut skipping = false;
+        let mut kept = String::new();
+        for line in text.lines() {
+            if line.starts_with('[') {
+                skipping = line.starts_with("[axis.model") || line == "[axis.torque_feed_forward]";
+            }
+            if !skipping {
+                kept += &line.replace("\"contact-force\"", "\"kick\"");
+                kept.push('\n');
+            }
+        }
+        for (what, by) in edits {
+            assert!(
+                kept.contains(what),
+                "{name}/machine.toml has no {what:?} beside its model"
+            );
+            kept = kept.replace(what, by);
+        }
+        fs::write(&file, kept).expect("writing machine.toml");
+        bench
+    }
+
     pub fn path(&self) -> &Path {
         self.folder.path()
     }

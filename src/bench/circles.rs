@@ -29,14 +29,6 @@ pub fn method_names() -> Vec<&'static str> {
     METHODS.iter().map(|method| method.name).collect()
 }
 
-/// Largest protrusion or undercut of a report in steady motion on arcs, in µm.
-///
-/// # Errors
-/// The report has no such reversal.
-pub fn worst_um(report: &serde_json::Value) -> anyhow::Result<f64> {
-    Ok(Measured::of(report)?.worst_um())
-}
-
 /// Everything that is to be run, checked before anything starts.
 struct Bench {
     machine: Machine,

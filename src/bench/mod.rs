@@ -8,7 +8,7 @@ use crate::cli::{BenchCommand, BenchOptions};
 use crate::exit::Outcome;
 use crate::logs;
 
-pub use circles::{method_names, worst_um};
+pub use circles::method_names;
 pub use lockstep::pong;
 
 /// Runs the measurement asked for.

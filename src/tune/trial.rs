@@ -1,11 +1,12 @@
 //! Before and after: the same circles on the machine as it was and as it would be.
 
+use anyhow::Context;
 use bus::machine::Machine;
+use serde_json::Value;
 use toml_edit::DocumentMut;
 
 use super::bench::Bench;
 use super::{motions, write};
-use crate::bench::worst_um;
 use crate::exit::{Failure, Kind};
 
 /// Worst protrusion or undercut of each test circle, in µm, as `report.json` has it; none where the machine stopped.
@@ -44,6 +45,21 @@ pub fn run(
             Err(other) => Err(other),
         })
         .collect()
+}
+
+/// Largest protrusion or undercut in steady motion on an arc.
+fn worst_um(report: &Value) -> anyhow::Result<f64> {
+    let reversals = report
+        .get("reversals")
+        .and_then(Value::as_array)
+        .context("report.json has no reversals")?;
+    let number = |reversal: &Value, key: &str| reversal.get(key).and_then(Value::as_f64);
+    let is_steady = |reversal: &Value| reversal.get("steady") == Some(&Value::Bool(true));
+    Ok(reversals
+        .iter()
+        .filter(|r| number(r, "radius_mm").is_some() && is_steady(r))
+        .filter_map(|r| Some(number(r, "protrusion_um")?.max(-number(r, "undercut_um")?)))
+        .fold(0.0, f64::max))
 }
 
 /// Mean of a column; a circle on which the machine stopped counts as endlessly bad.

@@ -183,7 +183,10 @@ impl Learned {
                         values.len()
                     ));
                 }
-                if let Some(value) = values.iter().find(|value| !(value.abs() <= most)) {
+                if let Some(value) = values
+                    .iter()
+                    .find(|value| value.is_nan() || value.abs() > most)
+                {
                     broken.push(format!(
                         "{name}: axis {} {key}: {value} {unit}: must be within ±{most} {unit}; {remedy}",
                         known.name
