@@ -17,6 +17,8 @@ const TORQUE_SHARE: f64 = 0.1;
 const LOST_MOTION_MM: f64 = 0.02;
 /// A pass that finds the same program worse than this, against the pass before, has learned something wrong.
 const WORSE: f64 = 1.2;
+/// … and by more than this share of the rated torque: below it is cogging.
+const NOTICED_SHARE: f64 = 0.01;
 /// Accelerations above this share of the axis's own are those of rapids, starts and stops: arcs use less (40 % of it).
 const ACCELERATION_SHARE: f64 = 0.6;
 /// Feeds above this share of the rapid traverse are positioning: nobody measures the path there.
@@ -190,7 +192,9 @@ fn pass(
         );
     }
     let worse = before.as_ref().is_some_and(|before| {
-        before.program == program && lesson.residual_rms_nm > WORSE * before.residual_rms_nm
+        let noticed_nm = NOTICED_SHARE * axis.motor.rated_torque_nm;
+        before.program == program
+            && lesson.residual_rms_nm > WORSE * before.residual_rms_nm + noticed_nm
     });
     let next = if worse {
         table.weakened()

@@ -64,7 +64,9 @@ impl Bench {
         let mut kept = String::new();
         for line in text.lines() {
             if line.starts_with('[') {
-                skipping = line.starts_with("[axis.model") || line == "[axis.torque_feed_forward]";
+                skipping = line.starts_with("[axis.model")
+                    || line == "[axis.torque_feed_forward]"
+                    || line == "[axis.disturbance_observer]";
             }
             if !skipping {
                 kept += &line.replace("\"contact-force\"", "\"kick\"");

@@ -387,6 +387,7 @@ impl InverseDynamicsState {
 }
 
 #[cfg(test)]
+#[allow(clippy::indexing_slicing, clippy::panic)]
 mod tests {
     use super::*;
     use crate::maxwell_slip::SlipElement;

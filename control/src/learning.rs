@@ -13,9 +13,9 @@ pub const LEAK: f64 = 0.15;
 const DISTANCE_LEARNED_MM: f64 = 4.0 * DISTANCE_MAX_MM;
 /// Half the span of the difference that gives the acceleration of the deviation, in s.
 const DIFFERENCE_S: f64 = 2e-3;
-/// Time after a reversal, in s, from which on the loop shows what the model lacks, and not its own swing: three times
+/// Time after a reversal, in s, from which on the loop shows what the model lacks, and not its own swing: six times
 /// 1/(300 rad/s) of the velocity loop. What fast reversals hide of the first micrometres slow ones show.
-const SHOWN_S: f64 = 0.01;
+const SHOWN_S: f64 = 0.02;
 /// So long a swing of the loop lasts, in s: ten integral times.
 const SETTLE_S: f64 = 0.1;
 /// Samples a cell must have before it is believed.
@@ -258,7 +258,8 @@ impl Learner {
     }
 }
 
-/// The mean of every cell; of one without samples that of the nearest cell with some. None where no cell has any.
+/// The mean of every cell. Cells nearer to the reversal than any that was seen teach nothing: what fast reversals hide there
+/// must not be guessed. Other cells without samples have that of the nearest before them. None where no cell has any.
 fn filled(cells: &[Cell; CELLS], common_mm: f64) -> Option<Vec<LearnedValue>> {
     let mean = |cell: &Cell| {
         (cell.weight >= WEIGHT_MIN).then(|| LearnedValue {
@@ -266,16 +267,15 @@ fn filled(cells: &[Cell; CELLS], common_mm: f64) -> Option<Vec<LearnedValue>> {
             lost_motion_mm: cell.lost_motion_mm / cell.weight - common_mm,
         })
     };
-    let means: Vec<Option<LearnedValue>> = cells.iter().map(mean).collect();
-    (0..means.len())
-        .map(|index| {
-            let known = means.iter().enumerate();
-            known
-                .filter_map(|(at, value)| Some((at.abs_diff(index), (*value)?)))
-                .min_by_key(|(distance, _)| *distance)
-                .map(|(_, value)| value)
+    let mut last = None;
+    let values = cells
+        .iter()
+        .map(|cell| {
+            last = mean(cell).or(last);
+            last.unwrap_or_default()
         })
-        .collect()
+        .collect();
+    last.map(|_| values)
 }
 
 /// ¼, ½, ¼ of a cell and its neighbours.

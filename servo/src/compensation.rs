@@ -30,6 +30,8 @@ pub struct ModelSettings {
     pub inverse_dynamics: Option<InverseDynamics>,
     /// Off where its bandwidth is 0.
     pub observer: DisturbanceObserver,
+    /// Lead of the speed that is fed forward, in scans: its advance less the scan that movement commands are centred back.
+    speed_lead_scans: f64,
     /// Tp, in s.
     scan_s: f64,
     /// Axis units per increment, in mm.
@@ -47,6 +49,9 @@ pub(crate) struct Added {
     pub velocity_mm_s: f64,
     /// To the torque, in N·m.
     pub torque_nm: f64,
+    /// Speed of the rows in the middle of the scan that the command acts in, in mm/s, where the acceleration is fed forward
+    /// as torque: speed and torque must tell of the same motion, and movement commands smooth it over a period.
+    pub row_speed_mm_s: Option<f64>,
 }
 
 impl ModelSettings {
@@ -61,23 +66,23 @@ impl ModelSettings {
                 scan_s,
                 limit_n: OBSERVER_TORQUE_PART * axis.motor.peak_torque_nm / radius_m,
             },
+            speed_lead_scans: axis.feed_forward.advance_ms * 1e-3 / scan_s - 1.0,
             scan_s,
             increment_mm: axis.increment_mm(),
             radius_m,
         }
     }
 
-    /// One scan: `step_mm` is the compensation of the position backlash step, `row` the position command so many scans
+    /// One scan: the compensation that was in force and the one that the position backlash step gives now; `row` the position command so many scans
     /// from now.
     pub(crate) fn update(
         &self,
         state: &mut ControllerState,
         axis: &AxisFeedback,
         learned: Option<&LearnedTable>,
-        step_mm: f64,
+        [before_mm, step_mm]: [f64; 2],
         row: impl Fn(i64) -> i64,
     ) -> Added {
-        let before_mm = state.backlash_mm;
         let mut added = Added {
             compensation_mm: step_mm,
             ..Added::default()
@@ -116,13 +121,26 @@ impl ModelSettings {
                 added.velocity_mm_s = wanted.velocity_mm_s;
             }
             added.torque_nm = wanted.torque_nm;
+            if model.parts.acceleration {
+                let middle = self.speed_lead_scans;
+                let travel_mm = position_mm(middle + 0.5) - position_mm(middle - 0.5);
+                added.row_speed_mm_s = Some(travel_mm / self.scan_s);
+            }
         }
         let [last_nm, acting_nm] = state.torque_feed_forward_nm;
         state.torque_feed_forward_nm = [added.torque_nm, last_nm];
         if self.observer.bandwidth_rad_s > 0.0 {
-            let commanded_mm = row(0).saturating_sub(row(-1)) as f64 * self.increment_mm
-                + added.compensation_mm
-                - before_mm;
+            // A step of the compensation is no motion that was meant; the model's own is.
+            let models = self
+                .inverse_dynamics
+                .is_some_and(|model| model.parts.compensation);
+            let compensated_mm = if models {
+                added.compensation_mm - before_mm
+            } else {
+                0.0
+            };
+            let commanded_mm =
+                row(0).saturating_sub(row(-1)) as f64 * self.increment_mm + compensated_mm;
             let travelled_mm =
                 axis.motor_position.saturating_sub(state.motor_position) as f64 * self.increment_mm;
             let off_mm_s = (travelled_mm - commanded_mm) / self.scan_s;

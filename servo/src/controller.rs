@@ -423,14 +423,21 @@ impl Servo {
         );
         let speed_per_increment = settings.increment_mm / settings.scan_s;
 
+        let before_mm = self.state.backlash_mm;
         let (compensation_mm, reversed) = self.backlash(feedback, axis, position_command);
-        let model = self.model(feedback, axis, compensation_mm);
+        let model = self.model(feedback, axis, before_mm, compensation_mm);
         let error = position_command.saturating_sub(position) as f64 * settings.increment_mm;
         let ahead_mm = self.error_ahead_mm(feedback, axis, scan_before, position);
         let proportional_mm_s = settings.position_gain_per_s
             * (self.position_error_mm(axis, position_command, model.compensation_mm) + ahead_mm);
-        let feed_forward_mm_s =
+        let period_speed_mm_s =
             settings.feed_forward.increments_per_scan(&movement, phase) * speed_per_increment;
+        let feed_forward_mm_s = model
+            .row_speed_mm_s
+            .filter(|_| settings.feed_forward_enabled)
+            .map_or(period_speed_mm_s, |speed_mm_s| {
+                settings.feed_forward.coefficient * speed_mm_s
+            });
         // What the reversal is judged by: the speed of the rows themselves (their smoothed speed is centred one scan back),
         // or of the position loop where nothing is fed forward and the axis lags by 1/Kp.
         let speed_mm_s = if settings.feed_forward_enabled {
@@ -639,13 +646,19 @@ impl Servo {
     }
 
     /// What the identified model adds to the commands.
-    fn model(&mut self, feedback: &Feedback, axis: &AxisFeedback, step_mm: f64) -> Added {
+    fn model(
+        &mut self,
+        feedback: &Feedback,
+        axis: &AxisFeedback,
+        before_mm: f64,
+        step_mm: f64,
+    ) -> Added {
         let mut state = self.state;
         let added = self.settings.model.update(
             &mut state,
             axis,
             self.learned.as_deref(),
-            step_mm,
+            [before_mm, step_mm],
             |scans| match scans {
                 0.. => self.command_at(feedback, axis, scans),
                 -1 => self.state.command_position,

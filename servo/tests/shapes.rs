@@ -123,6 +123,9 @@ fn settings_that_do_not_belong_together_are_refused_with_their_line() {
     }
     let text =
         include_str!("../../machines/xy/machine.toml").replace("enabled = true", "enabled = false");
+    let text = text
+        .replace("method = \"contact-force\"", "method = \"kick\"")
+        .replace("friction = true", "friction = false");
     for (by, said) in [
         (
             "trigger = \"feed-forward\"",

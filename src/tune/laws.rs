@@ -38,6 +38,17 @@ pub fn advance_with_torque_ms(scan_s: f64, drive_mode: DriveMode, drive_period_s
     }
 }
 
+/// Bandwidth of the disturbance observer, in rad/s: 200 where the way round (2.5 scans) takes at most 0.15 of its time
+/// constant; on longer scans it swings more than it observes, and is off. Measured: docs/methods/disturbance-observer.md.
+pub fn observer_rad_s(scan_s: f64) -> f64 {
+    const BANDWIDTH_RAD_S: f64 = 200.0;
+    if 2.5 * scan_s * BANDWIDTH_RAD_S <= 0.15 {
+        BANDWIDTH_RAD_S
+    } else {
+        0.0
+    }
+}
+
 /// Time for crossing the gap, in ms.
 pub fn crossing_ms(scan_s: f64) -> f64 {
     (3.0 * scan_s * 1e3).max(CROSSING_MS_MIN)

@@ -134,9 +134,6 @@ fn digits(number: f64, count: i32) -> f64 {
     }
 }
 
-/// The method that feeds torque forward.
-const CONTACT_FORCE: &str = "contact-force";
-
 /// Writes gains, model and compensations of one axis.
 pub fn settings(
     document: &mut DocumentMut,
@@ -171,22 +168,13 @@ pub fn settings(
         laws::INTEGRAL_TIME_MS,
         &format!("{tuned} Ti, three times 1/(300 rad/s)"),
     );
-    let known = machine.axes.get(index).filter(|_| method == CONTACT_FORCE);
-    let (advance_ms, advance_words) = match known {
-        Some(known) => (
-            laws::advance_with_torque_ms(
-                scan_s,
-                known.drive_mode,
-                f64::from(known.velocity_loop.period_us) * 1e-6,
-            ),
-            match known.drive_mode {
-                DriveMode::Velocity => {
-                    "2.5 scans less the drive's period, for torque is fed forward"
-                }
-                DriveMode::Torque => "half a scan, for torque is fed forward",
-            },
-        ),
-        None => (laws::advance_ms(scan_s), "2.5 scans + 0.16 ms"),
+    let known = machine.axes.get(index);
+    let drive_mode = known.map_or(DriveMode::Velocity, |known| known.drive_mode);
+    let drive_period_s = known.map_or(0.0, |known| f64::from(known.velocity_loop.period_us) * 1e-6);
+    let advance_ms = laws::advance_with_torque_ms(scan_s, drive_mode, drive_period_s);
+    let advance_words = match drive_mode {
+        DriveMode::Velocity => "2.5 scans less the drive's period, for torque is fed forward",
+        DriveMode::Torque => "half a scan, for torque is fed forward",
     };
     let forward = inner(axis, &["feed_forward"]);
     set(forward, "enabled", true, "");
@@ -254,6 +242,17 @@ pub fn settings(
             "the kick makes up for it"
         },
     );
+    let observer_rad_s = laws::observer_rad_s(scan_s);
+    if observer_rad_s > 0.0 {
+        set(
+            inner(axis, &["disturbance_observer"]),
+            "bandwidth_rad_s",
+            observer_rad_s,
+            &format!("{tuned} where 2.5 scans are at most 0.15 of its time constant"),
+        );
+    } else {
+        axis.remove("disturbance_observer");
+    }
     let model = inner(axis, &["model"]);
     set(
         model,

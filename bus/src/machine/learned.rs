@@ -62,8 +62,10 @@ pub struct LearnedAxis {
 /// Names what an axis's lessons depend on: loops, feed-forward, compensation, model, scan. Other settings make them void.
 pub fn settings_hash(machine: &Machine, axis: &Axis) -> String {
     let text = format!(
-        "{:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?}",
+        "{:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?}",
         machine.scan.period_us,
+        axis.feed_forward,
+        axis.dual_feedback_ms,
         axis.lead_mm,
         axis.feedback,
         axis.drive_mode,
