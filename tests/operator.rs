@@ -195,11 +195,8 @@ fn drives_off_and_on_in_a_hold_lose_neither_the_position_nor_the_path() {
             let now = of(scan);
             assert_eq!(now.0 - register, now.1 - encoder, "scan {scan}");
         }
-        assert_eq!(
-            of(2501).0,
-            of(2500).0 + of(2501).1 - of(2500).1,
-            "switched on"
-        );
+        // The loop closes on the register of scan 2500; what the axis moves from there on is position error.
+        assert_eq!(of(2501).0, of(2500).0, "switched on");
     }
 }
 
