@@ -61,7 +61,7 @@ fn the_shipped_machines_keep_circles_off_the_tuning_within_their_figures() {
     for (machine, most_um) in [("xy", 5.5), ("xy-fast", 4.0), ("xy-torque", 4.0)] {
         let bench = Bench::of(machine, &[]);
         for (radius, feed) in [(17.0, 2200.0), (60.0, 8000.0), (12.0, 9000.0)] {
-            let worst = worst_um(&run(bench.path(), &circle(&bench, radius, feed)).good_report());
+            let worst = worst_um(&run(bench.path(), circle(&bench, radius, feed)).good_report());
             assert!(
                 worst <= most_um,
                 "{machine} R{radius} F{feed}: {worst:.1} µm"
@@ -82,7 +82,7 @@ fn a_linear_scale_is_no_worse_than_the_motor_encoder() {
     );
     for (radius, feed) in [(25.0, 3000.0), (10.0, 10_000.0)] {
         let with = |bench: &Bench| {
-            worst_um(&run(bench.path(), &circle(bench, radius, feed)).good_report())
+            worst_um(&run(bench.path(), circle(bench, radius, feed)).good_report())
         };
         let (motor_um, scale_um) = (with(&motor), with(&scale));
         assert!(
@@ -137,7 +137,7 @@ fn a_run_that_tripped_teaches_nothing() {
             "following_error_limit_mm = 0.002",
         )],
     );
-    let ended: Run = run_with(bench.path(), &circle(&bench, 25.0, 3000.0), &["--learn"]);
+    let ended: Run = run_with(bench.path(), circle(&bench, 25.0, 3000.0), &["--learn"]);
     assert_eq!(ended.status(), 1);
     assert!(!bench.path().join("learned.toml").exists());
 }
