@@ -107,6 +107,9 @@ pub struct RunOptions {
     /// Orders that the machine side obeys, each at its scan (TOML: `[[order]]` scan, order, axis, value)
     #[arg(long, value_name = "FILE", hide = true)]
     pub orders: Option<PathBuf>,
+    /// Faults to inject: kills, stops, lost or corrupted samples, each at its scan, block or reversal (TOML; see docs/faults.md)
+    #[arg(long, value_name = "FILE")]
+    pub faults: Option<PathBuf>,
 }
 
 impl RunOptions {
@@ -315,6 +318,9 @@ pub struct SeatOptions {
     /// Processor to keep off, where there is another
     #[arg(long)]
     pub avoid_core: Option<usize>,
+    /// Scans up to this one are none of its business: it replaces a process that was lost
+    #[arg(long)]
+    pub after_scan: Option<u64>,
 }
 
 impl SeatOptions {
@@ -328,6 +334,7 @@ impl SeatOptions {
             pace: self.pace.parse().unwrap_or(Pace::Lockstep),
             core: self.core,
             avoid_core: self.avoid_core,
+            after_scan: self.after_scan,
         }
     }
 }
@@ -351,6 +358,12 @@ pub struct PlantSimOptions {
     /// Orders to obey, each at its scan
     #[arg(long)]
     pub orders: Option<PathBuf>,
+    /// Faults to inject
+    #[arg(long)]
+    pub faults: Option<PathBuf>,
+    /// Where blocks that the faults name begin on the path, as LINE=ELEMENT
+    #[arg(long, value_delimiter = ',')]
+    pub fault_block: Vec<String>,
 }
 
 #[derive(Debug, Clone, Args)]
@@ -360,6 +373,9 @@ pub struct PlannerOptions {
     /// Part program
     #[arg(long)]
     pub program: PathBuf,
+    /// Faults to commit
+    #[arg(long)]
+    pub faults: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Args)]
@@ -372,6 +388,9 @@ pub struct ServoOptions {
     /// Role: a drives, b stands by
     #[arg(long, default_value = "a", value_parser = ["a", "b"])]
     pub role: String,
+    /// Faults to commit
+    #[arg(long)]
+    pub faults: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Args)]

@@ -14,12 +14,14 @@ use bus::member::{Pace, watch};
 use bus::page::{CellPhase, Page};
 use bus::port::Writer;
 use bus::sample::{Job, Participant, Roster};
-use bus::service::{Bus, Created};
+use bus::service::{Bus, Created, ROLES};
 use bytemuck::Zeroable;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
 
 use crate::logs;
+
+mod restart;
 
 /// Until then every process must have said that it is ready.
 const READY_LIMIT: Duration = Duration::from_secs(30);
@@ -40,12 +42,14 @@ pub struct Role {
     pub job: Job,
     /// Axis of a servo.
     pub axis: usize,
+    /// Role of a servo: 0 drives, 1 stands by.
+    pub role: u32,
     /// Arguments beyond its seat.
     pub arguments: Vec<String>,
 }
 
 /// What the group needs to know of a run.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Plan {
     /// Copy of the machine file that all read.
     pub machine_file: PathBuf,
@@ -61,6 +65,10 @@ pub struct Plan {
     pub answer_limit_s: u64,
     /// Copy of the scripted orders, if there are any.
     pub orders: Option<PathBuf>,
+    /// Copy of the fault script, if there is one.
+    pub faults: Option<PathBuf>,
+    /// Where the blocks that it names begin on the path: line and element.
+    pub fault_blocks: Vec<(u32, u32)>,
 }
 
 /// The table of processes, in the order they are started in: who listens before who speaks.
@@ -70,6 +78,7 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
         name: "monitor".into(),
         job: Job::Monitor,
         axis: 0,
+        role: 0,
         arguments: vec![
             "recorder".into(),
             "--out".into(),
@@ -78,22 +87,34 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
             path(&plan.program),
         ],
     }];
-    roles.extend(machine.axes.iter().enumerate().map(|(index, axis)| Role {
-        name: format!("servo-{}", axis.name),
-        job: Job::Servo,
-        axis: index,
-        arguments: vec!["servo".into(), "--axis".into(), axis.name.clone()],
-    }));
+    for (index, axis) in machine.axes.iter().enumerate() {
+        for (role, word) in ROLES.iter().enumerate() {
+            if role > 0 && !axis.standby {
+                continue;
+            }
+            roles.push(Role {
+                name: servo_name(&axis.name, role),
+                job: Job::Servo,
+                axis: index,
+                role: role as u32,
+                arguments: ["servo", "--axis", &axis.name, "--role", word]
+                    .map(String::from)
+                    .to_vec(),
+            });
+        }
+    }
     roles.push(Role {
         name: "planner".into(),
         job: Job::Planner,
         axis: 0,
+        role: 0,
         arguments: vec!["planner".into(), "--program".into(), path(&plan.program)],
     });
     roles.push(Role {
         name: "plant-sim".into(),
         job: Job::Machine,
         axis: 0,
+        role: 0,
         arguments: vec![
             "plant-sim".into(),
             "--plant".into(),
@@ -109,13 +130,37 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
             .arguments
             .extend(["--orders".into(), path(orders)]);
     }
+    if let Some(faults) = &plan.faults {
+        for role in roles.iter_mut().filter(|r| r.job != Job::Monitor) {
+            role.arguments.extend(["--faults".into(), path(faults)]);
+        }
+        if let Some(machine_side) = roles.last_mut() {
+            for (line, element) in &plan.fault_blocks {
+                machine_side
+                    .arguments
+                    .extend(["--fault-block".into(), format!("{line}={element}")]);
+            }
+        }
+    }
     roles
+}
+
+/// Name of a servo's process: its standby has the role's letter behind it.
+fn servo_name(axis: &str, role: usize) -> String {
+    match ROLES.get(role) {
+        Some(word) if role > 0 => format!("servo-{axis}-{word}"),
+        _ => format!("servo-{axis}"),
+    }
 }
 
 /// A started process.
 #[derive(Debug)]
 struct Member {
     role: Role,
+    /// Counts the processes that had this place, from 1.
+    incarnation: u32,
+    /// Since when it is being started in place of one that was lost; it is not in the roster yet.
+    joining: Option<Instant>,
     child: Child,
     ended: OwnedFd,
     log: Option<JoinHandle<()>>,
@@ -131,9 +176,23 @@ pub struct Death {
     pub job: Job,
     /// How it ended.
     pub status: ExitStatus,
+    /// Its place in the roster.
+    pub place: usize,
+    /// Another process has taken its place, or is to.
+    pub replaced: bool,
 }
 
 impl Death {
+    fn of(member: &Member, place: usize, status: ExitStatus) -> Death {
+        Death {
+            name: member.role.name.clone(),
+            job: member.role.job,
+            status,
+            place,
+            replaced: false,
+        }
+    }
+
     /// Whether the process doing this job ended otherwise than it was told to.
     pub fn is_untimely(&self, job: Job) -> bool {
         self.job == job && !self.status.success()
@@ -153,6 +212,8 @@ impl Death {
 #[derive(Debug)]
 pub struct Group {
     members: Vec<Member>,
+    plan: Plan,
+    core: Option<usize>,
     /// The newest scan the launcher has seen: when a death is noticed, it happened about then.
     pub newest_scan: u64,
     roster: Roster,
@@ -162,7 +223,18 @@ pub struct Group {
     /// The wake page.
     pub page: Page,
     _services: Created,
-    _cell: Ownership,
+    cell: Ownership,
+}
+
+/// Writes into the roster how the process of this place ended.
+fn note_death(roster: &mut Roster, place: usize, status: ExitStatus, scan: u64) {
+    if let Some(participant) = roster.participants.get_mut(place) {
+        participant.live = 0;
+        participant.stalled = 0;
+        participant.death_scan = scan;
+        participant.death_signal = status.signal().unwrap_or(0);
+        participant.death_status = status.code().unwrap_or(0);
+    }
 }
 
 /// The processor on which the processes of a lockstep cell hand over to each other: on one, a hand-over costs a few
@@ -197,19 +269,33 @@ impl Group {
         let services = bus.create_all()?;
         let page = Page::create(&place)?;
         let roster_writer = bus.roster_writer()?;
+        let core = lockstep_core(plan.pace);
         let mut group = Group {
             members: Vec::new(),
+            plan: plan.clone(),
+            core,
             newest_scan: 0,
             roster: Roster::zeroed(),
             roster_writer,
             bus,
             page,
             _services: services,
-            _cell: cell,
+            cell,
         };
-        let core = lockstep_core(plan.pace);
         for (index, role) in roles(machine, plan).into_iter().enumerate() {
-            group.spawn(&place, plan, index, role, core)?;
+            let member = group.spawn(index, role, 1, None)?;
+            if let Some(participant) = group.roster.participants.get_mut(index) {
+                *participant = Participant {
+                    death_scan: u64::MAX,
+                    job: member.role.job as u32,
+                    axis: member.role.axis as u32,
+                    role: member.role.role,
+                    incarnation: 1,
+                    live: 1,
+                    ..Participant::zeroed()
+                };
+            }
+            group.members.push(member);
         }
         group.wait_until_ready(interrupted)?;
         Ok(group)
@@ -221,29 +307,33 @@ impl Group {
         self.page.set_phase(CellPhase::Running);
     }
 
+    /// Starts the process of a place; it takes part once the roster says so.
     fn spawn(
-        &mut self,
-        place: &CellPlace,
-        plan: &Plan,
+        &self,
         index: usize,
         role: Role,
-        core: Option<usize>,
-    ) -> anyhow::Result<()> {
+        incarnation: u32,
+        after_scan: Option<u64>,
+    ) -> anyhow::Result<Member> {
         let mut command = Command::new("/proc/self/exe");
         command
             .arg0("quadrant")
             .args(&role.arguments)
-            .args(["--cell", place.name(), "--machine"])
-            .arg(&plan.machine_file)
-            .args(["--pace", plan.pace.word()])
-            .args(["--place", &index.to_string(), "--incarnation", "1"])
+            .args(["--cell", self.cell.place().name(), "--machine"])
+            .arg(&self.plan.machine_file)
+            .args(["--pace", self.plan.pace.word()])
+            .args(["--place", &index.to_string()])
+            .args(["--incarnation", &incarnation.to_string()])
             .args(["--launcher", &std::process::id().to_string()])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
             // Ctrl-C goes to the launcher alone, which stops the group in order.
             .process_group(0);
-        if let Some(core) = core {
+        if let Some(scan) = after_scan {
+            command.args(["--after-scan", &scan.to_string()]);
+        }
+        if let Some(core) = self.core {
             let where_to = if role.job == Job::Monitor {
                 "--avoid-core"
             } else {
@@ -265,24 +355,15 @@ impl Group {
             .take()
             .map(|stderr| logs::forward(role.name.clone(), stderr));
         tracing::debug!(process = role.name, pid = child.id(), "started");
-        if let Some(participant) = self.roster.participants.get_mut(index) {
-            *participant = Participant {
-                death_scan: u64::MAX,
-                job: role.job as u32,
-                axis: role.axis as u32,
-                incarnation: 1,
-                live: 1,
-                ..Participant::zeroed()
-            };
-        }
-        self.members.push(Member {
+        Ok(Member {
             role,
+            incarnation,
+            joining: (incarnation > 1).then(Instant::now),
             child,
             ended,
             log,
             status: None,
-        });
-        Ok(())
+        })
     }
 
     fn wait_until_ready(&mut self, interrupted: &dyn Fn() -> bool) -> anyhow::Result<()> {
@@ -293,7 +374,7 @@ impl Group {
                 .members
                 .iter()
                 .enumerate()
-                .filter(|(index, _)| self.page.ready_incarnation(*index) != 1)
+                .filter(|(index, m)| self.page.ready_incarnation(*index) != m.incarnation)
                 .map(|(_, member)| member.role.name.as_str())
                 .collect();
             if waiting.is_empty() {
@@ -347,7 +428,7 @@ impl Group {
             .map(|m| (m.role.name.as_str(), m.child.id()))
     }
 
-    /// Whether the process doing this job still lives.
+    /// Whether the process doing this job lives, in the roster or on its way into it.
     pub fn lives(&self, job: Job) -> bool {
         self.members
             .iter()
@@ -369,19 +450,10 @@ impl Group {
                 let _ = log.join();
             }
             // Who leaves in order has been told to: that is no news, and no sample may hang on when it was noticed.
-            if let Some(participant) = self.roster.participants.get_mut(index)
-                && !status.success()
-            {
-                participant.live = 0;
-                participant.death_scan = self.newest_scan;
-                participant.death_signal = status.signal().unwrap_or(0);
-                participant.death_status = status.code().unwrap_or(0);
+            if !status.success() {
+                note_death(&mut self.roster, index, status, self.newest_scan);
             }
-            deaths.push(Death {
-                name: member.role.name.clone(),
-                job: member.role.job,
-                status,
-            });
+            deaths.push(Death::of(member, index, status));
         }
         if !deaths.is_empty() {
             self.bus.clean_dead();
@@ -418,15 +490,14 @@ impl Group {
     pub fn kill(&mut self) -> Vec<Death> {
         self.page.set_phase(CellPhase::Ending);
         let mut deaths = Vec::new();
-        for member in self.members.iter_mut().filter(|m| m.status.is_none()) {
+        for (index, member) in self.members.iter_mut().enumerate() {
+            if member.status.is_some() {
+                continue;
+            }
             let _ = pidfd_send_signal(&member.ended, Signal::KILL);
             if let Ok(status) = member.child.wait() {
                 member.status = Some(status);
-                deaths.push(Death {
-                    name: member.role.name.clone(),
-                    job: member.role.job,
-                    status,
-                });
+                deaths.push(Death::of(member, index, status));
             }
             if let Some(log) = member.log.take() {
                 let _ = log.join();

@@ -6,6 +6,7 @@ mod cli;
 mod doctor;
 mod events;
 mod exit;
+mod fault_desk;
 mod group;
 mod learn;
 mod logs;
@@ -17,6 +18,7 @@ mod roles;
 mod run;
 mod run_dir;
 mod signals;
+mod supervisor;
 mod tune;
 
 use bus::sample::Order;

@@ -20,9 +20,20 @@ pub fn plant_sim(options: &PlantSimOptions) -> Outcome {
         enabled: options.enabled,
         run_end,
         orders: options.orders.clone(),
+        faults: options.faults.clone(),
+        fault_blocks: fault_blocks(&options.fault_block),
         answer_limit: Duration::from_secs(options.answer_limit),
     })
     .environment()
+}
+
+/// Pairs of a block's line and its first element.
+fn fault_blocks(pairs: &[String]) -> Vec<(u32, u32)> {
+    let pair = |text: &String| {
+        let (line, element) = text.split_once('=')?;
+        Some((line.parse().ok()?, element.parse().ok()?))
+    };
+    pairs.iter().filter_map(pair).collect()
 }
 
 /// The planner.
@@ -31,6 +42,7 @@ pub fn planner(options: &PlannerOptions) -> Outcome {
     planner::run(&planner::Options {
         seat: options.seat.seat(),
         program: options.program.clone(),
+        faults: options.faults.clone(),
     })
     .environment()
 }
@@ -42,6 +54,7 @@ pub fn servo(options: &ServoOptions) -> Outcome {
         seat: options.seat.seat(),
         axis: options.axis.clone(),
         role: u32::from(options.role == "b"),
+        faults: options.faults.clone(),
     })
     .map_err(|e| Failure::Environment(e.into()))
 }

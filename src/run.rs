@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
 use bus::cell::CellPlace;
+use bus::fault_file::{self, FaultScript};
 use bus::machine::learned::{Learned, learned_file};
 use bus::machine::machine_file;
 use bus::member::Pace;
@@ -17,15 +18,19 @@ use crate::check::{self, Checked};
 use crate::cli::{CleanOptions, RunOptions};
 use crate::events::{Event, Events};
 use crate::exit::{Failure, Kind, Outcome};
+use crate::fault_desk::FaultDesk;
 use crate::group::{Death, Group, LEAVE_LIMIT, LEAVE_LIMIT_AFTER_MACHINE, Plan};
 use crate::output::say;
 use crate::progress::{LOOK_EVERY, Progress};
 use crate::run_dir::{RunDir, Sources, default_folder, program_name};
 use crate::signals::Signals;
+use crate::supervisor::{Supervisor, Verdict};
 use crate::{doctor, exit, learn, logs, report};
 
 /// So long the machine may take to come to rest once it was told to.
 const STOP_LIMIT: Duration = Duration::from_secs(15);
+/// The longest wait while somebody is being started, or a fault script may ask for something.
+const LOOK_OFTEN: Duration = Duration::from_millis(1);
 /// Members of a dead launcher get so long to stop on the path and leave.
 const MEMBERS_PATIENCE: Duration = Duration::from_secs(10);
 
@@ -37,6 +42,12 @@ pub fn run(options: &RunOptions) -> Outcome {
     if let Some(orders) = &options.orders {
         order_file::load(orders, &checked.machine).input()?;
     }
+    let faults = options
+        .faults
+        .as_deref()
+        .map(|path| load_faults(path, &checked))
+        .transpose()
+        .input()?;
     let cell_name = options.cell.as_deref().unwrap_or(&checked.machine.name);
     let place = CellPlace::new(cell_name).input()?;
     let signals = Signals::catch().environment()?;
@@ -71,16 +82,24 @@ pub fn run(options: &RunOptions) -> Outcome {
             program: &options.program,
             learned: taught.is_some().then_some(learned_path.as_path()),
             orders: options.orders.as_deref(),
+            faults: options.faults.as_deref(),
         },
     )
     .environment()?;
     // What runs is what was copied: checked once more, in case someone edited it meanwhile.
-    let checked = match check::load(&run_dir.machine, Some(&run_dir.program)) {
+    let mut checked = match check::load(&run_dir.machine, Some(&run_dir.program)) {
         Ok(checked) => checked,
         Err(error) => {
             let _ = std::fs::remove_dir_all(&run_dir.folder);
             return Err(Failure::Input(error));
         }
+    };
+    let (faults, fault_blocks) = match faults {
+        Some((script, blocks)) => {
+            script.restart.apply(&mut checked.machine.restart);
+            (Some(script), blocks)
+        }
+        None => (None, Vec::new()),
     };
     if options.pace() == Pace::Realtime {
         doctor::say_what_realtime_lacks();
@@ -93,6 +112,8 @@ pub fn run(options: &RunOptions) -> Outcome {
         pace: options.pace(),
         answer_limit_s: options.answer_limit,
         orders: run_dir.orders.clone(),
+        faults: run_dir.faults.clone(),
+        fault_blocks,
     };
     let mut group = match Group::start(cell, &checked.machine, &plan, &|| signals.count() > 0) {
         Ok(group) => group,
@@ -109,7 +130,7 @@ pub fn run(options: &RunOptions) -> Outcome {
     }
     let watch = Watch::new(&group, &checked).environment()?;
     group.begin();
-    let ending = supervise(&mut group, &checked, watch, &signals, &mut events);
+    let ending = supervise(&mut group, &checked, faults, watch, &signals, &mut events);
     drop(group);
     let made = report::make(&run_dir.folder);
     conclude(ending, made, &run_dir.folder)?;
@@ -122,6 +143,20 @@ pub fn run(options: &RunOptions) -> Outcome {
         }
     }
     Ok(())
+}
+
+/// Reads a fault script; with it, where the blocks that it names begin on the path (line and element).
+fn load_faults(path: &Path, checked: &Checked) -> anyhow::Result<(FaultScript, Vec<(u32, u32)>)> {
+    let mut script = fault_file::load(path, &checked.machine)?;
+    let elements = checked.program.as_ref().map(|p| p.path.elements.as_slice());
+    let mut blocks = Vec::new();
+    script.resolve_blocks(|line| {
+        let at = elements?.iter().position(|element| element.line >= line)?;
+        let element = u32::try_from(at).ok()?;
+        blocks.push((line, element));
+        Some(element)
+    })?;
+    Ok((script, blocks))
 }
 
 /// How a supervised run ended.
@@ -161,6 +196,7 @@ impl Watch {
 fn supervise(
     group: &mut Group,
     checked: &Checked,
+    faults: Option<FaultScript>,
     mut watch: Watch,
     signals: &Signals,
     events: &mut Events,
@@ -173,27 +209,53 @@ fn supervise(
         .collect();
     let path = checked.program.as_ref().map(|p| &p.path);
     let mut deaths: Vec<Death> = Vec::new();
+    let mut supervisor = Supervisor::new(&checked.machine);
+    let mut desk = faults.map(FaultDesk::new);
+    let mut ends = false;
     let mut stop_since: Option<Instant> = None;
     let mut tripped = false;
-    while group.lives(Job::Machine) && signals.count() < 2 {
-        group.wait(Some(signals.descriptor()), LOOK_EVERY);
+    let machine_place = group.place_of(Job::Machine, 0, 0).unwrap_or_default();
+    while (group.lives(Job::Machine) || supervisor.is_due(machine_place)) && signals.count() < 2 {
+        let often = desk.is_some() || supervisor.is_busy(group);
+        let limit = if often { LOOK_OFTEN } else { LOOK_EVERY };
+        group.wait(Some(signals.descriptor()), limit);
         let newest = watch.progress.look(path).copied();
         group.newest_scan = newest.map_or(0, |feedback| feedback.scan);
-        if let Some(feedback) = newest
-            && feedback.mode == Mode::Tripped as u32
-            && !tripped
-        {
-            tripped = true;
-            let how = stop_words(&feedback, &axes);
-            events.write(&Event::of_cell(feedback.scan, "trip", Some(how)));
+        if let Some(feedback) = newest {
+            let is_tripped = feedback.mode == Mode::Tripped as u32;
+            if is_tripped && !tripped {
+                let how = stop_words(&feedback, &axes);
+                tracing::error!("{how}");
+                events.write(&Event::of_cell(feedback.scan, "trip", Some(how)));
+            }
+            tripped = is_tripped;
         }
-        let died = group.reap();
+        let mut died = group.reap();
         note_deaths(&died, group.newest_scan, events);
+        for death in died.iter_mut().filter(|d| !d.status.success()) {
+            match supervisor.judge(group, death) {
+                Verdict::Restarts => death.replaced = true,
+                Verdict::GoesOn => {}
+                Verdict::Ends => ends = true,
+            }
+        }
         deaths.extend(died);
+        supervisor.start_due(group);
+        for (process, pid) in group.admit_ready() {
+            tracing::info!("{process} started anew");
+            events.write(&Event {
+                process: Some(&process),
+                pid: Some(pid),
+                ..Event::of_cell(group.newest_scan, "restarted", None)
+            });
+        }
+        if let Some(desk) = &mut desk {
+            serve_faults(desk, group, &supervisor, events, &mut deaths);
+        }
         let why = if signals.count() > 0 {
             Some("interrupted")
-        } else if deaths.iter().any(|d| d.is_untimely(Job::Planner)) {
-            Some("planner lost")
+        } else if ends {
+            Some("a process is lost for good")
         } else {
             None
         };
@@ -222,7 +284,8 @@ fn supervise(
     }
     let in_order = !group.lives(Job::Machine);
     if in_order {
-        let limit = if deaths.iter().any(|d| d.is_untimely(Job::Machine)) {
+        let machine_lost = |d: &Death| d.is_untimely(Job::Machine) && !d.replaced;
+        let limit = if deaths.iter().any(machine_lost) {
             group.page.set_phase(CellPhase::Ending);
             LEAVE_LIMIT_AFTER_MACHINE
         } else {
@@ -248,6 +311,34 @@ fn supervise(
         interruptions: signals.count(),
         in_order,
         axes,
+    }
+}
+
+/// Does what the machine side asks for in the name of a fault script, as long as it asks.
+fn serve_faults(
+    desk: &mut FaultDesk,
+    group: &mut Group,
+    supervisor: &Supervisor,
+    events: &mut Events,
+    deaths: &mut Vec<Death>,
+) {
+    loop {
+        match desk.serve(group, supervisor) {
+            Ok(Some(served)) => {
+                if let Some((scan, word, process)) = &served.event {
+                    events.write(&Event {
+                        process: Some(process),
+                        ..Event::of_cell(*scan, word, Some("by the fault script".into()))
+                    });
+                }
+                deaths.extend(served.death);
+            }
+            Ok(None) => return,
+            Err(error) => {
+                tracing::error!("{}", exit::words(&error));
+                return;
+            }
+        }
     }
 }
 
@@ -292,7 +383,11 @@ fn conclude(ending: Ending, made: anyhow::Result<String>, folder: &Path) -> Outc
             "the machine did not come to rest in order"
         )));
     }
-    if let Some(death) = ending.deaths.iter().find(|d| !d.status.success()) {
+    if let Some(death) = ending
+        .deaths
+        .iter()
+        .find(|d| !d.status.success() && !d.replaced)
+    {
         if death.status.code() == Some(3) {
             return Err(Failure::Environment(anyhow!(
                 "{} could not go on",

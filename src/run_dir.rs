@@ -21,6 +21,8 @@ pub struct RunDir {
     pub program: PathBuf,
     /// Copy of the scripted orders, if there are any.
     pub orders: Option<PathBuf>,
+    /// Copy of the fault script, if there is one.
+    pub faults: Option<PathBuf>,
 }
 
 /// What is copied into it.
@@ -36,6 +38,8 @@ pub struct Sources<'a> {
     pub learned: Option<&'a Path>,
     /// Scripted orders.
     pub orders: Option<&'a Path>,
+    /// Fault script.
+    pub faults: Option<&'a Path>,
 }
 
 /// The folder a run writes to if none is named.
@@ -80,7 +84,7 @@ fn utc(seconds: u64) -> String {
 }
 
 /// Files of a run directory that are not the program.
-const RESERVED: [&str; 8] = [
+const RESERVED: [&str; 9] = [
     "machine.toml",
     "learned.toml",
     "plant.toml",
@@ -89,6 +93,7 @@ const RESERVED: [&str; 8] = [
     "report.txt",
     "events.jsonl",
     "orders.toml",
+    "faults.toml",
 ];
 
 /// The name a program keeps in the run directory.
@@ -132,19 +137,18 @@ impl RunDir {
             fs::write(&to, text).with_context(|| format!("{}: cannot be written", to.display()))?;
             Ok(to)
         };
+        let copy_if = |from: Option<&Path>, name: &str| {
+            from.map(|from| copy(from, Path::new(name))).transpose()
+        };
         let program_name = Path::new(program_name(sources.program)?);
-        if let Some(learned) = sources.learned {
-            copy(learned, Path::new(LEARNED_FILE))?;
-        }
+        copy_if(sources.learned, LEARNED_FILE)?;
         Ok(RunDir {
             folder: folder.to_path_buf(),
             machine: copy(sources.machine, Path::new("machine.toml"))?,
             plant: copy(sources.plant, Path::new("plant.toml"))?,
             program: copy(sources.program, program_name)?,
-            orders: match sources.orders {
-                Some(orders) => Some(copy(orders, Path::new("orders.toml"))?),
-                None => None,
-            },
+            orders: copy_if(sources.orders, "orders.toml")?,
+            faults: copy_if(sources.faults, "faults.toml")?,
         })
     }
 }

@@ -81,9 +81,8 @@ fn a_linear_scale_is_no_worse_than_the_motor_encoder() {
         )],
     );
     for (radius, feed) in [(25.0, 3000.0), (10.0, 10_000.0)] {
-        let with = |bench: &Bench| {
-            worst_um(&run(bench.path(), circle(bench, radius, feed)).good_report())
-        };
+        let with =
+            |bench: &Bench| worst_um(&run(bench.path(), circle(bench, radius, feed)).good_report());
         let (motor_um, scale_um) = (with(&motor), with(&scale));
         assert!(
             scale_um <= motor_um + 0.2,

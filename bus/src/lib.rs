@@ -3,6 +3,7 @@
 //! **Invariant**: this is the only crate that names iceoryx2 (a test in `tests/` holds it).
 
 pub mod cell;
+pub mod fault_file;
 pub mod machine;
 pub mod member;
 pub mod order_file;
@@ -12,4 +13,5 @@ pub mod realtime;
 pub mod sample;
 pub mod service;
 pub mod settings_file;
+pub mod tamper;
 pub mod window;

@@ -16,6 +16,7 @@ pub mod learned;
 pub mod model;
 mod positioning;
 mod prediction;
+mod restart;
 mod rules;
 
 pub use interpolation::{Interpolation, Rows, StraightLines};
@@ -23,6 +24,7 @@ pub use kinematics::{Carries, Kinematics, KinematicsKind};
 pub use model::{AxisModel, DisturbanceObserver, TorqueFeedForward};
 pub use positioning::{Positioning, RapidProfile};
 pub use prediction::{PREDICTION_M_MAX, PREDICTION_M_MIN, Prediction};
+pub use restart::{AfterLoss, AfterMachineSide, AfterMonitor, Restart};
 
 use crate::sample::MAX_AXES;
 use crate::settings_file::{self, SettingsFileError, read_text};
@@ -52,6 +54,9 @@ pub struct Machine {
     /// Motion off the path.
     #[serde(default)]
     pub manual: Manual,
+    /// What follows when a process is lost.
+    #[serde(default)]
+    pub restart: Restart,
     /// Its axes, at most [`MAX_AXES`].
     #[serde(rename = "axis")]
     pub axes: Vec<Axis>,
@@ -211,6 +216,9 @@ pub struct Axis {
     /// How it changes over between its controllers.
     #[serde(default)]
     pub changeover: Changeover,
+    /// A second servo stands by, in the same state to the bit, and takes over in the scan in which the first is silent.
+    #[serde(default)]
+    pub standby: bool,
 }
 
 /// Rating plate.

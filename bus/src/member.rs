@@ -73,6 +73,8 @@ pub struct Seat {
     pub core: Option<usize>,
     /// Processor to keep off, where there is another.
     pub avoid_core: Option<usize>,
+    /// The last scan that is not its business: until then the process it replaces, or nobody, had its place.
+    pub after_scan: Option<u64>,
 }
 
 /// Why a role cannot take part.

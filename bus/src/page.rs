@@ -20,9 +20,10 @@ use rustix::mm::{MapFlags, ProtFlags};
 use rustix::thread::futex;
 
 use crate::cell::{CellError, CellPlace};
+use crate::fault_file::FAULTS_MAX;
 use crate::sample::MAX_PARTICIPANTS;
 
-const MAGIC: u64 = u64::from_le_bytes(*b"QUADRAN1");
+const MAGIC: u64 = u64::from_le_bytes(*b"QUADRAN2");
 /// Bytes kept for one saved state of the machine side.
 pub const MACHINE_STATE_BYTES: usize = 8192;
 
@@ -36,6 +37,48 @@ pub enum CellPhase {
     Running = 1,
     /// Everybody is to leave at once.
     Ending = 2,
+}
+
+/// What the machine side asks of the launcher to carry out a fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum FaultStep {
+    /// Kill the process and reap it.
+    Kill = 1,
+    /// Start its replacement, so that it is ready.
+    Restart = 2,
+    /// Stop the process (it lives and does nothing).
+    Stop = 3,
+    /// Say in the roster that the process takes part again.
+    Readmit = 4,
+    /// Continue the stopped process.
+    Continue = 5,
+}
+
+impl FaultStep {
+    fn from_word(word: u32) -> Option<FaultStep> {
+        Some(match word {
+            1 => FaultStep::Kill,
+            2 => FaultStep::Restart,
+            3 => FaultStep::Stop,
+            4 => FaultStep::Readmit,
+            5 => FaultStep::Continue,
+            _ => return None,
+        })
+    }
+}
+
+/// A request of the machine side that the launcher has not answered yet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FaultRequest {
+    /// Counted from 1; names the request in the answer.
+    pub ticket: u64,
+    /// Index of the fault in the script.
+    pub index: usize,
+    /// What is to be done.
+    pub step: FaultStep,
+    /// The scan it is for.
+    pub scan: u64,
 }
 
 /// A futex word that some process waits at.
@@ -77,8 +120,11 @@ struct Layout {
     monitor: Bell,
     launcher: Bell,
     recorded: Recorded,
+    requests: Requests,
     places: [PlaceWords; MAX_PARTICIPANTS],
     saved: [SavedState; 2],
+    /// Per fault of the script: 0 until it fires, then its scan + 1.
+    fired: [AtomicU64; FAULTS_MAX],
 }
 
 #[repr(C, align(64))]
@@ -92,9 +138,36 @@ struct Recorded {
     scans: AtomicU64,
 }
 
+/// What the machine side asks of the launcher: one request at a time.
+#[repr(C, align(64))]
+struct Requests {
+    /// Requests made; the newest stands in the slot of its parity, so that the one before is never torn by it.
+    asked: AtomicU64,
+    /// The last one that was answered.
+    done: AtomicU64,
+    slots: [RequestWords; 2],
+}
+
 #[repr(C)]
+struct RequestWords {
+    scan: AtomicU64,
+    index: AtomicU32,
+    step: AtomicU32,
+}
+
+impl Requests {
+    fn slot(&self, ticket: u64) -> &RequestWords {
+        let [even, odd] = &self.slots;
+        if ticket.is_multiple_of(2) { even } else { odd }
+    }
+}
+
+/// A line of its own for each: it is written in every scan.
+#[repr(C, align(64))]
 struct PlaceWords {
     ready_incarnation: AtomicU32,
+    /// The last scan it was done with, + 1; 0 before the first.
+    answered_scan: AtomicU64,
 }
 
 #[repr(C, align(64))]
@@ -315,6 +388,78 @@ impl Page {
             .map_or(0, |words| words.ready_incarnation.load(Ordering::Acquire))
     }
 
+    /// Says that the process in this place is done with this scan, whether it has sent an answer that counts or not.
+    pub fn set_answered(&self, place: usize, scan: u64) {
+        if let Some(words) = self.layout().places.get(place) {
+            words
+                .answered_scan
+                .store(scan.saturating_add(1), Ordering::Release);
+        }
+    }
+
+    /// The last scan that the process in this place, or one before it there, was done with. What it has sent until then is
+    /// there for whoever reads this first. A process whose scan falls behind that of the others hangs.
+    pub fn answered_scan(&self, place: usize) -> Option<u64> {
+        let words = self.layout().places.get(place)?;
+        words.answered_scan.load(Ordering::Acquire).checked_sub(1)
+    }
+
+    /// The scan in which the fault of this index in the script fired.
+    pub fn fault_fired(&self, index: usize) -> Option<u64> {
+        let word = self.layout().fired.get(index)?;
+        word.load(Ordering::Acquire).checked_sub(1)
+    }
+
+    /// Says that it fires in this scan; for the machine side, before the feedback of that scan.
+    pub fn set_fault_fired(&self, index: usize, scan: u64) {
+        if let Some(word) = self.layout().fired.get(index) {
+            word.store(scan.saturating_add(1), Ordering::Release);
+        }
+    }
+
+    /// Asks the launcher for a step of a fault; the ticket to wait for with [`Page::is_done`], at the machine side's bell.
+    /// For the machine side, one request after the other.
+    pub fn ask_launcher(&self, index: usize, step: FaultStep, scan: u64) -> u64 {
+        let layout = self.layout();
+        let requests = &layout.requests;
+        let ticket = requests.asked.load(Ordering::Relaxed) + 1;
+        let slot = requests.slot(ticket);
+        slot.scan.store(scan, Ordering::Relaxed);
+        slot.index.store(index as u32, Ordering::Relaxed);
+        slot.step.store(step as u32, Ordering::Relaxed);
+        requests.asked.store(ticket, Ordering::Release);
+        layout.launcher.ring();
+        ticket
+    }
+
+    /// What the machine side asks for and has no answer to; for the launcher.
+    pub fn launcher_request(&self) -> Option<FaultRequest> {
+        let requests = &self.layout().requests;
+        let ticket = requests.asked.load(Ordering::Acquire);
+        if ticket <= requests.done.load(Ordering::Acquire) {
+            return None;
+        }
+        let slot = requests.slot(ticket);
+        Some(FaultRequest {
+            ticket,
+            index: slot.index.load(Ordering::Relaxed) as usize,
+            step: FaultStep::from_word(slot.step.load(Ordering::Relaxed))?,
+            scan: slot.scan.load(Ordering::Relaxed),
+        })
+    }
+
+    /// Says that what this ticket asked for is done; for the launcher.
+    pub fn launcher_done(&self, ticket: u64) {
+        let layout = self.layout();
+        layout.requests.done.fetch_max(ticket, Ordering::Release);
+        layout.machine.ring();
+    }
+
+    /// Whether the launcher has done what this ticket asked for.
+    pub fn is_done(&self, ticket: u64) -> bool {
+        self.layout().requests.done.load(Ordering::Acquire) >= ticket
+    }
+
     /// Saves the machine side's mechanical state into the older of two slots, so that a kill in the middle of it leaves
     /// the other one whole. Bytes beyond [`MACHINE_STATE_BYTES`] are not kept: the caller's state must fit.
     pub fn save_machine_state(&self, bytes: &[u8]) {
@@ -365,5 +510,95 @@ fn even(slot: &SavedState) -> u64 {
         version
     } else {
         0
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::expect_used)]
+mod tests {
+    use super::*;
+
+    /// A page of its own, seen by the one who made it and by a member.
+    fn with_page(test: &str, look: impl Fn(&Page, &Page)) {
+        let name = format!("p{}-{test}", std::process::id());
+        let place = CellPlace::new(&name).expect("a name");
+        let owner = place.own(Duration::ZERO).expect("the cell");
+        let page = Page::create(&place).expect("the page");
+        look(&page, &Page::open(&place).expect("the page"));
+        drop(owner);
+    }
+
+    #[test]
+    fn a_fault_that_fired_is_seen_with_its_scan_by_every_process() {
+        with_page("fired", |launcher, member| {
+            for index in [0, 7, FAULTS_MAX - 1] {
+                assert_eq!(member.fault_fired(index), None);
+                launcher.set_fault_fired(index, index as u64);
+                assert_eq!(member.fault_fired(index), Some(index as u64));
+            }
+            assert_eq!(member.fault_fired(1), None);
+            // Beyond the most a script can have: nothing, rather than another's word.
+            launcher.set_fault_fired(FAULTS_MAX, 3);
+            assert_eq!(member.fault_fired(FAULTS_MAX), None);
+        });
+    }
+
+    #[test]
+    fn the_launcher_finds_each_request_once_and_its_answer_wakes_the_machine_side() {
+        with_page("ask", |launcher, machine| {
+            assert_eq!(launcher.launcher_request(), None);
+            let steps = [
+                FaultStep::Kill,
+                FaultStep::Restart,
+                FaultStep::Stop,
+                FaultStep::Readmit,
+                FaultStep::Continue,
+            ];
+            for (index, step) in steps.into_iter().enumerate() {
+                let rung = launcher.launcher_bell().count();
+                let ticket = machine.ask_launcher(index, step, 900 + index as u64);
+                assert_ne!(launcher.launcher_bell().count(), rung);
+                assert!(!machine.is_done(ticket));
+                let asked = FaultRequest {
+                    ticket,
+                    index,
+                    step,
+                    scan: 900 + index as u64,
+                };
+                assert_eq!(launcher.launcher_request(), Some(asked));
+                let rung = machine.machine_bell().count();
+                launcher.launcher_done(ticket);
+                assert_ne!(machine.machine_bell().count(), rung);
+                assert!(machine.is_done(ticket));
+                assert_eq!(launcher.launcher_request(), None);
+            }
+        });
+    }
+
+    #[test]
+    fn an_answer_to_an_earlier_request_does_not_answer_a_later_one() {
+        with_page("late", |launcher, machine| {
+            let first = machine.ask_launcher(1, FaultStep::Kill, 5);
+            // The machine side died and its replacement asks anew.
+            let second = machine.ask_launcher(2, FaultStep::Stop, 6);
+            launcher.launcher_done(first);
+            assert!(!machine.is_done(second));
+            let open = launcher.launcher_request().map(|r| (r.ticket, r.index));
+            assert_eq!(open, Some((second, 2)));
+        });
+    }
+
+    #[test]
+    fn how_far_each_place_is_stands_in_the_page() {
+        with_page("answered", |launcher, member| {
+            assert_eq!(launcher.answered_scan(3), None);
+            member.set_answered(3, 0);
+            assert_eq!(launcher.answered_scan(3), Some(0));
+            member.set_answered(3, 41);
+            assert_eq!(launcher.answered_scan(3), Some(41));
+            assert_eq!(launcher.answered_scan(2), None);
+            member.set_answered(MAX_PARTICIPANTS, 1);
+            assert_eq!(launcher.answered_scan(MAX_PARTICIPANTS), None);
+        });
     }
 }

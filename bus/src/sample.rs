@@ -191,6 +191,8 @@ pub enum Cause {
     Planner = 11,
     /// The axis stands at the programmed end and never came into its in-position window.
     NotInPosition = 12,
+    /// The machine side died and was started anew: the drives have braked by themselves and are off.
+    MachineSideLost = 13,
 }
 
 impl Cause {
@@ -210,6 +212,7 @@ impl Cause {
             10 => Cause::TorqueLimit,
             11 => Cause::Planner,
             12 => Cause::NotInPosition,
+            13 => Cause::MachineSideLost,
             _ => return None,
         })
     }
@@ -230,6 +233,7 @@ impl Cause {
             Cause::TorqueLimit => "torque at its limit for too long",
             Cause::Planner => "planner cannot go on",
             Cause::NotInPosition => "not in position at the programmed end",
+            Cause::MachineSideLost => "machine side lost and started anew, drives off",
         }
     }
 }
@@ -301,7 +305,7 @@ impl Driver {
 
 /// What the machine side says each scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Feedback/2")]
+#[type_name("quadrant/Feedback/3")]
 #[repr(C)]
 pub struct Feedback {
     /// Number of the scan that begins with this sample.
@@ -320,6 +324,8 @@ pub struct Feedback {
     pub tag: PathTag,
     /// Where the path was left, and where a resumed program returns to; off the path as long as none was begun.
     pub left_at: PathTag,
+    /// Command registers that the program was begun from: its path is expanded from there, by every planner of this run.
+    pub program_start: [i64; MAX_AXES],
     /// Row of the window being executed in this scan.
     pub row: u32,
     /// 1 once that row is the window's last: the machine is commanded to rest.
@@ -549,9 +555,22 @@ pub enum Job {
     Monitor = 4,
 }
 
+impl Job {
+    /// Decodes what came over the wire.
+    pub fn from_wire(value: u32) -> Option<Job> {
+        Some(match value {
+            1 => Job::Machine,
+            2 => Job::Planner,
+            3 => Job::Servo,
+            4 => Job::Monitor,
+            _ => return None,
+        })
+    }
+}
+
 /// One process in the roster.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Participant/1")]
+#[type_name("quadrant/Participant/2")]
 #[repr(C)]
 pub struct Participant {
     /// Scan at which it last died, `u64::MAX` if it never did.
@@ -570,13 +589,13 @@ pub struct Participant {
     pub death_signal: i32,
     /// Exit status of the last one before.
     pub death_status: i32,
-    /// Kept zero.
-    pub reserved: u32,
+    /// 1 while it lives but has been stopped by a fault script: nobody waits for it.
+    pub stalled: u32,
 }
 
 /// Who takes part: published by the launcher, which learns of deaths from the kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Roster/1")]
+#[type_name("quadrant/Roster/2")]
 #[repr(C)]
 pub struct Roster {
     /// Counted from 1.

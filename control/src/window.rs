@@ -198,6 +198,20 @@ impl WindowPlanner {
         })
     }
 
+    /// Whether this state is the end of the path: nothing is left to do there.
+    pub fn is_end(&self, state: &PathState) -> bool {
+        let last = self.path.elements.len().saturating_sub(1);
+        let at_length = self
+            .path
+            .elements
+            .last()
+            .is_some_and(|element| state.distance_mm >= element.length_mm);
+        state.element as usize == last
+            && at_length
+            && state.dwell_remaining_scans == 0
+            && state.is_at_rest()
+    }
+
     /// Fills `rows` with the window that follows `from`: the state of the row executed one scan before row 0, or, with
     /// [`WindowRequest::repeats_start`], of row 0 itself.
     pub fn plan(

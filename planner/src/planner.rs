@@ -126,8 +126,6 @@ pub struct Planner {
     in_force: Published,
     pending: Published,
     sequence: u32,
-    /// Whether a window of the course has been in force: from then on the path is under way.
-    under_way: bool,
     cause: Cause,
     rows: Vec<Row>,
     wire: Vec<WindowRow>,
@@ -153,7 +151,6 @@ impl Planner {
             in_force: Published::none(rows_max),
             pending: Published::none(rows_max),
             sequence: 0,
-            under_way: false,
             cause: Cause::None,
             rows: Vec::with_capacity(rows_max),
             wire: Vec::with_capacity(rows_max),
@@ -190,8 +187,7 @@ impl Planner {
         } else if feedback.window == self.in_force.header.id {
             self.go_on(feedback, first_scan)?
         } else {
-            // Someone else's window: there is no state to go on from.
-            return None;
+            self.take_over(feedback)?
         };
         let request = WindowRequest {
             intended_rows: self.machine.intended_rows(),
@@ -255,29 +251,57 @@ impl Planner {
         let overdue = feedback.scan >= pending.first_scan;
         if feedback.window == pending.id {
             std::mem::swap(&mut self.in_force, &mut self.pending);
-            self.under_way = true;
             self.pending.header = WindowHeader::zeroed();
         } else if feedback.voided == pending.id || overdue {
             self.pending.header = WindowHeader::zeroed();
         }
     }
 
-    /// The state before the first row, once the program is expanded from where the machine stands.
+    /// The state before the first row, once the program is expanded.
     ///
-    /// Expanding takes as long as the program is, so the scan that does it has nothing new to say; a first window that
-    /// came to nothing is planned again.
+    /// A program that was never begun starts where the machine stands. One that was goes on where its path was left,
+    /// whoever planned it.
     fn start(&mut self, feedback: &Feedback) -> Option<From> {
-        if self.under_way {
-            return self.return_to_path(feedback);
-        }
-        let stands_at_start = self
-            .course
-            .as_ref()
-            .is_some_and(|course| course.start == registers(feedback));
-        if stands_at_start {
+        if feedback.left_at.is_off_path() {
+            self.expanded_from(registers(feedback))?;
             return Some(From::program(PathState::default(), true));
         }
-        match self.expand(feedback) {
+        self.expanded_from(feedback.program_start)?;
+        self.return_to_path(feedback)
+    }
+
+    /// The window in force is that of a planner before this one: it brings the machine to rest on the path, and from there
+    /// the program goes on.
+    fn take_over(&mut self, feedback: &Feedback) -> Option<From> {
+        self.expanded_from(feedback.program_start)?;
+        if feedback.at_rest == 0 || !feedback.armed.is_none() {
+            return None;
+        }
+        if feedback.hold == 1 || feedback.override_percent == 0 {
+            return None;
+        }
+        let from = self.return_to_path(feedback)?;
+        let done = !from.returns
+            && self
+                .course
+                .as_ref()
+                .is_some_and(|course| course.windows.is_end(&from.state));
+        // The window in force goes on standing there; what follows it starts with the first step from it.
+        (!done).then_some(From {
+            starts: false,
+            ..from
+        })
+    }
+
+    /// Expands the program from these command registers, if it is not yet.
+    ///
+    /// Expanding takes as long as the program is, so the scan that does it has nothing new to say; a window that came to
+    /// nothing is planned again.
+    fn expanded_from(&mut self, start: [i64; MAX_AXES]) -> Option<()> {
+        if self.course.as_ref().is_some_and(|c| c.start == start) {
+            return Some(());
+        }
+        match self.expand(start) {
             Ok(course) => self.course = Some(course),
             Err(error) => {
                 tracing::error!("{error}");
@@ -302,10 +326,16 @@ impl Planner {
             left_at.distance_mm,
             left_at.dwell_remaining_scans,
         );
-        let known = feedback.program_hash == course.program_hash;
-        let place = resumed
-            .filter(|_| known)
-            .and_then(|state| Some((state, windows.row(&state)?.position_increments)));
+        if feedback.program_hash != course.program_hash {
+            tracing::error!(
+                "{}: changed since the program was begun; it cannot go on in the middle of another one",
+                self.program_name
+            );
+            self.cause = Cause::Planner;
+            return None;
+        }
+        let place =
+            resumed.and_then(|state| Some((state, windows.row(&state)?.position_increments)));
         let Some((state, position)) = place else {
             tracing::error!("the place where the path was left is not on the path of this program");
             self.cause = Cause::Planner;
@@ -333,8 +363,8 @@ impl Planner {
         })
     }
 
-    fn expand(&self, feedback: &Feedback) -> Result<Course, StartError> {
-        let stands = point_of(&self.machine, &registers(feedback));
+    fn expand(&self, registers: [i64; MAX_AXES]) -> Result<Course, StartError> {
+        let stands = point_of(&self.machine, &registers);
         let start = tool_at(&self.machine, &stands).map_err(CourseError::from)?;
         let setup = Setup::of(&self.machine);
         let program = program::interpret(&self.program_name, &self.program_text, &setup, start)?;
@@ -349,7 +379,7 @@ impl Planner {
         Ok(Course {
             windows,
             program_hash,
-            start: registers(feedback),
+            start: registers,
             length_before_mm,
         })
     }

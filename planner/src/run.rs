@@ -9,9 +9,13 @@
 
 use std::path::PathBuf;
 
-use bus::member::{Member, MemberError, Seat};
+use bus::fault_file;
+use bus::member::{Member, MemberError, Pace, Seat};
 use bus::realtime::Priority;
+use bus::sample::{Job, WindowHeader, WindowRow};
 use bus::service::SCAN_DEPTH;
+use bus::settings_file::SettingsFileError;
+use bus::tamper::Tamper;
 
 use crate::planner::Planner;
 
@@ -22,6 +26,8 @@ pub struct Options {
     pub seat: Seat,
     /// Part program.
     pub program: PathBuf,
+    /// A fault script, for the faults that this planner is to commit.
+    pub faults: Option<PathBuf>,
 }
 
 /// Why a planner cannot take part.
@@ -38,6 +44,9 @@ pub enum PlannerError {
         /// Why.
         source: std::io::Error,
     },
+    /// The fault script cannot be read.
+    #[error(transparent)]
+    Faults(#[from] SettingsFileError),
 }
 
 /// Plans until the run or the cell ends.
@@ -58,9 +67,17 @@ pub fn run(options: &Options) -> Result<(), PlannerError> {
     let mut status_out = member.bus.planner_writer().map_err(cell)?;
     let mut planner = Planner::new(&member.machine, &name, text, options.seat.incarnation);
     let period_scans = u64::from(member.machine.scan.distribution_period_scans);
+    let mut tamper = match &options.faults {
+        Some(path) => {
+            let script = fault_file::load(path, &member.machine)?;
+            Some(Tamper::new(&script, Job::Planner, 0, 0))
+        }
+        None => None,
+    };
     member.ready(Priority::Planner);
 
-    let mut last = None;
+    let lockstep = options.seat.pace == Pace::Lockstep;
+    let mut last = options.seat.after_scan;
     let mut answered_boundary = None;
     while let Some(feedback) =
         member.next_feedback(member.page.planner_bell(), &mut feedback_in, last)
@@ -70,18 +87,36 @@ pub fn run(options: &Options) -> Result<(), PlannerError> {
         }
         last = Some(feedback.scan);
         let boundary = feedback.scan - feedback.scan % period_scans;
-        if answered_boundary.is_some_and(|answered| answered >= boundary) {
+        // In lockstep everybody is waited for: who comes between two boundaries has just joined, and was not asked.
+        let unasked = lockstep && feedback.scan != boundary;
+        if unasked || answered_boundary.is_some_and(|answered| answered >= boundary) {
             // Woken between two boundaries, by somebody who rang for all: nothing is asked.
             continue;
         }
         answered_boundary = Some(boundary);
         let decision = planner.scan(&feedback);
-        if let Some((header, rows)) = &decision.window
-            && !windows_out.send(header, rows)
-        {
-            tracing::warn!(sequence = header.id.sequence, "a window could not be sent");
+        let mut send = |header: &WindowHeader, rows: &[WindowRow]| {
+            if !windows_out.send(header, rows) {
+                tracing::warn!(sequence = header.id.sequence, "a window could not be sent");
+            }
+        };
+        match &mut tamper {
+            None => {
+                if let Some((header, rows)) = &decision.window {
+                    send(header, rows);
+                }
+            }
+            Some(tamper) => {
+                let fired = |index| member.page.fault_fired(index);
+                let planned = decision
+                    .window
+                    .as_ref()
+                    .map(|(header, rows)| (header, *rows));
+                tamper.window(feedback.scan, planned, fired, send);
+            }
         }
         status_out.send(&decision.status);
+        member.page.set_answered(member.seat().place, feedback.scan);
         member.page.answered();
     }
     Ok(())

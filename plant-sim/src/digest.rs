@@ -44,6 +44,16 @@ impl MotionDigest {
         }
     }
 
+    /// Goes on from a value that [`MotionDigest::end`] gave.
+    pub fn resume(&mut self, [high, low]: [u64; 2]) {
+        self.value = u128::from(high) << 64 | u128::from(low);
+    }
+
+    /// The value so far, high and low half.
+    pub fn value(&self) -> [u64; 2] {
+        [(self.value >> 64) as u64, self.value as u64]
+    }
+
     fn push(&mut self, words: &[u64]) {
         for (place, word) in self.words.iter_mut().skip(self.used).zip(words) {
             *place = *word;
@@ -88,7 +98,8 @@ impl MotionDigest {
     pub fn end(&mut self) -> (u64, u64) {
         let used = self.words.get(..self.used).unwrap_or(&self.words);
         self.value = xxh3_128(bytemuck::cast_slice(used));
-        ((self.value >> 64) as u64, self.value as u64)
+        let [high, low] = self.value();
+        (high, low)
     }
 }
 

@@ -3,6 +3,7 @@
 pub mod axis;
 pub mod digest;
 pub mod drive;
+pub mod fault_desk;
 pub mod friction;
 pub mod machine_side;
 pub mod mechanics;

@@ -8,7 +8,7 @@
     clippy::indexing_slicing
 )]
 
-use bus::machine::{Axis, DriveMode, Machine, PositionFeedback};
+use bus::machine::{Axis, DriveMode, Machine, PositionFeedback, Restart};
 use bus::sample::{
     AxisCommand, AxisFeedback, Cause, Driver, Feedback, Instruments, Job, MAX_AXES, MAX_SUBSAMPLES,
     Mode, PlannerStatus, Roster, WindowHeader, WindowId, WindowRow,
@@ -22,6 +22,10 @@ use crate::drive::DriveCommand;
 use crate::window_book::{Dropped, WindowBook};
 
 mod orders;
+mod recovery;
+mod switch;
+
+use switch::{Switch, Taken};
 
 /// Speed below which a braked axis counts as standing, in mm/s.
 const STANDSTILL_MM_S: f64 = 0.5;
@@ -72,6 +76,10 @@ struct AxisUnit {
     missed_in_a_row: u32,
     cause: Cause,
     taken_incarnation: u32,
+    /// Which of its servos is active.
+    switch: Switch,
+    /// Its servo answered the last scan, with nothing to complain of.
+    followed: bool,
     /// Which of its controllers drives it.
     driver: Driver,
     /// Where a jog is to bring the register.
@@ -100,6 +108,10 @@ impl AxisUnit {
             PositionFeedback::Motor => self.motor_position(),
             PositionFeedback::Scale => self.scale_position(),
         }
+    }
+
+    fn is_followed(&self) -> bool {
+        self.followed
     }
 
     /// What the drive is told for this scan.
@@ -189,8 +201,12 @@ pub struct MachineSide {
     jog_patience_scans: u64,
     jog_mm_s: f64,
     scan_period_s: f64,
-    /// Somebody has asked a machine without drives to stop: the run may end.
-    ended_disabled: bool,
+    /// Somebody has asked a machine without drives, or one that has tripped, to stop: the run may end.
+    may_end: bool,
+    /// What follows when a process is lost.
+    restart: Restart,
+    /// Command registers the program was begun from.
+    program_start: [i64; MAX_AXES],
     last: bool,
     overrun_scans: u32,
     samples: [[InstrumentSample; MAX_SUBSAMPLES]; MAX_AXES],
@@ -222,6 +238,8 @@ impl MachineSide {
                     missed_in_a_row: 0,
                     cause: Cause::None,
                     taken_incarnation: 0,
+                    switch: Switch::default(),
+                    followed: false,
                     driver: Driver::Program,
                     jog_target: 0,
                     deviation: 0,
@@ -257,7 +275,9 @@ impl MachineSide {
             jog_patience_scans: 0,
             jog_mm_s: machine.manual.jog_mm_s,
             scan_period_s: machine.scan_period_s(),
-            ended_disabled: false,
+            may_end: false,
+            restart: machine.restart,
+            program_start: [0; MAX_AXES],
             last: false,
             overrun_scans: 0,
             samples: [[InstrumentSample::zeroed(); MAX_SUBSAMPLES]; MAX_AXES],
@@ -287,6 +307,7 @@ impl MachineSide {
         feedback.scan = self.scan;
         feedback.visible_from = self.scan;
         self.windows.tell(self.scan, &mut feedback);
+        feedback.program_start = self.program_start;
         feedback.incarnation = self.incarnation;
         feedback.mode = self.mode as u32;
         feedback.cause = self.cause as u32;
@@ -363,6 +384,7 @@ impl MachineSide {
     pub fn close_scan(&mut self, answers: &Answers, roster: &Roster) {
         let jog_done = self.take_commands(answers, roster);
         self.heed_planner(answers, roster);
+        self.hold_without_planner(roster);
         self.judge_axes();
         self.decide_window();
         self.follow_up();
@@ -390,47 +412,39 @@ impl MachineSide {
     fn take_commands(&mut self, answers: &Answers, roster: &Roster) -> bool {
         let (mut by_hand, mut done) = (false, true);
         let driven = self.mode != Mode::Disabled;
+        let closed = driven && self.mode != Mode::Tripped;
+        let (in_force, _) = self.windows.in_force(self.scan);
         for (index, (axis, commands)) in self.axes.iter_mut().zip(&answers.commands).enumerate() {
-            let Some(servo) = roster.living(Job::Servo, index, 0) else {
-                if driven && axis.cause == Cause::None {
-                    axis.cause = Cause::ServoLost;
-                }
-                done &= axis.driver == Driver::Program;
-                continue;
-            };
-            let [command, _standby] = commands;
-            let in_time = command.filter(|c| {
-                c.scan == self.scan
-                    && c.axis == index as u32
-                    && c.role == 0
-                    && c.incarnation == servo.incarnation
-            });
+            let taken = axis.decide_command(self.scan, index, commands, roster, in_force, closed);
             if axis.driver != Driver::Program {
                 by_hand = true;
-                done &= in_time.is_some_and(|c| c.jog_done == 1);
+                done &= matches!(taken, Taken::Command(c) if c.jog_done == 1);
             }
-            match in_time {
-                Some(command) => {
+            let mut fault = Cause::None;
+            axis.followed = false;
+            match taken {
+                Taken::Command(command) => {
                     axis.missed_in_a_row = 0;
-                    let cause = axis.judge(&command);
-                    if cause == Cause::None {
-                        axis.command = command;
-                        axis.taken_incarnation = command.incarnation;
-                        axis.register = command.position;
-                    } else if axis.cause == Cause::None {
-                        axis.cause = cause;
-                    }
+                    axis.command = command;
+                    axis.taken_incarnation = command.incarnation;
+                    axis.register = command.position;
+                    axis.followed = true;
                 }
-                None => {
+                Taken::Bad(cause) => {
+                    axis.missed_in_a_row = 0;
+                    fault = cause;
+                }
+                Taken::Lost => fault = Cause::ServoLost,
+                Taken::Missed => {
                     axis.missed += 1;
                     axis.missed_in_a_row += 1;
-                    if driven
-                        && axis.missed_in_a_row >= self.watchdog_scans
-                        && axis.cause == Cause::None
-                    {
-                        axis.cause = Cause::Watchdog;
+                    if axis.missed_in_a_row >= self.watchdog_scans {
+                        fault = Cause::Watchdog;
                     }
                 }
+            }
+            if driven && axis.cause == Cause::None {
+                axis.cause = fault;
             }
         }
         by_hand && done
@@ -457,6 +471,7 @@ impl MachineSide {
         self.cause = cause;
         self.cause_axis = axis;
         self.settled_scans = 0;
+        self.may_end = false;
         self.windows.drop_all(self.scan, Dropped::Tripped);
         for axis in &mut self.axes {
             axis.driver = Driver::Program;
@@ -466,8 +481,14 @@ impl MachineSide {
     fn decide_window(&mut self) {
         let axes = &self.axes;
         let held_by_all = |id: WindowId| axes.iter().all(|axis| axis.command.pending == id);
+        let begun = self.windows.has_begun();
         self.windows
             .decide(self.scan + 1, self.mode == Mode::Enabled, held_by_all);
+        if !begun && self.windows.has_begun() {
+            for (start, axis) in self.program_start.iter_mut().zip(&self.axes) {
+                *start = axis.register;
+            }
+        }
     }
 
     /// While a loop is open its position register follows the encoder (docs/methods/follow-up.md): with the drives off
@@ -484,6 +505,7 @@ impl MachineSide {
     }
 
     fn advance_mode(&mut self) {
+        self.go_on_by_itself();
         let next_scan = self.scan + 1;
         let by_hand = self.is_by_hand();
         let at_rest = self.windows.at_rest(next_scan) && !by_hand;
@@ -510,8 +532,8 @@ impl MachineSide {
         }
         let standing = match self.mode {
             Mode::Finished | Mode::Stopped => true,
-            Mode::Tripped => self.stands(),
-            Mode::Disabled => self.ended_disabled,
+            Mode::Tripped => self.stands() && (self.may_end || !self.waits_for_servo()),
+            Mode::Disabled => self.may_end,
             Mode::Enabled | Mode::Stopping | Mode::Jogging => false,
         };
         self.settled_scans = if standing { self.settled_scans + 1 } else { 0 };

@@ -12,6 +12,7 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use bus::fault_file;
 use bus::machine::Axis;
 use bus::member::{Member, MemberError, Pace, Seat};
 use bus::order_file::{self, ScriptedOrder};
@@ -19,15 +20,17 @@ use bus::page::CellPhase;
 use bus::port::{Age, OperatorServer, Reader, WindowReader, Writer};
 use bus::realtime::{self, Priority};
 use bus::sample::{
-    AxisCommand, Feedback, Instruments, Job, MAX_AXES, Order, PlannerStatus, Refused, Roster,
+    AxisCommand, Feedback, Instruments, Job, MAX_AXES, Order, Participant, PlannerStatus, Refused,
+    Roster,
 };
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES, SCAN_DEPTH};
 use bus::settings_file::SettingsFileError;
 
 use crate::axis::{AxisSimulation, StateRefused};
+use crate::fault_desk::FaultDesk;
 use crate::machine_side::{Answers, MachineSide, RunEnd};
 use crate::plant_file::PlantFile;
-use crate::saved::SavedMachine;
+use crate::saved::{Latches, SavedMachine};
 use crate::setup::SetupError;
 
 /// Scans between two looks whether the launcher lives and two rings of the monitor's bell.
@@ -51,6 +54,10 @@ pub struct Options {
     pub run_end: RunEnd,
     /// A file of orders to obey, each at its scan.
     pub orders: Option<PathBuf>,
+    /// A fault script.
+    pub faults: Option<PathBuf>,
+    /// Where the blocks it names begin on the path: line and element.
+    pub fault_blocks: Vec<(u32, u32)>,
     /// In lockstep: how long a live process may take for one answer before the environment counts as broken.
     pub answer_limit: Duration,
 }
@@ -143,10 +150,20 @@ impl Ports {
     }
 }
 
-/// Who of the live participants has not answered the scan yet.
-fn missing(scan: u64, ask_planner: bool, answers: &Answers, roster: &Roster) -> Missing {
+/// Who of the live participants has not answered the scan yet. One that `excused` says has answered without a word that
+/// counts.
+fn missing(
+    scan: u64,
+    ask_planner: bool,
+    answers: &Answers,
+    roster: &Roster,
+    excused: impl Fn(usize, &Participant) -> bool,
+) -> Missing {
     let mut missing = Missing::default();
-    for place in roster.participants.iter().filter(|p| p.live == 1) {
+    for (index, place) in roster.participants.iter().enumerate() {
+        if place.live == 0 || place.stalled == 1 {
+            continue;
+        }
         let answered = if place.job == Job::Servo as u32 {
             answers
                 .commands
@@ -162,10 +179,10 @@ fn missing(scan: u64, ask_planner: bool, answers: &Answers, roster: &Roster) -> 
         } else {
             continue;
         };
-        if answered {
+        if answered || excused(index, place) {
             missing.answered += 1;
         } else if let Some(slot) = missing.places.get_mut(missing.count) {
-            *slot = (place.job, place.axis);
+            *slot = (place.job, place.axis, place.role);
             missing.count += 1;
         }
     }
@@ -176,22 +193,23 @@ fn missing(scan: u64, ask_planner: bool, answers: &Answers, roster: &Roster) -> 
 struct Missing {
     answered: usize,
     count: usize,
-    places: [(u32, u32); MAX_AXES * ROLES.len() + 1],
+    places: [(u32, u32, u32); MAX_AXES * ROLES.len() + 1],
 }
 
 impl Missing {
     /// Who they are, and when they were last heard.
     fn names(&self, scan: u64, axes: &[Axis], ports: &Ports) -> String {
-        let name = |&(job, axis): &(u32, u32)| {
+        let name = |&(job, axis, role): &(u32, u32, u32)| {
             if job == Job::Planner as u32 {
                 return format!("the planner ({})", ports.planner.age(scan));
             }
             let letter = axes.get(axis as usize).map_or("?", |a| a.name.as_str());
             let roles = ports.commands.get(axis as usize);
             let age = roles
-                .and_then(|roles| roles.first())
+                .and_then(|roles| roles.get(role as usize))
                 .map_or(Age::Never, |reader| reader.age(scan));
-            format!("servo {letter} ({age})")
+            let standby = if role == 0 { "" } else { "-b" };
+            format!("servo {letter}{standby} ({age})")
         };
         let names: Vec<String> = self.places.iter().take(self.count).map(name).collect();
         names.join(" and ")
@@ -214,14 +232,63 @@ struct Cell {
     launcher_gone: bool,
     /// The recorder has stalled and is not waited for any more.
     recorder_dropped: bool,
+    /// What is to go wrong.
+    faults: Option<FaultDesk>,
+    /// The last request to the launcher in its name.
+    asked: u64,
     /// Rings of the machine side's bell before anybody was woken in this scan.
     seen_before_waking: u32,
 }
 
 impl Cell {
     fn read_roster(&mut self) {
+        let recorder = |roster: &Roster| roster.find(Job::Monitor, 0, 0).map(|p| p.incarnation);
         if let Some(roster) = self.ports.roster.newest(u64::MAX) {
+            // Another recorder than the one that stalled is worth waiting for again.
+            self.recorder_dropped &= recorder(&roster) == recorder(&self.roster);
             self.roster = roster;
+        }
+    }
+
+    fn missing(&self, scan: u64, ask_planner: bool, answers: &Answers) -> Missing {
+        let page = &self.member.page;
+        missing(scan, ask_planner, answers, &self.roster, |place, who| {
+            // It says when it is done with the scan, so that it never misses the next feedback.
+            let excused = |desk: &FaultDesk| desk.excuses(who, scan);
+            self.faults.as_ref().is_some_and(excused)
+                && page
+                    .answered_scan(place)
+                    .is_some_and(|answered| answered >= scan)
+        })
+    }
+
+    /// Has the launcher do what the fault script wants in this scan, before its feedback is said or after. In lockstep it
+    /// is done when this returns; in realtime nobody waits, and one thing is asked for after the other. False when the cell
+    /// is to end at once.
+    fn commit_faults(&mut self, scan: u64, said: bool) -> bool {
+        let realtime = self.clock.pace == Pace::Realtime;
+        loop {
+            if realtime && !self.member.page.is_done(self.asked) {
+                return true;
+            }
+            let Some((index, step)) = self.faults.as_mut().and_then(|f| f.next(scan, said)) else {
+                return true;
+            };
+            self.asked = self.member.page.ask_launcher(index, step, scan);
+            if realtime {
+                continue;
+            }
+            while !self.member.page.is_done(self.asked) {
+                let seen = self.member.page.machine_bell().count();
+                if self.member.page.is_done(self.asked) {
+                    break;
+                }
+                if self.member.ending() || !self.member.launcher_lives() {
+                    return false;
+                }
+                self.member.page.machine_bell().wait(seen, WAIT_STEP);
+            }
+            self.read_roster();
         }
     }
 
@@ -245,7 +312,9 @@ impl Cell {
     /// Says the feedback of a scan and wakes whoever is to answer it.
     fn begin_scan(&mut self, feedback: &Feedback, ask_planner: bool) {
         let scan = feedback.scan;
-        let asked = missing(scan, ask_planner, &Answers::NONE, &self.roster);
+        let asked = missing(scan, ask_planner, &Answers::NONE, &self.roster, |_, _| {
+            false
+        });
         let page = &self.member.page;
         self.seen_before_waking = page.machine_bell().count();
         page.expect_answers(asked.count as u32);
@@ -276,7 +345,7 @@ impl Cell {
             let seen = self.member.page.machine_bell().count();
             self.ports
                 .read_answers(scan, ask_planner, &self.roster, &mut answers);
-            let missing = missing(scan, ask_planner, &answers, &self.roster);
+            let missing = self.missing(scan, ask_planner, &answers);
             if missing.count == 0 {
                 return Ok(Some(answers));
             }
@@ -317,10 +386,10 @@ impl Cell {
         if since.elapsed() < 4 * WAIT_STEP {
             return;
         }
-        let missing = missing(scan, ask_planner, answers, &self.roster);
-        for (job, axis) in missing.places.iter().take(missing.count) {
+        let missing = self.missing(scan, ask_planner, answers);
+        for (job, axis, role) in missing.places.iter().take(missing.count) {
             for place in &mut self.roster.participants {
-                if place.job == *job && place.axis == *axis {
+                if place.job == *job && place.axis == *axis && place.role == *role {
                     place.live = 0;
                 }
             }
@@ -339,6 +408,10 @@ impl Cell {
     fn await_recorded(&mut self, scans: u64, limit: Duration) {
         let mut since: Option<Instant> = None;
         while !self.recorder_dropped && self.member.page.recorded_scans() < scans {
+            let recorder = self.roster.living(Job::Monitor, 0, 0);
+            if recorder.is_none_or(|r| r.stalled == 1) {
+                return;
+            }
             let seen = self.member.page.machine_bell().count();
             self.member.page.monitor_bell().ring();
             if self.member.page.recorded_scans() >= scans {
@@ -346,12 +419,11 @@ impl Cell {
             }
             self.member.page.machine_bell().wait(seen, WAIT_STEP);
             self.read_roster();
-            let recorder_lives = self.roster.living(Job::Monitor, 0, 0).is_some();
             if since.get_or_insert_with(Instant::now).elapsed() > limit {
                 tracing::warn!("the recorder has stalled: it is not waited for any more");
                 self.recorder_dropped = true;
             }
-            if !recorder_lives || self.member.ending() || !self.member.launcher_lives() {
+            if self.member.ending() || !self.member.launcher_lives() {
                 return;
             }
         }
@@ -378,30 +450,54 @@ impl Cell {
 /// [`MachineSideError`]. A run that ends by itself has sent a feedback marked last; one that is given up has not.
 pub fn run(options: &Options) -> Result<(), MachineSideError> {
     let plant = PlantFile::load(&options.plant)?;
-    let member = Member::enter(options.seat.clone(), "plant-sim")?;
+    let mut member = Member::enter(options.seat.clone(), "plant-sim")?;
+    if let Some(faults) = &options.faults {
+        let script = fault_file::load(faults, &member.machine)?;
+        script.restart.apply(&mut member.machine.restart);
+    }
     let ports = Ports::open(&member)?;
     let mut simulations = plant.simulations(&member.machine)?;
-    let first_scan = restore(&member, &mut simulations)?;
+    let latches = restore(&member, &mut simulations)?;
+    let first_scan = latches.map_or(0, |latches| latches.scan + 1);
     let mut side = MachineSide::new(
         &member.machine,
         simulations,
         options.seat.incarnation,
         first_scan,
-        options.enabled && first_scan == 0,
+        options.enabled,
         options.run_end,
     );
+    if let Some(latches) = &latches {
+        side.resume(latches);
+    }
     let clock = Clock {
         pace: options.seat.pace,
         period_ns: u64::from(member.machine.scan.period_us) * 1000,
         next_ns: 0,
         answer_limit: options.answer_limit,
     };
-    let script = match &options.orders {
+    let mut script = match &options.orders {
         Some(path) => order_file::load(path, &member.machine)?,
         None => Vec::new(),
     };
+    script.retain(|order| order.scan >= first_scan);
+    let faults = match &options.faults {
+        Some(path) => {
+            let mut script = fault_file::load(path, &member.machine)?;
+            let element = |line| {
+                let blocks = options.fault_blocks.iter();
+                blocks.filter(|(l, _)| *l == line).map(|(_, e)| *e).next()
+            };
+            script.resolve_blocks(element)?;
+            let fired = |index| member.page.fault_fired(index);
+            Some(FaultDesk::new(script, fired, first_scan))
+        }
+        None => None,
+    };
     member.ready(Priority::Machine);
     let mut cell = Cell {
+        faults,
+        asked: 0,
         member,
         ports,
         roster: bytemuck::Zeroable::zeroed(),
@@ -429,14 +525,26 @@ fn scan_cycle(
     loop {
         let scan = side.scan();
         let ask_planner = side.is_period_boundary();
-        cell.begin_scan(&side.feedback(), ask_planner);
+        cell.read_roster();
+        let feedback = side.feedback();
+        if let Some(faults) = &mut cell.faults {
+            let page = &cell.member.page;
+            faults.look(&feedback, |index| page.set_fault_fired(index, scan));
+            if !cell.commit_faults(scan, false) {
+                return Ok(());
+            }
+        }
+        cell.begin_scan(&feedback, ask_planner);
+        if !cell.commit_faults(scan, true) {
+            return Ok(());
+        }
         if side.is_last() {
             // The log is whole before this process, and with it what it has sent, goes.
             cell.await_recorded(scan + 1, LAST_RECORD_LIMIT);
             return Ok(());
         }
         cell.ports.instruments.send(&side.simulate());
-        saved.save(scan, side.simulations(), &cell.member.page);
+        saved.save(&side.latches(), side.simulations(), &cell.member.page);
 
         let answers = match cell.clock.pace {
             Pace::Lockstep => {
@@ -492,14 +600,15 @@ fn obey(side: &mut MachineSide, order: &ScriptedOrder) {
     }
 }
 
-/// Takes over the mechanical state that a machine side before this one left; the scan to go on with.
-fn restore(member: &Member, simulations: &mut [AxisSimulation]) -> Result<u64, MachineSideError> {
+/// Takes over what a machine side before this one left.
+fn restore(
+    member: &Member,
+    simulations: &mut [AxisSimulation],
+) -> Result<Option<Latches>, MachineSideError> {
     let mut saved = SavedMachine::new(simulations.len());
-    match saved.load(&member.page) {
-        Some(scan) => {
-            saved.restore(simulations)?;
-            Ok(scan + 1)
-        }
-        None => Ok(0),
+    let latches = saved.load(&member.page);
+    if latches.is_some() {
+        saved.restore(simulations)?;
     }
+    Ok(latches)
 }

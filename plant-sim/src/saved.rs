@@ -1,5 +1,5 @@
-//! The mechanical state that outlives the machine side: saved each scan into the cell's page, so that a machine side
-//! that was killed comes back with the positions its axes really have.
+//! What outlives the machine side: mechanical state and latches, saved each scan into the cell's page, so that a machine
+//! side that was killed comes back with the positions its axes really have, and knows where the path was left.
 
 #![deny(
     clippy::unwrap_used,
@@ -10,12 +10,35 @@
 
 use bus::page::{MACHINE_STATE_BYTES, Page};
 
-use crate::axis::{AxisSimulation, AxisState, StateRefused};
+use bytemuck::{Pod, Zeroable};
 
-/// A buffer for one state: the scan, then each axis.
+use bus::sample::MAX_AXES;
+
+use crate::axis::{AxisSimulation, AxisState, StateRefused};
+use crate::window_book::Left;
+
+/// What the machine side had latched.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct Latches {
+    /// The scan they are of.
+    pub scan: u64,
+    /// The motion digest up to then, high and low half.
+    pub digest: [u64; 2],
+    /// Where the path was left.
+    pub left: Left,
+    /// Command registers the program was begun from.
+    pub program_start: [i64; MAX_AXES],
+    /// Override in percent.
+    pub override_percent: u32,
+    /// Scans overrun so far.
+    pub overrun_scans: u32,
+}
+
+/// A buffer for one state: the latches, then each axis.
 #[derive(Debug)]
 pub struct SavedMachine {
-    scan: u64,
+    latches: Latches,
     axes: Vec<AxisState>,
     bytes: Vec<u8>,
 }
@@ -23,24 +46,24 @@ pub struct SavedMachine {
 impl SavedMachine {
     /// For this many axes.
     pub fn new(axes: usize) -> SavedMachine {
-        let bytes = size_of::<u64>() + axes * size_of::<AxisState>();
+        let bytes = size_of::<Latches>() + axes * size_of::<AxisState>();
         debug_assert!(bytes <= MACHINE_STATE_BYTES);
         SavedMachine {
-            scan: 0,
+            latches: Latches::zeroed(),
             axes: vec![bytemuck::Zeroable::zeroed(); axes],
             bytes: vec![0; bytes],
         }
     }
 
-    /// Saves the state after `scan`.
+    /// Saves the state after a scan.
     pub fn save<'a>(
         &mut self,
-        scan: u64,
+        latches: &Latches,
         simulations: impl Iterator<Item = &'a AxisSimulation>,
         page: &Page,
     ) {
-        let (head, tail) = self.bytes.split_at_mut(size_of::<u64>());
-        head.copy_from_slice(bytemuck::bytes_of(&scan));
+        let (head, tail) = self.bytes.split_at_mut(size_of::<Latches>());
+        head.copy_from_slice(bytemuck::bytes_of(latches));
         for (chunk, simulation) in tail
             .chunks_exact_mut(size_of::<AxisState>())
             .zip(simulations)
@@ -50,13 +73,13 @@ impl SavedMachine {
         page.save_machine_state(&self.bytes);
     }
 
-    /// Reads what was saved last; its scan.
-    pub fn load(&mut self, page: &Page) -> Option<u64> {
+    /// Reads what was saved last; its latches.
+    pub fn load(&mut self, page: &Page) -> Option<Latches> {
         if !page.load_machine_state(&mut self.bytes) {
             return None;
         }
-        let (head, tail) = self.bytes.split_at(size_of::<u64>());
-        self.scan = bytemuck::pod_read_unaligned(head);
+        let (head, tail) = self.bytes.split_at(size_of::<Latches>());
+        self.latches = bytemuck::pod_read_unaligned(head);
         for (state, chunk) in self
             .axes
             .iter_mut()
@@ -64,7 +87,7 @@ impl SavedMachine {
         {
             *state = bytemuck::pod_read_unaligned(chunk);
         }
-        Some(self.scan)
+        Some(self.latches)
     }
 
     /// Puts the state that was loaded into the simulations and lets their drives brake to rest by themselves.

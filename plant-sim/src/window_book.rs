@@ -8,7 +8,7 @@
 )]
 
 use bus::sample::{Feedback, MAX_WINDOW_ROWS, PathTag, WindowHeader, WindowId, WindowRow};
-use bytemuck::Zeroable;
+use bytemuck::{Pod, Zeroable};
 
 /// A window as the machine side keeps it: its header and the tags of its rows.
 #[derive(Debug)]
@@ -45,6 +45,20 @@ impl Kept {
         let last = u64::from(self.header.row_count.max(1) - 1);
         scan.saturating_sub(self.header.first_scan).min(last) as u32
     }
+}
+
+/// What of the windows outlives the machine side.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct Left {
+    /// Where on the path.
+    pub tag: PathTag,
+    /// The program it belongs to.
+    pub program_hash: u64,
+    /// The epoch.
+    pub epoch: u32,
+    /// Kept zero.
+    pub reserved: u32,
 }
 
 /// The windows in force and pending.
@@ -99,6 +113,33 @@ impl WindowBook {
         } else {
             (self.in_force.header.id, self.in_force.row(scan))
         }
+    }
+
+    /// Where the path was left, its program, and the epoch: what outlives this machine side.
+    pub fn left(&self, scan: u64) -> Left {
+        let mut feedback = Feedback::zeroed();
+        self.tell(scan, &mut feedback);
+        Left {
+            tag: feedback.left_at,
+            program_hash: feedback.program_hash,
+            epoch: self.epoch,
+            reserved: 0,
+        }
+    }
+
+    /// Goes on where a machine side before this one left: without a window, in a new epoch, off the path if there was one.
+    pub fn restore(&mut self, left: &Left) {
+        self.left_at = left.tag;
+        self.left_program = left.program_hash;
+        self.epoch = left.epoch.saturating_add(1);
+        if !left.tag.is_off_path() {
+            self.shown = PathTag::OFF_PATH;
+        }
+    }
+
+    /// Whether the path has been begun: a window of it was in force once.
+    pub fn has_begun(&self) -> bool {
+        !self.in_force.is_none() || !self.left_at.is_off_path()
     }
 
     /// Whether a window is in force.

@@ -87,6 +87,19 @@ impl Servo {
         self.state = *state;
     }
 
+    /// The axis's other servo has commanded: if its command is the one that acts in this scan, goes on from the state it left.
+    /// A servo whose own command acts has that state already.
+    pub fn follow(&mut self, peer: &AxisCommand, feedback: &Feedback) {
+        let taken = feedback.axes.get(self.settings.axis).is_some_and(|axis| {
+            axis.taken_role == peer.role
+                && axis.taken_incarnation == peer.incarnation
+                && axis.command_scan == peer.scan
+        });
+        if taken && peer.role != self.role && peer.scan.wrapping_add(1) == feedback.scan {
+            self.state = peer.state;
+        }
+    }
+
     /// A window became visible in the scan that `feedback` began; before [`scan`](Servo::scan) of the same feedback.
     ///
     /// Accepted, it is pending (reported in the next command) until feedback names or voids it. The window that is being

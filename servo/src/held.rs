@@ -231,6 +231,10 @@ pub(crate) fn check_seam(
         }
         RowLimits::starting(settings, register, register)
     } else {
+        if held.is_none() {
+            // It came late and drives nothing: the seam is judged by the servo that does. From this window on it is ready.
+            return Ok(());
+        }
         if held.id() != header.predecessor || header.first_scan <= held.header().first_scan {
             return Err(Refusal::Predecessor);
         }

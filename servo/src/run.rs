@@ -7,11 +7,16 @@
     clippy::indexing_slicing
 )]
 
+use std::path::PathBuf;
+
+use bus::fault_file;
 use bus::machine::learned::Learned;
 use bus::member::{Member, MemberError, Seat};
 use bus::realtime::Priority;
-use bus::service::SCAN_DEPTH;
+use bus::sample::Job;
+use bus::service::{ROLES, SCAN_DEPTH};
 use bus::settings_file::SettingsFileError;
+use bus::tamper::Tamper;
 use control::learned_table::LearnedTable;
 
 use crate::controller::Servo;
@@ -26,6 +31,8 @@ pub struct Options {
     pub axis: String,
     /// Role: 0 = a, 1 = b.
     pub role: u32,
+    /// A fault script, for the faults that this servo is to commit.
+    pub faults: Option<PathBuf>,
 }
 
 /// Why a servo cannot take part.
@@ -37,9 +44,9 @@ pub enum ServoError {
     /// The axis's settings make no servo.
     #[error(transparent)]
     Settings(#[from] ServoSettingsError),
-    /// What was learned cannot be read.
+    /// What was learned, or the fault script, cannot be read.
     #[error(transparent)]
-    Learned(#[from] SettingsFileError),
+    File(#[from] SettingsFileError),
     /// The machine has no such axis.
     #[error("axis {0:?}: the machine has none of that name")]
     NoAxis(String),
@@ -82,9 +89,24 @@ pub fn run(options: &Options) -> Result<(), ServoError> {
             ],
         ));
     }
+    let mut tamper = match &options.faults {
+        Some(path) => {
+            let script = fault_file::load(path, &member.machine)?;
+            Some(Tamper::new(&script, Job::Servo, axis as u32, options.role))
+        }
+        None => None,
+    };
     member.ready(Priority::Servo);
 
-    let mut last = None;
+    let standby = member.machine.axes.get(axis).is_some_and(|a| a.standby);
+    let mut peer_in = standby
+        .then(|| {
+            let peer = ROLES.len().saturating_sub(1 + options.role as usize);
+            member.bus.command_reader(axis, peer, SCAN_DEPTH)
+        })
+        .transpose()
+        .map_err(cell)?;
+    let mut last = options.seat.after_scan;
     while let Some(feedback) = member.next_feedback(member.page.scan_bell(), &mut feedback_in, last)
     {
         if feedback.last == 1 {
@@ -95,8 +117,18 @@ pub fn run(options: &Options) -> Result<(), ServoError> {
             // A refusal is reported in the command.
             let _ = servo.offer(header, rows, &feedback);
         });
+        if let Some(peer) = peer_in.as_mut().and_then(|r| r.newest(feedback.scan)) {
+            servo.follow(&peer, &feedback);
+        }
         let command = servo.scan(&feedback);
-        command_out.send(&command);
+        match &mut tamper {
+            None => command_out.send(&command),
+            Some(tamper) => {
+                let fired = |index| member.page.fault_fired(index);
+                tamper.command(&command, fired, |sent| command_out.send(sent));
+            }
+        }
+        member.page.set_answered(member.seat().place, feedback.scan);
         member.page.answered();
     }
     Ok(())

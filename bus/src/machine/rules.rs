@@ -104,6 +104,7 @@ fn cell(rules: &mut Rules, machine: &Machine) {
         );
     }
     manual(rules, machine);
+    super::restart::judge(rules, machine);
     for (letter, value) in &machine.program.work_offset_mm {
         let path = ["program", "work_offset_mm", letter.as_str()];
         if super::kinematics::judge_work_offset(rules, machine, letter, *value) {

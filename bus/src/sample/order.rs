@@ -102,10 +102,12 @@ pub enum Refused {
     OutsideTravel = 11,
     /// The machine was stopped by a fault that lasts.
     Faulted = 12,
+    /// The machine has tripped, and a servo is missing or an axis does not stand yet.
+    NotReady = 13,
 }
 
 impl Refused {
-    const ALL: [Refused; 13] = [
+    const ALL: [Refused; 14] = [
         Refused::Not,
         Refused::UnknownOrder,
         Refused::BadValue,
@@ -119,6 +121,7 @@ impl Refused {
         Refused::BeyondTravel,
         Refused::OutsideTravel,
         Refused::Faulted,
+        Refused::NotReady,
     ];
 
     /// Decodes what came over the wire.
@@ -140,12 +143,17 @@ impl Refused {
             }
             Refused::NotHeld => "the machine is not in hold: hold or stop it first",
             Refused::DrivesOff => "the drives are off: enable them first",
-            Refused::Tripped => "the machine has tripped: it is started again",
+            Refused::Tripped => {
+                "the machine has tripped: look at its cause, then enable acknowledges it"
+            }
             Refused::Finished => "the program is done",
             Refused::Jogging => "an axis is being jogged: wait until it stands, or hold it",
             Refused::BeyondTravel => "the target is outside the travel",
             Refused::OutsideTravel => "an axis stands outside its travel: push it back by hand",
             Refused::Faulted => "the machine was stopped by a fault that lasts",
+            Refused::NotReady => {
+                "the machine has tripped, and an axis does not stand yet or a servo is missing: wait a moment"
+            }
         }
     }
 }
@@ -192,6 +200,6 @@ mod tests {
         }
         assert_eq!(Order::from_wire(0), None);
         assert_eq!(Order::from_wire(8), None);
-        assert_eq!(Refused::from_wire(13), None);
+        assert_eq!(Refused::from_wire(14), None);
     }
 }

@@ -20,7 +20,7 @@ table!(
     torque_limited, driver, reserved,
 );
 table!(
-    Feedback: scan, visible_from, window, armed, voided, program_hash, tag, left_at, row, at_rest, epoch, incarnation, mode,
+    Feedback: scan, visible_from, window, armed, voided, program_hash, tag, left_at, program_start @ Axes, row, at_rest, epoch, incarnation, mode,
     cause, cause_axis, override_percent, hold, last, overrun_scans, axis_count, axes @ Axes,
 );
 table!(
@@ -46,6 +46,6 @@ table!(
     cause, windows,
 );
 table!(
-    Participant: death_scan, job, axis, role, incarnation, live, death_signal, death_status, reserved,
+    Participant: death_scan, job, axis, role, incarnation, live, death_signal, death_status, stalled,
 );
 table!(Roster: version, visible_from, participants);

@@ -9,6 +9,7 @@
     clippy::indexing_slicing
 )]
 
+use bus::machine::AfterLoss;
 use bus::sample::{Cause, Driver, Mode, OperatorRequest, OperatorResponse, Order, Refused};
 
 use super::{AxisUnit, MachineSide};
@@ -46,7 +47,7 @@ impl AxisUnit {
         )
     }
 
-    fn is_within_travel(&self) -> bool {
+    pub(super) fn is_within_travel(&self) -> bool {
         let (low, high) = self.room();
         low <= 0 && high >= 0
     }
@@ -86,14 +87,11 @@ impl MachineSide {
         if self.stop() {
             return Ok(());
         }
-        Err(match self.mode {
-            Mode::Tripped => Refused::Tripped.into(),
-            _ => Refused::Finished.into(),
-        })
+        Err(Refused::Finished.into())
     }
 
     /// Comes to rest, on the path or where a jog is: no further window is admitted. False where there is nothing to
-    /// stop. A machine without drives is at rest; its run may end.
+    /// stop. A machine without drives is at rest, one that has tripped will be; their run may end.
     pub fn stop(&mut self) -> bool {
         match self.mode {
             Mode::Enabled => {
@@ -109,12 +107,12 @@ impl MachineSide {
                 self.mode = Mode::Stopping;
                 true
             }
-            Mode::Disabled => {
-                self.ended_disabled = true;
+            Mode::Disabled | Mode::Tripped => {
+                self.may_end = true;
                 true
             }
             Mode::Stopping | Mode::Stopped => true,
-            Mode::Tripped | Mode::Finished => false,
+            Mode::Finished => false,
         }
     }
 
@@ -142,6 +140,9 @@ impl MachineSide {
             Mode::Stopping => return Err(Refused::NotAtRest.into()),
             Mode::Jogging => return Err(Refused::Jogging.into()),
             Mode::Disabled => return Err(Refused::DrivesOff.into()),
+            Mode::Tripped if self.lost_a_servo() && self.restart.servo != AfterLoss::End => {
+                self.acknowledge()?;
+            }
             Mode::Tripped => return Err(Refused::Tripped.into()),
             Mode::Finished => return Err(Refused::Finished.into()),
         }
@@ -181,7 +182,7 @@ impl MachineSide {
         self.must_rest()?;
         self.windows.drop_all(self.scan, Dropped::LeavesPath);
         self.mode = Mode::Disabled;
-        self.ended_disabled = false;
+        self.may_end = false;
         for axis in &mut self.axes {
             axis.deviation = axis.register.saturating_sub(axis.feedback_position());
         }
@@ -192,17 +193,28 @@ impl MachineSide {
     fn order_enable(&mut self) -> Result<(), Refusal> {
         match self.mode {
             Mode::Enabled | Mode::Stopping | Mode::Stopped | Mode::Jogging => return Ok(()),
-            Mode::Tripped => return Err(Refused::Tripped.into()),
+            Mode::Tripped => return self.acknowledge(),
             Mode::Finished => return Err(Refused::Finished.into()),
             Mode::Disabled => {}
         }
         if !self.axes.iter().all(AxisUnit::is_within_travel) {
             return Err(Refused::OutsideTravel.into());
         }
-        self.mode = Mode::Enabled;
-        self.hold = true;
-        self.ended_disabled = false;
-        self.rest_scans = 0;
+        self.may_end = false;
+        self.end_trip(true);
+        Ok(())
+    }
+
+    /// Ends a trip in hold, if the machine can be driven again; its run does not end then.
+    fn acknowledge(&mut self) -> Result<(), Refusal> {
+        if self.last || self.may_end {
+            return Err(Refused::Finished.into());
+        }
+        if !self.is_ready_again() {
+            return Err(Refused::NotReady.into());
+        }
+        self.settled_scans = 0;
+        self.end_trip(true);
         Ok(())
     }
 

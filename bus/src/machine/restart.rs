@@ -1,0 +1,90 @@
+//! `[restart]`: what follows when a process of the cell is lost (docs/faults.md).
+
+use serde::Deserialize;
+
+use super::Machine;
+use crate::settings_file::{From, Rules};
+
+/// After the loss of a process that moves the machine.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AfterLoss {
+    /// It is started anew and the program goes on by itself.
+    Resume,
+    /// It is started anew; the machine waits for `resume`.
+    Wait,
+    /// The run ends.
+    End,
+}
+
+/// After the loss of the machine side: its drives are off, so nothing ever moves by itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AfterMachineSide {
+    /// It is started anew; the machine waits for `enable` and `resume`.
+    Wait,
+    /// The run ends.
+    End,
+}
+
+/// After the loss of the recorder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AfterMonitor {
+    /// It is started anew, with a new part of the log.
+    Restart,
+    /// The run goes on without.
+    Leave,
+}
+
+/// What follows when a process is lost.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Restart {
+    /// The planner: the tool has come to rest on the path.
+    pub planner: AfterLoss,
+    /// A servo without a standby: the axes have braked together and left the path. (With one, nothing stops; a new standby is
+    /// started unless this says `end`.)
+    pub servo: AfterLoss,
+    /// The machine side.
+    pub machine_side: AfterMachineSide,
+    /// The recorder.
+    pub monitor: AfterMonitor,
+    /// So many restarts of one process within [`Restart::within_s`] are allowed; one more ends the run.
+    pub restarts_max: u32,
+    /// In s.
+    pub within_s: f64,
+}
+
+impl Default for Restart {
+    fn default() -> Self {
+        Restart {
+            planner: AfterLoss::Resume,
+            servo: AfterLoss::End,
+            machine_side: AfterMachineSide::End,
+            monitor: AfterMonitor::Restart,
+            restarts_max: 5,
+            within_s: 60.0,
+        }
+    }
+}
+
+pub(super) fn judge(rules: &mut Rules, machine: &Machine) {
+    let restart = &machine.restart;
+    rules.range(
+        &["restart", "restarts_max"],
+        None,
+        restart.restarts_max.into(),
+        "restarts",
+        From::AtLeast(1.0),
+        1_000_000.0,
+    );
+    rules.range(
+        &["restart", "within_s"],
+        None,
+        restart.within_s,
+        "s",
+        From::Above(0.0),
+        86_400.0,
+    );
+}
