@@ -14,6 +14,7 @@ mod pivot;
 mod positioning;
 mod quality;
 mod rehearsed;
+mod robust;
 mod setpoints;
 mod straight_lines;
 mod support;
