@@ -15,7 +15,6 @@ mod tests;
 use std::path::{Path, PathBuf};
 
 use bus::machine::Machine;
-use bus::sample::Feedback;
 use bus::settings_file::SettingsFileError;
 use control::path::AxisVector;
 use program::{Program, ProgramError, Setup};
@@ -159,7 +158,7 @@ struct FirstPass {
     rosters: Vec<Sample>,
 }
 
-/// The machine when the first window was executed.
+/// The machine when the program was begun, as every feedback names it: also one of a part that begins in its middle.
 struct Start {
     /// Command registers, in increments.
     registers: [i64; bus::sample::MAX_AXES],
@@ -168,20 +167,15 @@ struct Start {
 
 fn first_pass(run_dir: &Path) -> Result<FirstPass, ReportError> {
     let mut first = FirstPass::default();
-    let mut before: Option<Box<Feedback>> = None;
     let mut reader = RunLog::open(run_dir)?;
     while let Some(sample) = reader.next_sample()? {
         match sample {
             Sample::Roster(_) => first.rosters.push(sample),
-            Sample::Feedback(feedback) if first.start.is_none() => {
-                if !feedback.window.is_none() {
-                    let at = before.as_ref().unwrap_or(&feedback);
-                    first.start = Some(Start {
-                        registers: at.axes.map(|axis| axis.command_register),
-                        program_hash: feedback.program_hash,
-                    });
-                }
-                before = Some(feedback);
+            Sample::Feedback(feedback) if first.start.is_none() && !feedback.window.is_none() => {
+                first.start = Some(Start {
+                    registers: feedback.program_start,
+                    program_hash: feedback.program_hash,
+                });
             }
             _ => {}
         }

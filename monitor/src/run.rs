@@ -152,7 +152,7 @@ pub fn run(options: &Options) -> Result<(), MonitorError> {
     let mut ports = Ports::open(&member).map_err(MemberError::Cell)?;
     let mut recorder = Recorder::create_part(&options.out, &member.machine, &run_info(options)?)?;
     // Scans up to this one are none of a recorder's that comes later.
-    let after: Option<u64> = None;
+    let after = options.seat.after_scan;
     member.ready(Priority::Ordinary);
 
     let lockstep = options.seat.pace == Pace::Lockstep;

@@ -193,6 +193,8 @@ pub struct ArcMeter {
     place: Option<(u64, f64, f64)>,
     speed_mm_s: f64,
     off_path: bool,
+    /// Nothing of the path has been seen yet.
+    unseen: bool,
     results: Vec<ArcResult>,
 }
 
@@ -217,6 +219,7 @@ impl ArcMeter {
             place: None,
             speed_mm_s: 0.0,
             off_path: false,
+            unseen: true,
             results: Vec::new(),
         }
     }
@@ -261,6 +264,9 @@ impl ArcMeter {
             });
         }
         self.miss(gap);
+        if std::mem::take(&mut self.unseen) {
+            self.miss_beginning(angle_rad);
+        }
         if let (Some(open), Some(_)) = (&mut self.open, gap) {
             open.gap = true;
             // The table was as far behind the setpoints before the gap as it is behind them now.
@@ -297,6 +303,19 @@ impl ArcMeter {
             1.0
         };
         open.missing_scans += libm::round(scans as f64 * share) as u64;
+    }
+
+    /// A log that begins on a circle does not have the way to there: so many scans at the programmed feed.
+    fn miss_beginning(&mut self, angle_rad: f64) {
+        let Some(open) = &mut self.open else { return };
+        let circle = self.runs.get(open.run).map(|run| &run.circle);
+        let way = circle.map(|circle| (angle_rad * circle.radius_mm, circle.feed_mm_s));
+        // From rest nobody comes this far in one scan.
+        if let Some((way_mm, Some(feed_mm_s))) = way
+            && way_mm > 1.0
+        {
+            open.missing_scans += libm::ceil(way_mm / (feed_mm_s * self.period_s)) as u64;
+        }
     }
 
     /// Angle from the start of its run to a place on the programmed path, in rad; 0 off every circle.

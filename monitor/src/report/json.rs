@@ -341,7 +341,7 @@ impl Report {
                 .map(|wall_s| r3(machine_s / wall_s)),
             digest: evaluation.digest.clone(),
             motion_digest: measurements.motion_digest.clone(),
-            samples_lost: (measurements.samples_lost + evaluation.windows_lost).max(queue_losses),
+            samples_lost: samples_lost(evaluation).max(queue_losses),
             overrun_scans: measurements.overrun_scans,
             windows: measurements.windows + evaluation.windows_lost,
             windows_voided: measurements.windows_voided,
@@ -412,6 +412,20 @@ fn parts(evaluation: &Evaluation) -> Vec<PartReport> {
         .collect()
 }
 
+fn samples_lost(evaluation: &Evaluation) -> u64 {
+    // Feedback, instruments and each axis' command.
+    let of_a_scan = 2 + evaluation.machine.axes.len() as u64;
+    let before_first = beginning_missing(evaluation).unwrap_or(0) * of_a_scan;
+    before_first + evaluation.measurements.samples_lost + evaluation.windows_lost
+}
+
+/// First scan of a log whose first recorder left nothing: those before it were, for a run begins with scan 0.
+fn beginning_missing(evaluation: &Evaluation) -> Option<u64> {
+    let (first, others) = evaluation.parts.split_first()?;
+    let of_others = others.iter().find_map(|part| part.first_scan);
+    of_others.filter(|scan| first.first_scan.is_none() && *scan > 0)
+}
+
 /// Gaps that the measurement saw, and those between parts: over a restart of the machine side it could not tell that the scans
 /// between had been.
 fn missing_scans(evaluation: &Evaluation) -> Vec<ScanRange> {
@@ -419,6 +433,12 @@ fn missing_scans(evaluation: &Evaluation) -> Vec<ScanRange> {
     let mut missing: Vec<ScanRange> = seen
         .map(|&(first, last)| ScanRange { first, last })
         .collect();
+    if let Some(first) = beginning_missing(evaluation) {
+        missing.push(ScanRange {
+            first: 0,
+            last: first - 1,
+        });
+    }
     let mut reached: Option<u64> = None;
     for part in &evaluation.parts {
         if let (Some(last), Some(first)) = (reached, part.first_scan)

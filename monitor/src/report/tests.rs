@@ -246,6 +246,32 @@ fn a_log_in_parts_gives_one_report_that_says_what_is_missing() {
 }
 
 #[test]
+fn a_log_whose_first_recorder_left_nothing_is_measured_from_where_it_begins() {
+    let (whole, dir) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    run_directory(whole.path());
+    run_directory_in_parts(dir.path(), std::iter::once(0..2500));
+    let expected = make_report(whole.path()).unwrap();
+    let report = make_report(dir.path()).unwrap();
+    assert_eq!(report.log.program_matches, Some(true));
+    assert_eq!(report.parts[0].first_scan, None);
+    assert_eq!(
+        report.missing_scans,
+        [ScanRange {
+            first: 0,
+            last: 2499
+        }]
+    );
+    assert_eq!(report.samples_lost, 2500 * 4);
+    assert!(report.contour_error_um.peak <= expected.contour_error_um.peak);
+    // It begins on the first circle, in the middle of a turn.
+    assert!(report.arcs[0].missing_scans > 2000, "{:?}", report.arcs[0]);
+    let radius_um = |report: &Report| report.arcs[0].radius_error_um.unwrap();
+    assert!((radius_um(&report) - radius_um(&expected)).abs() < 0.05);
+    let measured = |report: &Report| report.reversals.iter().filter(|r| r.steady).count();
+    assert!(measured(&report) >= measured(&expected) - 4);
+}
+
+#[test]
 fn parts_without_a_gap_give_the_numbers_of_a_whole_log() {
     let (whole, dir) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     run_directory(whole.path());
