@@ -17,7 +17,7 @@ use xxhash_rust::xxh3::Xxh3;
 
 use super::derived::{AxisRow, Rows};
 use super::layout::{Extent, Layout, definitions_of, join_definitions};
-use super::{Event, LogError, RunEnd, RunInfo};
+use super::{Event, LogError, RunEnd, RunInfo, parts};
 use crate::digest::{self, ChannelHash};
 
 /// CDR, little-endian (XCDR1, OMG DDSI-RTPS 2.5 §10.2).
@@ -66,6 +66,27 @@ pub struct Recorder {
 }
 
 impl Recorder {
+    /// Begins the log of a run, or its next part if an earlier recorder left one: nothing is written over.
+    ///
+    /// # Errors
+    /// As [`Recorder::create`].
+    pub fn create_part(
+        run_dir: &Path,
+        machine: &Machine,
+        info: &RunInfo,
+    ) -> Result<Recorder, LogError> {
+        let (part, path, file) = parts::make_next(run_dir)?;
+        let mut info = Cow::Borrowed(info);
+        if part > 1 {
+            let settings = &mut info.to_mut().settings;
+            settings.insert("part".into(), part.to_string());
+        }
+        Self::begin(&path, file, machine, &info).map_err(|source| LogError::Write {
+            path: path.clone(),
+            source,
+        })
+    }
+
     /// Begins a log at `path`, replacing what is there.
     ///
     /// # Errors
