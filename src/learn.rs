@@ -38,7 +38,7 @@ pub fn learn(
     let parts = part_files(run_dir)?.len();
     if parts > 1 {
         bail!(
-            "{}: the log is in {parts} parts, for the recorder died in the run: scans are missing, and what happened at reversals              in them must not be guessed; nothing is learned: run again",
+            "{}: the log is in {parts} parts, for the recorder died in the run: scans are missing, and what happened at reversals in them must not be guessed; nothing is learned: run again",
             run_dir.display()
         );
     }

@@ -57,7 +57,7 @@ pub struct FaultResult {
     pub noticed_after_scans: Option<u64>,
     /// What the machine did.
     pub reaction: String,
-    /// Largest contour error from the death until the reaction was over and [`AFTER_SCANS`] more, deviation in a quick stop
+    /// Largest contour error from the death until the reaction was over and 100 scans more, deviation in a quick stop
     /// included, in mm.
     pub contour_error_mm: f64,
     /// Way of the tool from the trip to its rest, in mm: along it where the log has it, else straight; none if nothing braked off
