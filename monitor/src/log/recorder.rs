@@ -24,7 +24,7 @@ use crate::digest::{self, ChannelHash};
 pub(super) const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 /// Uncompressed size of a chunk, in bytes.
 const CHUNK_BYTES: u64 = 2 << 20;
-/// Longest wall time that samples stay in memory.
+/// Longest time that samples stay in memory, by the clock and by the machine's.
 const FLUSH_PERIOD: Duration = Duration::from_millis(500);
 /// Scans between two looks at the clock.
 const SCANS_PER_CLOCK_LOOK: u32 = 16;
@@ -179,6 +179,10 @@ impl Recorder {
         self.put(FEEDBACK, time, bytemuck::bytes_of(sample))?;
         self.rows.feedback(sample, &mut self.whole_rows);
         self.put_rows()?;
+        let flush_scans = FLUSH_PERIOD.as_nanos() as u64 / self.period_ns.max(1);
+        if sample.scan.is_multiple_of(flush_scans.max(1)) {
+            self.flush()?;
+        }
         if self.scans_until_clock_look == 0 {
             self.scans_until_clock_look = SCANS_PER_CLOCK_LOOK;
             self.flush_if_due()?;
