@@ -102,7 +102,10 @@ fn a_killed_monitor_does_not_stop_the_machine_and_another_one_records_on() {
     let parts = report.pointer("/parts").and_then(|p| p.as_array());
     assert_eq!(parts.map(Vec::len), Some(2), "{report}");
     let first = number(&report, "/parts/0/last_scan");
-    assert!(first > 400.0, "the first part is readable up to scan {first}");
+    assert!(
+        first > 400.0,
+        "the first part is readable up to scan {first}"
+    );
     assert!(number(&report, "/samples_lost") > 0.0);
 }
 

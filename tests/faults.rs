@@ -14,7 +14,10 @@ use crate::support::{Bench, Run, number, run, run_with, text};
 fn mixed_program(turns: usize) -> String {
     let once = "G1 X30 Y0 F4000\nG3 X30 Y0 I-15 J0 F3000\nG4 P0.15\nG1 X10 Y10\nX-10 Y10\nG2 X10 Y-10 I15 J-5 F6000\n\
                 G0 X0 Y0\nG1 X5 Y-7 F1500\n";
-    format!("G21 G17 G90 G94\n{}G1 X30 Y0 F4000\nM2\n", once.repeat(turns))
+    format!(
+        "G21 G17 G90 G94\n{}G1 X30 Y0 F4000\nM2\n",
+        once.repeat(turns)
+    )
 }
 
 /// Kills of one process, one after the other.
@@ -39,7 +42,11 @@ fn script(bench: &Bench, restart: &str, kills: &[Kills]) -> PathBuf {
 }
 
 fn run_with_faults(bench: &Bench, program: &Path, faults: &Path) -> Run {
-    run_with(bench.path(), program, &["--faults", &faults.display().to_string()])
+    run_with(
+        bench.path(),
+        program,
+        &["--faults", &faults.display().to_string()],
+    )
 }
 
 fn starts(report: &Value, process: &str) -> u64 {
@@ -120,7 +127,8 @@ fn two_hundred_kills_of_servos_that_have_a_standby_change_not_one_bit_of_the_mot
 }
 
 #[test]
-fn two_hundred_kills_of_the_planner_leave_the_tool_on_the_path_and_the_program_ends_where_it_should() {
+fn two_hundred_kills_of_the_planner_leave_the_tool_on_the_path_and_the_program_ends_where_it_should()
+ {
     for machine in ["xy", "xyz-mill"] {
         let bench = Bench::of(machine, &[]);
         let program = bench.file("mixed.ngc", &mixed_program(3));
@@ -218,7 +226,10 @@ fn a_servo_without_a_standby_is_lost_thirty_times_and_the_program_is_done_all_th
             let deviation_um = fault.get("deviation_um").and_then(Value::as_f64);
             let brakes_mm = fault.get("brake_distance_mm").and_then(Value::as_f64);
             // 100 mm/s at 12 m/s² is 0.42 mm, rapids 250 mm/s 2.6 mm; the axes brake in proportion.
-            assert!(deviation_um.is_some_and(|um| um < 60.0), "{machine}: {fault}");
+            assert!(
+                deviation_um.is_some_and(|um| um < 60.0),
+                "{machine}: {fault}"
+            );
             assert!(brakes_mm.is_some_and(|mm| mm < 4.0), "{machine}: {fault}");
         }
         let end = last_feedback(&run(bench.path(), &program));
@@ -336,7 +347,12 @@ fn a_planner_killed_in_a_hold_never_moves_the_machine_when_it_comes_back() {
             && (850..1800).contains(&feedback.scan)
         {
             let registers = feedback.axes.map(|axis| axis.command_register);
-            assert_eq!(*stands.get_or_insert(registers), registers, "scan {}", feedback.scan);
+            assert_eq!(
+                *stands.get_or_insert(registers),
+                registers,
+                "scan {}",
+                feedback.scan
+            );
         }
     }
     assert!(stands.is_some());
@@ -347,7 +363,10 @@ fn a_planner_killed_in_a_hold_never_moves_the_machine_when_it_comes_back() {
 fn a_planner_that_is_to_wait_leaves_the_machine_in_hold_until_somebody_resumes() {
     let bench = Bench::of("xy", &[]);
     let program = bench.file("mixed.ngc", &mixed_program(1));
-    let orders = bench.file("orders.toml", "[[order]]\nscan = 2000\norder = \"resume\"\n");
+    let orders = bench.file(
+        "orders.toml",
+        "[[order]]\nscan = 2000\norder = \"resume\"\n",
+    );
     let faults = script(
         &bench,
         "planner = \"wait\"",
@@ -407,11 +426,22 @@ fn a_machine_side_that_comes_back_waits_with_its_drives_off_where_the_axes_stand
         ],
     );
     ended.good_report();
-    assert!(ended.stderr().contains("resume refused: the drives are off"), "{}", ended.stderr());
+    assert!(
+        ended
+            .stderr()
+            .contains("resume refused: the drives are off"),
+        "{}",
+        ended.stderr()
+    );
     for sample in Reader::open(&ended.out.join("run.mcap")).expect("the log") {
         if let Ok(Sample::Feedback(feedback)) = sample {
             let disabled = feedback.mode == Mode::Disabled as u32;
-            assert_eq!(disabled, (700..=1600).contains(&feedback.scan), "{}", feedback.scan);
+            assert_eq!(
+                disabled,
+                (700..=1600).contains(&feedback.scan),
+                "{}",
+                feedback.scan
+            );
             if disabled {
                 for axis in feedback.axes() {
                     assert_eq!(axis.command_register, axis.motor_position);
