@@ -442,7 +442,7 @@ fn stop_words(feedback: &Feedback, axes: &[String]) -> String {
     match Mode::from_wire(feedback.mode) {
         Some(Mode::Tripped) => format!(
             "the machine tripped in scan {}: {cause}{axis}",
-            feedback.scan
+            feedback.cause_scan
         ),
         Some(mode) if feedback.cause != 0 => {
             format!(
