@@ -5,6 +5,7 @@ mod bench;
 mod compensation;
 mod deaths;
 mod determinism;
+mod faults_rehearsed;
 mod house;
 mod interruption;
 mod leftovers;
