@@ -457,10 +457,11 @@ impl<'a> Judge<'a> {
 
     fn distance_mm(&self, tool: &AxisVector, element: u32, around: u32) -> f64 {
         let from = element.saturating_sub(around) as usize;
+        let to = element.saturating_add(around) as usize;
         let elements = self.course.path.elements.iter();
         elements
             .skip(from)
-            .take((element as usize).saturating_sub(from) + around as usize + 1)
+            .take(to - from + 1)
             .map(|element| element.closest_distance(tool).1)
             .fold(f64::INFINITY, f64::min)
     }
@@ -489,7 +490,7 @@ impl<'a> Judge<'a> {
         };
         if before.mode != Mode::Tripped as u32 {
             self.shown.trips += 1;
-            self.trip = Some(self.trip_of(before, feedback));
+            self.trip = Some(self.trip_of(before, feedback, &tool));
         }
         let Some(trip) = self.trip else {
             return;
@@ -528,7 +529,7 @@ impl<'a> Judge<'a> {
 
     /// What a trip may cost: the way at the speeds of the trip until the slowest quick stop is over, the way before it
     /// of an axis whose servo was silent, and the lag.
-    fn trip_of(&self, before: &Feedback, feedback: &Feedback) -> Trip {
+    fn trip_of(&self, before: &Feedback, feedback: &Feedback, tool: &AxisVector) -> Trip {
         let scan_s = self.machine.scan_period_s();
         let (mut longest_s, mut speed_squared) = (0.0f64, 0.0);
         let mut silent_scans = 0;
@@ -541,11 +542,17 @@ impl<'a> Judge<'a> {
             silent_scans = silent_scans.max(axis.missed_in_a_row + 1);
         }
         let speed = libm::sqrt(speed_squared);
+        // On its way back, it was off the path already.
+        let already_mm = if feedback.left_at.is_off_path() {
+            0.0
+        } else {
+            self.distance_mm(tool, feedback.left_at.element, u32::MAX)
+        };
         let blind_s = f64::from(silent_scans) * scan_s + LAG_S;
         Trip {
             since: feedback.scan,
             stands_within: libm::ceil((longest_s + BRAKING_SLACK_S) / scan_s) as u64,
-            deviation_max_mm: speed * (blind_s + longest_s / 2.0) + SPRING_MM,
+            deviation_max_mm: already_mm + speed * (blind_s + longest_s / 2.0) + SPRING_MM,
             stood: false,
         }
     }

@@ -69,8 +69,6 @@ pub struct Scenario {
     pub orders: Vec<ScriptedOrder>,
     /// The operator stops the machine: the run may end before the program does.
     pub stops: bool,
-    /// The operator asks for something besides going on after a fault.
-    pub operated: bool,
 }
 
 /// Draws what a seed stands for.
@@ -95,12 +93,11 @@ pub fn draw(seed: u64, machine: &Machine, shapes: &[Shape]) -> Result<Scenario, 
         fault(&mut random, &mut text, machine, standby, shape, last_scan);
     }
     let faults = fault_file::parse("faults.toml", &text, machine)?;
-    let (mut orders, mut stops, mut operated) = (String::new(), false, false);
+    let (mut orders, mut stops) = (String::new(), false);
     let mut order = |scan: u64, word: &str, value: &str| {
         let _ = writeln!(orders, "[[order]]\nscan = {scan}\norder = \"{word}\"{value}\n");
     };
     if random.one_in(4) {
-        operated = true;
         for _ in 0..random.within(1, 2) {
             let scan = random.within(5, last_scan);
             match random.within(0, 4) {
@@ -116,7 +113,10 @@ pub fn draw(seed: u64, machine: &Machine, shapes: &[Shape]) -> Result<Scenario, 
                 }
                 _ => {
                     stops = true;
-                    order(scan, "stop", "");
+                    // A machine side that comes back knows nothing of a stop: it is asked once more.
+                    for again in [0, 1500, 3000] {
+                        order(scan + again, "stop", "");
+                    }
                 }
             }
         }
@@ -148,7 +148,6 @@ pub fn draw(seed: u64, machine: &Machine, shapes: &[Shape]) -> Result<Scenario, 
         faults_text: text,
         faults,
         stops,
-        operated,
     })
 }
 

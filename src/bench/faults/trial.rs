@@ -3,7 +3,7 @@
 use bus::fault_file::{Action, Corruption, Fault};
 use bus::machine::{AfterLoss, AfterMachineSide, Machine};
 use bus::order_file::ScriptedOrder;
-use bus::sample::{Job, MAX_AXES, Mode, OperatorRequest, Order};
+use bus::sample::{Feedback, Job, MAX_AXES, Mode, OperatorRequest, Order};
 use plant_sim::plant_file::PlantFile;
 use rehearsal::invariants::{Course, Judge, Shown, Violation};
 use rehearsal::{Rehearsal, Script};
@@ -129,6 +129,7 @@ pub fn run(
             cover.lost[axis] && faults.iter().zip(&fired).any(explains)
         });
         let sent = !said.windows.is_empty();
+        let feedback = *said.feedback;
         for (index, fault) in faults.iter().enumerate() {
             if fired[index].is_some() {
                 continue;
@@ -142,15 +143,19 @@ pub fn run(
             cover.window_sent(scan);
         }
         if scan > SCANS_MAX {
-            endless = Some(scan);
+            endless = Some(format!("{SCANS_MAX} scans: {}", where_it_is(&feedback)));
             break;
         }
     }
+    // What killed the machine side for good fired in a scan that nobody was asked in.
+    for (index, fired) in fired.iter_mut().enumerate() {
+        *fired = fired.or_else(|| rehearsal.fired(index));
+    }
     let (shown, mut violations) = judge.end();
-    if let Some(scan) = endless {
+    if let Some(what) = endless {
         violations.push(Violation {
-            scan,
-            what: format!("the run does not end within {SCANS_MAX} scans"),
+            scan: shown.scans,
+            what: format!("the run does not end within {what}"),
         });
     }
     if shown.trips > 0 && !cover.lost.iter().any(|lost| *lost) {
@@ -165,6 +170,25 @@ pub fn run(
         runs: 1,
         fired: fired.iter().map(Option::is_some).collect(),
     })
+}
+
+/// Where a run stands that does not end.
+fn where_it_is(feedback: &Feedback) -> String {
+    format!(
+        "hold {}, at rest {}, {} in epoch {}, element {} at {} mm, left at element {}, cause {}",
+        feedback.hold,
+        feedback.at_rest,
+        if feedback.window.is_none() {
+            "no window"
+        } else {
+            "a window"
+        },
+        feedback.epoch,
+        feedback.tag.element,
+        feedback.tag.distance_mm,
+        feedback.left_at.element,
+        feedback.cause,
+    )
 }
 
 impl Machines {
