@@ -98,6 +98,8 @@ pub struct Stop {
     pub from: u64,
     /// First scan of the window that went on.
     pub until: Option<u64>,
+    /// The next window came before it braked, but so late that the controllers had seen the braking ahead of them.
+    pub foreseen: bool,
 }
 
 /// What a run has shown.
@@ -239,13 +241,14 @@ impl<'a> Judge<'a> {
             let is_it = |w: &&Arc<Window>| w.header.id == feedback.window;
             let found = self.known.iter().rev().find(is_it).map(Arc::clone);
             let starts = self.in_force.is_none();
+            self.foreseen(scan);
             self.in_force = found;
             let first = self.in_force.as_ref().and_then(|w| w.rows.first());
             let axes = self.machine.axes.len();
             if starts && first.is_some_and(|row| row.position[..axes] != registers[..axes]) {
                 self.say(scan, "a window begins off the command registers".into());
             }
-            if let Some(stop) = self.shown.stops.last_mut() {
+            if let Some(stop) = self.shown.stops.iter_mut().rev().find(|s| !s.foreseen) {
                 stop.until = stop.until.or(Some(scan));
             }
         }
@@ -264,6 +267,7 @@ impl<'a> Judge<'a> {
             self.shown.stops.push(Stop {
                 from: scan,
                 until: None,
+                foreseen: false,
             });
         }
         if let Err(fault) = self.audit.row(&row.position) {
@@ -282,6 +286,22 @@ impl<'a> Judge<'a> {
             }
         }
         self.executed = Some(row.position);
+    }
+
+    /// The window in force is replaced in `scan`: whether it was late enough for its braking to be foreseen.
+    fn foreseen(&mut self, scan: u64) {
+        let Some(window) = &self.in_force else { return };
+        let header = &window.header;
+        let rows = scan.saturating_sub(header.first_scan);
+        let late = rows > u64::from(self.machine.scan.distribution_period_scans);
+        let off_path = window.rows.first().is_none_or(|row| row.tag.is_off_path());
+        if late && rows <= header.intended_rows.into() && header.ends_program == 0 && !off_path {
+            self.shown.stops.push(Stop {
+                from: header.first_scan + u64::from(header.intended_rows),
+                until: Some(scan),
+                foreseen: true,
+            });
+        }
     }
 
     /// What was executed is what the registers say.
