@@ -86,7 +86,22 @@ impl Stock {
 
 /// Runs the seeds.
 pub fn faults(options: &FaultsOptions) -> Outcome {
+    let preparing = Instant::now();
     let stock = stock(options).input()?;
+    say(&format!(
+        "{} programs, each undisturbed and with feed holds all along it: {:.1} s",
+        stock.programs.len(),
+        preparing.elapsed().as_secs_f64()
+    ));
+    for prepared in &stock.programs {
+        say(&format!(
+            "  {:<14}{:>5} scans, table at most {:.4} mm off the path, with a feed hold {:.4}",
+            prepared.program.name,
+            prepared.undisturbed.scans,
+            prepared.undisturbed.contour_mm.0,
+            prepared.held_contour_mm
+        ));
+    }
     let started = Instant::now();
     let next = AtomicU64::new(options.from);
     let end = options.from.saturating_add(options.seeds);
@@ -161,10 +176,18 @@ fn stock(options: &FaultsOptions) -> anyhow::Result<Stock> {
         standby,
         plant: checked.plant,
     };
-    let programs = programs
-        .into_iter()
-        .map(|program| prepare(&machines, program))
-        .collect::<anyhow::Result<Vec<_>>>()?;
+    let machines_of = &machines;
+    let programs = std::thread::scope(|threads| {
+        let threads: Vec<_> = programs
+            .into_iter()
+            .map(|program| threads.spawn(move || prepare(machines_of, program)))
+            .collect();
+        let joined = threads.into_iter().map(|thread| {
+            let panicked = |_| Err(anyhow!("a program could not be prepared"));
+            thread.join().unwrap_or_else(panicked)
+        });
+        joined.collect::<anyhow::Result<Vec<_>>>()
+    })?;
     let shapes = programs
         .iter()
         .map(|prepared| Shape {

@@ -15,6 +15,8 @@ use super::seed::{Scenario, lasts, policy};
 const SCANS_MAX: u64 = 20_000;
 /// After a fault is over, and with a window sent since, a servo needs so many scans to be a standby again.
 const READY_SCANS: u64 = 12;
+/// Places of a program in which a feed hold is measured, at most.
+const HOLDS_MAX: u64 = 160;
 /// A feed hold that a late window is compared with lasts so long.
 const STANDING_SCANS: u64 = 96;
 /// The contour error of a fault may be larger than that of a feed hold in its place by so much, in mm.
@@ -40,7 +42,7 @@ pub struct Prepared {
     pub course: Course,
     /// Its undisturbed run.
     pub undisturbed: Shown,
-    /// Largest contour error of runs with feed holds, in mm.
+    /// Largest contour error of runs with one feed hold somewhere, in mm.
     pub held_contour_mm: f64,
 }
 
@@ -356,7 +358,7 @@ fn unexpected_end(
     })
 }
 
-/// Runs a program undisturbed, and with feed holds all along it.
+/// Runs a program undisturbed, and with a feed hold in places all along it.
 ///
 /// # Errors
 /// Program and machine do not fit, or the undisturbed run violates something.
@@ -371,45 +373,53 @@ pub fn prepare(machines: &Machines, program: ShortProgram) -> anyhow::Result<Pre
         program.name,
         undisturbed.violations
     );
-    let mut held_contour_mm = 0.0f64;
-    for phase in 0..4u64 {
-        let mut scan = 20 + 32 * phase;
-        let mut orders = Vec::new();
-        let order = |scan: u64, order: Order| ScriptedOrder {
-            scan,
-            request: OperatorRequest {
-                order: order as u32,
-                ..OperatorRequest::default()
-            },
-        };
-        // Each hold costs braking, standing and speeding up, in scans that the program did not have.
-        while scan < 4 * undisturbed.shown.scans {
-            orders.push(order(scan, Order::Hold));
-            orders.push(order(scan + 96, Order::Resume));
-            scan += 224;
-        }
-        let held = run(
-            machine,
-            plant,
-            &program,
-            &course,
-            Script {
-                faults: None,
-                orders,
-            },
-        )?;
-        anyhow::ensure!(
-            held.violations.is_empty(),
-            "{} with feed holds: {:?}",
-            program.name,
-            held.violations
-        );
-        held_contour_mm = held_contour_mm.max(held.shown.contour_mm.0);
-    }
+    let held_contour_mm = held_contour_mm(machines, &program, &course, &undisturbed.shown)?;
     Ok(Prepared {
         undisturbed: undisturbed.shown,
         program,
         course,
         held_contour_mm,
     })
+}
+
+/// Largest contour error of runs with one feed hold each: at places all along the program, short and long.
+fn held_contour_mm(
+    machines: &Machines,
+    program: &ShortProgram,
+    course: &Course,
+    undisturbed: &Shown,
+) -> anyhow::Result<f64> {
+    let period = u64::from(machines.alone.scan.distribution_period_scans).max(1);
+    let apart = (undisturbed.scans / HOLDS_MAX).next_multiple_of(period).max(period);
+    let order = |scan: u64, order: Order| ScriptedOrder {
+        scan,
+        request: OperatorRequest {
+            order: order as u32,
+            ..OperatorRequest::default()
+        },
+    };
+    let mut largest_mm = 0.0f64;
+    let mut scan = period;
+    while scan < undisturbed.scans {
+        for standing in [2 * period, STANDING_SCANS] {
+            let orders = vec![
+                order(scan - 1, Order::Hold),
+                order(scan - 1 + standing, Order::Resume),
+            ];
+            let script = Script {
+                faults: None,
+                orders,
+            };
+            let held = run(&machines.alone, &machines.plant, program, course, script)?;
+            anyhow::ensure!(
+                held.violations.is_empty(),
+                "{} with a feed hold in scan {scan}: {:?}",
+                program.name,
+                held.violations
+            );
+            largest_mm = largest_mm.max(held.shown.contour_mm.0);
+        }
+        scan += apart;
+    }
+    Ok(largest_mm)
 }
