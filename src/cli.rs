@@ -214,6 +214,8 @@ pub enum BenchCommand {
     Lockstep(LockstepOptions),
     /// Quadrant protrusions over radii and feeds, by way of compensation
     Circles(CirclesOptions),
+    /// Whole cells in one process with faults drawn from seeds; every scan is judged by the invariants of docs/faults.md
+    Faults(FaultsOptions),
 }
 
 impl Default for BenchCommand {
@@ -265,6 +267,31 @@ pub struct CirclesOptions {
     /// Runs at the same time, each on a processor of its own
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=64))]
     pub jobs: u64,
+}
+
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Each seed draws a program, a machine with or without standbys, one to four faults, restart policies and\nnow and then orders of an operator. Exit status 1: a seed violates an invariant; the command that repeats it\nis printed."
+)]
+pub struct FaultsOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml
+    #[arg(default_value = BENCH_MACHINE)]
+    pub machine: PathBuf,
+    /// How many seeds
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..))]
+    pub seeds: u64,
+    /// The first seed
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    pub from: u64,
+    /// Part program, in place of the built-in short ones
+    #[arg(long, value_name = "FILE")]
+    pub program: Option<PathBuf>,
+    /// Runs at the same time
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..=64))]
+    pub jobs: u64,
+    /// Print the script of every seed, as files for `quadrant run --faults` and `--orders`, and what became of it
+    #[arg(short, long)]
+    pub verbose: bool,
 }
 
 fn number(text: &str) -> Result<f64, String> {

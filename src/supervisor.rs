@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use bus::machine::{AfterLoss, AfterMachineSide, AfterMonitor, Machine, Restart};
+use bus::machine::{Machine, Restart};
 use bus::sample::Job;
 
 use crate::group::{Death, Group};
@@ -53,15 +53,8 @@ impl Supervisor {
 
     /// Whether a lost process of this job is to be replaced.
     pub fn replaces(&self, job: Job, axis: usize) -> bool {
-        let policy = &self.policy;
-        match job {
-            Job::Planner => policy.planner != AfterLoss::End,
-            Job::Servo => {
-                policy.servo != AfterLoss::End || self.standby.get(axis).is_some_and(|s| *s)
-            }
-            Job::Machine => policy.machine_side == AfterMachineSide::Wait,
-            Job::Monitor => policy.monitor == AfterMonitor::Restart,
-        }
+        let standby = self.standby.get(axis).is_some_and(|s| *s);
+        self.policy.replaces(job, standby)
     }
 
     /// Judges an untimely death and plans the restart.

@@ -7,6 +7,7 @@ mod compensation;
 mod deaths;
 mod determinism;
 mod faults;
+mod faults_rehearsed;
 mod house;
 mod interruption;
 mod leftovers;

@@ -281,13 +281,9 @@ impl Planner {
             return None;
         }
         let from = self.return_to_path(feedback)?;
-        let done = !from.returns
-            && self
-                .course
-                .as_ref()
-                .is_some_and(|course| course.windows.is_end(&from.state));
-        // The window in force goes on standing there; what follows it starts with the first step from it.
-        (!done).then_some(From {
+        // The window in force goes on standing there; what follows it starts with the first step from it. Also at the
+        // path's end: that window may have come to rest there only by braking, and does not end the program.
+        Some(From {
             starts: false,
             ..from
         })

@@ -47,14 +47,16 @@ impl FaultDesk {
                 plan(&script, &mut agenda, index, fired);
             }
         }
-        // What killed the machine side before this one, and what came before it in the same scan, is done.
+        // What killed the machine side before this one, and what came before it in the same scan, is done. Who was to be
+        // continued after the feedback of that scan still waits for it.
         let killer = script
             .faults
             .iter()
             .zip(&fired)
             .rposition(|(fault, fired)| fault.job == Job::Machine && *fired == Some(first_scan));
         agenda.retain(|due| {
-            let done = due.scan == first_scan && killer.is_some_and(|k| due.index <= k);
+            let before = due.step != FaultStep::Continue && due.scan == first_scan;
+            let done = before && killer.is_some_and(|k| due.index <= k);
             due.scan >= first_scan && !done
         });
         FaultDesk {
@@ -137,5 +139,43 @@ fn plan(script: &FaultScript, agenda: &mut Vec<Due>, index: usize, fired: u64) {
             later(FaultStep::Continue, scans);
         }
         Action::Drop { .. } | Action::Delay { .. } | Action::Corrupt { .. } => {}
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::expect_used)]
+mod tests {
+    use super::*;
+    use bus::fault_file::{Fault, RestartOverrides, Trigger};
+
+    fn fault(scan: u64, job: Job, action: Action) -> Fault {
+        Fault {
+            at: Trigger::Scan(scan),
+            job,
+            axis: 0,
+            role: 0,
+            action,
+            line: 1,
+        }
+    }
+
+    #[test]
+    fn a_process_due_to_go_on_in_the_scan_the_machine_side_dies_in_is_continued_by_the_next_one() {
+        let kill = Action::Kill {
+            restart_after_scans: 20,
+        };
+        let script = FaultScript {
+            name: "faults.toml".into(),
+            restart: RestartOverrides::default(),
+            faults: vec![
+                fault(100, Job::Servo, Action::Stop { scans: 30 }),
+                fault(130, Job::Machine, kill),
+            ],
+        };
+        let fired = |index| Some([100, 130][index]);
+        let mut desk = FaultDesk::new(script, fired, 130);
+        // The launcher says in the roster that it takes part, before the kill; it must not be waited for in vain.
+        assert_eq!(desk.next(130, false), None);
+        assert_eq!(desk.next(130, true), Some((0, FaultStep::Continue)));
     }
 }

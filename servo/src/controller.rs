@@ -67,6 +67,20 @@ impl Servo {
         })
     }
 
+    /// One that takes this one's place: it remembers nothing but what runs before have taught.
+    pub fn replacement(&self, incarnation: u32) -> Servo {
+        Servo {
+            settings: self.settings,
+            role: self.role,
+            incarnation,
+            held: HeldWindow::none(),
+            pending: HeldWindow::none(),
+            refused: WindowId::NONE,
+            state: ControllerState::zeroed(),
+            learned: self.learned.clone(),
+        }
+    }
+
     /// Its settings.
     pub fn settings(&self) -> &ServoSettings {
         &self.settings

@@ -53,6 +53,9 @@ pub enum Refusal {
     /// It does not end at rest.
     #[error("it does not end at rest")]
     NotAtRest,
+    /// A row whose place on the path is none.
+    #[error("a row's distance along the path is no number, or below 0")]
+    Tag,
 }
 
 /// One window in a buffer that is allocated once.
@@ -203,6 +206,11 @@ pub(crate) fn check_itself(
     }
     if bus::window::checksum(header, rows) != header.id.checksum {
         return Err(Refusal::Checksum);
+    }
+    // A planner would go on from such a place, should this window be left there.
+    let placed = |row: &WindowRow| row.tag.distance_mm.is_finite() && row.tag.distance_mm >= 0.0;
+    if !rows.iter().all(placed) {
+        return Err(Refusal::Tag);
     }
     let first = position(settings, rows.first());
     let mut limits = RowLimits {

@@ -1,6 +1,7 @@
 //! `quadrant bench`: the project's own measurements, each beside its floor or its rivals on this machine.
 
 mod circles;
+mod faults;
 mod lockstep;
 mod runs;
 
@@ -16,6 +17,7 @@ pub fn bench(options: &BenchOptions) -> Outcome {
     logs::init_launcher();
     match options.command.clone().unwrap_or_default() {
         BenchCommand::Circles(options) => circles::circles(&options),
+        BenchCommand::Faults(options) => faults::faults(&options),
         BenchCommand::Lockstep(options) => lockstep::lockstep(&options),
     }
 }

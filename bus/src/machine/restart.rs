@@ -3,6 +3,7 @@
 use serde::Deserialize;
 
 use super::Machine;
+use crate::sample::Job;
 use crate::settings_file::{From, Rules};
 
 /// After the loss of a process that moves the machine.
@@ -65,6 +66,18 @@ impl Default for Restart {
             monitor: AfterMonitor::Restart,
             restarts_max: 5,
             within_s: 60.0,
+        }
+    }
+}
+
+impl Restart {
+    /// Whether a lost process of this job is replaced; of a servo, `standby` says whether its axis has two.
+    pub fn replaces(&self, job: Job, standby: bool) -> bool {
+        match job {
+            Job::Planner => self.planner != AfterLoss::End,
+            Job::Servo => self.servo != AfterLoss::End || standby,
+            Job::Machine => self.machine_side == AfterMachineSide::Wait,
+            Job::Monitor => self.monitor == AfterMonitor::Restart,
         }
     }
 }

@@ -1,0 +1,159 @@
+//! What lies between the processes: queues with the scan's rules, as bus/src/port.rs has them over shared memory.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use bus::sample::{AxisCommand, WindowHeader, WindowRow};
+use bus::service::SCAN_DEPTH;
+
+/// A window that was sent.
+#[derive(Debug)]
+pub struct Window {
+    /// Its header.
+    pub header: WindowHeader,
+    /// Its rows.
+    pub rows: Vec<WindowRow>,
+}
+
+/// What can wait in a queue.
+pub(crate) trait Sent {
+    /// The first scan in which a reader may act on it.
+    fn visible_from(&self) -> u64;
+}
+
+impl Sent for AxisCommand {
+    fn visible_from(&self) -> u64 {
+        self.visible_from
+    }
+}
+
+impl Sent for Arc<Window> {
+    fn visible_from(&self) -> u64 {
+        self.header.visible_from
+    }
+}
+
+/// A reader's queue: what is visible only later is set aside, what is too much drops the oldest.
+#[derive(Debug)]
+pub(crate) struct Queue<T> {
+    waiting: VecDeque<T>,
+    set_aside: Option<T>,
+}
+
+impl<T: Sent> Queue<T> {
+    pub fn new() -> Queue<T> {
+        Queue {
+            waiting: VecDeque::with_capacity(SCAN_DEPTH + 1),
+            set_aside: None,
+        }
+    }
+
+    pub fn push(&mut self, sample: T) {
+        if self.waiting.len() >= SCAN_DEPTH {
+            self.waiting.pop_front();
+        }
+        self.waiting.push_back(sample);
+    }
+
+    /// The next one in order that may be acted on in `scan`.
+    pub fn next(&mut self, scan: u64) -> Option<T> {
+        let sample = self.set_aside.take().or_else(|| self.waiting.pop_front())?;
+        if sample.visible_from() > scan {
+            self.set_aside = Some(sample);
+            return None;
+        }
+        Some(sample)
+    }
+
+    /// The newest one that may be acted on in `scan`; older ones are dropped.
+    pub fn newest(&mut self, scan: u64) -> Option<T> {
+        let mut newest = None;
+        while let Some(sample) = self.next(scan) {
+            newest = Some(sample);
+        }
+        newest
+    }
+}
+
+/// A reading end of the setpoint service. A new one finds the history when the planner next sends, not before.
+#[derive(Debug)]
+pub(crate) struct WindowQueue {
+    pub queue: Queue<Arc<Window>>,
+    connected: bool,
+}
+
+impl WindowQueue {
+    /// Of a process that has just been started.
+    pub fn new() -> WindowQueue {
+        WindowQueue {
+            queue: Queue::new(),
+            connected: false,
+        }
+    }
+
+    /// A planner sends a window, having sent those of `history` before.
+    pub fn send(&mut self, window: &Arc<Window>, history: &VecDeque<Arc<Window>>) {
+        if !self.connected {
+            self.connected = true;
+            for old in history {
+                self.queue.push(Arc::clone(old));
+            }
+        }
+        self.queue.push(Arc::clone(window));
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::expect_used)]
+mod tests {
+    use super::*;
+    use bytemuck::Zeroable;
+
+    fn command(scan: u64) -> AxisCommand {
+        AxisCommand {
+            scan,
+            visible_from: scan + 1,
+            ..AxisCommand::zeroed()
+        }
+    }
+
+    #[test]
+    fn nothing_is_seen_in_the_scan_it_is_made_in() {
+        let mut queue = Queue::new();
+        queue.push(command(4));
+        queue.push(command(5));
+        assert_eq!(queue.newest(5).map(|c| c.scan), Some(4));
+        assert_eq!(queue.newest(5).map(|c| c.scan), None);
+        assert_eq!(queue.newest(6).map(|c| c.scan), Some(5));
+    }
+
+    #[test]
+    fn a_full_queue_loses_the_oldest() {
+        let mut queue = Queue::new();
+        for scan in 0..20 {
+            queue.push(command(scan));
+        }
+        let first = queue.next(100).expect("a command");
+        assert_eq!(first.scan, 20 - SCAN_DEPTH as u64);
+    }
+
+    #[test]
+    fn a_new_reader_finds_the_history_with_the_next_window() {
+        let window = |sequence: u32| {
+            let mut header = WindowHeader::zeroed();
+            header.id.sequence = sequence;
+            Arc::new(Window {
+                header,
+                rows: Vec::new(),
+            })
+        };
+        let history: VecDeque<_> = [window(1), window(2)].into();
+        let mut reader = WindowQueue::new();
+        assert!(reader.queue.next(0).is_none());
+        reader.send(&window(3), &history);
+        reader.send(&window(4), &[window(2), window(3)].into());
+        let found = std::iter::from_fn(|| reader.queue.next(0));
+        let found: Vec<u32> = found.map(|w| w.header.id.sequence).collect();
+        assert_eq!(found, [1, 2, 3, 4]);
+    }
+}
