@@ -81,17 +81,27 @@ fn registers(feedback: &Feedback) -> Vec<i64> {
     axes.map(|axis| axis.command_register).collect()
 }
 
-/// With standbys on every axis.
-const STANDBY: (&str, &str) = (
-    "drive_mode = \"velocity\"",
-    "drive_mode = \"velocity\"\nstandby = true",
-);
+/// A shipped machine with a standby on every axis, or without any.
+fn bench_with(machine: &str, standby: bool) -> Bench {
+    let bench = Bench::of(machine, &[]);
+    let file = bench.path().join("machine.toml");
+    let text = std::fs::read_to_string(&file).expect("machine.toml");
+    let mut kept = String::new();
+    for line in text.lines().filter(|line| !line.starts_with("standby")) {
+        kept += &format!("{line}\n");
+        if standby && line.starts_with("drive_mode") {
+            kept += "standby = true\n";
+        }
+    }
+    std::fs::write(&file, kept).expect("writing machine.toml");
+    bench
+}
 
 #[test]
 fn two_hundred_kills_of_servos_that_have_a_standby_change_not_one_bit_of_the_motion() {
     for machine in ["xy", "xyz-mill"] {
-        let plain = Bench::of(machine, &[]);
-        let bench = Bench::of(machine, &[STANDBY]);
+        let plain = bench_with(machine, false);
+        let bench = bench_with(machine, true);
         let program = bench.file("mixed.ngc", &mixed_program(3));
         let undisturbed = run(plain.path(), &program).good_report();
         let kill = |process, from| Kills {
@@ -130,7 +140,7 @@ fn two_hundred_kills_of_servos_that_have_a_standby_change_not_one_bit_of_the_mot
 fn two_hundred_kills_of_the_planner_leave_the_tool_on_the_path_and_the_program_ends_where_it_should()
  {
     for machine in ["xy", "xyz-mill"] {
-        let bench = Bench::of(machine, &[]);
+        let bench = bench_with(machine, false);
         let program = bench.file("mixed.ngc", &mixed_program(3));
         let undisturbed = run(bench.path(), &program);
         let end = last_feedback(&undisturbed);
@@ -203,7 +213,7 @@ fn two_hundred_kills_of_the_monitor_change_not_one_bit_of_the_motion() {
 #[test]
 fn a_servo_without_a_standby_is_lost_thirty_times_and_the_program_is_done_all_the_same() {
     for machine in ["xy", "xyz-mill"] {
-        let bench = Bench::of(machine, &[]);
+        let bench = bench_with(machine, false);
         let program = bench.file("mixed.ngc", &mixed_program(1));
         let faults = script(
             &bench,
@@ -240,7 +250,7 @@ fn a_servo_without_a_standby_is_lost_thirty_times_and_the_program_is_done_all_th
 
 #[test]
 fn a_run_with_kills_of_everybody_is_the_same_to_the_bit_every_time() {
-    let bench = Bench::of("xy", &[STANDBY]);
+    let bench = bench_with("xy", true);
     let program = bench.file("mixed.ngc", &mixed_program(1));
     let orders = bench.file(
         "orders.toml",

@@ -245,11 +245,18 @@ impl Machines {
                 .digest
             };
             if undisturbed != shown.digest {
-                wrong.push("not the motion of the undisturbed run although every fault was covered".into());
+                wrong.push(
+                    "not the motion of the undisturbed run although every fault was covered".into(),
+                );
             }
         }
-        let stays_on_path = shown.trips == 0 && shown.missed == 0 && !struck.iter().any(|f| f.job == Job::Machine);
-        let usual_mm = prepared.undisturbed.contour_mm.0.max(prepared.held_contour_mm);
+        let stays_on_path =
+            shown.trips == 0 && shown.missed == 0 && !struck.iter().any(|f| f.job == Job::Machine);
+        let usual_mm = prepared
+            .undisturbed
+            .contour_mm
+            .0
+            .max(prepared.held_contour_mm);
         if stays_on_path && shown.contour_mm.0 > usual_mm + CONTOUR_SLACK_MM {
             let mut held_mm = usual_mm;
             for orders in held_instead(&shown, scenario) {
@@ -270,10 +277,12 @@ impl Machines {
                 ));
             }
         }
-        verdict.violations.extend(wrong.into_iter().map(|what| Violation {
-            scan: shown.scans,
-            what,
-        }));
+        verdict
+            .violations
+            .extend(wrong.into_iter().map(|what| Violation {
+                scan: shown.scans,
+                what,
+            }));
         Ok(verdict)
     }
 }
@@ -342,11 +351,13 @@ fn unexpected_end(
     };
     let servo_for_good = any(&bad_command)
         || (restart.servo == AfterLoss::End && any(&|fault| fault.job == Job::Servo));
-    let side_for_good = restart.machine_side == AfterMachineSide::End
-        && any(&|fault| fault.job == Job::Machine);
+    let side_for_good =
+        restart.machine_side == AfterMachineSide::End && any(&|fault| fault.job == Job::Machine);
     let fine = match shown.mode {
         Some(Mode::Finished) => true,
-        Some(Mode::Tripped) => servo_for_good || side_for_good || (scenario.stops && shown.trips > 0),
+        Some(Mode::Tripped) => {
+            servo_for_good || side_for_good || (scenario.stops && shown.trips > 0)
+        }
         Some(Mode::Stopped) => scenario.stops,
         Some(Mode::Disabled) => scenario.stops || side_for_good,
         Some(Mode::Enabled | Mode::Stopping | Mode::Jogging) => side_for_good,
@@ -390,7 +401,9 @@ fn held_contour_mm(
     undisturbed: &Shown,
 ) -> anyhow::Result<f64> {
     let period = u64::from(machines.alone.scan.distribution_period_scans).max(1);
-    let apart = (undisturbed.scans / HOLDS_MAX).next_multiple_of(period).max(period);
+    let apart = (undisturbed.scans / HOLDS_MAX)
+        .next_multiple_of(period)
+        .max(period);
     let order = |scan: u64, order: Order| ScriptedOrder {
         scan,
         request: OperatorRequest {
