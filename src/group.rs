@@ -301,6 +301,11 @@ impl Group {
         Ok(group)
     }
 
+    /// The cell's name.
+    pub fn cell_name(&self) -> &str {
+        self.cell.place().name()
+    }
+
     /// The cell's pace.
     pub fn pace(&self) -> Pace {
         self.plan.pace

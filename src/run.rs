@@ -7,7 +7,7 @@ use anyhow::anyhow;
 use bus::cell::CellPlace;
 use bus::fault_file::{self, FaultScript};
 use bus::machine::learned::{Learned, learned_file};
-use bus::machine::machine_file;
+use bus::machine::{AfterLoss, Restart, machine_file};
 use bus::member::Pace;
 use bus::order_file;
 use bus::page::CellPhase;
@@ -214,6 +214,8 @@ fn supervise(
     let mut desk = faults.map(FaultDesk::new);
     let mut ends = false;
     let mut hangs = Hangs::default();
+    let mut hinted: Option<String> = None;
+    let cell = group.cell_name().to_string();
     let realtime = group.pace() == Pace::Realtime;
     let mut stop_since: Option<Instant> = None;
     let mut tripped = false;
@@ -259,6 +261,14 @@ fn supervise(
                 pid: Some(pid),
                 ..Event::of_cell(group.newest_scan, "restarted", None)
             });
+        }
+        let waits = newest.filter(|_| deaths.iter().any(|death| death.replaced));
+        let hint = waits.and_then(|feedback| waits_for(&feedback, &checked.machine.restart, &cell));
+        if hint != hinted && !supervisor.is_busy(group) {
+            if let Some(hint) = &hint {
+                tracing::warn!("{hint}");
+            }
+            hinted = hint;
         }
         if let Some(desk) = &mut desk {
             serve_faults(desk, group, &supervisor, events, &mut deaths);
@@ -323,6 +333,23 @@ fn supervise(
         in_order,
         axes,
     }
+}
+
+/// What a machine that does not go on by itself waits for, in words.
+fn waits_for(feedback: &Feedback, restart: &Restart, cell: &str) -> Option<String> {
+    let orders = match Mode::from_wire(feedback.mode)? {
+        Mode::Tripped if restart.servo == AfterLoss::Wait => {
+            format!("`quadrant resume --cell {cell}` returns to the path and goes on")
+        }
+        Mode::Disabled => format!(
+            "the drives are off: `quadrant enable --cell {cell}`, then `quadrant resume --cell {cell}`"
+        ),
+        Mode::Enabled if feedback.hold == 1 => {
+            format!("the machine is in hold: `quadrant resume --cell {cell}` goes on")
+        }
+        _ => return None,
+    };
+    Some(format!("{orders}; Ctrl-C ends the run"))
 }
 
 /// Does what the machine side asks for in the name of a fault script, as long as it asks.

@@ -297,9 +297,12 @@ fn processes(report: &Report, page: &mut String) {
         line!(page, "Processes: {}", names.join(", "));
     }
     for fault in report.faults.iter().take(ROWS_MAX) {
-        let resumed = fault.resumed_at_scan.map_or(String::new(), |scan| {
-            format!(", motion again from scan {scan}")
-        });
+        let resumed = fault
+            .resumed_at_scan
+            .filter(|scan| *scan > fault.scan + 1)
+            .map_or(String::new(), |scan| {
+                format!(", motion again from scan {scan}")
+            });
         let noticed = fault.noticed_after_scans.map_or(String::new(), |scans| {
             format!(", noticed after {scans} scans")
         });
