@@ -176,6 +176,72 @@ fn two_hundred_kills_of_the_planner_leave_the_tool_on_the_path_and_the_program_e
     }
 }
 
+/// Holes with dwells and pecks (G81, G82, G83), rapids between them.
+#[test]
+fn kills_in_drilling_cycles_and_their_dwells_drill_every_hole_to_its_depth() {
+    let bench = bench_with("xyz-mill", true);
+    let program = bench.file(
+        "holes.ngc",
+        "G21 G17 G90 G94\nG0 X0 Y0 Z20\nG99 G82 X10 Y10 Z-6 R2 P0.08 F2400\nX20\nX20 Y20\n\
+         G98 G83 X30 Y20 Z-9 R2 Q4 F2400\nX35 Y5\nG81 X5 Y5 Z-4 R1\nG80\nG0 X0 Y0 Z20\nM2\n",
+    );
+    let undisturbed = run(bench.path(), &program);
+    let deepest = |run: &Run| {
+        let mut deepest = i64::MAX;
+        let mut dwelt = 0;
+        for sample in Reader::open(&run.out.join("run.mcap")).expect("the log") {
+            if let Ok(Sample::Feedback(feedback)) = sample {
+                deepest = deepest.min(feedback.axes[2].command_register);
+                dwelt += u32::from(feedback.tag.dwell_remaining_scans > 0);
+            }
+        }
+        (deepest, dwelt)
+    };
+    let depth = deepest(&undisturbed);
+    assert!(depth.1 > 200, "the program dwells");
+    let digest = text(&undisturbed.good_report(), "/motion_digest");
+
+    let kill = |process, from, every, times| Kills {
+        process,
+        from,
+        every,
+        times,
+        back_after: 9,
+    };
+    let servos = script(
+        &bench,
+        "",
+        &[
+            kill("servo-Z", 30, 90, 60),
+            kill("servo-Z/b", 75, 90, 60),
+            kill("servo-X", 50, 180, 30),
+        ],
+    );
+    let report = run_with_faults(&bench, &program, &servos).good_report();
+    assert_eq!(text(&report, "/motion_digest"), digest);
+    assert!(starts(&report, "servo-Z") > 20);
+
+    let planner = script(&bench, "", &[kill("planner", 40, 71, 200)]);
+    let ended = run_with_faults(&bench, &program, &planner);
+    let report = ended.good_report();
+    assert!(starts(&report, "planner") > 60);
+    no_limit_is_broken(&report);
+    let (deepest_hole, dwelt) = deepest(&ended);
+    // Without a dwell the lowest point may lie between two scans.
+    assert!(
+        (deepest_hole - depth.0).abs() < 1000,
+        "{deepest_hole} {depth:?}"
+    );
+    // Resting in a dwell only makes it longer.
+    assert!(
+        dwelt >= depth.1,
+        "{dwelt} scans of dwell, undisturbed {}",
+        depth.1
+    );
+    let last = last_feedback(&ended);
+    assert_eq!(registers(&last), registers(&last_feedback(&undisturbed)));
+}
+
 /// Feed holds and resumes all along the program.
 fn holds(bench: &Bench) -> String {
     let mut text = String::new();
