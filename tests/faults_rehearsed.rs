@@ -19,8 +19,8 @@ const WITH_STANDBY: &[(&str, &str)] = &[(
 fn rehearsed(bench: &Bench, program: &str, script: Script) -> (String, u64) {
     let machine = Machine::load(bench.path()).expect("machine.toml");
     let plant = PlantFile::load(&bench.path().join("plant.toml")).expect("plant.toml");
-    let mut rehearsal = Rehearsal::with_script(&machine, &plant, program, PROGRAM, script)
-        .expect("a rehearsal");
+    let mut rehearsal =
+        Rehearsal::with_script(&machine, &plant, program, PROGRAM, script).expect("a rehearsal");
     let (mut scans, mut digest) = (0u64, (0, 0));
     while let Some(said) = rehearsal.scan() {
         scans = said.feedback.scan;
@@ -48,7 +48,8 @@ fn same(edits: &[(&str, &str)], scripts: &[(&str, &str, &str)]) {
             orders: order_file::load(&orders_file, &machine).expect("orders.toml"),
         };
         let (digest, scans) = rehearsed(&bench, &program.display().to_string(), script);
-        let [faults_file, orders_file] = [faults_file, orders_file].map(|p| p.display().to_string());
+        let [faults_file, orders_file] =
+            [faults_file, orders_file].map(|p| p.display().to_string());
         let more = ["--faults", &faults_file, "--orders", &orders_file];
         let real = run_with(bench.path(), &program, &more);
         let report = real.report();
@@ -84,8 +85,10 @@ fn a_planner_killed_in_any_phase_of_a_period_or_stopped() {
         fault(301, "planner", "do = \"stop\"\nscans = 100"),
         fault(304, "planner", "do = \"stop\"\nscans = 20"),
     ];
-    let scripts: Vec<(&str, &str, &str)> =
-        scripts.iter().map(|s| (s.as_str(), s.as_str(), "")).collect();
+    let scripts: Vec<(&str, &str, &str)> = scripts
+        .iter()
+        .map(|s| (s.as_str(), s.as_str(), ""))
+        .collect();
     same(&[], &scripts);
     let waits = format!("[restart]\nplanner = \"wait\"\n{}", kill(256));
     let orders = order(500, "resume");
@@ -102,7 +105,11 @@ fn a_servo_with_a_standby_killed_or_stopped() {
         )
     };
     let stop = |scan: u64, role: &str| {
-        fault(scan, &format!("servo-Y/{role}"), "do = \"stop\"\nscans = 30")
+        fault(
+            scan,
+            &format!("servo-Y/{role}"),
+            "do = \"stop\"\nscans = 30",
+        )
     };
     let scripts = [
         kill(300, "a"),
@@ -112,8 +119,10 @@ fn a_servo_with_a_standby_killed_or_stopped() {
         stop(333, "b") + &kill(400, "a"),
         fault(280, "servo-Y/a", "do = \"stop\"\nscans = 100"),
     ];
-    let scripts: Vec<(&str, &str, &str)> =
-        scripts.iter().map(|s| (s.as_str(), s.as_str(), "")).collect();
+    let scripts: Vec<(&str, &str, &str)> = scripts
+        .iter()
+        .map(|s| (s.as_str(), s.as_str(), ""))
+        .collect();
     same(WITH_STANDBY, &scripts);
 }
 
@@ -203,7 +212,9 @@ fn samples_dropped_delayed_and_corrupted() {
             scripts.push(fault(303, process, &what));
         }
     }
-    let scripts: Vec<(&str, &str, &str)> =
-        scripts.iter().map(|s| (s.as_str(), s.as_str(), "")).collect();
+    let scripts: Vec<(&str, &str, &str)> = scripts
+        .iter()
+        .map(|s| (s.as_str(), s.as_str(), ""))
+        .collect();
     same(&[], &scripts);
 }

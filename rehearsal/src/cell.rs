@@ -298,9 +298,7 @@ impl Rehearsal {
     fn ask_planner(&mut self) {
         let desk = self.desk.as_ref();
         let fired = |fault| desk.and_then(|desk| desk.fired(fault));
-        let status = self
-            .planner
-            .scan(&self.feedback, fired, &mut self.windows);
+        let status = self.planner.scan(&self.feedback, fired, &mut self.windows);
         self.answers.planner = Some(status);
         for window in &self.windows {
             self.side_windows.send(window, &self.planner.history);
@@ -377,8 +375,7 @@ impl Rehearsal {
                 let Some(at) = self.places.iter().position(is_it) else {
                     return;
                 };
-                let (Some(place), Some(servo)) =
-                    (self.places.get_mut(at), self.servos.get_mut(at))
+                let (Some(place), Some(servo)) = (self.places.get_mut(at), self.servos.get_mut(at))
                 else {
                     return;
                 };

@@ -11,7 +11,7 @@
 use std::sync::Arc;
 
 use bus::machine::{Machine, PositionFeedback, Rows};
-use bus::sample::{Feedback, Instruments, Job, MAX_AXES, Mode, Roster};
+use bus::sample::{Cause, Feedback, Instruments, Job, MAX_AXES, Mode, Roster};
 use control::audit::RowAudit;
 use control::limits::MotionLimits;
 use control::path::{AxisVector, Path};
@@ -121,6 +121,8 @@ pub struct Shown {
     pub scans: u64,
     /// The mode it ended in.
     pub mode: Option<Mode>,
+    /// Why.
+    pub cause: Option<Cause>,
 }
 
 /// A trip under way.
@@ -208,6 +210,7 @@ impl<'a> Judge<'a> {
         self.tables(before.as_ref(), feedback, said.instruments);
         self.shown.scans = feedback.scan;
         self.shown.mode = Mode::from_wire(feedback.mode);
+        self.shown.cause = Cause::from_wire(feedback.cause);
         self.shown.digest = (
             said.instruments.motion_digest_high,
             said.instruments.motion_digest_low,
@@ -218,9 +221,8 @@ impl<'a> Judge<'a> {
 
     /// Whether some axis has no servo that lives.
     fn unserved(&self, roster: &Roster) -> bool {
-        (0..self.machine.axes.len()).any(|axis| {
-            (0..2).all(|role| roster.living(Job::Servo, axis, role).is_none())
-        })
+        (0..self.machine.axes.len())
+            .any(|axis| (0..2).all(|role| roster.living(Job::Servo, axis, role).is_none()))
     }
 
     /// Rows: known, within the limits, on the path, beginning where the registers are.
@@ -386,11 +388,14 @@ impl<'a> Judge<'a> {
         match mode {
             Some(Mode::Tripped) if settled => {
                 for index in 0..axes {
-                    let off = feedback.axes[index].command_register - self.position(feedback, index);
+                    let off =
+                        feedback.axes[index].command_register - self.position(feedback, index);
                     if off != 0 {
                         self.say(
                             scan,
-                            format!("axis {index}: register {off} increments off its encoder in a trip"),
+                            format!(
+                                "axis {index}: register {off} increments off its encoder in a trip"
+                            ),
                         );
                     }
                 }
@@ -402,8 +407,7 @@ impl<'a> Judge<'a> {
                 let at = *self.off_at.get_or_insert(position);
                 for index in 0..axes {
                     let axis = &self.machine.axes[index];
-                    let moved_um =
-                        (position[index] - at[index]) as f64 * axis.increment_mm() * 1e3;
+                    let moved_um = (position[index] - at[index]) as f64 * axis.increment_mm() * 1e3;
                     if moved_um.abs() > RELAXES_UM {
                         self.say(
                             scan,
@@ -413,8 +417,8 @@ impl<'a> Judge<'a> {
                     let Some(before) = before.filter(|_| settled && same_side) else {
                         continue;
                     };
-                    let register = feedback.axes[index].command_register
-                        - before.axes[index].command_register;
+                    let register =
+                        feedback.axes[index].command_register - before.axes[index].command_register;
                     if register != position[index] - self.position(before, index) {
                         self.say(
                             scan,
@@ -445,9 +449,8 @@ impl<'a> Judge<'a> {
 
     /// In hold at rest nothing moves.
     fn hold(&mut self, before: Option<&Feedback>, feedback: &Feedback) {
-        let held = feedback.hold == 1
-            && feedback.at_rest == 1
-            && feedback.mode == Mode::Enabled as u32;
+        let held =
+            feedback.hold == 1 && feedback.at_rest == 1 && feedback.mode == Mode::Enabled as u32;
         let periods = self.machine.scan.distribution_period_scans * HOLD_PERIODS;
         if let Some(before) = before
             && self.held_scans > periods
@@ -459,7 +462,7 @@ impl<'a> Judge<'a> {
                 .iter()
                 .zip(before.axes())
                 .any(|(is, was)| is.command_register != was.command_register);
-            if moved || feedback.at_rest == 0 {
+            if moved {
                 self.say(feedback.scan, "the command moves in hold".into());
             }
         }
@@ -554,7 +557,10 @@ impl<'a> Judge<'a> {
         let (mut longest_s, mut speed_squared) = (0.0f64, 0.0);
         let mut silent_scans = 0;
         for (axis, settings) in feedback.axes().iter().zip(&self.machine.axes) {
-            let speed = axis.velocity_mm_s.abs().max(axis.velocity_command_mm_s.abs());
+            let speed = axis
+                .velocity_mm_s
+                .abs()
+                .max(axis.velocity_command_mm_s.abs());
             longest_s = longest_s.max(speed / settings.quick_stop_mm_s2);
             speed_squared += speed * speed;
         }

@@ -95,7 +95,10 @@ pub fn draw(seed: u64, machine: &Machine, shapes: &[Shape]) -> Result<Scenario, 
     let faults = fault_file::parse("faults.toml", &text, machine)?;
     let (mut orders, mut stops) = (String::new(), false);
     let mut order = |scan: u64, word: &str, value: &str| {
-        let _ = writeln!(orders, "[[order]]\nscan = {scan}\norder = \"{word}\"{value}\n");
+        let _ = writeln!(
+            orders,
+            "[[order]]\nscan = {scan}\norder = \"{word}\"{value}\n"
+        );
     };
     if random.one_in(4) {
         for _ in 0..random.within(1, 2) {
@@ -122,9 +125,10 @@ pub fn draw(seed: u64, machine: &Machine, shapes: &[Shape]) -> Result<Scenario, 
         }
     }
     let waits = planner == "wait"
-        || faults.faults.iter().any(|fault| {
-            fault.job == Job::Machine || (fault.job == Job::Servo && servo == "wait")
-        });
+        || faults
+            .faults
+            .iter()
+            .any(|fault| fault.job == Job::Machine || (fault.job == Job::Servo && servo == "wait"));
     if waits && !stops {
         let mut scan = random.within(40, shape.scans);
         for _ in 0..RECOVERIES {
@@ -168,7 +172,11 @@ fn fault(
     let (job, process) = match random.within(0, 9) {
         0..=3 => (Job::Planner, "planner".to_owned()),
         4..=7 => {
-            let role = if standby && random.one_in(3) { "b" } else { "a" };
+            let role = if standby && random.one_in(3) {
+                "b"
+            } else {
+                "a"
+            };
             (Job::Servo, format!("servo-{axis}/{role}"))
         }
         8 => (Job::Machine, "plant-sim".to_owned()),
@@ -176,7 +184,10 @@ fn fault(
     };
     let bad_samples = matches!(job, Job::Planner | Job::Servo);
     let what = match random.within(0, if bad_samples { 6 } else { 0 }) {
-        0..=2 => format!("do = \"kill\"\nrestart_after_scans = {}", random.within(1, 60)),
+        0..=2 => format!(
+            "do = \"kill\"\nrestart_after_scans = {}",
+            random.within(1, 60)
+        ),
         3 => {
             // Long enough for a drive's watchdog now and then, and for queues to overflow.
             let most = if random.one_in(4) { 120 } else { 40 };
@@ -200,7 +211,10 @@ fn fault(
             )
         }
     };
-    let _ = write!(text, "\n[[fault]]\nat = {at}\nprocess = \"{process}\"\n{what}\n");
+    let _ = write!(
+        text,
+        "\n[[fault]]\nat = {at}\nprocess = \"{process}\"\n{what}\n"
+    );
 }
 
 /// What is meant by each kind of fault in the summary.
