@@ -21,6 +21,8 @@ const READY_SCANS: u64 = 12;
 const HOLDS_MAX: u64 = 160;
 /// How long the tool stands in them or, in the shorter ones, does not come to stand, in distribution periods.
 const STANDING_PERIODS: [u64; 5] = [1, 2, 5, 12, 64];
+/// So many stops in a row may add up in one contour error.
+const STOPS_TOGETHER: usize = 2;
 /// A feed hold that a late window is compared with lasts so long.
 const STANDING_SCANS: u64 = 96;
 /// The contour error of a fault may be larger than that of a feed hold in its place by so much, in mm.
@@ -284,7 +286,9 @@ impl Machines {
             let worst_mm = prepared
                 .held_contour_mm
                 .get_or_try(|| held_contour_mm(self, prepared))?;
-            let mut held_mm = usual_mm.max(worst_mm);
+            // The friction of one stop is not forgotten by the next: the cost of two may add up.
+            let together = shown.stops.len().clamp(1, STOPS_TOGETHER) as f64;
+            let mut held_mm = usual_mm + together * (worst_mm - usual_mm).max(0.0);
             for orders in held_instead(&shown, scenario) {
                 verdict.runs += 1;
                 let twin = again(Script {
