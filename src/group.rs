@@ -301,6 +301,11 @@ impl Group {
         Ok(group)
     }
 
+    /// The cell's pace.
+    pub fn pace(&self) -> Pace {
+        self.plan.pace
+    }
+
     /// Lets the scans begin.
     pub fn begin(&mut self) {
         self.publish_roster();

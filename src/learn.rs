@@ -3,13 +3,13 @@
 use std::fs;
 use std::path::Path;
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use bus::machine::learned::{Learned, LearnedAxis, learned_file, settings_hash};
 use bus::machine::{Axis, Machine};
 use bus::sample::{AxisCommand, Feedback};
 use control::learned_table::{LearnedTable, LearnedValue};
 use control::learning::{Learner, LessonLimits, Observation};
-use monitor::log::{LOG_FILE, Reader, Sample};
+use monitor::log::{LOG_FILE, Reader, Sample, part_files};
 
 /// Largest learned torque, as a share of the peak torque.
 const TORQUE_SHARE: f64 = 0.1;
@@ -35,8 +35,16 @@ pub fn learn(
 ) -> anyhow::Result<Vec<String>> {
     let mut learned = Learned::beside(&run_dir.join("machine.toml"), machine)?
         .unwrap_or_else(|| Learned::none(machine));
+    let parts = part_files(run_dir)?.len();
+    if parts > 1 {
+        bail!(
+            "{}: the log is in {parts} parts, for the recorder died in the run: scans are missing, and what happened at reversals in them must not be guessed; nothing is learned: run again",
+            run_dir.display()
+        );
+    }
     let mut reader = Reader::open(&run_dir.join(LOG_FILE))?;
     let observed = observe(&mut reader, machine)?;
+    refuse_gaps(run_dir, &reader, &observed)?;
     let mut lines = Vec::new();
     for (axis, learner) in machine.axes.iter().zip(observed.learners) {
         let Some(learner) = learner else {
@@ -59,9 +67,29 @@ pub fn learn(
     Ok(lines)
 }
 
+/// Nothing is learned from a log that does not have the whole run.
+fn refuse_gaps(run_dir: &Path, reader: &Reader, observed: &Observed) -> anyhow::Result<()> {
+    let log = run_dir.join(LOG_FILE);
+    if let Some(cut) = reader.cut() {
+        bail!(
+            "{}: is not whole ({cut}): nothing is learned: run again",
+            log.display()
+        );
+    }
+    if observed.missing_scans > 0 {
+        bail!(
+            "{}: {} scans are missing, and what happened at reversals in them must not be guessed; nothing is learned: run again",
+            log.display(),
+            observed.missing_scans
+        );
+    }
+    Ok(())
+}
+
 /// What a log showed.
 struct Observed {
     program: String,
+    missing_scans: u64,
     learners: Vec<Option<Learner>>,
 }
 
@@ -73,6 +101,7 @@ fn observe(reader: &mut Reader, machine: &Machine) -> anyhow::Result<Observed> {
         .map(|axis| Follower::new(machine, axis))
         .collect();
     let mut hash = 0;
+    let (mut missing_scans, mut last_scan) = (0, None);
     let mut feedback: Option<Box<Feedback>> = None;
     let mut commands: Vec<Option<Box<AxisCommand>>> = vec![None; machine.axes.len()];
     while let Some(sample) = reader.next_sample()? {
@@ -80,6 +109,9 @@ fn observe(reader: &mut Reader, machine: &Machine) -> anyhow::Result<Observed> {
             Sample::Feedback(next) => {
                 if next.program_hash != 0 {
                     hash = next.program_hash;
+                }
+                if let Some(last) = last_scan.replace(next.scan) {
+                    missing_scans += next.scan.saturating_sub(last + 1);
                 }
                 feedback = Some(next);
             }
@@ -106,6 +138,7 @@ fn observe(reader: &mut Reader, machine: &Machine) -> anyhow::Result<Observed> {
     }
     Ok(Observed {
         program: format!("{hash:016x}"),
+        missing_scans,
         learners: axes.into_iter().map(|f| f.map(|f| f.learner)).collect(),
     })
 }

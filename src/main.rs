@@ -8,6 +8,7 @@ mod events;
 mod exit;
 mod fault_desk;
 mod group;
+mod hangs;
 mod learn;
 mod logs;
 mod operator;

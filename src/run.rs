@@ -20,6 +20,7 @@ use crate::events::{Event, Events};
 use crate::exit::{Failure, Kind, Outcome};
 use crate::fault_desk::FaultDesk;
 use crate::group::{Death, Group, LEAVE_LIMIT, LEAVE_LIMIT_AFTER_MACHINE, Plan};
+use crate::hangs::Hangs;
 use crate::output::say;
 use crate::progress::{LOOK_EVERY, Progress};
 use crate::run_dir::{RunDir, Sources, default_folder, program_name};
@@ -212,6 +213,8 @@ fn supervise(
     let mut supervisor = Supervisor::new(&checked.machine);
     let mut desk = faults.map(FaultDesk::new);
     let mut ends = false;
+    let mut hangs = Hangs::default();
+    let realtime = group.pace() == Pace::Realtime;
     let mut stop_since: Option<Instant> = None;
     let mut tripped = false;
     let machine_place = group.place_of(Job::Machine, 0, 0).unwrap_or_default();
@@ -229,6 +232,14 @@ fn supervise(
                 events.write(&Event::of_cell(feedback.scan, "trip", Some(how)));
             }
             tripped = is_tripped;
+        }
+        if realtime {
+            for process in hangs.end(group) {
+                events.write(&Event {
+                    process: Some(&process),
+                    ..Event::of_cell(group.newest_scan, "hangs", Some("killed".into()))
+                });
+            }
         }
         let mut died = group.reap();
         note_deaths(&died, group.newest_scan, events);
@@ -431,7 +442,7 @@ fn stop_words(feedback: &Feedback, axes: &[String]) -> String {
     match Mode::from_wire(feedback.mode) {
         Some(Mode::Tripped) => format!(
             "the machine tripped in scan {}: {cause}{axis}",
-            feedback.scan
+            feedback.cause_scan
         ),
         Some(mode) if feedback.cause != 0 => {
             format!(

@@ -107,7 +107,8 @@ pub fn program_name(program: &Path) -> anyhow::Result<&str> {
         .with_context(|| format!("{shown}: is not the name of a file"))?
         .to_str()
         .with_context(|| format!("{shown}: a program's name must be UTF-8"))?;
-    if RESERVED.contains(&name) || name.ends_with(".svg") {
+    let is_log = name.starts_with("run-") && name.ends_with(".mcap");
+    if RESERVED.contains(&name) || is_log || name.ends_with(".svg") {
         bail!("{shown}: a file of that name is written by the run itself: rename the program");
     }
     Ok(name)

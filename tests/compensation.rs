@@ -4,6 +4,7 @@ use std::fs;
 
 use serde_json::Value;
 
+use crate::robust::scaled;
 use crate::support::{Bench, Run, circle_program, run, run_with};
 
 /// Largest protrusion or undercut of a run in steady motion, in µm, on the table.
@@ -33,20 +34,7 @@ fn circle(bench: &Bench, radius: f64, feed: f64) -> std::path::PathBuf {
 fn change_plant(bench: &Bench, keys: &[&str], factor: f64) {
     let path = bench.path().join("plant.toml");
     let text = fs::read_to_string(&path).expect("plant.toml");
-    let changed: Vec<String> = text
-        .lines()
-        .map(|line| {
-            let Some((key, rest)) = line.split_once('=') else {
-                return line.to_string();
-            };
-            let number = rest.split('#').next().unwrap_or_default().trim();
-            match number.parse::<f64>() {
-                Ok(value) if keys.contains(&key.trim()) => format!("{key}= {}", value * factor),
-                _ => line.to_string(),
-            }
-        })
-        .collect();
-    fs::write(path, changed.join("\n")).expect("writing plant.toml");
+    fs::write(path, scaled(&text, keys, factor)).expect("writing plant.toml");
 }
 
 const FRICTION: [&str; 4] = [

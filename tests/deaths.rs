@@ -1,4 +1,5 @@
-//! A process that dies or hangs brings a defined stop with a named cause. (Restarts and standbys come with their own tests.)
+//! A process that dies or hangs, killed from outside at no particular instant: a defined stop with a named cause, or
+//! another one takes its place. (Deaths at given scans, standbys and restarts of all kinds: `faults`.)
 
 use bus::sample::Mode;
 
@@ -7,8 +8,8 @@ use crate::support::{
 };
 
 /// Kills one process of a lockstep cell in the middle of an arc; the run and its report.
-fn killed(role: &str) -> (Run, serde_json::Value) {
-    let bench = Bench::of("xy", &[]);
+fn killed(role: &str, edits: &[(&str, &str)]) -> (Run, serde_json::Value) {
+    let bench = Bench::of("xy", edits);
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "lockstep");
     cell.wait_for(|f| f.tag.element >= 2 && f.tag.distance_mm > 20.0);
@@ -23,15 +24,33 @@ fn killed(role: &str) -> (Run, serde_json::Value) {
     (run, report)
 }
 
+/// The text of a machine file before which a `[restart]` table may stand.
+const SCAN_TABLE: &str = "[scan]\n";
+
 #[test]
-fn a_killed_planner_brings_the_tool_to_rest_on_the_path() {
-    let (run, report) = killed("quadrant planner");
-    assert_eq!(run.status(), 1, "{}", run.stderr());
+fn a_killed_planner_is_started_anew_and_the_program_goes_on_by_itself() {
+    let (run, report) = killed("quadrant planner", &[]);
+    assert_eq!(run.status(), 0, "{}", run.stderr());
     assert!(
         run.stderr().contains("planner killed by signal 9"),
         "{}",
         run.stderr()
     );
+    assert!(
+        run.stderr().contains("planner started anew"),
+        "{}",
+        run.stderr()
+    );
+    assert_eq!(text(&report, "/outcome/kind"), "completed");
+    assert_eq!(number(&report, "/processes/1/starts"), 2.0, "{report}");
+    assert_eq!(number(&report, "/limits/acceleration_exceeded"), 0.0);
+}
+
+#[test]
+fn a_killed_planner_that_is_not_to_come_back_leaves_the_tool_at_rest_on_the_path() {
+    let ends = "[restart]\nplanner = \"end\"\n\n[scan]\n";
+    let (run, report) = killed("quadrant planner", &[(SCAN_TABLE, ends)]);
+    assert_eq!(run.status(), 1, "{}", run.stderr());
     assert_eq!(text(&report, "/outcome/kind"), "stopped");
     assert!(text(&report, "/outcome/reason").contains("planner killed"));
     assert!(number(&report, "/contour_error_um/peak") < 25.0, "{report}");
@@ -40,7 +59,7 @@ fn a_killed_planner_brings_the_tool_to_rest_on_the_path() {
 
 #[test]
 fn a_killed_servo_stops_all_axes_with_its_name() {
-    let (run, report) = killed("quadrant servo --axis Y");
+    let (run, report) = killed("quadrant servo --axis Y", &[]);
     assert_eq!(run.status(), 1, "{}", run.stderr());
     assert!(
         run.stderr().contains("servo-Y killed by signal 9"),
@@ -53,7 +72,7 @@ fn a_killed_servo_stops_all_axes_with_its_name() {
 
 #[test]
 fn a_killed_machine_side_ends_the_cell() {
-    let (run, report) = killed("quadrant plant-sim");
+    let (run, report) = killed("quadrant plant-sim", &[]);
     assert_eq!(run.status(), 1, "{}", run.stderr());
     assert!(
         run.stderr().contains("plant-sim killed by signal 9"),
@@ -64,25 +83,42 @@ fn a_killed_machine_side_ends_the_cell() {
 }
 
 #[test]
-fn a_killed_monitor_does_not_stop_the_machine() {
+fn a_killed_monitor_does_not_stop_the_machine_and_another_one_records_on() {
     let bench = Bench::of("xy", &[]);
     let program = bench.file("circle.ngc", &circle_program(10.0, 6000.0, (0.0, 0.0), 0.0));
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
-    cell.wait_for_scan(400);
+    cell.wait_for_scan(1500);
     send(cell.pid_of("quadrant recorder"), libc::SIGKILL);
     let finished = cell.wait_for(|f| f.mode == Mode::Finished as u32);
     assert_eq!(finished.cause, 0);
     let run = cell.finish();
-    assert_eq!(
-        run.status(),
-        1,
-        "a run whose log is cut short is not a good one"
-    );
+    assert_eq!(run.status(), 0, "{}", run.stderr());
     assert!(
         run.stderr().contains("monitor killed by signal 9"),
         "{}",
         run.stderr()
     );
+    let report = run.report();
+    let parts = report.pointer("/parts").and_then(|p| p.as_array());
+    assert_eq!(parts.map(Vec::len), Some(2), "{report}");
+    let first = number(&report, "/parts/0/last_scan");
+    assert!(
+        first > 400.0,
+        "the first part is readable up to scan {first}"
+    );
+    assert!(number(&report, "/samples_lost") > 0.0);
+}
+
+#[test]
+fn a_killed_monitor_that_is_not_to_come_back_cuts_the_log_short_and_the_run_says_so() {
+    let leave = "[restart]\nmonitor = \"leave\"\n\n[scan]\n";
+    let (run, _) = killed("quadrant recorder", &[(SCAN_TABLE, leave)]);
+    assert_eq!(
+        run.status(),
+        1,
+        "a run whose log is cut short is not a good one"
+    );
+    assert!(run.stderr().contains("monitor killed by signal 9"));
 }
 
 #[test]

@@ -1,10 +1,12 @@
 //! The whole machine, as its users meet it: through the `quadrant` command, with real processes and real shared memory.
 
 mod bad_input;
+mod bad_samples;
 mod bench;
 mod compensation;
 mod deaths;
 mod determinism;
+mod faults;
 mod faults_rehearsed;
 mod house;
 mod interruption;
@@ -15,6 +17,7 @@ mod pivot;
 mod positioning;
 mod quality;
 mod rehearsed;
+mod robust;
 mod setpoints;
 mod straight_lines;
 mod support;

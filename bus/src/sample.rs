@@ -324,6 +324,8 @@ pub struct Feedback {
     pub tag: PathTag,
     /// Where the path was left, and where a resumed program returns to; off the path as long as none was begun.
     pub left_at: PathTag,
+    /// First scan with the cause below.
+    pub cause_scan: u64,
     /// Command registers that the program was begun from: its path is expanded from there, by every planner of this run.
     pub program_start: [i64; MAX_AXES],
     /// Row of the window being executed in this scan.
@@ -336,7 +338,7 @@ pub struct Feedback {
     pub incarnation: u32,
     /// [`Mode`].
     pub mode: u32,
-    /// [`Cause`] of a trip.
+    /// [`Cause`] of a trip or stop.
     pub cause: u32,
     /// Axis that caused it (index), or `u32::MAX`.
     pub cause_axis: u32,

@@ -78,8 +78,8 @@ impl Services {
             cell: place.name().into(),
             feedback: topic("feedback".into(), RECORDER_DEPTH_SCANS, 1),
             instruments: topic("instruments".into(), RECORDER_DEPTH_SCANS, 0),
-            // A servo that comes late finds the window in force and the next.
-            setpoint: topic("setpoint".into(), periods, 2),
+            // No history: it would be delivered with the next window, at no particular instant of a scan.
+            setpoint: topic("setpoint".into(), periods, 0),
             planner: topic("planner".into(), periods, 1),
             roster: topic("roster".into(), 64, 1),
             commands: machine

@@ -46,6 +46,16 @@ pub fn combine<'a>(channels: impl IntoIterator<Item = (&'a str, &'a ChannelHash)
     hex(all.digest128())
 }
 
+/// The digest of a log in parts, over the digests of the parts in their order.
+pub fn over_parts<'a>(digests: impl IntoIterator<Item = &'a str>) -> String {
+    let mut all = Xxh3::new();
+    for digest in digests {
+        all.update(&(digest.len() as u64).to_le_bytes());
+        all.update(digest.as_bytes());
+    }
+    hex(all.digest128())
+}
+
 /// A 128-bit hash as 32 hexadecimal digits.
 pub fn hex(value: u128) -> String {
     format!("{value:032x}")

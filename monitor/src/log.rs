@@ -5,10 +5,15 @@
 //! encapsulation header and the sample, cut to the axes and subsamples in use; its schema is generated from the same
 //! table of fields ([`layout`]). MCAP: <https://mcap.dev/spec>.
 //!
+//! A recorder that replaces a dead one begins a further part, `run-2.mcap` … ([`RunLog`] reads them as one).
+//!
 //! Times in the log are scan × scan period from the start of the run: no wall clock stands in any message.
 
 mod derived;
 pub mod layout;
+mod parts;
+#[cfg(test)]
+mod parts_tests;
 mod reader;
 mod recorder;
 mod run_info;
@@ -18,6 +23,7 @@ mod tests;
 
 use std::path::PathBuf;
 
+pub use parts::{Part, RunLog, part_files, part_name};
 pub use reader::Reader;
 pub use recorder::Recorder;
 pub use run_info::{Event, RunEnd, RunInfo};
@@ -26,7 +32,7 @@ use bus::sample::{
     AxisCommand, Feedback, Instruments, PlannerStatus, Roster, WindowHeader, WindowRow,
 };
 
-/// Name of the log in the run directory.
+/// Name of the log in the run directory; of its first part, where there are several.
 pub const LOG_FILE: &str = "run.mcap";
 
 /// A log that cannot be written or read.
@@ -47,6 +53,12 @@ pub enum LogError {
         path: PathBuf,
         /// Why.
         source: mcap::McapError,
+    },
+    /// Its recorder ended before it had written anything.
+    #[error("{path}: ends before metadata {}", run_info::RUN_RECORD)]
+    Unbegun {
+        /// The log.
+        path: PathBuf,
     },
     /// It is not a log of this product.
     #[error("{path}: {what}")]

@@ -3,6 +3,12 @@
 //!
 //! Everything about the path is measured on the *table* as the bench's instruments saw it, in the terms of
 //! ISO 230-4:2022 (circular tests) and ISO 230-1 (contour deviations); where an arm stands in for Y, on the part.
+//!
+//! **Scans that are missing** (the recorder was dead, or its queue overflowed) are never bridged. What is judged scan by scan
+//! (contour error, following error, torque) is of the scans that are there. What needs several scans in a row (limits,
+//! reversals, predictions) begins anew behind the gap: no change of direction is seen across it. An arc is measured on what is
+//! there of it and says how much is missing ([`arc`]); a quadrant whose window has a gap is not measured, for its peak may be
+//! what is missing.
 
 pub mod align;
 pub mod arc;
@@ -15,6 +21,10 @@ pub mod reversal;
 pub mod series;
 
 #[cfg(test)]
+mod fault_tests;
+#[cfg(test)]
+mod gap_tests;
+#[cfg(test)]
 mod tests;
 
 use bus::machine::Machine;
@@ -26,9 +36,12 @@ use crate::log::Sample;
 use align::{Aligner, ScanSet};
 use arc::{ArcMeter, ArcResult};
 use axis::{AxisMeter, LimitCounts, LimitsAudit};
-use faults::{FaultResult, Faults, ProcessResult};
+use faults::{FaultResult, Faults, ProcessResult, Seen};
 use reversal::{ReversalMeter, ReversalResult};
 use series::Statistics;
+
+/// Gaps that are listed; what is missing beyond them is counted only.
+const GAPS_MAX: usize = 1000;
 
 /// How a run ended, as the samples tell.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -64,8 +77,10 @@ pub struct Measurements {
     pub windows_voided: u64,
     /// Windows the planner published.
     pub windows: u64,
-    /// Samples missing in the stream.
+    /// Samples missing in the stream: feedbacks, instruments and commands, each for itself.
     pub samples_lost: u64,
+    /// Scans of which the stream has no feedback although there was one: first and last of each gap, in order.
+    pub missing_scans: Vec<(u64, u64)>,
     /// Scans skipped because the machine side itself was late.
     pub overrun_scans: u32,
     /// The machine side's own digest, in hexadecimal; none without instruments.
@@ -94,6 +109,11 @@ pub struct Analysis {
     commanded: [bool; MAX_AXES],
     /// Whether the stream has the instruments of the scan before.
     instrumented: bool,
+    /// What the stream has of scans whose feedback is missing, since the last feedback: instruments, commands of each axis.
+    orphans: (u64, [u64; MAX_AXES]),
+    /// Scan whose commands `backlash_mm` is from.
+    backlash_scan: Option<u64>,
+    missing_scans: Vec<(u64, u64)>,
     first_scan: Option<u64>,
     last: Option<Feedback>,
     on_path: bool,
@@ -124,6 +144,9 @@ impl Analysis {
             backlash_mm: AxisVector::zeros(),
             commanded: [false; MAX_AXES],
             instrumented: false,
+            orphans: (0, [0; MAX_AXES]),
+            backlash_scan: None,
+            missing_scans: Vec::new(),
             first_scan: None,
             last: None,
             on_path: false,
@@ -183,6 +206,7 @@ impl Analysis {
             windows_voided: self.windows_voided,
             windows: self.windows,
             samples_lost: self.samples_lost + self.aligner.late(),
+            missing_scans: self.missing_scans,
             overrun_scans: self.last.map_or(0, |feedback| feedback.overrun_scans),
             motion_digest: self.motion_digest.map(crate::digest::hex),
             processes,
@@ -199,10 +223,21 @@ impl Analysis {
             );
         }
         let Some(feedback) = set.feedback.as_deref() else {
-            self.samples_lost += u64::from(set.instruments.is_some());
+            self.orphans.0 += u64::from(set.instruments.is_some());
+            for (index, orphans) in self.orphans.1.iter_mut().enumerate() {
+                *orphans += u64::from(set.command(index).is_some());
+            }
+            self.take_backlash(set);
             return;
         };
         self.count_losses(set, feedback);
+        let follows = self
+            .last
+            .as_ref()
+            .is_none_or(|last| feedback.scan == last.scan + 1);
+        if !follows {
+            self.reversals.iter_mut().for_each(ReversalMeter::interrupt);
+        }
         self.first_scan.get_or_insert(feedback.scan);
         if feedback.voided != self.voided && !feedback.voided.is_none() {
             self.windows_voided += 1;
@@ -220,21 +255,66 @@ impl Analysis {
             }
         }
         self.audit.take(feedback);
-        let contour_mm = self.path_deviation(set, feedback, drives_on);
-        self.faults.scan(feedback, contour_mm);
-        for (index, backlash_mm) in self.backlash_mm.iter_mut().enumerate() {
-            if let Some(command) = set.command(index) {
-                *backlash_mm = command.state.backlash_mm;
-            }
-            if let Some(commanded) = self.commanded.get_mut(index) {
-                *commanded = set.command(index).is_some();
-            }
+        let contour_mm = self.path_deviation(set, feedback, drives_on, follows);
+        let seen = self.seen(set, feedback, contour_mm);
+        self.faults.scan(feedback, &seen);
+        self.take_backlash(set);
+        for (index, commanded) in self.commanded.iter_mut().enumerate() {
+            *commanded = set.command(index).is_some();
         }
         self.last = Some(*feedback);
     }
 
+    /// The backlash compensation that is in force in the next scan.
+    fn take_backlash(&mut self, set: &ScanSet) {
+        for (index, backlash_mm) in self.backlash_mm.iter_mut().enumerate() {
+            if let Some(command) = set.command(index) {
+                *backlash_mm = command.state.backlash_mm;
+            }
+        }
+        if (0..self.axes.len()).all(|axis| set.command(axis).is_some()) {
+            self.backlash_scan = Some(set.scan);
+        }
+    }
+
+    /// What the instruments saw of the tool at the end of this scan, for whoever follows a fault.
+    fn seen(&self, set: &ScanSet, feedback: &Feedback, contour_mm: f64) -> Seen {
+        let Some(instruments) = set.instruments.as_deref() else {
+            return Seen {
+                contour_mm,
+                ..Seen::default()
+            };
+        };
+        let count = (instruments.subsamples as usize).min(bus::sample::MAX_SUBSAMPLES);
+        let table = row_of(
+            &instruments.table_mm,
+            count.saturating_sub(1),
+            self.axes.len(),
+        );
+        let tool_mm = self.kinematics.tool(&table);
+        let left = if feedback.tag.is_off_path() {
+            &feedback.left_at
+        } else {
+            &feedback.tag
+        };
+        Seen {
+            contour_mm,
+            tool_mm: Some(tool_mm),
+            from_path_mm: contour::error_mm(&self.path, left, &tool_mm).filter(|_| self.on_path),
+        }
+    }
+
     /// Contour error of the scan's instrument samples, and the arcs' share of them; the largest, in mm.
-    fn path_deviation(&mut self, set: &ScanSet, feedback: &Feedback, drives_on: bool) -> f64 {
+    fn path_deviation(
+        &mut self,
+        set: &ScanSet,
+        feedback: &Feedback,
+        drives_on: bool,
+        follows: bool,
+    ) -> f64 {
+        if !drives_on {
+            self.arcs.leave();
+        }
         let Some(instruments) = set.instruments.as_deref() else {
             return 0.0;
         };
@@ -242,27 +322,29 @@ impl Analysis {
             return 0.0;
         }
         let count = (instruments.subsamples as usize).min(bus::sample::MAX_SUBSAMPLES);
-        let at = |rows: &[[f64; bus::sample::MAX_SUBSAMPLES]; MAX_AXES], sub: usize| {
-            AxisVector::from_fn(|axis, _| {
-                let used = axis < self.axes.len();
-                let row = rows.get(axis).filter(|_| used);
-                row.and_then(|row| row.get(sub)).copied().unwrap_or(0.0)
-            })
-        };
+        let axes = self.axes.len();
         let mut largest_mm = 0.0f64;
         let executing = !feedback.window.is_none();
-        self.arcs.scan(feedback, executing);
+        // Behind a gap the motor side is not known before the compensation in force is.
+        let whole = follows || self.backlash_scan == feedback.scan.checked_sub(1);
+        if whole {
+            self.arcs.scan(feedback, executing);
+        }
         for sub in 0..count {
             // From here on everything is in the coordinates of the program: where the axes had the tool on the part.
-            let table = self.kinematics.tool(&at(&instruments.table_mm, sub));
-            let motor = at(&instruments.motor_mm, sub) - self.backlash_mm;
+            let table = self
+                .kinematics
+                .tool(&row_of(&instruments.table_mm, sub, axes));
+            let motor = row_of(&instruments.motor_mm, sub, axes) - self.backlash_mm;
             let motor = self.kinematics.tool(&motor);
             if let Some(error_mm) = contour::error_mm(&self.path, &feedback.tag, &table) {
                 self.contour_mm.take(error_mm);
                 largest_mm = largest_mm.max(error_mm);
             }
             let share = (sub + 1) as f64 / count as f64;
-            self.arcs.sample(set.scan as f64 + share, &table, &motor);
+            if whole {
+                self.arcs.sample(set.scan as f64 + share, &table, &motor);
+            }
         }
         largest_mm
     }
@@ -270,20 +352,47 @@ impl Analysis {
     fn count_losses(&mut self, set: &ScanSet, feedback: &Feedback) {
         // Judged one scan later: nobody waits for the instruments of a run's last scan.
         let instrumented = std::mem::replace(&mut self.instrumented, set.instruments.is_some());
-        let Some(last) = &self.last else { return };
-        self.samples_lost += u64::from(!instrumented);
-        if feedback.incarnation == last.incarnation {
-            self.samples_lost += feedback.scan.saturating_sub(last.scan + 1);
-        }
-        if feedback.scan != last.scan + 1 {
+        let (orphan_instruments, orphan_commands) =
+            std::mem::replace(&mut self.orphans, (0, [0; MAX_AXES]));
+        let Some(last) = &self.last else {
+            self.samples_lost += orphan_instruments;
+            return;
+        };
+        if feedback.incarnation != last.incarnation {
+            // A machine side that was started anew goes on at a later scan: nobody knows which there were.
             return;
         }
-        for (axis, commanded) in feedback.axes().iter().zip(self.commanded) {
-            // The drive took a command that the stream does not have.
-            let taken = axis.command_scan == last.scan && last.scan > 0;
-            self.samples_lost += u64::from(taken && !commanded);
+        self.samples_lost += u64::from(!instrumented);
+        let missing = feedback.scan.saturating_sub(last.scan + 1);
+        if missing > 0 && self.missing_scans.len() < GAPS_MAX {
+            self.missing_scans.push((last.scan + 1, feedback.scan - 1));
+        }
+        self.samples_lost += missing + missing.saturating_sub(orphan_instruments);
+        let known = self.commanded.into_iter().zip(orphan_commands);
+        let axes = feedback.axes().iter().zip(last.axes());
+        for ((axis, before), (commanded, orphans)) in axes.zip(known) {
+            // Commands up to the one that acts now, which the drive took; the first scan of a run takes none.
+            let first = (last.scan + u64::from(commanded)).max(1);
+            let scans = feedback.scan.saturating_sub(first);
+            let up_to_now =
+                (axis.command_scan.saturating_add(1).min(feedback.scan)).saturating_sub(first);
+            let missed = axis.missed_scans.saturating_sub(before.missed_scans);
+            let taken = up_to_now.min(scans.saturating_sub(missed.into()));
+            self.samples_lost += taken.saturating_sub(orphans);
         }
     }
+}
+
+/// One instrument reading of all axes.
+fn row_of(
+    rows: &[[f64; bus::sample::MAX_SUBSAMPLES]; MAX_AXES],
+    sub: usize,
+    axes: usize,
+) -> AxisVector {
+    AxisVector::from_fn(|axis, _| {
+        let row = rows.get(axis).filter(|_| axis < axes);
+        row.and_then(|row| row.get(sub)).copied().unwrap_or(0.0)
+    })
 }
 
 fn outcome(machine: &Machine, last: Option<&Feedback>, faults: &[FaultResult]) -> Outcome {
@@ -293,7 +402,10 @@ fn outcome(machine: &Machine, last: Option<&Feedback>, faults: &[FaultResult]) -
     match Mode::from_wire(last.mode) {
         Some(Mode::Finished) => Outcome::Completed,
         // An operator stops a machine, and so does the launcher when the planner is gone.
-        Some(Mode::Stopped) => match faults.iter().find(|fault| fault.process == "planner") {
+        Some(Mode::Stopped) => match faults
+            .iter()
+            .find(|fault| fault.process == "planner" && fault.resumed_at_scan.is_none())
+        {
             Some(fault) => Outcome::Stopped(format!(
                 "planner {} in scan {}; the machine came to rest on the path",
                 fault.kind, fault.scan

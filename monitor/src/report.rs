@@ -15,17 +15,16 @@ mod tests;
 use std::path::{Path, PathBuf};
 
 use bus::machine::Machine;
-use bus::sample::Feedback;
 use bus::settings_file::SettingsFileError;
 use control::path::AxisVector;
 use program::{Program, ProgramError, Setup};
 
 pub use json::{
     ArcReport, AxisReport, Death, FaultReport, LimitsReport, LogReport, MaxMin, OutcomeReport,
-    PeakRms, PredictionReport, ProcessReport, Report, ReversalReport,
+    PartReport, PeakRms, PredictionReport, ProcessReport, Report, ReversalReport, ScanRange,
 };
 
-use crate::log::{LOG_FILE, LogError, Reader, RunEnd, RunInfo, Sample};
+use crate::log::{LogError, Part, RunEnd, RunInfo, RunLog, Sample};
 use crate::measure::{Analysis, Measurements};
 
 /// A report that cannot be made.
@@ -76,6 +75,10 @@ pub struct Evaluation {
     pub end: Option<RunEnd>,
     /// Digest of everything in the log.
     pub digest: String,
+    /// The parts of the log, in order.
+    pub parts: Vec<Part>,
+    /// Windows that stand in no part of it.
+    pub windows_lost: u64,
     /// Why the log ends early, if it does.
     pub cut: Option<String>,
     /// The machine.
@@ -112,9 +115,8 @@ pub fn make_report(run_dir: &Path) -> Result<Report, ReportError> {
 /// As [`make_report`].
 pub fn evaluate(run_dir: &Path) -> Result<Evaluation, ReportError> {
     let machine = Machine::load(run_dir)?;
-    let log = run_dir.join(LOG_FILE);
-    let first = first_pass(&log)?;
-    let mut reader = Reader::open(&log)?;
+    let first = first_pass(run_dir)?;
+    let mut reader = RunLog::open(run_dir)?;
     fits(run_dir, &machine, &reader)?;
     let program = match &first.start {
         Some(start) => Some(load_program(run_dir, &machine, reader.info(), start)?),
@@ -135,8 +137,10 @@ pub fn evaluate(run_dir: &Path) -> Result<Evaluation, ReportError> {
     Ok(Evaluation {
         measurements: analysis.finish(),
         info: reader.info().clone(),
-        end: reader.end().cloned(),
+        end: reader.end(),
         digest: reader.digest(),
+        parts: reader.parts().to_vec(),
+        windows_lost: reader.windows_lost(),
         cut: reader.cut().map(str::to_string),
         program_matches: first
             .start
@@ -154,29 +158,24 @@ struct FirstPass {
     rosters: Vec<Sample>,
 }
 
-/// The machine when the first window was executed.
+/// The machine when the program was begun, as every feedback names it: also one of a part that begins in its middle.
 struct Start {
     /// Command registers, in increments.
     registers: [i64; bus::sample::MAX_AXES],
     program_hash: u64,
 }
 
-fn first_pass(log: &Path) -> Result<FirstPass, ReportError> {
+fn first_pass(run_dir: &Path) -> Result<FirstPass, ReportError> {
     let mut first = FirstPass::default();
-    let mut before: Option<Box<Feedback>> = None;
-    let mut reader = Reader::open(log)?;
+    let mut reader = RunLog::open(run_dir)?;
     while let Some(sample) = reader.next_sample()? {
         match sample {
             Sample::Roster(_) => first.rosters.push(sample),
-            Sample::Feedback(feedback) if first.start.is_none() => {
-                if !feedback.window.is_none() {
-                    let at = before.as_ref().unwrap_or(&feedback);
-                    first.start = Some(Start {
-                        registers: at.axes.map(|axis| axis.command_register),
-                        program_hash: feedback.program_hash,
-                    });
-                }
-                before = Some(feedback);
+            Sample::Feedback(feedback) if first.start.is_none() && !feedback.window.is_none() => {
+                first.start = Some(Start {
+                    registers: feedback.program_start,
+                    program_hash: feedback.program_hash,
+                });
             }
             _ => {}
         }
@@ -184,7 +183,7 @@ fn first_pass(log: &Path) -> Result<FirstPass, ReportError> {
     Ok(first)
 }
 
-fn fits(run_dir: &Path, machine: &Machine, reader: &Reader) -> Result<(), ReportError> {
+fn fits(run_dir: &Path, machine: &Machine, reader: &RunLog) -> Result<(), ReportError> {
     let axes: Vec<&str> = machine.axes.iter().map(|axis| axis.name.as_str()).collect();
     let period_us = machine.scan.period_us;
     if axes != reader.axes() || period_us != reader.scan_period_us() {

@@ -150,11 +150,9 @@ fn run_info(options: &Options) -> Result<RunInfo, MonitorError> {
 pub fn run(options: &Options) -> Result<(), MonitorError> {
     let member = Member::enter(options.seat.clone(), "monitor")?;
     let mut ports = Ports::open(&member).map_err(MemberError::Cell)?;
-    let mut recorder = Recorder::create(
-        &options.out.join("run.mcap"),
-        &member.machine,
-        &run_info(options)?,
-    )?;
+    let mut recorder = Recorder::create_part(&options.out, &member.machine, &run_info(options)?)?;
+    // Scans up to this one are none of a recorder's that comes later.
+    let after = options.seat.after_scan;
     member.ready(Priority::Ordinary);
 
     let lockstep = options.seat.pace == Pace::Lockstep;
@@ -164,6 +162,10 @@ pub fn run(options: &Options) -> Result<(), MonitorError> {
     while !ended {
         let seen = member.page.monitor_bell().count();
         while let Some(feedback) = ports.feedback.any() {
+            if after.is_some_and(|after| feedback.scan <= after) {
+                ended = feedback.last == 1;
+                continue;
+            }
             started.get_or_insert_with(Instant::now);
             ports.record(&feedback, &mut recorder)?;
             ended = feedback.last == 1;

@@ -187,6 +187,7 @@ pub struct MachineSide {
     mode: Mode,
     cause: Cause,
     cause_axis: u32,
+    cause_scan: u64,
     windows: WindowBook,
     hold: bool,
     override_percent: u32,
@@ -264,6 +265,7 @@ impl MachineSide {
             },
             cause: Cause::None,
             cause_axis: u32::MAX,
+            cause_scan: 0,
             windows: WindowBook::new(),
             hold: false,
             override_percent: 100,
@@ -312,6 +314,7 @@ impl MachineSide {
         feedback.mode = self.mode as u32;
         feedback.cause = self.cause as u32;
         feedback.cause_axis = self.cause_axis;
+        feedback.cause_scan = self.cause_scan;
         feedback.override_percent = self.override_percent;
         feedback.hold = u32::from(self.hold);
         feedback.last = u32::from(self.last);
@@ -404,6 +407,7 @@ impl MachineSide {
         let genuine = status.incarnation == planner.incarnation && status.scan <= self.scan;
         if genuine && status.cause != 0 && self.cause == Cause::None {
             self.cause = Cause::from_wire(status.cause).unwrap_or(Cause::BadValue);
+            self.cause_scan = self.scan + 1;
             self.stop();
         }
     }
@@ -470,6 +474,7 @@ impl MachineSide {
         self.mode = Mode::Tripped;
         self.cause = cause;
         self.cause_axis = axis;
+        self.cause_scan = self.scan + 1;
         self.settled_scans = 0;
         self.may_end = false;
         self.windows.drop_all(self.scan, Dropped::Tripped);

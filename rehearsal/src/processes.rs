@@ -12,7 +12,7 @@ use servo::Servo;
 use crate::queues::{Queue, Window, WindowQueue};
 
 /// Windows that a late reader finds (bus/src/service.rs).
-const WINDOW_HISTORY: usize = 2;
+const WINDOW_HISTORY: usize = 0;
 
 /// The place of one servo. The servo itself is kept beside it.
 #[derive(Debug)]

@@ -197,6 +197,10 @@ impl Servo {
             Err(cause) => return self.stop(command, cause),
         };
         self.obey(feedback);
+        let late = self.held.is_none() && !feedback.window.is_none();
+        if late && feedback.at_rest == 1 && self.state.initialised != 0 {
+            self.held.stand(feedback);
+        }
         command.held = self.held.id();
         command.pending = self.pending.id();
         let missing = !feedback.window.is_none() && self.held.id() != feedback.window;

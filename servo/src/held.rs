@@ -93,6 +93,25 @@ impl HeldWindow {
             .extend_from_slice(rows.get(..MAX_WINDOW_ROWS).unwrap_or(rows));
     }
 
+    /// What is left of a window whose last row is reached: it stands. So a servo that came late knows all of it.
+    pub(crate) fn stand(&mut self, feedback: &Feedback) {
+        let row_count = feedback.row.saturating_add(1).min(MAX_WINDOW_ROWS as u32);
+        self.header = WindowHeader {
+            id: feedback.window,
+            first_scan: feedback.scan.saturating_sub(feedback.row.into()),
+            program_hash: feedback.program_hash,
+            intended_rows: row_count,
+            row_count,
+            ..WindowHeader::zeroed()
+        };
+        let row = WindowRow {
+            position: feedback.axes.map(|axis| axis.command_register),
+            tag: feedback.tag,
+        };
+        self.rows.clear();
+        self.rows.resize(row_count as usize, row);
+    }
+
     pub(crate) fn clear(&mut self) {
         self.header = WindowHeader::zeroed();
         self.rows.clear();

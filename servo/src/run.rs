@@ -96,8 +96,6 @@ pub fn run(options: &Options) -> Result<(), ServoError> {
         }
         None => None,
     };
-    member.ready(Priority::Servo);
-
     let standby = member.machine.axes.get(axis).is_some_and(|a| a.standby);
     let mut peer_in = standby
         .then(|| {
@@ -106,6 +104,8 @@ pub fn run(options: &Options) -> Result<(), ServoError> {
         })
         .transpose()
         .map_err(cell)?;
+    member.ready(Priority::Servo);
+
     let mut last = options.seat.after_scan;
     while let Some(feedback) = member.next_feedback(member.page.scan_bell(), &mut feedback_in, last)
     {

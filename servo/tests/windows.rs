@@ -140,15 +140,20 @@ fn a_window_that_continues_another_one_is_refused() {
         refused(|h, _| h.predecessor.sequence = 7),
         Refusal::Predecessor
     );
-    // Also where feedback names that predecessor and this servo does not hold it.
+}
+
+/// A standby that was started in the middle of a motion: it drives nothing until it holds what is being executed.
+#[test]
+fn a_servo_that_came_late_takes_the_window_after_the_one_in_force_and_drives_nothing_until_then() {
     let (mut rig, _, _) = first();
     rig.window.sequence = 7;
     let (header, rows) = rig.make(32);
     let mut servo = servo(&rig.machine, 0);
-    assert_eq!(
-        servo.offer(&header, &rows, &rig.feedback()),
-        Err(Refusal::Predecessor)
-    );
+    assert_eq!(servo.offer(&header, &rows, &rig.feedback()), Ok(()));
+    let command = servo.scan(&rig.feedback());
+    assert_eq!(command.pending, header.id);
+    assert_eq!(command.cause, Cause::WindowMissing as u32);
+    assert_eq!(command.velocity_mm_s, 0.0);
 }
 
 #[test]

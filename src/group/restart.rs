@@ -17,6 +17,11 @@ impl Group {
         self.members.iter().position(is)
     }
 
+    /// How many places there are.
+    pub fn places(&self) -> usize {
+        self.members.len()
+    }
+
     /// Job, axis and role of a place.
     pub fn role_of(&self, place: usize) -> Option<&super::Role> {
         self.members.get(place).map(|m| &m.role)

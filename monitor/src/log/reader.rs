@@ -94,9 +94,13 @@ impl Reader {
         };
         let metadata = loop {
             let Some(event) = mcap.next_event() else {
-                return Err(not_a_log(format!("ends before metadata {RUN_RECORD}")));
+                return Err(LogError::Unbegun { path: path.into() });
             };
-            match event.map_err(|e| not_a_log(format!("is not an MCAP log: {e}")))? {
+            let event = event.map_err(|error| match error {
+                mcap::McapError::UnexpectedEof => LogError::Unbegun { path: path.into() },
+                error => not_a_log(format!("is not an MCAP log: {error}")),
+            });
+            match event? {
                 LinearReadEvent::ReadRequest(bytes) => {
                     fill(&mut file, &mut mcap, bytes).map_err(|source| LogError::File {
                         path: path.into(),

@@ -17,14 +17,14 @@ use xxhash_rust::xxh3::Xxh3;
 
 use super::derived::{AxisRow, Rows};
 use super::layout::{Extent, Layout, definitions_of, join_definitions};
-use super::{Event, LogError, RunEnd, RunInfo};
+use super::{Event, LogError, RunEnd, RunInfo, parts};
 use crate::digest::{self, ChannelHash};
 
 /// CDR, little-endian (XCDR1, OMG DDSI-RTPS 2.5 §10.2).
 pub(super) const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 /// Uncompressed size of a chunk, in bytes.
 const CHUNK_BYTES: u64 = 2 << 20;
-/// Longest wall time that samples stay in memory.
+/// Longest time that samples stay in memory, by the clock and by the machine's.
 const FLUSH_PERIOD: Duration = Duration::from_millis(500);
 /// Scans between two looks at the clock.
 const SCANS_PER_CLOCK_LOOK: u32 = 16;
@@ -66,6 +66,27 @@ pub struct Recorder {
 }
 
 impl Recorder {
+    /// Begins the log of a run, or its next part if an earlier recorder left one: nothing is written over.
+    ///
+    /// # Errors
+    /// As [`Recorder::create`].
+    pub fn create_part(
+        run_dir: &Path,
+        machine: &Machine,
+        info: &RunInfo,
+    ) -> Result<Recorder, LogError> {
+        let (part, path, file) = parts::make_next(run_dir)?;
+        let mut info = Cow::Borrowed(info);
+        if part > 1 {
+            let settings = &mut info.to_mut().settings;
+            settings.insert("part".into(), part.to_string());
+        }
+        Self::begin(&path, file, machine, &info).map_err(|source| LogError::Write {
+            path: path.clone(),
+            source,
+        })
+    }
+
     /// Begins a log at `path`, replacing what is there.
     ///
     /// # Errors
@@ -158,6 +179,10 @@ impl Recorder {
         self.put(FEEDBACK, time, bytemuck::bytes_of(sample))?;
         self.rows.feedback(sample, &mut self.whole_rows);
         self.put_rows()?;
+        let flush_scans = FLUSH_PERIOD.as_nanos() as u64 / self.period_ns.max(1);
+        if sample.scan.is_multiple_of(flush_scans.max(1)) {
+            self.flush()?;
+        }
         if self.scans_until_clock_look == 0 {
             self.scans_until_clock_look = SCANS_PER_CLOCK_LOOK;
             self.flush_if_due()?;

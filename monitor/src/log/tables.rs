@@ -20,7 +20,7 @@ table!(
     torque_limited, driver, reserved,
 );
 table!(
-    Feedback: scan, visible_from, window, armed, voided, program_hash, tag, left_at, program_start @ Axes, row, at_rest, epoch, incarnation, mode,
+    Feedback: scan, visible_from, window, armed, voided, program_hash, tag, left_at, cause_scan, program_start @ Axes, row, at_rest, epoch, incarnation, mode,
     cause, cause_axis, override_percent, hold, last, overrun_scans, axis_count, axes @ Axes,
 );
 table!(

@@ -33,6 +33,7 @@ impl Synthetic {
         let mut sample: Feedback = scrambled(scan);
         sample.scan = scan;
         sample.axis_count = self.axes as u32;
+        sample.program_start[self.axes..].fill(0);
         sample.axes[self.axes..].fill(AxisFeedback::zeroed());
         sample
     }

@@ -91,7 +91,9 @@ impl Aligner {
     /// Takes a command.
     pub fn command(&mut self, sample: Box<AxisCommand>) {
         let axis = sample.axis as usize;
-        if axis >= self.axis_count {
+        // A standby says the same as the servo it stands by for, which has come first: that it comes after is no loss.
+        let repeats = sample.role > 0 && sample.scan < self.next;
+        if axis >= self.axis_count || repeats {
             return;
         }
         let place = self

@@ -7,12 +7,16 @@
 //!   rule. A run that is steady over less than 30° (a corner) is measured whole.
 //! - *Window* of a quadrant, in angles of the table, w the angular speed: from clip(6 ms·w, 2°, 12°) before it to
 //!   clip(50 ms·w, 8°, 40°) after it.
+//! - *Gap*: scans of the run that are missing in the log. The run is measured on what is there: the angle is carried over
+//!   the gap by the path that the setpoints travelled meanwhile; behind it motion must have been steady anew, for nobody
+//!   saw whether it was; a quadrant whose window has a gap is not measured, for its peak may be what is missing; and the
+//!   result says how many scans are. Deviations are then those of the measured part: lower bounds for the whole.
 //! - Centre and radius are fitted to steady samples outside the windows and reported apart; what remains, outward
 //!   positive, is the residual that protrusion (highest) and undercut (lowest) are read from.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use bus::sample::Feedback;
+use bus::sample::{Feedback, PathTag};
 use control::kinematics::Kinematics;
 use control::path::{AxisVector, Element, Feed, Path, Shape};
 
@@ -31,6 +35,8 @@ const SETTLE_RAD: f64 = 120.0 * PI / 180.0;
 const STEADY_RAD_MIN: f64 = 30.0 * PI / 180.0;
 /// Angular bins of the curve kept for plots, per turn.
 const BINS_PER_TURN: f64 = 1440.0;
+/// Gaps kept apart in one run; what comes later joins the last, so that everything between is taken for missing.
+const GAPS_MAX: usize = 1000;
 /// Turns of a run that the curve shows.
 const TURNS_SHOWN: usize = 8;
 
@@ -122,6 +128,8 @@ pub struct ArcResult {
     pub turns: f64,
     /// Part of the run that was measured, in degrees of the table.
     pub measured_deg: f64,
+    /// Scans missing between its first and its last sample, or before its first.
+    pub missing_scans: u64,
     /// Highest path speed, in mm/s.
     pub speed_mm_s: f64,
     /// The table.
@@ -153,9 +161,18 @@ struct Taken {
     motor_mm: [f64; 2],
 }
 
+/// From the last sample before a gap to the first behind it, in scans.
+type Gap = (f64, f64);
+
 struct Open {
     run: usize,
     taken: Vec<Taken>,
+    gaps: Vec<Gap>,
+    missing_scans: u64,
+    /// Angle travelled, as far as known before the next sample is seen, in rad.
+    near_rad: f64,
+    /// Whether scans are missing before the next sample.
+    gap: bool,
     stride: usize,
     skipped: usize,
 }
@@ -168,10 +185,16 @@ pub struct ArcMeter {
     run_of: Vec<Option<usize>>,
     /// Path length before each element, in mm.
     before_mm: Vec<f64>,
+    /// Angle travelled on the element's own run before it, and on it, in rad.
+    sweeps_rad: Vec<(f64, f64)>,
+    lengths_mm: Vec<f64>,
     open: Option<Open>,
-    place: Option<(u64, f64)>,
+    /// Scan, path length and angle on the run's circle of the setpoints last seen.
+    place: Option<(u64, f64, f64)>,
     speed_mm_s: f64,
     off_path: bool,
+    /// Nothing of the path has been seen yet.
+    unseen: bool,
     results: Vec<ArcResult>,
 }
 
@@ -188,14 +211,23 @@ impl ArcMeter {
         ArcMeter {
             period_s,
             before_mm: before_mm.collect(),
+            sweeps_rad: sweeps_rad(path, &run_of),
+            lengths_mm: path.elements.iter().map(|e| e.length_mm).collect(),
             runs,
             run_of,
             open: None,
             place: None,
             speed_mm_s: 0.0,
             off_path: false,
+            unseen: true,
             results: Vec::new(),
         }
+    }
+
+    /// The path is left in order, or the drives are off: until it is back on the path nothing is missing.
+    pub fn leave(&mut self) {
+        self.place = None;
+        self.speed_mm_s = 0.0;
     }
 
     /// Begins a scan.
@@ -204,28 +236,100 @@ impl ArcMeter {
     pub fn scan(&mut self, feedback: &Feedback, executing: bool) {
         self.off_path = feedback.tag.is_off_path();
         if self.off_path {
-            self.place = None;
+            self.leave();
             return;
         }
         let element = feedback.tag.element as usize;
         let run = self.run_of.get(element).copied().flatten();
         let run = run.filter(|_| executing);
+        let angle_rad = self.angle_rad(&feedback.tag);
+        let before_mm = self.before_mm.get(element).copied().unwrap_or(0.0);
+        let place_mm = before_mm + feedback.tag.distance_mm;
+        let gap = self.place.and_then(|(scan, from_mm, _)| {
+            let scans = feedback.scan.saturating_sub(scan + 1);
+            (scans > 0).then_some((scans, from_mm, place_mm))
+        });
         if self.open.as_ref().map(|open| open.run) != run {
+            self.miss(gap);
             self.close();
             self.open = run.map(|run| Open {
                 run,
                 taken: Vec::new(),
+                gaps: Vec::new(),
+                missing_scans: 0,
+                near_rad: angle_rad,
+                gap: false,
                 stride: 1,
                 skipped: 0,
             });
         }
-        let before_mm = self.before_mm.get(element).copied().unwrap_or(0.0);
-        let place_mm = before_mm + feedback.tag.distance_mm;
-        if let Some((scan, place_before_mm)) = self.place {
+        self.miss(gap);
+        if std::mem::take(&mut self.unseen) {
+            self.miss_beginning(angle_rad);
+        }
+        if let (Some(open), Some(_)) = (&mut self.open, gap) {
+            open.gap = true;
+            // The table was as far behind the setpoints before the gap as it is behind them now.
+            open.near_rad = match (open.taken.last(), self.place) {
+                (Some(last), Some((_, _, before_rad))) => last.along_rad + angle_rad - before_rad,
+                _ => angle_rad,
+            };
+        }
+        if let Some((scan, place_before_mm, _)) = self.place {
             let scans = feedback.scan.saturating_sub(scan).max(1) as f64;
             self.speed_mm_s = (place_mm - place_before_mm) / (scans * self.period_s);
         }
-        self.place = Some((feedback.scan, place_mm));
+        self.place = Some((feedback.scan, place_mm, angle_rad));
+    }
+
+    /// Counts the scans of a gap (how many, from where on the path to where, in mm) that were the open run's: as many as its
+    /// share of the way.
+    fn miss(&mut self, gap: Option<(u64, f64, f64)>) {
+        let (Some((scans, from_mm, to_mm)), Some(open)) = (gap, &mut self.open) else {
+            return;
+        };
+        let Some(run) = self.runs.get(open.run) else {
+            return;
+        };
+        let start_mm = self.before_mm.get(run.elements.0).copied().unwrap_or(0.0);
+        let last = run.elements.1;
+        let last_mm = self.before_mm.get(last).zip(self.lengths_mm.get(last));
+        let end_mm = last_mm.map_or(start_mm, |(before_mm, length_mm)| before_mm + length_mm);
+        let way_mm = to_mm - from_mm;
+        let on_run_mm = to_mm.clamp(start_mm, end_mm) - from_mm.clamp(start_mm, end_mm);
+        let share = if way_mm > 0.0 {
+            on_run_mm / way_mm
+        } else {
+            1.0
+        };
+        open.missing_scans += libm::round(scans as f64 * share) as u64;
+    }
+
+    /// A log that begins on a circle does not have the way to there: so many scans at the programmed feed.
+    fn miss_beginning(&mut self, angle_rad: f64) {
+        let Some(open) = &mut self.open else { return };
+        let circle = self.runs.get(open.run).map(|run| &run.circle);
+        let way = circle.map(|circle| (angle_rad * circle.radius_mm, circle.feed_mm_s));
+        // From rest nobody comes this far in one scan.
+        if let Some((way_mm, Some(feed_mm_s))) = way
+            && way_mm > 1.0
+        {
+            open.missing_scans += libm::ceil(way_mm / (feed_mm_s * self.period_s)) as u64;
+        }
+    }
+
+    /// Angle from the start of its run to a place on the programmed path, in rad; 0 off every circle.
+    fn angle_rad(&self, tag: &PathTag) -> f64 {
+        let element = tag.element as usize;
+        let known = self
+            .sweeps_rad
+            .get(element)
+            .zip(self.lengths_mm.get(element));
+        known.map_or(0.0, |((before_rad, sweep_rad), length_mm)| {
+            let share = tag.distance_mm / length_mm.max(f64::MIN_POSITIVE);
+            let share = if share.is_finite() { share } else { 0.0 };
+            before_rad + sweep_rad * share.clamp(0.0, 1.0)
+        })
     }
 
     /// Takes one instrument sample of the scan begun last; time in scans.
@@ -238,7 +342,8 @@ impl ArcMeter {
             return;
         };
         open.skipped += 1;
-        if open.skipped < open.stride {
+        // The first behind a gap is always taken: from it on the angle is counted again.
+        if open.skipped < open.stride && !open.gap {
             return;
         }
         open.skipped = 0;
@@ -255,7 +360,10 @@ impl ArcMeter {
         let sign = if circle.clockwise { -1.0 } else { 1.0 };
         let raw_rad = sign * (angle_rad - run.start_angle_rad);
         // The first sample lies within half a turn of the start, each further one within half a turn of the last.
-        let near_rad = open.taken.last().map_or(0.0, |taken| taken.along_rad);
+        let near_rad = match open.taken.last() {
+            Some(taken) if !open.gap => taken.along_rad,
+            _ => open.near_rad,
+        };
         let along_rad = raw_rad - TAU * libm::round((raw_rad - near_rad) / TAU);
         let taken = Taken {
             time_scans,
@@ -267,6 +375,15 @@ impl ArcMeter {
         let finite = taken.table_mm.iter().chain(&taken.motor_mm);
         if !finite.copied().all(f64::is_finite) {
             return;
+        }
+        if std::mem::take(&mut open.gap) {
+            let before = open.taken.last();
+            let from = before.map_or(f64::NEG_INFINITY, |before| before.time_scans);
+            let full = open.gaps.len() >= GAPS_MAX;
+            match open.gaps.last_mut().filter(|_| full) {
+                Some(last) => last.1 = time_scans,
+                None => open.gaps.push((from, time_scans)),
+            }
         }
         open.taken.push(taken);
         if open.taken.len() >= SAMPLES_MAX {
@@ -288,8 +405,7 @@ impl ArcMeter {
     fn close(&mut self) {
         let Some(open) = self.open.take() else { return };
         if let Some(run) = self.runs.get(open.run) {
-            self.results
-                .extend(measure(run, &open.taken, self.period_s));
+            self.results.extend(measure(run, &open, self.period_s));
         }
     }
 }
@@ -388,6 +504,26 @@ fn reversals_on(
     Some(reversals)
 }
 
+/// Angle travelled on each element's run before it, and on it, in rad.
+fn sweeps_rad(path: &Path, run_of: &[Option<usize>]) -> Vec<(f64, f64)> {
+    let mut before = (None, 0.0);
+    let elements = path.elements.iter().zip(run_of);
+    elements
+        .map(|(element, run)| {
+            if before.0 != *run {
+                before = (*run, 0.0);
+            }
+            let sweep_rad = match &element.shape {
+                Shape::Arc { sweep_rad, .. } if run.is_some() => sweep_rad.abs(),
+                _ => 0.0,
+            };
+            let before_rad = before.1;
+            before.1 += sweep_rad;
+            (before_rad, sweep_rad)
+        })
+        .collect()
+}
+
 fn find_runs(path: &Path, kinematics: &Kinematics) -> (Vec<Run>, Vec<Option<usize>>) {
     let mut runs: Vec<Run> = Vec::new();
     let mut run_of: Vec<Option<usize>> = Vec::with_capacity(path.elements.len());
@@ -423,14 +559,15 @@ pub fn window_rad(angular_speed_rad_s: f64) -> (f64, f64) {
     (clip(0.006, 2.0, 12.0), clip(0.050, 8.0, 40.0))
 }
 
-fn measure(run: &Run, taken: &[Taken], period_s: f64) -> Option<ArcResult> {
+fn measure(run: &Run, open: &Open, period_s: f64) -> Option<ArcResult> {
+    let (taken, gaps) = (open.taken.as_slice(), open.gaps.as_slice());
     let (first, last) = (taken.first()?, taken.last()?);
     let radius_mm = run.circle.radius_mm;
     let speed_mm_s = taken
         .iter()
         .fold(0.0, |most: f64, t| most.max(t.speed_mm_s));
     let angular_speed_rad_s = speed_mm_s / radius_mm;
-    let steady = steady_samples(taken, speed_mm_s, angular_speed_rad_s, period_s);
+    let steady = steady_samples(taken, gaps, speed_mm_s, angular_speed_rad_s, period_s);
     let window = window_rad(angular_speed_rad_s);
     let sign = if run.circle.clockwise { -1.0 } else { 1.0 };
     let quadrants_along = match &run.reversals {
@@ -479,6 +616,7 @@ fn measure(run: &Run, taken: &[Taken], period_s: f64) -> Option<ArcResult> {
         let angle_rad = run.start_angle_rad + sign * at;
         quadrant(
             taken,
+            gaps,
             &steady,
             &table.fit,
             radius_mm,
@@ -496,7 +634,8 @@ fn measure(run: &Run, taken: &[Taken], period_s: f64) -> Option<ArcResult> {
         elements: run.elements,
         scans: (first.time_scans, last.time_scans),
         turns: run.sweep_rad / TAU,
-        measured_deg: measured_rad(taken, &steady).to_degrees(),
+        measured_deg: measured_rad(taken, gaps, &steady).to_degrees(),
+        missing_scans: open.missing_scans,
         speed_mm_s,
         table,
         motor,
@@ -512,26 +651,40 @@ fn widen(range: &mut (f64, f64), value: f64) {
     range.1 = range.1.min(value);
 }
 
+/// Whether scans are missing somewhere between two samples.
+fn has_gap(gaps: &[Gap], from: &Taken, to: &Taken) -> bool {
+    let first = gaps.partition_point(|gap| gap.1 <= from.time_scans);
+    gaps.get(first).is_some_and(|gap| gap.0 < to.time_scans)
+}
+
 /// Angle over which steady samples follow each other, in rad.
-fn measured_rad(taken: &[Taken], steady: &[bool]) -> f64 {
+fn measured_rad(taken: &[Taken], gaps: &[Gap], steady: &[bool]) -> f64 {
     let pairs = taken.windows(2).zip(steady.windows(2));
     pairs
         .filter(|(_, steady)| steady.iter().all(|s| *s))
-        .filter_map(|(pair, _)| Some(pair.last()?.along_rad - pair.first()?.along_rad))
+        .filter_map(|(pair, _)| pair.first().zip(pair.last()))
+        .filter(|(one, two)| !has_gap(gaps, one, two))
+        .map(|(one, two)| two.along_rad - one.along_rad)
         .sum()
 }
 
 fn steady_samples(
     taken: &[Taken],
+    gaps: &[Gap],
     speed_mm_s: f64,
     angular_speed_rad_s: f64,
     period_s: f64,
 ) -> Vec<bool> {
     let settle_scans = SETTLE_S.min(SETTLE_RAD / angular_speed_rad_s) / period_s;
     let mut since: Option<f64> = None;
+    let mut before: Option<&Taken> = None;
     let steady: Vec<bool> = taken
         .iter()
         .map(|taken| {
+            let before = before.replace(taken);
+            if before.is_some_and(|before| has_gap(gaps, before, taken)) {
+                since = None;
+            }
             if taken.speed_mm_s < STEADY_SHARE * speed_mm_s {
                 since = None;
                 return false;
@@ -539,7 +692,7 @@ fn steady_samples(
             taken.time_scans - *since.get_or_insert(taken.time_scans) >= settle_scans
         })
         .collect();
-    if measured_rad(taken, &steady) < STEADY_RAD_MIN {
+    if measured_rad(taken, gaps, &steady) < STEADY_RAD_MIN {
         return vec![true; taken.len()];
     }
     steady
@@ -587,6 +740,7 @@ fn reversals_along(
 #[allow(clippy::too_many_arguments)]
 fn quadrant(
     taken: &[Taken],
+    gaps: &[Gap],
     steady: &[bool],
     fit: &Fit,
     radius_mm: f64,
@@ -606,6 +760,10 @@ fn quadrant(
     let begin = taken.partition_point(|taken| taken.along_rad < from);
     let end = taken.partition_point(|taken| taken.along_rad <= to);
     let inside = taken.get(begin..end).filter(|inside| !inside.is_empty())?;
+    let before = taken.get(begin.saturating_sub(1))?;
+    if has_gap(gaps, before, taken.get(end).or(taken.last())?) {
+        return None;
+    }
     let residual_um = |taken: &Taken| fit.residual_mm(taken.table_mm, radius_mm) * 1e3;
     let (mut highest, mut lowest) = ((0, f64::NEG_INFINITY), f64::INFINITY);
     for (index, taken) in inside.iter().enumerate() {

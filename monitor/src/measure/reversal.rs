@@ -83,6 +83,16 @@ impl ReversalMeter {
         }
     }
 
+    /// Scans are missing: where the axis turned in them nobody knows, so the search begins anew.
+    pub fn interrupt(&mut self) {
+        self.candidate = None;
+        self.direction = 0;
+        self.last = None;
+        self.last_step = 0;
+        // Compares with nothing: when a kick began that already runs behind the gap nobody saw.
+        self.last_kick_mm_s = f64::NAN;
+    }
+
     /// Takes the command of one scan.
     pub fn take(&mut self, command: &AxisCommand) {
         let kick_mm_s = command.state.kick_mm_s;

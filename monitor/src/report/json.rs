@@ -29,7 +29,7 @@ pub struct Report {
     pub outcome: OutcomeReport,
     /// Scans from the first to the last feedback.
     pub scans: u64,
-    /// Wall time; null if the recorder did not end the log.
+    /// Wall time; null if the recorder did not end the log, or the log is in parts.
     pub wall_s: Option<f64>,
     /// Machine time over wall time.
     pub real_time_factor: Option<f64>,
@@ -37,7 +37,7 @@ pub struct Report {
     pub digest: String,
     /// Kept by the machine side; null without instruments.
     pub motion_digest: Option<String>,
-    /// Samples missing in the log.
+    /// Samples missing in the log: feedbacks, instruments, commands and, between parts, windows.
     pub samples_lost: u64,
     /// Scans skipped because the machine side itself was late.
     pub overrun_scans: u32,
@@ -47,6 +47,10 @@ pub struct Report {
     pub windows_voided: u64,
     /// The log itself.
     pub log: LogReport,
+    /// The parts of the log: one, and one more for each recorder that took a dead one's place.
+    pub parts: Vec<PartReport>,
+    /// Scans that the log does not have although they were.
+    pub missing_scans: Vec<ScanRange>,
     /// Per axis.
     pub axes: Vec<AxisReport>,
     /// Distance of the table from the programmed path.
@@ -70,6 +74,28 @@ pub struct OutcomeReport {
     pub kind: String,
     /// Why, if it was not completed.
     pub reason: Option<String>,
+}
+
+/// One part of the log.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct PartReport {
+    /// File name in the run directory.
+    pub file: String,
+    /// First scan in it; null if it holds none.
+    pub first_scan: Option<u64>,
+    /// Last scan in it.
+    pub last_scan: Option<u64>,
+    /// Whether it ends early: its recorder died, or the file was damaged.
+    pub cut: bool,
+}
+
+/// Scans in a row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+pub struct ScanRange {
+    /// First of them.
+    pub first: u64,
+    /// Last of them.
+    pub last: u64,
 }
 
 /// The log.
@@ -164,6 +190,8 @@ pub struct ArcReport {
     pub turns: f64,
     /// Part that was in steady motion and was measured, in degrees.
     pub measured_deg: f64,
+    /// Scans on it that are missing in the log: the deviations are those of the rest.
+    pub missing_scans: u64,
     /// What centre and radius were fitted by: `least-squares`, `radius only` (short arc) or `none`.
     pub fit: &'static str,
     /// Highest minus lowest deviation about the least-squares centre (G of ISO 230-4).
@@ -255,12 +283,18 @@ pub struct FaultReport {
     pub process: String,
     /// `killed` or `exited`.
     pub kind: String,
-    /// Scans until the roster said so.
-    pub noticed_after_scans: u64,
+    /// Scans until the roster said so; null if the log does not have the roster that said it first.
+    pub noticed_after_scans: Option<u64>,
     /// What the machine did.
     pub reaction: String,
-    /// Largest contour error until motion resumed.
+    /// Largest contour error until the reaction was over, and 100 scans more.
     pub contour_error_um_max: f64,
+    /// Way of the tool from a quick stop's beginning to its rest; left out where nothing braked off the path.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub brake_distance_mm: Option<f64>,
+    /// Largest distance from the path meanwhile.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub deviation_um: Option<f64>,
     /// Scan in which motion went on; null if it did not stop or did not go on.
     pub resumed_at_scan: Option<u64>,
 }
@@ -287,7 +321,9 @@ impl Report {
             machine,
             ..
         } = evaluation;
-        let wall_s = end.as_ref().map(|end| end.wall_s);
+        // The last recorder's wall time is that of its own part.
+        let whole = evaluation.parts.len() == 1;
+        let wall_s = end.as_ref().filter(|_| whole).map(|end| end.wall_s);
         let machine_s = measurements.scans as f64 * measurements.scan_period_s;
         let queue_losses = end.as_ref().map_or(0, |end| end.queue_losses);
         Report {
@@ -305,15 +341,17 @@ impl Report {
                 .map(|wall_s| r3(machine_s / wall_s)),
             digest: evaluation.digest.clone(),
             motion_digest: measurements.motion_digest.clone(),
-            samples_lost: measurements.samples_lost.max(queue_losses),
+            samples_lost: samples_lost(evaluation).max(queue_losses),
             overrun_scans: measurements.overrun_scans,
-            windows: measurements.windows,
+            windows: measurements.windows + evaluation.windows_lost,
             windows_voided: measurements.windows_voided,
             log: LogReport {
                 cut: evaluation.cut.clone(),
                 queue_losses,
                 program_matches: evaluation.program_matches,
             },
+            parts: parts(evaluation),
+            missing_scans: missing_scans(evaluation),
             axes: axes(evaluation),
             contour_error_um: PeakRms {
                 peak: r3(measurements.contour_error_mm.peak * 1e3),
@@ -360,6 +398,62 @@ fn outcome(evaluation: &Evaluation) -> OutcomeReport {
             from_outside.or(reason)
         },
     }
+}
+
+fn parts(evaluation: &Evaluation) -> Vec<PartReport> {
+    let parts = evaluation.parts.iter();
+    parts
+        .map(|part| PartReport {
+            file: part.file.clone(),
+            first_scan: part.first_scan,
+            last_scan: part.last_scan,
+            cut: part.cut.is_some(),
+        })
+        .collect()
+}
+
+fn samples_lost(evaluation: &Evaluation) -> u64 {
+    // Feedback, instruments and each axis' command.
+    let of_a_scan = 2 + evaluation.machine.axes.len() as u64;
+    let before_first = beginning_missing(evaluation).unwrap_or(0) * of_a_scan;
+    before_first + evaluation.measurements.samples_lost + evaluation.windows_lost
+}
+
+/// First scan of a log whose first recorder left nothing: those before it were, for a run begins with scan 0.
+fn beginning_missing(evaluation: &Evaluation) -> Option<u64> {
+    let (first, others) = evaluation.parts.split_first()?;
+    let of_others = others.iter().find_map(|part| part.first_scan);
+    of_others.filter(|scan| first.first_scan.is_none() && *scan > 0)
+}
+
+/// Gaps that the measurement saw, and those between parts: over a restart of the machine side it could not tell that the scans
+/// between had been.
+fn missing_scans(evaluation: &Evaluation) -> Vec<ScanRange> {
+    let seen = evaluation.measurements.missing_scans.iter();
+    let mut missing: Vec<ScanRange> = seen
+        .map(|&(first, last)| ScanRange { first, last })
+        .collect();
+    if let Some(first) = beginning_missing(evaluation) {
+        missing.push(ScanRange {
+            first: 0,
+            last: first - 1,
+        });
+    }
+    let mut reached: Option<u64> = None;
+    for part in &evaluation.parts {
+        if let (Some(last), Some(first)) = (reached, part.first_scan)
+            && first > last + 1
+        {
+            missing.push(ScanRange {
+                first: last + 1,
+                last: first - 1,
+            });
+        }
+        reached = reached.max(part.last_scan);
+    }
+    missing.sort_unstable();
+    missing.dedup();
+    missing
 }
 
 fn axes(evaluation: &Evaluation) -> Vec<AxisReport> {
@@ -421,6 +515,7 @@ fn arc(result: &ArcResult, evaluation: &Evaluation) -> ArcReport {
         clockwise: circle.clockwise,
         turns: r3(result.turns),
         measured_deg: r3(result.measured_deg),
+        missing_scans: result.missing_scans,
         fit: fit.kind.word(),
         circular_deviation_um: r3(result.table.circular_um),
         radial_deviation_um: max_min(result.table.radial_um),
@@ -485,6 +580,8 @@ fn faults(measurements: &Measurements) -> Vec<FaultReport> {
             noticed_after_scans: fault.noticed_after_scans,
             reaction: fault.reaction.clone(),
             contour_error_um_max: r3(fault.contour_error_mm * 1e3),
+            brake_distance_mm: fault.brake_distance_mm.map(r3),
+            deviation_um: fault.deviation_mm.map(|mm| r3(mm * 1e3)),
             resumed_at_scan: fault.resumed_at_scan,
         })
         .collect()

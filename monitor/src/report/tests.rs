@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::*;
-use crate::log::{Recorder, RunEnd, RunInfo};
+use crate::log::{LOG_FILE, Recorder, RunEnd, RunInfo};
 use crate::test_support::{Deviation, SyntheticRun, machine, machine_text};
 
 const PROGRAM: &str = "G17 G21 G90
@@ -29,6 +29,12 @@ const DEVIATION: Deviation = Deviation {
 
 /// A run directory with everything but the report.
 fn run_directory(dir: &Path) {
+    run_directory_in_parts(dir, std::iter::empty());
+}
+
+/// The same, without these scans: in each gap a recorder died and its successor began the next part.
+fn run_directory_in_parts(dir: &Path, gaps: impl IntoIterator<Item = std::ops::Range<u64>>) {
+    let mut gaps = gaps.into_iter().peekable();
     std::fs::write(dir.join("machine.toml"), machine_text(&["X", "Y"])).unwrap();
     std::fs::write(dir.join("circle.ngc"), PROGRAM).unwrap();
     let machine = machine(&["X", "Y"]);
@@ -46,8 +52,23 @@ fn run_directory(dir: &Path) {
         program: "circle.ngc".into(),
         ..RunInfo::default()
     };
-    let mut recorder = Recorder::create(&dir.join(LOG_FILE), &machine, &info).unwrap();
+    let mut recorder = Recorder::create_part(dir, &machine, &info).unwrap();
     for sample in run.samples() {
+        let scan = match &sample {
+            Sample::Feedback(sample) => sample.scan,
+            Sample::Instruments(sample) => sample.scan,
+            Sample::Command(sample) => sample.scan,
+            _ => 0,
+        };
+        if gaps.next_if(|gap| scan >= gap.end).is_some() {
+            let next = Recorder::create_part(dir, &machine, &info).unwrap();
+            let mut killed = std::mem::replace(&mut recorder, next);
+            killed.flush().unwrap();
+            std::mem::forget(killed);
+        }
+        if gaps.peek().is_some_and(|gap| gap.contains(&scan)) {
+            continue;
+        }
         match sample {
             Sample::Feedback(sample) => recorder.record_feedback(&sample).unwrap(),
             Sample::Instruments(sample) => recorder.record_instruments(&sample).unwrap(),
@@ -173,6 +194,102 @@ fn a_cut_log_still_gives_a_report_that_says_so() {
     assert!(!report.arcs.is_empty());
     let page = std::fs::read_to_string(dir.path().join("report.txt")).unwrap();
     assert!(page.contains("THE LOG IS NOT WHOLE"), "{page}");
+}
+
+#[test]
+fn a_log_in_parts_gives_one_report_that_says_what_is_missing() {
+    let whole = tempfile::tempdir().unwrap();
+    run_directory(whole.path());
+    let expected = make_report(whole.path()).unwrap();
+    assert_eq!((expected.parts.len(), expected.missing_scans.len()), (1, 0));
+    let page = std::fs::read_to_string(whole.path().join("report.txt")).unwrap();
+    assert!(
+        !page.contains("parts") && !page.contains("missing"),
+        "{page}"
+    );
+
+    let dir = tempfile::tempdir().unwrap();
+    run_directory_in_parts(dir.path(), [901..931, 2000..2001]);
+    let report = make_report(dir.path()).unwrap();
+    assert_eq!(report.outcome.kind, "completed");
+    assert_eq!(report.log.cut, None);
+    assert_eq!(report.wall_s, None, "nobody knows it of the whole run");
+    assert_eq!(report.samples_lost, 31 * 4);
+    assert_eq!(report.scans, expected.scans);
+    assert_eq!(report.arcs.len(), expected.arcs.len());
+    // Behind each gap one scan more, in which the backlash compensation in force is not known yet.
+    assert_eq!(report.arcs[0].missing_scans, 31 + 2);
+    assert_eq!(report.arcs[1].missing_scans, 0);
+    assert!(report.contour_error_um.peak <= expected.contour_error_um.peak);
+    let read = |name: &str| std::fs::read_to_string(dir.path().join(name)).unwrap();
+    let (page, text) = (read("report.txt"), read("report.json"));
+    for line in [
+        "log in 3 parts: scans 901 to 930, scan 2000 are missing",
+        "  run.mcap       scans 0 to 900, cut off",
+        "  run-2.mcap     scans 931 to 1999, cut off",
+        "arcs marked ! are measured on the rest",
+    ] {
+        assert!(page.contains(line), "{line}\n{page}");
+    }
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(
+        json["parts"][0],
+        serde_json::json!({ "file": "run.mcap", "first_scan": 0, "last_scan": 900, "cut": true })
+    );
+    assert_eq!(json["parts"][2]["cut"], false);
+    assert_eq!(
+        json["missing_scans"],
+        serde_json::json!([{ "first": 901, "last": 930 }, { "first": 2000, "last": 2000 }])
+    );
+    make_report(dir.path()).unwrap();
+    assert_eq!(read("report.json"), text, "made again to the byte");
+}
+
+#[test]
+fn a_log_whose_first_recorder_left_nothing_is_measured_from_where_it_begins() {
+    let (whole, dir) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    run_directory(whole.path());
+    run_directory_in_parts(dir.path(), std::iter::once(0..2500));
+    let expected = make_report(whole.path()).unwrap();
+    let report = make_report(dir.path()).unwrap();
+    assert_eq!(report.log.program_matches, Some(true));
+    assert_eq!(report.parts[0].first_scan, None);
+    assert_eq!(
+        report.missing_scans,
+        [ScanRange {
+            first: 0,
+            last: 2499
+        }]
+    );
+    assert_eq!(report.samples_lost, 2500 * 4);
+    assert!(report.contour_error_um.peak <= expected.contour_error_um.peak);
+    // It begins on the first circle, in the middle of a turn.
+    assert!(report.arcs[0].missing_scans > 2000, "{:?}", report.arcs[0]);
+    let radius_um = |report: &Report| report.arcs[0].radius_error_um.unwrap();
+    assert!((radius_um(&report) - radius_um(&expected)).abs() < 0.05);
+    let measured = |report: &Report| report.reversals.iter().filter(|r| r.steady).count();
+    assert!(measured(&report) >= measured(&expected) - 4);
+}
+
+#[test]
+fn parts_without_a_gap_give_the_numbers_of_a_whole_log() {
+    let (whole, dir) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    run_directory(whole.path());
+    run_directory_in_parts(dir.path(), std::iter::once(1500..1500));
+    let (mut expected, report) = (
+        make_report(whole.path()).unwrap(),
+        make_report(dir.path()).unwrap(),
+    );
+    let page = std::fs::read_to_string(dir.path().join("report.txt")).unwrap();
+    assert!(
+        page.contains("log in 2 parts: no scan is missing"),
+        "{page}"
+    );
+    assert_ne!(report.digest, expected.digest);
+    expected.digest = report.digest.clone();
+    expected.parts = report.parts.clone();
+    (expected.wall_s, expected.real_time_factor) = (None, None);
+    assert_eq!(report.to_json(), expected.to_json());
 }
 
 #[test]

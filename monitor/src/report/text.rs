@@ -2,10 +2,12 @@
 
 use std::fmt::Write as _;
 
-use super::json::{ArcReport, Report, ReversalReport};
+use super::json::{ArcReport, Report, ReversalReport, ScanRange};
 
 /// Lines that a table shows before it says how many more there are.
 const ROWS_MAX: usize = 40;
+/// Gaps of the log that are named in a line before it says how many more there are.
+const GAPS_MAX: usize = 5;
 
 /// The page.
 pub fn page(report: &Report) -> String {
@@ -57,6 +59,7 @@ fn head(report: &Report, page: &mut String) {
             "THE LOG IS NOT WHOLE: {cut}. What follows is of the part that is there."
         );
     }
+    log_parts(report, page);
     if report.log.program_matches == Some(false) {
         line!(
             page,
@@ -70,6 +73,60 @@ fn head(report: &Report, page: &mut String) {
         report.contour_error_um.rms
     );
     line!(page);
+}
+
+/// Says what the log does not have.
+fn log_parts(report: &Report, page: &mut String) {
+    let missing: Vec<String> = report
+        .missing_scans
+        .iter()
+        .take(GAPS_MAX)
+        .map(scans)
+        .collect();
+    let missing = match (missing.as_slice(), report.missing_scans.len()) {
+        ([], _) => "no scan is missing".into(),
+        (one, 1) if report.missing_scans.iter().all(|r| r.first == r.last) => {
+            format!("{} is missing", one.join(""))
+        }
+        (some, count) if count > GAPS_MAX => {
+            format!(
+                "{} and {} more are missing",
+                some.join(", "),
+                count - GAPS_MAX
+            )
+        }
+        (all, _) => format!("{} are missing", all.join(", ")),
+    };
+    match report.parts.len() {
+        0 | 1 if report.missing_scans.is_empty() => return,
+        0 | 1 => line!(page, "LOG WITH GAPS: {missing}"),
+        count => line!(page, "log in {count} parts: {missing}"),
+    }
+    if report.parts.len() > 1 {
+        for part in report.parts.iter().take(ROWS_MAX) {
+            let from_to = match (part.first_scan, part.last_scan) {
+                (Some(first), Some(last)) => format!("scans {first} to {last}"),
+                _ => "no scan".into(),
+            };
+            let cut = if part.cut { ", cut off" } else { "" };
+            line!(page, "  {:<14} {from_to}{cut}", part.file);
+        }
+        more(report.parts.len(), page);
+    }
+    if !report.missing_scans.is_empty() {
+        line!(
+            page,
+            "What is missing is not bridged: no reversal is measured across it, arcs marked ! are measured on the rest."
+        );
+    }
+}
+
+fn scans(range: &ScanRange) -> String {
+    if range.first == range.last {
+        format!("scan {}", range.first)
+    } else {
+        format!("scans {} to {}", range.first, range.last)
+    }
 }
 
 fn axes(report: &Report, page: &mut String) {
@@ -156,11 +213,12 @@ fn arc_row(arc: &ArcReport) -> String {
         None => format!("{:>7} {:>7}", "–", "–"),
     };
     format!(
-        "  {:>4} {:<5} {:>8.3} {feed:>7.0} {turn:<4} {:>7.0} {:>7.2}  {offset} {:>9} {:>7.2}",
+        "  {:>4} {:<5} {:>8.3} {feed:>7.0} {turn:<4} {:>7.0}{}{:>7.2}  {offset} {:>9} {:>7.2}",
         arc.block,
         arc.plane,
         arc.radius_mm,
         arc.measured_deg,
+        if arc.missing_scans > 0 { '!' } else { ' ' },
         arc.circular_deviation_um,
         number(arc.radius_error_um, 2),
         arc.motor_circular_deviation_um,
@@ -242,13 +300,23 @@ fn processes(report: &Report, page: &mut String) {
         let resumed = fault.resumed_at_scan.map_or(String::new(), |scan| {
             format!(", motion again from scan {scan}")
         });
+        let noticed = fault.noticed_after_scans.map_or(String::new(), |scans| {
+            format!(", noticed after {scans} scans")
+        });
+        let braked = match (fault.brake_distance_mm, fault.deviation_um) {
+            (None, None) => String::new(),
+            (distance, deviation) => format!(
+                " (in {} mm, {} µm off the path)",
+                number(distance, 2),
+                number(deviation, 1)
+            ),
+        };
         line!(
             page,
-            "  scan {}: {} {}, noticed after {} scans: {}{resumed}; contour error up to {:.2} µm",
+            "  scan {}: {} {}{noticed}: {}{braked}{resumed}; contour error up to {:.2} µm",
             fault.scan,
             fault.process,
             fault.kind,
-            fault.noticed_after_scans,
             fault.reaction,
             fault.contour_error_um_max
         );

@@ -105,12 +105,19 @@ fn draw_panel(
         .y_label_formatter(&|value: &f64| format!("{}", libm::round(value * 1e3) / 1e3 + 0.0))
         .draw()
         .map_err(words)?;
-    let points = bins.iter().flat_map(|&(scan, low, high)| {
-        let time_s = scan * period_s;
-        [(time_s, low), (time_s, high)]
-    });
-    chart
-        .draw_series(LineSeries::new(points, colour.stroke_width(FINE as u32)))
-        .map_err(words)?;
+    // Bins of one width follow each other; what is missing is a gap, not a straight line.
+    let width = bins
+        .windows(2)
+        .map(|pair| pair[1].0 - pair[0].0)
+        .fold(f64::INFINITY, f64::min);
+    for piece in bins.chunk_by(|one, two| two.0 - one.0 < 1.5 * width) {
+        let points = piece.iter().flat_map(|&(scan, low, high)| {
+            let time_s = scan * period_s;
+            [(time_s, low), (time_s, high)]
+        });
+        chart
+            .draw_series(LineSeries::new(points, colour.stroke_width(FINE as u32)))
+            .map_err(words)?;
+    }
     Ok(())
 }

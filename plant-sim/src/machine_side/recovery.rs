@@ -24,6 +24,7 @@ impl MachineSide {
         self.digest.resume(latches.digest);
         self.mode = Mode::Disabled;
         self.cause = Cause::MachineSideLost;
+        self.cause_scan = self.scan;
     }
 
     /// What must outlive this machine side after the scan in progress.
@@ -64,6 +65,7 @@ impl MachineSide {
         self.hold = hold;
         self.cause = Cause::None;
         self.cause_axis = u32::MAX;
+        self.cause_scan = 0;
         self.rest_scans = 0;
         self.waited_scans = 0;
         for axis in &mut self.axes {

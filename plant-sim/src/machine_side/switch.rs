@@ -22,6 +22,10 @@ const SAME_SCANS: u32 = 2;
 
 /// What became of an axis's commands in one scan.
 #[derive(Debug, Clone, Copy)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "lives for a moment on the stack; the scan path does not allocate"
+)]
 pub(super) enum Taken {
     /// This one drives on.
     Command(AxisCommand),
