@@ -87,11 +87,14 @@ pub struct Verdict {
     pub fired: Vec<bool>,
 }
 
+/// When a servo's fault is over, and the scan of the first window sent since.
+type Recovery = (u64, Option<u64>);
+
 /// Which axes go on as if nothing had happened.
 struct Cover {
     standby: bool,
     /// Since when each servo is right again: a fault's end, and whether a window was sent since.
-    recovers: [[Option<(u64, Option<u64>)>; 2]; MAX_AXES],
+    recovers: [[Option<Recovery>; 2]; MAX_AXES],
     /// From then on the axis has been without a servo that could go on.
     lost: [bool; MAX_AXES],
 }
