@@ -271,7 +271,7 @@ fn supervise(
             hinted = hint;
         }
         if let Some(desk) = &mut desk {
-            serve_faults(desk, group, &supervisor, events, &mut deaths);
+            ends |= serve_faults(desk, group, &supervisor, events, &mut deaths);
         }
         let why = if signals.count() > 0 {
             Some("interrupted")
@@ -352,14 +352,16 @@ fn waits_for(feedback: &Feedback, restart: &Restart, cell: &str) -> Option<Strin
     Some(format!("{orders}; Ctrl-C ends the run"))
 }
 
-/// Does what the machine side asks for in the name of a fault script, as long as it asks.
+/// Does what the machine side asks for in the name of a fault script, as long as it asks; whether a process was lost without
+/// which the run is to end.
 fn serve_faults(
     desk: &mut FaultDesk,
     group: &mut Group,
     supervisor: &Supervisor,
     events: &mut Events,
     deaths: &mut Vec<Death>,
-) {
+) -> bool {
+    let mut ends = false;
     loop {
         match desk.serve(group, supervisor) {
             Ok(Some(served)) => {
@@ -369,12 +371,14 @@ fn serve_faults(
                         ..Event::of_cell(*scan, word, Some("by the fault script".into()))
                     });
                 }
+                let for_good = |d: &Death| d.job == Job::Planner && !d.replaced;
+                ends |= served.death.as_ref().is_some_and(for_good);
                 deaths.extend(served.death);
             }
-            Ok(None) => return,
+            Ok(None) => return ends,
             Err(error) => {
                 tracing::error!("{}", exit::words(&error));
-                return;
+                return true;
             }
         }
     }

@@ -432,7 +432,8 @@ impl Reading<'_> {
             );
             return Err(self.wrong(process, &what));
         };
-        let (letter, role) = match servo.split_once('/') {
+        // Reports and the list of processes have a hyphen there.
+        let (letter, role) = match servo.split_once(['/', '-']) {
             None => (servo, 0),
             Some((letter, "a")) => (letter, 0),
             Some((letter, "b")) => (letter, 1),
@@ -443,6 +444,13 @@ impl Reading<'_> {
         };
         let axis = axis_index(self.machine, letter)
             .map_err(|what| self.wrong(process, &format!("process = {word:?}: {what}")))?;
+        let standby = |a: &crate::machine::Axis| a.standby;
+        if role > 0 && !self.machine.axes.get(axis as usize).is_some_and(standby) {
+            let what = format!(
+                "process = {word:?}: axis {letter} has no standby (standby = true in the machine file)"
+            );
+            return Err(self.wrong(process, &what));
+        }
         Ok((Job::Servo, axis, role))
     }
 
@@ -542,6 +550,10 @@ impl Reading<'_> {
                 "do = {word:?}: {process} can only be killed or stopped; samples of the planner and of servos can be dropped, delayed or corrupted"
             );
             return Err(self.wrong(&entry.action, &what));
+        }
+        if word == "stop" && job == Job::Machine {
+            let what = "do = \"stop\": nobody counts scans while plant-sim is stopped, so nobody would say when it goes on: kill it";
+            return Err(self.wrong(&entry.action, what));
         }
         let scans = scans.unwrap_or(1);
         Ok(match word {
@@ -770,7 +782,8 @@ mod tests {
 
     fn read(text: &str) -> Result<FaultScript, String> {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
-        let machine = Machine::load(&folder).expect("the machine");
+        let mut machine = Machine::load(&folder).expect("the machine");
+        machine.axes[0].standby = true;
         parse("faults.toml", text, &machine).map_err(|e| e.to_string())
     }
 
@@ -882,6 +895,7 @@ mod tests {
             ("servo-Y", Job::Servo, 1, 0),
             ("servo-Y/a", Job::Servo, 1, 0),
             ("servo-X/b", Job::Servo, 0, 1),
+            ("servo-X-b", Job::Servo, 0, 1),
             ("plant-sim", Job::Machine, 0, 0),
             ("monitor", Job::Monitor, 0, 0),
         ] {
@@ -1017,6 +1031,14 @@ mod tests {
             (
                 format!("{scan}\nprocess = \"plant-sim\"\ndo = \"corrupt\"\nwhat = \"jump\""),
                 "plant-sim can only be",
+            ),
+            (
+                format!("{scan}\nprocess = \"servo-Y/b\"\ndo = \"kill\""),
+                "axis Y has no standby",
+            ),
+            (
+                format!("{scan}\nprocess = \"plant-sim\"\ndo = \"stop\"\nscans = 3"),
+                "nobody would say when it goes on",
             ),
             (
                 format!("{servo}\ndo = \"kill\"\nloud = true"),

@@ -33,6 +33,10 @@ pub struct Latches {
     pub override_percent: u32,
     /// Scans overrun so far.
     pub overrun_scans: u32,
+    /// 1 if somebody had asked for a stop: the run may end.
+    pub may_end: u32,
+    /// Kept zero.
+    pub reserved: u32,
 }
 
 /// A buffer for one state: the latches, then each axis.

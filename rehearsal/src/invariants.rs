@@ -11,7 +11,7 @@
 use std::sync::Arc;
 
 use bus::machine::{Machine, PositionFeedback, Rows};
-use bus::sample::{Feedback, Instruments, Job, MAX_AXES, Mode, Roster};
+use bus::sample::{Cause, Feedback, Instruments, Job, MAX_AXES, Mode, Roster};
 use control::audit::RowAudit;
 use control::limits::MotionLimits;
 use control::path::{AxisVector, Path};
@@ -121,6 +121,8 @@ pub struct Shown {
     pub scans: u64,
     /// The mode it ended in.
     pub mode: Option<Mode>,
+    /// Why.
+    pub cause: Option<Cause>,
 }
 
 /// A trip under way.
@@ -208,6 +210,7 @@ impl<'a> Judge<'a> {
         self.tables(before.as_ref(), feedback, said.instruments);
         self.shown.scans = feedback.scan;
         self.shown.mode = Mode::from_wire(feedback.mode);
+        self.shown.cause = Cause::from_wire(feedback.cause);
         self.shown.digest = (
             said.instruments.motion_digest_high,
             said.instruments.motion_digest_low,
@@ -459,7 +462,7 @@ impl<'a> Judge<'a> {
                 .iter()
                 .zip(before.axes())
                 .any(|(is, was)| is.command_register != was.command_register);
-            if moved || feedback.at_rest == 0 {
+            if moved {
                 self.say(feedback.scan, "the command moves in hold".into());
             }
         }

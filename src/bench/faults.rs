@@ -86,22 +86,7 @@ impl Stock {
 
 /// Runs the seeds.
 pub fn faults(options: &FaultsOptions) -> Outcome {
-    let preparing = Instant::now();
     let stock = stock(options).input()?;
-    say(&format!(
-        "{} programs, each undisturbed and with feed holds all along it: {:.1} s",
-        stock.programs.len(),
-        preparing.elapsed().as_secs_f64()
-    ));
-    for prepared in &stock.programs {
-        say(&format!(
-            "  {:<14}{:>5} scans, table at most {:.4} mm off the path, with a feed hold {:.4}",
-            prepared.program.name,
-            prepared.undisturbed.scans,
-            prepared.undisturbed.contour_mm.0,
-            prepared.held_contour_mm
-        ));
-    }
     let started = Instant::now();
     let next = AtomicU64::new(options.from);
     let end = options.from.saturating_add(options.seeds);
@@ -140,6 +125,18 @@ pub fn faults(options: &FaultsOptions) -> Outcome {
     if let Some(error) = broken.into_inner().unwrap_or_else(|e| e.into_inner()) {
         return Err(Failure::Environment(error));
     }
+    for prepared in &stock.programs {
+        let held = prepared.held_contour_mm.get();
+        let held = held.map_or_else(String::new, |mm| {
+            format!(", with a feed hold somewhere {:.1} µm", mm * 1e3)
+        });
+        say(&format!(
+            "{:<14}{:>5} scans; undisturbed, its table is at most {:.1} µm off the path{held}",
+            prepared.program.name,
+            prepared.undisturbed.scans,
+            prepared.undisturbed.contour_mm.0 * 1e3
+        ));
+    }
     conclude(
         &tally.into_inner().unwrap_or_else(|e| e.into_inner()),
         options,
@@ -176,18 +173,10 @@ fn stock(options: &FaultsOptions) -> anyhow::Result<Stock> {
         standby,
         plant: checked.plant,
     };
-    let machines_of = &machines;
-    let programs = std::thread::scope(|threads| {
-        let threads: Vec<_> = programs
-            .into_iter()
-            .map(|program| threads.spawn(move || prepare(machines_of, program)))
-            .collect();
-        let joined = threads.into_iter().map(|thread| {
-            let panicked = |_| Err(anyhow!("a program could not be prepared"));
-            thread.join().unwrap_or_else(panicked)
-        });
-        joined.collect::<anyhow::Result<Vec<_>>>()
-    })?;
+    let programs = programs
+        .into_iter()
+        .map(|program| prepare(&machines, program))
+        .collect::<anyhow::Result<Vec<_>>>()?;
     let shapes = programs
         .iter()
         .map(|prepared| Shape {
@@ -224,18 +213,24 @@ fn tell(stock: &Stock, seed: u64, scenario: &Scenario, verdict: &Verdict) {
         text += &format!("#   {line}\n");
     }
     text += &format!(
-        "# {} scans, {mode}; {} stops, {} trips, {} missed scans; {:.4} mm from the path (undisturbed {:.4}, held {:.4}), {:.4} mm in a trip; digest {:016x}{:016x}",
+        "# {} scans, {mode}; {} stops, {} trips, {} missed scans; {:.4} mm from the path (undisturbed {:.4}), {:.4} mm in a trip; digest {:016x}{:016x}",
         shown.scans,
         shown.stops.len(),
         shown.trips,
         shown.missed,
         shown.contour_mm.0,
         prepared.undisturbed.contour_mm.0,
-        prepared.held_contour_mm,
         shown.deviation_mm,
         shown.digest.0,
         shown.digest.1,
     );
+    for stop in &shown.stops {
+        let how = if stop.foreseen { "foreseen" } else { "braked" };
+        let until = stop
+            .until
+            .map_or("the end".into(), |scan| format!("scan {scan}"));
+        text += &format!("\n# stop {how}: scan {} to {until}", stop.from);
+    }
     for violation in &verdict.violations {
         text += &format!("\n# VIOLATION, scan {}: {}", violation.scan, violation.what);
     }

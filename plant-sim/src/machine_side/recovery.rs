@@ -21,6 +21,7 @@ impl MachineSide {
         self.program_start = latches.program_start;
         self.override_percent = latches.override_percent.min(100);
         self.overrun_scans = latches.overrun_scans;
+        self.may_end = latches.may_end == 1;
         self.digest.resume(latches.digest);
         self.mode = Mode::Disabled;
         self.cause = Cause::MachineSideLost;
@@ -36,6 +37,8 @@ impl MachineSide {
             program_start: self.program_start,
             override_percent: self.override_percent,
             overrun_scans: self.overrun_scans,
+            may_end: u32::from(self.may_end || matches!(self.mode, Mode::Stopping | Mode::Stopped)),
+            reserved: 0,
         }
     }
 

@@ -1,9 +1,11 @@
 //! One seed, run and judged.
 
+use std::sync::{Mutex, PoisonError};
+
 use bus::fault_file::{Action, Corruption, Fault};
 use bus::machine::{AfterLoss, AfterMachineSide, Machine};
 use bus::order_file::ScriptedOrder;
-use bus::sample::{Feedback, Job, MAX_AXES, Mode, OperatorRequest, Order};
+use bus::sample::{Cause, Feedback, Job, MAX_AXES, Mode, OperatorRequest, Order};
 use plant_sim::plant_file::PlantFile;
 use rehearsal::invariants::{Course, Judge, Shown, Stop, Violation};
 use rehearsal::{Rehearsal, Script};
@@ -17,6 +19,10 @@ const SCANS_MAX: u64 = 20_000;
 const READY_SCANS: u64 = 12;
 /// Places of a program in which a feed hold is measured, at most.
 const HOLDS_MAX: u64 = 160;
+/// How long the tool stands in them or, in the shorter ones, does not come to stand, in distribution periods.
+const STANDING_PERIODS: [u64; 5] = [1, 2, 5, 12, 64];
+/// So many stops in a row may add up in one contour error.
+const STOPS_TOGETHER: usize = 2;
 /// A feed hold that a late window is compared with lasts so long.
 const STANDING_SCANS: u64 = 96;
 /// The contour error of a fault may be larger than that of a feed hold in its place by so much, in mm.
@@ -33,6 +39,28 @@ pub struct Machines {
     pub plant: PlantFile,
 }
 
+/// A number that takes long to measure: measured once.
+#[derive(Debug, Default)]
+pub struct Measured(Mutex<Option<f64>>);
+
+impl Measured {
+    /// It, measured now if it has not been.
+    fn get_or_try(&self, measure: impl FnOnce() -> anyhow::Result<f64>) -> anyhow::Result<f64> {
+        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(value) = *kept {
+            return Ok(value);
+        }
+        let value = measure()?;
+        *kept = Some(value);
+        Ok(value)
+    }
+
+    /// It, if it has been measured.
+    pub fn get(&self) -> Option<f64> {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
 /// A program and what its undisturbed run has shown.
 #[derive(Debug)]
 pub struct Prepared {
@@ -42,8 +70,8 @@ pub struct Prepared {
     pub course: Course,
     /// Its undisturbed run.
     pub undisturbed: Shown,
-    /// Largest contour error of runs with one feed hold somewhere, in mm.
-    pub held_contour_mm: f64,
+    /// Largest contour error of runs with one feed hold somewhere, in mm; measured when it is first asked for.
+    pub held_contour_mm: Measured,
 }
 
 /// What became of a seed.
@@ -59,11 +87,14 @@ pub struct Verdict {
     pub fired: Vec<bool>,
 }
 
+/// When a servo's fault is over, and the scan of the first window sent since.
+type Recovery = (u64, Option<u64>);
+
 /// Which axes go on as if nothing had happened.
 struct Cover {
     standby: bool,
     /// Since when each servo is right again: a fault's end, and whether a window was sent since.
-    recovers: [[Option<(u64, Option<u64>)>; 2]; MAX_AXES],
+    recovers: [[Option<Recovery>; 2]; MAX_AXES],
     /// From then on the axis has been without a servo that could go on.
     lost: [bool; MAX_AXES],
 }
@@ -250,15 +281,17 @@ impl Machines {
                 );
             }
         }
-        let stays_on_path =
-            shown.trips == 0 && shown.missed == 0 && !struck.iter().any(|f| f.job == Job::Machine);
-        let usual_mm = prepared
-            .undisturbed
-            .contour_mm
-            .0
-            .max(prepared.held_contour_mm);
+        let stays_on_path = shown.trips == 0 && shown.missed == 0 && !struck.iter().any(|f| f.job == Job::Machine)
+            // Where only servos were struck, the motion is that of the undisturbed run to the bit: judged above.
+            && struck.iter().any(|f| f.job == Job::Planner);
+        let usual_mm = prepared.undisturbed.contour_mm.0;
         if stays_on_path && shown.contour_mm.0 > usual_mm + CONTOUR_SLACK_MM {
-            let mut held_mm = usual_mm;
+            let worst_mm = prepared
+                .held_contour_mm
+                .get_or_try(|| held_contour_mm(self, prepared))?;
+            // The friction of one stop is not forgotten by the next: the cost of two may add up.
+            let together = shown.stops.len().clamp(1, STOPS_TOGETHER) as f64;
+            let mut held_mm = usual_mm + together * (worst_mm - usual_mm).max(0.0);
             for orders in held_instead(&shown, scenario) {
                 verdict.runs += 1;
                 let twin = again(Script {
@@ -321,7 +354,8 @@ fn held_instead(shown: &Shown, scenario: &Scenario) -> Vec<Vec<ScriptedOrder>> {
         orders.sort_by_key(|order| order.scan);
         orders
     };
-    let mut sets = vec![holds(&shown.stops, None)];
+    // What the operator asked for costs what it costs.
+    let mut sets = vec![scenario.orders.clone(), holds(&shown.stops, None)];
     for (index, stop) in shown.stops.iter().enumerate() {
         if stop.foreseen {
             sets.push(holds(&shown.stops[..index], Some(stop)));
@@ -353,10 +387,12 @@ fn unexpected_end(
         || (restart.servo == AfterLoss::End && any(&|fault| fault.job == Job::Servo));
     let side_for_good =
         restart.machine_side == AfterMachineSide::End && any(&|fault| fault.job == Job::Machine);
+    // An axis that ran on without commands may be too far off when they come again.
+    let ran_off = shown.missed > 0 && shown.cause == Some(Cause::FollowingError);
     let fine = match shown.mode {
         Some(Mode::Finished) => true,
         Some(Mode::Tripped) => {
-            servo_for_good || side_for_good || (scenario.stops && shown.trips > 0)
+            servo_for_good || ran_off || side_for_good || (scenario.stops && shown.trips > 0)
         }
         Some(Mode::Stopped) => scenario.stops,
         Some(Mode::Disabled) => scenario.stops || side_for_good,
@@ -365,7 +401,8 @@ fn unexpected_end(
     };
     (!fine).then(|| {
         let mode = shown.mode.map_or("nothing", Mode::word);
-        format!("the run ended {mode}, and nothing in its script says why")
+        let cause = shown.cause.map_or("an unknown cause", Cause::words);
+        format!("the run ended {mode} ({cause}), and nothing in its script says why")
     })
 }
 
@@ -384,22 +421,22 @@ pub fn prepare(machines: &Machines, program: ShortProgram) -> anyhow::Result<Pre
         program.name,
         undisturbed.violations
     );
-    let held_contour_mm = held_contour_mm(machines, &program, &course, &undisturbed.shown)?;
     Ok(Prepared {
         undisturbed: undisturbed.shown,
         program,
         course,
-        held_contour_mm,
+        held_contour_mm: Measured::default(),
     })
 }
 
 /// Largest contour error of runs with one feed hold each: at places all along the program, short and long.
-fn held_contour_mm(
-    machines: &Machines,
-    program: &ShortProgram,
-    course: &Course,
-    undisturbed: &Shown,
-) -> anyhow::Result<f64> {
+fn held_contour_mm(machines: &Machines, prepared: &Prepared) -> anyhow::Result<f64> {
+    let Prepared {
+        program,
+        course,
+        undisturbed,
+        ..
+    } = prepared;
     let period = u64::from(machines.alone.scan.distribution_period_scans).max(1);
     let apart = (undisturbed.scans / HOLDS_MAX)
         .next_multiple_of(period)
@@ -414,7 +451,7 @@ fn held_contour_mm(
     let mut largest_mm = 0.0f64;
     let mut scan = period;
     while scan < undisturbed.scans {
-        for standing in [2 * period, STANDING_SCANS] {
+        for standing in STANDING_PERIODS.map(|periods| periods * period) {
             let orders = vec![
                 order(scan - 1, Order::Hold),
                 order(scan - 1 + standing, Order::Resume),
