@@ -783,7 +783,7 @@ mod tests {
     fn read(text: &str) -> Result<FaultScript, String> {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
         let mut machine = Machine::load(&folder).expect("the machine");
-        machine.axes[0].standby = true;
+        machine.axes.first_mut().expect("an axis").standby = true;
         parse("faults.toml", text, &machine).map_err(|e| e.to_string())
     }
 
