@@ -172,7 +172,7 @@ mod tests {
                 fault(130, Job::Machine, kill),
             ],
         };
-        let fired = |index| Some([100, 130][index]);
+        let fired = |index| [100, 130].get(index).copied();
         let mut desk = FaultDesk::new(script, fired, 130);
         // The launcher says in the roster that it takes part, before the kill; it must not be waited for in vain.
         assert_eq!(desk.next(130, false), None);
