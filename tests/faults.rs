@@ -49,6 +49,24 @@ fn run_with_faults(bench: &Bench, program: &Path, faults: &Path) -> Run {
     )
 }
 
+fn run_with_orders(bench: &Bench, program: &Path, faults: &Path, orders: &Path) -> Run {
+    let (faults, orders) = (faults.display().to_string(), orders.display().to_string());
+    let more = ["--faults", &faults, "--orders", &orders];
+    run_with(bench.path(), program, &more)
+}
+
+/// A script with a single kill.
+fn one_kill(bench: &Bench, restart: &str, process: &'static str, scan: u64) -> PathBuf {
+    let kill = Kills {
+        process,
+        from: scan,
+        every: 1,
+        times: 1,
+        back_after: 20,
+    };
+    script(bench, restart, &[kill])
+}
+
 fn starts(report: &Value, process: &str) -> u64 {
     let processes = report.pointer("/processes").and_then(Value::as_array);
     processes
@@ -369,17 +387,7 @@ scans = 60
     );
     let digests: Vec<_> = (0..3)
         .map(|_| {
-            let report = run_with(
-                bench.path(),
-                &program,
-                &[
-                    "--faults",
-                    &faults.display().to_string(),
-                    "--orders",
-                    &orders.display().to_string(),
-                ],
-            )
-            .good_report();
+            let report = run_with_orders(&bench, &program, &faults, &orders).good_report();
             (text(&report, "/motion_digest"), text(&report, "/digest"))
         })
         .collect();
@@ -406,16 +414,7 @@ fn a_planner_killed_in_a_hold_never_moves_the_machine_when_it_comes_back() {
             back_after: 30,
         }],
     );
-    let ended = run_with(
-        bench.path(),
-        &program,
-        &[
-            "--faults",
-            &faults.display().to_string(),
-            "--orders",
-            &orders.display().to_string(),
-        ],
-    );
+    let ended = run_with_orders(&bench, &program, &faults, &orders);
     ended.good_report();
     let mut stands = None;
     for sample in Reader::open(&ended.out.join("run.mcap")).expect("the log") {
@@ -443,27 +442,8 @@ fn a_planner_that_is_to_wait_leaves_the_machine_in_hold_until_somebody_resumes()
         "orders.toml",
         "[[order]]\nscan = 2000\norder = \"resume\"\n",
     );
-    let faults = script(
-        &bench,
-        "planner = \"wait\"",
-        &[Kills {
-            process: "planner",
-            from: 700,
-            every: 1,
-            times: 1,
-            back_after: 20,
-        }],
-    );
-    let ended = run_with(
-        bench.path(),
-        &program,
-        &[
-            "--faults",
-            &faults.display().to_string(),
-            "--orders",
-            &orders.display().to_string(),
-        ],
-    );
+    let faults = one_kill(&bench, "planner = \"wait\"", "planner", 700);
+    let ended = run_with_orders(&bench, &program, &faults, &orders);
     let report = ended.good_report();
     let resumed = number(&report, "/faults/0/resumed_at_scan");
     assert!((2000.0..2040.0).contains(&resumed), "{resumed}");
@@ -480,27 +460,8 @@ fn a_machine_side_that_comes_back_waits_with_its_drives_off_where_the_axes_stand
         "[[order]]\nscan = 1500\norder = \"resume\"\n[[order]]\nscan = 1600\norder = \"enable\"\n\
          [[order]]\nscan = 1800\norder = \"resume\"\n",
     );
-    let faults = script(
-        &bench,
-        "machine_side = \"wait\"",
-        &[Kills {
-            process: "plant-sim",
-            from: 700,
-            every: 1,
-            times: 1,
-            back_after: 1,
-        }],
-    );
-    let ended = run_with(
-        bench.path(),
-        &program,
-        &[
-            "--faults",
-            &faults.display().to_string(),
-            "--orders",
-            &orders.display().to_string(),
-        ],
-    );
+    let faults = one_kill(&bench, "machine_side = \"wait\"", "plant-sim", 700);
+    let ended = run_with_orders(&bench, &program, &faults, &orders);
     ended.good_report();
     assert!(
         ended
