@@ -180,6 +180,7 @@ fn only_the_machine_side_and_the_launcher_read_or_copy_the_plant_file() {
         root().join("src/run.rs"),
         root().join("src/run_dir.rs"),
         root().join("src/bench/circles.rs"),
+        root().join("src/bench/faults/trial.rs"),
         root().join("src/tune/bench.rs"),
     ];
     // A rehearsal is a cell: it hands the plant to the machine side.

@@ -159,6 +159,106 @@ mod tests {
         }
     }
 
+    fn script(faults: Vec<Fault>) -> FaultScript {
+        FaultScript {
+            name: "faults.toml".into(),
+            restart: RestartOverrides::default(),
+            faults,
+        }
+    }
+
+    fn feedback(scan: u64) -> Feedback {
+        Feedback {
+            scan,
+            ..bytemuck::Zeroable::zeroed()
+        }
+    }
+
+    /// All that is done in a scan: before its feedback is said, and after.
+    fn done_in(desk: &mut FaultDesk, scan: u64) -> [Vec<(usize, FaultStep)>; 2] {
+        let mut told = Vec::new();
+        desk.look(&feedback(scan), |index| told.push(index));
+        for index in told {
+            assert_eq!(desk.fired(index), Some(scan));
+        }
+        [false, true].map(|said| std::iter::from_fn(|| desk.next(scan, said)).collect())
+    }
+
+    #[test]
+    fn a_kill_is_done_in_its_scan_and_the_replacement_comes_so_many_scans_later() {
+        let kill = Action::Kill {
+            restart_after_scans: 3,
+        };
+        let mut desk = FaultDesk::new(script(vec![fault(5, Job::Planner, kill)]), |_| None, 0);
+        for scan in 0..20 {
+            let expected = match scan {
+                5 => vec![(0, FaultStep::Kill)],
+                8 => vec![(0, FaultStep::Restart)],
+                _ => vec![],
+            };
+            assert_eq!(done_in(&mut desk, scan), [expected, vec![]], "scan {scan}");
+            assert_eq!(desk.fired(0), (scan >= 5).then_some(5));
+        }
+        assert_eq!(desk.fired(1), None);
+        assert_eq!(desk.script().faults.len(), 1);
+    }
+
+    #[test]
+    fn who_was_stopped_is_awaited_from_a_scan_on_and_continued_once_its_feedback_is_said() {
+        let stop = Action::Stop { scans: 2 };
+        let mut desk = FaultDesk::new(script(vec![fault(4, Job::Servo, stop)]), |_| None, 0);
+        assert_eq!(done_in(&mut desk, 4), [vec![(0, FaultStep::Stop)], vec![]]);
+        assert_eq!(done_in(&mut desk, 5), [vec![], vec![]]);
+        assert_eq!(
+            done_in(&mut desk, 6),
+            [
+                vec![(0, FaultStep::Readmit)],
+                vec![(0, FaultStep::Continue)]
+            ]
+        );
+        assert_eq!(done_in(&mut desk, 7), [vec![], vec![]]);
+    }
+
+    #[test]
+    fn only_the_sender_whose_samples_are_lost_is_excused_and_only_while_they_are() {
+        let drop = Action::Drop { scans: 2 };
+        let mut desk = FaultDesk::new(script(vec![fault(4, Job::Servo, drop)]), |_| None, 0);
+        let servo = |axis, job: u32| Participant {
+            job,
+            axis,
+            ..bytemuck::Zeroable::zeroed()
+        };
+        for scan in 0..10 {
+            assert_eq!(done_in(&mut desk, scan), [vec![], vec![]]);
+            let excused = |axis, job| desk.excuses(&servo(axis, job), scan);
+            assert_eq!(excused(0, Job::Servo as u32), scan == 4 || scan == 5);
+            assert!(!excused(1, Job::Servo as u32));
+            assert!(!excused(0, 77), "no such job");
+        }
+    }
+
+    #[test]
+    fn a_machine_side_that_comes_later_does_what_is_left_and_nothing_twice() {
+        let kill = Action::Kill {
+            restart_after_scans: 10,
+        };
+        let faults = vec![
+            fault(100, Job::Planner, kill),
+            fault(105, Job::Machine, kill),
+            fault(105, Job::Monitor, kill),
+        ];
+        let fired = |index: usize| [100, 105, 105].get(index).copied();
+        let mut desk = FaultDesk::new(script(faults), fired, 105);
+        assert_eq!(
+            done_in(&mut desk, 105),
+            [vec![(2, FaultStep::Kill)], vec![]]
+        );
+        assert_eq!(
+            done_in(&mut desk, 110),
+            [vec![(0, FaultStep::Restart)], vec![]]
+        );
+    }
+
     #[test]
     fn a_process_due_to_go_on_in_the_scan_the_machine_side_dies_in_is_continued_by_the_next_one() {
         let kill = Action::Kill {
