@@ -54,6 +54,8 @@ pub enum Command {
     Tune(TuneOptions),
     /// The project's own measurements, each beside its floor on this machine
     Bench(BenchOptions),
+    /// Run a cell and kill its processes at random instants, again and again: does everything hold that must?
+    Soak(SoakOptions),
     /// The machine side of a running cell (started by `run`)
     PlantSim(PlantSimOptions),
     /// The planner of a running cell (started by `run`)
@@ -199,6 +201,25 @@ pub struct TuneOptions {
     /// Lost motion of axes that have no scale, as AXIS=µm,…: X=8.3,Y=12.3
     #[arg(long, value_name = "AXIS=UM", value_delimiter = ',')]
     pub lost_motion_um: Vec<String>,
+}
+
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "A run of a program of lines, arcs, dwells and rapids is started on a copy of the machine, on which every loss is\nfollowed by a restart; every axis has a standby in one run, every second in the next. Its processes are killed\n(SIGKILL: planner, servos, standbys, monitor, plant-sim, two at once) and stopped for a while (SIGSTOP), each time as\nsoon as the cell is whole again and some random microseconds later. After the loss of the machine side the soak sends\n`enable` and `resume` as an operator does. When the program is done, the next run begins.\n\nJudged all the while: no step of a command beyond velocity and acceleration limits; commanded points on the path to\nthe increment; modes change only as documented; the end exact; limits in the run's log; nobody grows, nobody stays\ndead, no process and no file of the cell outlives its run.\n\nExit status 0: no violation; 1: some, printed, with the seed and the folder of the run.\n\n  quadrant soak machines/xy --kills 500"
+)]
+pub struct SoakOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml; axes X and Y with 30 mm to either side of 0
+    #[arg(default_value = BENCH_MACHINE)]
+    pub machine: PathBuf,
+    /// Processes to kill in all
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    pub kills: u64,
+    /// realtime: scans at absolute times; lockstep: as fast as the machine goes
+    #[arg(long, default_value = "realtime", value_parser = ["realtime", "lockstep"])]
+    pub pace: String,
+    /// Repeats the choices of program and strikes; the instants are the PC's [default: another one every time]
+    #[arg(long, value_name = "S")]
+    pub seed: Option<u64>,
 }
 
 #[derive(Debug, Clone, Args)]

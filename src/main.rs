@@ -19,6 +19,7 @@ mod roles;
 mod run;
 mod run_dir;
 mod signals;
+mod soak;
 mod supervisor;
 mod tune;
 
@@ -43,6 +44,7 @@ fn main() -> std::process::ExitCode {
         cli::Command::Disable(options) => operator::simple(Order::Disable, &options),
         cli::Command::Tune(options) => tune::tune(&options),
         cli::Command::Bench(options) => bench::bench(&options),
+        cli::Command::Soak(options) => soak::soak(&options),
         cli::Command::BenchPong(options) => bench::pong(&options),
         cli::Command::PlantSim(options) => roles::plant_sim(&options),
         cli::Command::Planner(options) => roles::planner(&options),
