@@ -10,8 +10,9 @@ mod judge;
 mod program;
 mod tally;
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fs;
+use std::hash::{BuildHasher, Hasher, RandomState};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -46,7 +47,7 @@ const STOP_US: (u64, u64) = (20_000, 300_000);
 /// How long everybody is, in µs.
 const STOP_ALL_US: u64 = 200_000;
 /// Undisturbed length of a program in s, in realtime and in lockstep, at most; and for each kill that is still to come.
-const PROGRAM_S: [f64; 2] = [30.0, 120.0];
+const PROGRAM_S: [f64; 2] = [60.0, 240.0];
 const PROGRAM_S_PER_KILL: [f64; 2] = [0.6, 5.0];
 /// Dead children of the launcher are reaped within this.
 const REAP_LIMIT: Duration = Duration::from_secs(2);
@@ -70,7 +71,7 @@ enum Strike {
     StopAll,
 }
 
-/// The strikes, as often as they are to come, of the kinds alone that kill for certain and of all.
+/// The strikes, and how often they are to come among all of them.
 const STRIKES: [(Strike, u64); 9] = [
     (Strike::KillPlanner, 30),
     (Strike::KillDriving, 20),
@@ -83,7 +84,14 @@ const STRIKES: [(Strike, u64); 9] = [
     (Strike::StopAll, 4),
 ];
 
-fn draw(dice: &mut Dice) -> Strike {
+fn draw(dice: &mut Dice, only: Option<&str>) -> Strike {
+    match only {
+        Some("planner") => return Strike::KillPlanner,
+        Some("servo") => return Strike::KillDriving,
+        Some("monitor") => return Strike::KillMonitor,
+        Some("plant-sim") => return Strike::KillMachineSide,
+        _ => {}
+    }
     let all = STRIKES.iter().map(|(_, share)| share).sum();
     let mut left = dice.below(all);
     for (strike, share) in STRIKES {
@@ -102,9 +110,9 @@ struct Blow {
     stopped: Option<Duration>,
 }
 
-fn blow(dice: &mut Dice, cell: &Cell) -> Blow {
+fn blow(dice: &mut Dice, cell: &Cell, only: Option<&str>) -> Blow {
     let places = cell.places();
-    let strike = draw(dice);
+    let strike = draw(dice, only);
     let of = |job: Job| -> Vec<usize> {
         let found = places.iter().filter(|(_, p)| p.job == job as u32);
         found.map(|(place, _)| *place).collect()
@@ -163,7 +171,8 @@ fn blow(dice: &mut Dice, cell: &Cell) -> Blow {
                 Some(Job::Monitor) => "stop monitor 20-300 ms",
                 Some(Job::Machine) => "stop plant-sim 20-300 ms",
                 _ => {
-                    let of_axis = |q: &&(usize, Participant)| q.1.job == p.job && q.1.axis == p.axis;
+                    let of_axis =
+                        |q: &&(usize, Participant)| q.1.job == p.job && q.1.axis == p.axis;
                     if places.iter().filter(of_axis).count() > 1 {
                         "stop servo (paired) 20-300 ms"
                     } else {
@@ -186,7 +195,10 @@ fn blow(dice: &mut Dice, cell: &Cell) -> Blow {
 }
 
 fn axis_of(places: &[(usize, Participant)], place: usize) -> Option<u32> {
-    places.iter().find(|(at, _)| *at == place).map(|(_, p)| p.axis)
+    places
+        .iter()
+        .find(|(at, _)| *at == place)
+        .map(|(_, p)| p.axis)
 }
 
 /// Incarnations of places: another process has a place once its number is higher.
@@ -196,7 +208,7 @@ fn incarnations(cell: &Cell, of: &[usize]) -> Vec<(usize, u32)> {
     of.map(|(place, p)| (*place, p.incarnation)).collect()
 }
 
-/// First and last memory and open files of a process, and how much it grew.
+/// What a process held when it was first seen.
 #[derive(Debug, Clone, Copy)]
 struct Held {
     first_kb: u64,
@@ -213,13 +225,16 @@ struct Soak<'a> {
     tally: Tally,
     kills: u64,
     strikes: u64,
+    /// The last strike was not waited out.
+    early: bool,
     runs: u64,
     violations: Vec<String>,
     violation_count: u64,
     judged: u64,
     unseen: u64,
     off_path_max: f64,
-    growth_kb_max: u64,
+    /// By what a process is.
+    growth_kb_max: BTreeMap<String, u64>,
     files_growth_max: usize,
     shared_growth_max: usize,
     overrun_scans: u64,
@@ -233,8 +248,8 @@ struct Soak<'a> {
 pub fn soak(options: &SoakOptions) -> Outcome {
     logs::init_launcher();
     let seed = options.seed.unwrap_or_else(|| {
-        let nanos = Instant::now().elapsed().as_nanos() as u64;
-        u64::from(std::process::id()) << 20 ^ nanos
+        // Hash maps begin with a random number of the system's.
+        RandomState::new().build_hasher().finish() % 1_000_000_000
     });
     check::load(&options.machine, None).input()?;
     let signals = Signals::catch().environment()?;
@@ -250,13 +265,14 @@ pub fn soak(options: &SoakOptions) -> Outcome {
         tally: Tally::default(),
         kills: 0,
         strikes: 0,
+        early: false,
         runs: 0,
         violations: Vec::new(),
         violation_count: 0,
         judged: 0,
         unseen: 0,
         off_path_max: 0.0,
-        growth_kb_max: 0,
+        growth_kb_max: BTreeMap::new(),
         files_growth_max: 0,
         shared_growth_max: 0,
         overrun_scans: 0,
@@ -303,7 +319,11 @@ impl Soak<'_> {
         }
         machine["restart"]["restarts_max"] = value(1_000_000);
         let axes = machine["axis"].as_array_of_tables_mut();
-        for (index, axis) in axes.into_iter().flat_map(|axes| axes.iter_mut()).enumerate() {
+        for (index, axis) in axes
+            .into_iter()
+            .flat_map(|axes| axes.iter_mut())
+            .enumerate()
+        {
             axis["standby"] = value(self.runs % 2 == 1 || index % 2 == 0);
         }
         fs::write(self.scratch.join("machine.toml"), machine.to_string())?;
@@ -319,7 +339,8 @@ impl Soak<'_> {
         self.runs += 1;
         self.write_machine().environment()?;
         let pace = usize::from(!self.realtime());
-        let left = (self.options.kills - self.kills) as f64 * PROGRAM_S_PER_KILL[pace];
+        let pause_s = self.options.pause_ms as f64 * 1e-3;
+        let left = (self.options.kills - self.kills) as f64 * (PROGRAM_S_PER_KILL[pace] + pause_s);
         let seconds = left.clamp(2.0, PROGRAM_S[pace]);
         let program = self.scratch.join("soak.ngc");
         fs::write(&program, program::generate(&mut self.dice, seconds)).environment()?;
@@ -369,13 +390,14 @@ impl Soak<'_> {
     }
 
     fn strike_until_done(&mut self, cell: &mut Cell) {
-        if !self.await_whole(cell, &[], &[]) {
+        if !self.await_whole(cell) {
             return;
         }
         let shared_at_first = cell.files();
         let mut held: HashMap<i32, Held> = HashMap::new();
         while self.kills < self.options.kills && self.signals.count() == 0 {
-            let pause = Duration::from_micros(self.dice.below(PAUSE_US));
+            let pause_us = self.options.pause_ms * 1000 + self.dice.below(PAUSE_US);
+            let pause = Duration::from_micros(pause_us);
             if !cell.look_until(Instant::now() + pause) {
                 return;
             }
@@ -383,7 +405,8 @@ impl Soak<'_> {
             if cell.mode() == Some(Mode::Finished) {
                 return;
             }
-            let blow = blow(&mut self.dice, cell);
+            let only = self.options.only.as_deref();
+            let blow = blow(&mut self.dice, cell, only);
             if !self.strike(cell, &blow) {
                 return;
             }
@@ -419,14 +442,16 @@ impl Soak<'_> {
         }
         self.strikes += 1;
         let mut back = None;
+        let mut early = false;
         let whole = if let Some(stopped) = blow.stopped {
             let goes_on = cell.look_until(at + stopped);
             for process in &struck {
                 process.signal(Signal::CONT);
             }
             // What was stopped has to have been asked again before it shows what it makes of it.
-            goes_on && cell.look_until(Instant::now() + Duration::from_millis(20))
-                && self.await_whole(cell, &[], &[])
+            goes_on
+                && cell.look_until(Instant::now() + Duration::from_millis(20))
+                && self.await_whole(cell)
         } else {
             self.kills += struck.len() as u64;
             let whole = self.await_back(cell, &before);
@@ -434,11 +459,19 @@ impl Soak<'_> {
                 let ms = at.elapsed().as_secs_f64() * 1e3;
                 back = Some((cell.scan().saturating_sub(scan) as f64, ms));
             }
-            whole && self.await_whole(cell, &before, &struck)
+            // Now and then the next strike comes while the machine is on its way back.
+            early = self.dice.below(10) == 0;
+            whole && (early || self.await_whole(cell))
+        };
+        let kind = if std::mem::replace(&mut self.early, early) {
+            "any, before the one before was over"
+        } else {
+            blow.kind
         };
         let reactions = cell.judge.reactions();
         let ended = cell.status.is_some() || cell.mode() == Some(Mode::Finished);
         let reaction = match reactions {
+            _ if early => "(another strike before it was over)",
             r if r.disabled => "drives off, enabled and resumed by the operator",
             r if r.tripped => "all axes braked together, went back to the path and on",
             r if r.rested && !ended => "rested on the path and went on",
@@ -450,10 +483,11 @@ impl Soak<'_> {
         };
         self.overrun_scans += u64::from(reactions.overrun_scans);
         self.tally.add(&Came {
-            kind: blow.kind,
+            kind,
             reaction,
             restart: back,
-            whole_scans: (whole && !ended).then(|| cell.scan().saturating_sub(scan) as f64),
+            whole_scans: (whole && !ended && !early)
+                .then(|| cell.scan().saturating_sub(scan) as f64),
         });
         whole
     }
@@ -468,7 +502,10 @@ impl Soak<'_> {
             let places = cell.places();
             let back = before.iter().all(|(place, incarnation)| {
                 let is = |(at, p): &&(usize, Participant)| at == place && p.live == 1;
-                places.iter().find(is).is_some_and(|(_, p)| p.incarnation > *incarnation)
+                places
+                    .iter()
+                    .find(is)
+                    .is_some_and(|(_, p)| p.incarnation > *incarnation)
             });
             if back {
                 return true;
@@ -485,12 +522,7 @@ impl Soak<'_> {
     }
 
     /// Waits until all take part and the machine moves or is done; false if the run has ended or that does not come.
-    fn await_whole(
-        &mut self,
-        cell: &mut Cell,
-        _before: &[(usize, u32)],
-        _struck: &[&Process],
-    ) -> bool {
+    fn await_whole(&mut self, cell: &mut Cell) -> bool {
         let since = Instant::now();
         loop {
             if !cell.look() {
@@ -526,10 +558,9 @@ impl Soak<'_> {
         held: &mut HashMap<i32, Held>,
         shared_at_first: usize,
     ) {
-        let mut all = cell.processes();
-        all.retain(|p| p.pid != cell.launcher);
-        let pids: Vec<i32> = all.iter().map(|p| p.pid).chain([cell.launcher]).collect();
-        for pid in pids {
+        let all = cell.processes().into_iter().map(|p| (p.pid, p.role));
+        let launcher = (cell.launcher, "launcher".to_string());
+        for (pid, role) in all.chain([launcher]) {
             let now = cell::resident_kb(pid).zip(cell::open_files(pid));
             let Some((kb, files)) = now.filter(|(kb, _)| *kb > 0) else {
                 continue;
@@ -540,13 +571,16 @@ impl Soak<'_> {
             });
             let grew_kb = kb.saturating_sub(first.first_kb);
             let grew_files = files.saturating_sub(first.first_files);
-            self.growth_kb_max = self.growth_kb_max.max(grew_kb);
+            let most = self.growth_kb_max.entry(role.clone()).or_default();
+            *most = grew_kb.max(*most);
             self.files_growth_max = self.files_growth_max.max(grew_files);
             if grew_kb > GROWTH_MAX_KB {
-                self.violated(format!("process {pid} has grown by {grew_kb} kB"));
+                self.violated(format!("{role}, process {pid}, has grown by {grew_kb} kB"));
             }
             if grew_files > FILES_MAX {
-                self.violated(format!("process {pid} holds {grew_files} more files open"));
+                self.violated(format!(
+                    "{role}, process {pid}, holds {grew_files} more files open"
+                ));
             }
         }
         let shared = cell.files().saturating_sub(shared_at_first);
@@ -649,7 +683,9 @@ impl Soak<'_> {
     fn shared_after(&mut self, place: &CellPlace) {
         let files = cell::files_of(place);
         if files > 0 {
-            self.violated(format!("{files} files of the cell in /dev/shm after its run"));
+            self.violated(format!(
+                "{files} files of the cell in /dev/shm after its run"
+            ));
         }
     }
 
@@ -681,12 +717,13 @@ impl Soak<'_> {
     fn conclude(self, seed: u64) -> Outcome {
         say("");
         say(&self.tally.words());
-        let period = if self.realtime() { ", one period each" } else { "" };
+        let growth = self.growth_kb_max.iter();
+        let growth: Vec<String> = growth.map(|(role, kb)| format!("{role} {kb}")).collect();
         say(&format!(
-            "{} kills, {} strikes, {} runs, {:.0} s; {} scans judged, {} not seen{period}\n\
+            "{} kills, {} strikes, {} runs, {:.0} s; {} scans judged, {} not seen\n\
              commanded points off the path: at most {:.2} increments; scans overrun and counted: {}\n\
              operator: {} orders obeyed, {} refused until the machine was ready for them\n\
-             growth of a process: at most {} kB and {} open files; of the cell's shared memory: {} files\n\
+             growth of a process, in kB at most: {}; at most {} open files; of the cell's shared memory: {} files\n\
              status: of {} looks none saw the machine older than {} scans before a servo's last answer",
             self.kills,
             self.strikes,
@@ -698,7 +735,7 @@ impl Soak<'_> {
             self.overrun_scans,
             self.orders.0,
             self.orders.1,
-            self.growth_kb_max,
+            growth.join(", "),
             self.files_growth_max,
             self.shared_growth_max,
             self.status_looks,

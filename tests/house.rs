@@ -182,6 +182,7 @@ fn only_the_machine_side_and_the_launcher_read_or_copy_the_plant_file() {
         root().join("src/bench/circles.rs"),
         root().join("src/bench/faults/trial.rs"),
         root().join("src/tune/bench.rs"),
+        root().join("src/soak.rs"),
     ];
     // A rehearsal is a cell: it hands the plant to the machine side.
     let others = crates().into_iter();
@@ -294,4 +295,30 @@ fn code_that_runs_in_a_scan_refuses_to_panic_by_lint() {
             assert!(text.contains(lint), "{file} does not deny {lint}");
         }
     }
+}
+
+/// A step of the system's time (a clock that is set, daylight saving) is nothing to a scan: time is CLOCK_MONOTONIC alone.
+#[test]
+fn nothing_but_the_name_of_a_run_directory_hangs_on_the_system_time() {
+    let clocks = [
+        "SystemTime",
+        "CLOCK_REALTIME",
+        "ClockId::Realtime",
+        "UNIX_EPOCH",
+        "gettimeofday",
+    ];
+    for krate in crates() {
+        for (path, text) in sources(&root().join(krate).join("src")) {
+            for clock in clocks {
+                assert!(!text.contains(clock), "{} uses {clock}", path.display());
+            }
+        }
+    }
+    for (path, text) in sources(&root().join("src")) {
+        let uses = clocks.iter().any(|clock| text.contains(clock));
+        let may = path.ends_with("src/run_dir.rs");
+        assert!(!uses || may, "{} uses the system time", path.display());
+    }
+    let realtime = fs::read_to_string(root().join("bus/src/realtime.rs")).expect("a source");
+    assert!(realtime.contains("ClockId::Monotonic"));
 }

@@ -34,6 +34,8 @@ pub struct Process {
     pub pid: i32,
     /// Its place in the roster.
     pub place: usize,
+    /// What it is: its subcommand.
+    pub role: String,
     handle: OwnedFd,
 }
 
@@ -261,7 +263,12 @@ impl Cell {
             && !feedback.window.is_none()
             && !feedback.tag.is_off_path()
             && feedback.at_rest == 0;
-        all_live && (moves || feedback.mode == Mode::Finished as u32)
+        // After the loss of the machine side the newest feedback may be that of the one that was killed.
+        let machine = self
+            .roster
+            .and_then(|roster| roster.living(Job::Machine, 0, 0).copied());
+        let speaks = machine.is_some_and(|machine| machine.incarnation == feedback.incarnation);
+        all_live && speaks && (moves || feedback.mode == Mode::Finished as u32)
     }
 
     /// Does what an operator does after the loss of the machine side: drives on, and on.
@@ -309,9 +316,15 @@ impl Cell {
             let words: Vec<&[u8]> = line.split(|b| *b == 0).collect();
             let at = words.iter().position(|word| *word == b"--place")?;
             let place = std::str::from_utf8(words.get(at + 1)?).ok()?.parse().ok()?;
+            let role = String::from_utf8_lossy(words.get(1)?).into_owned();
             // Held first and looked at again: what was read is of the process that is held.
             let held = stat(pid).is_some_and(|(p, _)| p == self.launcher);
-            held.then_some(Process { pid, place, handle })
+            held.then_some(Process {
+                pid,
+                place,
+                role,
+                handle,
+            })
         })
         .collect()
     }

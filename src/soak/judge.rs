@@ -138,7 +138,10 @@ impl Judge {
         self.judged += 1;
         let scan = feedback.scan;
         let Some(mode) = Mode::from_wire(feedback.mode) else {
-            self.violated(format!("scan {scan}: mode {} does not exist", feedback.mode));
+            self.violated(format!(
+                "scan {scan}: mode {} does not exist",
+                feedback.mode
+            ));
             return;
         };
         if let Some(before) = self.before.take() {
@@ -232,8 +235,12 @@ impl Judge {
 
     /// Steps of the registers within what velocity and acceleration allow; commanded points on the path.
     fn registers(&mut self, feedback: &Feedback, mode: Mode, before: &Feedback) {
-        let commanded =
-            |mode| matches!(mode, Mode::Enabled | Mode::Stopping | Mode::Finished | Mode::Stopped);
+        let commanded = |mode| {
+            matches!(
+                mode,
+                Mode::Enabled | Mode::Stopping | Mode::Finished | Mode::Stopped
+            )
+        };
         // In the scan in which a trip ends the register goes from the encoder's place to the command's.
         let judged = commanded(mode) && Mode::from_wire(before.mode).is_some_and(commanded);
         if !judged {
@@ -252,12 +259,17 @@ impl Judge {
             if scans == 0.0 {
                 // No command: the register must not have moved.
                 if way != 0.0 {
-                    broken = Some(format!("its register moved by {way} increments without a command"));
+                    broken = Some(format!(
+                        "its register moved by {way} increments without a command"
+                    ));
                 }
             } else {
                 let step = way / scans;
                 if step.abs() > bounds.step {
-                    broken = Some(format!("{step:.0} increments a scan, limit {:.0}", bounds.step));
+                    broken = Some(format!(
+                        "{step:.0} increments a scan, limit {:.0}",
+                        bounds.step
+                    ));
                 }
                 if let Some((last_step, last_scans)) = *last {
                     // Mean steps over several scans: their centres lie that far apart.
@@ -296,7 +308,11 @@ impl Judge {
         let Some(path) = &self.path else { return };
         let mut worst = None;
         for (index, (axis, bounds)) in feedback.axes().iter().zip(&self.bounds).enumerate() {
-            let tag = self.tags.iter().rev().find(|(scan, _)| *scan == axis.command_scan);
+            let tag = self
+                .tags
+                .iter()
+                .rev()
+                .find(|(scan, _)| *scan == axis.command_scan);
             let Some((_, tag)) = tag else { continue };
             let Some(element) = path.elements.get(tag.element as usize) else {
                 continue;
@@ -334,10 +350,9 @@ impl Judge {
     }
 
     fn stands_by_encoders(&mut self, feedback: &Feedback) {
-        let differs = feedback
-            .axes()
-            .iter()
-            .any(|axis| ![axis.motor_position, axis.scale_position].contains(&axis.command_register));
+        let differs = feedback.axes().iter().any(|axis| {
+            ![axis.motor_position, axis.scale_position].contains(&axis.command_register)
+        });
         if differs {
             self.violated(format!(
                 "scan {}: drives off, and a register is not where the encoder is",
@@ -360,7 +375,9 @@ impl Judge {
         let registers: Vec<i64> = last.axes().iter().map(|a| a.command_register).collect();
         let end = self.end.get(..registers.len()).unwrap_or_default();
         if !end.is_empty() && registers != end {
-            self.violated(format!("the program ends at {end:?}, the registers at {registers:?}"));
+            self.violated(format!(
+                "the program ends at {end:?}, the registers at {registers:?}"
+            ));
         }
     }
 }
@@ -422,7 +439,10 @@ mod tests {
     #[test]
     fn a_register_off_the_path_is_seen() {
         assert!(verdict(|scan, f| f.axes[1].command_register = i64::from(scan > 9) * 3) > 0);
-        assert_eq!(verdict(|scan, f| f.axes[1].command_register = i64::from(scan > 9)), 0);
+        assert_eq!(
+            verdict(|scan, f| f.axes[1].command_register = i64::from(scan > 9)),
+            0
+        );
     }
 
     #[test]

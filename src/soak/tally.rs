@@ -91,8 +91,22 @@ impl Tally {
     pub fn words(&self) -> String {
         let mut text = format!(
             "{:<34} {:>7}   {:^26}   {:^26}   {:^26}\n{:<34} {:>7}   {:>8} {:>8} {:>8}   {:>8} {:>8} {:>8}   {:>8} {:>8} {:>8}\n",
-            "strike", "times", "restarted, scans", "restarted, ms", "moves on, scans", "", "", "p50",
-            "p99", "max", "p50", "p99", "max", "p50", "p99", "max",
+            "strike",
+            "times",
+            "restarted, scans",
+            "restarted, ms",
+            "moves on, scans",
+            "",
+            "",
+            "p50",
+            "p99",
+            "max",
+            "p50",
+            "p99",
+            "max",
+            "p50",
+            "p99",
+            "max",
         );
         for (kind, row) in &self.rows {
             let _ = writeln!(

@@ -1,0 +1,26 @@
+//! A short soak: the long one is `quadrant soak machines/xy --kills 500` (docs/measurements.md).
+
+use crate::support::quadrant;
+
+#[test]
+fn a_dozen_live_kills_break_nothing() {
+    let soak = quadrant()
+        .args(["soak", "machines/xy", "--kills", "12", "--seed", "7"])
+        .output()
+        .expect("a soak");
+    let said = String::from_utf8_lossy(&soak.stdout);
+    let stderr = String::from_utf8_lossy(&soak.stderr);
+    assert_eq!(soak.status.code(), Some(0), "{said}{stderr}");
+    assert!(said.contains("violations: 0"), "{said}");
+}
+
+#[test]
+fn a_soak_without_a_number_of_kills_or_of_no_machine_is_refused() {
+    for arguments in [
+        ["soak", "machines/xy"].as_slice(),
+        &["soak", "nowhere", "--kills", "3"],
+    ] {
+        let soak = quadrant().args(arguments).output().expect("a soak");
+        assert_eq!(soak.status.code(), Some(2), "{arguments:?}");
+    }
+}
