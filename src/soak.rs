@@ -288,7 +288,10 @@ pub fn soak(options: &SoakOptions) -> Outcome {
         options.kills
     ));
     while soak.kills < options.kills && soak.signals.count() == 0 {
-        soak.run()?;
+        if let Err(failure) = soak.run() {
+            let _ = fs::remove_dir_all(&soak.scratch);
+            return Err(failure);
+        }
     }
     soak.conclude(seed)
 }

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use bus::cell::CellPlace;
 use bus::machine::Machine;
+use bus::page::Page;
 use bus::port::Reader;
 use bus::sample::Feedback;
 use bus::service::Bus;
@@ -179,7 +180,9 @@ impl LiveCell {
         let place = CellPlace::new(&self.cell).expect("a cell name");
         let started = Instant::now();
         loop {
-            if let Ok(bus) = Bus::enter(&place, &machine, "test", false)
+            // Who enters before the launcher has made its page stands in the way of it while it cleans up.
+            if Page::open(&place).is_ok_and(|page| page.launcher_pid() == self.child.id())
+                && let Ok(bus) = Bus::enter(&place, &machine, "test", false)
                 && let Ok(reader) = bus.feedback_reader(1)
             {
                 return (bus, reader);

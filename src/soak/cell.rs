@@ -132,11 +132,17 @@ impl Cell {
             .process_group(0)
             .spawn()
             .context("starting a run")?;
+        let launcher = child.id();
         let enter = || -> anyhow::Result<_> {
+            // The launcher makes its page last: from then on all services are there, and what a run before has left is not. Who enters before that stands in the way of the one who cleans up.
+            let page = Page::open(&place)?;
+            if page.launcher_pid() != launcher {
+                bail!("the page is of another launcher");
+            }
             let bus = Bus::enter(&place, start.machine, "soak", false)?;
             let feedback = bus.feedback_reader(RECORDER_DEPTH_SCANS)?;
             let rosters = bus.roster_reader(16)?;
-            Ok((Page::open(&place)?, bus, feedback, rosters))
+            Ok((page, bus, feedback, rosters))
         };
         let since = Instant::now();
         let (page, bus, mut feedback, mut rosters) = loop {
