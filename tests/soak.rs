@@ -14,6 +14,18 @@ fn a_dozen_live_kills_break_nothing() {
     assert!(said.contains("violations: 0"), "{said}");
 }
 
+/// A machine side that is killed between saying a scan and saving it: whoever comes after it must not say that scan again.
+#[test]
+fn in_lockstep_the_machine_side_is_killed_at_any_instant_and_the_next_one_is_answered() {
+    let soak = quadrant()
+        .args(["soak", "machines/xy", "--kills", "10", "--seed", "3"])
+        .args(["--pace", "lockstep", "--only", "plant-sim"])
+        .output()
+        .expect("a soak");
+    let said = String::from_utf8_lossy(&soak.stdout);
+    assert_eq!(soak.status.code(), Some(0), "{said}");
+}
+
 #[test]
 fn a_soak_without_a_number_of_kills_or_of_no_machine_is_refused() {
     for arguments in [

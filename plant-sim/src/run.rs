@@ -318,6 +318,7 @@ impl Cell {
         let page = &self.member.page;
         self.seen_before_waking = page.machine_bell().count();
         page.expect_answers(asked.count as u32);
+        page.set_answered(self.member.seat().place, scan);
         self.ports.feedback.send(feedback);
         page.scan_bell().ring();
         if ask_planner {
@@ -458,7 +459,10 @@ pub fn run(options: &Options) -> Result<(), MachineSideError> {
     let ports = Ports::open(&member)?;
     let mut simulations = plant.simulations(&member.machine)?;
     let latches = restore(&member, &mut simulations)?;
-    let first_scan = latches.map_or(0, |latches| latches.scan + 1);
+    let first_scan = first_scan(
+        latches.map(|latches| latches.scan),
+        member.page.answered_scan(options.seat.place),
+    );
     let mut side = MachineSide::new(
         &member.machine,
         simulations,
@@ -600,6 +604,13 @@ fn obey(side: &mut MachineSide, order: &ScriptedOrder) {
     }
 }
 
+/// The first scan of a machine side, from the scan that one before it has saved last and the one it has said last. A scan that
+/// was said and not saved is not said again: who has answered it would not answer another of that number, and in lockstep
+/// everybody would wait for ever.
+fn first_scan(saved: Option<u64>, said: Option<u64>) -> u64 {
+    saved.max(said).map_or(0, |scan| scan + 1)
+}
+
 /// Takes over what a machine side before this one left.
 fn restore(
     member: &Member,
@@ -611,4 +622,18 @@ fn restore(
         saved.restore(simulations)?;
     }
     Ok(latches)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::first_scan;
+
+    #[test]
+    fn a_scan_that_was_said_before_the_kill_is_not_said_again() {
+        assert_eq!(first_scan(None, None), 0);
+        assert_eq!(first_scan(Some(7), Some(7)), 8);
+        assert_eq!(first_scan(Some(7), Some(8)), 9);
+        // Killed in its first scan: what stands is not saved, but the number is spent.
+        assert_eq!(first_scan(None, Some(0)), 1);
+    }
 }

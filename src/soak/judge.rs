@@ -146,9 +146,7 @@ impl Judge {
         };
         if let Some(before) = self.before.take() {
             let anew = feedback.incarnation > before.incarnation;
-            // One that takes another's place may say its last scan again: it was killed before it had saved it.
-            let follows = scan > before.scan || anew && scan == before.scan;
-            if !follows {
+            if scan <= before.scan {
                 self.violated(format!("scan {scan} comes after scan {}", before.scan));
             }
             self.unseen += scan.saturating_sub(before.scan + 1);
