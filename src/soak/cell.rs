@@ -22,6 +22,8 @@ use super::judge::Judge;
 
 /// A cell that is not up by then never will be.
 const UP_LIMIT: Duration = Duration::from_secs(30);
+/// Members of a launcher that was killed get so long to leave.
+const CLEAN_PATIENCE: Duration = Duration::from_secs(5);
 /// Wait between two looks at the feedback: its queue holds a thousand scans.
 const LOOK: Duration = Duration::from_micros(500);
 /// Time between two orders of the operator.
@@ -151,11 +153,13 @@ impl Cell {
                 Err(error) if since.elapsed() > UP_LIMIT => {
                     let _ = child.kill();
                     let _ = child.wait();
+                    clean(&place);
                     return Err(error.context("the cell does not come up"));
                 }
                 Err(_) => std::thread::sleep(Duration::from_millis(2)),
             }
             if let Some(status) = child.try_wait()? {
+                clean(&place);
                 bail!("a run ended with {status} before its cell was up");
             }
         };
@@ -364,7 +368,15 @@ impl Drop for Cell {
             }
             let _ = self.child.kill();
             let _ = self.child.wait();
+            clean(&self.place);
         }
+    }
+}
+
+/// Removes what a launcher that was killed has left of the cell.
+fn clean(place: &CellPlace) {
+    if let Err(error) = place.own(CLEAN_PATIENCE) {
+        tracing::warn!(%error, "the cell's files stay");
     }
 }
 
