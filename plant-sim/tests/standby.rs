@@ -424,3 +424,27 @@ fn a_machine_side_goes_on_from_what_another_one_left_with_its_drives_off() {
     next.side.resume(&bench.side.latches());
     assert!((0..400).any(|_| next.scans(1).last == 1));
 }
+
+#[test]
+fn an_axis_outside_its_travel_on_either_side_keeps_the_drives_off() {
+    for (min_mm, max_mm, refused) in [
+        (-10.0, 10.0, Refused::Not),
+        (1.0, 10.0, Refused::OutsideTravel),
+        (-10.0, -1.0, Refused::OutsideTravel),
+    ] {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
+        let mut machine = Machine::load(&folder).expect("the machine");
+        let axis = machine.axes.first_mut().expect("an axis");
+        (axis.travel_min_mm, axis.travel_max_mm) = (min_mm, max_mm);
+        let plant = PlantFile::load(&folder).expect("the plant");
+        let simulations = plant.simulations(&machine).expect("axes");
+        let mut bench = Bench::new();
+        bench.side = MachineSide::new(&machine, simulations, 1, 0, false, RunEnd::AfterProgram);
+        bench.scans(2);
+        assert_eq!(
+            bench.order(Order::Enable),
+            refused,
+            "{min_mm} to {max_mm} mm"
+        );
+    }
+}
