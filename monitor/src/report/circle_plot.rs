@@ -110,7 +110,7 @@ pub(super) fn draw_against(
     let colours = [COUNTER_CLOCKWISE, CLOCKWISE];
     let most_um = most_um(&both, |point| point.table_um.abs());
     let division_um = division_holding_um(most_um);
-    let height = CAPTIONS_Y + 20 + 60 * 2;
+    let height = CAPTIONS_Y + 40 * 2;
     let drawn = svg::write(path, (WIDTH, height), |area| {
         title(area, first, evaluation)?;
         grid(area, first, evaluation)?;

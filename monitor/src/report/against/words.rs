@@ -229,7 +229,7 @@ pub(super) fn text(against: &Against) -> String {
         wrapped(&outcome(side), "   ", &mut line);
     }
     line(motion(against).into());
-    line("Differences are A - B, per cent those of B: minus is less than in B; undercuts are negative.".into());
+    line("Differences are A - B, per cent those of B. Undercuts are negative.".into());
     line(String::new());
     if against.settings.is_empty() {
         line("Settings: the same in both".into());
@@ -320,7 +320,7 @@ pub(super) fn html(
         page.list(&faults.collect::<Vec<_>>());
     }
     page.paragraph(motion(against));
-    page.note("Differences are A − B, per cent those of B: minus is less than in B; undercuts are negative.");
+    page.note("Differences are A − B, per cent those of B: minus is less than in B. Undercuts are negative.");
     settings(against, &mut page);
     for section in sections(against) {
         page.heading(section.title);
