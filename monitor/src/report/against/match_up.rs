@@ -35,10 +35,10 @@ pub(super) fn matched<'a, T, K: Ord + Clone>(
 }
 
 /// Each with its key and which one of that key it is, from 1.
-fn numbered<'a, T, K: Ord + Clone>(
-    all: &'a [T],
+fn numbered<T, K: Ord + Clone>(
+    all: &[T],
     key: impl Fn(&T) -> K,
-) -> impl Iterator<Item = ((K, usize), &'a T)> {
+) -> impl Iterator<Item = ((K, usize), &T)> {
     let mut counts: BTreeMap<K, usize> = BTreeMap::new();
     all.iter().map(move |one| {
         let key = key(one);
