@@ -30,7 +30,7 @@ pub enum Command {
     Check(CheckOptions),
     /// Plan a program without running it: time, distance, limits, setpoints per scan
     Plan(PlanOptions),
-    /// Make report and plots again from a run's log
+    /// Make report and plots again from a run's log; or hold one run against another
     Report(ReportOptions),
     /// Feed hold of a running cell: the tool comes to rest on the path and waits for `resume`
     Hold(OperatorOptions),
@@ -171,9 +171,15 @@ pub struct PlanOptions {
 }
 
 #[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Writes report.txt, report.json, report.html and plots into the run directory; with --against into\nRUN_DIR/against-NAME, NAME being that of the other run's directory, in which nothing is written.\n\nBefore and after a change of the machine file:\n  quadrant report runs/after --against runs/before"
+)]
 pub struct ReportOptions {
     /// A run directory
     pub run_dir: PathBuf,
+    /// The directory of another run of the same program on the same machine, whose settings may differ: both side by side
+    #[arg(long, value_name = "RUN_DIR")]
+    pub against: Option<PathBuf>,
     /// Print report.json instead of the text
     #[arg(long)]
     pub json: bool,

@@ -18,6 +18,7 @@ mod report;
 mod roles;
 mod run;
 mod run_dir;
+mod settings_difference;
 mod signals;
 mod soak;
 mod supervisor;

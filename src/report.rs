@@ -1,4 +1,4 @@
-//! `quadrant report`: report and plots from a run's log.
+//! `quadrant report`: report and plots from a run's log, or from two.
 
 use std::fs;
 use std::path::Path;
@@ -9,8 +9,9 @@ use crate::cli::ReportOptions;
 use crate::exit::{Kind, Outcome};
 use crate::logs;
 use crate::output::say;
+use crate::settings_difference;
 
-/// Makes report.json, report.txt and the plots of a run directory; the text.
+/// Makes report.json, report.txt, report.html and the plots of a run directory; the text.
 ///
 /// # Errors
 /// The log cannot be read, or the folder not be written.
@@ -29,12 +30,28 @@ pub fn make(run_dir: &Path) -> anyhow::Result<String> {
 /// Makes the report again and prints it.
 pub fn report(options: &ReportOptions) -> Outcome {
     logs::init_launcher();
+    if let Some(other) = &options.against {
+        return against(&options.run_dir, other, options.json);
+    }
     let text = make(&options.run_dir).input()?;
     if options.json {
         let json = options.run_dir.join("report.json");
         say(&fs::read_to_string(json).input()?);
     } else {
         say(&text);
+    }
+    Ok(())
+}
+
+/// Holds one run against another and prints what differs.
+fn against(a: &Path, b: &Path, json: bool) -> Outcome {
+    let settings = settings_difference::between(a, b).input()?;
+    let written = monitor::report::against::make_against(a, b, settings).input()?;
+    if json {
+        say(&written.json);
+    } else {
+        say(&written.text);
+        say(&format!("Comparison: {}", written.folder.display()));
     }
     Ok(())
 }

@@ -83,14 +83,24 @@ fn utc(seconds: u64) -> String {
     )
 }
 
+/// Copies in a run directory that say how the run was set up, besides its program.
+pub const SETTINGS_FILES: [&str; 5] = [
+    "machine.toml",
+    "plant.toml",
+    LEARNED_FILE,
+    "orders.toml",
+    "faults.toml",
+];
+
 /// Files of a run directory that are not the program.
-const RESERVED: [&str; 9] = [
+const RESERVED: [&str; 10] = [
     "machine.toml",
     "learned.toml",
     "plant.toml",
     "run.mcap",
     "report.json",
     "report.txt",
+    "report.html",
     "events.jsonl",
     "orders.toml",
     "faults.toml",
@@ -108,7 +118,9 @@ pub fn program_name(program: &Path) -> anyhow::Result<&str> {
         .to_str()
         .with_context(|| format!("{shown}: a program's name must be UTF-8"))?;
     let is_log = name.starts_with("run-") && name.ends_with(".mcap");
-    if RESERVED.contains(&name) || is_log || name.ends_with(".svg") {
+    // Folders of comparisons.
+    let is_against = name.starts_with("against-");
+    if RESERVED.contains(&name) || is_log || is_against || name.ends_with(".svg") {
         bail!("{shown}: a file of that name is written by the run itself: rename the program");
     }
     Ok(name)

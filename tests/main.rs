@@ -1,5 +1,6 @@
 //! The whole machine, as its users meet it: through the `quadrant` command, with real processes and real shared memory.
 
+mod against;
 mod bad_input;
 mod bad_samples;
 mod bench;

@@ -35,6 +35,7 @@ use control::path::{AxisVector, MAX_AXES, Path};
 use crate::log::Sample;
 use align::{Aligner, ScanSet};
 use arc::{ArcMeter, ArcResult};
+use axis::blocks::{BlockMeter, BlockPeaks};
 use axis::{AxisMeter, LimitCounts, LimitsAudit};
 use faults::{FaultResult, Faults, ProcessResult, Seen};
 use reversal::{ReversalMeter, ReversalResult};
@@ -67,6 +68,8 @@ pub struct Measurements {
     pub axes: Vec<AxisMeter>,
     /// Distance of the table from the programmed path, in mm.
     pub contour_error_mm: Statistics,
+    /// Peaks of every block that was travelled, by line of the program, in order.
+    pub blocks: Vec<(u32, BlockPeaks)>,
     /// Every run of arcs on one circle, in order of travel.
     pub arcs: Vec<ArcResult>,
     /// Every change of direction of a command, in order of time.
@@ -100,6 +103,7 @@ pub struct Analysis {
     axes: Vec<AxisMeter>,
     audit: LimitsAudit,
     contour_mm: Statistics,
+    blocks: BlockMeter,
     arcs: ArcMeter,
     reversals: Vec<ReversalMeter>,
     faults: Faults,
@@ -135,6 +139,7 @@ impl Analysis {
             axes: machine.axes.iter().map(AxisMeter::of).collect(),
             audit: LimitsAudit::new(&machine),
             contour_mm: Statistics::default(),
+            blocks: BlockMeter::default(),
             arcs: ArcMeter::new(&path, &kinematics, period_s),
             reversals: increments_mm
                 .iter()
@@ -200,6 +205,7 @@ impl Analysis {
             scan_period_s: self.machine.scan_period_s(),
             axes: self.axes,
             contour_error_mm: self.contour_mm,
+            blocks: self.blocks.finish(),
             arcs,
             reversals,
             limits: self.audit.counts,
@@ -256,6 +262,9 @@ impl Analysis {
         }
         self.audit.take(feedback);
         let contour_mm = self.path_deviation(set, feedback, drives_on, follows);
+        if self.on_path && drives_on {
+            self.take_block(set, feedback, contour_mm);
+        }
         let seen = self.seen(set, feedback, contour_mm);
         self.faults.scan(feedback, &seen);
         self.take_backlash(set);
@@ -263,6 +272,19 @@ impl Analysis {
             *commanded = set.command(index).is_some();
         }
         self.last = Some(*feedback);
+    }
+
+    /// The scan's share of the block that its command stands in; off the path it is none's.
+    fn take_block(&mut self, set: &ScanSet, feedback: &Feedback, contour_mm: f64) {
+        let element = self.path.elements.get(feedback.tag.element as usize);
+        let Some(element) = element.filter(|_| !feedback.tag.is_off_path()) else {
+            return;
+        };
+        let errors = (0..self.axes.len()).map(|axis| {
+            let command = set.command(axis);
+            command.map_or(0.0, |command| command.following_error_mm)
+        });
+        self.blocks.take(element.line, contour_mm, errors);
     }
 
     /// The backlash compensation that is in force in the next scan.

@@ -1,10 +1,13 @@
-//! The report of a run: `report.json`, `report.txt` and plots, made from its log.
+//! The report of a run: `report.json`, `report.txt`, `report.html` and plots, made from its log; and of one run against another.
 //!
 //! Making it again gives the same bytes; wall time and real-time factor are the recorder's, and stand in the log.
 
+pub mod against;
 mod circle_plot;
 pub mod comparison;
+mod html;
 mod json;
+mod page;
 mod svg;
 mod text;
 mod tracking_plot;
@@ -20,8 +23,9 @@ use control::path::AxisVector;
 use program::{Program, ProgramError, Setup};
 
 pub use json::{
-    ArcReport, AxisReport, Death, FaultReport, LimitsReport, LogReport, MaxMin, OutcomeReport,
-    PartReport, PeakRms, PredictionReport, ProcessReport, Report, ReversalReport, ScanRange,
+    ArcReport, AxisReport, BlockReport, Death, FaultReport, LimitsReport, LogReport, MaxMin,
+    OutcomeReport, PartReport, PeakRms, PeakRmsPercentiles, PredictionReport, ProcessReport,
+    Report, ReversalReport, ScanRange,
 };
 
 use crate::log::{LogError, Part, RunEnd, RunInfo, RunLog, Sample};
@@ -55,6 +59,12 @@ pub enum ReportError {
         /// Why.
         source: std::io::Error,
     },
+    /// Two runs that cannot be compared.
+    #[error("{what}")]
+    Compare {
+        /// Which, and what differs.
+        what: String,
+    },
     /// A plot cannot be drawn.
     #[error("{path}: cannot be drawn: {what}")]
     Plot {
@@ -87,7 +97,7 @@ pub struct Evaluation {
     pub program_matches: Option<bool>,
 }
 
-/// Measures the log in a run directory and writes `report.json`, `report.txt` and the plots there.
+/// Measures the log in a run directory and writes `report.json`, `report.txt`, `report.html` and the plots there.
 ///
 /// # Errors
 /// The log, the machine file or the program in the directory cannot be read or do not fit together; or the report
@@ -99,12 +109,11 @@ pub fn make_report(run_dir: &Path) -> Result<Report, ReportError> {
         let path = run_dir.join(name);
         std::fs::write(&path, text).map_err(|source| ReportError::Write { path, source })
     };
-    for old in old_circles(run_dir) {
-        let _ = std::fs::remove_file(old);
-    }
-    circle_plot::draw_all(run_dir, &evaluation)?;
+    remove_old_circles(run_dir);
+    let circles = circle_plot::draw_all(run_dir, &evaluation)?;
     tracking_plot::draw(&run_dir.join("tracking.svg"), &evaluation)?;
     write("report.txt", text::page(&report))?;
+    write("report.html", html::page(&report, run_dir, &circles)?)?;
     write("report.json", report.to_json())?;
     Ok(report)
 }
@@ -200,12 +209,8 @@ fn fits(run_dir: &Path, machine: &Machine, reader: &RunLog) -> Result<(), Report
     Ok(())
 }
 
-fn load_program(
-    run_dir: &Path,
-    machine: &Machine,
-    info: &RunInfo,
-    start: &Start,
-) -> Result<Program, ReportError> {
+/// Copy of the program in a run directory.
+fn program_file(run_dir: &Path, info: &RunInfo) -> Result<PathBuf, ReportError> {
     let name = Path::new(&info.program);
     // The name comes from a file: it may not lead out of the run directory.
     if name.file_name() != Some(name.as_os_str()) {
@@ -217,17 +222,23 @@ fn load_program(
             ),
         });
     }
+    Ok(run_dir.join(name))
+}
+
+fn load_program(
+    run_dir: &Path,
+    machine: &Machine,
+    info: &RunInfo,
+    start: &Start,
+) -> Result<Program, ReportError> {
+    let file = program_file(run_dir, info)?;
     let mut at = AxisVector::zeros();
     let registers = machine.axes.iter().zip(start.registers);
     for (place, (axis, register)) in at.iter_mut().zip(registers) {
         *place = register as f64 * axis.increment_mm();
     }
     let start = program::kinematics_of(machine).tool(&at);
-    Ok(program::load(
-        &run_dir.join(name),
-        &Setup::of(machine),
-        start,
-    )?)
+    Ok(program::load(&file, &Setup::of(machine), start)?)
 }
 
 /// Letter of a coordinate of the path: the program's, which is not the axis' own where an arm stands in for Y.
@@ -237,17 +248,18 @@ fn coordinate(machine: &Machine, index: usize) -> String {
     axis.map_or("?".into(), |axis| axis.letter.to_string())
 }
 
-/// Plots that an earlier report left.
-fn old_circles(run_dir: &Path) -> Vec<PathBuf> {
-    let Ok(entries) = std::fs::read_dir(run_dir) else {
-        return Vec::new();
+/// Removes the plots that an earlier report left: it may have had more of them.
+fn remove_old_circles(folder: &Path) {
+    let Ok(entries) = std::fs::read_dir(folder) else {
+        return;
     };
-    let is_circle = |path: &PathBuf| {
-        let name = path.file_name().and_then(|name| name.to_str());
-        name.is_some_and(|name| name.starts_with("circle-") && name.ends_with(".svg"))
-    };
-    entries
-        .filter_map(|entry| Some(entry.ok()?.path()))
-        .filter(is_circle)
-        .collect()
+    for entry in entries.flatten() {
+        let name = entry.file_name();
+        let is_circle = name
+            .to_str()
+            .is_some_and(|name| name.starts_with("circle-") && name.ends_with(".svg"));
+        if is_circle {
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
 }

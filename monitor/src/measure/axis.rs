@@ -1,8 +1,12 @@
 //! One axis over the run: following error, torque, heat; and the audit of its setpoints.
 
+pub mod blocks;
+pub mod percentiles;
+
 use bus::machine::{Axis, Machine, Rows};
 use bus::sample::{AxisCommand, AxisFeedback, Feedback, MAX_AXES, Mode};
 
+use self::percentiles::Percentiles;
 use super::prediction::PredictionMeter;
 use super::series::{MinMaxSeries, Statistics};
 
@@ -14,6 +18,8 @@ pub const AMBIENT_C: f64 = 20.0;
 pub struct AxisMeter {
     /// Command minus feedback, compensation not counted, in mm, while the drives were on.
     pub following_error_mm: Statistics,
+    /// Percentiles of its magnitude, in µm.
+    pub following_error_um_percentiles: Percentiles,
     /// The same over time, in µm.
     pub following_error_um_series: MinMaxSeries,
     /// Motor torque, in N·m, while the drives were on.
@@ -56,6 +62,8 @@ impl AxisMeter {
         }
         if let Some(command) = command {
             self.following_error_mm.take(command.following_error_mm);
+            self.following_error_um_percentiles
+                .take(command.following_error_mm * 1e3);
             self.following_error_um_series
                 .take(scan, command.following_error_mm * 1e3);
         }

@@ -38,11 +38,13 @@ const MOTOR_CLOCKWISE: RGBColor = RGBColor(0xf0, 0xb0, 0x8e);
 
 type Drawn = Result<(), String>;
 
-/// Draws one plot per distinct circle and feed.
-pub(super) fn draw_all(run_dir: &Path, evaluation: &Evaluation) -> Result<(), ReportError> {
+/// Draws one plot per distinct circle and feed; the names of the files.
+pub(super) fn draw_all(
+    run_dir: &Path,
+    evaluation: &Evaluation,
+) -> Result<Vec<String>, ReportError> {
     let mut groups: Vec<Vec<&ArcResult>> = Vec::new();
-    let shown = |arc: &&ArcResult| fitted(&arc.table.fit) && arc.measured_deg >= SHOWN_DEG_MIN;
-    for arc in evaluation.measurements.arcs.iter().filter(shown) {
+    for arc in evaluation.measurements.arcs.iter().filter(|arc| shown(arc)) {
         let group = groups.iter().position(|group| {
             group.first().is_some_and(|first| {
                 first.circle.plane == arc.circle.plane
@@ -60,11 +62,19 @@ pub(super) fn draw_all(run_dir: &Path, evaluation: &Evaluation) -> Result<(), Re
             groups.push(vec![arc]);
         }
     }
+    let mut names = Vec::new();
     for (index, group) in groups.iter().enumerate() {
-        let path = run_dir.join(format!("circle-{}.svg", index + 1));
+        let name = format!("circle-{}.svg", index + 1);
+        let path = run_dir.join(&name);
         draw(&path, group, evaluation).map_err(|what| ReportError::Plot { path, what })?;
+        names.push(name);
     }
-    Ok(())
+    Ok(names)
+}
+
+/// Whether a run is a circle to the eye.
+pub(super) fn shown(arc: &ArcResult) -> bool {
+    fitted(&arc.table.fit) && arc.measured_deg >= SHOWN_DEG_MIN
 }
 
 fn draw(path: &Path, runs: &[&ArcResult], evaluation: &Evaluation) -> Drawn {
@@ -89,6 +99,52 @@ fn draw(path: &Path, runs: &[&ArcResult], evaluation: &Evaluation) -> Drawn {
     })
 }
 
+/// One circle of two runs on one scale: residuals of the table, each about its own least-squares circle.
+pub(super) fn draw_against(
+    path: &Path,
+    runs: [(&ArcResult, &Evaluation); 2],
+    names: &[String; 2],
+) -> Result<(), ReportError> {
+    let [(first, evaluation), (second, _)] = runs;
+    let both = [first, second];
+    let colours = [COUNTER_CLOCKWISE, CLOCKWISE];
+    let most_um = most_um(&both, |point| point.table_um.abs());
+    let division_um = division_holding_um(most_um);
+    let height = CAPTIONS_Y + 40 * 2;
+    let drawn = svg::write(path, (WIDTH, height), |area| {
+        title(area, first, evaluation)?;
+        grid(area, first, evaluation)?;
+        for (run, colour) in both.into_iter().zip(colours).rev() {
+            curve(area, run, division_um, colour, 1.6, |point| point.table_um)?;
+        }
+        scale(area, division_um)?;
+        scale_captions(area, division_um)?;
+        let letters = ["A", "B"].into_iter().zip(names);
+        for (index, ((run, colour), (letter, name))) in
+            both.into_iter().zip(colours).zip(letters).enumerate()
+        {
+            let y = CAPTIONS_Y + 40 * index as i32;
+            let ends = vec![at(40, y), at(74, y)];
+            area.draw(&PathElement::new(ends, line_style(colour, 3.0)))
+                .map_err(words)?;
+            let short: String = name.chars().take(40).collect();
+            let [x_um, y_um] = run.table.fit.centre_mm.map(|mm| mm * 1e3);
+            let line = format!(
+                "{letter}  {short}, line {}:  G {:.2} µm  ·  radius {:+.2} µm  ·  centre {x_um:+.2} / {y_um:+.2} µm",
+                run.line,
+                run.table.circular_um,
+                run.table.fit.radius_error_mm * 1e3
+            );
+            write(area, &line, at(86, y), 15, &INK, LEFT)?;
+        }
+        Ok(())
+    });
+    drawn.map_err(|what| ReportError::Plot {
+        path: path.into(),
+        what,
+    })
+}
+
 fn colours(run: &ArcResult) -> (RGBColor, RGBColor) {
     if run.circle.clockwise {
         (CLOCKWISE, MOTOR_CLOCKWISE)
@@ -99,9 +155,16 @@ fn colours(run: &ArcResult) -> (RGBColor, RGBColor) {
 
 /// The smallest of 1, 2, 5 × 10^n µm by which everything fits into the divisions.
 fn division_um(runs: &[&ArcResult]) -> f64 {
-    let deviation = |point: &CurvePoint| point.table_um.abs().max(point.motor_um.abs());
+    let most_um = most_um(runs, |point| point.table_um.abs().max(point.motor_um.abs()));
+    division_holding_um(most_um)
+}
+
+fn most_um(runs: &[&ArcResult], of: impl Fn(&CurvePoint) -> f64) -> f64 {
     let points = runs.iter().flat_map(|run| &run.curve);
-    let most_um = points.map(deviation).fold(0.0, f64::max);
+    points.map(of).fold(0.0, f64::max)
+}
+
+fn division_holding_um(most_um: f64) -> f64 {
     let mut decade = 0.01;
     while decade < 1e6 {
         for step in [1.0, 2.0, 5.0] {
@@ -310,7 +373,7 @@ fn protrusions(area: &Area, run: &ArcResult, division_um: f64) -> Drawn {
     Ok(())
 }
 
-fn captions(area: &Area, runs: &[&ArcResult], division_um: f64) -> Drawn {
+fn scale_captions(area: &Area, division_um: f64) -> Drawn {
     let scale = format!("1 division = {} µm", tidy(division_um));
     write(area, &scale, at(WIDTH - 40, 38), 17, &INK, RIGHT)?;
     write(
@@ -320,7 +383,11 @@ fn captions(area: &Area, runs: &[&ArcResult], division_um: f64) -> Drawn {
         13,
         &SOFT,
         RIGHT,
-    )?;
+    )
+}
+
+fn captions(area: &Area, runs: &[&ArcResult], division_um: f64) -> Drawn {
+    scale_captions(area, division_um)?;
     for (index, run) in runs.iter().enumerate() {
         let (table, motor) = colours(run);
         let y = CAPTIONS_Y + 60 * index as i32;

@@ -18,7 +18,7 @@ G2 X50 Y-10 I-10 J0 F1000
 M2
 ";
 
-const DEVIATION: Deviation = Deviation {
+pub(super) const DEVIATION: Deviation = Deviation {
     centre_mm: [0.0012, -0.0007],
     radius_mm: -0.0031,
     bump_mm: [0.0071, 0.0052, 0.0064, 0.0083],
@@ -28,12 +28,21 @@ const DEVIATION: Deviation = Deviation {
 };
 
 /// A run directory with everything but the report.
-fn run_directory(dir: &Path) {
+pub(super) fn run_directory(dir: &Path) {
     run_directory_in_parts(dir, std::iter::empty());
 }
 
 /// The same, without these scans: in each gap a recorder died and its successor began the next part.
 fn run_directory_in_parts(dir: &Path, gaps: impl IntoIterator<Item = std::ops::Range<u64>>) {
+    run_directory_of(dir, DEVIATION, gaps);
+}
+
+/// The same of a table that deviates otherwise.
+pub(super) fn run_directory_of(
+    dir: &Path,
+    deviation: Deviation,
+    gaps: impl IntoIterator<Item = std::ops::Range<u64>>,
+) {
     let mut gaps = gaps.into_iter().peekable();
     std::fs::write(dir.join("machine.toml"), machine_text(&["X", "Y"])).unwrap();
     std::fs::write(dir.join("circle.ngc"), PROGRAM).unwrap();
@@ -44,7 +53,7 @@ fn run_directory_in_parts(dir: &Path, gaps: impl IntoIterator<Item = std::ops::R
         AxisVector::zeros(),
     )
     .unwrap();
-    let run = SyntheticRun::new(program.path, program.source_hash, DEVIATION);
+    let run = SyntheticRun::new(program.path, program.source_hash, deviation);
     let info = RunInfo {
         quadrant: "0.1.0".into(),
         cell: "test".into(),
@@ -95,6 +104,7 @@ fn a_report_has_the_names_of_the_interface_and_is_made_again_to_the_byte() {
     let files = [
         "report.json",
         "report.txt",
+        "report.html",
         "tracking.svg",
         "circle-1.svg",
         "circle-2.svg",
@@ -131,12 +141,20 @@ fn a_report_has_the_names_of_the_interface_and_is_made_again_to_the_byte() {
         "/axes/0/axis",
         "/axes/1/following_error_um/peak",
         "/axes/0/following_error_um/rms",
+        "/axes/0/following_error_um/p50",
+        "/axes/0/following_error_um/p95",
+        "/axes/0/following_error_um/p99",
         "/axes/0/missed_scans",
         "/axes/0/torque_rms_nm",
         "/axes/0/torque_peak_nm",
         "/axes/0/winding_c_peak",
         "/contour_error_um/peak",
         "/contour_error_um/rms",
+        "/blocks/0/block",
+        "/blocks/0/scans",
+        "/blocks/0/contour_error_um_peak",
+        "/blocks/0/following_error_um_peak/X",
+        "/blocks/0/following_error_um_peak/Y",
         "/arcs/0/block",
         "/arcs/0/plane",
         "/arcs/0/centre_mm/1",
@@ -178,7 +196,96 @@ fn a_report_has_the_names_of_the_interface_and_is_made_again_to_the_byte() {
     assert!((number("/arcs/1/centre_offset_um/0") - 1.2).abs() < 0.05);
     assert!((number("/arcs/1/circular_deviation_um") - 8.3).abs() < 0.1);
     assert_eq!(number("/axes/0/winding_c_peak"), 25.0);
+    for line in first[1].lines() {
+        assert!(line.chars().count() <= 92, "{line}");
+    }
     assert_eq!(number("/real_time_factor"), number("/scans") * 1e-3 / 0.5);
+}
+
+#[test]
+fn the_peaks_of_the_blocks_are_those_of_the_run() {
+    let dir = tempfile::tempdir().unwrap();
+    run_directory(dir.path());
+    let report = make_report(dir.path()).unwrap();
+    let lines: Vec<u32> = report.blocks.iter().map(|block| block.block).collect();
+    assert_eq!(lines, [3, 4, 5, 6, 7, 8, 9]);
+    let scans: u64 = report.blocks.iter().map(|block| block.scans).sum();
+    assert!(
+        scans <= report.scans && scans + 30 > report.scans,
+        "{scans} of {}",
+        report.scans
+    );
+    let peaks = report
+        .blocks
+        .iter()
+        .map(|block| block.contour_error_um_peak);
+    assert_eq!(peaks.reduce(f64::max), Some(report.contour_error_um.peak));
+    // The table deviates on arcs only.
+    let of = |line: u32| {
+        report
+            .blocks
+            .iter()
+            .find(|block| block.block == line)
+            .unwrap()
+    };
+    assert!(of(4).contour_error_um_peak > 5.0 * of(6).contour_error_um_peak);
+    for axis in &report.axes {
+        let error = &axis.following_error_um;
+        assert!(error.p50 <= error.p95 && error.p95 <= error.p99 && error.p99 <= error.peak);
+        let peaks = report
+            .blocks
+            .iter()
+            .map(|b| b.following_error_um_peak[&axis.axis]);
+        assert!(peaks.reduce(f64::max) <= Some(error.peak));
+    }
+}
+
+#[test]
+fn the_page_stands_alone_and_says_first_how_it_ended() {
+    let dir = tempfile::tempdir().unwrap();
+    run_directory(dir.path());
+    make_report(dir.path()).unwrap();
+    let page = std::fs::read_to_string(dir.path().join("report.html")).unwrap();
+    for from_elsewhere in [
+        "<script", "<link", "<img", "src=", "href=", "url(", "@import",
+    ] {
+        assert!(!page.contains(from_elsewhere), "{from_elsewhere}");
+    }
+    // Names of vocabularies are not fetched; nothing else may name a place in the net.
+    let places = page.replace("xmlns=\"http://www.w3.org/2000/svg\"", "");
+    assert!(!places.contains("http"), "names a place in the net");
+    assert_eq!(page.matches("<svg ").count(), 3, "tracking and two circles");
+    let body = page.split("<body>").nth(1).unwrap();
+    let outcome = body.find("Completed.").unwrap();
+    assert!(outcome < body.find("<table").unwrap() && outcome < body.find("<svg").unwrap());
+    for (open, close) in [
+        ("<table", "</table>"),
+        ("<tr>", "</tr>"),
+        ("<div", "</div>"),
+        ("<svg", "</svg>"),
+    ] {
+        assert_eq!(
+            page.matches(open).count(),
+            page.matches(close).count(),
+            "{open}"
+        );
+    }
+}
+
+#[test]
+fn a_stopped_run_is_called_so_on_its_page() {
+    let dir = tempfile::tempdir().unwrap();
+    run_directory(dir.path());
+    let log = dir.path().join(LOG_FILE);
+    let whole = std::fs::read(&log).unwrap();
+    std::fs::write(&log, &whole[..whole.len() / 2]).unwrap();
+    make_report(dir.path()).unwrap();
+    let page = std::fs::read_to_string(dir.path().join("report.html")).unwrap();
+    assert!(
+        page.contains("<p class=\"outcome bad\"><b>Stopped.</b>"),
+        "{page:.3000}"
+    );
+    assert!(page.contains("The log is not whole"));
 }
 
 #[test]

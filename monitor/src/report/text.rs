@@ -2,10 +2,12 @@
 
 use std::fmt::Write as _;
 
-use super::json::{ArcReport, Report, ReversalReport, ScanRange};
+use super::json::{ArcReport, BlockReport, Report, ReversalReport, ScanRange};
 
 /// Lines that a table shows before it says how many more there are.
 const ROWS_MAX: usize = 40;
+/// Blocks that the table shows: those with the largest contour error.
+const BLOCKS_MAX: usize = 16;
 /// Gaps of the log that are named in a line before it says how many more there are.
 const GAPS_MAX: usize = 5;
 
@@ -14,6 +16,8 @@ pub fn page(report: &Report) -> String {
     let mut page = String::new();
     head(report, &mut page);
     axes(report, &mut page);
+    following_error(report, &mut page);
+    blocks(report, &mut page);
     arcs(report, &mut page);
     reversals(report, &mut page);
     processes(report, &mut page);
@@ -173,6 +177,74 @@ fn axes(report: &Report, page: &mut String) {
             page,
             "  (winding: rise above an assumed room temperature of {} °C)",
             axis.ambient_c
+        );
+    }
+    line!(page);
+}
+
+fn following_error(report: &Report, page: &mut String) {
+    if report.axes.is_empty() {
+        return;
+    }
+    line!(
+        page,
+        "Following error, in µm: 50, 95 and 99 % of the scans do not exceed (0.8 % too high at most)"
+    );
+    line!(page, "           50 %      95 %      99 %      peak");
+    for axis in &report.axes {
+        let error = &axis.following_error_um;
+        line!(
+            page,
+            "  {:<2} {:>10.2}{:>10.2}{:>10.2}{:>10.2}",
+            axis.axis,
+            error.p50,
+            error.p95,
+            error.p99,
+            error.peak
+        );
+    }
+    line!(page);
+}
+
+/// The blocks with the largest contour error, at most `most`, in the order of the program.
+pub(super) fn worst_blocks(report: &Report, most: usize) -> Vec<&BlockReport> {
+    let mut blocks: Vec<&BlockReport> = report.blocks.iter().collect();
+    let peak = |block: &BlockReport| block.contour_error_um_peak;
+    blocks.sort_by(|a, b| peak(b).total_cmp(&peak(a)).then(a.block.cmp(&b.block)));
+    blocks.truncate(most);
+    blocks.sort_by_key(|block| block.block);
+    blocks
+}
+
+fn blocks(report: &Report, page: &mut String) {
+    if report.blocks.is_empty() {
+        return;
+    }
+    let count = report.blocks.len();
+    line!(
+        page,
+        "Peaks per block, in µm: contour error, following error of each axis"
+    );
+    if count > BLOCKS_MAX {
+        line!(
+            page,
+            "(the {BLOCKS_MAX} of {count} with the largest contour error; all stand in report.json)"
+        );
+    }
+    let heads = report.axes.iter().map(|axis| format!("{:>8}", axis.axis));
+    line!(page, "  line    scans contour{}", heads.collect::<String>());
+    for block in worst_blocks(report, BLOCKS_MAX) {
+        let errors = report.axes.iter().map(|axis| {
+            let error = block.following_error_um_peak.get(&axis.axis).copied();
+            format!("{:>8}", number(error, 2))
+        });
+        line!(
+            page,
+            "{:>6} {:>8} {:>7.2}{}",
+            block.block,
+            block.scans,
+            block.contour_error_um_peak,
+            errors.collect::<String>()
         );
     }
     line!(page);
@@ -362,6 +434,6 @@ fn more(count: usize, page: &mut String) {
     }
 }
 
-fn number(value: Option<f64>, digits: usize) -> String {
+pub(super) fn number(value: Option<f64>, digits: usize) -> String {
     value.map_or("–".into(), |value| format!("{value:.digits$}"))
 }

@@ -37,6 +37,58 @@ fn draw_panels(path: &Path, evaluation: &Evaluation) -> Result<(), String> {
     })
 }
 
+/// Draws one panel per axis with the curves of two runs of the same axes.
+pub(super) fn draw_against(
+    path: &Path,
+    runs: [&Evaluation; 2],
+    names: &[String; 2],
+) -> Result<(), ReportError> {
+    let [a, b] = runs;
+    let count = a.measurements.axes.len().max(1) as i32;
+    let drawn = svg::write(path, (WIDTH, HEAD + PANEL * count + 16), |root| {
+        root.draw_text("Following error", &font(24, &INK), (40 * FINE, 18 * FINE))
+            .map_err(words)?;
+        let [colour_a, colour_b, ..] = CURVES;
+        for (x, letter, name, colour) in [
+            (240, 'A', &names[0], colour_a),
+            (640, 'B', &names[1], colour_b),
+        ] {
+            let bar = vec![(x * FINE, 34 * FINE), ((x + 30) * FINE, 34 * FINE)];
+            let style = colour.stroke_width(3 * FINE as u32);
+            root.draw(&PathElement::new(bar, style)).map_err(words)?;
+            let short: String = name.chars().take(40).collect();
+            let label = format!("{letter}  {short}");
+            let place = ((x + 40) * FINE, 27 * FINE);
+            root.draw_text(&label, &font(14, &INK), place)
+                .map_err(words)?;
+        }
+        let (_, body) = root.split_vertically(HEAD * FINE);
+        let panels = body.split_evenly((count as usize, 1));
+        let axes = a.measurements.axes.iter().zip(&b.measurements.axes);
+        for (((of_a, of_b), axis), panel) in axes.zip(&a.machine.axes).zip(&panels) {
+            let name = format!(
+                "{}:  peak {:.1} and {:.1} µm, rms {:.2} and {:.2} µm",
+                axis.name,
+                of_a.following_error_mm.peak * 1e3,
+                of_b.following_error_mm.peak * 1e3,
+                of_a.following_error_mm.rms() * 1e3,
+                of_b.following_error_mm.rms() * 1e3
+            );
+            // The last one lies on top: A, which is the one looked at.
+            let curves = [
+                (of_b, colour_b, b.measurements.scan_period_s),
+                (of_a, colour_a, a.measurements.scan_period_s),
+            ];
+            draw_panel(panel, &name, INK, &curves)?;
+        }
+        Ok(())
+    });
+    drawn.map_err(|what| ReportError::Plot {
+        path: path.into(),
+        what,
+    })
+}
+
 fn font(size: i32, colour: &RGBColor) -> TextStyle<'static> {
     ("sans-serif", size * FINE).into_font().color(colour)
 }
@@ -62,29 +114,41 @@ fn draw_on(root: &Area, evaluation: &Evaluation, count: i32) -> Result<(), Strin
             meter.following_error_mm.peak * 1e3,
             meter.following_error_mm.rms() * 1e3
         );
-        draw_panel(panel, &name, meter, colour, measurements.scan_period_s)?;
+        let curve = (meter, colour, measurements.scan_period_s);
+        draw_panel(panel, &name, colour, &[curve])?;
     }
     Ok(())
+}
+
+/// A curve: whose, its colour, and the scan period in s.
+type Curve<'a> = (&'a AxisMeter, RGBColor, f64);
+
+/// (time in s, lowest, highest) of each bin of a curve.
+fn bins_of(&(meter, _, period_s): &Curve<'_>) -> Vec<(f64, f64, f64)> {
+    let bins = meter.following_error_um_series.bins();
+    bins.map(|(scan, low, high)| (scan * period_s, low, high))
+        .collect()
 }
 
 fn draw_panel(
     area: &Area,
     name: &str,
-    meter: &AxisMeter,
-    colour: RGBColor,
-    period_s: f64,
+    name_colour: RGBColor,
+    curves: &[Curve<'_>],
 ) -> Result<(), String> {
-    let bins: Vec<(f64, f64, f64)> = meter.following_error_um_series.bins().collect();
-    let most = bins
-        .iter()
-        .fold(0.0f64, |most, bin| most.max(bin.1.abs()).max(bin.2.abs()));
+    let all: Vec<Vec<(f64, f64, f64)>> = curves.iter().map(bins_of).collect();
+    let bins = || all.iter().flatten();
+    let most = bins().fold(0.0f64, |most, bin| most.max(bin.1.abs()).max(bin.2.abs()));
     let limit = if most > 0.0 { most * 1.1 } else { 1.0 };
-    let (from, to) = match (bins.first(), bins.last()) {
-        (Some(first), Some(last)) if last.0 > first.0 => (first.0 * period_s, last.0 * period_s),
-        _ => (0.0, 1.0),
+    let first = bins().map(|bin| bin.0).fold(f64::INFINITY, f64::min);
+    let last = bins().map(|bin| bin.0).fold(f64::NEG_INFINITY, f64::max);
+    let (from, to) = if last > first {
+        (first, last)
+    } else {
+        (0.0, 1.0)
     };
     let mut chart = ChartBuilder::on(area)
-        .caption(name, font(16, &colour))
+        .caption(name, font(16, &name_colour))
         .margin_top(8 * FINE)
         .margin_left(16 * FINE)
         .margin_right(30 * FINE)
@@ -105,19 +169,20 @@ fn draw_panel(
         .y_label_formatter(&|value: &f64| format!("{}", libm::round(value * 1e3) / 1e3 + 0.0))
         .draw()
         .map_err(words)?;
-    // Bins of one width follow each other; what is missing is a gap, not a straight line.
-    let width = bins
-        .windows(2)
-        .map(|pair| pair[1].0 - pair[0].0)
-        .fold(f64::INFINITY, f64::min);
-    for piece in bins.chunk_by(|one, two| two.0 - one.0 < 1.5 * width) {
-        let points = piece.iter().flat_map(|&(scan, low, high)| {
-            let time_s = scan * period_s;
-            [(time_s, low), (time_s, high)]
-        });
-        chart
-            .draw_series(LineSeries::new(points, colour.stroke_width(FINE as u32)))
-            .map_err(words)?;
+    for (bins, (_, colour, _)) in all.iter().zip(curves) {
+        // Bins of one width follow each other; what is missing is a gap, not a straight line.
+        let width = bins
+            .windows(2)
+            .map(|pair| pair[1].0 - pair[0].0)
+            .fold(f64::INFINITY, f64::min);
+        for piece in bins.chunk_by(|one, two| two.0 - one.0 < 1.5 * width) {
+            let points = piece
+                .iter()
+                .flat_map(|&(time_s, low, high)| [(time_s, low), (time_s, high)]);
+            chart
+                .draw_series(LineSeries::new(points, colour.stroke_width(FINE as u32)))
+                .map_err(words)?;
+        }
     }
     Ok(())
 }
