@@ -38,6 +38,8 @@ use tally::{Came, Tally};
 
 /// A cell that is not whole again so long after a strike counts as broken.
 const WHOLE_LIMIT: Duration = Duration::from_secs(30);
+/// Scans that the cell must have gone on for, whole.
+const GOES_ON_SCANS: u64 = 2;
 /// A run that goes on so long after its last strike, nominal time of its program aside, hangs.
 const END_LIMIT: Duration = Duration::from_secs(120);
 /// Longest wait between a cell that is whole and the next strike, in µs.
@@ -527,11 +529,17 @@ impl Soak<'_> {
     /// Waits until all take part and the machine moves or is done; false if the run has ended or that does not come.
     fn await_whole(&mut self, cell: &mut Cell) -> bool {
         let since = Instant::now();
+        let mut whole_at = None;
         loop {
             if !cell.look() {
                 return false;
             }
-            if cell.is_whole() {
+            if !cell.is_whole() {
+                whole_at = None;
+            } else if cell.mode() == Some(Mode::Finished) {
+                return true;
+            } else if cell.scan() >= *whole_at.get_or_insert(cell.scan()) + GOES_ON_SCANS {
+                // A machine that stands still in the middle of a scan looks whole, too.
                 return true;
             }
             cell.operate();

@@ -20,8 +20,8 @@ use bus::page::CellPhase;
 use bus::port::{Age, OperatorServer, Reader, WindowReader, Writer};
 use bus::realtime::{self, Priority};
 use bus::sample::{
-    AxisCommand, Feedback, Instruments, Job, MAX_AXES, Order, Participant, PlannerStatus, Refused,
-    Roster,
+    AxisCommand, Feedback, Instruments, Job, MAX_AXES, MAX_PARTICIPANTS, Order, Participant,
+    PlannerStatus, Refused, Roster,
 };
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES, SCAN_DEPTH};
 use bus::settings_file::SettingsFileError;
@@ -150,18 +150,31 @@ impl Ports {
     }
 }
 
-/// Who of the live participants has not answered the scan yet. One that `excused` says has answered without a word that
-/// counts.
+/// Incarnations of the places that lived when a scan was said, 0 for the others: who came later was not asked.
+type Asked = [u32; MAX_PARTICIPANTS];
+
+fn asked(roster: &Roster) -> Asked {
+    let mut asked = [0; MAX_PARTICIPANTS];
+    for (asked, place) in asked.iter_mut().zip(&roster.participants) {
+        if place.live == 1 {
+            *asked = place.incarnation;
+        }
+    }
+    asked
+}
+
+/// Who of those who live and were asked has not answered the scan yet. One that `excused` says has answered without a word
+/// that counts.
 fn missing(
     scan: u64,
     ask_planner: bool,
     answers: &Answers,
-    roster: &Roster,
+    (roster, asked): (&Roster, &Asked),
     excused: impl Fn(usize, &Participant) -> bool,
 ) -> Missing {
     let mut missing = Missing::default();
-    for (index, place) in roster.participants.iter().enumerate() {
-        if place.live == 0 || place.stalled == 1 {
+    for (index, (place, asked)) in roster.participants.iter().zip(asked).enumerate() {
+        if place.live == 0 || place.stalled == 1 || place.incarnation != *asked {
             continue;
         }
         let answered = if place.job == Job::Servo as u32 {
@@ -236,6 +249,8 @@ struct Cell {
     faults: Option<FaultDesk>,
     /// The last request to the launcher in its name.
     asked: u64,
+    /// Who lived when this scan was said.
+    asked_in_scan: Asked,
     /// Rings of the machine side's bell before anybody was woken in this scan.
     seen_before_waking: u32,
 }
@@ -252,7 +267,8 @@ impl Cell {
 
     fn missing(&self, scan: u64, ask_planner: bool, answers: &Answers) -> Missing {
         let page = &self.member.page;
-        missing(scan, ask_planner, answers, &self.roster, |place, who| {
+        let asked = (&self.roster, &self.asked_in_scan);
+        missing(scan, ask_planner, answers, asked, |place, who| {
             // It says when it is done with the scan, so that it never misses the next feedback.
             let excused = |desk: &FaultDesk| desk.excuses(who, scan);
             self.faults.as_ref().is_some_and(excused)
@@ -312,9 +328,9 @@ impl Cell {
     /// Says the feedback of a scan and wakes whoever is to answer it.
     fn begin_scan(&mut self, feedback: &Feedback, ask_planner: bool) {
         let scan = feedback.scan;
-        let asked = missing(scan, ask_planner, &Answers::NONE, &self.roster, |_, _| {
-            false
-        });
+        self.asked_in_scan = asked(&self.roster);
+        let everybody = (&self.roster, &self.asked_in_scan);
+        let asked = missing(scan, ask_planner, &Answers::NONE, everybody, |_, _| false);
         let page = &self.member.page;
         self.seen_before_waking = page.machine_bell().count();
         page.expect_answers(asked.count as u32);
@@ -502,6 +518,7 @@ pub fn run(options: &Options) -> Result<(), MachineSideError> {
     let mut cell = Cell {
         faults,
         asked: 0,
+        asked_in_scan: [0; MAX_PARTICIPANTS],
         member,
         ports,
         roster: bytemuck::Zeroable::zeroed(),
@@ -626,7 +643,33 @@ fn restore(
 
 #[cfg(test)]
 mod tests {
-    use super::first_scan;
+    use bus::sample::{Job, Participant, Roster};
+    use bytemuck::Zeroable;
+
+    use super::{Answers, asked, first_scan, missing};
+
+    /// A servo that is admitted while the machine side waits for the others has had no feedback to answer.
+    #[test]
+    fn who_comes_while_a_scan_is_awaited_is_not_waited_for_in_it() {
+        let mut roster = Roster::zeroed();
+        roster.participants[0] = Participant {
+            job: Job::Servo as u32,
+            incarnation: 1,
+            live: 1,
+            ..Participant::zeroed()
+        };
+        let said = asked(&roster);
+        let count = |roster: &Roster, said| {
+            missing(7, false, &Answers::NONE, (roster, said), |_, _| false).count
+        };
+        assert_eq!(count(&roster, &said), 1);
+        roster.participants[0].live = 0;
+        assert_eq!(count(&roster, &said), 0);
+        roster.participants[0].incarnation = 2;
+        roster.participants[0].live = 1;
+        assert_eq!(count(&roster, &said), 0);
+        assert_eq!(count(&roster, &asked(&roster)), 1);
+    }
 
     #[test]
     fn a_scan_that_was_said_before_the_kill_is_not_said_again() {

@@ -448,3 +448,27 @@ fn an_axis_outside_its_travel_on_either_side_keeps_the_drives_off() {
         );
     }
 }
+
+/// A machine side that was stopped for a while reads the newest roster alone: the one without the servo passed unseen.
+#[test]
+fn a_servo_that_was_replaced_unseen_is_lost_all_the_same() {
+    let mut bench = Bench::new();
+    bench.scans(10);
+    bench.bring_back(OTHER_AXIS);
+    let feedback = bench.scans(1);
+    assert_eq!(feedback.mode, Mode::Tripped as u32);
+    assert_eq!(feedback.cause, Cause::ServoLost as u32);
+    assert_eq!(feedback.cause_axis, 1);
+    // With a standby nothing stops.
+    let mut bench = Bench::new();
+    bench.scans(10);
+    bench.bring_back(A);
+    let feedback = bench.scans(1);
+    assert_eq!(feedback.mode, Mode::Enabled as u32);
+    assert_eq!(feedback.axes[0].taken_role, 1);
+    // Once the loops are open the new one is as good as any.
+    let mut bench = Bench::tripped(AfterLoss::Resume);
+    bench.bring_back(A);
+    bench.bring_back(B);
+    assert_eq!(bench.scans(5).mode, Mode::Enabled as u32);
+}

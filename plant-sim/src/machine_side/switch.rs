@@ -89,6 +89,13 @@ impl AxisUnit {
         } else {
             (b, a)
         };
+        // Another process has the active one's place, and no roster without it was ever seen here (this side was stopped
+        // meanwhile): who drove is lost all the same.
+        let has_driven = |incarnation| [0, incarnation].contains(&self.taken_incarnation);
+        let (lives, active) = match roster.living(Job::Servo, index, self.switch.role as u32) {
+            Some(servo) if closed && !has_driven(servo.incarnation) => (false, None),
+            _ => (lives, active),
+        };
         let good = |command: &AxisCommand| self.judge(command) == Cause::None;
         let other_good = other.filter(good);
         let active_cause = active.map(|command| self.judge(&command));
