@@ -46,6 +46,10 @@ pub enum Command {
     Enable(OperatorOptions),
     /// Drives off: at rest in hold or stopped only; the position is not lost when the axes are pushed
     Disable(OperatorOptions),
+    /// One look at a running cell: state, program, axes, processes
+    Status(StatusOptions),
+    /// Live view of a running cell: axes, circle, reversals, processes, events; comes and goes without a trace
+    Monitor(MonitorOptions),
     /// Remove what a crash left of a cell in which nobody lives
     Clean(CleanOptions),
     /// What this PC offers for real time: kernel, priorities, memory locking, timer, shared memory
@@ -129,6 +133,39 @@ pub struct OperatorOptions {
     /// Name of the cell [default: the only one that runs]
     #[arg(long, value_name = "NAME")]
     pub cell: Option<String>,
+}
+
+/// Which running cell to look at.
+#[derive(Debug, Clone, Args)]
+pub struct CellOptions {
+    /// Name of the cell [default: the only one that runs]
+    #[arg(long, value_name = "NAME")]
+    pub cell: Option<String>,
+}
+
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "Exit status 1: no cell runs, or its machine side says nothing.")]
+pub struct StatusOptions {
+    #[command(flatten)]
+    pub to: CellOptions,
+    /// Print JSON; units stand in the names
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Keys: h hold, r resume, s stop (asks first), + - override, ? help, q quit; the machine goes on.\nWhere standard output is no terminal: a line of JSON every 100 ms until the run ends. NO_COLOR is obeyed."
+)]
+pub struct MonitorOptions {
+    #[command(flatten)]
+    pub to: CellOptions,
+    /// Watch for a moment, print one screen (or one line with --json), and leave
+    #[arg(long)]
+    pub once: bool,
+    /// Lines of JSON, one every 100 ms; what is new since the line before: reversals, events
+    #[arg(long)]
+    pub json: bool,
 }
 
 #[derive(Debug, Clone, Args)]

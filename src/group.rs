@@ -317,6 +317,11 @@ impl Group {
         self.page.set_phase(CellPhase::Running);
     }
 
+    /// Hands the roster to lookers-on that have come meanwhile.
+    pub fn greet(&self) {
+        self.roster_writer.greet();
+    }
+
     /// Starts the process of a place; it takes part once the roster says so.
     fn spawn(
         &self,

@@ -10,6 +10,7 @@ mod fault_desk;
 mod group;
 mod hangs;
 mod learn;
+mod live;
 mod logs;
 mod operator;
 mod output;
@@ -43,6 +44,8 @@ fn main() -> std::process::ExitCode {
         cli::Command::Jog(options) => operator::jog(&options),
         cli::Command::Enable(options) => operator::simple(Order::Enable, &options),
         cli::Command::Disable(options) => operator::simple(Order::Disable, &options),
+        cli::Command::Status(options) => live::status(&options),
+        cli::Command::Monitor(options) => live::monitor(&options),
         cli::Command::Tune(options) => tune::tune(&options),
         cli::Command::Bench(options) => bench::bench(&options),
         cli::Command::Soak(options) => soak::soak(&options),

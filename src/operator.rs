@@ -22,14 +22,22 @@ const LOOK: Duration = Duration::from_millis(2);
 
 /// `hold`, `resume`, `stop`, `enable`, `disable`.
 pub fn simple(order: Order, options: &OperatorOptions) -> Outcome {
-    let client = Client::find(options)?;
-    let request = OperatorRequest {
-        order: order as u32,
-        ..OperatorRequest::default()
-    };
-    let answer = client.ask(order, request)?;
+    let client = Client::find(options.cell.as_deref(), "operator")?;
+    say(&client.order(order, 0.0)?);
+    Ok(())
+}
+
+/// An order without an axis to the cell of this name; what came of it, in words.
+///
+/// # Errors
+/// It is refused, or nobody answers.
+pub fn order(cell: &str, order: Order, value: f64) -> Result<String, Failure> {
+    Client::find(Some(cell), "operator")?.order(order, value)
+}
+
+fn obeyed(order: Order, answer: &OperatorResponse) -> String {
     let mode = Mode::from_wire(answer.mode);
-    say(&match (order, mode) {
+    match (order, mode) {
         (Order::Hold, Some(Mode::Jogging)) => "hold: the jog comes to rest".into(),
         (Order::Hold, _) => "hold: the tool comes to rest on the path".to_string(),
         (Order::Resume, _) => "resumed".into(),
@@ -39,27 +47,21 @@ pub fn simple(order: Order, options: &OperatorOptions) -> Outcome {
         (Order::Enable, _) if answer.hold == 1 => "drives on, in hold: resume moves".into(),
         (Order::Enable, _) => "drives on".into(),
         (Order::Disable, _) => "drives off: positions follow the axes".into(),
+        (Order::Override, _) => format!("override {} %", answer.override_percent),
         _ => format!("{}: done", order.word()),
-    });
-    Ok(())
+    }
 }
 
 /// `override`.
 pub fn set_override(options: &OverrideOptions) -> Outcome {
-    let client = Client::find(&options.to)?;
-    let request = OperatorRequest {
-        order: Order::Override as u32,
-        value: options.percent,
-        ..OperatorRequest::default()
-    };
-    let answer = client.ask(Order::Override, request)?;
-    say(&format!("override {} %", answer.override_percent));
+    let client = Client::find(options.to.cell.as_deref(), "operator")?;
+    say(&client.order(Order::Override, options.percent)?);
     Ok(())
 }
 
 /// `jog`.
 pub fn jog(options: &JogOptions) -> Outcome {
-    let client = Client::find(&options.to)?;
+    let client = Client::find(options.to.cell.as_deref(), "operator")?;
     let axis =
         axis_index(&client.machine, &options.axis).map_err(|e| Failure::Input(anyhow!(e)))?;
     let request = OperatorRequest {
@@ -78,24 +80,31 @@ pub fn jog(options: &JogOptions) -> Outcome {
 }
 
 /// A running cell, seen from outside.
-struct Client {
-    place: CellPlace,
-    machine: Machine,
-    page: Page,
-    bus: Bus,
+pub struct Client {
+    /// Its place.
+    pub place: CellPlace,
+    /// Its machine file.
+    pub machine: Machine,
+    /// Its wake page.
+    pub page: Page,
+    /// A foot in its shared memory.
+    pub bus: Bus,
 }
 
 impl Client {
-    /// The cell that was named, or the only one that runs.
-    fn find(options: &OperatorOptions) -> Result<Client, Failure> {
-        let place = match &options.cell {
+    /// Enters the cell that was named, or the only one that runs, as `who`.
+    ///
+    /// # Errors
+    /// It does not run, none does, or several do.
+    pub fn find(cell: Option<&str>, who: &str) -> Result<Client, Failure> {
+        let place = match cell {
             Some(name) => CellPlace::new(name).input()?,
             None => only_one()?,
         };
         let not_running = || Failure::Stopped(anyhow!("cell {:?} does not run", place.name()));
         let page = page_of(&place).ok_or_else(not_running)?;
         let machine = Machine::load(&place.machine_file()).map_err(|_| not_running())?;
-        let bus = Bus::enter(&place, &machine, "operator", false).environment()?;
+        let bus = Bus::enter(&place, &machine, who, false).environment()?;
         Ok(Client {
             place,
             machine,
@@ -110,6 +119,17 @@ impl Client {
             Some(bus::machine::AxisKind::Rotary) => "degrees",
             _ => "mm",
         }
+    }
+
+    /// Sends an order without an axis; what came of it, in words.
+    fn order(&self, order: Order, value: f64) -> Result<String, Failure> {
+        let request = OperatorRequest {
+            order: order as u32,
+            value,
+            ..OperatorRequest::default()
+        };
+        let answer = self.ask(order, request)?;
+        Ok(obeyed(order, &answer))
     }
 
     /// Sends an order and waits for its answer; a refusal is a failure with its reason.
@@ -170,7 +190,7 @@ impl Client {
 }
 
 /// The page of a cell whose launcher lives and which is not about to end.
-fn page_of(place: &CellPlace) -> Option<Page> {
+pub fn page_of(place: &CellPlace) -> Option<Page> {
     let page = Page::open(place).ok()?;
     let runs = page.phase() == CellPhase::Running && watch(page.launcher_pid()).is_ok();
     runs.then_some(page)

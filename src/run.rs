@@ -224,6 +224,7 @@ fn supervise(
         let often = desk.is_some() || supervisor.is_busy(group);
         let limit = if often { LOOK_OFTEN } else { LOOK_EVERY };
         group.wait(Some(signals.descriptor()), limit);
+        group.greet();
         let newest = watch.progress.look(path).copied();
         group.newest_scan = newest.map_or(0, |feedback| feedback.scan);
         if let Some(feedback) = newest {

@@ -12,6 +12,7 @@ mod faults_rehearsed;
 mod house;
 mod interruption;
 mod leftovers;
+mod monitor_live;
 mod operator;
 mod paces;
 mod pivot;

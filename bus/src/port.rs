@@ -16,6 +16,7 @@ use iceoryx2::port::client::Client;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::server::Server;
 use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy};
 use iceoryx2::service::ipc;
 
@@ -97,6 +98,11 @@ impl<T: Sample> Writer<T> {
         if !matches!(sent, Ok(true)) {
             self.failed += 1;
         }
+    }
+
+    /// Hands its history to readers that have come since the last sample; without it they get it with the next one.
+    pub fn greet(&self) {
+        let _ = self.publisher.update_connections();
     }
 
     /// Samples that could not be sent.

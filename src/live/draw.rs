@@ -1,0 +1,205 @@
+//! Puts a model on a screen. Pure: the same model and size give the same screen.
+
+mod axes;
+mod circle;
+mod panels;
+mod top;
+
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::Style;
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Block, Borders, Clear, Paragraph};
+
+use super::model::Model;
+use super::palette::Palette;
+use super::words::Tone;
+
+/// From this width on there are three columns below the axes.
+const WIDE: u16 = 120;
+/// A screen smaller than this shows a word about it.
+const SMALLEST: (u16, u16) = (60, 16);
+
+/// What the bottom line asks or answers.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub enum Prompt {
+    /// The keys.
+    #[default]
+    Keys,
+    /// Whether to stop.
+    ConfirmStop,
+    /// What came of an order.
+    Answer(Tone, String),
+}
+
+/// Everything that is shown.
+pub struct Screen<'a> {
+    /// The cell.
+    pub model: &'a Model,
+    /// Colours.
+    pub palette: Palette,
+    /// The bottom line.
+    pub prompt: Prompt,
+    /// The page about the keys lies over it.
+    pub help: bool,
+}
+
+impl<'a> Screen<'a> {
+    /// A screen on paper.
+    pub fn plain(model: &'a Model) -> Self {
+        Screen {
+            model,
+            palette: Palette::plain(),
+            prompt: Prompt::Keys,
+            help: false,
+        }
+    }
+}
+
+/// Draws it all.
+pub fn draw(frame: &mut Frame<'_>, screen: &Screen<'_>) {
+    let area = frame.area();
+    if area.width < SMALLEST.0 || area.height < SMALLEST.1 {
+        let words = format!(
+            "{}: the window is {}×{}; this view needs {}×{}",
+            screen.model.says().state,
+            area.width,
+            area.height,
+            SMALLEST.0,
+            SMALLEST.1
+        );
+        frame.render_widget(Paragraph::new(words), area);
+        return;
+    }
+    let axes = screen.model.axes.len() as u16 + 1;
+    let rows = Layout::vertical([
+        Constraint::Length(3),
+        Constraint::Length(axes),
+        Constraint::Min(1),
+        Constraint::Length(1),
+    ]);
+    let [top, axis_rows, rest, bottom] = rows.areas(area);
+    top::draw(frame, top, screen);
+    axes::draw(frame, axis_rows, screen);
+    if area.width >= WIDE {
+        wide(frame, rest, screen);
+    } else {
+        narrow(frame, rest, screen);
+    }
+    bottom_line(frame, bottom, screen);
+    if screen.help {
+        help(frame, area, screen);
+    }
+}
+
+/// Two columns: circle and reversals; processes, timing, events.
+fn narrow(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
+    let columns = Layout::horizontal([Constraint::Percentage(48), Constraint::Min(1)]);
+    let [left, right] = columns.areas(area);
+    let reversals = if left.height >= 14 { 6 } else { 4 };
+    let parts = Layout::vertical([Constraint::Min(1), Constraint::Length(reversals)]);
+    let [plot, below] = parts.areas(left);
+    circle::draw(frame, plot, screen);
+    panels::reversals(frame, below, screen);
+    let processes = (screen.model.processes().len() as u16 + 2).min(right.height / 2);
+    let parts = Layout::vertical([
+        Constraint::Length(processes),
+        Constraint::Length(3),
+        Constraint::Min(1),
+    ]);
+    let [top, middle, below] = parts.areas(right);
+    panels::processes(frame, top, screen);
+    panels::timing(frame, middle, screen);
+    panels::events(frame, below, screen);
+}
+
+/// Three columns: circle; reversals and timing; processes and events.
+fn wide(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
+    let columns = Layout::horizontal([
+        Constraint::Percentage(44),
+        Constraint::Percentage(26),
+        Constraint::Min(1),
+    ]);
+    let [left, middle, right] = columns.areas(area);
+    circle::draw(frame, left, screen);
+    let parts = Layout::vertical([Constraint::Min(6), Constraint::Length(12)]);
+    let [above, below] = parts.areas(middle);
+    panels::reversals(frame, above, screen);
+    panels::timing(frame, below, screen);
+    let processes = (screen.model.processes().len() as u16 + 2).min(area.height * 2 / 3);
+    let parts = Layout::vertical([Constraint::Length(processes), Constraint::Min(1)]);
+    let [above, below] = parts.areas(right);
+    panels::processes(frame, above, screen);
+    panels::events(frame, below, screen);
+}
+
+fn bottom_line(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
+    let palette = screen.palette;
+    let line = match &screen.prompt {
+        Prompt::Keys => Line::styled(
+            " h hold   r resume   s stop   + - override   ? help   q quit (the machine goes on)",
+            palette.quiet(),
+        ),
+        Prompt::ConfirmStop => Line::styled(
+            " stop? the tool comes to rest on the path, a `quadrant run` ends.  y stop   any other key: no",
+            palette.warn(),
+        ),
+        Prompt::Answer(tone, words) => Line::styled(format!(" {words}"), palette.of(*tone)),
+    };
+    frame.render_widget(Paragraph::new(line), area);
+}
+
+/// A panel's area inside a titled rule along its top.
+fn panel(frame: &mut Frame<'_>, area: Rect, title: &str, palette: Palette) -> Rect {
+    let block = Block::new()
+        .borders(Borders::TOP)
+        .border_style(palette.quiet())
+        .title(Span::styled(format!(" {title} "), palette.title()));
+    let inside = block.inner(area);
+    frame.render_widget(block, area);
+    inside
+}
+
+const HELP: &str = "\
+ h        feed hold: the tool comes to rest on the path and waits
+ r        resume; after a jog it first returns to the path
+ s        stop (asks first): like hold, but a `quadrant run` ends
+ + -      override 10 % up or down, 0 to 100 %; 0 stands
+ q  Esc   leave; the machine goes on
+ ?        this page
+
+ The same from any terminal: quadrant hold, resume, stop,
+ override, and also jog, disable, enable.
+
+ error    following error now; peak: since this view came;
+          the bars: the largest of each look, newest right
+ torque   share of the motor's rated torque; ! at its limit
+ winding  temperature above ambient
+ missed   scans without a command in time, since the start
+ circle   table, radial deviation, exaggerated as said
+ reversal height: table, over the arc just before it;
+          off an arc only the following error is known
+ timing   period between scans as this process sees it,
+          its own waking-up included
+ age      scans since a process last answered";
+
+fn help(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
+    let (width, height) = (64.min(area.width), 24.min(area.height));
+    let middle = Rect {
+        x: area.x + (area.width - width) / 2,
+        y: area.y + (area.height - height) / 2,
+        width,
+        height,
+    };
+    frame.render_widget(Clear, middle);
+    let block = Block::bordered()
+        .title(Span::styled(
+            " keys and words (any key closes) ",
+            screen.palette.title(),
+        ))
+        .border_style(Style::new());
+    frame.render_widget(Paragraph::new(HELP).block(block), middle);
+}
+
+#[cfg(test)]
+mod tests;

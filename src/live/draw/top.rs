@@ -1,0 +1,67 @@
+//! The first three lines: what the machine is doing, where in the program, what can be done.
+
+use ratatui::Frame;
+use ratatui::layout::Rect;
+use ratatui::text::{Line, Span};
+use ratatui::widgets::Paragraph;
+
+use super::Screen;
+use crate::live::text::progress;
+
+/// Draws them.
+pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
+    let (model, palette) = (screen.model, screen.palette);
+    let says = model.says();
+    let mut first = vec![
+        Span::styled(
+            format!(" {} {} ", says.symbol, says.state),
+            palette.of(says.tone),
+        ),
+        Span::styled(format!(" {}", says.detail), palette.of(says.tone)),
+    ];
+    let mut right = format!("{} ", model.cell);
+    if let Some(feedback) = &model.feedback {
+        let time_s = feedback.scan as f64 * model.machine.scan_period_s();
+        let pace = model.pace.map_or("", |pace| pace.word());
+        right = format!("{} {pace} {time_s:.1} s ", model.cell);
+        let percent = feedback.override_percent;
+        if percent != 100 {
+            first.push(Span::styled(
+                format!("  override {percent} %"),
+                palette.warn(),
+            ));
+        }
+        if feedback.overrun_scans > 0 {
+            let overrun = format!("  ▲ {} overrun", feedback.overrun_scans);
+            first.push(Span::styled(overrun, palette.warn()));
+        }
+    }
+    let second = match progress(model) {
+        Some(words) => bar_line(model.share_done(), &words, area.width),
+        None => " program: nothing heard of it yet".into(),
+    };
+    let third = Line::from(vec![
+        Span::styled(" next: ", palette.quiet()),
+        Span::raw(says.next),
+    ]);
+    let lines = vec![Line::from(first), Line::raw(second), third];
+    frame.render_widget(Paragraph::new(lines), area);
+    let width = (right.chars().count() as u16).min(area.width);
+    let corner = Rect {
+        x: area.x + area.width - width,
+        y: area.y + 2,
+        width,
+        height: 1,
+    };
+    frame.render_widget(Paragraph::new(Line::styled(right, palette.quiet())), corner);
+}
+
+/// How far the program is, as a bar and in words.
+fn bar_line(share: Option<f64>, words: &str, width: u16) -> String {
+    let cells = (usize::from(width) / 8).max(4);
+    let filled = (share.unwrap_or(0.0) * cells as f64).round() as usize;
+    let bar: String = (0..cells)
+        .map(|cell| if cell < filled { '█' } else { '░' })
+        .collect();
+    format!(" {bar} {words}")
+}

@@ -1,0 +1,204 @@
+//! Takes samples from a running cell into a model; nobody in the cell waits for it.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use bus::member::Pace;
+use bus::page::CellPhase;
+use bus::port::Reader;
+use bus::sample::{AxisCommand, Feedback, Instruments, PlannerStatus, Roster};
+use bus::service::{RECORDER_DEPTH_SCANS, ROLES};
+use control::path::AxisVector;
+use program::Setup;
+
+use super::model::Model;
+use super::proc::children_of;
+use crate::exit::{Failure, Kind};
+use crate::operator::{Client, page_of};
+
+/// Largest program that is read for its lines and arcs: some hundred thousand blocks, a fraction of a second.
+const PROGRAM_BYTES_MAX: u64 = 8 << 20;
+/// Time between two looks at `/proc`.
+const PROC_EVERY: Duration = Duration::from_millis(500);
+
+/// A foot in the cell, and the model it fills.
+pub struct Feed {
+    /// What is known.
+    pub model: Model,
+    client: Client,
+    feedback: Reader<Feedback>,
+    instruments: Reader<Instruments>,
+    planner: Reader<PlannerStatus>,
+    roster: Reader<Roster>,
+    commands: Vec<Reader<AxisCommand>>,
+    program_file: Option<PathBuf>,
+    /// Hash of the program that was tried to be read.
+    read: Option<u64>,
+    proc_seen: Option<Instant>,
+    heard: Instant,
+}
+
+impl Feed {
+    /// Attaches to the cell that is named, or the only one that runs.
+    ///
+    /// # Errors
+    /// None runs, several do, or it cannot be entered.
+    pub fn attach(cell: Option<&str>) -> Result<Feed, Failure> {
+        let client = Client::find(cell, "monitor")?;
+        let bus = &client.bus;
+        let depth = RECORDER_DEPTH_SCANS;
+        let mut commands = Vec::new();
+        for (axis, settings) in client.machine.axes.iter().enumerate() {
+            for role in 0..ROLES.len() {
+                if role == 0 || settings.standby {
+                    commands.push(bus.command_reader(axis, role, depth).environment()?);
+                }
+            }
+        }
+        Ok(Feed {
+            model: Model::new(client.place.name(), client.machine.clone()),
+            feedback: bus.feedback_reader(depth).environment()?,
+            instruments: bus.instruments_reader(depth).environment()?,
+            planner: bus.planner_reader(1).environment()?,
+            roster: bus.roster_reader(16).environment()?,
+            commands,
+            client,
+            program_file: None,
+            read: None,
+            proc_seen: None,
+            heard: Instant::now(),
+        })
+    }
+
+    /// Takes whatever has come since the last look: at most what the queues hold.
+    pub fn look(&mut self) {
+        if self
+            .proc_seen
+            .is_none_or(|then| then.elapsed() > PROC_EVERY)
+        {
+            self.look_at_processes();
+        }
+        let mut left = RECORDER_DEPTH_SCANS;
+        let mut newest = None;
+        while left > 0
+            && let Some(feedback) = self.feedback.any()
+        {
+            if newest.is_none() || self.read != Some(feedback.program_hash) {
+                self.read_program(&feedback);
+            }
+            self.model.feedback(&feedback);
+            newest = Some(feedback.scan);
+            left -= 1;
+        }
+        if newest.is_some() {
+            self.heard = Instant::now();
+        }
+        self.model.feedback_age_s = self.heard.elapsed().as_secs_f64();
+        while let Some(roster) = self.roster.any() {
+            self.model.roster(&roster);
+        }
+        if let Some(status) = self.planner.newest(u64::MAX) {
+            self.model.planner = Some(status);
+        }
+        for reader in &mut self.commands {
+            let mut left = RECORDER_DEPTH_SCANS;
+            while left > 0
+                && let Some(command) = reader.any()
+            {
+                self.model.command(&command);
+                left -= 1;
+            }
+        }
+        let mut left = RECORDER_DEPTH_SCANS;
+        while left > 0
+            && let Some(sample) = self.instruments.any()
+        {
+            self.model.instruments(&sample);
+            left -= 1;
+        }
+        self.model.end_of_look();
+    }
+
+    fn look_at_processes(&mut self) {
+        self.proc_seen = Some(Instant::now());
+        let page = &self.client.page;
+        let children = children_of(page.launcher_pid());
+        if let Some(program) = children.iter().find_map(|child| child.program.clone()) {
+            self.program_file = Some(program);
+        }
+        let recorded = page.recorded_scans().checked_sub(1);
+        let places = 0..bus::sample::MAX_PARTICIPANTS;
+        let answered = places.map(|place| page.answered_scan(place)).collect();
+        self.model.processes_seen(children, answered, recorded);
+    }
+
+    /// Reads the program that the tags of this feedback belong to, once. What cannot be read, is very large or is another
+    /// program by now leaves lines and arcs unknown, no more.
+    fn read_program(&mut self, feedback: &Feedback) {
+        let hash = feedback.program_hash;
+        if hash == 0 || self.read == Some(hash) {
+            return;
+        }
+        let Some(file) = &self.program_file else {
+            return;
+        };
+        self.read = Some(hash);
+        self.model.program = None;
+        let small = std::fs::metadata(file).is_ok_and(|file| file.len() <= PROGRAM_BYTES_MAX);
+        if !small {
+            return;
+        }
+        let machine = &self.client.machine;
+        let mut axes_mm = AxisVector::zeros();
+        let registers = machine.axes.iter().zip(&feedback.program_start);
+        for (to, (axis, increments)) in axes_mm.iter_mut().zip(registers) {
+            *to = *increments as f64 * axis.increment_mm();
+        }
+        let start = program::kinematics_of(machine).tool(&axes_mm);
+        let read = program::load(file, &Setup::of(machine), start).ok();
+        self.model.program = read.filter(|program| program.source_hash == hash);
+    }
+
+    /// Whether the cell is gone, or about to go.
+    pub fn has_ended(&self) -> bool {
+        self.model.ended || self.is_gone()
+    }
+
+    /// Whether nobody of the cell can be heard any more.
+    pub fn is_gone(&self) -> bool {
+        let place = &self.client.place;
+        self.client.page.phase() == CellPhase::Ending
+            || page_of(place)
+                .is_none_or(|page| page.launcher_pid() != self.client.page.launcher_pid())
+    }
+
+    /// In real time: waits at the scan's bell for `budget` and takes the periods between its rings. Elsewhere scans have no
+    /// period, and it sleeps.
+    pub fn watch_periods(&mut self, budget: Duration) {
+        if self.model.pace != Some(Pace::Realtime) {
+            std::thread::sleep(budget);
+            return;
+        }
+        let bell = self.client.page.scan_bell();
+        let started = Instant::now();
+        let mut last: Option<(Instant, u32)> = None;
+        while started.elapsed() < budget {
+            let seen = bell.count();
+            bell.wait(seen, budget);
+            let (now, count) = (Instant::now(), bell.count());
+            if count == seen {
+                continue;
+            }
+            // Exactly one ring since the last waking: the time between is one period.
+            if let Some((then, before)) = last
+                && count == before.wrapping_add(1)
+            {
+                let period = now.duration_since(then).as_nanos();
+                self.model
+                    .timing
+                    .take(u64::try_from(period).unwrap_or(u64::MAX));
+            }
+            last = Some((now, count));
+        }
+    }
+}

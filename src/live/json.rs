@@ -1,0 +1,338 @@
+//! A model as JSON: names end in units and stay what they are. Positions of rotary axes are in degrees (`unit`), under the same names.
+
+use bus::sample::{Cause, Mode};
+use bus::service::ROLES;
+use serde::Serialize;
+
+use super::events::Weight;
+use super::model::Model;
+use super::words;
+
+#[derive(Serialize)]
+struct State<'a> {
+    cell: &'a str,
+    pace: Option<&'static str>,
+    scan: Option<u64>,
+    time_s: Option<f64>,
+    mode: Option<&'static str>,
+    state: String,
+    next: String,
+    hold: Option<bool>,
+    at_rest: Option<bool>,
+    override_percent: Option<u32>,
+    cause: Option<CauseOf>,
+    overrun_scans: Option<u32>,
+    feedback_age_s: f64,
+    program: ProgramOf<'a>,
+    axes: Vec<AxisOf<'a>>,
+    processes: Vec<ProcessOf>,
+}
+
+#[derive(Serialize)]
+struct CauseOf {
+    code: u32,
+    words: String,
+    axis: Option<String>,
+    scan: u64,
+}
+
+#[derive(Serialize)]
+struct ProgramOf<'a> {
+    name: Option<&'a str>,
+    line: Option<u32>,
+    block: Option<&'a str>,
+    element: Option<u32>,
+    percent: Option<f64>,
+    path_done_mm: Option<f64>,
+    path_length_mm: Option<f64>,
+}
+
+#[derive(Serialize)]
+struct AxisOf<'a> {
+    axis: &'a str,
+    unit: &'static str,
+    command_mm: f64,
+    feedback_mm: f64,
+    following_error_um: Option<f64>,
+    following_error_peak_um: f64,
+    torque_nm: f64,
+    torque_percent: f64,
+    torque_limited: bool,
+    winding_k: f64,
+    missed_scans: u32,
+    servo: &'static str,
+}
+
+#[derive(Serialize)]
+struct ProcessOf {
+    process: String,
+    job: &'static str,
+    pid: Option<u32>,
+    starts: u32,
+    live: bool,
+    stalled: bool,
+    drives: Option<bool>,
+    age_scans: Option<u64>,
+    last_death: Option<Death>,
+}
+
+#[derive(Serialize)]
+struct Death {
+    scan: u64,
+    signal: i32,
+}
+
+/// One line of the monitor.
+#[derive(Serialize)]
+struct Line<'a> {
+    #[serde(flatten)]
+    state: State<'a>,
+    circle: Option<CircleOf>,
+    reversals: Vec<ReversalOf<'a>>,
+    events: Vec<EventOf<'a>>,
+    timing: Option<TimingOf>,
+    scans_seen: u64,
+    scans_not_seen: u64,
+}
+
+#[derive(Serialize)]
+struct CircleOf {
+    plane: String,
+    line: u32,
+    radius_mm: f64,
+    feed_mm_min: Option<f64>,
+    running: bool,
+    radial_deviation_um: Option<Range>,
+}
+
+#[derive(Serialize)]
+struct Range {
+    min: f64,
+    max: f64,
+}
+
+#[derive(Serialize)]
+struct ReversalOf<'a> {
+    axis: &'a str,
+    new_direction: i32,
+    scan: u64,
+    height_um: Option<f64>,
+    undercut_um: Option<f64>,
+    following_error_peak_um: f64,
+}
+
+#[derive(Serialize)]
+struct EventOf<'a> {
+    scan: u64,
+    event: &'a str,
+    warning: bool,
+}
+
+#[derive(Serialize)]
+struct TimingOf {
+    periods: u64,
+    period_us: PeriodOf,
+}
+
+#[derive(Serialize)]
+struct PeriodOf {
+    p50: f64,
+    p99: f64,
+    max: f64,
+}
+
+/// How far a reader of lines is: what came before is not told again.
+#[derive(Debug, Default, Clone, Copy)]
+pub struct Told {
+    reversals: u64,
+    events: u64,
+}
+
+fn rounded(value: f64, digits: i32) -> f64 {
+    let scale = 10f64.powi(digits);
+    (value * scale).round() / scale
+}
+
+fn state(model: &Model) -> State<'_> {
+    let feedback = model.feedback.as_ref();
+    let says = model.says();
+    let period_s = model.machine.scan_period_s();
+    let cause = feedback.filter(|feedback| feedback.cause != Cause::None as u32);
+    State {
+        cell: &model.cell,
+        pace: model.pace.map(|pace| pace.word()),
+        scan: feedback.map(|feedback| feedback.scan),
+        time_s: feedback.map(|feedback| rounded(feedback.scan as f64 * period_s, 6)),
+        mode: feedback.and_then(|feedback| Mode::from_wire(feedback.mode).map(Mode::word)),
+        state: format!("{}: {}", says.state.to_lowercase(), says.detail),
+        next: says.next,
+        hold: feedback.map(|feedback| feedback.hold == 1),
+        at_rest: feedback.map(words::at_rest),
+        override_percent: feedback.map(|feedback| feedback.override_percent),
+        cause: cause.map(|feedback| CauseOf {
+            code: feedback.cause,
+            words: words::cause(feedback, &model.machine).unwrap_or_default(),
+            axis: (feedback.cause_axis != u32::MAX)
+                .then(|| words::axis_name(&model.machine, feedback.cause_axis).to_string()),
+            scan: feedback.cause_scan,
+        }),
+        overrun_scans: feedback.map(|feedback| feedback.overrun_scans),
+        feedback_age_s: rounded(model.feedback_age_s, 3),
+        program: program(model),
+        axes: axes(model),
+        processes: processes(model),
+    }
+}
+
+fn program(model: &Model) -> ProgramOf<'_> {
+    let block = model.block();
+    let feedback = model.feedback.as_ref();
+    let on_path = feedback.filter(|feedback| !feedback.tag.is_off_path());
+    ProgramOf {
+        name: model.program_name(),
+        line: block.map(|(line, _)| line),
+        block: block.map(|(_, text)| text),
+        element: on_path.map(|feedback| feedback.tag.element),
+        percent: model.share_done().map(|share| rounded(share * 100.0, 2)),
+        path_done_mm: model.planner.map(|status| rounded(status.path_done_mm, 4)),
+        path_length_mm: model
+            .planner
+            .map(|status| rounded(status.path_length_mm, 4)),
+    }
+}
+
+fn axes(model: &Model) -> Vec<AxisOf<'_>> {
+    let each = model.axes.iter();
+    each.map(|axis| AxisOf {
+        axis: &axis.name,
+        unit: axis.unit,
+        command_mm: rounded(axis.command_mm, 6),
+        feedback_mm: rounded(axis.feedback_mm, 6),
+        following_error_um: axis.error_um.map(|error_um| rounded(error_um, 3)),
+        following_error_peak_um: rounded(axis.error_peak_um, 3),
+        torque_nm: rounded(axis.torque_nm, 4),
+        torque_percent: rounded(axis.torque_share * 100.0, 2),
+        torque_limited: axis.torque_limited,
+        winding_k: rounded(axis.winding_k, 3),
+        missed_scans: axis.missed_scans,
+        servo: ROLES.get(axis.role as usize).copied().unwrap_or("?"),
+    })
+    .collect()
+}
+
+fn processes(model: &Model) -> Vec<ProcessOf> {
+    let each = model.processes().into_iter();
+    each.map(|process| ProcessOf {
+        process: process.name,
+        job: process.job,
+        pid: process.pid,
+        starts: process.starts,
+        live: process.live,
+        stalled: process.stalled,
+        drives: process.drives,
+        age_scans: process.age_scans,
+        last_death: process.death.map(|(scan, signal)| Death { scan, signal }),
+    })
+    .collect()
+}
+
+fn written(value: &impl Serialize) -> String {
+    serde_json::to_string(value).unwrap_or_else(|error| format!("{{\"error\":\"{error}\"}}"))
+}
+
+/// One look, over several lines.
+pub fn status(model: &Model) -> String {
+    serde_json::to_string_pretty(&state(model)).unwrap_or_else(|error| error.to_string())
+}
+
+/// One line of the monitor, with the reversals and events since the line before.
+pub fn line(model: &Model, told: &mut Told) -> String {
+    let fresh = |count: u64, before: &mut u64, kept: usize| {
+        let new = usize::try_from(count - std::mem::replace(before, count)).unwrap_or(kept);
+        kept.saturating_sub(new)
+    };
+    let reversals = &model.reversals;
+    let first = fresh(reversals.count, &mut told.reversals, reversals.last.len());
+    let fresh_reversals = reversals.last.iter().skip(first);
+    let events = &model.events;
+    let first = fresh(events.count, &mut told.events, events.last.len());
+    let fresh_events = events.last.iter().skip(first);
+    let circle = &model.circle;
+    written(&Line {
+        state: state(model),
+        circle: circle.circle.as_ref().map(|shape| CircleOf {
+            plane: shape.plane.clone(),
+            line: shape.line,
+            radius_mm: shape.radius_mm,
+            feed_mm_min: shape
+                .feed_mm_s
+                .map(|feed_mm_s| rounded(feed_mm_s * 60.0, 3)),
+            running: circle.running,
+            radial_deviation_um: circle.range_um().map(|(min, max)| Range {
+                min: rounded(min, 3),
+                max: rounded(max, 3),
+            }),
+        }),
+        reversals: fresh_reversals
+            .map(|reversal| ReversalOf {
+                axis: words::axis_name(&model.machine, reversal.axis as u32),
+                new_direction: reversal.direction,
+                scan: reversal.scan,
+                height_um: reversal.height_um.map(|um| rounded(um, 3)),
+                undercut_um: reversal.undercut_um.map(|um| rounded(um, 3)),
+                following_error_peak_um: rounded(reversal.error_peak_um, 3),
+            })
+            .collect(),
+        events: fresh_events
+            .map(|event| EventOf {
+                scan: event.scan,
+                event: &event.text,
+                warning: event.weight == Weight::Warning,
+            })
+            .collect(),
+        timing: model.timing.summary().map(|summary| TimingOf {
+            periods: summary.count,
+            period_us: PeriodOf {
+                p50: rounded(summary.p50_us, 1),
+                p99: rounded(summary.p99_us, 1),
+                max: rounded(summary.max_us, 1),
+            },
+        }),
+        scans_seen: model.seen_scans.0,
+        scans_not_seen: model.seen_scans.1,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::live::test_support::{machine, running};
+
+    #[test]
+    fn every_line_tells_only_what_is_new() {
+        let mut model = Model::new("t", machine());
+        let mut told = Told::default();
+        model.feedback(&running(1));
+        let mut held = running(2);
+        held.hold = 1;
+        model.feedback(&held);
+        let events = |line: &str| -> usize {
+            let value: serde_json::Value = serde_json::from_str(line).expect("JSON");
+            value["events"].as_array().expect("events").len()
+        };
+        assert_eq!(events(&line(&model, &mut told)), 1);
+        assert_eq!(events(&line(&model, &mut told)), 0);
+        held.scan = 3;
+        held.hold = 0;
+        model.feedback(&held);
+        assert_eq!(events(&line(&model, &mut told)), 1);
+    }
+
+    #[test]
+    fn a_model_without_any_sample_is_json_all_the_same() {
+        let model = Model::new("t", machine());
+        let value: serde_json::Value = serde_json::from_str(&status(&model)).expect("JSON");
+        assert!(value["mode"].is_null());
+        assert_eq!(value["axes"][1]["axis"], "Y");
+    }
+}

@@ -1,0 +1,200 @@
+//! The live screen: looks, draws, listens for keys.
+
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::time::{Duration, Instant};
+
+use bus::page::CellPhase;
+use bus::sample::Order;
+use ratatui::DefaultTerminal;
+use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
+
+use super::draw::{Prompt, Screen, draw};
+use super::feed::Feed;
+use super::palette::Palette;
+use super::words::Tone;
+use super::{FRAME, LISTEN};
+use crate::exit::{Kind, Outcome, words};
+use crate::operator;
+use crate::signals::Signals;
+
+/// So long an answer stays in the bottom line.
+const ANSWER_SHOWN: Duration = Duration::from_secs(8);
+/// Step of the override, in percent.
+const OVERRIDE_STEP: u32 = 10;
+
+/// Shows the cell until somebody quits. The terminal is given back as it was however this ends: by key, signal, error or panic.
+pub fn run(feed: Feed) -> Outcome {
+    let signals = Signals::catch().environment()?;
+    // Its panic hook gives the terminal back before the message is printed.
+    let mut terminal = ratatui::try_init().environment()?;
+    let result = View::new(feed).run(&mut terminal, &signals);
+    ratatui::restore();
+    result.environment()
+}
+
+/// An order on its way, answered by a thread of its own: a machine side that is silent must not freeze the screen.
+struct Asked {
+    answer: Receiver<Result<String, String>>,
+}
+
+struct View {
+    feed: Feed,
+    palette: Palette,
+    help: bool,
+    prompt: Prompt,
+    prompt_since: Instant,
+    asked: Option<Asked>,
+}
+
+impl View {
+    fn new(feed: Feed) -> Self {
+        View {
+            feed,
+            palette: Palette::of_environment(),
+            help: false,
+            prompt: Prompt::Keys,
+            prompt_since: Instant::now(),
+            asked: None,
+        }
+    }
+
+    fn run(mut self, terminal: &mut DefaultTerminal, signals: &Signals) -> std::io::Result<()> {
+        loop {
+            let due = Instant::now() + FRAME;
+            self.feed.look();
+            self.follow_the_cell();
+            self.take_answer();
+            let screen = Screen {
+                model: &self.feed.model,
+                palette: self.palette,
+                prompt: self.prompt.clone(),
+                help: self.help,
+            };
+            terminal.draw(|frame| draw(frame, &screen))?;
+            self.feed.watch_periods(LISTEN);
+            loop {
+                let left = due.saturating_duration_since(Instant::now());
+                if !event::poll(left)? {
+                    break;
+                }
+                if let Event::Key(key) = event::read()?
+                    && key.kind != KeyEventKind::Release
+                {
+                    let interrupt = key.modifiers.contains(KeyModifiers::CONTROL)
+                        && key.code == KeyCode::Char('c');
+                    if interrupt || self.key(key.code) {
+                        return Ok(());
+                    }
+                }
+            }
+            if signals.count() > 0 {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Where the run is over, the next cell of that name is shown as soon as there is one.
+    fn follow_the_cell(&mut self) {
+        if !self.feed.is_gone() {
+            return;
+        }
+        self.feed.model.ended = true;
+        let cell = self.feed.model.cell.clone();
+        if let Ok(place) = bus::cell::CellPlace::new(&cell)
+            && operator::page_of(&place).is_some_and(|page| page.phase() == CellPhase::Running)
+            && let Ok(feed) = Feed::attach(Some(&cell))
+        {
+            self.feed = feed;
+        }
+    }
+
+    /// Acts on a key; true for the one that leaves.
+    fn key(&mut self, code: KeyCode) -> bool {
+        if std::mem::take(&mut self.help) {
+            return false;
+        }
+        if self.prompt == Prompt::ConfirmStop {
+            self.say(Prompt::Keys);
+            if code == KeyCode::Char('y') {
+                self.order(Order::Stop, 0.0);
+            } else {
+                self.say(Prompt::Answer(Tone::Waits, "not stopped".into()));
+            }
+            return false;
+        }
+        match code {
+            KeyCode::Char('q') | KeyCode::Esc => return true,
+            KeyCode::Char('?') => self.help = true,
+            KeyCode::Char('h') => self.order(Order::Hold, 0.0),
+            KeyCode::Char('r') => self.order(Order::Resume, 0.0),
+            KeyCode::Char('s') => self.say(Prompt::ConfirmStop),
+            KeyCode::Char('+' | '=') => self.step_override(true),
+            KeyCode::Char('-') => self.step_override(false),
+            _ => {}
+        }
+        false
+    }
+
+    fn step_override(&mut self, up: bool) {
+        let Some(feedback) = &self.feed.model.feedback else {
+            return;
+        };
+        let now = feedback.override_percent;
+        let next = if up {
+            (now + OVERRIDE_STEP).min(100)
+        } else {
+            now.saturating_sub(OVERRIDE_STEP)
+        };
+        self.order(Order::Override, f64::from(next));
+    }
+
+    fn order(&mut self, order: Order, value: f64) {
+        if self.asked.is_some() {
+            let words = "the order before has no answer yet: not sent".into();
+            return self.say(Prompt::Answer(Tone::Waits, words));
+        }
+        if self.feed.has_ended() {
+            let words = format!("{}: the run has ended", order.word());
+            return self.say(Prompt::Answer(Tone::Waits, words));
+        }
+        let cell = self.feed.model.cell.clone();
+        let (sender, answer) = channel();
+        // Ends by itself: with the answer, or when the answer's limit has passed.
+        std::thread::spawn(move || {
+            let answer = operator::order(&cell, order, value);
+            let _ = sender.send(answer.map_err(|failure| failure_words(&failure)));
+        });
+        self.asked = Some(Asked { answer });
+        self.say(Prompt::Answer(Tone::Waits, format!("{} …", order.word())));
+    }
+
+    fn take_answer(&mut self) {
+        if let Some(asked) = &self.asked {
+            let (tone, words) = match asked.answer.try_recv() {
+                Ok(Ok(words)) => (Tone::Good, words),
+                Ok(Err(words)) => (Tone::Bad, words),
+                Err(TryRecvError::Empty) => return,
+                Err(TryRecvError::Disconnected) => (Tone::Bad, "the order came to nothing".into()),
+            };
+            self.asked = None;
+            self.say(Prompt::Answer(tone, words));
+        } else if self.prompt != Prompt::Keys && self.prompt_since.elapsed() > ANSWER_SHOWN {
+            self.say(Prompt::Keys);
+        }
+    }
+
+    fn say(&mut self, prompt: Prompt) {
+        self.prompt = prompt;
+        self.prompt_since = Instant::now();
+    }
+}
+
+fn failure_words(failure: &crate::exit::Failure) -> String {
+    use crate::exit::Failure;
+    match failure {
+        Failure::Stopped(error) | Failure::Input(error) | Failure::Environment(error) => {
+            words(error)
+        }
+        Failure::Interrupted => "interrupted".into(),
+    }
+}

@@ -1,0 +1,100 @@
+//! One look at a cell, as text.
+
+use std::fmt::Write;
+
+use bus::service::ROLES;
+
+use super::model::{Model, ProcessView};
+
+/// What `quadrant status` prints.
+pub fn status(model: &Model) -> String {
+    let says = model.says();
+    let mut text = format!("{}  {}: {}", model.cell, says.state, says.detail);
+    if let Some(feedback) = &model.feedback {
+        let time_s = feedback.scan as f64 * model.machine.scan_period_s();
+        let pace = model.pace.map_or("", |pace| pace.word());
+        let _ = write!(
+            text,
+            "\n  hold {}, override {} %, scan {} ({time_s:.1} s) {pace}, overrun scans {}",
+            if feedback.hold == 1 { "on" } else { "off" },
+            feedback.override_percent,
+            feedback.scan,
+            feedback.overrun_scans,
+        );
+    }
+    let _ = write!(text, "\n  next: {}", says.next);
+    if let Some(words) = progress(model) {
+        let _ = write!(text, "\n  {words}");
+    }
+    let _ = write!(
+        text,
+        "\n\n  axis      command     feedback  following error  torque  winding  missed  servo"
+    );
+    for axis in &model.axes {
+        let error = axis
+            .error_um
+            .map_or("-".into(), |error_um| format!("{error_um:+.1} µm"));
+        let _ = write!(
+            text,
+            "\n  {:<2} {:<3} {:>+10.4}  {:>+11.4}  {error:>15}  {:>4.0} %  {:>+5.1} K  {:>6}  {}",
+            axis.name,
+            axis.unit,
+            axis.command_mm,
+            axis.feedback_mm,
+            axis.torque_share * 100.0,
+            axis.winding_k,
+            axis.missed_scans,
+            ROLES.get(axis.role as usize).copied().unwrap_or("?"),
+        );
+    }
+    let processes = model.processes();
+    if !processes.is_empty() {
+        text.push_str("\n\n  process      does             pid  starts  state");
+    }
+    for process in &processes {
+        let pid = process.pid.map_or("-".into(), |pid| pid.to_string());
+        let _ = write!(
+            text,
+            "\n  {:<12} {:<12} {pid:>7}  {:>6}  {}",
+            process.name,
+            process.job,
+            process.starts,
+            state_of(process)
+        );
+    }
+    text
+}
+
+/// How far the program is, in words.
+pub fn progress(model: &Model) -> Option<String> {
+    let percent = model.share_done().map(|share| share * 100.0);
+    let block = model.block();
+    let name = model.program_name().unwrap_or("program");
+    match (percent, block) {
+        (Some(percent), Some((line, text))) => {
+            Some(format!("{name} {percent:.1} %, line {line}: {text}"))
+        }
+        (Some(percent), None) => Some(format!("{name} {percent:.1} %")),
+        (None, Some((line, text))) => Some(format!("{name}, line {line}: {text}")),
+        (None, None) => None,
+    }
+}
+
+/// How a process is, in words.
+pub fn state_of(process: &ProcessView) -> String {
+    let mut words = match (process.live, process.stalled, process.drives) {
+        (false, _, _) => "✖ dead".to_string(),
+        (true, true, _) => "stopped".into(),
+        (true, false, Some(false)) => "stands by".into(),
+        (true, false, Some(true)) => "drives".into(),
+        (true, false, None) => "lives".into(),
+    };
+    if let Some((scan, signal)) = process.death {
+        let _ = if signal == 0 {
+            write!(words, ", last ended in scan {scan}")
+        } else {
+            write!(words, ", last killed (signal {signal}) in scan {scan}")
+        };
+    }
+    words
+}

@@ -1,0 +1,200 @@
+//! Lookers-on: what they show, and that nobody in the cell notices them.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Stdio};
+
+use serde_json::Value;
+
+use crate::support::{Bench, LiveCell, Run, circle_program, long_program, quadrant, send, text};
+
+/// Children that look on; dropping them ends them.
+struct Monitors(Vec<Child>);
+
+impl Drop for Monitors {
+    fn drop(&mut self) {
+        for child in &mut self.0 {
+            send(child.id() as i32, libc::SIGCONT);
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+/// Runs circles in lockstep with so many monitors, the last of which is stopped in the middle and stays so; also the lines of the
+/// first.
+fn watched(count: usize) -> (Run, Vec<Value>) {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("circle.ngc", &long_program());
+    let mut cell = LiveCell::start(bench.path(), &program, "lockstep");
+    cell.wait_for_scan(1);
+    let lines = |index: usize| bench.path().join(format!("lines-{index}.jsonl"));
+    let mut monitors = Monitors(Vec::new());
+    for index in 0..count {
+        let file = File::create(lines(index)).expect("a file");
+        let child = quadrant()
+            .args(["monitor", "--json", "--cell", &cell.cell])
+            .stdout(file)
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("a monitor");
+        monitors.0.push(child);
+    }
+    let said = |index: usize| -> usize {
+        let file = File::open(lines(index)).expect("its file");
+        BufReader::new(file).lines().count()
+    };
+    if let Some(last) = monitors.0.last() {
+        // It has its queues by then; from now on nobody empties them.
+        while said(count - 1) < 2 {
+            assert!(
+                matches!(cell.child.try_wait(), Ok(None)),
+                "the run was over before its monitors said anything"
+            );
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        if count > 1 {
+            send(last.id() as i32, libc::SIGSTOP);
+        }
+    }
+    let run = cell.finish();
+    drop(monitors);
+    let lines = if count == 0 {
+        Vec::new()
+    } else {
+        let file = File::open(lines(0)).expect("its file");
+        let each = BufReader::new(file).lines().map_while(Result::ok);
+        // The last one may have been cut off.
+        each.filter_map(|line| serde_json::from_str(&line).ok())
+            .collect()
+    };
+    (run, lines)
+}
+
+#[test]
+fn no_monitor_one_and_four_with_one_of_them_stopped_give_the_same_motion() {
+    let (alone, _) = watched(0);
+    let digest = text(&alone.good_report(), "/motion_digest");
+    let whole = text(&alone.good_report(), "/digest");
+    for count in [1, 4] {
+        let (run, lines) = watched(count);
+        assert_eq!(
+            text(&run.good_report(), "/motion_digest"),
+            digest,
+            "{count}"
+        );
+        assert_eq!(text(&run.good_report(), "/digest"), whole, "{count}");
+        let last = lines.last().expect("the first monitor said something");
+        assert_eq!(last["cell"], run.cell.as_str());
+        assert_eq!(last["program"]["name"], "circle.ngc", "{last}");
+        assert_eq!(
+            last["processes"].as_array().map(Vec::len),
+            Some(5),
+            "{last}"
+        );
+        assert!(last["circle"]["radius_mm"] == 25.0, "{last}");
+        let heights = lines.iter().flat_map(|line| {
+            let reversals = line["reversals"].as_array().cloned().unwrap_or_default();
+            reversals
+                .into_iter()
+                .filter_map(|r| r["height_um"].as_f64())
+        });
+        assert!(heights.count() > 0, "no reversal was seen whole");
+    }
+}
+
+#[test]
+fn status_of_a_realtime_cell_names_state_axes_and_processes() {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("circle.ngc", &long_program());
+    let mut cell = LiveCell::start(bench.path(), &program, "realtime");
+    cell.wait_for_scan(1500);
+    let look = |more: &[&str]| {
+        let output = quadrant()
+            .args(["status", "--cell", &cell.cell])
+            .args(more)
+            .output()
+            .expect("status");
+        assert_eq!(output.status.code(), Some(0), "{output:?}");
+        String::from_utf8(output.stdout).expect("text")
+    };
+    let status: Value = serde_json::from_str(&look(&["--json"])).expect("JSON");
+    let plain = look(&[]);
+    let screen = {
+        let output = quadrant()
+            .args(["monitor", "--once", "--cell", &cell.cell])
+            .output();
+        String::from_utf8(output.expect("a screen").stdout).expect("text")
+    };
+    let planner = cell.pid_of(" planner ");
+    drop(cell);
+    assert_eq!(status["pace"], "realtime", "{status}");
+    assert_eq!(status["mode"], "enabled");
+    assert_eq!(status["override_percent"], 100);
+    assert_eq!(status["hold"], false);
+    assert!(status["cause"].is_null());
+    assert!(status["scan"].as_u64() >= Some(1500));
+    assert!(status["program"]["line"].as_u64() >= Some(2), "{status}");
+    assert!(status["program"]["percent"].as_f64() > Some(0.0));
+    let names = |list: &str, key: &str| -> Vec<String> {
+        let list = status[list].as_array().expect("a list").iter();
+        list.map(|entry| entry[key].as_str().unwrap_or_default().to_string())
+            .collect()
+    };
+    assert_eq!(names("axes", "axis"), ["X", "Y"]);
+    let processes = ["monitor", "servo-X", "servo-Y", "planner", "plant-sim"];
+    assert_eq!(names("processes", "process"), processes);
+    let axis = &status["axes"][0];
+    for key in [
+        "command_mm",
+        "feedback_mm",
+        "following_error_um",
+        "torque_nm",
+    ] {
+        assert!(axis[key].is_f64(), "{key}: {axis}");
+    }
+    assert_eq!(axis["servo"], "a");
+    assert_eq!(axis["missed_scans"].as_u64().map(|_| ()), Some(()));
+    assert_eq!(status["processes"][3]["pid"], planner);
+    assert_eq!(status["processes"][3]["starts"], 1);
+    assert_eq!(status["processes"][3]["live"], true);
+    assert!(
+        plain.contains("RUNS") && plain.contains("servo-Y"),
+        "{plain}"
+    );
+    assert!(
+        screen.contains("▶ RUNS") && screen.lines().count() == 24,
+        "{screen}"
+    );
+}
+
+#[test]
+fn where_no_cell_runs_that_is_said_with_status_1() {
+    for command in ["status", "monitor"] {
+        let output = quadrant()
+            .args([command, "--cell", "nobody-here"])
+            .output()
+            .expect("it ends");
+        assert_eq!(output.status.code(), Some(1));
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(said.contains("cell \"nobody-here\" does not run"), "{said}");
+    }
+}
+
+#[test]
+fn a_monitor_that_comes_and_goes_thirty_times_leaves_no_trace() {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("circle.ngc", &circle_program(25.0, 3000.0, (0.0, 0.0), 0.0));
+    let mut cell = LiveCell::start(bench.path(), &program, "realtime");
+    cell.wait_for_scan(1);
+    for time in 0..30 {
+        let output = quadrant()
+            .args(["status", "--json", "--cell", &cell.cell])
+            .output()
+            .expect("status");
+        assert_eq!(output.status.code(), Some(0), "time {time}: {output:?}");
+    }
+    let run = cell.finish();
+    run.good_report();
+    assert_eq!(crate::support::traces_of(&run.cell), Vec::<String>::new());
+}
