@@ -12,14 +12,52 @@ const SETTLE_S: f64 = 0.1;
 pub struct CircleView {
     /// The circle; none before the first arc.
     pub circle: Option<Circle>,
-    /// Newest deviation at each angle, outward positive, in µm.
-    pub deviation_um: Vec<Option<f64>>,
+    /// Deviation at each angle when the tool was there last.
+    pub deviation: Vec<Option<Bin>>,
     /// Angle of the last sample, in rad.
     pub angle_rad: Option<f64>,
     /// Whether it is being travelled now.
     pub running: bool,
     since_scan: u64,
     last_scan: Option<u64>,
+}
+
+/// What was seen at one angle, outward positive.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bin {
+    /// Mean, in µm.
+    pub mean_um: f64,
+    /// Lowest, in µm.
+    pub low_um: f64,
+    /// Highest, in µm.
+    pub high_um: f64,
+    samples: u32,
+    last_scan: u64,
+}
+
+impl Bin {
+    /// Takes one more sample of the same passage; one of a later passage begins anew.
+    fn with(before: Option<Bin>, scan: u64, um: f64) -> Bin {
+        match before.filter(|bin| bin.last_scan + 1 == scan) {
+            Some(bin) => {
+                let samples = bin.samples + 1;
+                Bin {
+                    mean_um: bin.mean_um + (um - bin.mean_um) / f64::from(samples),
+                    low_um: bin.low_um.min(um),
+                    high_um: bin.high_um.max(um),
+                    samples,
+                    last_scan: scan,
+                }
+            }
+            None => Bin {
+                mean_um: um,
+                low_um: um,
+                high_um: um,
+                samples: 1,
+                last_scan: scan,
+            },
+        }
+    }
 }
 
 /// A programmed circle.
@@ -111,7 +149,7 @@ impl CircleView {
                 .as_ref()
                 .is_some_and(|before| before.is_the_same(&now));
             if !known {
-                self.deviation_um = vec![None; BINS];
+                self.deviation = vec![None; BINS];
             }
         }
         self.running = true;
@@ -125,8 +163,8 @@ impl CircleView {
         self.angle_rad = Some(angle_rad);
         let share = angle_rad / std::f64::consts::TAU;
         let bin = (libm::floor((share - libm::floor(share)) * BINS as f64) as usize).min(BINS - 1);
-        if let Some(slot) = self.deviation_um.get_mut(bin) {
-            *slot = Some(deviation_um);
+        if let Some(slot) = self.deviation.get_mut(bin) {
+            *slot = Some(Bin::with(*slot, scan, deviation_um));
         }
         Some(deviation_um)
     }
@@ -139,10 +177,11 @@ impl CircleView {
 
     /// Lowest and highest deviation that is shown, in µm.
     pub fn range_um(&self) -> Option<(f64, f64)> {
-        let mut shown = self.deviation_um.iter().flatten();
-        let first = *shown.next()?;
-        Some(shown.fold((first, first), |(low, high), value| {
-            (low.min(*value), high.max(*value))
+        let mut shown = self.deviation.iter().flatten();
+        let first = shown.next()?;
+        let start = (first.low_um, first.high_um);
+        Some(shown.fold(start, |(low, high), bin| {
+            (low.min(bin.low_um), high.max(bin.high_um))
         }))
     }
 }
@@ -186,8 +225,8 @@ mod tests {
         let (low, high) = view.range_um().expect("a range");
         assert!((low - 2.0).abs() < 1e-6 && (high - 2.0).abs() < 1e-6);
         // 1 rad to 4 rad: from 57° to 228°.
-        assert_eq!(view.deviation_um[40], None);
-        assert!(view.deviation_um[60].is_some());
-        assert_eq!(view.deviation_um[300], None);
+        assert_eq!(view.deviation[40], None);
+        assert!(view.deviation[60].is_some());
+        assert_eq!(view.deviation[300], None);
     }
 }

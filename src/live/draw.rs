@@ -137,11 +137,11 @@ fn bottom_line(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let palette = screen.palette;
     let line = match &screen.prompt {
         Prompt::Keys => Line::styled(
-            " h hold   r resume   s stop   + - override   ? help   q quit (the machine goes on)",
+            " h hold   r resume   s stop   + - override   ? help   q quit this view",
             palette.quiet(),
         ),
         Prompt::ConfirmStop => Line::styled(
-            " stop? the tool comes to rest on the path, a `quadrant run` ends.  y stop   any other key: no",
+            " stop? the tool comes to rest, a `quadrant run` ends.  y stop   other keys: no",
             palette.warn(),
         ),
         Prompt::Answer(tone, words) => Line::styled(format!(" {words}"), palette.of(*tone)),
@@ -168,23 +168,22 @@ const HELP: &str = "\
  q  Esc   leave; the machine goes on
  ?        this page
 
- The same from any terminal: quadrant hold, resume, stop,
- override, and also jog, disable, enable.
+ The same from any terminal: quadrant hold, resume, stop …
 
- error    following error now; peak: since this view came;
-          the bars: the largest of each look, newest right
+ error    following error as the servo reckons it (the command is
+          one scan ahead of the feedback beside it); peak: since
+          this view came; bars: largest of each 0.1 s, newest right
  torque   share of the motor's rated torque; ! at its limit
  winding  temperature above ambient
  missed   scans without a command in time, since the start
- circle   table, radial deviation, exaggerated as said
- reversal height: table, over the arc just before it;
-          off an arc only the following error is known
- timing   period between scans as this process sees it,
-          its own waking-up included
+ circle   radial deviation of the table; dotted: as programmed
+ reversal height of the table over the arc just before it; - off
+          an arc, or not all scans seen; error: largest around it
+ period   between scans, this view's own waking-up included
  age      scans since a process last answered";
 
 fn help(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
-    let (width, height) = (64.min(area.width), 24.min(area.height));
+    let (width, height) = (66.min(area.width), 24.min(area.height));
     let middle = Rect {
         x: area.x + (area.width - width) / 2,
         y: area.y + (area.height - height) / 2,

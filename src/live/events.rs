@@ -10,6 +10,8 @@ use super::words;
 
 /// Events that are kept.
 const KEPT: usize = 200;
+/// Small things of the same kind within so many scans of the first are one event.
+const TOGETHER_SCANS: u64 = 30_000;
 
 /// How much an event matters.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,6 +31,15 @@ pub struct Event {
     pub text: String,
     /// How much it matters.
     pub weight: Weight,
+    /// Of small things that come often: which, and how many scans in all.
+    often: Option<(Often, u32)>,
+}
+
+/// What comes often where a PC is not made for real time, and would flood the list.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Often {
+    Overrun,
+    Missed { axis: u32 },
 }
 
 /// The events so far.
@@ -65,8 +76,40 @@ impl Events {
         if self.last.len() == KEPT {
             self.last.pop_front();
         }
-        self.last.push_back(Event { scan, text, weight });
+        self.last.push_back(Event {
+            scan,
+            text,
+            weight,
+            often: None,
+        });
         self.count += 1;
+    }
+
+    /// Notes something small: added to the last event of its kind, if that is not long ago.
+    fn note_often(&mut self, scan: u64, kind: Often, scans: u32, machine: &Machine) {
+        let text = |scans: u32| match kind {
+            Often::Overrun => format!("machine side late: {scans} scans in all"),
+            Often::Missed { axis } => {
+                let name = words::axis_name(machine, axis);
+                format!("{name}: no command in {scans} scans in all")
+            }
+        };
+        for event in self.last.iter_mut().rev() {
+            if event.scan + TOGETHER_SCANS < scan {
+                break;
+            }
+            if let Some((known, before)) = event.often
+                && known == kind
+            {
+                event.text = text(before + scans);
+                event.often = Some((kind, before + scans));
+                return;
+            }
+        }
+        self.note(scan, Weight::Warning, text(scans));
+        if let Some(event) = self.last.back_mut() {
+            event.often = Some((kind, scans));
+        }
     }
 
     /// Compares a feedback with the one before it.
@@ -98,8 +141,7 @@ impl Events {
         }
         if now.overrun_scans > before.overrun_scans {
             let count = now.overrun_scans - before.overrun_scans;
-            let text = format!("the machine side was late by {count} scans");
-            self.note(now.scan, Weight::Warning, text);
+            self.note_often(now.scan, Often::Overrun, count, machine);
         }
         for (index, (axis, earlier)) in now.axes().iter().zip(before.axes()).enumerate() {
             let name = words::axis_name(machine, index as u32);
@@ -114,11 +156,8 @@ impl Events {
             }
             // Told when it is over, so that one loss is one event.
             if axis.missed_in_a_row == 0 && earlier.missed_in_a_row > 0 {
-                let text = format!(
-                    "{name}: {} scans without a command",
-                    earlier.missed_in_a_row
-                );
-                self.note(now.scan, Weight::Warning, text);
+                let kind = Often::Missed { axis: index as u32 };
+                self.note_often(now.scan, kind, earlier.missed_in_a_row, machine);
             }
         }
     }
@@ -241,6 +280,23 @@ mod tests {
         let expected = [
             (55, "planner killed by signal 9"),
             (60, "planner started anew (start 2)"),
+        ];
+        assert_eq!(texts(&events), expected);
+    }
+
+    #[test]
+    fn scans_that_are_missed_now_and_then_do_not_flood_the_list() {
+        let machine = machine();
+        let mut events = Events::default();
+        for scan in 0..1000u64 {
+            let mut feedback = running(scan);
+            feedback.axes[0].missed_in_a_row = u32::from(scan % 10 == 5);
+            feedback.overrun_scans = (scan / 100) as u32;
+            events.feedback(&feedback, &machine);
+        }
+        let expected = [
+            (6, "X: no command in 100 scans in all"),
+            (100, "machine side late: 9 scans in all"),
         ];
         assert_eq!(texts(&events), expected);
     }

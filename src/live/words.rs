@@ -148,7 +148,7 @@ pub fn says(feedback: &Feedback, machine: &Machine) -> Says {
 
 fn enabled(feedback: &Feedback, machine: &Machine) -> Says {
     let (symbol, state, tone, detail, next) = if feedback.hold == 1 && at_rest(feedback) {
-        let next = "r resumes; an axis may be jogged (`quadrant jog`), the drives switched off";
+        let next = "r resumes; an axis may be moved now (`quadrant jog X 5`)";
         ("‖", "IN HOLD", Tone::Waits, "at rest".to_string(), next)
     } else if feedback.hold == 1 {
         let detail = "comes to rest on the path".to_string();

@@ -11,7 +11,7 @@ use crate::live::axis::AxisView;
 use crate::live::palette::Palette;
 
 /// Characters of a row beside the bars.
-const FIXED: u16 = 68;
+const FIXED: u16 = 69;
 /// Heights of a bar.
 const BARS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
 /// Share of the limit from which a following error is marked.

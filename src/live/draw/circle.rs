@@ -5,7 +5,7 @@ use ratatui::layout::Rect;
 use ratatui::symbols::Marker;
 use ratatui::text::Line;
 use ratatui::widgets::Paragraph;
-use ratatui::widgets::canvas::{Canvas, Points};
+use ratatui::widgets::canvas::{Canvas, Line as CanvasLine, Points};
 
 use super::{Screen, panel};
 use crate::live::circle::{BINS, CircleView};
@@ -14,6 +14,9 @@ use crate::live::circle::{BINS, CircleView};
 const STEPS: [f64; 3] = [1.0, 2.0, 5.0];
 /// Share of the drawn radius that one scale of deviation takes.
 const SWING: f64 = 0.3;
+
+/// From one point to the next.
+type Stroke = ((f64, f64), (f64, f64));
 
 /// Draws it.
 pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
@@ -45,7 +48,7 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
         return;
     };
     let scale_um = scale_um(low_um.abs().max(high_um.abs()));
-    let words = format!(" radial {low_um:+.1} … {high_um:+.1} µm; dotted: 0; scale ±{scale_um} µm");
+    let words = format!(" radial {low_um:+.1} … {high_um:+.1} µm, drawn ±{scale_um} µm");
     let caption = Rect {
         height: 1,
         ..inside
@@ -75,10 +78,9 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
                 color: palette.nominal(),
             });
             context.layer();
-            context.draw(&Points {
-                coords: &curve,
-                color: palette.curve(),
-            });
+            for ((x1, y1), (x2, y2)) in &curve {
+                context.draw(&CanvasLine::new(*x1, *y1, *x2, *y2, palette.curve()));
+            }
             if let Some(angle) = view.angle_rad.filter(|_| view.running) {
                 let place = |radius: f64| (radius * libm::cos(angle), radius * libm::sin(angle));
                 let (at_x, at_y) = place(0.55);
@@ -89,16 +91,22 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     frame.render_widget(canvas, plot);
 }
 
-/// Dots of the programmed circle and of the deviation.
-fn points(view: &CircleView, scale_um: f64) -> (Vec<(f64, f64)>, Vec<(f64, f64)>) {
+/// Dots of the programmed circle; and the deviation as strokes from angle to angle, a dot where the neighbour is unknown.
+fn points(view: &CircleView, scale_um: f64) -> (Vec<(f64, f64)>, Vec<Stroke>) {
     let at = |bin: usize, radius: f64| {
         let angle = (bin as f64 + 0.5) / BINS as f64 * std::f64::consts::TAU;
         (radius * libm::cos(angle), radius * libm::sin(angle))
     };
-    let nominal = (0..BINS).step_by(12).map(|bin| at(bin, 1.0)).collect();
-    let each = view.deviation_um.iter().enumerate();
-    let curve = each.filter_map(|(bin, um)| Some(at(bin, 1.0 + (*um)? / scale_um * SWING)));
-    (nominal, curve.collect())
+    let nominal = (0..BINS).step_by(6).map(|bin| at(bin, 1.0)).collect();
+    let curve = |bin: usize| {
+        let seen = view.deviation.get(bin).copied().flatten()?;
+        Some(at(bin, 1.0 + seen.mean_um / scale_um * SWING))
+    };
+    let strokes = (0..BINS).filter_map(|bin| {
+        let here = curve(bin)?;
+        Some((here, curve((bin + 1) % BINS).unwrap_or(here)))
+    });
+    (nominal, strokes.collect())
 }
 
 /// The smallest step that holds this deviation.

@@ -17,8 +17,8 @@ pub fn reversals(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let title = format!("reversals ({} seen)", model.reversals.count);
     let inside = panel(frame, area, &title, palette);
     let heading = format!(
-        " {:<5}{:>8}{:>10}{:>13}",
-        "axis", "at s", "height µm", "error peak µm"
+        " {:<5}{:>8}{:>11}{:>10}",
+        "axis", "at s", "height µm", "error µm"
     );
     let mut lines = vec![Line::styled(heading, palette.quiet())];
     let rows = usize::from(inside.height.saturating_sub(1));
@@ -32,11 +32,11 @@ pub fn reversals(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
         let at_s = reversal.scan as f64 * model.machine.scan_period_s();
         let height = reversal
             .height_um
-            .map_or("no arc".into(), |um| format!("{um:+.1}"));
+            .map_or("-".into(), |um| format!("{um:+.1}"));
         lines.push(Line::from(vec![
             Span::raw(format!(" {name}{arrow:<4}{at_s:>8.2}")),
-            Span::styled(format!("{height:>10}"), palette.good()),
-            Span::raw(format!("{:>13.1}", reversal.error_peak_um)),
+            Span::styled(format!("{height:>11}"), palette.good()),
+            Span::raw(format!("{:>10.1}", reversal.error_peak_um)),
         ]));
     }
     frame.render_widget(Paragraph::new(lines), inside);
@@ -84,13 +84,17 @@ pub fn processes(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     frame.render_widget(Paragraph::new(lines), inside);
 }
 
-fn short_state(process: &ProcessView) -> &'static str {
+fn short_state(process: &ProcessView) -> &str {
     match (process.live, process.stalled, process.drives) {
         (false, _, _) => "✖ dead",
         (true, true, _) => "‖ stopped",
         (true, false, Some(true)) => "drives",
         (true, false, Some(false)) => "stands by",
-        (true, false, None) => "lives",
+        (true, false, None) => match process.job {
+            "planner" => "plans",
+            "recorder" => "records",
+            other => other,
+        },
     }
 }
 

@@ -36,8 +36,9 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
             first.push(Span::styled(overrun, palette.warn()));
         }
     }
+    let corner_width = right.chars().count() as u16;
     let second = match progress(model) {
-        Some(words) => bar_line(model.share_done(), &words, area.width),
+        Some(words) => bar_line(model.share_done(), &words, area.width, corner_width),
         None => " program: nothing heard of it yet".into(),
     };
     let third = Line::from(vec![
@@ -46,22 +47,27 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     ]);
     let lines = vec![Line::from(first), Line::raw(second), third];
     frame.render_widget(Paragraph::new(lines), area);
-    let width = (right.chars().count() as u16).min(area.width);
+    let width = corner_width.min(area.width);
     let corner = Rect {
         x: area.x + area.width - width,
-        y: area.y + 2,
+        y: area.y + 1,
         width,
         height: 1,
     };
     frame.render_widget(Paragraph::new(Line::styled(right, palette.quiet())), corner);
 }
 
-/// How far the program is, as a bar and in words.
-fn bar_line(share: Option<f64>, words: &str, width: u16) -> String {
+/// How far the program is, as a bar and in words, with `kept` columns left free at the end.
+fn bar_line(share: Option<f64>, words: &str, width: u16, kept: u16) -> String {
     let cells = (usize::from(width) / 8).max(4);
     let filled = (share.unwrap_or(0.0) * cells as f64).round() as usize;
     let bar: String = (0..cells)
         .map(|cell| if cell < filled { '█' } else { '░' })
         .collect();
-    format!(" {bar} {words}")
+    let room = usize::from(width.saturating_sub(kept)).saturating_sub(cells + 4);
+    let mut shown: String = words.chars().take(room).collect();
+    if shown.chars().count() < words.chars().count() {
+        shown.push('…');
+    }
+    format!(" {bar} {shown}")
 }
