@@ -317,9 +317,12 @@ impl Group {
         self.page.set_phase(CellPhase::Running);
     }
 
-    /// Hands the roster to lookers-on that have come meanwhile.
+    /// Hands the roster to lookers-on that have come meanwhile. Not while a process is on its way into it: that one must see
+    /// no roster before the one that admits it.
     pub fn greet(&self) {
-        self.roster_writer.greet();
+        if !self.somebody_joins() {
+            self.roster_writer.greet();
+        }
     }
 
     /// Starts the process of a place; it takes part once the roster says so.

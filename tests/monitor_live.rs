@@ -168,6 +168,46 @@ fn status_of_a_realtime_cell_names_state_axes_and_processes() {
     );
 }
 
+/// Standing in for a monitor that was stopped with its cell and goes on in the next one of that name.
+#[test]
+fn a_monitor_that_wakes_in_the_next_cell_of_its_name_takes_nothing_away_from_it() {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("circle.ngc", &long_program());
+    let mut first = LiveCell::start(bench.path(), &program, "realtime");
+    first.wait_for_scan(200);
+    let name = first.cell.clone();
+    let said = bench.path().join("lines.jsonl");
+    let child = quadrant()
+        .args(["monitor", "--json", "--cell", &name])
+        .stdout(File::create(&said).expect("a file"))
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("a monitor");
+    let monitors = Monitors(vec![child]);
+    while std::fs::metadata(&said).map_or(0, |file| file.len()) == 0 {
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    let pid = monitors.0.first().expect("one").id() as i32;
+    send(pid, libc::SIGSTOP);
+    first.signal_launcher(libc::SIGINT);
+    first.finish();
+    let mut second = LiveCell::start_as(&name, bench.path(), &program, "realtime", &[]);
+    second.wait_for_scan(200);
+    send(pid, libc::SIGCONT);
+    let mut monitors = monitors;
+    let ended = monitors.0.first_mut().expect("one").wait();
+    assert_eq!(ended.expect("it ends").code(), Some(0));
+    // Every service can still be opened: a servo that is lost is replaced, an observer sees it all.
+    let status = quadrant()
+        .args(["status", "--json", "--cell", &name])
+        .output()
+        .expect("status");
+    assert_eq!(status.status.code(), Some(0), "{status:?}");
+    let status: Value = serde_json::from_slice(&status.stdout).expect("JSON");
+    assert!(status["axes"][1]["following_error_um"].is_f64(), "{status}");
+    drop(second);
+}
+
 #[test]
 fn where_no_cell_runs_that_is_said_with_status_1() {
     for command in ["status", "monitor"] {

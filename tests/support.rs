@@ -151,8 +151,19 @@ impl LiveCell {
 
     /// The same with more arguments.
     pub fn start_with(machine: &Path, program: &Path, pace: &str, more: &[&str]) -> LiveCell {
+        Self::start_as(&unique_cell(), machine, program, pace, more)
+    }
+
+    /// The same under the name of a cell that has ended.
+    pub fn start_as(
+        cell: &str,
+        machine: &Path,
+        program: &Path,
+        pace: &str,
+        more: &[&str],
+    ) -> LiveCell {
         let folder = tempfile::tempdir().expect("a temporary folder");
-        let cell = unique_cell();
+        let cell = cell.to_string();
         let out = folder.path().join("run");
         let child = quadrant()
             .arg("run")

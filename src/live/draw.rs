@@ -9,7 +9,7 @@ use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::Style;
 use ratatui::text::{Line, Span};
-use ratatui::widgets::{Block, Borders, Clear, Paragraph};
+use ratatui::widgets::{Block, Borders, Clear, Paragraph, Wrap};
 
 use super::model::Model;
 use super::palette::Palette;
@@ -76,7 +76,7 @@ pub fn draw(frame: &mut Frame<'_>, screen: &Screen<'_>) {
         Constraint::Length(3),
         Constraint::Length(axes),
         Constraint::Min(1),
-        Constraint::Length(1),
+        Constraint::Length(bottom_rows(screen, area.width)),
     ]);
     let [top, axis_rows, rest, bottom] = rows.areas(area);
     top::draw(frame, top, screen);
@@ -133,6 +133,14 @@ fn wide(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     panels::events(frame, below, screen);
 }
 
+/// A long refusal is shown whole.
+fn bottom_rows(screen: &Screen<'_>, width: u16) -> u16 {
+    match &screen.prompt {
+        Prompt::Answer(_, words) => (words.chars().count() as u16 + 8).div_ceil(width).min(3),
+        _ => 1,
+    }
+}
+
 fn bottom_line(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let palette = screen.palette;
     let line = match &screen.prompt {
@@ -146,7 +154,8 @@ fn bottom_line(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
         ),
         Prompt::Answer(tone, words) => Line::styled(format!(" {words}"), palette.of(*tone)),
     };
-    frame.render_widget(Paragraph::new(line), area);
+    let whole = Paragraph::new(line).wrap(Wrap { trim: false });
+    frame.render_widget(whole, area);
 }
 
 /// A panel's area inside a titled rule along its top.
@@ -183,7 +192,7 @@ const HELP: &str = "\
  age      scans since a process last answered";
 
 fn help(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
-    let (width, height) = (66.min(area.width), 24.min(area.height));
+    let (width, height) = (74.min(area.width), 24.min(area.height));
     let middle = Rect {
         x: area.x + (area.width - width) / 2,
         y: area.y + (area.height - height) / 2,

@@ -3,17 +3,20 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use anyhow::anyhow;
+use bus::cell::{CellError, CellPlace};
+use bus::machine::Machine;
 use bus::member::Pace;
-use bus::page::CellPhase;
+use bus::page::{CellPhase, Page};
 use bus::port::Reader;
 use bus::sample::{AxisCommand, Feedback, Instruments, PlannerStatus, Roster};
-use bus::service::{RECORDER_DEPTH_SCANS, ROLES};
+use bus::service::{Bus, RECORDER_DEPTH_SCANS, ROLES};
 use control::path::AxisVector;
 use program::Setup;
 
 use super::model::Model;
 use super::proc::children_of;
-use crate::exit::{Failure, Kind};
+use crate::exit::Failure;
 use crate::operator::{Client, page_of};
 
 /// Largest program that is read for its lines and arcs: some hundred thousand blocks, a fraction of a second.
@@ -21,21 +24,59 @@ const PROGRAM_BYTES_MAX: u64 = 8 << 20;
 /// Time between two looks at `/proc`.
 const PROC_EVERY: Duration = Duration::from_millis(500);
 
-/// A foot in the cell, and the model it fills.
-pub struct Feed {
-    /// What is known.
-    pub model: Model,
-    client: Client,
+/// The ends of the cell's services.
+struct Ports {
+    _bus: Bus,
     feedback: Reader<Feedback>,
     instruments: Reader<Instruments>,
     planner: Reader<PlannerStatus>,
     roster: Reader<Roster>,
     commands: Vec<Reader<AxisCommand>>,
+}
+
+impl Ports {
+    fn open(bus: Bus, machine: &Machine) -> Result<Ports, CellError> {
+        let depth = RECORDER_DEPTH_SCANS;
+        let mut commands = Vec::new();
+        for (axis, settings) in machine.axes.iter().enumerate() {
+            for role in 0..ROLES.len() {
+                if role == 0 || settings.standby {
+                    commands.push(bus.command_reader(axis, role, depth)?);
+                }
+            }
+        }
+        Ok(Ports {
+            feedback: bus.feedback_reader(depth)?,
+            instruments: bus.instruments_reader(depth)?,
+            planner: bus.planner_reader(1)?,
+            roster: bus.roster_reader(16)?,
+            commands,
+            _bus: bus,
+        })
+    }
+}
+
+/// A foot in the cell, and the model it fills.
+pub struct Feed {
+    /// What is known.
+    pub model: Model,
+    place: CellPlace,
+    machine: Machine,
+    page: Page,
+    ports: Option<Ports>,
     program_file: Option<PathBuf>,
     /// Hash of the program that was tried to be read.
     read: Option<u64>,
     proc_seen: Option<Instant>,
     heard: Instant,
+}
+
+impl Drop for Feed {
+    fn drop(&mut self) {
+        if self.has_ended() {
+            self.abandon();
+        }
+    }
 }
 
 impl Feed {
@@ -44,30 +85,33 @@ impl Feed {
     /// # Errors
     /// None runs, several do, or it cannot be entered.
     pub fn attach(cell: Option<&str>) -> Result<Feed, Failure> {
-        let client = Client::find(cell, "monitor")?;
-        let bus = &client.bus;
-        let depth = RECORDER_DEPTH_SCANS;
-        let mut commands = Vec::new();
-        for (axis, settings) in client.machine.axes.iter().enumerate() {
-            for role in 0..ROLES.len() {
-                if role == 0 || settings.standby {
-                    commands.push(bus.command_reader(axis, role, depth).environment()?);
-                }
-            }
-        }
+        let Client {
+            place,
+            machine,
+            page,
+            bus,
+        } = Client::find(cell, "monitor")?;
+        let ports = Ports::open(bus, &machine).map_err(|error| match page_of(&place) {
+            Some(_) => Failure::Environment(error.into()),
+            None => Failure::Stopped(anyhow!("cell {:?} has just ended", place.name())),
+        })?;
         Ok(Feed {
-            model: Model::new(client.place.name(), client.machine.clone()),
-            feedback: bus.feedback_reader(depth).environment()?,
-            instruments: bus.instruments_reader(depth).environment()?,
-            planner: bus.planner_reader(1).environment()?,
-            roster: bus.roster_reader(16).environment()?,
-            commands,
-            client,
+            model: Model::new(place.name(), machine.clone()),
+            place,
+            machine,
+            page,
+            ports: Some(ports),
             program_file: None,
             read: None,
             proc_seen: None,
             heard: Instant::now(),
         })
+    }
+
+    /// Leaves a cell that is over without a word. Its launcher removes all that is left of it; a port that is closed in order
+    /// takes the files of its service with it by their names, which may be those of the next cell by then.
+    pub fn abandon(&mut self) {
+        std::mem::forget(self.ports.take());
     }
 
     /// Takes whatever has come since the last look: at most what the queues hold.
@@ -78,10 +122,19 @@ impl Feed {
         {
             self.look_at_processes();
         }
+        let Some(mut ports) = self.ports.take() else {
+            return;
+        };
+        self.drain(&mut ports);
+        self.ports = Some(ports);
+        self.model.end_of_look();
+    }
+
+    fn drain(&mut self, ports: &mut Ports) {
         let mut left = RECORDER_DEPTH_SCANS;
         let mut newest = None;
         while left > 0
-            && let Some(feedback) = self.feedback.any()
+            && let Some(feedback) = ports.feedback.any()
         {
             if newest.is_none() || self.read != Some(feedback.program_hash) {
                 self.read_program(&feedback);
@@ -94,16 +147,18 @@ impl Feed {
             self.heard = Instant::now();
         }
         self.model.feedback_age_s = self.heard.elapsed().as_secs_f64();
-        while let Some(roster) = self.roster.any() {
+        while let Some(roster) = ports.roster.any() {
             self.model.roster(&roster);
         }
-        if let Some(status) = self.planner.newest(u64::MAX) {
+        if let Some(status) = ports.planner.newest(u64::MAX) {
             self.model.planner = Some(status);
         }
-        for reader in &mut self.commands {
+        // What belongs to a scan later than the newest feedback waits for the next look.
+        let now = self.model.feedback.map_or(0, |feedback| feedback.scan);
+        for reader in &mut ports.commands {
             let mut left = RECORDER_DEPTH_SCANS;
             while left > 0
-                && let Some(command) = reader.any()
+                && let Some(command) = reader.next(now)
             {
                 self.model.command(&command);
                 left -= 1;
@@ -111,17 +166,16 @@ impl Feed {
         }
         let mut left = RECORDER_DEPTH_SCANS;
         while left > 0
-            && let Some(sample) = self.instruments.any()
+            && let Some(sample) = ports.instruments.next(now)
         {
             self.model.instruments(&sample);
             left -= 1;
         }
-        self.model.end_of_look();
     }
 
     fn look_at_processes(&mut self) {
         self.proc_seen = Some(Instant::now());
-        let page = &self.client.page;
+        let page = &self.page;
         let children = children_of(page.launcher_pid());
         if let Some(program) = children.iter().find_map(|child| child.program.clone()) {
             self.program_file = Some(program);
@@ -148,7 +202,7 @@ impl Feed {
         if !small {
             return;
         }
-        let machine = &self.client.machine;
+        let machine = &self.machine;
         let mut axes_mm = AxisVector::zeros();
         let registers = machine.axes.iter().zip(&feedback.program_start);
         for (to, (axis, increments)) in axes_mm.iter_mut().zip(registers) {
@@ -166,10 +220,9 @@ impl Feed {
 
     /// Whether nobody of the cell can be heard any more.
     pub fn is_gone(&self) -> bool {
-        let place = &self.client.place;
-        self.client.page.phase() == CellPhase::Ending
-            || page_of(place)
-                .is_none_or(|page| page.launcher_pid() != self.client.page.launcher_pid())
+        let place = &self.place;
+        self.page.phase() == CellPhase::Ending
+            || page_of(place).is_none_or(|page| page.launcher_pid() != self.page.launcher_pid())
     }
 
     /// In real time: waits at the scan's bell for `budget` and takes the periods between its rings. Elsewhere scans have no
@@ -179,7 +232,7 @@ impl Feed {
             std::thread::sleep(budget);
             return;
         }
-        let bell = self.client.page.scan_bell();
+        let bell = self.page.scan_bell();
         let started = Instant::now();
         let mut last: Option<(Instant, u32)> = None;
         while started.elapsed() < budget {

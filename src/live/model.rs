@@ -127,7 +127,11 @@ impl Model {
         self.seen_scans.0 += 1;
         self.track.begin(now.scan, now.tag);
         self.events.feedback(now, &self.machine);
-        let driven = !matches!(Mode::from_wire(now.mode), Some(Mode::Disabled) | None);
+        // Else the command register follows the axes.
+        let driven = matches!(
+            Mode::from_wire(now.mode),
+            Some(Mode::Enabled | Mode::Stopping | Mode::Jogging)
+        );
         let angular_rad_s = self.angular_rad_s(now);
         let period_s = self.machine.scan_period_s();
         let axes = self.axes.iter_mut().zip(now.axes());

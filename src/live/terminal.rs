@@ -99,6 +99,7 @@ impl View {
             return;
         }
         self.feed.model.ended = true;
+        self.feed.abandon();
         let cell = self.feed.model.cell.clone();
         if let Ok(place) = bus::cell::CellPlace::new(&cell)
             && operator::page_of(&place).is_some_and(|page| page.phase() == CellPhase::Running)

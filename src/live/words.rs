@@ -1,6 +1,6 @@
 //! The state of a cell in plain words, with what can be done next.
 
-use bus::machine::{AfterLoss, Machine};
+use bus::machine::Machine;
 use bus::sample::{Cause, Feedback, Mode};
 
 /// How a state is meant.
@@ -105,9 +105,9 @@ pub fn says(feedback: &Feedback, machine: &Machine) -> Says {
             }
         },
         Mode::Tripped => {
-            let waits = machine.restart.servo == AfterLoss::Wait;
-            let next = if waits && feedback.cause == Cause::ServoLost as u32 {
-                "the drives have braked; r goes on once the servo is back"
+            // Which of the two, the policy says; a fault script may have changed it.
+            let next = if feedback.cause == Cause::ServoLost as u32 {
+                "once the servo is back: r, or `quadrant enable` and then r"
             } else {
                 "the drives have braked; when all stands: `quadrant enable`, then r"
             };
@@ -215,25 +215,20 @@ mod tests {
     }
 
     #[test]
-    fn a_trip_after_a_lost_servo_that_is_to_come_back_is_left_by_resume_alone() {
-        let mut machine = machine();
+    fn a_trip_is_told_with_its_axis_and_the_way_out_of_it() {
+        let machine = machine();
         let mut feedback = running(10);
         feedback.mode = Mode::Tripped as u32;
         feedback.cause = Cause::ServoLost as u32;
         feedback.cause_axis = 1;
-        machine.restart.servo = AfterLoss::Wait;
         assert!(
             says(&feedback, &machine)
                 .next
-                .starts_with("the drives have braked; r")
+                .starts_with("once the servo is back: r")
         );
-        machine.restart.servo = AfterLoss::End;
-        assert!(says(&feedback, &machine).next.contains("quadrant enable"));
         feedback.cause = Cause::FollowingError as u32;
-        assert!(
-            says(&feedback, &machine)
-                .detail
-                .contains("axis Y: following error")
-        );
+        let said = says(&feedback, &machine);
+        assert!(said.next.contains("quadrant enable"));
+        assert!(said.detail.contains("axis Y: following error"));
     }
 }

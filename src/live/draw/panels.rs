@@ -45,10 +45,11 @@ pub fn reversals(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
 /// The processes; if there is not room for all, those that need a look first.
 pub fn processes(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let palette = screen.palette;
+    let ended = screen.model.ended;
     let mut processes = screen.model.processes();
     let inside = panel(frame, area, "processes", palette);
     let heading = format!(
-        " {:<12}{:>8}{:>7}{:>6}  {}",
+        " {:<10}{:>8}{:>7}{:>6} {}",
         "name", "pid", "starts", "age", "state"
     );
     let mut lines = vec![Line::styled(heading, palette.quiet())];
@@ -71,10 +72,10 @@ pub fn processes(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
         };
         Line::from(vec![
             Span::raw(format!(
-                " {:<12}{pid:>8}{:>7}{age:>6}  ",
+                " {:<10}{pid:>8}{:>7}{age:>6} ",
                 process.name, process.starts
             )),
-            Span::styled(short_state(process), style),
+            Span::styled(if ended { "ended" } else { short_state(process) }, style),
         ])
     }));
     if hidden > 0 {
@@ -89,10 +90,11 @@ fn short_state(process: &ProcessView) -> &str {
         (false, _, _) => "✖ dead",
         (true, true, _) => "‖ stopped",
         (true, false, Some(true)) => "drives",
-        (true, false, Some(false)) => "stands by",
+        (true, false, Some(false)) => "standby",
         (true, false, None) => match process.job {
             "planner" => "plans",
             "recorder" => "records",
+            "machine side" => "machine",
             other => other,
         },
     }

@@ -32,7 +32,7 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
             ));
         }
         if feedback.overrun_scans > 0 {
-            let overrun = format!("  ▲ {} overrun", feedback.overrun_scans);
+            let overrun = format!("  ▲ {} scans overrun", feedback.overrun_scans);
             first.push(Span::styled(overrun, palette.warn()));
         }
     }
