@@ -88,10 +88,10 @@ impl Events {
     /// Notes something small: added to the last event of its kind, if that is not long ago.
     fn note_often(&mut self, scan: u64, kind: Often, scans: u32, machine: &Machine) {
         let text = |scans: u32| match kind {
-            Often::Overrun => format!("machine side late: {scans} scans in all"),
+            Often::Overrun => format!("machine side: {scans} scans late"),
             Often::Missed { axis } => {
                 let name = words::axis_name(machine, axis);
-                format!("{name}: no command in {scans} scans in all")
+                format!("{name}: no command in {scans} scans")
             }
         };
         for event in self.last.iter_mut().rev() {
@@ -167,9 +167,9 @@ impl Events {
             self.note(now.scan, Weight::Warning, "an unknown mode".into());
             return;
         };
-        match (mode, words::cause(now, machine)) {
+        match (mode, words::cause_alone(now, machine)) {
             (Mode::Tripped, Some(cause)) => {
-                self.note(now.cause_scan, Weight::Warning, format!("TRIP: {cause}"));
+                self.note(now.cause_scan, Weight::Warning, format!("TRIP {cause}"));
             }
             (_, Some(cause)) if mode != Mode::Enabled => {
                 self.note(
@@ -295,8 +295,8 @@ mod tests {
             events.feedback(&feedback, &machine);
         }
         let expected = [
-            (6, "X: no command in 100 scans in all"),
-            (100, "machine side late: 9 scans in all"),
+            (6, "X: no command in 100 scans"),
+            (100, "machine side: 9 scans late"),
         ];
         assert_eq!(texts(&events), expected);
     }
@@ -313,10 +313,7 @@ mod tests {
         feedback.cause_axis = 0;
         feedback.cause_scan = 1011;
         events.feedback(&feedback, &machine);
-        let expected = [(
-            1011,
-            "TRIP: axis X: following error beyond its limit, in scan 1011",
-        )];
+        let expected = [(1011, "TRIP X: following error beyond its limit")];
         assert_eq!(texts(&events), expected);
     }
 }

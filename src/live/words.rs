@@ -37,6 +37,17 @@ pub fn axis_name(machine: &Machine, axis: u32) -> &str {
 
 /// Why the machine stopped, with axis and scan; none if nothing did.
 pub fn cause(feedback: &Feedback, machine: &Machine) -> Option<String> {
+    let cause = cause_alone(feedback, machine)?;
+    let axis = if feedback.cause_axis == u32::MAX {
+        ""
+    } else {
+        "axis "
+    };
+    Some(format!("{axis}{cause}, in scan {}", feedback.cause_scan))
+}
+
+/// The same in short: without the scan.
+pub fn cause_alone(feedback: &Feedback, machine: &Machine) -> Option<String> {
     let cause = Cause::from_wire(feedback.cause);
     let words = match cause {
         Some(Cause::None) => return None,
@@ -46,9 +57,9 @@ pub fn cause(feedback: &Feedback, machine: &Machine) -> Option<String> {
     let axis = if feedback.cause_axis == u32::MAX {
         String::new()
     } else {
-        format!("axis {}: ", axis_name(machine, feedback.cause_axis))
+        format!("{}: ", axis_name(machine, feedback.cause_axis))
     };
-    Some(format!("{axis}{words}, in scan {}", feedback.cause_scan))
+    Some(format!("{axis}{words}"))
 }
 
 /// Whether the command rests.

@@ -118,7 +118,7 @@ fn a_trip_is_told_with_axis_and_cause_and_what_to_do() {
         "{all}"
     );
     assert!(all.contains("quadrant enable"), "{all}");
-    assert!(all.contains("▲ 100.02 s TRIP: axis Y"), "{all}");
+    assert!(all.contains("▲ 100.02 s TRIP Y: following"), "{all}");
 }
 
 #[test]
