@@ -488,6 +488,7 @@ mod tests {
             let mut judge = judge();
             let mut last = at(0);
             last.axes[0].command_register = register;
+            last.tag.distance_mm = 10.0;
             judge.take(&last);
             last.scan = 1;
             last.mode = Mode::Finished as u32;
