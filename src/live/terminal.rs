@@ -1,5 +1,7 @@
 //! The live screen: looks, draws, listens for keys.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
@@ -19,17 +21,41 @@ use crate::signals::Signals;
 
 /// So long an answer stays in the bottom line.
 const ANSWER_SHOWN: Duration = Duration::from_secs(8);
+/// So long a view that was told to leave may take.
+const LEAVE_LIMIT: Duration = Duration::from_millis(500);
+/// Exit status of one that had to be ended.
+const INTERRUPTED: u8 = 130;
 /// Step of the override, in percent.
 const OVERRIDE_STEP: u32 = 10;
 
 /// Shows the cell until somebody quits. The terminal is given back as it was however this ends: by key, signal, error or panic.
 pub fn run(feed: Feed) -> Outcome {
-    let signals = Signals::catch().environment()?;
+    let signals = Arc::new(Signals::catch().environment()?);
+    let left = Arc::new(AtomicBool::new(false));
+    leave_for_certain(Arc::clone(&signals), Arc::clone(&left));
     // Its panic hook gives the terminal back before the message is printed.
     let mut terminal = ratatui::try_init().environment()?;
     let result = View::new(feed).run(&mut terminal, &signals);
+    left.store(true, Ordering::Release);
     ratatui::restore();
     result.environment()
+}
+
+/// Where the terminal has gone, waiting for a key never ends (crossterm 0.29 reads its end for ever, at full speed): a view that has
+/// been told to leave and does not is ended from here.
+fn leave_for_certain(signals: Arc<Signals>, left: Arc<AtomicBool>) {
+    std::thread::spawn(move || {
+        while !left.load(Ordering::Acquire) {
+            std::thread::sleep(FRAME);
+            if signals.count() > 0 {
+                std::thread::sleep(LEAVE_LIMIT);
+                if !left.load(Ordering::Acquire) {
+                    ratatui::restore();
+                    std::process::exit(i32::from(INTERRUPTED));
+                }
+            }
+        }
+    });
 }
 
 /// An order on its way, answered by a thread of its own: a machine side that is silent must not freeze the screen.
