@@ -241,3 +241,51 @@ fn a_monitor_that_comes_and_goes_thirty_times_leaves_no_trace() {
     run.good_report();
     assert_eq!(crate::support::traces_of(&run.cell), Vec::<String>::new());
 }
+
+/// A terminal that was closed, then a word to leave: the view must not read the terminal's end for ever.
+#[test]
+fn a_monitor_whose_terminal_has_gone_leaves_when_it_is_told_to() {
+    use std::os::fd::FromRawFd;
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("long.ngc", &long_program());
+    let mut cell = LiveCell::start(bench.path(), &program, "realtime");
+    cell.wait_for_scan(50);
+    let (mut master, mut slave) = (-1, -1);
+    // SAFETY: plain system calls; both descriptors are owned by what is made of them.
+    let (terminal, screen) = unsafe {
+        let size = libc::winsize {
+            ws_row: 24,
+            ws_col: 80,
+            ws_xpixel: 0,
+            ws_ypixel: 0,
+        };
+        let null = std::ptr::null_mut();
+        let made = libc::openpty(&mut master, &mut slave, null, std::ptr::null(), &size);
+        assert_eq!(made, 0, "a terminal");
+        (
+            std::fs::File::from_raw_fd(master),
+            std::fs::File::from_raw_fd(slave),
+        )
+    };
+    let mut view = quadrant()
+        .args(["monitor", "--cell", &cell.cell])
+        .stdin(screen.try_clone().expect("a descriptor"))
+        .stdout(screen.try_clone().expect("a descriptor"))
+        .stderr(screen)
+        .spawn()
+        .expect("the monitor");
+    let scan = cell.wait_for_scan(0).scan;
+    cell.wait_for_scan(scan + 500);
+    drop(terminal);
+    cell.wait_for_scan(scan + 800);
+    send(view.id() as i32, libc::SIGTERM);
+    let left = (0..400).any(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(25));
+        view.try_wait().expect("the monitor").is_some()
+    });
+    if !left {
+        send(view.id() as i32, libc::SIGKILL);
+        let _ = view.wait();
+    }
+    assert!(left, "it goes on without a terminal");
+}
