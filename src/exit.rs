@@ -3,6 +3,9 @@
 use std::io::Write;
 use std::process::ExitCode;
 
+/// Exit status of [`Failure::Interrupted`].
+pub const INTERRUPTED: u8 = 130;
+
 /// Why a command did not end with 0. Each kind has its status; the error inside is for people.
 #[derive(Debug)]
 pub enum Failure {
@@ -55,7 +58,7 @@ pub fn words(error: &anyhow::Error) -> String {
 pub fn code(outcome: Outcome) -> ExitCode {
     let (status, error) = match outcome {
         Ok(()) => return ExitCode::SUCCESS,
-        Err(Failure::Interrupted) => return ExitCode::from(130),
+        Err(Failure::Interrupted) => return ExitCode::from(INTERRUPTED),
         Err(Failure::Stopped(error)) => (1, error),
         Err(Failure::Input(error)) => (2, error),
         Err(Failure::Environment(error)) => (3, error),

@@ -67,6 +67,7 @@ use crate::machine::{AfterLoss, AfterMachineSide, AfterMonitor, Machine, Restart
 use crate::order_file::axis_index;
 use crate::sample::{Feedback, Job, MAX_AXES};
 use crate::settings_file::{self, From, Rules, SettingsFileError, read_text};
+use crate::split_mix::{self, SplitMix64};
 
 /// The most faults of one script, each repetition counted.
 pub const FAULTS_MAX: usize = 1024;
@@ -657,15 +658,9 @@ enum Key {
 }
 use Key::{May, Must, MustNot};
 
-/// The scan of `first..=last` that the seed gives the fault of this index: SplitMix64 (Steele, Lea, Flood, "Fast splittable
-/// pseudorandom number generators", OOPSLA 2014), its output scaled to the range.
+/// The scan of `first..=last` that the seed gives the fault of this index.
 fn random_scan(seed: u64, index: u64, first: u64, last: u64) -> u64 {
-    let mut z = seed.wrapping_add(index.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15));
-    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    z ^= z >> 31;
-    let count = u128::from(last - first) + 1;
-    first + ((u128::from(z) * count) >> 64) as u64
+    SplitMix64(seed.wrapping_add(index.wrapping_mul(split_mix::STEP))).within(first, last)
 }
 
 impl FaultScript {

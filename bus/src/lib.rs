@@ -13,5 +13,6 @@ pub mod realtime;
 pub mod sample;
 pub mod service;
 pub mod settings_file;
+pub mod split_mix;
 pub mod tamper;
 pub mod window;

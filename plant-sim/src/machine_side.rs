@@ -110,10 +110,6 @@ impl AxisUnit {
         }
     }
 
-    fn is_followed(&self) -> bool {
-        self.followed
-    }
-
     /// What the drive is told for this scan.
     fn drive_command(&self, mode: Mode) -> DriveCommand {
         match mode {

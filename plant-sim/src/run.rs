@@ -468,10 +468,19 @@ impl Cell {
 pub fn run(options: &Options) -> Result<(), MachineSideError> {
     let plant = PlantFile::load(&options.plant)?;
     let mut member = Member::enter(options.seat.clone(), "plant-sim")?;
-    if let Some(faults) = &options.faults {
-        let script = fault_file::load(faults, &member.machine)?;
-        script.restart.apply(&mut member.machine.restart);
-    }
+    let faults = match &options.faults {
+        Some(path) => {
+            let mut script = fault_file::load(path, &member.machine)?;
+            let element = |line| {
+                let blocks = options.fault_blocks.iter();
+                blocks.filter(|(l, _)| *l == line).map(|(_, e)| *e).next()
+            };
+            script.resolve_blocks(element)?;
+            script.restart.apply(&mut member.machine.restart);
+            Some(script)
+        }
+        None => None,
+    };
     let ports = Ports::open(&member)?;
     let mut simulations = plant.simulations(&member.machine)?;
     let latches = restore(&member, &mut simulations)?;
@@ -501,19 +510,8 @@ pub fn run(options: &Options) -> Result<(), MachineSideError> {
         None => Vec::new(),
     };
     script.retain(|order| order.scan >= first_scan);
-    let faults = match &options.faults {
-        Some(path) => {
-            let mut script = fault_file::load(path, &member.machine)?;
-            let element = |line| {
-                let blocks = options.fault_blocks.iter();
-                blocks.filter(|(l, _)| *l == line).map(|(_, e)| *e).next()
-            };
-            script.resolve_blocks(element)?;
-            let fired = |index| member.page.fault_fired(index);
-            Some(FaultDesk::new(script, fired, first_scan))
-        }
-        None => None,
-    };
+    let fired = |index| member.page.fault_fired(index);
+    let faults = faults.map(|script| FaultDesk::new(script, fired, first_scan));
     member.ready(Priority::Machine);
     let mut cell = Cell {
         faults,

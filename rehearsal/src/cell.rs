@@ -20,7 +20,7 @@ use plant_sim::setup::SetupError;
 use servo::{Servo, ServoSettingsError};
 
 use crate::processes::{PlannerPlace, ServoPlace};
-use crate::queues::{Window, WindowQueue};
+use crate::queues::{Queue, Window};
 use crate::saved::Saved;
 
 /// Incarnation of the first process in a place.
@@ -83,7 +83,7 @@ pub struct Rehearsal {
     desk: Option<FaultDesk>,
     side: MachineSide,
     side_incarnation: u32,
-    side_windows: WindowQueue,
+    side_windows: Queue<Arc<Window>>,
     saved: Saved,
     planner: PlannerPlace,
     places: Vec<ServoPlace>,
@@ -178,7 +178,7 @@ impl Rehearsal {
             servos,
             side,
             side_incarnation: FIRST,
-            side_windows: WindowQueue::new(),
+            side_windows: Queue::new(),
             saved: Saved::nothing(),
             plant: plant.clone(),
             program_name: program_name.into(),
@@ -233,7 +233,7 @@ impl Rehearsal {
             self.orders_done += 1;
             self.side.order(&order.request);
         }
-        while let Some(window) = self.side_windows.queue.next(scan) {
+        while let Some(window) = self.side_windows.next(scan) {
             self.side.offer(&window.header, &window.rows, &self.roster);
         }
         self.side.close_scan(&self.answers, &self.roster);
@@ -301,11 +301,10 @@ impl Rehearsal {
         let status = self.planner.scan(&self.feedback, fired, &mut self.windows);
         self.answers.planner = Some(status);
         for window in &self.windows {
-            self.side_windows.send(window, &self.planner.history);
+            self.side_windows.push(Arc::clone(window));
             for place in self.places.iter_mut().filter(|place| place.lives) {
-                place.windows.send(window, &self.planner.history);
+                place.windows.push(Arc::clone(window));
             }
-            self.planner.keep(window);
         }
     }
 
@@ -441,7 +440,7 @@ impl Rehearsal {
         };
         self.side = side;
         self.side_incarnation = incarnation;
-        self.side_windows = WindowQueue::new();
+        self.side_windows = Queue::new();
         let first_scan = self.side.scan();
         let orders = &self.script.orders;
         self.orders_done = orders.partition_point(|order| order.scan < first_scan);

@@ -1,6 +1,5 @@
 //! The processes that answer: what each remembers, and what is gone when it is killed.
 
-use std::collections::VecDeque;
 use std::sync::Arc;
 
 use bus::fault_file::FaultScript;
@@ -9,10 +8,7 @@ use bus::tamper::Tamper;
 use planner::Planner;
 use servo::Servo;
 
-use crate::queues::{Queue, Window, WindowQueue};
-
-/// Windows that a late reader finds (bus/src/service.rs).
-const WINDOW_HISTORY: usize = 0;
+use crate::queues::{Queue, Window};
 
 /// The place of one servo. The servo itself is kept beside it.
 #[derive(Debug)]
@@ -23,7 +19,7 @@ pub(crate) struct ServoPlace {
     pub lives: bool,
     /// It has been stopped: it lives and does nothing.
     pub stopped: bool,
-    pub windows: WindowQueue,
+    pub windows: Queue<Arc<Window>>,
     /// Commands of the axis's other servo; none where there is no other.
     pub peer: Option<Queue<AxisCommand>>,
     tamper: Option<Tamper>,
@@ -37,7 +33,7 @@ impl ServoPlace {
             incarnation: 1,
             lives: true,
             stopped: false,
-            windows: WindowQueue::new(),
+            windows: Queue::new(),
             peer: standby.then(Queue::new),
             tamper: script.map(|script| Tamper::new(script, Job::Servo, axis as u32, role as u32)),
         }
@@ -60,7 +56,7 @@ impl ServoPlace {
         fired: impl Fn(usize) -> Option<u64>,
         mut send: impl FnMut(&AxisCommand),
     ) -> AxisCommand {
-        while let Some(window) = self.windows.queue.next(feedback.scan) {
+        while let Some(window) = self.windows.next(feedback.scan) {
             // A refusal is reported in the command.
             let _ = servo.offer(&window.header, &window.rows, feedback);
         }
@@ -83,8 +79,6 @@ pub(crate) struct PlannerPlace {
     pub incarnation: u32,
     pub lives: bool,
     pub stopped: bool,
-    /// The last windows of this very process.
-    pub history: VecDeque<Arc<Window>>,
     tamper: Option<Tamper>,
 }
 
@@ -95,7 +89,6 @@ impl PlannerPlace {
             incarnation,
             lives: true,
             stopped: false,
-            history: VecDeque::with_capacity(WINDOW_HISTORY + 1),
             tamper: script.map(|script| Tamper::new(script, Job::Planner, 0, 0)),
         }
     }
@@ -124,13 +117,5 @@ impl PlannerPlace {
             (None, None) => {}
         }
         decision.status
-    }
-
-    /// Keeps a window that was sent for readers that come late.
-    pub fn keep(&mut self, window: &Arc<Window>) {
-        self.history.push_back(Arc::clone(window));
-        if self.history.len() > WINDOW_HISTORY {
-            self.history.pop_front();
-        }
     }
 }

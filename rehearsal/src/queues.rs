@@ -75,34 +75,6 @@ impl<T: Sent> Queue<T> {
     }
 }
 
-/// A reading end of the setpoint service. A new one finds the history when the planner next sends, not before.
-#[derive(Debug)]
-pub(crate) struct WindowQueue {
-    pub queue: Queue<Arc<Window>>,
-    connected: bool,
-}
-
-impl WindowQueue {
-    /// Of a process that has just been started.
-    pub fn new() -> WindowQueue {
-        WindowQueue {
-            queue: Queue::new(),
-            connected: false,
-        }
-    }
-
-    /// A planner sends a window, having sent those of `history` before.
-    pub fn send(&mut self, window: &Arc<Window>, history: &VecDeque<Arc<Window>>) {
-        if !self.connected {
-            self.connected = true;
-            for old in history {
-                self.queue.push(Arc::clone(old));
-            }
-        }
-        self.queue.push(Arc::clone(window));
-    }
-}
-
 #[cfg(test)]
 #[allow(clippy::expect_used)]
 mod tests {
@@ -135,25 +107,5 @@ mod tests {
         }
         let first = queue.next(100).expect("a command");
         assert_eq!(first.scan, 20 - SCAN_DEPTH as u64);
-    }
-
-    #[test]
-    fn a_new_reader_finds_the_history_with_the_next_window() {
-        let window = |sequence: u32| {
-            let mut header = WindowHeader::zeroed();
-            header.id.sequence = sequence;
-            Arc::new(Window {
-                header,
-                rows: Vec::new(),
-            })
-        };
-        let history: VecDeque<_> = [window(1), window(2)].into();
-        let mut reader = WindowQueue::new();
-        assert!(reader.queue.next(0).is_none());
-        reader.send(&window(3), &history);
-        reader.send(&window(4), &[window(2), window(3)].into());
-        let found = std::iter::from_fn(|| reader.queue.next(0));
-        let found: Vec<u32> = found.map(|w| w.header.id.sequence).collect();
-        assert_eq!(found, [1, 2, 3, 4]);
     }
 }

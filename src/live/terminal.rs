@@ -15,7 +15,7 @@ use super::feed::Feed;
 use super::palette::Palette;
 use super::words::Tone;
 use super::{FRAME, LISTEN};
-use crate::exit::{Kind, Outcome, words};
+use crate::exit::{INTERRUPTED, Kind, Outcome, words};
 use crate::operator;
 use crate::signals::Signals;
 
@@ -23,8 +23,6 @@ use crate::signals::Signals;
 const ANSWER_SHOWN: Duration = Duration::from_secs(8);
 /// So long a view that was told to leave may take.
 const LEAVE_LIMIT: Duration = Duration::from_millis(500);
-/// Exit status of one that had to be ended.
-const INTERRUPTED: u8 = 130;
 /// Step of the override, in percent.
 const OVERRIDE_STEP: u32 = 10;
 

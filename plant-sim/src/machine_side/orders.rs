@@ -9,7 +9,6 @@
     clippy::indexing_slicing
 )]
 
-use bus::machine::AfterLoss;
 use bus::sample::{Cause, Driver, Mode, OperatorRequest, OperatorResponse, Order, Refused};
 
 use super::{AxisUnit, MachineSide};
@@ -140,7 +139,7 @@ impl MachineSide {
             Mode::Stopping => return Err(Refused::NotAtRest.into()),
             Mode::Jogging => return Err(Refused::Jogging.into()),
             Mode::Disabled => return Err(Refused::DrivesOff.into()),
-            Mode::Tripped if self.lost_a_servo() && self.restart.servo != AfterLoss::End => {
+            Mode::Tripped if self.waits_for_servo() => {
                 self.acknowledge()?;
             }
             Mode::Tripped => return Err(Refused::Tripped.into()),

@@ -10,7 +10,7 @@
 use bus::machine::AfterLoss;
 use bus::sample::{Cause, Job, Mode, Roster};
 
-use super::{AxisUnit, MachineSide};
+use super::MachineSide;
 use crate::saved::Latches;
 
 impl MachineSide {
@@ -58,8 +58,7 @@ impl MachineSide {
             && self
                 .axes
                 .iter()
-                .all(|axis| axis.missed_in_a_row == 0 && axis.is_within_travel())
-            && self.axes.iter().all(AxisUnit::is_followed)
+                .all(|axis| axis.followed && axis.missed_in_a_row == 0 && axis.is_within_travel())
     }
 
     /// Ends a trip: drives on, where the axes stand.

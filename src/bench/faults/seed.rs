@@ -7,6 +7,7 @@ use bus::machine::{Machine, Restart};
 use bus::order_file::{self, ScriptedOrder};
 use bus::sample::Job;
 use bus::settings_file::SettingsFileError;
+use bus::split_mix::SplitMix64;
 
 /// Scans from the last event to the first attempt to go on, and from one attempt to the next.
 const RECOVERY_SCANS: (u64, u64) = (120, 260);
@@ -15,23 +16,14 @@ const RECOVERIES: u64 = 7;
 /// From `enable` to `resume`.
 const ENABLE_SCANS: u64 = 30;
 
-/// SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators", OOPSLA 2014).
+/// What a scenario is drawn with.
 #[derive(Debug)]
-struct Random(u64);
+struct Random(SplitMix64);
 
 impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
     /// One of `low..=high`.
     fn within(&mut self, low: u64, high: u64) -> u64 {
-        let count = u128::from(high.saturating_sub(low)) + 1;
-        low + ((u128::from(self.next()) * count) >> 64) as u64
+        self.0.within(low, high)
     }
 
     fn one_in(&mut self, count: u64) -> bool {
@@ -76,9 +68,9 @@ pub struct Scenario {
 /// # Errors
 /// The script that was drawn is not one: a defect of this file.
 pub fn draw(seed: u64, machine: &Machine, shapes: &[Shape]) -> Result<Scenario, SettingsFileError> {
-    let mut random = Random(seed);
+    let mut random = Random(SplitMix64(seed));
     // Neighbouring seeds are to have nothing in common.
-    random.0 = random.next();
+    random.0 = SplitMix64(random.0.bits());
     let program = random.within(0, shapes.len() as u64 - 1) as usize;
     let shape = shapes[program];
     let standby = !random.one_in(3);
