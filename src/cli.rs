@@ -32,6 +32,14 @@ pub enum Command {
     Plan(PlanOptions),
     /// Make report and plots again from a run's log; or hold one run against another
     Report(ReportOptions),
+    /// Start the process group and stay; programs are loaded and started from other terminals, until `down`
+    Up(UpOptions),
+    /// Load a program into a cell that is up; one that was begun and is stopped is given up
+    Load(LoadOptions),
+    /// Begin the program that is loaded, from where the axes stand
+    Start(StartOptions),
+    /// End a running cell: the tool comes to rest on the path, then all processes leave
+    Down(OperatorOptions),
     /// Feed hold of a running cell: the tool comes to rest on the path and waits for `resume`
     Hold(OperatorOptions),
     /// Go on after a hold or a stop; after a jog, or with the drives off in between, return to the path first
@@ -122,6 +130,59 @@ impl RunOptions {
     pub fn pace(&self) -> Pace {
         self.pace.parse().unwrap_or(Pace::Lockstep)
     }
+}
+
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "The drives are off at first. From any other terminal:\n  quadrant enable\n  quadrant load machines/xy/programs/circle-r25-f3000.ngc\n  quadrant start --wait\n  quadrant down\n\nEvery program that is started leaves a run directory with log and report in DIR: DIR/001-circle-r25-f3000 …\nCtrl-C, SIGTERM and `quadrant down` bring the tool to rest on the path before the processes leave."
+)]
+pub struct UpOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml
+    pub machine: PathBuf,
+    /// realtime: scans at absolute times; lockstep: as fast as the machine goes, also while nothing moves
+    #[arg(long, default_value = "realtime", value_parser = ["realtime", "lockstep"])]
+    pub pace: String,
+    /// Folder for the run directories; made new [default: runs/CELL-up-TIME]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Name of the cell, when several share a PC [default: the machine's own name]
+    #[arg(long, value_name = "NAME")]
+    pub cell: Option<String>,
+    /// Go without what earlier runs have taught (learned.toml beside the machine file)
+    #[arg(long)]
+    pub no_learned: bool,
+    /// In lockstep: seconds a living process may take for one answer before the cell is given up
+    #[arg(long, value_name = "SECONDS", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600), hide_short_help = true)]
+    pub answer_limit: u64,
+}
+
+impl UpOptions {
+    pub fn pace(&self) -> Pace {
+        self.pace.parse().unwrap_or(Pace::Realtime)
+    }
+}
+
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "The program is checked against the machine from where its axes stand, and copied: later edits do not reach the\ncell. Exit status 1: the cell cannot take it now; 2: the program is wrong."
+)]
+pub struct LoadOptions {
+    /// Part program (RS274/NGC, \"G-code\")
+    pub program: PathBuf,
+    #[command(flatten)]
+    pub to: CellOptions,
+}
+
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "With --wait, exit status 0: the program is done; 1: it was stopped, tripped or given up, as is printed."
+)]
+pub struct StartOptions {
+    /// Wait until the program is done
+    #[arg(long)]
+    pub wait: bool,
+    #[command(flatten)]
+    pub to: CellOptions,
 }
 
 /// What every order to a running cell takes.
@@ -468,9 +529,9 @@ pub struct PlantSimOptions {
 pub struct PlannerOptions {
     #[command(flatten)]
     pub seat: SeatOptions,
-    /// Part program
+    /// Part program; without one, those that are loaded into the cell
     #[arg(long)]
-    pub program: PathBuf,
+    pub program: Option<PathBuf>,
     /// Faults to commit
     #[arg(long)]
     pub faults: Option<PathBuf>,
@@ -495,10 +556,10 @@ pub struct ServoOptions {
 pub struct RecorderOptions {
     #[command(flatten)]
     pub seat: SeatOptions,
-    /// Run directory to record into
+    /// Run directory to record into; without a program, the folder in which each one that is started gets its own
     #[arg(long)]
     pub out: PathBuf,
     /// Part program, for the log's metadata
     #[arg(long)]
-    pub program: PathBuf,
+    pub program: Option<PathBuf>,
 }

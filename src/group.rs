@@ -55,8 +55,8 @@ pub struct Plan {
     pub machine_file: PathBuf,
     /// Copy of the plant file.
     pub plant_file: PathBuf,
-    /// Copy of the program.
-    pub program: PathBuf,
+    /// Copy of the program; none in a cell that stays up.
+    pub program: Option<PathBuf>,
     /// Where the recorder writes.
     pub out: PathBuf,
     /// Pace.
@@ -79,13 +79,7 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
         job: Job::Monitor,
         axis: 0,
         role: 0,
-        arguments: vec![
-            "recorder".into(),
-            "--out".into(),
-            path(&plan.out),
-            "--program".into(),
-            path(&plan.program),
-        ],
+        arguments: vec!["recorder".into(), "--out".into(), path(&plan.out)],
     }];
     for (index, axis) in machine.axes.iter().enumerate() {
         for (role, word) in ROLES.iter().enumerate() {
@@ -108,7 +102,7 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
         job: Job::Planner,
         axis: 0,
         role: 0,
-        arguments: vec!["planner".into(), "--program".into(), path(&plan.program)],
+        arguments: vec!["planner".into()],
     });
     roles.push(Role {
         name: "plant-sim".into(),
@@ -119,12 +113,19 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
             "plant-sim".into(),
             "--plant".into(),
             path(&plan.plant_file),
-            "--enabled".into(),
-            "--end-after-program".into(),
             "--answer-limit".into(),
             plan.answer_limit_s.to_string(),
         ],
     });
+    if let Some(program) = &plan.program {
+        for role in &mut roles {
+            role.arguments.extend(match role.job {
+                Job::Monitor | Job::Planner => vec!["--program".into(), path(program)],
+                Job::Machine => vec!["--enabled".into(), "--end-after-program".into()],
+                Job::Servo => Vec::new(),
+            });
+        }
+    }
     if let (Some(machine_side), Some(orders)) = (roles.last_mut(), &plan.orders) {
         machine_side
             .arguments

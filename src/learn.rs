@@ -1,7 +1,7 @@
 //! `quadrant run --learn`: what a run that went well teaches for the next one.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use bus::machine::learned::{Learned, LearnedAxis, learned_file, settings_hash};
@@ -23,6 +23,32 @@ const NOTICED_SHARE: f64 = 0.01;
 const ACCELERATION_SHARE: f64 = 0.6;
 /// Feeds above this share of the rapid traverse are positioning: nobody measures the path there.
 const FEED_SHARE: f64 = 0.7;
+
+/// What earlier runs have taught (`learned.toml` beside the machine file), unless it is not to be used; settings that it does
+/// not fit any more are said.
+///
+/// # Errors
+/// The file is there, and not usable.
+pub fn taught(
+    machine_path: &Path,
+    machine: &Machine,
+    without: bool,
+) -> anyhow::Result<Option<PathBuf>> {
+    if without {
+        return Ok(None);
+    }
+    let Some(taught) = Learned::beside(machine_path, machine)? else {
+        return Ok(None);
+    };
+    let path = learned_file(machine_path);
+    for axis in taught.outdated(machine) {
+        tracing::warn!(
+            "{}: axis {axis} has other settings now: what it had learned is not used",
+            path.display()
+        );
+    }
+    Ok(Some(path))
+}
 
 /// Learns from the log of a run and writes `learned.toml` beside the machine file; a line for each axis.
 ///

@@ -19,11 +19,14 @@ mod report;
 mod roles;
 mod run;
 mod run_dir;
+mod session;
 mod settings_difference;
 mod signals;
 mod soak;
+mod supervise;
 mod supervisor;
 mod tune;
+mod up;
 
 use bus::sample::Order;
 use clap::Parser;
@@ -37,6 +40,10 @@ fn main() -> std::process::ExitCode {
         cli::Command::Report(options) => report::report(&options),
         cli::Command::Doctor => doctor::doctor(),
         cli::Command::Clean(options) => run::clean(&options),
+        cli::Command::Up(options) => up::up(&options),
+        cli::Command::Load(options) => operator::load(&options),
+        cli::Command::Start(options) => operator::start(&options),
+        cli::Command::Down(options) => operator::down(&options),
         cli::Command::Hold(options) => operator::simple(Order::Hold, &options),
         cli::Command::Resume(options) => operator::simple(Order::Resume, &options),
         cli::Command::Stop(options) => operator::simple(Order::Stop, &options),

@@ -11,6 +11,10 @@ use bus::page::{CellPhase, Page};
 use bus::sample::{Mode, OperatorRequest, OperatorResponse, Order, Refused};
 use bus::service::Bus;
 
+mod program;
+
+pub use program::{down, load, start};
+
 use crate::cli::{JogOptions, OperatorOptions, OverrideOptions};
 use crate::exit::{Failure, Kind, Outcome};
 use crate::output::say;

@@ -19,13 +19,14 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// With a bar if standard error is a terminal.
+    /// With a bar, if one is wanted and standard error is a terminal.
     pub fn new(
         feedback: Reader<Feedback>,
         planner: Reader<PlannerStatus>,
         scan_period_s: f64,
+        bar: bool,
     ) -> Progress {
-        let target = if std::io::stderr().is_terminal() {
+        let target = if bar && std::io::stderr().is_terminal() {
             ProgressDrawTarget::stderr_with_hz(10)
         } else {
             ProgressDrawTarget::hidden()

@@ -12,7 +12,7 @@ pub fn plant_sim(options: &PlantSimOptions) -> Outcome {
     let run_end = if options.end_after_program {
         plant_sim::RunEnd::AfterProgram
     } else {
-        plant_sim::RunEnd::Never
+        plant_sim::RunEnd::WhenTold
     };
     plant_sim::run(&plant_sim::Options {
         seat: options.seat.seat(),

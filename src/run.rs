@@ -1,37 +1,28 @@
 //! `quadrant run`: check everything, start the group, supervise it, stop it, write the report.
 
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::anyhow;
-use bus::cell::CellPlace;
+use bus::cell::{CellError, CellPlace, Ownership};
 use bus::fault_file::{self, FaultScript};
-use bus::machine::learned::{Learned, learned_file};
-use bus::machine::{AfterLoss, Restart, machine_file};
+use bus::machine::learned::learned_file;
+use bus::machine::machine_file;
 use bus::member::Pace;
 use bus::order_file;
-use bus::page::CellPhase;
-use bus::port::OperatorClient;
-use bus::sample::{Cause, Feedback, Job, Mode, OperatorRequest, Order};
+use bus::sample::Mode;
 
 use crate::check::{self, Checked};
 use crate::cli::{CleanOptions, RunOptions};
 use crate::events::{Event, Events};
 use crate::exit::{Failure, Kind, Outcome};
-use crate::fault_desk::FaultDesk;
-use crate::group::{Death, Group, LEAVE_LIMIT, LEAVE_LIMIT_AFTER_MACHINE, Plan};
-use crate::hangs::Hangs;
+use crate::group::{Group, Plan};
 use crate::output::say;
-use crate::progress::{LOOK_EVERY, Progress};
 use crate::run_dir::{RunDir, Sources, default_folder, program_name};
 use crate::signals::Signals;
-use crate::supervisor::{Supervisor, Verdict};
+use crate::supervise::{Ending, Subject, Watch, stop_words, supervise};
 use crate::{doctor, exit, learn, logs, report};
 
-/// So long the machine may take to come to rest once it was told to.
-const STOP_LIMIT: Duration = Duration::from_secs(15);
-/// The longest wait while somebody is being started, or a fault script may ask for something.
-const LOOK_OFTEN: Duration = Duration::from_millis(1);
 /// Members of a dead launcher get so long to stop on the path and leave.
 const MEMBERS_PATIENCE: Duration = Duration::from_secs(10);
 
@@ -52,43 +43,27 @@ pub fn run(options: &RunOptions) -> Outcome {
     let cell_name = options.cell.as_deref().unwrap_or(&checked.machine.name);
     let place = CellPlace::new(cell_name).input()?;
     let signals = Signals::catch().environment()?;
-    let cell = place.own(MEMBERS_PATIENCE).environment()?;
-    if cell.leftovers > 0 {
-        tracing::info!(
-            "removed {} files that a crashed run had left of cell {cell_name}",
-            cell.leftovers
-        );
-    }
+    let cell = own(&place).environment()?;
     let machine_path = machine_file(&options.machine);
     let folder = options
         .out
         .clone()
         .unwrap_or_else(|| default_folder(&checked.machine.name, &options.program));
-    let learned_path = learned_file(&machine_path);
-    let taught = (!options.no_learned).then(|| Learned::beside(&machine_path, &checked.machine));
-    let taught = taught.transpose().input()?.flatten();
-    if let Some(taught) = &taught {
-        for axis in taught.outdated(&checked.machine) {
-            tracing::warn!(
-                "{}: axis {axis} has other settings now: what it had learned is not used",
-                learned_path.display()
-            );
-        }
-    }
+    let taught = learn::taught(&machine_path, &checked.machine, options.no_learned).input()?;
     let run_dir = RunDir::make(
         &folder,
         &Sources {
             machine: &machine_path,
             plant: &machine_path.with_file_name("plant.toml"),
-            program: &options.program,
-            learned: taught.is_some().then_some(learned_path.as_path()),
+            program: Some(&options.program),
+            learned: taught.as_deref(),
             orders: options.orders.as_deref(),
             faults: options.faults.as_deref(),
         },
     )
     .environment()?;
     // What runs is what was copied: checked once more, in case someone edited it meanwhile.
-    let mut checked = match check::load(&run_dir.machine, Some(&run_dir.program)) {
+    let mut checked = match check::load(&run_dir.machine, run_dir.program.as_deref()) {
         Ok(checked) => checked,
         Err(error) => {
             let _ = std::fs::remove_dir_all(&run_dir.folder);
@@ -122,6 +97,48 @@ pub fn run(options: &RunOptions) -> Outcome {
         Err(error) => return Err(Failure::Environment(error)),
     };
     let mut events = Events::create(&run_dir.folder).environment()?;
+    note_started(&group, &mut events);
+    let watch = Watch::new(&group, &checked.machine, true).environment()?;
+    group.begin();
+    let subject = Subject {
+        machine: &checked.machine,
+        path: checked.program.as_ref().map(|program| &program.path),
+        faults,
+        session: None,
+    };
+    let ending = supervise(&mut group, subject, watch, &signals, &mut events);
+    drop(group);
+    let made = report::make(&run_dir.folder);
+    conclude(ending, made, &run_dir.folder)?;
+    if options.learn {
+        // Only a run that went well gets here.
+        let lines = learn::learn(&run_dir.folder, &machine_path, &checked.machine).environment()?;
+        say(&format!(
+            "Learned, {}:",
+            learned_file(&machine_path).display()
+        ));
+        for line in lines {
+            say(&format!("  {line}"));
+        }
+    }
+    Ok(())
+}
+
+/// Takes the cell, once what is left of a crashed one has gone.
+pub fn own(place: &CellPlace) -> Result<Ownership, CellError> {
+    let cell = place.own(MEMBERS_PATIENCE)?;
+    if cell.leftovers > 0 {
+        tracing::info!(
+            "removed {} files that a crashed run had left of cell {}",
+            cell.leftovers,
+            place.name()
+        );
+    }
+    Ok(cell)
+}
+
+/// Writes down who was started.
+pub fn note_started(group: &Group, events: &mut Events) {
     for (process, pid) in group.living() {
         events.write(&Event {
             process: Some(process),
@@ -129,21 +146,6 @@ pub fn run(options: &RunOptions) -> Outcome {
             ..Event::of_cell(0, "started", None)
         });
     }
-    let watch = Watch::new(&group, &checked).environment()?;
-    group.begin();
-    let ending = supervise(&mut group, &checked, faults, watch, &signals, &mut events);
-    drop(group);
-    let made = report::make(&run_dir.folder);
-    conclude(ending, made, &run_dir.folder)?;
-    if options.learn {
-        // Only a run that went well gets here.
-        let lines = learn::learn(&run_dir.folder, &machine_path, &checked.machine).environment()?;
-        say(&format!("Learned, {}:", learned_path.display()));
-        for line in lines {
-            say(&format!("  {line}"));
-        }
-    }
-    Ok(())
 }
 
 /// Reads a fault script; with it, where the blocks that it names begin on the path (line and element).
@@ -158,253 +160,6 @@ fn load_faults(path: &Path, checked: &Checked) -> anyhow::Result<(FaultScript, V
         Some(element)
     })?;
     Ok((script, blocks))
-}
-
-/// How a supervised run ended.
-#[derive(Debug)]
-struct Ending {
-    last: Option<Feedback>,
-    deaths: Vec<Death>,
-    interruptions: u32,
-    /// The machine side left by itself; it was not killed.
-    in_order: bool,
-    axes: Vec<String>,
-}
-
-/// The launcher's own looks into the cell; made before the scans begin, so that it sees also the shortest run.
-struct Watch {
-    progress: Progress,
-    operator: OperatorClient,
-}
-
-impl Watch {
-    fn new(group: &Group, checked: &Checked) -> anyhow::Result<Watch> {
-        let mut progress = Progress::new(
-            group.bus.feedback_reader(1)?,
-            group.bus.planner_reader(1)?,
-            checked.machine.scan_period_s(),
-        );
-        // A reader is connected from its first look on.
-        progress.look(None);
-        Ok(Watch {
-            progress,
-            operator: group.bus.operator_client()?,
-        })
-    }
-}
-
-/// Watches the group until its machine side has ended, and stops it in order when asked to or when it has to.
-fn supervise(
-    group: &mut Group,
-    checked: &Checked,
-    faults: Option<FaultScript>,
-    mut watch: Watch,
-    signals: &Signals,
-    events: &mut Events,
-) -> Ending {
-    let axes: Vec<String> = checked
-        .machine
-        .axes
-        .iter()
-        .map(|axis| axis.name.clone())
-        .collect();
-    let path = checked.program.as_ref().map(|p| &p.path);
-    let mut deaths: Vec<Death> = Vec::new();
-    let mut supervisor = Supervisor::new(&checked.machine);
-    let mut desk = faults.map(FaultDesk::new);
-    let mut ends = false;
-    let mut hangs = Hangs::default();
-    let mut hinted: Option<String> = None;
-    let cell = group.cell_name().to_string();
-    let realtime = group.pace() == Pace::Realtime;
-    let mut stop_since: Option<Instant> = None;
-    let mut tripped = false;
-    let machine_place = group.place_of(Job::Machine, 0, 0).unwrap_or_default();
-    while (group.lives(Job::Machine) || supervisor.is_due(machine_place)) && signals.count() < 2 {
-        let often = desk.is_some() || supervisor.is_busy(group);
-        let limit = if often { LOOK_OFTEN } else { LOOK_EVERY };
-        group.wait(Some(signals.descriptor()), limit);
-        group.greet();
-        let newest = watch.progress.look(path).copied();
-        group.newest_scan = newest.map_or(0, |feedback| feedback.scan);
-        if let Some(feedback) = newest {
-            let is_tripped = feedback.mode == Mode::Tripped as u32;
-            if is_tripped && !tripped {
-                let how = stop_words(&feedback, &axes);
-                tracing::error!("{how}");
-                events.write(&Event::of_cell(feedback.scan, "trip", Some(how)));
-            }
-            tripped = is_tripped;
-        }
-        if realtime {
-            for process in hangs.end(group) {
-                events.write(&Event {
-                    process: Some(&process),
-                    ..Event::of_cell(group.newest_scan, "hangs", Some("killed".into()))
-                });
-            }
-        }
-        let mut died = group.reap();
-        note_deaths(&died, group.newest_scan, events);
-        for death in died.iter_mut().filter(|d| !d.status.success()) {
-            match supervisor.judge(group, death) {
-                Verdict::Restarts => death.replaced = true,
-                Verdict::GoesOn => {}
-                Verdict::Ends => ends = true,
-            }
-        }
-        deaths.extend(died);
-        supervisor.start_due(group);
-        for (process, pid) in group.admit_ready() {
-            tracing::info!("{process} started anew");
-            events.write(&Event {
-                process: Some(&process),
-                pid: Some(pid),
-                ..Event::of_cell(group.newest_scan, "restarted", None)
-            });
-        }
-        let waits = newest.filter(|_| deaths.iter().any(|death| death.replaced));
-        let hint = waits.and_then(|feedback| waits_for(&feedback, &checked.machine.restart, &cell));
-        if hint != hinted && !supervisor.is_busy(group) {
-            if let Some(hint) = &hint {
-                tracing::warn!("{hint}");
-            }
-            hinted = hint;
-        }
-        if let Some(desk) = &mut desk {
-            ends |= serve_faults(desk, group, &supervisor, events, &mut deaths);
-        }
-        let why = if signals.count() > 0 {
-            Some("interrupted")
-        } else if ends {
-            Some("a process is lost for good")
-        } else {
-            None
-        };
-        if let Some(why) = why
-            && stop_since.is_none()
-            && stop(group, &watch.operator)
-        {
-            stop_since = Some(Instant::now());
-            events.write(&Event::of_cell(group.newest_scan, "stop", Some(why.into())));
-            let again = if signals.count() > 0 {
-                "again"
-            } else {
-                "twice"
-            };
-            tracing::info!(
-                "{why}: the tool comes to rest on the path (Ctrl-C {again} stops at once)"
-            );
-        }
-        if stop_since.is_some_and(|since| since.elapsed() > STOP_LIMIT) {
-            tracing::error!(
-                "not at rest {} s after it was told to stop",
-                STOP_LIMIT.as_secs()
-            );
-            break;
-        }
-    }
-    let in_order = !group.lives(Job::Machine);
-    if in_order {
-        let machine_lost = |d: &Death| d.is_untimely(Job::Machine) && !d.replaced;
-        let limit = if deaths.iter().any(machine_lost) {
-            group.page.set_phase(CellPhase::Ending);
-            LEAVE_LIMIT_AFTER_MACHINE
-        } else {
-            LEAVE_LIMIT
-        };
-        let left = group.wait_until_left(limit);
-        note_deaths(&left, group.newest_scan, events);
-        deaths.extend(left);
-    } else {
-        tracing::warn!("stopped at once");
-        group.kill();
-    }
-    watch.progress.look(path);
-    watch.progress.finish();
-    let last = watch.progress.newest().copied();
-    if let Some(last) = &last {
-        let how = stop_words(last, &axes);
-        events.write(&Event::of_cell(last.scan, "ended", Some(how)));
-    }
-    Ending {
-        last,
-        deaths,
-        interruptions: signals.count(),
-        in_order,
-        axes,
-    }
-}
-
-/// What a machine that does not go on by itself waits for, in words.
-fn waits_for(feedback: &Feedback, restart: &Restart, cell: &str) -> Option<String> {
-    let orders = match Mode::from_wire(feedback.mode)? {
-        Mode::Tripped if restart.servo == AfterLoss::Wait => {
-            format!("`quadrant resume --cell {cell}` returns to the path and goes on")
-        }
-        Mode::Disabled => format!(
-            "the drives are off: `quadrant enable --cell {cell}`, then `quadrant resume --cell {cell}`"
-        ),
-        Mode::Enabled if feedback.hold == 1 => {
-            format!("the machine is in hold: `quadrant resume --cell {cell}` goes on")
-        }
-        _ => return None,
-    };
-    Some(format!("{orders}; Ctrl-C ends the run"))
-}
-
-/// Does what the machine side asks for in the name of a fault script, as long as it asks; whether a process was lost without
-/// which the run is to end.
-fn serve_faults(
-    desk: &mut FaultDesk,
-    group: &mut Group,
-    supervisor: &Supervisor,
-    events: &mut Events,
-    deaths: &mut Vec<Death>,
-) -> bool {
-    let mut ends = false;
-    loop {
-        match desk.serve(group, supervisor) {
-            Ok(Some(served)) => {
-                if let Some((scan, word, process)) = &served.event {
-                    events.write(&Event {
-                        process: Some(process),
-                        ..Event::of_cell(*scan, word, Some("by the fault script".into()))
-                    });
-                }
-                let for_good = |d: &Death| d.job == Job::Planner && !d.replaced;
-                ends |= served.death.as_ref().is_some_and(for_good);
-                deaths.extend(served.death);
-            }
-            Ok(None) => return ends,
-            Err(error) => {
-                tracing::error!("{}", exit::words(&error));
-                return true;
-            }
-        }
-    }
-}
-
-/// Says who died untimely.
-fn note_deaths(deaths: &[Death], scan: u64, events: &mut Events) {
-    for death in deaths.iter().filter(|death| !death.status.success()) {
-        tracing::error!("{} {}", death.name, death.words());
-        events.write(&Event {
-            process: Some(&death.name),
-            ..Event::of_cell(scan, "died", Some(death.words()))
-        });
-    }
-}
-
-/// Asks the machine side to come to rest on the path; false if the order could not be sent.
-fn stop(group: &Group, operator: &OperatorClient) -> bool {
-    let order = OperatorRequest {
-        order: Order::Stop as u32,
-        ..OperatorRequest::default()
-    };
-    let sent = operator.send(order).is_some();
-    group.page.machine_bell().ring();
-    sent
 }
 
 fn conclude(ending: Ending, made: anyhow::Result<String>, folder: &Path) -> Outcome {
@@ -462,32 +217,6 @@ fn conclude(ending: Ending, made: anyhow::Result<String>, folder: &Path) -> Outc
             "{}",
             stop_words(&last, &ending.axes)
         ))),
-    }
-}
-
-/// Why and where the machine stopped.
-fn stop_words(feedback: &Feedback, axes: &[String]) -> String {
-    let cause = Cause::from_wire(feedback.cause).map_or("an unknown cause", Cause::words);
-    let axis = axes
-        .get(feedback.cause_axis as usize)
-        .map_or(String::new(), |name| format!(", axis {name}"));
-    match Mode::from_wire(feedback.mode) {
-        Some(Mode::Tripped) => format!(
-            "the machine tripped in scan {}: {cause}{axis}",
-            feedback.cause_scan
-        ),
-        Some(mode) if feedback.cause != 0 => {
-            format!(
-                "the machine is {} in scan {}: {cause}",
-                mode.word(),
-                feedback.scan
-            )
-        }
-        Some(mode) => format!("the machine is {} in scan {}", mode.word(), feedback.scan),
-        None => format!(
-            "the machine is in an unknown mode in scan {}",
-            feedback.scan
-        ),
     }
 }
 

@@ -17,8 +17,8 @@ pub struct RunDir {
     pub machine: PathBuf,
     /// Copy of the plant file.
     pub plant: PathBuf,
-    /// Copy of the program, under its own name.
-    pub program: PathBuf,
+    /// Copy of the program, under its own name; none in the folder of a cell that stays up.
+    pub program: Option<PathBuf>,
     /// Copy of the scripted orders, if there are any.
     pub orders: Option<PathBuf>,
     /// Copy of the fault script, if there is one.
@@ -33,7 +33,7 @@ pub struct Sources<'a> {
     /// Plant file.
     pub plant: &'a Path,
     /// Part program.
-    pub program: &'a Path,
+    pub program: Option<&'a Path>,
     /// What runs before have taught, if it is to be used and there is any.
     pub learned: Option<&'a Path>,
     /// Scripted orders.
@@ -44,13 +44,18 @@ pub struct Sources<'a> {
 
 /// The folder a run writes to if none is named.
 pub fn default_folder(machine: &str, program: &Path) -> PathBuf {
-    let seconds = SystemTime::now()
-        .duration_since(UNIX_EPOCH)
-        .map_or(0, |d| d.as_secs());
     let stem = program
         .file_stem()
         .map_or("program".into(), |s| s.to_string_lossy());
-    let base = format!("runs/{machine}-{stem}-{}", utc(seconds));
+    dated_folder(&format!("{machine}-{stem}"))
+}
+
+/// `runs/NAME-TIME`, one that is not there yet.
+pub fn dated_folder(name: &str) -> PathBuf {
+    let seconds = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |d| d.as_secs());
+    let base = format!("runs/{name}-{}", utc(seconds));
     let mut folder = PathBuf::from(&base);
     let mut number = 2;
     while folder.exists() {
@@ -153,13 +158,16 @@ impl RunDir {
         let copy_if = |from: Option<&Path>, name: &str| {
             from.map(|from| copy(from, Path::new(name))).transpose()
         };
-        let program_name = Path::new(program_name(sources.program)?);
+        let program = sources
+            .program
+            .map(|program| copy(program, Path::new(program_name(program)?)))
+            .transpose()?;
         copy_if(sources.learned, LEARNED_FILE)?;
         Ok(RunDir {
             folder: folder.to_path_buf(),
             machine: copy(sources.machine, Path::new("machine.toml"))?,
             plant: copy(sources.plant, Path::new("plant.toml"))?,
-            program: copy(sources.program, program_name)?,
+            program,
             orders: copy_if(sources.orders, "orders.toml")?,
             faults: copy_if(sources.faults, "faults.toml")?,
         })

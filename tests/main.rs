@@ -27,3 +27,4 @@ mod straight_lines;
 mod support;
 mod triggers;
 mod tune;
+mod up;

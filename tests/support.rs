@@ -162,13 +162,29 @@ impl LiveCell {
         pace: &str,
         more: &[&str],
     ) -> LiveCell {
+        Self::launch(cell, "run", machine, Some(program), pace, more)
+    }
+
+    /// Starts `quadrant up` with a cell of its own.
+    pub fn up(machine: &Path, pace: &str) -> LiveCell {
+        Self::launch(&unique_cell(), "up", machine, None, pace, &[])
+    }
+
+    fn launch(
+        cell: &str,
+        command: &str,
+        machine: &Path,
+        program: Option<&Path>,
+        pace: &str,
+        more: &[&str],
+    ) -> LiveCell {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let cell = cell.to_string();
         let out = folder.path().join("run");
         let child = quadrant()
-            .arg("run")
+            .arg(command)
             .arg(machine)
-            .arg(program)
+            .args(program)
             .args(["--pace", pace, "--cell", &cell, "--out"])
             .arg(&out)
             .args(more)

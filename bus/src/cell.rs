@@ -113,6 +113,22 @@ impl CellPlace {
         self.folder().join("machine.toml")
     }
 
+    /// Folder of the program that was loaded under this number: its one file keeps the program's own name.
+    pub fn program_folder(&self, load: u32) -> PathBuf {
+        self.programs().join(load.to_string())
+    }
+
+    /// Where loaded programs lie.
+    pub fn programs(&self) -> PathBuf {
+        self.folder().join("programs")
+    }
+
+    /// The program that was loaded under this number.
+    pub fn program(&self, load: u32) -> Option<PathBuf> {
+        let mut entries = fs::read_dir(self.program_folder(load)).ok()?.flatten();
+        entries.next().map(|entry| entry.path())
+    }
+
     /// Names of the cells whose folders are on this PC; whether they run is told by their page.
     pub fn names() -> Vec<String> {
         let entries = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();

@@ -86,6 +86,9 @@ fn request(entry: &Entry, machine: &Machine) -> Result<OperatorRequest, String> 
         let known = Order::ALL.map(Order::word).join(", ");
         format!("order = {:?}: must be one of {known}", entry.order)
     })?;
+    if order == Order::Load {
+        return Err("load: a script has no program to load".into());
+    }
     let (wants_axis, wants_value) = match order {
         Order::Jog => (true, true),
         Order::Override => (false, true),

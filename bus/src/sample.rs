@@ -130,6 +130,8 @@ pub enum Mode {
     Finished = 5,
     /// A second controller moves an axis by hand; no window is executed.
     Jogging = 6,
+    /// Drives on, at rest, and no program is begun: of a cell that stays up.
+    Ready = 7,
 }
 
 impl Mode {
@@ -143,6 +145,7 @@ impl Mode {
             4 => Mode::Tripped,
             5 => Mode::Finished,
             6 => Mode::Jogging,
+            7 => Mode::Ready,
             _ => return None,
         })
     }
@@ -157,6 +160,48 @@ impl Mode {
             Mode::Tripped => "tripped",
             Mode::Finished => "finished",
             Mode::Jogging => "jogging",
+            Mode::Ready => "ready",
+        }
+    }
+}
+
+/// How far a cell is with its program: latched by the machine side.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum ProgramState {
+    /// None is loaded, or the planner has refused it.
+    None = 0,
+    /// The planner is reading it.
+    Loading = 1,
+    /// It can be started.
+    Loaded = 2,
+    /// It was started and is not done: moving, held, stopped, tripped or with the drives off.
+    Begun = 3,
+    /// It is done and can be started again.
+    Done = 4,
+}
+
+impl ProgramState {
+    /// Decodes what came over the wire.
+    pub fn from_wire(value: u32) -> Option<ProgramState> {
+        Some(match value {
+            0 => ProgramState::None,
+            1 => ProgramState::Loading,
+            2 => ProgramState::Loaded,
+            3 => ProgramState::Begun,
+            4 => ProgramState::Done,
+            _ => return None,
+        })
+    }
+
+    /// The word for it on screens and in reports.
+    pub fn word(self) -> &'static str {
+        match self {
+            ProgramState::None => "none",
+            ProgramState::Loading => "loading",
+            ProgramState::Loaded => "loaded",
+            ProgramState::Begun => "begun",
+            ProgramState::Done => "done",
         }
     }
 }
@@ -305,7 +350,7 @@ impl Driver {
 
 /// What the machine side says each scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Feedback/3")]
+#[type_name("quadrant/Feedback/4")]
 #[repr(C)]
 pub struct Feedback {
     /// Number of the scan that begins with this sample.
@@ -352,6 +397,14 @@ pub struct Feedback {
     pub overrun_scans: u32,
     /// Axes in use.
     pub axis_count: u32,
+    /// Number of the program that was loaded last, 0 for the one that the cell was started with.
+    pub load: u32,
+    /// [`ProgramState`] of it.
+    pub program: u32,
+    /// Counts the programs that were started.
+    pub run: u32,
+    /// Kept zero.
+    pub reserved: u32,
     /// Per axis.
     pub axes: [AxisFeedback; MAX_AXES],
 }
@@ -518,7 +571,7 @@ pub struct AxisCommand {
 
 /// What the planner says at each period boundary, also when it has nothing new.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/PlannerStatus/1")]
+#[type_name("quadrant/PlannerStatus/2")]
 #[repr(C)]
 pub struct PlannerStatus {
     /// Scan whose feedback this answers.
@@ -541,6 +594,10 @@ pub struct PlannerStatus {
     pub cause: u32,
     /// Windows published in all.
     pub windows: u32,
+    /// Number of the program that it has read, as in the feedback.
+    pub load: u32,
+    /// Kept zero.
+    pub reserved: u32,
 }
 
 /// Job of a participant.

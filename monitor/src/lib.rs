@@ -9,9 +9,11 @@
 
 pub mod digest;
 pub mod log;
+mod logbook;
 pub mod measure;
 pub mod report;
 mod run;
 #[cfg(test)]
 mod test_support;
+pub use logbook::run_folder;
 pub use run::{MonitorError, Options, run};

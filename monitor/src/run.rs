@@ -10,7 +10,8 @@ use bus::realtime::Priority;
 use bus::sample::{AxisCommand, Feedback, Instruments, PlannerStatus, Roster};
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES};
 
-use crate::log::{LogError, Recorder, RunEnd, RunInfo};
+use crate::log::{LogError, Recorder};
+use crate::logbook::Logbook;
 
 /// Scans recorded between two words to the machine side about it.
 const CREDIT_STEP_SCANS: u64 = 64;
@@ -21,10 +22,10 @@ const LOOK_AROUND: Duration = Duration::from_millis(20);
 pub struct Options {
     /// Its seat in the cell.
     pub seat: Seat,
-    /// Run directory.
+    /// Run directory; without a program the folder in which each program that is started gets one.
     pub out: PathBuf,
-    /// Part program, already copied into the run directory.
-    pub program: PathBuf,
+    /// Part program, already copied into the run directory; none in a cell that stays up.
+    pub program: Option<PathBuf>,
 }
 
 /// Why the recorder ended before its run did.
@@ -44,6 +45,9 @@ pub enum MonitorError {
         /// Why.
         source: std::io::Error,
     },
+    /// Nothing lies where a loaded program should.
+    #[error("no program lies in the cell under number {0}")]
+    NoProgram(u32),
 }
 
 struct Ports {
@@ -53,6 +57,7 @@ struct Ports {
     windows: WindowReader,
     planner: Reader<PlannerStatus>,
     roster: Reader<Roster>,
+    newest_roster: Option<Roster>,
 }
 
 impl Ports {
@@ -84,63 +89,48 @@ impl Ports {
             windows: bus.window_reader(depth)?,
             planner: bus.planner_reader(depth)?,
             roster: bus.roster_reader(depth)?,
+            newest_roster: None,
         })
     }
 
     /// Records whatever became visible by the scan of this feedback, then the feedback itself: samples of one scan
     /// stand together in the log, in the same order on every run.
-    fn record(&mut self, feedback: &Feedback, recorder: &mut Recorder) -> Result<(), LogError> {
+    fn record(&mut self, feedback: &Feedback, logbook: &mut Logbook) -> Result<(), MonitorError> {
         let scan = feedback.scan;
         while let Some(sample) = self.roster.next(scan) {
-            recorder.record_roster(&sample)?;
+            self.newest_roster = Some(sample);
+            logbook.record(|log| log.record_roster(&sample))?;
         }
         while let Some(sample) = self.instruments.next(scan) {
-            recorder.record_instruments(&sample)?;
+            logbook.record(|log| log.record_instruments(&sample))?;
         }
         for (axis, roles) in self.commands.iter_mut().enumerate() {
             for reader in roles {
                 while let Some(sample) = reader.next(scan) {
-                    recorder.record_command(axis, &sample)?;
+                    logbook.record(|log| log.record_command(axis, &sample))?;
                 }
             }
         }
         while let Some(sample) = self.planner.next(scan) {
-            recorder.record_planner(&sample)?;
+            logbook.record(|log| log.record_planner(&sample))?;
         }
         let mut result = Ok(());
         self.windows.each(scan, |header, rows| {
             if result.is_ok() {
-                result = recorder.record_window(header, rows);
+                result = logbook.record(|log| log.record_window(header, rows));
             }
         });
         result?;
-        recorder.record_feedback(feedback)
+        // What was made in the scans before belongs to the program before.
+        if logbook.turn(feedback, self.failed())?
+            && let (Some(log), Some(roster)) = (logbook.log(), &self.newest_roster)
+        {
+            // It is said only when it changes.
+            log.record_roster(roster)?;
+        }
+        logbook.record(|log| log.record_feedback(feedback))?;
+        Ok(())
     }
-}
-
-fn run_info(options: &Options) -> Result<RunInfo, MonitorError> {
-    let read = |path: &PathBuf| {
-        std::fs::read(path).map_err(|source| MonitorError::File {
-            path: path.display().to_string(),
-            source,
-        })
-    };
-    let program = options.program.file_name().map_or_else(
-        || "program.ngc".into(),
-        |n| n.to_string_lossy().into_owned(),
-    );
-    let machine = bus::machine::machine_file(&options.seat.machine);
-    Ok(RunInfo {
-        quadrant: env!("CARGO_PKG_VERSION").into(),
-        cell: options.seat.cell.clone(),
-        pace: options.seat.pace.word().into(),
-        program: program.clone(),
-        files: vec![
-            ("machine.toml".into(), read(&machine)?),
-            (program, read(&options.program)?),
-        ],
-        ..RunInfo::default()
-    })
 }
 
 /// Records the cell until its last feedback.
@@ -150,13 +140,12 @@ fn run_info(options: &Options) -> Result<RunInfo, MonitorError> {
 pub fn run(options: &Options) -> Result<(), MonitorError> {
     let member = Member::enter(options.seat.clone(), "monitor")?;
     let mut ports = Ports::open(&member).map_err(MemberError::Cell)?;
-    let mut recorder = Recorder::create_part(&options.out, &member.machine, &run_info(options)?)?;
+    let mut logbook = Logbook::new(options, &member.machine)?;
     // Scans up to this one are none of a recorder's that comes later.
     let after = options.seat.after_scan;
     member.ready(Priority::Ordinary);
 
     let lockstep = options.seat.pace == Pace::Lockstep;
-    let mut started: Option<Instant> = None;
     let mut alone_since: Option<Instant> = None;
     let mut ended = false;
     while !ended {
@@ -166,8 +155,7 @@ pub fn run(options: &Options) -> Result<(), MonitorError> {
                 ended = feedback.last == 1;
                 continue;
             }
-            started.get_or_insert_with(Instant::now);
-            ports.record(&feedback, &mut recorder)?;
+            ports.record(&feedback, &mut logbook)?;
             ended = feedback.last == 1;
             member.page.set_recorded_scans(feedback.scan + 1);
             if ended || (lockstep && feedback.scan.is_multiple_of(CREDIT_STEP_SCANS)) {
@@ -181,7 +169,7 @@ pub fn run(options: &Options) -> Result<(), MonitorError> {
             member.page.machine_bell().ring();
         }
         member.page.monitor_bell().wait(seen, LOOK_AROUND);
-        recorder.flush_if_due()?;
+        logbook.record(Recorder::flush_if_due)?;
         if member.page.monitor_bell().count() == seen && !member.launcher_lives() {
             // The machine side still brings the tool to rest: its last feedback ends the log, or this patience.
             let since = alone_since.get_or_insert_with(Instant::now);
@@ -190,11 +178,6 @@ pub fn run(options: &Options) -> Result<(), MonitorError> {
             }
         }
     }
-    let digest = recorder.finish(&RunEnd {
-        wall_s: started.map_or(0.0, |at| at.elapsed().as_secs_f64()),
-        queue_losses: ports.failed(),
-        reason: (!ended).then(|| "the cell ended before its last feedback".into()),
-    })?;
-    tracing::debug!(digest, "recorded");
-    Ok(())
+    let reason = (!ended).then(|| "the cell ended before its last feedback".into());
+    logbook.close(reason, ports.failed())
 }

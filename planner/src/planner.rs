@@ -118,7 +118,9 @@ pub struct Decision<'a> {
 pub struct Planner {
     machine: Machine,
     program_name: String,
-    program_text: String,
+    program_text: Option<String>,
+    /// Its number, as in the feedback.
+    load: u32,
     incarnation: u32,
     period_scans: u64,
     course: Option<Course>,
@@ -139,11 +141,21 @@ impl Planner {
         program_text: String,
         incarnation: u32,
     ) -> Planner {
+        Planner {
+            program_name: program_name.into(),
+            program_text: Some(program_text),
+            ..Planner::idle(machine, incarnation)
+        }
+    }
+
+    /// A planner without a program: [`Planner::load`] brings one.
+    pub fn idle(machine: &Machine, incarnation: u32) -> Planner {
         let rows_max = bus::sample::MAX_WINDOW_ROWS + 1;
         Planner {
             machine: machine.clone(),
-            program_name: program_name.into(),
-            program_text,
+            program_name: String::new(),
+            program_text: None,
+            load: 0,
             incarnation,
             period_scans: u64::from(machine.scan.distribution_period_scans),
             course: None,
@@ -155,6 +167,35 @@ impl Planner {
             rows: Vec::with_capacity(rows_max),
             wire: Vec::with_capacity(rows_max),
         }
+    }
+
+    /// Number of the program it has, as in the feedback.
+    pub fn loaded(&self) -> u32 {
+        self.load
+    }
+
+    /// Takes the program (name and text) that the feedback names, in place of the one before. One that could not be read, or
+    /// that cannot be planned from where the axes stand, is refused in the status.
+    pub fn load(&mut self, program: Option<(String, String)>, feedback: &Feedback) {
+        self.load = feedback.load;
+        self.cause = Cause::None;
+        self.course = None;
+        self.way_back = None;
+        self.in_force.header = WindowHeader::zeroed();
+        self.pending.header = WindowHeader::zeroed();
+        let Some((name, text)) = program else {
+            self.program_text = None;
+            self.cause = Cause::Planner;
+            return;
+        };
+        self.program_name = name;
+        self.program_text = Some(text);
+        let begun = !feedback.left_at.is_off_path();
+        self.expanded_from(if begun {
+            feedback.program_start
+        } else {
+            registers(feedback)
+        });
     }
 
     /// Answers the feedback of a period boundary (or of a later scan, if it woke late).
@@ -177,6 +218,7 @@ impl Planner {
         self.settle_pending(feedback);
         if Mode::from_wire(feedback.mode) != Some(Mode::Enabled)
             || self.cause != Cause::None
+            || self.program_text.is_none()
             || !self.pending.is_none()
         {
             return None;
@@ -363,7 +405,8 @@ impl Planner {
         let stands = point_of(&self.machine, &registers);
         let start = tool_at(&self.machine, &stands).map_err(CourseError::from)?;
         let setup = Setup::of(&self.machine);
-        let program = program::interpret(&self.program_name, &self.program_text, &setup, start)?;
+        let text = self.program_text.as_deref().unwrap_or_default();
+        let program = program::interpret(&self.program_name, text, &setup, start)?;
         let program_hash = program.source_hash;
         let windows = window_planner(&self.machine, program.path, start)?;
         let mut length_mm = 0.0;
@@ -435,6 +478,8 @@ impl Planner {
             finished: last.header.ends_program,
             cause: self.cause as u32,
             windows: self.sequence,
+            load: self.load,
+            reserved: 0,
         }
     }
 }

@@ -7,12 +7,13 @@
     clippy::indexing_slicing
 )]
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use bus::cell::CellPlace;
 use bus::fault_file;
 use bus::member::{Member, MemberError, Pace, Seat};
 use bus::realtime::Priority;
-use bus::sample::{Job, WindowHeader, WindowRow};
+use bus::sample::{Feedback, Job, WindowHeader, WindowRow};
 use bus::service::SCAN_DEPTH;
 use bus::settings_file::SettingsFileError;
 use bus::tamper::Tamper;
@@ -24,8 +25,8 @@ use crate::planner::Planner;
 pub struct Options {
     /// Its seat in the cell.
     pub seat: Seat,
-    /// Part program.
-    pub program: PathBuf,
+    /// Part program; without one it reads those that are loaded into the cell, one after the other.
+    pub program: Option<PathBuf>,
     /// A fault script, for the faults that this planner is to commit.
     pub faults: Option<PathBuf>,
 }
@@ -44,9 +45,31 @@ pub enum PlannerError {
         /// Why.
         source: std::io::Error,
     },
+    /// Nothing lies where a loaded program should.
+    #[error("no program lies in the cell under number {0}")]
+    NotThere(u32),
     /// The fault script cannot be read.
     #[error(transparent)]
     Faults(#[from] SettingsFileError),
+}
+
+fn read(path: &Path) -> Result<(String, String), PlannerError> {
+    let name = path.display().to_string();
+    match std::fs::read_to_string(path) {
+        Ok(text) => Ok((name, text)),
+        Err(source) => Err(PlannerError::Program { path: name, source }),
+    }
+}
+
+/// Takes the program that the feedback names; one that cannot be read is refused in the planner's status.
+fn load(planner: &mut Planner, member: &Member, feedback: &Feedback) {
+    let place = CellPlace::new(&member.seat().cell).ok();
+    let program = match place.and_then(|place| place.program(feedback.load)) {
+        Some(path) => read(&path),
+        None => Err(PlannerError::NotThere(feedback.load)),
+    };
+    let program = program.map_err(|error| tracing::error!("{error}"));
+    planner.load(program.ok(), feedback);
 }
 
 /// Plans until the run or the cell ends.
@@ -55,17 +78,17 @@ pub enum PlannerError {
 /// [`PlannerError`].
 pub fn run(options: &Options) -> Result<(), PlannerError> {
     let member = Member::enter(options.seat.clone(), "planner")?;
-    let name = options.program.display().to_string();
-    let text =
-        std::fs::read_to_string(&options.program).map_err(|source| PlannerError::Program {
-            path: name.clone(),
-            source,
-        })?;
     let cell = |error| PlannerError::Member(MemberError::Cell(error));
     let mut feedback_in = member.bus.feedback_reader(SCAN_DEPTH).map_err(cell)?;
     let mut windows_out = member.bus.window_writer().map_err(cell)?;
     let mut status_out = member.bus.planner_writer().map_err(cell)?;
-    let mut planner = Planner::new(&member.machine, &name, text, options.seat.incarnation);
+    let mut planner = match &options.program {
+        Some(path) => {
+            let (name, text) = read(path)?;
+            Planner::new(&member.machine, &name, text, options.seat.incarnation)
+        }
+        None => Planner::idle(&member.machine, options.seat.incarnation),
+    };
     let period_scans = u64::from(member.machine.scan.distribution_period_scans);
     let mut tamper = match &options.faults {
         Some(path) => {
@@ -94,6 +117,9 @@ pub fn run(options: &Options) -> Result<(), PlannerError> {
             continue;
         }
         answered_boundary = Some(boundary);
+        if feedback.load != planner.loaded() {
+            load(&mut planner, &member, &feedback);
+        }
         let decision = planner.scan(&feedback);
         let mut send = |header: &WindowHeader, rows: &[WindowRow]| {
             if !windows_out.send(header, rows) {

@@ -21,10 +21,12 @@ use crate::digest::MotionDigest;
 use crate::drive::DriveCommand;
 use crate::window_book::{Dropped, WindowBook};
 
+mod loaded;
 mod orders;
 mod recovery;
 mod switch;
 
+use loaded::Loaded;
 use switch::{Switch, Taken};
 
 /// Speed below which a braked axis counts as standing, in mm/s.
@@ -40,8 +42,8 @@ const POSITION_SANITY_MM: f64 = 10.0;
 /// When a run ends without being told.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RunEnd {
-    /// Never: a cell that stays up.
-    Never,
+    /// Never by itself: a cell that stays up, in which programs are loaded and started.
+    WhenTold,
     /// When its one program is done, or the machine has stopped or tripped, and stands.
     AfterProgram,
 }
@@ -115,7 +117,12 @@ impl AxisUnit {
         match mode {
             Mode::Disabled => DriveCommand::Disabled,
             Mode::Tripped => self.brake(),
-            Mode::Enabled | Mode::Stopping | Mode::Stopped | Mode::Finished | Mode::Jogging => {
+            Mode::Enabled
+            | Mode::Stopping
+            | Mode::Stopped
+            | Mode::Finished
+            | Mode::Jogging
+            | Mode::Ready => {
                 if self.cause != Cause::None {
                     return self.brake();
                 }
@@ -181,6 +188,7 @@ pub struct MachineSide {
     in_position_patience_scans: u32,
     run_end: RunEnd,
     mode: Mode,
+    program: Loaded,
     cause: Cause,
     cause_axis: u32,
     cause_scan: u64,
@@ -255,10 +263,14 @@ impl MachineSide {
             in_position_patience_scans: (IN_POSITION_PATIENCE_S / machine.scan_period_s()) as u32,
             run_end,
             mode: if enabled {
-                Mode::Enabled
+                match run_end {
+                    RunEnd::AfterProgram => Mode::Enabled,
+                    RunEnd::WhenTold => Mode::Ready,
+                }
             } else {
                 Mode::Disabled
             },
+            program: Loaded::new(run_end),
             cause: Cause::None,
             cause_axis: u32::MAX,
             cause_scan: 0,
@@ -274,7 +286,10 @@ impl MachineSide {
             jog_mm_s: machine.manual.jog_mm_s,
             scan_period_s: machine.scan_period_s(),
             may_end: false,
-            restart: machine.restart,
+            restart: match run_end {
+                RunEnd::AfterProgram => machine.restart,
+                RunEnd::WhenTold => machine.restart.of_staying(),
+            },
             program_start: [0; MAX_AXES],
             last: false,
             overrun_scans: 0,
@@ -316,6 +331,9 @@ impl MachineSide {
         feedback.last = u32::from(self.last);
         feedback.overrun_scans = self.overrun_scans;
         feedback.axis_count = self.axes.len() as u32;
+        feedback.load = self.program.load;
+        feedback.program = self.program.state as u32;
+        feedback.run = self.program.run;
         for (out, axis) in feedback.axes.iter_mut().zip(&self.axes) {
             *out = AxisFeedback {
                 motor_position: axis.motor_position(),
@@ -400,8 +418,13 @@ impl MachineSide {
         let Some((status, planner)) = answers.planner.as_ref().zip(planner) else {
             return;
         };
+        let of_program = status.load == self.program.load;
         let genuine = status.incarnation == planner.incarnation && status.scan <= self.scan;
-        if genuine && status.cause != 0 && self.cause == Cause::None {
+        if !genuine || !of_program {
+            return;
+        }
+        self.program.read(status.cause == 0);
+        if status.cause != 0 && self.cause == Cause::None {
             self.cause = Cause::from_wire(status.cause).unwrap_or(Cause::BadValue);
             self.cause_scan = self.scan + 1;
             self.stop();
@@ -523,10 +546,22 @@ impl MachineSide {
             }
             Mode::Stopping => {
                 if at_rest {
-                    self.mode = Mode::Stopped;
+                    self.mode = if self.program.is_begun() {
+                        Mode::Stopped
+                    } else {
+                        self.idle_mode()
+                    };
                 }
             }
-            Mode::Disabled | Mode::Stopped | Mode::Tripped | Mode::Finished | Mode::Jogging => {}
+            Mode::Finished if !self.ends() && self.settled_scans > self.settle_scans => {
+                self.end_program();
+            }
+            Mode::Disabled
+            | Mode::Stopped
+            | Mode::Tripped
+            | Mode::Finished
+            | Mode::Jogging
+            | Mode::Ready => {}
         }
         if by_hand {
             self.await_jog();
@@ -535,10 +570,10 @@ impl MachineSide {
             Mode::Finished | Mode::Stopped => true,
             Mode::Tripped => self.stands() && (self.may_end || !self.waits_for_servo()),
             Mode::Disabled => self.may_end,
-            Mode::Enabled | Mode::Stopping | Mode::Jogging => false,
+            Mode::Enabled | Mode::Stopping | Mode::Jogging | Mode::Ready => false,
         };
         self.settled_scans = if standing { self.settled_scans + 1 } else { 0 };
-        if self.run_end == RunEnd::AfterProgram && self.settled_scans > self.settle_scans {
+        if self.ends() && self.settled_scans > self.settle_scans {
             self.last = true;
         }
     }
@@ -571,15 +606,6 @@ impl MachineSide {
             }
             Some(_) => {}
         }
-    }
-
-    /// The launcher is gone: comes to rest on the path, then ends the run, also that of a cell that stays up.
-    pub fn end_after_stop(&mut self) {
-        self.run_end = RunEnd::AfterProgram;
-        if self.mode == Mode::Disabled {
-            self.last = true;
-        }
-        self.stop();
     }
 
     /// Scans that were skipped because this side was late itself.

@@ -35,6 +35,14 @@ pub struct Latches {
     pub overrun_scans: u32,
     /// 1 if somebody had asked for a stop: the run may end.
     pub may_end: u32,
+    /// 1 if the cell is to end, also one that stays up.
+    pub ends: u32,
+    /// Number of the program that was loaded last.
+    pub load: u32,
+    /// [`ProgramState`](bus::sample::ProgramState) of it.
+    pub program: u32,
+    /// Programs started so far.
+    pub run: u32,
     /// Kept zero.
     pub reserved: u32,
 }

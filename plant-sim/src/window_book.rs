@@ -137,6 +137,14 @@ impl WindowBook {
         }
     }
 
+    /// No window, and no place on any path: another program is to begin.
+    pub fn forget_path(&mut self, scan: u64) {
+        self.drop_all(scan, Dropped::LeavesPath);
+        self.left_at = PathTag::OFF_PATH;
+        self.left_program = 0;
+        self.shown = PathTag::default();
+    }
+
     /// Whether the path has been begun: a window of it was in force once.
     pub fn has_begun(&self) -> bool {
         !self.in_force.is_none() || !self.left_at.is_off_path()

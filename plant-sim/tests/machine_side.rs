@@ -3,7 +3,7 @@
 use bus::machine::Machine;
 use bus::sample::{
     AxisCommand, Cause, Driver, Feedback, Job, Mode, OperatorRequest, Order, Participant,
-    PlannerStatus, Refused, Roster, WindowHeader, WindowId, WindowRow,
+    PlannerStatus, ProgramState, Refused, Roster, WindowHeader, WindowId, WindowRow,
 };
 use bytemuck::Zeroable;
 use plant_sim::RunEnd;
@@ -22,6 +22,11 @@ struct Bench {
 
 impl Bench {
     fn new() -> Bench {
+        Bench::of(RunEnd::AfterProgram)
+    }
+
+    /// Drives on from the first scan.
+    fn of(run_end: RunEnd) -> Bench {
         let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
         let machine = Machine::load(&folder).expect("the machine");
         let plant = PlantFile::load(&folder).expect("the plant");
@@ -39,7 +44,7 @@ impl Bench {
             };
         }
         Bench {
-            side: MachineSide::new(&machine, simulations, 1, 0, true, RunEnd::AfterProgram),
+            side: MachineSide::new(&machine, simulations, 1, 0, true, run_end),
             roster,
             pending: WindowId::NONE,
             watchdog_scans: machine.scan.watchdog_scans,
@@ -434,8 +439,13 @@ fn order(bench: &mut Bench, order: Order, axis: u32, value: f64) -> Refused {
 }
 
 fn in_state(state: State) -> Bench {
-    let mut bench = Bench::new();
-    let id = bench.offer(1, 8, 40, WindowId::NONE);
+    bring_into(Bench::new(), state)
+}
+
+/// From before the first window of its program.
+fn bring_into(mut bench: Bench, state: State) -> Bench {
+    let first_scan = bench.side.scan().next_multiple_of(8) + 8;
+    let id = bench.offer(1, first_scan, 40, WindowId::NONE);
     bench.pending = id;
     bench.scans(if state == State::Moving || state == State::Stopping {
         20
@@ -632,4 +642,270 @@ fn a_stop_without_drives_lets_the_run_end() {
     assert_eq!(order(&mut bench, Order::Stop, 0, 0.0), Refused::Not);
     let feedback = bench.scans(200);
     assert_eq!((mode(&feedback), feedback.last), (Mode::Disabled, 1));
+}
+
+/// How far the program of a cell that stays up is, and what its machine does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Stays {
+    Ready(ProgramState),
+    ReadyInHold,
+    DrivesOff,
+    JogsWithoutProgram,
+    TrippedWithoutProgram,
+    /// With a program that was begun.
+    Begun(State),
+    Ending,
+}
+
+impl Bench {
+    /// What a planner says that has read the program of this number, or refuses it.
+    fn planner_says(&mut self, load: u32, cause: Cause) {
+        let scan = self.side.scan();
+        self.scan(|answers| {
+            answers.planner = Some(PlannerStatus {
+                scan,
+                visible_from: scan + 1,
+                incarnation: 1,
+                load,
+                cause: cause as u32,
+                ..PlannerStatus::zeroed()
+            });
+        });
+    }
+
+    fn load(&mut self, number: u32) {
+        assert_eq!(order(self, Order::Load, 0, f64::from(number)), Refused::Not);
+        self.planner_says(number, Cause::None);
+    }
+
+    fn program(&self) -> ProgramState {
+        ProgramState::from_wire(self.side.feedback().program).expect("a known state")
+    }
+}
+
+fn staying(state: Stays) -> Bench {
+    let mut bench = Bench::of(RunEnd::WhenTold);
+    bench.scans(50);
+    match state {
+        Stays::Ready(ProgramState::None) => {}
+        Stays::Ready(ProgramState::Loading) => {
+            assert_eq!(order(&mut bench, Order::Load, 0, 1.0), Refused::Not);
+        }
+        Stays::Ready(ProgramState::Done) => {
+            bench.load(1);
+            assert_eq!(order(&mut bench, Order::Start, 0, 0.0), Refused::Not);
+            bench = bring_into(bench, State::Finished);
+            bench.scans(200);
+        }
+        Stays::Ready(_) => bench.load(1),
+        Stays::ReadyInHold => {
+            bench.load(1);
+            assert_eq!(order(&mut bench, Order::Hold, 0, 0.0), Refused::Not);
+        }
+        Stays::DrivesOff => assert_eq!(order(&mut bench, Order::Disable, 0, 0.0), Refused::Not),
+        Stays::JogsWithoutProgram => {
+            assert_eq!(order(&mut bench, Order::Jog, 0, 1.0), Refused::Not);
+        }
+        Stays::TrippedWithoutProgram => {
+            bench.roster.participants[1].live = 0;
+            bench.scan(|answers| answers.commands[0][0] = None);
+        }
+        Stays::Begun(state) => {
+            bench.load(1);
+            assert_eq!(order(&mut bench, Order::Start, 0, 0.0), Refused::Not);
+            bench = bring_into(bench, state);
+        }
+        Stays::Ending => {
+            bench.load(1);
+            assert_eq!(order(&mut bench, Order::Start, 0, 0.0), Refused::Not);
+            bench = bring_into(bench, State::Moving);
+            assert_eq!(order(&mut bench, Order::Down, 0, 0.0), Refused::Not);
+        }
+    }
+    bench
+}
+
+/// The same table for a cell that stays up: every order in every state.
+#[test]
+fn in_a_cell_that_stays_every_order_is_judged_by_the_state_it_comes_in() {
+    use Refused::{
+        Begun, DrivesOff, Ending, Finished, Jogging, Loading, NoProgram, Not, NotAtRest, NotBegun,
+        NotHeld, NotReady, Tripped,
+    };
+    let orders = [
+        (Order::Hold, 0.0),
+        (Order::Resume, 0.0),
+        (Order::Stop, 0.0),
+        (Order::Override, 50.0),
+        (Order::Disable, 0.0),
+        (Order::Enable, 0.0),
+        (Order::Jog, 2.0),
+        (Order::Load, 2.0),
+        (Order::Start, 0.0),
+        (Order::Down, 0.0),
+    ];
+    let ready = |start| [Not, NotBegun, Not, Not, Not, Not, Not, Not, start, Not];
+    let off = [
+        Not, DrivesOff, Not, Not, Not, Not, DrivesOff, Not, DrivesOff, Not,
+    ];
+    let tripped = [
+        Tripped, NotReady, Not, Not, Tripped, NotReady, Tripped, Tripped, Tripped, Not,
+    ];
+    let jogging = [
+        Not, Jogging, Not, Not, Jogging, Not, Jogging, Jogging, Jogging, Not,
+    ];
+    let stopping = |load, start| {
+        [
+            Not, NotAtRest, Not, Not, NotAtRest, Not, NotAtRest, load, start, Not,
+        ]
+    };
+    for (state, expected) in [
+        (Stays::Ready(ProgramState::None), ready(NoProgram)),
+        (Stays::Ready(ProgramState::Loading), ready(Loading)),
+        (Stays::Ready(ProgramState::Loaded), ready(Not)),
+        (Stays::Ready(ProgramState::Done), ready(Not)),
+        (Stays::ReadyInHold, [Not; 10]),
+        (Stays::DrivesOff, off),
+        (Stays::JogsWithoutProgram, jogging),
+        (Stays::TrippedWithoutProgram, tripped),
+        (
+            Stays::Begun(State::Moving),
+            [Not, Not, Not, Not, NotHeld, Not, NotHeld, Begun, Begun, Not],
+        ),
+        (
+            Stays::Begun(State::Held),
+            [Not, Not, Not, Not, Not, Not, Not, Begun, Begun, Not],
+        ),
+        (Stays::Begun(State::Stopping), stopping(NotAtRest, Begun)),
+        (
+            Stays::Begun(State::Stopped),
+            [Not, Not, Not, Not, Not, Not, Not, Not, Begun, Not],
+        ),
+        (Stays::Begun(State::Jogging), jogging),
+        (Stays::Begun(State::Disabled), off),
+        (Stays::Begun(State::Tripped), tripped),
+        (
+            Stays::Begun(State::Finished),
+            [
+                Finished, Finished, Not, Not, Finished, Finished, Finished, NotAtRest, NotAtRest,
+                Not,
+            ],
+        ),
+        (Stays::Ending, stopping(Ending, Ending)),
+    ] {
+        for ((what, value), expected) in orders.into_iter().zip(expected) {
+            let mut bench = staying(state);
+            let before = bench.side.feedback();
+            let found = order(&mut bench, what, 0, value);
+            assert_eq!(found, expected, "{} while {state:?}", what.word());
+            if found != Not {
+                let now = bench.side.feedback();
+                assert_eq!(now, before, "{} while {state:?}", what.word());
+            }
+        }
+    }
+}
+
+#[test]
+fn a_program_is_loaded_started_done_and_started_again() {
+    let mut bench = staying(Stays::Ready(ProgramState::None));
+    assert_eq!(bench.program(), ProgramState::None);
+    bench.load(3);
+    assert_eq!(bench.program(), ProgramState::Loaded);
+    for run in 1..=2 {
+        assert_eq!(order(&mut bench, Order::Start, 0, 0.0), Refused::Not);
+        let begun = bench.side.feedback();
+        assert_eq!((begun.run, begun.load), (run, 3));
+        assert_eq!(mode(&begun), Mode::Enabled);
+        assert!(begun.left_at.is_off_path() && begun.window.is_none());
+        bench = bring_into(bench, State::Finished);
+        let after = bench.scans(200);
+        assert_eq!(mode(&after), Mode::Ready);
+        assert_eq!(bench.program(), ProgramState::Done);
+        assert_eq!(after.last, 0, "the cell stays");
+    }
+}
+
+#[test]
+fn a_program_that_the_planner_refuses_is_not_loaded_and_another_one_can_be() {
+    let mut bench = staying(Stays::Ready(ProgramState::Loading));
+    bench.planner_says(7, Cause::Planner);
+    assert_eq!(
+        bench.program(),
+        ProgramState::Loading,
+        "said of another one"
+    );
+    bench.planner_says(1, Cause::Planner);
+    assert_eq!(bench.program(), ProgramState::None);
+    let refused = bench.side.feedback();
+    assert_eq!(
+        (mode(&refused), cause(&refused)),
+        (Mode::Ready, Cause::Planner)
+    );
+    assert_eq!(order(&mut bench, Order::Start, 0, 0.0), Refused::NoProgram);
+    assert_eq!(order(&mut bench, Order::Load, 0, 1.0), Refused::BadValue);
+    bench.load(2);
+    assert_eq!(bench.program(), ProgramState::Loaded);
+    assert_eq!(cause(&bench.side.feedback()), Cause::None);
+}
+
+#[test]
+fn a_program_that_was_stopped_is_given_up_for_another_and_nothing_of_its_path_is_left() {
+    let mut bench = staying(Stays::Begun(State::Stopped));
+    assert!(!bench.side.feedback().left_at.is_off_path());
+    bench.load(2);
+    let loaded = bench.side.feedback();
+    assert_eq!(mode(&loaded), Mode::Ready);
+    assert!(loaded.window.is_none() && loaded.left_at.is_off_path());
+    assert_eq!(loaded.program_hash, 0);
+}
+
+#[test]
+fn a_trip_without_a_program_ends_in_readiness_and_one_in_a_program_in_hold() {
+    for (state, expected, hold) in [
+        (Stays::TrippedWithoutProgram, Mode::Ready, 0),
+        (Stays::Begun(State::Tripped), Mode::Enabled, 1),
+    ] {
+        let mut bench = staying(state);
+        bench.roster.participants[1].live = 1;
+        bench.scans(2000);
+        assert_eq!(order(&mut bench, Order::Enable, 0, 0.0), Refused::Not);
+        let feedback = bench.side.feedback();
+        assert_eq!((mode(&feedback), feedback.hold), (expected, hold));
+    }
+}
+
+#[test]
+fn a_cell_that_is_told_to_end_comes_to_rest_first_in_every_state() {
+    for state in [
+        Stays::Ready(ProgramState::Loaded),
+        Stays::DrivesOff,
+        Stays::JogsWithoutProgram,
+        Stays::TrippedWithoutProgram,
+        Stays::Begun(State::Moving),
+        Stays::Begun(State::Held),
+        Stays::Begun(State::Tripped),
+        Stays::Begun(State::Disabled),
+        Stays::Begun(State::Finished),
+    ] {
+        let mut bench = staying(state);
+        assert_eq!(order(&mut bench, Order::Down, 0, 0.0), Refused::Not);
+        let mut last = bench.side.feedback();
+        for _ in 0..3000 {
+            last = bench.scan(|answers| {
+                for command in answers.commands.iter_mut().flatten().flatten() {
+                    command.jog_done = 1;
+                }
+            });
+            if last.last == 1 {
+                break;
+            }
+        }
+        assert_eq!(last.last, 1, "{state:?} does not end");
+        assert!(
+            last.axes()
+                .iter()
+                .all(|axis| axis.velocity_mm_s.abs() < 0.5)
+        );
+    }
 }

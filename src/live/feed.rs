@@ -193,7 +193,8 @@ impl Feed {
         if hash == 0 || self.read == Some(hash) {
             return;
         }
-        let Some(file) = &self.program_file else {
+        let loaded = self.place.program(feedback.load);
+        let Some(file) = loaded.as_ref().or(self.program_file.as_ref()) else {
             return;
         };
         self.read = Some(hash);

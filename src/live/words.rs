@@ -1,7 +1,7 @@
 //! The state of a cell in plain words, with what can be done next.
 
 use bus::machine::Machine;
-use bus::sample::{Cause, Feedback, Mode};
+use bus::sample::{Cause, Feedback, Mode, ProgramState};
 
 /// How a state is meant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -125,7 +125,12 @@ pub fn says(feedback: &Feedback, machine: &Machine) -> Says {
             say("✖", "TRIPPED", Tone::Bad, cause.unwrap_or("a fault"), next)
         }
         Mode::Disabled => {
-            let next = "`quadrant enable`, then r";
+            let begun = feedback.program == ProgramState::Begun as u32;
+            let next = if begun {
+                "`quadrant enable`, then r"
+            } else {
+                "`quadrant enable`; `quadrant load PROGRAM`; `quadrant start`"
+            };
             let detail = cause.unwrap_or("positions follow the axes");
             let tone = if cause.is_some() {
                 Tone::Bad
@@ -143,6 +148,20 @@ pub fn says(feedback: &Feedback, machine: &Machine) -> Says {
                 "program done, in position",
                 next,
             )
+        }
+        Mode::Ready => {
+            let program = ProgramState::from_wire(feedback.program);
+            let (detail, next) = match program {
+                Some(ProgramState::Loading) => ("the planner reads the program", "wait a moment"),
+                Some(ProgramState::Loaded) => ("a program is loaded", "`quadrant start` begins it"),
+                Some(ProgramState::Done) => (
+                    "the program is done, in position",
+                    "`quadrant start` runs it again, `quadrant load` brings another",
+                ),
+                _ => ("no program is loaded", "`quadrant load PROGRAM`"),
+            };
+            let detail = cause.unwrap_or(detail);
+            say("●", "READY", Tone::Good, detail, next)
         }
         Mode::Jogging => {
             let next = "h brings it to rest";
@@ -200,7 +219,7 @@ mod tests {
     fn every_mode_has_a_word_a_symbol_and_says_what_comes_next() {
         let machine = machine();
         let mut seen = Vec::new();
-        for mode in 0..=7 {
+        for mode in 0..=8 {
             for hold in [0, 1] {
                 let mut feedback = running(10);
                 feedback.mode = mode;

@@ -71,6 +71,18 @@ impl Default for Restart {
 }
 
 impl Restart {
+    /// The same for a cell that stays up: where a run would end, the process is started anew and the machine waits.
+    pub fn of_staying(mut self) -> Restart {
+        for after in [&mut self.planner, &mut self.servo] {
+            if *after == AfterLoss::End {
+                *after = AfterLoss::Wait;
+            }
+        }
+        self.machine_side = AfterMachineSide::Wait;
+        self.monitor = AfterMonitor::Restart;
+        self
+    }
+
     /// Whether a lost process of this job is replaced; of a servo, `standby` says whether its axis has two.
     pub fn replaces(&self, job: Job, standby: bool) -> bool {
         match job {

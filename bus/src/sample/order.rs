@@ -12,7 +12,7 @@ pub struct OperatorRequest {
     pub order: u32,
     /// Index of the axis, of orders to one axis.
     pub axis: u32,
-    /// Its value: override in percent, distance of a jog in mm.
+    /// Its value: override in percent, distance of a jog in mm, number of a program to load.
     pub value: f64,
 }
 
@@ -34,11 +34,17 @@ pub enum Order {
     Enable = 6,
     /// Move one axis by hand.
     Jog = 7,
+    /// Take a program that lies in the cell's folder under this number; one that was begun is given up.
+    Load = 8,
+    /// Begin the program that is loaded.
+    Start = 9,
+    /// Come to rest and end the cell.
+    Down = 10,
 }
 
 impl Order {
     /// All of them.
-    pub const ALL: [Order; 7] = [
+    pub const ALL: [Order; 10] = [
         Order::Stop,
         Order::Hold,
         Order::Resume,
@@ -46,6 +52,9 @@ impl Order {
         Order::Disable,
         Order::Enable,
         Order::Jog,
+        Order::Load,
+        Order::Start,
+        Order::Down,
     ];
 
     /// Decodes what came over the wire.
@@ -63,6 +72,9 @@ impl Order {
             Order::Disable => "disable",
             Order::Enable => "enable",
             Order::Jog => "jog",
+            Order::Load => "load",
+            Order::Start => "start",
+            Order::Down => "down",
         }
     }
 
@@ -104,10 +116,23 @@ pub enum Refused {
     Faulted = 12,
     /// The machine has tripped, and a servo is missing or an axis does not stand yet.
     NotReady = 13,
+    /// The cell runs one program and ends with it.
+    OneProgram = 14,
+    /// No program is loaded.
+    NoProgram = 15,
+    /// The planner has not read the program yet.
+    Loading = 16,
+    /// The program was begun and is not done.
+    Begun = 17,
+    /// No program was begun: there is nothing to go on with.
+    NotBegun = 18,
+    /// The cell is about to end.
+    Ending = 19,
 }
 
 impl Refused {
-    const ALL: [Refused; 14] = [
+    /// All of them.
+    pub const ALL: [Refused; 20] = [
         Refused::Not,
         Refused::UnknownOrder,
         Refused::BadValue,
@@ -122,6 +147,12 @@ impl Refused {
         Refused::OutsideTravel,
         Refused::Faulted,
         Refused::NotReady,
+        Refused::OneProgram,
+        Refused::NoProgram,
+        Refused::Loading,
+        Refused::Begun,
+        Refused::NotBegun,
+        Refused::Ending,
     ];
 
     /// Decodes what came over the wire.
@@ -154,13 +185,23 @@ impl Refused {
             Refused::NotReady => {
                 "the machine has tripped, and an axis does not stand yet or a servo is missing: wait a moment"
             }
+            Refused::OneProgram => {
+                "this cell runs one program and ends with it: `quadrant up` starts one that stays"
+            }
+            Refused::NoProgram => "no program is loaded: load one first",
+            Refused::Loading => "the program is still being read: wait a moment",
+            Refused::Begun => {
+                "a program was begun and is not done: resume goes on with it; once stopped, load gives it up"
+            }
+            Refused::NotBegun => "no program was begun: start begins the one that is loaded",
+            Refused::Ending => "the cell is about to end",
         }
     }
 }
 
 /// The answer: done or not, and the state it was judged in.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/OperatorResponse/2")]
+#[type_name("quadrant/OperatorResponse/3")]
 #[repr(C)]
 pub struct OperatorResponse {
     /// Scan in which it was latched.
@@ -179,8 +220,8 @@ pub struct OperatorResponse {
     pub hold: u32,
     /// Override in percent.
     pub override_percent: u32,
-    /// Kept zero.
-    pub reserved: u32,
+    /// The program that was started last, counted.
+    pub run: u32,
 }
 
 #[cfg(test)]
@@ -199,7 +240,7 @@ mod tests {
             assert_eq!(Refused::from_wire(reason as u32), Some(reason));
         }
         assert_eq!(Order::from_wire(0), None);
-        assert_eq!(Order::from_wire(8), None);
-        assert_eq!(Refused::from_wire(14), None);
+        assert_eq!(Order::from_wire(11), None);
+        assert_eq!(Refused::from_wire(20), None);
     }
 }

@@ -21,7 +21,7 @@ table!(
 );
 table!(
     Feedback: scan, visible_from, window, armed, voided, program_hash, tag, left_at, cause_scan, program_start @ Axes, row, at_rest, epoch, incarnation, mode,
-    cause, cause_axis, override_percent, hold, last, overrun_scans, axis_count, axes @ Axes,
+    cause, cause_axis, override_percent, hold, last, overrun_scans, axis_count, load, program, run, reserved, axes @ Axes,
 );
 table!(
     Instruments: scan, visible_from, motion_digest_high, motion_digest_low, subsamples, axis_count,
@@ -43,7 +43,7 @@ table!(
 );
 table!(
     PlannerStatus: scan, visible_from, program_hash, published, path_length_mm, path_done_mm, incarnation, finished,
-    cause, windows,
+    cause, windows, load, reserved,
 );
 table!(
     Participant: death_scan, job, axis, role, incarnation, live, death_signal, death_status, stalled,

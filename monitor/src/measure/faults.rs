@@ -335,7 +335,7 @@ impl Watched {
                 self.result.reaction = "none: the drives were off".into();
                 self.settle(feedback.scan);
             }
-            Some(Mode::Finished | Mode::Disabled | Mode::Jogging) | None => {
+            Some(Mode::Finished | Mode::Disabled | Mode::Jogging | Mode::Ready) | None => {
                 self.settle(feedback.scan);
             }
             Some(Mode::Enabled | Mode::Stopping | Mode::Stopped) => {

@@ -19,7 +19,7 @@ const JOG_PATIENCE_S: f64 = 5.0;
 
 /// An order that was refused: why, and for a jog beyond the travel which distances are allowed, in mm.
 #[derive(Debug, Clone, Copy)]
-struct Refusal {
+pub(super) struct Refusal {
     reason: Refused,
     allowed_mm: (f64, f64),
 }
@@ -63,6 +63,9 @@ impl MachineSide {
             Some(Order::Disable) => self.order_disable(),
             Some(Order::Enable) => self.order_enable(),
             Some(Order::Jog) => self.order_jog(request.axis, request.value),
+            Some(Order::Load) => self.order_load(request.value),
+            Some(Order::Start) => self.order_start(),
+            Some(Order::Down) => self.order_down(),
             None => Err(Refused::UnknownOrder.into()),
         };
         let (reason, allowed_mm) = match judged {
@@ -78,12 +81,12 @@ impl MachineSide {
             reason: reason as u32,
             hold: u32::from(self.hold),
             override_percent: self.override_percent,
-            reserved: 0,
+            run: self.program.run,
         }
     }
 
     fn order_stop(&mut self) -> Result<(), Refusal> {
-        if self.stop() {
+        if self.stop() || !self.ends() {
             return Ok(());
         }
         Err(Refused::Finished.into())
@@ -107,10 +110,10 @@ impl MachineSide {
                 true
             }
             Mode::Disabled | Mode::Tripped => {
-                self.may_end = true;
+                self.may_end = self.ends();
                 true
             }
-            Mode::Stopping | Mode::Stopped => true,
+            Mode::Stopping | Mode::Stopped | Mode::Ready => true,
             Mode::Finished => false,
         }
     }
@@ -124,7 +127,7 @@ impl MachineSide {
                 self.hold = true;
                 Ok(())
             }
-            Mode::Disabled | Mode::Enabled | Mode::Stopping | Mode::Stopped => {
+            Mode::Disabled | Mode::Enabled | Mode::Stopping | Mode::Stopped | Mode::Ready => {
                 self.hold = true;
                 Ok(())
             }
@@ -134,6 +137,8 @@ impl MachineSide {
     fn order_resume(&mut self) -> Result<(), Refusal> {
         match self.mode {
             Mode::Enabled => {}
+            Mode::Ready if !self.hold => return Err(Refused::NotBegun.into()),
+            Mode::Ready => {}
             Mode::Stopped if self.cause != Cause::None => return Err(Refused::Faulted.into()),
             Mode::Stopped => self.mode = Mode::Enabled,
             Mode::Stopping => return Err(Refused::NotAtRest.into()),
@@ -161,7 +166,7 @@ impl MachineSide {
     fn must_rest(&self) -> Result<(), Refusal> {
         match self.mode {
             Mode::Enabled if !self.hold => return Err(Refused::NotHeld.into()),
-            Mode::Enabled | Mode::Stopped => {}
+            Mode::Enabled | Mode::Stopped | Mode::Ready => {}
             Mode::Stopping => return Err(Refused::NotAtRest.into()),
             Mode::Jogging => return Err(Refused::Jogging.into()),
             Mode::Disabled => return Err(Refused::DrivesOff.into()),
@@ -191,7 +196,9 @@ impl MachineSide {
     /// Drives on, in hold: nothing moves before somebody resumes.
     fn order_enable(&mut self) -> Result<(), Refusal> {
         match self.mode {
-            Mode::Enabled | Mode::Stopping | Mode::Stopped | Mode::Jogging => return Ok(()),
+            Mode::Enabled | Mode::Stopping | Mode::Stopped | Mode::Jogging | Mode::Ready => {
+                return Ok(());
+            }
             Mode::Tripped => return self.acknowledge(),
             Mode::Finished => return Err(Refused::Finished.into()),
             Mode::Disabled => {}

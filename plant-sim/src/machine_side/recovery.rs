@@ -10,7 +10,7 @@
 use bus::machine::AfterLoss;
 use bus::sample::{Cause, Job, Mode, Roster};
 
-use super::MachineSide;
+use super::{MachineSide, RunEnd};
 use crate::saved::Latches;
 
 impl MachineSide {
@@ -22,6 +22,10 @@ impl MachineSide {
         self.override_percent = latches.override_percent.min(100);
         self.overrun_scans = latches.overrun_scans;
         self.may_end = latches.may_end == 1;
+        if latches.ends == 1 {
+            self.run_end = RunEnd::AfterProgram;
+        }
+        self.program.resume(latches);
         self.digest.resume(latches.digest);
         self.mode = Mode::Disabled;
         self.cause = Cause::MachineSideLost;
@@ -37,7 +41,13 @@ impl MachineSide {
             program_start: self.program_start,
             override_percent: self.override_percent,
             overrun_scans: self.overrun_scans,
-            may_end: u32::from(self.may_end || matches!(self.mode, Mode::Stopping | Mode::Stopped)),
+            may_end: u32::from(
+                self.may_end || self.ends() && matches!(self.mode, Mode::Stopping | Mode::Stopped),
+            ),
+            ends: u32::from(self.ends()),
+            load: self.program.load,
+            program: self.program.state as u32,
+            run: self.program.run,
             reserved: 0,
         }
     }
@@ -61,10 +71,14 @@ impl MachineSide {
                 .all(|axis| axis.followed && axis.missed_in_a_row == 0 && axis.is_within_travel())
     }
 
-    /// Ends a trip: drives on, where the axes stand.
+    /// Ends a trip: drives on, where the axes stand. Without a program that was begun there is nothing to hold.
     pub(super) fn end_trip(&mut self, hold: bool) {
-        self.mode = Mode::Enabled;
-        self.hold = hold;
+        if self.program.is_begun() {
+            self.mode = Mode::Enabled;
+            self.hold = hold;
+        } else {
+            self.mode = self.idle_mode();
+        }
         self.cause = Cause::None;
         self.cause_axis = u32::MAX;
         self.cause_scan = 0;

@@ -396,7 +396,7 @@ fn unexpected_end(
         }
         Some(Mode::Stopped) => scenario.stops,
         Some(Mode::Disabled) => scenario.stops || side_for_good,
-        Some(Mode::Enabled | Mode::Stopping | Mode::Jogging) => side_for_good,
+        Some(Mode::Enabled | Mode::Stopping | Mode::Jogging | Mode::Ready) => side_for_good,
         None => side_for_good,
     };
     (!fine).then(|| {

@@ -1,0 +1,163 @@
+//! Which log samples go into: that of the one run, or, in a cell that stays up, that of the program which was begun.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use bus::cell::CellPlace;
+use bus::machine::Machine;
+use bus::sample::{Feedback, ProgramState};
+
+use crate::log::{LogError, Recorder, RunEnd, RunInfo};
+use crate::run::{MonitorError, Options};
+
+/// The log that is open.
+struct Open {
+    run: u32,
+    recorder: Recorder,
+    started: Option<Instant>,
+    /// Receptions that had failed when it was opened.
+    failed_before: u64,
+}
+
+/// The logs of a cell, one after the other.
+pub struct Logbook {
+    options: Options,
+    machine: Machine,
+    open: Option<Open>,
+}
+
+/// Folder of a run of a cell that stays up: `003-circle`, third to be started, of the program `circle.ngc`.
+pub fn run_folder(session: &Path, run: u32, program: &Path) -> PathBuf {
+    let stem = program
+        .file_stem()
+        .map_or("program".into(), |stem| stem.to_string_lossy());
+    session.join(format!("{run:03}-{stem}"))
+}
+
+impl Logbook {
+    /// Opens the log of the one run; in a cell that stays up none is open before a program is begun.
+    pub fn new(options: &Options, machine: &Machine) -> Result<Logbook, MonitorError> {
+        let mut logbook = Logbook {
+            options: options.clone(),
+            machine: machine.clone(),
+            open: None,
+        };
+        if let Some(program) = &options.program {
+            logbook.open(&options.out, program, 1, 0)?;
+        }
+        Ok(logbook)
+    }
+
+    /// Before this feedback is recorded: ends the log of a program that is over and begins that of one that was started.
+    /// Whether one was begun.
+    pub fn turn(&mut self, feedback: &Feedback, failed: u64) -> Result<bool, MonitorError> {
+        if self.options.program.is_none() {
+            let begun = feedback.program == ProgramState::Begun as u32;
+            let run = begun.then_some(feedback.run);
+            if self.open.as_ref().map(|open| open.run) != run {
+                self.close(None, failed)?;
+                if let Some(run) = run {
+                    self.begin(feedback.load, run, failed)?;
+                    return Ok(true);
+                }
+            }
+        }
+        Ok(false)
+    }
+
+    /// The log that is open.
+    pub fn log(&mut self) -> Option<&mut Recorder> {
+        let open = self.open.as_mut()?;
+        open.started.get_or_insert_with(Instant::now);
+        Some(&mut open.recorder)
+    }
+
+    /// Does something with the log that is open, if one is.
+    pub fn record(
+        &mut self,
+        write: impl FnOnce(&mut Recorder) -> Result<(), LogError>,
+    ) -> Result<(), LogError> {
+        self.log().map_or(Ok(()), write)
+    }
+
+    /// Ends the log that is open, if one is.
+    pub fn close(&mut self, reason: Option<String>, failed: u64) -> Result<(), MonitorError> {
+        let Some(open) = self.open.take() else {
+            return Ok(());
+        };
+        let digest = open.recorder.finish(&RunEnd {
+            wall_s: open.started.map_or(0.0, |at| at.elapsed().as_secs_f64()),
+            queue_losses: failed - open.failed_before,
+            reason,
+        })?;
+        tracing::debug!(digest, "recorded");
+        Ok(())
+    }
+
+    /// Begins the log of a program that was loaded into the cell, in a folder of its own with copies of all it depends on. A
+    /// recorder that replaces another goes on in the folder that is there.
+    fn begin(&mut self, load: u32, run: u32, failed: u64) -> Result<(), MonitorError> {
+        let place = CellPlace::new(&self.options.seat.cell).ok();
+        let program = place.and_then(|place| place.program(load));
+        let program = program.ok_or(MonitorError::NoProgram(load))?;
+        let folder = run_folder(&self.options.out, run, &program);
+        let failed_at = |path: &Path| {
+            let path = path.display().to_string();
+            move |source| MonitorError::File { path, source }
+        };
+        fs::create_dir_all(&folder).map_err(failed_at(&folder))?;
+        let mut files = vec![program.clone()];
+        let session = fs::read_dir(&self.options.out).map_err(failed_at(&self.options.out))?;
+        let settings = session.flatten().map(|entry| entry.path());
+        files.extend(settings.filter(|path| path.extension().is_some_and(|e| e == "toml")));
+        for file in &files {
+            if let Some(name) = file.file_name() {
+                fs::copy(file, folder.join(name)).map_err(failed_at(file))?;
+            }
+        }
+        self.open(&folder, &program, run, failed)
+    }
+
+    fn open(
+        &mut self,
+        folder: &Path,
+        program: &Path,
+        run: u32,
+        failed: u64,
+    ) -> Result<(), MonitorError> {
+        let info = run_info(&self.options, program)?;
+        self.open = Some(Open {
+            run,
+            recorder: Recorder::create_part(folder, &self.machine, &info)?,
+            started: None,
+            failed_before: failed,
+        });
+        Ok(())
+    }
+}
+
+fn run_info(options: &Options, program: &Path) -> Result<RunInfo, MonitorError> {
+    let read = |path: &Path| {
+        fs::read(path).map_err(|source| MonitorError::File {
+            path: path.display().to_string(),
+            source,
+        })
+    };
+    let name = program.file_name().map_or_else(
+        || "program.ngc".into(),
+        |name| name.to_string_lossy().into_owned(),
+    );
+    let machine = bus::machine::machine_file(&options.seat.machine);
+    Ok(RunInfo {
+        quadrant: env!("CARGO_PKG_VERSION").into(),
+        cell: options.seat.cell.clone(),
+        pace: options.seat.pace.word().into(),
+        program: name.clone(),
+        files: vec![
+            ("machine.toml".into(), read(&machine)?),
+            (name, read(program)?),
+        ],
+        ..RunInfo::default()
+    })
+}

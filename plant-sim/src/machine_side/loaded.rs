@@ -1,0 +1,167 @@
+//! Programs of a cell that stays up: loaded, started, done, given up.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::{Cause, Mode, ProgramState, Refused};
+
+use super::orders::Refusal;
+use super::{MachineSide, RunEnd};
+use crate::saved::Latches;
+
+/// The program of a cell.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Loaded {
+    /// Its number; 0 is the one that the cell was started with, if it was with one.
+    pub load: u32,
+    /// How far it is.
+    pub state: ProgramState,
+    /// Programs started so far.
+    pub run: u32,
+}
+
+impl Loaded {
+    /// A cell that ends with its program has begun it; one that stays up has none.
+    pub fn new(run_end: RunEnd) -> Loaded {
+        let (state, run) = match run_end {
+            RunEnd::AfterProgram => (ProgramState::Begun, 1),
+            RunEnd::WhenTold => (ProgramState::None, 0),
+        };
+        Loaded {
+            load: 0,
+            state,
+            run,
+        }
+    }
+
+    /// Goes on where a machine side before this one left.
+    pub fn resume(&mut self, latches: &Latches) {
+        self.load = latches.load;
+        self.state = ProgramState::from_wire(latches.program).unwrap_or(ProgramState::None);
+        self.run = latches.run;
+    }
+
+    /// Whether it was started and is not done.
+    pub fn is_begun(&self) -> bool {
+        self.state == ProgramState::Begun
+    }
+
+    /// The planner has read it, or cannot.
+    pub fn read(&mut self, good: bool) {
+        if self.state == ProgramState::Loading {
+            self.state = if good {
+                ProgramState::Loaded
+            } else {
+                ProgramState::None
+            };
+        }
+    }
+}
+
+impl MachineSide {
+    /// Whether the cell ends once the machine stands.
+    pub(super) fn ends(&self) -> bool {
+        self.run_end == RunEnd::AfterProgram
+    }
+
+    /// The mode with drives on and no program begun.
+    pub(super) fn idle_mode(&self) -> Mode {
+        if self.ends() {
+            Mode::Stopped
+        } else {
+            Mode::Ready
+        }
+    }
+
+    /// Takes another program; one that was begun and is stopped is given up.
+    pub(super) fn order_load(&mut self, number: f64) -> Result<(), Refusal> {
+        self.must_stay()?;
+        match self.mode {
+            Mode::Ready | Mode::Stopped | Mode::Disabled => {}
+            Mode::Enabled => return Err(Refused::Begun.into()),
+            Mode::Stopping | Mode::Finished => return Err(Refused::NotAtRest.into()),
+            Mode::Jogging => return Err(Refused::Jogging.into()),
+            Mode::Tripped => return Err(Refused::Tripped.into()),
+        }
+        let is_number = number.fract() == 0.0 && (1.0..=f64::from(u32::MAX)).contains(&number);
+        // Numbers go up: a late order does not bring an earlier program back.
+        if !is_number || number as u32 <= self.program.load {
+            return Err(Refused::BadValue.into());
+        }
+        if self.mode == Mode::Stopped {
+            self.mode = Mode::Ready;
+        }
+        self.windows.forget_path(self.scan);
+        if self.cause == Cause::Planner {
+            // It could not go on with the program before.
+            self.cause = Cause::None;
+            self.cause_scan = 0;
+        }
+        self.program.load = number as u32;
+        self.program.state = ProgramState::Loading;
+        Ok(())
+    }
+
+    /// Begins the program that is loaded, from where the axes stand. A hold that is latched stays: nothing moves then before
+    /// somebody resumes.
+    pub(super) fn order_start(&mut self) -> Result<(), Refusal> {
+        self.must_stay()?;
+        match self.mode {
+            Mode::Ready => {}
+            Mode::Enabled | Mode::Stopping | Mode::Stopped => return Err(Refused::Begun.into()),
+            Mode::Finished => return Err(Refused::NotAtRest.into()),
+            Mode::Disabled => return Err(Refused::DrivesOff.into()),
+            Mode::Jogging => return Err(Refused::Jogging.into()),
+            Mode::Tripped => return Err(Refused::Tripped.into()),
+        }
+        match self.program.state {
+            ProgramState::Loaded | ProgramState::Done => {}
+            ProgramState::Loading => return Err(Refused::Loading.into()),
+            ProgramState::Begun => return Err(Refused::Begun.into()),
+            ProgramState::None => return Err(Refused::NoProgram.into()),
+        }
+        self.windows.forget_path(self.scan);
+        self.program.state = ProgramState::Begun;
+        self.program.run = self.program.run.saturating_add(1);
+        self.waited_scans = 0;
+        self.mode = Mode::Enabled;
+        Ok(())
+    }
+
+    /// Comes to rest, on the path or where a jog is, then ends the cell.
+    pub(super) fn order_down(&mut self) -> Result<(), Refusal> {
+        self.end_after_stop();
+        Ok(())
+    }
+
+    /// Comes to rest on the path, then ends the run, also that of a cell that stays up: it was told to, or the launcher is gone.
+    pub fn end_after_stop(&mut self) {
+        self.run_end = RunEnd::AfterProgram;
+        if self.mode == Mode::Ready {
+            self.mode = Mode::Stopped;
+        }
+        self.stop();
+    }
+
+    /// The program is done: the machine is ready for it again, or for another one.
+    pub(super) fn end_program(&mut self) {
+        self.windows.forget_path(self.scan);
+        self.program.state = ProgramState::Done;
+        self.mode = Mode::Ready;
+    }
+
+    fn must_stay(&self) -> Result<(), Refusal> {
+        if !self.ends() {
+            return Ok(());
+        }
+        Err(if self.program.load == 0 && self.program.is_begun() {
+            Refused::OneProgram.into()
+        } else {
+            Refused::Ending.into()
+        })
+    }
+}

@@ -1,0 +1,116 @@
+//! `quadrant up`: start the group and stay; programs are loaded and started from other terminals.
+
+use anyhow::anyhow;
+use bus::cell::CellPlace;
+use bus::machine::machine_file;
+use bus::member::Pace;
+use bus::sample::Job;
+
+use crate::cli::UpOptions;
+use crate::events::Events;
+use crate::exit::{Failure, Kind, Outcome};
+use crate::group::{Group, Plan};
+use crate::output::say;
+use crate::run::{note_started, own};
+use crate::run_dir::{RunDir, Sources, dated_folder};
+use crate::session::Session;
+use crate::signals::Signals;
+use crate::supervise::{Ending, Subject, Watch, supervise};
+use crate::{check, doctor, learn, logs};
+
+/// Starts the group of a machine and stays until it is told to end.
+pub fn up(options: &UpOptions) -> Outcome {
+    logs::init_launcher();
+    let checked = check::load(&options.machine, None).input()?;
+    let cell_name = options.cell.as_deref().unwrap_or(&checked.machine.name);
+    let place = CellPlace::new(cell_name).input()?;
+    let signals = Signals::catch().environment()?;
+    let cell = own(&place).environment()?;
+    let machine_path = machine_file(&options.machine);
+    let taught = learn::taught(&machine_path, &checked.machine, options.no_learned).input()?;
+    let folder = options.out.clone();
+    let folder = folder.unwrap_or_else(|| dated_folder(&format!("{cell_name}-up")));
+    let run_dir = RunDir::make(
+        &folder,
+        &Sources {
+            machine: &machine_path,
+            plant: &machine_path.with_file_name("plant.toml"),
+            program: None,
+            learned: taught.as_deref(),
+            orders: None,
+            faults: None,
+        },
+    )
+    .environment()?;
+    // What runs is what was copied.
+    let mut checked = match check::load(&run_dir.machine, None) {
+        Ok(checked) => checked,
+        Err(error) => {
+            let _ = std::fs::remove_dir_all(&run_dir.folder);
+            return Err(Failure::Input(error));
+        }
+    };
+    checked.machine.restart = checked.machine.restart.of_staying();
+    if options.pace() == Pace::Realtime {
+        doctor::say_what_realtime_lacks();
+    }
+    let plan = Plan {
+        machine_file: run_dir.machine.clone(),
+        plant_file: run_dir.plant.clone(),
+        program: None,
+        out: run_dir.folder.clone(),
+        pace: options.pace(),
+        answer_limit_s: options.answer_limit,
+        orders: None,
+        faults: None,
+        fault_blocks: Vec::new(),
+    };
+    let mut group = match Group::start(cell, &checked.machine, &plan, &|| signals.count() > 0) {
+        Ok(group) => group,
+        Err(_) if signals.count() > 0 => return Err(Failure::Interrupted),
+        Err(error) => return Err(Failure::Environment(error)),
+    };
+    let mut events = Events::create(&run_dir.folder).environment()?;
+    note_started(&group, &mut events);
+    let watch = Watch::new(&group, &checked.machine, false).environment()?;
+    group.begin();
+    say(&format!(
+        "Cell {cell_name} is up, its drives are off. From any other terminal:\n  \
+         quadrant enable | load PROGRAM | start | hold | resume | stop | jog AXIS DISTANCE | status | monitor | down\n\
+         Every program that is started leaves a run directory in {}",
+        folder.display()
+    ));
+    let subject = Subject {
+        machine: &checked.machine,
+        path: None,
+        faults: None,
+        session: Some(Session::new(&folder, &place)),
+    };
+    let ending = supervise(&mut group, subject, watch, &signals, &mut events);
+    drop(group);
+    conclude(&ending, cell_name)
+}
+
+fn conclude(ending: &Ending, cell: &str) -> Outcome {
+    if !ending.in_order {
+        return Err(if ending.interruptions > 1 {
+            Failure::Interrupted
+        } else {
+            Failure::Stopped(anyhow!("the machine did not come to rest in order"))
+        });
+    }
+    let needed = |job| matches!(job, Job::Machine | Job::Planner);
+    let mut lost = ending.deaths.iter().filter(|d| needed(d.job));
+    if let Some(death) = lost.find(|d| !d.status.success() && !d.replaced) {
+        return Err(Failure::Stopped(anyhow!(
+            "{} {}",
+            death.name,
+            death.words()
+        )));
+    }
+    say(&format!("Cell {cell} is down"));
+    if ending.interruptions > 0 {
+        return Err(Failure::Interrupted);
+    }
+    Ok(())
+}

@@ -1,0 +1,352 @@
+//! A cell that stays up: programs loaded, started, given up; orders in every state; deaths; its end.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+use bus::cell::CellPlace;
+use bus::sample::{Feedback, Mode, ProgramState};
+use serde_json::Value;
+
+use crate::support::{
+    Bench, LiveCell, circle_program, long_program, number, quadrant, send, text, traces_of,
+};
+
+/// What an order printed, and its exit status.
+struct Said {
+    status: i32,
+    text: String,
+}
+
+fn ask(cell: &LiveCell, words: &[&str]) -> Said {
+    let Output {
+        status,
+        stdout,
+        stderr,
+    } = quadrant()
+        .args(words)
+        .args(["--cell", &cell.cell])
+        .output()
+        .expect("the command");
+    Said {
+        status: status.code().unwrap_or(-1),
+        text: String::from_utf8_lossy(&[stdout, stderr].concat()).into_owned(),
+    }
+}
+
+/// An order that must be obeyed.
+fn obeyed(cell: &LiveCell, words: &[&str]) -> String {
+    let said = ask(cell, words);
+    assert_eq!(said.status, 0, "{words:?}: {}", said.text);
+    said.text
+}
+
+/// An order that must be refused with these words, by the cell.
+fn refused(cell: &LiveCell, words: &[&str], why: &str) {
+    let said = ask(cell, words);
+    assert_eq!(said.status, 1, "{words:?}: {}", said.text);
+    assert!(said.text.contains(why), "{words:?}: {}", said.text);
+}
+
+/// A cell that is up, and two programs: circles for 6 s, and for minutes.
+fn up(pace: &str) -> (Bench, LiveCell, String, String) {
+    let bench = Bench::of("xy", &[]);
+    let short = circle_program(10.0, 3000.0, (0.0, 0.0), 0.0);
+    let short = bench.file("short.ngc", &short).display().to_string();
+    let long = bench
+        .file("long.ngc", &long_program())
+        .display()
+        .to_string();
+    let mut cell = LiveCell::up(bench.path(), pace);
+    let first = cell.wait_for(|_| true);
+    assert_eq!(Mode::from_wire(first.mode), Some(Mode::Disabled));
+    assert_eq!(first.program, ProgramState::None as u32);
+    (bench, cell, short, long)
+}
+
+fn is(feedback: &Feedback, mode: Mode, program: ProgramState) -> bool {
+    feedback.mode == mode as u32 && feedback.program == program as u32
+}
+
+fn report_in(folder: &Path) -> Value {
+    let file = folder.join("report.json");
+    let text = fs::read_to_string(&file).unwrap_or_else(|e| panic!("{}: {e}", file.display()));
+    serde_json::from_str(&text).expect("JSON")
+}
+
+/// Names of the run directories.
+fn runs_in(out: &Path) -> Vec<String> {
+    let entries = fs::read_dir(out).expect("the folder").flatten();
+    let folders = entries.filter(|entry| entry.path().is_dir());
+    let mut names: Vec<String> = folders
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .collect();
+    names.sort();
+    names
+}
+
+fn programs_of(cell: &LiveCell) -> Vec<PathBuf> {
+    let place = CellPlace::new(&cell.cell).expect("a cell name");
+    let entries = fs::read_dir(place.programs()).into_iter().flatten();
+    entries.flatten().map(|entry| entry.path()).collect()
+}
+
+/// Ends the cell by `quadrant down`: nothing of it is left; its folder, alive until the result is dropped.
+fn down(cell: LiveCell) -> crate::support::Run {
+    assert!(obeyed(&cell, &["down"]).contains("is down"));
+    let run = cell.finish();
+    assert_eq!(run.status(), 0, "{}", run.stderr());
+    let left = traces_of(&run.cell);
+    assert!(left.is_empty(), "{left:?}");
+    run
+}
+
+#[test]
+fn programs_are_loaded_and_started_one_after_the_other_and_each_leaves_its_report() {
+    let (_bench, mut cell, short, long) = up("lockstep");
+    refused(&cell, &["start"], "the drives are off");
+    obeyed(&cell, &["enable"]);
+    refused(&cell, &["start"], "no program is loaded");
+    refused(&cell, &["resume"], "no program was begun");
+    assert!(obeyed(&cell, &["load", &short]).contains("loaded short.ngc"));
+    for run in 1..=2 {
+        let said = obeyed(&cell, &["start", "--wait"]);
+        assert!(said.contains(&format!("run {run} is done")), "{said}");
+    }
+    // By hand, in between.
+    obeyed(&cell, &["jog", "Y", "4"]);
+    cell.wait_for(|f| {
+        let way_nm = f.axes[1].command_register - 4_000_000;
+        is(f, Mode::Ready, ProgramState::Done) && way_nm.abs() < 20_000
+    });
+    obeyed(&cell, &["load", &long]);
+    obeyed(&cell, &["start"]);
+    cell.wait_for(|f| f.tag.element >= 2 && f.tag.distance_mm > 20.0);
+    refused(&cell, &["load", &short], "a program was begun");
+    refused(&cell, &["start"], "a program was begun");
+    obeyed(&cell, &["stop"]);
+    cell.wait_for(|f| is(f, Mode::Stopped, ProgramState::Begun));
+    // Given up for another one.
+    obeyed(&cell, &["load", &short]);
+    obeyed(&cell, &["start", "--wait"]);
+    let run = down(cell);
+    assert_eq!(
+        runs_in(&run.out),
+        ["001-short", "002-short", "003-long", "004-short"]
+    );
+    for (name, kind) in [
+        ("001-short", "completed"),
+        ("002-short", "completed"),
+        ("003-long", "interrupted"),
+        ("004-short", "completed"),
+    ] {
+        let report = report_in(&run.out.join(name));
+        assert_eq!(text(&report, "/outcome/kind"), kind, "{name}");
+        assert_eq!(number(&report, "/samples_lost"), 0.0, "{name}");
+        assert_eq!(
+            number(&report, "/limits/acceleration_exceeded"),
+            0.0,
+            "{name}"
+        );
+        assert!(number(&report, "/contour_error_um/peak") < 25.0, "{name}");
+        for file in ["machine.toml", "plant.toml", "run.mcap", "report.html"] {
+            assert!(run.out.join(name).join(file).exists(), "{name}/{file}");
+        }
+    }
+    // The second time the machine begins where the program ends.
+    let arcs = |name: &str| {
+        let report = report_in(&run.out.join(name));
+        report
+            .pointer("/arcs")
+            .and_then(Value::as_array)
+            .map(Vec::len)
+    };
+    assert_eq!(arcs("001-short"), arcs("002-short"));
+    let events = fs::read_to_string(run.out.join("events.jsonl")).expect("events");
+    assert_eq!(events.matches("\"run over\"").count(), 4, "{events}");
+}
+
+#[test]
+fn a_program_that_is_wrong_is_refused_before_the_cell_hears_of_it() {
+    let (bench, cell, _, _) = up("realtime");
+    let wrong = bench.file("wrong.ngc", "G21 G90\nG1 X5000 F100\nM2\n");
+    let said = ask(&cell, &["load", &wrong.display().to_string()]);
+    assert_eq!(said.status, 2, "{}", said.text);
+    assert!(said.text.contains("wrong.ngc"), "{}", said.text);
+    let said = ask(&cell, &["load", "no-such-file.ngc"]);
+    assert_eq!(said.status, 2, "{}", said.text);
+    assert!(programs_of(&cell).is_empty(), "{:?}", programs_of(&cell));
+    down(cell);
+}
+
+#[test]
+fn the_one_program_of_a_run_is_not_replaced_and_down_ends_it_on_the_path() {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("long.ngc", &long_program());
+    let mut cell = LiveCell::start(bench.path(), &program, "lockstep");
+    cell.wait_for(|f| f.tag.element >= 2);
+    let program = program.display().to_string();
+    refused(&cell, &["load", &program], "runs one program");
+    refused(&cell, &["start"], "runs one program");
+    obeyed(&cell, &["down"]);
+    let run = cell.finish();
+    assert_eq!(run.status(), 1, "{}", run.stderr());
+    let report = run.report();
+    assert_eq!(text(&report, "/outcome/kind"), "interrupted");
+    assert!(number(&report, "/contour_error_um/peak") < 25.0);
+}
+
+#[test]
+fn down_in_mid_arc_brings_the_tool_to_rest_on_the_path_and_the_report_is_made() {
+    let (_bench, mut cell, _, long) = up("lockstep");
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["load", &long]);
+    obeyed(&cell, &["start"]);
+    cell.wait_for(|f| f.tag.element >= 2 && f.tag.distance_mm > 20.0);
+    let run = down(cell);
+    let report = report_in(&run.out.join("001-long"));
+    assert_eq!(text(&report, "/outcome/kind"), "interrupted");
+    assert!(number(&report, "/contour_error_um/peak") < 25.0);
+    assert_eq!(number(&report, "/limits/acceleration_exceeded"), 0.0);
+}
+
+#[test]
+fn a_terminated_cell_stops_in_order_too() {
+    let (_bench, mut cell, _, long) = up("lockstep");
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["load", &long]);
+    obeyed(&cell, &["start"]);
+    cell.wait_for(|f| f.tag.element >= 2 && f.tag.distance_mm > 20.0);
+    cell.signal_launcher(libc::SIGTERM);
+    let run = cell.finish();
+    assert_eq!(run.status(), 130, "{}", run.stderr());
+    let report = report_in(&run.out.join("001-long"));
+    assert_eq!(text(&report, "/outcome/kind"), "interrupted");
+    assert!(traces_of(&run.cell).is_empty());
+}
+
+/// Whoever dies comes back, and the program goes on: also where the machine file would end a run.
+#[test]
+fn planner_servo_recorder_and_machine_side_come_back_in_a_cell_that_stays() {
+    let (_bench, mut cell, _, long) = up("lockstep");
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["load", &long]);
+    obeyed(&cell, &["start"]);
+    cell.wait_for(|f| f.tag.element >= 2 && f.tag.distance_mm > 20.0);
+
+    send(cell.pid_of("quadrant planner"), libc::SIGKILL);
+    let gone_on = |cell: &mut LiveCell| {
+        let from = cell.wait_for(|_| true);
+        cell.wait_for(|f| {
+            f.mode == Mode::Enabled as u32
+                && (f.tag.element, f.tag.distance_mm as i64)
+                    > (from.tag.element, from.tag.distance_mm as i64 + 30)
+                && !f.tag.is_off_path()
+        });
+    };
+    gone_on(&mut cell);
+
+    send(cell.pid_of("quadrant recorder"), libc::SIGKILL);
+    gone_on(&mut cell);
+
+    send(cell.pid_of("quadrant servo --axis Y"), libc::SIGKILL);
+    cell.wait_for(|f| f.mode == Mode::Tripped as u32);
+    let acknowledged = (0..200).any(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+        ask(&cell, &["enable"]).status == 0
+    });
+    assert!(acknowledged, "the servo does not come back");
+    obeyed(&cell, &["resume"]);
+    gone_on(&mut cell);
+
+    let before = cell.wait_for(|_| true).incarnation;
+    send(cell.pid_of("quadrant plant-sim"), libc::SIGKILL);
+    let back = cell.wait_for(|f| f.incarnation > before);
+    assert!(is(&back, Mode::Disabled, ProgramState::Begun), "{back:?}");
+    assert_eq!((back.run, back.load), (1, 1));
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["resume"]);
+    gone_on(&mut cell);
+    let run = down(cell);
+    let report = report_in(&run.out.join("001-long"));
+    assert_eq!(text(&report, "/outcome/kind"), "interrupted");
+    assert!(run.out.join("001-long/run-2.mcap").exists());
+    assert_eq!(number(&report, "/limits/acceleration_exceeded"), 0.0);
+}
+
+#[test]
+fn a_planner_that_dies_between_programs_comes_back_with_the_one_that_is_loaded() {
+    let (_bench, mut cell, short, _) = up("realtime");
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["load", &short]);
+    let before = cell.pid_of("quadrant planner");
+    send(before, libc::SIGKILL);
+    let started = std::time::Instant::now();
+    while cell
+        .children()
+        .iter()
+        .all(|(pid, line)| *pid == before || !line.contains("quadrant planner"))
+    {
+        assert!(started.elapsed().as_secs() < 30, "no planner");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    obeyed(&cell, &["start", "--wait"]);
+    let feedback = cell.wait_for(|f| is(f, Mode::Ready, ProgramState::Done));
+    assert_eq!(feedback.load, 1);
+    let run = down(cell);
+    let report = report_in(&run.out.join("001-short"));
+    assert_eq!(text(&report, "/outcome/kind"), "completed");
+}
+
+#[test]
+fn many_clients_at_once_are_all_answered() {
+    let (_bench, mut cell, _, long) = up("lockstep");
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["load", &long]);
+    obeyed(&cell, &["start"]);
+    std::thread::scope(|scope| {
+        for client in 0..6 {
+            let cell = &cell;
+            scope.spawn(move || {
+                for turn in 0..6 {
+                    let percent = format!("{}", 40 + 10 * ((client + turn) % 7));
+                    match (client + turn) % 3 {
+                        0 => drop(obeyed(cell, &["override", &percent])),
+                        1 => drop(obeyed(cell, &["status", "--json"])),
+                        _ => drop(obeyed(cell, &["hold"])),
+                    }
+                }
+            });
+        }
+    });
+    obeyed(&cell, &["override", "100"]);
+    obeyed(&cell, &["resume"]);
+    cell.wait_for(|f| f.hold == 0 && f.at_rest == 0 && f.override_percent == 100);
+    down(cell);
+}
+
+#[test]
+fn a_cell_whose_launcher_is_killed_leaves_no_process_behind() {
+    let (_bench, mut cell, _, long) = up("realtime");
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["load", &long]);
+    obeyed(&cell, &["start"]);
+    cell.wait_for(|f| f.tag.element >= 2 && f.tag.distance_mm > 20.0);
+    let children = cell.children();
+    cell.signal_launcher(libc::SIGKILL);
+    let started = std::time::Instant::now();
+    let lives = |pid: i32| Path::new(&format!("/proc/{pid}")).exists();
+    while children.iter().any(|(pid, _)| lives(*pid)) {
+        assert!(started.elapsed().as_secs() < 30, "{children:?}");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    let name = cell.cell.clone();
+    let run = cell.finish();
+    assert!(
+        run.out.join("001-long/run.mcap").exists(),
+        "what was recorded stays"
+    );
+    let cleaned = quadrant().args(["clean", &name]).output().expect("clean");
+    assert!(cleaned.status.success());
+    assert!(traces_of(&name).is_empty());
+}
