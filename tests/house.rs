@@ -178,6 +178,7 @@ fn only_the_machine_side_and_the_launcher_read_or_copy_the_plant_file() {
     let may = [
         root().join("src/check.rs"),
         root().join("src/run.rs"),
+        root().join("src/up.rs"),
         root().join("src/run_dir.rs"),
         root().join("src/bench/circles.rs"),
         root().join("src/bench/faults/trial.rs"),
