@@ -8,6 +8,7 @@ use bus::machine::Machine;
 use bus::member::watch;
 use bus::order_file::axis_index;
 use bus::page::{CellPhase, Page};
+use bus::port::OperatorClient;
 use bus::sample::{Mode, OperatorRequest, OperatorResponse, Order, Refused};
 use bus::service::Bus;
 
@@ -138,24 +139,13 @@ impl Client {
 
     /// Sends an order and waits for its answer; a refusal is a failure with its reason.
     fn ask(&self, order: Order, request: OperatorRequest) -> Result<OperatorResponse, Failure> {
-        let cell = self.place.name();
         let operator = self.bus.operator_client().environment()?;
-        let pending = operator
-            .send(request)
-            .ok_or_else(|| Failure::Stopped(anyhow!("cell {cell:?} takes no orders")))?;
-        let asked = Instant::now();
-        let answer = loop {
-            if let Some(answer) = pending.answer() {
-                break answer;
-            }
-            if self.page.phase() == CellPhase::Ending || asked.elapsed() > ANSWER_LIMIT {
-                return Err(Failure::Stopped(anyhow!(
-                    "cell {cell:?} does not answer: {} may or may not have been obeyed",
-                    order.word()
-                )));
-            }
-            std::thread::sleep(LOOK);
-        };
+        let answer = self.answer(&operator, order, request);
+        if self.has_ended() {
+            // What is closed now would be the service of the next cell of that name.
+            std::mem::forget(operator);
+        }
+        let answer = answer?;
         match Refused::from_wire(answer.reason) {
             Some(Refused::Not) => Ok(answer),
             reason => Err(Failure::Stopped(anyhow!(
@@ -164,6 +154,37 @@ impl Client {
                 self.words(reason, &request, &answer)
             ))),
         }
+    }
+
+    fn answer(
+        &self,
+        operator: &OperatorClient,
+        order: Order,
+        request: OperatorRequest,
+    ) -> Result<OperatorResponse, Failure> {
+        let cell = self.place.name();
+        let pending = operator
+            .send(request)
+            .ok_or_else(|| Failure::Stopped(anyhow!("cell {cell:?} takes no orders")))?;
+        let asked = Instant::now();
+        loop {
+            if let Some(answer) = pending.answer() {
+                return Ok(answer);
+            }
+            if self.page.phase() == CellPhase::Ending || asked.elapsed() > ANSWER_LIMIT {
+                return Err(Failure::Stopped(anyhow!(
+                    "cell {cell:?} does not answer: {} may or may not have been obeyed",
+                    order.word()
+                )));
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Whether the cell that was entered is gone, or about to go.
+    fn has_ended(&self) -> bool {
+        let launcher = self.page.launcher_pid();
+        page_of(&self.place).is_none_or(|page| page.launcher_pid() != launcher)
     }
 
     fn words(

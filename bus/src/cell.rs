@@ -20,6 +20,8 @@ use crate::machine::is_cell_name;
 const SHARED_MEMORY: &str = "/dev/shm";
 const OWNER_LOCK: &str = "owner.lock";
 const MEMBERS_LOCK: &str = "members.lock";
+/// Attempts to remove a folder that somebody writes into meanwhile.
+const REMOVALS_MAX: u32 = 20;
 const MEMBERS_LOOK: Duration = Duration::from_millis(20);
 
 /// Why a cell cannot be had.
@@ -374,7 +376,7 @@ impl CellPlace {
             }
             let path = entry.path();
             let result = if path.is_dir() {
-                fs::remove_dir_all(&path)
+                remove_folder(&path)
             } else {
                 fs::remove_file(&path)
             };
@@ -385,6 +387,19 @@ impl CellPlace {
         }
         Ok(removed)
     }
+}
+
+/// Removes a folder into which somebody who does not know yet that its cell has gone may still be writing.
+fn remove_folder(path: &std::path::Path) -> io::Result<()> {
+    for _ in 0..REMOVALS_MAX {
+        match fs::remove_dir_all(path) {
+            Err(error) if error.kind() == io::ErrorKind::DirectoryNotEmpty => {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            done => return done,
+        }
+    }
+    fs::remove_dir_all(path)
 }
 
 /// A member's hold on its cell.

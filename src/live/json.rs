@@ -1,6 +1,6 @@
 //! A model as JSON: names end in units and stay what they are. Positions of rotary axes are in degrees (`unit`), under the same names.
 
-use bus::sample::{Cause, Mode};
+use bus::sample::{Cause, Mode, ProgramState};
 use bus::service::ROLES;
 use serde::Serialize;
 
@@ -38,6 +38,10 @@ struct CauseOf {
 
 #[derive(Serialize)]
 struct ProgramOf<'a> {
+    /// none, loading, loaded, begun, done.
+    state: Option<&'static str>,
+    /// Counts the programs started.
+    run: Option<u32>,
     name: Option<&'a str>,
     line: Option<u32>,
     block: Option<&'a str>,
@@ -189,6 +193,10 @@ fn program(model: &Model) -> ProgramOf<'_> {
     let feedback = model.feedback.as_ref();
     let on_path = feedback.filter(|feedback| !feedback.tag.is_off_path());
     ProgramOf {
+            state: feedback
+                .and_then(|f| ProgramState::from_wire(f.program))
+                .map(ProgramState::word),
+            run: feedback.map(|feedback| feedback.run),
         name: model.program_name(),
         line: block.map(|(line, _)| line),
         block: block.map(|(_, text)| text),

@@ -158,34 +158,44 @@ impl Drop for Laid {
 }
 
 /// The cell's feedback, as a client sees it.
-struct Eyes {
-    reader: Reader<Feedback>,
+struct Eyes<'a> {
+    reader: Option<Reader<Feedback>>,
     newest: Option<Feedback>,
     heard: Instant,
-    cell: String,
+    client: &'a Client,
 }
 
-impl Eyes {
-    fn open(client: &Client) -> Result<Eyes, Failure> {
+impl Drop for Eyes<'_> {
+    fn drop(&mut self) {
+        if self.client.has_ended() {
+            // What is closed now would be the service of the next cell of that name.
+            std::mem::forget(self.reader.take());
+        }
+    }
+}
+
+impl Eyes<'_> {
+    fn open(client: &Client) -> Result<Eyes<'_>, Failure> {
         Ok(Eyes {
-            reader: client.bus.feedback_reader(1).environment()?,
+            reader: Some(client.bus.feedback_reader(1).environment()?),
             newest: None,
             heard: Instant::now(),
-            cell: client.place.name().into(),
+            client,
         })
     }
 
     /// The newest feedback, waited for if there was none yet.
     fn look(&mut self) -> Result<Feedback, Failure> {
         loop {
-            if let Some(feedback) = self.reader.newest(u64::MAX) {
+            let newest = self.reader.as_mut().and_then(|r| r.newest(u64::MAX));
+            if let Some(feedback) = newest {
                 self.newest = Some(feedback);
                 self.heard = Instant::now();
             }
             if self.heard.elapsed() > SILENCE {
                 return Err(Failure::Stopped(anyhow!(
                     "cell {:?} says nothing any more: its machine side is lost, or the cell has ended",
-                    self.cell
+                    self.client.place.name()
                 )));
             }
             if let Some(feedback) = self.newest {
