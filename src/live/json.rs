@@ -193,10 +193,10 @@ fn program(model: &Model) -> ProgramOf<'_> {
     let feedback = model.feedback.as_ref();
     let on_path = feedback.filter(|feedback| !feedback.tag.is_off_path());
     ProgramOf {
-            state: feedback
-                .and_then(|f| ProgramState::from_wire(f.program))
-                .map(ProgramState::word),
-            run: feedback.map(|feedback| feedback.run),
+        state: feedback
+            .and_then(|f| ProgramState::from_wire(f.program))
+            .map(ProgramState::word),
+        run: feedback.map(|feedback| feedback.run),
         name: model.program_name(),
         line: block.map(|(line, _)| line),
         block: block.map(|(_, text)| text),
