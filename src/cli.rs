@@ -348,6 +348,8 @@ pub enum BenchCommand {
     Circles(CirclesOptions),
     /// Whole cells in one process with faults drawn from seeds; every scan is judged by the invariants of docs/faults.md
     Faults(FaultsOptions),
+    /// Speed and memory of `quadrant report` on a long log, beside reading, decompressing and checking the same bytes
+    Report(BenchReportOptions),
 }
 
 impl Default for BenchCommand {
@@ -366,6 +368,19 @@ pub struct LockstepOptions {
     /// Folder with machine.toml, plant.toml and programs/circle-r25-f3000.ngc
     #[arg(default_value = BENCH_MACHINE)]
     pub machine: PathBuf,
+}
+
+#[derive(Debug, Clone, Args)]
+pub struct BenchReportOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml; axes X and Y with 25 mm to either side of 0
+    #[arg(default_value = BENCH_MACHINE)]
+    pub machine: PathBuf,
+    /// Machine time of the log that is made, by a run in lockstep; an hour of two axes takes 3.4 GB of temporary space
+    #[arg(long, value_name = "MINUTES", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=1440))]
+    pub minutes: u32,
+    /// Measure with this run's log in place of a new one; its report is made anew
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["machine", "minutes"])]
+    pub run: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Args)]

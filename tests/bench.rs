@@ -154,3 +154,29 @@ fn processes_with(mark: &str) -> Vec<String> {
         .filter(|line| line.contains(mark))
         .collect()
 }
+
+#[test]
+fn the_report_of_a_long_log_is_measured_beside_reading_alone() {
+    let done = quadrant()
+        .args(["bench", "report", "machines/xy", "--minutes", "1"])
+        .output()
+        .expect("quadrant");
+    let stderr = String::from_utf8_lossy(&done.stderr);
+    assert!(done.status.success(), "{stderr}");
+    let said = String::from_utf8_lossy(&done.stdout);
+    let value = |name: &str| {
+        let line = said.lines().find(|line| line.trim().starts_with(name));
+        let words = line.and_then(|line| line.trim().strip_prefix(name));
+        let number = words.and_then(|words| words.split_whitespace().next());
+        let number = number.and_then(|number| number.parse::<f64>().ok());
+        number.unwrap_or_else(|| panic!("no {name} in\n{said}"))
+    };
+    // A minute at least, and nothing is free.
+    assert!(said.contains("scans of 2 axes"), "{said}");
+    assert!(value("report:") >= 60.0, "{said}");
+    for name in ["log", "wall time", "processor time", "peak memory", "floor"] {
+        assert!(value(name) > 0.0, "{said}");
+    }
+    // It reads the log, too: it cannot be cheaper than only that, but for the grain of the clocks.
+    assert!(value("ratio") > 0.9, "{said}");
+}

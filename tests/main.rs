@@ -19,6 +19,7 @@ mod pivot;
 mod positioning;
 mod quality;
 mod realtime_faults;
+mod recorder;
 mod rehearsed;
 mod robust;
 mod setpoints;

@@ -9,7 +9,9 @@
 //!
 //! Times in the log are scan × scan period from the start of the run: no wall clock stands in any message.
 
+mod behind;
 mod derived;
+mod feed;
 pub mod layout;
 mod parts;
 #[cfg(test)]
@@ -17,6 +19,7 @@ mod parts_tests;
 mod reader;
 mod recorder;
 mod run_info;
+mod skim;
 mod tables;
 #[cfg(test)]
 mod tests;
@@ -24,9 +27,10 @@ mod tests;
 use std::path::PathBuf;
 
 pub use parts::{Part, RunLog, part_files, part_name};
-pub use reader::Reader;
+pub use reader::{Reader, read_only};
 pub use recorder::Recorder;
 pub use run_info::{Event, RunEnd, RunInfo};
+pub use skim::{Foreword, Start, skim};
 
 use bus::sample::{
     AxisCommand, Feedback, Instruments, PlannerStatus, Roster, WindowHeader, WindowRow,

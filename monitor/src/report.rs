@@ -28,7 +28,7 @@ pub use json::{
     Report, ReversalReport, ScanRange,
 };
 
-use crate::log::{LogError, Part, RunEnd, RunInfo, RunLog, Sample};
+use crate::log::{Foreword, LogError, Part, RunEnd, RunInfo, RunLog, Sample, Start, skim};
 use crate::measure::{Analysis, Measurements};
 
 /// A report that cannot be made.
@@ -124,26 +124,41 @@ pub fn make_report(run_dir: &Path) -> Result<Report, ReportError> {
 /// As [`make_report`].
 pub fn evaluate(run_dir: &Path) -> Result<Evaluation, ReportError> {
     let machine = Machine::load(run_dir)?;
-    let first = first_pass(run_dir)?;
+    fits(run_dir, &machine, &RunLog::open(run_dir)?)?;
+    let foreword = skim(run_dir)?;
+    let (evaluation, found) = evaluate_knowing(run_dir, &machine, &foreword)?;
+    if found == foreword {
+        return Ok(evaluation);
+    }
+    // A damaged log: what stands in it behind the damage is not read, and so was not said.
+    Ok(evaluate_knowing(run_dir, &machine, &found)?.0)
+}
+
+/// Measures the log, with what has to be known of it before; and what it itself says of that.
+fn evaluate_knowing(
+    run_dir: &Path,
+    machine: &Machine,
+    foreword: &Foreword,
+) -> Result<(Evaluation, Foreword), ReportError> {
     let mut reader = RunLog::open(run_dir)?;
-    fits(run_dir, &machine, &reader)?;
-    let program = match &first.start {
-        Some(start) => Some(load_program(run_dir, &machine, reader.info(), start)?),
+    let program = match &foreword.start {
+        Some(start) => Some(load_program(run_dir, machine, reader.info(), start)?),
         None => None,
     };
     let path = program.as_ref().map(|program| program.path.clone());
     let mut analysis = Analysis::new(machine.clone(), path.unwrap_or_default());
     // Deaths are known before their scans are measured, so that nothing of their consequences is missed.
-    first
-        .rosters
-        .into_iter()
-        .for_each(|roster| analysis.take(roster));
+    for roster in &foreword.rosters {
+        analysis.take(Sample::Roster(Box::new(*roster)));
+    }
+    let mut found = Foreword::default();
     while let Some(sample) = reader.next_sample()? {
+        found.take(&sample);
         if !matches!(sample, Sample::Roster(_)) {
             analysis.take(sample);
         }
     }
-    Ok(Evaluation {
+    let evaluation = Evaluation {
         measurements: analysis.finish(),
         info: reader.info().clone(),
         end: reader.end(),
@@ -151,45 +166,13 @@ pub fn evaluate(run_dir: &Path) -> Result<Evaluation, ReportError> {
         parts: reader.parts().to_vec(),
         windows_lost: reader.windows_lost(),
         cut: reader.cut().map(str::to_string),
-        program_matches: first
+        program_matches: foreword
             .start
             .zip(program)
             .map(|(start, program)| start.program_hash == program.source_hash),
-        machine,
-    })
-}
-
-/// What has to be known before the samples can be measured.
-#[derive(Default)]
-struct FirstPass {
-    /// Where the machine stood when the program began.
-    start: Option<Start>,
-    rosters: Vec<Sample>,
-}
-
-/// The machine when the program was begun, as every feedback names it: also one of a part that begins in its middle.
-struct Start {
-    /// Command registers, in increments.
-    registers: [i64; bus::sample::MAX_AXES],
-    program_hash: u64,
-}
-
-fn first_pass(run_dir: &Path) -> Result<FirstPass, ReportError> {
-    let mut first = FirstPass::default();
-    let mut reader = RunLog::open(run_dir)?;
-    while let Some(sample) = reader.next_sample()? {
-        match sample {
-            Sample::Roster(_) => first.rosters.push(sample),
-            Sample::Feedback(feedback) if first.start.is_none() && !feedback.window.is_none() => {
-                first.start = Some(Start {
-                    registers: feedback.program_start,
-                    program_hash: feedback.program_hash,
-                });
-            }
-            _ => {}
-        }
-    }
-    Ok(first)
+        machine: machine.clone(),
+    };
+    Ok((evaluation, found))
 }
 
 fn fits(run_dir: &Path, machine: &Machine, reader: &RunLog) -> Result<(), ReportError> {

@@ -3,6 +3,7 @@
 mod circles;
 mod faults;
 mod lockstep;
+mod report;
 mod runs;
 
 use crate::cli::{BenchCommand, BenchOptions};
@@ -19,5 +20,6 @@ pub fn bench(options: &BenchOptions) -> Outcome {
         BenchCommand::Circles(options) => circles::circles(&options),
         BenchCommand::Faults(options) => faults::faults(&options),
         BenchCommand::Lockstep(options) => lockstep::lockstep(&options),
+        BenchCommand::Report(options) => report::report(&options),
     }
 }

@@ -73,6 +73,19 @@ impl Runs<'_> {
         self.run(machine, program, 0, &["--learn"]).map(|_| ())
     }
 
+    /// Runs a program in lockstep and keeps what it wrote as long as the scratch folder is there; the run directory.
+    ///
+    /// # Errors
+    /// As [`Runs::report`].
+    pub fn kept(&self, machine: &Path, program: &Path) -> Result<PathBuf, Failure> {
+        self.start(machine, program, 0, &[])?;
+        Ok(self.out(0))
+    }
+
+    fn out(&self, lane: usize) -> PathBuf {
+        self.scratch.path().join(format!("run-{lane}"))
+    }
+
     fn run(
         &self,
         machine: &Path,
@@ -80,10 +93,27 @@ impl Runs<'_> {
         lane: usize,
         options: &[&str],
     ) -> Result<Value, Failure> {
+        let ended = self.start(machine, program, lane, options);
+        let out = self.out(lane);
+        let report = fs::read_to_string(out.join("report.json"));
+        let _ = fs::remove_dir_all(&out);
+        ended?;
+        let report = report.context("reading its report").environment()?;
+        serde_json::from_str(&report).environment()
+    }
+
+    /// Runs it to a good end.
+    fn start(
+        &self,
+        machine: &Path,
+        program: &Path,
+        lane: usize,
+        options: &[&str],
+    ) -> Result<(), Failure> {
         if self.signals.count() > 0 {
             return Err(Failure::Interrupted);
         }
-        let out = self.scratch.path().join(format!("run-{lane}"));
+        let out = self.out(lane);
         let cell = format!("bench-{}-{lane}", std::process::id());
         let mut child = Command::new("/proc/self/exe")
             .arg("run")
@@ -100,10 +130,7 @@ impl Runs<'_> {
             .spawn()
             .context("starting a run")
             .environment()?;
-        let status = self.wait(&mut child);
-        let report = fs::read_to_string(out.join("report.json"));
-        let _ = fs::remove_dir_all(&out);
-        let status = status?;
+        let status = self.wait(&mut child)?;
         if self.signals.count() > 0 {
             return Err(Failure::Interrupted);
         }
@@ -114,8 +141,7 @@ impl Runs<'_> {
                 _ => Failure::Environment(what),
             });
         }
-        let report = report.context("reading its report").environment()?;
-        serde_json::from_str(&report).environment()
+        Ok(())
     }
 
     /// Waits for the run's end; each interruption is handed on to it.

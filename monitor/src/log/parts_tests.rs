@@ -292,3 +292,79 @@ fn parts_of_other_runs_foreign_files_and_missing_logs_are_refused() {
         "{text}"
     );
 }
+
+/// What is known of a log beforehand, found by reading all of it.
+fn read_foreword(dir: &Path) -> Foreword {
+    let mut foreword = Foreword::default();
+    for sample in RunLog::open(dir).unwrap() {
+        foreword.take(&sample.unwrap());
+    }
+    foreword
+}
+
+#[test]
+fn skimming_a_log_in_parts_finds_what_reading_it_finds() {
+    let dir = tempfile::tempdir().unwrap();
+    assert_eq!(two_parts(dir.path()), two_parts_digest(dir.path()));
+    let found = skim(dir.path()).unwrap();
+    assert_eq!(found, read_foreword(dir.path()));
+    let versions: Vec<u64> = found.rosters.iter().map(|r| r.version).collect();
+    assert_eq!((versions, found.start), (vec![1, 3], None));
+}
+
+fn two_parts_digest(dir: &Path) -> String {
+    let mut reader = Reader::open(&dir.join("run-2.mcap")).unwrap();
+    while reader.next_sample().unwrap().is_some() {}
+    reader.digest()
+}
+
+/// Rosters here and there among many chunks, and a program that begins in the third.
+fn many_chunks(dir: &Path) {
+    let mut recorder = begin(dir);
+    for scan in 0..4000 {
+        if [0, 1700, 1701, 3900].contains(&scan) {
+            roster(&mut recorder, scan + 1);
+        }
+        let mut feedback = Feedback::zeroed();
+        feedback.scan = scan;
+        if scan >= 1200 {
+            feedback.window.sequence = 1;
+            feedback.program_start = [scan as i64; MAX_AXES];
+            feedback.program_hash = 77;
+        }
+        recorder.record_feedback(&feedback).unwrap();
+        if scan % 400 == 0 {
+            recorder.flush().unwrap();
+        }
+    }
+    recorder.finish(&RunEnd::default()).unwrap();
+}
+
+#[test]
+fn skimming_passes_over_chunks_and_finds_the_programs_start_and_every_roster() {
+    let dir = tempfile::tempdir().unwrap();
+    many_chunks(dir.path());
+    let found = skim(dir.path()).unwrap();
+    assert_eq!(found, read_foreword(dir.path()));
+    let versions: Vec<u64> = found.rosters.iter().map(|r| r.version).collect();
+    assert_eq!(versions, [1, 1701, 1702, 3901]);
+    let start = found.start.unwrap();
+    assert_eq!((start.registers[0], start.program_hash), (1200, 77));
+}
+
+#[test]
+fn a_log_cut_anywhere_is_skimmed_as_far_as_it_reads() {
+    let dir = tempfile::tempdir().unwrap();
+    many_chunks(dir.path());
+    let log = dir.path().join(LOG_FILE);
+    let whole = std::fs::read(&log).unwrap();
+    let cut = tempfile::tempdir().unwrap();
+    for share in 1..40 {
+        let length = whole.len() * share / 40;
+        std::fs::write(cut.path().join(LOG_FILE), &whole[..length]).unwrap();
+        if RunLog::open(cut.path()).is_ok() {
+            let (found, read) = (skim(cut.path()).unwrap(), read_foreword(cut.path()));
+            assert_eq!(found, read, "cut to {length} bytes");
+        }
+    }
+}

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use bus::sample::{
@@ -11,9 +11,10 @@ use bus::sample::{
     WindowRow,
 };
 use bytemuck::{Pod, Zeroable};
-use mcap::records::Record;
+use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
+use super::feed::{Batch, Ending, Feed, fill};
 use super::layout::{Extent, Layout, Wire};
 use super::recorder::ENCAPSULATION;
 use super::run_info::{END_RECORD, RUN_RECORD};
@@ -23,9 +24,12 @@ use crate::digest::{self, ChannelHash};
 /// Longest record outside a chunk that is read, in bytes: a program of 200 MB and room.
 const RECORD_BYTES_MAX: usize = 256 << 20;
 
+/// Bytes of a message before its data: channel, sequence, times of logging and publishing (MCAP, *Message*).
+const MESSAGE_HEADER_BYTES: usize = 2 + 4 + 8 + 8;
+
 /// What a channel carries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Content {
+pub(super) enum Content {
     Feedback,
     Instruments,
     Command,
@@ -38,6 +42,8 @@ enum Content {
 struct KnownChannel {
     topic: String,
     content: Option<Content>,
+    /// Whether it counts in the digest.
+    counts: bool,
     hash: ChannelHash,
 }
 
@@ -54,8 +60,8 @@ struct Layouts {
 /// A log being read.
 pub struct Reader {
     path: PathBuf,
-    file: BufReader<File>,
-    mcap: LinearReader,
+    source: Source,
+    batch: Batch,
     info: RunInfo,
     extent: Extent,
     scan_period_us: u32,
@@ -64,6 +70,16 @@ pub struct Reader {
     end: Option<RunEnd>,
     cut: Option<String>,
     done: bool,
+}
+
+/// Where the records come from.
+enum Source {
+    /// Nobody has asked for a sample yet.
+    Opened(Box<LinearReader>, BufReader<File>),
+    /// From the thread that reads.
+    Feed(Feed),
+    /// They have all been taken.
+    Done,
 }
 
 /// One record that matters here.
@@ -83,11 +99,7 @@ impl Reader {
             path: path.into(),
             source,
         })?;
-        let options = LinearReaderOptions::default()
-            .with_record_length_limit(RECORD_BYTES_MAX)
-            .with_prevalidate_chunk_crcs(true);
-        let mut file = BufReader::with_capacity(1 << 18, file);
-        let mut mcap = LinearReader::new_with_options(options);
+        let (mut mcap, mut file) = records_of(file);
         let not_a_log = |what: String| LogError::NotALog {
             path: path.into(),
             what,
@@ -126,8 +138,8 @@ impl Reader {
         let (info, extent, scan_period_us) = RunInfo::from_record(metadata).map_err(not_a_log)?;
         Ok(Reader {
             path: path.into(),
-            file,
-            mcap,
+            source: Source::Opened(Box::new(mcap), file),
+            batch: Batch::default(),
             layouts: Layouts {
                 feedback: Layout::of::<Feedback>(&extent),
                 instruments: Layout::of::<Instruments>(&extent),
@@ -145,6 +157,15 @@ impl Reader {
             cut: None,
             done: false,
         })
+    }
+
+    /// A message of this log as a sample; none if it does not fit.
+    pub(super) fn sample(&self, content: Content, message: &[u8]) -> Option<Sample> {
+        decode(
+            content,
+            message.strip_prefix(&ENCAPSULATION)?,
+            &self.layouts,
+        )
     }
 
     /// What was known when the run began, files excepted.
@@ -192,55 +213,31 @@ impl Reader {
     /// A message that does not fit its channel, or a file that can no longer be read.
     pub fn next_sample(&mut self) -> Result<Option<Sample>, LogError> {
         while !self.done {
-            let event = match self.mcap.next_event() {
-                Some(event) => event,
-                None => {
-                    self.done = true;
-                    break;
-                }
+            let Some((opcode, data)) = self.batch.next() else {
+                self.next_batch()?;
+                continue;
             };
-            let step = match event {
-                Ok(LinearReadEvent::ReadRequest(bytes)) => {
-                    fill(&mut self.file, &mut self.mcap, bytes).map_err(|source| {
-                        LogError::File {
-                            path: self.path.clone(),
-                            source,
-                        }
-                    })?;
-                    continue;
-                }
-                Ok(LinearReadEvent::Record { opcode, data }) => {
-                    match mcap::parse_record(opcode, data) {
-                        Ok(record) => take_record(
-                            record,
-                            &mut self.channels,
-                            &self.layouts,
-                            &mut self.end,
-                            &self.extent,
-                        )
-                        .map_err(|what| LogError::NotALog {
-                            path: self.path.clone(),
-                            what,
-                        })?,
-                        Err(e) => {
-                            self.cut = Some(format!("a record cannot be read: {e}"));
-                            Step::End
-                        }
-                    }
-                }
-                Err(mcap::McapError::UnexpectedEof) => {
-                    self.cut = Some("the file ends in the middle of a record".into());
-                    Step::End
-                }
-                Err(e) => {
-                    self.cut = Some(e.to_string());
+            let step = match record_of(opcode, data) {
+                Ok(record) => take_record(
+                    record,
+                    &mut self.channels,
+                    &self.layouts,
+                    &mut self.end,
+                    &self.extent,
+                )
+                .map_err(|what| LogError::NotALog {
+                    path: self.path.clone(),
+                    what,
+                })?,
+                Err(what) => {
+                    self.cut = Some(format!("a record cannot be read: {what}"));
                     Step::End
                 }
             };
             match step {
                 Step::Sample(sample) => return Ok(Some(sample)),
                 Step::Skip => {}
-                Step::End => self.done = true,
+                Step::End => self.finish_reading(),
             }
         }
         if self.end.is_none() && self.cut.is_none() {
@@ -248,6 +245,111 @@ impl Reader {
         }
         Ok(None)
     }
+
+    /// Gets the next records, or learns how they end.
+    fn next_batch(&mut self) -> Result<(), LogError> {
+        let failed = |path: &Path, source| LogError::File {
+            path: path.into(),
+            source,
+        };
+        let source = std::mem::replace(&mut self.source, Source::Done);
+        let mut feed = match source {
+            Source::Opened(mcap, file) => {
+                Feed::start(*mcap, file).map_err(|source| failed(&self.path, source))?
+            }
+            Source::Feed(feed) => feed,
+            Source::Done => {
+                self.done = true;
+                return Ok(());
+            }
+        };
+        match feed.next(std::mem::take(&mut self.batch)) {
+            Ok(batch) => {
+                self.batch = batch;
+                self.source = Source::Feed(feed);
+            }
+            Err(Ending::Whole) => self.finish_reading(),
+            Err(Ending::Failed(source)) => return Err(failed(&self.path, source)),
+            Err(Ending::Cut(mcap::McapError::UnexpectedEof)) => {
+                self.cut = Some("the file ends in the middle of a record".into());
+                self.finish_reading();
+            }
+            Err(Ending::Cut(error)) => {
+                self.cut = Some(error.to_string());
+                self.finish_reading();
+            }
+        }
+        Ok(())
+    }
+
+    fn finish_reading(&mut self) {
+        self.done = true;
+        self.source = Source::Done;
+    }
+}
+
+fn records_of(file: File) -> (LinearReader, BufReader<File>) {
+    let file = BufReader::with_capacity(1 << 18, file);
+    (LinearReader::new_with_options(careful()), file)
+}
+
+/// What is read is checked before anything of it is used, and asks for no more memory than a log needs.
+pub(super) fn careful() -> LinearReaderOptions {
+    LinearReaderOptions::default()
+        .with_record_length_limit(RECORD_BYTES_MAX)
+        .with_prevalidate_chunk_crcs(true)
+}
+
+/// Reads one part of a log, decompresses and checks it, and does nothing else: the floor of everything that reads it. Bytes of
+/// the file and of the records in it.
+///
+/// # Errors
+/// The file cannot be read, or is damaged.
+pub fn read_only(path: &Path) -> Result<(u64, u64), LogError> {
+    let failed = |source| LogError::File {
+        path: path.into(),
+        source,
+    };
+    let file = File::open(path).map_err(failed)?;
+    let file_bytes = file.metadata().map_err(failed)?.len();
+    let (mut mcap, mut file) = records_of(file);
+    let mut record_bytes = 0;
+    while let Some(event) = mcap.next_event() {
+        match event {
+            Ok(LinearReadEvent::ReadRequest(bytes)) => {
+                fill(&mut file, &mut mcap, bytes).map_err(failed)?;
+            }
+            Ok(LinearReadEvent::Record { data, .. }) => record_bytes += data.len() as u64,
+            Err(error) => {
+                return Err(LogError::NotALog {
+                    path: path.into(),
+                    what: error.to_string(),
+                });
+            }
+        }
+    }
+    Ok((file_bytes, record_bytes))
+}
+
+/// A record; of a message only what is needed of it, because that is what a log consists of.
+fn record_of(opcode: u8, data: &[u8]) -> Result<Parsed<'_>, String> {
+    if opcode != op::MESSAGE {
+        let record = mcap::parse_record(opcode, data).map_err(|error| error.to_string())?;
+        return Ok(Parsed::Other(record));
+    }
+    let message = data.split_at_checked(MESSAGE_HEADER_BYTES);
+    let (header, data) = message.ok_or("a message without its header")?;
+    let channel = header.first_chunk::<2>().map(|id| u16::from_le_bytes(*id));
+    Ok(Parsed::Message {
+        channel: channel.unwrap_or(0),
+        data,
+    })
+}
+
+/// A record as it is needed here.
+enum Parsed<'a> {
+    Message { channel: u16, data: &'a [u8] },
+    Other(Record<'a>),
 }
 
 impl Iterator for Reader {
@@ -258,44 +360,35 @@ impl Iterator for Reader {
     }
 }
 
-fn fill(file: &mut impl Read, mcap: &mut LinearReader, bytes: usize) -> std::io::Result<()> {
-    // A wrong length in a damaged file must not become one large allocation.
-    let read = file.read(mcap.insert(bytes.clamp(1, 1 << 20)))?;
-    mcap.notify_read(read);
-    Ok(())
-}
-
 fn take_record(
-    record: Record<'_>,
+    record: Parsed<'_>,
     channels: &mut BTreeMap<u16, KnownChannel>,
     layouts: &Layouts,
     end: &mut Option<RunEnd>,
     extent: &Extent,
 ) -> Result<Step, String> {
     match record {
-        Record::Channel(channel) => {
+        Parsed::Other(Record::Channel(channel)) => {
             channels.entry(channel.id).or_insert_with(|| KnownChannel {
                 content: content_of(&channel.topic),
+                counts: digest::counts(&channel.topic),
                 topic: channel.topic,
                 hash: ChannelHash::default(),
             });
         }
-        Record::Metadata(metadata) if metadata.name == END_RECORD => {
+        Parsed::Other(Record::Metadata(metadata)) if metadata.name == END_RECORD => {
             *end = Some(RunEnd::from_record(&metadata.metadata));
         }
-        Record::DataEnd(_) => return Ok(Step::End),
-        Record::Message { header, data } => {
-            let Some(channel) = channels.get_mut(&header.channel_id) else {
-                return Err(format!(
-                    "message on channel {} that was never announced",
-                    header.channel_id
-                ));
+        Parsed::Other(Record::DataEnd(_)) => return Ok(Step::End),
+        Parsed::Message { channel: id, data } => {
+            let Some(channel) = channels.get_mut(&id) else {
+                return Err(format!("message on channel {id} that was never announced"));
             };
             let Some(content) = channel.content else {
                 return Ok(Step::Skip);
             };
-            if digest::counts(&channel.topic) {
-                channel.hash.update(&data);
+            if channel.counts {
+                channel.hash.update(data);
             }
             let body = data
                 .strip_prefix(&ENCAPSULATION)
@@ -310,12 +403,13 @@ fn take_record(
             })?;
             return Ok(Step::Sample(sample));
         }
-        _ => {}
+        Parsed::Other(_) => {}
     }
     Ok(Step::Skip)
 }
 
-fn content_of(topic: &str) -> Option<Content> {
+/// What a topic carries; none if nobody here reads it.
+pub(super) fn content_of(topic: &str) -> Option<Content> {
     Some(match topic {
         "/feedback" => Content::Feedback,
         "/instruments" => Content::Instruments,

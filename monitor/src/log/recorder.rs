@@ -1,4 +1,5 @@
-//! Writes the log. One thread, no lock; what it costs per scan is measured by an ignored test in `log/tests.rs`.
+//! Writes the log; the file itself is written by a thread of its own ([`super::behind`]). What it costs per scan is measured
+//! by an ignored test in `log/tests.rs`.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -12,9 +13,11 @@ use bus::sample::{
     AxisCommand, Feedback, Instruments, PlannerStatus, Roster, WindowHeader, WindowRow,
 };
 use mcap::records::MessageHeader;
+use mcap::write::NoSeek;
 use mcap::{Attachment, Compression, WriteOptions, Writer};
 use xxhash_rust::xxh3::Xxh3;
 
+use super::behind::{Behind, Written, write_behind};
 use super::derived::{AxisRow, Rows};
 use super::layout::{Extent, Layout, definitions_of, join_definitions};
 use super::{Event, LogError, RunEnd, RunInfo, parts};
@@ -46,10 +49,12 @@ struct Channel {
     hash: ChannelHash,
 }
 
+type Sink = NoSeek<BufWriter<Behind>>;
+
 /// The log being written.
 pub struct Recorder {
     path: PathBuf,
-    writer: Writer<BufWriter<File>>,
+    writer: Writer<Sink>,
     extent: Extent,
     period_ns: u64,
     /// Message being put together, encapsulation header first.
@@ -63,6 +68,8 @@ pub struct Recorder {
     whole_rows: Vec<(usize, u64, AxisRow)>,
     flushed: Instant,
     scans_until_clock_look: u32,
+    /// Dropped last, after the writer has written its end.
+    written: Written,
 }
 
 impl Recorder {
@@ -108,6 +115,7 @@ impl Recorder {
         machine: &Machine,
         info: &RunInfo,
     ) -> Result<Recorder, mcap::McapError> {
+        let (file, written) = write_behind(file)?;
         // Without seeking a chunk reaches the file whole: a killed recorder leaves a cut end, never a wrong length.
         let mut writer = WriteOptions::new()
             .compression(Some(Compression::Lz4))
@@ -115,7 +123,7 @@ impl Recorder {
             .profile("ros2")
             .library(format!("quadrant {}", env!("CARGO_PKG_VERSION")))
             .disable_seeking(true)
-            .create(BufWriter::with_capacity(1 << 16, file))?;
+            .create(NoSeek::new(BufWriter::with_capacity(1 << 16, file)))?;
         let extent = Extent {
             axes: machine.axes.iter().map(|axis| axis.name.clone()).collect(),
             subsamples: machine.subsamples() as usize,
@@ -153,7 +161,9 @@ impl Recorder {
         let commands = (0..axis_count)
             .map(|axis| [Some(AXES + axis_count + axis), None])
             .collect();
+        // Whoever comes after a recorder that was ready finds at least its beginning.
         writer.flush()?;
+        written.wait()?;
         Ok(Recorder {
             path: path.into(),
             writer,
@@ -167,6 +177,7 @@ impl Recorder {
             flushed: Instant::now(),
             scans_until_clock_look: 0,
             extent,
+            written,
         })
     }
 
@@ -181,7 +192,7 @@ impl Recorder {
         self.put_rows()?;
         let flush_scans = FLUSH_PERIOD.as_nanos() as u64 / self.period_ns.max(1);
         if sample.scan.is_multiple_of(flush_scans.max(1)) {
-            self.flush()?;
+            self.hand_over()?;
         }
         if self.scans_until_clock_look == 0 {
             self.scans_until_clock_look = SCANS_PER_CLOCK_LOOK;
@@ -197,7 +208,7 @@ impl Recorder {
     /// As [`Recorder::record_feedback`].
     pub fn flush_if_due(&mut self) -> Result<(), LogError> {
         if self.flushed.elapsed() >= FLUSH_PERIOD {
-            self.flush()?;
+            self.hand_over()?;
         }
         Ok(())
     }
@@ -317,6 +328,19 @@ impl Recorder {
     /// # Errors
     /// As [`Recorder::record_feedback`].
     pub fn flush(&mut self) -> Result<(), LogError> {
+        self.hand_over()?;
+        self.wait()
+    }
+
+    fn wait(&self) -> Result<(), LogError> {
+        self.written.wait().map_err(|source| LogError::File {
+            path: self.path.clone(),
+            source,
+        })
+    }
+
+    /// Hands everything recorded so far over to be written.
+    fn hand_over(&mut self) -> Result<(), LogError> {
         self.flushed = Instant::now();
         self.writer.flush().map_err(|source| LogError::Write {
             path: self.path.clone(),
@@ -345,13 +369,12 @@ impl Recorder {
             .writer
             .write_metadata(&end.to_record(&digest))
             .and_then(|()| self.writer.finish());
-        match ended {
-            Ok(_) => Ok(digest),
-            Err(source) => Err(LogError::Write {
-                path: self.path,
-                source,
-            }),
-        }
+        ended.map_err(|source| LogError::Write {
+            path: self.path.clone(),
+            source,
+        })?;
+        self.wait()?;
+        Ok(digest)
     }
 
     fn time_ns(&self, scan: u64) -> u64 {
@@ -399,12 +422,14 @@ impl Recorder {
 }
 
 fn channel(
-    writer: &mut Writer<BufWriter<File>>,
+    writer: &mut Writer<Sink>,
     topic: &str,
     layout: Layout,
 ) -> Result<Channel, mcap::McapError> {
     let schema = writer.add_schema(&layout.schema_name, "ros2msg", layout.schema.as_bytes())?;
-    let id = writer.add_channel(schema, topic, "cdr", &BTreeMap::new())?;
+    // Asked for by MCAP's profile ros2; empty is what a recorder writes that knows of none.
+    let metadata = BTreeMap::from([("offered_qos_profiles".to_string(), String::new())]);
+    let id = writer.add_channel(schema, topic, "cdr", &metadata)?;
     Ok(Channel {
         id,
         sequence: 0,

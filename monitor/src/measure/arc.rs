@@ -14,6 +14,8 @@
 //! - Centre and radius are fitted to steady samples outside the windows and reported apart; what remains, outward
 //!   positive, is the residual that protrusion (highest) and undercut (lowest) are read from.
 
+pub mod plots;
+
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use bus::sample::{Feedback, PathTag};
@@ -138,7 +140,7 @@ pub struct ArcResult {
     pub motor: Deviations,
     /// Quadrants that were crossed, window and all.
     pub quadrants: Vec<Quadrant>,
-    /// The residuals, thinned.
+    /// The residuals, thinned; empty where no plot shows them ([`plots`]).
     pub curve: Vec<CurvePoint>,
     start_angle_rad: f64,
 }
@@ -195,6 +197,7 @@ pub struct ArcMeter {
     off_path: bool,
     /// Nothing of the path has been seen yet.
     unseen: bool,
+    curves: plots::CurvesKept,
     results: Vec<ArcResult>,
 }
 
@@ -220,6 +223,7 @@ impl ArcMeter {
             speed_mm_s: 0.0,
             off_path: false,
             unseen: true,
+            curves: plots::CurvesKept::default(),
             results: Vec::new(),
         }
     }
@@ -405,7 +409,8 @@ impl ArcMeter {
     fn close(&mut self) {
         let Some(open) = self.open.take() else { return };
         if let Some(run) = self.runs.get(open.run) {
-            self.results.extend(measure(run, &open, self.period_s));
+            self.results
+                .extend(measure(run, &open, self.period_s, &mut self.curves));
         }
     }
 }
@@ -559,7 +564,12 @@ pub fn window_rad(angular_speed_rad_s: f64) -> (f64, f64) {
     (clip(0.006, 2.0, 12.0), clip(0.050, 8.0, 40.0))
 }
 
-fn measure(run: &Run, open: &Open, period_s: f64) -> Option<ArcResult> {
+fn measure(
+    run: &Run,
+    open: &Open,
+    period_s: f64,
+    curves: &mut plots::CurvesKept,
+) -> Option<ArcResult> {
     let (taken, gaps) = (open.taken.as_slice(), open.gaps.as_slice());
     let (first, last) = (taken.first()?, taken.last()?);
     let radius_mm = run.circle.radius_mm;
@@ -577,9 +587,10 @@ fn measure(run: &Run, open: &Open, period_s: f64) -> Option<ArcResult> {
         }
     };
     let in_window = |along_rad: f64| {
-        quadrants_along
-            .iter()
-            .any(|(at, _)| along_rad >= at - window.0 && along_rad <= at + window.1)
+        // They are in rising order: only the first whose window has not ended before can hold it.
+        let first = quadrants_along.partition_point(|(at, _)| at + window.1 < along_rad);
+        let at = quadrants_along.get(first);
+        at.is_some_and(|(at, _)| along_rad >= at - window.0)
     };
     let of_fit: Vec<bool> = taken
         .iter()
@@ -629,7 +640,7 @@ fn measure(run: &Run, open: &Open, period_s: f64) -> Option<ArcResult> {
             run.start_angle_rad,
         )
     });
-    Some(ArcResult {
+    let mut result = ArcResult {
         line: run.line,
         elements: run.elements,
         scans: (first.time_scans, last.time_scans),
@@ -640,10 +651,14 @@ fn measure(run: &Run, open: &Open, period_s: f64) -> Option<ArcResult> {
         table,
         motor,
         quadrants: quadrants.collect(),
-        curve: curve(taken, &steady, run, sign, &table.fit, &motor.fit),
+        curve: Vec::new(),
         start_angle_rad: run.start_angle_rad,
         circle: run.circle.clone(),
-    })
+    };
+    if curves.keep(&result) {
+        result.curve = curve(taken, &steady, run, sign, &table.fit, &motor.fit);
+    }
+    Some(result)
 }
 
 fn widen(range: &mut (f64, f64), value: f64) {

@@ -20,9 +20,7 @@ use super::json::{
 };
 use super::{Evaluation, ReportError, circle_plot, evaluate, program_file, tracking_plot};
 use crate::log::RunLog;
-
-/// Plots of circles at most.
-const PLOTS_MAX: usize = 24;
+use crate::measure::arc::plots::PLOTS_MAX;
 
 /// Two runs compared: `report.json` of the comparison.
 #[derive(Debug, Clone, Serialize)]
@@ -382,7 +380,7 @@ fn draw_circles(
     };
     let pairs = matched(arcs_a, arcs_b, key);
     let both = pairs.iter().filter_map(|pair| pair.a.zip(pair.b));
-    let both = both.filter(|(a, b)| circle_plot::shown(a) && circle_plot::shown(b));
+    let both = both.filter(|(a, b)| !a.curve.is_empty() && !b.curve.is_empty());
     let mut files = Vec::new();
     for (index, (a, b)) in both.take(PLOTS_MAX).enumerate() {
         let name = format!("circle-{}.svg", index + 1);

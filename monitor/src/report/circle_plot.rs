@@ -8,14 +8,8 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::svg::{self, Area, FINE, words};
 use super::{Evaluation, ReportError};
-use crate::measure::arc::{ArcResult, CurvePoint, Quadrant, fitted};
-
-/// Plots at most.
-const PLOTS_MAX: usize = 24;
-/// Runs shown in one plot at most: the first of each.
-const RUNS_MAX: usize = 4;
-/// Shortest run that is a circle to the eye, in degrees.
-const SHOWN_DEG_MIN: f64 = 150.0;
+use crate::measure::arc::plots::{PLOTS_MAX, RUNS_MAX, in_one_plot, shown};
+use crate::measure::arc::{ArcResult, CurvePoint, Quadrant};
 
 const WIDTH: i32 = 900;
 const CENTRE: (f64, f64) = (450.0, 470.0);
@@ -46,13 +40,8 @@ pub(super) fn draw_all(
     let mut groups: Vec<Vec<&ArcResult>> = Vec::new();
     for arc in evaluation.measurements.arcs.iter().filter(|arc| shown(arc)) {
         let group = groups.iter().position(|group| {
-            group.first().is_some_and(|first| {
-                first.circle.plane == arc.circle.plane
-                    && first.circle.feed_mm_s == arc.circle.feed_mm_s
-                    && (first.circle.radius_mm - arc.circle.radius_mm).abs() < 1e-4
-                    && (first.circle.centre_mm[0] - arc.circle.centre_mm[0]).abs() < 1e-4
-                    && (first.circle.centre_mm[1] - arc.circle.centre_mm[1]).abs() < 1e-4
-            })
+            let first = group.first();
+            first.is_some_and(|first| in_one_plot(&first.circle, &arc.circle))
         });
         if let Some(group) = group.and_then(|index| groups.get_mut(index)) {
             if group.len() < RUNS_MAX {
@@ -70,11 +59,6 @@ pub(super) fn draw_all(
         names.push(name);
     }
     Ok(names)
-}
-
-/// Whether a run is a circle to the eye.
-pub(super) fn shown(arc: &ArcResult) -> bool {
-    fitted(&arc.table.fit) && arc.measured_deg >= SHOWN_DEG_MIN
 }
 
 fn draw(path: &Path, runs: &[&ArcResult], evaluation: &Evaluation) -> Drawn {

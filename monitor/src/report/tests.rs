@@ -446,3 +446,55 @@ fn evaluation_cost_per_scan() {
         all_us / scans
     );
 }
+
+/// A log damaged in its middle says nothing of what stands behind the damage, also not beforehand.
+#[test]
+fn a_death_told_behind_the_damage_of_a_log_is_not_reported() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("machine.toml"), machine_text(&["X", "Y"])).unwrap();
+    let machine = machine(&["X", "Y"]);
+    std::fs::write(dir.path().join("circle.ngc"), PROGRAM).unwrap();
+    let info = RunInfo {
+        program: "circle.ngc".into(),
+        ..RunInfo::default()
+    };
+    let mut recorder = Recorder::create_part(dir.path(), &machine, &info).unwrap();
+    let log = dir.path().join(LOG_FILE);
+    let mut half = 0;
+    for scan in 0..2000 {
+        let mut feedback: bus::sample::Feedback = bytemuck::Zeroable::zeroed();
+        (feedback.scan, feedback.axis_count) = (scan, 2);
+        // The program runs: from here on only rosters are looked for.
+        feedback.window.sequence = 1;
+        recorder.record_feedback(&feedback).unwrap();
+        if scan == 1000 {
+            recorder.flush().unwrap();
+            half = std::fs::metadata(&log).unwrap().len() as usize;
+        }
+        if scan == 1800 {
+            let mut roster = bus::sample::Roster {
+                version: 1,
+                visible_from: scan,
+                ..Default::default()
+            };
+            let died = roster.participants.first_mut().unwrap();
+            died.job = bus::sample::Job::Planner as u32;
+            (died.incarnation, died.death_scan, died.death_signal) = (1, 700, 9);
+            recorder.record_roster(&roster).unwrap();
+        }
+    }
+    recorder.finish(&RunEnd::default()).unwrap();
+    let faults = || evaluate(dir.path()).unwrap().measurements.faults.len();
+    assert_eq!(faults(), 1);
+    // Scans 0 to 1000 have been flushed: behind them stands the chunk of the next.
+    let mut bytes = std::fs::read(&log).unwrap();
+    bytes[half + 100] ^= 0x55;
+    std::fs::write(&log, bytes).unwrap();
+    let evaluation = evaluate(dir.path()).unwrap();
+    assert!(evaluation.cut.is_some());
+    let scans = evaluation.measurements.scans;
+    assert_eq!(scans, 1001);
+    assert_eq!(evaluation.measurements.faults.len(), 0);
+    let found = crate::log::skim(dir.path()).unwrap();
+    assert_eq!(found.rosters.len(), 1, "its index still names it");
+}

@@ -1,0 +1,211 @@
+//! The records of one log file, read, decompressed and checked in a thread of their own, so that whoever measures them does
+//! not wait for that: batch by batch, in the order of the file, a bounded number ahead.
+//!
+//! What nobody here reads (rows for people, indexes, attachments) is left out already in that thread.
+
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::{self, BufReader, Read};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
+use std::thread::JoinHandle;
+
+use mcap::records::{Record, op};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader};
+
+/// Bytes after which a batch is handed over.
+const BATCH_BYTES: usize = 1 << 18;
+/// Batches that may wait to be taken.
+const BATCHES_AHEAD: usize = 4;
+/// Most that is read from the file at once, in bytes.
+const READ_BYTES: usize = 1 << 20;
+
+/// Some records, one behind the other.
+#[derive(Debug, Default)]
+pub(super) struct Batch {
+    bytes: Vec<u8>,
+    /// Of each record: its kind, and where it ends in `bytes`.
+    records: Vec<(u8, usize)>,
+    /// How many have been taken, and where the last of them ends.
+    taken: (usize, usize),
+}
+
+impl Batch {
+    fn put(&mut self, opcode: u8, data: &[u8]) {
+        self.bytes.extend_from_slice(data);
+        self.records.push((opcode, self.bytes.len()));
+    }
+
+    fn clear(&mut self) {
+        self.bytes.clear();
+        self.records.clear();
+        self.taken = (0, 0);
+    }
+
+    /// The next record: its kind and its content.
+    pub(super) fn next(&mut self) -> Option<(u8, &[u8])> {
+        let (index, start) = self.taken;
+        let (opcode, end) = *self.records.get(index)?;
+        self.taken = (index + 1, end);
+        Some((opcode, self.bytes.get(start..end)?))
+    }
+}
+
+/// How the records of a file end.
+#[derive(Debug)]
+pub(super) enum Ending {
+    /// As they should.
+    Whole,
+    /// Early, or with something that is no record.
+    Cut(mcap::McapError),
+    /// The file can no longer be read.
+    Failed(io::Error),
+}
+
+enum Parcel {
+    Batch(Batch),
+    End(Ending),
+}
+
+/// What comes from the thread that reads.
+#[derive(Debug)]
+pub(super) struct Feed {
+    parcels: Option<Receiver<Parcel>>,
+    empty: Option<Sender<Batch>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Feed {
+    /// Goes on where `mcap` stands in the file.
+    ///
+    /// # Errors
+    /// No thread can be started.
+    pub(super) fn start(mcap: LinearReader, file: BufReader<File>) -> io::Result<Feed> {
+        let (parcel_out, parcels) = sync_channel(BATCHES_AHEAD);
+        let (empty, empty_in) = channel();
+        let thread = std::thread::Builder::new()
+            .name("log-reader".into())
+            .spawn(move || Reading::new(mcap, file, parcel_out, empty_in).run())?;
+        Ok(Feed {
+            parcels: Some(parcels),
+            empty: Some(empty),
+            thread: Some(thread),
+        })
+    }
+
+    /// The next batch, or how they end; `used` is one that is done with.
+    pub(super) fn next(&mut self, used: Batch) -> Result<Batch, Ending> {
+        if let Some(empty) = &self.empty {
+            // Nobody takes it who has ended.
+            let _ = empty.send(used);
+        }
+        match self.parcels.as_ref().map(Receiver::recv) {
+            Some(Ok(Parcel::Batch(batch))) => Ok(batch),
+            Some(Ok(Parcel::End(ending))) => Err(ending),
+            Some(Err(_)) | None => Err(Ending::Failed(io::Error::other(
+                "the thread that reads it ended early",
+            ))),
+        }
+    }
+}
+
+impl Drop for Feed {
+    fn drop(&mut self) {
+        // Without anybody to take its batches the thread ends.
+        self.parcels = None;
+        self.empty = None;
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The thread.
+struct Reading {
+    mcap: LinearReader,
+    file: BufReader<File>,
+    out: SyncSender<Parcel>,
+    empty: Receiver<Batch>,
+    /// Channels whose messages nobody here reads.
+    unread: BTreeSet<u16>,
+}
+
+impl Reading {
+    fn new(
+        mcap: LinearReader,
+        file: BufReader<File>,
+        out: SyncSender<Parcel>,
+        empty: Receiver<Batch>,
+    ) -> Reading {
+        Reading {
+            mcap,
+            file,
+            out,
+            empty,
+            unread: BTreeSet::new(),
+        }
+    }
+
+    fn run(mut self) {
+        let mut batch = Batch::default();
+        let ending = loop {
+            let event = match self.mcap.next_event() {
+                None => break Ending::Whole,
+                Some(Err(error)) => break Ending::Cut(error),
+                Some(Ok(event)) => event,
+            };
+            match event {
+                LinearReadEvent::ReadRequest(bytes) => {
+                    if let Err(error) = fill(&mut self.file, &mut self.mcap, bytes) {
+                        break Ending::Failed(error);
+                    }
+                }
+                LinearReadEvent::Record { opcode, data } => {
+                    if wanted(opcode, data, &mut self.unread) {
+                        batch.put(opcode, data);
+                    }
+                    if opcode == op::DATA_END {
+                        break Ending::Whole;
+                    }
+                }
+            }
+            if batch.bytes.len() >= BATCH_BYTES {
+                let mut next = self.empty.try_recv().unwrap_or_default();
+                next.clear();
+                let full = std::mem::replace(&mut batch, next);
+                if self.out.send(Parcel::Batch(full)).is_err() {
+                    return;
+                }
+            }
+        };
+        let _ = self.out.send(Parcel::Batch(batch));
+        let _ = self.out.send(Parcel::End(ending));
+    }
+}
+
+/// Whether a record says anything to a reader of samples.
+fn wanted(opcode: u8, data: &[u8], unread: &mut BTreeSet<u16>) -> bool {
+    match opcode {
+        op::MESSAGE => {
+            let channel = data.first_chunk::<2>().map(|id| u16::from_le_bytes(*id));
+            channel.is_none_or(|channel| !unread.contains(&channel))
+        }
+        op::CHANNEL => {
+            if let Ok(Record::Channel(channel)) = mcap::parse_record(opcode, data)
+                && super::reader::content_of(&channel.topic).is_none()
+            {
+                unread.insert(channel.id);
+            }
+            true
+        }
+        op::METADATA | op::DATA_END => true,
+        _ => false,
+    }
+}
+
+/// Gives the reader of records what it asks for.
+pub(super) fn fill(file: &mut impl Read, mcap: &mut LinearReader, bytes: usize) -> io::Result<()> {
+    // A wrong length in a damaged file must not become one large allocation.
+    let read = file.read(mcap.insert(bytes.clamp(1, READ_BYTES)))?;
+    mcap.notify_read(read);
+    Ok(())
+}
