@@ -19,6 +19,7 @@ mod report;
 mod roles;
 mod run;
 mod run_dir;
+mod scope;
 mod session;
 mod settings_difference;
 mod signals;
@@ -53,6 +54,7 @@ fn main() -> std::process::ExitCode {
         cli::Command::Disable(options) => operator::simple(Order::Disable, &options),
         cli::Command::Status(options) => live::status(&options),
         cli::Command::Monitor(options) => live::monitor(&options),
+        cli::Command::Scope(options) => scope::scope(&options),
         cli::Command::Tune(options) => tune::tune(&options),
         cli::Command::Bench(options) => bench::bench(&options),
         cli::Command::Soak(options) => soak::soak(&options),

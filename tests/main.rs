@@ -22,6 +22,7 @@ mod realtime_faults;
 mod recorder;
 mod rehearsed;
 mod robust;
+mod scope;
 mod setpoints;
 mod soak;
 mod straight_lines;

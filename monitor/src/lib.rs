@@ -7,12 +7,14 @@
 //! **Invariant**: nothing here looks at a clock to decide a number. Only the recorder does, to flush once a second, and
 //! the wall time of a run is handed in.
 
+pub mod black_box;
 pub mod digest;
 pub mod log;
 mod logbook;
 pub mod measure;
 pub mod report;
 mod run;
+pub mod scope;
 #[cfg(test)]
 mod test_support;
 pub use logbook::run_folder;

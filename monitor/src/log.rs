@@ -10,6 +10,7 @@
 //! Times in the log are scan × scan period from the start of the run: no wall clock stands in any message.
 
 mod behind;
+mod attached;
 mod derived;
 mod feed;
 pub mod layout;
@@ -26,9 +27,11 @@ mod tests;
 
 use std::path::PathBuf;
 
+pub use attached::attached_files;
 pub use parts::{Part, RunLog, part_files, part_name};
 pub use reader::{Reader, read_only};
 pub use recorder::Recorder;
+pub(crate) use recorder::tail_checksum;
 pub use run_info::{Event, RunEnd, RunInfo};
 pub use skim::{Foreword, Start, skim};
 

@@ -8,6 +8,7 @@ use bus::cell::CellPlace;
 use bus::machine::Machine;
 use bus::sample::{Feedback, ProgramState};
 
+use crate::black_box::Home;
 use crate::log::{LogError, Recorder, RunEnd, RunInfo};
 use crate::run::{MonitorError, Options};
 
@@ -25,6 +26,8 @@ pub struct Logbook {
     options: Options,
     machine: Machine,
     open: Option<Open>,
+    /// Where black boxes go, until it has been asked for.
+    new_home: Option<Home>,
 }
 
 /// Folder of a run of a cell that stays up: `003-circle`, third to be started, of the program `circle.ngc`.
@@ -42,9 +45,11 @@ impl Logbook {
             options: options.clone(),
             machine: machine.clone(),
             open: None,
+            new_home: None,
         };
-        if let Some(program) = &options.program {
-            logbook.open(&options.out, program, 1, 0)?;
+        match &options.program {
+            Some(program) => logbook.open(&options.out, program, 1, 0)?,
+            None => logbook.new_home = Some(logbook.home_between()?),
         }
         Ok(logbook)
     }
@@ -61,9 +66,22 @@ impl Logbook {
                     self.begin(feedback.load, run, failed)?;
                     return Ok(true);
                 }
+                self.new_home = Some(self.home_between()?);
             }
         }
         Ok(false)
+    }
+
+    /// Where black boxes go from now on, if that has changed: into the run directory, between programs into the folder of the cell.
+    pub fn new_home(&mut self) -> Option<Home> {
+        self.new_home.take()
+    }
+
+    fn home_between(&self) -> Result<Home, MonitorError> {
+        Ok(Home {
+            directory: self.options.out.clone(),
+            info: run_info(&self.options, None)?,
+        })
     }
 
     /// The log that is open.
@@ -126,38 +144,45 @@ impl Logbook {
         run: u32,
         failed: u64,
     ) -> Result<(), MonitorError> {
-        let info = run_info(&self.options, program)?;
+        let info = run_info(&self.options, Some(program))?;
         self.open = Some(Open {
             run,
             recorder: Recorder::create_part(folder, &self.machine, &info)?,
             started: None,
             failed_before: failed,
         });
+        self.new_home = Some(Home {
+            directory: folder.into(),
+            info,
+        });
         Ok(())
     }
 }
 
-fn run_info(options: &Options, program: &Path) -> Result<RunInfo, MonitorError> {
+/// What is known of a run; without a program, of what is between two.
+fn run_info(options: &Options, program: Option<&Path>) -> Result<RunInfo, MonitorError> {
     let read = |path: &Path| {
         fs::read(path).map_err(|source| MonitorError::File {
             path: path.display().to_string(),
             source,
         })
     };
-    let name = program.file_name().map_or_else(
-        || "program.ngc".into(),
-        |name| name.to_string_lossy().into_owned(),
-    );
     let machine = bus::machine::machine_file(&options.seat.machine);
+    let mut files = vec![("machine.toml".into(), read(&machine)?)];
+    let mut name = String::new();
+    if let Some(program) = program {
+        name = program.file_name().map_or_else(
+            || "program.ngc".into(),
+            |name| name.to_string_lossy().into_owned(),
+        );
+        files.push((name.clone(), read(program)?));
+    }
     Ok(RunInfo {
         quadrant: env!("CARGO_PKG_VERSION").into(),
         cell: options.seat.cell.clone(),
         pace: options.seat.pace.word().into(),
-        program: name.clone(),
-        files: vec![
-            ("machine.toml".into(), read(&machine)?),
-            (name, read(program)?),
-        ],
+        program: name,
+        files,
         ..RunInfo::default()
     })
 }

@@ -8,7 +8,7 @@ pub mod comparison;
 mod html;
 mod json;
 mod page;
-mod svg;
+pub(crate) mod svg;
 mod text;
 mod tracking_plot;
 

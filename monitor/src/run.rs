@@ -10,6 +10,7 @@ use bus::realtime::Priority;
 use bus::sample::{AxisCommand, Feedback, Instruments, PlannerStatus, Roster};
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES};
 
+use crate::black_box::{BlackBox, Settings};
 use crate::log::{LogError, Recorder};
 use crate::logbook::Logbook;
 
@@ -95,40 +96,55 @@ impl Ports {
 
     /// Records whatever became visible by the scan of this feedback, then the feedback itself: samples of one scan
     /// stand together in the log, in the same order on every run.
-    fn record(&mut self, feedback: &Feedback, logbook: &mut Logbook) -> Result<(), MonitorError> {
+    fn record(
+        &mut self,
+        feedback: &Feedback,
+        logbook: &mut Logbook,
+        black_box: &mut BlackBox,
+    ) -> Result<(), MonitorError> {
         let scan = feedback.scan;
         while let Some(sample) = self.roster.next(scan) {
             self.newest_roster = Some(sample);
+            black_box.roster(&sample);
             logbook.record(|log| log.record_roster(&sample))?;
         }
         while let Some(sample) = self.instruments.next(scan) {
+            black_box.instruments(&sample);
             logbook.record(|log| log.record_instruments(&sample))?;
         }
         for (axis, roles) in self.commands.iter_mut().enumerate() {
             for reader in roles {
                 while let Some(sample) = reader.next(scan) {
+                    black_box.command(axis, &sample);
                     logbook.record(|log| log.record_command(axis, &sample))?;
                 }
             }
         }
         while let Some(sample) = self.planner.next(scan) {
+            black_box.planner(&sample);
             logbook.record(|log| log.record_planner(&sample))?;
         }
         let mut result = Ok(());
         self.windows.each(scan, |header, rows| {
+            black_box.window(header, rows);
             if result.is_ok() {
                 result = logbook.record(|log| log.record_window(header, rows));
             }
         });
         result?;
         // What was made in the scans before belongs to the program before.
-        if logbook.turn(feedback, self.failed())?
-            && let (Some(log), Some(roster)) = (logbook.log(), &self.newest_roster)
-        {
+        let begun = logbook.turn(feedback, self.failed())?;
+        if let Some(home) = logbook.new_home() {
+            black_box.move_to(Some(home));
+        }
+        if begun && let (Some(log), Some(roster)) = (logbook.log(), &self.newest_roster) {
             // It is said only when it changes.
             log.record_roster(roster)?;
         }
         logbook.record(|log| log.record_feedback(feedback))?;
+        if let Some(event) = black_box.feedback(feedback) {
+            logbook.record(|log| log.record_event(&event))?;
+        }
         Ok(())
     }
 }
@@ -141,6 +157,7 @@ pub fn run(options: &Options) -> Result<(), MonitorError> {
     let member = Member::enter(options.seat.clone(), "monitor")?;
     let mut ports = Ports::open(&member).map_err(MemberError::Cell)?;
     let mut logbook = Logbook::new(options, &member.machine)?;
+    let mut black_box = BlackBox::new(Settings::default(), &member.machine, logbook.new_home());
     // Scans up to this one are none of a recorder's that comes later.
     let after = options.seat.after_scan;
     member.ready(Priority::Ordinary);
@@ -155,7 +172,7 @@ pub fn run(options: &Options) -> Result<(), MonitorError> {
                 ended = feedback.last == 1;
                 continue;
             }
-            ports.record(&feedback, &mut logbook)?;
+            ports.record(&feedback, &mut logbook, &mut black_box)?;
             ended = feedback.last == 1;
             member.page.set_recorded_scans(feedback.scan + 1);
             if ended || (lockstep && feedback.scan.is_multiple_of(CREDIT_STEP_SCANS)) {
@@ -178,6 +195,7 @@ pub fn run(options: &Options) -> Result<(), MonitorError> {
             }
         }
     }
+    black_box.finish();
     let reason = (!ended).then(|| "the cell ended before its last feedback".into());
     logbook.close(reason, ports.failed())
 }

@@ -13,7 +13,7 @@ mod json;
 mod lines;
 mod model;
 mod palette;
-mod proc;
+pub mod proc;
 mod reversal;
 mod terminal;
 #[cfg(test)]

@@ -20,13 +20,15 @@ use xxhash_rust::xxh3::Xxh3;
 use super::behind::{Behind, Written, write_behind};
 use super::derived::{AxisRow, Rows};
 use super::layout::{Extent, Layout, definitions_of, join_definitions};
-use super::{Event, LogError, RunEnd, RunInfo, parts};
+use super::{Event, LogError, LoggedWindow, RunEnd, RunInfo, parts};
 use crate::digest::{self, ChannelHash};
 
 /// CDR, little-endian (XCDR1, OMG DDSI-RTPS 2.5 §10.2).
 pub(super) const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 /// Uncompressed size of a chunk, in bytes.
 const CHUNK_BYTES: u64 = 2 << 20;
+/// The same of a log that is written beside another one.
+const SMALL_CHUNK_BYTES: u64 = 256 << 10;
 /// Longest time that samples stay in memory, by the clock and by the machine's.
 const FLUSH_PERIOD: Duration = Duration::from_millis(500);
 /// Scans between two looks at the clock.
@@ -88,7 +90,7 @@ impl Recorder {
             let settings = &mut info.to_mut().settings;
             settings.insert("part".into(), part.to_string());
         }
-        Self::begin(&path, file, machine, &info).map_err(|source| LogError::Write {
+        Self::begin(&path, file, machine, &info, CHUNK_BYTES).map_err(|source| LogError::Write {
             path: path.clone(),
             source,
         })
@@ -103,9 +105,30 @@ impl Recorder {
             path: path.into(),
             source,
         })?;
-        Self::begin(path, file, machine, info).map_err(|source| LogError::Write {
+        Self::begin(path, file, machine, info, CHUNK_BYTES).map_err(|source| LogError::Write {
             path: path.into(),
             source,
+        })
+    }
+
+    /// Begins a small log at `path`, where nothing may be yet.
+    ///
+    /// # Errors
+    /// As [`Recorder::create`], or something is there.
+    pub fn create_new(
+        path: &Path,
+        machine: &Machine,
+        info: &RunInfo,
+    ) -> Result<Recorder, LogError> {
+        let file = File::create_new(path).map_err(|source| LogError::File {
+            path: path.into(),
+            source,
+        })?;
+        Self::begin(path, file, machine, info, SMALL_CHUNK_BYTES).map_err(|source| {
+            LogError::Write {
+                path: path.into(),
+                source,
+            }
         })
     }
 
@@ -114,12 +137,13 @@ impl Recorder {
         file: File,
         machine: &Machine,
         info: &RunInfo,
+        chunk_bytes: u64,
     ) -> Result<Recorder, mcap::McapError> {
         let (file, written) = write_behind(file)?;
         // Without seeking a chunk reaches the file whole: a killed recorder leaves a cut end, never a wrong length.
         let mut writer = WriteOptions::new()
             .compression(Some(Compression::Lz4))
-            .chunk_size(Some(CHUNK_BYTES))
+            .chunk_size(Some(chunk_bytes))
             .profile("ros2")
             .library(format!("quadrant {}", env!("CARGO_PKG_VERSION")))
             .disable_seeking(true)
@@ -269,18 +293,31 @@ impl Recorder {
         header: &WindowHeader,
         rows: &[WindowRow],
     ) -> Result<(), LogError> {
-        let (intended, tail) = rows
-            .split_at_checked(header.intended_rows as usize)
-            .unwrap_or((rows, &[]));
-        let mut hash = Xxh3::new();
-        hash.update(bytemuck::cast_slice(tail));
+        let intended = rows.get(..header.intended_rows as usize).unwrap_or(rows);
+        self.put_window(header, intended, tail_checksum(header, rows))
+    }
+
+    /// Records a window of which only that is known.
+    ///
+    /// # Errors
+    /// As [`Recorder::record_feedback`].
+    pub fn record_logged_window(&mut self, window: &LoggedWindow) -> Result<(), LogError> {
+        self.put_window(&window.header, &window.rows, window.tail_checksum)
+    }
+
+    fn put_window(
+        &mut self,
+        header: &WindowHeader,
+        intended: &[WindowRow],
+        tail_checksum: u64,
+    ) -> Result<(), LogError> {
         self.message.truncate(ENCAPSULATION.len());
         let message = &mut self.message;
         // The channel's layout is that of the header; what follows it has no fixed length.
         if let Some(channel) = self.channels.get(WINDOW) {
             channel.layout.encode(bytemuck::bytes_of(header), message);
         }
-        message.extend_from_slice(&hash.digest().to_le_bytes());
+        message.extend_from_slice(&tail_checksum.to_le_bytes());
         message.extend_from_slice(&(intended.len() as u32).to_le_bytes());
         if !intended.is_empty() {
             message.extend_from_slice(&[0; 4]);
@@ -419,6 +456,14 @@ impl Recorder {
         }
         Ok(())
     }
+}
+
+/// XXH3 over the rows of a window that brake to rest.
+pub(crate) fn tail_checksum(header: &WindowHeader, rows: &[WindowRow]) -> u64 {
+    let tail = rows.get(header.intended_rows as usize..).unwrap_or(&[]);
+    let mut hash = Xxh3::new();
+    hash.update(bytemuck::cast_slice(tail));
+    hash.digest()
 }
 
 fn channel(

@@ -31,6 +31,7 @@ impl ScanSet {
 }
 
 /// Collects samples into scans.
+#[derive(Debug)]
 pub struct Aligner {
     waiting: BTreeMap<u64, ScanSet>,
     axis_count: usize,
@@ -39,14 +40,21 @@ pub struct Aligner {
     /// The next scan to be handed out.
     next: u64,
     late: u64,
+    patience_scans: usize,
 }
 
 impl Aligner {
     /// For a machine with so many axes.
     pub fn new(axis_count: usize) -> Self {
+        Self::with_patience(axis_count, WAITING_SCANS_MAX)
+    }
+
+    /// The same; scans wait for a silent channel until there are so many of them.
+    pub fn with_patience(axis_count: usize, patience_scans: usize) -> Self {
         Aligner {
             waiting: BTreeMap::new(),
             axis_count,
+            patience_scans,
             reached: vec![None; axis_count + 2],
             next: 0,
             late: 0,
@@ -110,7 +118,7 @@ impl Aligner {
     pub fn next_whole(&mut self) -> Option<ScanSet> {
         let first = *self.waiting.first_key_value()?.0;
         let reached = self.reached.iter().all(|reached| *reached >= Some(first));
-        if reached || self.waiting.len() > WAITING_SCANS_MAX {
+        if reached || self.waiting.len() > self.patience_scans {
             return self.next_of_rest();
         }
         None

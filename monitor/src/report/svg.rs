@@ -6,18 +6,18 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 
 /// Drawn units per pixel shown.
-pub(super) const FINE: i32 = 8;
+pub(crate) const FINE: i32 = 8;
 
 /// A drawing area in fine units.
-pub(super) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+pub(crate) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
 /// Any failure of a drawing, in words.
-pub(super) fn words(error: impl std::fmt::Display) -> String {
+pub(crate) fn words(error: impl std::fmt::Display) -> String {
     error.to_string()
 }
 
 /// Draws a picture of so many pixels and writes it.
-pub(super) fn write(
+pub(crate) fn write(
     path: &Path,
     (width, height): (i32, i32),
     draw: impl FnOnce(&Area) -> Result<(), String>,

@@ -1,0 +1,565 @@
+//! The black box: the last seconds before a trip, a stop for a fault or the death of a process, and what followed, saved without
+//! being asked.
+//!
+//! The samples of the last seconds stand in a ring, encoded as in the log. When something happens, a log of its own is begun in the
+//! directory, `black-box-SCAN-WHAT.mcap`, which every reader of logs can open; machine file and program stand in it. The ring is
+//! written to it a few scans at a time, so that nothing is held up, and what comes goes in behind it. What happens while it
+//! is open makes it longer. All bounds are in [`Settings`].
+//!
+//! It is fed what the recorder is fed, scan by scan, whether a log is being written or not, and does nothing else: a box that cannot
+//! be written costs a warning, never the recording.
+
+mod ring;
+
+use std::path::{Path, PathBuf};
+
+use bus::machine::Machine;
+use bus::sample::{
+    AxisCommand, Cause, Feedback, Instruments, Mode, PlannerStatus, Roster, WindowHeader, WindowRow,
+};
+use bytemuck::{Pod, Zeroable};
+
+use crate::log::layout::{Extent, Layout, Wire};
+use crate::log::{Event, LogError, LoggedWindow, Recorder, RunEnd, RunInfo, tail_checksum};
+use crate::scope::trigger::{Death, Deaths, trip_words};
+
+use ring::Ring;
+
+/// Prefix of the names of the files.
+pub const BLACK_BOX_PREFIX: &str = "black-box-";
+/// Scans that are taken out of the ring in one scan while a box is open, and with it the most that saving adds to a scan.
+const SCANS_PER_SCAN: usize = 4;
+/// A program longer than this does not stand in the boxes, in bytes.
+const FILE_BYTES_MAX: usize = 8 << 20;
+
+/// What is kept and saved.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Time before the first cause, in s.
+    pub before_s: f64,
+    /// Time after the last cause, in s.
+    pub after_s: f64,
+    /// The longest that causes in a row make one box, from its first cause on, in s.
+    pub longest_s: f64,
+    /// The most boxes in one directory.
+    pub boxes_max: usize,
+    /// The most that the ring may hold, in bytes; with more axes or shorter scans it reaches less far back.
+    pub ring_bytes_max: usize,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Settings {
+            before_s: 5.0,
+            after_s: 2.0,
+            longest_s: 30.0,
+            boxes_max: 20,
+            ring_bytes_max: 64 << 20,
+        }
+    }
+}
+
+/// Where boxes go, and what is known of the run.
+#[derive(Debug, Clone)]
+pub struct Home {
+    /// The directory.
+    pub directory: PathBuf,
+    /// Stands at the beginning of every box.
+    pub info: RunInfo,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+enum Tag {
+    Roster,
+    Instruments,
+    Command,
+    Planner,
+    Window,
+    Feedback,
+}
+
+impl Tag {
+    fn of(byte: u8) -> Option<Tag> {
+        [
+            Tag::Roster,
+            Tag::Instruments,
+            Tag::Command,
+            Tag::Planner,
+            Tag::Window,
+            Tag::Feedback,
+        ]
+        .into_iter()
+        .find(|tag| *tag as u8 == byte)
+    }
+}
+
+/// Tag, axis, length of the sample, checksum of a window's tail.
+const HEAD_BYTES: usize = 1 + 1 + 4 + 8;
+
+struct Layouts {
+    roster: Layout,
+    instruments: Layout,
+    command: Layout,
+    planner: Layout,
+    header: Layout,
+    row: Layout,
+    feedback: Layout,
+}
+
+impl Layouts {
+    /// Bytes that the samples of one scan take in the ring, those that come once a period shared out.
+    fn scan_bytes(&self, machine: &Machine) -> usize {
+        let roles = |axis: &bus::machine::Axis| 1 + usize::from(axis.standby);
+        let commands: usize = machine.axes.iter().map(roles).sum();
+        let window = self.header.bytes + machine.intended_rows() as usize * self.row.bytes;
+        let of_period = 2 * HEAD_BYTES + window + self.planner.bytes;
+        let period_scans = machine.scan.distribution_period_scans.max(1) as usize;
+        (2 + commands) * HEAD_BYTES
+            + self.feedback.bytes
+            + self.instruments.bytes
+            + commands * self.command.bytes
+            + of_period.div_ceil(period_scans)
+    }
+}
+
+/// A box being written.
+struct Open {
+    recorder: Recorder,
+    path: PathBuf,
+    /// Last scan that belongs to it.
+    until: u64,
+    /// Last scan that it can be made longer to.
+    longest: u64,
+    /// First scan that is not in it yet.
+    next: u64,
+}
+
+/// The ring and the box that is being written.
+pub struct BlackBox {
+    settings: Settings,
+    machine: Machine,
+    home: Option<Home>,
+    layouts: Layouts,
+    before_scans: u64,
+    after_scans: u64,
+    longest_scans: u64,
+    ring: Ring,
+    /// What has come of the scan whose feedback has not come yet: tag, axis, length and checksum of each sample, then its bytes.
+    filling: Vec<u8>,
+    /// Who took part before the first scan in the ring.
+    roster_before: Option<Box<Roster>>,
+    deaths: Deaths,
+    last: Option<(u32, u32)>,
+    open: Option<Open>,
+    /// Boxes in the directory.
+    boxes: usize,
+    told_full: bool,
+}
+
+impl BlackBox {
+    /// For a machine, saving to `home`; without one the ring is filled and nothing is saved.
+    pub fn new(settings: Settings, machine: &Machine, home: Option<Home>) -> BlackBox {
+        let extent = Extent {
+            axes: machine.axes.iter().map(|axis| axis.name.clone()).collect(),
+            subsamples: machine.subsamples() as usize,
+        };
+        let scans = |seconds: f64| libm::ceil(seconds / machine.scan_period_s()).max(0.0) as u64;
+        let layouts = Layouts {
+            roster: Layout::of::<Roster>(&extent),
+            instruments: Layout::of::<Instruments>(&extent),
+            command: Layout::of::<AxisCommand>(&extent),
+            planner: Layout::of::<PlannerStatus>(&extent),
+            header: Layout::of::<WindowHeader>(&extent),
+            row: Layout::of::<WindowRow>(&extent),
+            feedback: Layout::of::<Feedback>(&extent),
+        };
+        let before_scans = scans(settings.before_s);
+        let period_scans = machine.scan.distribution_period_scans as usize;
+        let scan_bytes = layouts.scan_bytes(machine);
+        // One period more: a window comes all at once.
+        let ring_bytes = scan_bytes * (before_scans as usize + 2 * period_scans.max(1));
+        let mut black_box = BlackBox {
+            settings,
+            machine: machine.clone(),
+            home: None,
+            ring: Ring::new(
+                ring_bytes.min(settings.ring_bytes_max),
+                before_scans as usize + 1,
+            ),
+            filling: Vec::with_capacity(64 << 10),
+            layouts,
+            before_scans,
+            after_scans: scans(settings.after_s),
+            longest_scans: scans(settings.longest_s),
+            roster_before: None,
+            deaths: Deaths::new(machine),
+            last: None,
+            open: None,
+            boxes: 0,
+            told_full: false,
+        };
+        black_box.move_to(home);
+        black_box
+    }
+
+    /// Boxes that are begun from now on go there; one that is open goes on where it is.
+    pub fn move_to(&mut self, home: Option<Home>) {
+        self.home = home.map(|mut home| {
+            home.info
+                .files
+                .retain(|(_, data)| data.len() <= FILE_BYTES_MAX);
+            home
+        });
+        self.boxes = self
+            .home
+            .as_ref()
+            .map_or(0, |home| boxes_in(&home.directory));
+        self.told_full = false;
+    }
+
+    /// Takes who takes part.
+    pub fn roster(&mut self, sample: &Roster) {
+        self.deaths.roster(sample);
+        let layouts = &self.layouts.roster;
+        put(&mut self.filling, Tag::Roster, 0, 0, |bytes| {
+            layouts.encode(bytemuck::bytes_of(sample), bytes);
+        });
+    }
+
+    /// Takes what the instruments saw.
+    pub fn instruments(&mut self, sample: &Instruments) {
+        let layout = &self.layouts.instruments;
+        put(&mut self.filling, Tag::Instruments, 0, 0, |bytes| {
+            layout.encode(bytemuck::bytes_of(sample), bytes);
+        });
+    }
+
+    /// Takes one command of the axis with this index.
+    pub fn command(&mut self, axis: usize, sample: &AxisCommand) {
+        let layout = &self.layouts.command;
+        put(&mut self.filling, Tag::Command, axis as u8, 0, |bytes| {
+            layout.encode(bytemuck::bytes_of(sample), bytes);
+        });
+    }
+
+    /// Takes what the planner says.
+    pub fn planner(&mut self, sample: &PlannerStatus) {
+        let layout = &self.layouts.planner;
+        put(&mut self.filling, Tag::Planner, 0, 0, |bytes| {
+            layout.encode(bytemuck::bytes_of(sample), bytes);
+        });
+    }
+
+    /// Takes a window; `rows` are all its rows.
+    pub fn window(&mut self, header: &WindowHeader, rows: &[WindowRow]) {
+        let intended = rows.get(..header.intended_rows as usize).unwrap_or(rows);
+        let checksum = tail_checksum(header, rows);
+        let layouts = &self.layouts;
+        put(&mut self.filling, Tag::Window, 0, checksum, |bytes| {
+            layouts.header.encode(bytemuck::bytes_of(header), bytes);
+            for row in intended {
+                layouts.row.encode(bytemuck::bytes_of(row), bytes);
+            }
+        });
+    }
+
+    /// Takes a feedback, which ends what belongs together; the event of a box that was begun or made longer, for the log of the run.
+    pub fn feedback(&mut self, sample: &Feedback) -> Option<Event> {
+        let layout = &self.layouts.feedback;
+        put(&mut self.filling, Tag::Feedback, 0, 0, |bytes| {
+            layout.encode(bytemuck::bytes_of(sample), bytes);
+        });
+        self.deaths.scan(sample.scan);
+        let (layouts, roster_before) = (&self.layouts, &mut self.roster_before);
+        self.ring.push(sample.scan, &self.filling, |forgotten| {
+            remember_roster(layouts, forgotten, roster_before);
+        });
+        self.filling.clear();
+        let event = self.judge(sample);
+        self.write_some(SCANS_PER_SCAN);
+        if self
+            .open
+            .as_ref()
+            .is_some_and(|open| open.next > open.until)
+        {
+            self.end_box();
+        }
+        event
+    }
+
+    /// The stream ends: an open box is ended with what there is.
+    pub fn finish(&mut self) {
+        self.end_box();
+    }
+
+    /// What the ring holds: scans and bytes.
+    pub fn held(&self) -> (usize, usize) {
+        self.ring.held()
+    }
+
+    /// Whether something has happened that a box is for.
+    fn judge(&mut self, feedback: &Feedback) -> Option<Event> {
+        let now = (feedback.mode, feedback.cause);
+        let before = self.last.replace(now).unwrap_or(now);
+        let tripped = now.0 == Mode::Tripped as u32 && before.0 != now.0;
+        let stopped = now.1 != Cause::None as u32 && before.1 != now.1;
+        let mut event = None;
+        while let Some(Death { scan, place, how }) = self.deaths.next_new() {
+            let what = format!("death-{place}");
+            event = self.cause(feedback.scan, scan, &what, how).or(event);
+        }
+        if tripped || stopped {
+            let what = if tripped { "trip" } else { "stop" };
+            let words = trip_words(&self.machine, feedback);
+            let words = format!("{what}: {words}");
+            event = self
+                .cause(feedback.scan, feedback.scan, what, words)
+                .or(event);
+        }
+        event
+    }
+
+    /// Begins a box, or makes the open one longer.
+    fn cause(&mut self, now: u64, scan: u64, what: &str, words: String) -> Option<Event> {
+        let until = now.saturating_add(self.after_scans);
+        let event = |file: &Path, did: &str| Event {
+            scan,
+            process: "monitor".into(),
+            text: format!("{words}: {did} {}", file_name(file)),
+        };
+        if let Some(open) = &mut self.open
+            && now <= open.longest
+        {
+            open.until = open.until.max(until.min(open.longest));
+            let event = event(&open.path, "also in black box");
+            let noted = open.recorder.record_event(&event);
+            self.warn(noted);
+            return Some(event);
+        }
+        self.end_box();
+        let home = self.home.as_ref()?;
+        if self.boxes >= self.settings.boxes_max {
+            if !std::mem::replace(&mut self.told_full, true) {
+                tracing::warn!(
+                    "{}: holds {} black boxes: no more are written, of {words} and what follows",
+                    home.directory.display(),
+                    self.boxes
+                );
+            }
+            return None;
+        }
+        let mut info = home.info.clone();
+        let settings = &mut info.settings;
+        settings.insert("black_box".into(), format!("{words}, scan {scan}"));
+        let begun = begin(&home.directory, scan, what, &self.machine, &info);
+        let (path, mut recorder) = match begun {
+            Ok(begun) => begun,
+            Err(error) => {
+                tracing::warn!("black box of {words}, scan {scan}, is not saved: {error}");
+                return None;
+            }
+        };
+        tracing::info!("{words}, scan {scan}: black box {}", file_name(&path));
+        self.boxes += 1;
+        let event = event(&path, "black box");
+        let mut noted = recorder.record_event(&event);
+        if let Some(roster) = &self.roster_before {
+            noted = noted.and_then(|()| recorder.record_roster(roster));
+        }
+        self.open = Some(Open {
+            recorder,
+            path,
+            until,
+            longest: now.saturating_add(self.longest_scans.max(self.after_scans)),
+            next: now.saturating_sub(self.before_scans),
+        });
+        self.warn(noted);
+        Some(event)
+    }
+
+    /// A box that cannot be written is given up.
+    fn warn(&mut self, written: Result<(), LogError>) {
+        if let Err(error) = written {
+            tracing::warn!("a black box is given up: {error}");
+            self.open = None;
+        }
+    }
+
+    /// Writes so many scans of the ring to the open box.
+    fn write_some(&mut self, most: usize) {
+        let Some(open) = &mut self.open else {
+            return;
+        };
+        let mut result = Ok(());
+        for (scan, samples) in self.ring.from(open.next).take(most) {
+            if scan > open.until {
+                open.next = scan;
+                break;
+            }
+            result = write_samples(&self.layouts, samples, &mut open.recorder);
+            open.next = scan + 1;
+            if result.is_err() {
+                break;
+            }
+        }
+        self.warn(result);
+    }
+
+    /// Ends the open box with what of the ring belongs to it.
+    fn end_box(&mut self) {
+        self.write_some(usize::MAX);
+        let Some(open) = self.open.take() else {
+            return;
+        };
+        if let Err(error) = open.recorder.finish(&RunEnd::default()) {
+            tracing::warn!("{}: is cut off: {error}", file_name(&open.path));
+        }
+    }
+}
+
+impl Drop for BlackBox {
+    /// A recorder that ends for a reason of its own saves what it has.
+    fn drop(&mut self) {
+        self.end_box();
+    }
+}
+
+/// The roster among samples that are forgotten, if there is one: it comes first, and seldom.
+fn remember_roster(layouts: &Layouts, bytes: &[u8], before: &mut Option<Box<Roster>>) {
+    if bytes.first() != Some(&(Tag::Roster as u8)) {
+        return;
+    }
+    for (tag, _, _, body) in samples(bytes) {
+        if tag == Tag::Roster
+            && let Some(roster) = pod::<Roster>(&layouts.roster, body)
+        {
+            *before = Some(Box::new(roster));
+        }
+    }
+}
+
+fn file_name(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default();
+    name.to_string_lossy().into_owned()
+}
+
+/// Boxes that stand in a directory: a recorder that replaces a dead one goes on counting.
+fn boxes_in(directory: &Path) -> usize {
+    let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
+    let names = entries.map(|entry| entry.file_name());
+    names
+        .filter(|name| name.to_string_lossy().starts_with(BLACK_BOX_PREFIX))
+        .count()
+}
+
+/// Makes the file of a box, which nobody had before.
+fn begin(
+    directory: &Path,
+    scan: u64,
+    what: &str,
+    machine: &Machine,
+    info: &RunInfo,
+) -> Result<(PathBuf, Recorder), LogError> {
+    let name = format!("{BLACK_BOX_PREFIX}{scan}-{what}");
+    let mut path = directory.join(format!("{name}.mcap"));
+    for number in 2..100 {
+        if !path.exists() {
+            break;
+        }
+        path = directory.join(format!("{name}-{number}.mcap"));
+    }
+    let recorder = Recorder::create_new(&path, machine, info)?;
+    Ok((path, recorder))
+}
+
+/// Appends one sample.
+fn put(bytes: &mut Vec<u8>, tag: Tag, axis: u8, checksum: u64, encode: impl FnOnce(&mut Vec<u8>)) {
+    bytes.push(tag as u8);
+    bytes.push(axis);
+    let length_at = bytes.len();
+    bytes.extend_from_slice(&[0; 4]);
+    bytes.extend_from_slice(&checksum.to_le_bytes());
+    let start = bytes.len();
+    encode(bytes);
+    let length = (bytes.len() - start) as u32;
+    if let Some(place) = bytes.get_mut(length_at..length_at + 4) {
+        place.copy_from_slice(&length.to_le_bytes());
+    }
+}
+
+/// The samples of a scan: tag, axis, checksum, bytes.
+fn samples(mut bytes: &[u8]) -> impl Iterator<Item = (Tag, usize, u64, &[u8])> {
+    std::iter::from_fn(move || {
+        let (head, rest) = bytes.split_at_checked(HEAD_BYTES)?;
+        let length = u32::from_le_bytes(*head.get(2..)?.first_chunk()?) as usize;
+        let checksum = u64::from_le_bytes(*head.get(6..)?.first_chunk()?);
+        let (body, rest) = rest.split_at_checked(length)?;
+        bytes = rest;
+        Some((
+            Tag::of(*head.first()?)?,
+            usize::from(*head.get(1)?),
+            checksum,
+            body,
+        ))
+    })
+}
+
+fn pod<T: Pod + Zeroable + Wire>(layout: &Layout, body: &[u8]) -> Option<T> {
+    let mut sample = T::zeroed();
+    let whole = layout.decode(body, bytemuck::bytes_of_mut(&mut sample));
+    whole.then_some(sample)
+}
+
+fn write_samples(layouts: &Layouts, bytes: &[u8], recorder: &mut Recorder) -> Result<(), LogError> {
+    for (tag, axis, checksum, body) in samples(bytes) {
+        match tag {
+            Tag::Roster => {
+                if let Some(sample) = pod(&layouts.roster, body) {
+                    recorder.record_roster(&sample)?;
+                }
+            }
+            Tag::Instruments => {
+                if let Some(sample) = pod(&layouts.instruments, body) {
+                    recorder.record_instruments(&sample)?;
+                }
+            }
+            Tag::Command => {
+                if let Some(sample) = pod(&layouts.command, body) {
+                    recorder.record_command(axis, &sample)?;
+                }
+            }
+            Tag::Planner => {
+                if let Some(sample) = pod(&layouts.planner, body) {
+                    recorder.record_planner(&sample)?;
+                }
+            }
+            Tag::Window => {
+                if let Some(window) = window(layouts, checksum, body) {
+                    recorder.record_logged_window(&window)?;
+                }
+            }
+            Tag::Feedback => {
+                if let Some(sample) = pod(&layouts.feedback, body) {
+                    recorder.record_feedback(&sample)?;
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+fn window(layouts: &Layouts, tail_checksum: u64, body: &[u8]) -> Option<LoggedWindow> {
+    let (header, rows) = body.split_at_checked(layouts.header.bytes)?;
+    let rows = rows.chunks_exact(layouts.row.bytes);
+    Some(LoggedWindow {
+        header: pod(&layouts.header, header)?,
+        rows: rows
+            .map(|row| pod(&layouts.row, row))
+            .collect::<Option<Vec<_>>>()?,
+        tail_checksum,
+    })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,134 @@
+//! A capture as a picture: one panel per signal, all on one axis of time, the trigger as a line through all of them.
+
+use std::path::Path;
+
+use plotters::prelude::*;
+
+use super::chart::limits;
+use super::signal::Signal;
+use super::{Capture, ScopeError};
+use crate::report::svg::{self, Area, FINE, words};
+
+const WIDTH: i32 = 1000;
+const PANEL: i32 = 170;
+const HEAD: i32 = 56;
+const FOOT: i32 = 44;
+
+const INK: RGBColor = RGBColor(0x22, 0x26, 0x2b);
+const SOFT: RGBColor = RGBColor(0x6b, 0x72, 0x7b);
+const GRID: RGBColor = RGBColor(0xe3, 0xe6, 0xea);
+const TRIGGER: RGBColor = RGBColor(0xc2, 0x4a, 0x14);
+const CURVE: RGBColor = RGBColor(0x0b, 0x5c, 0xad);
+
+/// Draws it as SVG.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn write(path: &Path, capture: &Capture) -> Result<(), ScopeError> {
+    let panels = capture.signals.len().max(1) as i32;
+    let size = (WIDTH, HEAD + PANEL * panels + FOOT);
+    svg::write(path, size, |root| draw(root, capture)).map_err(|what| ScopeError::Write {
+        path: path.display().to_string(),
+        what,
+    })
+}
+
+fn font(size: i32, colour: &RGBColor) -> TextStyle<'static> {
+    ("sans-serif", size * FINE).into_font().color(colour)
+}
+
+fn draw(root: &Area, capture: &Capture) -> Result<(), String> {
+    root.draw_text(&capture.what, &font(20, &INK), (24 * FINE, 10 * FINE))
+        .map_err(words)?;
+    let title = capture.title();
+    let rest = title.strip_prefix(&capture.what).unwrap_or(&title);
+    let rest = rest.trim_start_matches([',', ' ']);
+    root.draw_text(rest, &font(13, &SOFT), (24 * FINE, 36 * FINE))
+        .map_err(words)?;
+    let (_, body) = root.split_vertically(HEAD * FINE);
+    let count = capture.signals.len();
+    let mut rest = body;
+    for (index, signal) in capture.signals.iter().enumerate() {
+        let last = index + 1 == count;
+        let height = PANEL + if last { FOOT } else { 0 };
+        let (area, below) = rest.split_vertically(height * FINE);
+        panel(&area, capture, index, signal, last)?;
+        rest = below;
+    }
+    Ok(())
+}
+
+fn panel(
+    area: &Area,
+    capture: &Capture,
+    index: usize,
+    signal: &Signal,
+    last: bool,
+) -> Result<(), String> {
+    let from_ms = capture.time_ms(capture.asked.0);
+    let to_ms = capture.time_ms(capture.asked.1).max(from_ms + 1e-3);
+    let range = capture.range(index);
+    let (bottom, top) = range.map_or((0.0, 1.0), |(low, high)| limits(low, high));
+    let room = (top - bottom) * 0.08;
+    let unit = match signal.unit.shown {
+        "" => String::new(),
+        unit => format!(" in {unit}"),
+    };
+    let name = match range {
+        Some(_) => format!("{}{unit}", signal.name),
+        None => format!(
+            "{}{unit}: nothing is known of it in these scans",
+            signal.name
+        ),
+    };
+    let mut chart = ChartBuilder::on(area)
+        .margin_top(26 * FINE)
+        .margin_left(16 * FINE)
+        .margin_right(30 * FINE)
+        .x_label_area_size(if last { FOOT } else { 0 } * FINE)
+        .y_label_area_size(66 * FINE)
+        .build_cartesian_2d(from_ms..to_ms, bottom - room..top + room)
+        .map_err(words)?;
+    area.draw_text(&name, &font(15, &INK), (82 * FINE, 6 * FINE))
+        .map_err(words)?;
+    chart
+        .configure_mesh()
+        .light_line_style(WHITE)
+        .bold_line_style(GRID.stroke_width(FINE as u32))
+        .axis_style(SOFT.stroke_width(FINE as u32))
+        .set_all_tick_mark_size(5 * FINE)
+        .label_style(font(12, &SOFT))
+        .x_desc("time from the trigger in ms")
+        .x_labels(11)
+        .y_labels(5)
+        .y_label_formatter(&|value: &f64| match signal.word(*value) {
+            Some(word) if value.fract() == 0.0 => word.into(),
+            _ if signal.is_whole() && value.fract() != 0.0 => String::new(),
+            _ => format!("{}", libm::round(value * 1e4) / 1e4 + 0.0),
+        })
+        .x_label_formatter(&|value: &f64| format!("{}", libm::round(value * 1e3) / 1e3 + 0.0))
+        .draw()
+        .map_err(words)?;
+    let line = [(0.0, bottom - room), (0.0, top + room)];
+    chart
+        .draw_series(LineSeries::new(line, TRIGGER.stroke_width(FINE as u32)))
+        .map_err(words)?;
+    let known = capture.rows.iter().filter_map(|row| {
+        let value = row.values.get(index).copied().filter(|v| v.is_finite())?;
+        Some((row.scan, value))
+    });
+    let known: Vec<(u64, f64)> = known.collect();
+    // What was not seen is a gap, not a straight line.
+    for piece in known.chunk_by(|one, two| one.0 + 1 == two.0) {
+        let points = piece
+            .iter()
+            .map(|&(scan, value)| (capture.time_ms(scan), value));
+        chart
+            .draw_series(LineSeries::new(
+                points,
+                CURVE.stroke_width(3 * FINE as u32 / 2),
+            ))
+            .map_err(words)?;
+    }
+    Ok(())
+}

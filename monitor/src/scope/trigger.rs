@@ -1,0 +1,701 @@
+//! What starts a capture: the words for it, and who watches for it, scan by scan.
+//!
+//! | words | fires in the scan in which |
+//! |---|---|
+//! | `now` | the scope is ready |
+//! | `reversal X`, `reversal X +`, `reversal X -` | the command of X is the first in the other (positive, negative) direction |
+//! | `X.torque > 3Nm`, `< …` | the condition comes to hold, or holds when the scope is ready |
+//! | `X.velocity rising 0`, `falling …` | the signal goes through the value from below (above) |
+//! | `abs X.following_error > 5um` | the same of the magnitude |
+//! | `block 12` | the first element at or behind line 12 comes under way |
+//! | `scan 2210` | this is the scan |
+//! | `trip` | the machine trips |
+//! | `mode`, `mode stopped` | the mode changes, or becomes this one |
+//! | `order` | mode, feed hold or override change |
+//! | `death`, `death servo-X` | a process dies, or this one, as the launcher tells in the roster |
+//!
+//! A reversal counts from 100 nm in the new direction and is dated back to its first scan, as in the report. A death is dated
+//! back to its own scan. Neither is found across scans that were not seen.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use bus::machine::Machine;
+use bus::sample::{Cause, Feedback, Job, Mode, Roster};
+
+use super::ScopeError;
+use super::signal::{Eyes, Signal};
+use crate::measure::align::ScanSet;
+
+/// Travel in the new direction from which a reversal counts, in mm: as in the report.
+const TRAVEL_MM: f64 = 1e-4;
+/// Deaths that wait to be asked for.
+const DEATHS_MAX: usize = 64;
+
+/// Which side of a threshold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    /// Above it, also from the start.
+    Above,
+    /// Below it, also from the start.
+    Below,
+    /// From below to it or above.
+    Rising,
+    /// From above to it or below.
+    Falling,
+}
+
+/// A place in the roster.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Place {
+    job: u32,
+    axis: u32,
+    role: u32,
+}
+
+/// What starts a capture.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Trigger {
+    /// Anything.
+    Now,
+    /// The command of an axis reverses; in this direction, if one is named.
+    Reversal {
+        /// Index of the axis.
+        axis: usize,
+        /// −1 or 1.
+        direction: Option<i32>,
+    },
+    /// A signal and a threshold.
+    Level {
+        /// Which.
+        signal: Signal,
+        /// Whether its magnitude counts.
+        absolute: bool,
+        /// Which side.
+        side: Side,
+        /// In the unit of the signal.
+        threshold: f64,
+    },
+    /// A line of the program is reached.
+    Block(u32),
+    /// A scan.
+    Scan(u64),
+    /// The machine trips.
+    Trip,
+    /// The mode changes; to this one, if one is named.
+    Mode(Option<Mode>),
+    /// Mode, feed hold or override change.
+    Order,
+    /// A process dies; this one, if one is named.
+    Death(Option<Place>),
+}
+
+const MODES: [Mode; 8] = [
+    Mode::Disabled,
+    Mode::Enabled,
+    Mode::Stopping,
+    Mode::Stopped,
+    Mode::Tripped,
+    Mode::Finished,
+    Mode::Jogging,
+    Mode::Ready,
+];
+
+const WORDS: &str = "now, reversal AXIS [+|-], SIGNAL > VALUE, SIGNAL < VALUE, SIGNAL rising VALUE, SIGNAL falling VALUE (with abs before \
+     the signal for its magnitude), block LINE, scan N, trip, mode [WORD], order, death [PROCESS]";
+
+fn wrong(text: &str, what: impl std::fmt::Display) -> ScopeError {
+    ScopeError::Input(format!("trigger {text:?}: {what}"))
+}
+
+fn axis_of(text: &str, letter: &str, machine: &Machine) -> Result<usize, ScopeError> {
+    let found = machine
+        .axes
+        .iter()
+        .position(|axis| axis.name.eq_ignore_ascii_case(letter));
+    found.ok_or_else(|| {
+        let letters: Vec<&str> = machine.axes.iter().map(|axis| axis.name.as_str()).collect();
+        wrong(
+            text,
+            format!(
+                "there is no axis {letter:?}: the machine has {}",
+                letters.join(", ")
+            ),
+        )
+    })
+}
+
+/// Name of a process by its place.
+fn process_name(machine: &Machine, place: Place) -> String {
+    match Job::from_wire(place.job) {
+        Some(Job::Machine) => "plant-sim".into(),
+        Some(Job::Planner) => "planner".into(),
+        Some(Job::Monitor) => "monitor".into(),
+        Some(Job::Servo) => {
+            let letter = machine.axes.get(place.axis as usize);
+            let letter = letter.map_or("?", |axis| axis.name.as_str());
+            let standby = if place.role > 0 { "-b" } else { "" };
+            format!("servo-{letter}{standby}")
+        }
+        None => format!("process of job {}", place.job),
+    }
+}
+
+/// All processes that a cell of this machine can have.
+fn places(machine: &Machine) -> Vec<Place> {
+    let alone = |job: Job| Place {
+        job: job as u32,
+        axis: 0,
+        role: 0,
+    };
+    let mut places = vec![alone(Job::Planner)];
+    for (axis, settings) in machine.axes.iter().enumerate() {
+        for role in 0..=u32::from(settings.standby) {
+            places.push(Place {
+                job: Job::Servo as u32,
+                axis: axis as u32,
+                role,
+            });
+        }
+    }
+    places.extend([alone(Job::Machine), alone(Job::Monitor)]);
+    places
+}
+
+impl Trigger {
+    /// Reads the words.
+    ///
+    /// # Errors
+    /// They are none that are known here, or name what the machine does not have.
+    pub fn parse(text: &str, machine: &Machine) -> Result<Trigger, ScopeError> {
+        if let Some(level) = Self::level(text, machine)? {
+            return Ok(level);
+        }
+        let words: Vec<&str> = text.split_whitespace().collect();
+        let number = |word: &str| -> Result<u64, ScopeError> {
+            word.parse()
+                .map_err(|_| wrong(text, format!("{word:?} must be a whole number from 0 up")))
+        };
+        Ok(match words.as_slice() {
+            [] => return Err(wrong(text, format!("is empty: must be one of {WORDS}"))),
+            ["now"] => Trigger::Now,
+            ["trip"] => Trigger::Trip,
+            ["order"] => Trigger::Order,
+            ["mode"] => Trigger::Mode(None),
+            ["mode", word] => {
+                let mode = MODES.iter().find(|mode| mode.word() == *word);
+                Trigger::Mode(Some(*mode.ok_or_else(|| {
+                    let all: Vec<&str> = MODES.iter().map(|mode| mode.word()).collect();
+                    wrong(
+                        text,
+                        format!("there is no mode {word:?}: must be {}", all.join(", ")),
+                    )
+                })?))
+            }
+            ["reversal", letter, rest @ ..] => Trigger::Reversal {
+                axis: axis_of(text, letter, machine)?,
+                direction: match rest {
+                    [] => None,
+                    ["+"] => Some(1),
+                    ["-"] => Some(-1),
+                    _ => {
+                        return Err(wrong(
+                            text,
+                            "behind the axis may stand + or -: the direction after the reversal",
+                        ));
+                    }
+                },
+            },
+            ["block", line] => Trigger::Block(
+                u32::try_from(number(line)?)
+                    .map_err(|_| wrong(text, "no program has so many lines"))?,
+            ),
+            ["scan", scan] => Trigger::Scan(number(scan)?),
+            ["death"] => Trigger::Death(None),
+            ["death", process] => {
+                let all = places(machine);
+                let place = all
+                    .iter()
+                    .find(|place| process_name(machine, **place) == *process);
+                Trigger::Death(Some(*place.ok_or_else(|| {
+                    let names: Vec<String> =
+                        all.iter().map(|p| process_name(machine, *p)).collect();
+                    wrong(
+                        text,
+                        format!(
+                            "there is no process {process:?}: the machine has {}",
+                            names.join(", ")
+                        ),
+                    )
+                })?))
+            }
+            _ => return Err(wrong(text, format!("must be one of {WORDS}"))),
+        })
+    }
+
+    /// The words of a level; none if they are those of another trigger.
+    fn level(text: &str, machine: &Machine) -> Result<Option<Trigger>, ScopeError> {
+        let sides = [
+            (">", Side::Above),
+            ("<", Side::Below),
+            (" rising ", Side::Rising),
+            (" falling ", Side::Falling),
+        ];
+        let found = sides.iter().find_map(|(word, side)| {
+            text.split_once(word)
+                .map(|(left, right)| (left, right, *side))
+        });
+        let Some((left, right, side)) = found else {
+            return Ok(None);
+        };
+        let left = left.trim();
+        let bars = left
+            .strip_prefix('|')
+            .and_then(|rest| rest.strip_suffix('|'));
+        let magnitude = left.strip_prefix("abs ").or(bars);
+        let signal = Signal::parse(magnitude.unwrap_or(left), machine);
+        let signal = signal.map_err(|error| wrong(text, error))?;
+        let threshold = signal.value(right).map_err(|error| wrong(text, error))?;
+        Ok(Some(Trigger::Level {
+            threshold,
+            absolute: magnitude.is_some(),
+            side,
+            signal,
+        }))
+    }
+
+    /// Whether it comes again and again in ordinary motion, so that one can wait for one that is seen whole.
+    pub fn comes_again(&self) -> bool {
+        matches!(
+            self,
+            Trigger::Now | Trigger::Reversal { .. } | Trigger::Level { .. }
+        )
+    }
+
+    /// Whether it can only be known with the path of the program.
+    pub fn needs_path(&self) -> bool {
+        match self {
+            Trigger::Block(_) => true,
+            Trigger::Level { signal, .. } => signal.needs_path(),
+            _ => false,
+        }
+    }
+}
+
+/// A trigger that has fired.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Fired {
+    /// Where the capture has its zero.
+    pub scan: u64,
+    /// What happened, in words.
+    pub what: String,
+}
+
+/// Finds the reversals of one axis' command, as the report does.
+#[derive(Debug, Default, Clone)]
+struct Turns {
+    direction: i64,
+    extreme: i64,
+    candidate: Option<u64>,
+    begun: bool,
+    count: u64,
+}
+
+impl Turns {
+    fn take(&mut self, scan: u64, position: i64, travel: i64) -> Option<(u64, i32)> {
+        if !std::mem::replace(&mut self.begun, true) {
+            self.extreme = position;
+            return None;
+        }
+        let moved = position.saturating_sub(self.extreme);
+        let far = moved.saturating_abs() >= travel;
+        if self.direction == 0 {
+            if far {
+                self.direction = moved.signum();
+                self.extreme = position;
+            }
+        } else if moved.saturating_mul(self.direction) >= 0 {
+            self.extreme = position;
+            self.candidate = None;
+        } else {
+            let first = *self.candidate.get_or_insert(scan);
+            if far {
+                self.direction = -self.direction;
+                self.extreme = position;
+                self.candidate = None;
+                self.count += 1;
+                return Some((first, self.direction as i32));
+            }
+        }
+        None
+    }
+
+    fn interrupt(&mut self) {
+        *self = Turns {
+            count: self.count,
+            ..Turns::default()
+        };
+    }
+}
+
+/// The death of a process.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Death {
+    /// Its scan.
+    pub scan: u64,
+    /// Name of the process.
+    pub place: String,
+    /// What happened, in words.
+    pub how: String,
+}
+
+/// Finds deaths in the roster: those in scans that have been seen, once each.
+#[derive(Debug)]
+pub struct Deaths {
+    machine: Machine,
+    first_scan: Option<u64>,
+    known: BTreeMap<Place, u64>,
+    new: VecDeque<(Place, Death)>,
+}
+
+impl Deaths {
+    /// Of the processes of a machine's cell.
+    pub fn new(machine: &Machine) -> Deaths {
+        Deaths {
+            machine: machine.clone(),
+            first_scan: None,
+            known: BTreeMap::new(),
+            new: VecDeque::new(),
+        }
+    }
+
+    /// A scan is seen.
+    pub fn scan(&mut self, scan: u64) {
+        self.first_scan.get_or_insert(scan);
+    }
+
+    /// Takes who takes part.
+    pub fn roster(&mut self, roster: &Roster) {
+        for participant in roster.participants.iter().filter(|p| p.job != 0) {
+            let (signal, status) = (participant.death_signal, participant.death_status);
+            let scan = participant.death_scan;
+            if scan == u64::MAX || (signal == 0 && status == 0) {
+                continue;
+            }
+            let place = Place {
+                job: participant.job,
+                axis: participant.axis,
+                role: participant.role,
+            };
+            let before = self.known.insert(place, scan);
+            // What a first roster tells of the time before is nobody's news.
+            let seen = self.first_scan.is_some_and(|first| scan >= first);
+            if before == Some(scan) || !seen || self.new.len() >= DEATHS_MAX {
+                continue;
+            }
+            let name = process_name(&self.machine, place);
+            let how = match signal {
+                0 => format!("{name} ended with status {status}"),
+                signal => format!("{name} killed by signal {signal}"),
+            };
+            let death = Death {
+                scan,
+                place: name,
+                how,
+            };
+            self.new.push_back((place, death));
+        }
+    }
+
+    /// The next one that was not asked for yet.
+    pub fn next_new(&mut self) -> Option<Death> {
+        Some(self.next_placed()?.1)
+    }
+
+    fn next_placed(&mut self) -> Option<(Place, Death)> {
+        self.new.pop_front()
+    }
+}
+
+/// Why the machine tripped or stopped, in words.
+pub fn trip_words(machine: &Machine, feedback: &Feedback) -> String {
+    let cause = Cause::from_wire(feedback.cause).map_or("an unknown cause", Cause::words);
+    match machine.axes.get(feedback.cause_axis as usize) {
+        Some(axis) => format!("{}: {cause}", axis.name),
+        None => cause.into(),
+    }
+}
+
+/// Watches for a trigger.
+#[derive(Debug)]
+pub struct Watch {
+    trigger: Trigger,
+    machine: Machine,
+    travel: Vec<i64>,
+    turns: Vec<Turns>,
+    first_scan: Option<u64>,
+    last: Option<Feedback>,
+    /// Whether the condition held, once it was known.
+    held: Option<bool>,
+    deaths: Deaths,
+    died: VecDeque<Fired>,
+    /// The first ones of all, in words.
+    died_in_all: Vec<String>,
+    lowest: f64,
+    highest: f64,
+    last_line: Option<u32>,
+}
+
+impl Watch {
+    /// Of a machine.
+    pub fn new(trigger: Trigger, machine: &Machine) -> Watch {
+        let travel = |axis: &bus::machine::Axis| {
+            (libm::round(TRAVEL_MM / axis.increment_mm()) as i64).max(1)
+        };
+        Watch {
+            trigger,
+            machine: machine.clone(),
+            travel: machine.axes.iter().map(travel).collect(),
+            turns: vec![Turns::default(); machine.axes.len()],
+            first_scan: None,
+            last: None,
+            held: None,
+            deaths: Deaths::new(machine),
+            died: VecDeque::new(),
+            died_in_all: Vec::new(),
+            lowest: f64::INFINITY,
+            highest: f64::NEG_INFINITY,
+            last_line: None,
+        }
+    }
+
+    /// Takes who takes part.
+    pub fn roster(&mut self, roster: &Roster) {
+        self.deaths.roster(roster);
+        while let Some((place, death)) = self.deaths.next_placed() {
+            if self.died_in_all.len() < 8 {
+                self.died_in_all
+                    .push(format!("{} in scan {}", death.how, death.scan));
+            }
+            match &self.trigger {
+                Trigger::Death(wanted) if wanted.is_none_or(|wanted| wanted == place) => {
+                    self.died.push_back(Fired {
+                        scan: death.scan,
+                        what: death.how,
+                    });
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Takes one scan, of which at least the feedback is known; what fired, if anything did.
+    pub fn scan(&mut self, set: &ScanSet, feedback: &Feedback, eyes: &Eyes) -> Option<Fired> {
+        self.first_scan.get_or_insert(feedback.scan);
+        self.deaths.scan(feedback.scan);
+        let follows = self
+            .last
+            .as_ref()
+            .is_none_or(|last| last.scan + 1 == feedback.scan);
+        if !follows {
+            self.turns.iter_mut().for_each(Turns::interrupt);
+        }
+        let mut reversed = None;
+        for (axis, turns) in self.turns.iter_mut().enumerate() {
+            let travel = self.travel.get(axis).copied().unwrap_or(1);
+            if let Some(command) = set.command(axis)
+                && let Some((scan, direction)) = turns.take(command.scan, command.position, travel)
+                && let Trigger::Reversal {
+                    axis: wanted,
+                    direction: to,
+                } = self.trigger
+                && wanted == axis
+                && to.is_none_or(|to| to == direction)
+            {
+                reversed = Some((scan, direction));
+            }
+        }
+        if let Some(path) = &eyes.path {
+            self.last_line = path.line_of(feedback).or(self.last_line);
+        }
+        let fired = self.judge(set, feedback, eyes, reversed);
+        self.last = Some(*feedback);
+        fired
+    }
+
+    fn judge(
+        &mut self,
+        set: &ScanSet,
+        feedback: &Feedback,
+        eyes: &Eyes,
+        reversed: Option<(u64, i32)>,
+    ) -> Option<Fired> {
+        let now = feedback.scan;
+        let here = |what: String| Some(Fired { scan: now, what });
+        let last = self.last.as_ref();
+        match &self.trigger {
+            Trigger::Now => here("now".into()),
+            Trigger::Reversal { axis, .. } => {
+                let (scan, direction) = reversed?;
+                let sign = if direction > 0 { "+" } else { "−" };
+                let what = format!("reversal of {} to {sign}", self.letter(*axis));
+                Some(Fired { scan, what })
+            }
+            Trigger::Scan(wanted) => {
+                let first = last.is_none() && now == *wanted;
+                let passed = last.is_some_and(|last| last.scan < *wanted) && now >= *wanted;
+                let what = format!("scan {wanted}");
+                (first || passed).then_some(Fired {
+                    scan: *wanted,
+                    what,
+                })
+            }
+            Trigger::Trip => {
+                let tripped = |f: &Feedback| f.mode == Mode::Tripped as u32;
+                if tripped(feedback) && last.is_some_and(|last| !tripped(last)) {
+                    return here(format!("trip: {}", trip_words(&self.machine, feedback)));
+                }
+                None
+            }
+            Trigger::Mode(wanted) => {
+                let becomes = wanted.is_none_or(|wanted| feedback.mode == wanted as u32);
+                let changed = last.is_some_and(|last| last.mode != feedback.mode);
+                if changed && becomes {
+                    return here(format!("mode {}", mode_word(feedback)));
+                }
+                None
+            }
+            Trigger::Order => {
+                let last = last?;
+                let mut what = Vec::new();
+                if last.mode != feedback.mode {
+                    what.push(format!("mode {}", mode_word(feedback)));
+                }
+                if last.hold != feedback.hold {
+                    let word = if feedback.hold == 1 {
+                        "feed hold"
+                    } else {
+                        "feed hold released"
+                    };
+                    what.push(word.into());
+                }
+                if last.override_percent != feedback.override_percent {
+                    what.push(format!("override {} %", feedback.override_percent));
+                }
+                if what.is_empty() {
+                    return None;
+                }
+                here(what.join(", "))
+            }
+            Trigger::Block(line) => {
+                let Some(path) = &eyes.path else {
+                    // Before a program is begun nothing of it is reached.
+                    self.held = feedback.window.is_none().then_some(false);
+                    return None;
+                };
+                let (line, known) = (*line, path.is_of(feedback));
+                let element = path.first_element_of(line);
+                let holds = known && element.is_some_and(|first| feedback.tag.element >= first);
+                // Off the path nothing is left or reached.
+                if !known && self.held.is_some() {
+                    return None;
+                }
+                let before = self.held.replace(holds);
+                if holds && before == Some(false) {
+                    return here(format!("line {line} reached"));
+                }
+                None
+            }
+            Trigger::Level {
+                signal,
+                absolute,
+                side,
+                threshold,
+            } => {
+                let value = eyes.see(signal, set, feedback);
+                let value = if *absolute { value.abs() } else { value };
+                if value.is_nan() {
+                    // Nothing is crossed where nothing is known.
+                    self.held = None;
+                    return None;
+                }
+                self.lowest = self.lowest.min(value);
+                self.highest = self.highest.max(value);
+                let (holds, word) = match side {
+                    Side::Above => (value > *threshold, "above"),
+                    Side::Below => (value < *threshold, "below"),
+                    Side::Rising => (value >= *threshold, "rising through"),
+                    Side::Falling => (value <= *threshold, "falling through"),
+                };
+                let magnitude = if *absolute { "|" } else { "" };
+                let what = format!(
+                    "{magnitude}{}{magnitude} {word} {threshold} {}",
+                    signal.name, signal.unit.shown
+                );
+                let before = self.held.replace(holds);
+                let fires = match side {
+                    Side::Above | Side::Below => holds && before != Some(true),
+                    Side::Rising | Side::Falling => holds && before == Some(false),
+                };
+                fires.then(|| Fired {
+                    scan: now,
+                    what: what.trim_end().into(),
+                })
+            }
+            Trigger::Death(_) => self.died.pop_front(),
+        }
+    }
+
+    fn letter(&self, axis: usize) -> &str {
+        let axis = self.machine.axes.get(axis);
+        axis.map_or("?", |axis| axis.name.as_str())
+    }
+
+    /// What was seen in place of the trigger, for who has waited in vain.
+    pub fn seen_instead(&self) -> String {
+        let (Some(first), Some(last)) = (self.first_scan, &self.last) else {
+            return "no scan was seen".into();
+        };
+        let range = format!("scans {first} to {} were seen", last.scan);
+        let more = match &self.trigger {
+            Trigger::Now => "none of them was ready".to_string(),
+            Trigger::Reversal { .. } => {
+                let axes = self.turns.iter().enumerate();
+                let counts =
+                    axes.map(|(axis, turns)| format!("{} {}", self.letter(axis), turns.count));
+                format!("with reversals: {}", counts.collect::<Vec<_>>().join(", "))
+            }
+            Trigger::Level { signal, .. } if self.lowest > self.highest => {
+                format!("in none of them {} was known", signal.name)
+            }
+            Trigger::Level {
+                signal, absolute, ..
+            } => format!(
+                "with {}{} from {:.3} to {:.3} {}",
+                if *absolute { "magnitudes of " } else { "" },
+                signal.name,
+                self.lowest,
+                self.highest,
+                signal.unit.shown
+            ),
+            Trigger::Block(_) => match self.last_line {
+                Some(line) => format!("the last with line {line} under way"),
+                None => "with no line of a known program under way".into(),
+            },
+            Trigger::Scan(_) | Trigger::Trip | Trigger::Mode(_) | Trigger::Order => {
+                let trip = if last.mode == Mode::Tripped as u32 {
+                    format!(" ({})", trip_words(&self.machine, last))
+                } else {
+                    String::new()
+                };
+                format!("the last with mode {}{trip}", mode_word(last))
+            }
+            Trigger::Death(_) if self.died_in_all.is_empty() => "nobody died".into(),
+            Trigger::Death(_) => self.died_in_all.join("; "),
+        };
+        format!("{range}, {more}")
+    }
+}
+
+fn mode_word(feedback: &Feedback) -> &'static str {
+    Mode::from_wire(feedback.mode).map_or("unknown", Mode::word)
+}
