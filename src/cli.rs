@@ -1,10 +1,13 @@
 //! The command line.
 
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use bus::member::Pace;
 use clap::{Args, Parser, Subcommand};
 use monitor::scope::span::Span;
+
+use crate::metrics;
 
 /// Multi-axis motion control made of separate processes over shared memory.
 ///
@@ -63,8 +66,8 @@ pub enum Command {
     Scope(ScopeOptions),
     /// Remove what a crash left of a cell in which nobody lives
     Clean(CleanOptions),
-    /// What this PC offers for real time: kernel, priorities, memory locking, timer, shared memory
-    Doctor,
+    /// What this PC offers for real time, what to change, and why: kernel, priorities, limits, timer, memory, processors
+    Doctor(DoctorOptions),
     /// Identify every axis by short test motions, set its gains and compensations by law, write the machine file
     Tune(TuneOptions),
     /// The project's own measurements, each beside its floor on this machine
@@ -79,6 +82,10 @@ pub enum Command {
     Servo(ServoOptions),
     /// The recorder of a running cell (started by `run`)
     Recorder(RecorderOptions),
+    /// Print the completion script of a shell
+    Completions(CompletionsOptions),
+    /// Write the manual pages
+    Man(ManOptions),
     /// The other side of a measurement
     #[command(hide = true)]
     BenchPong(BenchPongOptions),
@@ -118,6 +125,9 @@ pub struct RunOptions {
     /// Go without what earlier runs have taught (learned.toml beside the machine file)
     #[arg(long)]
     pub no_learned: bool,
+    /// Serve metrics for Prometheus (OpenMetrics, docs/metrics.md) at this address or port [without one: 127.0.0.1:7823]
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, require_equals = true, default_missing_value = metrics::DEFAULT_ADDRESS, value_parser = metrics::parse_address)]
+    pub metrics: Option<SocketAddr>,
     /// In lockstep: seconds a living process may take for one answer before the run is given up
     #[arg(long, value_name = "SECONDS", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600), hide_short_help = true)]
     pub answer_limit: u64,
@@ -154,6 +164,9 @@ pub struct UpOptions {
     /// Go without what earlier runs have taught (learned.toml beside the machine file)
     #[arg(long)]
     pub no_learned: bool,
+    /// Serve metrics for Prometheus (OpenMetrics, docs/metrics.md) at this address or port [without one: 127.0.0.1:7823]
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, require_equals = true, default_missing_value = metrics::DEFAULT_ADDRESS, value_parser = metrics::parse_address)]
+    pub metrics: Option<SocketAddr>,
     /// In lockstep: seconds a living process may take for one answer before the cell is given up
     #[arg(long, value_name = "SECONDS", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600), hide_short_help = true)]
     pub answer_limit: u64,
@@ -330,6 +343,33 @@ pub struct ReportOptions {
     /// Print report.json instead of the text
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Each finding is ok, could be better, or must be changed; the last two with the reason and what to type.\nExit status 3: something must be changed before a cell runs in real time."
+)]
+pub struct DoctorOptions {
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "For oneself:\n  quadrant completions bash > ~/.local/share/bash-completion/completions/quadrant\n  quadrant completions zsh > ~/.zfunc/_quadrant        (with ~/.zfunc in fpath, before compinit)\n  quadrant completions fish > ~/.config/fish/completions/quadrant.fish"
+)]
+pub struct CompletionsOptions {
+    /// The shell
+    pub shell: clap_complete::Shell,
+}
+
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "For all users:\n  quadrant man --out /usr/local/share/man/man1")]
+pub struct ManOptions {
+    /// Folder to write to; made if it is not there
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
 }
 
 #[derive(Debug, Clone, Args)]
@@ -626,4 +666,7 @@ pub struct RecorderOptions {
     /// Part program, for the log's metadata
     #[arg(long)]
     pub program: Option<PathBuf>,
+    /// Serve metrics at the listening socket that standard input is
+    #[arg(long)]
+    pub metrics: bool,
 }

@@ -20,6 +20,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
 
 use crate::logs;
+use crate::metrics::Listener;
 
 mod restart;
 
@@ -69,6 +70,8 @@ pub struct Plan {
     pub faults: Option<PathBuf>,
     /// Where the blocks that it names begin on the path: line and element.
     pub fault_blocks: Vec<(u32, u32)>,
+    /// Where the recorder is to serve metrics.
+    pub metrics: Option<Listener>,
 }
 
 /// The table of processes, in the order they are started in: who listens before who speaks.
@@ -81,6 +84,9 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
         role: 0,
         arguments: vec!["recorder".into(), "--out".into(), path(&plan.out)],
     }];
+    if let (Some(recorder), Some(_)) = (roles.last_mut(), &plan.metrics) {
+        recorder.arguments.push("--metrics".into());
+    }
     for (index, axis) in machine.axes.iter().enumerate() {
         for (role, word) in ROLES.iter().enumerate() {
             if role > 0 && !axis.standby {
@@ -349,6 +355,18 @@ impl Group {
             .stderr(Stdio::piped())
             // Ctrl-C goes to the launcher alone, which stops the group in order.
             .process_group(0);
+        if let Some(listener) = self
+            .plan
+            .metrics
+            .as_ref()
+            .filter(|_| role.job == Job::Monitor)
+        {
+            command.stdin(
+                listener
+                    .hand_over()
+                    .context("handing the metrics' socket over")?,
+            );
+        }
         if let Some(scan) = after_scan {
             command.args(["--after-scan", &scan.to_string()]);
         }

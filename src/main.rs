@@ -12,6 +12,8 @@ mod hangs;
 mod learn;
 mod live;
 mod logs;
+mod manual;
+mod metrics;
 mod operator;
 mod output;
 mod progress;
@@ -20,6 +22,7 @@ mod roles;
 mod run;
 mod run_dir;
 mod scope;
+mod service_manager;
 mod session;
 mod settings_difference;
 mod signals;
@@ -39,7 +42,7 @@ fn main() -> std::process::ExitCode {
         cli::Command::Check(options) => check::check(&options),
         cli::Command::Plan(options) => check::plan(&options),
         cli::Command::Report(options) => report::report(&options),
-        cli::Command::Doctor => doctor::doctor(),
+        cli::Command::Doctor(options) => doctor::doctor(&options),
         cli::Command::Clean(options) => run::clean(&options),
         cli::Command::Up(options) => up::up(&options),
         cli::Command::Load(options) => operator::load(&options),
@@ -59,6 +62,8 @@ fn main() -> std::process::ExitCode {
         cli::Command::Bench(options) => bench::bench(&options),
         cli::Command::Soak(options) => soak::soak(&options),
         cli::Command::BenchPong(options) => bench::pong(&options),
+        cli::Command::Completions(options) => manual::completions(&options),
+        cli::Command::Man(options) => manual::man(&options),
         cli::Command::PlantSim(options) => roles::plant_sim(&options),
         cli::Command::Planner(options) => roles::planner(&options),
         cli::Command::Servo(options) => roles::servo(&options),

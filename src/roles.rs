@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::cli::{PlannerOptions, PlantSimOptions, RecorderOptions, ServoOptions};
 use crate::exit::{Failure, Kind, Outcome};
-use crate::logs;
+use crate::{logs, metrics};
 
 /// The machine side.
 pub fn plant_sim(options: &PlantSimOptions) -> Outcome {
@@ -62,10 +62,17 @@ pub fn servo(options: &ServoOptions) -> Outcome {
 /// The recorder.
 pub fn recorder(options: &RecorderOptions) -> Outcome {
     logs::init_role();
-    monitor::run(&monitor::Options {
+    let mut watch = None;
+    if options.metrics {
+        let listener = metrics::inherited().environment()?;
+        let (out, program) = (options.out.clone(), options.program.clone());
+        watch = Some(metrics::Watch::new(listener, out, program));
+    }
+    let options = monitor::Options {
         seat: options.seat.seat(),
         out: options.out.clone(),
         program: options.program.clone(),
-    })
-    .environment()
+    };
+    let tap = watch.as_mut().map(|watch| watch as &mut dyn monitor::Tap);
+    monitor::run(&options, tap).environment()
 }

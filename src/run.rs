@@ -21,7 +21,7 @@ use crate::output::say;
 use crate::run_dir::{RunDir, Sources, default_folder, program_name};
 use crate::signals::Signals;
 use crate::supervise::{Ending, Subject, Watch, stop_words, supervise};
-use crate::{doctor, exit, learn, logs, report};
+use crate::{doctor, exit, learn, logs, metrics, report, service_manager};
 
 /// Members of a dead launcher get so long to stop on the path and leave.
 const MEMBERS_PATIENCE: Duration = Duration::from_secs(10);
@@ -44,6 +44,8 @@ pub fn run(options: &RunOptions) -> Outcome {
     let place = CellPlace::new(cell_name).input()?;
     let signals = Signals::catch().environment()?;
     let cell = own(&place).environment()?;
+    let metrics = options.metrics.map(metrics::listen);
+    let metrics = metrics.transpose().environment()?;
     let machine_path = machine_file(&options.machine);
     let folder = options
         .out
@@ -90,6 +92,7 @@ pub fn run(options: &RunOptions) -> Outcome {
         orders: run_dir.orders.clone(),
         faults: run_dir.faults.clone(),
         fault_blocks,
+        metrics,
     };
     let mut group = match Group::start(cell, &checked.machine, &plan, &|| signals.count() > 0) {
         Ok(group) => group,
@@ -100,6 +103,9 @@ pub fn run(options: &RunOptions) -> Outcome {
     note_started(&group, &mut events);
     let watch = Watch::new(&group, &checked.machine, true).environment()?;
     group.begin();
+    service_manager::ready();
+    let shown = options.program.display();
+    service_manager::status(&format!("cell {cell_name} runs {shown}"));
     let subject = Subject {
         machine: &checked.machine,
         path: checked.program.as_ref().map(|program| &program.path),

@@ -16,6 +16,7 @@ use crate::fault_desk::FaultDesk;
 use crate::group::{Death, Group, LEAVE_LIMIT, LEAVE_LIMIT_AFTER_MACHINE};
 use crate::hangs::Hangs;
 use crate::progress::{LOOK_EVERY, Progress};
+use crate::service_manager;
 use crate::session::Session;
 use crate::signals::Signals;
 use crate::supervisor::{Supervisor, Verdict};
@@ -167,6 +168,7 @@ pub fn supervise(
             && stop(group, &watch.operator, session.is_some())
         {
             stop_since = Some(Instant::now());
+            service_manager::stopping();
             events.write(&Event::of_cell(group.newest_scan, "stop", Some(why.into())));
             let again = if signals.count() > 0 {
                 "again"

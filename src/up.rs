@@ -16,7 +16,7 @@ use crate::run_dir::{RunDir, Sources, dated_folder};
 use crate::session::Session;
 use crate::signals::Signals;
 use crate::supervise::{Ending, Subject, Watch, supervise};
-use crate::{check, doctor, learn, logs};
+use crate::{check, doctor, learn, logs, metrics, service_manager};
 
 /// Starts the group of a machine and stays until it is told to end.
 pub fn up(options: &UpOptions) -> Outcome {
@@ -26,6 +26,8 @@ pub fn up(options: &UpOptions) -> Outcome {
     let place = CellPlace::new(cell_name).input()?;
     let signals = Signals::catch().environment()?;
     let cell = own(&place).environment()?;
+    let metrics = options.metrics.map(metrics::listen);
+    let metrics = metrics.transpose().environment()?;
     let machine_path = machine_file(&options.machine);
     let taught = learn::taught(&machine_path, &checked.machine, options.no_learned).input()?;
     let folder = options.out.clone();
@@ -64,6 +66,7 @@ pub fn up(options: &UpOptions) -> Outcome {
         orders: None,
         faults: None,
         fault_blocks: Vec::new(),
+        metrics,
     };
     let mut group = match Group::start(cell, &checked.machine, &plan, &|| signals.count() > 0) {
         Ok(group) => group,
@@ -74,6 +77,8 @@ pub fn up(options: &UpOptions) -> Outcome {
     note_started(&group, &mut events);
     let watch = Watch::new(&group, &checked.machine, false).environment()?;
     group.begin();
+    service_manager::ready();
+    service_manager::status(&format!("cell {cell_name} is up"));
     say(&format!(
         "Cell {cell_name} is up, its drives are off. From any other terminal:\n  \
          quadrant enable | load PROGRAM | start | hold | resume | stop | jog AXIS DISTANCE | status | monitor | down\n\

@@ -162,15 +162,23 @@ impl LiveCell {
         pace: &str,
         more: &[&str],
     ) -> LiveCell {
-        Self::launch(cell, "run", machine, Some(program), pace, more)
+        Self::launch(quadrant(), cell, "run", machine, Some(program), pace, more)
+    }
+
+    /// Starts `quadrant up` in real time, with a service manager that listens at `socket`.
+    pub fn up_told(cell: &str, machine: &Path, socket: &Path, more: &[&str]) -> LiveCell {
+        let mut command = quadrant();
+        command.env("NOTIFY_SOCKET", socket);
+        Self::launch(command, cell, "up", machine, None, "realtime", more)
     }
 
     /// Starts `quadrant up` with a cell of its own.
     pub fn up(machine: &Path, pace: &str) -> LiveCell {
-        Self::launch(&unique_cell(), "up", machine, None, pace, &[])
+        Self::launch(quadrant(), &unique_cell(), "up", machine, None, pace, &[])
     }
 
     fn launch(
+        mut launcher: Command,
         cell: &str,
         command: &str,
         machine: &Path,
@@ -181,7 +189,7 @@ impl LiveCell {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let cell = cell.to_string();
         let out = folder.path().join("run");
-        let child = quadrant()
+        let child = launcher
             .arg(command)
             .arg(machine)
             .args(program)

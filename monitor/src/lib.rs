@@ -15,7 +15,10 @@ pub mod measure;
 pub mod report;
 mod run;
 pub mod scope;
+mod sinks;
+mod tap;
 #[cfg(test)]
 mod test_support;
 pub use logbook::run_folder;
 pub use run::{MonitorError, Options, run};
+pub use tap::Tap;

@@ -9,8 +9,8 @@
 //!
 //! Times in the log are scan × scan period from the start of the run: no wall clock stands in any message.
 
-mod behind;
 mod attached;
+mod behind;
 mod derived;
 mod feed;
 pub mod layout;

@@ -13,6 +13,8 @@ use bus::service::{RECORDER_DEPTH_SCANS, ROLES};
 use crate::black_box::{BlackBox, Settings};
 use crate::log::{LogError, Recorder};
 use crate::logbook::Logbook;
+use crate::sinks::Sinks;
+use crate::tap::Tap;
 
 /// Scans recorded between two words to the machine side about it.
 const CREDIT_STEP_SCANS: u64 = 64;
@@ -94,72 +96,57 @@ impl Ports {
         })
     }
 
-    /// Records whatever became visible by the scan of this feedback, then the feedback itself: samples of one scan
+    /// Hands on whatever became visible by the scan of this feedback, then the feedback itself: samples of one scan
     /// stand together in the log, in the same order on every run.
-    fn record(
-        &mut self,
-        feedback: &Feedback,
-        logbook: &mut Logbook,
-        black_box: &mut BlackBox,
-    ) -> Result<(), MonitorError> {
+    fn record(&mut self, feedback: &Feedback, sinks: &mut Sinks<'_>) -> Result<(), MonitorError> {
         let scan = feedback.scan;
         while let Some(sample) = self.roster.next(scan) {
             self.newest_roster = Some(sample);
-            black_box.roster(&sample);
-            logbook.record(|log| log.record_roster(&sample))?;
+            sinks.roster(&sample)?;
         }
         while let Some(sample) = self.instruments.next(scan) {
-            black_box.instruments(&sample);
-            logbook.record(|log| log.record_instruments(&sample))?;
+            sinks.instruments(&sample)?;
         }
         for (axis, roles) in self.commands.iter_mut().enumerate() {
             for reader in roles {
                 while let Some(sample) = reader.next(scan) {
-                    black_box.command(axis, &sample);
-                    logbook.record(|log| log.record_command(axis, &sample))?;
+                    sinks.command(axis, &sample)?;
                 }
             }
         }
         while let Some(sample) = self.planner.next(scan) {
-            black_box.planner(&sample);
-            logbook.record(|log| log.record_planner(&sample))?;
+            sinks.planner(&sample)?;
         }
         let mut result = Ok(());
         self.windows.each(scan, |header, rows| {
-            black_box.window(header, rows);
             if result.is_ok() {
-                result = logbook.record(|log| log.record_window(header, rows));
+                result = sinks.window(header, rows);
             }
         });
         result?;
-        // What was made in the scans before belongs to the program before.
-        let begun = logbook.turn(feedback, self.failed())?;
-        if let Some(home) = logbook.new_home() {
-            black_box.move_to(Some(home));
-        }
-        if begun && let (Some(log), Some(roster)) = (logbook.log(), &self.newest_roster) {
-            // It is said only when it changes.
-            log.record_roster(roster)?;
-        }
-        logbook.record(|log| log.record_feedback(feedback))?;
-        if let Some(event) = black_box.feedback(feedback) {
-            logbook.record(|log| log.record_event(&event))?;
-        }
-        Ok(())
+        sinks.feedback(feedback, self.newest_roster.as_ref(), self.failed())
     }
 }
 
-/// Records the cell until its last feedback.
+/// Records the cell until its last feedback, and hands what it takes on to `tap`.
 ///
 /// # Errors
 /// [`MonitorError`]; what was recorded before stays readable.
-pub fn run(options: &Options) -> Result<(), MonitorError> {
+pub fn run(options: &Options, tap: Option<&mut dyn Tap>) -> Result<(), MonitorError> {
     let member = Member::enter(options.seat.clone(), "monitor")?;
     let mut ports = Ports::open(&member).map_err(MemberError::Cell)?;
     let mut logbook = Logbook::new(options, &member.machine)?;
-    let mut black_box = BlackBox::new(Settings::default(), &member.machine, logbook.new_home());
+    let black_box = BlackBox::new(Settings::default(), &member.machine, logbook.new_home());
+    let mut sinks = Sinks {
+        logbook,
+        black_box,
+        tap,
+    };
     // Scans up to this one are none of a recorder's that comes later.
     let after = options.seat.after_scan;
+    if let Some(tap) = &mut sinks.tap {
+        tap.begins(&member);
+    }
     member.ready(Priority::Ordinary);
 
     let lockstep = options.seat.pace == Pace::Lockstep;
@@ -172,12 +159,15 @@ pub fn run(options: &Options) -> Result<(), MonitorError> {
                 ended = feedback.last == 1;
                 continue;
             }
-            ports.record(&feedback, &mut logbook, &mut black_box)?;
+            ports.record(&feedback, &mut sinks)?;
             ended = feedback.last == 1;
             member.page.set_recorded_scans(feedback.scan + 1);
             if ended || (lockstep && feedback.scan.is_multiple_of(CREDIT_STEP_SCANS)) {
                 member.page.machine_bell().ring();
             }
+        }
+        if let Some(tap) = &mut sinks.tap {
+            tap.look(&member.page, ports.failed());
         }
         if ended || member.ending() {
             break;
@@ -186,7 +176,7 @@ pub fn run(options: &Options) -> Result<(), MonitorError> {
             member.page.machine_bell().ring();
         }
         member.page.monitor_bell().wait(seen, LOOK_AROUND);
-        logbook.record(Recorder::flush_if_due)?;
+        sinks.logbook.record(Recorder::flush_if_due)?;
         if member.page.monitor_bell().count() == seen && !member.launcher_lives() {
             // The machine side still brings the tool to rest: its last feedback ends the log, or this patience.
             let since = alone_since.get_or_insert_with(Instant::now);
@@ -195,7 +185,7 @@ pub fn run(options: &Options) -> Result<(), MonitorError> {
             }
         }
     }
-    black_box.finish();
+    sinks.black_box.finish();
     let reason = (!ended).then(|| "the cell ended before its last feedback".into());
-    logbook.close(reason, ports.failed())
+    sinks.logbook.close(reason, ports.failed())
 }

@@ -1,6 +1,6 @@
 //! Takes samples from a running cell into a model; nobody in the cell waits for it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
@@ -12,10 +12,11 @@ use bus::port::Reader;
 use bus::sample::{AxisCommand, Feedback, Instruments, PlannerStatus, Roster};
 use bus::service::{Bus, RECORDER_DEPTH_SCANS, ROLES};
 use control::path::AxisVector;
-use program::Setup;
+use program::{Program, Setup};
 
 use super::model::Model;
 use super::proc::children_of;
+use super::timing::listen;
 use crate::exit::Failure;
 use crate::operator::{Client, page_of};
 
@@ -198,20 +199,7 @@ impl Feed {
             return;
         };
         self.read = Some(hash);
-        self.model.program = None;
-        let small = std::fs::metadata(file).is_ok_and(|file| file.len() <= PROGRAM_BYTES_MAX);
-        if !small {
-            return;
-        }
-        let machine = &self.machine;
-        let mut axes_mm = AxisVector::zeros();
-        let registers = machine.axes.iter().zip(&feedback.program_start);
-        for (to, (axis, increments)) in axes_mm.iter_mut().zip(registers) {
-            *to = *increments as f64 * axis.increment_mm();
-        }
-        let start = program::kinematics_of(machine).tool(&axes_mm);
-        let read = program::load(file, &Setup::of(machine), start).ok();
-        self.model.program = read.filter(|program| program.source_hash == hash);
+        self.model.program = program_behind(file, &self.machine, feedback);
     }
 
     /// Whether the cell is gone, or about to go.
@@ -233,26 +221,24 @@ impl Feed {
             std::thread::sleep(budget);
             return;
         }
-        let bell = self.page.scan_bell();
-        let started = Instant::now();
-        let mut last: Option<(Instant, u32)> = None;
-        while started.elapsed() < budget {
-            let seen = bell.count();
-            bell.wait(seen, budget);
-            let (now, count) = (Instant::now(), bell.count());
-            if count == seen {
-                continue;
-            }
-            // Exactly one ring since the last waking: the time between is one period.
-            if let Some((then, before)) = last
-                && count == before.wrapping_add(1)
-            {
-                let period = now.duration_since(then).as_nanos();
-                self.model
-                    .timing
-                    .take(u64::try_from(period).unwrap_or(u64::MAX));
-            }
-            last = Some((now, count));
-        }
+        let (page, timing) = (&self.page, &mut self.model.timing);
+        listen(page.scan_bell(), budget, |period_ns| timing.take(period_ns));
     }
+}
+
+/// The program that the tags of this feedback belong to, if `file` is it; none of one that cannot be read, is very large or is
+/// another program by now.
+pub fn program_behind(file: &Path, machine: &Machine, feedback: &Feedback) -> Option<Program> {
+    let small = std::fs::metadata(file).is_ok_and(|file| file.len() <= PROGRAM_BYTES_MAX);
+    if !small {
+        return None;
+    }
+    let mut axes_mm = AxisVector::zeros();
+    let registers = machine.axes.iter().zip(&feedback.program_start);
+    for (to, (axis, increments)) in axes_mm.iter_mut().zip(registers) {
+        *to = *increments as f64 * axis.increment_mm();
+    }
+    let start = program::kinematics_of(machine).tool(&axes_mm);
+    let read = program::load(file, &Setup::of(machine), start).ok();
+    read.filter(|program| program.source_hash == feedback.program_hash)
 }

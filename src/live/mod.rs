@@ -4,14 +4,14 @@
 //! [`draw`] puts a model on a screen, [`json`] and [`text`] into words; [`terminal`] and [`lines`] are the loops. Nothing here is
 //! waited for by anybody in the cell: queues that are not emptied in time lose their oldest samples, here alone.
 
-mod axis;
+pub mod axis;
 mod circle;
 mod draw;
-mod events;
-mod feed;
+pub mod events;
+pub mod feed;
 mod json;
 mod lines;
-mod model;
+pub mod model;
 mod palette;
 pub mod proc;
 mod reversal;
@@ -19,7 +19,7 @@ mod terminal;
 #[cfg(test)]
 mod test_support;
 mod text;
-mod timing;
+pub mod timing;
 mod track;
 mod words;
 

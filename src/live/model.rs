@@ -282,6 +282,12 @@ impl Model {
             .collect()
     }
 
+    /// Place of a process in the roster, once one was heard.
+    pub fn place_of(&self, job: Job, axis: u32, role: u32) -> Option<usize> {
+        let mut places = self.roster.as_ref()?.participants.iter();
+        places.position(|p| p.job == job as u32 && p.axis == axis && p.role == role)
+    }
+
     /// Name of the program's file.
     pub fn program_name(&self) -> Option<&str> {
         let path = std::path::Path::new(&self.program.as_ref()?.name);

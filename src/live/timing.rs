@@ -3,7 +3,32 @@
 //! What is measured is the time between two wakings of this observer by the bell that the machine side rings at the start of each
 //! scan: the period of the scan with this process's own waking-up in it. The observer looks for a part of the time only.
 
+use std::time::{Duration, Instant};
+
+use bus::page::Bell;
 use hdrhistogram::Histogram;
+
+/// Waits at the scan's bell for `budget` and takes the periods between its rings, in ns.
+pub fn listen(bell: &Bell, budget: Duration, mut take: impl FnMut(u64)) {
+    let started = Instant::now();
+    let mut last: Option<(Instant, u32)> = None;
+    while started.elapsed() < budget {
+        let seen = bell.count();
+        bell.wait(seen, budget);
+        let (now, count) = (Instant::now(), bell.count());
+        if count == seen {
+            continue;
+        }
+        // Exactly one ring since the last waking: the time between is one period.
+        if let Some((then, before)) = last
+            && count == before.wrapping_add(1)
+        {
+            let period = now.duration_since(then).as_nanos();
+            take(u64::try_from(period).unwrap_or(u64::MAX));
+        }
+        last = Some((now, count));
+    }
+}
 
 /// Upper ends of the bars, as distance from the scan period in µs; the last bar has none.
 pub const BARS_US: [f64; 7] = [5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0];
