@@ -185,6 +185,12 @@ fn address_of(cell: &mut LiveCell) -> String {
     address
 }
 
+/// Ends a cell in order.
+fn end(cell: LiveCell) {
+    cell.signal_launcher(libc::SIGTERM);
+    assert_eq!(cell.finish().status(), 130);
+}
+
 /// Scrapes until `reached`.
 fn scrape_until(address: &str, reached: impl Fn(&Scrape) -> bool) -> Scrape {
     let started = Instant::now();
@@ -289,6 +295,7 @@ fn a_scrape_of_a_running_cell_says_what_it_does_in_the_words_of_openmetrics() {
         let words = String::from_utf8_lossy(&said.stderr);
         assert!(said.status.success() && words.is_empty(), "{words}");
     }
+    end(cell);
 }
 
 #[test]
@@ -327,6 +334,7 @@ fn a_cell_that_stays_up_tells_which_program_it_has_and_how_far_it_is() {
     assert_eq!(begun.value("quadrant_runs_total", &[]), 1.0);
     scrape_until(&address, |s| s.value("quadrant_log_bytes_total", &[]) > 0.0);
     order(&["down"]);
+    assert_eq!(cell.finish().status(), 0);
 }
 
 #[test]
@@ -444,6 +452,7 @@ fn without_the_option_nobody_listens() {
             assert!(!listens, "process {pid} listens at {target}");
         }
     }
+    end(cell);
 }
 
 /// A child that is ended when the test is.
@@ -462,7 +471,7 @@ fn prometheus_itself_scrapes_a_cell_and_answers_questions_about_it() {
         return;
     };
     let bench = Bench::of("xy", &[]);
-    let (_cell, address) = serving(&bench, &long_program(), "realtime", &[]);
+    let (cell, address) = serving(&bench, &long_program(), "realtime", &[]);
     let rules = root().join("packaging/prometheus/quadrant.rules.yml");
     let config = format!(
         "global: {{scrape_interval: 250ms, evaluation_interval: 250ms}}\nrule_files: [{}]\nscrape_configs:\n  - job_name: quadrant\n    static_configs:\n      - targets: ['{address}']\n",
@@ -521,4 +530,5 @@ fn prometheus_itself_scrapes_a_cell_and_answers_questions_about_it() {
     let ends = ask("histogram_quantile(0.5,quadrant_axis_following_error_magnitude_meters_bucket)");
     let ends = ends.unwrap_or_default();
     assert!(ends.pointer("/data/result/1/value").is_some(), "{ends}");
+    end(cell);
 }
