@@ -88,7 +88,8 @@ class Log:
         if record.sequence != expected:
             self.complain(f"{topic}: message {record.sequence} follows {expected - 1}")
         self.messages[topic] = expected + 1
-        if record.log_time < self.last_time.get(topic, 0):
+        # A row for people that waited for a sample that never came is written when its place is needed.
+        if record.log_time < self.last_time.get(topic, 0) and not topic.startswith("/axis/"):
             self.complain(f"{topic}: log time {record.log_time} is before that of the message before it")
         self.last_time[topic] = record.log_time
         decode = self.decoders.get(record.channel_id)
