@@ -9,7 +9,7 @@ pub(super) const RUN_RECORD: &str = "quadrant.run";
 /// Metadata record with which a whole log ends.
 pub(super) const END_RECORD: &str = "quadrant.end";
 /// Contract of topics and messages in the log.
-const LOG_VERSION: &str = "1";
+const LOG_VERSION: &str = "2";
 
 /// What is known when a run begins.
 #[derive(Debug, Clone, Default, PartialEq)]
