@@ -22,10 +22,10 @@ const PATIENCE: Duration = Duration::from_secs(60);
 fn get(address: &str, path: &str, accept: &str) -> std::io::Result<(String, String)> {
     let mut stream = TcpStream::connect(address)?;
     stream.set_read_timeout(Some(PATIENCE))?;
-    write!(
-        stream,
+    let request = format!(
         "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\nAccept: {accept}\r\n\r\n"
-    )?;
+    );
+    stream.write_all(request.as_bytes())?;
     let mut answer = String::new();
     stream.read_to_string(&mut answer)?;
     let (head, body) = answer.split_once("\r\n\r\n").unwrap_or((&answer, ""));
@@ -34,7 +34,11 @@ fn get(address: &str, path: &str, accept: &str) -> std::io::Result<(String, Stri
 
 fn scrape(address: &str) -> Scrape {
     let accept = "application/openmetrics-text;version=1.0.0,text/plain;q=0.5";
-    let (head, body) = get(address, "/metrics", accept).expect("an answer");
+    // A PC that is busy with other tests may let one go; a scraper asks again.
+    let mut answers = (0..3).map(|_| get(address, "/metrics", accept));
+    let (head, body) = answers
+        .find_map(Result::ok)
+        .expect("one of three scrapes is answered");
     assert!(head.starts_with("HTTP/1.1 200 OK\r\n"), "{head}");
     assert!(
         head.contains("Content-Type: application/openmetrics-text; version=1.0.0"),
@@ -345,7 +349,7 @@ fn scrapes_in_a_tight_loop_and_a_client_that_reads_nothing_change_no_bit() {
         .lines()
         .find(|line| line.starts_with("G3"))
         .expect("a turn");
-    let program = turns.replace("M2\n", &format!("{}M2\n", format!("{once}\n").repeat(15)));
+    let program = turns.replace("M2\n", &format!("{}M2\n", format!("{once}\n").repeat(40)));
     let file = bench.file("program.ngc", &program);
     let alone = run_with(bench.path(), &file, &[]).good_report();
     let (cell, address) = serving(&bench, &program, "lockstep", &[]);

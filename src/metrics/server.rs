@@ -19,6 +19,8 @@ use super::numbers::Numbers;
 const HEAD_BYTES: usize = 8 << 10;
 /// The longest time for one connection.
 const PATIENCE: Duration = Duration::from_secs(2);
+/// So long a client that has its answer may take to go.
+const FAREWELL: Duration = Duration::from_millis(200);
 /// Wait after an accept that failed, as when no descriptor is left.
 const PAUSE: Duration = Duration::from_millis(100);
 const STACK_BYTES: usize = 256 << 10;
@@ -65,6 +67,7 @@ fn answer(mut stream: TcpStream, served: &Served) -> std::io::Result<()> {
     write_until(&mut stream, response.as_bytes(), until)?;
     stream.shutdown(std::net::Shutdown::Write)?;
     // What the client still sends is taken away, else the kernel would reset the connection before the answer is read.
+    let until = until.min(Instant::now() + FAREWELL);
     let mut rest = [0; 1024];
     for _ in 0..HEAD_BYTES / rest.len() {
         stream.set_read_timeout(Some(left(until)?))?;

@@ -23,7 +23,7 @@ use crate::run_dir::program_name;
 use crate::supervise::stop_words;
 
 /// A cell of which nothing was heard by then is silent.
-const SILENCE: Duration = Duration::from_secs(2);
+const SILENCE: Duration = Duration::from_secs(10);
 /// So long the planner may take to read a program.
 const READ_LIMIT: Duration = Duration::from_secs(60);
 /// So long a cell may take to come to rest, make its last report and leave.
