@@ -64,6 +64,11 @@ pub enum Command {
     Monitor(MonitorOptions),
     /// Signals around a trigger, of a running cell or of a log: chart in the terminal, CSV or SVG
     Scope(ScopeOptions),
+    /// Seeing a cell from another machine
+    #[cfg(feature = "remote")]
+    Remote(RemoteOptions),
+    /// Print the iceoryx2 configuration of a running cell: for iox2 and for programs of your own
+    IceoryxConfig(OperatorOptions),
     /// Remove what a crash left of a cell in which nobody lives
     Clean(CleanOptions),
     /// What this PC offers for real time, what to change, and why: kernel, priorities, limits, timer, memory, processors
@@ -218,6 +223,43 @@ pub struct CellOptions {
     /// Name of the cell [default: the only one that runs]
     #[arg(long, value_name = "NAME")]
     pub cell: Option<String>,
+    /// See a cell of another machine, on which `quadrant remote serve` runs; read only (docs/remote.md)
+    #[arg(long, value_name = "tcp/HOST:PORT")]
+    pub remote: Option<String>,
+}
+
+#[cfg(feature = "remote")]
+#[derive(Debug, Clone, Args)]
+pub struct RemoteOptions {
+    #[command(subcommand)]
+    pub command: RemoteCommand,
+}
+
+#[cfg(feature = "remote")]
+#[derive(Debug, Clone, Subcommand)]
+pub enum RemoteCommand {
+    /// Let other machines see a cell of this one; read only
+    Serve(ServeOptions),
+}
+
+#[cfg(feature = "remote")]
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Nobody is asked for a password: who reaches the place sees the machine. It listens on this PC alone; from\nelsewhere, go through ssh:\n  ssh -L 7447:127.0.0.1:7447 controller\n  quadrant monitor --remote tcp/127.0.0.1:7447"
+)]
+pub struct ServeOptions {
+    /// Name of the cell [default: the only one that runs]
+    #[arg(long, value_name = "NAME")]
+    pub cell: Option<String>,
+    /// Where to listen [default: tcp/127.0.0.1:7447, unless --connect is given]
+    #[arg(long, value_name = "tcp/HOST:PORT")]
+    pub listen: Vec<String>,
+    /// A zenoh router to connect to
+    #[arg(long, value_name = "tcp/HOST:PORT")]
+    pub connect: Vec<String>,
+    /// Snapshots per second
+    #[arg(long, value_name = "HZ", default_value_t = 20, value_parser = clap::value_parser!(u64).range(2..=100))]
+    pub rate: u64,
 }
 
 #[derive(Debug, Clone, Args)]

@@ -58,6 +58,11 @@ fn main() -> std::process::ExitCode {
         cli::Command::Status(options) => live::status(&options),
         cli::Command::Monitor(options) => live::monitor(&options),
         cli::Command::Scope(options) => scope::scope(&options),
+        #[cfg(feature = "remote")]
+        cli::Command::Remote(options) => match &options.command {
+            cli::RemoteCommand::Serve(options) => live::serve::serve(options),
+        },
+        cli::Command::IceoryxConfig(options) => operator::iceoryx_config(&options),
         cli::Command::Tune(options) => tune::tune(&options),
         cli::Command::Bench(options) => bench::bench(&options),
         cli::Command::Soak(options) => soak::soak(&options),

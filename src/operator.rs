@@ -84,6 +84,23 @@ pub fn jog(options: &JogOptions) -> Outcome {
     Ok(())
 }
 
+/// `iceoryx-config`.
+pub fn iceoryx_config(options: &OperatorOptions) -> Outcome {
+    let place = match options.cell.as_deref() {
+        Some(name) => CellPlace::new(name).input()?,
+        None => only_one()?,
+    };
+    // Whoever enters a cell that does not run leaves files behind.
+    if page_of(&place).is_none() {
+        return Err(Failure::Stopped(anyhow!(
+            "cell {:?} does not run",
+            place.name()
+        )));
+    }
+    say(place.iceoryx2_toml().trim_end());
+    Ok(())
+}
+
 /// A running cell, seen from outside.
 pub struct Client {
     /// Its place.

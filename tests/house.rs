@@ -48,6 +48,7 @@ fn crates() -> Vec<&'static str> {
         "plant-sim",
         "monitor",
         "rehearsal",
+        "remote",
     ]
 }
 
@@ -75,6 +76,28 @@ fn only_bus_names_iceoryx2() {
             path.display()
         );
     }
+}
+
+/// The network is one crate's business, and that crate knows nothing of cells: what is not built with the feature `remote` has no
+/// network code at all.
+#[test]
+fn only_remote_names_zenoh_and_it_enters_no_cell() {
+    for krate in crates().into_iter().filter(|k| *k != "remote") {
+        assert!(!dependencies(krate).iter().any(|d| d == "zenoh"), "{krate}");
+        let uses = dependencies(krate).iter().any(|d| d == "remote");
+        assert!(!uses, "{krate} uses remote");
+    }
+    for (path, text) in sources(&root().join("src")) {
+        assert!(!text.contains("zenoh::"), "{} names zenoh", path.display());
+    }
+    assert!(!dependencies("remote").iter().any(|d| d == "bus"));
+    let manifest = fs::read_to_string(root().join("remote/Cargo.toml")).expect("Cargo.toml");
+    assert!(manifest.contains("zenoh = { workspace = true, optional = true }"));
+    let manifest = fs::read_to_string(root().join("Cargo.toml")).expect("Cargo.toml");
+    let features = manifest.split("[features]").nth(1).unwrap_or_default();
+    let table = features.split("\n[").next().unwrap_or_default();
+    let on = table.lines().any(|line| line.starts_with("default"));
+    assert!(!on, "remote is not on by default");
 }
 
 #[test]

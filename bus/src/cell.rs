@@ -187,6 +187,19 @@ impl CellPlace {
         Ok(config)
     }
 
+    /// The same as a file for iceoryx2's own tools and for programs in other languages (`[global]` of `iceoryx2.toml`): lookers-on
+    /// that find the cell's services, share nothing with other cells and clean nothing up.
+    pub fn iceoryx2_toml(&self) -> String {
+        format!(
+            "# iceoryx2 0.10: how to enter cell {:?} as a looker-on.\n[global]\nroot-path = {:?}\nprefix = {:?}\n\n\
+             [global.node]\ncleanup-dead-nodes-on-creation = false\ncleanup-dead-nodes-on-destruction = false\n\n\
+             [global.service]\ncleanup-dead-nodes-on-open = false\n",
+            self.name,
+            self.iceoryx2_root(),
+            self.segment_prefix(),
+        )
+    }
+
     /// Takes the cell for a launcher: locks it, waits up to `patience` for members of a dead launcher to leave, and
     /// removes whatever a crash left of it.
     ///

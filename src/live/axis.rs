@@ -10,6 +10,19 @@ const HISTORY: usize = 240;
 /// Travel in the new direction from which a reversal counts, in mm: above the rounding of setpoints.
 const TRAVEL_MM: f64 = 1e-4;
 
+/// What a servo asked of its drive.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Commanded {
+    /// Scan whose feedback it answers.
+    pub scan: u64,
+    /// Position, in mm (degrees).
+    pub position_mm: f64,
+    /// Velocity, in mm/s (degrees/s).
+    pub velocity_mm_s: f64,
+    /// Torque, in N·m.
+    pub torque_nm: f64,
+}
+
 /// What is shown of one axis.
 #[derive(Debug)]
 pub struct AxisView {
@@ -29,6 +42,10 @@ pub struct AxisView {
     pub error_limit_um: f64,
     /// Largest magnitude between two looks, newest last.
     pub error_history_um: VecDeque<f64>,
+    /// Speed measured by the drive, in mm/s (degrees/s).
+    pub velocity_mm_s: f64,
+    /// The newest command of the servo that drives.
+    pub commanded: Option<Commanded>,
     /// Torque, in N·m.
     pub torque_nm: f64,
     /// The same as a share of the motor's rated torque.
@@ -47,6 +64,8 @@ pub struct AxisView {
     rated_nm: f64,
     by_scale: bool,
     frame_peak_um: Option<f64>,
+    /// Largest magnitude of the following error in the last look; none if no command was seen in it.
+    pub look_peak_um: Option<f64>,
     turns: TurnFinder,
 }
 
@@ -66,6 +85,8 @@ impl AxisView {
             error_peak_um: 0.0,
             error_limit_um: axis.following_error_limit_mm * 1e3,
             error_history_um: VecDeque::with_capacity(HISTORY),
+            velocity_mm_s: 0.0,
+            commanded: None,
             torque_nm: 0.0,
             torque_share: 0.0,
             torque_limited: false,
@@ -77,6 +98,7 @@ impl AxisView {
             rated_nm: axis.motor.rated_torque_nm,
             by_scale: axis.feedback == bus::machine::PositionFeedback::Scale,
             frame_peak_um: None,
+            look_peak_um: None,
             turns: TurnFinder::new(increment_mm),
         }
     }
@@ -90,6 +112,7 @@ impl AxisView {
             sample.motor_position
         };
         self.feedback_mm = position as f64 * self.increment_mm;
+        self.velocity_mm_s = sample.velocity_mm_s;
         self.torque_nm = sample.torque_nm;
         self.torque_share = sample.torque_nm / self.rated_nm;
         self.torque_limited = sample.torque_limited == 1;
@@ -106,6 +129,12 @@ impl AxisView {
 
     /// Takes the command of the servo that drives; its following error in µm, if it is a number.
     pub fn command(&mut self, command: &AxisCommand) -> Option<f64> {
+        self.commanded = Some(Commanded {
+            scan: command.scan,
+            position_mm: command.position as f64 * self.increment_mm,
+            velocity_mm_s: command.velocity_mm_s,
+            torque_nm: command.torque_nm,
+        });
         let error_um = Some(command.following_error_mm * 1e3).filter(|error| error.is_finite())?;
         self.error_um = Some(error_um);
         self.error_peak_um = self.error_peak_um.max(error_um.abs());
@@ -116,13 +145,42 @@ impl AxisView {
 
     /// Ends one look: what was largest since the one before goes into the history.
     pub fn end_of_look(&mut self) {
-        let Some(peak_um) = self.frame_peak_um.take() else {
+        self.look_peak_um = self.frame_peak_um.take();
+        let Some(peak_um) = self.look_peak_um else {
             return;
         };
         if self.error_history_um.len() == HISTORY {
             self.error_history_um.pop_front();
         }
         self.error_history_um.push_back(peak_um);
+    }
+}
+
+#[cfg(any(feature = "remote", test))]
+impl AxisView {
+    /// Takes what somebody on the spot has seen of this axis.
+    pub fn told(&mut self, said: &remote::wire::AxisState) {
+        self.command_mm = said.command_mm;
+        self.feedback_mm = said.feedback_mm;
+        self.velocity_mm_s = said.velocity_mm_s;
+        self.torque_nm = said.torque_nm;
+        self.torque_share = said.torque_nm / self.rated_nm;
+        self.torque_limited = said.torque_limited;
+        self.winding_k = said.winding_k;
+        self.missed_scans = said.missed_scans;
+        self.missed_in_a_row = said.missed_in_a_row;
+        self.role = said.role;
+        self.error_um = said.error_um;
+        self.error_peak_um = said.error_peak_um;
+        self.commanded = said.command.as_ref().map(|command| Commanded {
+            scan: command.scan,
+            position_mm: command.position_mm,
+            velocity_mm_s: command.velocity_mm_s,
+            torque_nm: command.torque_nm,
+        });
+        if let Some(peak_um) = said.error_peak_since_um {
+            self.frame_peak_um = Some(self.frame_peak_um.unwrap_or(0.0).max(peak_um));
+        }
     }
 }
 

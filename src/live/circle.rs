@@ -76,6 +76,36 @@ pub struct Circle {
     v: AxisVector,
 }
 
+#[cfg(any(feature = "remote", test))]
+impl Bin {
+    /// As somebody on the spot has seen it.
+    pub fn told(mean_um: f64, low_um: f64, high_um: f64) -> Bin {
+        Bin {
+            mean_um,
+            low_um,
+            high_um,
+            samples: 1,
+            last_scan: 0,
+        }
+    }
+}
+
+#[cfg(any(feature = "remote", test))]
+impl Circle {
+    /// As somebody on the spot has seen it: for showing, not for measuring.
+    pub fn told(plane: &str, radius_mm: f64, feed_mm_s: Option<f64>, line: u32) -> Circle {
+        Circle {
+            plane: plane.into(),
+            radius_mm,
+            feed_mm_s,
+            line,
+            centre: AxisVector::zeros(),
+            u: AxisVector::zeros(),
+            v: AxisVector::zeros(),
+        }
+    }
+}
+
 impl Circle {
     fn of(element: &Element) -> Option<Circle> {
         let Shape::Arc {

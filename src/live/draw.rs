@@ -144,6 +144,10 @@ fn bottom_rows(screen: &Screen<'_>, width: u16) -> u16 {
 fn bottom_line(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let palette = screen.palette;
     let line = match &screen.prompt {
+        Prompt::Keys if screen.model.link.is_some() => Line::styled(
+            " seen from another machine, read only   ? help   q quit this view",
+            palette.quiet(),
+        ),
         Prompt::Keys => Line::styled(
             " h hold   r resume   s stop   + - override   ? help   q quit this view",
             palette.quiet(),

@@ -25,6 +25,8 @@ pub enum Weight {
 /// Something that happened.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Event {
+    /// Counted from 1; of a view from another machine, by its server.
+    pub number: u64,
     /// Scan in which it was seen, or is said to have happened.
     pub scan: u64,
     /// In words.
@@ -73,16 +75,31 @@ pub fn process_name(participant: &Participant, machine: &Machine) -> String {
 impl Events {
     /// Notes an event.
     pub fn note(&mut self, scan: u64, weight: Weight, text: String) {
+        self.note_as(self.count + 1, scan, weight, text);
+    }
+
+    /// Notes an event that has a number of its own.
+    pub fn note_as(&mut self, number: u64, scan: u64, weight: Weight, text: String) {
         if self.last.len() == KEPT {
             self.last.pop_front();
         }
         self.last.push_back(Event {
+            number,
             scan,
             text,
             weight,
             often: None,
         });
         self.count += 1;
+    }
+
+    /// Gives the event of this number another text.
+    #[cfg(feature = "remote")]
+    pub fn amend(&mut self, number: u64, text: String) {
+        let mut last = self.last.iter_mut().rev();
+        if let Some(event) = last.find(|event| event.number == number) {
+            event.text = text;
+        }
     }
 
     /// Notes something small: added to the last event of its kind, if that is not long ago.

@@ -214,6 +214,26 @@ impl Feed {
             || page_of(place).is_none_or(|page| page.launcher_pid() != self.page.launcher_pid())
     }
 
+    /// Where the run is over, goes over to the next cell of that name as soon as there is one.
+    pub fn follow(&mut self) {
+        if !self.is_gone() {
+            return;
+        }
+        self.model.ended = true;
+        self.abandon();
+        if page_of(&self.place).is_some_and(|page| page.phase() == CellPhase::Running)
+            && let Ok(feed) = Feed::attach(Some(self.place.name()))
+        {
+            *self = feed;
+        }
+    }
+
+    /// Text of the cell's machine file.
+    #[cfg(feature = "remote")]
+    pub fn machine_text(&self) -> std::io::Result<String> {
+        std::fs::read_to_string(self.place.machine_file())
+    }
+
     /// In real time: waits at the scan's bell for `budget` and takes the periods between its rings. Elsewhere scans have no
     /// period, and it sleeps.
     pub fn watch_periods(&mut self, budget: Duration) {

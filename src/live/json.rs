@@ -26,6 +26,25 @@ struct State<'a> {
     program: ProgramOf<'a>,
     axes: Vec<AxisOf<'a>>,
     processes: Vec<ProcessOf>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    remote: Option<RemoteOf<'a>>,
+}
+
+/// Of a view from another machine.
+#[derive(Serialize)]
+struct RemoteOf<'a> {
+    server: &'a str,
+    data_age_s_max: Option<f64>,
+    data_age_s_min: Option<f64>,
+    round_trip_s: Option<f64>,
+    link_lost: bool,
+    silent_s: f64,
+    snapshots: u64,
+    snapshots_lost: u64,
+    messages_refused: u64,
+    messages_dropped: u64,
+    events: u64,
+    events_lost: u64,
 }
 
 #[derive(Serialize)]
@@ -57,6 +76,9 @@ struct AxisOf<'a> {
     unit: &'static str,
     command_mm: f64,
     feedback_mm: f64,
+    velocity_mm_s: f64,
+    velocity_command_mm_s: Option<f64>,
+    torque_command_nm: Option<f64>,
     following_error_um: Option<f64>,
     following_error_peak_um: f64,
     torque_nm: f64,
@@ -185,7 +207,26 @@ fn state(model: &Model) -> State<'_> {
         program: program(model),
         axes: axes(model),
         processes: processes(model),
+        remote: remote(model),
     }
+}
+
+fn remote(model: &Model) -> Option<RemoteOf<'_>> {
+    let link = model.link.as_ref()?;
+    Some(RemoteOf {
+        server: &link.to,
+        data_age_s_max: link.age_s.map(|(_, max_s)| rounded(max_s, 4)),
+        data_age_s_min: link.age_s.map(|(min_s, _)| rounded(min_s, 4)),
+        round_trip_s: link.round_trip_s.map(|s| rounded(s, 4)),
+        link_lost: link.lost,
+        silent_s: rounded(link.silent_s, 3),
+        snapshots: link.snapshots,
+        snapshots_lost: link.snapshots_lost,
+        messages_refused: link.refused,
+        messages_dropped: link.dropped,
+        events: model.events.count,
+        events_lost: link.events_lost,
+    })
 }
 
 fn program(model: &Model) -> ProgramOf<'_> {
@@ -216,6 +257,9 @@ fn axes(model: &Model) -> Vec<AxisOf<'_>> {
         unit: axis.unit,
         command_mm: rounded(axis.command_mm, 6),
         feedback_mm: rounded(axis.feedback_mm, 6),
+        velocity_mm_s: rounded(axis.velocity_mm_s, 4),
+        velocity_command_mm_s: axis.commanded.map(|c| rounded(c.velocity_mm_s, 4)),
+        torque_command_nm: axis.commanded.map(|c| rounded(c.torque_nm, 4)),
         following_error_um: axis.error_um.map(|error_um| rounded(error_um, 3)),
         following_error_peak_um: rounded(axis.error_peak_um, 3),
         torque_nm: rounded(axis.torque_nm, 4),

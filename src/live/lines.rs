@@ -7,8 +7,8 @@ use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 
 use super::draw::{Screen, draw};
-use super::feed::Feed;
 use super::json::{self, Told};
+use super::source::Source;
 use super::{FRAME, heard};
 use crate::exit::{Failure, Kind, Outcome};
 use crate::output::say;
@@ -20,10 +20,10 @@ const WATCH: Duration = Duration::from_millis(600);
 const SIZE: (u16, u16) = (80, 24);
 
 /// Watches for a moment, then prints one screen or one line.
-pub fn once(mut feed: Feed, as_json: bool) -> Outcome {
+pub fn once(mut feed: Box<dyn Source>, as_json: bool) -> Outcome {
     let started = Instant::now();
     loop {
-        let long_enough = started.elapsed() > WATCH && feed.model.feedback.is_some();
+        let long_enough = started.elapsed() > WATCH && feed.model().feedback.is_some();
         let too_long = started.elapsed() > super::SILENCE;
         feed.look();
         if long_enough || too_long || feed.has_ended() {
@@ -31,14 +31,14 @@ pub fn once(mut feed: Feed, as_json: bool) -> Outcome {
         }
         feed.watch_periods(FRAME);
     }
-    heard(&feed)?;
+    heard(feed.as_ref())?;
     if as_json {
-        say(&json::line(&feed.model, &mut Told::default()));
+        say(&json::line(feed.model(), &mut Told::default()));
         return Ok(());
     }
     let size = ratatui::crossterm::terminal::size();
     let (width, height) = size.ok().filter(|(w, h)| *w > 0 && *h > 0).unwrap_or(SIZE);
-    say(&plain(&Screen::plain(&feed.model), width, height).map_err(Failure::Environment)?);
+    say(&plain(&Screen::plain(feed.model()), width, height).map_err(Failure::Environment)?);
     Ok(())
 }
 
@@ -56,15 +56,15 @@ fn plain(screen: &Screen<'_>, width: u16, height: u16) -> anyhow::Result<String>
 }
 
 /// A line of JSON every 100 ms until the run ends or nobody reads any more.
-pub fn run(mut feed: Feed) -> Outcome {
+pub fn run(mut feed: Box<dyn Source>) -> Outcome {
     let signals = Signals::catch().environment()?;
     let mut told = Told::default();
     let mut due = Instant::now();
     loop {
         feed.look();
-        if feed.model.feedback.is_some() {
+        if feed.model().feedback.is_some() {
             let mut out = std::io::stdout().lock();
-            let line = json::line(&feed.model, &mut told);
+            let line = json::line(feed.model(), &mut told);
             let written = writeln!(out, "{line}").and_then(|()| out.flush());
             if written.is_err() {
                 return Ok(());

@@ -13,8 +13,15 @@ mod json;
 mod lines;
 pub mod model;
 mod palette;
+#[cfg(any(feature = "remote", test))]
+mod picture;
 pub mod proc;
+#[cfg(feature = "remote")]
+mod remote_feed;
 mod reversal;
+#[cfg(feature = "remote")]
+pub mod serve;
+mod source;
 mod terminal;
 #[cfg(test)]
 mod test_support;
@@ -31,7 +38,7 @@ use anyhow::anyhow;
 use crate::cli::{MonitorOptions, StatusOptions};
 use crate::exit::{Failure, Outcome};
 use crate::output::say;
-use feed::Feed;
+use source::Source;
 
 /// Time between two looks of a live view.
 const FRAME: Duration = Duration::from_millis(100);
@@ -40,50 +47,50 @@ const LISTEN: Duration = Duration::from_millis(20);
 /// A cell that has said nothing by then is silent.
 const SILENCE: Duration = Duration::from_secs(2);
 /// So long `status` waits for what is said only now and then (commands, roster), once there is a feedback.
-const ONE_LOOK: Duration = Duration::from_millis(500);
+const ONE_LOOK: Duration = Duration::from_millis(1500);
 
 /// `quadrant status`.
 pub fn status(options: &StatusOptions) -> Outcome {
-    let mut feed = Feed::attach(options.to.cell.as_deref())?;
+    let mut feed = source::of(&options.to)?;
     let started = Instant::now();
     loop {
         feed.look();
-        let limit = if feed.model.feedback.is_some() {
+        let limit = if feed.model().feedback.is_some() {
             ONE_LOOK
         } else {
             SILENCE
         };
-        if feed.model.is_whole() || started.elapsed() > limit || feed.has_ended() {
+        if feed.is_whole() || started.elapsed() > limit || feed.has_ended() {
             break;
         }
         std::thread::sleep(Duration::from_millis(5));
     }
-    heard(&feed)?;
+    heard(feed.as_ref())?;
     if options.json {
-        say(&json::status(&feed.model));
+        say(&json::status(feed.model()));
     } else {
-        say(&text::status(&feed.model));
+        say(&text::status(feed.model()));
     }
     Ok(())
 }
 
 /// `quadrant monitor`.
 pub fn monitor(options: &MonitorOptions) -> Outcome {
-    let cell = options.to.cell.as_deref();
+    let feed = source::of(&options.to)?;
     match (options.once, options.json) {
-        (true, json) => lines::once(Feed::attach(cell)?, json),
-        (false, false) if std::io::stdout().is_terminal() => terminal::run(Feed::attach(cell)?),
-        (false, _) => lines::run(Feed::attach(cell)?),
+        (true, json) => lines::once(feed, json),
+        (false, false) if std::io::stdout().is_terminal() => terminal::run(feed),
+        (false, _) => lines::run(feed),
     }
 }
 
 /// A cell of which nothing was heard has nothing to show.
-fn heard(feed: &Feed) -> Outcome {
-    if feed.model.feedback.is_some() {
+fn heard(feed: &dyn Source) -> Outcome {
+    if feed.model().feedback.is_some() {
         return Ok(());
     }
     Err(Failure::Stopped(anyhow!(
         "cell {:?} is there, but its machine side says nothing: it is being started, or lost",
-        feed.model.cell
+        feed.model().cell
     )))
 }

@@ -41,6 +41,53 @@ pub struct ProcessView {
     pub death: Option<(u64, i32)>,
 }
 
+/// What a view from another machine knows of its link.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct LinkView {
+    /// Where the server is.
+    pub to: String,
+    /// What is shown is at least and at most so old, in s; none before the first round trip.
+    pub age_s: Option<(f64, f64)>,
+    /// The last round trip, in s.
+    pub round_trip_s: Option<f64>,
+    /// Time since the last snapshot came, in s.
+    pub silent_s: f64,
+    /// Whether the link counts as lost.
+    pub lost: bool,
+    /// Snapshots taken.
+    pub snapshots: u64,
+    /// Snapshots that were dropped on the way: the link was too slow for them.
+    pub snapshots_lost: u64,
+    /// Messages that were not believed.
+    pub refused: u64,
+    /// Messages for which there was no room here.
+    pub dropped: u64,
+    /// Events that the server had forgotten before they could be asked for.
+    pub events_lost: u64,
+}
+
+impl LinkView {
+    /// The age of what is shown, in words.
+    pub fn age_words(&self) -> String {
+        match self.age_s {
+            Some((_, max_s)) if max_s < 1.0 => format!("data ≤ {:.0} ms old", max_s * 1e3),
+            Some((_, max_s)) => format!("data ≤ {max_s:.1} s old"),
+            None => "age of data not known yet".into(),
+        }
+    }
+}
+
+/// What a view from another machine is told.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ToldView {
+    /// Name of the program's file.
+    pub program_name: Option<String>,
+    /// Line and text of the block.
+    pub block: Option<(u32, String)>,
+    /// The processes.
+    pub processes: Vec<ProcessView>,
+}
+
 /// A running cell as a looker-on knows it.
 #[derive(Debug)]
 pub struct Model {
@@ -72,6 +119,10 @@ pub struct Model {
     pub ended: bool,
     /// Scans seen, and scans that were lost to this observer because it was not quick enough.
     pub seen_scans: (u64, u64),
+    /// Of a view from another machine: the link.
+    pub link: Option<LinkView>,
+    /// Of a view from another machine: what can only be known on the spot.
+    pub told: Option<ToldView>,
     kinematics: Kinematics,
     roster: Option<Roster>,
     children: Vec<Child>,
@@ -99,6 +150,8 @@ impl Model {
             timing: Timing::new(f64::from(machine.scan.period_us)),
             ended: false,
             seen_scans: (0, 0),
+            link: None,
+            told: None,
             kinematics: program::kinematics_of(&machine),
             roster: None,
             children: Vec::new(),
@@ -238,6 +291,9 @@ impl Model {
 
     /// The processes, in the order of the roster; empty before a roster was heard.
     pub fn processes(&self) -> Vec<ProcessView> {
+        if let Some(told) = &self.told {
+            return told.processes.clone();
+        }
         let Some(roster) = &self.roster else {
             return Vec::new();
         };
@@ -290,6 +346,9 @@ impl Model {
 
     /// Name of the program's file.
     pub fn program_name(&self) -> Option<&str> {
+        if let Some(told) = &self.told {
+            return told.program_name.as_deref();
+        }
         let path = std::path::Path::new(&self.program.as_ref()?.name);
         path.file_name()?.to_str()
     }
@@ -303,6 +362,10 @@ impl Model {
 
     /// Line and text of the block being executed, or of the one where the path was left.
     pub fn block(&self) -> Option<(u32, &str)> {
+        if let Some(told) = &self.told {
+            let (line, text) = told.block.as_ref()?;
+            return Some((*line, text.as_str()));
+        }
         let feedback = self.feedback.as_ref()?;
         let program = self.program.as_ref()?;
         let tag = if feedback.tag.is_off_path() {
@@ -326,7 +389,15 @@ impl Model {
             };
         };
         let mut says = words::says(feedback, &self.machine);
-        if self.ended {
+        if let Some(link) = self.link.as_ref().filter(|link| link.lost) {
+            says = Says {
+                symbol: "✖",
+                state: "NO LINK",
+                detail: format!("link lost for {:.1} s: what is shown is old", link.silent_s),
+                next: "the machine goes on; this view comes back by itself".into(),
+                tone: Tone::Bad,
+            };
+        } else if self.ended {
             says.next = "the run has ended; this view waits for the next one (q quits)".into();
         } else if self.feedback_age_s > 0.5 {
             says = Says {
@@ -339,6 +410,9 @@ impl Model {
                 next: "what is shown is old; the drives brake by themselves".into(),
                 tone: Tone::Bad,
             };
+        }
+        if self.link.as_ref().is_some_and(|link| !link.lost) {
+            says.next = format!("on the controller PC: {}", says.next);
         }
         says
     }

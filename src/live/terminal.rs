@@ -5,14 +5,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
-use bus::page::CellPhase;
 use bus::sample::Order;
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 
 use super::draw::{Prompt, Screen, draw};
-use super::feed::Feed;
 use super::palette::Palette;
+use super::source::Source;
 use super::words::Tone;
 use super::{FRAME, LISTEN};
 use crate::exit::{INTERRUPTED, Kind, Outcome, words};
@@ -27,7 +26,7 @@ const LEAVE_LIMIT: Duration = Duration::from_millis(500);
 const OVERRIDE_STEP: u32 = 10;
 
 /// Shows the cell until somebody quits. The terminal is given back as it was however this ends: by key, signal, error or panic.
-pub fn run(feed: Feed) -> Outcome {
+pub fn run(feed: Box<dyn Source>) -> Outcome {
     let signals = Arc::new(Signals::catch().environment()?);
     let left = Arc::new(AtomicBool::new(false));
     leave_for_certain(Arc::clone(&signals), Arc::clone(&left));
@@ -62,7 +61,7 @@ struct Asked {
 }
 
 struct View {
-    feed: Feed,
+    feed: Box<dyn Source>,
     palette: Palette,
     help: bool,
     prompt: Prompt,
@@ -71,7 +70,7 @@ struct View {
 }
 
 impl View {
-    fn new(feed: Feed) -> Self {
+    fn new(feed: Box<dyn Source>) -> Self {
         View {
             feed,
             palette: Palette::of_environment(),
@@ -86,10 +85,10 @@ impl View {
         loop {
             let due = Instant::now() + FRAME;
             self.feed.look();
-            self.follow_the_cell();
+            self.feed.follow();
             self.take_answer();
             let screen = Screen {
-                model: &self.feed.model,
+                model: self.feed.model(),
                 palette: self.palette,
                 prompt: self.prompt.clone(),
                 help: self.help,
@@ -117,22 +116,6 @@ impl View {
         }
     }
 
-    /// Where the run is over, the next cell of that name is shown as soon as there is one.
-    fn follow_the_cell(&mut self) {
-        if !self.feed.is_gone() {
-            return;
-        }
-        self.feed.model.ended = true;
-        self.feed.abandon();
-        let cell = self.feed.model.cell.clone();
-        if let Ok(place) = bus::cell::CellPlace::new(&cell)
-            && operator::page_of(&place).is_some_and(|page| page.phase() == CellPhase::Running)
-            && let Ok(feed) = Feed::attach(Some(&cell))
-        {
-            self.feed = feed;
-        }
-    }
-
     /// Acts on a key; true for the one that leaves.
     fn key(&mut self, code: KeyCode) -> bool {
         if std::mem::take(&mut self.help) {
@@ -145,6 +128,12 @@ impl View {
             } else {
                 self.say(Prompt::Answer(Tone::Waits, "not stopped".into()));
             }
+            return false;
+        }
+        let order = matches!(code, KeyCode::Char('h' | 'r' | 's' | '+' | '=' | '-'));
+        if order && !self.feed.takes_orders() {
+            let words = "read only from here: orders are given on the controller PC".into();
+            self.say(Prompt::Answer(Tone::Waits, words));
             return false;
         }
         match code {
@@ -161,7 +150,7 @@ impl View {
     }
 
     fn step_override(&mut self, up: bool) {
-        let Some(feedback) = &self.feed.model.feedback else {
+        let Some(feedback) = &self.feed.model().feedback else {
             return;
         };
         let now = feedback.override_percent;
@@ -182,7 +171,7 @@ impl View {
             let words = format!("{}: the run has ended", order.word());
             return self.say(Prompt::Answer(Tone::Waits, words));
         }
-        let cell = self.feed.model.cell.clone();
+        let cell = self.feed.model().cell.clone();
         let (sender, answer) = channel();
         // Ends by itself: with the answer, or when the answer's limit has passed.
         std::thread::spawn(move || {

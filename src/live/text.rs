@@ -22,6 +22,14 @@ pub fn status(model: &Model) -> String {
             feedback.overrun_scans,
         );
     }
+    if let Some(link) = &model.link {
+        let _ = write!(
+            text,
+            "\n  from {}: {}; read only",
+            link.to,
+            link.age_words()
+        );
+    }
     let _ = write!(text, "\n  next: {}", says.next);
     if let Some(words) = progress(model) {
         let _ = write!(text, "\n  {words}");

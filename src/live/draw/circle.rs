@@ -23,7 +23,7 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let (view, palette) = (&screen.model.circle, screen.palette);
     let Some(circle) = &view.circle else {
         let inside = panel(frame, area, "circle", palette);
-        let words = if screen.model.program.is_none() {
+        let words = if screen.model.program_name().is_none() {
             " the program is not known: no circle"
         } else {
             " no arc so far: the plot begins with one"

@@ -156,3 +156,49 @@ fn any_size_and_a_model_of_nothing_are_drawn_without_a_panic() {
         }
     }
 }
+
+#[test]
+fn a_view_from_another_machine_says_how_old_it_is_that_it_is_read_only_and_when_the_link_is_lost() {
+    use crate::live::model::LinkView;
+    let mut model = model();
+    let mut link = LinkView {
+        to: "tcp/192.168.0.7:7447".into(),
+        age_s: Some((0.012, 0.0731)),
+        ..LinkView::default()
+    };
+    model.link = Some(link.clone());
+    for (width, height) in [(80, 24), (160, 50)] {
+        let lines = shown(&Screen::plain(&model), width, height);
+        assert!(
+            lines[2].trim_end().ends_with("data ≤ 73 ms old"),
+            "{}",
+            lines[2]
+        );
+        assert!(
+            lines[2].contains("on the controller PC: h holds"),
+            "{}",
+            lines[2]
+        );
+        let bottom = lines.last().expect("a line");
+        assert!(
+            bottom.contains("read only") && !bottom.contains("s stop"),
+            "{bottom}"
+        );
+    }
+    link.lost = true;
+    link.silent_s = 3.2;
+    link.age_s = Some((3.2, 3.27));
+    model.link = Some(link);
+    let lines = shown(&Screen::plain(&model), 80, 24);
+    assert!(
+        lines[0].contains("NO LINK  link lost for 3.2 s"),
+        "{}",
+        lines[0]
+    );
+    assert!(
+        lines[2].trim_end().ends_with("data ≤ 3.3 s old"),
+        "{}",
+        lines[2]
+    );
+    assert!(lines[2].contains("comes back by itself"), "{}", lines[2]);
+}

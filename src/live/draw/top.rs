@@ -55,6 +55,19 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
         height: 1,
     };
     frame.render_widget(Paragraph::new(Line::styled(right, palette.quiet())), corner);
+    if let Some(link) = &model.link {
+        let words = format!(" {} ", link.age_words());
+        let width = (words.chars().count() as u16).min(area.width);
+        let corner = Rect {
+            x: area.x + area.width - width,
+            y: area.y + 2,
+            width,
+            height: 1,
+        };
+        let old = link.age_s.is_none_or(|(_, max_s)| max_s > 1.0);
+        let style = if old { palette.warn() } else { palette.quiet() };
+        frame.render_widget(Paragraph::new(Line::styled(words, style)), corner);
+    }
 }
 
 /// How far the program is, as a bar and in words, with `kept` columns left free at the end.

@@ -1,0 +1,301 @@
+"""The samples of a quadrant cell as ctypes structures, in the layout in which they lie in shared memory.
+
+Made by `UPDATE=1 cargo test -p bus --test python_layout`; do not edit. Units stand in the names; positions are in increments
+(`increment_nm` in the machine file, 1 nm or 1 microdegree by default).
+"""
+
+import ctypes
+from ctypes import c_double, c_int32, c_int64, c_uint32, c_uint64
+
+
+class WindowId(ctypes.Structure):
+    """16 bytes."""
+
+    _fields_ = [
+        ("checksum", c_uint64),  # at 0
+        ("sequence", c_uint32),  # at 8
+        ("incarnation", c_uint32),  # at 12
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "quadrant/WindowId/1"
+
+
+assert ctypes.sizeof(WindowId) == 16
+
+
+class PathTag(ctypes.Structure):
+    """16 bytes."""
+
+    _fields_ = [
+        ("distance_mm", c_double),  # at 0
+        ("element", c_uint32),  # at 8
+        ("dwell_remaining_scans", c_uint32),  # at 12
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "quadrant/PathTag/1"
+
+
+assert ctypes.sizeof(PathTag) == 16
+
+
+class AxisFeedback(ctypes.Structure):
+    """104 bytes."""
+
+    _fields_ = [
+        ("motor_position", c_int64),  # at 0
+        ("scale_position", c_int64),  # at 8
+        ("command_register", c_int64),  # at 16
+        ("jog_target", c_int64),  # at 24
+        ("command_scan", c_uint64),  # at 32
+        ("velocity_mm_s", c_double),  # at 40
+        ("velocity_command_mm_s", c_double),  # at 48
+        ("torque_nm", c_double),  # at 56
+        ("winding_k", c_double),  # at 64
+        ("missed_scans", c_uint32),  # at 72
+        ("missed_in_a_row", c_uint32),  # at 76
+        ("taken_incarnation", c_uint32),  # at 80
+        ("taken_role", c_uint32),  # at 84
+        ("cause", c_uint32),  # at 88
+        ("torque_limited", c_uint32),  # at 92
+        ("driver", c_uint32),  # at 96
+        ("reserved", c_uint32),  # at 100
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "quadrant/AxisFeedback/2"
+
+
+assert ctypes.sizeof(AxisFeedback) == 104
+
+
+class Feedback(ctypes.Structure):
+    """1072 bytes."""
+
+    _fields_ = [
+        ("scan", c_uint64),  # at 0
+        ("visible_from", c_uint64),  # at 8
+        ("window", WindowId),  # at 16
+        ("armed", WindowId),  # at 32
+        ("voided", WindowId),  # at 48
+        ("program_hash", c_uint64),  # at 64
+        ("tag", PathTag),  # at 72
+        ("left_at", PathTag),  # at 88
+        ("cause_scan", c_uint64),  # at 104
+        ("program_start", c_int64 * 8),  # at 112
+        ("row", c_uint32),  # at 176
+        ("at_rest", c_uint32),  # at 180
+        ("epoch", c_uint32),  # at 184
+        ("incarnation", c_uint32),  # at 188
+        ("mode", c_uint32),  # at 192
+        ("cause", c_uint32),  # at 196
+        ("cause_axis", c_uint32),  # at 200
+        ("override_percent", c_uint32),  # at 204
+        ("hold", c_uint32),  # at 208
+        ("last", c_uint32),  # at 212
+        ("overrun_scans", c_uint32),  # at 216
+        ("axis_count", c_uint32),  # at 220
+        ("load", c_uint32),  # at 224
+        ("program", c_uint32),  # at 228
+        ("run", c_uint32),  # at 232
+        ("reserved", c_uint32),  # at 236
+        ("axes", AxisFeedback * 8),  # at 240
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "quadrant/Feedback/4"
+
+
+assert ctypes.sizeof(Feedback) == 1072
+
+
+class Instruments(ctypes.Structure):
+    """1064 bytes."""
+
+    _fields_ = [
+        ("scan", c_uint64),  # at 0
+        ("visible_from", c_uint64),  # at 8
+        ("motion_digest_high", c_uint64),  # at 16
+        ("motion_digest_low", c_uint64),  # at 24
+        ("subsamples", c_uint32),  # at 32
+        ("axis_count", c_uint32),  # at 36
+        ("table_mm", (c_double * 8) * 8),  # at 40
+        ("motor_mm", (c_double * 8) * 8),  # at 552
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "quadrant/Instruments/1"
+
+
+assert ctypes.sizeof(Instruments) == 1064
+
+
+class ManualState(ctypes.Structure):
+    """72 bytes."""
+
+    _fields_ = [
+        ("command_position", c_int64),  # at 0
+        ("goal", c_int64),  # at 8
+        ("step", c_int64),  # at 16
+        ("steady_deviation", c_int64),  # at 24
+        ("stored_error", c_int64),  # at 32
+        ("fade_mm_s", c_double),  # at 40
+        ("return_mm_s", c_double),  # at 48
+        ("drove", c_uint32),  # at 56
+        ("phase", c_uint32),  # at 60
+        ("settled_scans", c_uint32),  # at 64
+        ("waited_scans", c_uint32),  # at 68
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "quadrant/ManualState/1"
+
+
+assert ctypes.sizeof(ManualState) == 72
+
+
+class ControllerState(ctypes.Structure):
+    """504 bytes."""
+
+    _fields_ = [
+        ("command_position", c_int64),  # at 0
+        ("feedback_position", c_int64),  # at 8
+        ("command_position_before", c_int64),  # at 16
+        ("scan", c_uint64),  # at 24
+        ("period_start", c_int64),  # at 32
+        ("period_start_before", c_int64),  # at 40
+        ("backlash_mm", c_double),  # at 48
+        ("integrator_nm", c_double),  # at 56
+        ("velocity_mm_s", c_double),  # at 64
+        ("trigger_speed_mm_s", c_double),  # at 72
+        ("kick_mm_s", c_double),  # at 80
+        ("kick_trigger_mm_s", c_double),  # at 88
+        ("kick_distance_mm", c_double),  # at 96
+        ("observer_n", c_double),  # at 104
+        ("motor_position", c_int64),  # at 112
+        ("scale_correction_mm", c_double),  # at 120
+        ("kick_remaining_scans", c_uint32),  # at 128
+        ("armed", c_uint32),  # at 132
+        ("direction", c_int32),  # at 136
+        ("torque_limited_scans", c_uint32),  # at 140
+        ("kicks", c_uint32),  # at 144
+        ("initialised", c_uint32),  # at 148
+        ("cause", c_uint32),  # at 152
+        ("kick_direction", c_int32),  # at 156
+        ("torque_feed_forward_nm", c_double * 2),  # at 160
+        ("inverse_dynamics", c_double * 32),  # at 176
+        ("manual", ManualState),  # at 432
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "quadrant/ControllerState/3"
+
+
+assert ctypes.sizeof(ControllerState) == 504
+
+
+class AxisCommand(ctypes.Structure):
+    """656 bytes."""
+
+    _fields_ = [
+        ("scan", c_uint64),  # at 0
+        ("visible_from", c_uint64),  # at 8
+        ("position", c_int64),  # at 16
+        ("velocity_mm_s", c_double),  # at 24
+        ("torque_nm", c_double),  # at 32
+        ("feed_forward_mm_s", c_double),  # at 40
+        ("following_error_mm", c_double),  # at 48
+        ("stop_deceleration_mm_s2", c_double),  # at 56
+        ("held", WindowId),  # at 64
+        ("pending", WindowId),  # at 80
+        ("refused", WindowId),  # at 96
+        ("tag", PathTag),  # at 112
+        ("state", ControllerState),  # at 128
+        ("axis", c_uint32),  # at 632
+        ("role", c_uint32),  # at 636
+        ("incarnation", c_uint32),  # at 640
+        ("drive_mode", c_uint32),  # at 644
+        ("cause", c_uint32),  # at 648
+        ("jog_done", c_uint32),  # at 652
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "quadrant/AxisCommand/3"
+
+
+assert ctypes.sizeof(AxisCommand) == 656
+
+
+class PlannerStatus(ctypes.Structure):
+    """80 bytes."""
+
+    _fields_ = [
+        ("scan", c_uint64),  # at 0
+        ("visible_from", c_uint64),  # at 8
+        ("program_hash", c_uint64),  # at 16
+        ("published", WindowId),  # at 24
+        ("path_length_mm", c_double),  # at 40
+        ("path_done_mm", c_double),  # at 48
+        ("incarnation", c_uint32),  # at 56
+        ("finished", c_uint32),  # at 60
+        ("cause", c_uint32),  # at 64
+        ("windows", c_uint32),  # at 68
+        ("load", c_uint32),  # at 72
+        ("reserved", c_uint32),  # at 76
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "quadrant/PlannerStatus/2"
+
+
+assert ctypes.sizeof(PlannerStatus) == 80
+
+
+class Participant(ctypes.Structure):
+    """40 bytes."""
+
+    _fields_ = [
+        ("death_scan", c_uint64),  # at 0
+        ("job", c_uint32),  # at 8
+        ("axis", c_uint32),  # at 12
+        ("role", c_uint32),  # at 16
+        ("incarnation", c_uint32),  # at 20
+        ("live", c_uint32),  # at 24
+        ("death_signal", c_int32),  # at 28
+        ("death_status", c_int32),  # at 32
+        ("stalled", c_uint32),  # at 36
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "quadrant/Participant/2"
+
+
+assert ctypes.sizeof(Participant) == 40
+
+
+class Roster(ctypes.Structure):
+    """976 bytes."""
+
+    _fields_ = [
+        ("version", c_uint64),  # at 0
+        ("visible_from", c_uint64),  # at 8
+        ("participants", Participant * 24),  # at 16
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "quadrant/Roster/2"
+
+
+assert ctypes.sizeof(Roster) == 976
