@@ -52,9 +52,9 @@ pub enum Command {
     Stop(OperatorOptions),
     /// Set the feed override of a running cell, 0 to 100 percent; 0 stands like a hold
     Override(OverrideOptions),
-    /// Move one axis of a running cell by hand: at rest in hold only, at the machine file's reduced jog speed
+    /// Move one axis of a running cell by hand, at the machine file's reduced jog speed: ready, stopped, or at rest in hold
     Jog(JogOptions),
-    /// Drives on, in hold: nothing moves before `resume`
+    /// Drives on: ready for a program, or in hold, where nothing moves before `resume`
     Enable(OperatorOptions),
     /// Drives off: at rest in hold or stopped only; the position is not lost when the axes are pushed
     Disable(OperatorOptions),
@@ -127,6 +127,9 @@ pub struct RunOptions {
     /// If the run goes well: learn from it what the model lacks at reversals, into learned.toml beside the machine file
     #[arg(long, conflicts_with = "no_learned")]
     pub learn: bool,
+    /// Show `quadrant monitor` in this terminal meanwhile; closing it (q) ends nothing
+    #[arg(long)]
+    pub view: bool,
     /// Go without what earlier runs have taught (learned.toml beside the machine file)
     #[arg(long)]
     pub no_learned: bool,
@@ -166,6 +169,9 @@ pub struct UpOptions {
     /// Name of the cell, when several share a PC [default: the machine's own name]
     #[arg(long, value_name = "NAME")]
     pub cell: Option<String>,
+    /// Show `quadrant monitor` in this terminal meanwhile; closing it (q) ends nothing
+    #[arg(long)]
+    pub view: bool,
     /// Go without what earlier runs have taught (learned.toml beside the machine file)
     #[arg(long)]
     pub no_learned: bool,
@@ -336,7 +342,7 @@ pub struct ScopeOptions {
 #[derive(Debug, Clone, Args)]
 pub struct OverrideOptions {
     /// Share of the programmed feeds and rapids, in percent
-    #[arg(allow_negative_numbers = true)]
+    #[arg(allow_negative_numbers = true, value_parser = percent)]
     pub percent: f64,
     #[command(flatten)]
     pub to: OperatorOptions,
@@ -349,6 +355,9 @@ pub struct JogOptions {
     /// Distance from where the axis stands, in mm (degrees of a rotary axis), signed
     #[arg(allow_negative_numbers = true)]
     pub distance: f64,
+    /// Wait until the axis stands
+    #[arg(long)]
+    pub wait: bool,
     #[command(flatten)]
     pub to: OperatorOptions,
 }
@@ -385,6 +394,9 @@ pub struct ReportOptions {
     /// Print report.json instead of the text
     #[arg(long)]
     pub json: bool,
+    /// Yield to everything else on this PC
+    #[arg(long, hide = true)]
+    pub background: bool,
 }
 
 #[derive(Debug, Clone, Args)]
@@ -582,6 +594,11 @@ fn number(text: &str) -> Result<f64, String> {
     } else {
         Err("must be finite".into())
     }
+}
+
+/// A number, with or without its sign of percent.
+fn percent(text: &str) -> Result<f64, String> {
+    number(text.strip_suffix('%').unwrap_or(text))
 }
 
 fn above_zero(text: &str) -> Result<f64, String> {

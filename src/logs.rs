@@ -2,7 +2,7 @@
 
 use std::io::{BufRead, BufReader, IsTerminal, Write};
 use std::process::ChildStderr;
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use indicatif::ProgressBar;
 
@@ -23,11 +23,36 @@ pub fn write_above(bar: &ProgressBar) {
     let _ = BAR.set(bar.clone());
 }
 
+/// Lines that wait until the terminal is free again.
+static HELD: Mutex<Option<Vec<u8>>> = Mutex::new(None);
+/// The most bytes that wait; of more, the first are kept.
+const HELD_BYTES_MAX: usize = 256 << 10;
+
+/// Keeps log lines back: the terminal shows something else.
+pub fn hold_back() {
+    let mut held = HELD.lock().unwrap_or_else(PoisonError::into_inner);
+    held.get_or_insert_with(Vec::new);
+}
+
+/// Writes what was kept back, and all else as it comes.
+pub fn release() {
+    let held = HELD.lock().unwrap_or_else(PoisonError::into_inner).take();
+    if let Some(lines) = held {
+        let _ = std::io::stderr().write_all(&lines);
+    }
+}
+
 /// Standard error, with the progress bar taken away while a line is written.
 struct AboveTheBar;
 
 impl Write for AboveTheBar {
     fn write(&mut self, buffer: &[u8]) -> std::io::Result<usize> {
+        if let Some(held) = &mut *HELD.lock().unwrap_or_else(PoisonError::into_inner) {
+            if held.len() + buffer.len() <= HELD_BYTES_MAX {
+                held.extend_from_slice(buffer);
+            }
+            return Ok(buffer.len());
+        }
         // A terminal that is gone is no reason to lose the run: what cannot be written is dropped.
         let written = match BAR.get() {
             Some(bar) => bar.suspend(|| std::io::stderr().write_all(buffer)),

@@ -31,6 +31,7 @@ mod supervise;
 mod supervisor;
 mod tune;
 mod up;
+mod view;
 
 use bus::sample::Order;
 use clap::Parser;

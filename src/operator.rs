@@ -12,9 +12,12 @@ use bus::port::OperatorClient;
 use bus::sample::{Mode, OperatorRequest, OperatorResponse, Order, Refused};
 use bus::service::Bus;
 
+mod eyes;
 mod program;
 
 pub use program::{down, load, start};
+
+use eyes::Eyes;
 
 use crate::cli::{JogOptions, OperatorOptions, OverrideOptions};
 use crate::exit::{Failure, Kind, Outcome};
@@ -44,11 +47,20 @@ fn obeyed(order: Order, answer: &OperatorResponse) -> String {
     let mode = Mode::from_wire(answer.mode);
     match (order, mode) {
         (Order::Hold, Some(Mode::Jogging)) => "hold: the jog comes to rest".into(),
+        (Order::Hold, Some(Mode::Disabled | Mode::Ready | Mode::Stopped)) => {
+            "hold: latched, nothing moves before resume".into()
+        }
         (Order::Hold, _) => "hold: the tool comes to rest on the path".to_string(),
+        (Order::Resume, Some(Mode::Ready)) => "hold released".into(),
         (Order::Resume, _) => "resumed".into(),
         (Order::Stop, Some(Mode::Disabled)) => "stopped: the drives are off".into(),
         (Order::Stop, Some(Mode::Stopped)) => "stopped".into(),
+        (Order::Stop, Some(Mode::Ready)) => "at rest: no program is under way".into(),
+        (Order::Stop, Some(Mode::Tripped)) => {
+            "the machine has tripped: it stays where it stands".into()
+        }
         (Order::Stop, _) => "stopping: the tool comes to rest".into(),
+        (Order::Enable, Some(Mode::Ready)) => "drives on, ready".into(),
         (Order::Enable, _) if answer.hold == 1 => "drives on, in hold: resume moves".into(),
         (Order::Enable, _) => "drives on".into(),
         (Order::Disable, _) => "drives off: positions follow the axes".into(),
@@ -67,20 +79,24 @@ pub fn set_override(options: &OverrideOptions) -> Outcome {
 /// `jog`.
 pub fn jog(options: &JogOptions) -> Outcome {
     let client = Client::find(options.to.cell.as_deref(), "operator")?;
-    let axis =
-        axis_index(&client.machine, &options.axis).map_err(|e| Failure::Input(anyhow!(e)))?;
+    let axis = axis_index(&client.machine, &options.axis.to_uppercase())
+        .map_err(|e| Failure::Input(anyhow!(e)))?;
     let request = OperatorRequest {
         order: Order::Jog as u32,
         axis,
         value: options.distance,
     };
-    client.ask(Order::Jog, request)?;
+    let mut eyes = Eyes::open(&client)?;
+    let answer = client.ask(Order::Jog, request)?;
     say(&format!(
         "jogging {} by {} {}",
         options.axis,
         options.distance,
         client.unit(axis)
     ));
+    if options.wait {
+        return eyes.until_jogged(answer.scan);
+    }
     Ok(())
 }
 
@@ -156,21 +172,36 @@ impl Client {
 
     /// Sends an order and waits for its answer; a refusal is a failure with its reason.
     fn ask(&self, order: Order, request: OperatorRequest) -> Result<OperatorResponse, Failure> {
+        let answer = self.hear(order, request)?;
+        self.accepted(order, &request, answer)
+    }
+
+    /// A refusal is a failure with its reason.
+    fn accepted(
+        &self,
+        order: Order,
+        request: &OperatorRequest,
+        answer: OperatorResponse,
+    ) -> Result<OperatorResponse, Failure> {
+        match Refused::from_wire(answer.reason) {
+            Some(Refused::Not) => Ok(answer),
+            reason => Err(Failure::Stopped(anyhow!(
+                "{} refused: {}",
+                order.word(),
+                self.words(reason, order, request, &answer)
+            ))),
+        }
+    }
+
+    /// Sends an order and waits for its answer, which may be a refusal.
+    fn hear(&self, order: Order, request: OperatorRequest) -> Result<OperatorResponse, Failure> {
         let operator = self.bus.operator_client().environment()?;
         let answer = self.answer(&operator, order, request);
         if self.has_ended() {
             // What is closed now would be the service of the next cell of that name.
             std::mem::forget(operator);
         }
-        let answer = answer?;
-        match Refused::from_wire(answer.reason) {
-            Some(Refused::Not) => Ok(answer),
-            reason => Err(Failure::Stopped(anyhow!(
-                "{} refused: {}",
-                order.word(),
-                self.words(reason, &request, &answer)
-            ))),
-        }
+        answer
     }
 
     fn answer(
@@ -207,6 +238,7 @@ impl Client {
     fn words(
         &self,
         reason: Option<Refused>,
+        order: Order,
         request: &OperatorRequest,
         answer: &OperatorResponse,
     ) -> String {
@@ -215,6 +247,8 @@ impl Client {
         };
         let mode = Mode::from_wire(answer.mode).map_or("in an unknown mode", Mode::word);
         match reason {
+            Refused::BadValue if order == Order::Override => "an override is 0 to 100 %".into(),
+            Refused::BadValue if order == Order::Jog => "a jog is any distance but 0".into(),
             Refused::BeyondTravel => format!(
                 "{}: it may be {:.3} to {:.3} {}",
                 reason.words(),
@@ -248,7 +282,9 @@ fn only_one() -> Result<CellPlace, Failure> {
     }
     let names: Vec<&str> = running.iter().map(CellPlace::name).collect();
     match names.len() {
-        0 => Err(Failure::Stopped(anyhow!("no cell runs"))),
+        0 => Err(Failure::Stopped(anyhow!(
+            "no cell runs: `quadrant up MACHINE` starts one that stays, `quadrant run` one for a program"
+        ))),
         1 => Ok(running.remove(0)),
         _ => Err(Failure::Input(anyhow!(
             "several cells run: name one with --cell: {}",

@@ -21,6 +21,7 @@ use crate::output::say;
 use crate::run_dir::{RunDir, Sources, default_folder, program_name};
 use crate::signals::Signals;
 use crate::supervise::{Ending, Subject, Watch, stop_words, supervise};
+use crate::view::{self, View};
 use crate::{doctor, exit, learn, logs, metrics, report, service_manager};
 
 /// Members of a dead launcher get so long to stop on the path and leave.
@@ -30,6 +31,9 @@ const MEMBERS_PATIENCE: Duration = Duration::from_secs(10);
 pub fn run(options: &RunOptions) -> Outcome {
     logs::init_launcher();
     program_name(&options.program).input()?;
+    if options.view {
+        view::check().input()?;
+    }
     let checked = check::load(&options.machine, Some(&options.program)).input()?;
     if let Some(orders) = &options.orders {
         order_file::load(orders, &checked.machine).input()?;
@@ -101,7 +105,7 @@ pub fn run(options: &RunOptions) -> Outcome {
     };
     let mut events = Events::create(&run_dir.folder).environment()?;
     note_started(&group, &mut events);
-    let watch = Watch::new(&group, &checked.machine, true).environment()?;
+    let watch = Watch::new(&group, &checked.machine, !options.view).environment()?;
     group.begin();
     service_manager::ready();
     let shown = options.program.display();
@@ -111,6 +115,11 @@ pub fn run(options: &RunOptions) -> Outcome {
         path: checked.program.as_ref().map(|program| &program.path),
         faults,
         session: None,
+        view: options
+            .view
+            .then(|| View::open(cell_name))
+            .transpose()
+            .environment()?,
     };
     let ending = supervise(&mut group, subject, watch, &signals, &mut events);
     drop(group);

@@ -2,19 +2,18 @@
 //! report once it is over.
 
 use std::fs;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use bus::cell::CellPlace;
 use bus::sample::{Cause, Feedback, Mode, ProgramState};
-use rustix::process::{Pid, setpriority_process};
 use serde_json::Value;
 
 use crate::events::{Event, Events};
+use crate::signals::Signals;
 
-/// Niceness of the processes that make reports: they share the PC with a machine that moves.
-const REPORT_NICENESS: i32 = 19;
 /// So long the reports that are still being made may hold up the end of the cell.
 const REPORT_LIMIT: Duration = Duration::from_secs(120);
 const REPORT_LOOK: Duration = Duration::from_millis(20);
@@ -34,15 +33,29 @@ pub struct Session {
     place: CellPlace,
     /// Runs whose report is made or on its way.
     reported: u32,
-    /// The run that was said to have begun.
+    /// Runs whose logs are whole.
+    logged: u32,
+    /// Runs that were said to have begun.
     begun: u32,
     /// Programs of lower numbers are gone.
     pruned: u32,
+    /// The program that was loaded, and the scan in which this was seen.
+    loaded: Option<(u32, u64)>,
     /// State that was said last.
     said: Option<(u32, u32, u32)>,
     /// A run that is over, and the scan whose samples its log must have.
     over: Option<(u32, u64)>,
-    reports: Vec<Report>,
+    /// One at a time, beside a machine that moves.
+    report: Option<Report>,
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        if let Some(mut report) = self.report.take() {
+            let _ = report.child.kill();
+            let _ = report.child.wait();
+        }
+    }
 }
 
 impl Session {
@@ -52,50 +65,54 @@ impl Session {
             folder: folder.into(),
             place: place.clone(),
             reported: 0,
+            logged: 0,
             begun: 0,
             pruned: 0,
+            loaded: None,
             said: None,
             over: None,
-            reports: Vec::new(),
+            report: None,
         }
     }
 
     /// Looks at the newest feedback; the recorder has taken `recorded_scans`.
     pub fn look(&mut self, feedback: &Feedback, recorded_scans: u64, events: &mut Events) {
         self.say_state(feedback, events);
-        self.prune(feedback);
-        let begun = feedback.program == ProgramState::Begun as u32;
-        if begun && feedback.run != self.begun && self.folder_of(feedback.run).is_some() {
-            self.begun = feedback.run;
-            let folder = self.folder_of(feedback.run).unwrap_or_default();
-            tracing::info!("run {} begins: {}", feedback.run, folder.display());
-            let text = Some(folder.display().to_string());
+        self.prune(feedback, recorded_scans);
+        while self.begun < feedback.run {
+            self.begun += 1;
+            tracing::info!("run {} begins", self.begun);
+            let text = Some(format!("run {}", self.begun));
             events.write(&Event::of_cell(feedback.scan, "run begins", text));
         }
-        let done = feedback.run - u32::from(begun);
-        if done > self.reported && self.over.is_none_or(|(run, _)| run != done) {
+        let begun = feedback.program == ProgramState::Begun as u32;
+        let done = feedback.run.saturating_sub(u32::from(begun));
+        if done > self.logged && self.over.is_none_or(|(run, _)| run != done) {
             self.over = Some((done, feedback.scan));
         }
         if let Some((run, scan)) = self.over
             && recorded_scans > scan
         {
-            self.report_until(run);
+            self.logged = run;
+            self.over = None;
         }
-        self.reap(feedback.scan, events);
+        self.make_reports(feedback.scan, events);
     }
 
-    /// The cell has ended: the last report too is made.
-    pub fn finish(&mut self, last: &Feedback, events: &mut Events) {
-        self.report_until(last.run);
-        let started = Instant::now();
-        while !self.reports.is_empty() && started.elapsed() < REPORT_LIMIT {
-            self.reap(last.scan, events);
+    /// The cell has ended: the reports that are missing are made, unless somebody is in a hurry.
+    pub fn finish(&mut self, last: &Feedback, signals: &Signals, events: &mut Events) {
+        self.logged = last.run;
+        let (started, before) = (Instant::now(), signals.count());
+        loop {
+            self.make_reports(last.scan, events);
+            let Some(report) = &self.report else { return };
+            let hurry = signals.count() > before;
+            if hurry || started.elapsed() > REPORT_LIMIT {
+                let folder = report.folder.display();
+                tracing::warn!("not waited for: `quadrant report {folder}` makes it");
+                return;
+            }
             std::thread::sleep(REPORT_LOOK);
-        }
-        for mut report in self.reports.drain(..) {
-            tracing::warn!("{}: its report takes too long", report.folder.display());
-            let _ = report.child.kill();
-            let _ = report.child.wait();
         }
     }
 
@@ -113,48 +130,46 @@ impl Session {
                 cause => format!(": {}", cause.map_or("an unknown cause", Cause::words)),
             };
             let text = format!("{}{cause}, program {program}", mode.word());
-            tracing::info!("scan {}: {text}", feedback.scan);
+            tracing::info!("by scan {}: {text}", feedback.scan);
             events.write(&Event::of_cell(feedback.scan, "state", Some(text)));
         }
         self.said = Some(state);
     }
 
-    /// Programs that have been replaced are not needed any more.
-    fn prune(&mut self, feedback: &Feedback) {
+    /// Programs that have been replaced are not needed any more, once the recorder too has come to where they were.
+    fn prune(&mut self, feedback: &Feedback, recorded_scans: u64) {
         let read = feedback.program >= ProgramState::Loaded as u32;
-        if read && feedback.load > self.pruned {
-            self.pruned = feedback.load;
-            for entry in fs::read_dir(self.place.programs())
-                .into_iter()
-                .flatten()
-                .flatten()
-            {
-                let number = entry
-                    .file_name()
-                    .to_str()
-                    .and_then(|name| name.parse().ok());
-                if number.is_some_and(|number: u32| number < feedback.load) {
-                    let _ = fs::remove_dir_all(entry.path());
-                }
+        if read && self.loaded.is_none_or(|(load, _)| load != feedback.load) {
+            self.loaded = Some((feedback.load, feedback.scan));
+        }
+        let Some((load, scan)) = self.loaded else {
+            return;
+        };
+        if load <= self.pruned || recorded_scans <= scan {
+            return;
+        }
+        self.pruned = load;
+        let programs = fs::read_dir(self.place.programs()).into_iter().flatten();
+        for entry in programs.flatten() {
+            let name = entry.file_name();
+            let number = name.to_str().and_then(|name| name.parse().ok());
+            if number.is_some_and(|number: u32| number < load) {
+                let _ = fs::remove_dir_all(entry.path());
             }
         }
     }
 
     /// Folder of a run, once the recorder has made it.
     fn folder_of(&self, run: u32) -> Option<PathBuf> {
-        let start = format!("{run:03}-");
         let entries = fs::read_dir(&self.folder).ok()?.flatten();
         let mut folders = entries.map(|entry| entry.path());
-        folders.find(|path| {
-            let name = path.file_name().and_then(|name| name.to_str());
-            path.is_dir() && name.is_some_and(|name| name.starts_with(&start))
-        })
+        folders.find(|path| path.is_dir() && monitor::run_number(path) == Some(run))
     }
 
-    /// Has the reports of all runs up to this one made, by processes beside the cell.
-    fn report_until(&mut self, run: u32) {
-        self.over = None;
-        while self.reported < run {
+    /// Has the reports of all runs whose logs are whole made, one after the other, by processes beside the cell.
+    fn make_reports(&mut self, scan: u64, events: &mut Events) {
+        self.reap(scan, events);
+        while self.report.is_none() && self.reported < self.logged {
             self.reported += 1;
             let Some(folder) = self.folder_of(self.reported) else {
                 tracing::warn!("run {} has left no log", self.reported);
@@ -163,14 +178,15 @@ impl Session {
             let child = Command::new("/proc/self/exe")
                 .arg("report")
                 .arg(&folder)
+                .arg("--background")
                 .stdin(Stdio::null())
                 .stdout(Stdio::null())
+                // Ctrl-C goes to the launcher alone.
+                .process_group(0)
                 .spawn();
             match child {
                 Ok(child) => {
-                    let pid = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
-                    let _ = setpriority_process(pid, REPORT_NICENESS);
-                    self.reports.push(Report {
+                    self.report = Some(Report {
                         run: self.reported,
                         folder,
                         child,
@@ -182,20 +198,21 @@ impl Session {
     }
 
     fn reap(&mut self, scan: u64, events: &mut Events) {
-        self.reports.retain_mut(|report| {
-            let Ok(Some(status)) = report.child.try_wait() else {
-                return true;
-            };
-            let outcome = if status.success() {
-                outcome_of(&report.folder)
-            } else {
-                format!("no report could be made ({status})")
-            };
-            let text = format!("{}: {outcome}", report.folder.display());
-            tracing::info!("run {}: {text}", report.run);
-            events.write(&Event::of_cell(scan, "run over", Some(text)));
-            false
-        });
+        let Some(report) = &mut self.report else {
+            return;
+        };
+        let Ok(Some(status)) = report.child.try_wait() else {
+            return;
+        };
+        let outcome = if status.success() {
+            outcome_of(&report.folder)
+        } else {
+            format!("no report could be made ({status})")
+        };
+        let text = format!("{}: {outcome}", report.folder.display());
+        tracing::info!("run {}: {text}", report.run);
+        events.write(&Event::of_cell(scan, "run over", Some(text)));
+        self.report = None;
     }
 }
 

@@ -20,6 +20,7 @@ use crate::service_manager;
 use crate::session::Session;
 use crate::signals::Signals;
 use crate::supervisor::{Supervisor, Verdict};
+use crate::view::View;
 
 /// So long the machine may take to come to rest once it was told to.
 const STOP_LIMIT: Duration = Duration::from_secs(15);
@@ -71,6 +72,8 @@ pub struct Subject<'a> {
     pub faults: Option<FaultScript>,
     /// The programs of a cell that stays up.
     pub session: Option<Session>,
+    /// The live view in this terminal.
+    pub view: Option<View>,
 }
 
 /// Watches the group until its machine side has ended, and stops it in order when asked to or when it has to.
@@ -86,6 +89,7 @@ pub fn supervise(
         path,
         faults,
         mut session,
+        mut view,
     } = subject;
     let axes: Vec<String> = machine.axes.iter().map(|axis| axis.name.clone()).collect();
     let mut deaths: Vec<Death> = Vec::new();
@@ -104,6 +108,9 @@ pub fn supervise(
         let limit = if often { LOOK_OFTEN } else { LOOK_EVERY };
         group.wait(Some(signals.descriptor()), limit);
         group.greet();
+        if let Some(view) = &mut view {
+            view.look();
+        }
         let newest = watch.progress.look(path).copied();
         group.newest_scan = newest.map_or(0, |feedback| feedback.scan);
         if let Some(feedback) = newest {
@@ -146,7 +153,10 @@ pub fn supervise(
             });
         }
         let waits = newest.filter(|_| deaths.iter().any(|death| death.replaced));
-        let hint = waits.and_then(|feedback| waits_for(&feedback, &machine.restart, &cell));
+        let hint = waits.and_then(|feedback| match session {
+            None => waits_for(&feedback, &machine.restart, &cell),
+            Some(_) => lost_in(&feedback, &cell),
+        });
         if hint != hinted && !supervisor.is_busy(group) {
             if let Some(hint) = &hint {
                 tracing::warn!("{hint}");
@@ -187,6 +197,8 @@ pub fn supervise(
             break;
         }
     }
+    drop(view);
+    service_manager::stopping();
     let in_order = !group.lives(Job::Machine);
     if in_order {
         let machine_lost = |d: &Death| d.is_untimely(Job::Machine) && !d.replaced;
@@ -207,7 +219,11 @@ pub fn supervise(
     watch.progress.finish();
     let last = watch.progress.newest().copied();
     if let (Some(session), Some(last)) = (&mut session, &last) {
-        session.finish(last, events);
+        // Whoever looks for the cell now finds none; its last report is still being made.
+        group.page.set_phase(CellPhase::Ending);
+        if in_order {
+            session.finish(last, signals, events);
+        }
     }
     if let Some(last) = &last {
         let how = stop_words(last, &axes);
@@ -240,6 +256,25 @@ fn waits_for(feedback: &Feedback, restart: &Restart, cell: &str) -> Option<Strin
         _ => return None,
     };
     Some(format!("{orders}; Ctrl-C ends the run"))
+}
+
+/// The same of a cell that stays up, where a process was lost; what an operator waits for he knows himself.
+fn lost_in(feedback: &Feedback, cell: &str) -> Option<String> {
+    let cause = Cause::from_wire(feedback.cause)?;
+    let begun = feedback.program == ProgramState::Begun as u32;
+    let then = if begun {
+        format!("`quadrant resume --cell {cell}` returns to the path and goes on")
+    } else {
+        format!("`quadrant enable --cell {cell}` makes it ready")
+    };
+    match (Mode::from_wire(feedback.mode)?, cause) {
+        (Mode::Tripped, Cause::ServoLost | Cause::Watchdog) => Some(then),
+        (Mode::Disabled, Cause::MachineSideLost) if begun => Some(format!(
+            "the drives are off: `quadrant enable --cell {cell}`, then {then}"
+        )),
+        (Mode::Disabled, Cause::MachineSideLost) => Some(then),
+        _ => None,
+    }
 }
 
 /// Does what the machine side asks for in the name of a fault script, as long as it asks; whether a process was lost without

@@ -16,11 +16,15 @@ use crate::run_dir::{RunDir, Sources, dated_folder};
 use crate::session::Session;
 use crate::signals::Signals;
 use crate::supervise::{Ending, Subject, Watch, supervise};
+use crate::view::{self, View};
 use crate::{check, doctor, learn, logs, metrics, service_manager};
 
 /// Starts the group of a machine and stays until it is told to end.
 pub fn up(options: &UpOptions) -> Outcome {
     logs::init_launcher();
+    if options.view {
+        view::check().input()?;
+    }
     let checked = check::load(&options.machine, None).input()?;
     let cell_name = options.cell.as_deref().unwrap_or(&checked.machine.name);
     let place = CellPlace::new(cell_name).input()?;
@@ -74,6 +78,8 @@ pub fn up(options: &UpOptions) -> Outcome {
         Err(error) => return Err(Failure::Environment(error)),
     };
     let mut events = Events::create(&run_dir.folder).environment()?;
+    let shown = std::path::absolute(&run_dir.folder).environment()?;
+    std::fs::write(place.runs_file(), shown.as_os_str().as_encoded_bytes()).environment()?;
     note_started(&group, &mut events);
     let watch = Watch::new(&group, &checked.machine, false).environment()?;
     group.begin();
@@ -90,6 +96,11 @@ pub fn up(options: &UpOptions) -> Outcome {
         path: None,
         faults: None,
         session: Some(Session::new(&folder, &place)),
+        view: options
+            .view
+            .then(|| View::open(cell_name))
+            .transpose()
+            .environment()?,
     };
     let ending = supervise(&mut group, subject, watch, &signals, &mut events);
     drop(group);

@@ -85,6 +85,22 @@ fn runs_in(out: &Path) -> Vec<String> {
     names
 }
 
+#[test]
+fn the_folder_of_a_cell_is_no_run_and_says_which_are_in_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for name in ["001-a", "002-b"] {
+        fs::create_dir(folder.path().join(name)).expect("a run");
+    }
+    let said = quadrant().arg("report").arg(folder.path()).output();
+    let said = said.expect("the command");
+    assert_eq!(said.status.code(), Some(2));
+    let words = String::from_utf8_lossy(&said.stderr).into_owned();
+    assert!(
+        words.contains("001-a to ") && words.contains("002-b"),
+        "{words}"
+    );
+}
+
 fn programs_of(cell: &LiveCell) -> Vec<PathBuf> {
     let place = CellPlace::new(&cell.cell).expect("a cell name");
     let entries = fs::read_dir(place.programs()).into_iter().flatten();
@@ -229,7 +245,7 @@ fn a_terminated_cell_stops_in_order_too() {
 /// Whoever dies comes back, and the program goes on: also where the machine file would end a run.
 #[test]
 fn planner_servo_recorder_and_machine_side_come_back_in_a_cell_that_stays() {
-    let (_bench, mut cell, _, long) = up("lockstep");
+    let (_bench, mut cell, short, long) = up("lockstep");
     obeyed(&cell, &["enable"]);
     obeyed(&cell, &["load", &long]);
     obeyed(&cell, &["start"]);
@@ -270,8 +286,24 @@ fn planner_servo_recorder_and_machine_side_come_back_in_a_cell_that_stays() {
     obeyed(&cell, &["enable"]);
     obeyed(&cell, &["resume"]);
     gone_on(&mut cell);
+    // Nothing of all that is the next program's.
+    obeyed(&cell, &["stop"]);
+    cell.wait_for(|f| f.mode == Mode::Stopped as u32);
+    obeyed(&cell, &["override", "100%"]);
+    assert!(obeyed(&cell, &["load", &short]).contains("run 1 is given up"));
+    assert!(obeyed(&cell, &["start", "--wait"]).contains("002-short"));
     let run = down(cell);
+    let next = report_in(&run.out.join("002-short"));
+    assert_eq!(next["faults"].as_array().map(Vec::len), Some(0), "{next}");
+    for process in next["processes"].as_array().expect("processes") {
+        assert_eq!(process["starts"], 1, "{process}");
+    }
     let report = report_in(&run.out.join("001-long"));
+    assert_eq!(
+        report["faults"].as_array().map(Vec::len),
+        Some(4),
+        "{report}"
+    );
     assert_eq!(text(&report, "/outcome/kind"), "interrupted");
     assert!(run.out.join("001-long/run-2.mcap").exists());
     assert_eq!(number(&report, "/limits/acceleration_exceeded"), 0.0);

@@ -120,6 +120,11 @@ impl CellPlace {
         self.programs().join(load.to_string())
     }
 
+    /// File that names the folder of the run directories, in a cell that stays up.
+    pub fn runs_file(&self) -> PathBuf {
+        self.folder().join("runs")
+    }
+
     /// Where loaded programs lie.
     pub fn programs(&self) -> PathBuf {
         self.folder().join("programs")

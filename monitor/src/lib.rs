@@ -19,6 +19,6 @@ mod sinks;
 mod tap;
 #[cfg(test)]
 mod test_support;
-pub use logbook::run_folder;
+pub use logbook::{run_folder, run_number};
 pub use run::{MonitorError, Options, run};
 pub use tap::Tap;

@@ -32,7 +32,7 @@ pub use parts::{Part, RunLog, part_files, part_name};
 pub use reader::{Reader, read_only};
 pub use recorder::Recorder;
 pub(crate) use recorder::tail_checksum;
-pub use run_info::{Event, RunEnd, RunInfo};
+pub use run_info::{BEGINS_AT, Event, RunEnd, RunInfo};
 pub use skim::{Foreword, Start, skim};
 
 use bus::sample::{

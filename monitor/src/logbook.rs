@@ -9,7 +9,7 @@ use bus::machine::Machine;
 use bus::sample::{Feedback, ProgramState};
 
 use crate::black_box::Home;
-use crate::log::{LogError, Recorder, RunEnd, RunInfo};
+use crate::log::{BEGINS_AT, LogError, Recorder, RunEnd, RunInfo};
 use crate::run::{MonitorError, Options};
 
 /// The log that is open.
@@ -38,6 +38,12 @@ pub fn run_folder(session: &Path, run: u32, program: &Path) -> PathBuf {
     session.join(format!("{run:03}-{stem}"))
 }
 
+/// The number in the name of a run's folder; none if it is not the name of one.
+pub fn run_number(folder: &Path) -> Option<u32> {
+    let (number, _) = folder.file_name()?.to_str()?.split_once('-')?;
+    number.parse().ok().filter(|_| number.len() >= 3)
+}
+
 impl Logbook {
     /// Opens the log of the one run; in a cell that stays up none is open before a program is begun.
     pub fn new(options: &Options, machine: &Machine) -> Result<Logbook, MonitorError> {
@@ -48,7 +54,7 @@ impl Logbook {
             new_home: None,
         };
         match &options.program {
-            Some(program) => logbook.open(&options.out, program, 1, 0)?,
+            Some(program) => logbook.open(&options.out, program, 1, 0, 0)?,
             None => logbook.new_home = Some(logbook.home_between()?),
         }
         Ok(logbook)
@@ -62,8 +68,8 @@ impl Logbook {
             let run = begun.then_some(feedback.run);
             if self.open.as_ref().map(|open| open.run) != run {
                 self.close(None, failed)?;
-                if let Some(run) = run {
-                    self.begin(feedback.load, run, failed)?;
+                if begun {
+                    self.begin(feedback, failed)?;
                     return Ok(true);
                 }
                 self.new_home = Some(self.home_between()?);
@@ -115,7 +121,8 @@ impl Logbook {
 
     /// Begins the log of a program that was loaded into the cell, in a folder of its own with copies of all it depends on. A
     /// recorder that replaces another goes on in the folder that is there.
-    fn begin(&mut self, load: u32, run: u32, failed: u64) -> Result<(), MonitorError> {
+    fn begin(&mut self, feedback: &Feedback, failed: u64) -> Result<(), MonitorError> {
+        let (load, run, scan) = (feedback.load, feedback.run, feedback.scan);
         let place = CellPlace::new(&self.options.seat.cell).ok();
         let program = place.and_then(|place| place.program(load));
         let program = program.ok_or(MonitorError::NoProgram(load))?;
@@ -134,7 +141,7 @@ impl Logbook {
                 fs::copy(file, folder.join(name)).map_err(failed_at(file))?;
             }
         }
-        self.open(&folder, &program, run, failed)
+        self.open(&folder, &program, run, failed, scan)
     }
 
     fn open(
@@ -143,8 +150,13 @@ impl Logbook {
         program: &Path,
         run: u32,
         failed: u64,
+        begins_at: u64,
     ) -> Result<(), MonitorError> {
-        let info = run_info(&self.options, Some(program))?;
+        let mut info = run_info(&self.options, Some(program))?;
+        if begins_at > 0 {
+            let settings = &mut info.settings;
+            settings.insert(BEGINS_AT.into(), begins_at.to_string());
+        }
         self.open = Some(Open {
             run,
             recorder: Recorder::create_part(folder, &self.machine, &info)?,

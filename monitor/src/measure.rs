@@ -118,6 +118,8 @@ pub struct Analysis {
     /// Scan whose commands `backlash_mm` is from.
     backlash_scan: Option<u64>,
     missing_scans: Vec<(u64, u64)>,
+    begins_at: u64,
+    overrun_before: u32,
     first_scan: Option<u64>,
     last: Option<Feedback>,
     on_path: bool,
@@ -152,6 +154,8 @@ impl Analysis {
             orphans: (0, [0; MAX_AXES]),
             backlash_scan: None,
             missing_scans: Vec::new(),
+            begins_at: 0,
+            overrun_before: 0,
             first_scan: None,
             last: None,
             on_path: false,
@@ -164,6 +168,12 @@ impl Analysis {
             path,
             kinematics,
         }
+    }
+
+    /// Says in which scan the run began: in a cell that stays up, what was before is none of it.
+    pub fn begins_at(&mut self, scan: u64) {
+        self.begins_at = scan;
+        self.faults.begins_at(scan);
     }
 
     /// Takes the next sample of any channel.
@@ -213,7 +223,9 @@ impl Analysis {
             windows: self.windows,
             samples_lost: self.samples_lost + self.aligner.late(),
             missing_scans: self.missing_scans,
-            overrun_scans: self.last.map_or(0, |feedback| feedback.overrun_scans),
+            overrun_scans: self.last.map_or(0, |last| {
+                last.overrun_scans.saturating_sub(self.overrun_before)
+            }),
             motion_digest: self.motion_digest.map(crate::digest::hex),
             processes,
             faults,
@@ -243,6 +255,12 @@ impl Analysis {
             .is_none_or(|last| feedback.scan == last.scan + 1);
         if !follows {
             self.reversals.iter_mut().for_each(ReversalMeter::interrupt);
+        }
+        if self.first_scan.is_none() && self.begins_at > 0 {
+            self.overrun_before = feedback.overrun_scans;
+            for (axis, feedback) in self.axes.iter_mut().zip(feedback.axes()) {
+                axis.missed_before = feedback.missed_scans;
+            }
         }
         self.first_scan.get_or_insert(feedback.scan);
         if feedback.voided != self.voided && !feedback.voided.is_none() {

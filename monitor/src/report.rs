@@ -147,6 +147,7 @@ fn evaluate_knowing(
     };
     let path = program.as_ref().map(|program| program.path.clone());
     let mut analysis = Analysis::new(machine.clone(), path.unwrap_or_default());
+    analysis.begins_at(reader.info().begins_at());
     // Deaths are known before their scans are measured, so that nothing of their consequences is missed.
     for roster in &foreword.rosters {
         analysis.take(Sample::Roster(Box::new(*roster)));

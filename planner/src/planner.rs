@@ -9,7 +9,8 @@
 
 use bus::machine::Machine;
 use bus::sample::{
-    Cause, Feedback, MAX_AXES, Mode, PathTag, PlannerStatus, WindowHeader, WindowId, WindowRow,
+    Cause, Feedback, MAX_AXES, Mode, PathTag, PlannerStatus, ProgramState, WindowHeader, WindowId,
+    WindowRow,
 };
 use bus::window::checksum;
 use bytemuck::Zeroable;
@@ -175,7 +176,7 @@ impl Planner {
     }
 
     /// Takes the program (name and text) that the feedback names, in place of the one before. One that could not be read, or
-    /// that cannot be planned from where the axes stand, is refused in the status.
+    /// that is new to the cell and cannot be planned from where the axes stand, is refused in the status.
     pub fn load(&mut self, program: Option<(String, String)>, feedback: &Feedback) {
         self.load = feedback.load;
         self.cause = Cause::None;
@@ -190,12 +191,9 @@ impl Planner {
         };
         self.program_name = name;
         self.program_text = Some(text);
-        let begun = !feedback.left_at.is_off_path();
-        self.expanded_from(if begun {
-            feedback.program_start
-        } else {
-            registers(feedback)
-        });
+        if feedback.program == ProgramState::Loading as u32 {
+            self.expanded_from(registers(feedback));
+        }
     }
 
     /// Answers the feedback of a period boundary (or of a later scan, if it woke late).

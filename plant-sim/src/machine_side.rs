@@ -208,6 +208,8 @@ pub struct MachineSide {
     scan_period_s: f64,
     /// Somebody has asked a machine without drives, or one that has tripped, to stop: the run may end.
     may_end: bool,
+    /// Somebody has told the cell to end, or its launcher is gone: nothing brings it back.
+    told_to_end: bool,
     /// What follows when a process is lost.
     restart: Restart,
     /// Command registers the program was begun from.
@@ -286,6 +288,7 @@ impl MachineSide {
             jog_mm_s: machine.manual.jog_mm_s,
             scan_period_s: machine.scan_period_s(),
             may_end: false,
+            told_to_end: false,
             restart: match run_end {
                 RunEnd::AfterProgram => machine.restart,
                 RunEnd::WhenTold => machine.restart.of_staying(),
@@ -423,7 +426,7 @@ impl MachineSide {
         if !genuine || !of_program {
             return;
         }
-        self.program.read(status.cause == 0);
+        self.program.read(status.cause == 0, self.mode);
         if status.cause != 0 && self.cause == Cause::None {
             self.cause = Cause::from_wire(status.cause).unwrap_or(Cause::BadValue);
             self.cause_scan = self.scan + 1;
@@ -459,8 +462,8 @@ impl MachineSide {
                 }
                 Taken::Lost => fault = Cause::ServoLost,
                 Taken::Missed => {
-                    axis.missed += 1;
-                    axis.missed_in_a_row += 1;
+                    axis.missed = axis.missed.saturating_add(1);
+                    axis.missed_in_a_row = axis.missed_in_a_row.saturating_add(1);
                     if axis.missed_in_a_row >= self.watchdog_scans {
                         fault = Cause::Watchdog;
                     }
@@ -490,12 +493,14 @@ impl MachineSide {
         if self.mode == Mode::Tripped {
             return;
         }
+        // A machine that was told to stop and trips on the way to rest need not wait for anybody.
+        let stops = matches!(self.mode, Mode::Stopping | Mode::Stopped);
+        self.may_end = self.told_to_end || self.ends() && stops;
         self.mode = Mode::Tripped;
         self.cause = cause;
         self.cause_axis = axis;
         self.cause_scan = self.scan + 1;
         self.settled_scans = 0;
-        self.may_end = false;
         self.windows.drop_all(self.scan, Dropped::Tripped);
         for axis in &mut self.axes {
             axis.driver = Driver::Program;
@@ -572,7 +577,11 @@ impl MachineSide {
             Mode::Disabled => self.may_end,
             Mode::Enabled | Mode::Stopping | Mode::Jogging | Mode::Ready => false,
         };
-        self.settled_scans = if standing { self.settled_scans + 1 } else { 0 };
+        self.settled_scans = if standing {
+            self.settled_scans.saturating_add(1)
+        } else {
+            0
+        };
         if self.ends() && self.settled_scans > self.settle_scans {
             self.last = true;
         }

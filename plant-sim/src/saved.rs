@@ -35,7 +35,7 @@ pub struct Latches {
     pub overrun_scans: u32,
     /// 1 if somebody had asked for a stop: the run may end.
     pub may_end: u32,
-    /// 1 if the cell is to end, also one that stays up.
+    /// 1 if the cell was told to end.
     pub ends: u32,
     /// Number of the program that was loaded last.
     pub load: u32,

@@ -791,7 +791,12 @@ fn in_a_cell_that_stays_every_order_is_judged_by_the_state_it_comes_in() {
                 Not,
             ],
         ),
-        (Stays::Ending, stopping(Ending, Ending)),
+        (
+            Stays::Ending,
+            [
+                Not, Ending, Not, Not, Ending, Ending, Ending, Ending, Ending, Not,
+            ],
+        ),
     ] {
         for ((what, value), expected) in orders.into_iter().zip(expected) {
             let mut bench = staying(state);
@@ -908,4 +913,32 @@ fn a_cell_that_is_told_to_end_comes_to_rest_first_in_every_state() {
                 .all(|axis| axis.velocity_mm_s.abs() < 0.5)
         );
     }
+}
+
+/// Whoever was told to end ends, whatever else dies, moves or is asked on the way to rest.
+#[test]
+fn a_cell_that_trips_on_its_way_to_the_end_ends_all_the_same() {
+    let mut bench = staying(Stays::Ending);
+    bench.roster.participants[1].live = 0;
+    let tripped = bench.scan(|answers| answers.commands[0][0] = None);
+    assert_eq!(mode(&tripped), Mode::Tripped);
+    bench.roster.participants[1].live = 1;
+    assert_eq!(order(&mut bench, Order::Enable, 0, 0.0), Refused::Ending);
+    let ended = (0..5000).any(|_| bench.scan(|_| {}).last == 1);
+    assert!(ended);
+}
+
+#[test]
+fn a_stop_of_a_tripped_machine_is_not_forgotten_when_its_servo_comes_back() {
+    let mut bench = staying(Stays::Begun(State::Tripped));
+    assert_eq!(order(&mut bench, Order::Stop, 0, 0.0), Refused::Not);
+    assert_eq!(bench.side.feedback().hold, 1);
+}
+
+#[test]
+fn a_planner_that_comes_back_and_refuses_what_was_loaded_leaves_nothing_to_start() {
+    let mut bench = staying(Stays::Ready(ProgramState::Done));
+    bench.planner_says(1, Cause::Planner);
+    assert_eq!(bench.program(), ProgramState::None);
+    assert_eq!(order(&mut bench, Order::Start, 0, 0.0), Refused::NoProgram);
 }

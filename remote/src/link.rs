@@ -211,8 +211,12 @@ impl Server {
             session
                 .declare_queryable(key(&cell, name))
                 .callback(move |query| {
-                    let answers = answers.lock().unwrap_or_else(PoisonError::into_inner);
-                    if let Ok(bytes) = answer(&query, &answers) {
+                    let said = {
+                        let answers = answers.lock().unwrap_or_else(PoisonError::into_inner);
+                        answer(&query, &answers)
+                    };
+                    // Nobody else waits for a client that is slow to take it.
+                    if let Ok(bytes) = said {
                         let _ = query.reply(query.key_expr(), bytes).wait();
                     }
                 })

@@ -140,6 +140,7 @@ impl Feed {
             if newest.is_none() || self.read != Some(feedback.program_hash) {
                 self.read_program(&feedback);
             }
+            self.name_loaded(&feedback);
             self.model.feedback(&feedback);
             newest = Some(feedback.scan);
             left -= 1;
@@ -185,6 +186,16 @@ impl Feed {
         let places = 0..bus::sample::MAX_PARTICIPANTS;
         let answered = places.map(|place| page.answered_scan(place)).collect();
         self.model.processes_seen(children, answered, recorded);
+    }
+
+    /// Finds the name of the program that was loaded last.
+    fn name_loaded(&mut self, feedback: &Feedback) {
+        let before = self.model.feedback.as_ref().map(|before| before.load);
+        if before != Some(feedback.load) {
+            let file = self.place.program(feedback.load);
+            let name = file.as_deref().and_then(|file| file.file_name());
+            self.model.loaded = name.map(|name| name.to_string_lossy().into_owned());
+        }
     }
 
     /// Reads the program that the tags of this feedback belong to, once. What cannot be read, is very large or is another

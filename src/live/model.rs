@@ -3,7 +3,8 @@
 use bus::machine::Machine;
 use bus::member::Pace;
 use bus::sample::{
-    AxisCommand, Feedback, Instruments, Job, MAX_SUBSAMPLES, Mode, PlannerStatus, Roster,
+    AxisCommand, Feedback, Instruments, Job, MAX_SUBSAMPLES, Mode, PlannerStatus, ProgramState,
+    Roster,
 };
 use control::kinematics::Kinematics;
 use control::path::{AxisVector, Element, Feed, Shape};
@@ -105,6 +106,8 @@ pub struct Model {
     pub planner: Option<PlannerStatus>,
     /// The program, if it could be read.
     pub program: Option<Program>,
+    /// File name of the program that was loaded into a cell that stays up.
+    pub loaded: Option<String>,
     /// Per axis.
     pub axes: Vec<AxisView>,
     /// The circle that is travelled.
@@ -143,6 +146,7 @@ impl Model {
             feedback_age_s: 0.0,
             planner: None,
             program: None,
+            loaded: None,
             axes: machine.axes.iter().map(AxisView::of).collect(),
             circle: CircleView::default(),
             reversals: Reversals::default(),
@@ -349,12 +353,23 @@ impl Model {
         if let Some(told) = &self.told {
             return told.program_name.as_deref();
         }
+        if let Some(loaded) = &self.loaded {
+            return Some(loaded);
+        }
         let path = std::path::Path::new(&self.program.as_ref()?.name);
         path.file_name()?.to_str()
     }
 
+    /// How far the program is.
+    pub fn program_state(&self) -> Option<ProgramState> {
+        ProgramState::from_wire(self.feedback.as_ref()?.program)
+    }
+
     /// Share of the program's path that is done, if the planner has told.
     pub fn share_done(&self) -> Option<f64> {
+        if self.program_state() == Some(ProgramState::Done) {
+            return Some(1.0);
+        }
         let status = self.planner.as_ref()?;
         let share = status.path_done_mm / status.path_length_mm;
         share.is_finite().then(|| share.clamp(0.0, 1.0))
@@ -398,7 +413,13 @@ impl Model {
                 tone: Tone::Bad,
             };
         } else if self.ended {
-            says.next = "the run has ended; this view waits for the next one (q quits)".into();
+            says = Says {
+                symbol: "—",
+                state: "ENDED",
+                detail: format!("last seen: {}, {}", says.state.to_lowercase(), says.detail),
+                next: "the run has ended; this view waits for the next one (q quits)".into(),
+                tone: Tone::Waits,
+            };
         } else if self.feedback_age_s > 0.5 {
             says = Says {
                 symbol: "✖",

@@ -99,7 +99,11 @@ impl RemoteFeed {
         }
         let mut told = Vec::new();
         match heard {
-            Heard::Snapshot(said) => self.snapshot(&said),
+            Heard::Snapshot(said) => {
+                // The server that was thought lost speaks again.
+                self.next_session = None;
+                self.snapshot(&said);
+            }
             Heard::Circle(said) => picture::fill_circle(&mut self.model, &said),
             Heard::Event(event) => self.follower.take(event, &mut told),
             Heard::History(history) => self.follower.history(history, &mut told),

@@ -1,7 +1,7 @@
 //! A machine and samples for the tests beside.
 
 use bus::machine::Machine;
-use bus::sample::{Feedback, Mode, WindowId};
+use bus::sample::{Feedback, Mode, ProgramState, WindowId};
 use bytemuck::Zeroable;
 
 /// `machines/xy`.
@@ -21,6 +21,7 @@ pub fn running(scan: u64) -> Feedback {
             incarnation: 1,
         },
         mode: Mode::Enabled as u32,
+        program: ProgramState::Begun as u32,
         cause_axis: u32::MAX,
         override_percent: 100,
         axis_count: 2,

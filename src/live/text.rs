@@ -1,5 +1,6 @@
 //! One look at a cell, as text.
 
+use bus::sample::ProgramState;
 use std::fmt::Write;
 
 use bus::service::ROLES;
@@ -75,6 +76,14 @@ pub fn status(model: &Model) -> String {
 
 /// How far the program is, in words.
 pub fn progress(model: &Model) -> Option<String> {
+    let named = model.program_name().unwrap_or("program");
+    match model.program_state() {
+        Some(ProgramState::None) => return Some("no program is loaded".into()),
+        Some(ProgramState::Loading) => return Some(format!("{named}, being read")),
+        Some(ProgramState::Loaded) => return Some(format!("{named}, loaded")),
+        Some(ProgramState::Done) => return Some(format!("{named}, done")),
+        Some(ProgramState::Begun) | None => {}
+    }
     let percent = model.share_done().map(|share| share * 100.0);
     let block = model.block();
     let name = model.program_name().unwrap_or("program");

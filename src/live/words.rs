@@ -101,7 +101,11 @@ pub fn says(feedback: &Feedback, machine: &Machine) -> Says {
         }
         Mode::Stopped => match cause {
             None => {
-                let next = "r resumes; a `quadrant run` ends 0.1 s after a stop";
+                let next = if feedback.load > 0 {
+                    "r resumes; `quadrant load` gives the program up"
+                } else {
+                    "r resumes; a `quadrant run` ends 0.1 s after a stop"
+                };
                 say(
                     "■",
                     "STOPPED",
@@ -118,7 +122,7 @@ pub fn says(feedback: &Feedback, machine: &Machine) -> Says {
         Mode::Tripped => {
             // Which of the two, the policy says; a fault script may have changed it.
             let next = if feedback.cause == Cause::ServoLost as u32 {
-                "once the servo is back: r, or `quadrant enable` and then r"
+                "r, or `quadrant enable` and then r, as soon as the servo is back"
             } else {
                 "the drives have braked; when all stands: `quadrant enable`, then r"
             };
@@ -128,8 +132,10 @@ pub fn says(feedback: &Feedback, machine: &Machine) -> Says {
             let begun = feedback.program == ProgramState::Begun as u32;
             let next = if begun {
                 "`quadrant enable`, then r"
-            } else {
+            } else if feedback.program == ProgramState::None as u32 {
                 "`quadrant enable`; `quadrant load PROGRAM`; `quadrant start`"
+            } else {
+                "`quadrant enable`; `quadrant start`"
             };
             let detail = cause.unwrap_or("positions follow the axes");
             let tone = if cause.is_some() {
@@ -140,7 +146,7 @@ pub fn says(feedback: &Feedback, machine: &Machine) -> Says {
             say("○", "DRIVES OFF", tone, detail, next)
         }
         Mode::Finished => {
-            let next = "nothing to do: the run ends by itself";
+            let next = "nothing to do: it goes on by itself";
             say(
                 "✔",
                 "FINISHED",
@@ -254,7 +260,7 @@ mod tests {
         assert!(
             says(&feedback, &machine)
                 .next
-                .starts_with("once the servo is back: r")
+                .starts_with("r, or `quadrant enable`")
         );
         feedback.cause = Cause::FollowingError as u32;
         let said = says(&feedback, &machine);

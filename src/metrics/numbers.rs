@@ -92,6 +92,11 @@ impl Number {
     }
 }
 
+/// To the nanosecond: labels are read by people too.
+fn whole_ns(seconds: f64) -> f64 {
+    (seconds * 1e9).round() / 1e9
+}
+
 /// How often a magnitude fell into each bucket.
 #[derive(Debug)]
 pub struct Distribution {
@@ -285,7 +290,7 @@ impl Numbers {
             scan_period_s: machine.scan_period_s(),
             scan_interval: (pace == Pace::Realtime).then(|| {
                 let period_s = machine.scan_period_s();
-                Distribution::new(INTERVAL_ENDS.iter().map(|share| share * period_s))
+                Distribution::new(INTERVAL_ENDS.iter().map(|share| whole_ns(share * period_s)))
             }),
             scans: Count::default(),
             heard_ns: Count::default(),

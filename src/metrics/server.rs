@@ -17,7 +17,7 @@ use super::numbers::Numbers;
 
 /// The longest head of a request.
 const HEAD_BYTES: usize = 8 << 10;
-/// The longest time for one connection.
+/// The longest time for a request, and for its answer.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// So long a client that has its answer may take to go.
 const FAREWELL: Duration = Duration::from_millis(200);
@@ -64,6 +64,7 @@ fn answer(mut stream: TcpStream, served: &Served) -> std::io::Result<()> {
     let until = Instant::now() + PATIENCE;
     let head = read_head(&mut stream, until)?;
     let response = respond(head.as_deref(), served);
+    let until = Instant::now() + PATIENCE;
     write_until(&mut stream, response.as_bytes(), until)?;
     stream.shutdown(std::net::Shutdown::Write)?;
     // What the client still sends is taken away, else the kernel would reset the connection before the answer is read.

@@ -1,14 +1,15 @@
 //! `load`, `start` and `down`: the programs of a cell that stays up, and its end.
 
+use std::ffi::OsString;
 use std::fs::{self, DirBuilder};
 use std::io::ErrorKind;
+use std::os::unix::ffi::OsStringExt;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow};
 use bus::member::watch;
-use bus::port::Reader;
 use bus::sample::{Feedback, Mode, OperatorRequest, Order, ProgramState};
 use control::path::AxisVector;
 use program::Setup;
@@ -16,18 +17,17 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
 
 use super::Client;
+use super::eyes::Eyes;
 use crate::cli::{LoadOptions, OperatorOptions, StartOptions};
 use crate::exit::{Failure, Kind, Outcome};
 use crate::output::say;
 use crate::run_dir::program_name;
 use crate::supervise::stop_words;
 
-/// A cell of which nothing was heard by then is silent.
-const SILENCE: Duration = Duration::from_secs(10);
 /// So long the planner may take to read a program.
 const READ_LIMIT: Duration = Duration::from_secs(60);
 /// So long a cell may take to come to rest, make its last report and leave.
-const DOWN_LIMIT: Duration = Duration::from_secs(180);
+const DOWN_LIMIT: Duration = Duration::from_secs(240);
 const LOOK: Duration = Duration::from_millis(5);
 
 /// `load`.
@@ -40,26 +40,31 @@ pub fn load(options: &LoadOptions) -> Outcome {
     let client = Client::find(options.to.cell.as_deref(), "operator")?;
     let mut eyes = Eyes::open(&client)?;
     let now = eyes.look()?;
-    let laid = Laid::down(&client, now.load, &name, &text)?;
+    let mut laid = Laid::down(&client, now.load, &name, &text)?;
     let read = check(&client, &laid.file, file, &now).input()?;
     let request = OperatorRequest {
         order: Order::Load as u32,
         value: f64::from(laid.number),
         ..OperatorRequest::default()
     };
-    client.ask(Order::Load, request)?;
+    let answer = client.hear(Order::Load, request);
+    if answer.as_ref().is_ok_and(|answer| answer.accepted == 1) || answer.is_err() {
+        // From here on the cell has it, or may have: it takes it away itself.
+        laid.kept = true;
+    }
+    client.accepted(Order::Load, &request, answer?)?;
     let started = Instant::now();
     loop {
-        let now = eyes.look()?;
-        let state = ProgramState::from_wire(now.program);
-        if now.load > laid.number {
+        let seen = eyes.look()?;
+        let state = ProgramState::from_wire(seen.program);
+        if seen.load > laid.number {
             return Err(Failure::Stopped(anyhow!(
                 "another program was loaded meanwhile"
             )));
         }
         match state {
             // The order was obeyed, but is not seen yet.
-            _ if now.load < laid.number => {}
+            _ if seen.load < laid.number => {}
             Some(ProgramState::Loading) => {}
             Some(ProgramState::None) | None => {
                 return Err(Failure::Stopped(anyhow!(
@@ -76,9 +81,13 @@ pub fn load(options: &LoadOptions) -> Outcome {
         }
         std::thread::sleep(LOOK);
     }
-    laid.keep();
+    let given_up = if now.program == ProgramState::Begun as u32 {
+        format!("; run {} is given up", now.run)
+    } else {
+        String::new()
+    };
     say(&format!(
-        "loaded {name}: {read}; `quadrant start` begins it"
+        "loaded {name}: {read}{given_up}; `quadrant start` begins it"
     ));
     Ok(())
 }
@@ -97,7 +106,8 @@ fn check(client: &Client, file: &Path, shown: &Path, now: &Feedback) -> anyhow::
     let name = shown.display().to_string();
     let program = program::interpret(&name, &text, &Setup::of(machine), start)?;
     let elements = program.path.elements.len();
-    let length_mm: f64 = program.path.elements.iter().map(|e| e.length_mm).sum();
+    let lengths_mm = program.path.elements.iter().map(|e| e.length_mm);
+    let length_mm = lengths_mm.fold(0.0, |sum, length_mm| sum + length_mm);
     planner::window_planner(machine, program.path, start).with_context(|| name)?;
     Ok(format!("{elements} elements, {length_mm:.1} mm"))
 }
@@ -143,65 +153,12 @@ impl Laid {
             .environment()?;
         Ok(laid)
     }
-
-    fn keep(mut self) {
-        self.kept = true;
-    }
 }
 
 impl Drop for Laid {
     fn drop(&mut self) {
         if !self.kept {
             let _ = fs::remove_dir_all(&self.folder);
-        }
-    }
-}
-
-/// The cell's feedback, as a client sees it.
-struct Eyes<'a> {
-    reader: Option<Reader<Feedback>>,
-    newest: Option<Feedback>,
-    heard: Instant,
-    client: &'a Client,
-}
-
-impl Drop for Eyes<'_> {
-    fn drop(&mut self) {
-        if self.client.has_ended() {
-            // What is closed now would be the service of the next cell of that name.
-            std::mem::forget(self.reader.take());
-        }
-    }
-}
-
-impl Eyes<'_> {
-    fn open(client: &Client) -> Result<Eyes<'_>, Failure> {
-        Ok(Eyes {
-            reader: Some(client.bus.feedback_reader(1).environment()?),
-            newest: None,
-            heard: Instant::now(),
-            client,
-        })
-    }
-
-    /// The newest feedback, waited for if there was none yet.
-    fn look(&mut self) -> Result<Feedback, Failure> {
-        loop {
-            let newest = self.reader.as_mut().and_then(|r| r.newest(u64::MAX));
-            if let Some(feedback) = newest {
-                self.newest = Some(feedback);
-                self.heard = Instant::now();
-            }
-            if self.heard.elapsed() > SILENCE {
-                return Err(Failure::Stopped(anyhow!(
-                    "cell {:?} says nothing any more: its machine side is lost, or the cell has ended",
-                    self.client.place.name()
-                )));
-            }
-            if let Some(feedback) = self.newest {
-                return Ok(feedback);
-            }
-            std::thread::sleep(LOOK);
         }
     }
 }
@@ -222,7 +179,9 @@ pub fn start(options: &StartOptions) -> Outcome {
     } else {
         ""
     };
-    say(&format!("run {} started{hold}", answer.run));
+    let folder = folder_of(&client, answer.run);
+    let folder = folder.map_or(String::new(), |folder| format!(": {}", folder.display()));
+    say(&format!("run {} started{hold}{folder}", answer.run));
     if !options.wait {
         return Ok(());
     }
@@ -235,7 +194,13 @@ pub fn start(options: &StartOptions) -> Outcome {
     loop {
         let now = eyes.look()?;
         let begun = now.program == ProgramState::Begun as u32;
-        if now.run > answer.run || now.run == answer.run && !begun {
+        if now.run > answer.run {
+            return Err(Failure::Stopped(anyhow!(
+                "run {} is over and another one has begun: how it ended stands in its report",
+                answer.run
+            )));
+        }
+        if now.run == answer.run && !begun {
             if now.run == answer.run && now.program == ProgramState::Done as u32 {
                 say(&format!("run {} is done", answer.run));
                 return Ok(());
@@ -243,6 +208,10 @@ pub fn start(options: &StartOptions) -> Outcome {
             return Err(Failure::Stopped(anyhow!("run {} was given up", answer.run)));
         }
         let mode = Mode::from_wire(now.mode);
+        if mode == Some(Mode::Finished) {
+            say(&format!("run {} is done", answer.run));
+            return Ok(());
+        }
         let stands = matches!(mode, Some(Mode::Tripped | Mode::Stopped | Mode::Disabled));
         if now.run == answer.run && (stands || now.last == 1) {
             return Err(Failure::Stopped(anyhow!(
@@ -255,6 +224,16 @@ pub fn start(options: &StartOptions) -> Outcome {
     }
 }
 
+/// Run directory of a run that was started just now, if it can be known.
+fn folder_of(client: &Client, run: u32) -> Option<PathBuf> {
+    let runs = fs::read(client.place.runs_file()).ok()?;
+    let runs = PathBuf::from(OsString::from_vec(runs));
+    let loaded = fs::read_dir(client.place.programs()).ok()?.flatten();
+    let numbers = loaded.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
+    let program = client.place.program(numbers.max()?)?;
+    Some(monitor::run_folder(&runs, run, &program))
+}
+
 /// `down`.
 pub fn down(options: &OperatorOptions) -> Outcome {
     let client = Client::find(options.cell.as_deref(), "operator")?;
@@ -264,7 +243,9 @@ pub fn down(options: &OperatorOptions) -> Outcome {
         order: Order::Down as u32,
         ..OperatorRequest::default()
     };
-    if let Err(failure) = client.ask(Order::Down, request) {
+    if let Err(failure) = client.ask(Order::Down, request)
+        && !client.has_ended()
+    {
         // Nobody there to answer: its launcher ends what is left of it.
         pidfd_send_signal(&launcher, Signal::TERM).map_err(|_| failure)?;
     }

@@ -1,6 +1,7 @@
 //! Writes a file in a thread of its own: a disk that stalls for seconds holds up nobody who has samples to receive.
 //!
-//! What waits is bounded: whoever is further ahead than that waits too.
+//! What waits is bounded: whoever is further ahead than that waits too. So does whoever begins or ends a file, until the disk has
+//! what was written: a queue of samples must hold that long.
 
 use std::fs::File;
 use std::io::{self, Write};

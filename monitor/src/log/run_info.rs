@@ -11,6 +11,9 @@ pub(super) const END_RECORD: &str = "quadrant.end";
 /// Contract of topics and messages in the log.
 const LOG_VERSION: &str = "2";
 
+/// Setting of a log that begins later than its cell: scan in which its program was started.
+pub const BEGINS_AT: &str = "begins_at_scan";
+
 /// What is known when a run begins.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct RunInfo {
@@ -51,6 +54,12 @@ pub struct Event {
 }
 
 impl RunInfo {
+    /// Scan in which the run began: 0, or in a cell that stays up the one in which its program was started.
+    pub fn begins_at(&self) -> u64 {
+        let scan = self.settings.get(BEGINS_AT);
+        scan.and_then(|scan| scan.parse().ok()).unwrap_or(0)
+    }
+
     pub(super) fn to_record(
         &self,
         extent: &Extent,

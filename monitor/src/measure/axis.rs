@@ -28,6 +28,8 @@ pub struct AxisMeter {
     pub winding_k_peak: f64,
     /// Scans without a command in time.
     pub missed_scans: u32,
+    /// As many had been missed when the run began.
+    pub missed_before: u32,
     /// Prediction of the feedback position; none where it is off.
     pub prediction: Option<PredictionMeter>,
 }
@@ -49,7 +51,9 @@ impl AxisMeter {
         command: Option<&AxisCommand>,
         drives_on: bool,
     ) {
-        self.missed_scans = feedback.missed_scans;
+        // A machine side that was started anew counts from nothing.
+        self.missed_before = self.missed_before.min(feedback.missed_scans);
+        self.missed_scans = feedback.missed_scans - self.missed_before;
         if feedback.winding_k.is_finite() {
             self.winding_k_peak = self.winding_k_peak.max(feedback.winding_k);
         }

@@ -38,6 +38,8 @@ pub struct ProcessResult {
     pub process: String,
     /// How many processes had its place.
     pub starts: u32,
+    /// Processes that had had its place before the run began.
+    started_before: u32,
     /// Deaths other than an orderly exit: scan and signal (0: it exited by itself, with a failure).
     pub deaths: Vec<(u64, i32)>,
 }
@@ -128,6 +130,7 @@ pub struct Faults {
     places: BTreeMap<(u32, u32, u32), ProcessResult>,
     watched: Vec<Watched>,
     roster_version: Option<u64>,
+    begins_at: u64,
     changes: Vec<Change>,
     last: Option<(Feedback, Option<AxisVector>)>,
 }
@@ -163,9 +166,15 @@ impl Faults {
             places: BTreeMap::new(),
             watched: Vec::new(),
             roster_version: None,
+            begins_at: 0,
             changes: Vec::new(),
             last: None,
         }
+    }
+
+    /// Deaths in earlier scans are those of an earlier run.
+    pub fn begins_at(&mut self, scan: u64) {
+        self.begins_at = scan;
     }
 
     /// Takes a roster; one that is taken twice changes nothing.
@@ -179,12 +188,19 @@ impl Faults {
             let place = self.places.entry(key).or_insert_with(|| ProcessResult {
                 process: name.clone(),
                 starts: 0,
+                started_before: 0,
                 deaths: Vec::new(),
             });
-            place.starts = place.starts.max(participant.incarnation);
+            let before = participant.death_scan < self.begins_at;
+            if place.starts == 0 && self.begins_at > 0 {
+                place.started_before = participant.incarnation.saturating_sub(1);
+            }
+            let starts = participant.incarnation.saturating_sub(place.started_before);
+            place.starts = place.starts.max(starts);
             let orderly = participant.death_signal == 0 && participant.death_status == 0;
             let death = (participant.death_scan, participant.death_signal);
-            if participant.death_scan == u64::MAX || orderly || place.deaths.contains(&death) {
+            let told = place.deaths.contains(&death);
+            if participant.death_scan == u64::MAX || orderly || before || told {
                 continue;
             }
             place.deaths.push(death);

@@ -41,8 +41,12 @@ impl Loaded {
     /// Goes on where a machine side before this one left.
     pub fn resume(&mut self, latches: &Latches) {
         self.load = latches.load;
-        self.state = ProgramState::from_wire(latches.program).unwrap_or(ProgramState::None);
         self.run = latches.run;
+        self.state = match ProgramState::from_wire(latches.program) {
+            // What was begun was counted.
+            Some(ProgramState::Begun) if latches.run == 0 => ProgramState::None,
+            state => state.unwrap_or(ProgramState::None),
+        };
     }
 
     /// Whether it was started and is not done.
@@ -50,14 +54,16 @@ impl Loaded {
         self.state == ProgramState::Begun
     }
 
-    /// The planner has read it, or cannot.
-    pub fn read(&mut self, good: bool) {
-        if self.state == ProgramState::Loading {
-            self.state = if good {
-                ProgramState::Loaded
-            } else {
-                ProgramState::None
-            };
+    /// The planner has read it, or cannot; one that came back may refuse what the one before had read.
+    pub fn read(&mut self, good: bool, mode: Mode) {
+        let waits = !matches!(mode, Mode::Enabled | Mode::Stopping | Mode::Finished);
+        match self.state {
+            ProgramState::Loading if good => self.state = ProgramState::Loaded,
+            ProgramState::Loading => self.state = ProgramState::None,
+            ProgramState::Loaded | ProgramState::Done if !good && waits => {
+                self.state = ProgramState::None;
+            }
+            _ => {}
         }
     }
 }
@@ -132,15 +138,11 @@ impl MachineSide {
         Ok(())
     }
 
-    /// Comes to rest, on the path or where a jog is, then ends the cell.
-    pub(super) fn order_down(&mut self) -> Result<(), Refusal> {
-        self.end_after_stop();
-        Ok(())
-    }
-
-    /// Comes to rest on the path, then ends the run, also that of a cell that stays up: it was told to, or the launcher is gone.
+    /// Comes to rest, on the path or where a jog is, then ends the run, also that of a cell that stays up: it was told to, or the
+    /// launcher is gone. Nothing takes that back.
     pub fn end_after_stop(&mut self) {
         self.run_end = RunEnd::AfterProgram;
+        self.told_to_end = true;
         if self.mode == Mode::Ready {
             self.mode = Mode::Stopped;
         }
@@ -155,13 +157,9 @@ impl MachineSide {
     }
 
     fn must_stay(&self) -> Result<(), Refusal> {
-        if !self.ends() {
-            return Ok(());
+        if self.ends() {
+            return Err(Refused::OneProgram.into());
         }
-        Err(if self.program.load == 0 && self.program.is_begun() {
-            Refused::OneProgram.into()
-        } else {
-            Refused::Ending.into()
-        })
+        Ok(())
     }
 }

@@ -17,6 +17,19 @@ use crate::window_book::Dropped;
 /// A jog may take this much longer than its way at its speed, in s: settling twice, lagging, speeding up.
 const JOG_PATIENCE_S: f64 = 5.0;
 
+/// Orders that a cell which is about to end takes no more: they would keep it from ending.
+fn moves(order: Order) -> bool {
+    match order {
+        Order::Resume
+        | Order::Disable
+        | Order::Enable
+        | Order::Jog
+        | Order::Load
+        | Order::Start => true,
+        Order::Stop | Order::Hold | Order::Override | Order::Down => false,
+    }
+}
+
 /// An order that was refused: why, and for a jog beyond the travel which distances are allowed, in mm.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Refusal {
@@ -56,6 +69,7 @@ impl MachineSide {
     /// Judges an order; what is latched shows in the next feedback.
     pub fn order(&mut self, request: &OperatorRequest) -> OperatorResponse {
         let judged = match Order::from_wire(request.order) {
+            Some(order) if self.told_to_end && moves(order) => Err(Refused::Ending.into()),
             Some(Order::Stop) => self.order_stop(),
             Some(Order::Hold) => self.order_hold(),
             Some(Order::Resume) => self.order_resume(),
@@ -65,7 +79,10 @@ impl MachineSide {
             Some(Order::Jog) => self.order_jog(request.axis, request.value),
             Some(Order::Load) => self.order_load(request.value),
             Some(Order::Start) => self.order_start(),
-            Some(Order::Down) => self.order_down(),
+            Some(Order::Down) => {
+                self.end_after_stop();
+                Ok(())
+            }
             None => Err(Refused::UnknownOrder.into()),
         };
         let (reason, allowed_mm) = match judged {
@@ -111,6 +128,8 @@ impl MachineSide {
             }
             Mode::Disabled | Mode::Tripped => {
                 self.may_end = self.ends();
+                // A servo that comes back must not set off what was told to stop.
+                self.hold |= !self.ends();
                 true
             }
             Mode::Stopping | Mode::Stopped | Mode::Ready => true,

@@ -24,6 +24,8 @@ impl MachineSide {
         self.may_end = latches.may_end == 1;
         if latches.ends == 1 {
             self.run_end = RunEnd::AfterProgram;
+            self.told_to_end = true;
+            self.may_end = true;
         }
         self.program.resume(latches);
         self.digest.resume(latches.digest);
@@ -44,7 +46,7 @@ impl MachineSide {
             may_end: u32::from(
                 self.may_end || self.ends() && matches!(self.mode, Mode::Stopping | Mode::Stopped),
             ),
-            ends: u32::from(self.ends()),
+            ends: u32::from(self.told_to_end),
             load: self.program.load,
             program: self.program.state as u32,
             run: self.program.run,
@@ -92,7 +94,8 @@ impl MachineSide {
 
     /// Where the machine file lets it: goes on by itself once a lost servo is back.
     pub(super) fn go_on_by_itself(&mut self) {
-        if self.lost_a_servo() && self.restart.servo == AfterLoss::Resume && self.is_ready_again() {
+        let resumes = self.restart.servo == AfterLoss::Resume && !self.may_end;
+        if self.lost_a_servo() && resumes && self.is_ready_again() {
             self.end_trip(self.hold);
         }
     }

@@ -1,5 +1,6 @@
 //! The circle as on a ball-bar: radial deviation of the table, exaggerated.
 
+use bus::sample::ProgramState;
 use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::symbols::Marker;
@@ -23,7 +24,9 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let (view, palette) = (&screen.model.circle, screen.palette);
     let Some(circle) = &view.circle else {
         let inside = panel(frame, area, "circle", palette);
-        let words = if screen.model.program_name().is_none() {
+        let words = if screen.model.program_state() == Some(ProgramState::None) {
+            " no program: no circle"
+        } else if screen.model.program_name().is_none() {
             " the program is not known: no circle"
         } else {
             " no arc so far: the plot begins with one"

@@ -1,0 +1,77 @@
+//! `--view`: the live view in the launcher's own terminal, as a process of its own, so that a machine that moves never waits for
+//! a screen. What the launcher has to say meanwhile is printed when the view is closed.
+
+use std::io::IsTerminal;
+use std::process::{Child, Command};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use rustix::process::{Pid, Signal, kill_process};
+
+use crate::logs;
+
+/// So long the view may take to give the terminal back.
+const CLOSE_LIMIT: Duration = Duration::from_secs(2);
+const LOOK: Duration = Duration::from_millis(10);
+
+/// The view, as long as it is open.
+#[derive(Debug)]
+pub struct View {
+    child: Option<Child>,
+}
+
+/// Whether there is a terminal to draw on.
+///
+/// # Errors
+/// There is none.
+pub fn check() -> anyhow::Result<()> {
+    if std::io::stdout().is_terminal() && std::io::stdin().is_terminal() {
+        return Ok(());
+    }
+    bail!("--view: needs a terminal; without one, `quadrant monitor --json` writes lines")
+}
+
+impl View {
+    /// Opens it on a cell that runs.
+    ///
+    /// # Errors
+    /// It cannot be started.
+    pub fn open(cell: &str) -> anyhow::Result<View> {
+        let child = Command::new("/proc/self/exe")
+            .args(["monitor", "--cell", cell])
+            .spawn()
+            .context("starting the view")?;
+        logs::hold_back();
+        Ok(View { child: Some(child) })
+    }
+
+    /// Reaps it once somebody has closed it.
+    pub fn look(&mut self) {
+        let closed = |child: &mut Child| !matches!(child.try_wait(), Ok(None));
+        if self.child.as_mut().is_some_and(closed) {
+            self.child = None;
+            logs::release();
+        }
+    }
+}
+
+impl Drop for View {
+    fn drop(&mut self) {
+        let Some(mut child) = self.child.take() else {
+            return;
+        };
+        if let Some(pid) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
+            let _ = kill_process(pid, Signal::TERM);
+        }
+        let since = Instant::now();
+        while matches!(child.try_wait(), Ok(None)) {
+            if since.elapsed() > CLOSE_LIMIT {
+                let _ = child.kill();
+                let _ = child.wait();
+                break;
+            }
+            std::thread::sleep(LOOK);
+        }
+        logs::release();
+    }
+}
