@@ -1,7 +1,8 @@
 //! Lookers-on: what they show, and that nobody in the cell notices them.
 
 use std::fs::File;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read};
+use std::os::fd::FromRawFd;
 use std::process::{Child, Stdio};
 
 use serde_json::Value;
@@ -242,17 +243,11 @@ fn a_monitor_that_comes_and_goes_thirty_times_leaves_no_trace() {
     assert_eq!(crate::support::traces_of(&run.cell), Vec::<String>::new());
 }
 
-/// A terminal that was closed, then a word to leave: the view must not read the terminal's end for ever.
-#[test]
-fn a_monitor_whose_terminal_has_gone_leaves_when_it_is_told_to() {
-    use std::os::fd::FromRawFd;
-    let bench = Bench::of("xy", &[]);
-    let program = bench.file("long.ngc", &long_program());
-    let mut cell = LiveCell::start(bench.path(), &program, "realtime");
-    cell.wait_for_scan(50);
+/// A terminal of 80 × 24: our end, and that of the program in it.
+fn terminal() -> (File, File) {
     let (mut master, mut slave) = (-1, -1);
     // SAFETY: plain system calls; both descriptors are owned by what is made of them.
-    let (terminal, screen) = unsafe {
+    unsafe {
         let size = libc::winsize {
             ws_row: 24,
             ws_col: 80,
@@ -262,11 +257,66 @@ fn a_monitor_whose_terminal_has_gone_leaves_when_it_is_told_to() {
         let null = std::ptr::null_mut();
         let made = libc::openpty(&mut master, &mut slave, null, std::ptr::null(), &size);
         assert_eq!(made, 0, "a terminal");
-        (
-            std::fs::File::from_raw_fd(master),
-            std::fs::File::from_raw_fd(slave),
-        )
-    };
+        (File::from_raw_fd(master), File::from_raw_fd(slave))
+    }
+}
+
+#[test]
+fn a_run_with_a_view_shows_it_meanwhile_and_then_its_report() {
+    let bench = Bench::of("xy", &[]);
+    let turns = circle_program(10.0, 3000.0, (0.0, 0.0), 0.0);
+    let program = bench.file("circle.ngc", &turns);
+    let (mut ours, screen) = terminal();
+    let cell = crate::support::unique_cell();
+    let mut run = quadrant()
+        .arg("run")
+        .args([bench.path(), program.as_path()])
+        .args(["--pace", "realtime", "--view", "--cell", &cell, "--out"])
+        .arg(bench.path().join("out"))
+        .stdin(screen.try_clone().expect("a descriptor"))
+        .stdout(screen.try_clone().expect("a descriptor"))
+        .stderr(screen)
+        .spawn()
+        .expect("the run");
+    let reader = std::thread::spawn(move || {
+        let (mut shown, mut piece) = (Vec::new(), [0; 4096]);
+        while let Ok(count @ 1..) = ours.read(&mut piece) {
+            shown.extend_from_slice(&piece[..count]);
+        }
+        String::from_utf8_lossy(&shown).into_owned()
+    });
+    let status = run.wait().expect("the run");
+    let shown = reader.join().expect("what was shown");
+    assert!(status.success(), "{shown}");
+    let (view, report) = (shown.find("RUNS"), shown.find("COMPLETED"));
+    assert!(view.is_some() && view < report, "{shown}");
+    assert!(crate::support::traces_of(&cell).is_empty());
+}
+
+#[test]
+fn a_view_without_a_terminal_is_refused_before_anything_starts() {
+    let said = quadrant()
+        .args([
+            "run",
+            "machines/xy",
+            "machines/xy/programs/circle-r25-f3000.ngc",
+            "--view",
+        ])
+        .output()
+        .expect("the command");
+    assert_eq!(said.status.code(), Some(2));
+    let words = String::from_utf8_lossy(&said.stderr).into_owned();
+    assert!(words.contains("--view: needs a terminal"), "{words}");
+}
+
+/// A terminal that was closed, then a word to leave: the view must not read the terminal's end for ever.
+#[test]
+fn a_monitor_whose_terminal_has_gone_leaves_when_it_is_told_to() {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("long.ngc", &long_program());
+    let mut cell = LiveCell::start(bench.path(), &program, "realtime");
+    cell.wait_for_scan(50);
+    let (terminal, screen) = terminal();
     let mut view = quadrant()
         .args(["monitor", "--cell", &cell.cell])
         .stdin(screen.try_clone().expect("a descriptor"))
