@@ -7,7 +7,7 @@ use anyhow::anyhow;
 use bus::cell::{CellError, CellPlace, Ownership};
 use bus::fault_file::{self, FaultScript};
 use bus::machine::learned::learned_file;
-use bus::machine::machine_file;
+use bus::machine::{Machine, machine_file};
 use bus::member::Pace;
 use bus::order_file;
 use bus::sample::Mode;
@@ -98,11 +98,7 @@ pub fn run(options: &RunOptions) -> Outcome {
         fault_blocks,
         metrics,
     };
-    let mut group = match Group::start(cell, &checked.machine, &plan, &|| signals.count() > 0) {
-        Ok(group) => group,
-        Err(_) if signals.count() > 0 => return Err(Failure::Interrupted),
-        Err(error) => return Err(Failure::Environment(error)),
-    };
+    let mut group = start(cell, &checked.machine, &plan, &signals)?;
     let mut events = Events::create(&run_dir.folder).environment()?;
     note_started(&group, &mut events);
     let watch = Watch::new(&group, &checked.machine, !options.view).environment()?;
@@ -150,6 +146,23 @@ pub fn own(place: &CellPlace) -> Result<Ownership, CellError> {
         );
     }
     Ok(cell)
+}
+
+/// Starts the group, unless somebody interrupts it.
+pub fn start(
+    cell: Ownership,
+    machine: &Machine,
+    plan: &Plan,
+    signals: &Signals,
+) -> Result<Group, Failure> {
+    let interrupted = || signals.count() > 0;
+    Group::start(cell, machine, plan, &interrupted).map_err(|error| {
+        if interrupted() {
+            Failure::Interrupted
+        } else {
+            Failure::Environment(error)
+        }
+    })
 }
 
 /// Writes down who was started.

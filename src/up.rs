@@ -9,9 +9,9 @@ use bus::sample::Job;
 use crate::cli::UpOptions;
 use crate::events::Events;
 use crate::exit::{Failure, Kind, Outcome};
-use crate::group::{Group, Plan};
+use crate::group::Plan;
 use crate::output::say;
-use crate::run::{note_started, own};
+use crate::run::{note_started, own, start};
 use crate::run_dir::{RunDir, Sources, dated_folder};
 use crate::session::Session;
 use crate::signals::Signals;
@@ -72,11 +72,7 @@ pub fn up(options: &UpOptions) -> Outcome {
         fault_blocks: Vec::new(),
         metrics,
     };
-    let mut group = match Group::start(cell, &checked.machine, &plan, &|| signals.count() > 0) {
-        Ok(group) => group,
-        Err(_) if signals.count() > 0 => return Err(Failure::Interrupted),
-        Err(error) => return Err(Failure::Environment(error)),
-    };
+    let mut group = start(cell, &checked.machine, &plan, &signals)?;
     let mut events = Events::create(&run_dir.folder).environment()?;
     let shown = std::path::absolute(&run_dir.folder).environment()?;
     std::fs::write(place.runs_file(), shown.as_os_str().as_encoded_bytes()).environment()?;

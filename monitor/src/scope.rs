@@ -12,6 +12,7 @@ pub mod span;
 #[cfg(test)]
 mod tests;
 pub mod trigger;
+pub mod turns;
 
 use std::collections::VecDeque;
 

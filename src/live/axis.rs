@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use bus::machine::{Axis, AxisKind};
 use bus::sample::{AxisCommand, AxisFeedback};
+use monitor::scope::turns::Turns;
 
 /// Looks that the history holds: 24 s.
 const HISTORY: usize = 240;
@@ -197,9 +198,7 @@ pub struct Turn {
 #[derive(Debug)]
 struct TurnFinder {
     travel: i64,
-    direction: i64,
-    extreme: i64,
-    candidate: Option<u64>,
+    turns: Turns,
     last_scan: Option<u64>,
 }
 
@@ -207,50 +206,23 @@ impl TurnFinder {
     fn new(increment_mm: f64) -> Self {
         TurnFinder {
             travel: (libm::round(TRAVEL_MM / increment_mm) as i64).max(1),
-            direction: 0,
-            extreme: 0,
-            candidate: None,
+            turns: Turns::default(),
             last_scan: None,
         }
     }
 
     fn interrupt(&mut self) {
-        self.direction = 0;
-        self.candidate = None;
+        self.turns.interrupt();
         self.last_scan = None;
     }
 
     fn take(&mut self, scan: u64, position: i64) -> Option<Turn> {
         let before = self.last_scan.replace(scan);
         if before.is_none_or(|before| before + 1 != scan) {
-            self.direction = 0;
-            self.candidate = None;
-            self.extreme = position;
-            return None;
+            self.turns.interrupt();
         }
-        let moved = position.saturating_sub(self.extreme);
-        let far = moved.saturating_abs() >= self.travel;
-        if self.direction == 0 {
-            if far {
-                self.direction = moved.signum();
-                self.extreme = position;
-            }
-        } else if moved.saturating_mul(self.direction) >= 0 {
-            self.extreme = position;
-            self.candidate = None;
-        } else {
-            let first = *self.candidate.get_or_insert(scan);
-            if far {
-                self.direction = -self.direction;
-                self.extreme = position;
-                self.candidate = None;
-                return Some(Turn {
-                    scan: first,
-                    direction: self.direction as i32,
-                });
-            }
-        }
-        None
+        let (scan, direction) = self.turns.take(scan, position, self.travel)?;
+        Some(Turn { scan, direction })
     }
 }
 

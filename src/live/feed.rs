@@ -4,17 +4,17 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
-use bus::cell::{CellError, CellPlace};
+use bus::cell::CellPlace;
 use bus::machine::Machine;
 use bus::member::Pace;
 use bus::page::{CellPhase, Page};
-use bus::port::Reader;
-use bus::sample::{AxisCommand, Feedback, Instruments, PlannerStatus, Roster};
-use bus::service::{Bus, RECORDER_DEPTH_SCANS, ROLES};
+use bus::sample::Feedback;
+use bus::service::RECORDER_DEPTH_SCANS;
 use control::path::AxisVector;
 use program::{Program, Setup};
 
 use super::model::Model;
+use super::ports::Ports;
 use super::proc::children_of;
 use super::timing::listen;
 use crate::exit::Failure;
@@ -24,38 +24,6 @@ use crate::operator::{Client, page_of};
 const PROGRAM_BYTES_MAX: u64 = 8 << 20;
 /// Time between two looks at `/proc`.
 const PROC_EVERY: Duration = Duration::from_millis(500);
-
-/// The ends of the cell's services.
-struct Ports {
-    _bus: Bus,
-    feedback: Reader<Feedback>,
-    instruments: Reader<Instruments>,
-    planner: Reader<PlannerStatus>,
-    roster: Reader<Roster>,
-    commands: Vec<Reader<AxisCommand>>,
-}
-
-impl Ports {
-    fn open(bus: Bus, machine: &Machine) -> Result<Ports, CellError> {
-        let depth = RECORDER_DEPTH_SCANS;
-        let mut commands = Vec::new();
-        for (axis, settings) in machine.axes.iter().enumerate() {
-            for role in 0..ROLES.len() {
-                if role == 0 || settings.standby {
-                    commands.push(bus.command_reader(axis, role, depth)?);
-                }
-            }
-        }
-        Ok(Ports {
-            feedback: bus.feedback_reader(depth)?,
-            instruments: bus.instruments_reader(depth)?,
-            planner: bus.planner_reader(1)?,
-            roster: bus.roster_reader(16)?,
-            commands,
-            _bus: bus,
-        })
-    }
-}
 
 /// A foot in the cell, and the model it fills.
 pub struct Feed {

@@ -15,6 +15,7 @@ pub mod model;
 mod palette;
 #[cfg(any(feature = "remote", test))]
 mod picture;
+pub mod ports;
 pub mod proc;
 #[cfg(feature = "remote")]
 mod remote_feed;

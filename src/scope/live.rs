@@ -4,18 +4,17 @@
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
-use bus::cell::{CellError, CellPlace};
+use bus::cell::CellPlace;
 use bus::machine::Machine;
 use bus::page::{CellPhase, Page};
-use bus::port::Reader;
-use bus::sample::{AxisCommand, Feedback, Instruments, Roster};
-use bus::service::{Bus, RECORDER_DEPTH_SCANS, ROLES};
+use bus::service::RECORDER_DEPTH_SCANS;
 use monitor::log::Sample;
 use monitor::scope::Scope;
 
 use super::Source;
 use super::path::{Paths, Text, Wanted};
 use crate::exit::Failure;
+use crate::live::ports::Ports;
 use crate::live::proc::children_of;
 use crate::operator::{Client, page_of};
 
@@ -23,35 +22,6 @@ use crate::operator::{Client, page_of};
 const LOOK: Duration = Duration::from_millis(3);
 /// A cell is gone once it has said nothing for so long and its launcher is not to be seen.
 const GONE: Duration = Duration::from_millis(200);
-
-struct Ports {
-    feedback: Reader<Feedback>,
-    instruments: Reader<Instruments>,
-    roster: Reader<Roster>,
-    commands: Vec<Reader<AxisCommand>>,
-    _bus: Bus,
-}
-
-impl Ports {
-    fn open(bus: Bus, machine: &Machine) -> Result<Ports, CellError> {
-        let depth = RECORDER_DEPTH_SCANS;
-        let mut commands = Vec::new();
-        for (axis, settings) in machine.axes.iter().enumerate() {
-            for role in 0..ROLES.len() {
-                if role == 0 || settings.standby {
-                    commands.push(bus.command_reader(axis, role, depth)?);
-                }
-            }
-        }
-        Ok(Ports {
-            feedback: bus.feedback_reader(depth)?,
-            instruments: bus.instruments_reader(depth)?,
-            roster: bus.roster_reader(16)?,
-            commands,
-            _bus: bus,
-        })
-    }
-}
 
 /// A foot in a cell.
 pub struct LiveSource {

@@ -17,6 +17,7 @@
 //! A reversal counts from 100 nm in the new direction and is dated back to its first scan, as in the report. A death is dated
 //! back to its own scan. Neither is found across scans that were not seen.
 
+use super::turns::Turns;
 use std::collections::{BTreeMap, VecDeque};
 
 use bus::machine::Machine;
@@ -288,53 +289,6 @@ pub struct Fired {
     pub scan: u64,
     /// What happened, in words.
     pub what: String,
-}
-
-/// Finds the reversals of one axis' command, as the report does.
-#[derive(Debug, Default, Clone)]
-struct Turns {
-    direction: i64,
-    extreme: i64,
-    candidate: Option<u64>,
-    begun: bool,
-    count: u64,
-}
-
-impl Turns {
-    fn take(&mut self, scan: u64, position: i64, travel: i64) -> Option<(u64, i32)> {
-        if !std::mem::replace(&mut self.begun, true) {
-            self.extreme = position;
-            return None;
-        }
-        let moved = position.saturating_sub(self.extreme);
-        let far = moved.saturating_abs() >= travel;
-        if self.direction == 0 {
-            if far {
-                self.direction = moved.signum();
-                self.extreme = position;
-            }
-        } else if moved.saturating_mul(self.direction) >= 0 {
-            self.extreme = position;
-            self.candidate = None;
-        } else {
-            let first = *self.candidate.get_or_insert(scan);
-            if far {
-                self.direction = -self.direction;
-                self.extreme = position;
-                self.candidate = None;
-                self.count += 1;
-                return Some((first, self.direction as i32));
-            }
-        }
-        None
-    }
-
-    fn interrupt(&mut self) {
-        *self = Turns {
-            count: self.count,
-            ..Turns::default()
-        };
-    }
 }
 
 /// The death of a process.
