@@ -24,6 +24,8 @@ use crate::output::say;
 use crate::run_dir::program_name;
 use crate::supervise::stop_words;
 
+/// A program that takes longer to check would let the planner of a running cell seem to hang.
+const CHECK_LIMIT: Duration = Duration::from_secs(10);
 /// So long the planner may take to read a program.
 const READ_LIMIT: Duration = Duration::from_secs(60);
 /// So long a cell may take to come to rest, make its last report and leave.
@@ -41,7 +43,16 @@ pub fn load(options: &LoadOptions) -> Outcome {
     let mut eyes = Eyes::open(&client)?;
     let now = eyes.look()?;
     let mut laid = Laid::down(&client, now.load, &name, &text)?;
+    let started = Instant::now();
     let read = check(&client, &laid.file, file, &now).input()?;
+    if started.elapsed() > CHECK_LIMIT {
+        return Err(Failure::Input(anyhow!(
+            "{}: takes {:.0} s to read; a cell waits for its planner for {} s at most: make several programs of it, or use `quadrant run`",
+            file.display(),
+            started.elapsed().as_secs_f64(),
+            CHECK_LIMIT.as_secs()
+        )));
+    }
     let request = OperatorRequest {
         order: Order::Load as u32,
         value: f64::from(laid.number),
