@@ -28,6 +28,8 @@ mod restart;
 const READY_LIMIT: Duration = Duration::from_secs(30);
 /// So long a process may take to leave in order, the recorder with its queue to empty among them.
 pub const LEAVE_LIMIT: Duration = Duration::from_secs(60);
+/// The same for those who have nothing left to do once the machine side has left in order.
+const IDLE_LEAVE_LIMIT: Duration = Duration::from_secs(5);
 /// The same where the machine side is gone and nothing is left to wait for.
 pub const LEAVE_LIMIT_AFTER_MACHINE: Duration = Duration::from_secs(2);
 
@@ -501,11 +503,12 @@ impl Group {
         deaths
     }
 
-    /// Waits until all have left, at most `limit`; then ends who is still there.
-    pub fn wait_until_left(&mut self, limit: Duration) -> Vec<Death> {
+    /// Waits until all have left, at most `limit`, or until somebody is in a hurry; then ends who is still there, which is no
+    /// death of theirs. The recorder may have a queue to empty; the others have nothing left to do.
+    pub fn wait_until_left(&mut self, limit: Duration, hurry: &dyn Fn() -> bool) -> Vec<Death> {
         let started = Instant::now();
         let mut deaths = Vec::new();
-        while started.elapsed() < limit {
+        while started.elapsed() < limit && !hurry() {
             deaths.extend(self.reap());
             if self.living().next().is_none() {
                 return deaths;
@@ -514,13 +517,32 @@ impl Group {
                 // Whoever still waits for a last feedback waits in vain.
                 self.page.set_phase(CellPhase::Ending);
             }
+            let idle = |m: &Member| m.status.is_none() && m.role.job != Job::Monitor;
+            if started.elapsed() > IDLE_LEAVE_LIMIT && self.members.iter().any(idle) {
+                self.page.set_phase(CellPhase::Ending);
+                self.end(&idle);
+            }
             self.wait(None, LEAVE_LOOK);
         }
-        for (name, pid) in self.living() {
-            tracing::warn!(process = name, pid, "did not leave in time: killed");
-        }
-        deaths.extend(self.kill());
+        self.page.set_phase(CellPhase::Ending);
+        self.end(&|member| member.status.is_none());
         deaths
+    }
+
+    /// Ends those who do not leave by themselves, and reaps them.
+    fn end(&mut self, whom: &dyn Fn(&Member) -> bool) {
+        for member in self.members.iter_mut() {
+            if !whom(member) {
+                continue;
+            }
+            tracing::warn!(process = member.role.name, "did not leave in time: killed");
+            let _ = pidfd_send_signal(&member.ended, Signal::KILL);
+            member.status = member.child.wait().ok();
+            if let Some(log) = member.log.take() {
+                let _ = log.join();
+            }
+        }
+        self.bus.clean_dead();
     }
 
     /// Ends everybody at once and reaps them.

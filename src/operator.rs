@@ -247,6 +247,9 @@ impl Client {
         };
         let mode = Mode::from_wire(answer.mode).map_or("in an unknown mode", Mode::word);
         match reason {
+            Refused::BadValue if order == Order::Load => {
+                "another program was loaded meanwhile: load it again".into()
+            }
             Refused::BadValue if order == Order::Override => "an override is 0 to 100 %".into(),
             Refused::BadValue if order == Order::Jog => "a jog is any distance but 0".into(),
             Refused::BeyondTravel => format!(

@@ -41,6 +41,8 @@ pub struct Session {
     pruned: u32,
     /// The program that was loaded, and the scan in which this was seen.
     loaded: Option<(u32, u64)>,
+    /// Program and run that were seen last.
+    seen: (u32, u32),
     /// State that was said last.
     said: Option<(u32, u32, u32)>,
     /// A run that is over, and the scan whose samples its log must have.
@@ -69,6 +71,7 @@ impl Session {
             begun: 0,
             pruned: 0,
             loaded: None,
+            seen: (0, 0),
             said: None,
             over: None,
             report: None,
@@ -97,6 +100,12 @@ impl Session {
             self.over = None;
         }
         self.make_reports(feedback.scan, events);
+    }
+
+    /// Whether another program has been loaded or started since this was asked last.
+    pub fn is_another(&mut self, feedback: &Feedback) -> bool {
+        let now = (feedback.load, feedback.run);
+        std::mem::replace(&mut self.seen, now) != now
     }
 
     /// The cell has ended: the reports that are missing are made, unless somebody is in a hurry.

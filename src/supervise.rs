@@ -123,6 +123,12 @@ pub fn supervise(
             tripped = is_tripped;
             if let Some(session) = &mut session {
                 session.look(&feedback, group.page.recorded_scans(), events);
+                let recorder = group.place_of(Job::Monitor, 0, 0).unwrap_or_default();
+                let given_up = !group.lives(Job::Monitor) && !supervisor.is_due(recorder);
+                if session.is_another(&feedback) && given_up {
+                    // Whatever kept it from writing may have passed.
+                    supervisor.try_anew(recorder);
+                }
             }
         }
         if realtime {
@@ -208,7 +214,8 @@ pub fn supervise(
         } else {
             LEAVE_LIMIT
         };
-        let left = group.wait_until_left(limit);
+        let before = signals.count();
+        let left = group.wait_until_left(limit, &|| signals.count() > before);
         note_deaths(&left, group.newest_scan, events);
         deaths.extend(left);
     } else {

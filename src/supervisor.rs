@@ -129,6 +129,14 @@ impl Supervisor {
         self.places.iter().any(|place| place.due.is_some()) || group.somebody_joins()
     }
 
+    /// Forgets that the process of this place was given up.
+    pub fn try_anew(&mut self, place: usize) {
+        let place = self.place(place);
+        place.restarts.clear();
+        place.back_off = Duration::ZERO;
+        place.due = Some(Instant::now());
+    }
+
     /// Whether the process of this place is about to be started.
     pub fn is_due(&self, place: usize) -> bool {
         self.places.get(place).is_some_and(|p| p.due.is_some())

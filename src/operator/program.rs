@@ -219,7 +219,7 @@ pub fn start(options: &StartOptions) -> Outcome {
             return Err(Failure::Stopped(anyhow!("run {} was given up", answer.run)));
         }
         let mode = Mode::from_wire(now.mode);
-        if mode == Some(Mode::Finished) {
+        if mode == Some(Mode::Finished) && now.last == 1 {
             say(&format!("run {} is done", answer.run));
             return Ok(());
         }

@@ -450,15 +450,19 @@ fn parts(evaluation: &Evaluation) -> Vec<PartReport> {
 fn samples_lost(evaluation: &Evaluation) -> u64 {
     // Feedback, instruments and each axis' command.
     let of_a_scan = 2 + evaluation.machine.axes.len() as u64;
-    let before_first = beginning_missing(evaluation).unwrap_or(0) * of_a_scan;
+    let before_first = beginning_missing(evaluation).map_or(0, |(from, first)| first - from);
+    let before_first = before_first * of_a_scan;
     before_first + evaluation.measurements.samples_lost + evaluation.windows_lost
 }
 
-/// First scan of a log whose first recorder left nothing: those before it were, for a run begins with scan 0.
-fn beginning_missing(evaluation: &Evaluation) -> Option<u64> {
+/// Of a log whose first recorder left nothing: the scan in which the run began, and the first that is known.
+fn beginning_missing(evaluation: &Evaluation) -> Option<(u64, u64)> {
+    let begins_at = evaluation.info.begins_at();
     let (first, others) = evaluation.parts.split_first()?;
     let of_others = others.iter().find_map(|part| part.first_scan);
-    of_others.filter(|scan| first.first_scan.is_none() && *scan > 0)
+    of_others
+        .filter(|scan| first.first_scan.is_none() && *scan > begins_at)
+        .map(|scan| (begins_at, scan))
 }
 
 /// Gaps that the measurement saw, and those between parts: over a restart of the machine side it could not tell that the scans
@@ -468,9 +472,9 @@ fn missing_scans(evaluation: &Evaluation) -> Vec<ScanRange> {
     let mut missing: Vec<ScanRange> = seen
         .map(|&(first, last)| ScanRange { first, last })
         .collect();
-    if let Some(first) = beginning_missing(evaluation) {
+    if let Some((from, first)) = beginning_missing(evaluation) {
         missing.push(ScanRange {
-            first: 0,
+            first: from,
             last: first - 1,
         });
     }
