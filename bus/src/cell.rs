@@ -16,12 +16,15 @@ use iceoryx2::prelude::{FileName, Path as IoxPath, SemanticString};
 use rustix::fs::{FlockOperation, flock};
 
 use crate::machine::is_cell_name;
+use crate::member::watch;
 
 const SHARED_MEMORY: &str = "/dev/shm";
 const OWNER_LOCK: &str = "owner.lock";
 const MEMBERS_LOCK: &str = "members.lock";
 /// Attempts to remove a folder that somebody writes into meanwhile.
 const REMOVALS_MAX: u32 = 20;
+/// So long a child that is being started may hold the lock of a launcher that is dead.
+const HALF_STARTED: Duration = Duration::from_millis(500);
 const MEMBERS_LOOK: Duration = Duration::from_millis(20);
 
 /// Why a cell cannot be had.
@@ -241,8 +244,15 @@ impl CellPlace {
         let Some(file) = self.open_lock(OWNER_LOCK)? else {
             return Ok(None);
         };
-        if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+        let started = Instant::now();
+        while flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
             let pid = fs::read_to_string(self.folder().join(OWNER_LOCK)).unwrap_or_default();
+            // A child that a launcher was about to start when it was killed holds its lock until it runs.
+            let is_dead = pid.parse().is_ok_and(|pid| watch(pid).is_err());
+            if is_dead && started.elapsed() < HALF_STARTED {
+                std::thread::sleep(Duration::from_millis(1));
+                continue;
+            }
             return Err(CellError::Running {
                 cell: self.name.clone(),
                 by: if pid.is_empty() {
