@@ -334,11 +334,18 @@ impl Drop for LiveCell {
             send(pid, libc::SIGCONT);
         }
         if let Ok(None) = self.child.try_wait() {
-            for (pid, _) in self.children() {
-                send(pid, libc::SIGKILL);
+            let children = self.children();
+            for (pid, _) in &children {
+                send(*pid, libc::SIGKILL);
             }
             let _ = self.child.kill();
             let _ = self.child.wait();
+            // What is cleaned while they still live is not all.
+            let lives = |pid: &i32| Path::new(&format!("/proc/{pid}")).exists();
+            let started = Instant::now();
+            while children.iter().any(|(pid, _)| lives(pid)) && started.elapsed() < PATIENCE / 10 {
+                std::thread::sleep(Duration::from_millis(2));
+            }
             let _ = quadrant().args(["clean", &self.cell]).output();
         }
     }
