@@ -520,22 +520,26 @@ impl Group {
             let idle = |m: &Member| m.status.is_none() && m.role.job != Job::Monitor;
             if started.elapsed() > IDLE_LEAVE_LIMIT && self.members.iter().any(idle) {
                 self.page.set_phase(CellPhase::Ending);
-                self.end(&idle);
+                self.end_late(&idle);
             }
             self.wait(None, LEAVE_LOOK);
         }
         self.page.set_phase(CellPhase::Ending);
-        self.end(&|member| member.status.is_none());
+        self.end_late(&|member| member.status.is_none());
         deaths
     }
 
-    /// Ends those who do not leave by themselves, and reaps them.
-    fn end(&mut self, whom: &dyn Fn(&Member) -> bool) {
-        for member in self.members.iter_mut() {
-            if !whom(member) {
-                continue;
-            }
+    /// Ends those who do not leave by themselves, and says so.
+    fn end_late(&mut self, whom: &dyn Fn(&Member) -> bool) {
+        for member in self.members.iter().filter(|member| whom(member)) {
             tracing::warn!(process = member.role.name, "did not leave in time: killed");
+        }
+        self.end(whom);
+    }
+
+    /// Ends and reaps them.
+    fn end(&mut self, whom: &dyn Fn(&Member) -> bool) {
+        for member in self.members.iter_mut().filter(|member| whom(member)) {
             let _ = pidfd_send_signal(&member.ended, Signal::KILL);
             member.status = member.child.wait().ok();
             if let Some(log) = member.log.take() {
@@ -546,24 +550,9 @@ impl Group {
     }
 
     /// Ends everybody at once and reaps them.
-    pub fn kill(&mut self) -> Vec<Death> {
+    pub fn kill(&mut self) {
         self.page.set_phase(CellPhase::Ending);
-        let mut deaths = Vec::new();
-        for (index, member) in self.members.iter_mut().enumerate() {
-            if member.status.is_some() {
-                continue;
-            }
-            let _ = pidfd_send_signal(&member.ended, Signal::KILL);
-            if let Ok(status) = member.child.wait() {
-                member.status = Some(status);
-                deaths.push(Death::of(member, index, status));
-            }
-            if let Some(log) = member.log.take() {
-                let _ = log.join();
-            }
-        }
-        self.bus.clean_dead();
-        deaths
+        self.end(&|member| member.status.is_none());
     }
 }
 

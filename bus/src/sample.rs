@@ -135,19 +135,21 @@ pub enum Mode {
 }
 
 impl Mode {
+    /// All of them, each at its number.
+    pub const ALL: [Mode; 8] = [
+        Mode::Disabled,
+        Mode::Enabled,
+        Mode::Stopping,
+        Mode::Stopped,
+        Mode::Tripped,
+        Mode::Finished,
+        Mode::Jogging,
+        Mode::Ready,
+    ];
+
     /// Decodes what came over the wire.
     pub fn from_wire(value: u32) -> Option<Mode> {
-        Some(match value {
-            0 => Mode::Disabled,
-            1 => Mode::Enabled,
-            2 => Mode::Stopping,
-            3 => Mode::Stopped,
-            4 => Mode::Tripped,
-            5 => Mode::Finished,
-            6 => Mode::Jogging,
-            7 => Mode::Ready,
-            _ => return None,
-        })
+        Self::ALL.into_iter().find(|mode| *mode as u32 == value)
     }
 
     /// The word for it on screens and in reports.
@@ -182,16 +184,18 @@ pub enum ProgramState {
 }
 
 impl ProgramState {
+    /// All of them, each at its number.
+    pub const ALL: [ProgramState; 5] = [
+        ProgramState::None,
+        ProgramState::Loading,
+        ProgramState::Loaded,
+        ProgramState::Begun,
+        ProgramState::Done,
+    ];
+
     /// Decodes what came over the wire.
     pub fn from_wire(value: u32) -> Option<ProgramState> {
-        Some(match value {
-            0 => ProgramState::None,
-            1 => ProgramState::Loading,
-            2 => ProgramState::Loaded,
-            3 => ProgramState::Begun,
-            4 => ProgramState::Done,
-            _ => return None,
-        })
+        Self::ALL.into_iter().find(|state| *state as u32 == value)
     }
 
     /// The word for it on screens and in reports.

@@ -19,7 +19,6 @@ use std::path::{Path, PathBuf};
 
 use bus::machine::Machine;
 use bus::settings_file::SettingsFileError;
-use control::path::AxisVector;
 use program::{Program, ProgramError, Setup};
 
 pub use json::{
@@ -216,11 +215,7 @@ fn load_program(
     start: &Start,
 ) -> Result<Program, ReportError> {
     let file = program_file(run_dir, info)?;
-    let mut at = AxisVector::zeros();
-    let registers = machine.axes.iter().zip(start.registers);
-    for (place, (axis, register)) in at.iter_mut().zip(registers) {
-        *place = register as f64 * axis.increment_mm();
-    }
+    let at = program::axes_at(machine, &start.registers);
     let start = program::kinematics_of(machine).tool(&at);
     Ok(program::load(&file, &Setup::of(machine), start)?)
 }

@@ -1,7 +1,7 @@
 //! The course of a run: the program's path with the limits of the machine on it.
 
 use bus::machine::{self, Machine, RapidProfile};
-use bus::sample::{MAX_AXES, MAX_WINDOW_ROWS};
+use bus::sample::MAX_WINDOW_ROWS;
 use control::kinematics::Kinematics;
 use control::limits::{AxisLimits, LimitsError, MotionLimits};
 use control::path::{AxisVector, Element, Path};
@@ -129,13 +129,4 @@ pub fn window_planner(
         settings,
         positioning.as_ref(),
     )?)
-}
-
-/// A position in axis units.
-pub(crate) fn point_of(machine: &Machine, increments: &[i64; MAX_AXES]) -> AxisVector {
-    let mut point = AxisVector::zeros();
-    for ((value, axis), increments) in point.iter_mut().zip(&machine.axes).zip(increments) {
-        *value = *increments as f64 * axis.increment_mm();
-    }
-    point
 }

@@ -18,7 +18,7 @@ use control::profile::PathState;
 use control::window::{Row, WindowPlanner, WindowRequest};
 use program::{ProgramError, Setup};
 
-use crate::course::{CourseError, point_of, tool_at, window_planner};
+use crate::course::{CourseError, tool_at, window_planner};
 use crate::way_back::WayBack;
 
 /// Scans from the feedback a window answers until it can be executed: seen by the servos in the next, admitted by the
@@ -400,7 +400,7 @@ impl Planner {
     }
 
     fn expand(&self, registers: [i64; MAX_AXES]) -> Result<Course, StartError> {
-        let stands = point_of(&self.machine, &registers);
+        let stands = program::axes_at(&self.machine, &registers);
         let start = tool_at(&self.machine, &stands).map_err(CourseError::from)?;
         let setup = Setup::of(&self.machine);
         let text = self.program_text.as_deref().unwrap_or_default();

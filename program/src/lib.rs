@@ -60,5 +60,5 @@ mod words;
 pub use error::{Problem, ProgramError};
 pub use file::{FILE_BYTES_MAX, load};
 pub use interpreter::{BLOCKS_MAX, interpret};
-pub use machine::kinematics_of;
+pub use machine::{axes_at, kinematics_of};
 pub use program::{AxisSetup, Block, Event, EventKind, Note, Program, ProgramEnd, Setup};

@@ -10,7 +10,6 @@ use bus::member::Pace;
 use bus::page::{CellPhase, Page};
 use bus::sample::Feedback;
 use bus::service::RECORDER_DEPTH_SCANS;
-use control::path::AxisVector;
 use program::{Program, Setup};
 
 use super::model::Model;
@@ -232,11 +231,7 @@ pub fn program_behind(file: &Path, machine: &Machine, feedback: &Feedback) -> Op
     if !small {
         return None;
     }
-    let mut axes_mm = AxisVector::zeros();
-    let registers = machine.axes.iter().zip(&feedback.program_start);
-    for (to, (axis, increments)) in axes_mm.iter_mut().zip(registers) {
-        *to = *increments as f64 * axis.increment_mm();
-    }
+    let axes_mm = program::axes_at(machine, &feedback.program_start);
     let start = program::kinematics_of(machine).tool(&axes_mm);
     let read = program::load(file, &Setup::of(machine), start).ok();
     read.filter(|program| program.source_hash == feedback.program_hash)

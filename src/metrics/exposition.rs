@@ -5,14 +5,14 @@ use std::fmt::Error;
 use std::path::Path;
 
 use bus::machine::AxisKind;
-use bus::sample::{Cause, Job, Mode};
+use bus::sample::{Cause, Job, Mode, ProgramState};
 use prometheus_client::collector::Collector;
 use prometheus_client::encoding::text::encode;
 use prometheus_client::encoding::{DescriptorEncoder, MetricEncoder, NoLabelSet};
 use prometheus_client::metrics::MetricType;
 use prometheus_client::registry::{Registry, Unit};
 
-use super::numbers::{AxisNumbers, CAUSES, Distribution, MODES, Number, Numbers, PROGRAM_STATES};
+use super::numbers::{AxisNumbers, CAUSES, Distribution, Number, Numbers};
 use super::server::Served;
 
 /// How the text is written.
@@ -298,7 +298,7 @@ impl Snapshot {
                 let Some(now) = numbers.mode.get() else {
                     return Ok(());
                 };
-                MODES.iter().try_for_each(|mode: &Mode| {
+                Mode::ALL.iter().try_for_each(|mode: &Mode| {
                     let is = u32::from(now == f64::from(*mode as u32));
                     let labels = [("mode", mode.word())];
                     e.encode_family(&labels)?.encode_gauge(&is)
@@ -322,7 +322,7 @@ impl Snapshot {
             let Some(now) = numbers.program_state.get() else {
                 return Ok(());
             };
-            PROGRAM_STATES.iter().try_for_each(|state| {
+            ProgramState::ALL.iter().try_for_each(|state| {
                 let is = u32::from(now == f64::from(*state as u32));
                 let labels = [("state", state.word())];
                 e.encode_family(&labels)?.encode_gauge(&is)

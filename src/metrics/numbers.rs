@@ -5,32 +5,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use bus::machine::{AxisKind, Machine};
 use bus::member::Pace;
-use bus::sample::{Cause, Job, Mode, Participant, ProgramState};
+use bus::sample::{Cause, Job, Participant};
 use bytemuck::Zeroable;
 
 use crate::live::events::process_name;
 
 /// Causes that stop a machine, `Cause::None` among them.
 pub const CAUSES: u32 = Cause::MachineSideLost as u32 + 1;
-/// Modes of a machine.
-pub const MODES: [Mode; 8] = [
-    Mode::Disabled,
-    Mode::Enabled,
-    Mode::Stopping,
-    Mode::Stopped,
-    Mode::Tripped,
-    Mode::Finished,
-    Mode::Jogging,
-    Mode::Ready,
-];
-/// How far a cell can be with its program.
-pub const PROGRAM_STATES: [ProgramState; 5] = [
-    ProgramState::None,
-    ProgramState::Loading,
-    ProgramState::Loaded,
-    ProgramState::Begun,
-    ProgramState::Done,
-];
 /// Upper ends of the buckets of following errors: those of slides, in m, are the first, those of rotary axes, in rad, the last
 /// [`ERROR_BUCKETS`].
 const ERROR_ENDS: [f64; 16] = [
@@ -320,6 +301,8 @@ pub fn base_unit(kind: AxisKind, value: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use bus::sample::{Mode, ProgramState};
+
     use super::*;
 
     #[test]
@@ -344,14 +327,17 @@ mod tests {
     fn every_cause_and_every_mode_on_the_wire_has_its_number() {
         assert!((0..CAUSES).all(|cause| Cause::from_wire(cause).is_some()));
         assert_eq!(Cause::from_wire(CAUSES), None);
-        for (wire, mode) in MODES.iter().enumerate() {
+        for (wire, mode) in Mode::ALL.iter().enumerate() {
             assert_eq!(Mode::from_wire(wire as u32), Some(*mode));
         }
-        assert_eq!(Mode::from_wire(MODES.len() as u32), None);
-        for (wire, state) in PROGRAM_STATES.iter().enumerate() {
+        assert_eq!(Mode::from_wire(Mode::ALL.len() as u32), None);
+        for (wire, state) in ProgramState::ALL.iter().enumerate() {
             assert_eq!(ProgramState::from_wire(wire as u32), Some(*state));
         }
-        assert_eq!(ProgramState::from_wire(PROGRAM_STATES.len() as u32), None);
+        assert_eq!(
+            ProgramState::from_wire(ProgramState::ALL.len() as u32),
+            None
+        );
     }
 
     #[test]

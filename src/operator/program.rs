@@ -11,7 +11,6 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, anyhow};
 use bus::member::watch;
 use bus::sample::{Feedback, Mode, OperatorRequest, Order, ProgramState};
-use control::path::AxisVector;
 use program::Setup;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
@@ -36,15 +35,14 @@ const LOOK: Duration = Duration::from_millis(5);
 pub fn load(options: &LoadOptions) -> Outcome {
     let file = &options.program;
     let name = program_name(file).input()?.to_string();
-    let text = fs::read(file)
+    let text = fs::read_to_string(file)
         .with_context(|| format!("{}: cannot be read", file.display()))
         .input()?;
     let client = Client::find(options.to.cell.as_deref(), "operator")?;
     let mut eyes = Eyes::open(&client)?;
     let now = eyes.look()?;
-    let mut laid = Laid::down(&client, now.load, &name, &text)?;
     let started = Instant::now();
-    let read = check(&client, &laid.file, file, &now).input()?;
+    let read = check(&client, &text, file, &now).input()?;
     if started.elapsed() > CHECK_LIMIT {
         return Err(Failure::Input(anyhow!(
             "{}: takes {:.0} s to read; a cell waits for its planner for {} s at most: make several programs of it, or use `quadrant run`",
@@ -53,16 +51,15 @@ pub fn load(options: &LoadOptions) -> Outcome {
             CHECK_LIMIT.as_secs()
         )));
     }
+    let mut laid = Laid::down(&client, now.load, &name, &text)?;
     let request = OperatorRequest {
         order: Order::Load as u32,
         value: f64::from(laid.number),
         ..OperatorRequest::default()
     };
     let answer = client.hear(Order::Load, request);
-    if answer.as_ref().is_ok_and(|answer| answer.accepted == 1) || answer.is_err() {
-        // From here on the cell has it, or may have: it takes it away itself.
-        laid.kept = true;
-    }
+    // Unless it was refused the cell has it, or may have: then its launcher takes it away.
+    laid.kept = answer.as_ref().map_or(true, |answer| answer.accepted == 1);
     client.accepted(Order::Load, &request, answer?)?;
     let started = Instant::now();
     loop {
@@ -104,18 +101,12 @@ pub fn load(options: &LoadOptions) -> Outcome {
 }
 
 /// Checks the program against the machine, from where its axes stand; what it is, in words. `shown` stands in messages.
-fn check(client: &Client, file: &Path, shown: &Path, now: &Feedback) -> anyhow::Result<String> {
+fn check(client: &Client, text: &str, shown: &Path, now: &Feedback) -> anyhow::Result<String> {
     let machine = &client.machine;
-    let mut axes_mm = AxisVector::zeros();
-    let registers = machine.axes.iter().zip(now.axes());
-    for (to, (axis, sample)) in axes_mm.iter_mut().zip(registers) {
-        *to = sample.command_register as f64 * axis.increment_mm();
-    }
-    let start = planner::tool_at(machine, &axes_mm)?;
-    let text =
-        fs::read_to_string(file).with_context(|| format!("{}: cannot be read", shown.display()))?;
+    let registers = now.axes.map(|axis| axis.command_register);
+    let start = planner::tool_at(machine, &program::axes_at(machine, &registers))?;
     let name = shown.display().to_string();
-    let program = program::interpret(&name, &text, &Setup::of(machine), start)?;
+    let program = program::interpret(&name, text, &Setup::of(machine), start)?;
     let elements = program.path.elements.len();
     let lengths_mm = program.path.elements.iter().map(|e| e.length_mm);
     let length_mm = lengths_mm.fold(0.0, |sum, length_mm| sum + length_mm);
@@ -127,13 +118,12 @@ fn check(client: &Client, file: &Path, shown: &Path, now: &Feedback) -> anyhow::
 struct Laid {
     number: u32,
     folder: PathBuf,
-    file: PathBuf,
     kept: bool,
 }
 
 impl Laid {
     /// Puts the program there under a number that nobody has, above that of the one that is loaded.
-    fn down(client: &Client, loaded: u32, name: &str, text: &[u8]) -> Result<Laid, Failure> {
+    fn down(client: &Client, loaded: u32, name: &str, text: &str) -> Result<Laid, Failure> {
         let mut maker = DirBuilder::new();
         let maker = maker.mode(0o700);
         let programs = client.place.programs();
@@ -155,12 +145,12 @@ impl Laid {
         };
         let laid = Laid {
             number,
-            file: folder.join(name),
             folder,
             kept: false,
         };
-        fs::write(&laid.file, text)
-            .with_context(|| format!("{}: cannot be written", laid.file.display()))
+        let file = laid.folder.join(name);
+        fs::write(&file, text)
+            .with_context(|| format!("{}: cannot be written", file.display()))
             .environment()?;
         Ok(laid)
     }
@@ -212,7 +202,7 @@ pub fn start(options: &StartOptions) -> Outcome {
             )));
         }
         if now.run == answer.run && !begun {
-            if now.run == answer.run && now.program == ProgramState::Done as u32 {
+            if now.program == ProgramState::Done as u32 {
                 say(&format!("run {} is done", answer.run));
                 return Ok(());
             }

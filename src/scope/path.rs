@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use anyhow::anyhow;
 use bus::machine::Machine;
 use bus::sample::Feedback;
-use control::path::AxisVector;
 use monitor::scope::signal::KnownPath;
 use monitor::scope::trigger::Trigger;
 use monitor::scope::{Scope, Settings};
@@ -105,11 +104,7 @@ impl Paths {
 }
 
 fn read(text: Text, feedback: &Feedback, machine: &Machine) -> Result<Program, String> {
-    let mut axes_mm = AxisVector::zeros();
-    let registers = machine.axes.iter().zip(&feedback.program_start);
-    for (to, (axis, increments)) in axes_mm.iter_mut().zip(registers) {
-        *to = *increments as f64 * axis.increment_mm();
-    }
+    let axes_mm = program::axes_at(machine, &feedback.program_start);
     let start = program::kinematics_of(machine).tool(&axes_mm);
     let setup = Setup::of(machine);
     match text {

@@ -6,7 +6,7 @@ use std::path::Path;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::svg::{self, Area, FINE, words};
+use super::svg::{self, Area, FINE, INK, SOFT, words};
 use super::{Evaluation, ReportError};
 use crate::measure::arc::plots::{PLOTS_MAX, RUNS_MAX, in_one_plot, shown};
 use crate::measure::arc::{ArcResult, CurvePoint, Quadrant};
@@ -22,8 +22,6 @@ const DIVISIONS: i32 = 3;
 /// Top of the captions.
 const CAPTIONS_Y: i32 = 900;
 
-const INK: RGBColor = RGBColor(0x22, 0x26, 0x2b);
-const SOFT: RGBColor = RGBColor(0x6b, 0x72, 0x7b);
 const GRID: RGBColor = RGBColor(0xd9, 0xdd, 0xe2);
 const COUNTER_CLOCKWISE: RGBColor = RGBColor(0x0b, 0x5c, 0xad);
 const CLOCKWISE: RGBColor = RGBColor(0xc2, 0x4a, 0x14);

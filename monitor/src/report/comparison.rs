@@ -6,7 +6,7 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::ReportError;
-use super::svg::{self, Area, FINE, words};
+use super::svg::{self, Area, FINE, INK, SOFT, words};
 
 /// What is compared.
 #[derive(Debug, Clone, PartialEq)]
@@ -58,8 +58,6 @@ const TOP: i32 = 132;
 const ROW: i32 = 60;
 const FOOT: i32 = 108;
 
-const INK: RGBColor = RGBColor(0x22, 0x26, 0x2b);
-const SOFT: RGBColor = RGBColor(0x6b, 0x72, 0x7b);
 const GRID: RGBColor = RGBColor(0xe3, 0xe6, 0xea);
 /// Okabe and Ito's colours, which all kinds of colour vision tell apart; feeds take them in turn.
 const COLOURS: [RGBColor; 6] = [

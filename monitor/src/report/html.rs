@@ -406,19 +406,10 @@ fn axes(report: &Report, page: &mut Page) {
         ],
         rows.collect(),
     );
-    let predictions = report.axes.iter().filter_map(|axis| {
-        let prediction = axis.prediction.as_ref()?;
-        Some(format!(
-            "{} feedback {:.2} ms ahead (m = {}): error {:.2} instead of {:.2} µm rms, noise added {:.4} µm = {:.4} mm/s",
-            axis.axis,
-            prediction.horizon_ms,
-            prediction.m,
-            prediction.predicted_error_um,
-            prediction.unpredicted_error_um,
-            prediction.added_noise_um,
-            prediction.added_noise_mm_s
-        ))
-    });
+    let predictions = report
+        .axes
+        .iter()
+        .filter_map(|axis| Some(axis.prediction.as_ref()?.words(&axis.axis)));
     page.list(&predictions.collect::<Vec<_>>());
 }
 

@@ -203,6 +203,21 @@ pub struct PredictionReport {
     pub added_noise_mm_s: f64,
 }
 
+impl PredictionReport {
+    /// What it does for this axis, in words.
+    pub(super) fn words(&self, axis: &str) -> String {
+        format!(
+            "{axis} feedback {:.2} ms ahead (m = {}): error {:.2} instead of {:.2} µm rms, noise added {:.4} µm = {:.4} mm/s",
+            self.horizon_ms,
+            self.m,
+            self.predicted_error_um,
+            self.unpredicted_error_um,
+            self.added_noise_um,
+            self.added_noise_mm_s
+        )
+    }
+}
+
 /// One run of arcs on one circle.
 #[derive(Debug, Clone, Serialize)]
 pub struct ArcReport {

@@ -8,6 +8,11 @@ use plotters::prelude::*;
 /// Drawn units per pixel shown.
 pub(crate) const FINE: i32 = 8;
 
+/// Colour of titles and outlines.
+pub(crate) const INK: RGBColor = RGBColor(0x22, 0x26, 0x2b);
+/// Colour of words and lines that stand back.
+pub(crate) const SOFT: RGBColor = RGBColor(0x6b, 0x72, 0x7b);
+
 /// A drawing area in fine units.
 pub(crate) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 

@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use control::path::AxisVector;
+
 use super::*;
 use crate::log::{LOG_FILE, Recorder, RunEnd, RunInfo};
 use crate::test_support::{Deviation, SyntheticRun, machine, machine_text};

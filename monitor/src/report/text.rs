@@ -159,17 +159,7 @@ fn axes(report: &Report, page: &mut String) {
     }
     for axis in &report.axes {
         if let Some(prediction) = &axis.prediction {
-            line!(
-                page,
-                "  {} feedback {:.2} ms ahead (m = {}): error {:.2} instead of {:.2} µm rms, noise added {:.4} µm = {:.4} mm/s",
-                axis.axis,
-                prediction.horizon_ms,
-                prediction.m,
-                prediction.predicted_error_um,
-                prediction.unpredicted_error_um,
-                prediction.added_noise_um,
-                prediction.added_noise_mm_s
-            );
+            line!(page, "  {}", prediction.words(&axis.axis));
         }
     }
     if let Some(axis) = report.axes.first() {

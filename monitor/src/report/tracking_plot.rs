@@ -4,7 +4,7 @@ use std::path::Path;
 
 use plotters::prelude::*;
 
-use super::svg::{self, Area, FINE, words};
+use super::svg::{self, Area, FINE, INK, SOFT, words};
 use super::{Evaluation, ReportError};
 use crate::measure::axis::AxisMeter;
 
@@ -12,8 +12,6 @@ const WIDTH: i32 = 1100;
 const PANEL: i32 = 230;
 const HEAD: i32 = 64;
 
-const INK: RGBColor = RGBColor(0x22, 0x26, 0x2b);
-const SOFT: RGBColor = RGBColor(0x6b, 0x72, 0x7b);
 const GRID: RGBColor = RGBColor(0xe3, 0xe6, 0xea);
 const CURVES: [RGBColor; 4] = [
     RGBColor(0x0b, 0x5c, 0xad),

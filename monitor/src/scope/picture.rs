@@ -7,15 +7,13 @@ use plotters::prelude::*;
 use super::chart::limits;
 use super::signal::Signal;
 use super::{Capture, ScopeError};
-use crate::report::svg::{self, Area, FINE, words};
+use crate::report::svg::{self, Area, FINE, INK, SOFT, words};
 
 const WIDTH: i32 = 1000;
 const PANEL: i32 = 170;
 const HEAD: i32 = 56;
 const FOOT: i32 = 44;
 
-const INK: RGBColor = RGBColor(0x22, 0x26, 0x2b);
-const SOFT: RGBColor = RGBColor(0x6b, 0x72, 0x7b);
 const GRID: RGBColor = RGBColor(0xe3, 0xe6, 0xea);
 const TRIGGER: RGBColor = RGBColor(0xc2, 0x4a, 0x14);
 const CURVE: RGBColor = RGBColor(0x0b, 0x5c, 0xad);

@@ -90,17 +90,6 @@ pub enum Trigger {
     Death(Option<Place>),
 }
 
-const MODES: [Mode; 8] = [
-    Mode::Disabled,
-    Mode::Enabled,
-    Mode::Stopping,
-    Mode::Stopped,
-    Mode::Tripped,
-    Mode::Finished,
-    Mode::Jogging,
-    Mode::Ready,
-];
-
 const WORDS: &str = "now, reversal AXIS [+|-], SIGNAL > VALUE, SIGNAL < VALUE, SIGNAL rising VALUE, SIGNAL falling VALUE (with abs before \
      the signal for its magnitude), block LINE, scan N, trip, mode [WORD], order, death [PROCESS]";
 
@@ -183,9 +172,9 @@ impl Trigger {
             ["order"] => Trigger::Order,
             ["mode"] => Trigger::Mode(None),
             ["mode", word] => {
-                let mode = MODES.iter().find(|mode| mode.word() == *word);
+                let mode = Mode::ALL.iter().find(|mode| mode.word() == *word);
                 Trigger::Mode(Some(*mode.ok_or_else(|| {
-                    let all: Vec<&str> = MODES.iter().map(|mode| mode.word()).collect();
+                    let all: Vec<&str> = Mode::ALL.iter().map(|mode| mode.word()).collect();
                     wrong(
                         text,
                         format!("there is no mode {word:?}: must be {}", all.join(", ")),
