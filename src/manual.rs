@@ -7,11 +7,18 @@ use anyhow::Context;
 use clap::CommandFactory;
 use clap_mangen::Man;
 
+use launcher::exit::{Kind, Outcome};
+use launcher::output::say;
+
 use crate::cli::{Cli, CompletionsOptions, ManOptions};
-use crate::exit::{Kind, Outcome};
-use crate::output::say;
+
+/// Columns of the help in the book.
+const BOOK_COLUMNS: usize = 100;
 
 /// Prints a shell's completion script.
+///
+/// # Errors
+/// None.
 pub fn completions(options: &CompletionsOptions) -> Outcome {
     let mut script = Vec::new();
     clap_complete::generate(options.shell, &mut Cli::command(), "quadrant", &mut script);
@@ -20,16 +27,25 @@ pub fn completions(options: &CompletionsOptions) -> Outcome {
 }
 
 /// Writes the manual pages: `quadrant.1` and one for each subcommand.
+///
+/// # Errors
+/// They cannot be written.
 pub fn man(options: &ManOptions) -> Outcome {
     let folder = &options.out;
     let shown = folder.display();
     fs::create_dir_all(folder)
         .with_context(|| format!("{shown}: cannot be made"))
         .environment()?;
-    let mut command = Cli::command().disable_help_subcommand(true);
+    let mut command = Cli::command()
+        .disable_help_subcommand(true)
+        .term_width(BOOK_COLUMNS);
     command.build();
-    let pages = pages(&command, folder).environment()?;
-    say(&format!("{pages} manual pages: {shown}"));
+    let pages = if options.markdown {
+        book_pages(&command, folder)
+    } else {
+        pages(&command, folder)
+    };
+    say(&format!("{} manual pages: {shown}", pages.environment()?));
     Ok(())
 }
 
@@ -47,6 +63,24 @@ fn pages(command: &clap::Command, folder: &Path) -> anyhow::Result<usize> {
     let file = folder.join(man.get_filename());
     fs::write(&file, tidy(&String::from_utf8_lossy(&page)))
         .with_context(|| format!("{}: cannot be written", file.display()))?;
+    Ok(count)
+}
+
+/// A page of the book for each command that is not hidden.
+fn book_pages(command: &clap::Command, folder: &Path) -> anyhow::Result<usize> {
+    let mut count = 0;
+    for below in command.get_subcommands().filter(|sub| !sub.is_hide_set()) {
+        let name = below.get_bin_name().unwrap_or(below.get_name());
+        let help = below.clone().render_long_help().to_string();
+        let lines: Vec<&str> = help.lines().map(str::trim_end).collect();
+        let page = format!(
+            "# `{name}`\n\n<!-- Made from the command line: `quadrant man --markdown --out docs/reference/commands`. -->\n\n```text\n{}\n```\n",
+            lines.join("\n").trim_end()
+        );
+        let file = folder.join(format!("{}.md", name.replace(' ', "-")));
+        fs::write(&file, page).with_context(|| format!("{}: cannot be written", file.display()))?;
+        count += 1 + book_pages(below, folder)?;
+    }
     Ok(count)
 }
 

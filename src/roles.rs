@@ -2,20 +2,25 @@
 
 use std::time::Duration;
 
-use crate::cli::{PlannerOptions, PlantSimOptions, RecorderOptions, ServoOptions};
-use crate::exit::{Failure, Kind, Outcome};
-use crate::{logs, metrics};
+use launcher::exit::{Kind, Outcome};
+use launcher::logs;
+use view::metrics;
 
-/// The machine side.
+use crate::cli::{PlannerOptions, PlantSimOptions, RecorderOptions, ServoOptions};
+
+/// The master over simulated drives.
+///
+/// # Errors
+/// It cannot take part, or cannot go on.
 pub fn plant_sim(options: &PlantSimOptions) -> Outcome {
     logs::init_role();
     let run_end = if options.end_after_program {
-        plant_sim::RunEnd::AfterProgram
+        master::RunEnd::AfterProgram
     } else {
-        plant_sim::RunEnd::WhenTold
+        master::RunEnd::WhenTold
     };
     plant_sim::run(&plant_sim::Options {
-        seat: options.seat.seat(),
+        slot: options.slot.slot(),
         plant: options.plant.clone(),
         enabled: options.enabled,
         run_end,
@@ -37,29 +42,27 @@ fn fault_blocks(pairs: &[String]) -> Vec<(u32, u32)> {
 }
 
 /// The planner.
+///
+/// # Errors
+/// It cannot take part.
 pub fn planner(options: &PlannerOptions) -> Outcome {
     logs::init_role();
-    planner::run(&planner::Options {
-        seat: options.seat.seat(),
-        program: options.program.clone(),
-        faults: options.faults.clone(),
-    })
-    .environment()
+    planner::run(&options.options()).environment()
 }
 
 /// One servo.
+///
+/// # Errors
+/// It cannot take part.
 pub fn servo(options: &ServoOptions) -> Outcome {
     logs::init_role();
-    servo::run(&servo::Options {
-        seat: options.seat.seat(),
-        axis: options.axis.clone(),
-        role: u32::from(options.role == "b"),
-        faults: options.faults.clone(),
-    })
-    .map_err(|e| Failure::Environment(e.into()))
+    servo::run(&options.options()).environment()
 }
 
 /// The recorder.
+///
+/// # Errors
+/// It cannot take part, or cannot write its log.
 pub fn recorder(options: &RecorderOptions) -> Outcome {
     logs::init_role();
     let mut watch = None;
@@ -69,7 +72,7 @@ pub fn recorder(options: &RecorderOptions) -> Outcome {
         watch = Some(metrics::Watch::new(listener, out, program));
     }
     let options = monitor::Options {
-        seat: options.seat.seat(),
+        slot: options.slot.slot(),
         out: options.out.clone(),
         program: options.program.clone(),
     };

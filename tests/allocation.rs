@@ -6,14 +6,25 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::time::Duration;
 
-use bus::cell::CellPlace;
-use bus::machine::Machine;
-use bus::sample::{Job, Participant, Roster};
+use std::rc::Rc;
+
+use bus::cell::CellPaths;
+use bus::member::{Member, Pace, Slot};
+use bus::sample::{
+    Feedback, Instruments, Job, OperatorRequest, OperatorResponse, Participant, Roster,
+    WindowHeader, WindowRow,
+};
 use bus::service::{Bus, SCAN_DEPTH};
+use bus::signal_page::{CellPhase, SignalPage};
 use bytemuck::Zeroable;
-use plant_sim::RunEnd;
-use plant_sim::machine_side::{Answers, MachineSide};
+use machine::Machine;
+use master::bus_ports::BusPorts;
+use master::saved::Latches;
+use master::{Answered, Drives, Flow, Master, MasterError, MasterPorts, RunEnd};
+use planner::Planner;
+use plant_sim::SimulatedDrives;
 use plant_sim::plant_file::PlantFile;
+use servo::Servo;
 
 struct Counting;
 
@@ -50,12 +61,16 @@ fn counted<T>(work: impl FnOnce() -> T) -> (T, u64, u64) {
 /// What iceoryx2 0.10 allocates for one loan: the reference count of the chunk's shared state.
 const PER_SEND: (u64, u64) = (1, 48);
 
+/// Slots of the roster: the master, the planner, then the servos.
+const FIRST_SERVO: usize = 2;
+
 fn roster(axes: usize) -> Roster {
     let mut roster = Roster::zeroed();
     roster.version = 1;
-    let jobs = std::iter::once((Job::Planner, 0)).chain((0..axes).map(|axis| (Job::Servo, axis)));
-    for (place, (job, axis)) in roster.participants.iter_mut().zip(jobs) {
-        *place = Participant {
+    let servos = (0..axes).map(|axis| (Job::Servo, axis));
+    let jobs = [(Job::Master, 0), (Job::Planner, 0)].into_iter();
+    for (slot, (job, axis)) in roster.participants.iter_mut().zip(jobs.chain(servos)) {
+        *slot = Participant {
             job: job as u32,
             axis: axis as u32,
             incarnation: 1,
@@ -66,95 +81,164 @@ fn roster(axes: usize) -> Roster {
     roster
 }
 
+/// The ports of the master, with servos and planner behind them that answer in the same thread, each over its own ports.
+struct Counted {
+    ports: BusPorts,
+    servos: Vec<(Servo, servo::BusPorts)>,
+    planner: (Planner, planner::BusPorts),
+    /// Windows sent, read beside everybody else.
+    windows: bus::port::WindowReader,
+    /// What the others allocated in this scan, which is not the master's.
+    others: (u64, u64),
+}
+
+impl Counted {
+    /// What one of the others allocates in its scan must be `sends` times what iceoryx2 allocates.
+    fn expect(&mut self, what: &str, scan: u64, sends: u64, (count, bytes): (u64, u64)) {
+        self.others = (self.others.0 + count, self.others.1 + bytes);
+        assert_settled(what, scan, sends, (count, bytes));
+    }
+}
+
+/// Connections are made and buffers filled in the first scans; then nothing may allocate any more.
+fn assert_settled(what: &str, scan: u64, sends: u64, found: (u64, u64)) {
+    let expected = (sends * PER_SEND.0, sends * PER_SEND.1);
+    assert!(
+        scan <= 200 || found == expected,
+        "{what} in scan {scan}: (allocations, bytes) are {found:?}, not {expected:?}"
+    );
+}
+
+impl MasterPorts for Counted {
+    type Error = MasterError;
+
+    fn roster(&self) -> &Roster {
+        self.ports.roster()
+    }
+
+    fn read_roster(&mut self) {
+        self.ports.read_roster();
+    }
+
+    fn begin_scan(&mut self, feedback: &Feedback, ask_planner: bool) -> Flow {
+        self.ports.begin_scan(feedback, ask_planner)
+    }
+
+    fn publish_instruments(&mut self, instruments: &Instruments) {
+        self.ports.publish_instruments(instruments);
+    }
+
+    fn save(&mut self, latches: &Latches, drives: &impl Drives) {
+        self.ports.save(latches, drives);
+    }
+
+    fn await_answers(&mut self, scan: u64, ask_planner: bool) -> Result<Answered, MasterError> {
+        for index in 0..self.servos.len() {
+            let (servo, ports) = &mut self.servos[index];
+            let (goes_on, count, bytes) = counted(|| servo::cycle(servo, ports));
+            assert!(goes_on);
+            self.expect("a servo's cycle", scan, 1, (count, bytes));
+        }
+        if ask_planner {
+            let (planner, ports) = &mut self.planner;
+            let (goes_on, count, bytes) = counted(|| planner::cycle(planner, ports));
+            assert!(goes_on);
+            let mut windows = 0;
+            self.windows.each(u64::MAX, |_, _| windows += 1);
+            self.expect("the planner's cycle", scan, 1 + windows, (count, bytes));
+        }
+        self.ports.await_answers(scan, ask_planner)
+    }
+
+    fn serve_orders(&mut self, scan: u64, judge: impl FnMut(&OperatorRequest) -> OperatorResponse) {
+        self.ports.serve_orders(scan, judge);
+    }
+
+    fn launcher_lives(&mut self, scan: u64) -> Option<bool> {
+        self.ports.launcher_lives(scan)
+    }
+
+    fn for_each_window(
+        &mut self,
+        scan: u64,
+        offer: impl FnMut(&WindowHeader, &[WindowRow], &Roster),
+    ) {
+        self.ports.for_each_window(scan, offer);
+    }
+
+    fn finish(&mut self, scan: u64) {
+        self.ports.finish(scan);
+    }
+
+    fn leave(&mut self) {
+        self.ports.leave();
+    }
+}
+
 #[test]
 fn a_scan_allocates_nothing_but_what_iceoryx2_allocates_per_send() {
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
-    let machine = Machine::load(&root.join("machines/xy")).expect("the machine");
-    let plant = PlantFile::load(&root.join("machines/xy")).expect("the plant");
-    let program = std::fs::read_to_string(root.join("machines/xy/programs/circle-r25-f3000.ngc"))
-        .expect("a program");
-    let place = CellPlace::new(&format!("alloc-{}", std::process::id())).expect("a name");
-    let owned = place.own(Duration::ZERO).expect("the cell");
-    let launcher = Bus::enter(&place, &machine, "launcher", true).expect("shared memory");
+    let folder = root.join("machines/xy");
+    let machine = Machine::load(&folder).expect("the machine");
+    let plant = PlantFile::load(&folder).expect("the plant");
+    let program = folder.join("programs/circle-r25-f3000.ngc");
+    let program = std::fs::read_to_string(program).expect("a program");
+    let paths = CellPaths::new(&format!("alloc-{}", std::process::id())).expect("a name");
+    let owned = paths.own(Duration::ZERO).expect("the cell");
+    let shape = machine.shape();
+    let launcher = Bus::enter(&paths, &shape, "launcher", true).expect("shared memory");
     let _services = launcher.create_all().expect("services");
+    let page = SignalPage::create(&paths).expect("the signal page");
+    let enter = |index: usize, who: &str| {
+        let slot = Slot {
+            cell: paths.name().into(),
+            machine: folder.clone(),
+            index,
+            incarnation: 1,
+            launcher: std::process::id(),
+            pace: Pace::Lockstep,
+            core: None,
+            avoid_core: None,
+            after_scan: None,
+        };
+        Member::enter(slot, who, &shape).expect("a member")
+    };
 
     let axes = machine.axes.len();
-    let simulations = plant.simulations(&machine).expect("axes");
-    let mut side = MachineSide::new(&machine, simulations, 1, 0, true, RunEnd::AfterProgram);
-    let mut servos: Vec<_> = (0..axes)
-        .map(|axis| {
-            let servo = servo::Servo::new(&machine, axis, 0, 1).expect("a servo");
-            let feedback = launcher.feedback_reader(SCAN_DEPTH).expect("feedback");
-            let windows = launcher.window_reader(SCAN_DEPTH).expect("windows");
-            let out = launcher.command_writer(axis, 0).expect("commands");
-            let back = launcher
-                .command_reader(axis, 0, SCAN_DEPTH)
-                .expect("commands");
-            (servo, feedback, windows, out, back)
-        })
-        .collect();
-    let mut planner = planner::Planner::new(&machine, "circle", program, 1);
-    let mut feedback_out = launcher.feedback_writer().expect("feedback");
-    let mut instruments_out = launcher.instruments_writer().expect("instruments");
-    let mut windows_out = launcher.window_writer().expect("windows");
-    let mut windows_in = launcher.window_reader(SCAN_DEPTH).expect("windows");
-    let mut status_out = launcher.planner_writer().expect("planner");
-    let mut status_in = launcher.planner_reader(SCAN_DEPTH).expect("planner");
-    let roster = roster(axes);
+    let drives = SimulatedDrives::new(plant.simulations(&machine).expect("axes"));
+    let mut master = Master::new(&machine, drives, 1, 0, true, RunEnd::AfterProgram);
+    let servo = |axis: usize| {
+        let servo = Servo::new(&machine, axis, 0, 1).expect("a servo");
+        let member = Rc::new(enter(FIRST_SERVO + axis, "servo"));
+        let ports = servo::BusPorts::open(member, axis, 0, false).expect("ports");
+        (servo, ports)
+    };
+    let period_scans = machine.scan.distribution_period_scans;
+    let planner_ports = planner::BusPorts::open(Rc::new(enter(1, "planner")), period_scans);
+    let limit = Duration::from_secs(30);
+    let mut ports = Counted {
+        ports: BusPorts::open(enter(0, "master"), &machine, limit).expect("ports"),
+        servos: (0..axes).map(servo).collect(),
+        planner: (
+            Planner::new(&machine, "circle", program, 1),
+            planner_ports.expect("ports"),
+        ),
+        windows: launcher.window_reader(SCAN_DEPTH).expect("windows"),
+        others: (0, 0),
+    };
+    let mut roster_out = launcher.roster_writer().expect("the roster");
+    roster_out.send(&roster(axes));
+    page.set_phase(CellPhase::Running);
+    assert!(ports.ports.wait_for_start());
 
-    // Connections are made and buffers filled in the first scans; then nothing may allocate any more.
     for scan in 0..6000 {
-        let settled = scan > 200;
-        let expect = |what: &str, (count, bytes): (u64, u64), found: u64, found_bytes: u64| {
-            assert!(
-                !settled || (found, found_bytes) == (count, bytes),
-                "{what} in scan {scan}: {found} allocations of {found_bytes} bytes, not {count} of {bytes}"
-            );
-        };
-        let (feedback, count, bytes) = counted(|| side.feedback());
-        expect("the machine side's feedback", (0, 0), count, bytes);
-        let ((), count, bytes) = counted(|| feedback_out.send(&feedback));
-        expect("sending the feedback", PER_SEND, count, bytes);
-        let (instruments, count, bytes) = counted(|| side.simulate());
-        expect("the simulation", (0, 0), count, bytes);
-        let ((), count, bytes) = counted(|| instruments_out.send(&instruments));
-        expect("sending the instruments", PER_SEND, count, bytes);
-
-        let mut answers = Answers::NONE;
-        for ((servo, feedback_in, windows, out, back), commands) in
-            servos.iter_mut().zip(&mut answers.commands)
-        {
-            let (command, count, bytes) = counted(|| {
-                let feedback = feedback_in.newest(scan).expect("the feedback");
-                windows.each(scan, |header, rows| {
-                    servo.offer(header, rows, &feedback).expect("a good window");
-                });
-                servo.scan(&feedback)
-            });
-            expect("a servo's scan", (0, 0), count, bytes);
-            let ((), count, bytes) = counted(|| out.send(&command));
-            expect("sending a command", PER_SEND, count, bytes);
-            let (read, count, bytes) = counted(|| back.newest(scan + 1));
-            expect("reading a command", (0, 0), count, bytes);
-            commands[0] = read;
-        }
-        if side.is_period_boundary() {
-            let (decision, count, bytes) = counted(|| planner.scan(&feedback));
-            expect("the planner's scan", (0, 0), count, bytes);
-            if let Some((header, rows)) = &decision.window {
-                let (_, count, bytes) = counted(|| windows_out.send(header, rows));
-                expect("sending a window", PER_SEND, count, bytes);
-            }
-            status_out.send(&decision.status);
-            answers.planner = status_in.newest(scan + 1);
-        }
-        let ((), count, bytes) = counted(|| {
-            windows_in.each(scan, |header, rows| side.offer(header, rows, &roster));
-            side.close_scan(&answers, &roster);
-        });
-        expect("closing the scan", (0, 0), count, bytes);
+        ports.others = (0, 0);
+        let (flow, count, bytes) = counted(|| master::cycle::cycle(&mut master, &mut ports));
+        assert_eq!(flow.expect("answers"), Flow::GoOn);
+        let own = (count - ports.others.0, bytes - ports.others.1);
+        assert_settled("the master's cycle", scan, 2, own);
     }
-    let feedback = side.feedback();
+    let feedback = master.feedback();
     assert_eq!(feedback.cause, 0);
     assert!(
         feedback.tag.element >= 2,

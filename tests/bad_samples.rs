@@ -1,10 +1,12 @@
 //! Samples that no sound process sends, through the real shared memory: refused and named, and no drive ever sees them.
 
-use bus::cell::CellPlace;
-use bus::machine::Machine;
+use bus::cell::CellPaths;
 use bus::service::Bus;
+use machine::Machine;
 
-use crate::support::{Bench, LiveCell, Run, long_program, number, run, run_with, send, text};
+use crate::support::{
+    Bench, LiveCell, Run, long_program, number, root, run, run_in_lab, run_with, send, text,
+};
 
 const STANDBY: (&str, &str) = (
     "drive_mode = \"velocity\"",
@@ -20,7 +22,7 @@ fn with_fault(bench: &Bench, process: &str, fault: &str) -> Run {
     let program = bench.file("arc.ngc", PROGRAM);
     let text = format!("[[fault]]\nat = {{ scan = {SCAN} }}\nprocess = \"{process}\"\n{fault}\n");
     let faults = bench.file("faults.toml", &text);
-    run_with(
+    run_in_lab(
         bench.path(),
         &program,
         &["--faults", &faults.display().to_string()],
@@ -148,8 +150,9 @@ fn a_foreign_process_gets_no_writer_of_a_service_whose_own_lives() {
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(50);
     let machine = Machine::load(bench.path()).expect("the machine");
-    let place = CellPlace::new(&cell.cell).expect("a name");
-    let bus = Bus::enter(&place, &machine, "foreign", false).expect("entering as the owner");
+    let place = CellPaths::new(&cell.cell).expect("a name");
+    let bus =
+        Bus::enter(&place, &machine.shape(), "foreign", false).expect("entering as the owner");
     assert!(bus.command_writer(0, 0).is_err());
     assert!(bus.feedback_writer().is_err());
     assert!(bus.window_writer().is_err());
@@ -182,8 +185,9 @@ fn a_foreign_process_in_a_dead_servos_place_drives_nothing() {
         cell.wait_for_scan(scan + 100);
     }
     let machine = Machine::load(bench.path()).expect("the machine");
-    let place = CellPlace::new(&cell.cell).expect("a name");
-    let bus = Bus::enter(&place, &machine, "foreign", false).expect("entering as the owner");
+    let place = CellPaths::new(&cell.cell).expect("a name");
+    let bus =
+        Bus::enter(&place, &machine.shape(), "foreign", false).expect("entering as the owner");
     let mut writer = bus.command_writer(0, 0).expect("the place is empty");
     let before = cell.wait_for_scan(0);
     for ahead in 0..300 {
@@ -208,4 +212,26 @@ fn a_foreign_process_in_a_dead_servos_place_drives_nothing() {
         after.axes[0].taken_incarnation,
         before.axes[0].taken_incarnation
     );
+}
+
+/// Wrong samples are for the lab: the product's own processes cannot be asked for them.
+#[test]
+fn quadrant_itself_refuses_a_script_that_would_have_it_send_wrong_samples() {
+    for action in ["drop", "delay", "corrupt"] {
+        let more = match action {
+            "delay" => "late_scans = 2",
+            "corrupt" => "what = \"jump\"",
+            _ => "",
+        };
+        let script = format!(
+            "[[fault]]\nat = {{ scan = 300 }}\nprocess = \"servo-X\"\ndo = \"{action}\"\n{more}\n"
+        );
+        let bench = Bench::of("xy", &[]);
+        let faults = bench.file("faults.toml", &script).display().to_string();
+        let program = root().join("machines/xy/programs/circle-r25-f3000.ngc");
+        let run = run_with(bench.path(), &program, &["--faults", &faults]);
+        assert_eq!(run.status(), 2, "{}", run.stderr());
+        assert!(run.stderr().contains("quadrant-lab"), "{}", run.stderr());
+        assert!(!run.out.exists(), "nothing is started, nothing is written");
+    }
 }

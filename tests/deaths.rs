@@ -71,7 +71,7 @@ fn a_killed_servo_stops_all_axes_with_its_name() {
 }
 
 #[test]
-fn a_killed_machine_side_ends_the_cell() {
+fn a_killed_master_ends_the_cell() {
     let (run, report) = killed("quadrant plant-sim", &[]);
     assert_eq!(run.status(), 1, "{}", run.stderr());
     assert!(

@@ -344,7 +344,7 @@ fn a_run_with_kills_of_everybody_is_the_same_to_the_bit_every_time() {
         "faults.toml",
         r#"
 [restart]
-machine_side = "wait"
+master = "wait"
 servo = "resume"
 restarts_max = 100
 [[fault]]
@@ -449,10 +449,10 @@ fn a_planner_that_is_to_wait_leaves_the_machine_in_hold_until_somebody_resumes()
     assert!((2000.0..2040.0).contains(&resumed), "{resumed}");
 }
 
-/// What a machine side leaves in the cell is where its axes stand and where on the path they were: drives stay off until
+/// What a master leaves in the cell is where its axes stand and where on the path they were: drives stay off until
 /// somebody enables them.
 #[test]
-fn a_machine_side_that_comes_back_waits_with_its_drives_off_where_the_axes_stand() {
+fn a_master_that_comes_back_waits_with_its_drives_off_where_the_axes_stand() {
     let bench = Bench::of("xy", &[]);
     let program = bench.file("mixed.ngc", &mixed_program(1));
     let orders = bench.file(
@@ -460,7 +460,7 @@ fn a_machine_side_that_comes_back_waits_with_its_drives_off_where_the_axes_stand
         "[[order]]\nscan = 1500\norder = \"resume\"\n[[order]]\nscan = 1600\norder = \"enable\"\n\
          [[order]]\nscan = 1800\norder = \"resume\"\n",
     );
-    let faults = one_kill(&bench, "machine_side = \"wait\"", "plant-sim", 700);
+    let faults = one_kill(&bench, "master = \"wait\"", "plant-sim", 700);
     let ended = run_with_orders(&bench, &program, &faults, &orders);
     ended.good_report();
     assert!(

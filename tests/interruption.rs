@@ -41,7 +41,7 @@ fn a_second_ctrl_c_stops_at_once_and_leaves_nothing_behind() {
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(300);
-    // A machine side that is stopped cannot come to rest in order.
+    // A master that is stopped cannot come to rest in order.
     let machine = cell.pid_of("quadrant plant-sim");
     crate::support::send(machine, libc::SIGSTOP);
     cell.signal_launcher(libc::SIGINT);

@@ -259,7 +259,8 @@ fn a_scrape_of_a_running_cell_says_what_it_does_in_the_words_of_openmetrics() {
     let bytes = |scrape: &Scrape| scrape.value("quadrant_log_bytes_total", &[]);
     assert!(bytes(&second) >= bytes(&first) && bytes(&first) > 0.0);
     // What is named here and what is described in the manual is the same.
-    let manual = fs::read_to_string(root().join("docs/metrics.md")).expect("docs/metrics.md");
+    let manual =
+        fs::read_to_string(root().join("docs/howto/metrics.md")).expect("docs/howto/metrics.md");
     let rows = manual
         .lines()
         .filter_map(|line| line.strip_prefix("| `")?.split('`').next());

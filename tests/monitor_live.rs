@@ -1,4 +1,4 @@
-//! Lookers-on: what they show, and that nobody in the cell notices them.
+//! Observers: what they show, and that nobody in the cell notices them.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};

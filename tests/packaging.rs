@@ -154,7 +154,8 @@ fn systemd_finds_nothing_wrong_with_the_units() {
 fn the_alert_rules_name_metrics_that_exist_and_prometheus_takes_them() {
     let rules = root().join("packaging/prometheus/quadrant.rules.yml");
     let text = fs::read_to_string(&rules).expect("the rules");
-    let documented = fs::read_to_string(root().join("docs/metrics.md")).expect("docs/metrics.md");
+    let documented =
+        fs::read_to_string(root().join("docs/howto/metrics.md")).expect("docs/howto/metrics.md");
     let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
     let names = text.lines().filter(|line| line.contains("expr:"));
     let names: Vec<&str> = names
@@ -195,4 +196,21 @@ fn a_service_manager_is_told_when_the_cell_is_up_and_when_it_is_being_stopped() 
     cell.signal_launcher(libc::SIGTERM);
     assert_eq!(hear(), "STOPPING=1\n");
     assert_eq!(cell.finish().status(), 130);
+}
+
+/// The book's pages of the commands are those that the command line makes.
+#[test]
+fn the_book_has_the_help_of_every_command_as_it_is() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    output(quadrant().args(["man", "--markdown", "--out"]).arg(folder.path()));
+    let pages = |folder: &std::path::Path| -> std::collections::BTreeMap<_, _> {
+        let entries = fs::read_dir(folder).expect("pages").flatten();
+        let read = |path: std::path::PathBuf| fs::read_to_string(path).expect("a page");
+        entries.map(|e| (e.file_name(), read(e.path()))).collect()
+    };
+    let (made, committed) = (pages(folder.path()), pages(&root().join("docs/reference/commands")));
+    assert_eq!(
+        made, committed,
+        "run `quadrant man --markdown --out docs/reference/commands`"
+    );
 }

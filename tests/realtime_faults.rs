@@ -4,9 +4,9 @@
 use std::path::Path;
 use std::time::Duration;
 
-use bus::cell::CellPlace;
-use bus::page::Page;
+use bus::cell::CellPaths;
 use bus::sample::Mode;
+use bus::signal_page::SignalPage;
 
 use crate::support::{
     Bench, LiveCell, Run, circle_program, number, quadrant, send, text, traces_of,
@@ -85,7 +85,7 @@ fn a_machine_whose_processes_are_all_stopped_for_200_ms_counts_the_scans_and_mak
 }
 
 #[test]
-fn a_machine_side_that_is_stopped_for_200_ms_counts_the_scans_and_makes_up_for_none() {
+fn a_master_that_is_stopped_for_200_ms_counts_the_scans_and_makes_up_for_none() {
     let (_bench, cell) = in_an_arc(&[PATIENT]);
     let machine = cell.pid_of("quadrant plant-sim");
     send(machine, libc::SIGSTOP);
@@ -125,7 +125,7 @@ fn a_servo_that_is_stopped_for_good_is_stood_in_for_and_then_killed_and_replaced
 fn the_status_that_a_client_sees_is_never_behind_what_a_servo_has_answered() {
     let (_bench, mut cell) = in_an_arc(&[PATIENT]);
     let (_bus, mut reader) = cell.feedback();
-    let page = Page::open(&CellPlace::new(&cell.cell).expect("a name")).expect("its page");
+    let page = SignalPage::open(&CellPaths::new(&cell.cell).expect("a name")).expect("its page");
     // A reader is connected from its first look on.
     let first = loop {
         if let Some(feedback) = reader.newest(u64::MAX) {

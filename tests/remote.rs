@@ -148,7 +148,7 @@ fn a_bad_link_is_lived_with(here: &dyn Place, there: &dyn Place, link: &dyn bad_
             .flat_map(|line| line["events"].as_array().cloned().unwrap_or_default());
         let told = events.map(|event| {
             let words = event["event"].as_str().unwrap_or_default().to_string();
-            // A start has no scan of its own: each looker-on gives it the one in which it saw it.
+            // A start has no scan of its own: each observer gives it the one in which it saw it.
             let scan = event["scan"]
                 .as_u64()
                 .filter(|_| !words.contains("started anew"));

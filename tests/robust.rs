@@ -4,13 +4,13 @@
 use std::fs;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use bus::machine::{DisturbanceObserver, Machine, ReversalMethod, TorqueFeedForward};
 use control::path::AxisVector;
+use lab::cell::InProcessCell;
+use machine::{DisturbanceObserver, Machine, ReversalMethod, TorqueFeedForward};
 use monitor::log::Sample;
 use monitor::measure::{Analysis, Outcome};
 use plant_sim::plant_file::PlantFile;
 use program::Setup;
-use rehearsal::Rehearsal;
 
 use crate::support::root;
 
@@ -174,7 +174,7 @@ fn worst_um(machine: &Machine, plant: &PlantFile, circle: &Circle) -> f64 {
     let setup = Setup::of(machine);
     let path = program::interpret("circle.ngc", &text, &setup, AxisVector::zeros());
     let mut analysis = Analysis::new(machine.clone(), path.expect("a path").path);
-    let mut cell = Rehearsal::new(machine, plant, "circle.ngc", &text).expect("a rehearsal");
+    let mut cell = InProcessCell::new(machine, plant, "circle.ngc", &text).expect("a cell");
     while let Some(said) = cell.scan() {
         analysis.take(Sample::Feedback(Box::new(*said.feedback)));
         analysis.take(Sample::Instruments(Box::new(*said.instruments)));

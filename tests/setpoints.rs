@@ -63,7 +63,7 @@ fn the_setpoints_a_user_gets_as_csv_keep_the_limits() {
             "{}",
             String::from_utf8_lossy(&output.stderr)
         );
-        let limits = bus::machine::Machine::load(&root().join(machine)).expect("the machine");
+        let limits = machine::Machine::load(&root().join(machine)).expect("the machine");
         let period_s = limits.scan_period_s();
         let axes = limits.axes.len();
         let mut before: Vec<Vec<i64>> = Vec::new();

@@ -1,4 +1,4 @@
-//! A short soak: the long one is `quadrant soak machines/xy --kills 500` (docs/measurements.md).
+//! A short soak: the long one is `quadrant soak machines/xy --kills 500` (docs/developers/measurements.md).
 
 use crate::support::quadrant;
 
@@ -14,9 +14,9 @@ fn a_dozen_live_kills_break_nothing() {
     assert!(said.contains("violations: 0"), "{said}");
 }
 
-/// A machine side that is killed between saying a scan and saving it: whoever comes after it must not say that scan again.
+/// A master that is killed between saying a scan and saving it: whoever comes after it must not say that scan again.
 #[test]
-fn in_lockstep_the_machine_side_is_killed_at_any_instant_and_the_next_one_is_answered() {
+fn in_lockstep_the_master_is_killed_at_any_instant_and_the_next_one_is_answered() {
     let soak = quadrant()
         .args(["soak", "machines/xy", "--kills", "10", "--seed", "3"])
         .args(["--pace", "lockstep", "--only", "plant-sim"])

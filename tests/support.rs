@@ -6,12 +6,12 @@ use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
-use bus::cell::CellPlace;
-use bus::machine::Machine;
-use bus::page::Page;
+use bus::cell::CellPaths;
 use bus::port::Reader;
 use bus::sample::Feedback;
 use bus::service::Bus;
+use bus::signal_page::SignalPage;
+use machine::Machine;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -100,6 +100,13 @@ impl Bench {
 /// The `quadrant` command.
 pub fn quadrant() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_quadrant"));
+    command.current_dir(root()).stdin(Stdio::null());
+    command
+}
+
+/// The `quadrant-lab` command, whose processes can send wrong samples.
+pub fn quadrant_lab() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_quadrant-lab"));
     command.current_dir(root()).stdin(Stdio::null());
     command
 }
@@ -209,15 +216,15 @@ impl LiveCell {
         }
     }
 
-    /// A looker-on's reader of its feedback, once it can be had.
+    /// A observer's reader of its feedback, once it can be had.
     pub fn feedback(&mut self) -> (Bus, Reader<Feedback>) {
         let machine = Machine::load(&root().join(&self.machine)).expect("the machine file");
-        let place = CellPlace::new(&self.cell).expect("a cell name");
+        let place = CellPaths::new(&self.cell).expect("a cell name");
         let started = Instant::now();
         loop {
             // Who enters before the launcher has made its page stands in the way of it while it cleans up.
-            if Page::open(&place).is_ok_and(|page| page.launcher_pid() == self.child.id())
-                && let Ok(bus) = Bus::enter(&place, &machine, "test", false)
+            if SignalPage::open(&place).is_ok_and(|page| page.launcher_pid() == self.child.id())
+                && let Ok(bus) = Bus::enter(&place, &machine.shape(), "test", false)
                 && let Ok(reader) = bus.feedback_reader(1)
             {
                 return (bus, reader);
@@ -367,6 +374,22 @@ pub fn run(machine: impl AsRef<Path>, program: impl AsRef<Path>) -> Run {
 /// The same with more options.
 pub fn run_with(machine: impl AsRef<Path>, program: impl AsRef<Path>, more: &[&str]) -> Run {
     LiveCell::start_with(machine.as_ref(), program.as_ref(), "lockstep", more).finish()
+}
+
+/// The same by `quadrant-lab`, with the faults of a script among the options.
+pub fn run_in_lab(machine: impl AsRef<Path>, program: impl AsRef<Path>, more: &[&str]) -> Run {
+    let (machine, program) = (machine.as_ref(), Some(program.as_ref()));
+    let cell = unique_cell();
+    LiveCell::launch(
+        quadrant_lab(),
+        &cell,
+        "run",
+        machine,
+        program,
+        "lockstep",
+        more,
+    )
+    .finish()
 }
 
 /// What of a cell is in shared memory.

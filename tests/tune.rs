@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Output;
 
-use bus::machine::Machine;
+use machine::Machine;
 
 use crate::quality::{measure, worst_um};
 use crate::support::{Bench, quadrant};

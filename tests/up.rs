@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Output;
 
-use bus::cell::CellPlace;
+use bus::cell::CellPaths;
 use bus::sample::{Feedback, Mode, ProgramState};
 use serde_json::Value;
 
@@ -102,7 +102,7 @@ fn the_folder_of_a_cell_is_no_run_and_says_which_are_in_it() {
 }
 
 fn programs_of(cell: &LiveCell) -> Vec<PathBuf> {
-    let place = CellPlace::new(&cell.cell).expect("a cell name");
+    let place = CellPaths::new(&cell.cell).expect("a cell name");
     let entries = fs::read_dir(place.programs()).into_iter().flatten();
     entries.flatten().map(|entry| entry.path()).collect()
 }
@@ -244,7 +244,7 @@ fn a_terminated_cell_stops_in_order_too() {
 
 /// Whoever dies comes back, and the program goes on: also where the machine file would end a run.
 #[test]
-fn planner_servo_recorder_and_machine_side_come_back_in_a_cell_that_stays() {
+fn planner_servo_recorder_and_master_come_back_in_a_cell_that_stays() {
     let (_bench, mut cell, short, long) = up("lockstep");
     obeyed(&cell, &["enable"]);
     obeyed(&cell, &["load", &long]);

@@ -15,12 +15,24 @@ use iceoryx2::config::Config;
 use iceoryx2::prelude::{FileName, Path as IoxPath, SemanticString};
 use rustix::fs::{FlockOperation, flock};
 
-use crate::machine::is_cell_name;
-use crate::member::watch;
+use crate::process::watch;
 
 const SHARED_MEMORY: &str = "/dev/shm";
 const OWNER_LOCK: &str = "owner.lock";
 const MEMBERS_LOCK: &str = "members.lock";
+/// Longest cell name: the socket path limit of iceoryx2 (68 characters for prefix and root) leaves no more.
+pub const CELL_NAME_LENGTH_MAX: usize = 20;
+
+/// Whether this can name a cell: lower-case letters, digits and hyphens.
+pub fn is_cell_name(name: &str) -> bool {
+    !name.is_empty()
+        && !name.starts_with('-')
+        && name.len() <= CELL_NAME_LENGTH_MAX
+        && name
+            .bytes()
+            .all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-')
+}
+
 /// Attempts to remove a folder that somebody writes into meanwhile.
 const REMOVALS_MAX: u32 = 20;
 /// So long a child that is being started may hold the lock of a launcher that is dead.
@@ -33,7 +45,7 @@ pub enum CellError {
     /// Not a name for a cell.
     #[error(
         "cell name {0:?}: must be 1 to {max} lower-case letters, digits or hyphens",
-        max = crate::machine::CELL_NAME_LENGTH_MAX
+        max = CELL_NAME_LENGTH_MAX
     )]
     Name(String),
     /// Another launcher owns it.
@@ -86,18 +98,18 @@ pub enum CellError {
 
 /// Where a cell keeps its things.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct CellPlace {
+pub struct CellPaths {
     name: String,
 }
 
-impl CellPlace {
+impl CellPaths {
     /// The place of the cell of this name.
     ///
     /// # Errors
     /// [`CellError::Name`].
     pub fn new(name: &str) -> Result<Self, CellError> {
         if is_cell_name(name) {
-            Ok(CellPlace { name: name.into() })
+            Ok(CellPaths { name: name.into() })
         } else {
             Err(CellError::Name(name.into()))
         }
@@ -153,7 +165,7 @@ impl CellPlace {
         names
     }
 
-    /// The wake page.
+    /// The signal page.
     pub fn page(&self) -> PathBuf {
         self.folder().join("page")
     }
@@ -175,7 +187,7 @@ impl CellPlace {
     }
 
     /// iceoryx2 configuration of this cell: nothing is shared with any other cell or with the user's own files.
-    /// Only the launcher cleans up dead nodes (`cleaner`), see docs/architecture.md.
+    /// Only the launcher cleans up dead nodes (`cleaner`), see docs/developers/architecture.md.
     ///
     /// # Errors
     /// [`CellError::Transport`] if iceoryx2 refuses the names.
@@ -195,11 +207,11 @@ impl CellPlace {
         Ok(config)
     }
 
-    /// The same as a file for iceoryx2's own tools and for programs in other languages (`[global]` of `iceoryx2.toml`): lookers-on
+    /// The same as a file for iceoryx2's own tools and for programs in other languages (`[global]` of `iceoryx2.toml`): observers
     /// that find the cell's services, share nothing with other cells and clean nothing up.
     pub fn iceoryx2_toml(&self) -> String {
         format!(
-            "# iceoryx2 0.10: how to enter cell {:?} as a looker-on.\n[global]\nroot-path = {:?}\nprefix = {:?}\n\n\
+            "# iceoryx2 0.10: how to enter cell {:?} as a observer.\n[global]\nroot-path = {:?}\nprefix = {:?}\n\n\
              [global.node]\ncleanup-dead-nodes-on-creation = false\ncleanup-dead-nodes-on-destruction = false\n\n\
              [global.service]\ncleanup-dead-nodes-on-open = false\n",
             self.name,
@@ -439,7 +451,7 @@ pub struct Membership {
 /// The launcher's hold on its cell. Dropping it removes the cell's files if nobody of it lives any more.
 #[derive(Debug)]
 pub struct Ownership {
-    place: CellPlace,
+    place: CellPaths,
     _owner: File,
     members: File,
     /// Files of a crashed run that were removed.
@@ -448,7 +460,7 @@ pub struct Ownership {
 
 impl Ownership {
     /// The cell's place.
-    pub fn place(&self) -> &CellPlace {
+    pub fn place(&self) -> &CellPaths {
         &self.place
     }
 }

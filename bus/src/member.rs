@@ -13,16 +13,14 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::process::{Pid, PidfdFlags, pidfd_open};
 
-use crate::cell::{CellError, CellPlace, Membership};
-use crate::machine::Machine;
-use crate::page::{Bell, CellPhase, Page};
+use crate::cell::{CellError, CellPaths, Membership};
 use crate::port::Reader;
+use crate::process::watch;
 use crate::realtime;
 use crate::sample::Feedback;
-use crate::service::Bus;
-use crate::settings_file::SettingsFileError;
+use crate::service::{Bus, Shape};
+use crate::signal_page::{CellPhase, Signal, SignalPage};
 
 /// How the cell's scans follow each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,18 +52,18 @@ impl std::str::FromStr for Pace {
     }
 }
 
-/// A role's seat in a cell, as its command line says it.
+/// A role's slot in a cell, as its command line says it.
 #[derive(Debug, Clone)]
-pub struct Seat {
+pub struct Slot {
     /// Name of the cell.
     pub cell: String,
     /// Machine file.
     pub machine: PathBuf,
-    /// Place in the roster.
-    pub place: usize,
-    /// Which process in that place this is, counted from 1.
+    /// Its number in the roster.
+    pub index: usize,
+    /// Which process in that slot this is, counted from 1.
     pub incarnation: u32,
-    /// Process id of the launcher whose cell it is: a latecomer must not take a seat in the next one of that name.
+    /// Process id of the launcher whose cell it is: a latecomer must not take a slot in the next one of that name.
     pub launcher: u32,
     /// Pace of the cell.
     pub pace: Pace,
@@ -73,7 +71,7 @@ pub struct Seat {
     pub core: Option<usize>,
     /// Processor to keep off, where there is another.
     pub avoid_core: Option<usize>,
-    /// The last scan that is not its business: until then the process it replaces, or nobody, had its place.
+    /// The last scan that is not its business: until then the process it replaces, or nobody, had its slot.
     pub after_scan: Option<u64>,
 }
 
@@ -83,9 +81,6 @@ pub enum MemberError {
     /// The cell refuses it.
     #[error(transparent)]
     Cell(#[from] CellError),
-    /// The machine file is not usable.
-    #[error(transparent)]
-    Machine(#[from] SettingsFileError),
     /// The cell belongs to another launcher.
     #[error("the cell belongs to launcher {found}, not {expected}")]
     OtherLauncher {
@@ -102,13 +97,11 @@ pub enum MemberError {
 /// A process that takes part in a cell.
 #[derive(Debug)]
 pub struct Member {
-    /// The wake page.
-    pub page: Page,
+    /// The signal page.
+    pub page: SignalPage,
     /// Its foot in shared memory.
     pub bus: Bus,
-    /// The machine file.
-    pub machine: Machine,
-    seat: Seat,
+    slot: Slot,
     launcher: OwnedFd,
     _membership: Membership,
 }
@@ -123,27 +116,25 @@ impl Member {
     ///
     /// # Errors
     /// [`MemberError`].
-    pub fn enter(seat: Seat, who: &str) -> Result<Member, MemberError> {
+    pub fn enter(slot: Slot, who: &str, shape: &Shape) -> Result<Member, MemberError> {
         let _ = rustix::thread::set_name(
             &std::ffi::CString::new(format!("qd-{who}")).unwrap_or_default(),
         );
-        let place = CellPlace::new(&seat.cell)?;
+        let place = CellPaths::new(&slot.cell)?;
         let membership = place.join()?;
-        let page = Page::open(&place)?;
-        if page.launcher_pid() != seat.launcher {
+        let page = SignalPage::open(&place)?;
+        if page.launcher_pid() != slot.launcher {
             return Err(MemberError::OtherLauncher {
                 found: page.launcher_pid(),
-                expected: seat.launcher,
+                expected: slot.launcher,
             });
         }
         let launcher = watch(page.launcher_pid()).map_err(MemberError::LauncherGone)?;
-        let machine = Machine::load(&seat.machine)?;
-        let bus = Bus::enter(&place, &machine, who, false)?;
+        let bus = Bus::enter(&place, shape, who, false)?;
         Ok(Member {
             page,
             bus,
-            machine,
-            seat,
+            slot,
             launcher,
             _membership: membership,
         })
@@ -151,23 +142,29 @@ impl Member {
 
     /// Prepares the process for its scans as the pace wants it and says that it is ready.
     pub fn ready(&self, priority: realtime::Priority) {
-        if let Some(core) = self.seat.core {
+        if let Some(core) = self.slot.core {
             realtime::stay_on(core);
         }
-        if let Some(core) = self.seat.avoid_core {
+        if let Some(core) = self.slot.avoid_core {
             realtime::keep_off(core);
         }
-        if self.seat.pace == Pace::Realtime {
+        if self.slot.pace == Pace::Realtime {
             // What is refused here was said once by the launcher, for all.
             let _ = realtime::raise(priority);
             let _ = realtime::lock_memory();
         }
-        self.page.set_ready(self.seat.place, self.seat.incarnation);
+        self.page.set_ready(self.slot.index, self.slot.incarnation);
     }
 
-    /// The seat it has.
-    pub fn seat(&self) -> &Seat {
-        &self.seat
+    /// Reports that this process is done with a scan.
+    pub fn answered(&self, scan: u64) {
+        self.page.set_answered(self.slot.index, scan);
+        self.page.answered();
+    }
+
+    /// The slot it has.
+    pub fn slot(&self) -> &Slot {
+        &self.slot
     }
 
     /// Whether the launcher still lives. A system call: not every scan.
@@ -181,16 +178,16 @@ impl Member {
         self.page.phase() == CellPhase::Ending
     }
 
-    /// Waits at `bell` for the newest feedback beyond `after`; `None` when it is time to leave.
+    /// Waits at `signal` for the newest feedback beyond `after`; `None` when it is time to leave.
     pub fn next_feedback(
         &self,
-        bell: &Bell,
+        signal: &Signal,
         reader: &mut Reader<Feedback>,
         after: Option<u64>,
     ) -> Option<Feedback> {
         let mut alone_since: Option<Instant> = None;
         loop {
-            let seen = bell.count();
+            let seen = signal.count();
             if let Some(feedback) = reader.newest(u64::MAX)
                 && after.is_none_or(|scan| feedback.scan > scan)
             {
@@ -199,8 +196,8 @@ impl Member {
             if self.ending() {
                 return None;
             }
-            bell.wait(seen, LOOK_AROUND);
-            if bell.count() == seen && !self.launcher_lives() {
+            signal.wait(seen, LOOK_AROUND);
+            if signal.count() == seen && !self.launcher_lives() {
                 let since = alone_since.get_or_insert_with(Instant::now);
                 if since.elapsed() > ORPHAN_PATIENCE {
                     return None;
@@ -208,16 +205,4 @@ impl Member {
             }
         }
     }
-}
-
-/// A descriptor that becomes readable when the process ends.
-///
-/// # Errors
-/// The process does not exist.
-pub fn watch(pid: u32) -> io::Result<OwnedFd> {
-    let pid = i32::try_from(pid)
-        .ok()
-        .and_then(Pid::from_raw)
-        .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))?;
-    Ok(pidfd_open(pid, PidfdFlags::empty())?)
 }

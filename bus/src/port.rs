@@ -174,7 +174,7 @@ impl<T: Sample> Reader<T> {
         newest
     }
 
-    /// The next sample in order, whatever its scan: for recorders and lookers-on, and for the feedback itself.
+    /// The next sample in order, whatever its scan: for recorders and observers, and for the feedback itself.
     pub fn any(&mut self) -> Option<T> {
         self.receive()
     }
@@ -269,7 +269,7 @@ impl OperatorClient {
     }
 }
 
-/// The machine side's end of the operator service.
+/// The master's end of the operator service.
 #[derive(Debug)]
 pub struct OperatorServer {
     server: Server<ipc::Service, OperatorRequest, (), OperatorResponse, ()>,
@@ -403,7 +403,7 @@ impl Bus {
         Ok(OperatorClient { client })
     }
 
-    /// The machine side's end of the operator service.
+    /// The master's end of the operator service.
     ///
     /// # Errors
     /// [`CellError::Transport`].

@@ -9,8 +9,8 @@ use rustix::time::{Timespec, clock_gettime};
 /// SCHED_FIFO priorities of the roles: the clock of the cell above those that answer it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Priority {
-    /// The machine side.
-    Machine,
+    /// The master.
+    Master,
     /// Servos.
     Servo,
     /// The planner.
@@ -22,7 +22,7 @@ pub enum Priority {
 impl Priority {
     fn level(self) -> Option<i32> {
         match self {
-            Priority::Machine => Some(60),
+            Priority::Master => Some(60),
             Priority::Servo => Some(55),
             Priority::Planner => Some(50),
             Priority::Ordinary => None,

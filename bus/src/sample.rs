@@ -102,7 +102,7 @@ pub struct WindowHeader {
     pub visible_from: u64,
     /// Hash of program, machine file and start offsets that the tags refer to.
     pub program_hash: u64,
-    /// The machine side's epoch that a window without predecessor belongs to.
+    /// The master's epoch that a window without predecessor belongs to.
     pub epoch: u32,
     /// Rows of intended motion; the others brake to rest.
     pub intended_rows: u32,
@@ -112,7 +112,7 @@ pub struct WindowHeader {
     pub ends_program: u32,
 }
 
-/// What the machine is doing: latched by the machine side, obeyed by everybody.
+/// What the machine is doing: latched by the master, obeyed by everybody.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Mode {
@@ -167,7 +167,7 @@ impl Mode {
     }
 }
 
-/// How far a cell is with its program: latched by the machine side.
+/// How far a cell is with its program: latched by the master.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum ProgramState {
@@ -232,38 +232,46 @@ pub enum Cause {
     Watchdog = 7,
     /// The servo process of the axis died.
     ServoLost = 8,
-    /// The machine's clock and the process disagree about the scan.
-    ScanMismatch = 9,
     /// The torque stayed at its limit.
     TorqueLimit = 10,
     /// The planner cannot go on (its program is unreadable, changed or out of limits).
     Planner = 11,
     /// The axis stands at the programmed end and never came into its in-position window.
     NotInPosition = 12,
-    /// The machine side died and was started anew: the drives have braked by themselves and are off.
-    MachineSideLost = 13,
+    /// The master died and was started anew: the drives have braked by themselves and are off.
+    MasterLost = 13,
+    /// The drive of the axis reports a fault of its own.
+    DriveFault = 14,
+    /// The drive of the axis does not answer any more.
+    DriveLost = 15,
+    /// The drive of the axis is off, though it was not told so, or did not come on in time.
+    DriveOff = 16,
 }
 
 impl Cause {
+    /// All of them. A number is never given to another cause: logs keep them.
+    pub const ALL: [Cause; 16] = [
+        Cause::None,
+        Cause::FollowingError,
+        Cause::SoftLimit,
+        Cause::SpeedLimit,
+        Cause::BadValue,
+        Cause::BadFeedback,
+        Cause::WindowMissing,
+        Cause::Watchdog,
+        Cause::ServoLost,
+        Cause::TorqueLimit,
+        Cause::Planner,
+        Cause::NotInPosition,
+        Cause::MasterLost,
+        Cause::DriveFault,
+        Cause::DriveLost,
+        Cause::DriveOff,
+    ];
+
     /// Decodes what came over the wire.
     pub fn from_wire(value: u32) -> Option<Cause> {
-        Some(match value {
-            0 => Cause::None,
-            1 => Cause::FollowingError,
-            2 => Cause::SoftLimit,
-            3 => Cause::SpeedLimit,
-            4 => Cause::BadValue,
-            5 => Cause::BadFeedback,
-            6 => Cause::WindowMissing,
-            7 => Cause::Watchdog,
-            8 => Cause::ServoLost,
-            9 => Cause::ScanMismatch,
-            10 => Cause::TorqueLimit,
-            11 => Cause::Planner,
-            12 => Cause::NotInPosition,
-            13 => Cause::MachineSideLost,
-            _ => return None,
-        })
+        Self::ALL.into_iter().find(|cause| *cause as u32 == value)
     }
 
     /// A sentence fragment for people.
@@ -278,16 +286,18 @@ impl Cause {
             Cause::WindowMissing => "servo does not hold the window being executed",
             Cause::Watchdog => "commands missing for too many scans",
             Cause::ServoLost => "servo process lost",
-            Cause::ScanMismatch => "command for a scan that is not due",
             Cause::TorqueLimit => "torque at its limit for too long",
             Cause::Planner => "planner cannot go on",
             Cause::NotInPosition => "not in position at the programmed end",
-            Cause::MachineSideLost => "machine side lost and started anew, drives off",
+            Cause::DriveFault => "drive fault",
+            Cause::DriveLost => "drive does not answer",
+            Cause::DriveOff => "drive is off, or did not come on in time",
+            Cause::MasterLost => "master lost and started anew, drives off",
         }
     }
 }
 
-/// What the machine side says of one axis in one scan.
+/// What the master says of one axis in one scan.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
 #[type_name("quadrant/AxisFeedback/2")]
 #[repr(C)]
@@ -324,11 +334,11 @@ pub struct AxisFeedback {
     pub torque_limited: u32,
     /// [`Driver`]: which of the axis's two controllers drives.
     pub driver: u32,
-    /// Kept zero.
-    pub reserved: u32,
+    /// The drive's own error code while it reports a fault, else 0 (CiA 402 object 603Fh).
+    pub drive_code: u32,
 }
 
-/// Which of an axis's two controllers drives it: the switch between them, set by the machine side, obeyed by the servo.
+/// Which of an axis's two controllers drives it: the switch between them, set by the master, obeyed by the servo.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Driver {
@@ -352,7 +362,7 @@ impl Driver {
     }
 }
 
-/// What the machine side says each scan.
+/// What the master says each scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
 #[type_name("quadrant/Feedback/4")]
 #[repr(C)]
@@ -383,7 +393,7 @@ pub struct Feedback {
     pub at_rest: u32,
     /// The epoch: counts the *no window* states; a window without predecessor must name it.
     pub epoch: u32,
-    /// Incarnation of the machine side.
+    /// Incarnation of the master.
     pub incarnation: u32,
     /// [`Mode`].
     pub mode: u32,
@@ -397,7 +407,7 @@ pub struct Feedback {
     pub hold: u32,
     /// 1 if this is the last feedback of the run.
     pub last: u32,
-    /// Scans that were skipped because the machine side itself was late.
+    /// Scans that were skipped because the master itself was late.
     pub overrun_scans: u32,
     /// Axes in use.
     pub axis_count: u32,
@@ -422,7 +432,7 @@ pub struct Instruments {
     pub scan: u64,
     /// First scan in which a reader may act on it.
     pub visible_from: u64,
-    /// The machine side's running digest (see `motion_digest` in the report), first half.
+    /// The master's running digest (see `motion_digest` in the report), first half.
     pub motion_digest_high: u64,
     /// Second half.
     pub motion_digest_low: u64,
@@ -608,8 +618,8 @@ pub struct PlannerStatus {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Job {
-    /// The machine side.
-    Machine = 1,
+    /// The master.
+    Master = 1,
     /// The planner.
     Planner = 2,
     /// One servo.
@@ -622,7 +632,7 @@ impl Job {
     /// Decodes what came over the wire.
     pub fn from_wire(value: u32) -> Option<Job> {
         Some(match value {
-            1 => Job::Machine,
+            1 => Job::Master,
             2 => Job::Planner,
             3 => Job::Servo,
             4 => Job::Monitor,

@@ -12,18 +12,17 @@ use iceoryx2::service::ipc;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use iceoryx2::service::port_factory::request_response;
 
-use crate::cell::{CellError, CellPlace};
-use crate::machine::Machine;
+use crate::cell::{CellError, CellPaths};
 use crate::sample::{
     AxisCommand, Feedback, Instruments, MAX_WINDOW_ROWS, OperatorRequest, OperatorResponse,
     PlannerStatus, Roster, WindowHeader, WindowRow,
 };
 
-/// Scans the recorder's queues hold; in lockstep the machine side waits at half of it.
+/// Scans the recorder's queues hold; in lockstep the master waits at half of it.
 pub const RECORDER_DEPTH_SCANS: usize = 1024;
 /// Samples a reader on the scan path holds.
 pub const SCAN_DEPTH: usize = 8;
-/// Samples a looker-on holds: the newest.
+/// Samples a observer holds: the newest.
 pub const VIEWER_DEPTH: usize = 1;
 /// Controllers an axis can have: roles a and b.
 pub const ROLES: [&str; 2] = ["a", "b"];
@@ -47,9 +46,9 @@ pub struct Topic {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Services {
     cell: String,
-    /// Written by the machine side at the start of each scan.
+    /// Written by the master at the start of each scan.
     pub feedback: Topic,
-    /// Written by the machine side at the end of each scan; for the recorder only.
+    /// Written by the master at the end of each scan; for the recorder only.
     pub instruments: Topic,
     /// Written by the planner: windows.
     pub setpoint: Topic,
@@ -59,21 +58,28 @@ pub struct Services {
     pub roster: Topic,
     /// Written by the servo of each axis (outer) and role (inner).
     pub commands: Vec<[Topic; 2]>,
-    /// Served by the machine side.
+    /// Served by the master.
     pub operator: String,
+}
+
+/// What the service table needs to know of a machine.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Shape {
+    /// Names of the axes, in the order of the machine file.
+    pub axes: Vec<String>,
+    /// Scans in one interpolation period.
+    pub period_scans: u32,
 }
 
 impl Services {
     /// The table of a cell.
-    pub fn of(place: &CellPlace, machine: &Machine) -> Services {
+    pub fn of(place: &CellPaths, shape: &Shape) -> Services {
         let topic = |name: String, depth: usize, history: usize| Topic {
             name: format!("{}/{name}", place.name()),
             depth,
             history,
         };
-        let periods = RECORDER_DEPTH_SCANS
-            / (machine.scan.distribution_period_scans as usize).max(1)
-            + SCAN_DEPTH;
+        let periods = RECORDER_DEPTH_SCANS / (shape.period_scans as usize).max(1) + SCAN_DEPTH;
         Services {
             cell: place.name().into(),
             feedback: topic("feedback".into(), RECORDER_DEPTH_SCANS, 1),
@@ -82,16 +88,12 @@ impl Services {
             setpoint: topic("setpoint".into(), periods, 0),
             planner: topic("planner".into(), periods, 1),
             roster: topic("roster".into(), 64, 1),
-            commands: machine
+            commands: shape
                 .axes
                 .iter()
                 .map(|axis| {
                     ROLES.map(|role| {
-                        topic(
-                            format!("command/{}/{role}", axis.name),
-                            RECORDER_DEPTH_SCANS,
-                            0,
-                        )
+                        topic(format!("command/{axis}/{role}"), RECORDER_DEPTH_SCANS, 0)
                     })
                 })
                 .collect(),
@@ -138,7 +140,7 @@ samples!(
 #[derive(Debug)]
 pub struct Bus {
     node: Node<ipc::Service>,
-    place: CellPlace,
+    place: CellPaths,
     /// The service table.
     pub services: Services,
 }
@@ -149,8 +151,8 @@ impl Bus {
     /// # Errors
     /// [`CellError::Transport`].
     pub fn enter(
-        place: &CellPlace,
-        machine: &Machine,
+        place: &CellPaths,
+        shape: &Shape,
         who: &str,
         cleaner: bool,
     ) -> Result<Bus, CellError> {
@@ -170,7 +172,7 @@ impl Bus {
         Ok(Bus {
             node,
             place: place.clone(),
-            services: Services::of(place, machine),
+            services: Services::of(place, shape),
         })
     }
 

@@ -2,21 +2,22 @@
 
 use std::time::Duration;
 
-use bus::cell::{CellError, CellPlace};
-use bus::machine::Machine;
-use bus::page::{CellPhase, MACHINE_STATE_BYTES, Page};
+use bus::cell::{CellError, CellPaths};
 use bus::port::Age;
 use bus::sample::{Feedback, PlannerStatus};
-use bus::service::{Bus, SCAN_DEPTH};
+use bus::service::{Bus, SCAN_DEPTH, Shape};
+use bus::signal_page::{CellPhase, MACHINE_STATE_BYTES, SignalPage};
 use bytemuck::Zeroable;
 
-fn place(test: &str) -> CellPlace {
-    CellPlace::new(&format!("b{}-{test}", std::process::id())).expect("a name")
+fn place(test: &str) -> CellPaths {
+    CellPaths::new(&format!("b{}-{test}", std::process::id())).expect("a name")
 }
 
-fn machine() -> Machine {
-    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
-    Machine::load(&folder).expect("the machine")
+fn shape() -> Shape {
+    Shape {
+        axes: vec!["X".into(), "Y".into()],
+        period_scans: 4,
+    }
 }
 
 #[test]
@@ -56,17 +57,17 @@ fn a_cell_whose_members_live_is_not_taken_from_them() {
 #[test]
 fn names_that_could_meet_or_escape_are_refused() {
     for name in ["", "a_b", "A", "a/b", "..", "a b", "twenty-one-characters"] {
-        assert!(CellPlace::new(name).is_err(), "{name:?}");
+        assert!(CellPaths::new(name).is_err(), "{name:?}");
     }
-    assert!(CellPlace::new("twenty-characters-ok").is_ok());
+    assert!(CellPaths::new("twenty-characters-ok").is_ok());
 }
 
 #[test]
 fn a_name_of_full_length_fits_the_socket_path_limit() {
     let name = format!("n{:019}", std::process::id());
-    let place = CellPlace::new(&name).expect("a name of 20 characters");
+    let place = CellPaths::new(&name).expect("a name of 20 characters");
     let owner = place.own(Duration::ZERO).expect("the cell");
-    let bus = Bus::enter(&place, &machine(), "launcher", true).expect("shared memory");
+    let bus = Bus::enter(&place, &shape(), "launcher", true).expect("shared memory");
     bus.create_all().expect("services");
     drop(bus);
     drop(owner);
@@ -76,7 +77,7 @@ fn a_name_of_full_length_fits_the_socket_path_limit() {
 fn a_state_is_read_back_whole_also_when_the_writer_died_in_the_middle() {
     let place = place("state");
     let owner = place.own(Duration::ZERO).expect("the cell");
-    let page = Page::create(&place).expect("the page");
+    let page = SignalPage::create(&place).expect("the page");
     let mut read = [0u8; 100];
     assert!(!page.load_machine_state(&mut read), "nothing was saved yet");
     for round in 1..=5u8 {
@@ -87,7 +88,7 @@ fn a_state_is_read_back_whole_also_when_the_writer_died_in_the_middle() {
     assert_eq!(MACHINE_STATE_BYTES % 8, 0);
     page.set_phase(CellPhase::Ending);
     assert_eq!(
-        Page::open(&place).expect("the page").phase(),
+        SignalPage::open(&place).expect("the page").phase(),
         CellPhase::Ending
     );
     drop(owner);
@@ -97,7 +98,7 @@ fn a_state_is_read_back_whole_also_when_the_writer_died_in_the_middle() {
 fn a_reader_sets_aside_what_is_visible_only_later_and_keeps_the_order() {
     let place = place("ports");
     let owner = place.own(Duration::ZERO).expect("the cell");
-    let bus = Bus::enter(&place, &machine(), "launcher", true).expect("shared memory");
+    let bus = Bus::enter(&place, &shape(), "launcher", true).expect("shared memory");
     let _services = bus.create_all().expect("services");
     let mut writer = bus.planner_writer().expect("a writer");
     let mut reader = bus.planner_reader(SCAN_DEPTH).expect("a reader");
@@ -123,7 +124,7 @@ fn a_reader_sets_aside_what_is_visible_only_later_and_keeps_the_order() {
 fn a_second_writer_of_a_service_is_refused() {
     let place = place("one");
     let owner = place.own(Duration::ZERO).expect("the cell");
-    let bus = Bus::enter(&place, &machine(), "launcher", true).expect("shared memory");
+    let bus = Bus::enter(&place, &shape(), "launcher", true).expect("shared memory");
     let _services = bus.create_all().expect("services");
     let _writer = bus.feedback_writer().expect("a writer");
     assert!(bus.feedback_writer().is_err());
@@ -134,7 +135,7 @@ fn a_second_writer_of_a_service_is_refused() {
 fn a_slow_reader_loses_the_oldest_and_never_holds_up_the_writer() {
     let place = place("slow");
     let owner = place.own(Duration::ZERO).expect("the cell");
-    let bus = Bus::enter(&place, &machine(), "launcher", true).expect("shared memory");
+    let bus = Bus::enter(&place, &shape(), "launcher", true).expect("shared memory");
     let _services = bus.create_all().expect("services");
     let mut writer = bus.feedback_writer().expect("a writer");
     let mut reader = bus.feedback_reader(SCAN_DEPTH).expect("a reader");

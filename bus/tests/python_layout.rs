@@ -104,7 +104,7 @@ structure!(
         cause,
         torque_limited,
         driver,
-        reserved,
+        drive_code,
     }
 );
 structure!(

@@ -14,7 +14,7 @@ pub const REVERSAL_TRAVEL_MIN: i64 = 10;
 ///
 /// `compensation = direction · step/2`. The position is then true on both sides and the machine's zero is the middle of
 /// the lost motion; which side holds at power-on nobody knows, so compensation is 0 until the first motion shows it.
-/// Source: \[Fanuc\], docs/methods.md §2 ("position backlash compensation, added to the position error at the reversal"). Units:
+/// Source: \[Fanuc\], docs/methods/overview.md §2 ("position backlash compensation, added to the position error at the reversal"). Units:
 /// mm and increments. A step of 0 switches it off and still finds the reversals.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Backlash {

@@ -10,11 +10,12 @@
 //! **Arcs** use at most `CENTRIPETAL_SHARE` of the acceleration across the path; what remains of the vector is for
 //! changing speed: `a = sqrt(a_lim² − (κv²)²)`, constant on the element.
 
-use crate::kinematics::{AxisRates, Kinematics};
+use crate::axis_rates::AxisRates;
+use crate::kinematics::Kinematics;
 use crate::limits::MotionLimits;
 use crate::path::{AxisVector, Element, Feed, MAX_AXES, Path, Shape};
 use crate::positioning::rapids as positioning;
-use crate::speed_map::{MapError, Segment};
+use crate::segment::{MapError, Segment};
 
 /// Share of an axis' acceleration that travelling an arc may use across the path; 60 % remains along it.
 const CENTRIPETAL_SHARE: f64 = 0.8;

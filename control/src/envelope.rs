@@ -11,7 +11,8 @@
     clippy::panic
 )]
 
-use crate::speed_map::{Segment, SpeedMap};
+use crate::segment::Segment;
+use crate::speed_map::SpeedMap;
 
 /// Segments computed at a time at first; more when the motion needs to look further.
 const PIECE: usize = 64;

@@ -1,4 +1,4 @@
-//! Look-ahead velocity feed-forward from movement commands (docs/methods.md §2, \[Fanuc\] JP 2875646).
+//! Look-ahead velocity feed-forward from movement commands (docs/methods/overview.md §2, \[Fanuc\] JP 2875646).
 #![deny(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -92,8 +92,8 @@ impl MovementCommands {
 /// The source sums `SUM += R1 − R2` (first half of a period) and `SUM += R0 − R1` (second half) and takes
 /// `FF = α·SUM/N²`. For contiguous periods that sum is nothing but the linear interpolation between the movement
 /// commands at the period centres, which is what this computes: `FF = α·[(N − r)·M_i + r·M_{i+1}]/N²`, with `i` and `r`
-/// from the scan's place. The same numbers to the last bit (tested), but no open integrator that keeps a bias (docs/physics.md
-/// §4), and zero by itself at standstill. Source: \[Fanuc\], docs/methods.md §2. Units: increments per scan; `advance_scans`
+/// from the scan's place. The same numbers to the last bit (tested), but no open integrator that keeps a bias (docs/methods/physics.md
+/// §4), and zero by itself at standstill. Source: \[Fanuc\], docs/methods/overview.md §2. Units: increments per scan; `advance_scans`
 /// takes it that much further ahead. Beyond the last known period it holds that period's value; there is no state, so
 /// the first call is like every other.
 #[derive(Debug, Clone, Copy, PartialEq)]

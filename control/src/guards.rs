@@ -8,7 +8,7 @@
 
 /// Guards of one axis, judged each scan; written so that a value that is not a number breaks them.
 ///
-/// Source: docs/architecture.md. Units: mm and mm/s, increments for positions. No state.
+/// Source: docs/developers/architecture.md. Units: mm and mm/s, increments for positions. No state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisGuards {
     /// Lower end of travel, in increments.

@@ -48,8 +48,8 @@ pub struct Parts {
 /// `lead_scans` ahead, the delay of a command until the middle of the scan that it acts in; the position command gets the
 /// compensation of that many scans ago. Learned residuals ([`LearnedTable`]) are added over the distance since the reversal.
 ///
-/// Source: the two-mass equations of docs/physics.md §3 solved for the motor (the system is differentially flat in the
-/// table's position: Fliess, Lévine, Martin, Rouchon 1995); predicted crossing: docs/physics.md §4. Units: mm and mm/s for
+/// Source: the two-mass equations of docs/methods/physics.md §3 solved for the motor (the system is differentially flat in the
+/// table's position: Fliess, Lévine, Martin, Rouchon 1995); predicted crossing: docs/methods/physics.md §4. Units: mm and mm/s for
 /// motion, N and kg at the table, N·m at the motor. First call: no spring is wound, neither side of the gap is known, and the
 /// compensation is 0. An input that is not a number gives outputs that are not numbers; the caller stops the axis.
 #[derive(Debug, Clone, Copy, PartialEq)]

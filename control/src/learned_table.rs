@@ -23,7 +23,7 @@ pub struct LearnedValue {
 /// Residual torque and lost motion over the distance since the last reversal, for both directions.
 ///
 /// Cell i lies at `d = 0.4 mm·(i/63)²`: fine where friction turns round, coarse where it has. Between cells it is linear; beyond
-/// the last that one holds. Source: feedback-error learning (Kawato 1987) over distance, docs/physics.md §4.
+/// the last that one holds. Source: feedback-error learning (Kawato 1987) over distance, docs/methods/physics.md §4.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LearnedTable {
     /// Friction there is over friction of the model.

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use crate::learned_table::{CELLS, DISTANCE_MAX_MM, LearnedTable, LearnedValue, cell_of};
 
-/// Part of a residual that one pass takes over. The source of docs/physics.md §4 takes 0.7; here the scale of friction takes the
+/// Part of a residual that one pass takes over. The source of docs/methods/physics.md §4 takes 0.7; here the scale of friction takes the
 /// large part at once, and what is left is taken slowly, so that a loop's own swing does not build up over passes.
 pub const GAIN: f64 = 0.4;
 /// Part of what was learned that a pass forgets: a lesson must be confirmed to stay.
@@ -70,7 +70,7 @@ struct Cell {
 ///
 /// The residual is what the velocity loop had to add, less what the axis's own deviation from its command took of it:
 /// `ΔT = T − T_ff − p·M·(x1 − x1_c)''`; and with a scale the lost motion that was not compensated,
-/// `Δl = (x1 − x2) − compensation`, from its mean over both directions. Source: feedback-error learning (Kawato 1987), docs/physics.md §4.
+/// `Δl = (x1 − x2) − compensation`, from its mean over both directions. Source: feedback-error learning (Kawato 1987), docs/methods/physics.md §4.
 #[derive(Debug, Clone)]
 pub struct Learner {
     mass_nm_s2_per_mm: f64,

@@ -3,6 +3,7 @@
 //! Nothing here knows of processes, clocks, files or shared memory.
 
 pub mod audit;
+pub mod axis_rates;
 pub mod backlash;
 pub mod changeover;
 mod course;
@@ -25,7 +26,9 @@ pub mod positioning;
 pub mod prediction;
 pub mod profile;
 pub mod reversal;
+pub mod row_settings;
 pub mod rows;
+mod segment;
 pub mod speed_map;
 pub mod totals;
 pub mod trigger;

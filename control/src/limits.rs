@@ -4,7 +4,7 @@ use thiserror::Error;
 
 use crate::kinematics::Kinematics;
 use crate::path::{AxisVector, MAX_AXES};
-use crate::rows::{RowSettings, StraightLines};
+use crate::row_settings::{RowSettings, StraightLines};
 
 /// The limits of one axis, in its own units (mm for slides, degrees for rotary axes).
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -22,7 +22,7 @@ pub struct SlipElement {
 /// short way back is remembered.
 ///
 /// `F = Σ F_i`, `F_i ← clamp(F_i + (S_i/Δ_i)·Δx, ±S_i·s(v))`, `s(v) = 1 + r·exp(−(v/v_s)²)`. Rate-independent but for the Stribeck
-/// factor s. Source: Maxwell slip (Iwan 1966), with the Stribeck curve of docs/physics.md §2. Units: mm, mm/s, N. First call:
+/// factor s. Source: Maxwell slip (Iwan 1966), with the Stribeck curve of docs/methods/physics.md §2. Units: mm, mm/s, N. First call:
 /// no spring is wound. A change of position that is not a number changes nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MaxwellSlip {

@@ -8,7 +8,7 @@
 
 use thiserror::Error;
 
-use crate::kinematics::AxisRates;
+use crate::axis_rates::AxisRates;
 use crate::path::{AxisVector, Element, MAX_AXES, Path};
 
 /// Degrees per radian.

@@ -10,7 +10,7 @@
 ///
 /// 1/m is the age in sample periods; the value is right where the speed was constant. What it costs: noise of Δx is
 /// added, of white noise σ in x altogether `σ·sqrt((1 + 1/m)² + 1/m²)`. An acceleration a leaves an error of `a·h·(h +
-/// Tp)/2`, h = Tp/m. Source: \[Fanuc-S\], docs/methods.md §5. Units: those of x. Limits: m of 0 or below, or not a number,
+/// Tp)/2`, h = Tp/m. Source: \[Fanuc-S\], docs/methods/overview.md §5. Units: those of x. Limits: m of 0 or below, or not a number,
 /// switches it off. First call: with no sample before, hand over Δx = 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prediction {

@@ -14,7 +14,8 @@
 use crate::envelope::{Envelope, EnvelopeKey};
 use crate::path::Path;
 use crate::positioning::Profile;
-use crate::speed_map::{Segment, SpeedMap};
+use crate::segment::Segment;
+use crate::speed_map::SpeedMap;
 
 /// A place and a speed on a path at the end of a scan: all that the motion from there depends on.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -1,4 +1,4 @@
-//! Backlash acceleration: a short velocity kick, started a fixed time ahead of the reversal (docs/methods.md §2, \[Fanuc\]
+//! Backlash acceleration: a short velocity kick, started a fixed time ahead of the reversal (docs/methods/overview.md §2, \[Fanuc\]
 //! JP 2875646 / US 5,343,132).
 #![deny(
     clippy::unwrap_used,
@@ -12,7 +12,7 @@ use crate::feed_forward::MovementCommands;
 use crate::trigger::{Speeds, Trigger};
 
 /// Least difference |R2 − R0| that says something about the acceleration: below it one increment of rounding moves the
-/// start by more than a twentieth of the lead (docs/physics.md §4).
+/// start by more than a twentieth of the lead (docs/methods/physics.md §4).
 pub const DIFFERENCE_MIN_INCREMENTS: i64 = 20;
 
 /// Distance, in multiples of the presliding distance, after which friction counts as turned round (e⁻⁵ = 0.7 % is left).
@@ -28,14 +28,14 @@ const KICK_S_MAX: f64 = 1.0;
 /// whoever wants that without a position error has to hand it the area 2F/Ki (Ki = Kv/Ti) as a velocity error.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum KickShape {
-    /// `kick_mm_s` for `kick_scans` scans, then nothing. Source: \[Fanuc\], docs/methods.md §2.
+    /// `kick_mm_s` for `kick_scans` scans, then nothing. Source: \[Fanuc\], docs/methods/overview.md §2.
     Constant,
     /// The kick that puts friction itself on the loop, as friction turns round. Our own derivation; that a decaying kick is
-    /// better than a constant one was measured before it was derived (docs/physics.md §4).
+    /// better than a constant one was measured before it was derived (docs/methods/physics.md §4).
     ///
     /// A kick that causes no motion of its own satisfies `Kv·(k + ∫k dt/Ti) = ΔF(t)`, ΔF being what friction has turned by,
     /// so `dk/dt + k/Ti = (dΔF/dt)/Kv`: each bit of friction enters with height ΔF/Kv and decays with Ti. Friction
-    /// turns round over a distance, `ΔF = 2F·(1 − exp(−d/d0))` (docs/physics.md §1.2; the exponential is the simplest curve of one
+    /// turns round over a distance, `ΔF = 2F·(1 − exp(−d/d0))` (docs/methods/physics.md §1.2; the exponential is the simplest curve of one
     /// parameter: what is left to turn sets how fast it turns), whence per scan
     ///
     /// `k ← k·exp(−Tp/τ) + s·h·[exp(−d/d0) before − after]`, τ = Ti, h = 2F/Kv, d = ∫ max(0, s·speed + A) dt.
@@ -76,7 +76,7 @@ pub enum Announcement {
 /// With `K = lead/(2·Ts²)` the kick starts `lead` before the reversal whatever radius and feed are: `|R2 − R0|` is the
 /// command's acceleration over two periods. Start: `speed·s + A ≥ 0`, `s` the new direction; quantised to one scan, so
 /// the true lead is in (lead − Tp, lead]. J periods of look-ahead allow leads up to `(J − ½)·Ts`. Source: \[Fanuc\],
-/// docs/methods.md §2, docs/physics.md §4.
+/// docs/methods/overview.md §2, docs/methods/physics.md §4.
 ///
 /// The compared speed is the command's alone unless the trigger says otherwise, not `FF + Kp·ε`: at low acceleration A is a
 /// few µm/s, and `Kp·ε` of 0.2 µm would move the start by the whole lead.
@@ -422,7 +422,7 @@ mod tests {
 
     #[test]
     fn the_kick_starts_the_same_time_ahead_whatever_radius_and_feed_are() {
-        // docs/methods.md §2: t = −2·K·Ts², K = 31.25 1/s for a lead of 4 ms at Ts = 8 ms; true lead in (lead − Tp, lead].
+        // docs/methods/overview.md §2: t = −2·K·Ts², K = 31.25 1/s for a lead of 4 ms at Ts = 8 ms; true lead in (lead − Tp, lead].
         // At the highest accelerations (22 m/s² at R5 F20) the chord of the sine shortens it further, by less than a scan.
         assert!((XY.block().k_per_s() - 31.25).abs() < 1e-9);
         let modern = Case {

@@ -152,7 +152,7 @@ mod tests {
 
     #[test]
     fn at_low_acceleration_a_fifth_of_a_micrometre_moves_the_full_start_by_the_whole_lead() {
-        // R100 F1000: 2.8 mm/s²; 50 1/s · 0.2 µm = 10 µm/s is 3.6 ms of it (docs/physics.md §4).
+        // R100 F1000: 2.8 mm/s²; 50 1/s · 0.2 µm = 10 µm/s is 3.6 ms of it (docs/methods/physics.md §4).
         let a = 2.78;
         for (part, shift_s) in [
             (PositionErrorPart::None, 0.0),

@@ -10,7 +10,7 @@
 ///
 /// `T = Kv·(v_c − v) + I`, `I += Kv·(v_c − v)·Tp/Ti`, |T| ≤ limit. While the limit acts, the integrator takes in only what
 /// leads out of it (conditional integration: nothing to tune, and no jump when the limit lets go). Source: the drive loop
-/// of docs/physics.md §3–4. Units: mm/s in, N·m at the motor out. First call: integrator 0. An input that is not a number gives a
+/// of docs/methods/physics.md §3–4. Units: mm/s in, N·m at the motor out. First call: integrator 0. An input that is not a number gives a
 /// torque that is not a number and leaves the integrator alone: the caller stops the axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VelocityLoop {

@@ -9,7 +9,7 @@ use control::path::{AxisVector, Element, Feed, Path};
 use control::pivot::{Carries, PivotY};
 use control::positioning::{MotorLoad, Positioning};
 use control::profile::PathState;
-use control::rows::{RowSettings, StraightLines};
+use control::row_settings::{RowSettings, StraightLines};
 use control::speed_map::MapError;
 use control::totals::{ProgramWalk, Totals};
 use control::window::{

@@ -62,7 +62,7 @@ class AxisFeedback(ctypes.Structure):
         ("cause", c_uint32),  # at 88
         ("torque_limited", c_uint32),  # at 92
         ("driver", c_uint32),  # at 96
-        ("reserved", c_uint32),  # at 100
+        ("drive_code", c_uint32),  # at 100
     ]
 
     @staticmethod

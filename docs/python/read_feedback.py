@@ -7,7 +7,7 @@ On the controller PC, as the user who runs the cell:
     quadrant iceoryx-config > cell.toml
     python3 read_feedback.py cell.toml demo
 
-It is a looker-on: its queue overwrites its oldest, and nobody in the cell waits for it. The versions of iceoryx2 must be the same.
+It is an observer: its queue overwrites its oldest sample, and no process of the cell waits for it. The versions of iceoryx2 must be the same.
 """
 
 import argparse
@@ -58,7 +58,7 @@ def main() -> int:
                 )
                 print(f"scan {feedback.scan} {mode} override {feedback.override_percent} %  {axes}", flush=True)
                 last = feedback.last
-                # Frees its place in the queue.
+                # Frees its slot in the queue.
                 sample.delete()
                 seen += 1
                 if last:

@@ -13,11 +13,11 @@ mod ring;
 
 use std::path::{Path, PathBuf};
 
-use bus::machine::Machine;
 use bus::sample::{
     AxisCommand, Cause, Feedback, Instruments, Mode, PlannerStatus, Roster, WindowHeader, WindowRow,
 };
 use bytemuck::{Pod, Zeroable};
+use machine::Machine;
 
 use crate::log::layout::{Extent, Layout, Wire};
 use crate::log::{Event, LogError, LoggedWindow, Recorder, RunEnd, RunInfo, tail_checksum};
@@ -110,7 +110,7 @@ struct Layouts {
 impl Layouts {
     /// Bytes that the samples of one scan take in the ring, those that come once a period shared out.
     fn scan_bytes(&self, machine: &Machine) -> usize {
-        let roles = |axis: &bus::machine::Axis| 1 + usize::from(axis.standby);
+        let roles = |axis: &machine::Axis| 1 + usize::from(axis.standby);
         let commands: usize = machine.axes.iter().map(roles).sum();
         let window = self.header.bytes + machine.intended_rows() as usize * self.row.bytes;
         let of_period = 2 * HEAD_BYTES + window + self.planner.bytes;

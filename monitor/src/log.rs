@@ -94,7 +94,7 @@ pub struct LoggedWindow {
 /// One sample of a run, from the wire or from the log.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Sample {
-    /// What the machine side said.
+    /// What the master said.
     Feedback(Box<Feedback>),
     /// What the bench's instruments saw.
     Instruments(Box<Instruments>),

@@ -4,9 +4,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use bus::cell::CellPlace;
-use bus::machine::Machine;
+use bus::cell::CellPaths;
 use bus::sample::{Feedback, ProgramState};
+use machine::Machine;
 
 use crate::black_box::Home;
 use crate::log::{BEGINS_AT, LogError, Recorder, RunEnd, RunInfo};
@@ -123,7 +123,7 @@ impl Logbook {
     /// recorder that replaces another goes on in the folder that is there.
     fn begin(&mut self, feedback: &Feedback, failed: u64) -> Result<(), MonitorError> {
         let (load, run, scan) = (feedback.load, feedback.run, feedback.scan);
-        let place = CellPlace::new(&self.options.seat.cell).ok();
+        let place = CellPaths::new(&self.options.slot.cell).ok();
         let program = place.and_then(|place| place.program(load));
         let program = program.ok_or(MonitorError::NoProgram(load))?;
         let folder = run_folder(&self.options.out, run, &program);
@@ -179,7 +179,7 @@ fn run_info(options: &Options, program: Option<&Path>) -> Result<RunInfo, Monito
             source,
         })
     };
-    let machine = bus::machine::machine_file(&options.seat.machine);
+    let machine = machine::machine_file(&options.slot.machine);
     let mut files = vec![("machine.toml".into(), read(&machine)?)];
     let mut name = String::new();
     if let Some(program) = program {
@@ -191,8 +191,8 @@ fn run_info(options: &Options, program: Option<&Path>) -> Result<RunInfo, Monito
     }
     Ok(RunInfo {
         quadrant: env!("CARGO_PKG_VERSION").into(),
-        cell: options.seat.cell.clone(),
-        pace: options.seat.pace.word().into(),
+        cell: options.slot.cell.clone(),
+        pace: options.slot.pace.word().into(),
         program: name,
         files,
         ..RunInfo::default()

@@ -27,10 +27,10 @@ mod gap_tests;
 #[cfg(test)]
 mod tests;
 
-use bus::machine::Machine;
 use bus::sample::{Cause, Feedback, Mode, WindowId};
 use control::kinematics::Kinematics;
 use control::path::{AxisVector, MAX_AXES, Path};
+use machine::Machine;
 
 use crate::log::Sample;
 use align::{Aligner, ScanSet};
@@ -84,9 +84,9 @@ pub struct Measurements {
     pub samples_lost: u64,
     /// Scans of which the stream has no feedback although there was one: first and last of each gap, in order.
     pub missing_scans: Vec<(u64, u64)>,
-    /// Scans skipped because the machine side itself was late.
+    /// Scans skipped because the master itself was late.
     pub overrun_scans: u32,
-    /// The machine side's own digest, in hexadecimal; none without instruments.
+    /// The master's own digest, in hexadecimal; none without instruments.
     pub motion_digest: Option<String>,
     /// Who took part.
     pub processes: Vec<ProcessResult>,
@@ -399,7 +399,7 @@ impl Analysis {
             return;
         };
         if feedback.incarnation != last.incarnation {
-            // A machine side that was started anew goes on at a later scan: nobody knows which there were.
+            // A master that was started anew goes on at a later scan: nobody knows which there were.
             return;
         }
         self.samples_lost += u64::from(!instrumented);

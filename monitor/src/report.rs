@@ -17,8 +17,8 @@ mod tests;
 
 use std::path::{Path, PathBuf};
 
-use bus::machine::Machine;
-use bus::settings_file::SettingsFileError;
+use machine::Machine;
+use machine::settings_file::SettingsFileError;
 use program::{Program, ProgramError, Setup};
 
 pub use json::{

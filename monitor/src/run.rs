@@ -4,11 +4,13 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use bus::cell::CellError;
-use bus::member::{Member, MemberError, Pace, Seat};
+use bus::member::{Member, MemberError, Pace, Slot};
 use bus::port::{Reader, WindowReader};
 use bus::realtime::Priority;
 use bus::sample::{AxisCommand, Feedback, Instruments, PlannerStatus, Roster};
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES};
+use machine::Machine;
+use machine::settings_file::SettingsFileError;
 
 use crate::black_box::{BlackBox, Settings};
 use crate::log::{LogError, Recorder};
@@ -16,15 +18,15 @@ use crate::logbook::Logbook;
 use crate::sinks::Sinks;
 use crate::tap::Tap;
 
-/// Scans recorded between two words to the machine side about it.
+/// Scans recorded between two words to the master about it.
 const CREDIT_STEP_SCANS: u64 = 64;
 const LOOK_AROUND: Duration = Duration::from_millis(20);
 
 /// How a recorder is started.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Its seat in the cell.
-    pub seat: Seat,
+    /// Its slot in the cell.
+    pub slot: Slot,
     /// Run directory; without a program the folder in which each program that is started gets one.
     pub out: PathBuf,
     /// Part program, already copied into the run directory; none in a cell that stays up.
@@ -37,6 +39,9 @@ pub enum MonitorError {
     /// The cell refuses it.
     #[error(transparent)]
     Member(#[from] MemberError),
+    /// The machine file is not usable.
+    #[error(transparent)]
+    Machine(#[from] SettingsFileError),
     /// The log cannot be written.
     #[error(transparent)]
     Log(#[from] LogError),
@@ -74,10 +79,10 @@ impl Ports {
             + self.roster.failed()
     }
 
-    fn open(member: &Member) -> Result<Ports, CellError> {
+    fn open(member: &Member, axes: usize) -> Result<Ports, CellError> {
         let bus = &member.bus;
         let depth = RECORDER_DEPTH_SCANS;
-        let commands = (0..member.machine.axes.len())
+        let commands = (0..axes)
             .map(|axis| {
                 Ok([
                     bus.command_reader(axis, 0, depth)?,
@@ -133,27 +138,28 @@ impl Ports {
 /// # Errors
 /// [`MonitorError`]; what was recorded before stays readable.
 pub fn run(options: &Options, tap: Option<&mut dyn Tap>) -> Result<(), MonitorError> {
-    let member = Member::enter(options.seat.clone(), "monitor")?;
-    let mut ports = Ports::open(&member).map_err(MemberError::Cell)?;
-    let mut logbook = Logbook::new(options, &member.machine)?;
-    let black_box = BlackBox::new(Settings::default(), &member.machine, logbook.new_home());
+    let machine = Machine::load(&options.slot.machine)?;
+    let member = Member::enter(options.slot.clone(), "monitor", &machine.shape())?;
+    let mut ports = Ports::open(&member, machine.axes.len()).map_err(MemberError::Cell)?;
+    let mut logbook = Logbook::new(options, &machine)?;
+    let black_box = BlackBox::new(Settings::default(), &machine, logbook.new_home());
     let mut sinks = Sinks {
         logbook,
         black_box,
         tap,
     };
     // Scans up to this one are none of a recorder's that comes later.
-    let after = options.seat.after_scan;
+    let after = options.slot.after_scan;
     if let Some(tap) = &mut sinks.tap {
-        tap.begins(&member);
+        tap.begins(&member, &machine);
     }
     member.ready(Priority::Ordinary);
 
-    let lockstep = options.seat.pace == Pace::Lockstep;
+    let lockstep = options.slot.pace == Pace::Lockstep;
     let mut alone_since: Option<Instant> = None;
     let mut ended = false;
     while !ended {
-        let seen = member.page.monitor_bell().count();
+        let seen = member.page.recorder_signal().count();
         while let Some(feedback) = ports.feedback.any() {
             if after.is_some_and(|after| feedback.scan <= after) {
                 ended = feedback.last == 1;
@@ -163,7 +169,7 @@ pub fn run(options: &Options, tap: Option<&mut dyn Tap>) -> Result<(), MonitorEr
             ended = feedback.last == 1;
             member.page.set_recorded_scans(feedback.scan + 1);
             if ended || (lockstep && feedback.scan.is_multiple_of(CREDIT_STEP_SCANS)) {
-                member.page.machine_bell().ring();
+                member.page.master_signal().raise();
             }
         }
         if let Some(tap) = &mut sinks.tap {
@@ -173,12 +179,12 @@ pub fn run(options: &Options, tap: Option<&mut dyn Tap>) -> Result<(), MonitorEr
             break;
         }
         if lockstep {
-            member.page.machine_bell().ring();
+            member.page.master_signal().raise();
         }
-        member.page.monitor_bell().wait(seen, LOOK_AROUND);
+        member.page.recorder_signal().wait(seen, LOOK_AROUND);
         sinks.logbook.record(Recorder::flush_if_due)?;
-        if member.page.monitor_bell().count() == seen && !member.launcher_lives() {
-            // The machine side still brings the tool to rest: its last feedback ends the log, or this patience.
+        if member.page.recorder_signal().count() == seen && !member.launcher_lives() {
+            // The master still brings the tool to rest: its last feedback ends the log, or this patience.
             let since = alone_since.get_or_insert_with(Instant::now);
             if since.elapsed() > Duration::from_secs(2) {
                 break;

@@ -16,7 +16,7 @@ pub mod turns;
 
 use std::collections::VecDeque;
 
-use bus::machine::Machine;
+use machine::Machine;
 
 use crate::log::Sample;
 use crate::measure::align::{Aligner, ScanSet};

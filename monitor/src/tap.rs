@@ -1,14 +1,15 @@
 //! A listener beside the log: what the recorder takes, it hands on.
 
 use bus::member::Member;
-use bus::page::Page;
 use bus::sample::{AxisCommand, Feedback, Instruments, PlannerStatus, Roster};
+use bus::signal_page::SignalPage;
+use machine::Machine;
 
 /// Is told of every sample that the recorder takes, in the order of the log, and must not wait for anybody: the recorder
 /// waits for it.
 pub trait Tap {
     /// The recorder is in the cell; scans may begin.
-    fn begins(&mut self, member: &Member);
+    fn begins(&mut self, member: &Member, machine: &Machine);
     /// A roster.
     fn roster(&mut self, sample: &Roster);
     /// What the instruments saw.
@@ -20,5 +21,5 @@ pub trait Tap {
     /// A feedback; whatever became visible by its scan came before it.
     fn feedback(&mut self, sample: &Feedback);
     /// The queues are empty; `failed` receptions were refused so far.
-    fn look(&mut self, page: &Page, failed: u64);
+    fn look(&mut self, page: &SignalPage, failed: u64);
 }

@@ -2,10 +2,10 @@
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use bus::machine::Machine;
 use bus::sample::*;
 use bytemuck::Zeroable;
 use control::path::{AxisVector, Feed, Path, Shape};
+use machine::Machine;
 
 use crate::log::Sample;
 

@@ -1,14 +1,14 @@
 //! The course of a run: the program's path with the limits of the machine on it.
 
-use bus::machine::{self, Machine, RapidProfile};
 use bus::sample::MAX_WINDOW_ROWS;
 use control::kinematics::Kinematics;
 use control::limits::{AxisLimits, LimitsError, MotionLimits};
 use control::path::{AxisVector, Element, Path};
 use control::pivot::OutOfReach;
 use control::positioning::{MotorLoad, Positioning, RatingError};
-use control::rows::{RowSettings, StraightLines};
+use control::row_settings::{RowSettings, StraightLines};
 use control::window::{PlanError, WindowPlanner, WindowSettings};
+use machine::{self, Machine, RapidProfile};
 use program::kinematics_of;
 
 /// Highest override, as a share of the programmed feed.

@@ -4,9 +4,11 @@
 
 mod course;
 mod planner;
+pub mod ports;
 mod run;
 mod way_back;
 
 pub use course::{CourseError, motion_limits, tool_at, window_planner};
 pub use planner::{Decision, Planner};
-pub use run::{Options, PlannerError, run};
+pub use ports::{BusPorts, PlannerPorts};
+pub use run::{Options, PlannerError, cycle, run, run_over};

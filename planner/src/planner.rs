@@ -7,7 +7,6 @@
     clippy::indexing_slicing
 )]
 
-use bus::machine::Machine;
 use bus::sample::{
     Cause, Feedback, MAX_AXES, Mode, PathTag, PlannerStatus, ProgramState, WindowHeader, WindowId,
     WindowRow,
@@ -16,13 +15,14 @@ use bus::window::checksum;
 use bytemuck::Zeroable;
 use control::profile::PathState;
 use control::window::{Row, WindowPlanner, WindowRequest};
+use machine::Machine;
 use program::{ProgramError, Setup};
 
 use crate::course::{CourseError, tool_at, window_planner};
 use crate::way_back::WayBack;
 
 /// Scans from the feedback a window answers until it can be executed: seen by the servos in the next, admitted by the
-/// machine side for the one after.
+/// master for the one after.
 const COMMIT_SCANS: u64 = 2;
 
 /// A window that was published, with what the next one needs to start from any of its rows.

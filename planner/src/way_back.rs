@@ -8,11 +8,11 @@
     clippy::indexing_slicing
 )]
 
-use bus::machine::{AxisKind, Machine};
 use bus::sample::MAX_AXES;
 use control::path::{ALL_LINEAR, AxisVector, Element, Feed, Path, Shape};
 use control::profile::PathState;
 use control::window::WindowPlanner;
+use machine::{AxisKind, Machine};
 
 use crate::course::{CourseError, tool_at, window_planner};
 
@@ -21,7 +21,7 @@ use crate::course::{CourseError, tool_at, window_planner};
 const SETTLE_S: f64 = 0.2;
 
 /// The last piece is travelled along the path, in its direction, over this length in mm: friction and lost motion then
-/// lie as they did when the path was left. Friction turns round within some hundredths of a mm (docs/physics.md §3).
+/// lie as they did when the path was left. Friction turns round within some hundredths of a mm (docs/methods/physics.md §3).
 const RUN_UP_MM: f64 = 0.5;
 /// Chords that stand for the path there: 50 µm long, within 0.3 µm of an arc of 1 mm radius.
 const RUN_UP_CHORDS: u32 = 10;

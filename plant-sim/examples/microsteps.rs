@@ -5,8 +5,9 @@
 use std::path::Path;
 use std::time::Instant;
 
-use plant_sim::axis::{AxisSettings, AxisSimulation, InstrumentSample};
-use plant_sim::drive::{DriveCommand, DriveParameters};
+use master::{DriveCommand, InstrumentSample};
+use plant_sim::axis::{AxisSettings, AxisSimulation};
+use plant_sim::drive::DriveParameters;
 use plant_sim::plant_file::PlantFile;
 
 const SCAN_US: u32 = 1_000;

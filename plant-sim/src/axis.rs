@@ -8,8 +8,9 @@
 )]
 
 use bytemuck::{Pod, Zeroable};
+use master::{DriveCommand, InstrumentSample, StateRefused};
 
-use crate::drive::{DriveCommand, DriveParameters, DriveSettings, DriveState};
+use crate::drive::{DriveParameters, DriveSettings, DriveState};
 use crate::mechanics::{MechanicsSettings, MechanicsState};
 use crate::plant_file::{PlantAxis, PlantFile};
 use crate::winding::{WindingSettings, WindingState};
@@ -67,21 +68,6 @@ pub enum AxisSettingsError {
         /// Axis.
         axis: String,
     },
-}
-
-/// A saved state that is not one.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("the saved state of the axis holds a value that no machine can have")]
-pub struct StateRefused;
-
-/// What the bench instruments read at one instant.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
-#[repr(C)]
-pub struct InstrumentSample {
-    /// True motor position, in mm of travel, without the encoder's steps.
-    pub motor_mm: f64,
-    /// True table position, in mm.
-    pub table_mm: f64,
 }
 
 /// The constants of one axis.

@@ -10,31 +10,7 @@
 )]
 
 use bytemuck::{Pod, Zeroable};
-
-/// What a drive is asked to do for one scan.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum DriveCommand {
-    /// No torque; friction alone holds the axis (no axis of these machines hangs).
-    #[default]
-    Disabled,
-    /// The drive closes the velocity loop (CiA 402 cyclic synchronous velocity with torque offset).
-    Velocity {
-        /// Velocity at the table, in mm/s, held over the scan.
-        velocity_mm_s: f64,
-        /// Torque added at the motor, in N·m.
-        torque_offset_nm: f64,
-    },
-    /// The servo closes the velocity loop (CiA 402 cyclic synchronous torque).
-    Torque {
-        /// Torque at the motor, in N·m.
-        torque_nm: f64,
-    },
-    /// Controlled quick stop: the drive ramps its velocity command to zero and holds the axis there.
-    Brake {
-        /// Deceleration, in mm/s²; the drive's own quick-stop deceleration where it is not above 0.
-        deceleration_mm_s2: f64,
-    },
-}
+use master::DriveCommand;
 
 /// How a drive is set up.
 #[derive(Debug, Clone, Copy, PartialEq)]

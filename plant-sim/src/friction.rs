@@ -110,7 +110,7 @@ impl FrictionSettings {
     /// F = Σ F_i + σ1·(Σ α_i of the sticking)·v + σ2·v
     /// ```
     ///
-    /// Source: Lampaert, Al-Bender, Swevers 2003, with exponential attraction (docs/physics.md §2). An element slips only in the
+    /// Source: Lampaert, Al-Bender, Swevers 2003, with exponential attraction (docs/methods/physics.md §2). An element slips only in the
     /// direction of its force: one that is being unloaded stays on its spring although s(v) falls below its force.
     /// A velocity of exactly zero sticks, so that nothing relaxes at standstill. First call: all elements without force.
     #[inline]
@@ -186,7 +186,7 @@ mod tests {
 
     const STEP_S: f64 = 25e-6;
 
-    /// The reference table X of docs/physics.md §3.
+    /// The reference table X of docs/methods/physics.md §3.
     fn table_x() -> FrictionParameters {
         FrictionParameters {
             coulomb_n: 200.0,

@@ -1,18 +1,15 @@
-//! The machine side, simulated: the clock of the cell, drives, motors and mechanics.
+//! Simulated drives, motors, mechanics and friction, and the process that runs a master over them.
 
 pub mod axis;
-pub mod digest;
 pub mod drive;
-pub mod fault_desk;
+pub mod drives;
 pub mod friction;
-pub mod machine_side;
 pub mod mechanics;
 pub mod plant_file;
 pub mod run;
-pub mod saved;
+pub mod script;
 pub mod setup;
 pub mod winding;
-pub mod window_book;
 
-pub use machine_side::RunEnd;
-pub use run::{MachineSideError, Options, run};
+pub use drives::SimulatedDrives;
+pub use run::{Options, PlantSimError, run};

@@ -132,7 +132,7 @@ impl MechanicsSettings {
         self.cogging_n * sine_of_turns(motor_m * self.cogging_per_m)
     }
 
-    /// Runs `steps` microsteps with the force demand held: semi-implicit Euler, velocities first (docs/physics.md §3).
+    /// Runs `steps` microsteps with the force demand held: semi-implicit Euler, velocities first (docs/methods/physics.md §3).
     ///
     /// `F ← u + (F − u)·exp(−h/τI)`, `M1·v1' = F + cogging(x1) − fc − friction1(v1)`, `M2·v2' = fc − friction2(v2)`.
     /// The demand is in N and already limited. First call: at rest, without force.

@@ -1,10 +1,10 @@
 //! The plant file: what is true of the simulated machine, and the controller must not know.
 //!
-//! `plant.toml` beside `machine.toml`; read once and checked whole. Source of the reference values: docs/physics.md §3.
+//! `plant.toml` beside `machine.toml`; read once and checked whole. Source of the reference values: docs/methods/physics.md §3.
 
 use std::path::Path;
 
-use bus::settings_file::{self, SettingsFileError, read_text};
+use machine::settings_file::{self, SettingsFileError, read_text};
 use serde::Deserialize;
 
 use crate::friction::{ELEMENTS, FrictionParameters};

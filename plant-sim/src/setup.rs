@@ -1,6 +1,6 @@
 //! The simulated axes of a machine: machine file and plant file put together, and checked against each other.
 
-use bus::machine::{Axis, Machine, PositionFeedback};
+use machine::{Axis, Machine, PositionFeedback};
 
 use crate::axis::{AxisSettings, AxisSettingsError, AxisSimulation};
 use crate::drive::DriveParameters;

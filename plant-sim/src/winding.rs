@@ -55,7 +55,7 @@ impl WindingSettings {
 
     /// One period at this mean square of the torque, in N²·m².
     ///
-    /// `θ' = (100 K·(T/T_rated)² − θ)/τ_th`, solved exactly for a constant square (docs/physics.md §3). First call: cold.
+    /// `θ' = (100 K·(T/T_rated)² − θ)/τ_th`, solved exactly for a constant square (docs/methods/physics.md §3). First call: cold.
     pub fn update(&self, state: &mut WindingState, torque_square_nm2: f64) {
         let end_k = self.rise_k_per_nm2 * torque_square_nm2;
         state.rise_k = end_k + (state.rise_k - end_k) * self.decay;

@@ -9,11 +9,12 @@ use control::path::{
 use crate::arc::{ArcBlock, Circle};
 use crate::cycles::{Cycle, CycleBlock, PECKS_MAX, Series, Step};
 use crate::error::{PROBLEMS_MAX, Problem, ProgramError};
+use crate::letters::AXIS_LETTERS;
 use crate::program::{
     Block, Event, EventKind, Note, Program, ProgramEnd, Setup, check_setup, source_hash,
 };
 use crate::reader::{Line, column, read_line};
-use crate::words::{AXIS_LETTERS, Group, Refusal, Words};
+use crate::words::{Group, Refusal, Words};
 
 /// The most blocks of one program; their geometry fits the memory of a small PC (about 1 GB).
 pub const BLOCKS_MAX: usize = 2_000_000;

@@ -52,13 +52,14 @@ mod cycles;
 mod error;
 mod file;
 mod interpreter;
-mod machine;
+mod letters;
 mod program;
 mod reader;
+mod setup;
 mod words;
 
 pub use error::{Problem, ProgramError};
 pub use file::{FILE_BYTES_MAX, load};
 pub use interpreter::{BLOCKS_MAX, interpret};
-pub use machine::{axes_at, kinematics_of};
 pub use program::{AxisSetup, Block, Event, EventKind, Note, Program, ProgramEnd, Setup};
+pub use setup::{axes_at, kinematics_of};

@@ -4,7 +4,7 @@ use control::path::{AxisVector, MAX_AXES, Path};
 use xxhash_rust::xxh3::Xxh3;
 
 use crate::error::ProgramError;
-use crate::words::AXIS_LETTERS;
+use crate::letters::AXIS_LETTERS;
 
 /// One axis as the interpreter needs to know it.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,11 +1,9 @@
 //! The words of one block, sorted by modal group; what is unknown, repeated or in conflict is refused here.
 
 use crate::error::PROBLEMS_MAX;
+use crate::letters::AXIS_LETTERS;
 use crate::program::Setup;
 use crate::reader::{Line, Word};
-
-/// Letters that can name an axis.
-pub const AXIS_LETTERS: &str = "XYZABCUVW";
 
 const SUPPORTED_G: &str = "supported are G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G49 G54 G61 G64 G80 G81 G82 G83 G90 G90.1 G91 G91.1 G94 G98 G99";
 const SUPPORTED_M: &str = "supported are M2 M3 M4 M5 M30";

@@ -4,7 +4,7 @@
 //! clock that somebody sets; [`events`] is how all events arrive in order although messages get lost; `link` (feature `zenoh`) carries it over
 //! zenoh. What is shown is not here: the root package makes snapshots of its live view and fills such a view from them.
 //!
-//! **Invariant**: nothing here is known to the cell. The server is a looker-on like any other; orders do not travel.
+//! **Invariant**: nothing here is known to the cell. The server is a observer like any other; orders do not travel.
 #![cfg_attr(
     not(test),
     deny(

@@ -152,9 +152,9 @@ pub struct MachineState {
     pub cause_scan: u64,
     /// Override in percent.
     pub override_percent: u32,
-    /// Scans that the machine side was late for.
+    /// Scans that the master was late for.
     pub overrun_scans: u32,
-    /// Which machine side it is.
+    /// Which master it is.
     pub incarnation: u32,
     /// Feed hold is latched.
     pub hold: bool,
@@ -256,7 +256,7 @@ pub struct ProgramState {
 pub struct ProcessState {
     /// Name, as in logs.
     pub name: String,
-    /// `machine side`, `planner`, `servo` or `recorder`.
+    /// `master`, `planner`, `servo` or `recorder`.
     pub job: String,
     /// Process id on the controller PC.
     pub pid: Option<u32>,

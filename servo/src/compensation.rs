@@ -6,8 +6,6 @@
     clippy::indexing_slicing
 )]
 
-use bus::machine::model::FrictionCurve;
-use bus::machine::{Axis, ReversalMethod};
 use bus::sample::{AxisFeedback, ControllerState};
 use control::disturbance_observer::DisturbanceObserver;
 use control::inverse_dynamics::{
@@ -15,6 +13,8 @@ use control::inverse_dynamics::{
 };
 use control::learned_table::LearnedTable;
 use control::maxwell_slip::{MaxwellSlip, SlipElement};
+use machine::model::FrictionCurve;
+use machine::{Axis, ReversalMethod};
 
 /// A difference over fewer increments than this time gives would be rounding, in s.
 const DIFFERENCE_S: f64 = 2e-3;

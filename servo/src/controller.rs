@@ -6,7 +6,6 @@
     clippy::indexing_slicing
 )]
 
-use bus::machine::{DriveMode, Machine, PositionFeedback, Rows};
 use bus::sample::{
     AxisCommand, AxisFeedback, Cause, ControllerState, Driver, Feedback, ManualState, Mode,
     WindowHeader, WindowId, WindowRow,
@@ -20,6 +19,7 @@ use control::learned_table::LearnedTable;
 use control::reversal::{Announcement, ReversalState};
 use control::trigger::Speeds;
 use control::velocity_loop::VelocityLoopState;
+use machine::{DriveMode, Machine, PositionFeedback, Rows};
 
 use crate::compensation::Added;
 use crate::even_rows::PeriodEnds;
@@ -340,7 +340,7 @@ impl Servo {
     /// Open loop: the register follows the axis (docs/methods/follow-up.md).
     ///
     /// With the drives switched off at rest, direction and backlash compensation stay true with it. After a trip, or
-    /// where the machine side's register says otherwise, closing it starts from a clean state where that register is.
+    /// where the master's register says otherwise, closing it starts from a clean state where that register is.
     fn follow_up(&mut self, mode: Mode, axis: &AxisFeedback) {
         let position = self.position(axis);
         let register = manual::follow_up(&mut self.state, position);
@@ -533,7 +533,7 @@ impl Servo {
             return self.stop(command, cause(broken));
         }
         if self.state.cause != Cause::None as u32 {
-            // Held until the machine side has taken notice.
+            // Held until the master has taken notice.
             return self.silence(command);
         }
         let limited = match settings.drive_mode {

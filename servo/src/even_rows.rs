@@ -19,7 +19,7 @@ impl PeriodEnds {
     /// Position command of scan `scan_in_period`, from 0: `before + (MCMD·(c + 1)) div N`.
     ///
     /// Integers throughout: the remainder of the division is carried by the product, so each scan is within an increment
-    /// of the straight line and the last one is on the period's end exactly. Source: \[Fanuc\], docs/methods.md §2 (DDA).
+    /// of the straight line and the last one is on the period's end exactly. Source: \[Fanuc\], docs/methods/overview.md §2 (DDA).
     pub fn split(&self, scan_in_period: u32, scans_per_period: u32) -> i64 {
         let movement = i128::from(self.last) - i128::from(self.before);
         let part = movement * (i128::from(scan_in_period) + 1);

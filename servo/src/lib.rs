@@ -10,10 +10,12 @@ mod controller;
 mod even_rows;
 mod held;
 mod manual;
+pub mod ports;
 mod run;
 mod settings;
 
 pub use controller::Servo;
 pub use held::Refusal;
-pub use run::{Options, ServoError, run};
+pub use ports::{BusPorts, ServoPorts};
+pub use run::{Options, ServoError, cycle, run, run_over};
 pub use settings::{ServoSettings, ServoSettingsError};

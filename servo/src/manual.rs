@@ -8,12 +8,12 @@
     clippy::indexing_slicing
 )]
 
-use bus::machine::{Axis, Changeover as Setting, Machine};
 use bus::sample::{AxisFeedback, ControllerState, ManualState};
 use bytemuck::Zeroable;
 use control::changeover::{Changeover, ChangeoverState, Phase, Variant};
 use control::follow_up::FollowUpState;
 use control::jog::JogProfile;
+use machine::{Axis, Changeover as Setting, Machine};
 
 /// A jog may use this share of the axis's acceleration: it is watched by eye and stops by hand.
 const ACCELERATION_SHARE: f64 = 0.2;

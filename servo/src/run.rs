@@ -7,32 +7,28 @@
     clippy::indexing_slicing
 )]
 
-use std::path::PathBuf;
+use std::rc::Rc;
 
-use bus::fault_file;
-use bus::machine::learned::Learned;
-use bus::member::{Member, MemberError, Seat};
+use bus::member::{Member, MemberError, Slot};
 use bus::realtime::Priority;
-use bus::sample::Job;
-use bus::service::{ROLES, SCAN_DEPTH};
-use bus::settings_file::SettingsFileError;
-use bus::tamper::Tamper;
 use control::learned_table::LearnedTable;
+use machine::Machine;
+use machine::learned::Learned;
+use machine::settings_file::SettingsFileError;
 
 use crate::controller::Servo;
+use crate::ports::{BusPorts, ServoPorts};
 use crate::settings::ServoSettingsError;
 
 /// How a servo is started.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Its seat in the cell.
-    pub seat: Seat,
+    /// Its slot in the cell.
+    pub slot: Slot,
     /// Letter of its axis.
     pub axis: String,
     /// Role: 0 = a, 1 = b.
     pub role: u32,
-    /// A fault script, for the faults that this servo is to commit.
-    pub faults: Option<PathBuf>,
 }
 
 /// Why a servo cannot take part.
@@ -44,7 +40,7 @@ pub enum ServoError {
     /// The axis's settings make no servo.
     #[error(transparent)]
     Settings(#[from] ServoSettingsError),
-    /// What was learned, or the fault script, cannot be read.
+    /// The machine file, what was learned, or a script cannot be read.
     #[error(transparent)]
     File(#[from] SettingsFileError),
     /// The machine has no such axis.
@@ -57,79 +53,69 @@ pub enum ServoError {
 /// # Errors
 /// [`ServoError`].
 pub fn run(options: &Options) -> Result<(), ServoError> {
-    let member = Member::enter(options.seat.clone(), &format!("servo-{}", options.axis))?;
-    let axis = member
-        .machine
+    run_over(options, |ports, _, _| Ok(ports))
+}
+
+/// The same over ports that `decorate` makes of the process's own.
+///
+/// # Errors
+/// [`ServoError`].
+pub fn run_over<P: ServoPorts>(
+    options: &Options,
+    decorate: impl FnOnce(BusPorts, &Rc<Member>, &Machine) -> Result<P, ServoError>,
+) -> Result<(), ServoError> {
+    let machine = Machine::load(&options.slot.machine)?;
+    let name = format!("servo-{}", options.axis);
+    let member = Rc::new(Member::enter(
+        options.slot.clone(),
+        &name,
+        &machine.shape(),
+    )?);
+    let (axis, settings) = machine
         .axes
         .iter()
-        .position(|axis| axis.name == options.axis)
+        .enumerate()
+        .find(|(_, axis)| axis.name == options.axis)
         .ok_or_else(|| ServoError::NoAxis(options.axis.clone()))?;
-    let cell = |error| ServoError::Member(MemberError::Cell(error));
-    let mut feedback_in = member.bus.feedback_reader(SCAN_DEPTH).map_err(cell)?;
-    let mut windows_in = member.bus.window_reader(SCAN_DEPTH).map_err(cell)?;
-    let mut command_out = member
-        .bus
-        .command_writer(axis, options.role as usize)
-        .map_err(cell)?;
-    let mut servo = Servo::new(
-        &member.machine,
-        axis,
-        options.role,
-        options.seat.incarnation,
-    )?;
-    let learned = Learned::beside(&options.seat.machine, &member.machine)?;
-    let of_axis = learned.as_ref().zip(member.machine.axes.get(axis));
-    if let Some(taught) = of_axis.and_then(|(l, a)| l.of(&member.machine, a)) {
+    let mut servo = Servo::new(&machine, axis, options.role, options.slot.incarnation)?;
+    let learned = Learned::beside(&options.slot.machine, &machine)?;
+    if let Some(learned) = learned.as_ref().and_then(|l| l.of(&machine, settings)) {
         servo.recall(LearnedTable::from_columns(
-            taught.friction_scale,
-            [&taught.negative_torque_nm, &taught.positive_torque_nm],
+            learned.friction_scale,
+            [&learned.negative_torque_nm, &learned.positive_torque_nm],
             [
-                &taught.negative_lost_motion_um,
-                &taught.positive_lost_motion_um,
+                &learned.negative_lost_motion_um,
+                &learned.positive_lost_motion_um,
             ],
         ));
     }
-    let mut tamper = match &options.faults {
-        Some(path) => {
-            let script = fault_file::load(path, &member.machine)?;
-            Some(Tamper::new(&script, Job::Servo, axis as u32, options.role))
-        }
-        None => None,
-    };
-    let standby = member.machine.axes.get(axis).is_some_and(|a| a.standby);
-    let mut peer_in = standby
-        .then(|| {
-            let peer = ROLES.len().saturating_sub(1 + options.role as usize);
-            member.bus.command_reader(axis, peer, SCAN_DEPTH)
-        })
-        .transpose()
-        .map_err(cell)?;
+    let ports = BusPorts::open(
+        Rc::clone(&member),
+        axis,
+        options.role as usize,
+        settings.standby,
+    )
+    .map_err(MemberError::Cell)?;
+    let mut ports = decorate(ports, &member, &machine)?;
     member.ready(Priority::Servo);
-
-    let mut last = options.seat.after_scan;
-    while let Some(feedback) = member.next_feedback(member.page.scan_bell(), &mut feedback_in, last)
-    {
-        if feedback.last == 1 {
-            break;
-        }
-        last = Some(feedback.scan);
-        windows_in.each(feedback.scan, |header, rows| {
-            // A refusal is reported in the command.
-            let _ = servo.offer(header, rows, &feedback);
-        });
-        if let Some(peer) = peer_in.as_mut().and_then(|r| r.newest(feedback.scan)) {
-            servo.follow(&peer, &feedback);
-        }
-        let command = servo.scan(&feedback);
-        match &mut tamper {
-            None => command_out.send(&command),
-            Some(tamper) => {
-                let fired = |index| member.page.fault_fired(index);
-                tamper.command(&command, fired, |sent| command_out.send(sent));
-            }
-        }
-        member.page.set_answered(member.seat().place, feedback.scan);
-        member.page.answered();
-    }
+    while cycle(&mut servo, &mut ports) {}
     Ok(())
+}
+
+/// One scan of a servo; false when it is time to leave.
+pub fn cycle(servo: &mut Servo, ports: &mut impl ServoPorts) -> bool {
+    let Some(feedback) = ports.next_feedback().filter(|feedback| feedback.last == 0) else {
+        return false;
+    };
+    ports.for_each_window(feedback.scan, |header, rows| {
+        // A refusal is reported in the command.
+        let _ = servo.offer(header, rows, &feedback);
+    });
+    if let Some(peer) = ports.peer_command(feedback.scan) {
+        servo.follow(&peer, &feedback);
+    }
+    let command = servo.scan(&feedback);
+    ports.publish(&command);
+    ports.answered(feedback.scan);
+    true
 }

@@ -6,10 +6,6 @@
     clippy::indexing_slicing
 )]
 
-use bus::machine::{
-    Axis, DriveMode, KickShape as ShapeSetting, Machine, PositionErrorPart as PartSetting,
-    PositionFeedback, Reversal, ReversalMethod, Rows, Trigger as TriggerSetting,
-};
 use control::backlash::Backlash;
 use control::feed_forward::FeedForward;
 use control::guards::AxisGuards;
@@ -17,6 +13,10 @@ use control::prediction::Prediction;
 use control::reversal::{BacklashAcceleration, KickShape};
 use control::trigger::{PositionErrorPart, Trigger};
 use control::velocity_loop::VelocityLoop;
+use machine::{
+    Axis, DriveMode, KickShape as ShapeSetting, Machine, PositionErrorPart as PartSetting,
+    PositionFeedback, Reversal, ReversalMethod, Rows, Trigger as TriggerSetting,
+};
 
 use crate::compensation::ModelSettings;
 use crate::manual::ManualController;

@@ -5,7 +5,7 @@ mod common;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use common::{Rig, machine};
+use common::{Rig, answer, machine};
 
 struct Counting;
 
@@ -36,14 +36,12 @@ fn neither_a_window_nor_a_scan_allocates() {
             let feedback = rig.feedback();
             let before = ALLOCATIONS.get();
             for (axis, servo) in rig.servos.iter_mut().enumerate() {
-                if let Some((header, rows)) = &offered {
-                    assert_eq!(servo.offer(header, rows, &feedback), Ok(()));
-                }
-                rig.commands[axis] = servo.scan(&feedback);
+                rig.commands[axis] = answer(servo, &feedback, &offered);
             }
             assert_eq!(ALLOCATIONS.get(), before, "{name} scan {}", rig.scan);
             for axis in 0..2 {
                 assert_eq!(rig.commands[axis].cause, 0);
+                assert!(rig.commands[axis].refused.is_none());
                 rig.register[axis] = rig.commands[axis].position;
                 rig.position[axis] = rig.commands[axis].position;
             }

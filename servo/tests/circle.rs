@@ -2,10 +2,10 @@
 #![allow(missing_docs)]
 mod common;
 
-use bus::machine::{KickShape, Prediction, Rows};
 use bus::sample::{AxisCommand, Mode};
 use bytemuck::{Zeroable, bytes_of};
 use common::{RADIUS_MM, Rig, SPEED_MM_S, machine, servo};
+use machine::{KickShape, Prediction, Rows};
 
 /// A command with what names its maker taken out.
 fn anonymous(mut command: AxisCommand) -> AxisCommand {
@@ -147,7 +147,7 @@ fn an_announced_kick_is_forgotten_when_the_windows_no_longer_reverse() {
         }
     };
     let kicks = rig.commands[announced].state.kicks;
-    // The machine side drops the future: no window, the register stays.
+    // The master drops the future: no window, the register stays.
     rig.window = bus::sample::WindowId::NONE;
     rig.pending = None;
     rig.publishing = false;
@@ -205,7 +205,7 @@ fn the_feed_forward_leaves_little_following_error_to_the_position_loop() {
     for axis in &mut machine.axes {
         // Axes without mass: transport, hold and centring only.
         axis.feed_forward.advance_ms = 2.5;
-        axis.reversal.method = bus::machine::ReversalMethod::None;
+        axis.reversal.method = machine::ReversalMethod::None;
     }
     let mut rig = Rig::new(machine);
     rig.run_to(800);

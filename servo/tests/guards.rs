@@ -2,9 +2,9 @@
 #![allow(missing_docs)]
 mod common;
 
-use bus::machine::Machine;
 use bus::sample::{AxisCommand, Cause, Feedback, Mode};
 use common::{Rig, machine, servo};
+use machine::Machine;
 
 /// The command after two quiet scans and a third with this change.
 fn after(machine: &Machine, change: impl FnOnce(&mut Feedback)) -> AxisCommand {
@@ -129,7 +129,7 @@ fn torque_at_its_limit_for_too_long() {
 }
 
 #[test]
-fn a_stop_is_held_until_the_machine_side_has_taken_notice() {
+fn a_stop_is_held_until_the_master_has_taken_notice() {
     let mut servo = servo(&machine("xy"), 0);
     let mut rig = Rig::new(machine("xy"));
     servo.scan(&rig.feedback());
@@ -153,7 +153,7 @@ fn a_stop_is_held_until_the_machine_side_has_taken_notice() {
 
 #[test]
 fn a_pushed_axis_is_followed_and_closing_the_loop_steps_by_nothing() {
-    // docs/methods.md §6. The register in feedback follows the encoder while the loop is open.
+    // docs/methods/overview.md §6. The register in feedback follows the encoder while the loop is open.
     for name in ["xy", "xy-torque"] {
         let mut rig = Rig::new(machine(name));
         // Into the circle, so that every part of the state is something.

@@ -2,9 +2,9 @@
 #![allow(missing_docs)]
 mod common;
 
-use bus::machine::Changeover;
 use bus::sample::{AxisCommand, Cause, Driver, Feedback, Mode};
 use common::{Rig, machine, servo};
+use machine::Changeover;
 use servo::Servo;
 
 /// One axis that does what it is told, a scan later.

@@ -1,9 +1,9 @@
 //! The form of the kick as the machine file asks for it.
 #![allow(missing_docs)]
 
-use bus::machine::{KickShape, Machine};
 use control::reversal::KickShape as Shape;
 use control::trigger::{PositionErrorPart, Trigger};
+use machine::{KickShape, Machine};
 use servo::ServoSettings;
 
 /// The reference machine with other lines for the form of the kick.

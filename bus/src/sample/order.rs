@@ -1,9 +1,9 @@
-//! What an operator asks of the machine side, and what it answers.
+//! What an operator asks of the master, and what it answers.
 
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
-/// What an operator, or the launcher for him, asks of the machine side.
+/// What an operator, or the launcher for him, asks of the master.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
 #[type_name("quadrant/OperatorRequest/2")]
 #[repr(C)]
@@ -128,11 +128,13 @@ pub enum Refused {
     NotBegun = 18,
     /// The cell is about to end.
     Ending = 19,
+    /// An axis has no reference: it must be homed, or its encoder be set.
+    NotReferenced = 20,
 }
 
 impl Refused {
     /// All of them.
-    pub const ALL: [Refused; 20] = [
+    pub const ALL: [Refused; 21] = [
         Refused::Not,
         Refused::UnknownOrder,
         Refused::BadValue,
@@ -153,6 +155,7 @@ impl Refused {
         Refused::Begun,
         Refused::NotBegun,
         Refused::Ending,
+        Refused::NotReferenced,
     ];
 
     /// Decodes what came over the wire.
@@ -194,6 +197,7 @@ impl Refused {
                 "a program was begun and is not done: resume goes on with it; once stopped, load gives it up"
             }
             Refused::NotBegun => "no program was begun: start begins the one that is loaded",
+            Refused::NotReferenced => "an axis has no reference: home it first",
             Refused::Ending => "the cell is about to end",
         }
     }
@@ -241,6 +245,6 @@ mod tests {
         }
         assert_eq!(Order::from_wire(0), None);
         assert_eq!(Order::from_wire(11), None);
-        assert_eq!(Refused::from_wire(20), None);
+        assert_eq!(Refused::from_wire(21), None);
     }
 }

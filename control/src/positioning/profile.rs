@@ -340,7 +340,7 @@ mod tests {
         close(profile.velocity_square_integral(), 1.2 * b * b / r, 1e-14);
     }
 
-    /// The factors h of ∫a²dt = h·b²/r³ that docs/physics.md §6 gives.
+    /// The factors h of ∫a²dt = h·b²/r³ that docs/methods/physics.md §6 gives.
     #[test]
     fn the_parabola_costs_12_and_every_other_shape_more() {
         use std::f64::consts::PI;

@@ -2,7 +2,7 @@
 
 use crate::limits::MotionLimits;
 use crate::path::{Element, Feed, MAX_AXES, Path, Shape};
-use crate::speed_map::Segment;
+use crate::segment::Segment;
 
 use super::profile::Profile;
 use super::travel_time::{MotorLoad, travel_time_s};

@@ -341,7 +341,7 @@ mod tests {
         near(load.travel_time_s(7.0, 1.0, unlimited, unlimited), r, 1e-9);
     }
 
-    /// docs/physics.md §6: b = 7, c = 1, K = 54.
+    /// docs/methods/physics.md §6: b = 7, c = 1, K = 54.
     #[test]
     fn speed_limited_travel_times_are_those_of_the_closed_form() {
         let load = load_of_table_1();

@@ -3,9 +3,9 @@
 //! A row needs feedback, instruments and command of one scan, which come through different queues: rows wait in a ring
 //! until they are whole. A row that is pushed out earlier is written with NaN for what is missing.
 
-use bus::machine::{Machine, PositionFeedback};
 use bus::sample::{AxisCommand, Feedback, Instruments};
 use bytemuck::{Pod, Zeroable};
+use machine::{Machine, PositionFeedback};
 
 use super::layout::table;
 

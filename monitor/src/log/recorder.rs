@@ -8,10 +8,10 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use bus::machine::Machine;
 use bus::sample::{
     AxisCommand, Feedback, Instruments, PlannerStatus, Roster, WindowHeader, WindowRow,
 };
+use machine::Machine;
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 use mcap::{Attachment, Compression, WriteOptions, Writer};

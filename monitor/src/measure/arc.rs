@@ -1,4 +1,4 @@
-//! Circular deviation and quadrant protrusions of every arc (ISO 230-4), as docs/physics.md §5 lays down.
+//! Circular deviation and quadrant protrusions of every arc (ISO 230-4), as docs/methods/physics.md §5 lays down.
 //!
 //! - *Run*: consecutive elements on one circle, in one direction, at one feed. Its samples are those taken while the
 //!   feedback named one of its elements.

@@ -3,8 +3,8 @@
 pub mod blocks;
 pub mod percentiles;
 
-use bus::machine::{Axis, Machine, Rows};
 use bus::sample::{AxisCommand, AxisFeedback, Feedback, MAX_AXES, Mode};
+use machine::{Axis, Machine, Rows};
 
 use self::percentiles::Percentiles;
 use super::prediction::PredictionMeter;
@@ -51,7 +51,7 @@ impl AxisMeter {
         command: Option<&AxisCommand>,
         drives_on: bool,
     ) {
-        // A machine side that was started anew counts from nothing.
+        // A master that was started anew counts from nothing.
         self.missed_before = self.missed_before.min(feedback.missed_scans);
         self.missed_scans = feedback.missed_scans - self.missed_before;
         if feedback.winding_k.is_finite() {
@@ -94,7 +94,7 @@ struct AxisLimit {
     high: f64,
 }
 
-/// Audit of the command registers that the machine side publishes, while it executes windows.
+/// Audit of the command registers that the master publishes, while it executes windows.
 ///
 /// A register is a rounded position: a step of one scan may be one increment too long by rounding alone, the change
 /// between two steps two increments.

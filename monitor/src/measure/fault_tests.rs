@@ -330,9 +330,9 @@ fn a_stop_for_another_cause_is_told_with_axis_and_cause() {
     assert_eq!(fault.resumed_at_scan, None);
 }
 
-/// A machine side that dies in scan 400 at 100 mm/s and speaks again from scan 450 on, this far from where it was.
-fn machine_side(moved_mm: f64) -> FaultResult {
-    let mut bench = one_death(living(Job::Machine, 0, 0), &[], 400);
+/// A master that dies in scan 400 at 100 mm/s and speaks again from scan 450 on, this far from where it was.
+fn master(moved_mm: f64) -> FaultResult {
+    let mut bench = one_death(living(Job::Master, 0, 0), &[], 400);
     bench.missing = 400..450;
     bench.fault(|scan, feedback, seen| {
         let at_mm = if scan < 400 {
@@ -362,8 +362,8 @@ fn machine_side(moved_mm: f64) -> FaultResult {
 }
 
 #[test]
-fn a_machine_side_that_comes_back_has_its_drives_off_and_its_positions() {
-    let fault = machine_side(1.2);
+fn a_master_that_comes_back_has_its_drives_off_and_its_positions() {
+    let fault = master(1.2);
     assert_eq!(fault.reaction, "drives braked, disabled; positions kept");
     assert_eq!(fault.resumed_at_scan, Some(650));
     assert!((fault.brake_distance_mm.unwrap() - 1.2).abs() < 1e-9);
@@ -371,9 +371,9 @@ fn a_machine_side_that_comes_back_has_its_drives_off_and_its_positions() {
 }
 
 #[test]
-fn a_machine_side_that_lost_its_positions_is_found_out() {
+fn a_master_that_lost_its_positions_is_found_out() {
     // At 100 mm/s a quick stop with 5000 mm/s² takes 1 mm; 3 scans nobody saw are 0.3 mm more.
-    let fault = machine_side(-39.9);
+    let fault = master(-39.9);
     assert!(
         fault
             .reaction
@@ -384,8 +384,8 @@ fn a_machine_side_that_lost_its_positions_is_found_out() {
 }
 
 #[test]
-fn a_machine_side_that_does_not_come_back_ends_the_cell() {
-    let mut bench = one_death(living(Job::Machine, 0, 0), &[], 400);
+fn a_master_that_does_not_come_back_ends_the_cell() {
+    let mut bench = one_death(living(Job::Master, 0, 0), &[], 400);
     bench.rosters.pop();
     bench.missing = 401..SCANS;
     let fault = bench.fault(|_, _, _| {});

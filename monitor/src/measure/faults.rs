@@ -1,6 +1,6 @@
 //! Who took part, who died, and what the machine made of it.
 //!
-//! What follows a death is judged by what the machine side says afterwards, never by what should have followed:
+//! What follows a death is judged by what the master says afterwards, never by what should have followed:
 //!
 //! | process | reaction |
 //! |---|---|
@@ -8,14 +8,14 @@
 //! | servo that drove, with a standby | `standby took over`, in the scan in which the other's command was taken |
 //! | servo that drove, without | `all axes quick-stopped together`, with braking distance and deviation from the path |
 //! | servo that stood by | `none: …`; its axis has no standby until another one is there |
-//! | machine side | `drives braked, disabled; positions kept`, once another one speaks; `the cell ended` until then |
+//! | master | `drives braked, disabled; positions kept`, once another one speaks; `the cell ended` until then |
 //! | recorder | `none` |
 
 use std::collections::BTreeMap;
 
-use bus::machine::Machine;
 use bus::sample::{AxisFeedback, Cause, Feedback, Job, MAX_AXES, Mode, Roster};
 use control::path::AxisVector;
+use machine::Machine;
 
 /// Faults followed at most; more are counted by the processes' deaths only.
 const FAULTS_MAX: usize = 1000;
@@ -78,7 +78,7 @@ pub struct Seen {
     pub contour_mm: f64,
     /// The tool at the end of the scan, in mm; none without instruments.
     pub tool_mm: Option<AxisVector>,
-    /// Its distance from the path near the place the machine side names, or where the path was left, in mm.
+    /// Its distance from the path near the place the master names, or where the path was left, in mm.
     pub from_path_mm: Option<f64>,
 }
 
@@ -223,7 +223,7 @@ impl Faults {
                     signal: participant.death_signal,
                     noticed_after_scans: first_told.then_some(noticed),
                     reaction: match participant.job {
-                        job if job == Job::Machine as u32 => "the cell ended",
+                        job if job == Job::Master as u32 => "the cell ended",
                         job if job == Job::Monitor as u32 => "none",
                         _ => "none: motion went on undisturbed",
                     }
@@ -316,7 +316,7 @@ impl Watched {
         let first_look = !std::mem::replace(&mut self.looked, true);
         match self.phase {
             Phase::Watching if self.job == Job::Monitor as u32 => self.settle(self.result.scan),
-            Phase::Watching if self.job == Job::Machine as u32 => self.await_machine_side(moment),
+            Phase::Watching if self.job == Job::Master as u32 => self.await_master(moment),
             Phase::Watching => self.watch(moment, first_look),
             Phase::AtRest => self.rest(moment),
             Phase::Braking { standing_scans } => self.brake(moment, standing_scans),
@@ -472,8 +472,8 @@ impl Watched {
         }
     }
 
-    /// Nobody speaks until another machine side does.
-    fn await_machine_side(&mut self, moment: &Moment<'_>) {
+    /// Nobody speaks until another master does.
+    fn await_master(&mut self, moment: &Moment<'_>) {
         let feedback = moment.feedback;
         if feedback.incarnation <= self.incarnation {
             return;
@@ -535,7 +535,7 @@ fn process_name(axes: &[AxisBounds], (job, axis, role): (u32, u32, u32)) -> Stri
         format!("servo-{letter}{standby}")
     };
     match job {
-        job if job == Job::Machine as u32 => "plant-sim".into(),
+        job if job == Job::Master as u32 => "plant-sim".into(),
         job if job == Job::Planner as u32 => "planner".into(),
         job if job == Job::Servo as u32 => servo(),
         job if job == Job::Monitor as u32 => "monitor".into(),

@@ -2,8 +2,8 @@
 
 use std::collections::VecDeque;
 
-use bus::machine::{Axis, PREDICTION_M_MIN, PositionFeedback, Prediction};
 use bus::sample::AxisFeedback;
+use machine::{Axis, PREDICTION_M_MIN, PositionFeedback, Prediction};
 
 use super::series::Statistics;
 
@@ -117,7 +117,7 @@ impl PredictionMeter {
 mod tests {
     use super::*;
     use crate::test_support::machine_text;
-    use bus::machine::Machine;
+    use machine::Machine;
 
     fn meter(m: f64) -> PredictionMeter {
         let text = machine_text(&["X"]) + &format!("prediction = {{ m = {m:?} }}\n");

@@ -1,8 +1,8 @@
 //! Every change of direction of an axis command, what was done about it and what it left on the table.
 
-use bus::machine::{Machine, ReversalMethod};
 use bus::sample::{AxisCommand, PathTag};
 use control::path::{Feed, Path, Shape};
+use machine::{Machine, ReversalMethod};
 
 use super::arc::ArcResult;
 

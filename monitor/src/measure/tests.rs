@@ -332,7 +332,7 @@ fn no_limit_is_exceeded_by_rounding_and_every_true_excess_is_counted() {
 #[test]
 fn rows_that_are_split_evenly_are_judged_on_the_means_of_their_periods() {
     let mut machine = machine(&["X", "Y"]);
-    let judged = |machine: &bus::machine::Machine, acceleration_mm_s2: f64| {
+    let judged = |machine: &machine::Machine, acceleration_mm_s2: f64| {
         let mut audit = LimitsAudit::new(machine);
         let mut feedback: Feedback = bytemuck::Zeroable::zeroed();
         feedback.mode = Mode::Enabled as u32;
@@ -354,7 +354,7 @@ fn rows_that_are_split_evenly_are_judged_on_the_means_of_their_periods() {
     };
     // As rows of their own they step by eight times the limit at every boundary.
     assert_eq!(judged(&machine, 4_990.0), 9);
-    machine.interpolation.rows = bus::machine::Rows::Even;
+    machine.interpolation.rows = machine::Rows::Even;
     assert_eq!(judged(&machine, 4_990.0), 0);
     assert_eq!(judged(&machine, 5_010.0), 7);
 }

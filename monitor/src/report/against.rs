@@ -11,7 +11,7 @@ mod tests;
 
 use std::path::{Path, PathBuf};
 
-use bus::machine::Machine;
+use machine::Machine;
 use serde::Serialize;
 
 use self::match_up::matched;
@@ -53,7 +53,7 @@ pub struct Against {
     pub reversals: Vec<ReversalAgainst>,
     /// Setpoints beyond limits.
     pub limits: LimitsAgainst,
-    /// Scans skipped because the machine side itself was late.
+    /// Scans skipped because the master itself was late.
     pub overrun_scans: Compared,
     /// Samples missing in the log.
     pub samples_lost: Compared,
@@ -76,7 +76,7 @@ pub struct Side {
     pub cut: Option<String>,
     /// Whether the program in the directory is the one that ran; null if none ran.
     pub program_matches: Option<bool>,
-    /// Kept by the machine side; null without instruments.
+    /// Kept by the master; null without instruments.
     pub motion_digest: Option<String>,
     /// What befell its processes.
     pub faults: Vec<FaultReport>,

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use bus::machine::DriveMode;
+use machine::DriveMode;
 use serde::Serialize;
 
 use super::Evaluation;
@@ -37,11 +37,11 @@ pub struct Report {
     pub real_time_factor: Option<f64>,
     /// Over everything recorded.
     pub digest: String,
-    /// Kept by the machine side; null without instruments.
+    /// Kept by the master; null without instruments.
     pub motion_digest: Option<String>,
     /// Samples missing in the log: feedbacks, instruments, commands and, between parts, windows.
     pub samples_lost: u64,
-    /// Scans skipped because the machine side itself was late.
+    /// Scans skipped because the master itself was late.
     pub overrun_scans: u32,
     /// Windows the planner published.
     pub windows: u64,
@@ -480,7 +480,7 @@ fn beginning_missing(evaluation: &Evaluation) -> Option<(u64, u64)> {
         .map(|scan| (begins_at, scan))
 }
 
-/// Gaps that the measurement saw, and those between parts: over a restart of the machine side it could not tell that the scans
+/// Gaps that the measurement saw, and those between parts: over a restart of the master it could not tell that the scans
 /// between had been.
 fn missing_scans(evaluation: &Evaluation) -> Vec<ScanRange> {
     let seen = evaluation.measurements.missing_scans.iter();

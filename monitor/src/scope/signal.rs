@@ -1,9 +1,9 @@
 //! What a scope can show: one number per scan, each with its name, its unit and where it comes from.
 
-use bus::machine::{AxisKind, Machine, PositionFeedback};
 use bus::sample::{AxisCommand, AxisFeedback, Feedback, Instruments, Mode};
 use control::kinematics::Kinematics;
 use control::path::{AxisVector, Path};
+use machine::{AxisKind, Machine, PositionFeedback};
 
 use super::ScopeError;
 use crate::measure::align::ScanSet;
@@ -259,7 +259,7 @@ const OF_CELL: [(OfCell, &str, Dimension, &str); 7] = [
         OfCell::OverrunScans,
         "overrun_scans",
         Dimension::Number,
-        "scans skipped because the machine side was late, in all",
+        "scans skipped because the master was late, in all",
     ),
 ];
 

@@ -1,9 +1,9 @@
-use bus::machine::Machine;
 use bus::sample::{
     AxisCommand, Cause, Feedback, Instruments, Job, Mode, PathTag, Roster, WindowId,
 };
 use bytemuck::Zeroable;
 use control::path::{AxisVector, Element, Feed, Path};
+use machine::Machine;
 
 use super::signal::{KnownPath, Signal};
 use super::trigger::{Side, Trigger};
@@ -580,7 +580,7 @@ fn the_ring_stays_as_long_as_it_was_asked_to_be() {
 #[test]
 fn units_of_rotary_axes_are_degrees() {
     let mut machine = two_axes();
-    machine.axes[1].kind = bus::machine::AxisKind::Rotary;
+    machine.axes[1].kind = machine::AxisKind::Rotary;
     let unit = |name: &str| {
         let signal = Signal::parse(name, &machine).expect("a signal");
         (signal.unit.shown, signal.column())

@@ -20,8 +20,8 @@
 use super::turns::Turns;
 use std::collections::{BTreeMap, VecDeque};
 
-use bus::machine::Machine;
 use bus::sample::{Cause, Feedback, Job, Mode, Roster};
+use machine::Machine;
 
 use super::ScopeError;
 use super::signal::{Eyes, Signal};
@@ -117,7 +117,7 @@ fn axis_of(text: &str, letter: &str, machine: &Machine) -> Result<usize, ScopeEr
 /// Name of a process by its place.
 fn process_name(machine: &Machine, place: Place) -> String {
     match Job::from_wire(place.job) {
-        Some(Job::Machine) => "plant-sim".into(),
+        Some(Job::Master) => "plant-sim".into(),
         Some(Job::Planner) => "planner".into(),
         Some(Job::Monitor) => "monitor".into(),
         Some(Job::Servo) => {
@@ -147,7 +147,7 @@ fn places(machine: &Machine) -> Vec<Place> {
             });
         }
     }
-    places.extend([alone(Job::Machine), alone(Job::Monitor)]);
+    places.extend([alone(Job::Master), alone(Job::Monitor)]);
     places
 }
 
@@ -391,9 +391,8 @@ pub struct Watch {
 impl Watch {
     /// Of a machine.
     pub fn new(trigger: Trigger, machine: &Machine) -> Watch {
-        let travel = |axis: &bus::machine::Axis| {
-            (libm::round(TRAVEL_MM / axis.increment_mm()) as i64).max(1)
-        };
+        let travel =
+            |axis: &machine::Axis| (libm::round(TRAVEL_MM / axis.increment_mm()) as i64).max(1);
         Watch {
             trigger,
             machine: machine.clone(),

@@ -1,6 +1,6 @@
 //! The rules of the plant file, each a line: key, value, unit, range.
 
-use bus::settings_file::{At, Rules, SettingsFileError};
+use machine::settings_file::{At, Rules, SettingsFileError};
 
 use super::{PlantAxis, PlantFile};
 use crate::friction::{ELEMENTS, FrictionParameters};

@@ -1,10 +1,10 @@
-//! A circle in a plain position loop, and its measurement as docs/physics.md §5 says. Only for these tests: it shares nothing
+//! A circle in a plain position loop, and its measurement as docs/methods/physics.md §5 says. Only for these tests: it shares nothing
 //! with the product's own servo and monitor.
 
 use std::f64::consts::{PI, TAU};
 
-use plant_sim::axis::{AxisSimulation, InstrumentSample};
-use plant_sim::drive::DriveCommand;
+use master::{DriveCommand, InstrumentSample};
+use plant_sim::axis::AxisSimulation;
 
 const SCAN_S: f64 = 1e-3;
 const SAMPLES: usize = 4;

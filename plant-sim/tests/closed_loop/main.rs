@@ -1,12 +1,13 @@
-//! The simulated axes in a small position loop of their own: what docs/physics.md §3 to §5 say must come out.
+//! The simulated axes in a small position loop of their own: what docs/methods/physics.md §3 to §5 say must come out.
 
 mod circle;
 
 use std::path::{Path, PathBuf};
 
 use circle::{Circle, Loop, run};
-use plant_sim::axis::{AxisSettings, AxisSimulation, AxisState, InstrumentSample};
-use plant_sim::drive::{DriveCommand, DriveParameters};
+use master::{DriveCommand, InstrumentSample};
+use plant_sim::axis::{AxisSettings, AxisSimulation, AxisState};
+use plant_sim::drive::DriveParameters;
 use plant_sim::plant_file::PlantFile;
 
 fn plant() -> PlantFile {
@@ -38,7 +39,7 @@ fn velocity(velocity_mm_s: f64) -> DriveCommand {
     }
 }
 
-/// docs/physics.md §4, first row: mean 24.2 µm, worst 31.5 µm over this grid.
+/// docs/methods/physics.md §4, first row: mean 24.2 µm, worst 31.5 µm over this grid.
 #[test]
 fn without_compensation_circles_show_the_protrusions_of_the_reference_on_the_table() {
     let plant = plant();
@@ -79,7 +80,7 @@ fn without_compensation_circles_show_the_protrusions_of_the_reference_on_the_tab
     assert!((28.0..35.0).contains(&worst_um), "{worst_um} µm");
 }
 
-/// A feed-forward late by τ leaves `R·w²·τ/Kp`: docs/physics.md §4 has +42 µm at R10 F10000 with velocity feed-forward alone. The
+/// A feed-forward late by τ leaves `R·w²·τ/Kp`: docs/methods/physics.md §4 has +42 µm at R10 F10000 with velocity feed-forward alone. The
 /// delay is one scan of transport, half a scan of hold and little more: the integrator of the velocity loop takes its own
 /// lag away at low frequencies.
 #[test]

@@ -3,10 +3,10 @@
 
 use std::path::Path;
 
-use bus::machine::Machine;
 use bus::sample::{AxisCommand, Feedback, Mode, WindowHeader, WindowId, WindowRow};
 use bytemuck::Zeroable;
-use servo::{Refusal, Servo};
+use machine::Machine;
+use servo::{Refusal, Servo, ServoPorts};
 
 pub const RADIUS_MM: f64 = 10.0;
 pub const SPEED_MM_S: f64 = 50.0;
@@ -20,8 +20,8 @@ pub fn machine(name: &str) -> Machine {
     let mut machine = Machine::load(&folder).expect("a machine that comes with the product");
     machine.axes.truncate(2);
     for axis in &mut machine.axes {
-        axis.reversal.method = bus::machine::ReversalMethod::Kick;
-        axis.torque_feed_forward = bus::machine::TorqueFeedForward::default();
+        axis.reversal.method = machine::ReversalMethod::Kick;
+        axis.torque_feed_forward = machine::TorqueFeedForward::default();
     }
     machine
 }
@@ -33,6 +33,50 @@ pub fn servo(machine: &Machine, axis: usize) -> Servo {
 /// Sets the checksum, so that only what the test broke is wrong.
 pub fn seal(header: &mut WindowHeader, rows: &[WindowRow]) {
     header.id.checksum = bus::window::checksum(header, rows);
+}
+
+/// Ports of one scan.
+struct ScanPorts<'a> {
+    feedback: Option<Feedback>,
+    offered: &'a Option<(WindowHeader, Vec<WindowRow>)>,
+    command: AxisCommand,
+}
+
+impl ServoPorts for ScanPorts<'_> {
+    fn next_feedback(&mut self) -> Option<Feedback> {
+        self.feedback.take()
+    }
+
+    fn for_each_window(&mut self, _scan: u64, mut offer: impl FnMut(&WindowHeader, &[WindowRow])) {
+        if let Some((header, rows)) = self.offered {
+            offer(header, rows);
+        }
+    }
+
+    fn peer_command(&mut self, _scan: u64) -> Option<AxisCommand> {
+        None
+    }
+
+    fn publish(&mut self, command: &AxisCommand) {
+        self.command = *command;
+    }
+
+    fn answered(&mut self, _scan: u64) {}
+}
+
+/// What a servo answers to a feedback and a window that was published before.
+pub fn answer(
+    servo: &mut Servo,
+    feedback: &Feedback,
+    offered: &Option<(WindowHeader, Vec<WindowRow>)>,
+) -> AxisCommand {
+    let mut ports = ScanPorts {
+        feedback: Some(*feedback),
+        offered,
+        command: AxisCommand::zeroed(),
+    };
+    assert!(servo::cycle(servo, &mut ports));
+    ports.command
 }
 
 pub struct Rig {
@@ -182,20 +226,10 @@ impl Rig {
         also(&feedback, &offered);
         let before = self.commands;
         for (axis, servo) in self.servos.iter_mut().enumerate() {
-            if let Some((header, rows)) = &offered {
-                assert_eq!(
-                    servo.offer(header, rows, &feedback),
-                    Ok(()),
-                    "scan {}",
-                    self.scan
-                );
-            }
-            self.commands[axis] = servo.scan(&feedback);
-            assert_eq!(
-                self.commands[axis].cause, 0,
-                "scan {} axis {axis}",
-                self.scan
-            );
+            self.commands[axis] = answer(servo, &feedback, &offered);
+            let command = &self.commands[axis];
+            let fine = (command.cause, command.refused) == (0, WindowId::NONE);
+            assert!(fine, "scan {} axis {axis}", self.scan);
             self.register[axis] = self.commands[axis].position;
             // The command of the scan before acts now; in torque mode the axis gets that speed as well.
             let moved = before[axis].velocity_mm_s * self.machine.scan_period_s() * 1e6;

@@ -1,0 +1,605 @@
+//! The signal page: one page of futex words that belongs to the cell.
+//!
+//! iceoryx2 carries the data; waking is done here, because its events can lose wake-ups. A signal is only a hint: whoever
+//! waits looks at its ports after every wake and after every timeout, so a lost ring costs time, never progress.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use std::fs::OpenOptions;
+use std::os::unix::fs::OpenOptionsExt;
+use std::ptr::NonNull;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::time::Duration;
+
+use rustix::mm::{MapFlags, ProtFlags};
+use rustix::thread::futex;
+
+use crate::cell::{CellError, CellPaths};
+use crate::sample::MAX_PARTICIPANTS;
+
+const MAGIC: u64 = u64::from_le_bytes(*b"QUADRAN2");
+/// Most faults a script of one run can have.
+pub const FAULTS_MAX: usize = 1024;
+/// Bytes kept for one saved state of the master.
+pub const MACHINE_STATE_BYTES: usize = 8192;
+
+/// What the cell is doing, as the launcher sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum CellPhase {
+    /// Processes are being started.
+    Starting = 0,
+    /// Scans run.
+    Running = 1,
+    /// Everybody is to leave at once.
+    Ending = 2,
+}
+
+/// What the master asks of the launcher to carry out a fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum FaultStep {
+    /// Kill the process and reap it.
+    Kill = 1,
+    /// Start its replacement, so that it is ready.
+    Restart = 2,
+    /// Stop the process (it lives and does nothing).
+    Stop = 3,
+    /// Say in the roster that the process takes part again.
+    Readmit = 4,
+    /// Continue the stopped process.
+    Continue = 5,
+}
+
+impl FaultStep {
+    fn from_word(word: u32) -> Option<FaultStep> {
+        Some(match word {
+            1 => FaultStep::Kill,
+            2 => FaultStep::Restart,
+            3 => FaultStep::Stop,
+            4 => FaultStep::Readmit,
+            5 => FaultStep::Continue,
+            _ => return None,
+        })
+    }
+}
+
+/// A request of the master that the launcher has not answered yet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FaultRequest {
+    /// Counted from 1; names the request in the answer.
+    pub ticket: u64,
+    /// Index of the fault in the script.
+    pub index: usize,
+    /// What is to be done.
+    pub step: FaultStep,
+    /// The scan it is for.
+    pub scan: u64,
+}
+
+/// A futex word that some process waits at.
+#[repr(C, align(64))]
+#[derive(Debug, Default)]
+pub struct Signal(AtomicU32);
+
+impl Signal {
+    /// The count of rings; take it before looking at the ports, then wait for it to change.
+    pub fn count(&self) -> u32 {
+        self.0.load(Ordering::Acquire)
+    }
+
+    /// Wakes everybody who waits here.
+    pub fn raise(&self) {
+        self.0.fetch_add(1, Ordering::Release);
+        let _ = futex::wake(&self.0, futex::Flags::empty(), i32::MAX as u32);
+    }
+
+    /// Waits until the count is no longer `seen`, at most `limit`; may return early.
+    pub fn wait(&self, seen: u32, limit: Duration) {
+        let limit = futex::Timespec {
+            tv_sec: limit.as_secs() as i64,
+            tv_nsec: i64::from(limit.subsec_nanos()),
+        };
+        let _ = futex::wait(&self.0, futex::Flags::empty(), seen, Some(&limit));
+    }
+}
+
+#[repr(C)]
+struct Layout {
+    magic: AtomicU64,
+    launcher_pid: AtomicU32,
+    phase: AtomicU32,
+    answers: Answers,
+    scan: Signal,
+    planner: Signal,
+    machine: Signal,
+    monitor: Signal,
+    launcher: Signal,
+    recorded: Recorded,
+    requests: Requests,
+    places: [PlaceWords; MAX_PARTICIPANTS],
+    saved: [SavedState; 2],
+    /// Per fault of the script: 0 until it fires, then its scan + 1.
+    fired: [AtomicU64; FAULTS_MAX],
+}
+
+#[repr(C, align(64))]
+struct Answers {
+    outstanding: AtomicU32,
+    eager: AtomicU32,
+}
+
+#[repr(C, align(64))]
+struct Recorded {
+    scans: AtomicU64,
+}
+
+/// What the master asks of the launcher: one request at a time.
+#[repr(C, align(64))]
+struct Requests {
+    /// Requests made; the newest stands in the slot of its parity, so that the one before is never torn by it.
+    asked: AtomicU64,
+    /// The last one that was answered.
+    done: AtomicU64,
+    slots: [RequestWords; 2],
+}
+
+#[repr(C)]
+struct RequestWords {
+    scan: AtomicU64,
+    index: AtomicU32,
+    step: AtomicU32,
+}
+
+impl Requests {
+    fn slot(&self, ticket: u64) -> &RequestWords {
+        let [even, odd] = &self.slots;
+        if ticket.is_multiple_of(2) { even } else { odd }
+    }
+}
+
+/// A line of its own for each: it is written in every scan.
+#[repr(C, align(64))]
+struct PlaceWords {
+    ready_incarnation: AtomicU32,
+    /// The last scan it was done with, + 1; 0 before the first.
+    answered_scan: AtomicU64,
+}
+
+#[repr(C, align(64))]
+struct SavedState {
+    /// Odd while it is being written; the higher even one is the newer whole one.
+    version: AtomicU64,
+    words: [AtomicU64; MACHINE_STATE_BYTES / 8],
+}
+
+/// The mapped page.
+#[derive(Debug)]
+pub struct SignalPage {
+    layout: NonNull<Layout>,
+}
+
+// SAFETY: the layout consists of atomics only.
+unsafe impl Send for SignalPage {}
+// SAFETY: as above.
+unsafe impl Sync for SignalPage {}
+
+impl Drop for SignalPage {
+    fn drop(&mut self) {
+        // SAFETY: mapped by `map` with this length, and no reference outlives `self`.
+        let _ = unsafe { rustix::mm::munmap(self.layout.as_ptr().cast(), size_of::<Layout>()) };
+    }
+}
+
+impl SignalPage {
+    /// Makes the cell's page; for the launcher, after it owns the cell.
+    ///
+    /// # Errors
+    /// [`CellError::System`].
+    pub fn create(place: &CellPaths) -> Result<SignalPage, CellError> {
+        let page = Self::map(place, true)?;
+        let layout = page.layout();
+        layout
+            .launcher_pid
+            .store(std::process::id(), Ordering::Release);
+        layout.magic.store(MAGIC, Ordering::Release);
+        Ok(page)
+    }
+
+    /// Maps the page of a running cell.
+    ///
+    /// # Errors
+    /// [`CellError::System`] if there is none, or none of this version.
+    pub fn open(place: &CellPaths) -> Result<SignalPage, CellError> {
+        let page = Self::map(place, false)?;
+        if page.layout().magic.load(Ordering::Acquire) != MAGIC {
+            return Err(CellError::Transport {
+                cell: place.name().into(),
+                what: "its page is not of this version of quadrant".into(),
+            });
+        }
+        Ok(page)
+    }
+
+    fn map(place: &CellPaths, create: bool) -> Result<SignalPage, CellError> {
+        let system = |what: &str, source| CellError::System {
+            cell: place.name().into(),
+            what: what.into(),
+            source,
+        };
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create_new(create)
+            .mode(0o600)
+            .open(place.page())
+            .map_err(|e| system("opening its page (does it run?)", e))?;
+        let length = size_of::<Layout>();
+        if create {
+            file.set_len(length as u64)
+                .map_err(|e| system("sizing its page", e))?;
+        }
+        let found = file
+            .metadata()
+            .map_err(|e| system("reading its page", e))?
+            .len();
+        if found != length as u64 {
+            return Err(CellError::Transport {
+                cell: place.name().into(),
+                what: format!(
+                    "its page has {found} bytes, not {length}: another version of quadrant made it"
+                ),
+            });
+        }
+        // SAFETY: a fresh shared mapping of a file of exactly this length; the layout is valid for any bytes.
+        let address = unsafe {
+            rustix::mm::mmap(
+                std::ptr::null_mut(),
+                length,
+                ProtFlags::READ | ProtFlags::WRITE,
+                MapFlags::SHARED,
+                &file,
+                0,
+            )
+        }
+        .map_err(|e| system("mapping its page", e.into()))?;
+        let layout = NonNull::new(address.cast()).ok_or_else(|| CellError::Transport {
+            cell: place.name().into(),
+            what: "its page was mapped nowhere".into(),
+        })?;
+        Ok(SignalPage { layout })
+    }
+
+    fn layout(&self) -> &Layout {
+        // SAFETY: mapped for the life of `self`, aligned to a page, atomics only.
+        unsafe { self.layout.as_ref() }
+    }
+
+    /// Process id of the launcher that made the page.
+    pub fn launcher_pid(&self) -> u32 {
+        self.layout().launcher_pid.load(Ordering::Acquire)
+    }
+
+    /// Rung by the master at the start of each scan; servos wait here.
+    pub fn scan_signal(&self) -> &Signal {
+        &self.layout().scan
+    }
+
+    /// Rung at each distribution period boundary; the planner waits here.
+    pub fn planner_signal(&self) -> &Signal {
+        &self.layout().planner
+    }
+
+    /// Rung when the last outstanding answer is there; the master waits here.
+    pub fn master_signal(&self) -> &Signal {
+        &self.layout().machine
+    }
+
+    /// Rung now and then while there is something to record; the monitor waits here.
+    pub fn recorder_signal(&self) -> &Signal {
+        &self.layout().monitor
+    }
+
+    /// Rung when something happened that the launcher waits for.
+    pub fn launcher_signal(&self) -> &Signal {
+        &self.layout().launcher
+    }
+
+    /// What the cell is doing.
+    pub fn phase(&self) -> CellPhase {
+        match self.layout().phase.load(Ordering::Acquire) {
+            0 => CellPhase::Starting,
+            1 => CellPhase::Running,
+            _ => CellPhase::Ending,
+        }
+    }
+
+    /// Sets it and wakes everybody; for the launcher.
+    pub fn set_phase(&self, phase: CellPhase) {
+        self.layout().phase.store(phase as u32, Ordering::Release);
+        self.raise_all();
+    }
+
+    /// Wakes everybody of the cell.
+    pub fn raise_all(&self) {
+        let layout = self.layout();
+        for signal in [
+            &layout.scan,
+            &layout.planner,
+            &layout.machine,
+            &layout.monitor,
+            &layout.launcher,
+        ] {
+            signal.raise();
+        }
+    }
+
+    /// Says how many answers this scan waits for: the last to answer rings. For the master.
+    pub fn expect_answers(&self, count: u32) {
+        let answers = &self.layout().answers;
+        answers.eager.store(0, Ordering::Relaxed);
+        answers.outstanding.store(count, Ordering::Release);
+    }
+
+    /// From now on in this scan every answer rings: someone died or came back and the count no longer holds.
+    pub fn expect_eagerly(&self) {
+        // Ordered before the look at the ports that follows: an answer is seen there, or its ring is.
+        self.layout().answers.eager.swap(1, Ordering::SeqCst);
+    }
+
+    /// Says that this process has answered the scan.
+    pub fn answered(&self) {
+        let answers = &self.layout().answers;
+        let before = answers.outstanding.fetch_sub(1, Ordering::SeqCst);
+        if before == 1 || answers.eager.load(Ordering::SeqCst) != 0 {
+            self.layout().machine.raise();
+        }
+    }
+
+    /// Scans the recorder has taken from its queue: its credit with the master in lockstep.
+    pub fn recorded_scans(&self) -> u64 {
+        self.layout().recorded.scans.load(Ordering::Acquire)
+    }
+
+    /// Says how many scans have been recorded; for the recorder.
+    pub fn set_recorded_scans(&self, scans: u64) {
+        self.layout().recorded.scans.store(scans, Ordering::Release);
+    }
+
+    /// Says that the process in this place of the roster is ready to take part.
+    pub fn set_ready(&self, place: usize, incarnation: u32) {
+        if let Some(words) = self.layout().places.get(place) {
+            words
+                .ready_incarnation
+                .store(incarnation, Ordering::Release);
+        }
+        self.layout().launcher.raise();
+    }
+
+    /// The incarnation that last said it was ready in this place.
+    pub fn ready_incarnation(&self, place: usize) -> u32 {
+        self.layout()
+            .places
+            .get(place)
+            .map_or(0, |words| words.ready_incarnation.load(Ordering::Acquire))
+    }
+
+    /// Says that the process in this place is done with this scan, whether it has sent an answer that counts or not.
+    pub fn set_answered(&self, place: usize, scan: u64) {
+        if let Some(words) = self.layout().places.get(place) {
+            words
+                .answered_scan
+                .store(scan.saturating_add(1), Ordering::Release);
+        }
+    }
+
+    /// The last scan that the process in this place, or one before it there, was done with. What it has sent until then is
+    /// there for whoever reads this first. A process whose scan falls behind that of the others hangs.
+    pub fn answered_scan(&self, place: usize) -> Option<u64> {
+        let words = self.layout().places.get(place)?;
+        words.answered_scan.load(Ordering::Acquire).checked_sub(1)
+    }
+
+    /// The scan in which the fault of this index in the script fired.
+    pub fn fault_fired(&self, index: usize) -> Option<u64> {
+        let word = self.layout().fired.get(index)?;
+        word.load(Ordering::Acquire).checked_sub(1)
+    }
+
+    /// Says that it fires in this scan; for the master, before the feedback of that scan.
+    pub fn set_fault_fired(&self, index: usize, scan: u64) {
+        if let Some(word) = self.layout().fired.get(index) {
+            word.store(scan.saturating_add(1), Ordering::Release);
+        }
+    }
+
+    /// Asks the launcher for a step of a fault; the ticket to wait for with [`SignalPage::is_done`], at the master's signal.
+    /// For the master, one request after the other.
+    pub fn ask_launcher(&self, index: usize, step: FaultStep, scan: u64) -> u64 {
+        let layout = self.layout();
+        let requests = &layout.requests;
+        let ticket = requests.asked.load(Ordering::Relaxed) + 1;
+        let slot = requests.slot(ticket);
+        slot.scan.store(scan, Ordering::Relaxed);
+        slot.index.store(index as u32, Ordering::Relaxed);
+        slot.step.store(step as u32, Ordering::Relaxed);
+        requests.asked.store(ticket, Ordering::Release);
+        layout.launcher.raise();
+        ticket
+    }
+
+    /// What the master asks for and has no answer to; for the launcher.
+    pub fn launcher_request(&self) -> Option<FaultRequest> {
+        let requests = &self.layout().requests;
+        let ticket = requests.asked.load(Ordering::Acquire);
+        if ticket <= requests.done.load(Ordering::Acquire) {
+            return None;
+        }
+        let slot = requests.slot(ticket);
+        Some(FaultRequest {
+            ticket,
+            index: slot.index.load(Ordering::Relaxed) as usize,
+            step: FaultStep::from_word(slot.step.load(Ordering::Relaxed))?,
+            scan: slot.scan.load(Ordering::Relaxed),
+        })
+    }
+
+    /// Says that what this ticket asked for is done; for the launcher.
+    pub fn launcher_done(&self, ticket: u64) {
+        let layout = self.layout();
+        layout.requests.done.fetch_max(ticket, Ordering::Release);
+        layout.machine.raise();
+    }
+
+    /// Whether the launcher has done what this ticket asked for.
+    pub fn is_done(&self, ticket: u64) -> bool {
+        self.layout().requests.done.load(Ordering::Acquire) >= ticket
+    }
+
+    /// Saves the master's mechanical state into the older of two slots, so that a kill in the middle of it leaves
+    /// the other one whole. Bytes beyond [`MACHINE_STATE_BYTES`] are not kept: the caller's state must fit.
+    pub fn save_machine_state(&self, bytes: &[u8]) {
+        let [a, b] = &self.layout().saved;
+        let (a_version, b_version) = (even(a), even(b));
+        let (slot, newer) = if a_version <= b_version {
+            (a, b_version)
+        } else {
+            (b, a_version)
+        };
+        slot.version.store(newer + 1, Ordering::SeqCst);
+        let mut chunks = bytes.chunks(8);
+        for word in &slot.words {
+            let mut value = [0; 8];
+            if let Some(chunk) = chunks.next() {
+                for (to, from) in value.iter_mut().zip(chunk) {
+                    *to = *from;
+                }
+            } else {
+                break;
+            }
+            word.store(u64::from_le_bytes(value), Ordering::Relaxed);
+        }
+        slot.version.store(newer + 2, Ordering::SeqCst);
+    }
+
+    /// The last whole state that was saved, if any: `bytes` is filled from its start.
+    pub fn load_machine_state(&self, bytes: &mut [u8]) -> bool {
+        let [a, b] = &self.layout().saved;
+        let slot = if even(a) >= even(b) { a } else { b };
+        if even(slot) == 0 {
+            return false;
+        }
+        for (chunk, word) in bytes.chunks_mut(8).zip(&slot.words) {
+            let value = word.load(Ordering::Relaxed).to_le_bytes();
+            for (to, from) in chunk.iter_mut().zip(value) {
+                *to = from;
+            }
+        }
+        true
+    }
+}
+
+/// Version of a slot if it is whole, 0 if it never was or is torn.
+fn even(slot: &SavedState) -> u64 {
+    let version = slot.version.load(Ordering::SeqCst);
+    if version.is_multiple_of(2) {
+        version
+    } else {
+        0
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::expect_used)]
+mod tests {
+    use super::*;
+
+    /// A page of its own, seen by the one who made it and by a member.
+    fn with_page(test: &str, look: impl Fn(&SignalPage, &SignalPage)) {
+        let name = format!("p{}-{test}", std::process::id());
+        let place = CellPaths::new(&name).expect("a name");
+        let owner = place.own(Duration::ZERO).expect("the cell");
+        let page = SignalPage::create(&place).expect("the page");
+        look(&page, &SignalPage::open(&place).expect("the page"));
+        drop(owner);
+    }
+
+    #[test]
+    fn a_fault_that_fired_is_seen_with_its_scan_by_every_process() {
+        with_page("fired", |launcher, member| {
+            for index in [0, 7, FAULTS_MAX - 1] {
+                assert_eq!(member.fault_fired(index), None);
+                launcher.set_fault_fired(index, index as u64);
+                assert_eq!(member.fault_fired(index), Some(index as u64));
+            }
+            assert_eq!(member.fault_fired(1), None);
+            // Beyond the most a script can have: nothing, rather than another's word.
+            launcher.set_fault_fired(FAULTS_MAX, 3);
+            assert_eq!(member.fault_fired(FAULTS_MAX), None);
+        });
+    }
+
+    #[test]
+    fn the_launcher_finds_each_request_once_and_its_answer_wakes_the_master() {
+        with_page("ask", |launcher, machine| {
+            assert_eq!(launcher.launcher_request(), None);
+            let steps = [
+                FaultStep::Kill,
+                FaultStep::Restart,
+                FaultStep::Stop,
+                FaultStep::Readmit,
+                FaultStep::Continue,
+            ];
+            for (index, step) in steps.into_iter().enumerate() {
+                let rung = launcher.launcher_signal().count();
+                let ticket = machine.ask_launcher(index, step, 900 + index as u64);
+                assert_ne!(launcher.launcher_signal().count(), rung);
+                assert!(!machine.is_done(ticket));
+                let asked = FaultRequest {
+                    ticket,
+                    index,
+                    step,
+                    scan: 900 + index as u64,
+                };
+                assert_eq!(launcher.launcher_request(), Some(asked));
+                let rung = machine.master_signal().count();
+                launcher.launcher_done(ticket);
+                assert_ne!(machine.master_signal().count(), rung);
+                assert!(machine.is_done(ticket));
+                assert_eq!(launcher.launcher_request(), None);
+            }
+        });
+    }
+
+    #[test]
+    fn an_answer_to_an_earlier_request_does_not_answer_a_later_one() {
+        with_page("late", |launcher, machine| {
+            let first = machine.ask_launcher(1, FaultStep::Kill, 5);
+            // The master died and its replacement asks anew.
+            let second = machine.ask_launcher(2, FaultStep::Stop, 6);
+            launcher.launcher_done(first);
+            assert!(!machine.is_done(second));
+            let open = launcher.launcher_request().map(|r| (r.ticket, r.index));
+            assert_eq!(open, Some((second, 2)));
+        });
+    }
+
+    #[test]
+    fn how_far_each_place_is_stands_in_the_page() {
+        with_page("answered", |launcher, member| {
+            assert_eq!(launcher.answered_scan(3), None);
+            member.set_answered(3, 0);
+            assert_eq!(launcher.answered_scan(3), Some(0));
+            member.set_answered(3, 41);
+            assert_eq!(launcher.answered_scan(3), Some(41));
+            assert_eq!(launcher.answered_scan(2), None);
+            member.set_answered(MAX_PARTICIPANTS, 1);
+            assert_eq!(launcher.answered_scan(MAX_PARTICIPANTS), None);
+        });
+    }
+}

@@ -1,0 +1,475 @@
+//! One seed, run and judged.
+
+use std::sync::{Mutex, PoisonError};
+
+use crate::cell::{InProcessCell, Script};
+use crate::invariants::{Course, Judge, Shown, Stop, Violation};
+use bus::sample::{Cause, Feedback, Job, MAX_AXES, Mode, OperatorRequest, Order};
+use machine::{AfterLoss, AfterMaster, Machine};
+use plant_sim::plant_file::PlantFile;
+use plant_sim::script::faults::{Action, Corruption, Fault};
+use plant_sim::script::orders::ScriptedOrder;
+
+use super::programs::ShortProgram;
+use super::seed::{Scenario, lasts, policy};
+
+/// A run that takes longer does not end.
+const SCANS_MAX: u64 = 20_000;
+/// After a fault is over, and with a window sent since, a servo needs so many scans to be a standby again.
+const READY_SCANS: u64 = 12;
+/// Places of a program in which a feed hold is measured, at most.
+const HOLDS_MAX: u64 = 160;
+/// How long the tool stands in them or, in the shorter ones, does not come to stand, in distribution periods.
+const STANDING_PERIODS: [u64; 5] = [1, 2, 5, 12, 64];
+/// So many stops in a row may add up in one contour error.
+const STOPS_TOGETHER: usize = 2;
+/// A feed hold that a late window is compared with lasts so long.
+const STANDING_SCANS: u64 = 96;
+/// The contour error of a fault may be larger than that of a feed hold in its place by so much, in mm.
+const CONTOUR_SLACK_MM: f64 = 0.001;
+
+/// A machine with and without standbys.
+#[derive(Debug)]
+pub struct Machines {
+    /// Every axis has one servo.
+    pub alone: Machine,
+    /// Every axis has two.
+    pub standby: Machine,
+    /// The simulated machine.
+    pub plant: PlantFile,
+}
+
+/// A number that takes long to measure: measured once.
+#[derive(Debug, Default)]
+pub struct Measured(Mutex<Option<f64>>);
+
+impl Measured {
+    /// It, measured now if it has not been.
+    fn get_or_try(&self, measure: impl FnOnce() -> anyhow::Result<f64>) -> anyhow::Result<f64> {
+        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(value) = *kept {
+            return Ok(value);
+        }
+        let value = measure()?;
+        *kept = Some(value);
+        Ok(value)
+    }
+
+    /// It, if it has been measured.
+    pub fn get(&self) -> Option<f64> {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A program and what its undisturbed run has shown.
+#[derive(Debug)]
+pub struct Prepared {
+    /// The program.
+    pub program: ShortProgram,
+    /// Its path.
+    pub course: Course,
+    /// Its undisturbed run.
+    pub undisturbed: Shown,
+    /// Largest contour error of runs with one feed hold somewhere, in mm; measured when it is first asked for.
+    pub held_contour_mm: Measured,
+}
+
+/// What became of a seed.
+#[derive(Debug)]
+pub struct Verdict {
+    /// What the run has shown.
+    pub shown: Shown,
+    /// What must not be.
+    pub violations: Vec<Violation>,
+    /// Runs it took: one, and one for each that it was compared with.
+    pub runs: u64,
+    /// Which faults fired.
+    pub fired: Vec<bool>,
+}
+
+/// When a servo's fault is over, and the scan of the first window sent since.
+type Recovery = (u64, Option<u64>);
+
+/// Which axes go on as if nothing had happened.
+struct Cover {
+    standby: bool,
+    /// Since when each servo is right again: a fault's end, and whether a window was sent since.
+    recovers: [[Option<Recovery>; 2]; MAX_AXES],
+    /// From then on the axis has been without a servo that could go on.
+    lost: [bool; MAX_AXES],
+}
+
+impl Cover {
+    fn new(standby: bool) -> Cover {
+        Cover {
+            standby,
+            recovers: [[None; 2]; MAX_AXES],
+            lost: [false; MAX_AXES],
+        }
+    }
+
+    /// A fault of a servo has fired in `scan`.
+    fn strike(&mut self, fault: &Fault, scan: u64) {
+        let (axis, role) = (fault.axis as usize, fault.role as usize);
+        let peer_is_well = match self.recovers[axis][1 - role] {
+            None => true,
+            Some((over, window)) => {
+                scan >= over && window.is_some_and(|sent| scan >= sent + READY_SCANS)
+            }
+        };
+        // A standby is one only after it has run along for some scans.
+        if !self.standby || !peer_is_well || scan < READY_SCANS {
+            self.lost[axis] = true;
+        }
+        let over = scan + lasts(&fault.action);
+        let before = self.recovers[axis][role].map_or(0, |(over, _)| over);
+        self.recovers[axis][role] = Some((over.max(before), None));
+    }
+
+    fn window_sent(&mut self, scan: u64) {
+        for (over, window) in self.recovers.iter_mut().flatten().flatten() {
+            if scan >= *over {
+                window.get_or_insert(scan);
+            }
+        }
+    }
+}
+
+/// Runs a script to its end; the machine file without its restart policies counts.
+pub fn run(
+    machine: &Machine,
+    plant: &PlantFile,
+    program: &ShortProgram,
+    course: &Course,
+    script: Script,
+) -> anyhow::Result<Verdict> {
+    let faults: Vec<Fault> = script
+        .faults
+        .as_ref()
+        .map_or_else(Vec::new, |s| s.faults.clone());
+    let mut cell =
+        InProcessCell::with_script(machine, plant, (&program.name, &program.text), script)?;
+    let mut judge = Judge::new(machine, course);
+    let mut fired: Vec<Option<u64>> = vec![None; faults.len()];
+    let mut cover = Cover::new(machine.axes.iter().all(|axis| axis.standby));
+    let mut endless = None;
+    while let Some(said) = cell.scan() {
+        let scan = said.feedback.scan;
+        judge.take(&said, |missed, axis| {
+            let explains = |(fault, at): (&Fault, &Option<u64>)| {
+                fault.job == Job::Servo
+                    && fault.axis as usize == axis
+                    && at.is_some_and(|at| (at..=at + lasts(&fault.action)).contains(&missed))
+            };
+            cover.lost[axis] && faults.iter().zip(&fired).any(explains)
+        });
+        let sent = !said.windows.is_empty();
+        let feedback = *said.feedback;
+        for (index, fault) in faults.iter().enumerate() {
+            if fired[index].is_some() {
+                continue;
+            }
+            fired[index] = cell.fired(index);
+            if let (Some(at), Job::Servo) = (fired[index], fault.job) {
+                cover.strike(fault, at);
+            }
+        }
+        if sent {
+            cover.window_sent(scan);
+        }
+        if scan > SCANS_MAX {
+            endless = Some(format!("{SCANS_MAX} scans: {}", where_it_is(&feedback)));
+            break;
+        }
+    }
+    // What killed the master for good fired in a scan that nobody was asked in.
+    for (index, fired) in fired.iter_mut().enumerate() {
+        *fired = fired.or_else(|| cell.fired(index));
+    }
+    let (shown, mut violations) = judge.end();
+    if let Some(what) = endless {
+        violations.push(Violation {
+            scan: shown.scans,
+            what: format!("the run does not end within {what}"),
+        });
+    }
+    if shown.trips > 0 && !cover.lost.iter().any(|lost| *lost) {
+        violations.push(Violation {
+            scan: shown.scans,
+            what: "the machine tripped although every fault was covered".into(),
+        });
+    }
+    Ok(Verdict {
+        shown,
+        violations,
+        runs: 1,
+        fired: fired.iter().map(Option::is_some).collect(),
+    })
+}
+
+/// Where a run stands that does not end.
+fn where_it_is(feedback: &Feedback) -> String {
+    format!(
+        "hold {}, at rest {}, {} in epoch {}, element {} at {} mm, left at element {}, cause {}",
+        feedback.hold,
+        feedback.at_rest,
+        if feedback.window.is_none() {
+            "no window"
+        } else {
+            "a window"
+        },
+        feedback.epoch,
+        feedback.tag.element,
+        feedback.tag.distance_mm,
+        feedback.left_at.element,
+        feedback.cause,
+    )
+}
+
+impl Machines {
+    fn of(&self, standby: bool) -> &Machine {
+        if standby { &self.standby } else { &self.alone }
+    }
+
+    /// Runs and judges one seed.
+    ///
+    /// # Errors
+    /// The cell cannot be rehearsed.
+    pub fn judge(&self, scenario: &Scenario, prepared: &Prepared) -> anyhow::Result<Verdict> {
+        let machine = self.of(scenario.standby);
+        let again = |script: Script| {
+            run(
+                machine,
+                &self.plant,
+                &prepared.program,
+                &prepared.course,
+                script,
+            )
+        };
+        let mut verdict = again(Script {
+            faults: Some(scenario.faults.clone()),
+            orders: scenario.orders.clone(),
+        })?;
+        let shown = verdict.shown.clone();
+        let mut wrong = Vec::new();
+        let struck: Vec<&Fault> = scenario
+            .faults
+            .faults
+            .iter()
+            .zip(&verdict.fired)
+            .filter_map(|(fault, fired)| fired.then_some(fault))
+            .collect();
+        if let Some(what) = unexpected_end(machine, scenario, &struck, &shown) {
+            wrong.push(what);
+        }
+        let only = |jobs: &[Job]| struck.iter().all(|fault| jobs.contains(&fault.job));
+        if shown.trips == 0 && only(&[Job::Servo, Job::Monitor]) && shown.missed == 0 {
+            let undisturbed = if scenario.orders.is_empty() {
+                prepared.undisturbed.digest
+            } else {
+                verdict.runs += 1;
+                again(Script {
+                    faults: None,
+                    orders: scenario.orders.clone(),
+                })?
+                .shown
+                .digest
+            };
+            if undisturbed != shown.digest {
+                wrong.push(
+                    "not the motion of the undisturbed run although every fault was covered".into(),
+                );
+            }
+        }
+        let stays_on_path = shown.trips == 0 && shown.missed == 0 && !struck.iter().any(|f| f.job == Job::Master)
+            // Where only servos were struck, the motion is that of the undisturbed run to the bit: judged above.
+            && struck.iter().any(|f| f.job == Job::Planner);
+        let usual_mm = prepared.undisturbed.contour_mm.0;
+        if stays_on_path && shown.contour_mm.0 > usual_mm + CONTOUR_SLACK_MM {
+            let worst_mm = prepared
+                .held_contour_mm
+                .get_or_try(|| held_contour_mm(self, prepared))?;
+            // The friction of one stop is not forgotten by the next: the cost of two may add up.
+            let together = shown.stops.len().clamp(1, STOPS_TOGETHER) as f64;
+            let mut held_mm = usual_mm + together * (worst_mm - usual_mm).max(0.0);
+            for orders in held_instead(&shown, scenario) {
+                verdict.runs += 1;
+                let twin = again(Script {
+                    faults: None,
+                    orders,
+                })?;
+                held_mm = held_mm.max(twin.shown.contour_mm.0);
+            }
+            if shown.contour_mm.0 > held_mm + CONTOUR_SLACK_MM {
+                wrong.push(format!(
+                    "table {:.4} mm off the path in scan {}: with feed holds instead {:.4}, undisturbed {:.4}",
+                    shown.contour_mm.0,
+                    shown.contour_mm.1,
+                    held_mm,
+                    prepared.undisturbed.contour_mm.0
+                ));
+            }
+        }
+        verdict
+            .violations
+            .extend(wrong.into_iter().map(|what| Violation {
+                scan: shown.scans,
+                what,
+            }));
+        Ok(verdict)
+    }
+}
+
+/// The orders of a scenario, with feed holds that take effect in the rows in which its faults brought the machine to rest.
+/// A window that came late, but before the one before it braked, costs what a hold there costs: one set of orders for
+/// each of these, and one for all stops.
+fn held_instead(shown: &Shown, scenario: &Scenario) -> Vec<Vec<ScriptedOrder>> {
+    let order = |scan: u64, order: Order| ScriptedOrder {
+        scan,
+        request: OperatorRequest {
+            order: order as u32,
+            ..OperatorRequest::default()
+        },
+    };
+    // Seen at the boundary a period before the row, in effect from the row on.
+    let seen = |scan: u64| scan.saturating_sub(9);
+    let overrides: Vec<ScriptedOrder> = scenario
+        .orders
+        .iter()
+        .filter(|o| o.request.order == Order::Override as u32)
+        .copied()
+        .collect();
+    let holds = |stops: &[Stop], foreseen: Option<&Stop>| {
+        let mut orders = overrides.clone();
+        for stop in stops.iter().filter(|stop| !stop.foreseen) {
+            orders.push(order(seen(stop.from), Order::Hold));
+            if let Some(until) = stop.until {
+                orders.push(order(seen(until), Order::Resume));
+            }
+        }
+        if let Some(stop) = foreseen {
+            orders.push(order(seen(stop.from), Order::Hold));
+            orders.push(order(seen(stop.from) + STANDING_SCANS, Order::Resume));
+        }
+        orders.sort_by_key(|order| order.scan);
+        orders
+    };
+    // What the operator asked for costs what it costs.
+    let mut sets = vec![scenario.orders.clone(), holds(&shown.stops, None)];
+    for (index, stop) in shown.stops.iter().enumerate() {
+        if stop.foreseen {
+            sets.push(holds(&shown.stops[..index], Some(stop)));
+        }
+    }
+    sets
+}
+
+/// How the run must not have ended.
+fn unexpected_end(
+    machine: &Machine,
+    scenario: &Scenario,
+    struck: &[&Fault],
+    shown: &Shown,
+) -> Option<String> {
+    let restart = policy(machine, &scenario.faults);
+    let any = |wanted: &dyn Fn(&Fault) -> bool| struck.iter().any(|fault| wanted(fault));
+    let bad_command = |fault: &Fault| {
+        fault.job == Job::Servo
+            && matches!(
+                fault.action,
+                Action::Corrupt {
+                    what: Corruption::NotANumber | Corruption::Infinity | Corruption::Jump,
+                    ..
+                }
+            )
+    };
+    let servo_for_good = any(&bad_command)
+        || (restart.servo == AfterLoss::End && any(&|fault| fault.job == Job::Servo));
+    let side_for_good =
+        restart.master == AfterMaster::End && any(&|fault| fault.job == Job::Master);
+    // An axis that ran on without commands may be too far off when they come again.
+    let ran_off = shown.missed > 0 && shown.cause == Some(Cause::FollowingError);
+    let fine = match shown.mode {
+        Some(Mode::Finished) => true,
+        Some(Mode::Tripped) => {
+            servo_for_good || ran_off || side_for_good || (scenario.stops && shown.trips > 0)
+        }
+        Some(Mode::Stopped) => scenario.stops,
+        Some(Mode::Disabled) => scenario.stops || side_for_good,
+        Some(Mode::Enabled | Mode::Stopping | Mode::Jogging | Mode::Ready) => side_for_good,
+        None => side_for_good,
+    };
+    (!fine).then(|| {
+        let mode = shown.mode.map_or("nothing", Mode::word);
+        let cause = shown.cause.map_or("an unknown cause", Cause::words);
+        format!("the run ended {mode} ({cause}), and nothing in its script says why")
+    })
+}
+
+/// Runs a program undisturbed, and with a feed hold in places all along it.
+///
+/// # Errors
+/// Program and machine do not fit, or the undisturbed run violates something.
+pub fn prepare(machines: &Machines, program: ShortProgram) -> anyhow::Result<Prepared> {
+    let (machine, plant) = (&machines.alone, &machines.plant);
+    let course = Course::of(machine, plant, &program.name, &program.text)
+        .map_err(|error| anyhow::anyhow!("{error}"))?;
+    let undisturbed = run(machine, plant, &program, &course, Script::default())?;
+    anyhow::ensure!(
+        undisturbed.violations.is_empty(),
+        "{} undisturbed: {:?}",
+        program.name,
+        undisturbed.violations
+    );
+    Ok(Prepared {
+        undisturbed: undisturbed.shown,
+        program,
+        course,
+        held_contour_mm: Measured::default(),
+    })
+}
+
+/// Largest contour error of runs with one feed hold each: at places all along the program, short and long.
+fn held_contour_mm(machines: &Machines, prepared: &Prepared) -> anyhow::Result<f64> {
+    let Prepared {
+        program,
+        course,
+        undisturbed,
+        ..
+    } = prepared;
+    let period = u64::from(machines.alone.scan.distribution_period_scans).max(1);
+    let apart = (undisturbed.scans / HOLDS_MAX)
+        .next_multiple_of(period)
+        .max(period);
+    let order = |scan: u64, order: Order| ScriptedOrder {
+        scan,
+        request: OperatorRequest {
+            order: order as u32,
+            ..OperatorRequest::default()
+        },
+    };
+    let mut largest_mm = 0.0f64;
+    let mut scan = period;
+    while scan < undisturbed.scans {
+        for standing in STANDING_PERIODS.map(|periods| periods * period) {
+            let orders = vec![
+                order(scan - 1, Order::Hold),
+                order(scan - 1 + standing, Order::Resume),
+            ];
+            let script = Script {
+                faults: None,
+                orders,
+            };
+            let held = run(&machines.alone, &machines.plant, program, course, script)?;
+            anyhow::ensure!(
+                held.violations.is_empty(),
+                "{} with a feed hold in scan {scan}: {:?}",
+                program.name,
+                held.violations
+            );
+            largest_mm = largest_mm.max(held.shown.contour_mm.0);
+        }
+        scan += apart;
+    }
+    Ok(largest_mm)
+}

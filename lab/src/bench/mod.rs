@@ -1,0 +1,24 @@
+//! `quadrant bench`: the project's own measurements, each beside its floor or its rivals on this machine.
+
+pub(crate) mod circles;
+mod faults;
+mod lockstep;
+mod report;
+mod runs;
+
+use crate::options::{BenchCommand, BenchOptions};
+use launcher::exit::Outcome;
+use launcher::logs;
+
+pub use lockstep::pong;
+
+/// Runs the measurement asked for.
+pub fn bench(options: &BenchOptions) -> Outcome {
+    logs::init_launcher();
+    match options.command.clone().unwrap_or_default() {
+        BenchCommand::Circles(options) => circles::circles(&options),
+        BenchCommand::Faults(options) => faults::faults(&options),
+        BenchCommand::Lockstep(options) => lockstep::lockstep(&options),
+        BenchCommand::Report(options) => report::report(&options),
+    }
+}

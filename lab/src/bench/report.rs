@@ -1,0 +1,207 @@
+//! `quadrant bench report`: speed and memory of `quadrant report` on a long log.
+
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use rustix::process::{Pid, WaitId, WaitIdOptions, waitid};
+use rustix::time::{ClockId, clock_gettime};
+use serde_json::Value;
+
+use super::runs::{Runs, Scratch};
+use crate::options::BenchReportOptions;
+use launcher::exit::{Failure, Kind, Outcome};
+use launcher::output::say;
+use launcher::signals::Signals;
+
+/// Times that the report is made; the median counts.
+const ROUNDS: usize = 3;
+/// How often the memory of the process is looked at. Its own peak is read, so only what it needs last can be missed.
+const LOOK_EVERY: Duration = Duration::from_millis(5);
+/// Machine time of one repetition of the program, in s: two turns each way with R25 at 3 m/min, and two dwells.
+const REPETITION_S: f64 = 13.58;
+
+/// Unit of processor times in /proc: USER_HZ, 100 on every architecture this runs on.
+const CLOCK_TICKS_PER_S: f64 = 100.0;
+
+/// What making a report cost.
+#[derive(Debug, Clone, Copy)]
+struct Cost {
+    wall_s: f64,
+    cpu_s: f64,
+    peak_kb: u64,
+}
+
+/// Speed and memory of `quadrant report`, beside reading the same log and doing nothing with it.
+///
+/// # Errors
+/// The log cannot be made, or not be measured.
+pub fn report(options: &BenchReportOptions) -> Outcome {
+    let signals = Signals::catch().environment()?;
+    let scratch = Scratch::make().environment()?;
+    let run_dir = match &options.run {
+        Some(run_dir) => run_dir.clone(),
+        None => make_log(&scratch, &signals, options)?,
+    };
+    let (mut floors, mut costs) = (Vec::new(), Vec::new());
+    for _ in 0..ROUNDS {
+        if signals.count() > 0 {
+            return Err(Failure::Interrupted);
+        }
+        floors.push(floor_of(&run_dir).input()?);
+        costs.push(cost_of_report(&run_dir).environment()?);
+    }
+    floors.sort_by(|a, b| a.cpu_s.total_cmp(&b.cpu_s));
+    costs.sort_by(|a, b| a.wall_s.total_cmp(&b.wall_s));
+    match (floors.get(ROUNDS / 2), costs.get(ROUNDS / 2)) {
+        (Some(floor), Some(cost)) => print(&run_dir, floor, cost).environment(),
+        _ => Ok(()),
+    }
+}
+
+fn print(run_dir: &Path, floor: &Floor, cost: &Cost) -> anyhow::Result<()> {
+    let text = fs::read_to_string(run_dir.join("report.json"))?;
+    let report: Value = serde_json::from_str(&text)?;
+    let number = |key: &str| report.get(key).and_then(Value::as_f64);
+    let scans = number("scans").context("report.json has no scans")?;
+    let period_us = number("scan_period_us").context("report.json has no scan_period_us")?;
+    let axes = report.get("axes").and_then(Value::as_array);
+    let axes = axes.map_or(0, Vec::len);
+    let machine_s = scans * period_us * 1e-6;
+
+    say(&format!(
+        "report: {machine_s:.1} s of machine time, {scans} scans of {axes} axes, median of {ROUNDS} rounds"
+    ));
+    say(&format!(
+        "  log                  {:7.0} B per scan on disk, {:.0} B uncompressed",
+        floor.file_bytes as f64 / scans,
+        floor.record_bytes as f64 / scans
+    ));
+    say(&format!(
+        "  wall time            {:7.2} s   {:.0} x real time",
+        cost.wall_s,
+        machine_s / cost.wall_s
+    ));
+    say(&format!(
+        "  processor time       {:7.2} s   {:.2} µs per scan; two threads",
+        cost.cpu_s,
+        cost.cpu_s * 1e6 / scans
+    ));
+    say(&format!(
+        "  peak memory          {:7.1} MB resident",
+        cost.peak_kb as f64 / 1e3
+    ));
+    say(&format!(
+        "  floor                {:7.2} s   processor time to read, decompress and check it, and nothing else; {:.2} s of wall time",
+        floor.cpu_s, floor.wall_s
+    ));
+    say(&format!(
+        "  ratio                {:7.2}      of processor times",
+        cost.cpu_s / floor.cpu_s
+    ));
+    Ok(())
+}
+
+/// Runs circles for as long as is asked; the run directory.
+fn make_log(
+    scratch: &Scratch,
+    signals: &Signals,
+    options: &BenchReportOptions,
+) -> Result<PathBuf, Failure> {
+    let repetitions = (f64::from(options.minutes) * 60.0 / REPETITION_S).ceil();
+    let mut text = String::from("G21 G17 G90 G94 G91.1\nF3000\nG0 X25 Y0\n");
+    for _ in 0..repetitions as u32 {
+        for word in ["G3", "G2"] {
+            // Writing to a string cannot fail.
+            let _ = writeln!(text, "G4 P0.5\n{word} X25 Y0 I-25\n{word} X25 Y0 I-25");
+        }
+    }
+    text += "M2\n";
+    let program = scratch.path().join("circles.ngc");
+    fs::write(&program, text).environment()?;
+    let runs = Runs { scratch, signals };
+    runs.kept(&options.machine, &program)
+}
+
+/// What nobody who reads the log can go below.
+#[derive(Debug, Clone, Copy)]
+struct Floor {
+    wall_s: f64,
+    cpu_s: f64,
+    file_bytes: u64,
+    record_bytes: u64,
+}
+
+/// Reads, decompresses and checks the log in this thread.
+fn floor_of(run_dir: &Path) -> anyhow::Result<Floor> {
+    let (started, cpu_before_s) = (Instant::now(), thread_cpu_s());
+    let (mut file_bytes, mut record_bytes) = (0, 0);
+    for part in monitor::log::part_files(run_dir)? {
+        let (of_file, of_records) = monitor::log::read_only(&part)?;
+        file_bytes += of_file;
+        record_bytes += of_records;
+    }
+    Ok(Floor {
+        wall_s: started.elapsed().as_secs_f64(),
+        cpu_s: thread_cpu_s() - cpu_before_s,
+        file_bytes,
+        record_bytes,
+    })
+}
+
+fn thread_cpu_s() -> f64 {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+}
+
+/// Makes the report in a process of its own.
+fn cost_of_report(run_dir: &Path) -> anyhow::Result<Cost> {
+    let started = Instant::now();
+    let mut child = Command::new("/proc/self/exe")
+        .arg("report")
+        .arg(run_dir)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .spawn()
+        .context("starting a report")?;
+    let proc = PathBuf::from(format!("/proc/{}", child.id()));
+    let pid = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
+    let pid = pid.context("its process id")?;
+    // Ended, but still there to be asked how long it took.
+    let ended = WaitIdOptions::EXITED | WaitIdOptions::NOWAIT | WaitIdOptions::NOHANG;
+    let mut peak_kb = 0;
+    while waitid(WaitId::Pid(pid), ended)?.is_none() {
+        peak_kb = peak_kb.max(peak_kb_in(&proc).unwrap_or(0));
+        std::thread::sleep(LOOK_EVERY);
+    }
+    let wall_s = started.elapsed().as_secs_f64();
+    let cpu_s = cpu_s_in(&proc).context("/proc says nothing of the report's process")?;
+    let status = child.wait()?;
+    if !status.success() {
+        bail!("the report ended with {status}");
+    }
+    Ok(Cost {
+        wall_s,
+        cpu_s,
+        peak_kb,
+    })
+}
+
+fn peak_kb_in(proc: &Path) -> Option<u64> {
+    let status = fs::read_to_string(proc.join("status")).ok()?;
+    let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
+    line.split_whitespace().nth(1)?.parse().ok()
+}
+
+/// Time in user and kernel mode, in s (proc(5): fields 14 and 15 of `stat`).
+fn cpu_s_in(proc: &Path) -> Option<f64> {
+    let text = fs::read_to_string(proc.join("stat")).ok()?;
+    let (_, rest) = text.rsplit_once(')')?;
+    let mut words = rest.split_whitespace().skip(11);
+    let user: f64 = words.next()?.parse().ok()?;
+    let system: f64 = words.next()?.parse().ok()?;
+    Some((user + system) / CLOCK_TICKS_PER_S)
+}

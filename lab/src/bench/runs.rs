@@ -1,0 +1,175 @@
+//! Runs of a bench: each through real processes in a cell of its own, in a folder that is gone afterwards.
+
+use std::fs;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::Duration;
+
+use anyhow::{Context, anyhow};
+use bus::process::watch;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+
+use launcher::exit::{Failure, Kind};
+use launcher::signals::Signals;
+
+/// How often a run is looked at for an interruption.
+const LOOK_EVERY: Duration = Duration::from_millis(50);
+
+/// A folder for temporary files, removed when dropped.
+#[derive(Debug)]
+pub struct Scratch {
+    folder: PathBuf,
+}
+
+impl Scratch {
+    /// A new one of this process.
+    ///
+    /// # Errors
+    /// It cannot be made, or stands there already.
+    pub fn make() -> anyhow::Result<Scratch> {
+        let folder = std::env::temp_dir().join(format!("quadrant-bench-{}", std::process::id()));
+        fs::create_dir(&folder).with_context(|| folder.display().to_string())?;
+        Ok(Scratch { folder })
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.folder
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.folder);
+    }
+}
+
+/// Makes runs until it is interrupted.
+#[derive(Debug)]
+pub struct Runs<'a> {
+    /// Where run directories go.
+    pub scratch: &'a Scratch,
+    /// What ends it.
+    pub signals: &'a Signals,
+}
+
+impl Runs<'_> {
+    /// Runs a program in lockstep; the report. Runs at the same time need different lanes.
+    ///
+    /// # Errors
+    /// It was interrupted, or the run did not end well.
+    pub fn report(&self, machine: &Path, program: &Path, lane: usize) -> Result<Value, Failure> {
+        self.run(machine, program, lane, &[])
+    }
+
+    /// Lets a machine learn from a program.
+    ///
+    /// # Errors
+    /// As [`Runs::report`].
+    pub fn learn(&self, machine: &Path, program: &Path) -> Result<(), Failure> {
+        self.run(machine, program, 0, &["--learn"]).map(|_| ())
+    }
+
+    /// Runs a program in lockstep and keeps what it wrote as long as the scratch folder is there; the run directory.
+    ///
+    /// # Errors
+    /// As [`Runs::report`].
+    pub fn kept(&self, machine: &Path, program: &Path) -> Result<PathBuf, Failure> {
+        self.start(machine, program, 0, &[])?;
+        Ok(self.out(0))
+    }
+
+    fn out(&self, lane: usize) -> PathBuf {
+        self.scratch.path().join(format!("run-{lane}"))
+    }
+
+    fn run(
+        &self,
+        machine: &Path,
+        program: &Path,
+        lane: usize,
+        options: &[&str],
+    ) -> Result<Value, Failure> {
+        let ended = self.start(machine, program, lane, options);
+        let out = self.out(lane);
+        let report = fs::read_to_string(out.join("report.json"));
+        let _ = fs::remove_dir_all(&out);
+        ended?;
+        let report = report.context("reading its report").environment()?;
+        serde_json::from_str(&report).environment()
+    }
+
+    /// Runs it to a good end.
+    fn start(
+        &self,
+        machine: &Path,
+        program: &Path,
+        lane: usize,
+        options: &[&str],
+    ) -> Result<(), Failure> {
+        if self.signals.count() > 0 {
+            return Err(Failure::Interrupted);
+        }
+        let out = self.out(lane);
+        let cell = format!("bench-{}-{lane}", std::process::id());
+        let mut child = Command::new("/proc/self/exe")
+            .arg("run")
+            .arg(machine)
+            .arg(program)
+            .args(["--pace", "lockstep", "--cell", &cell, "--out"])
+            .arg(&out)
+            .args(options)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::inherit())
+            // Ctrl-C goes to the bench alone, which hands it on.
+            .process_group(0)
+            .spawn()
+            .context("starting a run")
+            .environment()?;
+        let status = self.wait(&mut child)?;
+        if self.signals.count() > 0 {
+            return Err(Failure::Interrupted);
+        }
+        if !status.success() {
+            let what = anyhow!("a run ended with {status}");
+            return Err(match status.code() {
+                Some(1) => Failure::Stopped(what),
+                _ => Failure::Environment(what),
+            });
+        }
+        Ok(())
+    }
+
+    /// Waits for the run's end; each interruption is handed on to it.
+    fn wait(&self, child: &mut Child) -> Result<ExitStatus, Failure> {
+        let mut handed_on = 0;
+        let ended = watch(child.id()).ok();
+        loop {
+            if let Some(status) = child.try_wait().environment()? {
+                return Ok(status);
+            }
+            let interruptions = self.signals.count();
+            if interruptions > handed_on {
+                handed_on = interruptions;
+                let pid = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
+                if let Some(pid) = pid {
+                    let _ = kill_process(pid, Signal::INT);
+                }
+            }
+            let limit = Timespec {
+                tv_sec: 0,
+                tv_nsec: LOOK_EVERY.subsec_nanos().into(),
+            };
+            match &ended {
+                Some(ended) => {
+                    let _ = poll(&mut [PollFd::new(ended, PollFlags::IN)], Some(&limit));
+                }
+                None => std::thread::sleep(LOOK_EVERY),
+            }
+        }
+    }
+}

@@ -1,0 +1,378 @@
+//! Everything that a master of a cell within one process sees: servos, planner, roster, script.
+
+use std::sync::Arc;
+
+use bus::sample::{
+    AxisCommand, Feedback, Instruments, Job, OperatorRequest, OperatorResponse, Participant,
+    Roster, WindowHeader, WindowRow,
+};
+use bus::signal_page::FaultStep;
+use bytemuck::Zeroable;
+use machine::Machine;
+use master::saved::{Latches, SavedState};
+use master::{Answered, Answers, Drives, Flow, MasterPorts};
+use plant_sim::script::injector::FaultInjector;
+use servo::Servo;
+
+use super::members::{Fired, Life, PlannerMember, ServoMember};
+use super::queues::{Queue, Window};
+use super::script::{CellError, Script};
+
+/// The master has been killed.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct MasterKilled {
+    /// Another one takes its place.
+    pub replaced: bool,
+}
+
+/// Who answers a master, and what lies between them.
+pub(crate) struct Peers {
+    machine: Machine,
+    program: (String, String),
+    script: Script,
+    orders_done: usize,
+    injector: Option<FaultInjector>,
+    fired: Fired,
+    planner: PlannerMember,
+    members: Vec<ServoMember>,
+    pub servos: Vec<Servo>,
+    pub roster: Roster,
+    windows_to_master: Queue<Arc<Window>>,
+    pub saved: Option<SavedState>,
+    pub master_killed: Option<MasterKilled>,
+    master_may_die: bool,
+    pub feedback: Feedback,
+    pub instruments: Instruments,
+    pub commands: Vec<AxisCommand>,
+    pub windows: Vec<Arc<Window>>,
+}
+
+impl Peers {
+    /// Everybody of this machine, about to run a program (name and text).
+    pub fn new(
+        machine: Machine,
+        program: (&str, &str),
+        script: Script,
+    ) -> Result<Peers, CellError> {
+        let faults = script.faults.as_ref();
+        let fired = Fired::none_of(faults.map_or(0, |faults| faults.faults.len()));
+        let drives = |axis: &machine::Axis, role: usize| role == 0 || axis.standby;
+        let mut members = Vec::new();
+        for role in 0..bus::service::ROLES.len() {
+            let axes = machine.axes.iter().enumerate();
+            members.extend(
+                axes.filter(|(_, axis)| drives(axis, role))
+                    .map(|(index, axis)| {
+                        ServoMember::new((index, role, axis.standby), Life::FIRST, faults, &fired)
+                    }),
+            );
+        }
+        let servos = members.iter().map(|member| member.servo(&machine));
+        let is_masters = |fault: &plant_sim::script::faults::Fault| fault.job == Job::Master;
+        Ok(Peers {
+            servos: servos.collect::<Result<_, _>>()?,
+            planner: PlannerMember::new(&machine, program, Life::FIRST, faults, &fired),
+            injector: faults.map(|faults| FaultInjector::new(faults.clone(), |_| None, 0)),
+            master_may_die: faults.is_some_and(|s| s.faults.iter().any(is_masters)),
+            roster: roster(&members),
+            commands: Vec::with_capacity(members.len()),
+            members,
+            program: (program.0.into(), program.1.into()),
+            orders_done: 0,
+            fired,
+            windows_to_master: Queue::new(),
+            saved: None,
+            master_killed: None,
+            feedback: Feedback::zeroed(),
+            instruments: Instruments::zeroed(),
+            windows: Vec::new(),
+            machine,
+            script,
+        })
+    }
+
+    /// Scan in which a fault of the script fired.
+    pub fn fired(&self, index: usize) -> Option<u64> {
+        self.fired.get(index)
+    }
+
+    /// Another master begins in this scan.
+    pub fn master_replaced(&mut self, incarnation: u32, first_scan: u64) {
+        self.windows_to_master = Queue::new();
+        let orders = &self.script.orders;
+        self.orders_done = orders.partition_point(|order| order.scan < first_scan);
+        let fired = |index| self.fired.get(index);
+        let script = self.script.faults.as_ref();
+        self.injector = script.map(|s| FaultInjector::new(s.clone(), fired, first_scan));
+        let mut participants = self.roster.participants.iter_mut();
+        if let Some(master) = participants.find(|p| p.job == Job::Master as u32) {
+            master.incarnation = incarnation;
+            master.death_scan = first_scan;
+        }
+    }
+
+    fn ask_servos(&mut self, answers: &mut Answers) {
+        self.commands.clear();
+        for index in 0..self.members.len() {
+            let (Some(member), Some(servo)) =
+                (self.members.get_mut(index), self.servos.get_mut(index))
+            else {
+                continue;
+            };
+            if !member.life.answers() {
+                continue;
+            }
+            let (axis, role) = (member.axis, member.role);
+            member.ports.inner().feedback = Some(self.feedback);
+            servo::cycle(servo, &mut member.ports);
+            self.commands.extend(member.ports.made());
+            let sent = std::mem::take(&mut member.ports.inner().sent);
+            let answer = answers.commands.get_mut(axis).and_then(|a| a.get_mut(role));
+            if let Some(answer) = answer {
+                *answer = sent.last().copied();
+            }
+            let mut others = self.members.iter_mut();
+            let peer = others.find(|other| other.axis == axis && other.role != role);
+            if let Some(queue) = peer.and_then(|p| p.ports.inner().peer.as_mut()) {
+                for command in &sent {
+                    queue.push(*command);
+                }
+            }
+            if let Some(member) = self.members.get_mut(index) {
+                member.ports.inner().sent = sent;
+            }
+        }
+    }
+
+    fn ask_planner(&mut self, answers: &mut Answers) {
+        let member = &mut self.planner;
+        if !member.life.answers() {
+            return;
+        }
+        member.ports.inner().feedback = Some(self.feedback);
+        planner::cycle(&mut member.planner, &mut member.ports);
+        answers.planner = member.ports.inner().status;
+        self.windows.append(&mut member.ports.inner().windows);
+        for window in &self.windows {
+            self.windows_to_master.push(Arc::clone(window));
+            for member in self.members.iter_mut().filter(|member| member.life.lives) {
+                member.ports.inner().windows.push(Arc::clone(window));
+            }
+        }
+    }
+
+    /// What is due in this scan, before its feedback is published or after.
+    fn inject(&mut self, scan: u64, published: bool) -> Flow {
+        while let Some((index, step)) = self
+            .injector
+            .as_mut()
+            .and_then(|injector| injector.next(scan, published))
+        {
+            if self.act(index, step, scan) == Flow::Leave {
+                return Flow::Leave;
+            }
+        }
+        Flow::GoOn
+    }
+
+    /// What the launcher does for a fault; the master leaves where it is killed.
+    fn act(&mut self, index: usize, step: FaultStep, scan: u64) -> Flow {
+        let script = self.script.faults.as_ref();
+        let Some(fault) = script.and_then(|s| s.faults.get(index)).copied() else {
+            return Flow::GoOn;
+        };
+        let (axis, role) = (fault.axis as usize, fault.role as usize);
+        let standby = self.machine.axes.get(axis).is_some_and(|a| a.standby);
+        let replaced = self.machine.restart.replaces(fault.job, standby);
+        match fault.job {
+            Job::Monitor => {}
+            Job::Master if step == FaultStep::Kill => {
+                self.master_killed = Some(MasterKilled { replaced });
+                return Flow::Leave;
+            }
+            Job::Master => {}
+            Job::Planner => {
+                if is_replaced(step, self.planner.life, replaced) {
+                    let (name, text) = &self.program;
+                    let life = self.planner.life.next();
+                    let (machine, fired) = (&self.machine, &self.fired);
+                    self.planner = PlannerMember::new(machine, (name, text), life, script, fired);
+                } else {
+                    suffer(&mut self.planner.life, step);
+                }
+                let life = self.planner.life;
+                self.publish_roster((Job::Planner, 0, 0), step, life, scan);
+            }
+            Job::Servo => {
+                let mut members = self.members.iter().enumerate();
+                let found = members.find(|(_, m)| m.axis == axis && m.role == role);
+                let Some(at) = found.map(|(at, _)| at) else {
+                    return Flow::GoOn;
+                };
+                let (Some(member), Some(servo)) =
+                    (self.members.get_mut(at), self.servos.get_mut(at))
+                else {
+                    return Flow::GoOn;
+                };
+                if is_replaced(step, member.life, replaced) {
+                    *member = member.replacement(script, &self.fired);
+                    *servo = servo.replacement(member.life.incarnation);
+                } else {
+                    suffer(&mut member.life, step);
+                }
+                let life = member.life;
+                self.publish_roster((Job::Servo, axis, role), step, life, scan);
+            }
+        }
+        Flow::GoOn
+    }
+
+    /// What the launcher then publishes in the roster.
+    fn publish_roster(
+        &mut self,
+        (job, axis, role): (Job, usize, usize),
+        step: FaultStep,
+        life: Life,
+        scan: u64,
+    ) {
+        let is_it = |p: &&mut Participant| {
+            p.job == job as u32 && p.axis == axis as u32 && p.role == role as u32
+        };
+        let Some(slot) = self.roster.participants.iter_mut().find(is_it) else {
+            return;
+        };
+        match step {
+            FaultStep::Kill if slot.live == 1 => {
+                slot.live = 0;
+                slot.stalled = 0;
+                slot.death_scan = scan;
+            }
+            FaultStep::Restart if life.lives && slot.live == 0 => {
+                slot.live = 1;
+                slot.stalled = 0;
+                slot.incarnation = life.incarnation;
+            }
+            FaultStep::Stop => slot.stalled = 1,
+            FaultStep::Readmit => slot.stalled = 0,
+            FaultStep::Kill | FaultStep::Restart | FaultStep::Continue => {}
+        }
+        self.roster.version += 1;
+        self.roster.visible_from = scan;
+    }
+}
+
+impl MasterPorts for Peers {
+    type Error = std::convert::Infallible;
+
+    fn roster(&self) -> &Roster {
+        &self.roster
+    }
+
+    fn read_roster(&mut self) {}
+
+    fn begin_scan(&mut self, feedback: &Feedback, _ask_planner: bool) -> Flow {
+        let scan = feedback.scan;
+        if let Some(injector) = &mut self.injector {
+            injector.look(feedback, |index| self.fired.set(index, scan));
+        }
+        if self.inject(scan, false) == Flow::Leave {
+            return Flow::Leave;
+        }
+        self.feedback = *feedback;
+        self.windows.clear();
+        self.inject(scan, true)
+    }
+
+    fn publish_instruments(&mut self, instruments: &Instruments) {
+        self.instruments = *instruments;
+    }
+
+    fn save(&mut self, latches: &Latches, drives: &impl Drives) {
+        if self.master_may_die {
+            let saved = self.saved.get_or_insert_with(|| SavedState::of(drives));
+            saved.save(latches, drives);
+        }
+    }
+
+    fn await_answers(&mut self, _scan: u64, ask_planner: bool) -> Result<Answered, Self::Error> {
+        let mut answers = Answers::NONE;
+        self.ask_servos(&mut answers);
+        if ask_planner {
+            self.ask_planner(&mut answers);
+        }
+        Ok(Answered::Scan {
+            answers,
+            overrun_scans: 0,
+        })
+    }
+
+    fn serve_orders(
+        &mut self,
+        scan: u64,
+        mut judge: impl FnMut(&OperatorRequest) -> OperatorResponse,
+    ) {
+        while let Some(order) = self.script.orders.get(self.orders_done)
+            && order.scan <= scan
+        {
+            self.orders_done += 1;
+            judge(&order.request);
+        }
+    }
+
+    fn launcher_lives(&mut self, _scan: u64) -> Option<bool> {
+        Some(true)
+    }
+
+    fn for_each_window(
+        &mut self,
+        scan: u64,
+        mut offer: impl FnMut(&WindowHeader, &[WindowRow], &Roster),
+    ) {
+        while let Some(window) = self.windows_to_master.next(scan) {
+            offer(&window.header, &window.rows, &self.roster);
+        }
+    }
+
+    fn finish(&mut self, _scan: u64) {}
+
+    fn leave(&mut self) {}
+}
+
+/// Whether this step puts another process into the slot.
+fn is_replaced(step: FaultStep, life: Life, replaced: bool) -> bool {
+    step == FaultStep::Restart && replaced && !life.lives
+}
+
+/// What a step does to a process that stays the same.
+fn suffer(life: &mut Life, step: FaultStep) {
+    match step {
+        FaultStep::Kill => life.lives = false,
+        FaultStep::Stop => life.stopped = true,
+        FaultStep::Continue => life.stopped = false,
+        FaultStep::Restart | FaultStep::Readmit => {}
+    }
+}
+
+/// Everybody lives.
+fn roster(members: &[ServoMember]) -> Roster {
+    let slot = |job: Job, axis: usize, role: usize| Participant {
+        death_scan: u64::MAX,
+        job: job as u32,
+        axis: axis as u32,
+        role: role as u32,
+        incarnation: Life::FIRST.incarnation,
+        live: 1,
+        ..Participant::zeroed()
+    };
+    let mut roster = Roster {
+        version: 1,
+        ..Roster::zeroed()
+    };
+    let everybody = [slot(Job::Master, 0, 0), slot(Job::Planner, 0, 0)];
+    let servos = members.iter().map(|m| slot(Job::Servo, m.axis, m.role));
+    let all = everybody.into_iter().chain(servos);
+    for (to, participant) in roster.participants.iter_mut().zip(all) {
+        *to = participant;
+    }
+    roster
+}

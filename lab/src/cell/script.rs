@@ -1,0 +1,30 @@
+//! What a cell within one process is made of beside its machine and program.
+
+use master::StateRefused;
+use plant_sim::script::faults::FaultScript;
+use plant_sim::script::orders::ScriptedOrder;
+use plant_sim::setup::SetupError;
+use servo::ServoSettingsError;
+
+/// A cell that cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum CellError {
+    /// Machine file and plant file do not fit each other.
+    #[error(transparent)]
+    Setup(#[from] SetupError),
+    /// An axis cannot be served.
+    #[error(transparent)]
+    Servo(#[from] ServoSettingsError),
+    /// A master cannot go on from what the one before has saved.
+    #[error(transparent)]
+    Saved(#[from] StateRefused),
+}
+
+/// What a run depends on beside machine and program.
+#[derive(Debug, Clone, Default)]
+pub struct Script {
+    /// What goes wrong; its blocks are resolved.
+    pub faults: Option<FaultScript>,
+    /// What the operator asks, in the order of the scans.
+    pub orders: Vec<ScriptedOrder>,
+}

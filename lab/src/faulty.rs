@@ -1,0 +1,169 @@
+//! Ports that send wrong, late or not at all, as a fault script asks: the same servo and planner over them behave as ever, and
+//! everybody else meets what they send.
+
+use std::path::Path;
+
+use bus::sample::{AxisCommand, Feedback, Job, PlannerStatus, WindowHeader, WindowRow};
+use machine::settings_file::SettingsFileError;
+use planner::{PlannerError, PlannerPorts};
+use plant_sim::script::faults::{self, FaultScript};
+use servo::{ServoError, ServoPorts};
+
+use crate::corruption::Corruptor;
+
+/// Ports of one sender, whose samples the faults of a script meet.
+#[derive(Debug)]
+pub struct Faulty<P, F> {
+    ports: P,
+    /// None where the run has no script.
+    corruptor: Option<Corruptor>,
+    /// Scan in which a fault of the script fired, by its index.
+    fired: F,
+    /// The scan that is being answered.
+    scan: u64,
+    /// A window has been published in it.
+    planned: bool,
+    /// The command as its servo made it.
+    made: Option<AxisCommand>,
+}
+
+impl<P, F: Fn(usize) -> Option<u64>> Faulty<P, F> {
+    /// The ports of one sender.
+    pub fn new(
+        ports: P,
+        script: Option<&FaultScript>,
+        (job, axis, role): (Job, usize, usize),
+        fired: F,
+    ) -> Faulty<P, F> {
+        let corruptor = script.map(|s| Corruptor::new(s, job, axis as u32, role as u32));
+        Faulty {
+            ports,
+            corruptor,
+            fired,
+            scan: 0,
+            planned: false,
+            made: None,
+        }
+    }
+
+    /// The ports behind.
+    pub fn inner(&mut self) -> &mut P {
+        &mut self.ports
+    }
+
+    /// The last command as its servo made it, whatever was sent in its place.
+    pub fn made(&self) -> Option<&AxisCommand> {
+        self.made.as_ref()
+    }
+}
+
+impl<P: ServoPorts, F: Fn(usize) -> Option<u64>> ServoPorts for Faulty<P, F> {
+    fn next_feedback(&mut self) -> Option<Feedback> {
+        self.ports.next_feedback()
+    }
+
+    fn for_each_window(&mut self, scan: u64, offer: impl FnMut(&WindowHeader, &[WindowRow])) {
+        self.ports.for_each_window(scan, offer);
+    }
+
+    fn peer_command(&mut self, scan: u64) -> Option<AxisCommand> {
+        self.ports.peer_command(scan)
+    }
+
+    fn publish(&mut self, command: &AxisCommand) {
+        self.made = Some(*command);
+        let ports = &mut self.ports;
+        match &mut self.corruptor {
+            None => ports.publish(command),
+            Some(corruptor) => {
+                corruptor.command(command, &self.fired, |sent| ports.publish(sent));
+            }
+        }
+    }
+
+    fn answered(&mut self, scan: u64) {
+        self.ports.answered(scan);
+    }
+}
+
+impl<P: PlannerPorts, F: Fn(usize) -> Option<u64>> Faulty<P, F> {
+    fn window(&mut self, planned: Option<(&WindowHeader, &[WindowRow])>) {
+        let ports = &mut self.ports;
+        let mut send = |header: &WindowHeader, rows: &[WindowRow]| {
+            ports.publish_window(header, rows);
+        };
+        match (&mut self.corruptor, planned) {
+            (Some(corruptor), planned) => {
+                corruptor.window(self.scan, planned, &self.fired, send);
+            }
+            (None, Some((header, rows))) => send(header, rows),
+            (None, None) => {}
+        }
+    }
+}
+
+impl<P: PlannerPorts, F: Fn(usize) -> Option<u64>> PlannerPorts for Faulty<P, F> {
+    fn next_feedback(&mut self) -> Option<Feedback> {
+        let feedback = self.ports.next_feedback()?;
+        self.scan = feedback.scan;
+        self.planned = false;
+        Some(feedback)
+    }
+
+    fn program(&mut self, load: u32) -> Option<(String, String)> {
+        self.ports.program(load)
+    }
+
+    fn publish_window(&mut self, header: &WindowHeader, rows: &[WindowRow]) {
+        self.planned = true;
+        self.window(Some((header, rows)));
+    }
+
+    fn publish_status(&mut self, status: &PlannerStatus) {
+        if !self.planned {
+            // A window that was held back may be due.
+            self.window(None);
+        }
+        self.ports.publish_status(status);
+    }
+
+    fn answered(&mut self, scan: u64) {
+        self.ports.answered(scan);
+    }
+}
+
+/// Runs a servo process over ports that the faults of this script meet.
+///
+/// # Errors
+/// [`ServoError`], also where the script cannot be read.
+pub fn servo(options: &servo::Options, script: Option<&Path>) -> Result<(), ServoError> {
+    servo::run_over(options, |ports, member, machine| {
+        let script = load(script, machine)?;
+        let axis = machine.axes.iter().position(|a| a.name == options.axis);
+        let sender = (Job::Servo, axis.unwrap_or(0), options.role as usize);
+        let member = std::rc::Rc::clone(member);
+        let fired = move |index| member.page.fault_fired(index);
+        Ok(Faulty::new(ports, script.as_ref(), sender, fired))
+    })
+}
+
+/// Runs a planner process over ports that the faults of this script meet.
+///
+/// # Errors
+/// [`PlannerError`], also where the script cannot be read.
+pub fn planner(options: &planner::Options, script: Option<&Path>) -> Result<(), PlannerError> {
+    planner::run_over(options, |ports, member, machine| {
+        let script = load(script, machine)?;
+        let member = std::rc::Rc::clone(member);
+        let fired = move |index| member.page.fault_fired(index);
+        let sender = (Job::Planner, 0, 0);
+        Ok(Faulty::new(ports, script.as_ref(), sender, fired))
+    })
+}
+
+fn load(
+    script: Option<&Path>,
+    machine: &machine::Machine,
+) -> Result<Option<FaultScript>, SettingsFileError> {
+    script.map(|path| faults::load(path, machine)).transpose()
+}

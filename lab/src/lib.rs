@@ -1,0 +1,10 @@
+//! What breaks and measures a cell: faulty ports, the in-process cell, benches, soak, judges of invariants. May use
+//! everything; nothing uses it but the command line.
+
+pub mod bench;
+pub mod cell;
+mod corruption;
+pub mod faulty;
+pub mod invariants;
+pub mod options;
+pub mod soak;

@@ -1,0 +1,176 @@
+//! What benches and soak take.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+use launcher::options::number;
+
+/// What `quadrant bench-pong` takes.
+#[derive(Debug, Clone, Args)]
+pub struct BenchPongOptions {
+    /// Name of the cell
+    #[arg(long)]
+    pub cell: String,
+    /// Machine file
+    #[arg(long)]
+    pub machine: PathBuf,
+    /// Processor to stay on
+    #[arg(long)]
+    pub core: usize,
+    /// Hand over samples, not bare rings
+    #[arg(long)]
+    pub samples: bool,
+}
+
+/// What `quadrant soak` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "A run of a program of lines, arcs, dwells and rapids is started on a copy of the machine, on which every loss is\nfollowed by a restart; every axis has a standby in one run, every second in the next. Its processes are killed\n(SIGKILL: planner, servos, standbys, monitor, plant-sim, two at once) and stopped for a while (SIGSTOP), each time as\nsoon as the cell is whole again and some random microseconds later. After the loss of the master the soak sends\n`enable` and `resume` as an operator does. When the program is done, the next run begins.\n\nJudged all the while: no step of a command beyond velocity and acceleration limits; commanded points on the path to\nthe increment; modes change only as documented; the end exact; limits in the run's log; nobody grows, nobody stays\ndead, no process and no file of the cell outlives its run.\n\nExit status 0: no violation; 1: some, printed, with the seed and the folder of the run.\n\n  quadrant soak machines/xy --kills 500"
+)]
+pub struct SoakOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml; axes X and Y with 30 mm to either side of 0
+    #[arg(default_value = BENCH_MACHINE)]
+    pub machine: PathBuf,
+    /// Processes to kill in all
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    pub kills: u64,
+    /// realtime: scans at absolute times; lockstep: as fast as the machine goes
+    #[arg(long, default_value = "realtime", value_parser = ["realtime", "lockstep"])]
+    pub pace: String,
+    /// Kill these alone [default: everybody, and stop everybody too]
+    #[arg(long, value_name = "WHO", value_parser = ["planner", "servo", "monitor", "plant-sim"])]
+    pub only: Option<String>,
+    /// Shortest pause between a cell that is whole and the next strike; some random 0 to 300 ms come on top. A process that
+    /// lived shorter than 500 ms is started anew only after a while (10 ms, doubled each time)
+    #[arg(long, value_name = "MS", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=10_000))]
+    pub pause_ms: u64,
+    /// Repeats the choices of program and strikes; the instants are the PC's [default: another one every time]
+    #[arg(long, value_name = "S")]
+    pub seed: Option<u64>,
+}
+
+/// What `quadrant bench` takes.
+#[derive(Debug, Clone, Args)]
+pub struct BenchOptions {
+    /// Which measurement
+    #[command(subcommand)]
+    pub command: Option<BenchCommand>,
+}
+
+/// What can be measured; lockstep if nothing is named.
+#[derive(Debug, Clone, Subcommand)]
+pub enum BenchCommand {
+    /// Speed of a whole cell in lockstep, beside physics alone and the bare hand-over
+    Lockstep(LockstepOptions),
+    /// Quadrant protrusions over radii and feeds, by way of compensation
+    Circles(CirclesOptions),
+    /// Whole cells in one process with faults drawn from seeds; every scan is judged by the invariants of docs/developers/invariants.md
+    Faults(FaultsOptions),
+    /// Speed and memory of `quadrant report` on a long log, beside reading, decompressing and checking the same bytes
+    Report(BenchReportOptions),
+}
+
+impl Default for BenchCommand {
+    fn default() -> Self {
+        BenchCommand::Lockstep(LockstepOptions {
+            machine: BENCH_MACHINE.into(),
+        })
+    }
+}
+
+/// Machine that is measured if none is named.
+const BENCH_MACHINE: &str = "machines/xy";
+
+/// What `quadrant bench lockstep` takes.
+#[derive(Debug, Clone, Args)]
+pub struct LockstepOptions {
+    /// Folder with machine.toml, plant.toml and programs/circle-r25-f3000.ngc
+    #[arg(default_value = BENCH_MACHINE)]
+    pub machine: PathBuf,
+}
+
+/// What `quadrant bench report` takes.
+#[derive(Debug, Clone, Args)]
+pub struct BenchReportOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml; axes X and Y with 25 mm to either side of 0
+    #[arg(default_value = BENCH_MACHINE)]
+    pub machine: PathBuf,
+    /// Machine time of the log that is made, by a run in lockstep; an hour of two axes takes 3.4 GB of temporary space
+    #[arg(long, value_name = "MINUTES", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=1440))]
+    pub minutes: u32,
+    /// Measure with this run's log in place of a new one; its report is made anew
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["machine", "minutes"])]
+    pub run: Option<PathBuf>,
+}
+
+/// What `quadrant bench circles` takes.
+#[derive(Debug, Clone, Args)]
+pub struct CirclesOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml
+    #[arg(default_value = BENCH_MACHINE)]
+    pub machine: PathBuf,
+    /// Ways of compensating, in the order of the table [default: all]
+    #[arg(long, value_delimiter = ',', value_name = "NAMES", value_parser = clap::builder::PossibleValuesParser::new(crate::bench::circles::methods::names()))]
+    pub methods: Vec<String>,
+    /// Radii in mm
+    #[arg(long, value_delimiter = ',', value_name = "MM", default_value = "10,25,50,100", value_parser = above_zero)]
+    pub radii: Vec<f64>,
+    /// Feeds in mm/min
+    #[arg(long, value_delimiter = ',', value_name = "MM/MIN", default_value = "1000,3000,10000", value_parser = above_zero)]
+    pub feeds: Vec<f64>,
+    /// Where circles start, in degrees; off the axes, every reversal lies in steady motion
+    #[arg(
+        long,
+        value_name = "DEGREES",
+        default_value_t = 45.0,
+        allow_negative_numbers = true
+    )]
+    pub start_deg: f64,
+    /// Centre of the circles in mm, in X and Y of the program
+    #[arg(long, value_name = "X,Y", default_value = "0,0", value_parser = point, allow_hyphen_values = true)]
+    pub centre: (f64, f64),
+    /// Folder for circles.csv and circles.svg
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Runs at the same time, each on a processor of its own
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=64))]
+    pub jobs: u64,
+}
+
+/// What `quadrant bench faults` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Each seed draws a program, a machine with or without standbys, one to four faults, restart policies and\nnow and then orders of an operator. Exit status 1: a seed violates an invariant; the command that repeats it\nis printed."
+)]
+pub struct FaultsOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml
+    #[arg(default_value = BENCH_MACHINE)]
+    pub machine: PathBuf,
+    /// How many seeds
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..))]
+    pub seeds: u64,
+    /// The first seed
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    pub from: u64,
+    /// Part program, in place of the built-in short ones
+    #[arg(long, value_name = "FILE")]
+    pub program: Option<PathBuf>,
+    /// Runs at the same time
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..=64))]
+    pub jobs: u64,
+    /// Print the script of every seed, as files for `quadrant run --faults` and `--orders`, and what became of it
+    #[arg(short, long)]
+    pub verbose: bool,
+}
+
+fn above_zero(text: &str) -> Result<f64, String> {
+    match number(text)? {
+        value if value > 0.0 => Ok(value),
+        _ => Err("must be above 0".into()),
+    }
+}
+
+fn point(text: &str) -> Result<(f64, f64), String> {
+    let (x, y) = text.split_once(',').ok_or("must be X,Y")?;
+    Ok((number(x)?, number(y)?))
+}

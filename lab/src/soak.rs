@@ -1,0 +1,771 @@
+//! `quadrant soak`: a real cell whose processes are killed and stopped at random instants, again and again, and what must hold
+//! all the while.
+//!
+//! One loop: look on ([`cell::Cell::look`], every feedback judged by [`judge::Judge`]), strike, wait until the cell is whole
+//! again, note what came of it.
+
+mod cell;
+mod dice;
+mod judge;
+mod program;
+mod tally;
+
+use std::collections::{BTreeMap, HashMap};
+use std::fs;
+use std::hash::{BuildHasher, Hasher, RandomState};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, anyhow};
+use bus::cell::CellPaths;
+use bus::process::watch;
+use bus::sample::{Job, Mode, Participant};
+use machine::machine_file;
+use rustix::event::{PollFd, PollFlags, poll};
+use rustix::process::{Signal, pidfd_send_signal};
+use toml_edit::{DocumentMut, value};
+
+use crate::options::SoakOptions;
+use cell::{Cell, Process, Start};
+use dice::Dice;
+use launcher::check::{self, Checked};
+use launcher::exit::{Failure, Kind, Outcome, words};
+use launcher::logs;
+use launcher::output::say;
+use launcher::signals::Signals;
+use tally::{Came, Tally};
+
+/// A cell that is not whole again so long after a strike counts as broken.
+const WHOLE_LIMIT: Duration = Duration::from_secs(30);
+/// Scans that the cell must have gone on for, whole.
+const GOES_ON_SCANS: u64 = 2;
+/// A run that goes on so long after its last strike, nominal time of its program aside, hangs.
+const END_LIMIT: Duration = Duration::from_secs(120);
+/// Longest wait between a cell that is whole and the next strike, in µs.
+const PAUSE_US: u64 = 300_000;
+/// How long a process is stopped, in µs.
+const STOP_US: (u64, u64) = (20_000, 300_000);
+/// How long everybody is, in µs.
+const STOP_ALL_US: u64 = 200_000;
+/// Undisturbed length of a program in s, in realtime and in lockstep, at most; and for each kill that is still to come.
+const PROGRAM_S: [f64; 2] = [60.0, 240.0];
+const PROGRAM_S_PER_KILL: [f64; 2] = [0.6, 5.0];
+/// Dead children of the launcher are reaped within this.
+const REAP_LIMIT: Duration = Duration::from_secs(2);
+/// A process may take so much more memory than when it was first seen, in kB: the first part of a program has not used all.
+const GROWTH_MAX_KB: u64 = 4096;
+/// So many more files may be open, or in shared memory, while the cell is whole, than when it first was: a connection is on
+/// its way here and there.
+const FILES_MAX: usize = 16;
+
+/// What is done to whom.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Strike {
+    KillPlanner,
+    KillDriving,
+    KillStandby,
+    KillBoth,
+    KillMonitor,
+    KillMachineSide,
+    KillPlannerAndServo,
+    StopOne,
+    StopAll,
+}
+
+/// The strikes, and how often they are to come among all of them.
+const STRIKES: [(Strike, u64); 9] = [
+    (Strike::KillPlanner, 30),
+    (Strike::KillDriving, 20),
+    (Strike::KillStandby, 8),
+    (Strike::KillBoth, 6),
+    (Strike::KillMonitor, 10),
+    (Strike::KillMachineSide, 10),
+    (Strike::KillPlannerAndServo, 6),
+    (Strike::StopOne, 12),
+    (Strike::StopAll, 4),
+];
+
+fn draw(dice: &mut Dice, only: Option<&str>) -> Strike {
+    match only {
+        Some("planner") => return Strike::KillPlanner,
+        Some("servo") => return Strike::KillDriving,
+        Some("monitor") => return Strike::KillMonitor,
+        Some("plant-sim") => return Strike::KillMachineSide,
+        _ => {}
+    }
+    let all = STRIKES.iter().map(|(_, share)| share).sum();
+    let mut left = dice.below(all);
+    for (strike, share) in STRIKES {
+        if left < share {
+            return strike;
+        }
+        left -= share;
+    }
+    Strike::KillPlanner
+}
+
+/// Processes that are struck, the word for it, and how long they are stopped; none: killed.
+struct Blow {
+    kind: &'static str,
+    places: Vec<usize>,
+    stopped: Option<Duration>,
+}
+
+fn blow(dice: &mut Dice, cell: &Cell, only: Option<&str>) -> Blow {
+    let places = cell.places();
+    let strike = draw(dice, only);
+    let of = |job: Job| -> Vec<usize> {
+        let found = places.iter().filter(|(_, p)| p.job == job as u32);
+        found.map(|(place, _)| *place).collect()
+    };
+    let servos = of(Job::Servo);
+    let axes: Vec<u32> = servos.iter().filter_map(|s| axis_of(&places, *s)).collect();
+    let axis = dice.pick(&axes).copied().unwrap_or(0);
+    let driving_role = cell
+        .judge
+        .newest()
+        .and_then(|f| f.axes().get(axis as usize).map(|a| a.taken_role))
+        .unwrap_or(0);
+    let of_axis = |role: Option<u32>| -> Vec<usize> {
+        let found = places.iter().filter(|(_, p)| {
+            p.job == Job::Servo as u32 && p.axis == axis && role.is_none_or(|role| p.role == role)
+        });
+        found.map(|(place, _)| *place).collect()
+    };
+    let paired = of_axis(None).len() > 1;
+    let kill = |kind, places| Blow {
+        kind,
+        places,
+        stopped: None,
+    };
+    let driving = || {
+        let kind = if paired {
+            "kill driving servo (standby)"
+        } else {
+            "kill servo (no standby)"
+        };
+        kill(kind, of_axis(Some(driving_role)))
+    };
+    match strike {
+        Strike::KillPlanner => kill("kill planner", of(Job::Planner)),
+        Strike::KillStandby if paired => {
+            kill("kill standby", of_axis(Some(1 - driving_role.min(1))))
+        }
+        Strike::KillBoth if paired => kill("kill both servos of an axis", of_axis(None)),
+        Strike::KillDriving | Strike::KillStandby | Strike::KillBoth => driving(),
+        Strike::KillMonitor => kill("kill monitor", of(Job::Monitor)),
+        Strike::KillMachineSide => kill("kill plant-sim", of(Job::Master)),
+        Strike::KillPlannerAndServo => {
+            let kind = if paired {
+                "kill planner and servo (standby)"
+            } else {
+                "kill planner and servo (alone)"
+            };
+            let servo = of_axis(Some(driving_role));
+            kill(kind, of(Job::Planner).into_iter().chain(servo).collect())
+        }
+        Strike::StopOne => {
+            let one = dice.pick(&places).copied();
+            let (low, high) = STOP_US;
+            let kind = one.map_or("stop nobody", |(_, p)| match Job::from_wire(p.job) {
+                Some(Job::Planner) => "stop planner 20-300 ms",
+                Some(Job::Monitor) => "stop monitor 20-300 ms",
+                Some(Job::Master) => "stop plant-sim 20-300 ms",
+                _ => {
+                    let of_axis =
+                        |q: &&(usize, Participant)| q.1.job == p.job && q.1.axis == p.axis;
+                    if places.iter().filter(of_axis).count() > 1 {
+                        "stop servo (paired) 20-300 ms"
+                    } else {
+                        "stop servo (alone) 20-300 ms"
+                    }
+                }
+            });
+            Blow {
+                kind,
+                places: one.map(|(place, _)| place).into_iter().collect(),
+                stopped: Some(Duration::from_micros(low + dice.below(high - low))),
+            }
+        }
+        Strike::StopAll => Blow {
+            kind: "stop everybody 200 ms",
+            places: places.iter().map(|(place, _)| *place).collect(),
+            stopped: Some(Duration::from_micros(STOP_ALL_US)),
+        },
+    }
+}
+
+fn axis_of(places: &[(usize, Participant)], place: usize) -> Option<u32> {
+    places
+        .iter()
+        .find(|(at, _)| *at == place)
+        .map(|(_, p)| p.axis)
+}
+
+/// Incarnations of places: another process has a place once its number is higher.
+fn incarnations(cell: &Cell, of: &[usize]) -> Vec<(usize, u32)> {
+    let places = cell.places();
+    let of = places.iter().filter(|(place, _)| of.contains(place));
+    of.map(|(place, p)| (*place, p.incarnation)).collect()
+}
+
+/// What a process held when it was first seen.
+#[derive(Debug, Clone, Copy)]
+struct Held {
+    first_kb: u64,
+    first_files: usize,
+}
+
+/// A soak.
+struct Soak<'a> {
+    options: &'a SoakOptions,
+    signals: Signals,
+    scratch: PathBuf,
+    cell_name: String,
+    dice: Dice,
+    tally: Tally,
+    kills: u64,
+    strikes: u64,
+    /// The last strike was not waited out.
+    early: bool,
+    runs: u64,
+    violations: Vec<String>,
+    violation_count: u64,
+    judged: u64,
+    unseen: u64,
+    off_path_max: f64,
+    /// By what a process is.
+    growth_kb_max: BTreeMap<String, u64>,
+    files_growth_max: usize,
+    shared_growth_max: usize,
+    overrun_scans: u64,
+    orders: (u64, u64),
+    status_age_max: u64,
+    status_looks: u64,
+    began: Instant,
+}
+
+/// Runs a soak.
+pub fn soak(options: &SoakOptions) -> Outcome {
+    logs::init_launcher();
+    let seed = options.seed.unwrap_or_else(|| {
+        // Hash maps begin with a random number of the system's.
+        RandomState::new().build_hasher().finish() % 1_000_000_000
+    });
+    check::load(&options.machine, None).input()?;
+    let signals = Signals::catch().environment()?;
+    let name = format!("soak-{}", std::process::id());
+    let scratch = std::env::temp_dir().join(format!("quadrant-{name}"));
+    fs::create_dir_all(&scratch).environment()?;
+    let mut soak = Soak {
+        options,
+        signals,
+        scratch,
+        cell_name: name,
+        dice: Dice::new(seed),
+        tally: Tally::default(),
+        kills: 0,
+        strikes: 0,
+        early: false,
+        runs: 0,
+        violations: Vec::new(),
+        violation_count: 0,
+        judged: 0,
+        unseen: 0,
+        off_path_max: 0.0,
+        growth_kb_max: BTreeMap::new(),
+        files_growth_max: 0,
+        shared_growth_max: 0,
+        overrun_scans: 0,
+        orders: (0, 0),
+        status_age_max: 0,
+        status_looks: 0,
+        began: Instant::now(),
+    };
+    say(&format!(
+        "soak of {}, {}, {} kills, seed {seed}",
+        options.machine.display(),
+        options.pace,
+        options.kills
+    ));
+    while soak.kills < options.kills && soak.signals.count() == 0 {
+        if let Err(failure) = soak.run() {
+            let _ = fs::remove_dir_all(&soak.scratch);
+            return Err(failure);
+        }
+    }
+    soak.conclude(seed)
+}
+
+impl Soak<'_> {
+    fn realtime(&self) -> bool {
+        self.options.pace == "realtime"
+    }
+
+    fn violated(&mut self, text: String) {
+        self.violation_count += 1;
+        say(&format!("  VIOLATION: {text}"));
+        self.violations.push(text);
+    }
+
+    /// Writes the machine of the next run: everything restarts; every axis has a standby, or in every other run every second.
+    fn write_machine(&self) -> anyhow::Result<()> {
+        let file = machine_file(&self.options.machine);
+        let text = fs::read_to_string(&file).with_context(|| file.display().to_string())?;
+        let mut machine: DocumentMut = text.parse()?;
+        for (key, word) in [
+            ("planner", "resume"),
+            ("servo", "resume"),
+            ("master", "wait"),
+            ("monitor", "restart"),
+        ] {
+            machine["restart"][key] = value(word);
+        }
+        machine["restart"]["restarts_max"] = value(1_000_000);
+        let axes = machine["axis"].as_array_of_tables_mut();
+        for (index, axis) in axes
+            .into_iter()
+            .flat_map(|axes| axes.iter_mut())
+            .enumerate()
+        {
+            axis["standby"] = value(self.runs % 2 == 1 || index % 2 == 0);
+        }
+        fs::write(self.scratch.join("machine.toml"), machine.to_string())?;
+        fs::copy(
+            file.with_file_name("plant.toml"),
+            self.scratch.join("plant.toml"),
+        )?;
+        Ok(())
+    }
+
+    /// One run: strikes until its program is done or all kills are spent.
+    fn run(&mut self) -> Result<(), Failure> {
+        self.runs += 1;
+        self.write_machine().environment()?;
+        let pace = usize::from(!self.realtime());
+        let pause_s = self.options.pause_ms as f64 * 1e-3;
+        let left = (self.options.kills - self.kills) as f64 * (PROGRAM_S_PER_KILL[pace] + pause_s);
+        let seconds = left.clamp(2.0, PROGRAM_S[pace]);
+        let program = self.scratch.join("soak.ngc");
+        fs::write(&program, program::generate(&mut self.dice, seconds)).environment()?;
+        let Checked {
+            machine,
+            program: checked,
+            ..
+        } = check::load(&self.scratch, Some(&program)).input()?;
+        let path = checked.map(|p| p.path).context("a program").environment()?;
+        let out = self.scratch.join(format!("run-{}", self.runs));
+        let said = self.scratch.join(format!("run-{}.txt", self.runs));
+        let mut cell = Cell::start(&Start {
+            machine_folder: &self.scratch,
+            machine: &machine,
+            program: &program,
+            path: &path,
+            pace: &self.options.pace,
+            name: &self.cell_name,
+            out: &out,
+            said: &said,
+        })
+        .environment()?;
+        let violations_before = self.violation_count;
+        let strikes_before = self.strikes;
+        self.strike_until_done(&mut cell);
+        self.end(&mut cell, seconds, &out);
+        let broken = self.violation_count > violations_before;
+        say(&format!(
+            "run {:>3}: {:>4} strikes, {:>5} kills in all, {:>6} scans, {:>4.0} s{}",
+            self.runs,
+            self.strikes - strikes_before,
+            self.kills,
+            cell.scan(),
+            self.began.elapsed().as_secs_f64(),
+            if broken {
+                format!(", see {}", out.display())
+            } else {
+                String::new()
+            }
+        ));
+        drop(cell);
+        if !broken {
+            let _ = fs::remove_dir_all(&out);
+            let _ = fs::remove_file(&said);
+        }
+        Ok(())
+    }
+
+    fn strike_until_done(&mut self, cell: &mut Cell) {
+        if !self.await_whole(cell) {
+            return;
+        }
+        let shared_at_first = cell.files();
+        let mut held: HashMap<i32, Held> = HashMap::new();
+        while self.kills < self.options.kills && self.signals.count() == 0 {
+            let pause_us = self.options.pause_ms * 1000 + self.dice.below(PAUSE_US);
+            let pause = Duration::from_micros(pause_us);
+            if !cell.look_until(Instant::now() + pause) {
+                return;
+            }
+            // What dies while the processes leave is not replaced: the run says so and ends otherwise than well.
+            if cell.mode() == Some(Mode::Finished) {
+                return;
+            }
+            let only = self.options.only.as_deref();
+            let blow = blow(&mut self.dice, cell, only);
+            if !self.strike(cell, &blow) {
+                return;
+            }
+            self.measure_floor();
+            if !cell.look() {
+                return;
+            }
+            self.judge_processes(cell, &mut held, shared_at_first);
+        }
+    }
+
+    /// Strikes and waits until the cell is whole again; false if there is nothing more to strike in this run.
+    fn strike(&mut self, cell: &mut Cell, blow: &Blow) -> bool {
+        let processes = cell.processes();
+        let struck: Vec<&Process> = processes
+            .iter()
+            .filter(|process| blow.places.contains(&process.place))
+            .collect();
+        let before = incarnations(cell, &blow.places);
+        cell.look();
+        if cell.mode() == Some(Mode::Finished) {
+            return false;
+        }
+        cell.judge.reactions();
+        let (scan, at) = (cell.scan(), Instant::now());
+        let signal = if blow.stopped.is_some() {
+            Signal::STOP
+        } else {
+            Signal::KILL
+        };
+        for process in &struck {
+            process.signal(signal);
+        }
+        self.strikes += 1;
+        let mut back = None;
+        let mut early = false;
+        let whole = if let Some(stopped) = blow.stopped {
+            let goes_on = cell.look_until(at + stopped);
+            for process in &struck {
+                process.signal(Signal::CONT);
+            }
+            // What was stopped has to have been asked again before it shows what it makes of it.
+            goes_on
+                && cell.look_until(Instant::now() + Duration::from_millis(20))
+                && self.await_whole(cell)
+        } else {
+            self.kills += struck.len() as u64;
+            let whole = self.await_back(cell, &before);
+            if whole {
+                let ms = at.elapsed().as_secs_f64() * 1e3;
+                back = Some((cell.scan().saturating_sub(scan) as f64, ms));
+            }
+            // Now and then the next strike comes while the machine is on its way back.
+            early = self.dice.below(10) == 0;
+            whole && (early || self.await_whole(cell))
+        };
+        let kind = if std::mem::replace(&mut self.early, early) {
+            "any, before the one before was over"
+        } else {
+            blow.kind
+        };
+        let reactions = cell.judge.reactions();
+        let ended = cell.status.is_some() || cell.mode() == Some(Mode::Finished);
+        let reaction = match reactions {
+            _ if early => "(another strike before it was over)",
+            r if r.disabled => "drives off, enabled and resumed by the operator",
+            r if r.tripped => "all axes braked together, went back to the path and on",
+            r if r.rested && !ended => "rested on the path and went on",
+            r if r.took_over => "standby took over, motion undisturbed",
+            _ if ended => "the program was done meanwhile",
+            r if r.overrun_scans > 0 => "scans overrun, counted, went on",
+            r if r.missed_scans > 0 => "scans missed, counted, went on",
+            _ => "motion undisturbed",
+        };
+        self.overrun_scans += u64::from(reactions.overrun_scans);
+        self.tally.add(&Came {
+            kind,
+            reaction,
+            restart: back,
+            whole_scans: (whole && !ended && !early)
+                .then(|| cell.scan().saturating_sub(scan) as f64),
+        });
+        whole
+    }
+
+    /// Waits until other processes have the places; false if the run has ended or they do not come.
+    fn await_back(&mut self, cell: &mut Cell, before: &[(usize, u32)]) -> bool {
+        let since = Instant::now();
+        loop {
+            if !cell.look() {
+                return false;
+            }
+            let places = cell.places();
+            let back = before.iter().all(|(place, incarnation)| {
+                let is = |(at, p): &&(usize, Participant)| at == place && p.live == 1;
+                places
+                    .iter()
+                    .find(is)
+                    .is_some_and(|(_, p)| p.incarnation > *incarnation)
+            });
+            if back {
+                return true;
+            }
+            if cell.mode() == Some(Mode::Finished) {
+                return false;
+            }
+            if since.elapsed() > WHOLE_LIMIT {
+                self.not_whole(cell, "who was killed has no successor");
+                return false;
+            }
+            cell.look_until(Instant::now() + Duration::from_micros(500));
+        }
+    }
+
+    /// Waits until all take part and the machine moves or is done; false if the run has ended or that does not come.
+    fn await_whole(&mut self, cell: &mut Cell) -> bool {
+        let since = Instant::now();
+        let mut whole_at = None;
+        loop {
+            if !cell.look() {
+                return false;
+            }
+            if !cell.is_whole() {
+                whole_at = None;
+            } else if cell.mode() == Some(Mode::Finished) {
+                return true;
+            } else if cell.scan() >= *whole_at.get_or_insert(cell.scan()) + GOES_ON_SCANS {
+                // A machine that stands still in the middle of a scan looks whole, too.
+                return true;
+            }
+            cell.operate();
+            if since.elapsed() > WHOLE_LIMIT {
+                self.not_whole(cell, "the cell is not whole again");
+                return false;
+            }
+            cell.look_until(Instant::now() + Duration::from_micros(500));
+        }
+    }
+
+    fn not_whole(&mut self, cell: &Cell, what: &str) {
+        let mode = cell.mode().map_or("without a mode", Mode::word);
+        let hold = cell.judge.newest().map_or(0, |f| f.hold);
+        self.violated(format!(
+            "{what} after {} s: {mode}, hold {hold}, scan {}, roster {:?}",
+            WHOLE_LIMIT.as_secs(),
+            cell.scan(),
+            cell.places()
+        ));
+    }
+
+    /// Nobody grows, nobody stays dead, and what is in shared memory does not pile up.
+    fn judge_processes(
+        &mut self,
+        cell: &mut Cell,
+        held: &mut HashMap<i32, Held>,
+        shared_at_first: usize,
+    ) {
+        let all = cell.processes().into_iter().map(|p| (p.pid, p.role));
+        let launcher = (cell.launcher, "launcher".to_string());
+        for (pid, role) in all.chain([launcher]) {
+            let now = cell::resident_kb(pid).zip(cell::open_files(pid));
+            let Some((kb, files)) = now.filter(|(kb, _)| *kb > 0) else {
+                continue;
+            };
+            let first = *held.entry(pid).or_insert(Held {
+                first_kb: kb,
+                first_files: files,
+            });
+            let grew_kb = kb.saturating_sub(first.first_kb);
+            let grew_files = files.saturating_sub(first.first_files);
+            let most = self.growth_kb_max.entry(role.clone()).or_default();
+            *most = grew_kb.max(*most);
+            self.files_growth_max = self.files_growth_max.max(grew_files);
+            if grew_kb > GROWTH_MAX_KB {
+                self.violated(format!("{role}, process {pid}, has grown by {grew_kb} kB"));
+            }
+            if grew_files > FILES_MAX {
+                self.violated(format!(
+                    "{role}, process {pid}, holds {grew_files} more files open"
+                ));
+            }
+        }
+        let shared = cell.files().saturating_sub(shared_at_first);
+        self.shared_growth_max = self.shared_growth_max.max(shared);
+        if shared > 8 * FILES_MAX {
+            self.violated(format!("{shared} more files of the cell in /dev/shm"));
+        }
+        let dead = cell.zombies();
+        let since = Instant::now();
+        let mut left = dead;
+        while !left.is_empty() && since.elapsed() < REAP_LIMIT {
+            cell.look_until(Instant::now() + Duration::from_millis(5));
+            let now = cell.zombies();
+            left.retain(|pid| now.contains(pid));
+        }
+        if !left.is_empty() {
+            self.violated(format!("dead and not reaped: {left:?}"));
+        }
+    }
+
+    /// What no restart can be faster than, here and now: the kernel's word of a death, and a process that does nothing.
+    fn measure_floor(&mut self) {
+        let sleeper = Command::new("sleep").arg("60").stdin(Stdio::null()).spawn();
+        if let Ok(mut child) = sleeper {
+            if let Ok(handle) = watch(child.id()) {
+                let since = Instant::now();
+                let _ = pidfd_send_signal(&handle, Signal::KILL);
+                let _ = poll(&mut [PollFd::new(&handle, PollFlags::IN)], None);
+                self.tally
+                    .notification_ms
+                    .add(since.elapsed().as_secs_f64() * 1e3);
+            }
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+        let since = Instant::now();
+        let bare = Command::new("/proc/self/exe")
+            .arg("--version")
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .status();
+        if bare.is_ok() {
+            self.tally
+                .process_ms
+                .add(since.elapsed().as_secs_f64() * 1e3);
+        }
+    }
+
+    /// Waits for the end of a run and judges what it leaves.
+    fn end(&mut self, cell: &mut Cell, seconds: f64, out: &Path) {
+        let interrupted = self.signals.count() > 0;
+        if interrupted {
+            cell.interrupt();
+        }
+        let limit = END_LIMIT + Duration::from_secs_f64(seconds * 2.0);
+        let since = Instant::now();
+        while cell.look() {
+            cell.operate();
+            if since.elapsed() > limit {
+                self.violated(format!("the run does not end, scan {}", cell.scan()));
+                return;
+            }
+            if self.signals.count() > 0 && !interrupted {
+                cell.interrupt();
+                break;
+            }
+            cell.look_until(Instant::now() + Duration::from_millis(2));
+        }
+        while cell.look() && since.elapsed() < limit {
+            cell.look_until(Instant::now() + Duration::from_millis(2));
+        }
+        if self.signals.count() == 0 {
+            cell.judge.finish();
+            let code = cell.status.and_then(|status| status.code());
+            if code != Some(0) {
+                self.violated(format!("the run ended with {:?}", cell.status));
+            }
+            self.judge_report(out);
+        }
+        for words in std::mem::take(&mut cell.judge.violations) {
+            self.violated(words);
+        }
+        self.judged += cell.judge.judged;
+        self.unseen += cell.judge.unseen;
+        self.off_path_max = self.off_path_max.max(cell.judge.off_path_increments_max);
+        self.status_age_max = self.status_age_max.max(cell.status_age_scans_max);
+        self.status_looks += cell.status_looks;
+        self.orders.0 += cell.orders.0;
+        self.orders.1 += cell.orders.1;
+        let orphans = cell::processes_of(&self.cell_name);
+        if !orphans.is_empty() {
+            self.violated(format!("processes that outlive their run: {orphans:?}"));
+        }
+        if let Ok(place) = CellPaths::new(&self.cell_name) {
+            // The soak's own ports are open still: what counts is who holds nothing.
+            self.shared_after(&place);
+        }
+    }
+
+    fn shared_after(&mut self, place: &CellPaths) {
+        let files = cell::files_of(place);
+        if files > 0 {
+            self.violated(format!(
+                "{files} files of the cell in /dev/shm after its run"
+            ));
+        }
+    }
+
+    /// What the log says: limits, samples, how it ended.
+    fn judge_report(&mut self, out: &Path) {
+        let report = fs::read_to_string(out.join("report.json"))
+            .map_err(anyhow::Error::from)
+            .and_then(|text| Ok(serde_json::from_str::<serde_json::Value>(&text)?));
+        let report = match report {
+            Ok(report) => report,
+            Err(error) => {
+                self.violated(format!("no report: {}", words(&error)));
+                return;
+            }
+        };
+        for limit in ["velocity", "acceleration", "travel"] {
+            let pointer = format!("/limits/{limit}_exceeded");
+            match report.pointer(&pointer).and_then(serde_json::Value::as_u64) {
+                Some(0) => {}
+                count => self.violated(format!("{limit} limit exceeded in the log: {count:?}")),
+            }
+        }
+        if report.pointer("/outcome/kind").and_then(|k| k.as_str()) != Some("completed") {
+            let outcome = report.pointer("/outcome").map(ToString::to_string);
+            self.violated(format!("the report says {outcome:?}"));
+        }
+    }
+
+    fn conclude(self, seed: u64) -> Outcome {
+        say("");
+        say(&self.tally.words());
+        let growth = self.growth_kb_max.iter();
+        let growth: Vec<String> = growth.map(|(role, kb)| format!("{role} {kb}")).collect();
+        say(&format!(
+            "{} kills, {} strikes, {} runs, {:.0} s; {} scans judged, {} not seen\n\
+             commanded points off the path: at most {:.2} increments; scans overrun and counted: {}\n\
+             operator: {} orders obeyed, {} refused until the machine was ready for them\n\
+             growth of a process, in kB at most: {}; at most {} open files; of the cell's shared memory: {} files\n\
+             status: of {} looks none saw the machine older than {} scans before a servo's last answer",
+            self.kills,
+            self.strikes,
+            self.runs,
+            self.began.elapsed().as_secs_f64(),
+            self.judged,
+            self.unseen,
+            self.off_path_max,
+            self.overrun_scans,
+            self.orders.0,
+            self.orders.1,
+            growth.join(", "),
+            self.files_growth_max,
+            self.shared_growth_max,
+            self.status_looks,
+            self.status_age_max,
+        ));
+        say(&format!("violations: {}", self.violation_count));
+        if self.violation_count == 0 {
+            let _ = fs::remove_dir_all(&self.scratch);
+        }
+        if self.signals.count() > 0 {
+            return Err(Failure::Interrupted);
+        }
+        if let Some(first) = self.violations.first() {
+            return Err(Failure::Stopped(anyhow!(
+                "{} violations, the first: {first}; files in {}; the same choices again: --seed {seed}",
+                self.violation_count,
+                self.scratch.display()
+            )));
+        }
+        Ok(())
+    }
+}

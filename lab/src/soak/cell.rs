@@ -1,0 +1,414 @@
+//! A cell under soak: a `quadrant run` as a child process, seen from outside by its feedback, its roster and /proc.
+
+use std::fs::{self, File};
+use std::os::fd::OwnedFd;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use bus::cell::CellPaths;
+use bus::port::{OperatorClient, PendingOrder, Reader};
+use bus::process::watch;
+use bus::sample::{Feedback, Job, Mode, OperatorRequest, Order, Participant, Refused, Roster};
+use bus::service::{Bus, RECORDER_DEPTH_SCANS};
+use bus::signal_page::SignalPage;
+use control::path::Path as ProgramPath;
+use machine::Machine;
+use rustix::process::{Pid, Signal, kill_process, pidfd_send_signal};
+
+use super::judge::Judge;
+
+/// A cell that is not up by then never will be.
+const UP_LIMIT: Duration = Duration::from_secs(30);
+/// Members of a launcher that was killed get so long to leave.
+const CLEAN_PATIENCE: Duration = Duration::from_secs(5);
+/// Wait between two looks at the feedback: its queue holds a thousand scans.
+const LOOK: Duration = Duration::from_micros(500);
+/// Time between two orders of the operator.
+const ORDER_EVERY: Duration = Duration::from_millis(20);
+
+/// A child of the launcher.
+#[derive(Debug)]
+pub struct Process {
+    /// Its id.
+    pub pid: i32,
+    /// Its place in the roster.
+    pub place: usize,
+    /// What it is: its subcommand.
+    pub role: String,
+    handle: OwnedFd,
+}
+
+impl Process {
+    /// Sends it a signal; nothing if it has ended.
+    pub fn signal(&self, signal: Signal) {
+        let _ = pidfd_send_signal(&self.handle, signal);
+    }
+}
+
+/// What /proc says of a process: parent and state.
+fn stat(pid: i32) -> Option<(i32, char)> {
+    let text = fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    let (_, rest) = text.rsplit_once(')')?;
+    let mut words = rest.split_whitespace();
+    let state = words.next()?.chars().next()?;
+    Some((words.next()?.parse().ok()?, state))
+}
+
+fn all_pids() -> impl Iterator<Item = i32> {
+    let entries = fs::read_dir("/proc").into_iter().flatten().flatten();
+    entries.filter_map(|entry| entry.file_name().to_str()?.parse().ok())
+}
+
+/// Resident memory of a process, in kB.
+pub fn resident_kb(pid: i32) -> Option<u64> {
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
+    let line = status.lines().find(|line| line.starts_with("VmRSS:"))?;
+    line.split_whitespace().nth(1)?.parse().ok()
+}
+
+/// Open files of a process.
+pub fn open_files(pid: i32) -> Option<usize> {
+    Some(fs::read_dir(format!("/proc/{pid}/fd")).ok()?.count())
+}
+
+/// The cell.
+pub struct Cell {
+    child: Child,
+    /// How it ended, once it has.
+    pub status: Option<ExitStatus>,
+    /// Its launcher's process id.
+    pub launcher: i32,
+    place: CellPaths,
+    bus: Bus,
+    page: SignalPage,
+    feedback: Reader<Feedback>,
+    rosters: Reader<Roster>,
+    /// The newest roster.
+    pub roster: Option<Roster>,
+    /// What must hold.
+    pub judge: Judge,
+    order: Option<(Order, OperatorClient, PendingOrder)>,
+    ordered: Option<Instant>,
+    /// Orders that were obeyed, and that were refused.
+    pub orders: (u64, u64),
+    /// Largest number of scans by which the newest feedback seen stood behind a scan that a servo had already answered.
+    pub status_age_scans_max: u64,
+    /// Looks at that.
+    pub status_looks: u64,
+}
+
+/// How a cell is started.
+pub struct Start<'a> {
+    pub machine_folder: &'a Path,
+    pub machine: &'a Machine,
+    pub program: &'a Path,
+    pub path: &'a ProgramPath,
+    pub pace: &'a str,
+    pub name: &'a str,
+    pub out: &'a Path,
+    pub said: &'a Path,
+}
+
+impl Cell {
+    /// Starts it and finds its samples.
+    ///
+    /// # Errors
+    /// It does not come up.
+    pub fn start(start: &Start<'_>) -> anyhow::Result<Cell> {
+        let place = CellPaths::new(start.name)?;
+        let said = File::create(start.said).context("a file for what the run says")?;
+        let mut child = Command::new("/proc/self/exe")
+            .arg0("quadrant")
+            .arg("run")
+            .arg(start.machine_folder)
+            .arg(start.program)
+            .args(["--pace", start.pace, "--cell", start.name, "--out"])
+            .arg(start.out)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(said)
+            // Ctrl-C goes to the soak alone, which hands it on.
+            .process_group(0)
+            .spawn()
+            .context("starting a run")?;
+        let launcher = child.id();
+        let enter = || -> anyhow::Result<_> {
+            // The launcher makes its page last: from then on all services are there, and what a run before has left is not. Who enters before that stands in the way of the one who cleans up.
+            let page = SignalPage::open(&place)?;
+            if page.launcher_pid() != launcher {
+                bail!("the page is of another launcher");
+            }
+            let bus = Bus::enter(&place, &start.machine.shape(), "soak", false)?;
+            let feedback = bus.feedback_reader(RECORDER_DEPTH_SCANS)?;
+            let rosters = bus.roster_reader(16)?;
+            Ok((page, bus, feedback, rosters))
+        };
+        let since = Instant::now();
+        let (page, bus, mut feedback, mut rosters) = loop {
+            match enter() {
+                Ok(entered) => break entered,
+                Err(error) if since.elapsed() > UP_LIMIT => {
+                    let _ = child.kill();
+                    let _ = child.wait();
+                    clean(&place);
+                    return Err(error.context("the cell does not come up"));
+                }
+                Err(_) => std::thread::sleep(Duration::from_millis(2)),
+            }
+            if let Some(status) = child.try_wait()? {
+                clean(&place);
+                bail!("a run ended with {status} before its cell was up");
+            }
+        };
+        // A reader is connected from its first look on.
+        let first = feedback.any();
+        let roster = rosters.newest(u64::MAX);
+        let mut judge = Judge::new(start.machine, start.path);
+        if let Some(first) = first {
+            judge.take(&first);
+        }
+        Ok(Cell {
+            launcher: child.id() as i32,
+            child,
+            status: None,
+            place,
+            bus,
+            page,
+            feedback,
+            rosters,
+            roster,
+            judge,
+            order: None,
+            ordered: None,
+            orders: (0, 0),
+            status_age_scans_max: 0,
+            status_looks: 0,
+        })
+    }
+
+    /// Takes in all that has come; whether the run still goes on.
+    pub fn look(&mut self) -> bool {
+        // What a servo has answered has been said before: read first, so that the comparison cannot be unfair.
+        let answered = self.answered();
+        while let Some(feedback) = self.feedback.any() {
+            self.judge.take(&feedback);
+        }
+        if let (Some(answered), Some(newest)) = (answered, self.judge.newest()) {
+            self.status_looks += 1;
+            self.status_age_scans_max = self
+                .status_age_scans_max
+                .max(answered.saturating_sub(newest.scan));
+        }
+        if let Some(roster) = self.rosters.newest(u64::MAX) {
+            self.roster = Some(roster);
+        }
+        if self.status.is_none()
+            && let Ok(Some(status)) = self.child.try_wait()
+        {
+            self.status = Some(status);
+            while let Some(feedback) = self.feedback.any() {
+                self.judge.take(&feedback);
+            }
+        }
+        self.status.is_none()
+    }
+
+    /// The newest scan that a servo has answered.
+    fn answered(&self) -> Option<u64> {
+        let places = self.roster.iter().flat_map(|roster| &roster.participants);
+        places
+            .enumerate()
+            .filter(|(_, place)| place.job == Job::Servo as u32)
+            .filter_map(|(index, _)| self.page.answered_scan(index))
+            .max()
+    }
+
+    /// Looks on until `until`; whether the run still goes on then.
+    pub fn look_until(&mut self, until: Instant) -> bool {
+        loop {
+            if !self.look() {
+                return false;
+            }
+            let left = until.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return true;
+            }
+            std::thread::sleep(left.min(LOOK));
+        }
+    }
+
+    /// The newest scan seen.
+    pub fn scan(&self) -> u64 {
+        self.judge.newest().map_or(0, |feedback| feedback.scan)
+    }
+
+    /// The mode it is in.
+    pub fn mode(&self) -> Option<Mode> {
+        self.judge.newest().and_then(|f| Mode::from_wire(f.mode))
+    }
+
+    /// The places of the roster that are taken.
+    pub fn places(&self) -> Vec<(usize, Participant)> {
+        let all = self.roster.iter().flat_map(|roster| &roster.participants);
+        all.copied()
+            .enumerate()
+            .filter(|(_, place)| place.job != 0)
+            .collect()
+    }
+
+    /// Everybody is in the roster, and the machine moves on the path or is done.
+    pub fn is_whole(&self) -> bool {
+        let Some(feedback) = self.judge.newest() else {
+            return false;
+        };
+        let all_live = self
+            .places()
+            .iter()
+            .all(|(_, place)| place.live == 1 && place.stalled == 0);
+        let moves = feedback.mode == Mode::Enabled as u32
+            && feedback.hold == 0
+            && !feedback.window.is_none()
+            && !feedback.tag.is_off_path()
+            && feedback.at_rest == 0;
+        // After the loss of the master the newest feedback may be that of the one that was killed.
+        let machine = self
+            .roster
+            .and_then(|roster| roster.living(Job::Master, 0, 0).copied());
+        let speaks = machine.is_some_and(|machine| machine.incarnation == feedback.incarnation);
+        all_live && speaks && (moves || feedback.mode == Mode::Finished as u32)
+    }
+
+    /// Does what an operator does after the loss of the master: drives on, and on.
+    pub fn operate(&mut self) {
+        if let Some((order, _, pending)) = &self.order
+            && let Some(answer) = pending.answer()
+        {
+            let obeyed = answer.reason == Refused::Not as u32;
+            tracing::debug!("{}: {:?}", order.word(), Refused::from_wire(answer.reason));
+            self.orders.0 += u64::from(obeyed);
+            self.orders.1 += u64::from(!obeyed);
+            self.order = None;
+        }
+        let Some(feedback) = self.judge.newest() else {
+            return;
+        };
+        let order = match Mode::from_wire(feedback.mode) {
+            Some(Mode::Disabled) => Order::Enable,
+            Some(Mode::Enabled) if feedback.hold == 1 => Order::Resume,
+            _ => return,
+        };
+        if self.ordered.is_some_and(|at| at.elapsed() < ORDER_EVERY) {
+            return;
+        }
+        self.ordered = Some(Instant::now());
+        let request = OperatorRequest {
+            order: order as u32,
+            ..OperatorRequest::default()
+        };
+        // As every order of a terminal: a client of its own.
+        self.order = None;
+        if let Ok(client) = self.bus.operator_client()
+            && let Some(pending) = client.send(request)
+        {
+            self.order = Some((order, client, pending));
+        }
+    }
+
+    /// The launcher's children, each held so that no other process can be struck in its place.
+    pub fn processes(&self) -> Vec<Process> {
+        let ours = all_pids().filter(|pid| stat(*pid).is_some_and(|(p, _)| p == self.launcher));
+        ours.filter_map(|pid| {
+            let handle = watch(pid as u32).ok()?;
+            let line = fs::read(format!("/proc/{pid}/cmdline")).ok()?;
+            let words: Vec<&[u8]> = line.split(|b| *b == 0).collect();
+            let at = words.iter().position(|word| *word == b"--index")?;
+            let place = std::str::from_utf8(words.get(at + 1)?).ok()?.parse().ok()?;
+            let role = String::from_utf8_lossy(words.get(1)?).into_owned();
+            // Held first and looked at again: what was read is of the process that is held.
+            let held = stat(pid).is_some_and(|(p, _)| p == self.launcher);
+            held.then_some(Process {
+                pid,
+                place,
+                role,
+                handle,
+            })
+        })
+        .collect()
+    }
+
+    /// Dead children that nobody has reaped.
+    pub fn zombies(&self) -> Vec<i32> {
+        let dead = |pid: &i32| stat(*pid) == Some((self.launcher, 'Z'));
+        all_pids().filter(dead).collect()
+    }
+
+    /// Hands an interruption on to the run.
+    pub fn interrupt(&mut self) {
+        self.judge.may_stop();
+        if let Some(pid) = Pid::from_raw(self.launcher) {
+            let _ = kill_process(pid, Signal::INT);
+        }
+    }
+
+    /// What of the cell is in shared memory.
+    pub fn files(&self) -> usize {
+        files_of(&self.place)
+    }
+}
+
+impl Drop for Cell {
+    fn drop(&mut self) {
+        if self.status.is_none() {
+            for process in self.processes() {
+                process.signal(Signal::CONT);
+                process.signal(Signal::KILL);
+            }
+            let _ = self.child.kill();
+            let _ = self.child.wait();
+            clean(&self.place);
+        }
+    }
+}
+
+/// Removes what a launcher that was killed has left of the cell.
+fn clean(place: &CellPaths) {
+    if let Err(error) = place.own(CLEAN_PATIENCE) {
+        tracing::warn!(%error, "the cell's files stay");
+    }
+}
+
+/// Files of a cell in shared memory, those in its folder counted one by one.
+pub fn files_of(place: &CellPaths) -> usize {
+    let segments = format!("qd-{}_", place.name());
+    let folder = format!("quadrant-{}", place.name());
+    let mut count = 0;
+    for entry in fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        if name.starts_with(&segments) {
+            count += 1;
+        } else if name == folder || name.starts_with(&format!("{folder}.")) {
+            count += 1 + files_below(&entry.path());
+        }
+    }
+    count
+}
+
+fn files_below(folder: &PathBuf) -> usize {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.map(|entry| 1 + files_below(&entry.path())).sum()
+}
+
+/// Processes whose command line names this cell, the soak itself excepted.
+pub fn processes_of(cell: &str) -> Vec<i32> {
+    let names = |pid: &i32| {
+        let line = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+        let words: Vec<&[u8]> = line.split(|b| *b == 0).collect();
+        words
+            .windows(2)
+            .any(|two| two == [b"--cell".as_slice(), cell.as_bytes()])
+    };
+    all_pids().filter(names).collect()
+}

@@ -1,0 +1,500 @@
+//! What must hold in every feedback, whatever dies: judged scan by scan, of the samples alone.
+
+use std::collections::VecDeque;
+
+use bus::sample::{AxisFeedback, Cause, Feedback, Mode, PathTag};
+use control::path::Path;
+use machine::{Machine, Rows};
+
+/// Violations kept in words; more are counted only.
+const WORDS_MAX: usize = 40;
+/// Scans back that a command's place on the path is known for.
+const TAGS_KEPT: usize = 2048;
+
+/// Bounds of one axis, in increments and scans.
+#[derive(Debug, Clone)]
+struct Bounds {
+    name: String,
+    increment_mm: f64,
+    /// Most increments per scan.
+    step: f64,
+    /// Most change of that per scan.
+    step_change: f64,
+    low: f64,
+    high: f64,
+}
+
+/// What the machine did since it was last asked ([`Judge::reactions`]).
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Reactions {
+    /// A master came back with its drives off.
+    pub disabled: bool,
+    /// All axes braked together.
+    pub tripped: bool,
+    /// The tool came to rest on the path, a window in force.
+    pub rested: bool,
+    /// Another controller's command was taken.
+    pub took_over: bool,
+    /// Scans were overrun.
+    pub overrun_scans: u32,
+    /// Scans without a command.
+    pub missed_scans: u32,
+}
+
+/// Judges the feedbacks of one run.
+#[derive(Debug)]
+pub struct Judge {
+    bounds: Vec<Bounds>,
+    /// The program's path, where rows lie on it to the increment.
+    path: Option<Path>,
+    end: Vec<i64>,
+    before: Option<Feedback>,
+    /// Last steps of the registers, in increments per scan, and over how many scans.
+    steps: Vec<Option<(f64, f64)>>,
+    /// Where on the path the rows of the last scans are.
+    tags: VecDeque<(u64, PathTag)>,
+    ends: bool,
+    /// Since they were last taken.
+    pub reactions: Reactions,
+    /// In words.
+    pub violations: Vec<String>,
+    /// All of them.
+    pub violation_count: u64,
+    /// Feedbacks judged.
+    pub judged: u64,
+    /// Feedbacks that were not seen (this process was late).
+    pub unseen: u64,
+    /// Largest distance of a commanded point from its place on the path, in increments.
+    pub off_path_increments_max: f64,
+}
+
+impl Judge {
+    /// For a run of `path` on `machine`.
+    pub fn new(machine: &Machine, path: &Path) -> Judge {
+        let period_s = machine.scan_period_s();
+        let bounds: Vec<Bounds> = machine
+            .axes
+            .iter()
+            .map(|axis| {
+                let increment_mm = axis.increment_mm();
+                Bounds {
+                    name: axis.name.clone(),
+                    increment_mm,
+                    step: axis.rapid_mm_s * period_s / increment_mm * (1.0 + 1e-9) + 1.0,
+                    step_change: axis.acceleration_mm_s2 * period_s * period_s / increment_mm
+                        * (1.0 + 1e-9)
+                        + 2.0,
+                    low: axis.travel_min_mm / increment_mm - 1.0,
+                    high: axis.travel_max_mm / increment_mm + 1.0,
+                }
+            })
+            .collect();
+        let straight = machine.kinematics.is_none() && machine.interpolation.rows == Rows::Exact;
+        let end = path.end().unwrap_or_else(control::path::AxisVector::zeros);
+        let end = end.iter().zip(&bounds);
+        let end = end.map(|(mm, axis)| libm::round(mm / axis.increment_mm) as i64);
+        Judge {
+            end: if straight { end.collect() } else { Vec::new() },
+            path: straight.then(|| path.clone()),
+            steps: vec![None; bounds.len()],
+            bounds,
+            before: None,
+            tags: VecDeque::new(),
+            ends: false,
+            reactions: Reactions::default(),
+            violations: Vec::new(),
+            violation_count: 0,
+            judged: 0,
+            unseen: 0,
+            off_path_increments_max: 0.0,
+        }
+    }
+
+    /// The run is being ended from outside: the machine may stop.
+    pub fn may_stop(&mut self) {
+        self.ends = true;
+    }
+
+    /// What the machine did since the last time.
+    pub fn reactions(&mut self) -> Reactions {
+        std::mem::take(&mut self.reactions)
+    }
+
+    /// The newest feedback.
+    pub fn newest(&self) -> Option<&Feedback> {
+        self.before.as_ref()
+    }
+
+    /// Notes a violation.
+    pub fn violated(&mut self, words: String) {
+        self.violation_count += 1;
+        if self.violations.len() < WORDS_MAX {
+            self.violations.push(words);
+        }
+    }
+
+    /// Takes one feedback, in order.
+    pub fn take(&mut self, feedback: &Feedback) {
+        self.judged += 1;
+        let scan = feedback.scan;
+        let Some(mode) = Mode::from_wire(feedback.mode) else {
+            self.violated(format!(
+                "scan {scan}: mode {} does not exist",
+                feedback.mode
+            ));
+            return;
+        };
+        if let Some(before) = self.before.take() {
+            let anew = feedback.incarnation > before.incarnation;
+            if scan <= before.scan {
+                self.violated(format!("scan {scan} comes after scan {}", before.scan));
+            }
+            self.unseen += scan.saturating_sub(before.scan + 1);
+            let gap = scan > before.scan + 1;
+            if !gap {
+                self.transition(feedback, mode, &before, anew);
+            }
+            self.react(feedback, mode, &before, anew);
+            if gap || anew {
+                self.forget();
+            } else {
+                self.registers(feedback, mode, &before);
+            }
+        } else if mode != Mode::Enabled && scan == 0 {
+            self.violated(format!("the run begins {}", mode.word()));
+        }
+        self.travel(feedback, mode);
+        if mode == Mode::Disabled {
+            self.stands_by_encoders(feedback);
+        }
+        self.note_tag(feedback, mode);
+        self.before = Some(*feedback);
+    }
+
+    fn forget(&mut self) {
+        self.steps.iter_mut().for_each(|step| *step = None);
+        self.tags.clear();
+    }
+
+    fn transition(&mut self, feedback: &Feedback, mode: Mode, before: &Feedback, anew: bool) {
+        let Some(from) = Mode::from_wire(before.mode) else {
+            return;
+        };
+        let allowed = match (from, mode) {
+            (a, b) if a == b => true,
+            (_, Mode::Disabled) => anew,
+            (Mode::Disabled, Mode::Enabled) => feedback.hold == 1,
+            (Mode::Enabled, Mode::Finished | Mode::Tripped) => true,
+            (Mode::Tripped, Mode::Enabled) => true,
+            (Mode::Enabled, Mode::Stopping | Mode::Stopped) => self.ends,
+            (Mode::Stopping, Mode::Stopped | Mode::Tripped) => self.ends,
+            _ => false,
+        };
+        if !allowed || anew && mode != Mode::Disabled {
+            self.violated(format!(
+                "scan {}: {} after {}",
+                feedback.scan,
+                mode.word(),
+                from.word()
+            ));
+        }
+        if mode == Mode::Tripped && from != Mode::Tripped {
+            let lost = [Cause::ServoLost as u32, Cause::Watchdog as u32];
+            if !lost.contains(&feedback.cause) {
+                let why = Cause::from_wire(feedback.cause).map_or("an unknown cause", Cause::words);
+                let axis = self.bounds.get(feedback.cause_axis as usize);
+                let axis = axis.map_or("none", |axis| axis.name.as_str());
+                self.violated(format!(
+                    "scan {}: tripped, axis {axis}: {why}",
+                    feedback.scan
+                ));
+            }
+        }
+    }
+
+    fn react(&mut self, feedback: &Feedback, mode: Mode, before: &Feedback, anew: bool) {
+        let reactions = &mut self.reactions;
+        reactions.disabled |= anew;
+        reactions.tripped |= mode == Mode::Tripped;
+        reactions.rested |=
+            mode == Mode::Enabled && !feedback.window.is_none() && feedback.at_rest == 1;
+        let controller = |axis: &AxisFeedback| (axis.taken_role, axis.taken_incarnation);
+        let mut pairs = feedback.axes().iter().zip(before.axes());
+        reactions.took_over |=
+            !anew && pairs.any(|(now, then)| controller(now) != controller(then));
+        reactions.overrun_scans += feedback.overrun_scans.saturating_sub(before.overrun_scans);
+        if !anew {
+            let pairs = feedback.axes().iter().zip(before.axes());
+            reactions.missed_scans += pairs
+                .map(|(now, then)| now.missed_scans.saturating_sub(then.missed_scans))
+                .sum::<u32>();
+        }
+    }
+
+    /// Steps of the registers within what velocity and acceleration allow; commanded points on the path.
+    fn registers(&mut self, feedback: &Feedback, mode: Mode, before: &Feedback) {
+        let commanded = |mode| {
+            matches!(
+                mode,
+                Mode::Enabled | Mode::Stopping | Mode::Finished | Mode::Stopped
+            )
+        };
+        // In the scan in which a trip ends the register goes from the encoder's place to the command's.
+        let judged = commanded(mode) && Mode::from_wire(before.mode).is_some_and(commanded);
+        if !judged {
+            self.steps.iter_mut().for_each(|step| *step = None);
+            return;
+        }
+        let pairs = feedback.axes().iter().zip(before.axes()).enumerate();
+        for (index, (now, then)) in pairs {
+            let (Some(bounds), Some(last)) = (self.bounds.get(index), self.steps.get_mut(index))
+            else {
+                continue;
+            };
+            let scans = now.command_scan.saturating_sub(then.command_scan) as f64;
+            let way = now.command_register.saturating_sub(then.command_register) as f64;
+            let mut broken = None;
+            if scans == 0.0 {
+                // No command: the register must not have moved.
+                if way != 0.0 {
+                    broken = Some(format!(
+                        "its register moved by {way} increments without a command"
+                    ));
+                }
+            } else {
+                let step = way / scans;
+                if step.abs() > bounds.step {
+                    broken = Some(format!(
+                        "{step:.0} increments a scan, limit {:.0}",
+                        bounds.step
+                    ));
+                }
+                if let Some((last_step, last_scans)) = *last {
+                    // Mean steps over several scans: their centres lie that far apart.
+                    let apart = (scans + last_scans) / 2.0;
+                    let change = (step - last_step).abs();
+                    if change > bounds.step_change * apart {
+                        broken = Some(format!(
+                            "step changes by {change:.0} increments, limit {:.0}",
+                            bounds.step_change * apart
+                        ));
+                    }
+                }
+                *last = Some((step, scans));
+            }
+            if let Some(words) = broken {
+                let words = format!("scan {}: axis {}: {words}", feedback.scan, bounds.name);
+                self.violated(words);
+            }
+        }
+        self.on_path(feedback);
+    }
+
+    fn note_tag(&mut self, feedback: &Feedback, mode: Mode) {
+        let on = matches!(mode, Mode::Enabled | Mode::Stopping)
+            && !feedback.window.is_none()
+            && !feedback.tag.is_off_path();
+        if on && self.path.is_some() {
+            self.tags.push_back((feedback.scan, feedback.tag));
+            if self.tags.len() > TAGS_KEPT {
+                self.tags.pop_front();
+            }
+        }
+    }
+
+    fn on_path(&mut self, feedback: &Feedback) {
+        let Some(path) = &self.path else { return };
+        let mut worst = None;
+        for (index, (axis, bounds)) in feedback.axes().iter().zip(&self.bounds).enumerate() {
+            let tag = self
+                .tags
+                .iter()
+                .rev()
+                .find(|(scan, _)| *scan == axis.command_scan);
+            let Some((_, tag)) = tag else { continue };
+            let Some(element) = path.elements.get(tag.element as usize) else {
+                continue;
+            };
+            let point = element.point(tag.distance_mm);
+            let Some(mm) = point.get(index) else { continue };
+            let off = (axis.command_register as f64 - mm / bounds.increment_mm).abs();
+            self.off_path_increments_max = self.off_path_increments_max.max(off);
+            if off > 1.0 {
+                worst = Some((bounds.name.clone(), off));
+            }
+        }
+        if let Some((axis, off)) = worst {
+            self.violated(format!(
+                "scan {}: axis {axis} is commanded {off:.1} increments off the path",
+                feedback.scan
+            ));
+        }
+    }
+
+    fn travel(&mut self, feedback: &Feedback, mode: Mode) {
+        let mut outside = None;
+        for (axis, bounds) in feedback.axes().iter().zip(&self.bounds) {
+            let register = axis.command_register as f64;
+            if mode != Mode::Disabled && !(bounds.low..=bounds.high).contains(&register) {
+                outside = Some(bounds.name.clone());
+            }
+        }
+        if let Some(axis) = outside {
+            self.violated(format!(
+                "scan {}: axis {axis} is commanded out of its travel",
+                feedback.scan
+            ));
+        }
+    }
+
+    fn stands_by_encoders(&mut self, feedback: &Feedback) {
+        let differs = feedback.axes().iter().any(|axis| {
+            ![axis.motor_position, axis.scale_position].contains(&axis.command_register)
+        });
+        if differs {
+            self.violated(format!(
+                "scan {}: drives off, and a register is not where the encoder is",
+                feedback.scan
+            ));
+        }
+    }
+
+    /// The run has ended: finished, with every register at the programmed end, to the increment.
+    pub fn finish(&mut self) {
+        let Some(last) = self.before else {
+            self.violated("no feedback was ever seen".into());
+            return;
+        };
+        if last.mode != Mode::Finished as u32 {
+            let mode = Mode::from_wire(last.mode).map_or("in an unknown mode", Mode::word);
+            self.violated(format!("the run ended {mode} in scan {}", last.scan));
+            return;
+        }
+        let registers: Vec<i64> = last.axes().iter().map(|a| a.command_register).collect();
+        let end = self.end.get(..registers.len()).unwrap_or_default();
+        if !end.is_empty() && registers != end {
+            self.violated(format!(
+                "the program ends at {end:?}, the registers at {registers:?}"
+            ));
+        }
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::expect_used)]
+mod tests {
+    use bus::sample::WindowId;
+    use bytemuck::Zeroable;
+    use control::path::{AxisVector, Element, Feed};
+
+    use super::*;
+
+    fn judge() -> Judge {
+        let folder = std::path::PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
+        let machine = Machine::load(&folder.join("machine.toml")).expect("the machine");
+        let mut end = AxisVector::zeros();
+        end[0] = 10.0;
+        let line = Element::line(1, AxisVector::zeros(), end, Feed::Rapid);
+        let elements = vec![line];
+        Judge::new(&machine, &Path { elements })
+    }
+
+    /// Along the line at 10 mm/s: 10 µm a scan.
+    fn at(scan: u64) -> Feedback {
+        let mut feedback = Feedback::zeroed();
+        feedback.scan = scan;
+        feedback.mode = Mode::Enabled as u32;
+        feedback.incarnation = 1;
+        feedback.axis_count = 2;
+        feedback.window = WindowId {
+            checksum: 1,
+            sequence: 1,
+            incarnation: 1,
+        };
+        feedback.tag.distance_mm = scan as f64 * 0.01;
+        for axis in &mut feedback.axes {
+            axis.command_scan = scan.saturating_sub(1);
+        }
+        feedback.axes[0].command_register = scan.saturating_sub(1) as i64 * 10_000;
+        feedback
+    }
+
+    fn verdict(change: impl Fn(u64, &mut Feedback)) -> u64 {
+        let mut judge = judge();
+        for scan in 0..20 {
+            let mut feedback = at(scan);
+            change(scan, &mut feedback);
+            judge.take(&feedback);
+        }
+        judge.violation_count
+    }
+
+    #[test]
+    fn motion_along_the_path_is_no_violation() {
+        assert_eq!(verdict(|_, _| {}), 0);
+    }
+
+    #[test]
+    fn a_register_off_the_path_is_seen() {
+        assert!(verdict(|scan, f| f.axes[1].command_register = i64::from(scan > 9) * 3) > 0);
+        assert_eq!(
+            verdict(|scan, f| f.axes[1].command_register = i64::from(scan > 9)),
+            0
+        );
+    }
+
+    #[test]
+    fn a_step_of_speed_is_seen_and_one_over_missed_scans_is_not() {
+        // 5000 mm/s² is 5000 increments of change in a scan.
+        let jump = |scan: u64, f: &mut Feedback| f.tag.distance_mm += f64::from(u8::from(scan > 9));
+        let with = |by: i64| {
+            verdict(move |scan, f| {
+                jump(scan, f);
+                f.tag = PathTag::OFF_PATH;
+                f.axes[0].command_register += i64::from(scan > 9) * by;
+            })
+        };
+        assert!(with(6_000) > 0);
+        assert_eq!(with(4_000), 0);
+        let missed = verdict(|scan, f| {
+            if (8..12).contains(&scan) {
+                f.axes[0].command_scan = 6;
+                f.axes[0].command_register = 60_000;
+            }
+        });
+        assert_eq!(missed, 0);
+    }
+
+    #[test]
+    fn modes_change_only_as_documented() {
+        let into = |mode: Mode, cause: Cause| {
+            verdict(move |scan, f| {
+                if scan > 9 {
+                    f.mode = mode as u32;
+                    f.cause = cause as u32;
+                }
+            })
+        };
+        assert_eq!(into(Mode::Tripped, Cause::ServoLost), 0);
+        assert!(into(Mode::Tripped, Cause::BadValue) > 0);
+        assert!(into(Mode::Jogging, Cause::None) > 0);
+        assert!(into(Mode::Disabled, Cause::None) > 0);
+        assert!(into(Mode::Stopping, Cause::None) > 0);
+    }
+
+    #[test]
+    fn a_run_that_does_not_end_at_the_programmed_point_is_seen() {
+        for (register, count) in [(10_000_000, 0), (10_000_001, 1)] {
+            let mut judge = judge();
+            let mut last = at(0);
+            last.axes[0].command_register = register;
+            last.tag.distance_mm = 10.0;
+            judge.take(&last);
+            last.scan = 1;
+            last.mode = Mode::Finished as u32;
+            judge.take(&last);
+            judge.finish();
+            assert_eq!(judge.violation_count, count, "{:?}", judge.violations);
+        }
+    }
+}

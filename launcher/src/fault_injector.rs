@@ -1,0 +1,105 @@
+//! The launcher's part of a fault script: it does to its processes what the master asks for.
+
+use bus::sample::Job;
+use bus::signal_page::{FaultRequest, FaultStep};
+use plant_sim::script::faults::FaultScript;
+use rustix::process::Signal;
+
+use crate::group::{Death, Group};
+use crate::supervisor::Supervisor;
+
+/// Serves the script of one run.
+#[derive(Debug)]
+pub struct FaultInjector {
+    script: FaultScript,
+}
+
+/// What one request came to.
+#[derive(Debug, Default)]
+pub struct Served {
+    /// Who was killed.
+    pub death: Option<Death>,
+    /// What was done, for the events file: scan, word, process.
+    pub event: Option<(u64, &'static str, String)>,
+}
+
+impl FaultInjector {
+    /// For a script that has been checked.
+    pub fn new(script: FaultScript) -> FaultInjector {
+        FaultInjector { script }
+    }
+
+    /// Serves the request that waits, if there is one.
+    ///
+    /// # Errors
+    /// A replacement cannot be started.
+    pub fn serve(
+        &mut self,
+        group: &mut Group,
+        supervisor: &Supervisor,
+    ) -> anyhow::Result<Option<Served>> {
+        let Some(request) = group.page.launcher_request() else {
+            return Ok(None);
+        };
+        let mut served = Served::default();
+        let fault = self.script.faults.get(request.index);
+        let place = fault.and_then(|f| group.place_of(f.job, f.axis as usize, f.role));
+        if let (Some(fault), Some(place)) = (fault, place) {
+            let replaces = supervisor.replaces(fault.job, fault.axis as usize);
+            served = act(group, &request, place, fault.job, replaces)?;
+        } else {
+            tracing::warn!("a fault names a process that this cell does not have");
+        }
+        group.page.launcher_done(request.ticket);
+        Ok(Some(served))
+    }
+}
+
+fn act(
+    group: &mut Group,
+    request: &FaultRequest,
+    place: usize,
+    job: Job,
+    replaces: bool,
+) -> anyhow::Result<Served> {
+    let scan = request.scan;
+    let name = group
+        .role_of(place)
+        .map_or_else(String::new, |role| role.name.clone());
+    let mut death = None;
+    let word = match request.step {
+        FaultStep::Kill => {
+            death = group.kill_one(place, scan);
+            if let Some(death) = &mut death {
+                death.replaced = replaces;
+                if job == Job::Master && replaces {
+                    // No scan passes without it: whoever takes its place is started at once.
+                    group.replace(place, scan)?;
+                }
+            }
+            "killed"
+        }
+        FaultStep::Restart => {
+            if replaces && !group.takes_part(place) {
+                group.replace(place, scan)?;
+            }
+            "restarted"
+        }
+        FaultStep::Stop => {
+            group.set_stalled(place, true, scan);
+            "stopped"
+        }
+        FaultStep::Readmit => {
+            group.set_stalled(place, false, scan);
+            "awaited"
+        }
+        FaultStep::Continue => {
+            group.signal(place, Signal::CONT);
+            "continued"
+        }
+    };
+    Ok(Served {
+        death,
+        event: Some((scan, word, name)),
+    })
+}

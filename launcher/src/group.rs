@@ -1,0 +1,571 @@
+//! The process group: one table of who takes part, started, watched, reaped and stopped by the launcher.
+
+use std::os::fd::{BorrowedFd, OwnedFd};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::PathBuf;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use bus::cell::{CellPaths, Ownership};
+use bus::member::Pace;
+use bus::port::Writer;
+use bus::process::watch;
+use bus::sample::{Job, Participant, Roster};
+use bus::service::{Bus, Created, ROLES};
+use bus::signal_page::{CellPhase, SignalPage};
+use bytemuck::Zeroable;
+use machine::Machine;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::{Signal, pidfd_send_signal};
+
+use crate::logs;
+use crate::metrics_socket::Listener;
+
+mod restart;
+
+/// Until then every process must have said that it is ready.
+const READY_LIMIT: Duration = Duration::from_secs(30);
+/// So long a process may take to leave in order, the recorder with its queue to empty among them.
+pub const LEAVE_LIMIT: Duration = Duration::from_secs(60);
+/// The same for those who have nothing left to do once the master has left in order.
+const IDLE_LEAVE_LIMIT: Duration = Duration::from_secs(5);
+/// The same where the master is gone and nothing is left to wait for.
+pub const LEAVE_LIMIT_AFTER_MACHINE: Duration = Duration::from_secs(2);
+
+/// The longest wait without looking who has left.
+const LEAVE_LOOK: Duration = Duration::from_millis(100);
+
+/// One process of the table.
+#[derive(Debug, Clone)]
+pub struct Role {
+    /// Name in logs, reports and `ps`.
+    pub name: String,
+    /// What it does.
+    pub job: Job,
+    /// Axis of a servo.
+    pub axis: usize,
+    /// Role of a servo: 0 drives, 1 stands by.
+    pub role: u32,
+    /// Arguments beyond its slot.
+    pub arguments: Vec<String>,
+}
+
+/// What the group needs to know of a run.
+#[derive(Debug, Clone)]
+pub struct Plan {
+    /// Copy of the machine file that all read.
+    pub machine_file: PathBuf,
+    /// Copy of the plant file.
+    pub plant_file: PathBuf,
+    /// Copy of the program; none in a cell that stays up.
+    pub program: Option<PathBuf>,
+    /// Where the recorder writes.
+    pub out: PathBuf,
+    /// Pace.
+    pub pace: Pace,
+    /// Seconds a living process may take for one answer in lockstep.
+    pub answer_limit_s: u64,
+    /// Copy of the scripted orders, if there are any.
+    pub orders: Option<PathBuf>,
+    /// Copy of the fault script, if there is one.
+    pub faults: Option<PathBuf>,
+    /// Where the blocks that it names begin on the path: line and element.
+    pub fault_blocks: Vec<(u32, u32)>,
+    /// Servos and planner read the fault script too, and send what it wants them to.
+    pub wrong_samples: bool,
+    /// Where the recorder is to serve metrics.
+    pub metrics: Option<Listener>,
+}
+
+/// The table of processes, in the order they are started in: who listens before who speaks.
+pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
+    let path = |p: &PathBuf| p.display().to_string();
+    let mut roles = vec![Role {
+        name: "monitor".into(),
+        job: Job::Monitor,
+        axis: 0,
+        role: 0,
+        arguments: vec!["recorder".into(), "--out".into(), path(&plan.out)],
+    }];
+    if let (Some(recorder), Some(_)) = (roles.last_mut(), &plan.metrics) {
+        recorder.arguments.push("--metrics".into());
+    }
+    for (index, axis) in machine.axes.iter().enumerate() {
+        for (role, word) in ROLES.iter().enumerate() {
+            if role > 0 && !axis.standby {
+                continue;
+            }
+            roles.push(Role {
+                name: servo_name(&axis.name, role),
+                job: Job::Servo,
+                axis: index,
+                role: role as u32,
+                arguments: ["servo", "--axis", &axis.name, "--role", word]
+                    .map(String::from)
+                    .to_vec(),
+            });
+        }
+    }
+    roles.push(Role {
+        name: "planner".into(),
+        job: Job::Planner,
+        axis: 0,
+        role: 0,
+        arguments: vec!["planner".into()],
+    });
+    roles.push(Role {
+        name: "plant-sim".into(),
+        job: Job::Master,
+        axis: 0,
+        role: 0,
+        arguments: vec![
+            "plant-sim".into(),
+            "--plant".into(),
+            path(&plan.plant_file),
+            "--answer-limit".into(),
+            plan.answer_limit_s.to_string(),
+        ],
+    });
+    if let Some(program) = &plan.program {
+        for role in &mut roles {
+            role.arguments.extend(match role.job {
+                Job::Monitor | Job::Planner => vec!["--program".into(), path(program)],
+                Job::Master => vec!["--enabled".into(), "--end-after-program".into()],
+                Job::Servo => Vec::new(),
+            });
+        }
+    }
+    if let (Some(master), Some(orders)) = (roles.last_mut(), &plan.orders) {
+        master.arguments.extend(["--orders".into(), path(orders)]);
+    }
+    if let Some(faults) = &plan.faults {
+        let reads = |role: &&mut Role| match role.job {
+            Job::Monitor => false,
+            Job::Master => true,
+            Job::Planner | Job::Servo => plan.wrong_samples,
+        };
+        for role in roles.iter_mut().filter(reads) {
+            role.arguments.extend(["--faults".into(), path(faults)]);
+        }
+        if let Some(master) = roles.last_mut() {
+            for (line, element) in &plan.fault_blocks {
+                master
+                    .arguments
+                    .extend(["--fault-block".into(), format!("{line}={element}")]);
+            }
+        }
+    }
+    roles
+}
+
+/// Name of a servo's process: its standby has the role's letter behind it.
+fn servo_name(axis: &str, role: usize) -> String {
+    match ROLES.get(role) {
+        Some(word) if role > 0 => format!("servo-{axis}-{word}"),
+        _ => format!("servo-{axis}"),
+    }
+}
+
+/// A started process.
+#[derive(Debug)]
+struct Member {
+    role: Role,
+    /// Counts the processes that had this place, from 1.
+    incarnation: u32,
+    /// Since when it is being started in place of one that was lost; it is not in the roster yet.
+    joining: Option<Instant>,
+    child: Child,
+    ended: OwnedFd,
+    log: Option<JoinHandle<()>>,
+    status: Option<ExitStatus>,
+}
+
+/// A death that the launcher has dealt with.
+#[derive(Debug, Clone)]
+pub struct Death {
+    /// Which process.
+    pub name: String,
+    /// What it did.
+    pub job: Job,
+    /// How it ended.
+    pub status: ExitStatus,
+    /// Its place in the roster.
+    pub place: usize,
+    /// Another process has taken its place, or is to.
+    pub replaced: bool,
+}
+
+impl Death {
+    fn of(member: &Member, place: usize, status: ExitStatus) -> Death {
+        Death {
+            name: member.role.name.clone(),
+            job: member.role.job,
+            status,
+            place,
+            replaced: false,
+        }
+    }
+
+    /// Whether the process doing this job ended otherwise than it was told to.
+    pub fn is_untimely(&self, job: Job) -> bool {
+        self.job == job && !self.status.success()
+    }
+
+    /// How it ended, in words.
+    pub fn words(&self) -> String {
+        match (self.status.signal(), self.status.code()) {
+            (Some(signal), _) => format!("killed by signal {signal}"),
+            (None, Some(code)) => format!("ended with status {code}"),
+            (None, None) => "ended".into(),
+        }
+    }
+}
+
+/// The group of one cell. Dropping it ends and reaps whatever still lives, then the cell's files go.
+#[derive(Debug)]
+pub struct Group {
+    members: Vec<Member>,
+    plan: Plan,
+    core: Option<usize>,
+    /// The newest scan the launcher has seen: when a death is noticed, it happened about then.
+    pub newest_scan: u64,
+    roster: Roster,
+    roster_writer: Writer<Roster>,
+    /// The launcher's foot in the cell.
+    pub bus: Bus,
+    /// The signal page.
+    pub page: SignalPage,
+    _services: Created,
+    cell: Ownership,
+}
+
+/// Writes into the roster how the process of this place ended.
+fn note_death(roster: &mut Roster, place: usize, status: ExitStatus, scan: u64) {
+    if let Some(participant) = roster.participants.get_mut(place) {
+        participant.live = 0;
+        participant.stalled = 0;
+        participant.death_scan = scan;
+        participant.death_signal = status.signal().unwrap_or(0);
+        participant.death_status = status.code().unwrap_or(0);
+    }
+}
+
+/// The processor on which the processes of a lockstep cell hand over to each other: on one, a hand-over costs a few
+/// µs; between two, the wake-up of a sleeping one. Cells spread over the processors by the launcher's process id.
+fn lockstep_core(pace: Pace) -> Option<usize> {
+    if pace != Pace::Lockstep {
+        return None;
+    }
+    let cores = bus::realtime::processors();
+    cores
+        .get(std::process::id() as usize % cores.len().max(1))
+        .copied()
+}
+
+impl Group {
+    /// Creates the cell's services and starts all roles; returns when every one of them is ready. Scans run from
+    /// [`Group::begin`] on, so that whoever wants to see the first has time to listen.
+    ///
+    /// # Errors
+    /// The cell is taken, the environment refuses, a process ends or does not get ready. Nothing is left running.
+    pub fn start(
+        cell: Ownership,
+        machine: &Machine,
+        plan: &Plan,
+        interrupted: &dyn Fn() -> bool,
+    ) -> anyhow::Result<Group> {
+        let place: CellPaths = cell.place().clone();
+        // Its clients know the machine from here.
+        std::fs::copy(&plan.machine_file, place.machine_file())
+            .context("copying the machine file into the cell")?;
+        let bus = Bus::enter(&place, &machine.shape(), "launcher", true)?;
+        let services = bus.create_all()?;
+        let page = SignalPage::create(&place)?;
+        let roster_writer = bus.roster_writer()?;
+        let core = lockstep_core(plan.pace);
+        let mut group = Group {
+            members: Vec::new(),
+            plan: plan.clone(),
+            core,
+            newest_scan: 0,
+            roster: Roster::zeroed(),
+            roster_writer,
+            bus,
+            page,
+            _services: services,
+            cell,
+        };
+        for (index, role) in roles(machine, plan).into_iter().enumerate() {
+            let member = group.spawn(index, role, 1, None)?;
+            if let Some(participant) = group.roster.participants.get_mut(index) {
+                *participant = Participant {
+                    death_scan: u64::MAX,
+                    job: member.role.job as u32,
+                    axis: member.role.axis as u32,
+                    role: member.role.role,
+                    incarnation: 1,
+                    live: 1,
+                    ..Participant::zeroed()
+                };
+            }
+            group.members.push(member);
+        }
+        group.wait_until_ready(interrupted)?;
+        Ok(group)
+    }
+
+    /// The cell's name.
+    pub fn cell_name(&self) -> &str {
+        self.cell.place().name()
+    }
+
+    /// The cell's pace.
+    pub fn pace(&self) -> Pace {
+        self.plan.pace
+    }
+
+    /// Lets the scans begin.
+    pub fn begin(&mut self) {
+        self.publish_roster();
+        self.page.set_phase(CellPhase::Running);
+    }
+
+    /// Hands the roster to observers that have come meanwhile. Not while a process is on its way into it: that one must see
+    /// no roster before the one that admits it.
+    pub fn greet(&self) {
+        if !self.somebody_joins() {
+            self.roster_writer.greet();
+        }
+    }
+
+    /// Starts the process of a place; it takes part once the roster says so.
+    fn spawn(
+        &self,
+        index: usize,
+        role: Role,
+        incarnation: u32,
+        after_scan: Option<u64>,
+    ) -> anyhow::Result<Member> {
+        let mut command = Command::new("/proc/self/exe");
+        command
+            .arg0("quadrant")
+            .args(&role.arguments)
+            .args(["--cell", self.cell.place().name(), "--machine"])
+            .arg(&self.plan.machine_file)
+            .args(["--pace", self.plan.pace.word()])
+            .args(["--index", &index.to_string()])
+            .args(["--incarnation", &incarnation.to_string()])
+            .args(["--launcher", &std::process::id().to_string()])
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            // Ctrl-C goes to the launcher alone, which stops the group in order.
+            .process_group(0);
+        if let Some(listener) = self
+            .plan
+            .metrics
+            .as_ref()
+            .filter(|_| role.job == Job::Monitor)
+        {
+            command.stdin(
+                listener
+                    .hand_over()
+                    .context("handing the metrics' socket over")?,
+            );
+        }
+        if let Some(scan) = after_scan {
+            command.args(["--after-scan", &scan.to_string()]);
+        }
+        if let Some(core) = self.core {
+            let where_to = if role.job == Job::Monitor {
+                "--avoid-core"
+            } else {
+                "--core"
+            };
+            command.args([where_to, &core.to_string()]);
+        }
+        let mut child = command
+            .spawn()
+            .with_context(|| format!("starting {}", role.name))?;
+        let ended = watch(child.id()).or_else(|error| {
+            // Nobody else knows of it yet.
+            let _ = child.kill();
+            let _ = child.wait();
+            Err(error).with_context(|| format!("watching {}", role.name))
+        })?;
+        let log = child
+            .stderr
+            .take()
+            .map(|stderr| logs::forward(role.name.clone(), stderr));
+        tracing::debug!(process = role.name, pid = child.id(), "started");
+        Ok(Member {
+            role,
+            incarnation,
+            joining: (incarnation > 1).then(Instant::now),
+            child,
+            ended,
+            log,
+            status: None,
+        })
+    }
+
+    fn wait_until_ready(&mut self, interrupted: &dyn Fn() -> bool) -> anyhow::Result<()> {
+        let started = Instant::now();
+        loop {
+            let seen = self.page.launcher_signal().count();
+            let waiting: Vec<&str> = self
+                .members
+                .iter()
+                .enumerate()
+                .filter(|(index, m)| self.page.ready_incarnation(*index) != m.incarnation)
+                .map(|(_, member)| member.role.name.as_str())
+                .collect();
+            if waiting.is_empty() {
+                return Ok(());
+            }
+            if started.elapsed() > READY_LIMIT {
+                bail!(
+                    "not ready after {} s: {}",
+                    READY_LIMIT.as_secs(),
+                    waiting.join(", ")
+                );
+            }
+            if interrupted() {
+                bail!("interrupted while the processes were being started");
+            }
+            if let Some(death) = self.reap().into_iter().next() {
+                bail!("{} {} before it was ready", death.name, death.words());
+            }
+            self.page
+                .launcher_signal()
+                .wait(seen, Duration::from_millis(20));
+        }
+    }
+
+    fn publish_roster(&mut self) {
+        self.roster.version += 1;
+        self.roster.visible_from = self.newest_scan;
+        self.roster_writer.send(&self.roster);
+        self.page.raise_all();
+    }
+
+    /// Sleeps until a process ends or `also` becomes readable, at most `limit`.
+    pub fn wait(&self, also: Option<BorrowedFd<'_>>, limit: Duration) {
+        let living = self.members.iter().filter(|m| m.status.is_none());
+        let mut fds: Vec<PollFd<'_>> = living
+            .map(|member| PollFd::new(&member.ended, PollFlags::IN))
+            .collect();
+        fds.extend(also.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)));
+        let limit = Timespec {
+            tv_sec: limit.as_secs() as i64,
+            tv_nsec: i64::from(limit.subsec_nanos()),
+        };
+        let _ = poll(&mut fds, Some(&limit));
+    }
+
+    /// Names and process ids of all that live.
+    pub fn living(&self) -> impl Iterator<Item = (&str, u32)> {
+        self.members
+            .iter()
+            .filter(|m| m.status.is_none())
+            .map(|m| (m.role.name.as_str(), m.child.id()))
+    }
+
+    /// Whether the process doing this job lives, in the roster or on its way into it.
+    pub fn lives(&self, job: Job) -> bool {
+        self.members
+            .iter()
+            .any(|m| m.role.job == job && m.status.is_none())
+    }
+
+    /// Reaps whoever has ended, cleans up what they left in shared memory and tells the cell.
+    pub fn reap(&mut self) -> Vec<Death> {
+        let mut deaths = Vec::new();
+        for (index, member) in self.members.iter_mut().enumerate() {
+            if member.status.is_some() {
+                continue;
+            }
+            let Ok(Some(status)) = member.child.try_wait() else {
+                continue;
+            };
+            member.status = Some(status);
+            if let Some(log) = member.log.take() {
+                let _ = log.join();
+            }
+            // Who leaves in order has been told to: that is no news, and no sample may hang on when it was noticed.
+            if !status.success() {
+                note_death(&mut self.roster, index, status, self.newest_scan);
+            }
+            deaths.push(Death::of(member, index, status));
+        }
+        if !deaths.is_empty() {
+            self.bus.clean_dead();
+        }
+        if deaths.iter().any(|death| !death.status.success()) {
+            self.publish_roster();
+        }
+        deaths
+    }
+
+    /// Waits until all have left, at most `limit`, or until somebody is in a hurry; then ends who is still there, which is no
+    /// death of theirs. The recorder may have a queue to empty; the others have nothing left to do.
+    pub fn wait_until_left(&mut self, limit: Duration, hurry: &dyn Fn() -> bool) -> Vec<Death> {
+        let started = Instant::now();
+        let mut deaths = Vec::new();
+        while started.elapsed() < limit && !hurry() {
+            deaths.extend(self.reap());
+            if self.living().next().is_none() {
+                return deaths;
+            }
+            if started.elapsed() > limit / 2 && self.page.phase() != CellPhase::Ending {
+                // Whoever still waits for a last feedback waits in vain.
+                self.page.set_phase(CellPhase::Ending);
+            }
+            let idle = |m: &Member| m.status.is_none() && m.role.job != Job::Monitor;
+            if started.elapsed() > IDLE_LEAVE_LIMIT && self.members.iter().any(idle) {
+                self.page.set_phase(CellPhase::Ending);
+                self.end_late(&idle);
+            }
+            self.wait(None, LEAVE_LOOK);
+        }
+        self.page.set_phase(CellPhase::Ending);
+        self.end_late(&|member| member.status.is_none());
+        deaths
+    }
+
+    /// Ends those who do not leave by themselves, and says so.
+    fn end_late(&mut self, whom: &dyn Fn(&Member) -> bool) {
+        for member in self.members.iter().filter(|member| whom(member)) {
+            tracing::warn!(process = member.role.name, "did not leave in time: killed");
+        }
+        self.end(whom);
+    }
+
+    /// Ends and reaps them.
+    fn end(&mut self, whom: &dyn Fn(&Member) -> bool) {
+        for member in self.members.iter_mut().filter(|member| whom(member)) {
+            let _ = pidfd_send_signal(&member.ended, Signal::KILL);
+            member.status = member.child.wait().ok();
+            if let Some(log) = member.log.take() {
+                let _ = log.join();
+            }
+        }
+        self.bus.clean_dead();
+    }
+
+    /// Ends everybody at once and reaps them.
+    pub fn kill(&mut self) {
+        self.page.set_phase(CellPhase::Ending);
+        self.end(&|member| member.status.is_none());
+    }
+}
+
+impl Drop for Group {
+    fn drop(&mut self) {
+        if self.living().next().is_some() {
+            self.kill();
+        }
+    }
+}

@@ -1,0 +1,77 @@
+//! Processes that live and do not answer: found by their last answers, in realtime. In lockstep the master waits for
+//! everybody and says itself who does not answer.
+
+use std::time::{Duration, Instant};
+
+use bus::sample::Job;
+use rustix::process::Signal;
+
+use crate::group::Group;
+
+/// So long without an answer a process counts as hung. The machine goes on without it long before: a standby takes over in
+/// the same scan, windows end at rest, drives have their watchdog.
+fn patience(job: Job) -> Duration {
+    match job {
+        Job::Servo => Duration::from_secs(1),
+        Job::Monitor | Job::Master => Duration::from_secs(5),
+        // It may be reading a long program.
+        Job::Planner => Duration::from_secs(20),
+    }
+}
+
+/// What a process was last seen to have done.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    scans: u64,
+    since: Instant,
+}
+
+/// Watches the answers.
+#[derive(Debug, Default)]
+pub struct Hangs {
+    seen: Vec<Option<Seen>>,
+}
+
+impl Hangs {
+    /// Kills whoever hangs, so that another process can have its place; it is reaped as any other death. Returns the names.
+    pub fn end(&mut self, group: &Group) -> Vec<String> {
+        let mut hung = Vec::new();
+        for place in 0..group.places() {
+            let Some(role) = group.role_of(place) else {
+                continue;
+            };
+            let scans = match role.job {
+                Job::Master => Some(group.newest_scan),
+                Job::Monitor => Some(group.page.recorded_scans()),
+                Job::Servo | Job::Planner => group.page.answered_scan(place),
+            };
+            if self.seen.len() <= place {
+                self.seen.resize(place + 1, None);
+            }
+            let Some(slot) = self.seen.get_mut(place) else {
+                continue;
+            };
+            let Some(scans) = scans.filter(|_| group.takes_part(place)) else {
+                *slot = None;
+                continue;
+            };
+            let now = Instant::now();
+            let seen = slot.get_or_insert(Seen { scans, since: now });
+            if seen.scans != scans {
+                *seen = Seen { scans, since: now };
+            }
+            // Who has answered the newest scan has nothing to do.
+            let idle = role.job != Job::Master && scans >= group.newest_scan;
+            if idle {
+                seen.since = now;
+            }
+            if now.duration_since(seen.since) > patience(role.job) {
+                tracing::error!("{} lives but does not answer: killed", role.name);
+                group.signal(place, Signal::KILL);
+                hung.push(role.name.clone());
+                *slot = None;
+            }
+        }
+        hung
+    }
+}

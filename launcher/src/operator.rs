@@ -1,0 +1,84 @@
+//! Orders to a running cell: each asks the master, waits for its answer and says what happened.
+
+use anyhow::anyhow;
+use bus::cell::CellPaths;
+use bus::sample::{OperatorRequest, Order};
+
+mod client;
+mod eyes;
+mod program;
+
+pub use client::{Client, page_of};
+pub use program::{down, load, start};
+
+use client::only_one;
+use eyes::Eyes;
+
+use crate::exit::{Failure, Kind, Outcome};
+use crate::options::{JogOptions, OperatorOptions, OverrideOptions};
+use crate::output::say;
+
+/// `hold`, `resume`, `stop`, `enable`, `disable`.
+pub fn simple(order: Order, options: &OperatorOptions) -> Outcome {
+    let client = Client::find(options.cell.as_deref(), "operator")?;
+    say(&client.order(order, 0.0)?);
+    Ok(())
+}
+
+/// An order without an axis to the cell of this name; what came of it, in words.
+///
+/// # Errors
+/// It is refused, or nobody answers.
+pub fn order(cell: &str, order: Order, value: f64) -> Result<String, Failure> {
+    Client::find(Some(cell), "operator")?.order(order, value)
+}
+
+/// `override`.
+pub fn set_override(options: &OverrideOptions) -> Outcome {
+    let client = Client::find(options.to.cell.as_deref(), "operator")?;
+    say(&client.order(Order::Override, options.percent)?);
+    Ok(())
+}
+
+/// `jog`.
+pub fn jog(options: &JogOptions) -> Outcome {
+    let client = Client::find(options.to.cell.as_deref(), "operator")?;
+    let axis = client
+        .machine
+        .axis_index(&options.axis.to_uppercase())
+        .map_err(|e| Failure::Input(anyhow!(e)))?;
+    let request = OperatorRequest {
+        order: Order::Jog as u32,
+        axis,
+        value: options.distance,
+    };
+    let mut eyes = Eyes::open(&client)?;
+    let answer = client.ask(Order::Jog, request)?;
+    say(&format!(
+        "jogging {} by {} {}",
+        options.axis,
+        options.distance,
+        client.unit(axis)
+    ));
+    if options.wait {
+        return eyes.until_jogged(answer.scan);
+    }
+    Ok(())
+}
+
+/// `iceoryx-config`.
+pub fn iceoryx_config(options: &OperatorOptions) -> Outcome {
+    let place = match options.cell.as_deref() {
+        Some(name) => CellPaths::new(name).input()?,
+        None => only_one()?,
+    };
+    // Whoever enters a cell that does not run leaves files behind.
+    if page_of(&place).is_none() {
+        return Err(Failure::Stopped(anyhow!(
+            "cell {:?} does not run",
+            place.name()
+        )));
+    }
+    say(place.iceoryx2_toml().trim_end());
+    Ok(())
+}

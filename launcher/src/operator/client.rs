@@ -1,0 +1,232 @@
+//! A running cell, entered as a client: it sends orders and waits for their answers.
+
+use std::time::{Duration, Instant};
+
+use anyhow::anyhow;
+use bus::cell::CellPaths;
+use bus::port::OperatorClient;
+use bus::process::watch;
+use bus::sample::{Mode, OperatorRequest, OperatorResponse, Order, Refused};
+use bus::service::Bus;
+use bus::signal_page::{CellPhase, SignalPage};
+use machine::Machine;
+
+use crate::exit::{Failure, Kind};
+
+/// A cell that has not answered by then is silent.
+const ANSWER_LIMIT: Duration = Duration::from_secs(5);
+/// Time between two looks for the answer.
+const LOOK: Duration = Duration::from_millis(2);
+
+pub(super) fn obeyed(order: Order, answer: &OperatorResponse) -> String {
+    let mode = Mode::from_wire(answer.mode);
+    match (order, mode) {
+        (Order::Hold, Some(Mode::Jogging)) => "hold: the jog comes to rest".into(),
+        (Order::Hold, Some(Mode::Disabled | Mode::Ready | Mode::Stopped)) => {
+            "hold: latched, nothing moves before resume".into()
+        }
+        (Order::Hold, _) => "hold: the tool comes to rest on the path".to_string(),
+        (Order::Resume, Some(Mode::Ready)) => "hold released".into(),
+        (Order::Resume, _) => "resumed".into(),
+        (Order::Stop, Some(Mode::Disabled)) => "stopped: the drives are off".into(),
+        (Order::Stop, Some(Mode::Stopped)) => "stopped".into(),
+        (Order::Stop, Some(Mode::Ready)) => "at rest: no program is under way".into(),
+        (Order::Stop, Some(Mode::Tripped)) => {
+            "the machine has tripped: it stays where it stands".into()
+        }
+        (Order::Stop, _) => "stopping: the tool comes to rest".into(),
+        (Order::Enable, Some(Mode::Ready)) => "drives on, ready".into(),
+        (Order::Enable, _) if answer.hold == 1 => "drives on, in hold: resume moves".into(),
+        (Order::Enable, _) => "drives on".into(),
+        (Order::Disable, _) => "drives off: positions follow the axes".into(),
+        (Order::Override, _) => format!("override {} %", answer.override_percent),
+        _ => format!("{}: done", order.word()),
+    }
+}
+
+/// A running cell, seen from outside.
+pub struct Client {
+    /// Its place.
+    pub place: CellPaths,
+    /// Its machine file.
+    pub machine: Machine,
+    /// Its signal page.
+    pub page: SignalPage,
+    /// A foot in its shared memory.
+    pub bus: Bus,
+}
+
+impl Client {
+    /// Enters the cell that was named, or the only one that runs, as `who`.
+    ///
+    /// # Errors
+    /// It does not run, none does, or several do.
+    pub fn find(cell: Option<&str>, who: &str) -> Result<Client, Failure> {
+        let place = match cell {
+            Some(name) => CellPaths::new(name).input()?,
+            None => only_one()?,
+        };
+        let not_running = || Failure::Stopped(anyhow!("cell {:?} does not run", place.name()));
+        let page = page_of(&place).ok_or_else(not_running)?;
+        let machine = Machine::load(&place.machine_file()).map_err(|_| not_running())?;
+        let bus = Bus::enter(&place, &machine.shape(), who, false).environment()?;
+        Ok(Client {
+            place,
+            machine,
+            page,
+            bus,
+        })
+    }
+
+    /// Unit of an axis's distances.
+    pub(super) fn unit(&self, axis: u32) -> &'static str {
+        match self.machine.axes.get(axis as usize).map(|axis| axis.kind) {
+            Some(machine::AxisKind::Rotary) => "degrees",
+            _ => "mm",
+        }
+    }
+
+    /// Sends an order without an axis; what came of it, in words.
+    pub(super) fn order(&self, order: Order, value: f64) -> Result<String, Failure> {
+        let request = OperatorRequest {
+            order: order as u32,
+            value,
+            ..OperatorRequest::default()
+        };
+        let answer = self.ask(order, request)?;
+        Ok(obeyed(order, &answer))
+    }
+
+    /// Sends an order and waits for its answer; a refusal is a failure with its reason.
+    pub(super) fn ask(
+        &self,
+        order: Order,
+        request: OperatorRequest,
+    ) -> Result<OperatorResponse, Failure> {
+        let answer = self.hear(order, request)?;
+        self.accepted(order, &request, answer)
+    }
+
+    /// A refusal is a failure with its reason.
+    pub(super) fn accepted(
+        &self,
+        order: Order,
+        request: &OperatorRequest,
+        answer: OperatorResponse,
+    ) -> Result<OperatorResponse, Failure> {
+        match Refused::from_wire(answer.reason) {
+            Some(Refused::Not) => Ok(answer),
+            reason => Err(Failure::Stopped(anyhow!(
+                "{} refused: {}",
+                order.word(),
+                self.words(reason, order, request, &answer)
+            ))),
+        }
+    }
+
+    /// Sends an order and waits for its answer, which may be a refusal.
+    pub(super) fn hear(
+        &self,
+        order: Order,
+        request: OperatorRequest,
+    ) -> Result<OperatorResponse, Failure> {
+        let operator = self.bus.operator_client().environment()?;
+        let answer = self.answer(&operator, order, request);
+        if self.has_ended() {
+            // What is closed now would be the service of the next cell of that name.
+            std::mem::forget(operator);
+        }
+        answer
+    }
+
+    fn answer(
+        &self,
+        operator: &OperatorClient,
+        order: Order,
+        request: OperatorRequest,
+    ) -> Result<OperatorResponse, Failure> {
+        let cell = self.place.name();
+        let pending = operator
+            .send(request)
+            .ok_or_else(|| Failure::Stopped(anyhow!("cell {cell:?} takes no orders")))?;
+        let asked = Instant::now();
+        loop {
+            if let Some(answer) = pending.answer() {
+                return Ok(answer);
+            }
+            if self.page.phase() == CellPhase::Ending || asked.elapsed() > ANSWER_LIMIT {
+                return Err(Failure::Stopped(anyhow!(
+                    "cell {cell:?} does not answer: {} may or may not have been obeyed",
+                    order.word()
+                )));
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Whether the cell that was entered is gone, or about to go.
+    pub(super) fn has_ended(&self) -> bool {
+        let launcher = self.page.launcher_pid();
+        page_of(&self.place).is_none_or(|page| page.launcher_pid() != launcher)
+    }
+
+    fn words(
+        &self,
+        reason: Option<Refused>,
+        order: Order,
+        request: &OperatorRequest,
+        answer: &OperatorResponse,
+    ) -> String {
+        let Some(reason) = reason else {
+            return "for a reason this program does not know".into();
+        };
+        let mode = Mode::from_wire(answer.mode).map_or("in an unknown mode", Mode::word);
+        match reason {
+            Refused::BadValue if order == Order::Load => {
+                "another program was loaded meanwhile: load it again".into()
+            }
+            Refused::BadValue if order == Order::Override => "an override is 0 to 100 %".into(),
+            Refused::BadValue if order == Order::Jog => "a jog is any distance but 0".into(),
+            Refused::BeyondTravel => format!(
+                "{}: it may be {:.3} to {:.3} {}",
+                reason.words(),
+                answer.allowed_min_mm,
+                answer.allowed_max_mm,
+                self.unit(request.axis)
+            ),
+            _ => format!(
+                "{} (the machine is {mode} in scan {})",
+                reason.words(),
+                answer.scan
+            ),
+        }
+    }
+}
+
+/// The page of a cell whose launcher lives and which is not about to end.
+pub fn page_of(place: &CellPaths) -> Option<SignalPage> {
+    let page = SignalPage::open(place).ok()?;
+    let runs = page.phase() == CellPhase::Running && watch(page.launcher_pid()).is_ok();
+    runs.then_some(page)
+}
+
+pub(super) fn only_one() -> Result<CellPaths, Failure> {
+    let mut running = Vec::new();
+    for name in CellPaths::names() {
+        let place = CellPaths::new(&name).input()?;
+        if page_of(&place).is_some() {
+            running.push(place);
+        }
+    }
+    let names: Vec<&str> = running.iter().map(CellPaths::name).collect();
+    match names.len() {
+        0 => Err(Failure::Stopped(anyhow!(
+            "no cell runs: `quadrant up MACHINE` starts one that stays, `quadrant run` one for a program"
+        ))),
+        1 => Ok(running.remove(0)),
+        _ => Err(Failure::Input(anyhow!(
+            "several cells run: name one with --cell: {}",
+            names.join(", ")
+        ))),
+    }
+}

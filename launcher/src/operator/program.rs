@@ -1,0 +1,270 @@
+//! `load`, `start` and `down`: the programs of a cell that stays up, and its end.
+
+use std::ffi::OsString;
+use std::fs::{self, DirBuilder};
+use std::io::ErrorKind;
+use std::os::unix::ffi::OsStringExt;
+use std::os::unix::fs::DirBuilderExt;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, anyhow};
+use bus::process::watch;
+use bus::sample::{Feedback, Mode, OperatorRequest, Order, ProgramState};
+use program::Setup;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::{Signal, pidfd_send_signal};
+
+use super::Client;
+use super::eyes::Eyes;
+use crate::exit::{Failure, Kind, Outcome};
+use crate::options::{LoadOptions, OperatorOptions, StartOptions};
+use crate::output::say;
+use crate::run_dir::program_name;
+use crate::supervise::stop_words;
+
+/// A program that takes longer to check would let the planner of a running cell seem to hang.
+const CHECK_LIMIT: Duration = Duration::from_secs(10);
+/// So long the planner may take to read a program.
+const READ_LIMIT: Duration = Duration::from_secs(60);
+/// So long a cell may take to come to rest, make its last report and leave.
+const DOWN_LIMIT: Duration = Duration::from_secs(240);
+const LOOK: Duration = Duration::from_millis(5);
+
+/// `load`.
+pub fn load(options: &LoadOptions) -> Outcome {
+    let file = &options.program;
+    let name = program_name(file).input()?.to_string();
+    let text = fs::read_to_string(file)
+        .with_context(|| format!("{}: cannot be read", file.display()))
+        .input()?;
+    let client = Client::find(options.to.cell.as_deref(), "operator")?;
+    let mut eyes = Eyes::open(&client)?;
+    let now = eyes.look()?;
+    let started = Instant::now();
+    let read = check(&client, &text, file, &now).input()?;
+    if started.elapsed() > CHECK_LIMIT {
+        return Err(Failure::Input(anyhow!(
+            "{}: takes {:.0} s to read; a cell waits for its planner for {} s at most: make several programs of it, or use `quadrant run`",
+            file.display(),
+            started.elapsed().as_secs_f64(),
+            CHECK_LIMIT.as_secs()
+        )));
+    }
+    let mut laid = Laid::down(&client, now.load, &name, &text)?;
+    let request = OperatorRequest {
+        order: Order::Load as u32,
+        value: f64::from(laid.number),
+        ..OperatorRequest::default()
+    };
+    let answer = client.hear(Order::Load, request);
+    // Unless it was refused the cell has it, or may have: then its launcher takes it away.
+    laid.kept = answer.as_ref().map_or(true, |answer| answer.accepted == 1);
+    client.accepted(Order::Load, &request, answer?)?;
+    let started = Instant::now();
+    loop {
+        let seen = eyes.look()?;
+        let state = ProgramState::from_wire(seen.program);
+        if seen.load > laid.number {
+            return Err(Failure::Stopped(anyhow!(
+                "another program was loaded meanwhile"
+            )));
+        }
+        match state {
+            // The order was obeyed, but is not seen yet.
+            _ if seen.load < laid.number => {}
+            Some(ProgramState::Loading) => {}
+            Some(ProgramState::None) | None => {
+                return Err(Failure::Stopped(anyhow!(
+                    "the planner refuses {name}: its reason stands in the terminal of `quadrant up`"
+                )));
+            }
+            Some(_) => break,
+        }
+        if started.elapsed() > READ_LIMIT {
+            return Err(Failure::Stopped(anyhow!(
+                "the planner has not read {name} after {} s; it is still at it",
+                READ_LIMIT.as_secs()
+            )));
+        }
+        std::thread::sleep(LOOK);
+    }
+    let given_up = if now.program == ProgramState::Begun as u32 {
+        format!("; run {} is given up", now.run)
+    } else {
+        String::new()
+    };
+    say(&format!(
+        "loaded {name}: {read}{given_up}; `quadrant start` begins it"
+    ));
+    Ok(())
+}
+
+/// Checks the program against the machine, from where its axes stand; what it is, in words. `shown` stands in messages.
+fn check(client: &Client, text: &str, shown: &Path, now: &Feedback) -> anyhow::Result<String> {
+    let machine = &client.machine;
+    let registers = now.axes.map(|axis| axis.command_register);
+    let start = planner::tool_at(machine, &program::axes_at(machine, &registers))?;
+    let name = shown.display().to_string();
+    let program = program::interpret(&name, text, &Setup::of(machine), start)?;
+    let elements = program.path.elements.len();
+    let lengths_mm = program.path.elements.iter().map(|e| e.length_mm);
+    let length_mm = lengths_mm.fold(0.0, |sum, length_mm| sum + length_mm);
+    planner::window_planner(machine, program.path, start).with_context(|| name)?;
+    Ok(format!("{elements} elements, {length_mm:.1} mm"))
+}
+
+/// A program in the cell's folder; taken away again unless it is kept.
+struct Laid {
+    number: u32,
+    folder: PathBuf,
+    kept: bool,
+}
+
+impl Laid {
+    /// Puts the program there under a number that nobody has, above that of the one that is loaded.
+    fn down(client: &Client, loaded: u32, name: &str, text: &str) -> Result<Laid, Failure> {
+        let mut maker = DirBuilder::new();
+        let maker = maker.mode(0o700);
+        let programs = client.place.programs();
+        match maker.create(&programs) {
+            Err(error) if error.kind() != ErrorKind::AlreadyExists => {
+                return Err(Failure::Environment(error.into()));
+            }
+            _ => {}
+        }
+        let mut number = loaded;
+        let folder = loop {
+            number = number.saturating_add(1);
+            let folder = client.place.program_folder(number);
+            match maker.create(&folder) {
+                Ok(()) => break folder,
+                Err(error) if error.kind() == ErrorKind::AlreadyExists && number < u32::MAX => {}
+                Err(error) => return Err(Failure::Environment(error.into())),
+            }
+        };
+        let laid = Laid {
+            number,
+            folder,
+            kept: false,
+        };
+        let file = laid.folder.join(name);
+        fs::write(&file, text)
+            .with_context(|| format!("{}: cannot be written", file.display()))
+            .environment()?;
+        Ok(laid)
+    }
+}
+
+impl Drop for Laid {
+    fn drop(&mut self) {
+        if !self.kept {
+            let _ = fs::remove_dir_all(&self.folder);
+        }
+    }
+}
+
+/// `start`.
+pub fn start(options: &StartOptions) -> Outcome {
+    let client = Client::find(options.to.cell.as_deref(), "operator")?;
+    // Listens before it asks, so that the shortest program is not missed.
+    let mut eyes = Eyes::open(&client)?;
+    eyes.look()?;
+    let request = OperatorRequest {
+        order: Order::Start as u32,
+        ..OperatorRequest::default()
+    };
+    let answer = client.ask(Order::Start, request)?;
+    let hold = if answer.hold == 1 {
+        ", in hold: resume moves"
+    } else {
+        ""
+    };
+    let folder = folder_of(&client, answer.run);
+    let folder = folder.map_or(String::new(), |folder| format!(": {}", folder.display()));
+    say(&format!("run {} started{hold}{folder}", answer.run));
+    if !options.wait {
+        return Ok(());
+    }
+    let axes: Vec<String> = client
+        .machine
+        .axes
+        .iter()
+        .map(|axis| axis.name.clone())
+        .collect();
+    loop {
+        let now = eyes.look()?;
+        let begun = now.program == ProgramState::Begun as u32;
+        if now.run > answer.run {
+            return Err(Failure::Stopped(anyhow!(
+                "run {} is over and another one has begun: how it ended stands in its report",
+                answer.run
+            )));
+        }
+        if now.run == answer.run && !begun {
+            if now.program == ProgramState::Done as u32 {
+                say(&format!("run {} is done", answer.run));
+                return Ok(());
+            }
+            return Err(Failure::Stopped(anyhow!("run {} was given up", answer.run)));
+        }
+        let mode = Mode::from_wire(now.mode);
+        if mode == Some(Mode::Finished) && now.last == 1 {
+            say(&format!("run {} is done", answer.run));
+            return Ok(());
+        }
+        let stands = matches!(mode, Some(Mode::Tripped | Mode::Stopped | Mode::Disabled));
+        if now.run == answer.run && (stands || now.last == 1) {
+            return Err(Failure::Stopped(anyhow!(
+                "run {} is not done: {}",
+                answer.run,
+                stop_words(&now, &axes)
+            )));
+        }
+        std::thread::sleep(LOOK);
+    }
+}
+
+/// Run directory of a run that was started just now, if it can be known.
+fn folder_of(client: &Client, run: u32) -> Option<PathBuf> {
+    let runs = fs::read(client.place.runs_file()).ok()?;
+    let runs = PathBuf::from(OsString::from_vec(runs));
+    let loaded = fs::read_dir(client.place.programs()).ok()?.flatten();
+    let numbers = loaded.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
+    let program = client.place.program(numbers.max()?)?;
+    Some(monitor::run_folder(&runs, run, &program))
+}
+
+/// `down`.
+pub fn down(options: &OperatorOptions) -> Outcome {
+    let client = Client::find(options.cell.as_deref(), "operator")?;
+    let cell = client.place.name().to_string();
+    let launcher = watch(client.page.launcher_pid()).environment()?;
+    let request = OperatorRequest {
+        order: Order::Down as u32,
+        ..OperatorRequest::default()
+    };
+    if let Err(failure) = client.ask(Order::Down, request)
+        && !client.has_ended()
+    {
+        // Nobody there to answer: its launcher ends what is left of it.
+        pidfd_send_signal(&launcher, Signal::TERM).map_err(|_| failure)?;
+    }
+    // A client is gone before the cell is: what it closes later would be the next one's.
+    drop(client);
+    let mut ended = [PollFd::new(&launcher, PollFlags::IN)];
+    let limit = Timespec {
+        tv_sec: DOWN_LIMIT.as_secs() as i64,
+        tv_nsec: 0,
+    };
+    match poll(&mut ended, Some(&limit)) {
+        Ok(0) | Err(_) => Err(Failure::Stopped(anyhow!(
+            "cell {cell:?} is told to end, and has not after {} s",
+            DOWN_LIMIT.as_secs()
+        ))),
+        Ok(_) => {
+            say(&format!("cell {cell} is down"));
+            Ok(())
+        }
+    }
+}

@@ -1,0 +1,248 @@
+//! What the launcher's and the operator's commands take.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+use bus::member::Pace;
+use clap::Args;
+
+use crate::metrics_socket as metrics;
+
+/// What `quadrant run` takes.
+#[derive(Debug, Clone, Args)]
+pub struct RunOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml
+    pub machine: PathBuf,
+    /// Part program (RS274/NGC, "G-code")
+    pub program: PathBuf,
+    /// realtime: scans at absolute times; lockstep: as fast as the machine goes, the same result to the bit every time
+    #[arg(long, default_value = "lockstep", value_parser = ["realtime", "lockstep"])]
+    pub pace: String,
+    /// Run directory to write; made new [default: runs/MACHINE-PROGRAM-TIME]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Name of the cell, when several share a PC [default: the machine's own name]
+    #[arg(long, value_name = "NAME")]
+    pub cell: Option<String>,
+    /// If the run goes well: learn from it what the model lacks at reversals, into learned.toml beside the machine file
+    #[arg(long, conflicts_with = "no_learned")]
+    pub learn: bool,
+    /// Show `quadrant monitor` in this terminal meanwhile; closing it (q) ends nothing
+    #[arg(long)]
+    pub view: bool,
+    /// Go without what earlier runs have taught (learned.toml beside the machine file)
+    #[arg(long)]
+    pub no_learned: bool,
+    /// Serve metrics for Prometheus (OpenMetrics, docs/howto/metrics.md) at this address or port [without one: 127.0.0.1:7823]
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, require_equals = true, default_missing_value = metrics::DEFAULT_ADDRESS, value_parser = metrics::parse_address)]
+    pub metrics: Option<SocketAddr>,
+    /// In lockstep: seconds a living process may take for one answer before the run is given up
+    #[arg(long, value_name = "SECONDS", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600), hide_short_help = true)]
+    pub answer_limit: u64,
+    /// Orders that the master obeys, each at its scan (TOML: `[[order]]` scan, order, axis, value)
+    #[arg(long, value_name = "FILE", hide = true)]
+    pub orders: Option<PathBuf>,
+    /// Faults to inject: kills, stops, lost or corrupted samples, each at its scan, block or reversal (TOML; see docs/reference/fault-scripts.md)
+    #[arg(long, value_name = "FILE")]
+    pub faults: Option<PathBuf>,
+}
+
+impl RunOptions {
+    /// The pace it names.
+    pub fn pace(&self) -> Pace {
+        self.pace.parse().unwrap_or(Pace::Lockstep)
+    }
+}
+
+/// What `quadrant up` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "The drives are off at first. From any other terminal:\n  quadrant enable\n  quadrant load machines/xy/programs/circle-r25-f3000.ngc\n  quadrant start --wait\n  quadrant down\n\nEvery program that is started leaves a run directory with log and report in DIR: DIR/001-circle-r25-f3000 …\nCtrl-C, SIGTERM and `quadrant down` bring the tool to rest on the path before the processes leave."
+)]
+pub struct UpOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml
+    pub machine: PathBuf,
+    /// realtime: scans at absolute times; lockstep: as fast as the machine goes, also while nothing moves
+    #[arg(long, default_value = "realtime", value_parser = ["realtime", "lockstep"])]
+    pub pace: String,
+    /// Folder for the run directories; made new [default: runs/CELL-up-TIME]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Name of the cell, when several share a PC [default: the machine's own name]
+    #[arg(long, value_name = "NAME")]
+    pub cell: Option<String>,
+    /// Show `quadrant monitor` in this terminal meanwhile; closing it (q) ends nothing
+    #[arg(long)]
+    pub view: bool,
+    /// Go without what earlier runs have taught (learned.toml beside the machine file)
+    #[arg(long)]
+    pub no_learned: bool,
+    /// Serve metrics for Prometheus (OpenMetrics, docs/howto/metrics.md) at this address or port [without one: 127.0.0.1:7823]
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, require_equals = true, default_missing_value = metrics::DEFAULT_ADDRESS, value_parser = metrics::parse_address)]
+    pub metrics: Option<SocketAddr>,
+    /// In lockstep: seconds a living process may take for one answer before the cell is given up
+    #[arg(long, value_name = "SECONDS", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600), hide_short_help = true)]
+    pub answer_limit: u64,
+}
+
+impl UpOptions {
+    /// The pace it names.
+    pub fn pace(&self) -> Pace {
+        self.pace.parse().unwrap_or(Pace::Realtime)
+    }
+}
+
+/// What `quadrant load` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "The program is checked against the machine from where its axes stand, and copied: later edits do not reach the\ncell. Exit status 1: the cell cannot take it now; 2: the program is wrong."
+)]
+pub struct LoadOptions {
+    /// Part program (RS274/NGC, \"G-code\")
+    pub program: PathBuf,
+    /// Which cell.
+    #[command(flatten)]
+    pub to: CellOptions,
+}
+
+/// What `quadrant start` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "With --wait, exit status 0: the program is done; 1: it was stopped, tripped or given up, as is printed."
+)]
+pub struct StartOptions {
+    /// Wait until the program is done
+    #[arg(long)]
+    pub wait: bool,
+    /// Which cell.
+    #[command(flatten)]
+    pub to: CellOptions,
+}
+
+/// What every order to a running cell takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Prints what happened, or why it was refused, and exits with 0 or 1; also with 1 if\nno cell runs or it does not answer within 5 s; with 2 on bad usage.\n\nA hold in the middle of a program, a look at the workpiece, and on:\n  quadrant hold\n  quadrant jog Z 20\n  quadrant resume"
+)]
+pub struct OperatorOptions {
+    /// Name of the cell [default: the only one that runs]
+    #[arg(long, value_name = "NAME")]
+    pub cell: Option<String>,
+}
+
+/// Which running cell to look at.
+#[derive(Debug, Clone, Args)]
+pub struct CellOptions {
+    /// Name of the cell [default: the only one that runs]
+    #[arg(long, value_name = "NAME")]
+    pub cell: Option<String>,
+    /// See a cell of another machine, on which `quadrant remote serve` runs; read only (docs/howto/remote.md)
+    #[arg(long, value_name = "tcp/HOST:PORT")]
+    pub remote: Option<String>,
+}
+
+/// What `quadrant override` takes.
+#[derive(Debug, Clone, Args)]
+pub struct OverrideOptions {
+    /// Share of the programmed feeds and rapids, in percent
+    #[arg(allow_negative_numbers = true, value_parser = percent)]
+    pub percent: f64,
+    /// Which cell.
+    #[command(flatten)]
+    pub to: OperatorOptions,
+}
+
+/// What `quadrant jog` takes.
+#[derive(Debug, Clone, Args)]
+pub struct JogOptions {
+    /// Axis letter
+    pub axis: String,
+    /// Distance from where the axis stands, in mm (degrees of a rotary axis), signed
+    #[arg(allow_negative_numbers = true)]
+    pub distance: f64,
+    /// Wait until the axis stands
+    #[arg(long)]
+    pub wait: bool,
+    /// Which cell.
+    #[command(flatten)]
+    pub to: OperatorOptions,
+}
+
+/// What `quadrant check` takes.
+#[derive(Debug, Clone, Args)]
+pub struct CheckOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml
+    pub machine: PathBuf,
+    /// Part program to check against the machine
+    pub program: Option<PathBuf>,
+}
+
+/// What `quadrant plan` takes.
+#[derive(Debug, Clone, Args)]
+pub struct PlanOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml
+    pub machine: PathBuf,
+    /// Part program
+    pub program: PathBuf,
+    /// Write the setpoints of every scan as CSV
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+}
+
+/// What `quadrant report` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Writes report.txt, report.json, report.html and plots into the run directory; with --against into\nRUN_DIR/against-NAME, NAME being that of the other run's directory, in which nothing is written.\n\nBefore and after a change of the machine file:\n  quadrant report runs/after --against runs/before"
+)]
+pub struct ReportOptions {
+    /// A run directory
+    pub run_dir: PathBuf,
+    /// The directory of another run of the same program on the same machine, whose settings may differ: both side by side
+    #[arg(long, value_name = "RUN_DIR")]
+    pub against: Option<PathBuf>,
+    /// Print report.json instead of the text
+    #[arg(long)]
+    pub json: bool,
+    /// Yield to everything else on this PC
+    #[arg(long, hide = true)]
+    pub background: bool,
+}
+
+/// What `quadrant doctor` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Each finding is ok, could be better, or must be changed; the last two with the reason and what to type.\nExit status 3: something must be changed before a cell runs in real time."
+)]
+pub struct DoctorOptions {
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What `quadrant clean` takes.
+#[derive(Debug, Clone, Args)]
+pub struct CleanOptions {
+    /// The cell
+    pub cell: String,
+}
+
+/// A finite number.
+///
+/// # Errors
+/// It is none, in words.
+pub fn number(text: &str) -> Result<f64, String> {
+    let value: f64 = text
+        .trim()
+        .parse()
+        .map_err(|_| format!("{text:?} is no number"))?;
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err("must be finite".into())
+    }
+}
+
+/// A number, with or without its sign of percent.
+fn percent(text: &str) -> Result<f64, String> {
+    number(text.strip_suffix('%').unwrap_or(text))
+}

@@ -1,0 +1,291 @@
+//! `quadrant run`: check everything, start the group, supervise it, stop it, write the report.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use anyhow::{anyhow, bail};
+use bus::cell::{CellError, CellPaths, Ownership};
+use bus::member::Pace;
+use bus::sample::Mode;
+use machine::{Machine, machine_file};
+use plant_sim::script::faults::{self, Fault, FaultScript};
+use plant_sim::script::orders;
+
+use crate::check::{self, Checked};
+use crate::events::{Event, Events};
+use crate::exit::{Failure, Kind, Outcome};
+use crate::group::{Group, Plan};
+use crate::options::{CleanOptions, RunOptions};
+use crate::output::say;
+use crate::run_dir::{RunDir, Sources, default_folder, program_name};
+use crate::signals::Signals;
+use crate::supervise::{Ending, Subject, Watch, stop_words, supervise};
+use crate::view::{self, View};
+use crate::{doctor, exit, logs, metrics_socket, report, service_manager, training};
+
+/// Members of a dead launcher get so long to stop on the path and leave.
+const MEMBERS_PATIENCE: Duration = Duration::from_secs(10);
+
+/// What a fault script may do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Injection {
+    /// Kill and stop processes.
+    KillsAndStops,
+    /// Also have processes send wrong, late or no samples: they must be able to.
+    WrongSamples,
+}
+
+/// A run that went well.
+#[derive(Debug)]
+pub struct Completed {
+    /// Its run directory.
+    pub folder: PathBuf,
+    /// The machine file it was started with.
+    pub machine_file: PathBuf,
+    /// What that file says.
+    pub machine: Machine,
+}
+
+/// Runs a program on a machine.
+///
+/// # Errors
+/// Nothing was started, or the run did not complete.
+pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Failure> {
+    logs::init_launcher();
+    program_name(&options.program).input()?;
+    if options.view {
+        view::check().input()?;
+    }
+    let checked = check::load(&options.machine, Some(&options.program)).input()?;
+    if let Some(orders) = &options.orders {
+        orders::load(orders, &checked.machine).input()?;
+    }
+    let faults = options
+        .faults
+        .as_deref()
+        .map(|path| load_faults(path, &checked, injection))
+        .transpose()
+        .input()?;
+    let cell_name = options.cell.as_deref().unwrap_or(&checked.machine.name);
+    let place = CellPaths::new(cell_name).input()?;
+    let signals = Signals::catch().environment()?;
+    let cell = own(&place).environment()?;
+    let metrics = options.metrics.map(metrics_socket::listen);
+    let metrics = metrics.transpose().environment()?;
+    let machine_path = machine_file(&options.machine);
+    let folder = options
+        .out
+        .clone()
+        .unwrap_or_else(|| default_folder(&checked.machine.name, &options.program));
+    let trained = training::trained(&machine_path, &checked.machine, options.no_learned).input()?;
+    let run_dir = RunDir::make(
+        &folder,
+        &Sources {
+            machine: &machine_path,
+            plant: &machine_path.with_file_name("plant.toml"),
+            program: Some(&options.program),
+            learned: trained.as_deref(),
+            orders: options.orders.as_deref(),
+            faults: options.faults.as_deref(),
+        },
+    )
+    .environment()?;
+    // What runs is what was copied: checked once more, in case someone edited it meanwhile.
+    let mut checked = match check::load(&run_dir.machine, run_dir.program.as_deref()) {
+        Ok(checked) => checked,
+        Err(error) => {
+            let _ = std::fs::remove_dir_all(&run_dir.folder);
+            return Err(Failure::Input(error));
+        }
+    };
+    let (faults, fault_blocks) = match faults {
+        Some((script, blocks)) => {
+            script.restart.apply(&mut checked.machine.restart);
+            (Some(script), blocks)
+        }
+        None => (None, Vec::new()),
+    };
+    if options.pace() == Pace::Realtime {
+        doctor::say_what_realtime_lacks();
+    }
+    let plan = Plan {
+        machine_file: run_dir.machine.clone(),
+        plant_file: run_dir.plant.clone(),
+        program: run_dir.program.clone(),
+        out: run_dir.folder.clone(),
+        pace: options.pace(),
+        answer_limit_s: options.answer_limit,
+        orders: run_dir.orders.clone(),
+        faults: run_dir.faults.clone(),
+        fault_blocks,
+        wrong_samples: injection == Injection::WrongSamples,
+        metrics,
+    };
+    let mut group = start(cell, &checked.machine, &plan, &signals)?;
+    let mut events = Events::create(&run_dir.folder).environment()?;
+    note_started(&group, &mut events);
+    let watch = Watch::new(&group, &checked.machine, !options.view).environment()?;
+    group.begin();
+    service_manager::ready();
+    let shown = options.program.display();
+    service_manager::status(&format!("cell {cell_name} runs {shown}"));
+    let subject = Subject {
+        machine: &checked.machine,
+        path: checked.program.as_ref().map(|program| &program.path),
+        faults,
+        session: None,
+        view: options
+            .view
+            .then(|| View::open(cell_name))
+            .transpose()
+            .environment()?,
+    };
+    let ending = supervise(&mut group, subject, watch, &signals, &mut events);
+    drop(group);
+    let made = report::make(&run_dir.folder);
+    conclude(ending, made, &run_dir.folder)?;
+    Ok(Completed {
+        folder: run_dir.folder,
+        machine_file: machine_path,
+        machine: checked.machine,
+    })
+}
+
+/// Takes the cell, once what is left of a crashed one has gone.
+pub fn own(place: &CellPaths) -> Result<Ownership, CellError> {
+    let cell = place.own(MEMBERS_PATIENCE)?;
+    if cell.leftovers > 0 {
+        tracing::info!(
+            "removed {} files that a crashed run had left of cell {}",
+            cell.leftovers,
+            place.name()
+        );
+    }
+    Ok(cell)
+}
+
+/// Starts the group, unless somebody interrupts it.
+pub fn start(
+    cell: Ownership,
+    machine: &Machine,
+    plan: &Plan,
+    signals: &Signals,
+) -> Result<Group, Failure> {
+    let interrupted = || signals.count() > 0;
+    Group::start(cell, machine, plan, &interrupted).map_err(|error| {
+        if interrupted() {
+            Failure::Interrupted
+        } else {
+            Failure::Environment(error)
+        }
+    })
+}
+
+/// Writes down who was started.
+pub fn note_started(group: &Group, events: &mut Events) {
+    for (process, pid) in group.living() {
+        events.write(&Event {
+            process: Some(process),
+            pid: Some(pid),
+            ..Event::of_cell(0, "started", None)
+        });
+    }
+}
+
+/// Reads a fault script; with it, where the blocks that it names begin on the path (line and element).
+fn load_faults(
+    path: &Path,
+    checked: &Checked,
+    injection: Injection,
+) -> anyhow::Result<(FaultScript, Vec<(u32, u32)>)> {
+    let mut script = faults::load(path, &checked.machine)?;
+    let sends = |fault: &&Fault| fault.action.is_of_samples();
+    if injection == Injection::KillsAndStops
+        && let Some(fault) = script.faults.iter().find(sends)
+    {
+        bail!(
+            "{}:{}: drop, delay and corrupt make a process send wrong samples: only `quadrant-lab run` does that",
+            path.display(),
+            fault.line
+        );
+    }
+    let elements = checked.program.as_ref().map(|p| p.path.elements.as_slice());
+    let mut blocks = Vec::new();
+    script.resolve_blocks(|line| {
+        let at = elements?.iter().position(|element| element.line >= line)?;
+        let element = u32::try_from(at).ok()?;
+        blocks.push((line, element));
+        Some(element)
+    })?;
+    Ok((script, blocks))
+}
+
+fn conclude(ending: Ending, made: anyhow::Result<String>, folder: &Path) -> Outcome {
+    match &made {
+        Ok(text) => {
+            say(text);
+            say(&format!("Run directory: {}", folder.display()));
+        }
+        Err(error) => {
+            let why = exit::words(error);
+            tracing::error!("no report could be made of {}: {why}", folder.display());
+        }
+    }
+    if ending.interruptions > 1 {
+        return Err(Failure::Interrupted);
+    }
+    if !ending.in_order {
+        return Err(Failure::Stopped(anyhow!(
+            "the machine did not come to rest in order"
+        )));
+    }
+    if let Some(death) = ending
+        .deaths
+        .iter()
+        .find(|d| !d.status.success() && !d.replaced)
+    {
+        if death.status.code() == Some(3) {
+            return Err(Failure::Environment(anyhow!(
+                "{} could not go on",
+                death.name
+            )));
+        }
+        let end = ending.last.as_ref();
+        let end = end.map_or(String::new(), |f| {
+            format!(": {}", stop_words(f, &ending.axes))
+        });
+        return Err(Failure::Stopped(anyhow!(
+            "{} {}{end}",
+            death.name,
+            death.words()
+        )));
+    }
+    let last = ending
+        .last
+        .ok_or_else(|| Failure::Environment(anyhow!("no scan ever ran")))?;
+    match Mode::from_wire(last.mode) {
+        Some(Mode::Stopped | Mode::Disabled) if ending.interruptions > 0 && last.cause == 0 => {
+            Err(Failure::Interrupted)
+        }
+        Some(Mode::Finished) => {
+            made.map_err(Failure::Environment)?;
+            Ok(())
+        }
+        _ => Err(Failure::Stopped(anyhow!(
+            "{}",
+            stop_words(&last, &ending.axes)
+        ))),
+    }
+}
+
+/// `quadrant clean`: removes what a crash left of a cell.
+pub fn clean(options: &CleanOptions) -> Outcome {
+    logs::init_launcher();
+    let place = CellPaths::new(&options.cell).input()?;
+    let cell = place.own(Duration::ZERO).environment()?;
+    say(&format!(
+        "cell {}: {} files removed",
+        options.cell, cell.leftovers
+    ));
+    Ok(())
+}

@@ -1,0 +1,189 @@
+//! The run directory: made new, with copies of everything the run depends on, so that nobody's edits reach a running cell
+//! and the report can be made again.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use anyhow::{Context, bail};
+use machine::learned::LEARNED_FILE;
+
+/// A run directory with its copies.
+#[derive(Debug)]
+pub struct RunDir {
+    /// The folder.
+    pub folder: PathBuf,
+    /// Copy of the machine file.
+    pub machine: PathBuf,
+    /// Copy of the plant file.
+    pub plant: PathBuf,
+    /// Copy of the program, under its own name; none in the folder of a cell that stays up.
+    pub program: Option<PathBuf>,
+    /// Copy of the scripted orders, if there are any.
+    pub orders: Option<PathBuf>,
+    /// Copy of the fault script, if there is one.
+    pub faults: Option<PathBuf>,
+}
+
+/// What is copied into it.
+#[derive(Debug)]
+pub struct Sources<'a> {
+    /// Machine file.
+    pub machine: &'a Path,
+    /// Plant file.
+    pub plant: &'a Path,
+    /// Part program.
+    pub program: Option<&'a Path>,
+    /// What runs before have taught, if it is to be used and there is any.
+    pub learned: Option<&'a Path>,
+    /// Scripted orders.
+    pub orders: Option<&'a Path>,
+    /// Fault script.
+    pub faults: Option<&'a Path>,
+}
+
+/// The folder a run writes to if none is named.
+pub fn default_folder(machine: &str, program: &Path) -> PathBuf {
+    let stem = program
+        .file_stem()
+        .map_or("program".into(), |s| s.to_string_lossy());
+    dated_folder(&format!("{machine}-{stem}"))
+}
+
+/// `runs/NAME-TIME`, one that is not there yet.
+pub fn dated_folder(name: &str) -> PathBuf {
+    let seconds = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |d| d.as_secs());
+    let base = format!("runs/{name}-{}", utc(seconds));
+    let mut folder = PathBuf::from(&base);
+    let mut number = 2;
+    while folder.exists() {
+        folder = PathBuf::from(format!("{base}-{number}"));
+        number += 1;
+    }
+    folder
+}
+
+/// Year to second of a Unix time, as `20261121-103000` (days to civil date after H. Hinnant, 2013).
+fn utc(seconds: u64) -> String {
+    let (days, rest) = (seconds / 86_400 + 719_468, seconds % 86_400);
+    let (era, day_of_era) = (days / 146_097, days % 146_097);
+    let year_of_era =
+        (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let shifted = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * shifted + 2) / 5 + 1;
+    let month = if shifted < 10 {
+        shifted + 3
+    } else {
+        shifted - 9
+    };
+    let year = year_of_era + era * 400 + u64::from(month <= 2);
+    format!(
+        "{year:04}{month:02}{day:02}-{:02}{:02}{:02}",
+        rest / 3600,
+        rest / 60 % 60,
+        rest % 60
+    )
+}
+
+/// Copies in a run directory that say how the run was set up, besides its program.
+pub const SETTINGS_FILES: [&str; 5] = [
+    "machine.toml",
+    "plant.toml",
+    LEARNED_FILE,
+    "orders.toml",
+    "faults.toml",
+];
+
+/// Files of a run directory that are not the program.
+const RESERVED: [&str; 10] = [
+    "machine.toml",
+    "learned.toml",
+    "plant.toml",
+    "run.mcap",
+    "report.json",
+    "report.txt",
+    "report.html",
+    "events.jsonl",
+    "orders.toml",
+    "faults.toml",
+];
+
+/// The name a program keeps in the run directory.
+///
+/// # Errors
+/// It has none, one that is not UTF-8, or one that a file of the run directory has.
+pub fn program_name(program: &Path) -> anyhow::Result<&str> {
+    let shown = program.display();
+    let name = program
+        .file_name()
+        .with_context(|| format!("{shown}: is not the name of a file"))?
+        .to_str()
+        .with_context(|| format!("{shown}: a program's name must be UTF-8"))?;
+    let is_log = name.starts_with("run-") && name.ends_with(".mcap");
+    let is_black_box = name.starts_with(monitor::black_box::BLACK_BOX_PREFIX);
+    // Folders of comparisons.
+    let is_against = name.starts_with("against-");
+    if RESERVED.contains(&name) || is_log || is_black_box || is_against || name.ends_with(".svg") {
+        bail!("{shown}: a file of that name is written by the run itself: rename the program");
+    }
+    Ok(name)
+}
+
+impl RunDir {
+    /// Makes it and copies the sources.
+    ///
+    /// # Errors
+    /// The folder exists and is not empty, or cannot be written.
+    pub fn make(folder: &Path, sources: &Sources<'_>) -> anyhow::Result<RunDir> {
+        let shown = folder.display();
+        if folder.exists() {
+            let mut entries = fs::read_dir(folder)
+                .with_context(|| format!("{shown}: is not a folder that can be written to"))?;
+            if entries.next().is_some() {
+                bail!(
+                    "{shown}: is not empty: nothing is written over an earlier run; name another folder"
+                );
+            }
+        }
+        fs::create_dir_all(folder).with_context(|| format!("{shown}: cannot be made"))?;
+        let copy = |from: &Path, name: &Path| -> anyhow::Result<PathBuf> {
+            let to = folder.join(name);
+            let text =
+                fs::read(from).with_context(|| format!("{}: cannot be read", from.display()))?;
+            fs::write(&to, text).with_context(|| format!("{}: cannot be written", to.display()))?;
+            Ok(to)
+        };
+        let copy_if = |from: Option<&Path>, name: &str| {
+            from.map(|from| copy(from, Path::new(name))).transpose()
+        };
+        let program = sources
+            .program
+            .map(|program| copy(program, Path::new(program_name(program)?)))
+            .transpose()?;
+        copy_if(sources.learned, LEARNED_FILE)?;
+        Ok(RunDir {
+            folder: folder.to_path_buf(),
+            machine: copy(sources.machine, Path::new("machine.toml"))?,
+            plant: copy(sources.plant, Path::new("plant.toml"))?,
+            program,
+            orders: copy_if(sources.orders, "orders.toml")?,
+            faults: copy_if(sources.faults, "faults.toml")?,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_unix_time_is_written_as_the_date_that_it_is() {
+        assert_eq!(utc(0), "19700101-000000");
+        assert_eq!(utc(951_782_399), "20000228-235959");
+        assert_eq!(utc(951_782_400), "20000229-000000");
+        assert_eq!(utc(1_795_257_000), "20261121-103000");
+    }
+}

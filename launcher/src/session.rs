@@ -1,0 +1,242 @@
+//! The programs of a cell that stays up, as the launcher sees them: each one that was started has a folder of its own, and a
+//! report once it is over.
+
+use std::fs;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use bus::cell::CellPaths;
+use bus::sample::{Cause, Feedback, Mode, ProgramState};
+use serde_json::Value;
+
+use crate::events::{Event, Events};
+use crate::signals::Signals;
+
+/// So long the reports that are still being made may hold up the end of the cell.
+const REPORT_LIMIT: Duration = Duration::from_secs(120);
+const REPORT_LOOK: Duration = Duration::from_millis(20);
+
+/// A report on its way.
+#[derive(Debug)]
+struct Report {
+    run: u32,
+    folder: PathBuf,
+    child: Child,
+}
+
+/// What happens to the programs of a cell.
+#[derive(Debug)]
+pub struct Session {
+    folder: PathBuf,
+    place: CellPaths,
+    /// Runs whose report is made or on its way.
+    reported: u32,
+    /// Runs whose logs are whole.
+    logged: u32,
+    /// Runs that were said to have begun.
+    begun: u32,
+    /// Programs of lower numbers are gone.
+    pruned: u32,
+    /// The program that was loaded, and the scan in which this was seen.
+    loaded: Option<(u32, u64)>,
+    /// Program and run that were seen last.
+    seen: (u32, u32),
+    /// State that was said last.
+    said: Option<(u32, u32, u32)>,
+    /// A run that is over, and the scan whose samples its log must have.
+    over: Option<(u32, u64)>,
+    /// One at a time, beside a machine that moves.
+    report: Option<Report>,
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        if let Some(mut report) = self.report.take() {
+            let _ = report.child.kill();
+            let _ = report.child.wait();
+        }
+    }
+}
+
+impl Session {
+    /// Of the cell in `place`, with one folder in `folder` for each program.
+    pub fn new(folder: &Path, place: &CellPaths) -> Session {
+        Session {
+            folder: folder.into(),
+            place: place.clone(),
+            reported: 0,
+            logged: 0,
+            begun: 0,
+            pruned: 0,
+            loaded: None,
+            seen: (0, 0),
+            said: None,
+            over: None,
+            report: None,
+        }
+    }
+
+    /// Looks at the newest feedback; the recorder has taken `recorded_scans`.
+    pub fn look(&mut self, feedback: &Feedback, recorded_scans: u64, events: &mut Events) {
+        self.say_state(feedback, events);
+        self.prune(feedback, recorded_scans);
+        while self.begun < feedback.run {
+            self.begun += 1;
+            tracing::info!("run {} begins", self.begun);
+            let text = Some(format!("run {}", self.begun));
+            events.write(&Event::of_cell(feedback.scan, "run begins", text));
+        }
+        let begun = feedback.program == ProgramState::Begun as u32;
+        let done = feedback.run.saturating_sub(u32::from(begun));
+        if done > self.logged && self.over.is_none_or(|(run, _)| run != done) {
+            self.over = Some((done, feedback.scan));
+        }
+        if let Some((run, scan)) = self.over
+            && recorded_scans > scan
+        {
+            self.logged = run;
+            self.over = None;
+        }
+        self.make_reports(feedback.scan, events);
+    }
+
+    /// Whether another program has been loaded or started since this was asked last.
+    pub fn is_another(&mut self, feedback: &Feedback) -> bool {
+        let now = (feedback.load, feedback.run);
+        std::mem::replace(&mut self.seen, now) != now
+    }
+
+    /// The cell has ended: the reports that are missing are made, unless somebody is in a hurry.
+    pub fn finish(&mut self, last: &Feedback, signals: &Signals, events: &mut Events) {
+        self.logged = last.run;
+        let (started, before) = (Instant::now(), signals.count());
+        loop {
+            self.make_reports(last.scan, events);
+            let Some(report) = &self.report else { return };
+            let hurry = signals.count() > before;
+            if hurry || started.elapsed() > REPORT_LIMIT {
+                let folder = report.folder.display();
+                tracing::warn!("not waited for: `quadrant report {folder}` makes it");
+                return;
+            }
+            std::thread::sleep(REPORT_LOOK);
+        }
+    }
+
+    fn say_state(&mut self, feedback: &Feedback, events: &mut Events) {
+        let state = (feedback.mode, feedback.cause, feedback.program);
+        if self.said == Some(state) {
+            return;
+        }
+        // Trips are said with all they mean elsewhere.
+        if let Some(mode) = Mode::from_wire(feedback.mode).filter(|mode| *mode != Mode::Tripped) {
+            let program = ProgramState::from_wire(feedback.program);
+            let program = program.map_or("of another version", ProgramState::word);
+            let cause = match Cause::from_wire(feedback.cause) {
+                Some(Cause::None) => String::new(),
+                cause => format!(": {}", cause.map_or("an unknown cause", Cause::words)),
+            };
+            let text = format!("{}{cause}, program {program}", mode.word());
+            tracing::info!("by scan {}: {text}", feedback.scan);
+            events.write(&Event::of_cell(feedback.scan, "state", Some(text)));
+        }
+        self.said = Some(state);
+    }
+
+    /// Programs that have been replaced are not needed any more, once the recorder too has come to where they were.
+    fn prune(&mut self, feedback: &Feedback, recorded_scans: u64) {
+        let read = feedback.program >= ProgramState::Loaded as u32;
+        if read && self.loaded.is_none_or(|(load, _)| load != feedback.load) {
+            self.loaded = Some((feedback.load, feedback.scan));
+        }
+        let Some((load, scan)) = self.loaded else {
+            return;
+        };
+        if load <= self.pruned || recorded_scans <= scan {
+            return;
+        }
+        self.pruned = load;
+        let programs = fs::read_dir(self.place.programs()).into_iter().flatten();
+        for entry in programs.flatten() {
+            let name = entry.file_name();
+            let number = name.to_str().and_then(|name| name.parse().ok());
+            if number.is_some_and(|number: u32| number < load) {
+                let _ = fs::remove_dir_all(entry.path());
+            }
+        }
+    }
+
+    /// Folder of a run, once the recorder has made it.
+    fn folder_of(&self, run: u32) -> Option<PathBuf> {
+        let entries = fs::read_dir(&self.folder).ok()?.flatten();
+        let mut folders = entries.map(|entry| entry.path());
+        folders.find(|path| path.is_dir() && monitor::run_number(path) == Some(run))
+    }
+
+    /// Has the reports of all runs whose logs are whole made, one after the other, by processes beside the cell.
+    fn make_reports(&mut self, scan: u64, events: &mut Events) {
+        self.reap(scan, events);
+        while self.report.is_none() && self.reported < self.logged {
+            self.reported += 1;
+            let Some(folder) = self.folder_of(self.reported) else {
+                tracing::warn!("run {} has left no log", self.reported);
+                continue;
+            };
+            let child = Command::new("/proc/self/exe")
+                .arg("report")
+                .arg(&folder)
+                .arg("--background")
+                .stdin(Stdio::null())
+                .stdout(Stdio::null())
+                // Ctrl-C goes to the launcher alone.
+                .process_group(0)
+                .spawn();
+            match child {
+                Ok(child) => {
+                    self.report = Some(Report {
+                        run: self.reported,
+                        folder,
+                        child,
+                    });
+                }
+                Err(error) => tracing::warn!("no report of {}: {error}", folder.display()),
+            }
+        }
+    }
+
+    fn reap(&mut self, scan: u64, events: &mut Events) {
+        let Some(report) = &mut self.report else {
+            return;
+        };
+        let Ok(Some(status)) = report.child.try_wait() else {
+            return;
+        };
+        let outcome = if status.success() {
+            outcome_of(&report.folder)
+        } else {
+            format!("no report could be made ({status})")
+        };
+        let text = format!("{}: {outcome}", report.folder.display());
+        tracing::info!("run {}: {text}", report.run);
+        events.write(&Event::of_cell(scan, "run over", Some(text)));
+        self.report = None;
+    }
+}
+
+/// How a run ended and how well it went, from its report.
+fn outcome_of(folder: &Path) -> String {
+    let text = fs::read_to_string(folder.join("report.json")).unwrap_or_default();
+    let report: Value = serde_json::from_str(&text).unwrap_or_default();
+    let word = |pointer: &str| report.pointer(pointer).and_then(Value::as_str);
+    let kind = word("/outcome/kind").unwrap_or("of unknown outcome");
+    let why = word("/outcome/reason").map_or(String::new(), |why| format!(" ({why})"));
+    let contour = report
+        .pointer("/contour_error_um/peak")
+        .and_then(Value::as_f64);
+    let contour = contour.map_or(String::new(), |um| {
+        format!(", contour error {um:.1} µm at most")
+    });
+    format!("{kind}{why}{contour}")
+}

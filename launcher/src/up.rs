@@ -1,0 +1,129 @@
+//! `quadrant up`: start the group and stay; programs are loaded and started from other terminals.
+
+use anyhow::anyhow;
+use bus::cell::CellPaths;
+use bus::member::Pace;
+use bus::sample::Job;
+use machine::machine_file;
+
+use crate::events::Events;
+use crate::exit::{Failure, Kind, Outcome};
+use crate::group::Plan;
+use crate::options::UpOptions;
+use crate::output::say;
+use crate::run::{note_started, own, start};
+use crate::run_dir::{RunDir, Sources, dated_folder};
+use crate::session::Session;
+use crate::signals::Signals;
+use crate::supervise::{Ending, Subject, Watch, supervise};
+use crate::view::{self, View};
+use crate::{check, doctor, logs, metrics_socket, service_manager, training};
+
+/// Starts the group of a machine and stays until it is told to end.
+pub fn up(options: &UpOptions) -> Outcome {
+    logs::init_launcher();
+    if options.view {
+        view::check().input()?;
+    }
+    let checked = check::load(&options.machine, None).input()?;
+    let cell_name = options.cell.as_deref().unwrap_or(&checked.machine.name);
+    let place = CellPaths::new(cell_name).input()?;
+    let signals = Signals::catch().environment()?;
+    let cell = own(&place).environment()?;
+    let metrics = options.metrics.map(metrics_socket::listen);
+    let metrics = metrics.transpose().environment()?;
+    let machine_path = machine_file(&options.machine);
+    let trained = training::trained(&machine_path, &checked.machine, options.no_learned).input()?;
+    let folder = options.out.clone();
+    let folder = folder.unwrap_or_else(|| dated_folder(&format!("{cell_name}-up")));
+    let run_dir = RunDir::make(
+        &folder,
+        &Sources {
+            machine: &machine_path,
+            plant: &machine_path.with_file_name("plant.toml"),
+            program: None,
+            learned: trained.as_deref(),
+            orders: None,
+            faults: None,
+        },
+    )
+    .environment()?;
+    // What runs is what was copied.
+    let mut checked = match check::load(&run_dir.machine, None) {
+        Ok(checked) => checked,
+        Err(error) => {
+            let _ = std::fs::remove_dir_all(&run_dir.folder);
+            return Err(Failure::Input(error));
+        }
+    };
+    checked.machine.restart = checked.machine.restart.of_staying();
+    if options.pace() == Pace::Realtime {
+        doctor::say_what_realtime_lacks();
+    }
+    let plan = Plan {
+        machine_file: run_dir.machine.clone(),
+        plant_file: run_dir.plant.clone(),
+        program: None,
+        out: run_dir.folder.clone(),
+        pace: options.pace(),
+        answer_limit_s: options.answer_limit,
+        orders: None,
+        faults: None,
+        fault_blocks: Vec::new(),
+        wrong_samples: false,
+        metrics,
+    };
+    let mut group = start(cell, &checked.machine, &plan, &signals)?;
+    let mut events = Events::create(&run_dir.folder).environment()?;
+    let shown = std::path::absolute(&run_dir.folder).environment()?;
+    std::fs::write(place.runs_file(), shown.as_os_str().as_encoded_bytes()).environment()?;
+    note_started(&group, &mut events);
+    let watch = Watch::new(&group, &checked.machine, false).environment()?;
+    group.begin();
+    service_manager::ready();
+    service_manager::status(&format!("cell {cell_name} is up"));
+    say(&format!(
+        "Cell {cell_name} is up, its drives are off. From any other terminal:\n  \
+         quadrant enable | load PROGRAM | start | hold | resume | stop | jog AXIS DISTANCE | status | monitor | down\n\
+         Every program that is started leaves a run directory in {}",
+        folder.display()
+    ));
+    let subject = Subject {
+        machine: &checked.machine,
+        path: None,
+        faults: None,
+        session: Some(Session::new(&folder, &place)),
+        view: options
+            .view
+            .then(|| View::open(cell_name))
+            .transpose()
+            .environment()?,
+    };
+    let ending = supervise(&mut group, subject, watch, &signals, &mut events);
+    drop(group);
+    conclude(&ending, cell_name)
+}
+
+fn conclude(ending: &Ending, cell: &str) -> Outcome {
+    if !ending.in_order {
+        return Err(if ending.interruptions > 1 {
+            Failure::Interrupted
+        } else {
+            Failure::Stopped(anyhow!("the machine did not come to rest in order"))
+        });
+    }
+    let needed = |job| matches!(job, Job::Master | Job::Planner);
+    let mut lost = ending.deaths.iter().filter(|d| needed(d.job));
+    if let Some(death) = lost.find(|d| !d.status.success() && !d.replaced) {
+        return Err(Failure::Stopped(anyhow!(
+            "{} {}",
+            death.name,
+            death.words()
+        )));
+    }
+    say(&format!("Cell {cell} is down"));
+    if ending.interruptions > 0 {
+        return Err(Failure::Interrupted);
+    }
+    Ok(())
+}

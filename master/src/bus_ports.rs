@@ -1,0 +1,552 @@
+//! The ports of a master process: shared memory, the signal page, the clock.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use std::time::{Duration, Instant};
+
+use bus::cell::CellError;
+use bus::member::{Member, Pace};
+use bus::port::{Age, OperatorServer, Reader, WindowReader, Writer};
+use bus::realtime;
+use bus::sample::{
+    AxisCommand, Feedback, Instruments, Job, MAX_AXES, MAX_PARTICIPANTS, OperatorRequest,
+    OperatorResponse, Participant, PlannerStatus, Roster, WindowHeader, WindowRow,
+};
+use bus::service::{RECORDER_DEPTH_SCANS, ROLES, SCAN_DEPTH};
+use bus::signal_page::CellPhase;
+use bytemuck::Zeroable;
+use machine::Machine;
+
+use crate::answers::Answers;
+use crate::drives::Drives;
+use crate::error::MasterError;
+use crate::ports::{Answered, Flow, MasterPorts};
+use crate::saved::{Latches, SavedState};
+
+/// Scans between two looks whether the launcher lives and two signals to the recorder.
+const LOOK_AROUND_SCANS: u64 = 64;
+/// Scans between two looks whether an operator asks for something.
+const OPERATOR_SCANS: u64 = 4;
+/// So long the recorder may take for what is in its queue at the end.
+const LAST_RECORD_LIMIT: Duration = Duration::from_secs(5);
+/// The longest wait at a signal without a look at the ports.
+pub const WAIT_STEP: Duration = Duration::from_millis(50);
+
+struct Ports {
+    feedback: Writer<Feedback>,
+    instruments: Writer<Instruments>,
+    commands: Vec<[Reader<AxisCommand>; ROLES.len()]>,
+    windows: WindowReader,
+    planner: Reader<PlannerStatus>,
+    roster: Reader<Roster>,
+    operator: OperatorServer,
+}
+
+impl Ports {
+    fn open(member: &Member, axes: usize) -> Result<Ports, CellError> {
+        let bus = &member.bus;
+        let commands = (0..axes)
+            .map(|axis| {
+                Ok([
+                    bus.command_reader(axis, 0, SCAN_DEPTH)?,
+                    bus.command_reader(axis, 1, SCAN_DEPTH)?,
+                ])
+            })
+            .collect::<Result<Vec<_>, CellError>>()?;
+        Ok(Ports {
+            feedback: bus.feedback_writer()?,
+            instruments: bus.instruments_writer()?,
+            commands,
+            windows: bus.window_reader(SCAN_DEPTH)?,
+            planner: bus.planner_reader(SCAN_DEPTH)?,
+            roster: bus.roster_reader(SCAN_DEPTH)?,
+            operator: bus.operator_server()?,
+        })
+    }
+
+    /// Takes what has been answered for `scan`, visible in the next, into `answers`; from those who are in the roster.
+    fn read_answers(
+        &mut self,
+        scan: u64,
+        ask_planner: bool,
+        roster: &Roster,
+        answers: &mut Answers,
+    ) {
+        for place in &roster.participants {
+            if place.job != Job::Servo as u32 {
+                continue;
+            }
+            let (axis, role) = (place.axis as usize, place.role as usize);
+            let reader = self.commands.get_mut(axis).and_then(|r| r.get_mut(role));
+            let command = answers.commands.get_mut(axis).and_then(|c| c.get_mut(role));
+            if let (Some(reader), Some(command)) = (reader, command)
+                && let Some(newest) = reader.newest(scan + 1)
+            {
+                *command = Some(newest);
+            }
+        }
+        if ask_planner && let Some(newest) = self.planner.newest(scan + 1) {
+            answers.planner = Some(newest);
+        }
+    }
+}
+
+/// Incarnations of the places that lived when a scan was said, 0 for the others: who came later was not asked.
+type Asked = [u32; MAX_PARTICIPANTS];
+
+fn asked(roster: &Roster) -> Asked {
+    let mut asked = [0; MAX_PARTICIPANTS];
+    for (asked, place) in asked.iter_mut().zip(&roster.participants) {
+        if place.live == 1 {
+            *asked = place.incarnation;
+        }
+    }
+    asked
+}
+
+/// Who of those who live and were asked has not answered the scan yet. One that `excused` says has answered without a word
+/// that counts.
+fn missing(
+    scan: u64,
+    ask_planner: bool,
+    answers: &Answers,
+    (roster, asked): (&Roster, &Asked),
+    excused: impl Fn(usize, &Participant) -> bool,
+) -> Missing {
+    let mut missing = Missing::default();
+    for (index, (place, asked)) in roster.participants.iter().zip(asked).enumerate() {
+        if place.live == 0 || place.stalled == 1 || place.incarnation != *asked {
+            continue;
+        }
+        let answered = if place.job == Job::Servo as u32 {
+            answers
+                .commands
+                .get(place.axis as usize)
+                .and_then(|roles| roles.get(place.role as usize))
+                .is_some_and(|c| {
+                    c.is_some_and(|c| c.scan >= scan && c.incarnation == place.incarnation)
+                })
+        } else if place.job == Job::Planner as u32 && ask_planner {
+            answers
+                .planner
+                .is_some_and(|s| s.scan >= scan && s.incarnation == place.incarnation)
+        } else {
+            continue;
+        };
+        if answered || excused(index, place) {
+            missing.answered += 1;
+        } else if let Some(slot) = missing.places.get_mut(missing.count) {
+            *slot = (place.job, place.axis, place.role);
+            missing.count += 1;
+        }
+    }
+    missing
+}
+
+#[derive(Default)]
+struct Missing {
+    answered: usize,
+    count: usize,
+    places: [(u32, u32, u32); MAX_AXES * ROLES.len() + 1],
+}
+
+impl Missing {
+    /// Who they are, and when they were last heard.
+    fn names(&self, scan: u64, axes: &[String], ports: &Ports) -> String {
+        let name = |&(job, axis, role): &(u32, u32, u32)| {
+            if job == Job::Planner as u32 {
+                return format!("the planner ({})", ports.planner.age(scan));
+            }
+            let letter = axes.get(axis as usize).map_or("?", String::as_str);
+            let roles = ports.commands.get(axis as usize);
+            let age = roles
+                .and_then(|roles| roles.get(role as usize))
+                .map_or(Age::Never, |reader| reader.age(scan));
+            let standby = if role == 0 { "" } else { "-b" };
+            format!("servo {letter}{standby} ({age})")
+        };
+        let names: Vec<String> = self.places.iter().take(self.count).map(name).collect();
+        names.join(" and ")
+    }
+}
+
+/// The clock's two paces: how the end of a scan is awaited.
+struct Clock {
+    pace: Pace,
+    period_ns: u64,
+    next_ns: u64,
+    answer_limit: Duration,
+}
+
+/// The ports of a master process.
+pub struct BusPorts {
+    member: Member,
+    axes: Vec<String>,
+    ports: Ports,
+    roster: Roster,
+    clock: Clock,
+    launcher_gone: bool,
+    /// The recorder has stalled and is not waited for any more.
+    recorder_dropped: bool,
+    /// Who took part when this scan was published.
+    asked_in_scan: Asked,
+    /// Signals to the master before anybody was signalled in this scan.
+    seen_before_waking: u32,
+    saved: Option<SavedState>,
+}
+
+impl BusPorts {
+    /// Opens the ports of the master of this machine; in lockstep whoever takes part may take `answer_limit` for an answer.
+    ///
+    /// # Errors
+    /// [`CellError::Transport`], also if the cell has a master already.
+    pub fn open(
+        member: Member,
+        machine: &Machine,
+        answer_limit: Duration,
+    ) -> Result<BusPorts, CellError> {
+        Ok(BusPorts {
+            ports: Ports::open(&member, machine.axes.len())?,
+            axes: machine.axes.iter().map(|axis| axis.name.clone()).collect(),
+            roster: Roster::zeroed(),
+            clock: Clock {
+                pace: member.slot().pace,
+                period_ns: u64::from(machine.scan.period_us) * 1000,
+                next_ns: 0,
+                answer_limit,
+            },
+            launcher_gone: false,
+            recorder_dropped: false,
+            asked_in_scan: [0; MAX_PARTICIPANTS],
+            seen_before_waking: 0,
+            saved: None,
+            member,
+        })
+    }
+
+    /// The process's membership of its cell.
+    pub fn member(&self) -> &Member {
+        &self.member
+    }
+
+    /// The pace of the cell.
+    pub fn pace(&self) -> Pace {
+        self.clock.pace
+    }
+
+    fn missing(
+        &self,
+        scan: u64,
+        ask_planner: bool,
+        answers: &Answers,
+        excused: &dyn Fn(&Participant) -> bool,
+    ) -> Missing {
+        let page = &self.member.page;
+        let asked = (&self.roster, &self.asked_in_scan);
+        missing(scan, ask_planner, answers, asked, |slot, who| {
+            // It reports when it is done with the scan, so that it never misses the next feedback.
+            excused(who)
+                && page
+                    .answered_scan(slot)
+                    .is_some_and(|answered| answered >= scan)
+        })
+    }
+
+    /// Waits for the launcher's word; false if the cell ends before it began.
+    pub fn wait_for_start(&mut self) -> bool {
+        loop {
+            let seen = self.member.page.master_signal().count();
+            self.read_roster();
+            match self.member.page.phase() {
+                CellPhase::Running if self.roster.version > 0 => {
+                    self.clock.next_ns = realtime::now_ns() + self.clock.period_ns;
+                    return true;
+                }
+                CellPhase::Ending => return false,
+                _ => {}
+            }
+            if !self.member.launcher_lives() {
+                return false;
+            }
+            self.member.page.master_signal().wait(seen, WAIT_STEP);
+        }
+    }
+
+    /// Publishes the feedback of a scan and signals whoever is to answer it.
+    fn publish_feedback(&mut self, feedback: &Feedback, ask_planner: bool) {
+        let scan = feedback.scan;
+        self.asked_in_scan = asked(&self.roster);
+        let everybody = (&self.roster, &self.asked_in_scan);
+        let asked = missing(scan, ask_planner, &Answers::NONE, everybody, |_, _| false);
+        let page = &self.member.page;
+        self.seen_before_waking = page.master_signal().count();
+        page.expect_answers(asked.count as u32);
+        page.set_answered(self.member.slot().index, scan);
+        self.ports.feedback.send(feedback);
+        page.scan_signal().raise();
+        if ask_planner {
+            page.planner_signal().raise();
+        }
+        if scan.is_multiple_of(LOOK_AROUND_SCANS) {
+            page.recorder_signal().raise();
+        }
+    }
+
+    /// Lockstep: waits until every live participant has answered. `None` when the cell is to end at once.
+    fn await_everybody(
+        &mut self,
+        scan: u64,
+        ask_planner: bool,
+        excused: &dyn Fn(&Participant) -> bool,
+    ) -> Result<Option<Answers>, MasterError> {
+        let mut answers = Answers::NONE;
+        // Nearly always the last to answer has rung or will, and all answers are there after one wait.
+        self.member
+            .page
+            .master_signal()
+            .wait(self.seen_before_waking, WAIT_STEP);
+        let mut late_since: Option<Instant> = None;
+        loop {
+            let seen = self.member.page.master_signal().count();
+            self.ports
+                .read_answers(scan, ask_planner, &self.roster, &mut answers);
+            let missing = self.missing(scan, ask_planner, &answers, excused);
+            if missing.count == 0 {
+                return Ok(Some(answers));
+            }
+            if self.member.ending() {
+                return Ok(None);
+            }
+            self.read_roster();
+            let Some(since) = late_since else {
+                // Rung by somebody else, or someone died or came back: from here on each answer rings. Who answered
+                // just before is found by looking once more.
+                self.member.page.expect_eagerly();
+                late_since = Some(Instant::now());
+                continue;
+            };
+            if since.elapsed() > self.clock.answer_limit {
+                return Err(MasterError::NoAnswer {
+                    who: missing.names(scan, &self.axes, &self.ports),
+                    scan,
+                    waited_s: self.clock.answer_limit.as_secs(),
+                });
+            }
+            if self.launcher_gone || !self.member.launcher_lives() {
+                self.launcher_gone = true;
+                if since.elapsed() >= 4 * WAIT_STEP {
+                    self.drop_the_silent(&missing);
+                }
+            }
+            self.member.page.master_signal().wait(seen, WAIT_STEP);
+        }
+    }
+
+    /// Without a launcher nobody reports who died: whoever is silent for long is not waited for.
+    fn drop_the_silent(&mut self, missing: &Missing) {
+        for (job, axis, role) in missing.places.iter().take(missing.count) {
+            for place in &mut self.roster.participants {
+                if place.job == *job && place.axis == *axis && place.role == *role {
+                    place.live = 0;
+                }
+            }
+        }
+    }
+
+    /// In lockstep the recorder loses nothing: waits until it has taken the first scan (from then on it is connected to
+    /// everybody) and then while its queue is half full.
+    fn await_recorder(&mut self, scan: u64) {
+        let taken = (scan + 1).saturating_sub(RECORDER_DEPTH_SCANS as u64 / 2);
+        self.await_recorded(taken.max(1), self.clock.answer_limit);
+    }
+
+    /// In lockstep: waits until the recorder has taken every scan before this one.
+    pub fn await_log(&mut self, scan: u64) {
+        self.await_recorded(scan, self.clock.answer_limit);
+    }
+
+    /// Waits until the recorder has taken this many scans. One that does not within `limit` is stalled: it is not waited
+    /// for again, and its log shows what it lost.
+    fn await_recorded(&mut self, scans: u64, limit: Duration) {
+        let mut since: Option<Instant> = None;
+        while !self.recorder_dropped && self.member.page.recorded_scans() < scans {
+            let recorder = self.roster.living(Job::Monitor, 0, 0);
+            if recorder.is_none_or(|r| r.stalled == 1) {
+                return;
+            }
+            let seen = self.member.page.master_signal().count();
+            self.member.page.recorder_signal().raise();
+            if self.member.page.recorded_scans() >= scans {
+                return;
+            }
+            self.member.page.master_signal().wait(seen, WAIT_STEP);
+            self.read_roster();
+            if since.get_or_insert_with(Instant::now).elapsed() > limit {
+                tracing::warn!("the recorder has stalled: it is not waited for any more");
+                self.recorder_dropped = true;
+            }
+            if self.member.ending() || !self.member.launcher_lives() {
+                return;
+            }
+        }
+    }
+
+    /// Realtime: sleeps until the next scan is due; the scans that were overrun.
+    fn sleep(&mut self) -> u32 {
+        realtime::sleep_until_ns(self.clock.next_ns);
+        let now = realtime::now_ns();
+        let late = now.saturating_sub(self.clock.next_ns);
+        let overrun = late / self.clock.period_ns;
+        if overrun > 0 {
+            // Time that was lost is not made up: the scans go on from here.
+            self.clock.next_ns = now;
+        }
+        self.clock.next_ns += self.clock.period_ns;
+        overrun as u32
+    }
+
+    /// Waits for the answers to a scan as the pace wants it. In lockstep whoever is `excused` is not waited for once it has
+    /// reported that it is done with the scan: no answer of it counts.
+    ///
+    /// # Errors
+    /// [`MasterError::NoAnswer`].
+    pub fn await_answers_except(
+        &mut self,
+        scan: u64,
+        ask_planner: bool,
+        excused: &dyn Fn(&Participant) -> bool,
+    ) -> Result<Answered, MasterError> {
+        if self.clock.pace == Pace::Lockstep {
+            self.await_recorder(scan);
+            return Ok(match self.await_everybody(scan, ask_planner, excused)? {
+                None => Answered::Leave,
+                Some(answers) => Answered::Scan {
+                    answers,
+                    overrun_scans: 0,
+                },
+            });
+        }
+        let overrun_scans = self.sleep();
+        self.read_roster();
+        let mut answers = Answers::NONE;
+        self.ports
+            .read_answers(scan, true, &self.roster, &mut answers);
+        Ok(Answered::Scan {
+            answers,
+            overrun_scans,
+        })
+    }
+}
+
+impl MasterPorts for BusPorts {
+    type Error = MasterError;
+
+    fn roster(&self) -> &Roster {
+        &self.roster
+    }
+
+    fn read_roster(&mut self) {
+        let recorder = |roster: &Roster| roster.find(Job::Monitor, 0, 0).map(|p| p.incarnation);
+        if let Some(roster) = self.ports.roster.newest(u64::MAX) {
+            // Another recorder than the one that stalled is worth waiting for again.
+            self.recorder_dropped &= recorder(&roster) == recorder(&self.roster);
+            self.roster = roster;
+        }
+    }
+
+    fn begin_scan(&mut self, feedback: &Feedback, ask_planner: bool) -> Flow {
+        self.publish_feedback(feedback, ask_planner);
+        Flow::GoOn
+    }
+
+    fn publish_instruments(&mut self, instruments: &Instruments) {
+        self.ports.instruments.send(instruments);
+    }
+
+    fn save(&mut self, latches: &Latches, drives: &impl Drives) {
+        let saved = self.saved.get_or_insert_with(|| SavedState::of(drives));
+        self.member
+            .page
+            .save_machine_state(saved.save(latches, drives));
+    }
+
+    fn await_answers(&mut self, scan: u64, ask_planner: bool) -> Result<Answered, MasterError> {
+        self.await_answers_except(scan, ask_planner, &|_| false)
+    }
+
+    fn serve_orders(
+        &mut self,
+        scan: u64,
+        mut judge: impl FnMut(&OperatorRequest) -> OperatorResponse,
+    ) {
+        if scan.is_multiple_of(OPERATOR_SCANS) {
+            while self.ports.operator.serve(&mut judge) {}
+        }
+    }
+
+    fn launcher_lives(&mut self, scan: u64) -> Option<bool> {
+        if scan.is_multiple_of(LOOK_AROUND_SCANS) && !self.launcher_gone {
+            self.launcher_gone = !self.member.launcher_lives();
+            if self.member.ending() {
+                return None;
+            }
+        }
+        Some(!self.launcher_gone)
+    }
+
+    fn for_each_window(
+        &mut self,
+        scan: u64,
+        mut offer: impl FnMut(&WindowHeader, &[WindowRow], &Roster),
+    ) {
+        let roster = &self.roster;
+        self.ports
+            .windows
+            .each(scan, |header, rows| offer(header, rows, roster));
+    }
+
+    fn finish(&mut self, scan: u64) {
+        // The log is whole before this process, and with it what it has published, goes.
+        self.await_recorded(scan + 1, LAST_RECORD_LIMIT);
+    }
+
+    fn leave(&mut self) {
+        self.member.page.raise_all();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bus::sample::{Job, Participant, Roster};
+    use bytemuck::Zeroable;
+
+    use super::{Answers, asked, missing};
+
+    /// A servo that is admitted while the master waits for the others has had no feedback to answer.
+    #[test]
+    fn who_comes_while_a_scan_is_awaited_is_not_waited_for_in_it() {
+        let mut roster = Roster::zeroed();
+        roster.participants[0] = Participant {
+            job: Job::Servo as u32,
+            incarnation: 1,
+            live: 1,
+            ..Participant::zeroed()
+        };
+        let said = asked(&roster);
+        let count = |roster: &Roster, said| {
+            missing(7, false, &Answers::NONE, (roster, said), |_, _| false).count
+        };
+        assert_eq!(count(&roster, &said), 1);
+        roster.participants[0].live = 0;
+        assert_eq!(count(&roster, &said), 0);
+        roster.participants[0].incarnation = 2;
+        roster.participants[0].live = 1;
+        assert_eq!(count(&roster, &said), 0);
+        assert_eq!(count(&roster, &asked(&roster)), 1);
+    }
+}

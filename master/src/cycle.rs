@@ -1,0 +1,53 @@
+//! One scan of a master: publish the feedback, signal everybody, exchange with the drives, await the answers, close the scan.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use crate::drives::Drives;
+use crate::master::Master;
+use crate::ports::{Answered, Flow, MasterPorts};
+
+/// One scan of a master.
+///
+/// # Errors
+/// Somebody who takes part does not answer.
+pub fn cycle<D: Drives, P: MasterPorts>(
+    master: &mut Master<D>,
+    ports: &mut P,
+) -> Result<Flow, P::Error> {
+    let scan = master.scan();
+    let ask_planner = master.is_period_boundary();
+    ports.read_roster();
+    if ports.begin_scan(&master.feedback(), ask_planner) == Flow::Leave {
+        return Ok(Flow::Leave);
+    }
+    if master.is_last() {
+        ports.finish(scan);
+        return Ok(Flow::Leave);
+    }
+    ports.publish_instruments(&master.exchange());
+    ports.save(&master.latches(), master.drives());
+    let Answered::Scan {
+        answers,
+        overrun_scans,
+    } = ports.await_answers(scan, ask_planner)?
+    else {
+        return Ok(Flow::Leave);
+    };
+    master.skip(overrun_scans);
+    ports.serve_orders(scan, |request| master.order(request));
+    match ports.launcher_lives(scan) {
+        None => return Ok(Flow::Leave),
+        Some(false) => master.end_after_stop(),
+        Some(true) => {}
+    }
+    ports.for_each_window(scan, |header, rows, roster| {
+        master.offer(header, rows, roster);
+    });
+    master.close_scan(&answers, ports.roster());
+    Ok(Flow::GoOn)
+}

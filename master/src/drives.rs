@@ -1,0 +1,115 @@
+//! The seam to the iron: what a master asks of drives, simulated or on a fieldbus. It cannot tell which they are.
+
+use bytemuck::{Pod, Zeroable};
+
+/// What a drive is asked to do for one scan.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum DriveCommand {
+    /// No torque; friction alone holds the axis (no axis of these machines hangs).
+    #[default]
+    Disabled,
+    /// The drive closes the velocity loop (CiA 402 cyclic synchronous velocity with torque offset).
+    Velocity {
+        /// Velocity at the table, in mm/s, held over the scan.
+        velocity_mm_s: f64,
+        /// Torque added at the motor, in N·m.
+        torque_offset_nm: f64,
+    },
+    /// The servo closes the velocity loop (CiA 402 cyclic synchronous torque).
+    Torque {
+        /// Torque at the motor, in N·m.
+        torque_nm: f64,
+    },
+    /// Controlled quick stop: the drive ramps its velocity command to zero and holds the axis there.
+    Brake {
+        /// Deceleration, in mm/s²; the drive's own quick-stop deceleration where it is not above 0.
+        deceleration_mm_s2: f64,
+    },
+    /// Power on and hold the axis where it is, until the drive shows [`DriveState::Ready`].
+    SwitchOn,
+}
+
+/// Whether a drive follows commands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum DriveState {
+    /// It follows a command from the next scan on, without a wait for power.
+    #[default]
+    Ready,
+    /// It must be switched on first, or is on its way.
+    Off,
+    /// It has faulted and does what its fault reaction says.
+    Fault {
+        /// The drive's own error code (CiA 402 object 603Fh).
+        code: u32,
+    },
+    /// It does not answer any more.
+    Lost,
+}
+
+/// What one drive shows at the start of a scan.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct DriveFeedback {
+    /// Position of the motor encoder, in mm of travel.
+    pub motor_position_mm: f64,
+    /// Position of the linear scale, in mm; none where the axis has no scale.
+    pub scale_position_mm: Option<f64>,
+    /// Velocity that the drive measured last, in mm/s.
+    pub velocity_mm_s: f64,
+    /// Torque at the motor, in N·m.
+    pub torque_nm: f64,
+    /// Winding temperature above the ambient, in K; 0 where the drive has no thermal model.
+    pub winding_rise_k: f64,
+    /// The torque limit cut the demand in the last scan.
+    pub torque_limited: bool,
+    /// The position is that of the machine: from an absolute encoder, or homed.
+    pub referenced: bool,
+    /// Whether it follows commands.
+    pub state: DriveState,
+}
+
+/// What bench instruments read at one instant. Real machines have none.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct InstrumentSample {
+    /// True motor position, in mm of travel, without the encoder's steps.
+    pub motor_mm: f64,
+    /// True table position, in mm.
+    pub table_mm: f64,
+}
+
+/// A saved state that no drive can have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("the saved state of an axis holds a value that no machine can have")]
+pub struct StateRefused;
+
+/// The drives of a machine, in the order of its axes.
+///
+/// Each scan the master calls [`exchange`](Drives::exchange) once and then looks at [`feedback`](Drives::feedback). How many
+/// scans pass between a command and the first feedback that shows it is a number of the machine (`[scan] dead_time_scans`):
+/// simulated drives have one, a fieldbus has two to four.
+pub trait Drives {
+    /// How many there are.
+    fn count(&self) -> usize;
+
+    /// What drive `axis` shows now.
+    fn feedback(&self, axis: usize) -> DriveFeedback;
+
+    /// Gives each drive its command of this scan and takes what they show at its end.
+    fn exchange(&mut self, commands: &[DriveCommand]);
+
+    /// What bench instruments read of `axis` in the last exchange; nothing on a real machine.
+    fn instruments(&self, axis: usize) -> &[InstrumentSample];
+
+    /// Bytes of a saved state.
+    fn state_bytes(&self) -> usize;
+
+    /// Writes what must outlive the process into `bytes`, [`state_bytes`](Drives::state_bytes) long. Nothing where positions
+    /// and power outlive it in the drives themselves.
+    fn save(&self, bytes: &mut [u8]);
+
+    /// Goes on from a saved state: the drives have braked to rest by themselves meanwhile.
+    ///
+    /// # Errors
+    /// No drive can be in this state.
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), StateRefused>;
+}

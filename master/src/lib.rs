@@ -1,0 +1,22 @@
+//! The master of a cell: modes, orders, window arbiter, standby switch, watchdogs and latches, over any drives.
+//!
+//! [`Master`] is pure. [`cycle()`](cycle::cycle) is one scan of it over [`MasterPorts`]; [`run`](run::run) is the process.
+
+pub mod answers;
+pub mod bus_ports;
+pub mod cycle;
+pub mod digest;
+pub mod drives;
+pub mod error;
+pub mod master;
+pub mod ports;
+pub mod run;
+pub mod saved;
+pub mod window_arbiter;
+
+pub use answers::Answers;
+pub use drives::{DriveCommand, DriveFeedback, DriveState, Drives, InstrumentSample, StateRefused};
+pub use error::MasterError;
+pub use master::{Master, RunEnd};
+pub use ports::{Answered, Flow, MasterPorts};
+pub use run::{Options, run};

@@ -1,0 +1,511 @@
+//! The master, pure: it latches what the machine does, admits windows, hands commands to the drives and says in
+//! the feedback what everybody obeys. Reads no clock and no port: [`cycle`](mod@crate::cycle) brings the answers.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::{
+    AxisCommand, AxisFeedback, Cause, Driver, Feedback, Instruments, Job, MAX_AXES, Mode, Roster,
+    WindowHeader, WindowId, WindowRow,
+};
+use bytemuck::Zeroable;
+use machine::{Machine, Restart};
+
+use crate::answers::Answers;
+use crate::digest::MotionDigest;
+use crate::drives::{DriveCommand, DriveState, Drives};
+use crate::window_arbiter::{Dropped, WindowArbiter};
+
+mod axis_unit;
+mod decide;
+mod loaded;
+mod orders;
+mod program;
+mod recovery;
+mod switch;
+
+use axis_unit::AxisUnit;
+use program::Loaded;
+pub use program::RunEnd;
+use switch::{Switch, Taken};
+
+/// Speed below which a braked axis counts as standing, in mm/s.
+const STANDSTILL_MM_S: f64 = 0.5;
+/// Longest wait for the in-position window at the programmed end, in s.
+const IN_POSITION_PATIENCE_S: f64 = 5.0;
+/// The master of a cell, over its drives.
+#[derive(Debug)]
+pub struct Master<D> {
+    axes: Vec<AxisUnit>,
+    drives: D,
+    /// The commands of one scan, by axis.
+    drive_commands: Vec<DriveCommand>,
+    /// Scans that drives which are being switched on may still take; 0 while none are.
+    switching_on_scans: u64,
+    scan: u64,
+    incarnation: u32,
+    period_scans: u64,
+    watchdog_scans: u32,
+    settle_scans: u32,
+    in_position_patience_scans: u32,
+    run_end: RunEnd,
+    mode: Mode,
+    program: Loaded,
+    cause: Cause,
+    cause_axis: u32,
+    cause_scan: u64,
+    windows: WindowArbiter,
+    hold: bool,
+    override_percent: u32,
+    settled_scans: u32,
+    waited_scans: u32,
+    /// Scans the command has been at rest and the axes have stood, in a row.
+    rest_scans: u32,
+    /// So many of them make the machine be at rest: the feed-forward has run out by then.
+    rest_scans_min: u32,
+    /// Mode that a jog began in and goes back to, and the scans it may still take.
+    jog_from: Mode,
+    jog_patience_scans: u64,
+    jog_mm_s: f64,
+    scan_period_s: f64,
+    /// Somebody has asked a machine without drives, or one that has tripped, to stop: the run may end.
+    may_end: bool,
+    /// Somebody has told the cell to end, or its launcher is gone: nothing brings it back.
+    told_to_end: bool,
+    /// What follows when a process is lost.
+    restart: Restart,
+    /// Command registers the program was begun from.
+    program_start: [i64; MAX_AXES],
+    last: bool,
+    overrun_scans: u32,
+    subsamples: u32,
+    digest: MotionDigest,
+}
+
+impl<D: Drives> Master<D> {
+    /// A master over these drives, whose axes are where the drives show them; drives on from the first scan if `enabled`.
+    pub fn new(
+        machine: &Machine,
+        drives: D,
+        incarnation: u32,
+        first_scan: u64,
+        enabled: bool,
+        run_end: RunEnd,
+    ) -> Master<D> {
+        let axes: Vec<AxisUnit> = machine
+            .axes
+            .iter()
+            .take(drives.count())
+            .enumerate()
+            .map(|(index, settings)| {
+                let mut unit = AxisUnit {
+                    settings: settings.clone(),
+                    drive: drives.feedback(index),
+                    command: AxisCommand::zeroed(),
+                    register: 0,
+                    missed: 0,
+                    missed_in_a_row: 0,
+                    cause: Cause::None,
+                    taken_incarnation: 0,
+                    switch: Switch::default(),
+                    followed: false,
+                    driver: Driver::Program,
+                    jog_target: 0,
+                    deviation: 0,
+                };
+                unit.register = unit.feedback_position();
+                unit
+            })
+            .collect();
+        Master {
+            drive_commands: vec![DriveCommand::Disabled; axes.len()],
+            switching_on_scans: 0,
+            axes,
+            drives,
+            scan: first_scan,
+            incarnation,
+            period_scans: u64::from(machine.scan.distribution_period_scans),
+            watchdog_scans: machine.scan.watchdog_scans,
+            settle_scans: machine.scan.settle_scans,
+            in_position_patience_scans: (IN_POSITION_PATIENCE_S / machine.scan_period_s()) as u32,
+            run_end,
+            mode: if enabled {
+                match run_end {
+                    RunEnd::AfterProgram => Mode::Enabled,
+                    RunEnd::WhenTold => Mode::Ready,
+                }
+            } else {
+                Mode::Disabled
+            },
+            program: Loaded::new(run_end),
+            cause: Cause::None,
+            cause_axis: u32::MAX,
+            cause_scan: 0,
+            windows: WindowArbiter::new(),
+            hold: false,
+            override_percent: 100,
+            settled_scans: 0,
+            waited_scans: 0,
+            rest_scans: 0,
+            rest_scans_min: machine.intended_rows(),
+            jog_from: Mode::Enabled,
+            jog_patience_scans: 0,
+            jog_mm_s: machine.manual.jog_mm_s,
+            scan_period_s: machine.scan_period_s(),
+            may_end: false,
+            told_to_end: false,
+            restart: match run_end {
+                RunEnd::AfterProgram => machine.restart,
+                RunEnd::WhenTold => machine.restart.of_staying(),
+            },
+            program_start: [0; MAX_AXES],
+            last: false,
+            overrun_scans: 0,
+            subsamples: machine.subsamples(),
+            digest: MotionDigest::new(),
+        }
+    }
+
+    /// The scan in progress.
+    pub fn scan(&self) -> u64 {
+        self.scan
+    }
+
+    /// Whether the planner is asked in this scan.
+    pub fn is_period_boundary(&self) -> bool {
+        self.scan.is_multiple_of(self.period_scans)
+    }
+
+    /// Whether the feedback of this scan is the last.
+    pub fn is_last(&self) -> bool {
+        self.last
+    }
+
+    /// What everybody obeys in this scan.
+    pub fn feedback(&self) -> Feedback {
+        let mut feedback = Feedback::zeroed();
+        feedback.scan = self.scan;
+        feedback.visible_from = self.scan;
+        self.windows.tell(self.scan, &mut feedback);
+        feedback.program_start = self.program_start;
+        feedback.incarnation = self.incarnation;
+        feedback.mode = self.mode as u32;
+        feedback.cause = self.cause as u32;
+        feedback.cause_axis = self.cause_axis;
+        feedback.cause_scan = self.cause_scan;
+        feedback.override_percent = self.override_percent;
+        feedback.hold = u32::from(self.hold);
+        feedback.last = u32::from(self.last);
+        feedback.overrun_scans = self.overrun_scans;
+        feedback.axis_count = self.axes.len() as u32;
+        feedback.load = self.program.load;
+        feedback.program = self.program.state as u32;
+        feedback.run = self.program.run;
+        for (out, axis) in feedback.axes.iter_mut().zip(&self.axes) {
+            *out = AxisFeedback {
+                motor_position: axis.motor_position(),
+                scale_position: axis.scale_position(),
+                command_register: axis.register,
+                jog_target: axis.jog_target,
+                command_scan: axis.command.scan,
+                velocity_mm_s: axis.drive.velocity_mm_s,
+                velocity_command_mm_s: axis.command.velocity_mm_s,
+                torque_nm: axis.drive.torque_nm,
+                winding_k: axis.drive.winding_rise_k,
+                missed_scans: axis.missed,
+                missed_in_a_row: axis.missed_in_a_row,
+                taken_incarnation: axis.taken_incarnation,
+                taken_role: axis.command.role,
+                cause: axis.cause as u32,
+                torque_limited: u32::from(axis.drive.torque_limited),
+                driver: axis.driver as u32,
+                drive_code: match axis.drive.state {
+                    DriveState::Fault { code } => code,
+                    DriveState::Ready | DriveState::Off | DriveState::Lost => 0,
+                },
+            };
+        }
+        feedback
+    }
+
+    /// Hands the commands in force to the drives and takes what they show at the end of this scan; the instruments'
+    /// readings of it.
+    pub fn exchange(&mut self) -> Instruments {
+        let mut out = Instruments::zeroed();
+        out.scan = self.scan;
+        out.visible_from = self.scan + 1;
+        out.subsamples = self.subsamples;
+        out.axis_count = self.axes.len() as u32;
+        let (window, row) = self.windows.in_force(self.scan);
+        self.digest.begin(self.scan, window, row);
+        let switching_on = self.switching_on_scans > 0;
+        for (command, axis) in self.drive_commands.iter_mut().zip(&self.axes) {
+            *command = axis.drive_command(self.mode, switching_on);
+        }
+        self.drives.exchange(&self.drive_commands);
+        let taken = self.subsamples as usize;
+        let rows = out.table_mm.iter_mut().zip(&mut out.motor_mm);
+        let axes = self.axes.iter_mut().zip(&self.drive_commands).enumerate();
+        for ((index, (axis, command)), (table, motor)) in axes.zip(rows) {
+            axis.drive = self.drives.feedback(index);
+            let samples = self.drives.instruments(index);
+            let samples = samples.get(..taken).unwrap_or(samples);
+            for ((sample, table), motor) in samples.iter().zip(table).zip(motor) {
+                *table = sample.table_mm;
+                *motor = sample.motor_mm;
+            }
+            self.digest.axis(
+                command,
+                axis.feedback_position(),
+                samples.last().map_or(0.0, |s| s.table_mm),
+            );
+        }
+        (out.motion_digest_high, out.motion_digest_low) = self.digest.end();
+        out
+    }
+
+    /// A window became visible in this scan.
+    pub fn offer(&mut self, header: &WindowHeader, rows: &[WindowRow], roster: &Roster) {
+        let planner = roster
+            .living(Job::Planner, 0, 0)
+            .map_or(0, |p| p.incarnation);
+        self.windows.offer(header, rows, planner);
+    }
+
+    /// Ends the scan: takes the answers, judges faults, decides about windows, and steps to the next.
+    pub fn close_scan(&mut self, answers: &Answers, roster: &Roster) {
+        let jog_done = self.take_commands(answers, roster);
+        self.heed_planner(answers, roster);
+        self.hold_without_planner(roster);
+        self.judge_axes();
+        self.decide_window();
+        self.follow_up();
+        if jog_done {
+            self.end_jog();
+        }
+        self.advance_mode();
+        self.scan += 1;
+    }
+
+    /// A planner that cannot go on is no reason to leave the path: the window in force ends at rest on it.
+    fn heed_planner(&mut self, answers: &Answers, roster: &Roster) {
+        let planner = roster.living(Job::Planner, 0, 0);
+        let Some((status, planner)) = answers.planner.as_ref().zip(planner) else {
+            return;
+        };
+        let of_program = status.load == self.program.load;
+        let genuine = status.incarnation == planner.incarnation && status.scan <= self.scan;
+        if !genuine || !of_program {
+            return;
+        }
+        self.program.read(status.cause == 0, self.mode);
+        if status.cause != 0 && self.cause == Cause::None {
+            self.cause = Cause::from_wire(status.cause).unwrap_or(Cause::BadValue);
+            self.cause_scan = self.scan + 1;
+            self.stop();
+        }
+    }
+
+    /// Takes the commands of this scan; whether every axis that is driven by hand has come to rest.
+    fn take_commands(&mut self, answers: &Answers, roster: &Roster) -> bool {
+        let (mut by_hand, mut done) = (false, true);
+        let driven = self.mode != Mode::Disabled;
+        let closed = driven && self.mode != Mode::Tripped;
+        let (in_force, _) = self.windows.in_force(self.scan);
+        for (index, (axis, commands)) in self.axes.iter_mut().zip(&answers.commands).enumerate() {
+            let taken = axis.decide_command(self.scan, index, commands, roster, in_force, closed);
+            if axis.driver != Driver::Program {
+                by_hand = true;
+                done &= matches!(taken, Taken::Command(c) if c.jog_done == 1);
+            }
+            let mut fault = Cause::None;
+            axis.followed = false;
+            match taken {
+                Taken::Command(command) => {
+                    axis.missed_in_a_row = 0;
+                    axis.command = command;
+                    axis.taken_incarnation = command.incarnation;
+                    axis.register = command.position;
+                    axis.followed = true;
+                }
+                Taken::Bad(cause) => {
+                    axis.missed_in_a_row = 0;
+                    fault = cause;
+                }
+                Taken::Lost => fault = Cause::ServoLost,
+                Taken::Missed => {
+                    axis.missed = axis.missed.saturating_add(1);
+                    axis.missed_in_a_row = axis.missed_in_a_row.saturating_add(1);
+                    if axis.missed_in_a_row >= self.watchdog_scans {
+                        fault = Cause::Watchdog;
+                    }
+                }
+            }
+            if driven && axis.cause == Cause::None {
+                axis.cause = match axis.drive.state {
+                    DriveState::Fault { .. } => Cause::DriveFault,
+                    DriveState::Lost => Cause::DriveLost,
+                    DriveState::Off => Cause::DriveOff,
+                    DriveState::Ready => fault,
+                };
+            }
+        }
+        by_hand && done
+    }
+
+    /// One axis's fault stops all: they brake together, each as its servo said beforehand.
+    fn judge_axes(&mut self) {
+        let fault = self
+            .axes
+            .iter()
+            .enumerate()
+            .find(|(_, axis)| axis.cause != Cause::None)
+            .map(|(index, axis)| (axis.cause, index as u32));
+        if let Some((cause, index)) = fault {
+            self.trip(cause, index);
+        }
+    }
+
+    fn trip(&mut self, cause: Cause, axis: u32) {
+        if self.mode == Mode::Tripped {
+            return;
+        }
+        // A machine that was told to stop and trips on the way to rest need not wait for anybody.
+        let stops = matches!(self.mode, Mode::Stopping | Mode::Stopped);
+        self.may_end = self.told_to_end || self.ends() && stops;
+        self.mode = Mode::Tripped;
+        self.cause = cause;
+        self.cause_axis = axis;
+        self.cause_scan = self.scan + 1;
+        self.settled_scans = 0;
+        self.windows.drop_all(self.scan, Dropped::Tripped);
+        for axis in &mut self.axes {
+            axis.driver = Driver::Program;
+        }
+    }
+
+    fn decide_window(&mut self) {
+        let axes = &self.axes;
+        let held_by_all = |id: WindowId| axes.iter().all(|axis| axis.command.pending == id);
+        let begun = self.windows.has_begun();
+        self.windows
+            .decide(self.scan + 1, self.mode == Mode::Enabled, held_by_all);
+        if !begun && self.windows.has_begun() {
+            for (start, axis) in self.program_start.iter_mut().zip(&self.axes) {
+                *start = axis.register;
+            }
+        }
+    }
+
+    /// While a loop is open its position register follows the encoder (docs/methods/follow-up.md): with the drives off
+    /// as far from it as it was when they were switched off; after a trip, in which the deviation means nothing, at it.
+    fn follow_up(&mut self) {
+        for axis in &mut self.axes {
+            let deviation = match self.mode {
+                Mode::Disabled => axis.deviation,
+                Mode::Tripped => 0,
+                _ => continue,
+            };
+            axis.register = axis.feedback_position().saturating_add(deviation);
+        }
+    }
+
+    fn advance_mode(&mut self) {
+        self.go_on_by_itself();
+        self.await_switching_on();
+        let next_scan = self.scan + 1;
+        let by_hand = self.is_by_hand();
+        let at_rest = self.windows.at_rest(next_scan) && !by_hand;
+        self.rest_scans = if at_rest && self.stands() {
+            self.rest_scans.saturating_add(1)
+        } else {
+            0
+        };
+        match self.mode {
+            Mode::Enabled => {
+                if at_rest && self.windows.ends_program() {
+                    self.await_position();
+                }
+            }
+            Mode::Stopping => {
+                if at_rest {
+                    self.mode = if self.program.is_begun() {
+                        Mode::Stopped
+                    } else {
+                        self.idle_mode()
+                    };
+                }
+            }
+            Mode::Finished if !self.ends() && self.settled_scans > self.settle_scans => {
+                self.end_program();
+            }
+            Mode::Disabled
+            | Mode::Stopped
+            | Mode::Tripped
+            | Mode::Finished
+            | Mode::Jogging
+            | Mode::Ready => {}
+        }
+        if by_hand {
+            self.await_jog();
+        }
+        let standing = match self.mode {
+            Mode::Finished | Mode::Stopped => true,
+            Mode::Tripped => self.stands() && (self.may_end || !self.waits_for_servo()),
+            Mode::Disabled => self.may_end,
+            Mode::Enabled | Mode::Stopping | Mode::Jogging | Mode::Ready => false,
+        };
+        self.settled_scans = if standing {
+            self.settled_scans.saturating_add(1)
+        } else {
+            0
+        };
+        if self.ends() && self.settled_scans > self.settle_scans {
+            self.last = true;
+        }
+    }
+
+    /// Whether the axes stand.
+    fn stands(&self) -> bool {
+        self.axes
+            .iter()
+            .all(|axis| axis.drive.velocity_mm_s.abs() < STANDSTILL_MM_S)
+    }
+
+    /// Whether a second controller drives an axis.
+    fn is_by_hand(&self) -> bool {
+        self.axes.iter().any(|axis| axis.driver != Driver::Program)
+    }
+
+    /// At the programmed end: finished once all axes are within their in-position windows; a trip if one never comes.
+    fn await_position(&mut self) {
+        let out_of_position = self.axes.iter().position(|axis| {
+            let off = axis.feedback_position().saturating_sub(axis.register) as f64;
+            let most_mm =
+                (axis.settings.in_position_um + axis.settings.reversal.backlash_um) * 1e-3;
+            off.abs() * axis.settings.increment_mm() > most_mm
+        });
+        self.waited_scans += 1;
+        match out_of_position {
+            None => self.mode = Mode::Finished,
+            Some(axis) if self.waited_scans > self.in_position_patience_scans => {
+                self.trip(Cause::NotInPosition, axis as u32);
+            }
+            Some(_) => {}
+        }
+    }
+
+    /// Scans that were skipped because this side was late itself.
+    pub fn skip(&mut self, scans: u32) {
+        self.overrun_scans += scans;
+    }
+
+    /// The drives, for saving their state.
+    pub fn drives(&self) -> &D {
+        &self.drives
+    }
+}

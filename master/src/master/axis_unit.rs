@@ -1,0 +1,131 @@
+//! One axis as the master sees it.
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::{AxisCommand, Cause, Driver, Mode};
+use machine::{Axis, DriveMode, PositionFeedback};
+
+use super::switch::Switch;
+use crate::drives::{DriveCommand, DriveFeedback};
+
+/// One axis as the master sees it.
+#[derive(Debug)]
+pub(super) struct AxisUnit {
+    pub settings: Axis,
+    /// What its drive shows.
+    pub drive: DriveFeedback,
+    /// The command in force.
+    pub command: AxisCommand,
+    /// Where the axis is commanded to be, in increments.
+    pub register: i64,
+    pub missed: u32,
+    pub missed_in_a_row: u32,
+    pub cause: Cause,
+    pub taken_incarnation: u32,
+    /// Which of its servos is active.
+    pub switch: Switch,
+    /// Its servo answered the last scan, with nothing to complain of.
+    pub followed: bool,
+    /// Which of its controllers drives it.
+    pub driver: Driver,
+    /// Where a jog is to bring the register.
+    pub jog_target: i64,
+    /// Register less feedback position when the drives were switched off: the steady deviation of the open loop.
+    pub deviation: i64,
+}
+
+/// A command beyond the axis's speed limit by this factor is no command: friction pulses and the position loop stay well below.
+const SPEED_SANITY: f64 = 2.0;
+/// A position command further outside the travel than this is no command.
+const POSITION_SANITY_MM: f64 = 10.0;
+
+impl AxisUnit {
+    pub fn increments(&self, mm: f64) -> i64 {
+        libm::round(mm / self.settings.increment_mm()) as i64
+    }
+
+    pub fn motor_position(&self) -> i64 {
+        self.increments(self.drive.motor_position_mm)
+    }
+
+    pub fn scale_position(&self) -> i64 {
+        self.drive
+            .scale_position_mm
+            .map_or_else(|| self.motor_position(), |mm| self.increments(mm))
+    }
+
+    pub fn feedback_position(&self) -> i64 {
+        match self.settings.feedback {
+            PositionFeedback::Motor => self.motor_position(),
+            PositionFeedback::Scale => self.scale_position(),
+        }
+    }
+
+    /// What the drive is told for this scan.
+    pub fn drive_command(&self, mode: Mode, switching_on: bool) -> DriveCommand {
+        match mode {
+            Mode::Disabled if switching_on => DriveCommand::SwitchOn,
+            Mode::Disabled => DriveCommand::Disabled,
+            Mode::Tripped => self.brake(),
+            Mode::Enabled
+            | Mode::Stopping
+            | Mode::Stopped
+            | Mode::Finished
+            | Mode::Jogging
+            | Mode::Ready => {
+                if self.cause != Cause::None {
+                    return self.brake();
+                }
+                match self.settings.drive_mode {
+                    DriveMode::Velocity => DriveCommand::Velocity {
+                        velocity_mm_s: self.command.velocity_mm_s,
+                        torque_offset_nm: self.command.torque_nm,
+                    },
+                    DriveMode::Torque
+                        if self.command.scan == 0 && self.command.incarnation == 0 =>
+                    {
+                        self.brake()
+                    }
+                    DriveMode::Torque => DriveCommand::Torque {
+                        torque_nm: self.command.torque_nm,
+                    },
+                }
+            }
+        }
+    }
+
+    pub fn brake(&self) -> DriveCommand {
+        let asked = self.command.stop_deceleration_mm_s2;
+        let most = self.settings.quick_stop_mm_s2;
+        DriveCommand::Brake {
+            deceleration_mm_s2: if asked > 0.0 && asked <= most {
+                asked
+            } else {
+                most
+            },
+        }
+    }
+
+    /// Whether a command is one that the drive may see; the named cause otherwise.
+    pub fn judge(&self, command: &AxisCommand) -> Cause {
+        let speed_most = self.settings.rapid_mm_s * SPEED_SANITY;
+        let finite = command.velocity_mm_s.is_finite()
+            && command.torque_nm.is_finite()
+            && command.stop_deceleration_mm_s2.is_finite();
+        let position_mm = command.position as f64 * self.settings.increment_mm();
+        let reachable = position_mm >= self.settings.travel_min_mm - POSITION_SANITY_MM
+            && position_mm <= self.settings.travel_max_mm + POSITION_SANITY_MM;
+        let torque_fits = command.torque_nm.abs() <= self.settings.motor.peak_torque_nm;
+        if !finite || !reachable || !torque_fits {
+            return Cause::BadValue;
+        }
+        if command.velocity_mm_s.abs() > speed_most {
+            return Cause::SpeedLimit;
+        }
+        Cause::from_wire(command.cause).unwrap_or(Cause::BadValue)
+    }
+}

@@ -1,0 +1,114 @@
+//! Whose command the drive of an axis takes in one scan.
+//!
+//! The switch stays where it is as long as the active servo answers in time with a command that the drive may see. When it
+//! does not, and the other one is eligible, the other's answer of the same scan is taken, and the switch stays there. It
+//! is eligible once its command was the same to the bit, state included, in [`SAME_SCANS`] scans in a row until then, and
+//! holds the window in force (docs/developers/architecture.md, "Standby").
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::{AxisCommand, Cause, Job, Roster, WindowId};
+use bus::service::ROLES;
+
+use super::axis_unit::AxisUnit;
+use super::switch::{Switch, Taken};
+
+/// Scans in a row in which a standby must have been the same before it may take over.
+const SAME_SCANS: u32 = 2;
+
+impl AxisUnit {
+    /// The commands that answer this scan, by role, from the servos in the roster.
+    fn in_time(
+        &self,
+        scan: u64,
+        index: usize,
+        commands: &[Option<AxisCommand>; ROLES.len()],
+        roster: &Roster,
+    ) -> [(bool, Option<AxisCommand>); ROLES.len()] {
+        let mut answers = [(false, None); ROLES.len()];
+        for (role, (answer, command)) in answers.iter_mut().zip(commands).enumerate() {
+            let Some(servo) = roster.living(Job::Servo, index, role as u32) else {
+                continue;
+            };
+            let command = command.filter(|c| {
+                c.scan == scan
+                    && c.axis == index as u32
+                    && c.role == role as u32
+                    && c.incarnation == servo.incarnation
+            });
+            *answer = (true, command);
+        }
+        answers
+    }
+
+    /// Decides whose command is taken; `closed` while a loop is closed, so that an axis with open loops may change over
+    /// freely.
+    pub(super) fn decide_command(
+        &mut self,
+        scan: u64,
+        index: usize,
+        commands: &[Option<AxisCommand>; ROLES.len()],
+        roster: &Roster,
+        in_force: WindowId,
+        closed: bool,
+    ) -> Taken {
+        let answers = self.in_time(scan, index, commands, roster);
+        let [a, b] = answers;
+        let ((lives, active), (other_lives, other)) = if self.switch.role == 0 {
+            (a, b)
+        } else {
+            (b, a)
+        };
+        // Another process has the active one's place, and no roster without it was ever seen here (this side was stopped
+        // meanwhile): who drove is lost all the same.
+        let has_driven = |incarnation| [0, incarnation].contains(&self.taken_incarnation);
+        let (lives, active) = match roster.living(Job::Servo, index, self.switch.role as u32) {
+            Some(servo) if closed && !has_driven(servo.incarnation) => (false, None),
+            _ => (lives, active),
+        };
+        let good = |command: &AxisCommand| self.judge(command) == Cause::None;
+        let other_good = other.filter(good);
+        let active_cause = active.map(|command| self.judge(&command));
+        if let (Some(command), Some(Cause::None)) = (active, active_cause) {
+            let same = other_good.is_some_and(|o| is_same(&command, &o) && o.held == in_force);
+            self.switch.same_scans = if same {
+                self.switch.same_scans.saturating_add(1)
+            } else {
+                0
+            };
+            return Taken::Command(command);
+        }
+        let eligible = self.switch.same_scans >= SAME_SCANS || !closed;
+        if let Some(command) = other_good.filter(|o| eligible && o.held == in_force) {
+            self.switch = Switch {
+                role: 1 - self.switch.role,
+                same_scans: 0,
+            };
+            return Taken::Command(command);
+        }
+        self.switch.same_scans = 0;
+        match active_cause {
+            Some(cause) => Taken::Bad(cause),
+            None if lives => Taken::Missed,
+            None if other_lives && !closed => Taken::Missed,
+            None => Taken::Lost,
+        }
+    }
+}
+
+/// Whether two commands say the same, whoever said it.
+fn is_same(one: &AxisCommand, other: &AxisCommand) -> bool {
+    let anonymous = |command: &AxisCommand| AxisCommand {
+        role: 0,
+        incarnation: 0,
+        // A window that one of them refused or does not hold yet is no part of what it drives.
+        refused: WindowId::NONE,
+        pending: WindowId::NONE,
+        ..*command
+    };
+    bytemuck::bytes_of(&anonymous(one)) == bytemuck::bytes_of(&anonymous(other))
+}

@@ -1,0 +1,111 @@
+//! Programs of a cell that stays up: loaded, started, done, given up.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::{Cause, Mode, ProgramState, Refused};
+
+use crate::drives::Drives;
+
+use super::orders::Refusal;
+use super::{Master, RunEnd};
+
+impl<D: Drives> Master<D> {
+    /// Whether the cell ends once the machine stands.
+    pub(super) fn ends(&self) -> bool {
+        self.run_end == RunEnd::AfterProgram
+    }
+
+    /// The mode with drives on and no program begun.
+    pub(super) fn idle_mode(&self) -> Mode {
+        if self.ends() {
+            Mode::Stopped
+        } else {
+            Mode::Ready
+        }
+    }
+
+    /// Takes another program; one that was begun and is stopped is given up.
+    pub(super) fn order_load(&mut self, number: f64) -> Result<(), Refusal> {
+        self.must_stay()?;
+        match self.mode {
+            Mode::Ready | Mode::Stopped | Mode::Disabled => {}
+            Mode::Enabled => return Err(Refused::Begun.into()),
+            Mode::Stopping | Mode::Finished => return Err(Refused::NotAtRest.into()),
+            Mode::Jogging => return Err(Refused::Jogging.into()),
+            Mode::Tripped => return Err(Refused::Tripped.into()),
+        }
+        let is_number = number.fract() == 0.0 && (1.0..=f64::from(u32::MAX)).contains(&number);
+        // Numbers go up: a late order does not bring an earlier program back.
+        if !is_number || number as u32 <= self.program.load {
+            return Err(Refused::BadValue.into());
+        }
+        if self.mode == Mode::Stopped {
+            self.mode = Mode::Ready;
+        }
+        self.windows.forget_path(self.scan);
+        if self.cause == Cause::Planner {
+            // It could not go on with the program before.
+            self.cause = Cause::None;
+            self.cause_scan = 0;
+        }
+        self.program.load = number as u32;
+        self.program.state = ProgramState::Loading;
+        Ok(())
+    }
+
+    /// Begins the program that is loaded, from where the axes stand. A hold that is latched stays: nothing moves then before
+    /// somebody resumes.
+    pub(super) fn order_start(&mut self) -> Result<(), Refusal> {
+        self.must_stay()?;
+        match self.mode {
+            Mode::Ready => {}
+            Mode::Enabled | Mode::Stopping | Mode::Stopped => return Err(Refused::Begun.into()),
+            Mode::Finished => return Err(Refused::NotAtRest.into()),
+            Mode::Disabled => return Err(Refused::DrivesOff.into()),
+            Mode::Jogging => return Err(Refused::Jogging.into()),
+            Mode::Tripped => return Err(Refused::Tripped.into()),
+        }
+        match self.program.state {
+            ProgramState::Loaded | ProgramState::Done => {}
+            ProgramState::Loading => return Err(Refused::Loading.into()),
+            ProgramState::Begun => return Err(Refused::Begun.into()),
+            ProgramState::None => return Err(Refused::NoProgram.into()),
+        }
+        self.windows.forget_path(self.scan);
+        self.program.state = ProgramState::Begun;
+        self.program.run = self.program.run.saturating_add(1);
+        self.waited_scans = 0;
+        self.mode = Mode::Enabled;
+        Ok(())
+    }
+
+    /// Comes to rest, on the path or where a jog is, then ends the run, also that of a cell that stays up: it was told to, or the
+    /// launcher is gone. Nothing takes that back.
+    pub fn end_after_stop(&mut self) {
+        self.run_end = RunEnd::AfterProgram;
+        self.told_to_end = true;
+        if self.mode == Mode::Ready {
+            self.mode = Mode::Stopped;
+        }
+        self.stop();
+    }
+
+    /// The program is done: the machine is ready for it again, or for another one.
+    pub(super) fn end_program(&mut self) {
+        self.windows.forget_path(self.scan);
+        self.program.state = ProgramState::Done;
+        self.mode = Mode::Ready;
+    }
+
+    fn must_stay(&self) -> Result<(), Refusal> {
+        if self.ends() {
+            return Err(Refused::OneProgram.into());
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,315 @@
+//! Orders of the operator: judged by the state they come in, latched, seen by everybody in the next feedback.
+//!
+//! The table of states and orders is docs/reference/orders.md.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::{Cause, Driver, Mode, OperatorRequest, OperatorResponse, Order, Refused};
+
+use crate::drives::Drives;
+
+use super::Master;
+use super::axis_unit::AxisUnit;
+use crate::window_arbiter::Dropped;
+
+/// A jog may take this much longer than its way at its speed, in s: settling twice, lagging, speeding up.
+const JOG_PATIENCE_S: f64 = 5.0;
+
+/// Orders that a cell which is about to end takes no more: they would keep it from ending.
+fn moves(order: Order) -> bool {
+    match order {
+        Order::Resume
+        | Order::Disable
+        | Order::Enable
+        | Order::Jog
+        | Order::Load
+        | Order::Start => true,
+        Order::Stop | Order::Hold | Order::Override | Order::Down => false,
+    }
+}
+
+/// An order that was refused: why, and for a jog beyond the travel which distances are allowed, in mm.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Refusal {
+    reason: Refused,
+    allowed_mm: (f64, f64),
+}
+
+impl From<Refused> for Refusal {
+    fn from(reason: Refused) -> Refusal {
+        Refusal {
+            reason,
+            allowed_mm: (0.0, 0.0),
+        }
+    }
+}
+
+impl AxisUnit {
+    /// Distances from its register to the ends of its travel, in increments.
+    fn room(&self) -> (i64, i64) {
+        let (low, high) = (
+            self.increments(self.settings.travel_min_mm),
+            self.increments(self.settings.travel_max_mm),
+        );
+        (
+            low.saturating_sub(self.register),
+            high.saturating_sub(self.register),
+        )
+    }
+
+    pub(super) fn is_within_travel(&self) -> bool {
+        let (low, high) = self.room();
+        low <= 0 && high >= 0
+    }
+}
+
+impl<D: Drives> Master<D> {
+    /// Judges an order; what is latched shows in the next feedback.
+    pub fn order(&mut self, request: &OperatorRequest) -> OperatorResponse {
+        let judged = match Order::from_wire(request.order) {
+            Some(order) if self.told_to_end && moves(order) => Err(Refused::Ending.into()),
+            Some(Order::Stop) => self.order_stop(),
+            Some(Order::Hold) => self.order_hold(),
+            Some(Order::Resume) => self.order_resume(),
+            Some(Order::Override) => self.order_override(request.value),
+            Some(Order::Disable) => self.order_disable(),
+            Some(Order::Enable) => self.order_enable(),
+            Some(Order::Jog) => self.order_jog(request.axis, request.value),
+            Some(Order::Load) => self.order_load(request.value),
+            Some(Order::Start) => self.order_start(),
+            Some(Order::Down) => {
+                self.end_after_stop();
+                Ok(())
+            }
+            None => Err(Refused::UnknownOrder.into()),
+        };
+        let (reason, allowed_mm) = match judged {
+            Ok(()) => (Refused::Not, (0.0, 0.0)),
+            Err(refusal) => (refusal.reason, refusal.allowed_mm),
+        };
+        OperatorResponse {
+            scan: self.scan,
+            allowed_min_mm: allowed_mm.0,
+            allowed_max_mm: allowed_mm.1,
+            accepted: u32::from(reason == Refused::Not),
+            mode: self.mode as u32,
+            reason: reason as u32,
+            hold: u32::from(self.hold),
+            override_percent: self.override_percent,
+            run: self.program.run,
+        }
+    }
+
+    fn order_stop(&mut self) -> Result<(), Refusal> {
+        if self.stop() || !self.ends() {
+            return Ok(());
+        }
+        Err(Refused::Finished.into())
+    }
+
+    /// Comes to rest, on the path or where a jog is: no further window is admitted. False where there is nothing to
+    /// stop. A machine without drives is at rest, one that has tripped will be; their run may end.
+    pub fn stop(&mut self) -> bool {
+        match self.mode {
+            Mode::Enabled => {
+                self.mode = if self.windows.has_window() {
+                    Mode::Stopping
+                } else {
+                    Mode::Stopped
+                };
+                true
+            }
+            Mode::Jogging => {
+                self.stop_jog();
+                self.mode = Mode::Stopping;
+                true
+            }
+            Mode::Disabled | Mode::Tripped => {
+                self.may_end = self.ends();
+                // A servo that comes back must not set off what was told to stop.
+                self.hold |= !self.ends();
+                true
+            }
+            Mode::Stopping | Mode::Stopped | Mode::Ready => true,
+            Mode::Finished => false,
+        }
+    }
+
+    fn order_hold(&mut self) -> Result<(), Refusal> {
+        match self.mode {
+            Mode::Tripped => Err(Refused::Tripped.into()),
+            Mode::Finished => Err(Refused::Finished.into()),
+            Mode::Jogging => {
+                self.stop_jog();
+                self.hold = true;
+                Ok(())
+            }
+            Mode::Disabled | Mode::Enabled | Mode::Stopping | Mode::Stopped | Mode::Ready => {
+                self.hold = true;
+                Ok(())
+            }
+        }
+    }
+
+    fn order_resume(&mut self) -> Result<(), Refusal> {
+        match self.mode {
+            Mode::Enabled => {}
+            Mode::Ready if !self.hold => return Err(Refused::NotBegun.into()),
+            Mode::Ready => {}
+            Mode::Stopped if self.cause != Cause::None => return Err(Refused::Faulted.into()),
+            Mode::Stopped => self.mode = Mode::Enabled,
+            Mode::Stopping => return Err(Refused::NotAtRest.into()),
+            Mode::Jogging => return Err(Refused::Jogging.into()),
+            Mode::Disabled => return Err(Refused::DrivesOff.into()),
+            Mode::Tripped if self.waits_for_servo() => {
+                self.acknowledge()?;
+            }
+            Mode::Tripped => return Err(Refused::Tripped.into()),
+            Mode::Finished => return Err(Refused::Finished.into()),
+        }
+        self.hold = false;
+        Ok(())
+    }
+
+    fn order_override(&mut self, percent: f64) -> Result<(), Refusal> {
+        if !(0.0..=100.0).contains(&percent) {
+            return Err(Refused::BadValue.into());
+        }
+        self.override_percent = percent as u32;
+        Ok(())
+    }
+
+    /// At rest in hold, or stopped: what an operator may do to the axes is allowed now.
+    fn must_rest(&self) -> Result<(), Refusal> {
+        match self.mode {
+            Mode::Enabled if !self.hold => return Err(Refused::NotHeld.into()),
+            Mode::Enabled | Mode::Stopped | Mode::Ready => {}
+            Mode::Stopping => return Err(Refused::NotAtRest.into()),
+            Mode::Jogging => return Err(Refused::Jogging.into()),
+            Mode::Disabled => return Err(Refused::DrivesOff.into()),
+            Mode::Tripped => return Err(Refused::Tripped.into()),
+            Mode::Finished => return Err(Refused::Finished.into()),
+        }
+        if self.rest_scans < self.rest_scans_min {
+            return Err(Refused::NotAtRest.into());
+        }
+        Ok(())
+    }
+
+    fn order_disable(&mut self) -> Result<(), Refusal> {
+        if self.mode == Mode::Disabled {
+            self.switching_on_scans = 0;
+            return Ok(());
+        }
+        self.must_rest()?;
+        self.windows.drop_all(self.scan, Dropped::LeavesPath);
+        self.switching_on_scans = 0;
+        self.mode = Mode::Disabled;
+        self.may_end = false;
+        for axis in &mut self.axes {
+            axis.deviation = axis.register.saturating_sub(axis.feedback_position());
+        }
+        Ok(())
+    }
+
+    /// Drives on, in hold: nothing moves before somebody resumes.
+    fn order_enable(&mut self) -> Result<(), Refusal> {
+        match self.mode {
+            Mode::Enabled | Mode::Stopping | Mode::Stopped | Mode::Jogging | Mode::Ready => {
+                return Ok(());
+            }
+            Mode::Tripped => return self.acknowledge(),
+            Mode::Finished => return Err(Refused::Finished.into()),
+            Mode::Disabled => {}
+        }
+        if !self.axes.iter().all(AxisUnit::is_within_travel) {
+            return Err(Refused::OutsideTravel.into());
+        }
+        if !self.axes.iter().all(|axis| axis.drive.referenced) {
+            return Err(Refused::NotReferenced.into());
+        }
+        self.may_end = false;
+        self.switch_on();
+        Ok(())
+    }
+
+    /// Ends a trip in hold, if the machine can be driven again; its run does not end then.
+    fn acknowledge(&mut self) -> Result<(), Refusal> {
+        if self.last || self.may_end {
+            return Err(Refused::Finished.into());
+        }
+        if !self.is_ready_again() {
+            return Err(Refused::NotReady.into());
+        }
+        self.settled_scans = 0;
+        self.end_trip(true);
+        Ok(())
+    }
+
+    fn order_jog(&mut self, axis: u32, distance_mm: f64) -> Result<(), Refusal> {
+        self.must_rest()?;
+        let unit = self
+            .axes
+            .get_mut(axis as usize)
+            .ok_or(Refused::UnknownAxis)?;
+        let increment_mm = unit.settings.increment_mm();
+        // Beyond all machines a distance has no increments.
+        let distance = libm::round(distance_mm / increment_mm);
+        if !distance.is_finite() || distance == 0.0 {
+            return Err(Refused::BadValue.into());
+        }
+        let (low, high) = unit.room();
+        if !(low as f64..=high as f64).contains(&distance) {
+            return Err(Refusal {
+                reason: Refused::BeyondTravel,
+                allowed_mm: (low as f64 * increment_mm, high as f64 * increment_mm),
+            });
+        }
+        unit.jog_target = unit.register.saturating_add(distance as i64);
+        unit.driver = Driver::Manual;
+        let speed_mm_s = self.jog_mm_s.min(unit.settings.rapid_mm_s);
+        let patience_s = 1.5 * distance_mm.abs() / speed_mm_s + JOG_PATIENCE_S;
+        self.jog_patience_scans = libm::ceil(patience_s / self.scan_period_s) as u64;
+        self.jog_from = self.mode;
+        self.mode = Mode::Jogging;
+        self.windows.drop_all(self.scan, Dropped::LeavesPath);
+        Ok(())
+    }
+
+    /// The second controllers come to rest where they can.
+    fn stop_jog(&mut self) {
+        for axis in &mut self.axes {
+            if axis.driver == Driver::Manual {
+                axis.driver = Driver::ManualStop;
+            }
+        }
+    }
+
+    /// All second controllers are at rest: the program's drive again, in the mode the jog began in.
+    pub(super) fn end_jog(&mut self) {
+        for axis in &mut self.axes {
+            axis.driver = Driver::Program;
+        }
+        if self.mode == Mode::Jogging {
+            self.mode = self.jog_from;
+        }
+        self.rest_scans = 0;
+    }
+
+    /// One scan of a jog; one that never ends trips.
+    pub(super) fn await_jog(&mut self) {
+        self.jog_patience_scans = self.jog_patience_scans.saturating_sub(1);
+        if self.jog_patience_scans == 0 {
+            let axis = self
+                .axes
+                .iter()
+                .position(|axis| axis.driver != Driver::Program);
+            self.trip(Cause::NotInPosition, axis.map_or(u32::MAX, |a| a as u32));
+        }
+    }
+}

@@ -1,0 +1,162 @@
+//! After a fault: the machine waits until it can go on, and for whoever may tell it to.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::{Cause, Job, Mode, Roster};
+use machine::AfterLoss;
+
+use crate::drives::{DriveState, Drives};
+
+use super::{Master, RunEnd};
+use crate::saved::Latches;
+
+/// Longest wait for drives that are being switched on, in s.
+const SWITCH_ON_PATIENCE_S: f64 = 5.0;
+
+impl<D: Drives> Master<D> {
+    /// Goes on where a master before this one left: drives off, positions as the encoders say, the place on the path
+    /// known. Called before the first scan.
+    pub fn resume(&mut self, latches: &Latches) {
+        self.windows.restore(&latches.left);
+        self.program_start = latches.program_start;
+        self.override_percent = latches.override_percent.min(100);
+        self.overrun_scans = latches.overrun_scans;
+        self.may_end = latches.may_end == 1;
+        if latches.ends == 1 {
+            self.run_end = RunEnd::AfterProgram;
+            self.told_to_end = true;
+            self.may_end = true;
+        }
+        self.program.resume(latches);
+        self.digest.resume(latches.digest);
+        self.mode = Mode::Disabled;
+        self.cause = Cause::MasterLost;
+        self.cause_scan = self.scan;
+    }
+
+    /// What must outlive this master after the scan in progress.
+    pub fn latches(&self) -> Latches {
+        Latches {
+            scan: self.scan,
+            digest: self.digest.value(),
+            left: self.windows.left(self.scan),
+            program_start: self.program_start,
+            override_percent: self.override_percent,
+            overrun_scans: self.overrun_scans,
+            may_end: u32::from(
+                self.may_end || self.ends() && matches!(self.mode, Mode::Stopping | Mode::Stopped),
+            ),
+            ends: u32::from(self.told_to_end),
+            load: self.program.load,
+            program: self.program.state as u32,
+            run: self.program.run,
+            reserved: 0,
+        }
+    }
+
+    /// Whether the trip was the loss of a process, which another one may replace.
+    pub(super) fn lost_a_servo(&self) -> bool {
+        self.mode == Mode::Tripped && matches!(self.cause, Cause::ServoLost | Cause::Watchdog)
+    }
+
+    /// Whether this trip is one that the run waits in, for a servo to come back and somebody to go on.
+    pub(super) fn waits_for_servo(&self) -> bool {
+        self.lost_a_servo() && self.restart.servo != AfterLoss::End
+    }
+
+    /// Whether a tripped machine could be driven again: all axes stand, within their travel, and have a servo that follows them.
+    pub(super) fn is_ready_again(&self) -> bool {
+        self.stands()
+            && self
+                .axes
+                .iter()
+                .all(|axis| axis.followed && axis.missed_in_a_row == 0 && axis.is_within_travel())
+    }
+
+    /// Drives on: at once where they all follow commands already, otherwise as soon as they do.
+    pub(super) fn switch_on(&mut self) {
+        if self.drives_follow() {
+            self.end_trip(true);
+        } else {
+            let scans = libm::ceil(SWITCH_ON_PATIENCE_S / self.scan_period_s);
+            self.switching_on_scans = scans as u64;
+        }
+    }
+
+    fn drives_follow(&self) -> bool {
+        let mut axes = self.axes.iter();
+        axes.all(|axis| axis.drive.state == DriveState::Ready)
+    }
+
+    /// One scan of drives that are being switched on: ready when they all follow, off again when one does not in time.
+    pub(super) fn await_switching_on(&mut self) {
+        if self.switching_on_scans == 0 {
+            return;
+        }
+        self.switching_on_scans -= 1;
+        if self.drives_follow() {
+            self.switching_on_scans = 0;
+            self.end_trip(true);
+            return;
+        }
+        let failed = self.axes.iter().position(|axis| {
+            matches!(
+                axis.drive.state,
+                DriveState::Fault { .. } | DriveState::Lost
+            ) || self.switching_on_scans == 0 && axis.drive.state != DriveState::Ready
+        });
+        if let Some(index) = failed {
+            self.switching_on_scans = 0;
+            let state = self.axes.get(index).map(|axis| axis.drive.state);
+            self.cause = match state {
+                Some(DriveState::Fault { .. }) => Cause::DriveFault,
+                Some(DriveState::Lost) => Cause::DriveLost,
+                _ => Cause::DriveOff,
+            };
+            self.cause_axis = index as u32;
+            self.cause_scan = self.scan + 1;
+        }
+    }
+
+    /// Ends a trip: drives on, where the axes stand. Without a program that was begun there is nothing to hold.
+    pub(super) fn end_trip(&mut self, hold: bool) {
+        if self.program.is_begun() {
+            self.mode = Mode::Enabled;
+            self.hold = hold;
+        } else {
+            self.mode = self.idle_mode();
+        }
+        self.cause = Cause::None;
+        self.cause_axis = u32::MAX;
+        self.cause_scan = 0;
+        self.rest_scans = 0;
+        self.waited_scans = 0;
+        for axis in &mut self.axes {
+            axis.cause = Cause::None;
+            axis.missed_in_a_row = 0;
+        }
+    }
+
+    /// Where the machine file lets it: goes on by itself once a lost servo is back.
+    pub(super) fn go_on_by_itself(&mut self) {
+        let resumes = self.restart.servo == AfterLoss::Resume && !self.may_end;
+        if self.lost_a_servo() && resumes && self.is_ready_again() {
+            self.end_trip(self.hold);
+        }
+    }
+
+    /// A lost planner that is to wait when it is back finds the machine in hold.
+    pub(super) fn hold_without_planner(&mut self, roster: &Roster) {
+        let lost = roster
+            .find(Job::Planner, 0, 0)
+            .is_some_and(|planner| planner.live == 0);
+        if lost && self.restart.planner == AfterLoss::Wait && self.mode == Mode::Enabled {
+            self.hold = true;
+        }
+    }
+}

@@ -1,0 +1,36 @@
+//! Which of two servos on an axis is active (docs/developers/architecture.md, "Standby").
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::{AxisCommand, Cause};
+
+/// What became of an axis's commands in one scan.
+#[derive(Debug, Clone, Copy)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "lives for a moment on the stack; the scan path does not allocate"
+)]
+pub(super) enum Taken {
+    /// This one drives on.
+    Command(AxisCommand),
+    /// None in time from a servo that lives: the drive holds the last one.
+    Missed,
+    /// No servo lives that could drive.
+    Lost,
+    /// The only one there is must not reach the drive.
+    Bad(Cause),
+}
+
+/// The switch of one axis.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Switch {
+    /// The active role.
+    pub role: usize,
+    /// Scans in a row in which the other one was the same.
+    pub same_scans: u32,
+}

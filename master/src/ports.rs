@@ -1,0 +1,82 @@
+//! What a master sees of its cell.
+
+use bus::sample::{
+    Feedback, Instruments, OperatorRequest, OperatorResponse, Roster, WindowHeader, WindowRow,
+};
+
+use crate::answers::Answers;
+use crate::drives::Drives;
+use crate::saved::Latches;
+
+/// What came of a scan's answers.
+#[derive(Debug, Clone, Copy)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "lives for a moment on the stack; the scan path does not allocate"
+)]
+pub enum Answered {
+    /// These came in time.
+    Scan {
+        /// The answers.
+        answers: Answers,
+        /// Scans that were overrun meanwhile.
+        overrun_scans: u32,
+    },
+    /// The cell is to end at once.
+    Leave,
+}
+
+/// Whether the cell goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Flow {
+    /// On to the next step.
+    GoOn,
+    /// It is time to leave.
+    Leave,
+}
+
+/// What a master sees of its cell. Shared memory, queues and scripted decorators implement it.
+pub trait MasterPorts {
+    /// Why it cannot go on.
+    type Error;
+
+    /// Who takes part, as the launcher published it last.
+    fn roster(&self) -> &Roster;
+
+    /// Takes what the launcher has published since.
+    fn read_roster(&mut self);
+
+    /// Publishes the feedback of a scan and signals whoever is to answer it, the planner among them if `ask_planner`.
+    fn begin_scan(&mut self, feedback: &Feedback, ask_planner: bool) -> Flow;
+
+    /// Publishes what the bench instruments read.
+    fn publish_instruments(&mut self, instruments: &Instruments);
+
+    /// Keeps what must outlive the master.
+    fn save(&mut self, latches: &Latches, drives: &impl Drives);
+
+    /// Waits for the answers to a scan as the pace wants it.
+    ///
+    /// # Errors
+    /// Somebody who takes part does not answer.
+    fn await_answers(&mut self, scan: u64, ask_planner: bool) -> Result<Answered, Self::Error>;
+
+    /// Hands the operator's orders of this scan to `judge`, one after the other.
+    fn serve_orders(&mut self, scan: u64, judge: impl FnMut(&OperatorRequest) -> OperatorResponse);
+
+    /// Whether the launcher is still there; none if the cell is to end at once.
+    fn launcher_lives(&mut self, scan: u64) -> Option<bool>;
+
+    /// Hands every window that has become visible by `scan` to `offer`, in order.
+    fn for_each_window(
+        &mut self,
+        scan: u64,
+        offer: impl FnMut(&WindowHeader, &[WindowRow], &Roster),
+    );
+
+    /// The last feedback has been published: waits until it has been recorded.
+    fn finish(&mut self, scan: u64);
+
+    /// The master leaves: wakes whoever waits for it.
+    fn leave(&mut self);
+}

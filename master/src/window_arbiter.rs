@@ -1,0 +1,261 @@
+//! Which window is executed: decided here, in one place, for all axes at once (docs/developers/architecture.md, Windows).
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::{Feedback, MAX_WINDOW_ROWS, PathTag, WindowHeader, WindowId, WindowRow};
+use bytemuck::{Pod, Zeroable};
+
+/// A window as the master keeps it: its header and the tags of its rows.
+#[derive(Debug)]
+struct Kept {
+    header: WindowHeader,
+    tags: Vec<PathTag>,
+}
+
+impl Kept {
+    fn none() -> Kept {
+        Kept {
+            header: WindowHeader::zeroed(),
+            tags: Vec::with_capacity(MAX_WINDOW_ROWS),
+        }
+    }
+
+    fn is_none(&self) -> bool {
+        self.header.id.is_none()
+    }
+
+    fn set(&mut self, header: &WindowHeader, rows: &[WindowRow]) {
+        self.header = *header;
+        self.tags.clear();
+        self.tags
+            .extend(rows.iter().take(MAX_WINDOW_ROWS).map(|row| row.tag));
+    }
+
+    fn clear(&mut self) {
+        self.header = WindowHeader::zeroed();
+        self.tags.clear();
+    }
+
+    fn row(&self, scan: u64) -> u32 {
+        let last = u64::from(self.header.row_count.max(1) - 1);
+        scan.saturating_sub(self.header.first_scan).min(last) as u32
+    }
+}
+
+/// What of the windows outlives the master.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct Left {
+    /// Where on the path.
+    pub tag: PathTag,
+    /// The program it belongs to.
+    pub program_hash: u64,
+    /// The epoch.
+    pub epoch: u32,
+    /// Kept zero.
+    pub reserved: u32,
+}
+
+/// The windows in force and pending.
+#[derive(Debug)]
+pub struct WindowArbiter {
+    in_force: Kept,
+    pending: Kept,
+    armed: bool,
+    voided: WindowId,
+    epoch: u32,
+    /// Where the path was when its last window went, and the program it belongs to.
+    left_at: PathTag,
+    left_program: u64,
+    /// What the feedback says of the path while no window is in force.
+    shown: PathTag,
+}
+
+/// Why there is to be no window.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Dropped {
+    /// A fault: how far the axes stray from where the path was left is still measured.
+    Tripped,
+    /// The operator moves the axes, or somebody may push them: they are off the path.
+    LeavesPath,
+}
+
+impl Default for WindowArbiter {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl WindowArbiter {
+    /// No window, in the first epoch.
+    pub fn new() -> WindowArbiter {
+        WindowArbiter {
+            in_force: Kept::none(),
+            pending: Kept::none(),
+            armed: false,
+            voided: WindowId::NONE,
+            epoch: 1,
+            left_at: PathTag::OFF_PATH,
+            left_program: 0,
+            shown: PathTag::default(),
+        }
+    }
+
+    /// The window in force in this scan and its row.
+    pub fn in_force(&self, scan: u64) -> (WindowId, u32) {
+        if self.in_force.is_none() {
+            (WindowId::NONE, 0)
+        } else {
+            (self.in_force.header.id, self.in_force.row(scan))
+        }
+    }
+
+    /// Where the path was left, its program, and the epoch: what outlives this master.
+    pub fn left(&self, scan: u64) -> Left {
+        let mut feedback = Feedback::zeroed();
+        self.tell(scan, &mut feedback);
+        Left {
+            tag: feedback.left_at,
+            program_hash: feedback.program_hash,
+            epoch: self.epoch,
+            reserved: 0,
+        }
+    }
+
+    /// Goes on where a master before this one left: without a window, in a new epoch, off the path if there was one.
+    pub fn restore(&mut self, left: &Left) {
+        self.left_at = left.tag;
+        self.left_program = left.program_hash;
+        self.epoch = left.epoch.saturating_add(1);
+        if !left.tag.is_off_path() {
+            self.shown = PathTag::OFF_PATH;
+        }
+    }
+
+    /// No window, and no place on any path: another program is to begin.
+    pub fn forget_path(&mut self, scan: u64) {
+        self.drop_all(scan, Dropped::LeavesPath);
+        self.left_at = PathTag::OFF_PATH;
+        self.left_program = 0;
+        self.shown = PathTag::default();
+    }
+
+    /// Whether the path has been begun: a window of it was in force once.
+    pub fn has_begun(&self) -> bool {
+        !self.in_force.is_none() || !self.left_at.is_off_path()
+    }
+
+    /// Whether a window is in force.
+    pub fn has_window(&self) -> bool {
+        !self.in_force.is_none()
+    }
+
+    /// Whether the command stands in this scan: the window's last row is reached.
+    pub fn at_rest(&self, scan: u64) -> bool {
+        self.in_force.is_none() || self.in_force.row(scan) + 1 >= self.in_force.header.row_count
+    }
+
+    /// Whether the window in force brings the program to its end.
+    pub fn ends_program(&self) -> bool {
+        self.in_force.header.ends_program == 1
+    }
+
+    /// Writes into the feedback what everybody is to execute in this scan.
+    pub fn tell(&self, scan: u64, feedback: &mut Feedback) {
+        let (window, row) = self.in_force(scan);
+        feedback.window = window;
+        feedback.row = row;
+        let tag = self.in_force.tags.get(row as usize).copied();
+        feedback.tag = tag.unwrap_or(self.shown);
+        feedback.left_at = match tag {
+            Some(tag) if !tag.is_off_path() => tag,
+            _ => self.left_at,
+        };
+        feedback.program_hash = if self.in_force.is_none() {
+            self.left_program
+        } else {
+            self.in_force.header.program_hash
+        };
+        feedback.at_rest = u32::from(self.at_rest(scan));
+        feedback.armed = if self.armed {
+            self.pending.header.id
+        } else {
+            WindowId::NONE
+        };
+        feedback.voided = self.voided;
+        feedback.epoch = self.epoch;
+    }
+
+    /// A window came in from the planner of this incarnation. A second one while one is pending is void at once, and
+    /// so is one of a planner that is not the live one or of another size than it says.
+    pub fn offer(&mut self, header: &WindowHeader, rows: &[WindowRow], planner: u32) {
+        let known = header.id.incarnation == planner && planner != 0;
+        let sized = header.row_count as usize == rows.len()
+            && !rows.is_empty()
+            && rows.len() <= MAX_WINDOW_ROWS;
+        let told = header.intended_rows >= 1 && header.intended_rows <= header.row_count;
+        if !self.pending.is_none() || !known || !sized || !told {
+            self.voided = header.id;
+            return;
+        }
+        self.pending.set(header, rows);
+    }
+
+    /// Decides about the pending window for scan `next`: it takes over at its first scan if every axis holds it by
+    /// then, its predecessor is the one in force (or its epoch the present one) and motion is allowed; otherwise it is
+    /// void for good.
+    pub fn decide(&mut self, next: u64, allowed: bool, held_by_all: impl Fn(WindowId) -> bool) {
+        if self.pending.is_none() {
+            return;
+        }
+        let header = self.pending.header;
+        let continues = header.predecessor == self.in_force.header.id
+            && (!header.predecessor.is_none() || header.epoch == self.epoch);
+        let held = held_by_all(header.id);
+        let too_far = header.first_scan > next + MAX_WINDOW_ROWS as u64;
+        if !allowed || !continues || too_far || header.first_scan < next {
+            self.void();
+        } else if header.first_scan == next {
+            if held {
+                std::mem::swap(&mut self.in_force, &mut self.pending);
+                self.pending.clear();
+                self.armed = false;
+            } else {
+                self.void();
+            }
+        } else {
+            self.armed = held;
+        }
+    }
+
+    fn void(&mut self) {
+        self.voided = self.pending.header.id;
+        self.pending.clear();
+        self.armed = false;
+    }
+
+    /// No window from `scan` on: a new epoch begins. Where on the path the one in force stood is kept.
+    pub fn drop_all(&mut self, scan: u64, why: Dropped) {
+        if !self.pending.is_none() {
+            self.void();
+        }
+        if !self.in_force.is_none() {
+            let tag = self.in_force.tags.get(self.in_force.row(scan) as usize);
+            self.shown = tag.copied().unwrap_or_default();
+            if !self.shown.is_off_path() {
+                self.left_at = self.shown;
+            }
+            self.left_program = self.in_force.header.program_hash;
+        }
+        if why == Dropped::LeavesPath && !self.left_at.is_off_path() {
+            self.shown = PathTag::OFF_PATH;
+        }
+        self.in_force.clear();
+        self.epoch += 1;
+    }
+}

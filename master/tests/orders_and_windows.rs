@@ -1,0 +1,951 @@
+//! The master's judgement: commands, windows, modes. Each guard has a test that goes red without it.
+
+use bus::sample::{
+    AxisCommand, Cause, Driver, Feedback, Job, Mode, OperatorRequest, Order, Participant,
+    PlannerStatus, ProgramState, Refused, Roster, WindowHeader, WindowId, WindowRow,
+};
+use bytemuck::Zeroable;
+use machine::Machine;
+use master::{Answers, Master, RunEnd};
+use plant_sim::SimulatedDrives;
+use plant_sim::plant_file::PlantFile;
+
+const AXES: usize = 2;
+
+struct Bench {
+    side: Master<SimulatedDrives>,
+    roster: Roster,
+    /// What every servo says it holds as pending.
+    pending: WindowId,
+    watchdog_scans: u32,
+}
+
+impl Bench {
+    fn new() -> Bench {
+        Bench::of(RunEnd::AfterProgram)
+    }
+
+    /// Drives on from the first scan.
+    fn of(run_end: RunEnd) -> Bench {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
+        let machine = Machine::load(&folder).expect("the machine");
+        let plant = PlantFile::load(&folder).expect("the plant");
+        let simulations = plant.simulations(&machine).expect("axes");
+        let mut roster = Roster::zeroed();
+        roster.version = 1;
+        let jobs = [(Job::Planner, 0), (Job::Servo, 0), (Job::Servo, 1)];
+        for (place, (job, axis)) in roster.participants.iter_mut().zip(jobs) {
+            *place = Participant {
+                job: job as u32,
+                axis,
+                incarnation: 1,
+                live: 1,
+                ..Participant::zeroed()
+            };
+        }
+        Bench {
+            side: Master::new(
+                &machine,
+                SimulatedDrives::new(simulations),
+                1,
+                0,
+                true,
+                run_end,
+            ),
+            roster,
+            pending: WindowId::NONE,
+            watchdog_scans: machine.scan.watchdog_scans,
+        }
+    }
+
+    /// A good command of each servo for this scan.
+    fn good_answers(&self) -> Answers {
+        let feedback = self.side.feedback();
+        let mut answers = Answers::NONE;
+        for (axis, commands) in answers.commands.iter_mut().take(AXES).enumerate() {
+            commands[0] = Some(AxisCommand {
+                scan: feedback.scan,
+                visible_from: feedback.scan + 1,
+                position: feedback.axes[axis].command_register,
+                stop_deceleration_mm_s2: 1000.0,
+                axis: axis as u32,
+                incarnation: 1,
+                pending: self.pending,
+                ..AxisCommand::zeroed()
+            });
+        }
+        answers
+    }
+
+    /// One scan whose answers `change` may spoil; the feedback of the next.
+    fn scan(&mut self, change: impl FnOnce(&mut Answers)) -> Feedback {
+        let mut answers = self.good_answers();
+        change(&mut answers);
+        self.side.exchange();
+        self.side.close_scan(&answers, &self.roster);
+        self.side.feedback()
+    }
+
+    fn scans(&mut self, count: usize) -> Feedback {
+        let mut feedback = self.side.feedback();
+        for _ in 0..count {
+            feedback = self.scan(|_| {});
+        }
+        feedback
+    }
+
+    /// Offers a window of `rows` rows at rest where the machine stands.
+    fn offer(
+        &mut self,
+        sequence: u32,
+        first_scan: u64,
+        rows: usize,
+        predecessor: WindowId,
+    ) -> WindowId {
+        let feedback = self.side.feedback();
+        let mut position = [0; bus::sample::MAX_AXES];
+        for (value, axis) in position.iter_mut().zip(feedback.axes()) {
+            *value = axis.command_register;
+        }
+        let rows = vec![
+            WindowRow {
+                position,
+                ..WindowRow::zeroed()
+            };
+            rows
+        ];
+        let header = WindowHeader {
+            id: WindowId {
+                checksum: u64::from(sequence),
+                sequence,
+                incarnation: 1,
+            },
+            predecessor,
+            first_scan,
+            visible_from: feedback.scan,
+            epoch: feedback.epoch,
+            intended_rows: 1,
+            row_count: rows.len() as u32,
+            ..WindowHeader::zeroed()
+        };
+        self.side.offer(&header, &rows, &self.roster);
+        header.id
+    }
+}
+
+fn mode(feedback: &Feedback) -> Mode {
+    Mode::from_wire(feedback.mode).expect("a known mode")
+}
+
+fn cause(feedback: &Feedback) -> Cause {
+    Cause::from_wire(feedback.cause).expect("a known cause")
+}
+
+#[test]
+fn a_command_that_is_not_a_number_trips_with_its_axis_and_never_reaches_the_drive() {
+    for spoil in [
+        (|c: &mut AxisCommand| c.velocity_mm_s = f64::NAN) as fn(&mut AxisCommand),
+        |c| c.velocity_mm_s = f64::INFINITY,
+        |c| c.torque_nm = f64::NAN,
+        |c| c.torque_nm = 1000.0,
+        |c| c.stop_deceleration_mm_s2 = f64::NAN,
+        |c| c.cause = 4711,
+    ] {
+        let mut bench = Bench::new();
+        bench.scans(3);
+        let feedback = bench.scan(|answers| {
+            if let Some(command) = &mut answers.commands[1][0] {
+                spoil(command);
+            }
+        });
+        assert_eq!(
+            (mode(&feedback), cause(&feedback)),
+            (Mode::Tripped, Cause::BadValue)
+        );
+        assert_eq!(feedback.cause_axis, 1);
+        assert!(feedback.axes[1].velocity_command_mm_s == 0.0);
+    }
+}
+
+#[test]
+fn a_command_beyond_all_speed_trips() {
+    let mut bench = Bench::new();
+    let feedback = bench.scan(|answers| {
+        if let Some(command) = &mut answers.commands[0][0] {
+            command.velocity_mm_s = 1e6;
+        }
+    });
+    assert_eq!(
+        (mode(&feedback), cause(&feedback)),
+        (Mode::Tripped, Cause::SpeedLimit)
+    );
+    assert_eq!(feedback.cause_axis, 0);
+}
+
+#[test]
+fn a_command_of_another_scan_axis_role_or_incarnation_counts_as_missed() {
+    for spoil in [
+        (|c: &mut AxisCommand| c.scan += 1) as fn(&mut AxisCommand),
+        |c| c.scan -= 1,
+        |c| c.axis = 0,
+        |c| c.role = 1,
+        |c| c.incarnation = 7,
+    ] {
+        let mut bench = Bench::new();
+        bench.scans(3);
+        let feedback = bench.scan(|answers| {
+            if let Some(command) = &mut answers.commands[1][0] {
+                command.velocity_mm_s = 99.0;
+                spoil(command);
+            }
+        });
+        assert_eq!(mode(&feedback), Mode::Enabled);
+        assert_eq!(feedback.axes[1].missed_scans, 1);
+        assert_eq!(
+            feedback.axes[1].velocity_command_mm_s, 0.0,
+            "the last good command holds"
+        );
+        assert_eq!(feedback.axes[0].missed_scans, 0);
+        let feedback = bench.scans(1);
+        assert_eq!(feedback.axes[1].missed_in_a_row, 0);
+    }
+}
+
+#[test]
+fn the_watchdog_trips_after_its_scans_in_a_row_and_not_before() {
+    let mut bench = Bench::new();
+    bench.scans(3);
+    let mut feedback = bench.side.feedback();
+    let watchdog_scans = bench.watchdog_scans;
+    for missed in 1..=watchdog_scans {
+        feedback = bench.scan(|answers| answers.commands[0][0] = None);
+        assert_eq!(feedback.axes[0].missed_in_a_row, missed);
+        assert_eq!(mode(&feedback) == Mode::Tripped, missed == watchdog_scans);
+    }
+    assert_eq!(cause(&feedback), Cause::Watchdog);
+}
+
+#[test]
+fn a_servo_that_left_the_roster_trips_with_its_axis() {
+    let mut bench = Bench::new();
+    bench.scans(3);
+    bench.roster.participants[2].live = 0;
+    let feedback = bench.scan(|answers| answers.commands[1][0] = None);
+    assert_eq!(
+        (mode(&feedback), cause(&feedback)),
+        (Mode::Tripped, Cause::ServoLost)
+    );
+    assert_eq!(feedback.cause_axis, 1);
+}
+
+#[test]
+fn a_planner_that_cannot_go_on_stops_the_machine_on_the_path() {
+    let mut bench = Bench::new();
+    let first = bench.offer(1, 8, 40, WindowId::NONE);
+    bench.pending = first;
+    bench.scans(10);
+    let report = |incarnation| {
+        move |answers: &mut Answers| {
+            answers.planner = Some(PlannerStatus {
+                cause: Cause::Planner as u32,
+                incarnation,
+                ..PlannerStatus::zeroed()
+            });
+        }
+    };
+    let feedback = bench.scan(report(9));
+    assert_eq!(
+        mode(&feedback),
+        Mode::Enabled,
+        "a stranger's word counts nothing"
+    );
+    let feedback = bench.scan(report(1));
+    assert_eq!(
+        (mode(&feedback), cause(&feedback)),
+        (Mode::Stopping, Cause::Planner)
+    );
+    assert_eq!(
+        feedback.window, first,
+        "the window in force is executed to its end"
+    );
+    assert_eq!(mode(&bench.scans(60)), Mode::Stopped);
+}
+
+#[test]
+fn a_window_is_executed_only_when_every_axis_holds_it() {
+    let mut bench = Bench::new();
+    let id = bench.offer(1, 8, 4, WindowId::NONE);
+    let feedback = bench.scans(8);
+    assert!(feedback.window.is_none(), "no axis holds it");
+    assert_eq!(feedback.voided, id);
+
+    let id = bench.offer(2, 16, 4, WindowId::NONE);
+    bench.pending = id;
+    bench.scans(3);
+    // In the last scan before its first, one axis lets go of it.
+    bench.scans(4);
+    let feedback = bench.scan(|answers| {
+        if let Some(command) = &mut answers.commands[1][0] {
+            command.pending = WindowId::NONE;
+        }
+    });
+    assert!(feedback.window.is_none());
+    assert_eq!(feedback.voided, id);
+
+    let id = bench.offer(3, 24, 4, WindowId::NONE);
+    bench.pending = id;
+    let feedback = bench.scans(7);
+    assert!(feedback.window.is_none());
+    assert_eq!(feedback.armed, id);
+    let feedback = bench.scans(1);
+    assert_eq!((feedback.window, feedback.row), (id, 0));
+    assert_eq!(
+        (bench.scans(2).row, bench.scans(5).row),
+        (2, 3),
+        "the last row is held"
+    );
+    assert_eq!(bench.side.feedback().at_rest, 1);
+}
+
+#[test]
+fn a_window_with_the_wrong_predecessor_epoch_planner_or_size_is_void() {
+    let stranger = WindowId {
+        checksum: 9,
+        sequence: 9,
+        incarnation: 1,
+    };
+    let mut bench = Bench::new();
+    bench.pending = bench.offer(1, 8, 4, stranger);
+    assert!(
+        bench.scans(9).window.is_none(),
+        "another predecessor than the one in force"
+    );
+
+    let mut bench = Bench::new();
+    bench.roster.participants[0].incarnation = 2;
+    bench.pending = bench.offer(1, 8, 4, WindowId::NONE);
+    assert!(
+        bench.scans(9).window.is_none(),
+        "a planner that is not the live one"
+    );
+
+    let mut bench = Bench::new();
+    bench.pending = bench.offer(1, 8, 0, WindowId::NONE);
+    assert!(bench.scans(9).window.is_none(), "no rows");
+}
+
+#[test]
+fn a_second_window_while_one_is_pending_is_void() {
+    let mut bench = Bench::new();
+    let first = bench.offer(1, 8, 4, WindowId::NONE);
+    bench.pending = first;
+    let second = bench.offer(2, 8, 4, WindowId::NONE);
+    assert_eq!(bench.side.feedback().voided, second);
+    assert_eq!(bench.scans(8).window, first);
+}
+
+#[test]
+fn after_a_stop_no_window_is_admitted_and_the_run_ends_at_rest() {
+    let mut bench = Bench::new();
+    let first = bench.offer(1, 8, 40, WindowId::NONE);
+    bench.pending = first;
+    bench.scans(10);
+    let answer = bench.side.order(&OperatorRequest {
+        order: Order::Stop as u32,
+        ..OperatorRequest::zeroed()
+    });
+    assert_eq!((answer.accepted, answer.mode), (1, Mode::Stopping as u32));
+    bench.pending = bench.offer(2, 16, 40, first);
+    let feedback = bench.scans(10);
+    assert_eq!(
+        feedback.window, first,
+        "the window in force is executed to its end"
+    );
+    assert_eq!(mode(&feedback), Mode::Stopping);
+    let feedback = bench.scans(40);
+    assert_eq!(mode(&feedback), Mode::Stopped);
+    let feedback = bench.scans(200);
+    assert_eq!(feedback.last, 1);
+}
+
+#[test]
+fn an_order_that_is_none_is_refused() {
+    let mut bench = Bench::new();
+    for (order, value) in [
+        (0, 0.0),
+        (99, 0.0),
+        (Order::Override as u32, f64::NAN),
+        (Order::Override as u32, 300.0),
+    ] {
+        let answer = bench.side.order(&OperatorRequest {
+            order,
+            value,
+            ..OperatorRequest::zeroed()
+        });
+        assert_eq!(answer.accepted, 0, "order {order} with {value}");
+    }
+    assert_eq!(mode(&bench.side.feedback()), Mode::Enabled);
+}
+
+#[test]
+fn while_tripped_the_position_register_follows_the_encoder() {
+    let mut bench = Bench::new();
+    for _ in 0..50 {
+        bench.scan(|answers| {
+            for commands in answers.commands.iter_mut().take(AXES) {
+                if let Some(command) = &mut commands[0] {
+                    command.velocity_mm_s = 20.0;
+                }
+            }
+        });
+    }
+    bench.roster.participants[1].live = 0;
+    let feedback = bench.scan(|answers| answers.commands[0][0] = None);
+    assert_eq!(mode(&feedback), Mode::Tripped);
+    let mut moved = false;
+    for _ in 0..100 {
+        let feedback = bench.scan(|_| {});
+        for axis in feedback.axes() {
+            moved |= axis.velocity_mm_s.abs() > 1.0;
+            assert_eq!(axis.command_register, axis.motor_position);
+        }
+    }
+    assert!(moved, "the axes braked for a while");
+    let feedback = bench.side.feedback();
+    assert!(
+        feedback
+            .axes()
+            .iter()
+            .all(|axis| axis.velocity_mm_s.abs() < 0.5),
+        "and stand"
+    );
+}
+
+/// The state an order comes in.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum State {
+    Moving,
+    Held,
+    Stopping,
+    Stopped,
+    Jogging,
+    Disabled,
+    Tripped,
+    Finished,
+}
+
+fn order(bench: &mut Bench, order: Order, axis: u32, value: f64) -> Refused {
+    let answer = bench.side.order(&OperatorRequest {
+        order: order as u32,
+        axis,
+        value,
+    });
+    let reason = Refused::from_wire(answer.reason).expect("a known reason");
+    assert_eq!(answer.accepted == 1, reason == Refused::Not);
+    reason
+}
+
+fn in_state(state: State) -> Bench {
+    bring_into(Bench::new(), state)
+}
+
+/// From before the first window of its program.
+fn bring_into(mut bench: Bench, state: State) -> Bench {
+    let first_scan = bench.side.scan().next_multiple_of(8) + 8;
+    let id = bench.offer(1, first_scan, 40, WindowId::NONE);
+    bench.pending = id;
+    bench.scans(if state == State::Moving || state == State::Stopping {
+        20
+    } else {
+        200
+    });
+    let mut accepted =
+        |o: Order, value: f64| assert_eq!(order(&mut bench, o, 0, value), Refused::Not);
+    match state {
+        State::Moving => {}
+        State::Held => accepted(Order::Hold, 0.0),
+        State::Stopping => accepted(Order::Stop, 0.0),
+        State::Stopped => {
+            accepted(Order::Stop, 0.0);
+            bench.scans(2);
+        }
+        State::Jogging => {
+            accepted(Order::Hold, 0.0);
+            accepted(Order::Jog, 1.0);
+        }
+        State::Disabled => {
+            accepted(Order::Hold, 0.0);
+            accepted(Order::Disable, 0.0);
+        }
+        State::Tripped => {
+            bench.roster.participants[1].live = 0;
+            bench.scan(|answers| answers.commands[0][0] = None);
+        }
+        State::Finished => {
+            bench.offer_end();
+            bench.scans(60);
+            assert_eq!(mode(&bench.side.feedback()), Mode::Finished);
+        }
+    }
+    bench
+}
+
+impl Bench {
+    /// A window that ends the program where the machine stands.
+    fn offer_end(&mut self) {
+        let feedback = self.side.feedback();
+        let mut rows = [WindowRow::zeroed(); 4];
+        for row in &mut rows {
+            row.position = feedback.axes.map(|axis| axis.command_register);
+        }
+        let header = WindowHeader {
+            id: WindowId {
+                checksum: 7,
+                sequence: 7,
+                incarnation: 1,
+            },
+            predecessor: feedback.window,
+            first_scan: (feedback.scan + 2).next_multiple_of(8),
+            visible_from: feedback.scan,
+            intended_rows: 1,
+            row_count: 4,
+            ends_program: 1,
+            ..WindowHeader::zeroed()
+        };
+        self.side.offer(&header, &rows, &self.roster);
+        self.pending = header.id;
+    }
+}
+
+/// The table of docs/reference/orders.md, as far as orders are refused.
+#[test]
+fn orders_are_refused_in_the_states_they_make_no_sense_in_and_nothing_is_latched() {
+    use Refused::{DrivesOff, Finished, Jogging, Not, NotAtRest, NotHeld, NotReady, Tripped};
+    let orders = [
+        (Order::Hold, 0.0),
+        (Order::Resume, 0.0),
+        (Order::Stop, 0.0),
+        (Order::Disable, 0.0),
+        (Order::Enable, 0.0),
+        (Order::Jog, 2.0),
+    ];
+    for (state, expected) in [
+        (State::Moving, [Not, Not, Not, NotHeld, Not, NotHeld]),
+        (State::Held, [Not, Not, Not, Not, Not, Not]),
+        (
+            State::Stopping,
+            [Not, NotAtRest, Not, NotAtRest, Not, NotAtRest],
+        ),
+        (State::Stopped, [Not, Not, Not, Not, Not, Not]),
+        (State::Jogging, [Not, Jogging, Not, Jogging, Not, Jogging]),
+        (State::Disabled, [Not, DrivesOff, Not, Not, Not, DrivesOff]),
+        // No servo follows these axes, so nobody can acknowledge the trip; a run that waits in it may be ended.
+        (
+            State::Tripped,
+            [Tripped, Tripped, Not, Tripped, NotReady, Tripped],
+        ),
+        (State::Finished, [Finished; 6]),
+    ] {
+        for ((what, value), expected) in orders.into_iter().zip(expected) {
+            let mut bench = in_state(state);
+            let before = bench.side.feedback();
+            let found = order(&mut bench, what, 0, value);
+            assert_eq!(found, expected, "{} while {state:?}", what.word());
+            if found != Not {
+                assert_eq!(
+                    bench.side.feedback(),
+                    before,
+                    "{} while {state:?}",
+                    what.word()
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_jog_of_nothing_of_no_axis_or_beyond_the_travel_is_refused_with_what_is_allowed() {
+    let mut bench = in_state(State::Held);
+    for (axis, value, expected) in [
+        (0, 0.0, Refused::BadValue),
+        (0, f64::NAN, Refused::BadValue),
+        (0, f64::INFINITY, Refused::BadValue),
+        (0, 1e-7, Refused::BadValue),
+        (2, 1.0, Refused::UnknownAxis),
+        (u32::MAX, 1.0, Refused::UnknownAxis),
+        (0, 220.001, Refused::BeyondTravel),
+        (1, -1e300, Refused::BeyondTravel),
+    ] {
+        assert_eq!(
+            order(&mut bench, Order::Jog, axis, value),
+            expected,
+            "{axis} {value}"
+        );
+    }
+    let answer = bench.side.order(&OperatorRequest {
+        order: Order::Jog as u32,
+        axis: 1,
+        value: 200.0,
+    });
+    let register_mm = bench.side.feedback().axes[1].command_register as f64 * 1e-6;
+    assert!((answer.allowed_min_mm - (-150.0 - register_mm)).abs() < 1e-9);
+    assert!((answer.allowed_max_mm - (150.0 - register_mm)).abs() < 1e-9);
+    assert_eq!(
+        order(&mut bench, Order::Jog, 1, answer.allowed_max_mm),
+        Refused::Not
+    );
+}
+
+#[test]
+fn a_jog_voids_the_windows_begins_an_epoch_keeps_the_place_and_ends_in_hold() {
+    let mut bench = in_state(State::Held);
+    let before = bench.side.feedback();
+    assert_eq!(order(&mut bench, Order::Jog, 1, 2.0), Refused::Not);
+    let feedback = bench.scans(1);
+    assert_eq!(mode(&feedback), Mode::Jogging);
+    assert!(feedback.window.is_none() && feedback.tag.is_off_path());
+    assert_eq!(feedback.epoch, before.epoch + 1);
+    assert_eq!(feedback.left_at, before.tag);
+    let target = before.axes[1].command_register + 2_000_000;
+    let driver = |feedback: &Feedback| feedback.axes.map(|axis| axis.driver);
+    assert_eq!((driver(&feedback)[0], driver(&feedback)[1]), (0, 1));
+    assert_eq!(feedback.axes[1].jog_target, target);
+    let feedback = bench.scan(|answers| {
+        if let Some(command) = &mut answers.commands[1][0] {
+            command.jog_done = 1;
+        }
+    });
+    assert_eq!((mode(&feedback), feedback.hold), (Mode::Enabled, 1));
+    assert_eq!(driver(&feedback)[1], Driver::Program as u32);
+}
+
+#[test]
+fn a_stop_in_a_jog_is_done_when_the_axis_rests_and_a_jog_that_never_ends_trips() {
+    let mut bench = in_state(State::Jogging);
+    assert_eq!(order(&mut bench, Order::Stop, 0, 0.0), Refused::Not);
+    let feedback = bench.scans(50);
+    assert_eq!(mode(&feedback), Mode::Stopping);
+    assert_eq!(feedback.axes[0].driver, Driver::ManualStop as u32);
+    let feedback = bench.scan(|answers| {
+        if let Some(command) = &mut answers.commands[0][0] {
+            command.jog_done = 1;
+        }
+    });
+    assert_eq!(mode(&feedback), Mode::Stopped);
+
+    let mut bench = in_state(State::Jogging);
+    let feedback = bench.scans(6000);
+    assert_eq!(
+        (mode(&feedback), cause(&feedback)),
+        (Mode::Tripped, Cause::NotInPosition)
+    );
+    assert_eq!(feedback.axes[0].driver, Driver::Program as u32);
+}
+
+#[test]
+fn a_stop_without_drives_lets_the_run_end() {
+    let mut bench = in_state(State::Disabled);
+    assert_eq!(bench.scans(300).last, 0);
+    assert_eq!(order(&mut bench, Order::Stop, 0, 0.0), Refused::Not);
+    let feedback = bench.scans(200);
+    assert_eq!((mode(&feedback), feedback.last), (Mode::Disabled, 1));
+}
+
+/// How far the program of a cell that stays up is, and what its machine does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Stays {
+    Ready(ProgramState),
+    ReadyInHold,
+    DrivesOff,
+    JogsWithoutProgram,
+    TrippedWithoutProgram,
+    /// With a program that was begun.
+    Begun(State),
+    Ending,
+}
+
+impl Bench {
+    /// What a planner says that has read the program of this number, or refuses it.
+    fn planner_says(&mut self, load: u32, cause: Cause) {
+        let scan = self.side.scan();
+        self.scan(|answers| {
+            answers.planner = Some(PlannerStatus {
+                scan,
+                visible_from: scan + 1,
+                incarnation: 1,
+                load,
+                cause: cause as u32,
+                ..PlannerStatus::zeroed()
+            });
+        });
+    }
+
+    fn load(&mut self, number: u32) {
+        assert_eq!(order(self, Order::Load, 0, f64::from(number)), Refused::Not);
+        self.planner_says(number, Cause::None);
+    }
+
+    fn program(&self) -> ProgramState {
+        ProgramState::from_wire(self.side.feedback().program).expect("a known state")
+    }
+}
+
+fn staying(state: Stays) -> Bench {
+    let mut bench = Bench::of(RunEnd::WhenTold);
+    bench.scans(50);
+    match state {
+        Stays::Ready(ProgramState::None) => {}
+        Stays::Ready(ProgramState::Loading) => {
+            assert_eq!(order(&mut bench, Order::Load, 0, 1.0), Refused::Not);
+        }
+        Stays::Ready(ProgramState::Done) => {
+            bench.load(1);
+            assert_eq!(order(&mut bench, Order::Start, 0, 0.0), Refused::Not);
+            bench = bring_into(bench, State::Finished);
+            bench.scans(200);
+        }
+        Stays::Ready(_) => bench.load(1),
+        Stays::ReadyInHold => {
+            bench.load(1);
+            assert_eq!(order(&mut bench, Order::Hold, 0, 0.0), Refused::Not);
+        }
+        Stays::DrivesOff => assert_eq!(order(&mut bench, Order::Disable, 0, 0.0), Refused::Not),
+        Stays::JogsWithoutProgram => {
+            assert_eq!(order(&mut bench, Order::Jog, 0, 1.0), Refused::Not);
+        }
+        Stays::TrippedWithoutProgram => {
+            bench.roster.participants[1].live = 0;
+            bench.scan(|answers| answers.commands[0][0] = None);
+        }
+        Stays::Begun(state) => {
+            bench.load(1);
+            assert_eq!(order(&mut bench, Order::Start, 0, 0.0), Refused::Not);
+            bench = bring_into(bench, state);
+        }
+        Stays::Ending => {
+            bench.load(1);
+            assert_eq!(order(&mut bench, Order::Start, 0, 0.0), Refused::Not);
+            bench = bring_into(bench, State::Moving);
+            assert_eq!(order(&mut bench, Order::Down, 0, 0.0), Refused::Not);
+        }
+    }
+    bench
+}
+
+/// The same table for a cell that stays up: every order in every state.
+#[test]
+fn in_a_cell_that_stays_every_order_is_judged_by_the_state_it_comes_in() {
+    use Refused::{
+        Begun, DrivesOff, Ending, Finished, Jogging, Loading, NoProgram, Not, NotAtRest, NotBegun,
+        NotHeld, NotReady, Tripped,
+    };
+    let orders = [
+        (Order::Hold, 0.0),
+        (Order::Resume, 0.0),
+        (Order::Stop, 0.0),
+        (Order::Override, 50.0),
+        (Order::Disable, 0.0),
+        (Order::Enable, 0.0),
+        (Order::Jog, 2.0),
+        (Order::Load, 2.0),
+        (Order::Start, 0.0),
+        (Order::Down, 0.0),
+    ];
+    let ready = |start| [Not, NotBegun, Not, Not, Not, Not, Not, Not, start, Not];
+    let off = [
+        Not, DrivesOff, Not, Not, Not, Not, DrivesOff, Not, DrivesOff, Not,
+    ];
+    let tripped = [
+        Tripped, NotReady, Not, Not, Tripped, NotReady, Tripped, Tripped, Tripped, Not,
+    ];
+    let jogging = [
+        Not, Jogging, Not, Not, Jogging, Not, Jogging, Jogging, Jogging, Not,
+    ];
+    let stopping = |load, start| {
+        [
+            Not, NotAtRest, Not, Not, NotAtRest, Not, NotAtRest, load, start, Not,
+        ]
+    };
+    for (state, expected) in [
+        (Stays::Ready(ProgramState::None), ready(NoProgram)),
+        (Stays::Ready(ProgramState::Loading), ready(Loading)),
+        (Stays::Ready(ProgramState::Loaded), ready(Not)),
+        (Stays::Ready(ProgramState::Done), ready(Not)),
+        (Stays::ReadyInHold, [Not; 10]),
+        (Stays::DrivesOff, off),
+        (Stays::JogsWithoutProgram, jogging),
+        (Stays::TrippedWithoutProgram, tripped),
+        (
+            Stays::Begun(State::Moving),
+            [Not, Not, Not, Not, NotHeld, Not, NotHeld, Begun, Begun, Not],
+        ),
+        (
+            Stays::Begun(State::Held),
+            [Not, Not, Not, Not, Not, Not, Not, Begun, Begun, Not],
+        ),
+        (Stays::Begun(State::Stopping), stopping(NotAtRest, Begun)),
+        (
+            Stays::Begun(State::Stopped),
+            [Not, Not, Not, Not, Not, Not, Not, Not, Begun, Not],
+        ),
+        (Stays::Begun(State::Jogging), jogging),
+        (Stays::Begun(State::Disabled), off),
+        (Stays::Begun(State::Tripped), tripped),
+        (
+            Stays::Begun(State::Finished),
+            [
+                Finished, Finished, Not, Not, Finished, Finished, Finished, NotAtRest, NotAtRest,
+                Not,
+            ],
+        ),
+        (
+            Stays::Ending,
+            [
+                Not, Ending, Not, Not, Ending, Ending, Ending, Ending, Ending, Not,
+            ],
+        ),
+    ] {
+        for ((what, value), expected) in orders.into_iter().zip(expected) {
+            let mut bench = staying(state);
+            let before = bench.side.feedback();
+            let found = order(&mut bench, what, 0, value);
+            assert_eq!(found, expected, "{} while {state:?}", what.word());
+            if found != Not {
+                let now = bench.side.feedback();
+                assert_eq!(now, before, "{} while {state:?}", what.word());
+            }
+        }
+    }
+}
+
+#[test]
+fn a_program_is_loaded_started_done_and_started_again() {
+    let mut bench = staying(Stays::Ready(ProgramState::None));
+    assert_eq!(bench.program(), ProgramState::None);
+    bench.load(3);
+    assert_eq!(bench.program(), ProgramState::Loaded);
+    for run in 1..=2 {
+        assert_eq!(order(&mut bench, Order::Start, 0, 0.0), Refused::Not);
+        let begun = bench.side.feedback();
+        assert_eq!((begun.run, begun.load), (run, 3));
+        assert_eq!(mode(&begun), Mode::Enabled);
+        assert!(begun.left_at.is_off_path() && begun.window.is_none());
+        bench = bring_into(bench, State::Finished);
+        let after = bench.scans(200);
+        assert_eq!(mode(&after), Mode::Ready);
+        assert_eq!(bench.program(), ProgramState::Done);
+        assert_eq!(after.last, 0, "the cell stays");
+    }
+}
+
+#[test]
+fn a_program_that_the_planner_refuses_is_not_loaded_and_another_one_can_be() {
+    let mut bench = staying(Stays::Ready(ProgramState::Loading));
+    bench.planner_says(7, Cause::Planner);
+    assert_eq!(
+        bench.program(),
+        ProgramState::Loading,
+        "said of another one"
+    );
+    bench.planner_says(1, Cause::Planner);
+    assert_eq!(bench.program(), ProgramState::None);
+    let refused = bench.side.feedback();
+    assert_eq!(
+        (mode(&refused), cause(&refused)),
+        (Mode::Ready, Cause::Planner)
+    );
+    assert_eq!(order(&mut bench, Order::Start, 0, 0.0), Refused::NoProgram);
+    assert_eq!(order(&mut bench, Order::Load, 0, 1.0), Refused::BadValue);
+    bench.load(2);
+    assert_eq!(bench.program(), ProgramState::Loaded);
+    assert_eq!(cause(&bench.side.feedback()), Cause::None);
+}
+
+#[test]
+fn a_program_that_was_stopped_is_given_up_for_another_and_nothing_of_its_path_is_left() {
+    let mut bench = staying(Stays::Begun(State::Stopped));
+    assert!(!bench.side.feedback().left_at.is_off_path());
+    bench.load(2);
+    let loaded = bench.side.feedback();
+    assert_eq!(mode(&loaded), Mode::Ready);
+    assert!(loaded.window.is_none() && loaded.left_at.is_off_path());
+    assert_eq!(loaded.program_hash, 0);
+}
+
+#[test]
+fn a_trip_without_a_program_ends_in_readiness_and_one_in_a_program_in_hold() {
+    for (state, expected, hold) in [
+        (Stays::TrippedWithoutProgram, Mode::Ready, 0),
+        (Stays::Begun(State::Tripped), Mode::Enabled, 1),
+    ] {
+        let mut bench = staying(state);
+        bench.roster.participants[1].live = 1;
+        bench.scans(2000);
+        assert_eq!(order(&mut bench, Order::Enable, 0, 0.0), Refused::Not);
+        let feedback = bench.side.feedback();
+        assert_eq!((mode(&feedback), feedback.hold), (expected, hold));
+    }
+}
+
+#[test]
+fn a_cell_that_is_told_to_end_comes_to_rest_first_in_every_state() {
+    for state in [
+        Stays::Ready(ProgramState::Loaded),
+        Stays::DrivesOff,
+        Stays::JogsWithoutProgram,
+        Stays::TrippedWithoutProgram,
+        Stays::Begun(State::Moving),
+        Stays::Begun(State::Held),
+        Stays::Begun(State::Tripped),
+        Stays::Begun(State::Disabled),
+        Stays::Begun(State::Finished),
+    ] {
+        let mut bench = staying(state);
+        assert_eq!(order(&mut bench, Order::Down, 0, 0.0), Refused::Not);
+        let mut last = bench.side.feedback();
+        for _ in 0..3000 {
+            last = bench.scan(|answers| {
+                for command in answers.commands.iter_mut().flatten().flatten() {
+                    command.jog_done = 1;
+                }
+            });
+            if last.last == 1 {
+                break;
+            }
+        }
+        assert_eq!(last.last, 1, "{state:?} does not end");
+        assert!(
+            last.axes()
+                .iter()
+                .all(|axis| axis.velocity_mm_s.abs() < 0.5)
+        );
+    }
+}
+
+/// Whoever was told to end ends, whatever else dies, moves or is asked on the way to rest.
+#[test]
+fn a_cell_that_trips_on_its_way_to_the_end_ends_all_the_same() {
+    let mut bench = staying(Stays::Ending);
+    bench.roster.participants[1].live = 0;
+    let tripped = bench.scan(|answers| answers.commands[0][0] = None);
+    assert_eq!(mode(&tripped), Mode::Tripped);
+    bench.roster.participants[1].live = 1;
+    assert_eq!(order(&mut bench, Order::Enable, 0, 0.0), Refused::Ending);
+    let ended = (0..5000).any(|_| bench.scan(|_| {}).last == 1);
+    assert!(ended);
+}
+
+#[test]
+fn a_stop_of_a_tripped_machine_is_not_forgotten_when_its_servo_comes_back() {
+    let mut bench = staying(Stays::Begun(State::Tripped));
+    assert_eq!(order(&mut bench, Order::Stop, 0, 0.0), Refused::Not);
+    assert_eq!(bench.side.feedback().hold, 1);
+}
+
+#[test]
+fn a_planner_that_comes_back_and_refuses_what_was_loaded_leaves_nothing_to_start() {
+    let mut bench = staying(Stays::Ready(ProgramState::Done));
+    bench.planner_says(1, Cause::Planner);
+    assert_eq!(bench.program(), ProgramState::None);
+    assert_eq!(order(&mut bench, Order::Start, 0, 0.0), Refused::NoProgram);
+}

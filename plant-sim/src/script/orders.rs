@@ -1,0 +1,169 @@
+//! Scripted orders: what an operator would ask, each at its scan, so that a run with orders repeats to the bit.
+//!
+//! ```toml
+//! [[order]]
+//! scan = 2000
+//! order = "hold"
+//!
+//! [[order]]
+//! scan = 2400
+//! order = "jog"
+//! axis = "X"
+//! value = 3.0       # mm; of an override: percent
+//! ```
+
+use std::path::Path;
+
+use serde::Deserialize;
+
+use bus::sample::{OperatorRequest, Order};
+use machine::Machine;
+use machine::settings_file::{self, Rules, SettingsFileError, read_text};
+
+/// An order and the scan in which it is judged; it shows in the feedback of the next.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ScriptedOrder {
+    /// The scan.
+    pub scan: u64,
+    /// What is asked.
+    pub request: OperatorRequest,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    #[serde(default)]
+    order: Vec<Entry>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entry {
+    scan: u64,
+    order: String,
+    axis: Option<String>,
+    value: Option<f64>,
+}
+
+/// Reads and checks a file of orders for a machine; they come in the order of their scans, those of one scan in the
+/// order of the file.
+///
+/// # Errors
+/// Unreadable, not TOML, unknown key, order or axis, or a value too many or missing: with file, line and what would be
+/// right. Whether an order is obeyed is judged when its scan comes.
+pub fn load(path: &Path, machine: &Machine) -> Result<Vec<ScriptedOrder>, SettingsFileError> {
+    parse(&path.display().to_string(), &read_text(path)?, machine)
+}
+
+/// Checks the text of such a file; `name` stands in the messages.
+///
+/// # Errors
+/// As [`load`].
+pub fn parse(
+    name: &str,
+    text: &str,
+    machine: &Machine,
+) -> Result<Vec<ScriptedOrder>, SettingsFileError> {
+    let file: File = settings_file::parse(name, text)?;
+    let mut rules = Rules::of(name, text);
+    let mut orders = Vec::with_capacity(file.order.len());
+    for (index, entry) in file.order.iter().enumerate() {
+        match request(entry, machine) {
+            Ok(request) => orders.push(ScriptedOrder {
+                scan: entry.scan,
+                request,
+            }),
+            Err(what) => rules.say(&["order"], None, &format!("number {}: {what}", index + 1)),
+        }
+    }
+    rules.judge()?;
+    orders.sort_by_key(|order| order.scan);
+    Ok(orders)
+}
+
+fn request(entry: &Entry, machine: &Machine) -> Result<OperatorRequest, String> {
+    let order = Order::from_word(&entry.order).ok_or_else(|| {
+        let known = Order::ALL.map(Order::word).join(", ");
+        format!("order = {:?}: must be one of {known}", entry.order)
+    })?;
+    if order == Order::Load {
+        return Err("load: a script has no program to load".into());
+    }
+    let (wants_axis, wants_value) = match order {
+        Order::Jog => (true, true),
+        Order::Override => (false, true),
+        _ => (false, false),
+    };
+    for (key, given, wanted) in [
+        ("axis", entry.axis.is_some(), wants_axis),
+        ("value", entry.value.is_some(), wants_value),
+    ] {
+        if given != wanted {
+            let how = if wanted { "needs" } else { "has no" };
+            return Err(format!("{} {how} {key}", entry.order));
+        }
+    }
+    let axis = match &entry.axis {
+        None => 0,
+        Some(letter) => machine.axis_index(letter)?,
+    };
+    Ok(OperatorRequest {
+        order: order as u32,
+        axis,
+        value: entry.value.unwrap_or(0.0),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<Vec<ScriptedOrder>, String> {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
+        let machine = Machine::load(&folder).expect("the machine");
+        parse("orders.toml", text, &machine).map_err(|e| e.to_string())
+    }
+
+    #[test]
+    fn orders_come_in_the_order_of_their_scans() {
+        let orders = read(
+            "[[order]]\nscan = 9\norder = \"jog\"\naxis = \"Y\"\nvalue = -2.5\n\
+             [[order]]\nscan = 4\norder = \"hold\"\n",
+        )
+        .expect("orders");
+        let found: Vec<_> = orders
+            .iter()
+            .map(|o| (o.scan, o.request.order, o.request.axis, o.request.value))
+            .collect();
+        assert_eq!(
+            found,
+            [
+                (4, Order::Hold as u32, 0, 0.0),
+                (9, Order::Jog as u32, 1, -2.5)
+            ]
+        );
+        assert_eq!(read(""), Ok(Vec::new()));
+    }
+
+    #[test]
+    fn what_is_no_order_is_refused_with_what_would_be_right() {
+        for (text, word) in [
+            ("scan = 1\norder = \"halt\"", "must be one of stop, hold"),
+            ("scan = 1\norder = \"jog\"\nvalue = 1.0", "jog needs axis"),
+            ("scan = 1\norder = \"jog\"\naxis = \"X\"", "jog needs value"),
+            (
+                "scan = 1\norder = \"jog\"\naxis = \"Q\"\nvalue = 1.0",
+                "it has X Y",
+            ),
+            (
+                "scan = 1\norder = \"hold\"\nvalue = 1.0",
+                "hold has no value",
+            ),
+            ("scan = -1\norder = \"hold\"", "orders.toml:2"),
+            ("scan = 1\norder = \"hold\"\nwhen = 2", "unknown field"),
+        ] {
+            let error = read(&format!("[[order]]\n{text}\n")).expect_err(text);
+            assert!(error.contains(word), "{text}: {error}");
+        }
+    }
+}

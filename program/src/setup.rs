@@ -1,0 +1,78 @@
+//! What the machine file says of programs.
+
+use control::kinematics::Kinematics;
+use control::path::AxisVector;
+use control::pivot::{self, PivotY};
+use machine::{self, AxisKind, Machine};
+
+use crate::program::{AxisSetup, Setup};
+
+impl Setup {
+    /// The machine as the interpreter needs to know it.
+    ///
+    /// An arm that stands in for Y is Y here, with its reach for travel. X may go as far beyond the slide's travel as the arm
+    /// draws the tool back; what the slide itself can reach is judged along the path ([`PivotY::check`]).
+    pub fn of(machine: &Machine) -> Setup {
+        let mut work_offset = AxisVector::zeros();
+        let mut axes: Vec<AxisSetup> = machine
+            .axes
+            .iter()
+            .map(|axis| AxisSetup {
+                letter: axis.name.chars().next().unwrap_or('?'),
+                travel_min: axis.travel_min_mm,
+                travel_max: axis.travel_max_mm,
+                rotary: axis.kind == AxisKind::Rotary,
+            })
+            .collect();
+        if let Kinematics::PivotY(pivot) = kinematics_of(machine) {
+            if let Some(arm) = axes.get_mut(pivot.arm) {
+                let (low_mm, high_mm) = pivot.reach_mm();
+                *arm = AxisSetup {
+                    letter: 'Y',
+                    travel_min: low_mm,
+                    travel_max: high_mm,
+                    rotary: false,
+                };
+            }
+            if let Some(slide) = axes.get_mut(pivot.slide) {
+                slide.travel_min -= pivot.drawn_back_max_mm();
+                slide.travel_max += pivot.drawn_back_max_mm();
+            }
+        }
+        for (offset, axis) in work_offset.iter_mut().zip(&axes) {
+            let offsets = &machine.program.work_offset_mm;
+            *offset = offsets
+                .get(axis.letter.to_string().as_str())
+                .copied()
+                .unwrap_or(0.0);
+        }
+        Setup { axes, work_offset }
+    }
+}
+
+/// How the axes of a machine carry the tool that programs move.
+pub fn kinematics_of(machine: &Machine) -> Kinematics {
+    let pivot = machine.kinematics.as_ref().and_then(|kinematics| {
+        Some(PivotY {
+            slide: kinematics.slide_index(machine)?,
+            arm: kinematics.arm_index(machine)?,
+            arm_length_mm: kinematics.arm_length_mm,
+            arm_min_deg: kinematics.arm_min_deg,
+            arm_max_deg: kinematics.arm_max_deg,
+            carries: match kinematics.carries {
+                machine::Carries::Arm => pivot::Carries::Arm,
+                machine::Carries::Work => pivot::Carries::Work,
+            },
+        })
+    });
+    pivot.map_or(Kinematics::Cartesian, Kinematics::PivotY)
+}
+
+/// Where the axes stand with their registers at these increments, in mm and degrees; 0 for axes that the machine does not have.
+pub fn axes_at(machine: &Machine, increments: &[i64]) -> AxisVector {
+    let mut axes = AxisVector::zeros();
+    for ((value, axis), increments) in axes.iter_mut().zip(&machine.axes).zip(increments) {
+        *value = *increments as f64 * axis.increment_mm();
+    }
+    axes
+}

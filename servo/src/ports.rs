@@ -1,0 +1,97 @@
+//! What a servo sees of its cell, and the same over the bus.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use std::rc::Rc;
+
+use bus::cell::CellError;
+use bus::member::Member;
+use bus::port::{Reader, WindowReader, Writer};
+use bus::sample::{AxisCommand, Feedback, WindowHeader, WindowRow};
+use bus::service::{ROLES, SCAN_DEPTH};
+
+/// What a servo sees of its cell. Shared memory, queues and faulty decorators implement it.
+pub trait ServoPorts {
+    /// Waits for the newest feedback after the one before; none when it is time to leave.
+    fn next_feedback(&mut self) -> Option<Feedback>;
+
+    /// Hands every window that has become visible by `scan` to `offer`, in order.
+    fn for_each_window(&mut self, scan: u64, offer: impl FnMut(&WindowHeader, &[WindowRow]));
+
+    /// The newest command of the axis's other servo that is visible in `scan`.
+    fn peer_command(&mut self, scan: u64) -> Option<AxisCommand>;
+
+    /// Publishes the command of a scan.
+    fn publish(&mut self, command: &AxisCommand);
+
+    /// Reports that this servo is done with the scan.
+    fn answered(&mut self, scan: u64);
+}
+
+/// The ports of a servo process: shared memory.
+#[derive(Debug)]
+pub struct BusPorts {
+    member: Rc<Member>,
+    feedback: Reader<Feedback>,
+    windows: WindowReader,
+    peer: Option<Reader<AxisCommand>>,
+    command: Writer<AxisCommand>,
+    last: Option<u64>,
+}
+
+impl BusPorts {
+    /// Opens the ports of the servo of `axis` in `role`; `standby` where the axis has two.
+    ///
+    /// # Errors
+    /// [`CellError::Transport`], also if the role has a servo already.
+    pub fn open(
+        member: Rc<Member>,
+        axis: usize,
+        role: usize,
+        standby: bool,
+    ) -> Result<BusPorts, CellError> {
+        let bus = &member.bus;
+        let peer = ROLES.len().saturating_sub(1 + role);
+        let peer = standby.then(|| bus.command_reader(axis, peer, SCAN_DEPTH));
+        Ok(BusPorts {
+            feedback: bus.feedback_reader(SCAN_DEPTH)?,
+            windows: bus.window_reader(SCAN_DEPTH)?,
+            command: bus.command_writer(axis, role)?,
+            peer: peer.transpose()?,
+            last: member.slot().after_scan,
+            member,
+        })
+    }
+}
+
+impl ServoPorts for BusPorts {
+    fn next_feedback(&mut self) -> Option<Feedback> {
+        let signal = self.member.page.scan_signal();
+        let feedback = self
+            .member
+            .next_feedback(signal, &mut self.feedback, self.last)?;
+        self.last = Some(feedback.scan);
+        Some(feedback)
+    }
+
+    fn for_each_window(&mut self, scan: u64, offer: impl FnMut(&WindowHeader, &[WindowRow])) {
+        self.windows.each(scan, offer);
+    }
+
+    fn peer_command(&mut self, scan: u64) -> Option<AxisCommand> {
+        self.peer.as_mut()?.newest(scan)
+    }
+
+    fn publish(&mut self, command: &AxisCommand) {
+        self.command.send(command);
+    }
+
+    fn answered(&mut self, scan: u64) {
+        self.member.answered(scan);
+    }
+}

@@ -1,0 +1,142 @@
+//! What the shipped programs do on the shipped machines stays what it was, to the bit (`tests/digests.txt`).
+
+use std::path::PathBuf;
+
+use lab::cell::InProcessCell;
+use machine::Machine;
+use plant_sim::plant_file::PlantFile;
+
+use crate::support::{number, root, run_with, text};
+
+/// One line of the table.
+#[derive(Debug, Clone)]
+struct Row {
+    machine: String,
+    program: String,
+    /// Name of a fault script of the machine.
+    faults: Option<String>,
+    scans: f64,
+    digest: String,
+    motion_digest: String,
+}
+
+impl Row {
+    fn machine_folder(&self) -> PathBuf {
+        root().join("machines").join(&self.machine)
+    }
+
+    /// The machines with two slides share the programs of one.
+    fn program_file(&self) -> PathBuf {
+        let own = self.machine_folder().join("programs");
+        let programs = if own.exists() {
+            own
+        } else {
+            root().join("machines/xy/programs")
+        };
+        programs.join(&self.program)
+    }
+}
+
+fn table() -> Vec<Row> {
+    let lines = include_str!("digests.txt").lines();
+    let rows = lines.filter(|line| !line.starts_with('#')).map(|line| {
+        let [machine, program, scans, digest, motion_digest] =
+            line.split(' ').collect::<Vec<_>>().try_into().expect(line);
+        let (program, faults) = match program.split_once('+') {
+            Some((program, faults)) => (program, Some(faults.to_string())),
+            None => (program, None),
+        };
+        Row {
+            machine: machine.into(),
+            program: program.into(),
+            faults,
+            scans: scans.parse().expect(line),
+            digest: digest.into(),
+            motion_digest: motion_digest.into(),
+        }
+    });
+    rows.collect()
+}
+
+/// Runs it by the real processes and compares both digests.
+fn check_by_processes(row: &Row) {
+    let faults = row.faults.as_ref().map(|name| {
+        let path = row.machine_folder().join("faults").join(name);
+        path.display().to_string()
+    });
+    let mut more = vec!["--no-learned"];
+    if let Some(faults) = &faults {
+        more.extend(["--faults", faults]);
+    }
+    let report = run_with(row.machine_folder(), row.program_file(), &more).good_report();
+    assert_eq!(number(&report, "/scans"), row.scans, "{row:?}");
+    assert_eq!(text(&report, "/motion_digest"), row.motion_digest, "{row:?}");
+    // What a killed recorder has missed depends on the PC, and with it the digest over the log.
+    if row.faults.as_deref() != Some("kill-everybody.toml") {
+        assert_eq!(text(&report, "/digest"), row.digest, "{row:?}");
+    }
+}
+
+#[test]
+fn a_program_of_every_machine_has_the_digests_it_had() {
+    let short = |row: &&Row| row.scans < 16_000.0 || row.faults.is_some();
+    let mut seen = Vec::new();
+    for row in table().iter().filter(short) {
+        let first = !seen.contains(&row.machine) || row.faults.is_some();
+        if first {
+            seen.push(row.machine.clone());
+            check_by_processes(row);
+        }
+    }
+    assert!(seen.len() >= 7, "machines and fault scripts: {seen:?}");
+}
+
+#[test]
+fn every_shipped_program_has_the_motion_digest_it_had() {
+    let rows = table();
+    std::thread::scope(|scope| {
+        for half in 0..2 {
+            let rows = rows.iter().filter(|row| row.faults.is_none());
+            let mine: Vec<&Row> = rows.skip(half).step_by(2).collect();
+            scope.spawn(move || mine.into_iter().for_each(check_in_one_process));
+        }
+    });
+}
+
+fn check_in_one_process(row: &Row) {
+    let machine = Machine::load(&row.machine_folder()).expect("a machine");
+    let plant = PlantFile::load(&row.machine_folder()).expect("a plant");
+    let program = std::fs::read_to_string(row.program_file()).expect("a program");
+    let mut cell = InProcessCell::new(&machine, &plant, &row.program, &program).expect("a cell");
+    let mut digest = String::new();
+    while let Some(published) = cell.scan() {
+        let (high, low) = (
+            published.instruments.motion_digest_high,
+            published.instruments.motion_digest_low,
+        );
+        digest = format!("{high:016x}{low:016x}");
+    }
+    assert_eq!(digest, row.motion_digest, "{row:?}");
+}
+
+/// Takes some minutes.
+#[test]
+#[ignore = "every program by the real processes: after a change that should change no bit"]
+fn every_digest_of_every_shipped_program_is_what_it_was() {
+    table().iter().for_each(check_by_processes);
+}
+
+/// A program that comes with the product without its digests would be changed unseen.
+#[test]
+fn every_shipped_program_is_in_the_table() {
+    let table = table();
+    for machine in std::fs::read_dir(root().join("machines")).expect("machines").flatten() {
+        let name = machine.file_name().to_string_lossy().into_owned();
+        let programs = std::fs::read_dir(machine.path().join("programs"));
+        for program in programs.into_iter().flatten().flatten() {
+            let program = program.file_name().to_string_lossy().into_owned();
+            let known = table.iter().any(|r| r.machine == name && r.program == program);
+            assert!(known || !program.ends_with(".ngc"), "{name} {program}");
+        }
+    }
+}

@@ -1,0 +1,137 @@
+//! Runs test motions: real processes, lockstep, in a cell and a folder of their own that vanish with them.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use anyhow::{Context, anyhow};
+use machine::{Machine, machine_file};
+use serde_json::Value;
+use toml_edit::DocumentMut;
+
+use super::recording::{self, Recording};
+use launcher::exit::{Failure, Kind};
+use launcher::signals::Signals;
+
+/// How often a running child and the interruptions are looked at.
+const LOOK_EVERY: Duration = Duration::from_millis(20);
+
+/// Where test motions run.
+pub struct Bench {
+    folder: PathBuf,
+    signals: Signals,
+    cell: String,
+    runs: u32,
+}
+
+impl Bench {
+    /// Sets it up beside the plant that stands beside this machine file; the plant is copied unread.
+    ///
+    /// # Errors
+    /// The files cannot be copied.
+    pub fn new(machine: &Path, signals: Signals) -> Result<Bench, Failure> {
+        let name = format!("tune-{}", std::process::id());
+        let bench = Bench {
+            folder: std::env::temp_dir().join(format!("quadrant-{name}")),
+            signals,
+            cell: name,
+            runs: 0,
+        };
+        let plant = machine_file(machine).with_file_name("plant.toml");
+        fs::create_dir_all(&bench.folder).environment()?;
+        fs::copy(&plant, bench.folder.join("plant.toml"))
+            .with_context(|| plant.display().to_string())
+            .input()?;
+        Ok(bench)
+    }
+
+    /// Runs a program on the machine of this text; what its axes did.
+    ///
+    /// # Errors
+    /// The machine stopped, the environment does not allow it, or somebody interrupted.
+    pub fn record(
+        &mut self,
+        machine: &DocumentMut,
+        program: &str,
+    ) -> Result<Vec<Recording>, Failure> {
+        let out = self.run(machine, program)?;
+        let known = Machine::load(&self.folder).input()?;
+        let read = recording::read(&out.join(monitor::log::LOG_FILE), &known);
+        let _ = fs::remove_dir_all(&out);
+        read.environment()
+    }
+
+    /// Runs a program on the machine of this text; its report.
+    ///
+    /// # Errors
+    /// As [`Bench::record`].
+    pub fn report(&mut self, machine: &DocumentMut, program: &str) -> Result<Value, Failure> {
+        let out = self.run(machine, program)?;
+        let text = fs::read_to_string(out.join("report.json"));
+        let _ = fs::remove_dir_all(&out);
+        let text = text.context("reading a report").environment()?;
+        serde_json::from_str(&text).environment()
+    }
+
+    fn run(&mut self, machine: &DocumentMut, program: &str) -> Result<PathBuf, Failure> {
+        self.runs += 1;
+        let write = |name: &str, text: &str| fs::write(self.folder.join(name), text);
+        write("machine.toml", &machine.to_string()).environment()?;
+        write("motion.ngc", program).environment()?;
+        let out = self.folder.join(format!("run-{}", self.runs));
+        let said = self.folder.join("said.txt");
+        let mut child = Command::new("/proc/self/exe")
+            .arg("run")
+            .arg(&self.folder)
+            .arg(self.folder.join("motion.ngc"))
+            .args(["--pace", "lockstep", "--cell", &self.cell, "--out"])
+            .arg(&out)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(fs::File::create(&said).environment()?)
+            .spawn()
+            .context("starting a run")
+            .environment()?;
+        let mut told = 0;
+        let status = loop {
+            if let Some(status) = child.try_wait().environment()? {
+                break status;
+            }
+            // From a terminal the child has heard of it already; once more stops it at once, which is as well.
+            let interrupted = self.signals.count();
+            if interrupted > told {
+                told = interrupted;
+                if let Some(pid) = rustix::process::Pid::from_raw(child.id() as i32) {
+                    let _ = rustix::process::kill_process(pid, rustix::process::Signal::TERM);
+                }
+            }
+            std::thread::sleep(LOOK_EVERY);
+        };
+        if self.signals.count() > 0 {
+            return Err(Failure::Interrupted);
+        }
+        if status.success() {
+            return Ok(out);
+        }
+        let said = fs::read_to_string(&said).unwrap_or_default();
+        let last = said
+            .lines()
+            .rev()
+            .find_map(|line| line.strip_prefix("quadrant: "))
+            .unwrap_or("no reason was given");
+        let words = last.replace(&format!("{}/", self.folder.display()), "");
+        let error = anyhow!("the test motions ended early: {words}");
+        Err(match status.code() {
+            Some(1) => Failure::Stopped(error),
+            Some(2) => Failure::Input(error),
+            _ => Failure::Environment(error),
+        })
+    }
+}
+
+impl Drop for Bench {
+    fn drop(&mut self) {
+        let _ = fs::remove_dir_all(&self.folder);
+    }
+}

@@ -1,0 +1,109 @@
+//! What was found, for people; the new file, and the old one beside it.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, anyhow};
+use machine::Machine;
+use toml_edit::DocumentMut;
+
+use super::identify::Found;
+use crate::options::TuneOptions;
+use launcher::exit::{Kind, Outcome};
+use launcher::output::say;
+
+/// The table of what was identified.
+pub fn findings(machine: &Machine, all: &[Found]) -> String {
+    let mut text = String::from(
+        "axis     mass friction  static  Stribeck  viscous | table friction stiffness    gap  lost motion | unexplained\n           kg        N   ratio      mm/s    N·s/m |    kg        N      N/µm     µm           µm | torque N",
+    );
+    for (axis, found) in machine.axes.iter().zip(all) {
+        text += &format!(
+            "\n{:4} {:8.1} {:8.1} {:7.3} {:9.2} {:8.0} |",
+            axis.name,
+            found.mass_kg(),
+            found.coulomb_n(),
+            found.motor.static_ratio,
+            found.motor.stribeck_mm_s,
+            found.viscous_n_s_per_m(),
+        );
+        text += &found
+            .table
+            .map_or(format!(" {:49} |", "no scale: not known"), |table| {
+                format!(
+                    " {:5.1} {:8.1} {:9.1} {:6.2} {:12.2} |",
+                    table.mass_kg,
+                    table.friction.coulomb_n(),
+                    table.stiffness_n_per_um,
+                    table.gap_um,
+                    found.lost_motion_um(),
+                )
+            });
+        text += &format!(
+            " {:.1}; cogging {:.3} N·m, {} a turn",
+            found.residual_n, found.cogging_nm, found.cogging_per_turn
+        );
+    }
+    text
+}
+
+/// A file that the product itself would not read is not written.
+///
+/// # Errors
+/// Why not.
+pub fn check(document: &DocumentMut) -> anyhow::Result<()> {
+    Machine::parse("the settings found", &document.to_string())
+        .map(|_| ())
+        .map_err(|error| anyhow!("the model does not fit, nothing is written: {error}"))
+}
+
+/// Writes the file that was asked for, or shows it.
+pub fn write(options: &TuneOptions, path: &Path, document: &DocumentMut) -> Outcome {
+    let text = document.to_string();
+    if options.dry_run {
+        say(&text);
+        return Ok(());
+    }
+    if let Some(out) = &options.out {
+        replace(out, &text).environment()?;
+        say(&format!("written: {}", out.display()));
+        return Ok(());
+    }
+    let kept = free_name(path);
+    fs::copy(path, &kept)
+        .with_context(|| kept.display().to_string())
+        .environment()?;
+    replace(path, &text).environment()?;
+    say(&format!(
+        "written: {}; the old one is {}",
+        path.display(),
+        kept.display()
+    ));
+    Ok(())
+}
+
+/// The whole file or none of it.
+fn replace(path: &Path, text: &str) -> anyhow::Result<()> {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".new");
+    let new = PathBuf::from(name);
+    fs::write(&new, text).with_context(|| new.display().to_string())?;
+    fs::rename(&new, path).with_context(|| path.display().to_string())
+}
+
+/// `machine.toml.before-tune`, numbered from 2 where that is taken.
+fn free_name(path: &Path) -> PathBuf {
+    let named = |suffix: &str| {
+        let mut name = path.as_os_str().to_owned();
+        name.push(suffix);
+        PathBuf::from(name)
+    };
+    let first = named(".before-tune");
+    if !first.exists() {
+        return first;
+    }
+    (2_u32..)
+        .map(|number| named(&format!(".before-tune-{number}")))
+        .find(|name| !name.exists())
+        .unwrap_or(first)
+}

@@ -1,0 +1,295 @@
+//! `quadrant run --learn`: what a run that went well teaches for the next one.
+
+use std::fs;
+use std::path::Path;
+
+use anyhow::{Context, bail};
+use bus::sample::{AxisCommand, Feedback};
+use control::learned_table::{LearnedTable, LearnedValue};
+use control::learning::{Learner, LessonLimits, Observation};
+use launcher::exit::{Kind, Outcome};
+use launcher::output::say;
+use launcher::run::Completed;
+use machine::learned::{Learned, LearnedAxis, learned_file, settings_hash};
+use machine::{Axis, Machine};
+use monitor::log::{LOG_FILE, Reader, Sample, part_files};
+
+/// Largest learned torque, as a share of the peak torque.
+const TORQUE_SHARE: f64 = 0.1;
+/// Largest learned lost motion, in mm.
+const LOST_MOTION_MM: f64 = 0.02;
+/// A pass that finds the same program worse than this, against the pass before, has learned something wrong.
+const WORSE: f64 = 1.2;
+/// … and by more than this share of the rated torque: below it is cogging.
+const NOTICED_SHARE: f64 = 0.01;
+/// Accelerations above this share of the axis's own are those of rapids, starts and stops: arcs use less (40 % of it).
+const ACCELERATION_SHARE: f64 = 0.6;
+/// Feeds above this share of the rapid traverse are positioning: nobody measures the path there.
+const FEED_SHARE: f64 = 0.7;
+
+/// `quadrant run --learn`: learns from a run that went well and shows what.
+///
+/// # Errors
+/// The log cannot be read, or the file not be written.
+pub fn after(run: &Completed) -> Outcome {
+    let lines = learn(&run.folder, &run.machine_file, &run.machine).environment()?;
+    let path = learned_file(&run.machine_file);
+    say(&format!("Learned, {}:", path.display()));
+    for line in lines {
+        say(&format!("  {line}"));
+    }
+    Ok(())
+}
+
+/// Learns from the log of a run and writes `learned.toml` beside the machine file; a line for each axis.
+///
+/// # Errors
+/// The log cannot be read, or the file not be written.
+pub fn learn(
+    run_dir: &Path,
+    machine_path: &Path,
+    machine: &Machine,
+) -> anyhow::Result<Vec<String>> {
+    let mut learned = Learned::beside(&run_dir.join("machine.toml"), machine)?
+        .unwrap_or_else(|| Learned::none(machine));
+    let parts = part_files(run_dir)?.len();
+    if parts > 1 {
+        bail!(
+            "{}: the log is in {parts} parts, for the recorder died in the run: scans are missing, and what happened at reversals in them must not be guessed; nothing is learned: run again",
+            run_dir.display()
+        );
+    }
+    let mut reader = Reader::open(&run_dir.join(LOG_FILE))?;
+    let observed = observe(&mut reader, machine)?;
+    refuse_gaps(run_dir, &reader, &observed)?;
+    let mut lines = Vec::new();
+    for (axis, learner) in machine.axes.iter().zip(observed.learners) {
+        let Some(learner) = learner else {
+            lines.push(format!(
+                "{}: has no [axis.model] in use, learns nothing",
+                axis.name
+            ));
+            continue;
+        };
+        let before = learned.of(machine, axis).cloned();
+        let (entry, line) = pass(machine, axis, &learner, before, &observed.program);
+        lines.push(line);
+        learned.axes.retain(|known| known.name != axis.name);
+        learned.axes.extend(entry);
+    }
+    let path = learned_file(machine_path);
+    let part = path.with_extension("toml.part");
+    fs::write(&part, learned.text()).with_context(|| part.display().to_string())?;
+    fs::rename(&part, &path).with_context(|| path.display().to_string())?;
+    Ok(lines)
+}
+
+/// Nothing is learned from a log that does not have the whole run.
+fn refuse_gaps(run_dir: &Path, reader: &Reader, observed: &Observed) -> anyhow::Result<()> {
+    let log = run_dir.join(LOG_FILE);
+    if let Some(cut) = reader.cut() {
+        bail!(
+            "{}: is not whole ({cut}): nothing is learned: run again",
+            log.display()
+        );
+    }
+    if observed.missing_scans > 0 {
+        bail!(
+            "{}: {} scans are missing, and what happened at reversals in them must not be guessed; nothing is learned: run again",
+            log.display(),
+            observed.missing_scans
+        );
+    }
+    Ok(())
+}
+
+/// What a log showed.
+struct Observed {
+    program: String,
+    missing_scans: u64,
+    learners: Vec<Option<Learner>>,
+}
+
+/// Goes through the log once.
+fn observe(reader: &mut Reader, machine: &Machine) -> anyhow::Result<Observed> {
+    let mut axes: Vec<Option<Follower>> = machine
+        .axes
+        .iter()
+        .map(|axis| Follower::new(machine, axis))
+        .collect();
+    let mut hash = 0;
+    let (mut missing_scans, mut last_scan) = (0, None);
+    let mut feedback: Option<Box<Feedback>> = None;
+    let mut commands: Vec<Option<Box<AxisCommand>>> = vec![None; machine.axes.len()];
+    while let Some(sample) = reader.next_sample()? {
+        match sample {
+            Sample::Feedback(next) => {
+                if next.program_hash != 0 {
+                    hash = next.program_hash;
+                }
+                if let Some(last) = last_scan.replace(next.scan) {
+                    missing_scans += next.scan.saturating_sub(last + 1);
+                }
+                feedback = Some(next);
+            }
+            Sample::Command(command) => {
+                if let Some(place) = commands.get_mut(command.axis as usize) {
+                    *place = Some(command);
+                }
+            }
+            _ => {}
+        }
+        let Some(now) = &feedback else { continue };
+        let whole = commands
+            .iter()
+            .all(|c| c.as_ref().is_some_and(|c| c.scan == now.scan));
+        if !whole {
+            continue;
+        }
+        for ((follower, command), axis) in axes.iter_mut().zip(&commands).zip(now.axes()) {
+            if let (Some(follower), Some(command)) = (follower, command) {
+                follower.take(now, axis, command);
+            }
+        }
+        feedback = None;
+    }
+    Ok(Observed {
+        program: format!("{hash:016x}"),
+        missing_scans,
+        learners: axes.into_iter().map(|f| f.map(|f| f.learner)).collect(),
+    })
+}
+
+/// Brings commands and feedback of one axis together.
+struct Follower {
+    learner: Learner,
+    increment_mm: f64,
+    feed_max_mm_s: f64,
+    /// Torque fed forward in the last scan and in the one before, which acts now.
+    fed_forward_nm: [f64; 2],
+    last_scan: u64,
+}
+
+impl Follower {
+    fn new(machine: &Machine, axis: &Axis) -> Option<Follower> {
+        let model = axis.model?;
+        Some(Follower {
+            learner: Learner::new(
+                model.mass_kg,
+                radius_m(axis),
+                machine.scan_period_s(),
+                ACCELERATION_SHARE * axis.acceleration_mm_s2,
+            ),
+            increment_mm: axis.increment_mm(),
+            feed_max_mm_s: FEED_SHARE * axis.rapid_mm_s,
+            fed_forward_nm: [0.0; 2],
+            last_scan: 0,
+        })
+    }
+
+    fn take(
+        &mut self,
+        feedback: &Feedback,
+        axis: &bus::sample::AxisFeedback,
+        command: &AxisCommand,
+    ) {
+        let mm = |increments: i64| increments as f64 * self.increment_mm;
+        let [last_nm, acting_nm] = self.fed_forward_nm;
+        let follows = feedback.scan == self.last_scan + 1;
+        self.learner.take(Observation {
+            command_mm: mm(command.position),
+            motor_mm: mm(axis.motor_position),
+            scale_mm: mm(axis.scale_position),
+            compensation_mm: command.state.backlash_mm,
+            torque_nm: axis.torque_nm,
+            fed_forward_nm: acting_nm,
+            counts: follows
+                && !feedback.window.is_none()
+                && command.feed_forward_mm_s.abs() < self.feed_max_mm_s
+                && command.cause == 0,
+        });
+        let [now_nm, _] = command.state.torque_feed_forward_nm;
+        self.fed_forward_nm = [now_nm, last_nm];
+        self.last_scan = feedback.scan;
+    }
+}
+
+fn radius_m(axis: &Axis) -> f64 {
+    axis.lead_mm * 1e-3 / std::f64::consts::TAU
+}
+
+/// What one axis knows after this pass, and a line that says so.
+fn pass(
+    machine: &Machine,
+    axis: &Axis,
+    learner: &Learner,
+    before: Option<LearnedAxis>,
+    program: &str,
+) -> (Option<LearnedAxis>, String) {
+    let table = before.as_ref().map(table_of).unwrap_or_default();
+    let scaled = axis.model.filter(|_| axis.torque_feed_forward.friction);
+    let coulomb_n = scaled.map_or(0.0, |model| model.coulomb_n);
+    let limits = LessonLimits {
+        coulomb_nm: coulomb_n * radius_m(axis),
+        torque_nm: TORQUE_SHARE * axis.motor.peak_torque_nm,
+        lost_motion_mm: LOST_MOTION_MM,
+    };
+    let lesson = learner.lesson(&table, &limits);
+    if lesson.samples == 0 {
+        return (
+            before,
+            format!("{}: no reversal on the path, nothing learned", axis.name),
+        );
+    }
+    let worse = before.as_ref().is_some_and(|before| {
+        let noticed_nm = NOTICED_SHARE * axis.motor.rated_torque_nm;
+        before.program == program
+            && lesson.residual_rms_nm > WORSE * before.residual_rms_nm + noticed_nm
+    });
+    let next = if worse {
+        table.weakened()
+    } else {
+        lesson.table
+    };
+    let passes = before.map_or(0, |before| before.passes) + 1;
+    let line = format!(
+        "{}: pass {passes}, residual {:.3} N·m rms near reversals, friction × {:.3}{}",
+        axis.name,
+        lesson.residual_rms_nm,
+        next.friction_scale,
+        if worse {
+            "; worse than the pass before: what was learned is halved"
+        } else {
+            ""
+        }
+    );
+    let column = |direction: usize, of: fn(&LearnedValue) -> f64| -> Vec<f64> {
+        let cells = next.directions.get(direction);
+        cells
+            .into_iter()
+            .flatten()
+            .map(|v| libm::round(of(v) * 1e6) / 1e6)
+            .collect()
+    };
+    let entry = LearnedAxis {
+        name: axis.name.clone(),
+        settings: settings_hash(machine, axis),
+        passes,
+        program: program.to_string(),
+        residual_rms_nm: lesson.residual_rms_nm,
+        friction_scale: next.friction_scale,
+        negative_torque_nm: column(0, |v| v.torque_nm),
+        positive_torque_nm: column(1, |v| v.torque_nm),
+        negative_lost_motion_um: column(0, |v| v.lost_motion_mm * 1e3),
+        positive_lost_motion_um: column(1, |v| v.lost_motion_mm * 1e3),
+    };
+    (Some(entry), line)
+}
+
+fn table_of(axis: &LearnedAxis) -> LearnedTable {
+    LearnedTable::from_columns(
+        axis.friction_scale,
+        [&axis.negative_torque_nm, &axis.positive_torque_nm],
+        [&axis.negative_lost_motion_um, &axis.positive_lost_motion_um],
+    )
+}

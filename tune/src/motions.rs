@@ -1,0 +1,147 @@
+//! The test motions: part programs that move one axis after the other, in machine coordinates.
+
+use std::f64::consts::PI;
+use std::fmt::Write;
+
+use machine::{Axis, AxisKind, Machine};
+
+/// Longest stroke to either side of the middle, in mm.
+const STROKE_MM: f64 = 20.0;
+/// Highest test speed, in mm/s.
+const SPEED_MM_S: f64 = 100.0;
+/// Speeds at which friction is measured, in mm/s.
+const STEADY_MM_S: [f64; 9] = [0.3, 0.7, 1.5, 3.0, 5.0, 8.0, 15.0, 40.0, 100.0];
+/// Reversals: acceleration in mm/s², length of a stroke in mm, how many.
+pub const REVERSALS: [(f64, f64, u32); 5] = [
+    (10.0, 1.0, 12),
+    (10.0, 0.04, 12),
+    (60.0, 2.0, 16),
+    (300.0, 5.0, 16),
+    (1500.0, 15.0, 12),
+];
+/// Least time at one speed, in s.
+const STEADY_S: f64 = 0.4;
+/// Test circles for before and after: radius in mm, feed in mm/min.
+pub const CIRCLES: [(f64, f64); 3] = [(25.0, 3000.0), (10.0, 10_000.0), (100.0, 1000.0)];
+
+/// The middle of the travel and the stroke to either side that fits, in mm.
+fn place(axis: &Axis) -> (f64, f64) {
+    let middle_mm = 0.5 * (axis.travel_min_mm + axis.travel_max_mm);
+    let room_mm = 0.4 * (axis.travel_max_mm - axis.travel_min_mm);
+    (middle_mm, room_mm.min(STROKE_MM))
+}
+
+/// A program that moves each axis by itself; `strokes` gives an axis's moves: places relative to the middle, in mm, and the
+/// speed towards them, in mm/s.
+fn one_by_one(machine: &Machine, strokes: impl Fn(&Axis, f64) -> Vec<(f64, f64)>) -> String {
+    let mut text = String::from("G21 G17 G90 G94\n");
+    for axis in &machine.axes {
+        let _ = write!(text, "G0 {}{:.6}\nG4 P0.1\n", axis.name, place(axis).0);
+    }
+    for axis in &machine.axes {
+        let (middle_mm, room_mm) = place(axis);
+        let name = &axis.name;
+        for (to_mm, speed_mm_s) in strokes(axis, room_mm) {
+            let speed_mm_s = speed_mm_s.min(SPEED_MM_S).min(axis.rapid_mm_s);
+            let _ = writeln!(
+                text,
+                "G1 {name}{:.6} F{:.3}",
+                middle_mm + to_mm,
+                speed_mm_s * 60.0
+            );
+        }
+        text += "G4 P0.2\n";
+    }
+    text + "M2\n"
+}
+
+/// Strokes to and fro over the whole stroke, that end elsewhere each time.
+pub fn strokes(machine: &Machine) -> String {
+    one_by_one(machine, |_, room_mm| {
+        (0..12)
+            .map(|i| {
+                let part = 1.0 - 0.047 * f64::from(i);
+                let to_mm = if i % 2 == 0 { part } else { -part };
+                (to_mm * room_mm, SPEED_MM_S)
+            })
+            .collect()
+    })
+}
+
+/// Reversals at the acceleration of the machine file in force: strokes of about `length_mm`, ever from another place.
+pub fn reversals(machine: &Machine, length_mm: f64, count: u32) -> String {
+    one_by_one(machine, |_, room_mm| {
+        let length_mm = length_mm.min(0.8 * room_mm);
+        let mut moves = vec![(-0.5 * length_mm - 0.5, 5.0)];
+        for i in 0..count {
+            // The golden ratio's fractions lie evenly whatever their number.
+            let at = libm::fmod(0.618_034 * f64::from(i), 1.0) - 0.5;
+            let side = if i % 2 == 0 { 0.5 } else { -0.5 };
+            moves.push((side * length_mm + 0.2 * at * room_mm.min(5.0), SPEED_MM_S));
+        }
+        moves
+    })
+}
+
+/// One speed after the other, there and back.
+pub fn steady(machine: &Machine) -> String {
+    one_by_one(machine, |axis, room_mm| {
+        let mut moves = Vec::new();
+        for speed_mm_s in STEADY_MM_S {
+            let half_mm = (0.5 * STEADY_S * speed_mm_s)
+                .max(axis.lead_mm / 12.0)
+                .min(room_mm);
+            moves.push((half_mm, speed_mm_s));
+            moves.push((-half_mm, speed_mm_s));
+        }
+        moves
+    })
+}
+
+/// The plane word and the axes of the first plane that two slides span, if there is one.
+fn plane(machine: &Machine) -> Option<(&'static str, [&Axis; 2], [char; 2])> {
+    let slide = |name: &str| {
+        machine
+            .axes
+            .iter()
+            .find(|a| a.name == name && a.kind == AxisKind::Linear)
+    };
+    [
+        ("G17", ["X", "Y"], ['I', 'J']),
+        ("G18", ["Z", "X"], ['K', 'I']),
+        ("G19", ["Y", "Z"], ['J', 'K']),
+    ]
+    .into_iter()
+    .find_map(|(word, [a, b], centre)| Some((word, [slide(a)?, slide(b)?], centre)))
+}
+
+/// Two turns counter-clockwise and two clockwise around the middle of the travel; none if no two slides span a plane that has
+/// room for them.
+pub fn circle(machine: &Machine, radius_mm: f64, feed_mm_min: f64) -> Option<String> {
+    let (word, axes, [i, j]) = plane(machine)?;
+    let fits = |axis: &&Axis| radius_mm <= 0.49 * (axis.travel_max_mm - axis.travel_min_mm);
+    if !axes.iter().all(fits) {
+        return None;
+    }
+    let [a, b] = axes;
+    // Off the axes, so that every reversal lies in steady motion.
+    let (dx, dy) = (
+        radius_mm * libm::cos(0.25 * PI),
+        radius_mm * libm::sin(0.25 * PI),
+    );
+    let (x, y) = (place(a).0 + dx, place(b).0 + dy);
+    let turns = |g: &str| {
+        format!(
+            "{g} {}{x:.6} {}{y:.6} {i}{:.6} {j}{:.6} F{feed_mm_min}\n",
+            a.name, b.name, -dx, -dy
+        )
+        .repeat(2)
+    };
+    Some(format!(
+        "G21 {word} G90 G94\nG0 {}{x:.6} {}{y:.6}\nG4 P0.2\n{}G4 P0.2\n{}G4 P0.2\nM2\n",
+        a.name,
+        b.name,
+        turns("G3"),
+        turns("G2")
+    ))
+}

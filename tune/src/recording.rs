@@ -1,0 +1,94 @@
+//! What an axis did during the test motions, as its encoders and its drive tell it: read from the log of a run.
+
+use std::path::Path;
+
+use anyhow::{Context, bail};
+use machine::Machine;
+use monitor::log::{Reader, Sample};
+
+/// Scans kept before the first and after the last commanded movement of an axis.
+const MARGIN_SCANS: usize = 50;
+
+/// One axis during one run, from its first to its last commanded movement.
+#[derive(Debug, Clone, Default)]
+pub struct Recording {
+    /// Scan period, in s.
+    pub scan_s: f64,
+    /// Motor encoder, in mm.
+    pub motor_mm: Vec<f64>,
+    /// Linear scale, in mm; the motor encoder once more where the axis has none.
+    pub scale_mm: Vec<f64>,
+    /// Torque at the same instants, in N·m.
+    pub torque_nm: Vec<f64>,
+    /// Velocity command that acts from each of these instants on, in mm/s.
+    pub velocity_command_mm_s: Vec<f64>,
+    /// Kv while it was recorded, in N·s/m.
+    pub gain_n_s_per_m: f64,
+}
+
+impl Recording {
+    /// Whether a scale of its own measures the table.
+    pub fn has_scale(&self) -> bool {
+        self.motor_mm != self.scale_mm
+    }
+}
+
+/// Reads one recording per axis of this machine.
+///
+/// # Errors
+/// The log cannot be read or was cut off.
+pub fn read(log: &Path, machine: &Machine) -> anyhow::Result<Vec<Recording>> {
+    let mut reader = Reader::open(log)?;
+    let scan_s = f64::from(reader.scan_period_us()) * 1e-6;
+    let mut all: Vec<Recording> = machine
+        .axes
+        .iter()
+        .map(|axis| Recording {
+            scan_s,
+            gain_n_s_per_m: axis.velocity_loop.gain_n_s_per_m,
+            ..Recording::default()
+        })
+        .collect();
+    let mut registers: Vec<Vec<i64>> = vec![Vec::new(); all.len()];
+    while let Some(sample) = reader.next_sample()? {
+        let Sample::Feedback(feedback) = sample else {
+            continue;
+        };
+        let places = all.iter_mut().zip(&mut registers).zip(&machine.axes);
+        for (((recording, register), known), axis) in places.zip(feedback.axes()) {
+            let increment_mm = known.increment_mm();
+            recording
+                .motor_mm
+                .push(axis.motor_position as f64 * increment_mm);
+            recording
+                .scale_mm
+                .push(axis.scale_position as f64 * increment_mm);
+            recording.torque_nm.push(axis.torque_nm);
+            recording
+                .velocity_command_mm_s
+                .push(axis.velocity_command_mm_s);
+            register.push(axis.command_register);
+        }
+    }
+    if let Some(why) = reader.cut() {
+        bail!("{}: {why}", log.display());
+    }
+    for (recording, register) in all.iter_mut().zip(&registers) {
+        let moves = |i: &usize| register[*i] != register[i - 1];
+        let first = (1..register.len()).find(moves);
+        let last = (1..register.len()).rev().find(moves);
+        let (first, last) = first.zip(last).context("an axis was never commanded")?;
+        let from = first.saturating_sub(MARGIN_SCANS);
+        let to = (last + MARGIN_SCANS).min(register.len());
+        for values in [
+            &mut recording.motor_mm,
+            &mut recording.scale_mm,
+            &mut recording.torque_nm,
+            &mut recording.velocity_command_mm_s,
+        ] {
+            values.truncate(to);
+            values.drain(..from);
+        }
+    }
+    Ok(all)
+}

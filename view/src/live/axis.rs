@@ -1,0 +1,260 @@
+//! One axis, as a observer sees it.
+
+use std::collections::VecDeque;
+
+use bus::sample::{AxisCommand, AxisFeedback};
+use machine::{Axis, AxisKind};
+use monitor::scope::turns::Turns;
+
+/// Looks that the history holds: 24 s.
+const HISTORY: usize = 240;
+/// Travel in the new direction from which a reversal counts, in mm: above the rounding of setpoints.
+const TRAVEL_MM: f64 = 1e-4;
+
+/// What a servo asked of its drive.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Commanded {
+    /// Scan whose feedback it answers.
+    pub scan: u64,
+    /// Position, in mm (degrees).
+    pub position_mm: f64,
+    /// Velocity, in mm/s (degrees/s).
+    pub velocity_mm_s: f64,
+    /// Torque, in N·m.
+    pub torque_nm: f64,
+}
+
+/// What is shown of one axis.
+#[derive(Debug)]
+pub struct AxisView {
+    /// Its letter.
+    pub name: String,
+    /// Unit of its positions.
+    pub unit: &'static str,
+    /// Command register, in mm (degrees).
+    pub command_mm: f64,
+    /// Motor encoder, or scale where the servo uses it, in mm (degrees).
+    pub feedback_mm: f64,
+    /// Following error now, in µm (thousandths of a degree); none before a command was seen.
+    pub error_um: Option<f64>,
+    /// Its largest magnitude since this observer came.
+    pub error_peak_um: f64,
+    /// Following error that trips the axis, in µm.
+    pub error_limit_um: f64,
+    /// Largest magnitude between two looks, newest last.
+    pub error_history_um: VecDeque<f64>,
+    /// Speed measured by the drive, in mm/s (degrees/s).
+    pub velocity_mm_s: f64,
+    /// The newest command of the servo that drives.
+    pub commanded: Option<Commanded>,
+    /// Torque, in N·m.
+    pub torque_nm: f64,
+    /// The same as a share of the motor's rated torque.
+    pub torque_share: f64,
+    /// Whether the torque is at its limit.
+    pub torque_limited: bool,
+    /// Winding above ambient, in K.
+    pub winding_k: f64,
+    /// Scans without a command in time, in all.
+    pub missed_scans: u32,
+    /// The same, in a row until now.
+    pub missed_in_a_row: u32,
+    /// Role of the servo that drives: 0 for a, 1 for b.
+    pub role: u32,
+    increment_mm: f64,
+    rated_nm: f64,
+    by_scale: bool,
+    frame_peak_um: Option<f64>,
+    /// Largest magnitude of the following error in the last look; none if no command was seen in it.
+    pub look_peak_um: Option<f64>,
+    turns: TurnFinder,
+}
+
+impl AxisView {
+    /// Of an axis of the machine file.
+    pub fn of(axis: &Axis) -> Self {
+        let increment_mm = axis.increment_mm();
+        AxisView {
+            name: axis.name.clone(),
+            unit: match axis.kind {
+                AxisKind::Linear => "mm",
+                AxisKind::Rotary => "deg",
+            },
+            command_mm: 0.0,
+            feedback_mm: 0.0,
+            error_um: None,
+            error_peak_um: 0.0,
+            error_limit_um: axis.following_error_limit_mm * 1e3,
+            error_history_um: VecDeque::with_capacity(HISTORY),
+            velocity_mm_s: 0.0,
+            commanded: None,
+            torque_nm: 0.0,
+            torque_share: 0.0,
+            torque_limited: false,
+            winding_k: 0.0,
+            missed_scans: 0,
+            missed_in_a_row: 0,
+            role: 0,
+            increment_mm,
+            rated_nm: axis.motor.rated_torque_nm,
+            by_scale: axis.feedback == machine::PositionFeedback::Scale,
+            frame_peak_um: None,
+            look_peak_um: None,
+            turns: TurnFinder::new(increment_mm),
+        }
+    }
+
+    /// Takes the feedback of one scan; a reversal, if its command has gone far enough in a new direction.
+    pub fn feedback(&mut self, scan: u64, sample: &AxisFeedback, driven: bool) -> Option<Turn> {
+        self.command_mm = sample.command_register as f64 * self.increment_mm;
+        let position = if self.by_scale {
+            sample.scale_position
+        } else {
+            sample.motor_position
+        };
+        self.feedback_mm = position as f64 * self.increment_mm;
+        self.velocity_mm_s = sample.velocity_mm_s;
+        self.torque_nm = sample.torque_nm;
+        self.torque_share = sample.torque_nm / self.rated_nm;
+        self.torque_limited = sample.torque_limited == 1;
+        self.winding_k = sample.winding_k;
+        self.missed_scans = sample.missed_scans;
+        self.missed_in_a_row = sample.missed_in_a_row;
+        self.role = sample.taken_role;
+        if !driven {
+            self.turns.interrupt();
+            return None;
+        }
+        self.turns.take(scan, sample.command_register)
+    }
+
+    /// Takes the command of the servo that drives; its following error in µm, if it is a number.
+    pub fn command(&mut self, command: &AxisCommand) -> Option<f64> {
+        self.commanded = Some(Commanded {
+            scan: command.scan,
+            position_mm: command.position as f64 * self.increment_mm,
+            velocity_mm_s: command.velocity_mm_s,
+            torque_nm: command.torque_nm,
+        });
+        let error_um = Some(command.following_error_mm * 1e3).filter(|error| error.is_finite())?;
+        self.error_um = Some(error_um);
+        self.error_peak_um = self.error_peak_um.max(error_um.abs());
+        let peak_um = self.frame_peak_um.unwrap_or(0.0).max(error_um.abs());
+        self.frame_peak_um = Some(peak_um);
+        Some(error_um)
+    }
+
+    /// Ends one look: what was largest since the one before goes into the history.
+    pub fn end_of_look(&mut self) {
+        self.look_peak_um = self.frame_peak_um.take();
+        let Some(peak_um) = self.look_peak_um else {
+            return;
+        };
+        if self.error_history_um.len() == HISTORY {
+            self.error_history_um.pop_front();
+        }
+        self.error_history_um.push_back(peak_um);
+    }
+}
+
+#[cfg(any(feature = "remote", test))]
+impl AxisView {
+    /// Takes what somebody on the spot has seen of this axis.
+    pub fn told(&mut self, said: &remote::wire::AxisState) {
+        self.command_mm = said.command_mm;
+        self.feedback_mm = said.feedback_mm;
+        self.velocity_mm_s = said.velocity_mm_s;
+        self.torque_nm = said.torque_nm;
+        self.torque_share = said.torque_nm / self.rated_nm;
+        self.torque_limited = said.torque_limited;
+        self.winding_k = said.winding_k;
+        self.missed_scans = said.missed_scans;
+        self.missed_in_a_row = said.missed_in_a_row;
+        self.role = said.role;
+        self.error_um = said.error_um;
+        self.error_peak_um = said.error_peak_um;
+        self.commanded = said.command.as_ref().map(|command| Commanded {
+            scan: command.scan,
+            position_mm: command.position_mm,
+            velocity_mm_s: command.velocity_mm_s,
+            torque_nm: command.torque_nm,
+        });
+        if let Some(peak_um) = said.error_peak_since_um {
+            self.frame_peak_um = Some(self.frame_peak_um.unwrap_or(0.0).max(peak_um));
+        }
+    }
+}
+
+/// A change of direction of a command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Turn {
+    /// First scan commanded in the new direction.
+    pub scan: u64,
+    /// −1 or 1.
+    pub direction: i32,
+}
+
+/// Finds where a command reverses; never across scans that were not seen.
+#[derive(Debug)]
+struct TurnFinder {
+    travel: i64,
+    turns: Turns,
+    last_scan: Option<u64>,
+}
+
+impl TurnFinder {
+    fn new(increment_mm: f64) -> Self {
+        TurnFinder {
+            travel: (libm::round(TRAVEL_MM / increment_mm) as i64).max(1),
+            turns: Turns::default(),
+            last_scan: None,
+        }
+    }
+
+    fn interrupt(&mut self) {
+        self.turns.interrupt();
+        self.last_scan = None;
+    }
+
+    fn take(&mut self, scan: u64, position: i64) -> Option<Turn> {
+        let before = self.last_scan.replace(scan);
+        if before.is_none_or(|before| before + 1 != scan) {
+            self.turns.interrupt();
+        }
+        let (scan, direction) = self.turns.take(scan, position, self.travel)?;
+        Some(Turn { scan, direction })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reversal_is_dated_at_its_first_scan_and_never_found_across_a_gap() {
+        let mut finder = TurnFinder::new(1e-6);
+        // Up by 60 nm a scan to scan 9, then down: 100 nm count.
+        let up_and_down = |scan: u64| 60 * (9 - (scan as i64 - 9).abs());
+        let found: Vec<Turn> = (0..30)
+            .filter_map(|scan| finder.take(scan, up_and_down(scan)))
+            .collect();
+        let turn = Turn {
+            scan: 10,
+            direction: -1,
+        };
+        assert_eq!(found, [turn]);
+        let mut finder = TurnFinder::new(1e-6);
+        let gap = (0..30).filter(|scan| !(8..12).contains(scan));
+        let found: Vec<Turn> = gap
+            .filter_map(|scan| finder.take(scan, up_and_down(scan)))
+            .collect();
+        assert_eq!(found, []);
+    }
+
+    #[test]
+    fn rounding_of_a_command_that_stands_is_no_reversal() {
+        let mut finder = TurnFinder::new(1e-6);
+        let found = (0..100u64).filter_map(|scan| finder.take(scan, (scan % 2) as i64 * 20));
+        assert_eq!(found.count(), 0);
+    }
+}

@@ -1,0 +1,169 @@
+//! Puts a model on a screen. Pure: the same model and size give the same screen.
+
+mod axes;
+mod circle;
+mod panels;
+mod screen;
+mod top;
+
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::Style;
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Block, Clear, Paragraph, Wrap};
+
+pub use screen::{Prompt, Screen};
+
+/// From this width on there are three columns below the axes.
+const WIDE: u16 = 120;
+/// A screen smaller than this shows a word about it.
+const SMALLEST: (u16, u16) = (60, 16);
+
+/// Draws it all.
+pub fn draw(frame: &mut Frame<'_>, screen: &Screen<'_>) {
+    let area = frame.area();
+    if area.width < SMALLEST.0 || area.height < SMALLEST.1 {
+        let words = format!(
+            "{}: the window is {}×{}; this view needs {}×{}",
+            screen.model.says().state,
+            area.width,
+            area.height,
+            SMALLEST.0,
+            SMALLEST.1
+        );
+        frame.render_widget(Paragraph::new(words), area);
+        return;
+    }
+    let axes = screen.model.axes.len() as u16 + 1;
+    let rows = Layout::vertical([
+        Constraint::Length(3),
+        Constraint::Length(axes),
+        Constraint::Min(1),
+        Constraint::Length(bottom_rows(screen, area.width)),
+    ]);
+    let [top, axis_rows, rest, bottom] = rows.areas(area);
+    top::draw(frame, top, screen);
+    axes::draw(frame, axis_rows, screen);
+    if area.width >= WIDE {
+        wide(frame, rest, screen);
+    } else {
+        narrow(frame, rest, screen);
+    }
+    bottom_line(frame, bottom, screen);
+    if screen.help {
+        help(frame, area, screen);
+    }
+}
+
+/// Two columns: circle and reversals; processes, timing, events.
+fn narrow(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
+    let columns = Layout::horizontal([Constraint::Percentage(48), Constraint::Min(1)]);
+    let [left, right] = columns.areas(area);
+    let reversals = if left.height >= 14 { 6 } else { 4 };
+    let parts = Layout::vertical([Constraint::Min(1), Constraint::Length(reversals)]);
+    let [plot, below] = parts.areas(left);
+    circle::draw(frame, plot, screen);
+    panels::reversals(frame, below, screen);
+    let processes = (screen.model.processes().len() as u16 + 2).min(right.height / 2);
+    let parts = Layout::vertical([
+        Constraint::Length(processes),
+        Constraint::Length(3),
+        Constraint::Min(1),
+    ]);
+    let [top, middle, below] = parts.areas(right);
+    panels::processes(frame, top, screen);
+    panels::timing(frame, middle, screen);
+    panels::events(frame, below, screen);
+}
+
+/// Three columns: circle; reversals and timing; processes and events.
+fn wide(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
+    let columns = Layout::horizontal([
+        Constraint::Percentage(44),
+        Constraint::Percentage(26),
+        Constraint::Min(1),
+    ]);
+    let [left, middle, right] = columns.areas(area);
+    circle::draw(frame, left, screen);
+    let parts = Layout::vertical([Constraint::Min(6), Constraint::Length(12)]);
+    let [above, below] = parts.areas(middle);
+    panels::reversals(frame, above, screen);
+    panels::timing(frame, below, screen);
+    let processes = (screen.model.processes().len() as u16 + 2).min(area.height * 2 / 3);
+    let parts = Layout::vertical([Constraint::Length(processes), Constraint::Min(1)]);
+    let [above, below] = parts.areas(right);
+    panels::processes(frame, above, screen);
+    panels::events(frame, below, screen);
+}
+
+/// A long refusal is shown whole.
+fn bottom_rows(screen: &Screen<'_>, width: u16) -> u16 {
+    match &screen.prompt {
+        Prompt::Answer(_, words) => (words.chars().count() as u16 + 8).div_ceil(width).min(3),
+        _ => 1,
+    }
+}
+
+fn bottom_line(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
+    let palette = screen.palette;
+    let line = match &screen.prompt {
+        Prompt::Keys if screen.model.link.is_some() => Line::styled(
+            " seen from another machine, read only   ? help   q quit this view",
+            palette.quiet(),
+        ),
+        Prompt::Keys => Line::styled(
+            " h hold   r resume   s stop   + - override   ? help   q quit this view",
+            palette.quiet(),
+        ),
+        Prompt::ConfirmStop => Line::styled(
+            " stop? the tool comes to rest, a `quadrant run` ends.  y stop   other keys: no",
+            palette.warn(),
+        ),
+        Prompt::Answer(tone, words) => Line::styled(format!(" {words}"), palette.of(*tone)),
+    };
+    let whole = Paragraph::new(line).wrap(Wrap { trim: false });
+    frame.render_widget(whole, area);
+}
+
+const HELP: &str = "\
+ h        feed hold: the tool comes to rest on the path and waits
+ r        resume; after a jog it first returns to the path
+ s        stop (asks first): like hold, but a `quadrant run` ends
+ + -      override 10 % up or down, 0 to 100 %; 0 stands
+ q  Esc   leave; the machine goes on
+ ?        this page
+
+ The same from any terminal: quadrant hold, resume, stop …
+
+ error    following error as the servo reckons it (the command is
+          one scan ahead of the feedback beside it); peak: since
+          this view came; bars: largest of each 0.1 s, newest right
+ torque   share of the motor's rated torque; ! at its limit
+ winding  temperature above ambient
+ missed   scans without a command in time, since the start
+ circle   radial deviation of the table; dotted: as programmed
+ reversal height of the table over the arc just before it; - off
+          an arc, or not all scans seen; error: largest around it
+ period   between scans, this view's own waking-up included
+ age      scans since a process last answered";
+
+fn help(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
+    let (width, height) = (74.min(area.width), 24.min(area.height));
+    let middle = Rect {
+        x: area.x + (area.width - width) / 2,
+        y: area.y + (area.height - height) / 2,
+        width,
+        height,
+    };
+    frame.render_widget(Clear, middle);
+    let block = Block::bordered()
+        .title(Span::styled(
+            " keys and words (any key closes) ",
+            screen.palette.title(),
+        ))
+        .border_style(Style::new());
+    frame.render_widget(Paragraph::new(HELP).block(block), middle);
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,118 @@
+//! One row per axis.
+
+use bus::service::ROLES;
+use ratatui::Frame;
+use ratatui::layout::Rect;
+use ratatui::text::{Line, Span};
+use ratatui::widgets::Paragraph;
+
+use super::screen::Screen;
+use crate::live::axis::AxisView;
+use crate::live::palette::Palette;
+
+/// Characters of a row beside the bars.
+const FIXED: u16 = 69;
+/// Heights of a bar.
+const BARS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
+/// Share of the limit from which a following error is marked.
+const NEAR_LIMIT: f64 = 0.5;
+
+/// Draws them, with a line of headings.
+pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
+    let palette = screen.palette;
+    let bars = usize::from(area.width.saturating_sub(FIXED).clamp(4, 60));
+    let heading = format!(
+        " {:<5}{:>11}{:>11}{:>9}{:>8} {:<bars$}{:>7}{:>7}{:>6} {}",
+        "axis",
+        "command",
+        "feedback",
+        "error µm",
+        "peak",
+        "history",
+        "torque",
+        "wind.K",
+        "miss",
+        "by"
+    );
+    let mut lines = vec![Line::styled(heading, palette.title())];
+    lines.extend(
+        screen
+            .model
+            .axes
+            .iter()
+            .map(|axis| row(axis, bars, palette)),
+    );
+    frame.render_widget(Paragraph::new(lines), area);
+}
+
+fn row(axis: &AxisView, bars: usize, palette: Palette) -> Line<'static> {
+    let near = |error_um: f64| error_um.abs() > NEAR_LIMIT * axis.error_limit_um;
+    let error = match axis.error_um {
+        Some(error_um) => number(error_um, true),
+        None => "-".into(),
+    };
+    let error_style = match axis.error_um {
+        Some(error_um) if near(error_um) => palette.warn(),
+        _ => palette.good(),
+    };
+    let limited = if axis.torque_limited { "!" } else { " " };
+    let torque = format!("{:>5.0}%{limited}", axis.torque_share * 100.0);
+    let torque_style = if axis.torque_limited {
+        palette.warn()
+    } else {
+        Default::default()
+    };
+    let missing = axis.missed_in_a_row > 0;
+    let missed = format!("{}{}", if missing { "▲" } else { "" }, axis.missed_scans);
+    let missed_style = if missing {
+        palette.warn()
+    } else {
+        Default::default()
+    };
+    Line::from(vec![
+        Span::styled(format!(" {:<2}", axis.name), palette.title()),
+        Span::styled(format!("{:<3}", axis.unit), palette.quiet()),
+        Span::raw(format!(
+            "{:>11.4}{:>11.4}",
+            axis.command_mm, axis.feedback_mm
+        )),
+        Span::styled(format!("{error:>9}"), error_style),
+        Span::raw(format!("{:>8} ", number(axis.error_peak_um, false))),
+        Span::styled(format!("{:<bars$}", history(axis, bars)), palette.good()),
+        Span::styled(torque, torque_style),
+        Span::raw(format!("{:>7.1}", axis.winding_k)),
+        Span::styled(format!("{missed:>6}"), missed_style),
+        Span::raw(format!(
+            " {}",
+            ROLES.get(axis.role as usize).copied().unwrap_or("?")
+        )),
+    ])
+}
+
+/// A number of µm in at most eight characters.
+fn number(value_um: f64, signed: bool) -> String {
+    let digits = if value_um.abs() < 1000.0 { 1 } else { 0 };
+    if signed {
+        format!("{value_um:+.digits$}")
+    } else {
+        format!("{value_um:.digits$}")
+    }
+}
+
+/// The last looks as bars, scaled to the largest among them.
+fn history(axis: &AxisView, bars: usize) -> String {
+    let skipped = axis.error_history_um.len().saturating_sub(bars);
+    let shown: Vec<f64> = axis
+        .error_history_um
+        .iter()
+        .skip(skipped)
+        .copied()
+        .collect();
+    let largest = shown.iter().copied().fold(0.0, f64::max);
+    let each = shown.iter().map(|value| {
+        let share = if largest > 0.0 { value / largest } else { 0.0 };
+        let step = (share * BARS.len() as f64) as usize;
+        BARS.get(step.min(BARS.len() - 1)).copied().unwrap_or(' ')
+    });
+    each.collect()
+}

@@ -1,0 +1,206 @@
+use ratatui::Terminal;
+use ratatui::backend::TestBackend;
+
+use super::*;
+use crate::live::model::Model;
+use crate::live::proc::Child;
+use crate::live::test_support::{machine, running};
+use crate::live::words::Tone;
+use bus::member::Pace;
+use bus::sample::{AxisCommand, Cause, Job, Mode, Participant, Roster};
+use bytemuck::Zeroable;
+
+fn shown(screen: &Screen<'_>, width: u16, height: u16) -> Vec<String> {
+    let mut terminal = Terminal::new(TestBackend::new(width, height)).expect("a terminal");
+    terminal.draw(|frame| draw(frame, screen)).expect("drawn");
+    let buffer = terminal.backend().buffer();
+    let rows = buffer.content().chunks(width as usize);
+    rows.map(|row| row.iter().map(|cell| cell.symbol()).collect())
+        .collect()
+}
+
+/// A cell in motion, all kinds of numbers at their longest.
+fn model() -> Model {
+    let mut model = Model::new("mill-3", machine());
+    let mut roster = Roster::zeroed();
+    let jobs = [
+        Job::Monitor,
+        Job::Servo,
+        Job::Servo,
+        Job::Planner,
+        Job::Master,
+    ];
+    for (place, job) in jobs.into_iter().enumerate() {
+        roster.participants[place] = Participant {
+            death_scan: u64::MAX,
+            job: job as u32,
+            axis: u32::from(place == 2),
+            incarnation: 1,
+            live: 1,
+            ..Participant::default()
+        };
+    }
+    model.roster(&roster);
+    for scan in 100_000..100_010u64 {
+        let mut feedback = running(scan);
+        feedback.axes[0].command_register = -299_123_456;
+        feedback.axes[0].motor_position = -299_123_956;
+        feedback.axes[1].missed_scans = 12_345;
+        feedback.axes[1].torque_limited = 1;
+        feedback.axes[1].torque_nm = 5.9;
+        model.feedback(&feedback);
+        for axis in 0..2 {
+            model.command(&AxisCommand {
+                scan,
+                axis,
+                following_error_mm: 0.0123,
+                ..AxisCommand::zeroed()
+            });
+        }
+        model.end_of_look();
+    }
+    let children = vec![Child {
+        pid: 4_194_301,
+        place: 3,
+        incarnation: 1,
+        pace: Some(Pace::Realtime),
+        program: None,
+    }];
+    model.processes_seen(children, vec![Some(100_008); 24], Some(100_000));
+    model
+}
+
+#[test]
+fn the_screen_has_everything_at_80_by_24_and_at_160_by_50() {
+    let model = model();
+    for (width, height) in [(80, 24), (160, 50)] {
+        let lines = shown(&Screen::plain(&model), width, height);
+        let all = lines.join("\n");
+        for part in [
+            "▶ RUNS",
+            "mill-3 realtime 100.0 s",
+            "-299.1235",
+            "-299.1240",
+            "+12.3",
+            "12345",
+            "!",
+            "reversals",
+            "processes",
+            "plant-sim",
+            "servo-Y",
+            "4194301",
+            "scan period seen from here",
+            "events",
+            "h hold",
+        ] {
+            assert!(
+                all.contains(part),
+                "no {part:?} at {width}×{height}:\n{all}"
+            );
+        }
+        // Whatever stands at the right edge ends there: the active servo, last of its row.
+        let row = lines.iter().find(|line| line.starts_with(" Y")).expect("Y");
+        assert!(row.trim_end().ends_with(" a"), "{row:?}");
+    }
+}
+
+#[test]
+fn a_trip_is_told_with_axis_and_cause_and_what_to_do() {
+    let mut model = model();
+    let mut feedback = running(100_020);
+    feedback.mode = Mode::Tripped as u32;
+    feedback.cause = Cause::FollowingError as u32;
+    feedback.cause_axis = 1;
+    feedback.cause_scan = 100_015;
+    model.feedback(&feedback);
+    let all = shown(&Screen::plain(&model), 80, 24).join("\n");
+    assert!(all.contains("✖ TRIPPED"), "{all}");
+    assert!(
+        all.contains("axis Y: following error beyond its limit, in scan 100015"),
+        "{all}"
+    );
+    assert!(all.contains("quadrant enable"), "{all}");
+    assert!(all.contains("▲ 100.02 s TRIP Y: following"), "{all}");
+}
+
+#[test]
+fn help_question_and_answer_lie_over_the_screen() {
+    let model = model();
+    let mut screen = Screen::plain(&model);
+    screen.prompt = Prompt::ConfirmStop;
+    assert!(shown(&screen, 80, 24)[23].contains("stop?"));
+    screen.prompt = Prompt::Answer(Tone::Bad, "hold refused: the machine has tripped".into());
+    assert!(shown(&screen, 80, 24)[23].contains("hold refused"));
+    screen.help = true;
+    let help = shown(&screen, 80, 24).join("\n");
+    let last = HELP.lines().last().expect("a line").trim();
+    assert!(help.contains(last), "{help}");
+}
+
+#[test]
+fn any_size_and_a_model_of_nothing_are_drawn_without_a_panic() {
+    let empty = Model::new("t", machine());
+    let full = model();
+    for (width, height) in [
+        (1, 1),
+        (59, 40),
+        (60, 16),
+        (80, 17),
+        (119, 30),
+        (120, 16),
+        (300, 90),
+    ] {
+        for model in [&empty, &full] {
+            let mut screen = Screen::plain(model);
+            shown(&screen, width, height);
+            screen.help = true;
+            shown(&screen, width, height);
+        }
+    }
+}
+
+#[test]
+fn a_view_from_another_machine_says_how_old_it_is_that_it_is_read_only_and_when_the_link_is_lost() {
+    use crate::live::model::LinkView;
+    let mut model = model();
+    let mut link = LinkView {
+        to: "tcp/192.168.0.7:7447".into(),
+        age_s: Some((0.012, 0.0731)),
+        ..LinkView::default()
+    };
+    model.link = Some(link.clone());
+    for (width, height) in [(80, 24), (160, 50)] {
+        let lines = shown(&Screen::plain(&model), width, height);
+        assert!(
+            lines[2].trim_end().ends_with("data ≤ 73 ms old"),
+            "{}",
+            lines[2]
+        );
+        assert!(
+            lines[2].contains("on the controller PC: h holds"),
+            "{}",
+            lines[2]
+        );
+        let bottom = lines.last().expect("a line");
+        assert!(
+            bottom.contains("read only") && !bottom.contains("s stop"),
+            "{bottom}"
+        );
+    }
+    link.lost = true;
+    link.silent_s = 3.2;
+    link.age_s = Some((3.2, 3.27));
+    model.link = Some(link);
+    let lines = shown(&Screen::plain(&model), 80, 24);
+    assert!(
+        lines[0].contains("NO LINK  link lost for 3.2 s"),
+        "{}",
+        lines[0]
+    );
+    assert!(
+        lines[2].trim_end().ends_with("data ≤ 3.3 s old"),
+        "{}",
+        lines[2]
+    );
+    assert!(lines[2].contains("comes back by itself"), "{}", lines[2]);
+}

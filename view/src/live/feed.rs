@@ -1,0 +1,240 @@
+//! Takes samples from a running cell into a model; nobody in the cell waits for it.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::anyhow;
+use bus::cell::CellPaths;
+use bus::member::Pace;
+use bus::sample::Feedback;
+use bus::service::RECORDER_DEPTH_SCANS;
+use bus::signal_page::{CellPhase, SignalPage};
+use machine::Machine;
+use program::{Program, Setup};
+
+use super::model::Model;
+use super::ports::Ports;
+use super::proc::children_of;
+use super::timing::listen;
+use launcher::exit::Failure;
+use launcher::operator::{Client, page_of};
+
+/// Largest program that is read for its lines and arcs: some hundred thousand blocks, a fraction of a second.
+const PROGRAM_BYTES_MAX: u64 = 8 << 20;
+/// Time between two looks at `/proc`.
+const PROC_EVERY: Duration = Duration::from_millis(500);
+
+/// A foot in the cell, and the model it fills.
+pub struct Feed {
+    /// What is known.
+    pub model: Model,
+    place: CellPaths,
+    machine: Machine,
+    page: SignalPage,
+    ports: Option<Ports>,
+    program_file: Option<PathBuf>,
+    /// Hash of the program that was tried to be read.
+    read: Option<u64>,
+    proc_seen: Option<Instant>,
+    heard: Instant,
+}
+
+impl Drop for Feed {
+    fn drop(&mut self) {
+        if self.has_ended() {
+            self.abandon();
+        }
+    }
+}
+
+impl Feed {
+    /// Attaches to the cell that is named, or the only one that runs.
+    ///
+    /// # Errors
+    /// None runs, several do, or it cannot be entered.
+    pub fn attach(cell: Option<&str>) -> Result<Feed, Failure> {
+        let Client {
+            place,
+            machine,
+            page,
+            bus,
+        } = Client::find(cell, "monitor")?;
+        let ports = Ports::open(bus, &machine).map_err(|error| match page_of(&place) {
+            Some(_) => Failure::Environment(error.into()),
+            None => Failure::Stopped(anyhow!("cell {:?} has just ended", place.name())),
+        })?;
+        Ok(Feed {
+            model: Model::new(place.name(), machine.clone()),
+            place,
+            machine,
+            page,
+            ports: Some(ports),
+            program_file: None,
+            read: None,
+            proc_seen: None,
+            heard: Instant::now(),
+        })
+    }
+
+    /// Leaves a cell that is over without a word. Its launcher removes all that is left of it; a port that is closed in order
+    /// takes the files of its service with it by their names, which may be those of the next cell by then.
+    pub fn abandon(&mut self) {
+        std::mem::forget(self.ports.take());
+    }
+
+    /// Takes whatever has come since the last look: at most what the queues hold.
+    pub fn look(&mut self) {
+        if self
+            .proc_seen
+            .is_none_or(|then| then.elapsed() > PROC_EVERY)
+        {
+            self.look_at_processes();
+        }
+        let Some(mut ports) = self.ports.take() else {
+            return;
+        };
+        self.drain(&mut ports);
+        self.ports = Some(ports);
+        self.model.end_of_look();
+    }
+
+    fn drain(&mut self, ports: &mut Ports) {
+        let mut left = RECORDER_DEPTH_SCANS;
+        let mut newest = None;
+        while left > 0
+            && let Some(feedback) = ports.feedback.any()
+        {
+            if newest.is_none() || self.read != Some(feedback.program_hash) {
+                self.read_program(&feedback);
+            }
+            self.name_loaded(&feedback);
+            self.model.feedback(&feedback);
+            newest = Some(feedback.scan);
+            left -= 1;
+        }
+        if newest.is_some() {
+            self.heard = Instant::now();
+        }
+        self.model.feedback_age_s = self.heard.elapsed().as_secs_f64();
+        while let Some(roster) = ports.roster.any() {
+            self.model.roster(&roster);
+        }
+        if let Some(status) = ports.planner.newest(u64::MAX) {
+            self.model.planner = Some(status);
+        }
+        // What belongs to a scan later than the newest feedback waits for the next look.
+        let now = self.model.feedback.map_or(0, |feedback| feedback.scan);
+        for reader in &mut ports.commands {
+            let mut left = RECORDER_DEPTH_SCANS;
+            while left > 0
+                && let Some(command) = reader.next(now)
+            {
+                self.model.command(&command);
+                left -= 1;
+            }
+        }
+        let mut left = RECORDER_DEPTH_SCANS;
+        while left > 0
+            && let Some(sample) = ports.instruments.next(now)
+        {
+            self.model.instruments(&sample);
+            left -= 1;
+        }
+    }
+
+    fn look_at_processes(&mut self) {
+        self.proc_seen = Some(Instant::now());
+        let page = &self.page;
+        let children = children_of(page.launcher_pid());
+        if let Some(program) = children.iter().find_map(|child| child.program.clone()) {
+            self.program_file = Some(program);
+        }
+        let recorded = page.recorded_scans().checked_sub(1);
+        let places = 0..bus::sample::MAX_PARTICIPANTS;
+        let answered = places.map(|place| page.answered_scan(place)).collect();
+        self.model.processes_seen(children, answered, recorded);
+    }
+
+    /// Finds the name of the program that was loaded last.
+    fn name_loaded(&mut self, feedback: &Feedback) {
+        let before = self.model.feedback.as_ref().map(|before| before.load);
+        if before != Some(feedback.load) {
+            let file = self.place.program(feedback.load);
+            let name = file.as_deref().and_then(|file| file.file_name());
+            self.model.loaded = name.map(|name| name.to_string_lossy().into_owned());
+        }
+    }
+
+    /// Reads the program that the tags of this feedback belong to, once. What cannot be read, is very large or is another
+    /// program by now leaves lines and arcs unknown, no more.
+    fn read_program(&mut self, feedback: &Feedback) {
+        let hash = feedback.program_hash;
+        if hash == 0 || self.read == Some(hash) {
+            return;
+        }
+        let loaded = self.place.program(feedback.load);
+        let Some(file) = loaded.as_ref().or(self.program_file.as_ref()) else {
+            return;
+        };
+        self.read = Some(hash);
+        self.model.program = program_behind(file, &self.machine, feedback);
+    }
+
+    /// Whether the cell is gone, or about to go.
+    pub fn has_ended(&self) -> bool {
+        self.model.ended || self.is_gone()
+    }
+
+    /// Whether nobody of the cell can be heard any more.
+    pub fn is_gone(&self) -> bool {
+        let place = &self.place;
+        self.page.phase() == CellPhase::Ending
+            || page_of(place).is_none_or(|page| page.launcher_pid() != self.page.launcher_pid())
+    }
+
+    /// Where the run is over, goes over to the next cell of that name as soon as there is one.
+    pub fn follow(&mut self) {
+        if !self.is_gone() {
+            return;
+        }
+        self.model.ended = true;
+        self.abandon();
+        if page_of(&self.place).is_some_and(|page| page.phase() == CellPhase::Running)
+            && let Ok(feed) = Feed::attach(Some(self.place.name()))
+        {
+            *self = feed;
+        }
+    }
+
+    /// Text of the cell's machine file.
+    #[cfg(feature = "remote")]
+    pub fn machine_text(&self) -> std::io::Result<String> {
+        std::fs::read_to_string(self.place.machine_file())
+    }
+
+    /// In real time: waits at the scan's signal for `budget` and takes the periods between its rings. Elsewhere scans have no
+    /// period, and it sleeps.
+    pub fn watch_periods(&mut self, budget: Duration) {
+        if self.model.pace != Some(Pace::Realtime) {
+            std::thread::sleep(budget);
+            return;
+        }
+        let (page, timing) = (&self.page, &mut self.model.timing);
+        listen(page.scan_signal(), budget, |period_ns| {
+            timing.take(period_ns)
+        });
+    }
+}
+
+/// The program that the tags of this feedback belong to, if `file` is it; none of one that cannot be read, is very large or is
+/// another program by now.
+pub fn program_behind(file: &Path, machine: &Machine, feedback: &Feedback) -> Option<Program> {
+    let small = std::fs::metadata(file).is_ok_and(|file| file.len() <= PROGRAM_BYTES_MAX);
+    if !small {
+        return None;
+    }
+    let axes_mm = program::axes_at(machine, &feedback.program_start);
+    let start = program::kinematics_of(machine).tool(&axes_mm);
+    let read = program::load(file, &Setup::of(machine), start).ok();
+    read.filter(|program| program.source_hash == feedback.program_hash)
+}

@@ -1,0 +1,77 @@
+//! A running cell, seen from outside: `quadrant status` and `quadrant monitor`.
+//!
+//! A reader descends so: [`feed`] takes samples from the cell into the [`model`], which knows no clock, port or screen;
+//! [`draw`] puts a model on a screen, [`json`] and [`text`] into words; [`terminal`] and [`lines`] are the loops. Nothing here is
+//! waited for by anybody in the cell: queues that are not emptied in time lose their oldest samples, here alone.
+
+mod attach;
+pub mod axis;
+mod circle;
+mod draw;
+pub mod events;
+pub mod feed;
+mod json;
+mod lines;
+mod looks;
+pub mod model;
+mod palette;
+#[cfg(any(feature = "remote", test))]
+mod picture;
+pub mod ports;
+pub mod proc;
+#[cfg(feature = "remote")]
+mod remote_feed;
+mod reversal;
+#[cfg(feature = "remote")]
+pub mod serve;
+mod source;
+mod terminal;
+#[cfg(test)]
+mod test_support;
+mod text;
+pub mod timing;
+mod track;
+mod words;
+
+use std::io::IsTerminal;
+use std::time::{Duration, Instant};
+
+use crate::options::{MonitorOptions, StatusOptions};
+use launcher::exit::Outcome;
+use launcher::output::say;
+use looks::{ONE_LOOK, SILENCE, heard};
+
+/// `quadrant status`.
+pub fn status(options: &StatusOptions) -> Outcome {
+    let mut feed = attach::of(&options.to)?;
+    let started = Instant::now();
+    loop {
+        feed.look();
+        let limit = if feed.model().feedback.is_some() {
+            ONE_LOOK
+        } else {
+            SILENCE
+        };
+        if feed.is_whole() || started.elapsed() > limit || feed.has_ended() {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    heard(feed.as_ref())?;
+    if options.json {
+        say(&json::status(feed.model()));
+    } else {
+        say(&text::status(feed.model()));
+    }
+    Ok(())
+}
+
+/// `quadrant monitor`.
+pub fn monitor(options: &MonitorOptions) -> Outcome {
+    let feed = attach::of(&options.to)?;
+    match (options.once, options.json) {
+        (true, json) => lines::once(feed, json),
+        (false, false) if std::io::stdout().is_terminal() => terminal::run(feed),
+        (false, _) => lines::run(feed),
+    }
+}

@@ -1,0 +1,440 @@
+//! What is known of a running cell: fed with samples, shown by others. No clock, no port, no screen.
+
+use bus::member::Pace;
+use bus::sample::{
+    AxisCommand, Feedback, Instruments, Job, MAX_SUBSAMPLES, Mode, PlannerStatus, ProgramState,
+    Roster,
+};
+use control::kinematics::Kinematics;
+use control::path::{AxisVector, Element, Feed, Shape};
+use machine::Machine;
+use program::Program;
+
+use super::axis::AxisView;
+use super::circle::CircleView;
+use super::events::{Events, process_name};
+use super::proc::Child;
+use super::reversal::Reversals;
+use super::timing::Timing;
+use super::track::Track;
+use super::words::{self, Says, Tone};
+
+/// One process of the cell.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ProcessView {
+    /// Its name, as in logs.
+    pub name: String,
+    /// What it does.
+    pub job: &'static str,
+    /// Process id; none where it does not live or `/proc` does not tell.
+    pub pid: Option<u32>,
+    /// Processes that had this place so far.
+    pub starts: u32,
+    /// Whether it lives.
+    pub live: bool,
+    /// Whether it lives but was stopped by a fault script.
+    pub stalled: bool,
+    /// Of a servo: whether its commands are taken.
+    pub drives: Option<bool>,
+    /// Scans since it last said something; none where it never did.
+    pub age_scans: Option<u64>,
+    /// Scan and signal of its last death.
+    pub death: Option<(u64, i32)>,
+}
+
+/// What a view from another machine knows of its link.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct LinkView {
+    /// Where the server is.
+    pub to: String,
+    /// What is shown is at least and at most so old, in s; none before the first round trip.
+    pub age_s: Option<(f64, f64)>,
+    /// The last round trip, in s.
+    pub round_trip_s: Option<f64>,
+    /// Time since the last snapshot came, in s.
+    pub silent_s: f64,
+    /// Whether the link counts as lost.
+    pub lost: bool,
+    /// Snapshots taken.
+    pub snapshots: u64,
+    /// Snapshots that were dropped on the way: the link was too slow for them.
+    pub snapshots_lost: u64,
+    /// Messages that were not believed.
+    pub refused: u64,
+    /// Messages for which there was no room here.
+    pub dropped: u64,
+    /// Events that the server had forgotten before they could be asked for.
+    pub events_lost: u64,
+}
+
+impl LinkView {
+    /// The age of what is shown, in words.
+    pub fn age_words(&self) -> String {
+        match self.age_s {
+            Some((_, max_s)) if max_s < 1.0 => format!("data ≤ {:.0} ms old", max_s * 1e3),
+            Some((_, max_s)) => format!("data ≤ {max_s:.1} s old"),
+            None => "age of data not known yet".into(),
+        }
+    }
+}
+
+/// What a view from another machine is told.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ToldView {
+    /// Name of the program's file.
+    pub program_name: Option<String>,
+    /// Line and text of the block.
+    pub block: Option<(u32, String)>,
+    /// The processes.
+    pub processes: Vec<ProcessView>,
+}
+
+/// A running cell as a observer knows it.
+#[derive(Debug)]
+pub struct Model {
+    /// Its name.
+    pub cell: String,
+    /// Its machine file.
+    pub machine: Machine,
+    /// Its pace, if `/proc` tells.
+    pub pace: Option<Pace>,
+    /// The newest feedback.
+    pub feedback: Option<Feedback>,
+    /// For how long it has been the newest, in s.
+    pub feedback_age_s: f64,
+    /// The newest word of the planner.
+    pub planner: Option<PlannerStatus>,
+    /// The program, if it could be read.
+    pub program: Option<Program>,
+    /// File name of the program that was loaded into a cell that stays up.
+    pub loaded: Option<String>,
+    /// Per axis.
+    pub axes: Vec<AxisView>,
+    /// The circle that is travelled.
+    pub circle: CircleView,
+    /// Reversals since the observer came.
+    pub reversals: Reversals,
+    /// What happened since.
+    pub events: Events,
+    /// How evenly scans follow each other.
+    pub timing: Timing,
+    /// The run is over.
+    pub ended: bool,
+    /// Scans seen, and scans that were lost to this observer because it was not quick enough.
+    pub seen_scans: (u64, u64),
+    /// Of a view from another machine: the link.
+    pub link: Option<LinkView>,
+    /// Of a view from another machine: what can only be known on the spot.
+    pub told: Option<ToldView>,
+    kinematics: Kinematics,
+    roster: Option<Roster>,
+    children: Vec<Child>,
+    answered: Vec<Option<u64>>,
+    recorded: Option<u64>,
+    /// The newest scan when `answered` was read.
+    heard_scan: Option<u64>,
+    track: Track,
+}
+
+impl Model {
+    /// Of a cell of which nothing has been heard yet.
+    pub fn new(cell: &str, machine: Machine) -> Self {
+        Model {
+            cell: cell.into(),
+            pace: None,
+            feedback: None,
+            feedback_age_s: 0.0,
+            planner: None,
+            program: None,
+            loaded: None,
+            axes: machine.axes.iter().map(AxisView::of).collect(),
+            circle: CircleView::default(),
+            reversals: Reversals::default(),
+            events: Events::default(),
+            timing: Timing::new(f64::from(machine.scan.period_us)),
+            ended: false,
+            seen_scans: (0, 0),
+            link: None,
+            told: None,
+            kinematics: program::kinematics_of(&machine),
+            roster: None,
+            children: Vec::new(),
+            answered: Vec::new(),
+            recorded: None,
+            heard_scan: None,
+            track: Track::default(),
+            machine,
+        }
+    }
+
+    /// Whether everything has been heard of once.
+    pub fn is_whole(&self) -> bool {
+        let errors = self.axes.iter().all(|axis| axis.error_um.is_some());
+        self.feedback.is_some() && self.roster.is_some() && self.planner.is_some() && errors
+    }
+
+    /// Takes a feedback; they come in order.
+    pub fn feedback(&mut self, now: &Feedback) {
+        if let Some(before) = &self.feedback {
+            if now.scan <= before.scan {
+                return;
+            }
+            self.seen_scans.1 += now.scan - before.scan - 1;
+        }
+        self.seen_scans.0 += 1;
+        self.track.begin(now.scan, now.tag);
+        self.events.feedback(now, &self.machine);
+        // Else the command register follows the axes.
+        let driven = matches!(
+            Mode::from_wire(now.mode),
+            Some(Mode::Enabled | Mode::Stopping | Mode::Jogging)
+        );
+        let angular_rad_s = self.angular_rad_s(now);
+        let period_s = self.machine.scan_period_s();
+        let axes = self.axes.iter_mut().zip(now.axes());
+        for (index, (axis, sample)) in axes.enumerate() {
+            if let Some(turn) = axis.feedback(now.scan, sample, driven) {
+                self.reversals.begin(index, turn, angular_rad_s, period_s);
+            }
+        }
+        self.ended |= now.last == 1;
+        self.feedback = Some(*now);
+    }
+
+    /// Angular speed on the arc of this feedback; none elsewhere.
+    fn angular_rad_s(&self, feedback: &Feedback) -> Option<f64> {
+        let element = self.element(feedback)?;
+        match (&element.shape, element.feed) {
+            (Shape::Arc { radius_mm, .. }, Feed::PathMmS(feed_mm_s)) => {
+                Some(feed_mm_s * f64::from(feedback.override_percent) / 100.0 / radius_mm)
+            }
+            _ => None,
+        }
+    }
+
+    fn element(&self, feedback: &Feedback) -> Option<&Element> {
+        let executing = !feedback.window.is_none();
+        let elements = &self.program.as_ref().filter(|_| executing)?.path.elements;
+        elements.get(feedback.tag.element as usize)
+    }
+
+    /// Takes a command of any servo.
+    pub fn command(&mut self, command: &AxisCommand) {
+        let index = command.axis as usize;
+        let Some(axis) = self.axes.get_mut(index) else {
+            return;
+        };
+        if command.role != axis.role {
+            return;
+        }
+        let error_um = axis.command(command);
+        if let (Some(error_um), Some(note)) = (error_um, self.track.of_mut(command.scan))
+            && let Some(slot) = note.error_um.get_mut(index)
+        {
+            *slot = error_um;
+        }
+    }
+
+    /// Takes what the instruments saw of a scan.
+    pub fn instruments(&mut self, sample: &Instruments) {
+        let last = (sample.subsamples as usize).clamp(1, MAX_SUBSAMPLES) - 1;
+        let mut table_mm = AxisVector::zeros();
+        for (to, from) in table_mm
+            .iter_mut()
+            .zip(&sample.table_mm)
+            .take(self.axes.len())
+        {
+            *to = from.get(last).copied().unwrap_or(0.0);
+        }
+        let (Some(note), Some(program)) = (self.track.of_mut(sample.scan), &self.program) else {
+            return;
+        };
+        let driven = self.feedback.as_ref().is_some_and(|feedback| {
+            !feedback.window.is_none() && feedback.mode != Mode::Disabled as u32
+        });
+        let element = program.path.elements.get(note.tag.element as usize);
+        let Some(element) = element.filter(|_| driven) else {
+            self.circle.leave();
+            return;
+        };
+        let tool_mm = self.kinematics.tool(&table_mm);
+        let period_s = self.machine.scan_period_s();
+        if let Some(radial_um) = self.circle.take(sample.scan, element, &tool_mm, period_s) {
+            note.radial_um = radial_um;
+        }
+    }
+
+    /// Takes a roster.
+    pub fn roster(&mut self, roster: &Roster) {
+        let scan = self.feedback.as_ref().map_or(0, |feedback| feedback.scan);
+        self.events.roster(roster, scan, &self.machine);
+        self.roster = Some(*roster);
+    }
+
+    /// Takes what `/proc` says, the last scan that each place was done with, and the last that was recorded.
+    pub fn processes_seen(
+        &mut self,
+        children: Vec<Child>,
+        answered: Vec<Option<u64>>,
+        recorded: Option<u64>,
+    ) {
+        self.heard_scan = self.feedback.as_ref().map(|feedback| feedback.scan);
+        self.recorded = recorded;
+        self.pace = children.iter().find_map(|child| child.pace).or(self.pace);
+        self.children = children;
+        self.answered = answered;
+    }
+
+    /// Ends one look: whatever is to be measured over several scans is, and histories go on.
+    pub fn end_of_look(&mut self) {
+        if let Some(feedback) = &self.feedback {
+            self.reversals.measure(feedback.scan, &self.track);
+        }
+        self.axes.iter_mut().for_each(AxisView::end_of_look);
+    }
+
+    /// The processes, in the order of the roster; empty before a roster was heard.
+    pub fn processes(&self) -> Vec<ProcessView> {
+        if let Some(told) = &self.told {
+            return told.processes.clone();
+        }
+        let Some(roster) = &self.roster else {
+            return Vec::new();
+        };
+        let age_of = |answered: Option<u64>| {
+            let both = self.heard_scan.zip(answered);
+            both.map(|(now, then)| now.saturating_sub(then))
+        };
+        let places = roster.participants.iter().enumerate();
+        places
+            .filter_map(|(place, participant)| {
+                let job = Job::from_wire(participant.job)?;
+                let live = participant.live == 1;
+                let child = self.children.iter().find(|child| {
+                    child.place == place && child.incarnation == participant.incarnation
+                });
+                let answered = self.answered.get(place).copied().flatten();
+                let age = match job {
+                    Job::Master => self.heard_scan.map(|_| 0),
+                    Job::Monitor => age_of(self.recorded),
+                    _ => age_of(answered),
+                };
+                let axis = self.axes.get(participant.axis as usize);
+                Some(ProcessView {
+                    name: process_name(participant, &self.machine),
+                    job: match job {
+                        Job::Master => "master",
+                        Job::Planner => "planner",
+                        Job::Servo => "servo",
+                        Job::Monitor => "recorder",
+                    },
+                    pid: child.filter(|_| live).map(|child| child.pid),
+                    starts: participant.incarnation,
+                    live,
+                    stalled: participant.stalled == 1,
+                    drives: (job == Job::Servo)
+                        .then(|| live && axis.is_some_and(|axis| axis.role == participant.role)),
+                    age_scans: age,
+                    death: (participant.death_scan != u64::MAX && participant.death_scan != 0)
+                        .then_some((participant.death_scan, participant.death_signal)),
+                })
+            })
+            .collect()
+    }
+
+    /// Place of a process in the roster, once one was heard.
+    pub fn place_of(&self, job: Job, axis: u32, role: u32) -> Option<usize> {
+        let mut places = self.roster.as_ref()?.participants.iter();
+        places.position(|p| p.job == job as u32 && p.axis == axis && p.role == role)
+    }
+
+    /// Name of the program's file.
+    pub fn program_name(&self) -> Option<&str> {
+        if let Some(told) = &self.told {
+            return told.program_name.as_deref();
+        }
+        if let Some(loaded) = &self.loaded {
+            return Some(loaded);
+        }
+        let path = std::path::Path::new(&self.program.as_ref()?.name);
+        path.file_name()?.to_str()
+    }
+
+    /// How far the program is.
+    pub fn program_state(&self) -> Option<ProgramState> {
+        ProgramState::from_wire(self.feedback.as_ref()?.program)
+    }
+
+    /// Share of the program's path that is done, if the planner has told.
+    pub fn share_done(&self) -> Option<f64> {
+        if self.program_state() == Some(ProgramState::Done) {
+            return Some(1.0);
+        }
+        let status = self.planner.as_ref()?;
+        let share = status.path_done_mm / status.path_length_mm;
+        share.is_finite().then(|| share.clamp(0.0, 1.0))
+    }
+
+    /// Line and text of the block being executed, or of the one where the path was left.
+    pub fn block(&self) -> Option<(u32, &str)> {
+        if let Some(told) = &self.told {
+            let (line, text) = told.block.as_ref()?;
+            return Some((*line, text.as_str()));
+        }
+        let feedback = self.feedback.as_ref()?;
+        let program = self.program.as_ref()?;
+        let tag = if feedback.tag.is_off_path() {
+            &feedback.left_at
+        } else {
+            &feedback.tag
+        };
+        let line = program.path.line_of(tag.element as usize)?;
+        Some((line, program.block_text(line).unwrap_or_default().trim()))
+    }
+
+    /// The state in words.
+    pub fn says(&self) -> Says {
+        let Some(feedback) = &self.feedback else {
+            return Says {
+                symbol: "…",
+                state: "SILENT",
+                detail: "nothing has been heard of the master yet".into(),
+                next: "it is being started, or lost".into(),
+                tone: Tone::Waits,
+            };
+        };
+        let mut says = words::says(feedback, &self.machine);
+        if let Some(link) = self.link.as_ref().filter(|link| link.lost) {
+            says = Says {
+                symbol: "✖",
+                state: "NO LINK",
+                detail: format!("link lost for {:.1} s: what is shown is old", link.silent_s),
+                next: "the machine goes on; this view comes back by itself".into(),
+                tone: Tone::Bad,
+            };
+        } else if self.ended {
+            says = Says {
+                symbol: "—",
+                state: "ENDED",
+                detail: format!("last seen: {}, {}", says.state.to_lowercase(), says.detail),
+                next: "the run has ended; this view waits for the next one (q quits)".into(),
+                tone: Tone::Waits,
+            };
+        } else if self.feedback_age_s > 0.5 {
+            says = Says {
+                symbol: "✖",
+                state: "SILENT",
+                detail: format!(
+                    "no feedback for {:.1} s: the master is lost or stopped",
+                    self.feedback_age_s
+                ),
+                next: "what is shown is old; the drives brake by themselves".into(),
+                tone: Tone::Bad,
+            };
+        }
+        if self.link.as_ref().is_some_and(|link| !link.lost) {
+            says.next = format!("on the controller PC: {}", says.next);
+        }
+        says
+    }
+}

@@ -1,0 +1,48 @@
+//! The ends of a cell's services, for whoever looks on.
+
+use bus::cell::CellError;
+use bus::port::Reader;
+use bus::sample::{AxisCommand, Feedback, Instruments, PlannerStatus, Roster};
+use bus::service::{Bus, RECORDER_DEPTH_SCANS, ROLES};
+use machine::Machine;
+
+/// The ends of the cell's services.
+pub struct Ports {
+    _bus: Bus,
+    /// Feedback of the master.
+    pub feedback: Reader<Feedback>,
+    /// Bench instruments.
+    pub instruments: Reader<Instruments>,
+    /// Status of the planner.
+    pub planner: Reader<PlannerStatus>,
+    /// Who takes part.
+    pub roster: Reader<Roster>,
+    /// Commands of the servos, by axis and role.
+    pub commands: Vec<Reader<AxisCommand>>,
+}
+
+impl Ports {
+    /// Opens them; nobody in the cell waits for their queues to be emptied.
+    ///
+    /// # Errors
+    /// The cell is gone, or refuses.
+    pub fn open(bus: Bus, machine: &Machine) -> Result<Ports, CellError> {
+        let depth = RECORDER_DEPTH_SCANS;
+        let mut commands = Vec::new();
+        for (axis, settings) in machine.axes.iter().enumerate() {
+            for role in 0..ROLES.len() {
+                if role == 0 || settings.standby {
+                    commands.push(bus.command_reader(axis, role, depth)?);
+                }
+            }
+        }
+        Ok(Ports {
+            feedback: bus.feedback_reader(depth)?,
+            instruments: bus.instruments_reader(depth)?,
+            planner: bus.planner_reader(1)?,
+            roster: bus.roster_reader(16)?,
+            commands,
+            _bus: bus,
+        })
+    }
+}

@@ -1,0 +1,326 @@
+//! Takes what a server says of a cell on another machine into a model.
+
+use std::time::{Duration, Instant};
+
+use anyhow::anyhow;
+use machine::Machine;
+use remote::clock::{Clocks, now_us};
+use remote::events::{Follower, Told};
+use remote::link::{Client, Endpoint, Heard};
+use remote::wire::Snapshot;
+
+use super::events::Weight;
+use super::model::{LinkView, Model};
+use super::picture;
+use super::source::Source;
+use launcher::exit::{Failure, Kind};
+
+/// Nobody who is there is silent for so long.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// So long the names of cells are gathered where none is named.
+const GATHER: Duration = Duration::from_millis(400);
+/// A link of which nothing was heard for so long counts as lost.
+const LOST: Duration = Duration::from_secs(1);
+/// Time between two questions for the server's clock.
+const CLOCK_EVERY: Duration = Duration::from_millis(500);
+/// Time between two questions for the same thing.
+const ASK_EVERY: Duration = Duration::from_millis(300);
+/// Messages that one look takes at most.
+const LOOK_MAX: usize = 512;
+
+/// An ear at a server, and the model it fills.
+pub struct RemoteFeed {
+    model: Model,
+    link: LinkView,
+    client: Client,
+    cell: String,
+    session: u64,
+    clocks: Clocks,
+    follower: Follower,
+    /// The last snapshot: its number, and when it was made.
+    sequence: u64,
+    made_us: u64,
+    /// When it came.
+    heard: Instant,
+    asked_clock: Option<Instant>,
+    asked: Option<Instant>,
+    /// Another server speaks for this cell now: its number.
+    next_session: Option<u64>,
+}
+
+impl RemoteFeed {
+    /// Listens to the server at this place, for the cell of this name or the only one it has.
+    ///
+    /// # Errors
+    /// Not a place; nobody there within 10 s; several cells.
+    pub fn attach(server: &str, cell: Option<&str>) -> Result<RemoteFeed, Failure> {
+        let to: Endpoint = server.parse().input()?;
+        if let Some(cell) = cell {
+            bus::cell::CellPaths::new(cell).input()?;
+        }
+        let mut client = Client::open(&to, cell).environment()?;
+        let (cell, session) = first_heard(&mut client, &to, cell)?;
+        let machine = machine_of(&mut client, &to, &cell, session)?;
+        let link = LinkView {
+            to: to.to_string(),
+            ..LinkView::default()
+        };
+        let mut model = Model::new(&cell, machine);
+        model.link = Some(link.clone());
+        Ok(RemoteFeed {
+            model,
+            link,
+            client,
+            cell,
+            session,
+            clocks: Clocks::default(),
+            follower: Follower::default(),
+            sequence: 0,
+            made_us: 0,
+            heard: Instant::now(),
+            asked_clock: None,
+            asked: None,
+            next_session: None,
+        })
+    }
+
+    fn take(&mut self, heard: Heard) {
+        let session = match &heard {
+            Heard::Snapshot(said) => said.session,
+            Heard::Circle(said) => said.session,
+            Heard::Event(said) => said.session,
+            Heard::History(said) => said.session,
+            Heard::Machine(said) => said.session,
+            Heard::Clock(session, _) => *session,
+        };
+        if session != self.session {
+            self.another_server(session, &heard);
+            return;
+        }
+        let mut told = Vec::new();
+        match heard {
+            Heard::Snapshot(said) => {
+                // The server that was thought lost speaks again.
+                self.next_session = None;
+                self.snapshot(&said);
+            }
+            Heard::Circle(said) => picture::fill_circle(&mut self.model, &said),
+            Heard::Event(event) => self.follower.take(event, &mut told),
+            Heard::History(history) => self.follower.history(history, &mut told),
+            Heard::Machine(_) => {}
+            Heard::Clock(_, trip) => self.clocks.take(trip),
+        }
+        for told in told {
+            self.event(told);
+        }
+    }
+
+    /// What another server says counts once this one is silent: the cell was started anew, or its server was.
+    fn another_server(&mut self, session: u64, heard: &Heard) {
+        if self.heard.elapsed() < LOST && !self.model.ended {
+            return;
+        }
+        match heard {
+            Heard::Machine(said) if self.next_session == Some(session) => {
+                let Ok(machine) = Machine::parse("machine.toml", &said.machine_toml) else {
+                    return;
+                };
+                self.model = Model::new(&self.cell, machine);
+                self.session = session;
+                self.next_session = None;
+                self.clocks.clear();
+                self.follower = Follower::default();
+                self.sequence = 0;
+                self.asked_clock = None;
+                self.heard = Instant::now();
+            }
+            Heard::Snapshot(_) => self.next_session = Some(session),
+            _ => {}
+        }
+    }
+
+    fn snapshot(&mut self, said: &Snapshot) {
+        if said.sequence <= self.sequence || !picture::fill(&mut self.model, said) {
+            return;
+        }
+        if self.sequence > 0 {
+            let lost = said.sequence - self.sequence - 1;
+            self.link.snapshots_lost = self.link.snapshots_lost.saturating_add(lost);
+        }
+        self.link.snapshots += 1;
+        self.sequence = said.sequence;
+        self.made_us = said.made_us.saturating_sub(said.feedback_age_us);
+        self.heard = Instant::now();
+        self.follower.there_are(said.events_count);
+    }
+
+    fn event(&mut self, told: Told) {
+        let weight = |warning: bool| {
+            if warning {
+                Weight::Warning
+            } else {
+                Weight::Note
+            }
+        };
+        let events = &mut self.model.events;
+        match told {
+            Told::New(event) => {
+                let weight = weight(event.warning);
+                events.note_as(event.number, event.scan, weight, event.text);
+            }
+            Told::Amended(event) => events.amend(event.number, event.text),
+            Told::Lost(count) => {
+                self.link.events_lost = self.link.events_lost.saturating_add(count);
+            }
+        }
+    }
+
+    /// Asks for whatever is due.
+    fn ask(&mut self) {
+        let due = |asked: Option<Instant>, every: Duration| {
+            asked.is_none_or(|asked| asked.elapsed() >= every)
+        };
+        if due(self.asked_clock, CLOCK_EVERY) {
+            self.asked_clock = Some(Instant::now());
+            self.client.ask_clock(&self.cell);
+        }
+        if !due(self.asked, ASK_EVERY) {
+            return;
+        }
+        if self.next_session.is_some() {
+            self.asked = Some(Instant::now());
+            self.client.ask_machine(&self.cell);
+        } else if let Some(after) = self.follower.ask_after() {
+            self.asked = Some(Instant::now());
+            self.client.ask_events(&self.cell, after);
+        }
+    }
+}
+
+impl Source for RemoteFeed {
+    fn model(&self) -> &Model {
+        &self.model
+    }
+
+    fn look(&mut self) {
+        for _ in 0..LOOK_MAX {
+            let Some((cell, heard)) = self.client.next(Duration::ZERO) else {
+                break;
+            };
+            if cell == self.cell {
+                self.take(heard);
+            }
+        }
+        self.ask();
+        let age = self.clocks.age(self.made_us, now_us());
+        let age = age.filter(|_| self.sequence > 0);
+        self.link.age_s = age.map(|age| (age.min_s, age.max_s));
+        self.link.round_trip_s = self.clocks.round_trip_s();
+        self.link.silent_s = self.heard.elapsed().as_secs_f64();
+        self.link.lost = self.heard.elapsed() >= LOST;
+        self.link.refused = self.client.refused();
+        self.link.dropped = self.client.dropped();
+        self.model.link = Some(self.link.clone());
+        self.model.end_of_look();
+    }
+
+    fn is_whole(&self) -> bool {
+        let errors = self.model.axes.iter().all(|axis| axis.error_um.is_some());
+        let events = self.follower.ask_after().is_none();
+        self.link.age_s.is_some() && self.model.feedback.is_some() && errors && events
+    }
+
+    /// A server that is gone may come back; the end of a run is said.
+    fn has_ended(&self) -> bool {
+        self.model.ended
+    }
+
+    fn watch_periods(&mut self, budget: Duration) {
+        std::thread::sleep(budget);
+    }
+
+    /// The server does.
+    fn follow(&mut self) {}
+
+    fn takes_orders(&self) -> bool {
+        false
+    }
+}
+
+/// Name and session of the cell that is heard there.
+fn first_heard(
+    client: &mut Client,
+    to: &Endpoint,
+    cell: Option<&str>,
+) -> Result<(String, u64), Failure> {
+    let started = Instant::now();
+    let mut found: Vec<(String, u64)> = Vec::new();
+    let mut limit = PATIENCE;
+    while started.elapsed() < limit {
+        let Some((name, Heard::Snapshot(said))) = client.next(Duration::from_millis(50)) else {
+            continue;
+        };
+        if bus::cell::CellPaths::new(&name).is_err() {
+            continue;
+        }
+        if found.is_empty() && cell.is_none() {
+            limit = limit.min(started.elapsed() + GATHER);
+        }
+        found.retain(|(known, _)| *known != name);
+        found.push((name, said.session));
+        if cell.is_some() {
+            break;
+        }
+    }
+    let names: Vec<&str> = found.iter().map(|(name, _)| name.as_str()).collect();
+    match names.len() {
+        1 => Ok(found.remove(0)),
+        0 => {
+            let whom = cell.map_or("any cell".to_string(), |cell| format!("cell {cell:?}"));
+            let refused = match client.refused() {
+                0 => String::new(),
+                count => {
+                    format!(" ({count} messages were refused: is it another version of quadrant?)")
+                }
+            };
+            Err(Failure::Stopped(anyhow!(
+                "nothing was heard of {whom} from {to} within {} s{refused}: does `quadrant remote serve` run there?",
+                PATIENCE.as_secs()
+            )))
+        }
+        _ => Err(Failure::Input(anyhow!(
+            "{to} has several cells: name one with --cell: {}",
+            names.join(", ")
+        ))),
+    }
+}
+
+fn machine_of(
+    client: &mut Client,
+    to: &Endpoint,
+    cell: &str,
+    session: u64,
+) -> Result<Machine, Failure> {
+    let started = Instant::now();
+    let mut asked: Option<Instant> = None;
+    while started.elapsed() < PATIENCE {
+        if asked.is_none_or(|asked| asked.elapsed() > Duration::from_secs(1)) {
+            asked = Some(Instant::now());
+            client.ask_machine(cell);
+        }
+        if let Some((name, Heard::Machine(said))) = client.next(Duration::from_millis(50))
+            && name == cell
+            && said.session == session
+        {
+            let parsed = Machine::parse("machine.toml", &said.machine_toml);
+            return parsed.map_err(|error| {
+                Failure::Stopped(anyhow!(
+                    "{to} sends a machine file this program does not take: {error}"
+                ))
+            });
+        }
+    }
+    Err(Failure::Stopped(anyhow!(
+        "{to} speaks of cell {cell:?} but does not say what machine it is"
+    )))
+}

@@ -1,0 +1,199 @@
+//! `quadrant remote serve`: a observer beside the cell that tells other machines what it sees.
+//!
+//! To the cell it is a monitor like any other: it reads copies from queues that overwrite their oldest, and nobody waits for it. To
+//! those who listen it owes nothing either: what the link does not take is dropped. It takes no orders.
+
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, anyhow};
+use remote::clock::now_us;
+use remote::link::{DEFAULT_LISTEN, Endpoint, Server};
+use remote::wire::{FORMAT, MachineSaid, plain_text};
+
+use super::events::Weight;
+use super::feed::Feed;
+use super::picture;
+use crate::options::ServeOptions;
+use launcher::exit::{Failure, Kind, Outcome};
+use launcher::output::say;
+use launcher::signals::Signals;
+
+/// Time between two pictures of the circle.
+const CIRCLE_EVERY: Duration = Duration::from_millis(500);
+/// Time between two looks for events whose text has changed.
+const AMEND_EVERY: Duration = Duration::from_secs(1);
+/// Time between two looks for the next cell.
+const NEXT_CELL_EVERY: Duration = Duration::from_millis(250);
+/// Of a look, this share is spent at the signal of the scan, for the timing.
+const LISTEN_SHARE: u32 = 5;
+/// Behind whatever controls the machine, where priorities are ordinary.
+const NICE: i32 = 10;
+
+/// `quadrant remote serve`.
+pub fn serve(options: &ServeOptions) -> Outcome {
+    let parse = |places: &[String]| -> Result<Vec<Endpoint>, Failure> {
+        let each = places.iter().map(|place| place.parse());
+        each.collect::<Result<_, _>>().input()
+    };
+    let connect = parse(&options.connect)?;
+    let mut listen = parse(&options.listen)?;
+    if listen.is_empty() && connect.is_empty() {
+        listen = parse(&[DEFAULT_LISTEN.to_string()])?;
+    }
+    let feed = Feed::attach(options.cell.as_deref())?;
+    let signals = Signals::catch().environment()?;
+    // Whoever may not be nice is served all the same.
+    let _ = rustix::process::nice(NICE);
+    let machine = machine_of(&feed)?;
+    let server = Server::open(machine.clone(), &listen, &connect).environment()?;
+    let places: Vec<String> = listen
+        .iter()
+        .chain(&connect)
+        .map(Endpoint::to_string)
+        .collect();
+    say(&format!(
+        "cell {} can be seen at {}, read only, {} times a second; Ctrl-C ends it",
+        machine.cell,
+        places.join(", "),
+        options.rate
+    ));
+    if !listen.iter().all(Endpoint::is_loopback) {
+        say(
+            "anybody who reaches this place sees the machine: there is no password (docs/howto/remote.md)",
+        );
+    }
+    let desk = Desk {
+        feed,
+        server,
+        session: machine.session,
+        sequence: 0,
+        said_event: 0,
+    };
+    desk.run(
+        Duration::from_secs(1) / u32::try_from(options.rate).unwrap_or(20),
+        &signals,
+    )
+}
+
+/// A number that no other server has: when, and who.
+fn new_session() -> u64 {
+    (now_us() << 10) | u64::from(std::process::id() & 1023)
+}
+
+fn machine_of(feed: &Feed) -> Result<MachineSaid, Failure> {
+    let text = feed.machine_text().context("the cell's machine file");
+    let machine_toml = text.map_err(|error| match feed.is_gone() {
+        true => Failure::Stopped(anyhow!("cell {:?} has just ended", feed.model.cell)),
+        false => Failure::Environment(error),
+    })?;
+    Ok(MachineSaid {
+        format: FORMAT,
+        session: new_session(),
+        cell: feed.model.cell.clone(),
+        machine_toml,
+    })
+}
+
+struct Desk {
+    feed: Feed,
+    server: Server,
+    session: u64,
+    sequence: u64,
+    /// Events of the model that were said.
+    said_event: u64,
+}
+
+impl Desk {
+    fn run(mut self, period: Duration, signals: &Signals) -> Outcome {
+        let mut due = Instant::now();
+        let mut circle_due = due;
+        let mut amend_due = due;
+        let mut next_cell_due = due;
+        while signals.count() == 0 {
+            self.feed.look();
+            self.say_events();
+            if self.feed.is_gone() && Instant::now() >= next_cell_due {
+                next_cell_due = Instant::now() + NEXT_CELL_EVERY;
+                self.next_cell();
+            }
+            if Instant::now() >= amend_due {
+                amend_due = Instant::now() + AMEND_EVERY;
+                self.amend_events();
+            }
+            self.say_snapshot();
+            if Instant::now() >= circle_due {
+                circle_due = Instant::now() + CIRCLE_EVERY;
+                if let Some(circle) = picture::circle(&self.feed.model, self.session) {
+                    told(self.server.say_circle(&circle));
+                }
+            }
+            self.feed.watch_periods(period / LISTEN_SHARE);
+            due = (due + period).max(Instant::now());
+            std::thread::sleep(due.saturating_duration_since(Instant::now()));
+        }
+        self.server.close();
+        Ok(())
+    }
+
+    /// The run is over: the next cell of that name is served as soon as there is one.
+    fn next_cell(&mut self) {
+        self.feed.follow();
+        if self.feed.is_gone() {
+            return;
+        }
+        // It may be over before its machine file is read: then the one after it.
+        let Ok(machine) = machine_of(&self.feed) else {
+            return;
+        };
+        self.session = machine.session;
+        self.sequence = 0;
+        self.said_event = 0;
+        self.server.begin(machine);
+    }
+
+    fn say_events(&mut self) {
+        let events = &self.feed.model.events;
+        let before = self.said_event;
+        let new = events.last.iter().filter(|e| e.number > before);
+        for event in new {
+            // More than the list holds in one look: numbers stay the same on both sides all the same.
+            while self.said_event + 1 < event.number {
+                self.said_event += 1;
+                let text = "an event that was not kept".into();
+                told(self.server.say_event(event.scan, false, text));
+            }
+            self.said_event = event.number;
+            let warning = event.weight == Weight::Warning;
+            told(
+                self.server
+                    .say_event(event.scan, warning, plain_text(&event.text)),
+            );
+        }
+    }
+
+    /// What comes often is one event, whose count grows.
+    fn amend_events(&mut self) {
+        for event in &self.feed.model.events.last {
+            told(
+                self.server
+                    .amend_event(event.number, &plain_text(&event.text)),
+            );
+        }
+    }
+
+    fn say_snapshot(&mut self) {
+        self.sequence += 1;
+        let mut snapshot = picture::snapshot(&self.feed.model, self.session);
+        snapshot.sequence = self.sequence;
+        snapshot.events_count = self.server.events_count();
+        snapshot.made_us = now_us();
+        told(self.server.say_snapshot(&snapshot));
+    }
+}
+
+/// What cannot be said is missing to those who listen, who count it; the cell is not concerned.
+fn told(said: Result<(), remote::link::LinkError>) {
+    if let Err(error) = said {
+        tracing::debug!("{error}");
+    }
+}

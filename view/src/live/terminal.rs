@@ -1,0 +1,214 @@
+//! The live screen: looks, draws, listens for keys.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::time::{Duration, Instant};
+
+use bus::sample::Order;
+use ratatui::DefaultTerminal;
+use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
+
+use super::draw::{Prompt, Screen, draw};
+use super::looks::{FRAME, LISTEN};
+use super::palette::Palette;
+use super::source::Source;
+use super::words::Tone;
+use launcher::exit::{INTERRUPTED, Kind, Outcome, words};
+use launcher::operator;
+use launcher::signals::Signals;
+
+/// So long an answer stays in the bottom line.
+const ANSWER_SHOWN: Duration = Duration::from_secs(8);
+/// So long a view that was told to leave may take.
+const LEAVE_LIMIT: Duration = Duration::from_millis(500);
+/// Step of the override, in percent.
+const OVERRIDE_STEP: u32 = 10;
+
+/// Shows the cell until somebody quits. The terminal is given back as it was however this ends: by key, signal, error or panic.
+pub fn run(feed: Box<dyn Source>) -> Outcome {
+    let signals = Arc::new(Signals::catch().environment()?);
+    let left = Arc::new(AtomicBool::new(false));
+    leave_for_certain(Arc::clone(&signals), Arc::clone(&left));
+    // Its panic hook gives the terminal back before the message is printed.
+    let mut terminal = ratatui::try_init().environment()?;
+    let result = View::new(feed).run(&mut terminal, &signals);
+    left.store(true, Ordering::Release);
+    ratatui::restore();
+    result.environment()
+}
+
+/// Where the terminal has gone, waiting for a key never ends (crossterm 0.29 reads its end for ever, at full speed): a view that has
+/// been told to leave and does not is ended from here.
+fn leave_for_certain(signals: Arc<Signals>, left: Arc<AtomicBool>) {
+    std::thread::spawn(move || {
+        while !left.load(Ordering::Acquire) {
+            std::thread::sleep(FRAME);
+            if signals.count() > 0 {
+                std::thread::sleep(LEAVE_LIMIT);
+                if !left.load(Ordering::Acquire) {
+                    ratatui::restore();
+                    std::process::exit(i32::from(INTERRUPTED));
+                }
+            }
+        }
+    });
+}
+
+/// An order on its way, answered by a thread of its own: a master that is silent must not freeze the screen.
+struct Asked {
+    answer: Receiver<Result<String, String>>,
+}
+
+struct View {
+    feed: Box<dyn Source>,
+    palette: Palette,
+    help: bool,
+    prompt: Prompt,
+    prompt_since: Instant,
+    asked: Option<Asked>,
+}
+
+impl View {
+    fn new(feed: Box<dyn Source>) -> Self {
+        View {
+            feed,
+            palette: Palette::of_environment(),
+            help: false,
+            prompt: Prompt::Keys,
+            prompt_since: Instant::now(),
+            asked: None,
+        }
+    }
+
+    fn run(mut self, terminal: &mut DefaultTerminal, signals: &Signals) -> std::io::Result<()> {
+        loop {
+            let due = Instant::now() + FRAME;
+            self.feed.look();
+            self.feed.follow();
+            self.take_answer();
+            let screen = Screen {
+                model: self.feed.model(),
+                palette: self.palette,
+                prompt: self.prompt.clone(),
+                help: self.help,
+            };
+            terminal.draw(|frame| draw(frame, &screen))?;
+            self.feed.watch_periods(LISTEN);
+            loop {
+                let left = due.saturating_duration_since(Instant::now());
+                if !event::poll(left)? {
+                    break;
+                }
+                if let Event::Key(key) = event::read()?
+                    && key.kind != KeyEventKind::Release
+                {
+                    let interrupt = key.modifiers.contains(KeyModifiers::CONTROL)
+                        && key.code == KeyCode::Char('c');
+                    if interrupt || self.key(key.code) {
+                        return Ok(());
+                    }
+                }
+            }
+            if signals.count() > 0 {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Acts on a key; true for the one that leaves.
+    fn key(&mut self, code: KeyCode) -> bool {
+        if std::mem::take(&mut self.help) {
+            return false;
+        }
+        if self.prompt == Prompt::ConfirmStop {
+            self.say(Prompt::Keys);
+            if code == KeyCode::Char('y') {
+                self.order(Order::Stop, 0.0);
+            } else {
+                self.say(Prompt::Answer(Tone::Waits, "not stopped".into()));
+            }
+            return false;
+        }
+        let order = matches!(code, KeyCode::Char('h' | 'r' | 's' | '+' | '=' | '-'));
+        if order && !self.feed.takes_orders() {
+            let words = "read only from here: orders are given on the controller PC".into();
+            self.say(Prompt::Answer(Tone::Waits, words));
+            return false;
+        }
+        match code {
+            KeyCode::Char('q') | KeyCode::Esc => return true,
+            KeyCode::Char('?') => self.help = true,
+            KeyCode::Char('h') => self.order(Order::Hold, 0.0),
+            KeyCode::Char('r') => self.order(Order::Resume, 0.0),
+            KeyCode::Char('s') => self.say(Prompt::ConfirmStop),
+            KeyCode::Char('+' | '=') => self.step_override(true),
+            KeyCode::Char('-') => self.step_override(false),
+            _ => {}
+        }
+        false
+    }
+
+    fn step_override(&mut self, up: bool) {
+        let Some(feedback) = &self.feed.model().feedback else {
+            return;
+        };
+        let now = feedback.override_percent;
+        let next = if up {
+            (now + OVERRIDE_STEP).min(100)
+        } else {
+            now.saturating_sub(OVERRIDE_STEP)
+        };
+        self.order(Order::Override, f64::from(next));
+    }
+
+    fn order(&mut self, order: Order, value: f64) {
+        if self.asked.is_some() {
+            let words = "the order before has no answer yet: not sent".into();
+            return self.say(Prompt::Answer(Tone::Waits, words));
+        }
+        if self.feed.has_ended() {
+            let words = format!("{}: the run has ended", order.word());
+            return self.say(Prompt::Answer(Tone::Waits, words));
+        }
+        let cell = self.feed.model().cell.clone();
+        let (sender, answer) = channel();
+        // Ends by itself: with the answer, or when the answer's limit has passed.
+        std::thread::spawn(move || {
+            let answer = operator::order(&cell, order, value);
+            let _ = sender.send(answer.map_err(|failure| failure_words(&failure)));
+        });
+        self.asked = Some(Asked { answer });
+        self.say(Prompt::Answer(Tone::Waits, format!("{} …", order.word())));
+    }
+
+    fn take_answer(&mut self) {
+        if let Some(asked) = &self.asked {
+            let (tone, words) = match asked.answer.try_recv() {
+                Ok(Ok(words)) => (Tone::Good, words),
+                Ok(Err(words)) => (Tone::Bad, words),
+                Err(TryRecvError::Empty) => return,
+                Err(TryRecvError::Disconnected) => (Tone::Bad, "the order came to nothing".into()),
+            };
+            self.asked = None;
+            self.say(Prompt::Answer(tone, words));
+        } else if self.prompt != Prompt::Keys && self.prompt_since.elapsed() > ANSWER_SHOWN {
+            self.say(Prompt::Keys);
+        }
+    }
+
+    fn say(&mut self, prompt: Prompt) {
+        self.prompt = prompt;
+        self.prompt_since = Instant::now();
+    }
+}
+
+fn failure_words(failure: &launcher::exit::Failure) -> String {
+    use launcher::exit::Failure;
+    match failure {
+        Failure::Stopped(error) | Failure::Input(error) | Failure::Environment(error) => {
+            words(error)
+        }
+        Failure::Interrupted => "interrupted".into(),
+    }
+}

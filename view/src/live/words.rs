@@ -1,0 +1,270 @@
+//! The state of a cell in plain words, with what can be done next.
+
+use bus::sample::{Cause, Feedback, Mode, ProgramState};
+use machine::Machine;
+
+/// How a state is meant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Tone {
+    /// All is well.
+    Good,
+    /// Waits for somebody.
+    Waits,
+    /// Something is wrong.
+    Bad,
+}
+
+/// A state, said.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Says {
+    /// A sign that tells the states apart without colour.
+    pub symbol: &'static str,
+    /// The state in a word or two.
+    pub state: &'static str,
+    /// More about it.
+    pub detail: String,
+    /// What can be done, or what comes by itself.
+    pub next: String,
+    /// How it is meant.
+    pub tone: Tone,
+}
+
+/// Letter of an axis.
+pub fn axis_name(machine: &Machine, axis: u32) -> &str {
+    let axis = machine.axes.get(axis as usize);
+    axis.map_or("?", |axis| axis.name.as_str())
+}
+
+/// Why the machine stopped, with axis and scan; none if nothing did.
+pub fn cause(feedback: &Feedback, machine: &Machine) -> Option<String> {
+    let cause = cause_alone(feedback, machine)?;
+    let axis = if feedback.cause_axis == u32::MAX {
+        ""
+    } else {
+        "axis "
+    };
+    Some(format!("{axis}{cause}, in scan {}", feedback.cause_scan))
+}
+
+/// The same in short: without the scan.
+pub fn cause_alone(feedback: &Feedback, machine: &Machine) -> Option<String> {
+    let cause = Cause::from_wire(feedback.cause);
+    let words = match cause {
+        Some(Cause::None) => return None,
+        Some(cause) => cause.words(),
+        None => "a cause this program does not know",
+    };
+    let axis = if feedback.cause_axis == u32::MAX {
+        String::new()
+    } else {
+        format!("{}: ", axis_name(machine, feedback.cause_axis))
+    };
+    Some(format!("{axis}{words}"))
+}
+
+/// Whether the command rests.
+pub fn at_rest(feedback: &Feedback) -> bool {
+    feedback.at_rest == 1 || feedback.window.is_none()
+}
+
+/// The state of this feedback.
+pub fn says(feedback: &Feedback, machine: &Machine) -> Says {
+    let cause = cause(feedback, machine);
+    let say = |symbol, state, tone, detail: &str, next: &str| Says {
+        symbol,
+        state,
+        detail: detail.into(),
+        next: next.into(),
+        tone,
+    };
+    let Some(mode) = Mode::from_wire(feedback.mode) else {
+        let next = "the cell is of another version of quadrant";
+        return say("?", "UNKNOWN", Tone::Bad, "an unknown mode", next);
+    };
+    let cause = cause.as_deref();
+    match mode {
+        Mode::Enabled => enabled(feedback, machine),
+        Mode::Stopping => {
+            let detail = cause.unwrap_or("told to stop");
+            let tone = if cause.is_some() {
+                Tone::Bad
+            } else {
+                Tone::Waits
+            };
+            say(
+                "■",
+                "STOPPING",
+                tone,
+                detail,
+                "comes to rest on the path by itself",
+            )
+        }
+        Mode::Stopped => match cause {
+            None => {
+                let next = if feedback.load > 0 {
+                    "r resumes; `quadrant load` gives the program up"
+                } else {
+                    "r resumes; a `quadrant run` ends 0.1 s after a stop"
+                };
+                say(
+                    "■",
+                    "STOPPED",
+                    Tone::Waits,
+                    "at rest on the path, drives on",
+                    next,
+                )
+            }
+            Some(cause) => {
+                let next = "cannot go on: end the run, look into the cause, start again";
+                say("■", "STOPPED", Tone::Bad, cause, next)
+            }
+        },
+        Mode::Tripped => {
+            // Which of the two, the policy says; a fault script may have changed it.
+            let next = if feedback.cause == Cause::ServoLost as u32 {
+                "r, or `quadrant enable` and then r, as soon as the servo is back"
+            } else {
+                "the drives have braked; when all stands: `quadrant enable`, then r"
+            };
+            say("✖", "TRIPPED", Tone::Bad, cause.unwrap_or("a fault"), next)
+        }
+        Mode::Disabled => {
+            let begun = feedback.program == ProgramState::Begun as u32;
+            let next = if begun {
+                "`quadrant enable`, then r"
+            } else if feedback.program == ProgramState::None as u32 {
+                "`quadrant enable`; `quadrant load PROGRAM`; `quadrant start`"
+            } else {
+                "`quadrant enable`; `quadrant start`"
+            };
+            let detail = cause.unwrap_or("positions follow the axes");
+            let tone = if cause.is_some() {
+                Tone::Bad
+            } else {
+                Tone::Waits
+            };
+            say("○", "DRIVES OFF", tone, detail, next)
+        }
+        Mode::Finished => {
+            let next = "nothing to do: it goes on by itself";
+            say(
+                "✔",
+                "FINISHED",
+                Tone::Good,
+                "program done, in position",
+                next,
+            )
+        }
+        Mode::Ready => {
+            let program = ProgramState::from_wire(feedback.program);
+            let (detail, next) = match program {
+                Some(ProgramState::Loading) => ("the planner reads the program", "wait a moment"),
+                Some(ProgramState::Loaded) => ("a program is loaded", "`quadrant start` begins it"),
+                Some(ProgramState::Done) => (
+                    "the program is done, in position",
+                    "`quadrant start` runs it again, `quadrant load` brings another",
+                ),
+                _ => ("no program is loaded", "`quadrant load PROGRAM`"),
+            };
+            let detail = cause.unwrap_or(detail);
+            say("●", "READY", Tone::Good, detail, next)
+        }
+        Mode::Jogging => {
+            let next = "h brings it to rest";
+            say(
+                "↔",
+                "JOGGING",
+                Tone::Waits,
+                "an axis is moved by hand",
+                next,
+            )
+        }
+    }
+}
+
+fn enabled(feedback: &Feedback, machine: &Machine) -> Says {
+    let (symbol, state, tone, detail, next) = if feedback.hold == 1 && at_rest(feedback) {
+        let next = "r resumes; an axis may be moved now (`quadrant jog X 5`)";
+        ("‖", "IN HOLD", Tone::Waits, "at rest".to_string(), next)
+    } else if feedback.hold == 1 {
+        let detail = "comes to rest on the path".to_string();
+        ("‖", "HOLDING", Tone::Waits, detail, "r resumes")
+    } else if feedback.override_percent == 0 {
+        let detail = "stands: the override is at 0 %".to_string();
+        ("‖", "STANDS", Tone::Waits, detail, "+ goes on")
+    } else if feedback.window.is_none() || feedback.at_rest == 1 {
+        let detail = "at rest: the planner has sent nothing to go on with".to_string();
+        let next = "goes on by itself with the planner's next window";
+        ("…", "WAITS", Tone::Waits, detail, next)
+    } else if feedback.tag.is_off_path() {
+        let detail = "returns to where the path was left".to_string();
+        ("▶", "RETURNS", Tone::Good, detail, "h holds, s stops")
+    } else if feedback.tag.dwell_remaining_scans > 0 {
+        let left_s = f64::from(feedback.tag.dwell_remaining_scans) * machine.scan_period_s();
+        let detail = format!("dwell (G4), {left_s:.1} s left");
+        ("▶", "RUNS", Tone::Good, detail, "h holds, s stops")
+    } else {
+        let detail = "on the program's path".to_string();
+        ("▶", "RUNS", Tone::Good, detail, "h holds, s stops")
+    };
+    Says {
+        symbol,
+        state,
+        detail,
+        next: next.into(),
+        tone,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::live::test_support::{machine, running};
+
+    #[test]
+    fn every_mode_has_a_word_a_symbol_and_says_what_comes_next() {
+        let machine = machine();
+        let mut seen = Vec::new();
+        for mode in 0..=8 {
+            for hold in [0, 1] {
+                let mut feedback = running(10);
+                feedback.mode = mode;
+                feedback.hold = hold;
+                let says = says(&feedback, &machine);
+                assert!(
+                    !says.symbol.is_empty() && !says.detail.is_empty(),
+                    "{says:?}"
+                );
+                assert!(!says.next.is_empty(), "{says:?}");
+                seen.push(says.state);
+            }
+        }
+        let words = [
+            "RUNS",
+            "HOLDING",
+            "STOPPED",
+            "TRIPPED",
+            "FINISHED",
+            "DRIVES OFF",
+        ];
+        assert!(words.iter().all(|word| seen.contains(word)), "{seen:?}");
+    }
+
+    #[test]
+    fn a_trip_is_told_with_its_axis_and_the_way_out_of_it() {
+        let machine = machine();
+        let mut feedback = running(10);
+        feedback.mode = Mode::Tripped as u32;
+        feedback.cause = Cause::ServoLost as u32;
+        feedback.cause_axis = 1;
+        assert!(
+            says(&feedback, &machine)
+                .next
+                .starts_with("r, or `quadrant enable`")
+        );
+        feedback.cause = Cause::FollowingError as u32;
+        let said = says(&feedback, &machine);
+        assert!(said.next.contains("quadrant enable"));
+        assert!(said.detail.contains("axis Y: following error"));
+    }
+}

@@ -1,0 +1,534 @@
+//! The numbers as text: OpenMetrics 1.0 (<https://prometheus.io/docs/specs/om/open_metrics_spec/>), or the older text format of
+//! Prometheus for those who do not ask for it. Base units stand in the names; every metric is described in docs/howto/metrics.md.
+
+use std::fmt::Error;
+use std::path::Path;
+
+use bus::sample::{Cause, Job, Mode, ProgramState};
+use machine::AxisKind;
+use prometheus_client::collector::Collector;
+use prometheus_client::encoding::text::encode;
+use prometheus_client::encoding::{DescriptorEncoder, MetricEncoder, NoLabelSet};
+use prometheus_client::metrics::MetricType;
+use prometheus_client::registry::{Registry, Unit};
+
+use super::numbers::{AxisNumbers, Count, Distribution, Number, Numbers};
+use super::served::Served;
+
+/// How the text is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Dialect {
+    /// OpenMetrics 1.0.
+    OpenMetrics,
+    /// Text format 0.0.4 of Prometheus.
+    PrometheusText,
+}
+
+impl Dialect {
+    /// Its media type.
+    pub fn content_type(self) -> &'static str {
+        match self {
+            Dialect::OpenMetrics => "application/openmetrics-text; version=1.0.0; charset=utf-8",
+            Dialect::PrometheusText => "text/plain; version=0.0.4; charset=utf-8",
+        }
+    }
+}
+
+/// Everything that is known, as text.
+///
+/// # Errors
+/// Never in practice: a text takes all that is written to it.
+pub fn text(served: &Served, dialect: Dialect) -> Result<String, Error> {
+    let cell = ("cell".into(), served.place.name().to_string().into());
+    let mut registry = Registry::with_prefix_and_labels("quadrant", [cell].into_iter());
+    registry.register_collector(Box::new(Snapshot {
+        numbers: std::sync::Arc::clone(&served.numbers),
+        now_ns: bus::realtime::now_ns(),
+        log_bytes: log_bytes(&served.log),
+        program: program(served),
+    }));
+    let mut text = String::with_capacity(32 << 10);
+    encode(&mut text, &registry)?;
+    Ok(match dialect {
+        Dialect::OpenMetrics => text,
+        Dialect::PrometheusText => older(&text),
+    })
+}
+
+/// Bytes that logs have in their files: that of the run, or those of the programs of a cell that stays up, each in a folder.
+fn log_bytes(folder: &Path) -> u64 {
+    let bytes_in = |folder: &Path| -> u64 {
+        let parts = monitor::log::part_files(folder).unwrap_or_default();
+        let sizes = parts.iter().filter_map(|part| part.metadata().ok());
+        sizes.map(|file| file.len()).sum()
+    };
+    let below = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let below = below.filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir()));
+    bytes_in(folder) + below.map(|entry| bytes_in(&entry.path())).sum::<u64>()
+}
+
+/// Name of the program: that of the run, or the one that was loaded last.
+fn program(served: &Served) -> String {
+    let load = u32::try_from(served.numbers.load.get()).unwrap_or(0);
+    let file = served.program.clone();
+    let file = file.or_else(|| served.place.program(load));
+    let name = file.as_deref().and_then(Path::file_name);
+    name.map_or(String::new(), |name| name.to_string_lossy().into_owned())
+}
+
+/// The same in the older format: counters and infos carry their suffix in their descriptions too, units have no line.
+fn older(text: &str) -> String {
+    let mut suffixed: Vec<(&str, &str)> = Vec::new();
+    for line in text.lines() {
+        if let Some((name, kind)) = line
+            .strip_prefix("# TYPE ")
+            .and_then(|rest| rest.split_once(' '))
+        {
+            match kind {
+                "counter" => suffixed.push((name, "_total")),
+                "info" => suffixed.push((name, "_info")),
+                _ => {}
+            }
+        }
+    }
+    let mut older = String::with_capacity(text.len());
+    for line in text.lines() {
+        if line.starts_with("# UNIT ") || line == "# EOF" {
+            continue;
+        }
+        let described = line
+            .strip_prefix("# ")
+            .and_then(|rest| rest.split_once(' '))
+            .and_then(|(what, rest)| Some((what, rest.split_once(' ')?)));
+        match described {
+            Some((what, (name, rest))) => {
+                let suffix = suffixed.iter().find(|(known, _)| *known == name);
+                let suffix = suffix.map_or("", |(_, suffix)| suffix);
+                let rest = match (what, rest) {
+                    ("TYPE", "info") => "gauge",
+                    (_, rest) => rest,
+                };
+                older += &format!("# {what} {name}{suffix} {rest}\n");
+            }
+            None => {
+                older += line;
+                older.push('\n');
+            }
+        }
+    }
+    older
+}
+
+#[derive(Debug)]
+struct Snapshot {
+    numbers: std::sync::Arc<Numbers>,
+    now_ns: u64,
+    log_bytes: u64,
+    program: String,
+}
+
+/// Encodes one family after the other.
+struct Families<'a>(DescriptorEncoder<'a>);
+
+impl Families<'_> {
+    fn family(
+        &mut self,
+        name: &str,
+        unit: Option<Unit>,
+        kind: MetricType,
+        help: &str,
+        fill: impl FnOnce(&mut MetricEncoder<'_>) -> Result<(), Error>,
+    ) -> Result<(), Error> {
+        let mut encoder = self.0.encode_descriptor(name, help, unit.as_ref(), kind)?;
+        fill(&mut encoder)
+    }
+
+    fn gauge(
+        &mut self,
+        name: &str,
+        unit: Option<Unit>,
+        help: &str,
+        value: Option<f64>,
+    ) -> Result<(), Error> {
+        self.family(name, unit, MetricType::Gauge, help, |encoder| {
+            value.map_or(Ok(()), |value| encoder.encode_gauge(&value))
+        })
+    }
+
+    fn counter(
+        &mut self,
+        name: &str,
+        unit: Option<Unit>,
+        help: &str,
+        value: u64,
+    ) -> Result<(), Error> {
+        self.family(name, unit, MetricType::Counter, help, |encoder| {
+            encoder.encode_counter::<NoLabelSet, u64, f64>(&value, None)
+        })
+    }
+
+    fn gauge_per_axis(
+        &mut self,
+        name: &str,
+        unit: Unit,
+        help: &str,
+        axes: &[&AxisNumbers],
+        of: impl Fn(&AxisNumbers) -> &Number,
+    ) -> Result<(), Error> {
+        self.family(name, Some(unit), MetricType::Gauge, help, |encoder| {
+            for axis in axes {
+                if let Some(value) = of(axis).get() {
+                    let labels = [("axis", axis.name.as_str())];
+                    encoder.encode_family(&labels)?.encode_gauge(&value)?;
+                }
+            }
+            Ok(())
+        })
+    }
+
+    fn counter_per_axis(
+        &mut self,
+        name: &str,
+        help: &str,
+        axes: &[AxisNumbers],
+        of: impl Fn(&AxisNumbers) -> u64,
+    ) -> Result<(), Error> {
+        self.family(name, None, MetricType::Counter, help, |encoder| {
+            for axis in axes {
+                let labels = [("axis", axis.name.as_str())];
+                encoder
+                    .encode_family(&labels)?
+                    .encode_counter::<NoLabelSet, u64, f64>(&of(axis), None)?;
+            }
+            Ok(())
+        })
+    }
+}
+
+impl Collector for Snapshot {
+    fn encode(&self, encoder: DescriptorEncoder<'_>) -> Result<(), Error> {
+        let mut families = Families(encoder);
+        self.cell(&mut families)?;
+        for kind in [AxisKind::Linear, AxisKind::Rotary] {
+            let axes = self.numbers.axes.iter().filter(|axis| axis.kind == kind);
+            let axes: Vec<&AxisNumbers> = axes.collect();
+            if !axes.is_empty() {
+                places(&mut families, kind, &axes)?;
+            }
+        }
+        self.axes(&mut families)?;
+        self.processes(&mut families)
+    }
+}
+
+/// Name of a cause in the label of a trip.
+fn cause_label(cause: Cause) -> &'static str {
+    match cause {
+        Cause::None => "none",
+        Cause::FollowingError => "following-error",
+        Cause::SoftLimit => "soft-limit",
+        Cause::SpeedLimit => "speed-limit",
+        Cause::BadValue => "bad-value",
+        Cause::BadFeedback => "bad-feedback",
+        Cause::WindowMissing => "window-missing",
+        Cause::Watchdog => "watchdog",
+        Cause::ServoLost => "servo-lost",
+        Cause::TorqueLimit => "torque-limit",
+        Cause::Planner => "planner",
+        Cause::NotInPosition => "not-in-position",
+        Cause::MasterLost => "master-lost",
+        Cause::DriveFault => "drive-fault",
+        Cause::DriveLost => "drive-lost",
+        Cause::DriveOff => "drive-off",
+    }
+}
+
+impl Snapshot {
+    fn cell(&self, families: &mut Families<'_>) -> Result<(), Error> {
+        let numbers = &*self.numbers;
+        let info = MetricType::Info;
+        families.family(
+            "build",
+            None,
+            info,
+            "The program that runs the recorder.",
+            |e| e.encode_info(&[("version", env!("CARGO_PKG_VERSION"))]),
+        )?;
+        let identity = [
+            ("machine", numbers.machine.as_str()),
+            ("program", self.program.as_str()),
+            ("pace", numbers.pace.word()),
+        ];
+        families.family("cell", None, info, "What the cell runs.", |e| {
+            e.encode_info(&identity)
+        })?;
+        families.gauge(
+            "scan_period",
+            Some(Unit::Seconds),
+            "Period of a scan.",
+            Some(numbers.scan_period_s),
+        )?;
+        if let Some(interval) = &numbers.scan_interval {
+            let help =
+                "Time between the beginnings of two scans, as a thread of the recorder wakes.";
+            let histogram = MetricType::Histogram;
+            families.family("scan_interval", Some(Unit::Seconds), histogram, help, |e| {
+                encode_distribution(e, interval)
+            })?;
+        }
+        families.counter("scans", None, "Scans of the cell.", numbers.scans.get())?;
+        families.counter(
+            "overrun_scans",
+            None,
+            "Scans for which the master itself was late.",
+            numbers.overrun_scans.get(),
+        )?;
+        let heard_ns = Some(numbers.heard_ns.get()).filter(|ns| *ns > 0);
+        families.gauge(
+            "feedback_age",
+            Some(Unit::Seconds),
+            "Time since the recorder took the newest feedback.",
+            heard_ns.map(|then| self.now_ns.saturating_sub(then) as f64 * 1e-9),
+        )?;
+        let gauge = MetricType::Gauge;
+        families.family(
+            "mode",
+            None,
+            gauge,
+            "1 for the mode the machine is in.",
+            |e| {
+                let Some(now) = numbers.mode.get() else {
+                    return Ok(());
+                };
+                Mode::ALL.iter().try_for_each(|mode: &Mode| {
+                    let is = u32::from(now == f64::from(*mode as u32));
+                    let labels = [("mode", mode.word())];
+                    e.encode_family(&labels)?.encode_gauge(&is)
+                })
+            },
+        )?;
+        families.gauge(
+            "hold",
+            None,
+            "1 while feed hold is latched.",
+            numbers.hold.get(),
+        )?;
+        families.gauge(
+            "override",
+            Some(Unit::Other("ratio".into())),
+            "Feed override, 1 for 100 percent.",
+            numbers.override_ratio.get(),
+        )?;
+        let help = "1 for how far the cell is with its program.";
+        families.family("program_state", None, gauge, help, |e| {
+            let Some(now) = numbers.program_state.get() else {
+                return Ok(());
+            };
+            ProgramState::ALL.iter().try_for_each(|state| {
+                let is = u32::from(now == f64::from(*state as u32));
+                let labels = [("state", state.word())];
+                e.encode_family(&labels)?.encode_gauge(&is)
+            })
+        })?;
+        families.counter(
+            "runs",
+            None,
+            "Programs that were started.",
+            numbers.runs.get(),
+        )?;
+        families.gauge(
+            "program_progress",
+            Some(Unit::Other("ratio".into())),
+            "Share of the program's path that is done.",
+            numbers.progress_ratio.get(),
+        )?;
+        let counter = MetricType::Counter;
+        families.family("trips", None, counter, "Trips by cause.", |e| {
+            let causes = Cause::ALL.into_iter().filter(|c| *c != Cause::None);
+            causes.into_iter().try_for_each(|cause| {
+                let count = numbers.trips(cause).map_or(0, Count::get);
+                let labels = [("cause", cause_label(cause))];
+                e.encode_family(&labels)?
+                    .encode_counter::<NoLabelSet, u64, f64>(&count, None)
+            })
+        })?;
+        families.counter(
+            "recorder_lost_samples",
+            None,
+            "Scans that the recorder did not get, and receptions that failed.",
+            numbers.samples_lost.get(),
+        )?;
+        families.counter(
+            "log",
+            Some(Unit::Bytes),
+            "Bytes of the log that are in its files.",
+            self.log_bytes,
+        )
+    }
+
+    fn axes(&self, families: &mut Families<'_>) -> Result<(), Error> {
+        let axes = &self.numbers.axes;
+        let all: Vec<&AxisNumbers> = axes.iter().collect();
+        families.counter_per_axis(
+            "axis_missed_scans",
+            "Scans in which no command came in time.",
+            axes,
+            |axis| axis.missed_scans.get(),
+        )?;
+        families.counter_per_axis(
+            "axis_torque_limited_scans",
+            "Scans with the torque at its limit.",
+            axes,
+            |axis| axis.torque_limited_scans.get(),
+        )?;
+        families.counter_per_axis("axis_reversals", "Reversals of the axis.", axes, |axis| {
+            axis.reversals.get()
+        })?;
+        let newton_meters = || Unit::Other("newton_meters".into());
+        families.gauge_per_axis(
+            "axis_torque",
+            newton_meters(),
+            "Torque of the motor.",
+            &all,
+            |axis| &axis.torque_nm,
+        )?;
+        families.gauge_per_axis(
+            "axis_torque_peak",
+            newton_meters(),
+            "Largest magnitude of the torque since the recorder started.",
+            &all,
+            |axis| &axis.torque_peak_nm,
+        )?;
+        families.gauge_per_axis(
+            "axis_winding_rise",
+            Unit::Other("kelvin".into()),
+            "Winding temperature above ambient.",
+            &all,
+            |axis| &axis.winding_k,
+        )
+    }
+
+    fn processes(&self, families: &mut Families<'_>) -> Result<(), Error> {
+        let processes = &self.numbers.processes;
+        let role = |job: Job| match job {
+            Job::Master => "machine-side",
+            Job::Planner => "planner",
+            Job::Servo => "servo",
+            Job::Monitor => "recorder",
+        };
+        let gauge = MetricType::Gauge;
+        families.family(
+            "process_up",
+            None,
+            gauge,
+            "1 while the process lives.",
+            |e| {
+                processes.iter().try_for_each(|process| {
+                    let labels = [
+                        ("process", process.name.as_str()),
+                        ("role", role(process.job)),
+                    ];
+                    e.encode_family(&labels)?.encode_gauge(&process.up.get())
+                })
+            },
+        )?;
+        let help = "Processes that have had this place.";
+        families.family("process_starts", None, MetricType::Counter, help, |e| {
+            processes.iter().try_for_each(|process| {
+                let labels = [
+                    ("process", process.name.as_str()),
+                    ("role", role(process.job)),
+                ];
+                e.encode_family(&labels)?
+                    .encode_counter::<NoLabelSet, u64, f64>(&process.starts.get(), None)
+            })
+        })?;
+        let help = "Time in scan periods since the process was last done with a scan.";
+        families.family("process_age", Some(Unit::Seconds), gauge, help, |e| {
+            processes.iter().try_for_each(|process| {
+                let Some(age_scans) = process.age_scans.get() else {
+                    return Ok(());
+                };
+                let labels = [
+                    ("process", process.name.as_str()),
+                    ("role", role(process.job)),
+                ];
+                e.encode_family(&labels)?
+                    .encode_gauge(&(age_scans * self.numbers.scan_period_s))
+            })
+        })
+    }
+}
+
+fn encode_distribution(
+    encoder: &mut MetricEncoder<'_>,
+    distribution: &Distribution,
+) -> Result<(), Error> {
+    let (sum, buckets) = distribution.read();
+    let count = buckets.iter().map(|(_, count)| count).sum();
+    encoder.encode_histogram::<NoLabelSet>(sum, count, &buckets, None)
+}
+
+/// Families with a length or angle in them: one metric has one unit, so slides and rotary axes have their own.
+fn places(families: &mut Families<'_>, kind: AxisKind, axes: &[&AxisNumbers]) -> Result<(), Error> {
+    let unit = || match kind {
+        AxisKind::Linear => Unit::Meters,
+        AxisKind::Rotary => Unit::Other("radians".into()),
+    };
+    families.gauge_per_axis(
+        "axis_position",
+        unit(),
+        "Where the axis is.",
+        axes,
+        |axis| &axis.position_m,
+    )?;
+    families.gauge_per_axis(
+        "axis_command",
+        unit(),
+        "Where the axis is commanded to be.",
+        axes,
+        |axis| &axis.command_m,
+    )?;
+    families.gauge_per_axis(
+        "axis_following_error",
+        unit(),
+        "Command less feedback in the newest scan.",
+        axes,
+        |axis| &axis.following_error_m,
+    )?;
+    families.gauge_per_axis(
+        "axis_following_error_peak",
+        unit(),
+        "Largest magnitude of the following error since the recorder started.",
+        axes,
+        |axis| &axis.following_error_peak_m,
+    )?;
+    let help = "Magnitude of the following error, every scan.";
+    families.family(
+        "axis_following_error_magnitude",
+        Some(unit()),
+        MetricType::Histogram,
+        help,
+        |encoder| {
+            for axis in axes {
+                let labels = [("axis", axis.name.as_str())];
+                encode_distribution(&mut encoder.encode_family(&labels)?, &axis.following_error)?;
+            }
+            Ok(())
+        },
+    )?;
+    families.gauge_per_axis(
+        "axis_reversal_protrusion",
+        unit(),
+        "Height that the last reversal on an arc left on the table.",
+        axes,
+        |axis| &axis.protrusion_m,
+    )?;
+    families.gauge_per_axis(
+        "axis_reversal_following_error",
+        unit(),
+        "Largest magnitude of the following error around the last reversal.",
+        axes,
+        |axis| &axis.reversal_error_m,
+    )
+}

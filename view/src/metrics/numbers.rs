@@ -1,0 +1,359 @@
+//! The numbers that metrics are made of: written by the recorder, read by whoever answers a scrape. Atomics alone, so neither
+//! ever waits for the other; each number is whole, and two of them may be a scan apart.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use bus::member::Pace;
+use bus::sample::{Cause, Job, Participant};
+use bytemuck::Zeroable;
+use machine::{AxisKind, Machine};
+
+use crate::live::events::process_name;
+
+/// Upper ends of the buckets of following errors: those of slides, in m, are the first, those of rotary axes, in rad, the last
+/// [`ERROR_BUCKETS`].
+const ERROR_ENDS: [f64; 16] = [
+    1e-7, 2e-7, 5e-7, 1e-6, 2e-6, 5e-6, 1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2,
+];
+const ERROR_BUCKETS: usize = 13;
+/// Upper ends of the buckets of scan intervals, as shares of the scan period.
+const INTERVAL_ENDS: [f64; 12] = [
+    0.5, 0.8, 0.9, 0.95, 0.98, 1.02, 1.05, 1.1, 1.2, 1.5, 2.0, 5.0,
+];
+
+/// A count.
+#[derive(Debug, Default)]
+pub struct Count(AtomicU64);
+
+impl Count {
+    /// Reads it.
+    pub fn get(&self) -> u64 {
+        self.0.load(Ordering::Relaxed)
+    }
+
+    /// Sets what somebody else counts.
+    pub fn set(&self, value: u64) {
+        self.0.store(value, Ordering::Relaxed);
+    }
+
+    /// Counts one more.
+    pub fn add_one(&self) {
+        self.0.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// A number with a fraction, as the bits of it; none before it was set.
+#[derive(Debug)]
+pub struct Number(AtomicU64);
+
+impl Default for Number {
+    fn default() -> Self {
+        Number(AtomicU64::new(f64::NAN.to_bits()))
+    }
+}
+
+impl Number {
+    /// Reads it.
+    pub fn get(&self) -> Option<f64> {
+        Some(f64::from_bits(self.0.load(Ordering::Relaxed))).filter(|value| !value.is_nan())
+    }
+
+    /// Sets it.
+    pub fn set(&self, value: f64) {
+        self.0.store(value.to_bits(), Ordering::Relaxed);
+    }
+
+    /// Keeps the larger one.
+    pub fn raise_to(&self, value: f64) {
+        if self.get().is_none_or(|before| value > before) {
+            self.set(value);
+        }
+    }
+}
+
+/// To the nanosecond: labels are read by people too.
+fn whole_ns(seconds: f64) -> f64 {
+    (seconds * 1e9).round() / 1e9
+}
+
+/// How often a magnitude fell into each bucket.
+#[derive(Debug)]
+pub struct Distribution {
+    ends: Vec<f64>,
+    /// The last one has no end.
+    counts: Vec<Count>,
+    sum: Number,
+}
+
+impl Distribution {
+    fn new(ends: impl Iterator<Item = f64>) -> Self {
+        let ends: Vec<f64> = ends.collect();
+        let sum = Number::default();
+        sum.set(0.0);
+        Distribution {
+            counts: (0..=ends.len()).map(|_| Count::default()).collect(),
+            ends,
+            sum,
+        }
+    }
+
+    fn of_errors(kind: AxisKind) -> Self {
+        let first = match kind {
+            AxisKind::Linear => 0,
+            AxisKind::Rotary => ERROR_ENDS.len() - ERROR_BUCKETS,
+        };
+        let ends = ERROR_ENDS.iter().copied();
+        Self::new(ends.skip(first).take(ERROR_BUCKETS))
+    }
+
+    /// Takes one magnitude; for one writer.
+    pub fn take(&self, magnitude: f64) {
+        let at = self.ends.partition_point(|end| *end < magnitude);
+        if let Some(count) = self.counts.get(at) {
+            count.add_one();
+        }
+        self.sum.set(self.sum.get().unwrap_or(0.0) + magnitude);
+    }
+
+    /// Sum, and each bucket's end with its own count.
+    pub fn read(&self) -> (f64, Vec<(f64, u64)>) {
+        let ends = self.ends.iter().copied().chain([f64::INFINITY]);
+        let buckets = ends.zip(self.counts.iter().map(Count::get)).collect();
+        (self.sum.get().unwrap_or(0.0), buckets)
+    }
+}
+
+/// One axis. Lengths of rotary axes are angles in rad in place of m.
+#[derive(Debug)]
+pub struct AxisNumbers {
+    /// Its letter.
+    pub name: String,
+    /// Slide or rotary.
+    pub kind: AxisKind,
+    /// Where it is.
+    pub position_m: Number,
+    /// Where it is commanded to be.
+    pub command_m: Number,
+    /// Following error in the newest scan.
+    pub following_error_m: Number,
+    /// Its largest magnitude.
+    pub following_error_peak_m: Number,
+    /// Its magnitude in every scan.
+    pub following_error: Distribution,
+    /// Torque of the motor.
+    pub torque_nm: Number,
+    /// Its largest magnitude.
+    pub torque_peak_nm: Number,
+    /// Scans with the torque at its limit.
+    pub torque_limited_scans: Count,
+    /// Winding above ambient.
+    pub winding_k: Number,
+    /// Scans without a command in time.
+    pub missed_scans: Count,
+    /// Reversals.
+    pub reversals: Count,
+    /// Height of the last one on an arc.
+    pub protrusion_m: Number,
+    /// Largest following error around the last one.
+    pub reversal_error_m: Number,
+}
+
+/// One process.
+#[derive(Debug)]
+pub struct ProcessNumbers {
+    /// Its name, as in logs.
+    pub name: String,
+    /// What it does.
+    pub job: Job,
+    /// Axis of a servo.
+    pub axis: u32,
+    /// Role of a servo.
+    pub role: u32,
+    /// 1 while it lives.
+    pub up: Count,
+    /// Processes that had this place.
+    pub starts: Count,
+    /// Scans since it was last done with one.
+    pub age_scans: Number,
+}
+
+/// Everything.
+#[derive(Debug)]
+pub struct Numbers {
+    /// Name of the machine.
+    pub machine: String,
+    /// The cell's pace.
+    pub pace: Pace,
+    /// Period of a scan.
+    pub scan_period_s: f64,
+    /// Times between the beginnings of scans, in s; in real time alone.
+    pub scan_interval: Option<Distribution>,
+    /// Scans until now.
+    pub scans: Count,
+    /// Monotonic time at which the newest feedback came, in ns; 0 before the first.
+    pub heard_ns: Count,
+    /// Scans that the master overran.
+    pub overrun_scans: Count,
+    /// Mode on the wire.
+    pub mode: Number,
+    /// 1 in hold.
+    pub hold: Number,
+    /// Feed override, 1 for 100 %.
+    pub override_ratio: Number,
+    /// Program state on the wire.
+    pub program_state: Number,
+    /// Number of the program that was loaded last.
+    pub load: Count,
+    /// Programs that were started.
+    pub runs: Count,
+    /// Share of the program's path that is done.
+    pub progress_ratio: Number,
+    /// Trips by cause on the wire.
+    trips: [Count; Cause::ALL.len()],
+    /// Samples that the recorder did not get.
+    pub samples_lost: Count,
+    /// Per axis.
+    pub axes: Vec<AxisNumbers>,
+    /// Per process.
+    pub processes: Vec<ProcessNumbers>,
+}
+
+impl Numbers {
+    /// Trips of this cause.
+    pub fn trips(&self, cause: Cause) -> Option<&Count> {
+        let mut all = Cause::ALL.iter().zip(&self.trips);
+        all.find(|(of, _)| **of == cause).map(|(_, count)| count)
+    }
+
+    /// Of a cell of which nothing has been heard yet.
+    pub fn new(machine: &Machine, pace: Pace) -> Self {
+        let axes = machine.axes.iter().map(|axis| AxisNumbers {
+            name: axis.name.clone(),
+            kind: axis.kind,
+            position_m: Number::default(),
+            command_m: Number::default(),
+            following_error_m: Number::default(),
+            following_error_peak_m: Number::default(),
+            following_error: Distribution::of_errors(axis.kind),
+            torque_nm: Number::default(),
+            torque_peak_nm: Number::default(),
+            torque_limited_scans: Count::default(),
+            winding_k: Number::default(),
+            missed_scans: Count::default(),
+            reversals: Count::default(),
+            protrusion_m: Number::default(),
+            reversal_error_m: Number::default(),
+        });
+        let mut slots = vec![(Job::Master, 0, 0), (Job::Planner, 0, 0)];
+        for (index, axis) in machine.axes.iter().enumerate() {
+            slots.push((Job::Servo, index as u32, 0));
+            if axis.standby {
+                slots.push((Job::Servo, index as u32, 1));
+            }
+        }
+        slots.push((Job::Monitor, 0, 0));
+        let processes = slots.into_iter().map(|(job, axis, role)| ProcessNumbers {
+            name: process_name(
+                &Participant {
+                    job: job as u32,
+                    axis,
+                    role,
+                    ..Participant::zeroed()
+                },
+                machine,
+            ),
+            job,
+            axis,
+            role,
+            up: Count::default(),
+            starts: Count::default(),
+            age_scans: Number::default(),
+        });
+        Numbers {
+            machine: machine.name.clone(),
+            pace,
+            scan_period_s: machine.scan_period_s(),
+            scan_interval: (pace == Pace::Realtime).then(|| {
+                let period_s = machine.scan_period_s();
+                Distribution::new(INTERVAL_ENDS.iter().map(|share| whole_ns(share * period_s)))
+            }),
+            scans: Count::default(),
+            heard_ns: Count::default(),
+            overrun_scans: Count::default(),
+            mode: Number::default(),
+            hold: Number::default(),
+            override_ratio: Number::default(),
+            program_state: Number::default(),
+            load: Count::default(),
+            runs: Count::default(),
+            progress_ratio: Number::default(),
+            trips: Default::default(),
+            samples_lost: Count::default(),
+            axes: axes.collect(),
+            processes: processes.collect(),
+        }
+    }
+}
+
+/// A number in mm as one in m, one in degrees as one in rad.
+pub fn base_unit(kind: AxisKind, value: f64) -> f64 {
+    match kind {
+        AxisKind::Linear => value * 1e-3,
+        AxisKind::Rotary => value.to_radians(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bus::sample::{Mode, ProgramState};
+
+    use super::*;
+
+    #[test]
+    fn a_magnitude_falls_into_the_bucket_whose_end_it_does_not_exceed() {
+        let distribution = Distribution::of_errors(AxisKind::Linear);
+        for magnitude in [0.0, 1e-6, 1.1e-6, 0.5] {
+            distribution.take(magnitude);
+        }
+        let (sum, buckets) = distribution.read();
+        assert!((sum - 0.500_002_1).abs() < 1e-12);
+        let count = |end: f64| {
+            let bucket = buckets.iter().find(|(e, _)| *e == end);
+            bucket.map_or(u64::MAX, |(_, count)| *count)
+        };
+        assert_eq!((count(1e-7), count(1e-6), count(2e-6)), (1, 1, 1));
+        assert_eq!(count(f64::INFINITY), 1);
+        let (_, wide) = Distribution::of_errors(AxisKind::Rotary).read();
+        assert_eq!(wide.iter().position(|(end, _)| *end == 1e-2), Some(12));
+    }
+
+    #[test]
+    fn every_cause_and_every_mode_on_the_wire_has_its_number() {
+        assert!(
+            Cause::ALL
+                .iter()
+                .all(|c| Cause::from_wire(*c as u32) == Some(*c))
+        );
+        assert_eq!(Cause::from_wire(u32::MAX), None);
+        for (wire, mode) in Mode::ALL.iter().enumerate() {
+            assert_eq!(Mode::from_wire(wire as u32), Some(*mode));
+        }
+        assert_eq!(Mode::from_wire(Mode::ALL.len() as u32), None);
+        for (wire, state) in ProgramState::ALL.iter().enumerate() {
+            assert_eq!(ProgramState::from_wire(wire as u32), Some(*state));
+        }
+        assert_eq!(
+            ProgramState::from_wire(ProgramState::ALL.len() as u32),
+            None
+        );
+    }
+
+    #[test]
+    fn a_number_is_unknown_until_it_is_set_and_a_peak_only_rises() {
+        let number = Number::default();
+        assert_eq!(number.get(), None);
+        number.raise_to(2.0);
+        number.raise_to(1.0);
+        assert_eq!(number.get(), Some(2.0));
+    }
+}

@@ -1,0 +1,104 @@
+//! What the commands that show a cell take.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use launcher::options::CellOptions;
+use monitor::scope::span::Span;
+
+/// What `quadrant remote serve` takes.
+#[cfg(feature = "remote")]
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Nobody is asked for a password: who reaches the place sees the machine. It listens on this PC alone; from\nelsewhere, go through ssh:\n  ssh -L 7447:127.0.0.1:7447 controller\n  quadrant monitor --remote tcp/127.0.0.1:7447"
+)]
+pub struct ServeOptions {
+    /// Name of the cell [default: the only one that runs]
+    #[arg(long, value_name = "NAME")]
+    pub cell: Option<String>,
+    /// Where to listen [default: tcp/127.0.0.1:7447, unless --connect is given]
+    #[arg(long, value_name = "tcp/HOST:PORT")]
+    pub listen: Vec<String>,
+    /// A zenoh router to connect to
+    #[arg(long, value_name = "tcp/HOST:PORT")]
+    pub connect: Vec<String>,
+    /// Snapshots per second
+    #[arg(long, value_name = "HZ", default_value_t = 20, value_parser = clap::value_parser!(u64).range(2..=100))]
+    pub rate: u64,
+}
+
+/// What `quadrant status` takes.
+#[derive(Debug, Clone, Args)]
+#[command(after_help = "Exit status 1: no cell runs, or its master says nothing.")]
+pub struct StatusOptions {
+    /// Which cell.
+    #[command(flatten)]
+    pub to: CellOptions,
+    /// Print JSON; units stand in the names
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What `quadrant monitor` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Keys: h hold, r resume, s stop (asks first), + - override, ? help, q quit; the machine goes on.\nWhere standard output is no terminal: a line of JSON every 100 ms until the run ends. NO_COLOR is obeyed."
+)]
+pub struct MonitorOptions {
+    /// Which cell.
+    #[command(flatten)]
+    pub to: CellOptions,
+    /// Watch for a moment, print one screen (or one line with --json), and leave
+    #[arg(long)]
+    pub once: bool,
+    /// Lines of JSON, one every 100 ms; what is new since the line before: reversals, events
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What `quadrant scope` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Triggers, each in quotes:\n  now                            as soon as the time before it has been seen (default)\n  reversal X | reversal X +      the command of X reverses (to the positive direction)\n  X.following_error > 5um        the condition comes to hold, or holds already; also <\n  X.velocity rising 0            the signal goes through the value upwards; also falling\n  abs X.torque > 3Nm             the same of the magnitude\n  block 12                       line 12 of the program comes under way\n  scan 2210                      this scan\n  trip                           the machine trips\n  mode | mode stopped            the mode changes, or becomes this one\n  order                          mode, feed hold or override change\n  death | death servo-X          a process dies, or this one\n\nWhat does the next reversal of X look like?\n  quadrant scope --signal X.following_error --signal X.torque --trigger \"reversal X\"\nThe same reversal of a run that is over, as a picture and a table:\n  quadrant scope --log runs/a --signal X.following_error,X.wind_up --trigger \"scan 2210\" --svg x.svg --csv x.csv\nWhat led to the trip? (The black box of it was saved without being asked.)\n  quadrant scope --log runs/a/black-box-4000-trip.mcap --signal X.torque,mode --trigger trip --before 1s\nEvery reversal of Y for a minute:\n  quadrant scope --signal Y.following_error --trigger \"reversal Y\" --every --timeout 60s --csv y.csv\n\nExit status: 1 if no cell runs, or the trigger does not come before the timeout, the end of the cell or of the\nlog (it says what was seen instead); 2 for a signal, trigger or length of time that does not exist."
+)]
+pub struct ScopeOptions {
+    /// What to show, once for each or with commas between: X.following_error, X.torque, contour_error; --list shows all
+    #[arg(long, value_name = "NAME")]
+    pub signal: Vec<String>,
+    /// What starts the capture, see below
+    #[arg(long, value_name = "WHAT", default_value = "now")]
+    pub trigger: String,
+    /// Time before the trigger: 50ms, 0.2s, "200 scans"
+    #[arg(long, value_name = "TIME", default_value = "50ms")]
+    pub before: Span,
+    /// Time from the trigger on
+    #[arg(long, value_name = "TIME", default_value = "200ms")]
+    pub after: Span,
+    /// Write a table, one row per scan, units in the names; - is standard output [default: a chart in the terminal]
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+    /// Draw a picture; those of further captures are FILE-2.svg and so on
+    #[arg(long, value_name = "FILE")]
+    pub svg: Option<PathBuf>,
+    /// So many captures, which do not overlap
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    pub count: u64,
+    /// One capture after the other, until the end, the timeout or Ctrl-C
+    #[arg(long, conflicts_with = "count")]
+    pub every: bool,
+    /// Give up after so long without a trigger [default: wait until the cell ends]
+    #[arg(long, value_name = "TIME", conflicts_with = "log")]
+    pub timeout: Option<Span>,
+    /// Triggers in earlier scans do not count
+    #[arg(long, value_name = "SCAN")]
+    pub from: Option<u64>,
+    /// Name of the cell [default: the only one that runs]
+    #[arg(long, value_name = "NAME", conflicts_with = "log")]
+    pub cell: Option<String>,
+    /// A run directory, or an MCAP file of one, in place of a running cell
+    #[arg(long, value_name = "RUN")]
+    pub log: Option<PathBuf>,
+    /// Show the signals of the machine with their units, and leave
+    #[arg(long)]
+    pub list: bool,
+}
