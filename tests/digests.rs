@@ -70,7 +70,11 @@ fn check_by_processes(row: &Row) {
     }
     let report = run_with(row.machine_folder(), row.program_file(), &more).good_report();
     assert_eq!(number(&report, "/scans"), row.scans, "{row:?}");
-    assert_eq!(text(&report, "/motion_digest"), row.motion_digest, "{row:?}");
+    assert_eq!(
+        text(&report, "/motion_digest"),
+        row.motion_digest,
+        "{row:?}"
+    );
     // What a killed recorder has missed depends on the PC, and with it the digest over the log.
     if row.faults.as_deref() != Some("kill-everybody.toml") {
         assert_eq!(text(&report, "/digest"), row.digest, "{row:?}");
@@ -130,12 +134,17 @@ fn every_digest_of_every_shipped_program_is_what_it_was() {
 #[test]
 fn every_shipped_program_is_in_the_table() {
     let table = table();
-    for machine in std::fs::read_dir(root().join("machines")).expect("machines").flatten() {
+    for machine in std::fs::read_dir(root().join("machines"))
+        .expect("machines")
+        .flatten()
+    {
         let name = machine.file_name().to_string_lossy().into_owned();
         let programs = std::fs::read_dir(machine.path().join("programs"));
         for program in programs.into_iter().flatten().flatten() {
             let program = program.file_name().to_string_lossy().into_owned();
-            let known = table.iter().any(|r| r.machine == name && r.program == program);
+            let known = table
+                .iter()
+                .any(|r| r.machine == name && r.program == program);
             assert!(known || !program.ends_with(".ngc"), "{name} {program}");
         }
     }

@@ -202,13 +202,20 @@ fn a_service_manager_is_told_when_the_cell_is_up_and_when_it_is_being_stopped() 
 #[test]
 fn the_book_has_the_help_of_every_command_as_it_is() {
     let folder = tempfile::tempdir().expect("a temporary folder");
-    output(quadrant().args(["man", "--markdown", "--out"]).arg(folder.path()));
+    output(
+        quadrant()
+            .args(["man", "--markdown", "--out"])
+            .arg(folder.path()),
+    );
     let pages = |folder: &std::path::Path| -> std::collections::BTreeMap<_, _> {
         let entries = fs::read_dir(folder).expect("pages").flatten();
         let read = |path: std::path::PathBuf| fs::read_to_string(path).expect("a page");
         entries.map(|e| (e.file_name(), read(e.path()))).collect()
     };
-    let (made, committed) = (pages(folder.path()), pages(&root().join("docs/reference/commands")));
+    let (made, committed) = (
+        pages(folder.path()),
+        pages(&root().join("docs/reference/commands")),
+    );
     assert_eq!(
         made, committed,
         "run `quadrant man --markdown --out docs/reference/commands`"

@@ -1,7 +1,7 @@
 //! `quadrant soak`: a real cell whose processes are killed and stopped at random instants, again and again, and what must hold
 //! all the while.
 //!
-//! One loop: look on ([`cell::Cell::look`], every feedback judged by [`judge::Judge`]), strike, wait until the cell is whole
+//! One loop: look on (`cell::Cell::look`, every feedback judged by `judge::Judge`), strike, wait until the cell is whole
 //! again, note what came of it.
 
 mod cell;

@@ -13,16 +13,15 @@ mod ring;
 
 use std::path::{Path, PathBuf};
 
-use bus::sample::{
-    AxisCommand, Cause, Feedback, Instruments, Mode, PlannerStatus, Roster, WindowHeader, WindowRow,
-};
-use bytemuck::{Pod, Zeroable};
+use bus::sample::{Cause, Feedback, Mode, Roster};
 use machine::Machine;
 
-use crate::log::layout::{Extent, Layout, Wire};
-use crate::log::{Event, LogError, LoggedWindow, Recorder, RunEnd, RunInfo, tail_checksum};
-use crate::scope::trigger::{Death, Deaths, trip_words};
+use crate::deaths::{Death, Deaths};
+use crate::log::codec::{Codec, Content};
+use crate::log::layout::Extent;
+use crate::log::{Event, LogError, Recorder, RunEnd, RunInfo, Sample, SampleRef};
 
+use crate::words::StopCause;
 use ring::Ring;
 
 /// Prefix of the names of the files.
@@ -68,59 +67,23 @@ pub struct Home {
     pub info: RunInfo,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u8)]
-enum Tag {
-    Roster,
-    Instruments,
-    Command,
-    Planner,
-    Window,
-    Feedback,
-}
+/// Content, axis, length of the sample.
+const HEAD_BYTES: usize = 1 + 1 + 4;
 
-impl Tag {
-    fn of(byte: u8) -> Option<Tag> {
-        [
-            Tag::Roster,
-            Tag::Instruments,
-            Tag::Command,
-            Tag::Planner,
-            Tag::Window,
-            Tag::Feedback,
-        ]
-        .into_iter()
-        .find(|tag| *tag as u8 == byte)
-    }
-}
-
-/// Tag, axis, length of the sample, checksum of a window's tail.
-const HEAD_BYTES: usize = 1 + 1 + 4 + 8;
-
-struct Layouts {
-    roster: Layout,
-    instruments: Layout,
-    command: Layout,
-    planner: Layout,
-    header: Layout,
-    row: Layout,
-    feedback: Layout,
-}
-
-impl Layouts {
-    /// Bytes that the samples of one scan take in the ring, those that come once a period shared out.
-    fn scan_bytes(&self, machine: &Machine) -> usize {
-        let roles = |axis: &machine::Axis| 1 + usize::from(axis.standby);
-        let commands: usize = machine.axes.iter().map(roles).sum();
-        let window = self.header.bytes + machine.intended_rows() as usize * self.row.bytes;
-        let of_period = 2 * HEAD_BYTES + window + self.planner.bytes;
-        let period_scans = machine.scan.distribution_period_scans.max(1) as usize;
-        (2 + commands) * HEAD_BYTES
-            + self.feedback.bytes
-            + self.instruments.bytes
-            + commands * self.command.bytes
-            + of_period.div_ceil(period_scans)
-    }
+/// Bytes that the samples of one scan take in the ring, those that come once a period shared out.
+fn scan_bytes(codec: &Codec, machine: &Machine) -> usize {
+    let roles = |axis: &machine::Axis| 1 + usize::from(axis.standby);
+    let commands: usize = machine.axes.iter().map(roles).sum();
+    let window = Codec::WINDOW_HEAD_BYTES
+        + codec.header.bytes
+        + machine.intended_rows() as usize * codec.row.bytes;
+    let of_period = 2 * HEAD_BYTES + window + codec.planner.bytes;
+    let period_scans = machine.scan.distribution_period_scans.max(1) as usize;
+    (2 + commands) * HEAD_BYTES
+        + codec.feedback.bytes
+        + codec.instruments.bytes
+        + commands * codec.command.bytes
+        + of_period.div_ceil(period_scans)
 }
 
 /// A box being written.
@@ -140,12 +103,12 @@ pub struct BlackBox {
     settings: Settings,
     machine: Machine,
     home: Option<Home>,
-    layouts: Layouts,
+    codec: Codec,
     before_scans: u64,
     after_scans: u64,
     longest_scans: u64,
     ring: Ring,
-    /// What has come of the scan whose feedback has not come yet: tag, axis, length and checksum of each sample, then its bytes.
+    /// What has come of the scan whose feedback has not come yet: content, axis and length of each sample, then its bytes.
     filling: Vec<u8>,
     /// Who took part before the first scan in the ring.
     roster_before: Option<Box<Roster>>,
@@ -160,23 +123,11 @@ pub struct BlackBox {
 impl BlackBox {
     /// For a machine, saving to `home`; without one the ring is filled and nothing is saved.
     pub fn new(settings: Settings, machine: &Machine, home: Option<Home>) -> BlackBox {
-        let extent = Extent {
-            axes: machine.axes.iter().map(|axis| axis.name.clone()).collect(),
-            subsamples: machine.subsamples() as usize,
-        };
         let scans = |seconds: f64| libm::ceil(seconds / machine.scan_period_s()).max(0.0) as u64;
-        let layouts = Layouts {
-            roster: Layout::of::<Roster>(&extent),
-            instruments: Layout::of::<Instruments>(&extent),
-            command: Layout::of::<AxisCommand>(&extent),
-            planner: Layout::of::<PlannerStatus>(&extent),
-            header: Layout::of::<WindowHeader>(&extent),
-            row: Layout::of::<WindowRow>(&extent),
-            feedback: Layout::of::<Feedback>(&extent),
-        };
+        let codec = Codec::of(&Extent::of(machine));
         let before_scans = scans(settings.before_s);
         let period_scans = machine.scan.distribution_period_scans as usize;
-        let scan_bytes = layouts.scan_bytes(machine);
+        let scan_bytes = scan_bytes(&codec, machine);
         // One period more: a window comes all at once.
         let ring_bytes = scan_bytes * (before_scans as usize + 2 * period_scans.max(1));
         let mut black_box = BlackBox {
@@ -188,7 +139,7 @@ impl BlackBox {
                 before_scans as usize + 1,
             ),
             filling: Vec::with_capacity(64 << 10),
-            layouts,
+            codec,
             before_scans,
             after_scans: scans(settings.after_s),
             longest_scans: scans(settings.longest_s),
@@ -218,62 +169,23 @@ impl BlackBox {
         self.told_full = false;
     }
 
-    /// Takes who takes part.
-    pub fn roster(&mut self, sample: &Roster) {
-        self.deaths.roster(sample);
-        let layouts = &self.layouts.roster;
-        put(&mut self.filling, Tag::Roster, 0, 0, |bytes| {
-            layouts.encode(bytemuck::bytes_of(sample), bytes);
-        });
+    /// Takes one sample. A feedback ends what belongs together: the event of a box that was begun or made longer, for the log of
+    /// the run.
+    pub fn take(&mut self, sample: SampleRef<'_>) -> Option<Event> {
+        put(&mut self.filling, &self.codec, sample);
+        match sample {
+            SampleRef::Roster(roster) => self.deaths.roster(roster),
+            SampleRef::Feedback(feedback) => return self.end_scan(feedback),
+            _ => {}
+        }
+        None
     }
 
-    /// Takes what the instruments saw.
-    pub fn instruments(&mut self, sample: &Instruments) {
-        let layout = &self.layouts.instruments;
-        put(&mut self.filling, Tag::Instruments, 0, 0, |bytes| {
-            layout.encode(bytemuck::bytes_of(sample), bytes);
-        });
-    }
-
-    /// Takes one command of the axis with this index.
-    pub fn command(&mut self, axis: usize, sample: &AxisCommand) {
-        let layout = &self.layouts.command;
-        put(&mut self.filling, Tag::Command, axis as u8, 0, |bytes| {
-            layout.encode(bytemuck::bytes_of(sample), bytes);
-        });
-    }
-
-    /// Takes what the planner says.
-    pub fn planner(&mut self, sample: &PlannerStatus) {
-        let layout = &self.layouts.planner;
-        put(&mut self.filling, Tag::Planner, 0, 0, |bytes| {
-            layout.encode(bytemuck::bytes_of(sample), bytes);
-        });
-    }
-
-    /// Takes a window; `rows` are all its rows.
-    pub fn window(&mut self, header: &WindowHeader, rows: &[WindowRow]) {
-        let intended = rows.get(..header.intended_rows as usize).unwrap_or(rows);
-        let checksum = tail_checksum(header, rows);
-        let layouts = &self.layouts;
-        put(&mut self.filling, Tag::Window, 0, checksum, |bytes| {
-            layouts.header.encode(bytemuck::bytes_of(header), bytes);
-            for row in intended {
-                layouts.row.encode(bytemuck::bytes_of(row), bytes);
-            }
-        });
-    }
-
-    /// Takes a feedback, which ends what belongs together; the event of a box that was begun or made longer, for the log of the run.
-    pub fn feedback(&mut self, sample: &Feedback) -> Option<Event> {
-        let layout = &self.layouts.feedback;
-        put(&mut self.filling, Tag::Feedback, 0, 0, |bytes| {
-            layout.encode(bytemuck::bytes_of(sample), bytes);
-        });
+    fn end_scan(&mut self, sample: &Feedback) -> Option<Event> {
         self.deaths.scan(sample.scan);
-        let (layouts, roster_before) = (&self.layouts, &mut self.roster_before);
+        let (codec, roster_before) = (&self.codec, &mut self.roster_before);
         self.ring.push(sample.scan, &self.filling, |forgotten| {
-            remember_roster(layouts, forgotten, roster_before);
+            remember_roster(codec, forgotten, roster_before);
         });
         self.filling.clear();
         let event = self.judge(sample);
@@ -305,14 +217,17 @@ impl BlackBox {
         let tripped = now.0 == Mode::Tripped as u32 && before.0 != now.0;
         let stopped = now.1 != Cause::None as u32 && before.1 != now.1;
         let mut event = None;
-        while let Some(Death { scan, place, how }) = self.deaths.next_new() {
-            let what = format!("death-{place}");
+        while let Some(Death {
+            scan, process, how, ..
+        }) = self.deaths.next_new()
+        {
+            let what = format!("death-{process}");
             event = self.cause(feedback.scan, scan, &what, how).or(event);
         }
         if tripped || stopped {
             let what = if tripped { "trip" } else { "stop" };
-            let words = trip_words(&self.machine, feedback);
-            let words = format!("{what}: {words}");
+            let cause = StopCause::of(&self.machine, feedback).short();
+            let words = format!("{what}: {cause}");
             event = self
                 .cause(feedback.scan, feedback.scan, what, words)
                 .or(event);
@@ -333,7 +248,7 @@ impl BlackBox {
         {
             open.until = open.until.max(until.min(open.longest));
             let event = event(&open.path, "also in black box");
-            let noted = open.recorder.record_event(&event);
+            let noted = open.recorder.record(SampleRef::Event(&event));
             self.warn(noted);
             return Some(event);
         }
@@ -363,9 +278,9 @@ impl BlackBox {
         tracing::info!("{words}, scan {scan}: black box {}", file_name(&path));
         self.boxes += 1;
         let event = event(&path, "black box");
-        let mut noted = recorder.record_event(&event);
+        let mut noted = recorder.record(SampleRef::Event(&event));
         if let Some(roster) = &self.roster_before {
-            noted = noted.and_then(|()| recorder.record_roster(roster));
+            noted = noted.and_then(|()| recorder.record(SampleRef::Roster(roster)));
         }
         self.open = Some(Open {
             recorder,
@@ -397,7 +312,7 @@ impl BlackBox {
                 open.next = scan;
                 break;
             }
-            result = write_samples(&self.layouts, samples, &mut open.recorder);
+            result = write_samples(&self.codec, samples, &mut open.recorder);
             open.next = scan + 1;
             if result.is_err() {
                 break;
@@ -426,15 +341,15 @@ impl Drop for BlackBox {
 }
 
 /// The roster among samples that are forgotten, if there is one: it comes first, and seldom.
-fn remember_roster(layouts: &Layouts, bytes: &[u8], before: &mut Option<Box<Roster>>) {
-    if bytes.first() != Some(&(Tag::Roster as u8)) {
+fn remember_roster(codec: &Codec, bytes: &[u8], before: &mut Option<Box<Roster>>) {
+    if bytes.first() != Some(&(Content::Roster as u8)) {
         return;
     }
-    for (tag, _, _, body) in samples(bytes) {
-        if tag == Tag::Roster
-            && let Some(roster) = pod::<Roster>(&layouts.roster, body)
+    for (content, _, body) in samples(bytes) {
+        if content == Content::Roster
+            && let Some(Sample::Roster(roster)) = codec.decode(content, body)
         {
-            *before = Some(Box::new(roster));
+            *before = Some(roster);
         }
     }
 }
@@ -474,91 +389,41 @@ fn begin(
 }
 
 /// Appends one sample.
-fn put(bytes: &mut Vec<u8>, tag: Tag, axis: u8, checksum: u64, encode: impl FnOnce(&mut Vec<u8>)) {
-    bytes.push(tag as u8);
-    bytes.push(axis);
+fn put(bytes: &mut Vec<u8>, codec: &Codec, sample: SampleRef<'_>) {
+    let axis = match sample {
+        SampleRef::Command(axis, _) => axis as u8,
+        _ => 0,
+    };
+    bytes.extend_from_slice(&[Content::of(&sample) as u8, axis]);
     let length_at = bytes.len();
     bytes.extend_from_slice(&[0; 4]);
-    bytes.extend_from_slice(&checksum.to_le_bytes());
     let start = bytes.len();
-    encode(bytes);
+    codec.encode(sample, bytes);
     let length = (bytes.len() - start) as u32;
     if let Some(place) = bytes.get_mut(length_at..length_at + 4) {
         place.copy_from_slice(&length.to_le_bytes());
     }
 }
 
-/// The samples of a scan: tag, axis, checksum, bytes.
-fn samples(mut bytes: &[u8]) -> impl Iterator<Item = (Tag, usize, u64, &[u8])> {
+/// The samples of a scan: content, axis, bytes.
+fn samples(mut bytes: &[u8]) -> impl Iterator<Item = (Content, usize, &[u8])> {
     std::iter::from_fn(move || {
         let (head, rest) = bytes.split_at_checked(HEAD_BYTES)?;
         let length = u32::from_le_bytes(*head.get(2..)?.first_chunk()?) as usize;
-        let checksum = u64::from_le_bytes(*head.get(6..)?.first_chunk()?);
         let (body, rest) = rest.split_at_checked(length)?;
         bytes = rest;
-        Some((
-            Tag::of(*head.first()?)?,
-            usize::from(*head.get(1)?),
-            checksum,
-            body,
-        ))
+        let content = Content::from_byte(*head.first()?)?;
+        Some((content, usize::from(*head.get(1)?), body))
     })
 }
 
-fn pod<T: Pod + Zeroable + Wire>(layout: &Layout, body: &[u8]) -> Option<T> {
-    let mut sample = T::zeroed();
-    let whole = layout.decode(body, bytemuck::bytes_of_mut(&mut sample));
-    whole.then_some(sample)
-}
-
-fn write_samples(layouts: &Layouts, bytes: &[u8], recorder: &mut Recorder) -> Result<(), LogError> {
-    for (tag, axis, checksum, body) in samples(bytes) {
-        match tag {
-            Tag::Roster => {
-                if let Some(sample) = pod(&layouts.roster, body) {
-                    recorder.record_roster(&sample)?;
-                }
-            }
-            Tag::Instruments => {
-                if let Some(sample) = pod(&layouts.instruments, body) {
-                    recorder.record_instruments(&sample)?;
-                }
-            }
-            Tag::Command => {
-                if let Some(sample) = pod(&layouts.command, body) {
-                    recorder.record_command(axis, &sample)?;
-                }
-            }
-            Tag::Planner => {
-                if let Some(sample) = pod(&layouts.planner, body) {
-                    recorder.record_planner(&sample)?;
-                }
-            }
-            Tag::Window => {
-                if let Some(window) = window(layouts, checksum, body) {
-                    recorder.record_logged_window(&window)?;
-                }
-            }
-            Tag::Feedback => {
-                if let Some(sample) = pod(&layouts.feedback, body) {
-                    recorder.record_feedback(&sample)?;
-                }
-            }
+fn write_samples(codec: &Codec, bytes: &[u8], recorder: &mut Recorder) -> Result<(), LogError> {
+    for (content, axis, body) in samples(bytes) {
+        if let Some(sample) = codec.decode(content, body) {
+            recorder.record(sample.as_ref(axis))?;
         }
     }
     Ok(())
-}
-
-fn window(layouts: &Layouts, tail_checksum: u64, body: &[u8]) -> Option<LoggedWindow> {
-    let (header, rows) = body.split_at_checked(layouts.header.bytes)?;
-    let rows = rows.chunks_exact(layouts.row.bytes);
-    Some(LoggedWindow {
-        header: pod(&layouts.header, header)?,
-        rows: rows
-            .map(|row| pod(&layouts.row, row))
-            .collect::<Option<Vec<_>>>()?,
-        tail_checksum,
-    })
 }
 
 #[cfg(test)]

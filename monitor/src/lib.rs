@@ -8,10 +8,13 @@
 //! the wall time of a run is handed in.
 
 pub mod black_box;
+pub mod deaths;
 pub mod digest;
 pub mod log;
 mod logbook;
 pub mod measure;
+mod options;
+pub mod plot;
 pub mod report;
 mod run;
 pub mod scope;
@@ -19,6 +22,9 @@ mod sinks;
 mod tap;
 #[cfg(test)]
 mod test_support;
+pub mod turns;
+pub mod words;
 pub use logbook::{run_folder, run_number};
-pub use run::{MonitorError, Options, run};
+pub use options::{MonitorError, Options};
+pub use run::run;
 pub use tap::Tap;

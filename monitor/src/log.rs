@@ -11,7 +11,9 @@
 
 mod attached;
 mod behind;
+pub(crate) mod codec;
 mod derived;
+mod error;
 mod feed;
 pub mod layout;
 mod parts;
@@ -20,92 +22,17 @@ mod parts_tests;
 mod reader;
 mod recorder;
 mod run_info;
+mod sample;
 mod skim;
 mod tables;
 #[cfg(test)]
 mod tests;
 
-use std::path::PathBuf;
-
 pub use attached::attached_files;
-pub use parts::{Part, RunLog, part_files, part_name};
+pub use error::LogError;
+pub use parts::{LOG_FILE, Part, RunLog, part_files, part_name};
 pub use reader::{Reader, read_only};
 pub use recorder::Recorder;
-pub(crate) use recorder::tail_checksum;
 pub use run_info::{BEGINS_AT, Event, RunEnd, RunInfo};
+pub use sample::{LoggedWindow, Sample, SampleRef};
 pub use skim::{Foreword, Start, skim};
-
-use bus::sample::{
-    AxisCommand, Feedback, Instruments, PlannerStatus, Roster, WindowHeader, WindowRow,
-};
-
-/// Name of the log in the run directory; of its first part, where there are several.
-pub const LOG_FILE: &str = "run.mcap";
-
-/// A log that cannot be written or read.
-#[derive(Debug, thiserror::Error)]
-pub enum LogError {
-    /// The file system refuses.
-    #[error("{path}: {source}")]
-    File {
-        /// The log.
-        path: PathBuf,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// The MCAP writer refuses.
-    #[error("{path}: cannot be written: {source}")]
-    Write {
-        /// The log.
-        path: PathBuf,
-        /// Why.
-        source: mcap::McapError,
-    },
-    /// Its recorder ended before it had written anything.
-    #[error("{path}: ends before metadata {}", run_info::RUN_RECORD)]
-    Unbegun {
-        /// The log.
-        path: PathBuf,
-    },
-    /// It is not a log of this product.
-    #[error("{path}: {what}")]
-    NotALog {
-        /// The log.
-        path: PathBuf,
-        /// What is wrong.
-        what: String,
-    },
-    /// A sample that has no place in a log of this machine.
-    #[error("{0}")]
-    BadSample(String),
-}
-
-/// What the log says of one window: header, intended rows, and a checksum of the rows that brake to rest.
-#[derive(Debug, Clone, PartialEq)]
-pub struct LoggedWindow {
-    /// Its header.
-    pub header: WindowHeader,
-    /// Its intended rows.
-    pub rows: Vec<WindowRow>,
-    /// XXH3 over the bytes of the other rows, all axes.
-    pub tail_checksum: u64,
-}
-
-/// One sample of a run, from the wire or from the log.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Sample {
-    /// What the master said.
-    Feedback(Box<Feedback>),
-    /// What the bench's instruments saw.
-    Instruments(Box<Instruments>),
-    /// What a servo asked for.
-    Command(Box<AxisCommand>),
-    /// What the planner published.
-    Window(LoggedWindow),
-    /// How the planner stood.
-    Planner(PlannerStatus),
-    /// Who took part.
-    Roster(Box<Roster>),
-    /// What happened to the process group.
-    Event(Event),
-}

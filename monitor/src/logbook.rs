@@ -10,7 +10,7 @@ use machine::Machine;
 
 use crate::black_box::Home;
 use crate::log::{BEGINS_AT, LogError, Recorder, RunEnd, RunInfo};
-use crate::run::{MonitorError, Options};
+use crate::options::{MonitorError, Options};
 
 /// The log that is open.
 struct Open {

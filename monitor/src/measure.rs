@@ -16,6 +16,7 @@ pub mod axis;
 pub mod contour;
 pub mod faults;
 pub mod fit;
+pub mod outcome;
 pub mod prediction;
 pub mod reversal;
 pub mod series;
@@ -33,27 +34,19 @@ use control::path::{AxisVector, MAX_AXES, Path};
 use machine::Machine;
 
 use crate::log::Sample;
+use crate::words::StopCause;
 use align::{Aligner, ScanSet};
 use arc::{ArcMeter, ArcResult};
 use axis::blocks::{BlockMeter, BlockPeaks};
 use axis::{AxisMeter, LimitCounts, LimitsAudit};
 use faults::{FaultResult, Faults, ProcessResult, Seen};
+pub use outcome::Outcome;
+use outcome::StopReason;
 use reversal::{ReversalMeter, ReversalResult};
 use series::Statistics;
 
 /// Gaps that are listed; what is missing beyond them is counted only.
 const GAPS_MAX: usize = 1000;
-
-/// How a run ended, as the samples tell.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Outcome {
-    /// The program is done and the machine in position.
-    Completed,
-    /// Stopped by the operator, at rest on the path.
-    Interrupted,
-    /// Stopped for a reason.
-    Stopped(String),
-}
 
 /// Everything that was measured.
 #[derive(Debug, Clone)]
@@ -437,37 +430,34 @@ fn row_of(
 
 fn outcome(machine: &Machine, last: Option<&Feedback>, faults: &[FaultResult]) -> Outcome {
     let Some(last) = last else {
-        return Outcome::Stopped("the log holds no feedback".into());
+        return Outcome::Stopped(StopReason::NoFeedback);
     };
-    match Mode::from_wire(last.mode) {
+    let mode = Mode::from_wire(last.mode);
+    let mut cause = StopCause::of(machine, last);
+    cause.cause.get_or_insert(Cause::BadFeedback);
+    match mode {
         Some(Mode::Finished) => Outcome::Completed,
         // An operator stops a machine, and so does the launcher when the planner is gone.
         Some(Mode::Stopped) => match faults
             .iter()
             .find(|fault| fault.process == "planner" && fault.resumed_at_scan.is_none())
         {
-            Some(fault) => Outcome::Stopped(format!(
-                "planner {} in scan {}; the machine came to rest on the path",
-                fault.kind, fault.scan
-            )),
+            Some(fault) => Outcome::Stopped(StopReason::PlannerLost {
+                loss: fault.kind,
+                scan: fault.scan,
+            }),
             None if last.cause != 0 => {
-                let cause = Cause::from_wire(last.cause).unwrap_or(Cause::BadFeedback);
-                Outcome::Stopped(cause.words().into())
+                cause.axis = None;
+                Outcome::Stopped(StopReason::Cause(cause))
             }
             None => Outcome::Interrupted,
         },
         // Whoever switched the drives off ended the run so.
         Some(Mode::Disabled) if last.cause == 0 && last.last == 1 => Outcome::Interrupted,
-        Some(Mode::Tripped) => {
-            let cause = Cause::from_wire(last.cause).unwrap_or(Cause::BadFeedback);
-            let axis = machine.axes.get(last.cause_axis as usize);
-            let whose = axis.map_or(String::new(), |axis| format!("axis {}: ", axis.name));
-            Outcome::Stopped(format!("{whose}{}", cause.words()))
-        }
-        mode => Outcome::Stopped(format!(
-            "the log ends at scan {} with the machine {}",
-            last.scan,
-            mode.map_or("in an unknown mode", Mode::word)
-        )),
+        Some(Mode::Tripped) => Outcome::Stopped(StopReason::Cause(cause)),
+        mode => Outcome::Stopped(StopReason::LogEnds {
+            scan: last.scan,
+            mode,
+        }),
     }
 }

@@ -1,62 +1,25 @@
 //! The monitor as a process: it records every sample and disturbs nothing.
 
-use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use bus::cell::CellError;
-use bus::member::{Member, MemberError, Pace, Slot};
+use bus::member::{Member, MemberError, Pace};
 use bus::port::{Reader, WindowReader};
 use bus::realtime::Priority;
 use bus::sample::{AxisCommand, Feedback, Instruments, PlannerStatus, Roster};
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES};
 use machine::Machine;
-use machine::settings_file::SettingsFileError;
 
 use crate::black_box::{BlackBox, Settings};
-use crate::log::{LogError, Recorder};
+use crate::log::{Recorder, SampleRef};
 use crate::logbook::Logbook;
+use crate::options::{MonitorError, Options};
 use crate::sinks::Sinks;
 use crate::tap::Tap;
 
 /// Scans recorded between two words to the master about it.
 const CREDIT_STEP_SCANS: u64 = 64;
 const LOOK_AROUND: Duration = Duration::from_millis(20);
-
-/// How a recorder is started.
-#[derive(Debug, Clone)]
-pub struct Options {
-    /// Its slot in the cell.
-    pub slot: Slot,
-    /// Run directory; without a program the folder in which each program that is started gets one.
-    pub out: PathBuf,
-    /// Part program, already copied into the run directory; none in a cell that stays up.
-    pub program: Option<PathBuf>,
-}
-
-/// Why the recorder ended before its run did.
-#[derive(Debug, thiserror::Error)]
-pub enum MonitorError {
-    /// The cell refuses it.
-    #[error(transparent)]
-    Member(#[from] MemberError),
-    /// The machine file is not usable.
-    #[error(transparent)]
-    Machine(#[from] SettingsFileError),
-    /// The log cannot be written.
-    #[error(transparent)]
-    Log(#[from] LogError),
-    /// A file that belongs into the log cannot be read.
-    #[error("{path}: {source}")]
-    File {
-        /// The file.
-        path: String,
-        /// Why.
-        source: std::io::Error,
-    },
-    /// Nothing lies where a loaded program should.
-    #[error("no program lies in the cell under number {0}")]
-    NoProgram(u32),
-}
 
 struct Ports {
     feedback: Reader<Feedback>,
@@ -107,25 +70,25 @@ impl Ports {
         let scan = feedback.scan;
         while let Some(sample) = self.roster.next(scan) {
             self.newest_roster = Some(sample);
-            sinks.roster(&sample)?;
+            sinks.take(SampleRef::Roster(&sample))?;
         }
         while let Some(sample) = self.instruments.next(scan) {
-            sinks.instruments(&sample)?;
+            sinks.take(SampleRef::Instruments(&sample))?;
         }
         for (axis, roles) in self.commands.iter_mut().enumerate() {
             for reader in roles {
                 while let Some(sample) = reader.next(scan) {
-                    sinks.command(axis, &sample)?;
+                    sinks.take(SampleRef::Command(axis, &sample))?;
                 }
             }
         }
         while let Some(sample) = self.planner.next(scan) {
-            sinks.planner(&sample)?;
+            sinks.take(SampleRef::Planner(&sample))?;
         }
         let mut result = Ok(());
         self.windows.each(scan, |header, rows| {
             if result.is_ok() {
-                result = sinks.window(header, rows);
+                result = sinks.take(SampleRef::window(header, rows));
             }
         });
         result?;

@@ -6,13 +6,13 @@
 
 pub mod chart;
 pub mod csv;
+mod error;
 pub mod picture;
 pub mod signal;
 pub mod span;
 #[cfg(test)]
 mod tests;
 pub mod trigger;
-pub mod turns;
 
 use std::collections::VecDeque;
 
@@ -20,6 +20,7 @@ use machine::Machine;
 
 use crate::log::Sample;
 use crate::measure::align::{Aligner, ScanSet};
+pub use error::ScopeError;
 use signal::{Eyes, KnownPath, Signal};
 use trigger::{Fired, Trigger, Watch};
 
@@ -29,22 +30,6 @@ const PATIENCE_SCANS: usize = 64;
 const LATE_SCANS: u64 = 1024;
 /// The most numbers that the ring may hold: 128 MiB.
 const NUMBERS_MAX: u64 = 16 << 20;
-
-/// What cannot be done.
-#[derive(Debug, thiserror::Error)]
-pub enum ScopeError {
-    /// What was asked for is wrong.
-    #[error("{0}")]
-    Input(String),
-    /// A picture or table cannot be written.
-    #[error("{path}: cannot be written: {what}")]
-    Write {
-        /// The file.
-        path: String,
-        /// Why.
-        what: String,
-    },
-}
 
 /// What is asked of a scope.
 #[derive(Debug, Clone)]

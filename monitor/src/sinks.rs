@@ -1,13 +1,11 @@
 //! Where each sample of a cell goes: into the log that is open, the black box, and whoever else listens in this process.
 
-use bus::sample::{
-    AxisCommand, Feedback, Instruments, PlannerStatus, Roster, WindowHeader, WindowRow,
-};
+use bus::sample::{Feedback, Roster};
 
 use crate::black_box::BlackBox;
-use crate::log::LogError;
+use crate::log::{LogError, SampleRef};
 use crate::logbook::Logbook;
-use crate::run::MonitorError;
+use crate::options::MonitorError;
 use crate::tap::Tap;
 
 /// All of them.
@@ -18,41 +16,19 @@ pub struct Sinks<'a> {
 }
 
 impl Sinks<'_> {
-    pub fn roster(&mut self, sample: &Roster) -> Result<(), LogError> {
-        self.black_box.roster(sample);
+    /// Any sample but a feedback.
+    pub fn take(&mut self, sample: SampleRef<'_>) -> Result<(), LogError> {
+        self.black_box.take(sample);
         if let Some(tap) = &mut self.tap {
-            tap.roster(sample);
+            match sample {
+                SampleRef::Roster(sample) => tap.roster(sample),
+                SampleRef::Instruments(sample) => tap.instruments(sample),
+                SampleRef::Command(_, sample) => tap.command(sample),
+                SampleRef::Planner(sample) => tap.planner(sample),
+                SampleRef::Window(..) | SampleRef::Event(_) | SampleRef::Feedback(_) => {}
+            }
         }
-        self.logbook.record(|log| log.record_roster(sample))
-    }
-
-    pub fn instruments(&mut self, sample: &Instruments) -> Result<(), LogError> {
-        self.black_box.instruments(sample);
-        if let Some(tap) = &mut self.tap {
-            tap.instruments(sample);
-        }
-        self.logbook.record(|log| log.record_instruments(sample))
-    }
-
-    pub fn command(&mut self, axis: usize, sample: &AxisCommand) -> Result<(), LogError> {
-        self.black_box.command(axis, sample);
-        if let Some(tap) = &mut self.tap {
-            tap.command(sample);
-        }
-        self.logbook.record(|log| log.record_command(axis, sample))
-    }
-
-    pub fn planner(&mut self, sample: &PlannerStatus) -> Result<(), LogError> {
-        self.black_box.planner(sample);
-        if let Some(tap) = &mut self.tap {
-            tap.planner(sample);
-        }
-        self.logbook.record(|log| log.record_planner(sample))
-    }
-
-    pub fn window(&mut self, header: &WindowHeader, rows: &[WindowRow]) -> Result<(), LogError> {
-        self.black_box.window(header, rows);
-        self.logbook.record(|log| log.record_window(header, rows))
+        self.logbook.record(|log| log.record(sample))
     }
 
     /// Of this scan, after all that was made in the scans before, which belongs to the program before. `roster` is the one in
@@ -71,12 +47,14 @@ impl Sinks<'_> {
             self.black_box.move_to(Some(home));
         }
         if begun && let (Some(log), Some(roster)) = (self.logbook.log(), roster) {
-            // It is said only when it changes.
-            log.record_roster(roster)?;
+            // It is published only when it changes.
+            log.record(SampleRef::Roster(roster))?;
         }
-        self.logbook.record(|log| log.record_feedback(sample))?;
-        if let Some(event) = self.black_box.feedback(sample) {
-            self.logbook.record(|log| log.record_event(&event))?;
+        let feedback = SampleRef::Feedback(sample);
+        self.logbook.record(|log| log.record(feedback))?;
+        if let Some(event) = self.black_box.take(feedback) {
+            self.logbook
+                .record(|log| log.record(SampleRef::Event(&event)))?;
         }
         Ok(())
     }

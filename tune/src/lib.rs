@@ -1,10 +1,10 @@
 //! `quadrant tune`: short test motions on the running cell tell what each axis has to move; laws make the settings of it.
 //!
 //! 1. strokes with the gains as they are: a first mass, and from it gains by law;
-//! 2. strokes, reversals at low and high acceleration, steady speeds: mass, friction, lost motion, gap ([`mod@identify`]);
-//! 3. does the model fit? If not, nothing is written ([`judge`]);
-//! 4. settings by law ([`laws`]), test circles before and after ([`trial`]);
-//! 5. the machine file, the old one kept ([`mod@write`], [`keep`]).
+//! 2. strokes, reversals at low and high acceleration, steady speeds: mass, friction, lost motion, gap (`identify`);
+//! 3. does the model fit? If not, nothing is written (`judge`);
+//! 4. settings by law (`laws`), test circles before and after (`trial`);
+//! 5. the machine file, the old one kept (`write`, `keep`).
 //!
 //! **Invariant**: nothing is known of the machine but its machine file and what its encoders and drives say. The plant file
 //! is copied for the simulated machine, unread.

@@ -1,7 +1,7 @@
 //! `quadrant doctor`: what this PC offers for real time, what to change, and why.
 //!
-//! A reader descends so: [`facts`] asks the system and judges nothing; [`judge`] and [`judge_processors`] are pure, facts in,
-//! findings out; [`show`] puts findings on a screen or into JSON.
+//! A reader descends so: `facts` asks the system and judges nothing; `judge` and `judge_processors` are pure, facts in,
+//! findings out; `show` puts findings on a screen or into JSON.
 
 mod facts;
 mod finding;

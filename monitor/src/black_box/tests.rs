@@ -2,10 +2,13 @@ use std::fs;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use bus::sample::{Job, WindowId};
+use bus::sample::{
+    AxisCommand, Instruments, Job, PlannerStatus, WindowHeader, WindowId, WindowRow,
+};
+use bytemuck::Zeroable;
 
 use super::*;
-use crate::log::{Reader, Sample};
+use crate::log::{LoggedWindow, Reader, Sample, SampleRef};
 use crate::test_support::machine;
 
 const SETTINGS: Settings = Settings {
@@ -71,7 +74,7 @@ impl Bench {
         participant.incarnation = 1;
         participant.death_scan = death_scan.unwrap_or(u64::MAX);
         participant.death_signal = if death_scan.is_some() { 9 } else { 0 };
-        self.black_box.roster(&roster);
+        self.black_box.take(SampleRef::Roster(&roster));
         self.fed.push(Sample::Roster(Box::new(roster)));
     }
 
@@ -88,20 +91,21 @@ impl Bench {
             let mut instruments = Instruments::zeroed();
             instruments.scan = scan;
             instruments.table_mm[1][2] = scan as f64;
-            self.black_box.instruments(&instruments);
+            self.black_box.take(SampleRef::Instruments(&instruments));
             self.fed.push(Sample::Instruments(Box::new(instruments)));
             for axis in 0..2 {
                 let mut command = AxisCommand::zeroed();
                 command.scan = scan;
                 command.axis = axis;
                 command.state.inverse_dynamics[31] = scan as f64;
-                self.black_box.command(axis as usize, &command);
+                self.black_box
+                    .take(SampleRef::Command(axis as usize, &command));
                 self.fed.push(Sample::Command(Box::new(command)));
             }
             if scan.is_multiple_of(8) {
                 let mut planner = PlannerStatus::zeroed();
                 planner.scan = scan;
-                self.black_box.planner(&planner);
+                self.black_box.take(SampleRef::Planner(&planner));
                 self.fed.push(Sample::Planner(planner));
                 let mut header = WindowHeader::zeroed();
                 header.id = WindowId {
@@ -112,11 +116,14 @@ impl Bench {
                 (header.intended_rows, header.row_count) = (3, 5);
                 let mut rows = vec![WindowRow::zeroed(); 5];
                 rows[4].position[0] = scan as i64;
-                self.black_box.window(&header, &rows);
+                self.black_box.take(SampleRef::window(&header, &rows));
                 self.fed.push(Sample::Window(LoggedWindow {
                     header,
                     rows: rows[..3].to_vec(),
-                    tail_checksum: tail_checksum(&header, &rows),
+                    tail_checksum: match SampleRef::window(&header, &rows) {
+                        SampleRef::Window(_, _, tail_checksum) => tail_checksum,
+                        _ => unreachable!(),
+                    },
                 }));
             }
             let mut feedback = Feedback::zeroed();
@@ -128,7 +135,7 @@ impl Bench {
                 feedback.cause = Cause::Watchdog as u32;
                 feedback.cause_axis = 1;
             }
-            let event = self.black_box.feedback(&feedback);
+            let event = self.black_box.take(SampleRef::Feedback(&feedback));
             self.events.extend(event);
             self.fed.push(Sample::Feedback(Box::new(feedback)));
             self.scan += 1;
@@ -400,21 +407,21 @@ fn black_box_cost_per_scan() {
                 (feedback.scan, instruments.scan, command.scan) = (scan, scan, scan);
                 feedback.axes[0].motor_position = scan as i64 * 7919;
                 instruments.table_mm[0][0] = scan as f64 * 1e-3;
-                black_box.instruments(&instruments);
+                black_box.take(SampleRef::Instruments(&instruments));
                 for axis in 0..axes {
                     command.axis = axis as u32;
                     command.position = scan as i64 * 7919;
-                    black_box.command(axis, &command);
+                    black_box.take(SampleRef::Command(axis, &command));
                 }
                 if scan.is_multiple_of(8) {
-                    black_box.window(&header, &rows);
+                    black_box.take(SampleRef::window(&header, &rows));
                 }
                 feedback.mode = if scan == 50_000 {
                     Mode::Tripped
                 } else {
                     Mode::Enabled
                 } as u32;
-                black_box.feedback(&feedback);
+                black_box.take(SampleRef::Feedback(&feedback));
                 slowest_us = slowest_us.max(begun.elapsed().as_secs_f64() * 1e6);
             }
             let mean_us = started.elapsed().as_secs_f64() * 1e6 / (to - from) as f64;

@@ -1,16 +1,14 @@
 //! The files that stand in a log: what it takes to understand it without the folder it was written in.
 
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::BufReader;
 use std::path::Path;
 
 use mcap::records::Record;
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader};
 
-use super::LogError;
-
-/// Longest record that is read, in bytes: that of the log's reader.
-const RECORD_BYTES_MAX: usize = 256 << 20;
+use super::error::LogError;
+use super::feed::{careful, fill};
 
 /// Names and contents of the files in a log: its machine file and its program at least. They stand before everything else.
 ///
@@ -30,17 +28,12 @@ pub fn attached_files(path: &Path) -> Result<Vec<(String, Vec<u8>)>, LogError> {
     };
     let mut file = BufReader::with_capacity(1 << 18, File::open(path).map_err(failed)?);
     // Chunks are not opened: what is looked for stands before the first.
-    let options = LinearReaderOptions::default()
-        .with_record_length_limit(RECORD_BYTES_MAX)
-        .with_emit_chunks(true);
-    let mut mcap = LinearReader::new_with_options(options);
+    let mut mcap = LinearReader::new_with_options(careful().with_emit_chunks(true));
     let mut files = Vec::new();
     while let Some(event) = mcap.next_event() {
         match event {
             Ok(LinearReadEvent::ReadRequest(bytes)) => {
-                let space = mcap.insert(bytes.clamp(1, 1 << 20));
-                let read = file.read(space).map_err(failed)?;
-                mcap.notify_read(read);
+                fill(&mut file, &mut mcap, bytes).map_err(failed)?;
             }
             Ok(LinearReadEvent::Record { opcode, data }) => {
                 match mcap::parse_record(opcode, data).map_err(not_a_log)? {

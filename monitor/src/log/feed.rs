@@ -10,7 +10,9 @@ use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::thread::JoinHandle;
 
 use mcap::records::{Record, op};
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+
+use super::codec::Content;
 
 /// Bytes after which a batch is handed over.
 const BATCH_BYTES: usize = 1 << 18;
@@ -18,6 +20,8 @@ const BATCH_BYTES: usize = 1 << 18;
 const BATCHES_AHEAD: usize = 4;
 /// Most that is read from the file at once, in bytes.
 const READ_BYTES: usize = 1 << 20;
+/// Longest record outside a chunk that is read, in bytes: a program of 200 MB and room.
+const RECORD_BYTES_MAX: usize = 256 << 20;
 
 /// Some records, one behind the other.
 #[derive(Debug, Default)]
@@ -191,7 +195,7 @@ fn wanted(opcode: u8, data: &[u8], unread: &mut BTreeSet<u16>) -> bool {
         }
         op::CHANNEL => {
             if let Ok(Record::Channel(channel)) = mcap::parse_record(opcode, data)
-                && super::reader::content_of(&channel.topic).is_none()
+                && Content::of_topic(&channel.topic).is_none()
             {
                 unread.insert(channel.id);
             }
@@ -208,4 +212,11 @@ pub(super) fn fill(file: &mut impl Read, mcap: &mut LinearReader, bytes: usize) 
     let read = file.read(mcap.insert(bytes.clamp(1, READ_BYTES)))?;
     mcap.notify_read(read);
     Ok(())
+}
+
+/// What is read is checked before anything of it is used, and asks for no more memory than a log needs.
+pub(super) fn careful() -> LinearReaderOptions {
+    LinearReaderOptions::default()
+        .with_record_length_limit(RECORD_BYTES_MAX)
+        .with_prevalidate_chunk_crcs(true)
 }

@@ -5,6 +5,8 @@
 
 use std::fmt::Write as _;
 
+use machine::Machine;
+
 /// What a field is.
 #[derive(Debug, Clone, Copy)]
 pub enum Kind {
@@ -133,6 +135,16 @@ pub struct Extent {
     pub axes: Vec<String>,
     /// Instrument samples within a scan.
     pub subsamples: usize,
+}
+
+impl Extent {
+    /// Of the samples of a machine.
+    pub fn of(machine: &Machine) -> Extent {
+        Extent {
+            axes: machine.axes.iter().map(|axis| axis.name.clone()).collect(),
+            subsamples: machine.subsamples() as usize,
+        }
+    }
 }
 
 /// How the samples of one type are written in the log of one machine.

@@ -7,9 +7,14 @@ use std::path::{Path, PathBuf};
 
 use bus::sample::WindowId;
 
-use super::{LOG_FILE, LogError, Reader, RunEnd, RunInfo, Sample};
+use super::error::LogError;
+use super::reader::Reader;
+use super::run_info::{RunEnd, RunInfo};
+use super::sample::Sample;
 use crate::digest;
 
+/// Name of the log in the run directory; of its first part, where there are several.
+pub const LOG_FILE: &str = "run.mcap";
 /// Parts that one run may have: a recorder that dies this often is not started any more.
 const PARTS_MAX: u32 = 10_000;
 

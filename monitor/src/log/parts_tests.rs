@@ -6,6 +6,7 @@ use bus::sample::*;
 use bytemuck::Zeroable;
 
 use super::*;
+use crate::log::SampleRef;
 use crate::test_support::machine;
 
 fn info() -> RunInfo {
@@ -27,11 +28,15 @@ fn record(recorder: &mut Recorder, scan: u64) {
     if let Some(before) = scan.checked_sub(1) {
         let mut instruments = Instruments::zeroed();
         (instruments.scan, instruments.visible_from) = (before, scan);
-        recorder.record_instruments(&instruments).unwrap();
+        recorder
+            .record(SampleRef::Instruments(&instruments))
+            .unwrap();
         for axis in 0..2 {
             let mut command = AxisCommand::zeroed();
             (command.scan, command.axis) = (before, axis);
-            recorder.record_command(axis as usize, &command).unwrap();
+            recorder
+                .record(SampleRef::Command(axis as usize, &command))
+                .unwrap();
         }
     }
     if scan.is_multiple_of(8) {
@@ -44,17 +49,17 @@ fn record(recorder: &mut Recorder, scan: u64) {
             visible_from: scan,
             ..WindowHeader::default()
         };
-        recorder.record_window(&header, &[]).unwrap();
+        recorder.record(SampleRef::window(&header, &[])).unwrap();
         let planner = PlannerStatus {
             scan,
             incarnation: 1,
             ..PlannerStatus::default()
         };
-        recorder.record_planner(&planner).unwrap();
+        recorder.record(SampleRef::Planner(&planner)).unwrap();
     }
     let mut feedback = Feedback::zeroed();
     feedback.scan = scan;
-    recorder.record_feedback(&feedback).unwrap();
+    recorder.record(SampleRef::Feedback(&feedback)).unwrap();
 }
 
 fn roster(recorder: &mut Recorder, version: u64) {
@@ -62,7 +67,7 @@ fn roster(recorder: &mut Recorder, version: u64) {
         version,
         ..Roster::default()
     };
-    recorder.record_roster(&roster).unwrap();
+    recorder.record(SampleRef::Roster(&roster)).unwrap();
 }
 
 /// A recorder that is killed: what it has written so far stays, nothing ends it.
@@ -332,7 +337,7 @@ fn many_chunks(dir: &Path) {
             feedback.program_start = [scan as i64; MAX_AXES];
             feedback.program_hash = 77;
         }
-        recorder.record_feedback(&feedback).unwrap();
+        recorder.record(SampleRef::Feedback(&feedback)).unwrap();
         if scan % 400 == 0 {
             recorder.flush().unwrap();
         }

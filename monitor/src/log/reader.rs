@@ -6,38 +6,19 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-use bus::sample::{
-    AxisCommand, Feedback, Instruments, MAX_WINDOW_ROWS, PlannerStatus, Roster, WindowHeader,
-    WindowRow,
-};
-use bytemuck::{Pod, Zeroable};
 use mcap::records::{Record, op};
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader};
 
-use super::feed::{Batch, Ending, Feed, fill};
-use super::layout::{Extent, Layout, Wire};
-use super::recorder::ENCAPSULATION;
-use super::run_info::{END_RECORD, RUN_RECORD};
-use super::{Event, LogError, LoggedWindow, RunEnd, RunInfo, Sample};
+use super::codec::{Codec, Content, ENCAPSULATION};
+use super::error::LogError;
+use super::feed::{Batch, Ending, Feed, careful, fill};
+use super::layout::Extent;
+use super::run_info::{END_RECORD, RUN_RECORD, RunEnd, RunInfo};
+use super::sample::Sample;
 use crate::digest::{self, ChannelHash};
-
-/// Longest record outside a chunk that is read, in bytes: a program of 200 MB and room.
-const RECORD_BYTES_MAX: usize = 256 << 20;
 
 /// Bytes of a message before its data: channel, sequence, times of logging and publishing (MCAP, *Message*).
 const MESSAGE_HEADER_BYTES: usize = 2 + 4 + 8 + 8;
-
-/// What a channel carries.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Content {
-    Feedback,
-    Instruments,
-    Command,
-    Window,
-    Planner,
-    Roster,
-    Event,
-}
 
 struct KnownChannel {
     topic: String,
@@ -45,16 +26,6 @@ struct KnownChannel {
     /// Whether it counts in the digest.
     counts: bool,
     hash: ChannelHash,
-}
-
-struct Layouts {
-    feedback: Layout,
-    instruments: Layout,
-    command: Layout,
-    header: Layout,
-    row: Layout,
-    planner: Layout,
-    roster: Layout,
 }
 
 /// A log being read.
@@ -65,7 +36,7 @@ pub struct Reader {
     info: RunInfo,
     extent: Extent,
     scan_period_us: u32,
-    layouts: Layouts,
+    codec: Codec,
     channels: BTreeMap<u16, KnownChannel>,
     end: Option<RunEnd>,
     cut: Option<String>,
@@ -140,15 +111,7 @@ impl Reader {
             path: path.into(),
             source: Source::Opened(Box::new(mcap), file),
             batch: Batch::default(),
-            layouts: Layouts {
-                feedback: Layout::of::<Feedback>(&extent),
-                instruments: Layout::of::<Instruments>(&extent),
-                command: Layout::of::<AxisCommand>(&extent),
-                header: Layout::of::<WindowHeader>(&extent),
-                row: Layout::of::<WindowRow>(&extent),
-                planner: Layout::of::<PlannerStatus>(&extent),
-                roster: Layout::of::<Roster>(&extent),
-            },
+            codec: Codec::of(&extent),
             info,
             extent,
             scan_period_us,
@@ -161,11 +124,8 @@ impl Reader {
 
     /// A message of this log as a sample; none if it does not fit.
     pub(super) fn sample(&self, content: Content, message: &[u8]) -> Option<Sample> {
-        decode(
-            content,
-            message.strip_prefix(&ENCAPSULATION)?,
-            &self.layouts,
-        )
+        self.codec
+            .decode(content, message.strip_prefix(&ENCAPSULATION)?)
     }
 
     /// What was known when the run began, files excepted.
@@ -221,7 +181,7 @@ impl Reader {
                 Ok(record) => take_record(
                     record,
                     &mut self.channels,
-                    &self.layouts,
+                    &self.codec,
                     &mut self.end,
                     &self.extent,
                 )
@@ -293,13 +253,6 @@ fn records_of(file: File) -> (LinearReader, BufReader<File>) {
     (LinearReader::new_with_options(careful()), file)
 }
 
-/// What is read is checked before anything of it is used, and asks for no more memory than a log needs.
-pub(super) fn careful() -> LinearReaderOptions {
-    LinearReaderOptions::default()
-        .with_record_length_limit(RECORD_BYTES_MAX)
-        .with_prevalidate_chunk_crcs(true)
-}
-
 /// Reads one part of a log, decompresses and checks it, and does nothing else: the floor of everything that reads it. Bytes of
 /// the file and of the records in it.
 ///
@@ -363,14 +316,14 @@ impl Iterator for Reader {
 fn take_record(
     record: Parsed<'_>,
     channels: &mut BTreeMap<u16, KnownChannel>,
-    layouts: &Layouts,
+    codec: &Codec,
     end: &mut Option<RunEnd>,
     extent: &Extent,
 ) -> Result<Step, String> {
     match record {
         Parsed::Other(Record::Channel(channel)) => {
             channels.entry(channel.id).or_insert_with(|| KnownChannel {
-                content: content_of(&channel.topic),
+                content: Content::of_topic(&channel.topic),
                 counts: digest::counts(&channel.topic),
                 topic: channel.topic,
                 hash: ChannelHash::default(),
@@ -393,7 +346,7 @@ fn take_record(
             let body = data
                 .strip_prefix(&ENCAPSULATION)
                 .ok_or_else(|| format!("message on {} is not little-endian CDR", channel.topic))?;
-            let sample = decode(content, body, layouts).ok_or_else(|| {
+            let sample = codec.decode(content, body).ok_or_else(|| {
                 format!(
                     "message of {} bytes on {} does not fit a machine with {} axes",
                     data.len(),
@@ -406,83 +359,4 @@ fn take_record(
         Parsed::Other(_) => {}
     }
     Ok(Step::Skip)
-}
-
-/// What a topic carries; none if nobody here reads it.
-pub(super) fn content_of(topic: &str) -> Option<Content> {
-    Some(match topic {
-        "/feedback" => Content::Feedback,
-        "/instruments" => Content::Instruments,
-        "/window" => Content::Window,
-        "/planner" => Content::Planner,
-        "/roster" => Content::Roster,
-        "/event" => Content::Event,
-        _ if topic.starts_with("/command/") => Content::Command,
-        _ => return None,
-    })
-}
-
-fn decode(content: Content, body: &[u8], layouts: &Layouts) -> Option<Sample> {
-    Some(match content {
-        Content::Feedback => Sample::Feedback(Box::new(pod(&layouts.feedback, body)?)),
-        Content::Instruments => Sample::Instruments(Box::new(pod(&layouts.instruments, body)?)),
-        Content::Command => Sample::Command(Box::new(pod(&layouts.command, body)?)),
-        Content::Planner => Sample::Planner(pod(&layouts.planner, body)?),
-        Content::Roster => Sample::Roster(Box::new(pod(&layouts.roster, body)?)),
-        Content::Window => Sample::Window(window(layouts, body)?),
-        Content::Event => Sample::Event(event(body)?),
-    })
-}
-
-fn pod<T: Pod + Zeroable + Wire>(layout: &Layout, body: &[u8]) -> Option<T> {
-    let mut sample = T::zeroed();
-    layout
-        .decode(body, bytemuck::bytes_of_mut(&mut sample))
-        .then_some(sample)
-}
-
-fn window(layouts: &Layouts, body: &[u8]) -> Option<LoggedWindow> {
-    let (header, rest) = body.split_at_checked(layouts.header.bytes)?;
-    let (checksum, rest) = rest.split_first_chunk::<8>()?;
-    let (count, rest) = rest.split_first_chunk::<4>()?;
-    let count = u32::from_le_bytes(*count) as usize;
-    if count > MAX_WINDOW_ROWS {
-        return None;
-    }
-    let rows = if count == 0 {
-        rest
-    } else {
-        rest.strip_prefix(&[0; 4])?
-    };
-    if rows.len() != count * layouts.row.bytes {
-        return None;
-    }
-    Some(LoggedWindow {
-        header: pod(&layouts.header, header)?,
-        tail_checksum: u64::from_le_bytes(*checksum),
-        rows: rows
-            .chunks_exact(layouts.row.bytes)
-            .map(|row| pod(&layouts.row, row))
-            .collect::<Option<Vec<WindowRow>>>()?,
-    })
-}
-
-fn event(body: &[u8]) -> Option<Event> {
-    let (scan, _) = body.split_first_chunk::<8>()?;
-    let (process, next) = string(body, 8)?;
-    let (text, _) = string(body, next)?;
-    Some(Event {
-        scan: u64::from_le_bytes(*scan),
-        process,
-        text,
-    })
-}
-
-/// The CDR string at or after `at`, and where it ends.
-fn string(body: &[u8], at: usize) -> Option<(String, usize)> {
-    let at = at.next_multiple_of(4);
-    let length = u32::from_le_bytes(*body.get(at..)?.first_chunk::<4>()?) as usize;
-    let bytes = body.get(at + 4..(at + 4).checked_add(length)?)?;
-    let text = bytes.strip_suffix(&[0])?;
-    Some((String::from_utf8(text.to_vec()).ok()?, at + 4 + length))
 }

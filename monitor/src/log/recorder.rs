@@ -15,16 +15,17 @@ use machine::Machine;
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 use mcap::{Attachment, Compression, WriteOptions, Writer};
-use xxhash_rust::xxh3::Xxh3;
 
 use super::behind::{Behind, Written, write_behind};
+use super::codec::{Codec, ENCAPSULATION};
 use super::derived::{AxisRow, Rows};
+use super::error::LogError;
 use super::layout::{Extent, Layout, definitions_of, join_definitions};
-use super::{Event, LogError, LoggedWindow, RunEnd, RunInfo, parts};
+use super::parts;
+use super::run_info::{RunEnd, RunInfo};
+use super::sample::SampleRef;
 use crate::digest::{self, ChannelHash};
 
-/// CDR, little-endian (XCDR1, OMG DDSI-RTPS 2.5 §10.2).
-pub(super) const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 /// Uncompressed size of a chunk, in bytes.
 const CHUNK_BYTES: u64 = 2 << 20;
 /// The same of a log that is written beside another one.
@@ -63,7 +64,7 @@ pub struct Recorder {
     message: Vec<u8>,
     /// The fixed ones first ([`FEEDBACK`] …), then one per axis for people, then one per axis and role of servos.
     channels: Vec<Channel>,
-    window_row: Layout,
+    codec: Codec,
     /// Channel of each axis' servos: role a, role b (made when first heard).
     commands: Vec<[Option<usize>; 2]>,
     rows: Rows,
@@ -148,10 +149,7 @@ impl Recorder {
             .library(format!("quadrant {}", env!("CARGO_PKG_VERSION")))
             .disable_seeking(true)
             .create(NoSeek::new(BufWriter::with_capacity(1 << 16, file)))?;
-        let extent = Extent {
-            axes: machine.axes.iter().map(|axis| axis.name.clone()).collect(),
-            subsamples: machine.subsamples() as usize,
-        };
+        let extent = Extent::of(machine);
         writer.write_metadata(&info.to_record(&extent, machine.scan.period_us))?;
         for (name, data) in &info.files {
             writer.attach(&Attachment {
@@ -194,7 +192,7 @@ impl Recorder {
             period_ns: u64::from(machine.scan.period_us) * 1000,
             message: ENCAPSULATION.to_vec(),
             channels,
-            window_row: Layout::of::<WindowRow>(&extent),
+            codec: Codec::of(&extent),
             commands,
             rows: Rows::new(machine),
             whole_rows: Vec::new(),
@@ -205,17 +203,47 @@ impl Recorder {
         })
     }
 
-    /// Records one feedback; once in a while looks at the clock and flushes.
+    /// Records one sample; with a feedback looks at the clock once in a while and flushes.
     ///
     /// # Errors
-    /// The file cannot be written (for this and all others of its kind).
-    pub fn record_feedback(&mut self, sample: &Feedback) -> Result<(), LogError> {
-        let time = self.time_ns(sample.scan);
-        self.put(FEEDBACK, time, bytemuck::bytes_of(sample))?;
-        self.rows.feedback(sample, &mut self.whole_rows);
-        self.put_rows()?;
+    /// The file cannot be written, or a command is of an axis or role that this machine does not have.
+    pub fn record(&mut self, sample: SampleRef<'_>) -> Result<(), LogError> {
+        let which = match sample {
+            SampleRef::Feedback(_) => FEEDBACK,
+            SampleRef::Instruments(_) => INSTRUMENTS,
+            SampleRef::Command(axis, command) => {
+                self.command_channel(axis, command.role as usize)?
+            }
+            SampleRef::Window(..) => WINDOW,
+            SampleRef::Planner(_) => PLANNER,
+            SampleRef::Roster(_) => ROSTER,
+            SampleRef::Event(_) => EVENT,
+        };
+        self.message.truncate(ENCAPSULATION.len());
+        self.codec.encode(sample, &mut self.message);
+        self.send(which, self.time_ns(sample.scan()))?;
+        let whole = &mut self.whole_rows;
+        match sample {
+            SampleRef::Feedback(feedback) => {
+                self.rows.feedback(feedback, whole);
+                self.put_rows()?;
+                self.flush_in_time(feedback.scan)
+            }
+            SampleRef::Instruments(instruments) => {
+                self.rows.instruments(instruments, whole);
+                self.put_rows()
+            }
+            SampleRef::Command(axis, command) => {
+                self.rows.command(axis, command, whole);
+                self.put_rows()
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn flush_in_time(&mut self, scan: u64) -> Result<(), LogError> {
         let flush_scans = FLUSH_PERIOD.as_nanos() as u64 / self.period_ns.max(1);
-        if sample.scan.is_multiple_of(flush_scans.max(1)) {
+        if scan.is_multiple_of(flush_scans.max(1)) {
             self.hand_over()?;
         }
         if self.scans_until_clock_look == 0 {
@@ -226,34 +254,8 @@ impl Recorder {
         Ok(())
     }
 
-    /// Flushes if the last time is long ago; also when nothing comes, so that the end of a stalled run is on disk.
-    ///
-    /// # Errors
-    /// As [`Recorder::record_feedback`].
-    pub fn flush_if_due(&mut self) -> Result<(), LogError> {
-        if self.flushed.elapsed() >= FLUSH_PERIOD {
-            self.hand_over()?;
-        }
-        Ok(())
-    }
-
-    /// Records what the instruments saw.
-    ///
-    /// # Errors
-    /// As [`Recorder::record_feedback`].
-    pub fn record_instruments(&mut self, sample: &Instruments) -> Result<(), LogError> {
-        let time = self.time_ns(sample.scan);
-        self.put(INSTRUMENTS, time, bytemuck::bytes_of(sample))?;
-        self.rows.instruments(sample, &mut self.whole_rows);
-        self.put_rows()
-    }
-
-    /// Records one command of the axis with this index.
-    ///
-    /// # Errors
-    /// As [`Recorder::record_feedback`], or an axis or role that this machine does not have.
-    pub fn record_command(&mut self, axis: usize, sample: &AxisCommand) -> Result<(), LogError> {
-        let role = sample.role as usize;
+    /// Channel of the commands of an axis and a role; that of role b is made when it is first heard.
+    fn command_channel(&mut self, axis: usize, role: usize) -> Result<usize, LogError> {
         let (Some(roles), Some(letter)) = (self.commands.get_mut(axis), self.extent.axes.get(axis))
         else {
             return Err(LogError::BadSample(format!(
@@ -266,104 +268,33 @@ impl Recorder {
                 "command of axis {letter} with role {role}: must be 0 or 1"
             )));
         };
-        let which = match *known {
-            Some(which) => which,
-            None => {
-                let layout = Layout::of::<AxisCommand>(&self.extent);
-                let made = channel(&mut self.writer, &format!("/command/{letter}/b"), layout);
-                self.channels.push(made.map_err(|source| LogError::Write {
-                    path: self.path.clone(),
-                    source,
-                })?);
-                *known.insert(self.channels.len() - 1)
-            }
-        };
-        let time = self.time_ns(sample.scan);
-        self.put(which, time, bytemuck::bytes_of(sample))?;
-        self.rows.command(axis, sample, &mut self.whole_rows);
-        self.put_rows()
-    }
-
-    /// Records a window: its header, its intended rows and a checksum of the others. `rows` are all its rows.
-    ///
-    /// # Errors
-    /// As [`Recorder::record_feedback`].
-    pub fn record_window(
-        &mut self,
-        header: &WindowHeader,
-        rows: &[WindowRow],
-    ) -> Result<(), LogError> {
-        let intended = rows.get(..header.intended_rows as usize).unwrap_or(rows);
-        self.put_window(header, intended, tail_checksum(header, rows))
-    }
-
-    /// Records a window of which only that is known.
-    ///
-    /// # Errors
-    /// As [`Recorder::record_feedback`].
-    pub fn record_logged_window(&mut self, window: &LoggedWindow) -> Result<(), LogError> {
-        self.put_window(&window.header, &window.rows, window.tail_checksum)
-    }
-
-    fn put_window(
-        &mut self,
-        header: &WindowHeader,
-        intended: &[WindowRow],
-        tail_checksum: u64,
-    ) -> Result<(), LogError> {
-        self.message.truncate(ENCAPSULATION.len());
-        let message = &mut self.message;
-        // The channel's layout is that of the header; what follows it has no fixed length.
-        if let Some(channel) = self.channels.get(WINDOW) {
-            channel.layout.encode(bytemuck::bytes_of(header), message);
+        if let Some(which) = *known {
+            return Ok(which);
         }
-        message.extend_from_slice(&tail_checksum.to_le_bytes());
-        message.extend_from_slice(&(intended.len() as u32).to_le_bytes());
-        if !intended.is_empty() {
-            message.extend_from_slice(&[0; 4]);
+        let layout = Layout::of::<AxisCommand>(&self.extent);
+        let made = channel(&mut self.writer, &format!("/command/{letter}/b"), layout);
+        self.channels.push(made.map_err(|source| LogError::Write {
+            path: self.path.clone(),
+            source,
+        })?);
+        Ok(*known.insert(self.channels.len() - 1))
+    }
+
+    /// Flushes if the last time is long ago; also when nothing comes, so that the end of a stalled run is on disk.
+    ///
+    /// # Errors
+    /// As [`Recorder::record`].
+    pub fn flush_if_due(&mut self) -> Result<(), LogError> {
+        if self.flushed.elapsed() >= FLUSH_PERIOD {
+            self.hand_over()?;
         }
-        for row in intended {
-            self.window_row.encode(bytemuck::bytes_of(row), message);
-        }
-        let time = self.time_ns(header.visible_from);
-        self.send(WINDOW, time)
-    }
-
-    /// Records what the planner says.
-    ///
-    /// # Errors
-    /// As [`Recorder::record_feedback`].
-    pub fn record_planner(&mut self, sample: &PlannerStatus) -> Result<(), LogError> {
-        let time = self.time_ns(sample.scan);
-        self.put(PLANNER, time, bytemuck::bytes_of(sample))
-    }
-
-    /// Records who takes part.
-    ///
-    /// # Errors
-    /// As [`Recorder::record_feedback`].
-    pub fn record_roster(&mut self, sample: &Roster) -> Result<(), LogError> {
-        let time = self.time_ns(sample.visible_from);
-        self.put(ROSTER, time, bytemuck::bytes_of(sample))
-    }
-
-    /// Records something that happened to the process group.
-    ///
-    /// # Errors
-    /// As [`Recorder::record_feedback`].
-    pub fn record_event(&mut self, event: &Event) -> Result<(), LogError> {
-        self.message.truncate(ENCAPSULATION.len());
-        self.message.extend_from_slice(&event.scan.to_le_bytes());
-        put_string(&mut self.message, &event.process);
-        put_string(&mut self.message, &event.text);
-        let time = self.time_ns(event.scan);
-        self.send(EVENT, time)
+        Ok(())
     }
 
     /// Puts everything recorded so far into the file, so that it survives this process.
     ///
     /// # Errors
-    /// As [`Recorder::record_feedback`].
+    /// As [`Recorder::record`].
     pub fn flush(&mut self) -> Result<(), LogError> {
         self.hand_over()?;
         self.wait()
@@ -397,7 +328,7 @@ impl Recorder {
     /// Ends the log and returns the digest of everything recorded.
     ///
     /// # Errors
-    /// As [`Recorder::record_feedback`].
+    /// As [`Recorder::record`].
     pub fn finish(mut self, end: &RunEnd) -> Result<String, LogError> {
         self.rows.rest(&mut self.whole_rows);
         self.put_rows()?;
@@ -416,14 +347,6 @@ impl Recorder {
 
     fn time_ns(&self, scan: u64) -> u64 {
         scan.saturating_mul(self.period_ns)
-    }
-
-    fn put(&mut self, which: usize, time_ns: u64, sample: &[u8]) -> Result<(), LogError> {
-        self.message.truncate(ENCAPSULATION.len());
-        if let Some(channel) = self.channels.get(which) {
-            channel.layout.encode(sample, &mut self.message);
-        }
-        self.send(which, time_ns)
     }
 
     /// Writes the message that has been put together.
@@ -451,19 +374,15 @@ impl Recorder {
 
     fn put_rows(&mut self) -> Result<(), LogError> {
         while let Some((axis, scan, row)) = self.whole_rows.pop() {
-            let time = self.time_ns(scan);
-            self.put(AXES + axis, time, bytemuck::bytes_of(&row))?;
+            self.message.truncate(ENCAPSULATION.len());
+            if let Some(channel) = self.channels.get(AXES + axis) {
+                let row = bytemuck::bytes_of(&row);
+                channel.layout.encode(row, &mut self.message);
+            }
+            self.send(AXES + axis, self.time_ns(scan))?;
         }
         Ok(())
     }
-}
-
-/// XXH3 over the rows of a window that brake to rest.
-pub(crate) fn tail_checksum(header: &WindowHeader, rows: &[WindowRow]) -> u64 {
-    let tail = rows.get(header.intended_rows as usize..).unwrap_or(&[]);
-    let mut hash = Xxh3::new();
-    hash.update(bytemuck::cast_slice(tail));
-    hash.digest()
 }
 
 fn channel(
@@ -503,13 +422,4 @@ fn window_layout(extent: &Extent) -> Layout {
 
 fn event_layout() -> Layout {
     Layout::text("Event", "uint64 scan\nstring process\nstring text\n")
-}
-
-/// A CDR string: length with the closing zero, bytes, zero, after padding to four bytes.
-fn put_string(message: &mut Vec<u8>, text: &str) {
-    let start = ENCAPSULATION.len();
-    message.resize(start + (message.len() - start).next_multiple_of(4), 0);
-    message.extend_from_slice(&(text.len() as u32 + 1).to_le_bytes());
-    message.extend_from_slice(text.as_bytes());
-    message.push(0);
 }

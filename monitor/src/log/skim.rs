@@ -13,11 +13,12 @@ use bus::sample::{MAX_AXES, Roster};
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader};
 
-use super::feed::fill;
-
+use super::codec::Content;
+use super::error::LogError;
+use super::feed::{careful, fill};
 use super::parts::part_files;
-use super::reader::{Content, Reader, careful, content_of};
-use super::{LogError, Sample};
+use super::reader::Reader;
+use super::sample::Sample;
 
 /// Kind and length of a record.
 const RECORD_HEAD_BYTES: u64 = 1 + 8;
@@ -189,7 +190,7 @@ impl Look<'_> {
     fn take_record(&mut self, record: Record<'_>, take: &mut impl FnMut(Sample)) -> Option<()> {
         match record {
             Record::Channel(channel) => {
-                let content = content_of(&channel.topic);
+                let content = Content::of_topic(&channel.topic);
                 self.contents.insert(channel.id, content);
             }
             Record::Message { header, data } => {

@@ -75,19 +75,23 @@ impl Synthetic {
 
     /// Everything of one scan, in the order it is recorded.
     fn record(&self, recorder: &mut Recorder, scan: u64) {
-        recorder.record_feedback(&self.feedback(scan)).unwrap();
+        recorder
+            .record(SampleRef::Feedback(&self.feedback(scan)))
+            .unwrap();
         for axis in 0..self.axes {
             recorder
-                .record_command(axis, &self.command(scan, axis, 0))
+                .record(SampleRef::Command(axis, &self.command(scan, axis, 0)))
                 .unwrap();
         }
         recorder
-            .record_instruments(&self.instruments(scan))
+            .record(SampleRef::Instruments(&self.instruments(scan)))
             .unwrap();
         if scan.is_multiple_of(8) {
             let (header, rows) = self.window(scan as u32);
-            recorder.record_window(&header, &rows).unwrap();
-            recorder.record_planner(&scrambled(scan)).unwrap();
+            recorder.record(SampleRef::window(&header, &rows)).unwrap();
+            recorder
+                .record(SampleRef::Planner(&scrambled(scan)))
+                .unwrap();
         }
     }
 }
@@ -114,13 +118,13 @@ fn write(path: &Path, scans: u64) -> String {
     for scan in 0..scans {
         TWO.record(&mut recorder, scan);
     }
-    recorder.record_roster(&scrambled(7)).unwrap();
+    recorder.record(SampleRef::Roster(&scrambled(7))).unwrap();
     recorder
-        .record_event(&Event {
+        .record(SampleRef::Event(&Event {
             scan: 3,
             process: "servo-X".into(),
             text: "killed by signal 9".into(),
-        })
+        }))
         .unwrap();
     recorder
         .finish(&RunEnd {
@@ -269,10 +273,12 @@ fn a_standby_has_a_channel_of_its_own_and_its_order_does_not_matter() {
             let roles = if standby_first { [1, 0] } else { [0, 1] };
             for role in roles {
                 recorder
-                    .record_command(1, &TWO.command(scan, 1, role))
+                    .record(SampleRef::Command(1, &TWO.command(scan, 1, role)))
                     .unwrap();
             }
-            recorder.record_feedback(&TWO.feedback(scan)).unwrap();
+            recorder
+                .record(SampleRef::Feedback(&TWO.feedback(scan)))
+                .unwrap();
         }
         recorder.finish(&RunEnd::default()).unwrap()
     };
@@ -284,12 +290,16 @@ fn samples_that_this_machine_cannot_have_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let machine = machine(&["X", "Y"]);
     let mut recorder = Recorder::create(&dir.path().join(LOG_FILE), &machine, &info()).unwrap();
-    let refusal = recorder.record_command(2, &TWO.command(0, 2, 0));
+    let refusal = recorder.record(SampleRef::Command(2, &TWO.command(0, 2, 0)));
     assert_eq!(
         refusal.unwrap_err().to_string(),
         "command for axis 2: this machine has 2 axes"
     );
-    assert!(recorder.record_command(1, &TWO.command(0, 1, 2)).is_err());
+    assert!(
+        recorder
+            .record(SampleRef::Command(1, &TWO.command(0, 1, 2)))
+            .is_err()
+    );
 }
 
 #[test]
@@ -335,18 +345,24 @@ fn recording_cost_per_scan() {
                     instruments.motor_mm[axis][sub] = at - sub as f64 * 1e-5;
                 }
             }
-            recorder.record_feedback(&feedback).unwrap();
+            recorder.record(SampleRef::Feedback(&feedback)).unwrap();
             for axis in 0..axes {
                 command.axis = axis as u32;
                 command.position = feedback.axes[axis].motor_position + 5;
                 command.velocity_mm_s = feedback.axes[axis].velocity_mm_s;
                 command.state.velocity_mm_s = command.velocity_mm_s;
-                recorder.record_command(axis, &command).unwrap();
+                recorder.record(SampleRef::Command(axis, &command)).unwrap();
             }
-            recorder.record_instruments(&instruments).unwrap();
+            recorder
+                .record(SampleRef::Instruments(&instruments))
+                .unwrap();
             if scan.is_multiple_of(8) {
-                recorder.record_window(&windows.0, &windows.1).unwrap();
-                recorder.record_planner(&scrambled(scan)).unwrap();
+                recorder
+                    .record(SampleRef::window(&windows.0, &windows.1))
+                    .unwrap();
+                recorder
+                    .record(SampleRef::Planner(&scrambled(scan)))
+                    .unwrap();
             }
         }
         recorder.finish(&RunEnd::default()).unwrap();

@@ -14,163 +14,32 @@
 //! - Centre and radius are fitted to steady samples outside the windows and reported apart; what remains, outward
 //!   positive, is the residual that protrusion (highest) and undercut (lowest) are read from.
 
+mod evaluate;
 pub mod plots;
+mod result;
+mod runs;
 
-use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::f64::consts::TAU;
 
 use bus::sample::{Feedback, PathTag};
 use control::kinematics::Kinematics;
-use control::path::{AxisVector, Element, Feed, Path, Shape};
+use control::path::{AxisVector, Path};
 
-use super::fit::{Fit, FitKind};
+use evaluate::{Series, Taken, measure};
+use plots::CurvesKept;
+pub use result::{ArcResult, CurvePoint, Deviations, Quadrant};
+pub use runs::Circle;
+use runs::{Run, find_runs, sweeps_rad};
 
 /// Samples kept of one run; a longer run is thinned to every second, fourth … sample.
 const SAMPLES_MAX: usize = 1 << 19;
-/// Share of the highest path speed from which motion counts as steady.
-const STEADY_SHARE: f64 = 0.99;
-/// Longest time that motion must have been steady, in s: five time constants of a position loop of 50 1/s, after which the
-/// swing from the run-in's acceleration has died away.
-const SETTLE_S: f64 = 0.100;
-/// Longest angle for the same, in rad.
-const SETTLE_RAD: f64 = 120.0 * PI / 180.0;
-/// Shortest steady part that a measurement is limited to, in rad.
-const STEADY_RAD_MIN: f64 = 30.0 * PI / 180.0;
-/// Angular bins of the curve kept for plots, per turn.
-const BINS_PER_TURN: f64 = 1440.0;
 /// Gaps kept apart in one run; what comes later joins the last, so that everything between is taken for missing.
 const GAPS_MAX: usize = 1000;
-/// Turns of a run that the curve shows.
-const TURNS_SHOWN: usize = 8;
 
-/// The circle a run of elements lies on.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Circle {
-    /// Indices of the axes of its plane: first, second.
-    pub plane: [usize; 2],
-    /// Its centre in the plane, in mm.
-    pub centre_mm: [f64; 2],
-    /// Its radius, in mm.
-    pub radius_mm: f64,
-    /// Whether it is travelled clockwise, seen with the first axis to the right and the second up.
-    pub clockwise: bool,
-    /// Programmed feed, in mm/s; none for rapid.
-    pub feed_mm_s: Option<f64>,
-}
-
-/// A run of elements on one circle.
-#[derive(Debug, Clone)]
-struct Run {
-    circle: Circle,
-    /// Elements, first to last.
-    elements: (usize, usize),
-    line: u32,
-    start_angle_rad: f64,
-    /// Angle travelled, positive.
-    sweep_rad: f64,
-    /// Where the axes of its plane reverse, if that is not at the quadrants: (angle in one turn, 0 or 1 for the axis of the
-    /// plane), in rising order.
-    reversals: Option<Vec<(f64, usize)>>,
-}
-
-/// What remained at one quadrant whose whole window lies on the arc.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Quadrant {
-    /// Axis that reverses there.
-    pub axis: usize,
-    /// Where, unwrapped along the run as in [`ArcResult::angle_of`], in rad.
-    pub angle_rad: f64,
-    /// Largest residual, in µm.
-    pub protrusion_um: f64,
-    /// Angle of the largest residual, in rad.
-    pub protrusion_angle_rad: f64,
-    /// Smallest residual, in µm.
-    pub undercut_um: f64,
-    /// Width of the protrusion at half its height, in ms; none if it is no bump.
-    pub width_half_height_ms: Option<f64>,
-    /// Whether the whole window lies in steady motion.
-    pub steady: bool,
-}
-
-/// One point of the curve for plots.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CurvePoint {
-    /// Angle about the programmed centre, in rad.
-    pub angle_rad: f64,
-    /// Residual of the table, in µm.
-    pub table_um: f64,
-    /// Residual of the motor side, backlash compensation removed, in µm.
-    pub motor_um: f64,
-}
-
-/// Deviations of one series (table or motor side).
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Deviations {
-    /// Fit to samples outside the windows.
-    pub fit: Fit,
-    /// Highest minus lowest residual about the fitted centre, in µm (ISO 230-4 circular deviation G).
-    pub circular_um: f64,
-    /// Highest and lowest distance from the programmed radius about the fitted centre, in µm (F of ISO 230-4).
-    pub radial_um: (f64, f64),
-    /// The same about the programmed centre.
-    pub programmed_um: (f64, f64),
-}
-
-/// One run on one circle, measured.
-#[derive(Debug, Clone)]
-pub struct ArcResult {
-    /// The circle.
-    pub circle: Circle,
-    /// Line of the program.
-    pub line: u32,
-    /// Elements, first to last.
-    pub elements: (usize, usize),
-    /// Scans, first to last.
-    pub scans: (f64, f64),
-    /// Turns programmed.
-    pub turns: f64,
-    /// Part of the run that was measured, in degrees of the table.
-    pub measured_deg: f64,
-    /// Scans missing between its first and its last sample, or before its first.
-    pub missing_scans: u64,
-    /// Highest path speed, in mm/s.
-    pub speed_mm_s: f64,
-    /// The table.
-    pub table: Deviations,
-    /// The motor side, backlash compensation removed.
-    pub motor: Deviations,
-    /// Quadrants that were crossed, window and all.
-    pub quadrants: Vec<Quadrant>,
-    /// The residuals, thinned; empty where no plot shows them ([`plots`]).
-    pub curve: Vec<CurvePoint>,
-    start_angle_rad: f64,
-}
-
-impl ArcResult {
-    /// Signed unwrapped angle of a place on the programmed circle, `along_rad` travelled from the start.
-    pub fn angle_of(&self, along_rad: f64) -> f64 {
-        let sign = if self.circle.clockwise { -1.0 } else { 1.0 };
-        self.start_angle_rad + sign * along_rad
-    }
-}
-
-#[derive(Debug, Clone, Copy)]
-struct Taken {
-    time_scans: f64,
-    speed_mm_s: f64,
-    /// Angle travelled by the table since the start of the programmed arc.
-    along_rad: f64,
-    table_mm: [f64; 2],
-    motor_mm: [f64; 2],
-}
-
-/// From the last sample before a gap to the first behind it, in scans.
-type Gap = (f64, f64);
-
+/// The run that is being travelled.
 struct Open {
     run: usize,
-    taken: Vec<Taken>,
-    gaps: Vec<Gap>,
-    missing_scans: u64,
+    series: Series,
     /// Angle travelled, as far as known before the next sample is seen, in rad.
     near_rad: f64,
     /// Whether scans are missing before the next sample.
@@ -197,7 +66,7 @@ pub struct ArcMeter {
     off_path: bool,
     /// Nothing of the path has been seen yet.
     unseen: bool,
-    curves: plots::CurvesKept,
+    curves: CurvesKept,
     results: Vec<ArcResult>,
 }
 
@@ -223,7 +92,7 @@ impl ArcMeter {
             speed_mm_s: 0.0,
             off_path: false,
             unseen: true,
-            curves: plots::CurvesKept::default(),
+            curves: CurvesKept::default(),
             results: Vec::new(),
         }
     }
@@ -258,9 +127,7 @@ impl ArcMeter {
             self.close();
             self.open = run.map(|run| Open {
                 run,
-                taken: Vec::new(),
-                gaps: Vec::new(),
-                missing_scans: 0,
+                series: Series::default(),
                 near_rad: angle_rad,
                 gap: false,
                 stride: 1,
@@ -274,7 +141,7 @@ impl ArcMeter {
         if let (Some(open), Some(_)) = (&mut self.open, gap) {
             open.gap = true;
             // The table was as far behind the setpoints before the gap as it is behind them now.
-            open.near_rad = match (open.taken.last(), self.place) {
+            open.near_rad = match (open.series.taken.last(), self.place) {
                 (Some(last), Some((_, _, before_rad))) => last.along_rad + angle_rad - before_rad,
                 _ => angle_rad,
             };
@@ -306,7 +173,7 @@ impl ArcMeter {
         } else {
             1.0
         };
-        open.missing_scans += libm::round(scans as f64 * share) as u64;
+        open.series.missing_scans += libm::round(scans as f64 * share) as u64;
     }
 
     /// A log that begins on a circle does not have the way to there: so many scans at the programmed feed.
@@ -318,7 +185,7 @@ impl ArcMeter {
         if let Some((way_mm, Some(feed_mm_s))) = way
             && way_mm > 1.0
         {
-            open.missing_scans += libm::ceil(way_mm / (feed_mm_s * self.period_s)) as u64;
+            open.series.missing_scans += libm::ceil(way_mm / (feed_mm_s * self.period_s)) as u64;
         }
     }
 
@@ -364,7 +231,7 @@ impl ArcMeter {
         let sign = if circle.clockwise { -1.0 } else { 1.0 };
         let raw_rad = sign * (angle_rad - run.start_angle_rad);
         // The first sample lies within half a turn of the start, each further one within half a turn of the last.
-        let near_rad = match open.taken.last() {
+        let near_rad = match open.series.taken.last() {
             Some(taken) if !open.gap => taken.along_rad,
             _ => open.near_rad,
         };
@@ -381,18 +248,18 @@ impl ArcMeter {
             return;
         }
         if std::mem::take(&mut open.gap) {
-            let before = open.taken.last();
+            let before = open.series.taken.last();
             let from = before.map_or(f64::NEG_INFINITY, |before| before.time_scans);
-            let full = open.gaps.len() >= GAPS_MAX;
-            match open.gaps.last_mut().filter(|_| full) {
+            let full = open.series.gaps.len() >= GAPS_MAX;
+            match open.series.gaps.last_mut().filter(|_| full) {
                 Some(last) => last.1 = time_scans,
-                None => open.gaps.push((from, time_scans)),
+                None => open.series.gaps.push((from, time_scans)),
             }
         }
-        open.taken.push(taken);
-        if open.taken.len() >= SAMPLES_MAX {
+        open.series.taken.push(taken);
+        if open.series.taken.len() >= SAMPLES_MAX {
             let mut index = 0;
-            open.taken.retain(|_| {
+            open.series.taken.retain(|_| {
                 index += 1;
                 index % 2 == 0
             });
@@ -410,458 +277,7 @@ impl ArcMeter {
         let Some(open) = self.open.take() else { return };
         if let Some(run) = self.runs.get(open.run) {
             self.results
-                .extend(measure(run, &open, self.period_s, &mut self.curves));
+                .extend(measure(run, &open.series, self.period_s, &mut self.curves));
         }
     }
-}
-
-fn circle_of(element: &Element) -> Option<(Circle, f64, f64)> {
-    let Shape::Arc {
-        centre,
-        radius_mm,
-        u,
-        v,
-        start_angle_rad,
-        sweep_rad,
-        ..
-    } = &element.shape
-    else {
-        return None;
-    };
-    let axis = |unit: &AxisVector| unit.iter().position(|component| *component == 1.0);
-    let plane = [axis(u)?, axis(v)?];
-    let circle = Circle {
-        plane,
-        centre_mm: [centre.dot(u), centre.dot(v)],
-        radius_mm: *radius_mm,
-        clockwise: *sweep_rad < 0.0,
-        feed_mm_s: match element.feed {
-            Feed::PathMmS(feed) => Some(feed),
-            Feed::Rapid => None,
-        },
-    };
-    Some((circle, *start_angle_rad, sweep_rad.abs()))
-}
-
-/// Whether two arcs lie on one circle: centre and radius within 0.1 µm, far above the rounding of a program's numbers
-/// carried through arithmetic and far below what is measured.
-fn same_circle(a: &Circle, b: &Circle) -> bool {
-    let near = |a: f64, b: f64| (a - b).abs() <= 1e-4;
-    a.plane == b.plane
-        && a.clockwise == b.clockwise
-        && a.feed_mm_s == b.feed_mm_s
-        && near(a.radius_mm, b.radius_mm)
-        && near(a.centre_mm[0], b.centre_mm[0])
-        && near(a.centre_mm[1], b.centre_mm[1])
-}
-
-/// Places of a turn looked at for reversals; between two of them an axis reverses at most once.
-const REVERSAL_STEPS: u32 = 720;
-
-/// Where on a circle the axes of its plane reverse: they are found by the sign of their speed and halving. None where they
-/// are the program's axes, which reverse at the quadrants.
-fn reversals_on(
-    element: &Element,
-    circle: &Circle,
-    kinematics: &Kinematics,
-) -> Option<Vec<(f64, usize)>> {
-    if *kinematics == Kinematics::Cartesian {
-        return None;
-    }
-    let [first, second] = circle.plane;
-    let speed = |angle_rad: f64, axis: usize| {
-        let (sine, cosine) = (libm::sin(angle_rad), libm::cos(angle_rad));
-        let (mut place, mut tangent) = (element.start(), AxisVector::zeros());
-        for (axis, centre_mm, spoke, along) in [
-            (first, circle.centre_mm[0], cosine, -sine),
-            (second, circle.centre_mm[1], sine, cosine),
-        ] {
-            if let (Some(place), Some(tangent)) = (place.get_mut(axis), tangent.get_mut(axis)) {
-                *place = centre_mm + circle.radius_mm * spoke;
-                *tangent = along;
-            }
-        }
-        let of_axes = kinematics.axes_tangent(&place, &tangent);
-        of_axes.get(axis).copied().unwrap_or(0.0)
-    };
-    let mut reversals = Vec::new();
-    for (index, axis) in circle.plane.into_iter().enumerate() {
-        for step in 0..REVERSAL_STEPS {
-            // Off the quadrants, so that a speed of zero there lies between two places.
-            let place_rad = |step: u32| (f64::from(step) + 0.5) * TAU / f64::from(REVERSAL_STEPS);
-            let (mut low_rad, mut high_rad) = (place_rad(step), place_rad(step + 1));
-            let low_speed = speed(low_rad, axis);
-            if low_speed * speed(high_rad, axis) >= 0.0 {
-                continue;
-            }
-            for _ in 0..50 {
-                let middle_rad = 0.5 * (low_rad + high_rad);
-                if low_speed * speed(middle_rad, axis) > 0.0 {
-                    low_rad = middle_rad;
-                } else {
-                    high_rad = middle_rad;
-                }
-            }
-            reversals.push((high_rad, index));
-        }
-    }
-    reversals.sort_by(|a, b| a.0.total_cmp(&b.0));
-    Some(reversals)
-}
-
-/// Angle travelled on each element's run before it, and on it, in rad.
-fn sweeps_rad(path: &Path, run_of: &[Option<usize>]) -> Vec<(f64, f64)> {
-    let mut before = (None, 0.0);
-    let elements = path.elements.iter().zip(run_of);
-    elements
-        .map(|(element, run)| {
-            if before.0 != *run {
-                before = (*run, 0.0);
-            }
-            let sweep_rad = match &element.shape {
-                Shape::Arc { sweep_rad, .. } if run.is_some() => sweep_rad.abs(),
-                _ => 0.0,
-            };
-            let before_rad = before.1;
-            before.1 += sweep_rad;
-            (before_rad, sweep_rad)
-        })
-        .collect()
-}
-
-fn find_runs(path: &Path, kinematics: &Kinematics) -> (Vec<Run>, Vec<Option<usize>>) {
-    let mut runs: Vec<Run> = Vec::new();
-    let mut run_of: Vec<Option<usize>> = Vec::with_capacity(path.elements.len());
-    for (index, element) in path.elements.iter().enumerate() {
-        let Some((circle, start_angle_rad, sweep_rad)) = circle_of(element) else {
-            run_of.push(None);
-            continue;
-        };
-        match runs.last_mut() {
-            Some(run) if run.elements.1 + 1 == index && same_circle(&run.circle, &circle) => {
-                run.elements.1 = index;
-                run.sweep_rad += sweep_rad;
-            }
-            _ => runs.push(Run {
-                reversals: reversals_on(element, &circle, kinematics),
-                circle,
-                elements: (index, index),
-                line: element.line,
-                start_angle_rad,
-                sweep_rad,
-            }),
-        }
-        run_of.push(Some(runs.len() - 1));
-    }
-    (runs, run_of)
-}
-
-/// Window about a quadrant, in rad before and after it.
-pub fn window_rad(angular_speed_rad_s: f64) -> (f64, f64) {
-    let clip = |seconds: f64, low_deg: f64, high_deg: f64| {
-        (seconds * angular_speed_rad_s).clamp(low_deg.to_radians(), high_deg.to_radians())
-    };
-    (clip(0.006, 2.0, 12.0), clip(0.050, 8.0, 40.0))
-}
-
-fn measure(
-    run: &Run,
-    open: &Open,
-    period_s: f64,
-    curves: &mut plots::CurvesKept,
-) -> Option<ArcResult> {
-    let (taken, gaps) = (open.taken.as_slice(), open.gaps.as_slice());
-    let (first, last) = (taken.first()?, taken.last()?);
-    let radius_mm = run.circle.radius_mm;
-    let speed_mm_s = taken
-        .iter()
-        .fold(0.0, |most: f64, t| most.max(t.speed_mm_s));
-    let angular_speed_rad_s = speed_mm_s / radius_mm;
-    let steady = steady_samples(taken, gaps, speed_mm_s, angular_speed_rad_s, period_s);
-    let window = window_rad(angular_speed_rad_s);
-    let sign = if run.circle.clockwise { -1.0 } else { 1.0 };
-    let quadrants_along = match &run.reversals {
-        None => quadrants_along(run.start_angle_rad, sign, first, last, window),
-        Some(of_a_turn) => {
-            reversals_along(run.start_angle_rad, sign, first, last, window, of_a_turn)
-        }
-    };
-    let in_window = |along_rad: f64| {
-        // They are in rising order: only the first whose window has not ended before can hold it.
-        let first = quadrants_along.partition_point(|(at, _)| at + window.1 < along_rad);
-        let at = quadrants_along.get(first);
-        at.is_some_and(|(at, _)| along_rad >= at - window.0)
-    };
-    let of_fit: Vec<bool> = taken
-        .iter()
-        .zip(&steady)
-        .map(|(taken, steady)| *steady && !in_window(taken.along_rad))
-        .collect();
-    let deviations = |of: fn(&Taken) -> [f64; 2]| {
-        let points = taken
-            .iter()
-            .zip(&of_fit)
-            .filter(|(_, used)| **used)
-            .map(|(taken, _)| of(taken));
-        let fit = Fit::to_points(points, radius_mm);
-        let measured = taken.iter().zip(&steady).filter(|(_, steady)| **steady);
-        let none = (f64::NEG_INFINITY, f64::INFINITY);
-        let (mut residual, mut programmed) = (none, none);
-        for (taken, _) in measured {
-            let [x, y] = of(taken);
-            widen(&mut residual, fit.residual_mm([x, y], radius_mm) * 1e3);
-            widen(&mut programmed, ((x * x + y * y).sqrt() - radius_mm) * 1e3);
-        }
-        let radius_error_um = fit.radius_error_mm * 1e3;
-        Deviations {
-            fit,
-            circular_um: residual.0 - residual.1,
-            radial_um: (residual.0 + radius_error_um, residual.1 + radius_error_um),
-            programmed_um: programmed,
-        }
-    };
-    let table = deviations(|taken| taken.table_mm);
-    let motor = deviations(|taken| taken.motor_mm);
-    let quadrants = quadrants_along.iter().filter_map(|(at, axis)| {
-        let axis = run.circle.plane[*axis];
-        let angle_rad = run.start_angle_rad + sign * at;
-        quadrant(
-            taken,
-            gaps,
-            &steady,
-            &table.fit,
-            radius_mm,
-            *at,
-            window,
-            period_s,
-            angle_rad,
-            axis,
-            sign,
-            run.start_angle_rad,
-        )
-    });
-    let mut result = ArcResult {
-        line: run.line,
-        elements: run.elements,
-        scans: (first.time_scans, last.time_scans),
-        turns: run.sweep_rad / TAU,
-        measured_deg: measured_rad(taken, gaps, &steady).to_degrees(),
-        missing_scans: open.missing_scans,
-        speed_mm_s,
-        table,
-        motor,
-        quadrants: quadrants.collect(),
-        curve: Vec::new(),
-        start_angle_rad: run.start_angle_rad,
-        circle: run.circle.clone(),
-    };
-    if curves.keep(&result) {
-        result.curve = curve(taken, &steady, run, sign, &table.fit, &motor.fit);
-    }
-    Some(result)
-}
-
-fn widen(range: &mut (f64, f64), value: f64) {
-    range.0 = range.0.max(value);
-    range.1 = range.1.min(value);
-}
-
-/// Whether scans are missing somewhere between two samples.
-fn has_gap(gaps: &[Gap], from: &Taken, to: &Taken) -> bool {
-    let first = gaps.partition_point(|gap| gap.1 <= from.time_scans);
-    gaps.get(first).is_some_and(|gap| gap.0 < to.time_scans)
-}
-
-/// Angle over which steady samples follow each other, in rad.
-fn measured_rad(taken: &[Taken], gaps: &[Gap], steady: &[bool]) -> f64 {
-    let pairs = taken.windows(2).zip(steady.windows(2));
-    pairs
-        .filter(|(_, steady)| steady.iter().all(|s| *s))
-        .filter_map(|(pair, _)| pair.first().zip(pair.last()))
-        .filter(|(one, two)| !has_gap(gaps, one, two))
-        .map(|(one, two)| two.along_rad - one.along_rad)
-        .sum()
-}
-
-fn steady_samples(
-    taken: &[Taken],
-    gaps: &[Gap],
-    speed_mm_s: f64,
-    angular_speed_rad_s: f64,
-    period_s: f64,
-) -> Vec<bool> {
-    let settle_scans = SETTLE_S.min(SETTLE_RAD / angular_speed_rad_s) / period_s;
-    let mut since: Option<f64> = None;
-    let mut before: Option<&Taken> = None;
-    let steady: Vec<bool> = taken
-        .iter()
-        .map(|taken| {
-            let before = before.replace(taken);
-            if before.is_some_and(|before| has_gap(gaps, before, taken)) {
-                since = None;
-            }
-            if taken.speed_mm_s < STEADY_SHARE * speed_mm_s {
-                since = None;
-                return false;
-            }
-            taken.time_scans - *since.get_or_insert(taken.time_scans) >= settle_scans
-        })
-        .collect();
-    if measured_rad(taken, gaps, &steady) < STEADY_RAD_MIN {
-        return vec![true; taken.len()];
-    }
-    steady
-}
-
-/// Quadrants whose window the samples touch: (angle along the run, 0 or 1 for the axis of the plane that reverses).
-fn quadrants_along(
-    start_angle_rad: f64,
-    sign: f64,
-    first: &Taken,
-    last: &Taken,
-    window: (f64, f64),
-) -> Vec<(f64, usize)> {
-    let offset = sign * start_angle_rad;
-    let low = libm::ceil((first.along_rad - window.1 + offset) / FRAC_PI_2) as i64;
-    let high = libm::floor((last.along_rad + window.0 + offset) / FRAC_PI_2) as i64;
-    // A run has far fewer quadrants than this; it bounds what a damaged log can ask for.
-    (low..=high.min(low.saturating_add(100_000)))
-        .map(|k| (k as f64 * FRAC_PI_2 - offset, k.rem_euclid(2) as usize))
-        .collect()
-}
-
-/// The same where the axes reverse elsewhere than at the quadrants.
-fn reversals_along(
-    start_angle_rad: f64,
-    sign: f64,
-    first: &Taken,
-    last: &Taken,
-    window: (f64, f64),
-    of_a_turn: &[(f64, usize)],
-) -> Vec<(f64, usize)> {
-    let (low_rad, high_rad) = (first.along_rad - window.1, last.along_rad + window.0);
-    let turns = libm::ceil(((high_rad - low_rad) / TAU).clamp(0.0, 25_000.0)) as u32 + 1;
-    let mut along: Vec<(f64, usize)> = Vec::new();
-    for (angle_rad, axis) in of_a_turn {
-        let at_rad = sign * (angle_rad - start_angle_rad);
-        let first_rad = at_rad + TAU * libm::ceil((low_rad - at_rad) / TAU);
-        let of_turns = (0..turns).map(|turn| (first_rad + f64::from(turn) * TAU, *axis));
-        along.extend(of_turns.take_while(|(at_rad, _)| *at_rad <= high_rad));
-    }
-    along.sort_by(|a, b| a.0.total_cmp(&b.0));
-    along
-}
-
-#[allow(clippy::too_many_arguments)]
-fn quadrant(
-    taken: &[Taken],
-    gaps: &[Gap],
-    steady: &[bool],
-    fit: &Fit,
-    radius_mm: f64,
-    at_rad: f64,
-    window: (f64, f64),
-    period_s: f64,
-    angle_rad: f64,
-    axis: usize,
-    sign: f64,
-    start_angle_rad: f64,
-) -> Option<Quadrant> {
-    let (from, to) = (at_rad - window.0, at_rad + window.1);
-    // A window that leaves the arc holds something else than this reversal on this circle.
-    if taken.first()?.along_rad > from || taken.last()?.along_rad < to {
-        return None;
-    }
-    let begin = taken.partition_point(|taken| taken.along_rad < from);
-    let end = taken.partition_point(|taken| taken.along_rad <= to);
-    let inside = taken.get(begin..end).filter(|inside| !inside.is_empty())?;
-    let before = taken.get(begin.saturating_sub(1))?;
-    if has_gap(gaps, before, taken.get(end).or(taken.last())?) {
-        return None;
-    }
-    let residual_um = |taken: &Taken| fit.residual_mm(taken.table_mm, radius_mm) * 1e3;
-    let (mut highest, mut lowest) = ((0, f64::NEG_INFINITY), f64::INFINITY);
-    for (index, taken) in inside.iter().enumerate() {
-        let e = residual_um(taken);
-        if e > highest.1 {
-            highest = (index, e);
-        }
-        lowest = lowest.min(e);
-    }
-    let half_um = highest.1 / 2.0;
-    let below = |taken: &Taken| residual_um(taken) < half_um;
-    let (rising, falling) = inside.split_at_checked(highest.0)?;
-    let start = rising.iter().rev().find(|taken| below(taken));
-    let stop = falling.iter().find(|taken| below(taken));
-    let width_half_height_ms = match (start, stop) {
-        (Some(start), Some(stop)) if highest.1 > 0.0 => {
-            Some((stop.time_scans - start.time_scans) * period_s * 1e3)
-        }
-        _ => None,
-    };
-    let peak = inside.get(highest.0)?;
-    Some(Quadrant {
-        axis,
-        angle_rad,
-        protrusion_um: highest.1,
-        protrusion_angle_rad: start_angle_rad + sign * peak.along_rad,
-        undercut_um: lowest,
-        width_half_height_ms,
-        steady: steady.get(begin..end)?.iter().all(|steady| *steady),
-    })
-}
-
-/// Highest and lowest residual per angular bin, in order of travel.
-fn curve(
-    taken: &[Taken],
-    steady: &[bool],
-    run: &Run,
-    sign: f64,
-    table: &Fit,
-    motor: &Fit,
-) -> Vec<CurvePoint> {
-    let radius_mm = run.circle.radius_mm;
-    let bin_of = |taken: &Taken| libm::floor(taken.along_rad / TAU * BINS_PER_TURN) as i64;
-    let most = TURNS_SHOWN * BINS_PER_TURN as usize * 2;
-    let mut points: Vec<CurvePoint> = Vec::new();
-    let mut measured = taken
-        .iter()
-        .zip(steady)
-        .filter_map(|(taken, steady)| steady.then_some(taken))
-        .peekable();
-    while let Some(first) = measured.next() {
-        let point = |taken: &Taken| CurvePoint {
-            angle_rad: run.start_angle_rad + sign * taken.along_rad,
-            table_um: table.residual_mm(taken.table_mm, radius_mm) * 1e3,
-            motor_um: motor.residual_mm(taken.motor_mm, radius_mm) * 1e3,
-        };
-        let (mut low, mut high) = (point(first), point(first));
-        while let Some(next) = measured.next_if(|next| bin_of(next) == bin_of(first)) {
-            let next = point(next);
-            if next.table_um < low.table_um {
-                low = next;
-            }
-            if next.table_um > high.table_um {
-                high = next;
-            }
-        }
-        let (one, two) = if sign * low.angle_rad <= sign * high.angle_rad {
-            (low, high)
-        } else {
-            (high, low)
-        };
-        points.push(one);
-        if two != one {
-            points.push(two);
-        }
-        if points.len() >= most {
-            break;
-        }
-    }
-    points
-}
-
-/// Whether the residuals were read from a fitted circle.
-pub fn fitted(fit: &Fit) -> bool {
-    fit.kind == FitKind::LeastSquares
 }

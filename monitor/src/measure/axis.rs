@@ -5,6 +5,7 @@ pub mod percentiles;
 
 use bus::sample::{AxisCommand, AxisFeedback, Feedback, MAX_AXES, Mode};
 use machine::{Axis, Machine, Rows};
+use serde::Serialize;
 
 use self::percentiles::Percentiles;
 use super::prediction::PredictionMeter;
@@ -75,13 +76,16 @@ impl AxisMeter {
 }
 
 /// Setpoints (one per axis and scan) that were beyond a limit of the machine file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 pub struct LimitCounts {
     /// Faster than the rapid traverse.
+    #[serde(rename = "velocity_exceeded")]
     pub velocity: u64,
     /// Acceleration beyond the limit.
+    #[serde(rename = "acceleration_exceeded")]
     pub acceleration: u64,
     /// Outside the travel.
+    #[serde(rename = "travel_exceeded")]
     pub travel: u64,
 }
 

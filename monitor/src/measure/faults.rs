@@ -13,9 +13,13 @@
 
 use std::collections::BTreeMap;
 
-use bus::sample::{AxisFeedback, Cause, Feedback, Job, MAX_AXES, Mode, Roster};
+use bus::sample::{AxisFeedback, Cause, Feedback, Job, MAX_AXES, Mode, Participant, Roster};
 use control::path::AxisVector;
 use machine::Machine;
+
+use super::outcome::{Loss, NotNeeded, Positions, Reaction};
+use crate::deaths::{Slot, death_of};
+use crate::words::{StopCause, axis_name};
 
 /// Faults followed at most; more are counted by the processes' deaths only.
 const FAULTS_MAX: usize = 1000;
@@ -51,14 +55,12 @@ pub struct FaultResult {
     pub scan: u64,
     /// Process that died.
     pub process: String,
-    /// `killed` or `exited`.
-    pub kind: &'static str,
-    /// Signal, 0 if none.
-    pub signal: i32,
+    /// How it died.
+    pub kind: Loss,
     /// Scans until the roster said so; none if the roster that said it first is not in the log.
     pub noticed_after_scans: Option<u64>,
     /// What the machine did.
-    pub reaction: String,
+    pub reaction: Reaction,
     /// Largest contour error from the death until the reaction was over and 100 scans more, deviation in a quick stop
     /// included, in mm.
     pub contour_error_mm: f64,
@@ -124,10 +126,9 @@ struct Watched {
 /// Follows the roster and the faults in it.
 #[derive(Debug)]
 pub struct Faults {
-    axes: Vec<AxisBounds>,
-    period_s: f64,
-    /// By (job, axis, role): starts and deaths.
-    places: BTreeMap<(u32, u32, u32), ProcessResult>,
+    machine: Machine,
+    /// Starts and deaths.
+    slots: BTreeMap<Slot, ProcessResult>,
     watched: Vec<Watched>,
     roster_version: Option<u64>,
     begins_at: u64,
@@ -135,35 +136,21 @@ pub struct Faults {
     last: Option<(Feedback, Option<AxisVector>)>,
 }
 
-#[derive(Debug)]
-struct AxisBounds {
-    name: String,
-    increment_mm: f64,
-    quick_stop_mm_s2: f64,
-}
-
 /// What is known when a scan is judged.
 struct Moment<'a> {
     feedback: &'a Feedback,
     seen: &'a Seen,
     before: Option<&'a (Feedback, Option<AxisVector>)>,
-    axes: &'a [AxisBounds],
+    machine: &'a Machine,
     changes: &'a [Change],
-    period_s: f64,
 }
 
 impl Faults {
     /// For one machine.
     pub fn new(machine: &Machine) -> Self {
-        let axes = machine.axes.iter().map(|axis| AxisBounds {
-            name: axis.name.clone(),
-            increment_mm: axis.increment_mm(),
-            quick_stop_mm_s2: axis.quick_stop_mm_s2,
-        });
         Faults {
-            axes: axes.collect(),
-            period_s: machine.scan_period_s(),
-            places: BTreeMap::new(),
+            machine: machine.clone(),
+            slots: BTreeMap::new(),
             watched: Vec::new(),
             roster_version: None,
             begins_at: 0,
@@ -180,66 +167,38 @@ impl Faults {
     /// Takes a roster; one that is taken twice changes nothing.
     pub fn roster(&mut self, roster: &Roster) {
         let before = self.roster_version.replace(roster.version);
-        // Between two rosters that do not follow each other another one may have told it earlier.
-        let first_told = before.is_none_or(|before| roster.version <= before + 1);
+        // Between two rosters that do not follow each other another one may have named it earlier.
+        let first_named = before.is_none_or(|before| roster.version <= before + 1);
         for participant in roster.participants.iter().filter(|p| p.job != 0) {
-            let key = (participant.job, participant.axis, participant.role);
-            let name = process_name(&self.axes, key);
-            let place = self.places.entry(key).or_insert_with(|| ProcessResult {
-                process: name.clone(),
+            let slot = Slot::of(participant);
+            let machine = &self.machine;
+            let result = self.slots.entry(slot).or_insert_with(|| ProcessResult {
+                process: slot.name(machine),
                 starts: 0,
                 started_before: 0,
                 deaths: Vec::new(),
             });
-            let before = participant.death_scan < self.begins_at;
-            if place.starts == 0 && self.begins_at > 0 {
-                place.started_before = participant.incarnation.saturating_sub(1);
+            if result.starts == 0 && self.begins_at > 0 {
+                result.started_before = participant.incarnation.saturating_sub(1);
             }
-            let starts = participant.incarnation.saturating_sub(place.started_before);
-            place.starts = place.starts.max(starts);
-            let orderly = participant.death_signal == 0 && participant.death_status == 0;
-            let death = (participant.death_scan, participant.death_signal);
-            let told = place.deaths.contains(&death);
-            if participant.death_scan == u64::MAX || orderly || before || told {
+            let starts = participant
+                .incarnation
+                .saturating_sub(result.started_before);
+            result.starts = result.starts.max(starts);
+            let death = death_of(participant).filter(|(scan, ..)| *scan >= self.begins_at);
+            let Some((scan, signal, _)) = death else {
+                continue;
+            };
+            if result.deaths.contains(&(scan, signal)) {
                 continue;
             }
-            place.deaths.push(death);
-            if self.watched.len() >= FAULTS_MAX {
-                continue;
+            result.deaths.push((scan, signal));
+            if self.watched.len() < FAULTS_MAX {
+                let noticed = roster.visible_from.saturating_sub(scan);
+                let noticed = first_named.then_some(noticed);
+                let watched = Watched::of(participant, result.process.clone(), noticed);
+                self.watched.push(watched);
             }
-            // A roster that names the successor too counts one more.
-            let successor = u32::from(participant.live == 1);
-            let incarnation = participant.incarnation.saturating_sub(successor);
-            let noticed = roster.visible_from.saturating_sub(participant.death_scan);
-            self.watched.push(Watched {
-                result: FaultResult {
-                    scan: participant.death_scan,
-                    process: name,
-                    kind: if participant.death_signal != 0 {
-                        "killed"
-                    } else {
-                        "exited"
-                    },
-                    signal: participant.death_signal,
-                    noticed_after_scans: first_told.then_some(noticed),
-                    reaction: match participant.job {
-                        job if job == Job::Master as u32 => "the cell ended",
-                        job if job == Job::Monitor as u32 => "none",
-                        _ => "none: motion went on undisturbed",
-                    }
-                    .into(),
-                    contour_error_mm: 0.0,
-                    brake_distance_mm: None,
-                    deviation_mm: None,
-                    resumed_at_scan: None,
-                },
-                job: participant.job,
-                servo: (participant.job == Job::Servo as u32)
-                    .then_some((participant.axis as usize, (participant.role, incarnation))),
-                incarnation,
-                phase: Phase::Watching,
-                looked: false,
-            });
         }
     }
 
@@ -250,9 +209,8 @@ impl Faults {
             feedback,
             seen,
             before: self.last.as_ref(),
-            axes: &self.axes,
+            machine: &self.machine,
             changes: &self.changes,
-            period_s: self.period_s,
         };
         for watched in &mut self.watched {
             watched.take(&moment);
@@ -277,7 +235,7 @@ impl Faults {
 
     /// Ends the watch.
     pub fn finish(self) -> (Vec<ProcessResult>, Vec<FaultResult>) {
-        let processes = self.places.into_values().collect();
+        let processes = self.slots.into_values().collect();
         let mut faults: Vec<FaultResult> = self
             .watched
             .into_iter()
@@ -301,6 +259,39 @@ fn moves_on_path(feedback: &Feedback) -> bool {
 }
 
 impl Watched {
+    /// Of a participant that died.
+    fn of(participant: &Participant, process: String, noticed_after_scans: Option<u64>) -> Watched {
+        // A roster that names the successor too counts one more.
+        let successor = u32::from(participant.live == 1);
+        let incarnation = participant.incarnation.saturating_sub(successor);
+        Watched {
+            result: FaultResult {
+                scan: participant.death_scan,
+                process,
+                kind: match participant.death_signal {
+                    0 => Loss::Exited,
+                    _ => Loss::Killed,
+                },
+                noticed_after_scans,
+                reaction: match participant.job {
+                    job if job == Job::Master as u32 => Reaction::CellEnded,
+                    job if job == Job::Monitor as u32 => Reaction::None,
+                    _ => Reaction::NotNeeded(NotNeeded::Undisturbed),
+                },
+                contour_error_mm: 0.0,
+                brake_distance_mm: None,
+                deviation_mm: None,
+                resumed_at_scan: None,
+            },
+            job: participant.job,
+            servo: (participant.job == Job::Servo as u32)
+                .then_some((participant.axis as usize, (participant.role, incarnation))),
+            incarnation,
+            phase: Phase::Watching,
+            looked: false,
+        }
+    }
+
     fn take(&mut self, moment: &Moment<'_>) {
         let feedback = moment.feedback;
         if feedback.scan < self.result.scan {
@@ -348,7 +339,7 @@ impl Watched {
         match Mode::from_wire(feedback.mode) {
             Some(Mode::Tripped) => self.trip(moment),
             Some(Mode::Disabled) if first_look => {
-                self.result.reaction = "none: the drives were off".into();
+                self.result.reaction = Reaction::NotNeeded(NotNeeded::DrivesOff);
                 self.settle(feedback.scan);
             }
             Some(Mode::Finished | Mode::Disabled | Mode::Jogging | Mode::Ready) | None => {
@@ -359,9 +350,9 @@ impl Watched {
                 let stopped = Mode::from_wire(feedback.mode) == Some(Mode::Stopped);
                 if rests || stopped {
                     self.result.reaction = if first_look {
-                        "none: the machine was at rest".into()
+                        Reaction::NotNeeded(NotNeeded::AtRest)
                     } else {
-                        "braked to rest on the path".into()
+                        Reaction::BrakedOnPath
                     };
                     self.phase = Phase::AtRest;
                 } else if self.job == Job::Planner as u32
@@ -386,7 +377,7 @@ impl Watched {
             .find(|change| change.axis == axis && change.from == died && change.scan >= earliest)
             .filter(|change| change.to.0 != died.0);
         if let Some(takeover) = takeover {
-            self.result.reaction = "standby took over".into();
+            self.result.reaction = Reaction::TookOver;
             self.resume(takeover.scan);
             return true;
         }
@@ -394,9 +385,8 @@ impl Watched {
         let drives = moment.feedback.axes().get(axis).map(controller);
         let stood_by = drives.is_some_and(|(role, _)| role != died.0);
         if stood_by {
-            let name = moment.axes.get(axis).map_or("?", |axis| axis.name.as_str());
-            self.result.reaction =
-                format!("none: axis {name} has no standby until another one is there");
+            let name = axis_name(moment.machine, axis).to_string();
+            self.result.reaction = Reaction::NotNeeded(NotNeeded::StandbyOf(name));
             self.settle(self.result.scan);
         }
         stood_by
@@ -404,18 +394,12 @@ impl Watched {
 
     fn trip(&mut self, moment: &Moment<'_>) {
         let feedback = moment.feedback;
-        let cause = Cause::from_wire(feedback.cause);
-        let of_this_servo = cause == Some(Cause::ServoLost)
+        let cause = StopCause::of(moment.machine, feedback);
+        let of_this_servo = cause.cause == Some(Cause::ServoLost)
             && self
                 .servo
                 .is_some_and(|(axis, _)| axis as u32 == feedback.cause_axis);
-        self.result.reaction = "all axes quick-stopped together".into();
-        if !of_this_servo {
-            let axis = moment.axes.get(feedback.cause_axis as usize);
-            let whose = axis.map_or(String::new(), |axis| format!("axis {}: ", axis.name));
-            let words = cause.map_or("unknown cause", Cause::words);
-            self.result.reaction += &format!(" ({whose}{words})");
-        }
+        self.result.reaction = Reaction::QuickStopped((!of_this_servo).then_some(cause));
         self.phase = Phase::Braking { standing_scans: 0 };
         self.brake(moment, 0);
     }
@@ -464,7 +448,7 @@ impl Watched {
         match Mode::from_wire(feedback.mode) {
             // It did not stop for the death: what had been planned was the end of the program.
             Some(Mode::Finished) => {
-                self.result.reaction = "none: the program had been planned to its end".into();
+                self.result.reaction = Reaction::NotNeeded(NotNeeded::PlannedToEnd);
                 self.settle(feedback.scan);
             }
             Some(Mode::Tripped) if self.servo.is_some() => self.trip(moment),
@@ -478,12 +462,11 @@ impl Watched {
         if feedback.incarnation <= self.incarnation {
             return;
         }
-        let mode = Mode::from_wire(feedback.mode).map_or("in an unknown mode", Mode::word);
-        let positions = moment
-            .before
-            .and_then(|(before, _)| self.judge_positions(before, moment))
-            .map_or(String::new(), |words| format!("; {words}"));
-        self.result.reaction = format!("drives braked, {mode}{positions}");
+        let before = moment.before.map(|(before, _)| before);
+        self.result.reaction = Reaction::DrivesBraked {
+            mode: Mode::from_wire(feedback.mode),
+            positions: before.and_then(|before| self.judge_positions(before, moment)),
+        };
         if let Some(step_mm) = self.step_mm(moment) {
             self.result.brake_distance_mm = Some(step_mm);
         }
@@ -496,49 +479,31 @@ impl Watched {
 
     /// Whether each axis is where it can have come to by its own drive's quick stop; none where the log does not reach close
     /// enough to the death.
-    fn judge_positions(&self, before: &Feedback, moment: &Moment<'_>) -> Option<String> {
+    fn judge_positions(&self, before: &Feedback, moment: &Moment<'_>) -> Option<Positions> {
         // The scan of the death may have been simulated still, and one more is the transport delay.
         let unseen = self.result.scan.saturating_sub(before.scan) + 2;
         if unseen > 12 {
             return None;
         }
-        let axes = moment
-            .axes
-            .iter()
-            .zip(before.axes())
-            .zip(moment.feedback.axes());
-        for ((bounds, was), is) in axes {
+        let axes = moment.machine.axes.iter();
+        let axes = axes.zip(before.axes()).zip(moment.feedback.axes());
+        let period_s = moment.machine.scan_period_s();
+        for ((axis, was), is) in axes {
             let moved_mm =
-                is.motor_position.saturating_sub(was.motor_position) as f64 * bounds.increment_mm;
+                is.motor_position.saturating_sub(was.motor_position) as f64 * axis.increment_mm();
             let speed_mm_s = was.velocity_mm_s.abs();
             // Twice the way of a quick stop, because friction and torque limits are not in its formula.
-            let most_mm = speed_mm_s * unseen as f64 * moment.period_s
-                + speed_mm_s * speed_mm_s / bounds.quick_stop_mm_s2
+            let most_mm = speed_mm_s * unseen as f64 * period_s
+                + speed_mm_s * speed_mm_s / axis.quick_stop_mm_s2
                 + 0.01;
             if moved_mm.abs() > most_mm {
-                return Some(format!(
-                    "axis {} came back {moved_mm:.3} mm from where it was: at most {most_mm:.3} mm would be right",
-                    bounds.name
-                ));
+                return Some(Positions::Lost {
+                    axis: axis.name.clone(),
+                    moved_mm,
+                    most_mm,
+                });
             }
         }
-        Some("positions kept".into())
-    }
-}
-
-fn process_name(axes: &[AxisBounds], (job, axis, role): (u32, u32, u32)) -> String {
-    let servo = || {
-        let letter = axes
-            .get(axis as usize)
-            .map_or("?", |axis| axis.name.as_str());
-        let standby = if role == 0 { "" } else { "-b" };
-        format!("servo-{letter}{standby}")
-    };
-    match job {
-        job if job == Job::Master as u32 => "plant-sim".into(),
-        job if job == Job::Planner as u32 => "planner".into(),
-        job if job == Job::Servo as u32 => servo(),
-        job if job == Job::Monitor as u32 => "monitor".into(),
-        job => format!("job {job}"),
+        Some(Positions::Kept)
     }
 }

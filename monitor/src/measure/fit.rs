@@ -93,6 +93,11 @@ impl Fit {
         fit
     }
 
+    /// Whether both centre and radius were fitted.
+    pub fn is_whole(&self) -> bool {
+        self.kind == FitKind::LeastSquares
+    }
+
     /// Distance of a point from the fitted circle, outward positive, in mm.
     pub fn residual_mm(&self, [x, y]: [f64; 2], radius_mm: f64) -> f64 {
         let (x, y) = (x - self.centre_mm[0], y - self.centre_mm[1]);

@@ -245,12 +245,12 @@ fn a_kick_that_already_runs_behind_a_gap_has_no_known_beginning() {
     let whole = measure(&[]);
     let on_arc: Vec<&ReversalResult> = whole.reversals.iter().filter(|r| r.steady).collect();
     let (axis, turn) = (on_arc[2].axis, on_arc[2].scan);
-    assert!(on_arc[2].kick_lead_ms.is_some());
+    assert!(on_arc[2].pulse_lead_ms.is_some());
     // It began four scans before its reversal.
     let measured = measure_without(turn - 20..turn - 3);
     let found = measured
         .reversals
         .iter()
         .find(|r| (r.axis, r.scan) == (axis, turn));
-    assert_eq!(found.map(|r| r.kick_lead_ms), Some(None));
+    assert_eq!(found.map(|r| r.pulse_lead_ms), Some(None));
 }

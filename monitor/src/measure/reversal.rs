@@ -4,13 +4,11 @@ use bus::sample::{AxisCommand, PathTag};
 use control::path::{Feed, Path, Shape};
 use machine::{Machine, ReversalMethod};
 
-use super::arc::ArcResult;
+use super::arc::{ArcResult, Quadrant};
+use crate::turns::Turns;
 
-/// Travel in the new direction from which a reversal counts, in mm: above the rounding of setpoints, far below
-/// anything that friction notices.
-const TRAVEL_MM: f64 = 1e-4;
-/// Longest time by which a kick may come after the reversal it belongs to, in s.
-const KICK_LATE_S: f64 = 0.1;
+/// Longest time by which a friction pulse may come after the reversal it belongs to, in s.
+const PULSE_LATE_S: f64 = 0.1;
 /// Largest difference between the angle of a reversal and the quadrant it is matched with, in rad.
 const QUADRANT_RAD: f64 = 0.2;
 
@@ -29,10 +27,10 @@ pub struct ReversalResult {
     pub radius_mm: Option<f64>,
     /// Programmed feed, in mm/s; none at rapid.
     pub feed_mm_s: Option<f64>,
-    /// What starts a kick on this axis; `none` where there is none.
+    /// What starts a friction pulse on this axis; `none` where there is none.
     pub trigger: &'static str,
-    /// How long before the command's own reversal the kick began, in ms; none if none began.
-    pub kick_lead_ms: Option<f64>,
+    /// How long before the command's own reversal the pulse began, in ms; none if none began.
+    pub pulse_lead_ms: Option<f64>,
     /// Largest residual in its window, in µm; none where the window is not wholly on an arc.
     pub protrusion_um: Option<f64>,
     /// Smallest residual, in µm.
@@ -55,85 +53,58 @@ struct Turn {
 
 /// Finds the reversals of one axis.
 pub struct ReversalMeter {
-    travel: i64,
-    direction: i64,
-    extreme: i64,
-    candidate: Option<Turn>,
+    search: Turns<Turn>,
     last: Option<(u64, i64)>,
     last_step: i64,
-    last_kick_mm_s: f64,
+    last_pulse_mm_s: f64,
     turns: Vec<Turn>,
-    /// Scan and direction of every kick that began.
-    kicks: Vec<(u64, i32)>,
+    /// Scan and direction of every friction pulse that began.
+    pulses: Vec<(u64, i32)>,
 }
 
 impl ReversalMeter {
     /// For an axis of this increment, in mm.
     pub fn new(increment_mm: f64) -> Self {
         ReversalMeter {
-            travel: (libm::round(TRAVEL_MM / increment_mm) as i64).max(1),
-            direction: 0,
-            extreme: 0,
-            candidate: None,
+            search: Turns::new(increment_mm),
             last: None,
             last_step: 0,
-            last_kick_mm_s: 0.0,
+            last_pulse_mm_s: 0.0,
             turns: Vec::new(),
-            kicks: Vec::new(),
+            pulses: Vec::new(),
         }
     }
 
-    /// Scans are missing: where the axis turned in them nobody knows, so the search begins anew.
+    /// Scans are missing.
     pub fn interrupt(&mut self) {
-        self.candidate = None;
-        self.direction = 0;
+        self.search.interrupt();
         self.last = None;
         self.last_step = 0;
-        // Compares with nothing: when a kick began that already runs behind the gap nobody saw.
-        self.last_kick_mm_s = f64::NAN;
+        // Compares with nothing: when a pulse began that already runs behind the gap nobody saw.
+        self.last_pulse_mm_s = f64::NAN;
     }
 
     /// Takes the command of one scan.
     pub fn take(&mut self, command: &AxisCommand) {
-        let kick_mm_s = command.state.kick_mm_s;
-        let turned = kick_mm_s * self.last_kick_mm_s <= 0.0;
-        if kick_mm_s != 0.0 && kick_mm_s.is_finite() && turned {
-            let direction = if kick_mm_s > 0.0 { 1 } else { -1 };
-            self.kicks.push((command.scan, direction));
+        let pulse_mm_s = command.state.kick_mm_s;
+        let turned = pulse_mm_s * self.last_pulse_mm_s <= 0.0;
+        if pulse_mm_s != 0.0 && pulse_mm_s.is_finite() && turned {
+            let direction = if pulse_mm_s > 0.0 { 1 } else { -1 };
+            self.pulses.push((command.scan, direction));
         }
-        self.last_kick_mm_s = kick_mm_s;
-        let Some((last_scan, last)) = self.last.replace((command.scan, command.position)) else {
-            self.extreme = command.position;
-            return;
-        };
-        let contiguous = command.scan == last_scan + 1;
-        let step = command.position.saturating_sub(last);
-        let from_extreme = command.position.saturating_sub(self.extreme);
-        if self.direction == 0 {
-            if from_extreme.saturating_abs() >= self.travel {
-                self.direction = from_extreme.signum();
-                self.extreme = command.position;
-            }
-        } else if from_extreme.saturating_mul(self.direction) >= 0 {
-            self.extreme = command.position;
-            self.candidate = None;
-        } else {
-            let direction = -self.direction;
-            let last_step = if contiguous { self.last_step } else { 0 };
-            let turn = *self.candidate.get_or_insert_with(|| Turn {
-                scan: command.scan,
-                time_scans: zero_of_velocity(command.scan, last_step, step, direction),
-                direction: direction as i32,
-                tag: command.tag,
-                executing: !command.held.is_none(),
-            });
-            if from_extreme.saturating_abs() >= self.travel {
-                self.turns.push(turn);
-                self.candidate = None;
-                self.direction = direction;
-                self.extreme = command.position;
-            }
-        }
+        self.last_pulse_mm_s = pulse_mm_s;
+        let before = self.last.replace((command.scan, command.position));
+        let step = before.map_or(0, |(_, last)| command.position.saturating_sub(last));
+        let contiguous = before.is_some_and(|(scan, _)| command.scan == scan + 1);
+        let last_step = if contiguous { self.last_step } else { 0 };
+        let turn = self.search.take(command.position, |direction| Turn {
+            scan: command.scan,
+            time_scans: zero_of_velocity(command.scan, last_step, step, direction.into()),
+            direction,
+            tag: command.tag,
+            executing: !command.held.is_none(),
+        });
+        self.turns.extend(turn.map(|(turn, _)| turn));
         self.last_step = step;
     }
 
@@ -152,20 +123,20 @@ impl ReversalMeter {
             _ => "none",
         };
         let mut earliest_scans = f64::NEG_INFINITY;
-        let mut kicks = self.kicks.iter().peekable();
+        let mut pulses = self.pulses.iter().peekable();
         let mut results = Vec::new();
         for (index, turn) in self.turns.iter().enumerate() {
             let next_scans = self
                 .turns
                 .get(index + 1)
                 .map_or(f64::INFINITY, |t| t.time_scans);
-            let latest_scans = (turn.time_scans + KICK_LATE_S / period_s).min(next_scans);
-            let mut kick_scans = None;
+            let latest_scans = (turn.time_scans + PULSE_LATE_S / period_s).min(next_scans);
+            let mut pulse_scans = None;
             while let Some((scan, direction)) =
-                kicks.next_if(|(scan, _)| (*scan as f64) <= latest_scans)
+                pulses.next_if(|(scan, _)| (*scan as f64) <= latest_scans)
             {
                 if *direction == turn.direction && *scan as f64 > earliest_scans {
-                    kick_scans = kick_scans.or(Some(*scan as f64));
+                    pulse_scans = pulse_scans.or(Some(*scan as f64));
                 }
             }
             earliest_scans = turn.time_scans;
@@ -194,7 +165,7 @@ impl ReversalMeter {
                     Feed::Rapid => None,
                 }),
                 trigger,
-                kick_lead_ms: kick_scans.map(|scans| (turn.time_scans - scans) * period_s * 1e3),
+                pulse_lead_ms: pulse_scans.map(|scans| (turn.time_scans - scans) * period_s * 1e3),
                 protrusion_um: quadrant.map(|quadrant| quadrant.protrusion_um),
                 undercut_um: quadrant.map(|quadrant| quadrant.undercut_um),
                 width_half_height_ms: quadrant.and_then(|quadrant| quadrant.width_half_height_ms),
@@ -220,7 +191,7 @@ fn quadrant_of<'a>(
     axis: usize,
     path: &Path,
     arcs: &'a [ArcResult],
-) -> Option<&'a super::arc::Quadrant> {
+) -> Option<&'a Quadrant> {
     let element = turn.tag.element as usize;
     let scan = turn.scan as f64;
     // They are in order of travel.

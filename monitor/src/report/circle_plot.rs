@@ -4,12 +4,13 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, TAU};
 use std::path::Path;
 
 use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::text_anchor::HPos;
 
-use super::svg::{self, Area, FINE, INK, SOFT, words};
-use super::{Evaluation, ReportError};
+use super::evaluation::Evaluation;
+use super::match_up::matched;
 use crate::measure::arc::plots::{PLOTS_MAX, RUNS_MAX, in_one_plot, shown};
 use crate::measure::arc::{ArcResult, CurvePoint, Quadrant};
+use crate::plot::{self, Area, Drawn, INK, PlotError, SOFT, at, fine, words};
 
 const WIDTH: i32 = 900;
 const CENTRE: (f64, f64) = (450.0, 470.0);
@@ -28,13 +29,8 @@ const CLOCKWISE: RGBColor = RGBColor(0xc2, 0x4a, 0x14);
 const MOTOR_COUNTER_CLOCKWISE: RGBColor = RGBColor(0x8f, 0xbd, 0xe6);
 const MOTOR_CLOCKWISE: RGBColor = RGBColor(0xf0, 0xb0, 0x8e);
 
-type Drawn = Result<(), String>;
-
 /// Draws one plot per distinct circle and feed; the names of the files.
-pub(super) fn draw_all(
-    run_dir: &Path,
-    evaluation: &Evaluation,
-) -> Result<Vec<String>, ReportError> {
+pub(super) fn draw_all(folder: &Path, evaluation: &Evaluation) -> Result<Vec<String>, PlotError> {
     let mut groups: Vec<Vec<&ArcResult>> = Vec::new();
     for arc in evaluation.measurements.arcs.iter().filter(|arc| shown(arc)) {
         let group = groups.iter().position(|group| {
@@ -49,22 +45,57 @@ pub(super) fn draw_all(
             groups.push(vec![arc]);
         }
     }
-    let mut names = Vec::new();
-    for (index, group) in groups.iter().enumerate() {
-        let name = format!("circle-{}.svg", index + 1);
-        let path = run_dir.join(&name);
-        draw(&path, group, evaluation).map_err(|what| ReportError::Plot { path, what })?;
-        names.push(name);
-    }
-    Ok(names)
+    draw_files(folder, &groups, |path, runs| draw(path, runs, evaluation))
 }
 
-fn draw(path: &Path, runs: &[&ArcResult], evaluation: &Evaluation) -> Drawn {
+/// Draws the circles that two runs have in common; the names of the files.
+pub(super) fn draw_all_against(
+    folder: &Path,
+    runs: [&Evaluation; 2],
+    names: &[String; 2],
+) -> Result<Vec<String>, PlotError> {
+    let [of_a, of_b] = runs.map(|run| &run.measurements.arcs);
+    let pairs = matched(of_a, of_b, |arc| {
+        (arc.line, arc.circle.plane, arc.circle.clockwise)
+    });
+    let both = pairs.iter().filter_map(|pair| pair.a.zip(pair.b));
+    let both = both.filter(|(a, b)| !a.curve.is_empty() && !b.curve.is_empty());
+    let both: Vec<(&ArcResult, &ArcResult)> = both.take(PLOTS_MAX).collect();
+    let [evaluation, _] = runs;
+    draw_files(folder, &both, |path, &(a, b)| {
+        draw_against(path, [a, b], evaluation, names)
+    })
+}
+
+/// Draws a file of each, and removes those that an earlier report left: it may have had more of them.
+fn draw_files<T>(
+    folder: &Path,
+    all: &[T],
+    draw: impl Fn(&Path, &T) -> Result<(), PlotError>,
+) -> Result<Vec<String>, PlotError> {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let is_circle = name
+            .to_str()
+            .is_some_and(|name| name.starts_with("circle-") && name.ends_with(".svg"));
+        if is_circle {
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
+    let files = all.iter().enumerate().map(|(index, one)| {
+        let name = format!("circle-{}.svg", index + 1);
+        draw(&folder.join(&name), one)?;
+        Ok(name)
+    });
+    files.collect()
+}
+
+fn draw(path: &Path, runs: &[&ArcResult], evaluation: &Evaluation) -> Result<(), PlotError> {
     let Some(first) = runs.first() else {
         return Ok(());
     };
     let height = CAPTIONS_Y + 20 + 60 * runs.len() as i32;
-    svg::write(path, (WIDTH, height), |area| {
+    plot::write(path, (WIDTH, height), |area| {
         let division_um = division_um(runs);
         title(area, first, evaluation)?;
         grid(area, first, evaluation)?;
@@ -82,33 +113,31 @@ fn draw(path: &Path, runs: &[&ArcResult], evaluation: &Evaluation) -> Drawn {
 }
 
 /// One circle of two runs on one scale: residuals of the table, each about its own least-squares circle.
-pub(super) fn draw_against(
+fn draw_against(
     path: &Path,
-    runs: [(&ArcResult, &Evaluation); 2],
+    runs: [&ArcResult; 2],
+    evaluation: &Evaluation,
     names: &[String; 2],
-) -> Result<(), ReportError> {
-    let [(first, evaluation), (second, _)] = runs;
-    let both = [first, second];
+) -> Result<(), PlotError> {
+    let [first, _] = runs;
     let colours = [COUNTER_CLOCKWISE, CLOCKWISE];
-    let most_um = most_um(&both, |point| point.table_um.abs());
+    let most_um = most_um(&runs, |point| point.table_um.abs());
     let division_um = division_holding_um(most_um);
     let height = CAPTIONS_Y + 40 * 2;
-    let drawn = svg::write(path, (WIDTH, height), |area| {
+    plot::write(path, (WIDTH, height), |area| {
         title(area, first, evaluation)?;
         grid(area, first, evaluation)?;
-        for (run, colour) in both.into_iter().zip(colours).rev() {
+        for (run, colour) in runs.into_iter().zip(colours).rev() {
             curve(area, run, division_um, colour, 1.6, |point| point.table_um)?;
         }
         scale(area, division_um)?;
         scale_captions(area, division_um)?;
         let letters = ["A", "B"].into_iter().zip(names);
         for (index, ((run, colour), (letter, name))) in
-            both.into_iter().zip(colours).zip(letters).enumerate()
+            runs.into_iter().zip(colours).zip(letters).enumerate()
         {
-            let y = CAPTIONS_Y + 40 * index as i32;
-            let ends = vec![at(40, y), at(74, y)];
-            area.draw(&PathElement::new(ends, line_style(colour, 3.0)))
-                .map_err(words)?;
+            let y = f64::from(CAPTIONS_Y + 40 * index as i32);
+            bar(area, y, colour, 3.0)?;
             let short: String = name.chars().take(40).collect();
             let [x_um, y_um] = run.table.fit.centre_mm.map(|mm| mm * 1e3);
             let line = format!(
@@ -117,13 +146,9 @@ pub(super) fn draw_against(
                 run.table.circular_um,
                 run.table.fit.radius_error_mm * 1e3
             );
-            write(area, &line, at(86, y), 15, &INK, LEFT)?;
+            plot::text(area, &line, at(86.0, y), 15, &INK, HPos::Left)?;
         }
         Ok(())
-    });
-    drawn.map_err(|what| ReportError::Plot {
-        path: path.into(),
-        what,
     })
 }
 
@@ -159,15 +184,6 @@ fn division_holding_um(most_um: f64) -> f64 {
     decade
 }
 
-/// Pixels in units of the drawing.
-fn fine(pixels: f64) -> i32 {
-    libm::round(pixels * f64::from(FINE)) as i32
-}
-
-fn line_style(colour: RGBColor, pixels: f64) -> ShapeStyle {
-    colour.stroke_width(fine(pixels).max(1) as u32)
-}
-
 /// Where a deviation at an angle stands, in units of the drawing.
 fn place(angle_rad: f64, divisions: f64) -> (i32, i32) {
     let radius = BASE_PX + divisions * DIVISION_PX;
@@ -177,57 +193,22 @@ fn place(angle_rad: f64, divisions: f64) -> (i32, i32) {
     )
 }
 
-fn letter(evaluation: &Evaluation, axis: usize) -> String {
-    super::coordinate(&evaluation.machine, axis)
-}
-
-fn write(
-    area: &Area,
-    what: &str,
-    at: (i32, i32),
-    size: i32,
-    colour: &RGBColor,
-    anchor: Pos,
-) -> Drawn {
-    let font = ("sans-serif", size * FINE).into_font();
-    let style = font.color(colour).pos(anchor);
-    area.draw_text(what, &style, at).map_err(words)
-}
-
-const LEFT: Pos = Pos {
-    h_pos: HPos::Left,
-    v_pos: VPos::Center,
-};
-const MIDDLE: Pos = Pos {
-    h_pos: HPos::Center,
-    v_pos: VPos::Center,
-};
-const RIGHT: Pos = Pos {
-    h_pos: HPos::Right,
-    v_pos: VPos::Center,
-};
-
-/// A place in pixels, in units of the drawing.
-fn at(x: i32, y: i32) -> (i32, i32) {
-    (x * FINE, y * FINE)
-}
-
 fn title(area: &Area, first: &ArcResult, evaluation: &Evaluation) -> Drawn {
     let circle = &first.circle;
-    let [x, y] = circle.plane.map(|axis| letter(evaluation, axis));
+    let [x, y] = circle.plane.map(|axis| evaluation.coordinate(axis));
     let feed = circle.feed_mm_s.unwrap_or(first.speed_mm_s) * 60.0;
     let headline = format!(
         "{x}{y} circle  ·  R {} mm  ·  F {feed:.0} mm/min",
         tidy(circle.radius_mm)
     );
-    write(area, &headline, at(40, 38), 26, &INK, LEFT)?;
+    plot::text(area, &headline, at(40.0, 38.0), 26, &INK, HPos::Left)?;
     let [cx, cy] = circle.centre_mm.map(tidy);
     let info = &evaluation.info;
     let below = format!(
         "{} on {}   ·   centre {x} {cx} {y} {cy} mm   ·   {}",
         info.program, evaluation.machine.name, info.pace
     );
-    write(area, &below, at(40, 68), 15, &SOFT, LEFT)
+    plot::text(area, &below, at(40.0, 68.0), 15, &SOFT, HPos::Left)
 }
 
 /// A number of a program without rounding noise.
@@ -238,8 +219,7 @@ fn tidy(value: f64) -> String {
 fn ring(area: &Area, divisions: f64, style: ShapeStyle) -> Drawn {
     let half_degrees = (0..=720).map(|half| f64::from(half).to_radians() / 2.0);
     let points = half_degrees.map(|angle_rad| place(angle_rad, divisions));
-    area.draw(&PathElement::new(points.collect::<Vec<_>>(), style))
-        .map_err(words)
+    plot::line(area, points.collect::<Vec<_>>(), style)
 }
 
 fn grid(area: &Area, first: &ArcResult, evaluation: &Evaluation) -> Drawn {
@@ -251,14 +231,13 @@ fn grid(area: &Area, first: &ArcResult, evaluation: &Evaluation) -> Drawn {
             -3.0
         };
         let ends = vec![place(angle, from), place(angle, 3.0)];
-        area.draw(&PathElement::new(ends, line_style(GRID, 1.0)))
-            .map_err(words)?;
+        plot::line(area, ends, plot::stroke(GRID, 1.0))?;
     }
     for division in -DIVISIONS..=DIVISIONS {
         let style = if division == 0 {
-            line_style(SOFT, 1.2)
+            plot::stroke(SOFT, 1.2)
         } else {
-            line_style(GRID, 1.0)
+            plot::stroke(GRID, 1.0)
         };
         ring(area, division.into(), style)?;
     }
@@ -269,8 +248,8 @@ fn grid(area: &Area, first: &ArcResult, evaluation: &Evaluation) -> Drawn {
     {
         let axis = first.circle.plane.get(index % 2).copied().unwrap_or(0);
         let sign = if index < 2 { "+" } else { "−" };
-        let label = format!("{}{sign}", letter(evaluation, axis));
-        write(area, &label, place(angle, 4.4), 17, &INK, MIDDLE)?;
+        let label = format!("{}{sign}", evaluation.coordinate(axis));
+        plot::text(area, &label, place(angle, 4.4), 17, &INK, HPos::Center)?;
     }
     Ok(())
 }
@@ -287,7 +266,7 @@ fn scale(area: &Area, division_um: f64) -> Drawn {
         let (half, tall) = (fine(4.0 * label.chars().count() as f64 + 3.0), fine(9.0));
         let paper = Rectangle::new([(x - half, y - tall), (x + half, y + tall)], WHITE.filled());
         area.draw(&paper).map_err(words)?;
-        write(area, &label, (x, y), 13, &SOFT, MIDDLE)?;
+        plot::text(area, &label, (x, y), 13, &SOFT, HPos::Center)?;
     }
     Ok(())
 }
@@ -320,8 +299,7 @@ fn stroke(area: &Area, piece: Vec<(i32, i32)>, colour: RGBColor, width: f64) -> 
     if piece.len() < 2 {
         return Ok(());
     }
-    area.draw(&PathElement::new(piece, line_style(colour, width)))
-        .map_err(words)
+    plot::line(area, piece, plot::stroke(colour, width))
 }
 
 /// Marks the largest protrusion at each quadrant of one run.
@@ -344,27 +322,40 @@ fn protrusions(area: &Area, run: &ArcResult, division_um: f64) -> Drawn {
         );
         area.draw(&Circle::new(at, fine(4.0), colour.filled()))
             .map_err(words)?;
-        area.draw(&Circle::new(at, fine(4.0), line_style(WHITE, 1.0)))
+        area.draw(&Circle::new(at, fine(4.0), plot::stroke(WHITE, 1.0)))
             .map_err(words)?;
         // Beside the axis letter, each direction on the side it travels to.
         let aside = if run.circle.clockwise { -0.16 } else { 0.16 };
         let (x, y) = place(index as f64 * FRAC_PI_2 + aside, 3.75);
         let label = format!("{:.1} µm", quadrant.protrusion_um);
-        write(area, &label, (x, y), 15, &colour, MIDDLE)?;
+        plot::text(area, &label, (x, y), 15, &colour, HPos::Center)?;
     }
     Ok(())
 }
 
+/// What a caption is of.
+fn bar(area: &Area, y: f64, colour: RGBColor, width: f64) -> Drawn {
+    let ends = vec![at(40.0, y), at(74.0, y)];
+    plot::line(area, ends, plot::stroke(colour, width))
+}
+
 fn scale_captions(area: &Area, division_um: f64) -> Drawn {
     let scale = format!("1 division = {} µm", tidy(division_um));
-    write(area, &scale, at(WIDTH - 40, 38), 17, &INK, RIGHT)?;
-    write(
+    plot::text(
+        area,
+        &scale,
+        at(f64::from(WIDTH - 40), 38.0),
+        17,
+        &INK,
+        HPos::Right,
+    )?;
+    plot::text(
         area,
         "radial deviation, outward +, about the least-squares circle",
-        at(WIDTH - 40, 68),
+        at(f64::from(WIDTH - 40), 68.0),
         13,
         &SOFT,
-        RIGHT,
+        HPos::Right,
     )
 }
 
@@ -372,14 +363,9 @@ fn captions(area: &Area, runs: &[&ArcResult], division_um: f64) -> Drawn {
     scale_captions(area, division_um)?;
     for (index, run) in runs.iter().enumerate() {
         let (table, motor) = colours(run);
-        let y = CAPTIONS_Y + 60 * index as i32;
-        let bar = |colour: RGBColor, width: f64, y: i32| {
-            let ends = vec![at(40, y), at(74, y)];
-            area.draw(&PathElement::new(ends, line_style(colour, width)))
-                .map_err(words)
-        };
-        bar(table, 3.0, y)?;
-        bar(motor, 1.5, y + 23)?;
+        let y = f64::from(CAPTIONS_Y + 60 * index as i32);
+        bar(area, y, table, 3.0)?;
+        bar(area, y + 23.0, motor, 1.5)?;
         let turn = if run.circle.clockwise {
             "clockwise"
         } else {
@@ -392,7 +378,7 @@ fn captions(area: &Area, runs: &[&ArcResult], division_um: f64) -> Drawn {
             "table, {turn}, line {}:  G {:.1} µm  ·  F {:+.1} / {:+.1} µm  ·  radius {radius_um:+.1} µm  ·  centre {x_um:+.1} / {y_um:+.1} µm",
             run.line, run.table.circular_um, radial.0, radial.1
         );
-        write(area, &line, at(86, y), 15, &INK, LEFT)?;
+        plot::text(area, &line, at(86.0, y), 15, &INK, HPos::Left)?;
         let line = format!(
             "motor side, backlash compensation removed:  G {:.1} µm  ·  radius {:+.1} µm  ·  measured over {:.0}° of {:.0}°",
             run.motor.circular_um,
@@ -400,7 +386,7 @@ fn captions(area: &Area, runs: &[&ArcResult], division_um: f64) -> Drawn {
             run.measured_deg,
             run.turns * 360.0
         );
-        write(area, &line, at(86, y + 23), 13, &SOFT, LEFT)?;
+        plot::text(area, &line, at(86.0, y + 23.0), 13, &SOFT, HPos::Left)?;
     }
     Ok(())
 }

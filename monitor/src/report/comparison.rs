@@ -3,10 +3,9 @@
 use std::path::Path;
 
 use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::text_anchor::HPos;
 
-use super::ReportError;
-use super::svg::{self, Area, FINE, INK, SOFT, words};
+use crate::plot::{self, Area, Drawn, FINE, GRID, INK, PlotError, SOFT, at, words};
 
 /// What is compared.
 #[derive(Debug, Clone, PartialEq)]
@@ -58,7 +57,6 @@ const TOP: i32 = 132;
 const ROW: i32 = 60;
 const FOOT: i32 = 108;
 
-const GRID: RGBColor = RGBColor(0xe3, 0xe6, 0xea);
 /// Okabe and Ito's colours, which all kinds of colour vision tell apart; feeds take them in turn.
 const COLOURS: [RGBColor; 6] = [
     RGBColor(0x56, 0xb4, 0xe9),
@@ -69,50 +67,18 @@ const COLOURS: [RGBColor; 6] = [
     RGBColor(0xe6, 0x9f, 0x00),
 ];
 
-type Drawn = Result<(), String>;
-
 /// Draws the comparison as SVG.
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn draw(path: &Path, comparison: &Comparison) -> Result<(), ReportError> {
+pub fn draw(path: &Path, comparison: &Comparison) -> Result<(), PlotError> {
     let height = TOP + ROW * comparison.methods.len().max(1) as i32 + FOOT;
-    svg::write(path, (WIDTH, height), |area| draw_on(area, comparison)).map_err(|what| {
-        ReportError::Plot {
-            path: path.into(),
-            what,
-        }
-    })
-}
-
-fn write(
-    area: &Area,
-    what: &str,
-    at: (i32, i32),
-    size: i32,
-    colour: &RGBColor,
-    h_pos: HPos,
-) -> Drawn {
-    let anchor = Pos {
-        h_pos,
-        v_pos: VPos::Center,
-    };
-    let font = ("sans-serif", size * FINE).into_font();
-    let style = font.color(colour).pos(anchor);
-    area.draw_text(what, &style, at).map_err(words)
-}
-
-/// Pixels in units of the drawing.
-fn at(x: f64, y: f64) -> (i32, i32) {
-    let fine = |pixels: f64| libm::round(pixels * f64::from(FINE)) as i32;
-    (fine(x), fine(y))
+    plot::write(path, (WIDTH, height), |area| draw_on(area, comparison))
 }
 
 fn line(area: &Area, from: (f64, f64), to: (f64, f64), colour: RGBColor, pixels: f64) -> Drawn {
-    let width = (pixels * f64::from(FINE)) as u32;
     let ends = vec![at(from.0, from.1), at(to.0, to.1)];
-    area.draw(&PathElement::new(ends, colour.stroke_width(width)))
-        .map_err(words)
+    plot::line(area, ends, plot::stroke(colour, pixels))
 }
 
 /// All different values, in order.
@@ -180,7 +146,7 @@ impl Frame {
 
 fn draw_on(area: &Area, comparison: &Comparison) -> Drawn {
     let frame = Frame::of(comparison);
-    write(
+    plot::text(
         area,
         &comparison.title,
         at(32.0, 34.0),
@@ -189,19 +155,19 @@ fn draw_on(area: &Area, comparison: &Comparison) -> Drawn {
         HPos::Left,
     )?;
     let below = "worst deviation at a reversal on the table, one dot per circle, in µm";
-    write(area, below, at(32.0, 62.0), 14, &SOFT, HPos::Left)?;
+    plot::text(area, below, at(32.0, 62.0), 14, &SOFT, HPos::Left)?;
     let bottom = f64::from(TOP + ROW * comparison.methods.len().max(1) as i32);
     let mut value_um = 0.0;
     while value_um <= frame.end_um * 1.001 {
         let x = frame.x(value_um);
         line(area, (x, f64::from(TOP)), (x, bottom), GRID, 1.0)?;
         let label = format!("{}", libm::round(value_um * 1e3) / 1e3);
-        write(area, &label, at(x, bottom + 16.0), 13, &SOFT, HPos::Center)?;
+        plot::text(area, &label, at(x, bottom + 16.0), 13, &SOFT, HPos::Center)?;
         value_um += frame.step_um;
     }
     for (x, head) in [(810, "mean"), (870, "worst"), (960, "worst at")] {
         let head_at = at(f64::from(x), f64::from(TOP) - 12.0);
-        write(area, head, head_at, 13, &SOFT, HPos::Right)?;
+        plot::text(area, head, head_at, 13, &SOFT, HPos::Right)?;
     }
     for (index, method) in comparison.methods.iter().enumerate() {
         let y = f64::from(TOP) + f64::from(ROW) * (index as f64 + 0.5);
@@ -214,7 +180,7 @@ fn draw_on(area: &Area, comparison: &Comparison) -> Drawn {
 
 fn row(area: &Area, frame: &Frame, method: &MethodPoints, y: f64) -> Drawn {
     let name_at = at(f64::from(LEFT) - 16.0, y);
-    write(area, &method.name, name_at, 15, &INK, HPos::Right)?;
+    plot::text(area, &method.name, name_at, 15, &INK, HPos::Right)?;
     let Some(worst) = method
         .points
         .iter()
@@ -242,11 +208,11 @@ fn row(area: &Area, frame: &Frame, method: &MethodPoints, y: f64) -> Drawn {
         cross(area, frame, point, place(point))?;
     }
     let number = |value: f64| format!("{value:.1}");
-    write(area, &number(mean_um), at(810.0, y), 15, &INK, HPos::Right)?;
+    plot::text(area, &number(mean_um), at(810.0, y), 15, &INK, HPos::Right)?;
     let worst_um = number(worst.worst_um());
-    write(area, &worst_um, at(870.0, y), 15, &INK, HPos::Right)?;
+    plot::text(area, &worst_um, at(870.0, y), 15, &INK, HPos::Right)?;
     let place = format!("R{} F{}", worst.radius_mm, worst.feed_mm_min);
-    write(area, &place, at(968.0, y), 12, &SOFT, HPos::Right)
+    plot::text(area, &place, at(968.0, y), 12, &SOFT, HPos::Right)
 }
 
 /// Filled where the tool protrudes, open where it cuts under.
@@ -287,7 +253,7 @@ fn keys(area: &Area, frame: &Frame, y: f64) -> Drawn {
     for &feed in frame.feeds.iter().take(COLOURS.len()) {
         dot(area, frame, &sample(feed, widest, 0.0, false), (x, y))?;
         let label = format!("F{feed} mm/min");
-        write(area, &label, at(x + 13.0, y), 13, &INK, HPos::Left)?;
+        plot::text(area, &label, at(x + 13.0, y), 13, &INK, HPos::Left)?;
         x += 40.0 + 7.4 * label.len() as f64;
     }
     let mut x = 40.0;
@@ -295,7 +261,7 @@ fn keys(area: &Area, frame: &Frame, y: f64) -> Drawn {
     for &radius in frame.radii.iter().take(6) {
         dot(area, frame, &sample(first, radius, 0.0, false), (x, y))?;
         let label = format!("R{radius}");
-        write(area, &label, at(x + 12.0, y), 13, &INK, HPos::Left)?;
+        plot::text(area, &label, at(x + 12.0, y), 13, &INK, HPos::Left)?;
         x += 34.0 + 8.0 * label.len() as f64;
     }
     let kinds = [
@@ -310,11 +276,11 @@ fn keys(area: &Area, frame: &Frame, y: f64) -> Drawn {
         if harms {
             cross(area, frame, &shown, (x, y))?;
         }
-        write(area, label, at(x + 15.0, y), 13, &INK, HPos::Left)?;
+        plot::text(area, label, at(x + 15.0, y), 13, &INK, HPos::Left)?;
         x += 44.0 + 7.0 * label.len() as f64;
     }
     line(area, (x, y - 9.0), (x, y + 9.0), INK, 2.0)?;
-    write(area, "mean", at(x + 9.0, y), 13, &INK, HPos::Left)
+    plot::text(area, "mean", at(x + 9.0, y), 13, &INK, HPos::Left)
 }
 
 #[cfg(test)]

@@ -5,10 +5,11 @@ use std::collections::BTreeMap;
 use machine::DriveMode;
 use serde::Serialize;
 
-use super::Evaluation;
+use super::evaluation::Evaluation;
 use crate::measure::arc::{ArcResult, Deviations};
-use crate::measure::axis::{AMBIENT_C, AxisMeter};
+use crate::measure::axis::{AMBIENT_C, AxisMeter, LimitCounts};
 use crate::measure::fit::FitKind;
+use crate::measure::outcome::{Loss, Reaction};
 use crate::measure::prediction::PredictionMeter;
 use crate::measure::{Measurements, Outcome};
 
@@ -64,18 +65,30 @@ pub struct Report {
     /// Changes of direction of a command.
     pub reversals: Vec<ReversalReport>,
     /// Setpoints beyond limits.
-    pub limits: LimitsReport,
+    pub limits: LimitCounts,
     /// Who took part.
     pub processes: Vec<ProcessReport>,
     /// What befell them.
     pub faults: Vec<FaultReport>,
 }
 
+/// How a run ended, in one word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum OutcomeKind {
+    /// The program is done and the machine in position.
+    Completed,
+    /// Stopped for a reason.
+    Stopped,
+    /// Stopped by the operator.
+    Interrupted,
+}
+
 /// How a run ended.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct OutcomeReport {
-    /// `completed`, `stopped` or `interrupted`.
-    pub kind: String,
+    /// In one word.
+    pub kind: OutcomeKind,
     /// Why, if it was not completed.
     pub reason: Option<String>,
 }
@@ -290,19 +303,6 @@ pub struct ReversalReport {
     pub steady: bool,
 }
 
-/// Setpoints (one per axis and scan) beyond a limit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-pub struct LimitsReport {
-    /// Faster than the axis may.
-    pub velocity_exceeded: u64,
-    /// Beyond its acceleration.
-    pub acceleration_exceeded: u64,
-    /// Beyond its jerk; 0 where no jerk limit is set.
-    pub jerk_exceeded: u64,
-    /// Outside the travel.
-    pub travel_exceeded: u64,
-}
-
 /// One process.
 #[derive(Debug, Clone, Serialize)]
 pub struct ProcessReport {
@@ -330,12 +330,12 @@ pub struct FaultReport {
     pub scan: u64,
     /// Process.
     pub process: String,
-    /// `killed` or `exited`.
-    pub kind: String,
+    /// How it was lost.
+    pub kind: Loss,
     /// Scans until the roster said so; null if the log does not have the roster that said it first.
     pub noticed_after_scans: Option<u64>,
     /// What the machine did.
-    pub reaction: String,
+    pub reaction: Reaction,
     /// Largest contour error until the reaction was over, and 100 scans more.
     pub contour_error_um_max: f64,
     /// Way of the tool from a quick stop's beginning to its rest; left out where nothing braked off the path.
@@ -349,7 +349,7 @@ pub struct FaultReport {
 }
 
 /// Rounded to 1/1000 of its unit; −0 becomes 0.
-fn r3(value: f64) -> f64 {
+pub(super) fn r3(value: f64) -> f64 {
     libm::round(value * 1e3) / 1e3 + 0.0
 }
 
@@ -413,12 +413,7 @@ impl Report {
                 .map(|result| arc(result, evaluation))
                 .collect(),
             reversals: reversals(evaluation),
-            limits: LimitsReport {
-                velocity_exceeded: measurements.limits.velocity,
-                acceleration_exceeded: measurements.limits.acceleration,
-                jerk_exceeded: 0,
-                travel_exceeded: measurements.limits.travel,
-            },
+            limits: measurements.limits,
             processes: processes(measurements),
             faults: faults(measurements),
         }
@@ -434,20 +429,16 @@ impl Report {
 }
 
 fn outcome(evaluation: &Evaluation) -> OutcomeReport {
-    let (kind, reason) = match &evaluation.measurements.outcome {
-        Outcome::Completed => ("completed", None),
-        Outcome::Interrupted => ("interrupted", None),
-        Outcome::Stopped(reason) => ("stopped", Some(reason.clone())),
-    };
     let from_outside = evaluation.end.as_ref().and_then(|end| end.reason.clone());
-    OutcomeReport {
-        kind: kind.into(),
-        reason: if kind == "completed" {
-            reason
-        } else {
-            from_outside.or(reason)
-        },
-    }
+    let (kind, reason) = match &evaluation.measurements.outcome {
+        Outcome::Completed => (OutcomeKind::Completed, None),
+        Outcome::Interrupted => (OutcomeKind::Interrupted, from_outside),
+        Outcome::Stopped(reason) => (
+            OutcomeKind::Stopped,
+            from_outside.or(Some(reason.to_string())),
+        ),
+    };
+    OutcomeReport { kind, reason }
 }
 
 fn parts(evaluation: &Evaluation) -> Vec<PartReport> {
@@ -576,7 +567,7 @@ fn prediction(meter: &PredictionMeter, scan_period_s: f64) -> PredictionReport {
 }
 
 fn arc(result: &ArcResult, evaluation: &Evaluation) -> ArcReport {
-    let letter = |axis: usize| super::coordinate(&evaluation.machine, axis);
+    let letter = |axis: usize| evaluation.coordinate(axis);
     let circle = &result.circle;
     let fit = &result.table.fit;
     let radius_error = |series: &Deviations| {
@@ -623,7 +614,7 @@ fn reversals(evaluation: &Evaluation) -> Vec<ReversalReport> {
                 .map(|radius_mm| libm::round(radius_mm * 1e6) / 1e6),
             feed_mm_min: reversal.feed_mm_s.map(|feed| r3(feed * 60.0)),
             trigger: reversal.trigger,
-            kick_lead_ms: reversal.kick_lead_ms.map(r3),
+            kick_lead_ms: reversal.pulse_lead_ms.map(r3),
             protrusion_um: reversal.protrusion_um.map(r3),
             undercut_um: reversal.undercut_um.map(r3),
             width_half_height_ms: reversal.width_half_height_ms.map(r3),
@@ -653,7 +644,7 @@ fn faults(measurements: &Measurements) -> Vec<FaultReport> {
         .map(|fault| FaultReport {
             scan: fault.scan,
             process: fault.process.clone(),
-            kind: fault.kind.into(),
+            kind: fault.kind,
             noticed_after_scans: fault.noticed_after_scans,
             reaction: fault.reaction.clone(),
             contour_error_um_max: r3(fault.contour_error_mm * 1e3),

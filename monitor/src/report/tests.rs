@@ -3,9 +3,10 @@
 use std::path::Path;
 
 use control::path::AxisVector;
+use program::Setup;
 
 use super::*;
-use crate::log::{LOG_FILE, Recorder, RunEnd, RunInfo};
+use crate::log::{LOG_FILE, Recorder, RunEnd, RunInfo, Sample, SampleRef};
 use crate::test_support::{Deviation, SyntheticRun, machine, machine_text};
 
 const PROGRAM: &str = "G17 G21 G90
@@ -81,11 +82,13 @@ pub(super) fn run_directory_of(
             continue;
         }
         match sample {
-            Sample::Feedback(sample) => recorder.record_feedback(&sample).unwrap(),
-            Sample::Instruments(sample) => recorder.record_instruments(&sample).unwrap(),
+            Sample::Feedback(sample) => recorder.record(SampleRef::Feedback(&sample)).unwrap(),
+            Sample::Instruments(sample) => {
+                recorder.record(SampleRef::Instruments(&sample)).unwrap()
+            }
             Sample::Command(sample) => {
                 recorder
-                    .record_command(sample.axis as usize, &sample)
+                    .record(SampleRef::Command(sample.axis as usize, &sample))
                     .unwrap();
             }
             _ => {}
@@ -180,7 +183,6 @@ fn a_report_has_the_names_of_the_interface_and_is_made_again_to_the_byte() {
         "/reversals/0/undercut_um",
         "/limits/velocity_exceeded",
         "/limits/acceleration_exceeded",
-        "/limits/jerk_exceeded",
         "/limits/travel_exceeded",
         "/processes",
         "/faults",
@@ -298,7 +300,7 @@ fn a_cut_log_still_gives_a_report_that_says_so() {
     let whole = std::fs::read(&log).unwrap();
     std::fs::write(&log, &whole[..whole.len() * 2 / 3]).unwrap();
     let report = make_report(dir.path()).unwrap();
-    assert_eq!(report.outcome.kind, "stopped");
+    assert_eq!(report.outcome.kind, OutcomeKind::Stopped);
     assert!(report.log.cut.is_some() && report.wall_s.is_none());
     assert!(!report.arcs.is_empty());
     let page = std::fs::read_to_string(dir.path().join("report.txt")).unwrap();
@@ -320,7 +322,7 @@ fn a_log_in_parts_gives_one_report_that_says_what_is_missing() {
     let dir = tempfile::tempdir().unwrap();
     run_directory_in_parts(dir.path(), [901..931, 2000..2001]);
     let report = make_report(dir.path()).unwrap();
-    assert_eq!(report.outcome.kind, "completed");
+    assert_eq!(report.outcome.kind, OutcomeKind::Completed);
     assert_eq!(report.log.cut, None);
     assert_eq!(report.wall_s, None, "nobody knows it of the whole run");
     assert_eq!(report.samples_lost, 31 * 4);
@@ -468,7 +470,7 @@ fn a_death_told_behind_the_damage_of_a_log_is_not_reported() {
         (feedback.scan, feedback.axis_count) = (scan, 2);
         // The program runs: from here on only rosters are looked for.
         feedback.window.sequence = 1;
-        recorder.record_feedback(&feedback).unwrap();
+        recorder.record(SampleRef::Feedback(&feedback)).unwrap();
         if scan == 1000 {
             recorder.flush().unwrap();
             half = std::fs::metadata(&log).unwrap().len() as usize;
@@ -482,7 +484,7 @@ fn a_death_told_behind_the_damage_of_a_log_is_not_reported() {
             let died = roster.participants.first_mut().unwrap();
             died.job = bus::sample::Job::Planner as u32;
             (died.incarnation, died.death_scan, died.death_signal) = (1, 700, 9);
-            recorder.record_roster(&roster).unwrap();
+            recorder.record(SampleRef::Roster(&roster)).unwrap();
         }
     }
     recorder.finish(&RunEnd::default()).unwrap();

@@ -178,27 +178,21 @@ fn panel(capture: &Capture, index: usize, signal: &Signal, width: usize, height:
     let trigger = across(capture, capture.trigger_scan, across_dots) as usize / 2;
     let zero = (bottom < 0.0 && top > 0.0).then(|| up(0.0) as usize / 4);
     for line in 0..height {
-        let label = if line == 0 {
-            number(top)
-        } else if line + 1 == height {
-            number(bottom)
-        } else if zero == Some(line) {
-            "0".into()
-        } else {
-            String::new()
+        let label = match line {
+            0 => number(top),
+            line if line + 1 == height => number(bottom),
+            line if zero == Some(line) => "0".into(),
+            _ => String::new(),
         };
         let edge = if label.is_empty() { '│' } else { '┤' };
         text += &format!("{label:>GUTTER$} {edge}");
-        let mut drawn = String::new();
-        for column in 0..width {
-            drawn.push(match dots.cell(column, line) {
-                0 if column == trigger => '┊',
-                0 if zero == Some(line) => '·',
-                0 => ' ',
-                bits => char::from_u32(0x2800 + u32::from(bits)).unwrap_or(' '),
-            });
-        }
-        text += drawn.trim_end();
+        let drawn = (0..width).map(|column| match dots.cell(column, line) {
+            0 if column == trigger => '┊',
+            0 if zero == Some(line) => '·',
+            0 => ' ',
+            bits => char::from_u32(0x2800 + u32::from(bits)).unwrap_or(' '),
+        });
+        text += drawn.collect::<String>().trim_end();
         text.push('\n');
     }
     text

@@ -4,19 +4,16 @@ use std::path::Path;
 
 use plotters::prelude::*;
 
+use super::Capture;
 use super::chart::limits;
+use super::error::ScopeError;
 use super::signal::Signal;
-use super::{Capture, ScopeError};
-use crate::report::svg::{self, Area, FINE, INK, SOFT, words};
+use crate::plot::{self, Area, CURVES, Drawn, FINE, Frame, INK, SOFT, font, words};
 
 const WIDTH: i32 = 1000;
 const PANEL: i32 = 170;
 const HEAD: i32 = 56;
 const FOOT: i32 = 44;
-
-const GRID: RGBColor = RGBColor(0xe3, 0xe6, 0xea);
-const TRIGGER: RGBColor = RGBColor(0xc2, 0x4a, 0x14);
-const CURVE: RGBColor = RGBColor(0x0b, 0x5c, 0xad);
 
 /// Draws it as SVG.
 ///
@@ -25,17 +22,10 @@ const CURVE: RGBColor = RGBColor(0x0b, 0x5c, 0xad);
 pub fn write(path: &Path, capture: &Capture) -> Result<(), ScopeError> {
     let panels = capture.signals.len().max(1) as i32;
     let size = (WIDTH, HEAD + PANEL * panels + FOOT);
-    svg::write(path, size, |root| draw(root, capture)).map_err(|what| ScopeError::Write {
-        path: path.display().to_string(),
-        what,
-    })
+    Ok(plot::write(path, size, |root| draw(root, capture))?)
 }
 
-fn font(size: i32, colour: &RGBColor) -> TextStyle<'static> {
-    ("sans-serif", size * FINE).into_font().color(colour)
-}
-
-fn draw(root: &Area, capture: &Capture) -> Result<(), String> {
+fn draw(root: &Area, capture: &Capture) -> Drawn {
     root.draw_text(&capture.what, &font(20, &INK), (24 * FINE, 10 * FINE))
         .map_err(words)?;
     let title = capture.title();
@@ -56,13 +46,7 @@ fn draw(root: &Area, capture: &Capture) -> Result<(), String> {
     Ok(())
 }
 
-fn panel(
-    area: &Area,
-    capture: &Capture,
-    index: usize,
-    signal: &Signal,
-    last: bool,
-) -> Result<(), String> {
+fn panel(area: &Area, capture: &Capture, index: usize, signal: &Signal, last: bool) -> Drawn {
     let from_ms = capture.time_ms(capture.asked.0);
     let to_ms = capture.time_ms(capture.asked.1).max(from_ms + 1e-3);
     let range = capture.range(index);
@@ -79,37 +63,29 @@ fn panel(
             signal.name
         ),
     };
-    let mut chart = ChartBuilder::on(area)
-        .margin_top(26 * FINE)
-        .margin_left(16 * FINE)
-        .margin_right(30 * FINE)
-        .x_label_area_size(if last { FOOT } else { 0 } * FINE)
-        .y_label_area_size(66 * FINE)
-        .build_cartesian_2d(from_ms..to_ms, bottom - room..top + room)
-        .map_err(words)?;
-    area.draw_text(&name, &font(15, &INK), (82 * FINE, 6 * FINE))
-        .map_err(words)?;
-    chart
-        .configure_mesh()
-        .light_line_style(WHITE)
-        .bold_line_style(GRID.stroke_width(FINE as u32))
-        .axis_style(SOFT.stroke_width(FINE as u32))
-        .set_all_tick_mark_size(5 * FINE)
-        .label_style(font(12, &SOFT))
-        .x_desc("time from the trigger in ms")
-        .x_labels(11)
-        .y_labels(5)
-        .y_label_formatter(&|value: &f64| match signal.word(*value) {
+    let frame = Frame {
+        caption: None,
+        top: 26,
+        below: if last { FOOT } else { 0 },
+        x: from_ms..to_ms,
+        y: bottom - room..top + room,
+        titles: ("time from the trigger in ms", ""),
+        labels: (Some(11), 5),
+        label_pixels: 12,
+        x_label: Some(&|value| format!("{}", libm::round(value * 1e3) / 1e3 + 0.0)),
+        y_label: &|value| match signal.word(*value) {
             Some(word) if value.fract() == 0.0 => word.into(),
             _ if signal.is_whole() && value.fract() != 0.0 => String::new(),
             _ => format!("{}", libm::round(value * 1e4) / 1e4 + 0.0),
-        })
-        .x_label_formatter(&|value: &f64| format!("{}", libm::round(value * 1e3) / 1e3 + 0.0))
-        .draw()
+        },
+    };
+    let mut chart = plot::chart(area, frame)?;
+    area.draw_text(&name, &font(15, &INK), (82 * FINE, 6 * FINE))
         .map_err(words)?;
+    let [curve, trigger, ..] = CURVES;
     let line = [(0.0, bottom - room), (0.0, top + room)];
     chart
-        .draw_series(LineSeries::new(line, TRIGGER.stroke_width(FINE as u32)))
+        .draw_series(LineSeries::new(line, trigger.stroke_width(FINE as u32)))
         .map_err(words)?;
     let known = capture.rows.iter().filter_map(|row| {
         let value = row.values.get(index).copied().filter(|v| v.is_finite())?;
@@ -124,7 +100,7 @@ fn panel(
         chart
             .draw_series(LineSeries::new(
                 points,
-                CURVE.stroke_width(3 * FINE as u32 / 2),
+                curve.stroke_width(3 * FINE as u32 / 2),
             ))
             .map_err(words)?;
     }

@@ -5,7 +5,7 @@ use control::kinematics::Kinematics;
 use control::path::{AxisVector, Path};
 use machine::{AxisKind, Machine, PositionFeedback};
 
-use super::ScopeError;
+use super::error::ScopeError;
 use crate::measure::align::ScanSet;
 use crate::measure::contour;
 
@@ -137,130 +137,32 @@ enum OfCell {
     OverrunScans,
 }
 
+#[rustfmt::skip] // a table
 const OF_AXIS: [(OfAxis, &str, Dimension, &str); 13] = [
-    (
-        OfAxis::Command,
-        "command",
-        Dimension::Position,
-        "position command that the servo made in this scan",
-    ),
-    (
-        OfAxis::Feedback,
-        "feedback",
-        Dimension::Position,
-        "position that the servo read: encoder, or scale where it uses it",
-    ),
-    (
-        OfAxis::FollowingError,
-        "following_error",
-        Dimension::Deviation,
-        "command minus feedback, compensation not counted",
-    ),
-    (
-        OfAxis::Velocity,
-        "velocity",
-        Dimension::Speed,
-        "measured by the drive",
-    ),
-    (
-        OfAxis::VelocityCommand,
-        "velocity_command",
-        Dimension::Speed,
-        "velocity command that acts in this scan",
-    ),
-    (
-        OfAxis::Torque,
-        "torque",
-        Dimension::Torque,
-        "of the motor, at the end of the scan before",
-    ),
-    (
-        OfAxis::TorqueCommand,
-        "torque_command",
-        Dimension::Torque,
-        "asked for by the servo in this scan: fed forward, or all of it in torque mode",
-    ),
-    (
-        OfAxis::Table,
-        "table",
-        Dimension::Position,
-        "the table at the end of the scan, as the bench's instruments see it",
-    ),
-    (
-        OfAxis::WindUp,
-        "wind_up",
-        Dimension::Deviation,
-        "motor minus table at the end of the scan: wind-up and lost motion",
-    ),
-    (
-        OfAxis::Winding,
-        "winding",
-        Dimension::Temperature,
-        "winding temperature above ambient",
-    ),
-    (
-        OfAxis::MissedScans,
-        "missed_scans",
-        Dimension::Number,
-        "scans without a command in time, in all",
-    ),
-    (
-        OfAxis::Kick,
-        "kick",
-        Dimension::Speed,
-        "backlash acceleration now being output",
-    ),
-    (
-        OfAxis::Role,
-        "role",
-        Dimension::Number,
-        "servo whose command was taken: 0 for a, 1 for its standby",
-    ),
+    (OfAxis::Command,         "command",          Dimension::Position,    "position command that the servo made in this scan"),
+    (OfAxis::Feedback,        "feedback",         Dimension::Position,    "position that the servo read: encoder, or scale where it uses it"),
+    (OfAxis::FollowingError,  "following_error",  Dimension::Deviation,   "command minus feedback, compensation not counted"),
+    (OfAxis::Velocity,        "velocity",         Dimension::Speed,       "measured by the drive"),
+    (OfAxis::VelocityCommand, "velocity_command", Dimension::Speed,       "velocity command that acts in this scan"),
+    (OfAxis::Torque,          "torque",           Dimension::Torque,      "of the motor, at the end of the scan before"),
+    (OfAxis::TorqueCommand,   "torque_command",   Dimension::Torque,      "asked for by the servo in this scan: fed forward, or all of it in torque mode"),
+    (OfAxis::Table,           "table",            Dimension::Position,    "the table at the end of the scan, as the bench's instruments see it"),
+    (OfAxis::WindUp,          "wind_up",          Dimension::Deviation,   "motor minus table at the end of the scan: wind-up and lost motion"),
+    (OfAxis::Winding,         "winding",          Dimension::Temperature, "winding temperature above ambient"),
+    (OfAxis::MissedScans,     "missed_scans",     Dimension::Number,      "scans without a command in time, in all"),
+    (OfAxis::Kick,            "kick",             Dimension::Speed,       "backlash acceleration now being output"),
+    (OfAxis::Role,            "role",             Dimension::Number,      "servo whose command was taken: 0 for a, 1 for its standby"),
 ];
 
+#[rustfmt::skip] // a table
 const OF_CELL: [(OfCell, &str, Dimension, &str); 7] = [
-    (
-        OfCell::ContourError,
-        "contour_error",
-        Dimension::Deviation,
-        "distance of the table from the programmed path at the end of the scan",
-    ),
-    (
-        OfCell::PathDistance,
-        "path_distance",
-        Dimension::Position,
-        "way along the program's path",
-    ),
-    (
-        OfCell::Line,
-        "line",
-        Dimension::Number,
-        "line of the program that is under way",
-    ),
-    (
-        OfCell::Mode,
-        "mode",
-        Dimension::Number,
-        "0 disabled, 1 enabled, 2 stopping, 3 stopped, 4 tripped, 5 finished, 6 jogging, 7 ready",
-    ),
-    (
-        OfCell::Hold,
-        "hold",
-        Dimension::Number,
-        "1 while feed hold is latched",
-    ),
-    (
-        OfCell::Override,
-        "override",
-        Dimension::Percent,
-        "feed override",
-    ),
-    (
-        OfCell::OverrunScans,
-        "overrun_scans",
-        Dimension::Number,
-        "scans skipped because the master was late, in all",
-    ),
+    (OfCell::ContourError, "contour_error", Dimension::Deviation, "distance of the table from the programmed path at the end of the scan"),
+    (OfCell::PathDistance, "path_distance", Dimension::Position,  "way along the program's path"),
+    (OfCell::Line,         "line",          Dimension::Number,    "line of the program that is under way"),
+    (OfCell::Mode,         "mode",          Dimension::Number,    "0 disabled, 1 enabled, 2 stopping, 3 stopped, 4 tripped, 5 finished, 6 jogging, 7 ready"),
+    (OfCell::Hold,         "hold",          Dimension::Number,    "1 while feed hold is latched"),
+    (OfCell::Override,     "override",      Dimension::Percent,   "feed override"),
+    (OfCell::OverrunScans, "overrun_scans", Dimension::Number,    "scans skipped because the master was late, in all"),
 ];
 
 /// Whose number.

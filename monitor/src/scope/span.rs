@@ -1,6 +1,6 @@
 //! Lengths of time as people write them, in scans.
 
-use super::ScopeError;
+use super::error::ScopeError;
 
 /// The longest that can be asked for, in s.
 const LONGEST_S: f64 = 3600.0;

@@ -17,20 +17,17 @@
 //! A reversal counts from 100 nm in the new direction and is dated back to its first scan, as in the report. A death is dated
 //! back to its own scan. Neither is found across scans that were not seen.
 
-use super::turns::Turns;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 
-use bus::sample::{Cause, Feedback, Job, Mode, Roster};
+use bus::sample::{Feedback, Mode, Roster};
 use machine::Machine;
 
-use super::ScopeError;
+use super::error::ScopeError;
 use super::signal::{Eyes, Signal};
+use crate::deaths::{Deaths, Slot};
 use crate::measure::align::ScanSet;
-
-/// Travel in the new direction from which a reversal counts, in mm: as in the report.
-const TRAVEL_MM: f64 = 1e-4;
-/// Deaths that wait to be asked for.
-const DEATHS_MAX: usize = 64;
+use crate::turns::Turns;
+use crate::words::{StopCause, axis_name};
 
 /// Which side of a threshold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,14 +40,6 @@ pub enum Side {
     Rising,
     /// From above to it or below.
     Falling,
-}
-
-/// A place in the roster.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Place {
-    job: u32,
-    axis: u32,
-    role: u32,
 }
 
 /// What starts a capture.
@@ -87,7 +76,7 @@ pub enum Trigger {
     /// Mode, feed hold or override change.
     Order,
     /// A process dies; this one, if one is named.
-    Death(Option<Place>),
+    Death(Option<Slot>),
 }
 
 const WORDS: &str = "now, reversal AXIS [+|-], SIGNAL > VALUE, SIGNAL < VALUE, SIGNAL rising VALUE, SIGNAL falling VALUE (with abs before \
@@ -112,43 +101,6 @@ fn axis_of(text: &str, letter: &str, machine: &Machine) -> Result<usize, ScopeEr
             ),
         )
     })
-}
-
-/// Name of a process by its place.
-fn process_name(machine: &Machine, place: Place) -> String {
-    match Job::from_wire(place.job) {
-        Some(Job::Master) => "plant-sim".into(),
-        Some(Job::Planner) => "planner".into(),
-        Some(Job::Monitor) => "monitor".into(),
-        Some(Job::Servo) => {
-            let letter = machine.axes.get(place.axis as usize);
-            let letter = letter.map_or("?", |axis| axis.name.as_str());
-            let standby = if place.role > 0 { "-b" } else { "" };
-            format!("servo-{letter}{standby}")
-        }
-        None => format!("process of job {}", place.job),
-    }
-}
-
-/// All processes that a cell of this machine can have.
-fn places(machine: &Machine) -> Vec<Place> {
-    let alone = |job: Job| Place {
-        job: job as u32,
-        axis: 0,
-        role: 0,
-    };
-    let mut places = vec![alone(Job::Planner)];
-    for (axis, settings) in machine.axes.iter().enumerate() {
-        for role in 0..=u32::from(settings.standby) {
-            places.push(Place {
-                job: Job::Servo as u32,
-                axis: axis as u32,
-                role,
-            });
-        }
-    }
-    places.extend([alone(Job::Master), alone(Job::Monitor)]);
-    places
 }
 
 impl Trigger {
@@ -202,13 +154,10 @@ impl Trigger {
             ["scan", scan] => Trigger::Scan(number(scan)?),
             ["death"] => Trigger::Death(None),
             ["death", process] => {
-                let all = places(machine);
-                let place = all
-                    .iter()
-                    .find(|place| process_name(machine, **place) == *process);
-                Trigger::Death(Some(*place.ok_or_else(|| {
-                    let names: Vec<String> =
-                        all.iter().map(|p| process_name(machine, *p)).collect();
+                let all = Slot::all(machine);
+                let slot = all.iter().find(|slot| slot.name(machine) == *process);
+                Trigger::Death(Some(*slot.ok_or_else(|| {
+                    let names: Vec<String> = all.iter().map(|slot| slot.name(machine)).collect();
                     wrong(
                         text,
                         format!(
@@ -280,101 +229,12 @@ pub struct Fired {
     pub what: String,
 }
 
-/// The death of a process.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Death {
-    /// Its scan.
-    pub scan: u64,
-    /// Name of the process.
-    pub place: String,
-    /// What happened, in words.
-    pub how: String,
-}
-
-/// Finds deaths in the roster: those in scans that have been seen, once each.
-#[derive(Debug)]
-pub struct Deaths {
-    machine: Machine,
-    first_scan: Option<u64>,
-    known: BTreeMap<Place, u64>,
-    new: VecDeque<(Place, Death)>,
-}
-
-impl Deaths {
-    /// Of the processes of a machine's cell.
-    pub fn new(machine: &Machine) -> Deaths {
-        Deaths {
-            machine: machine.clone(),
-            first_scan: None,
-            known: BTreeMap::new(),
-            new: VecDeque::new(),
-        }
-    }
-
-    /// A scan is seen.
-    pub fn scan(&mut self, scan: u64) {
-        self.first_scan.get_or_insert(scan);
-    }
-
-    /// Takes who takes part.
-    pub fn roster(&mut self, roster: &Roster) {
-        for participant in roster.participants.iter().filter(|p| p.job != 0) {
-            let (signal, status) = (participant.death_signal, participant.death_status);
-            let scan = participant.death_scan;
-            if scan == u64::MAX || (signal == 0 && status == 0) {
-                continue;
-            }
-            let place = Place {
-                job: participant.job,
-                axis: participant.axis,
-                role: participant.role,
-            };
-            let before = self.known.insert(place, scan);
-            // What a first roster tells of the time before is nobody's news.
-            let seen = self.first_scan.is_some_and(|first| scan >= first);
-            if before == Some(scan) || !seen || self.new.len() >= DEATHS_MAX {
-                continue;
-            }
-            let name = process_name(&self.machine, place);
-            let how = match signal {
-                0 => format!("{name} ended with status {status}"),
-                signal => format!("{name} killed by signal {signal}"),
-            };
-            let death = Death {
-                scan,
-                place: name,
-                how,
-            };
-            self.new.push_back((place, death));
-        }
-    }
-
-    /// The next one that was not asked for yet.
-    pub fn next_new(&mut self) -> Option<Death> {
-        Some(self.next_placed()?.1)
-    }
-
-    fn next_placed(&mut self) -> Option<(Place, Death)> {
-        self.new.pop_front()
-    }
-}
-
-/// Why the machine tripped or stopped, in words.
-pub fn trip_words(machine: &Machine, feedback: &Feedback) -> String {
-    let cause = Cause::from_wire(feedback.cause).map_or("an unknown cause", Cause::words);
-    match machine.axes.get(feedback.cause_axis as usize) {
-        Some(axis) => format!("{}: {cause}", axis.name),
-        None => cause.into(),
-    }
-}
-
 /// Watches for a trigger.
 #[derive(Debug)]
 pub struct Watch {
     trigger: Trigger,
     machine: Machine,
-    travel: Vec<i64>,
-    turns: Vec<Turns>,
+    turns: Vec<Turns<u64>>,
     first_scan: Option<u64>,
     last: Option<Feedback>,
     /// Whether the condition held, once it was known.
@@ -391,13 +251,14 @@ pub struct Watch {
 impl Watch {
     /// Of a machine.
     pub fn new(trigger: Trigger, machine: &Machine) -> Watch {
-        let travel =
-            |axis: &machine::Axis| (libm::round(TRAVEL_MM / axis.increment_mm()) as i64).max(1);
         Watch {
             trigger,
             machine: machine.clone(),
-            travel: machine.axes.iter().map(travel).collect(),
-            turns: vec![Turns::default(); machine.axes.len()],
+            turns: machine
+                .axes
+                .iter()
+                .map(|axis| Turns::new(axis.increment_mm()))
+                .collect(),
             first_scan: None,
             last: None,
             held: None,
@@ -413,13 +274,13 @@ impl Watch {
     /// Takes who takes part.
     pub fn roster(&mut self, roster: &Roster) {
         self.deaths.roster(roster);
-        while let Some((place, death)) = self.deaths.next_placed() {
+        while let Some(death) = self.deaths.next_new() {
             if self.died_in_all.len() < 8 {
                 self.died_in_all
                     .push(format!("{} in scan {}", death.how, death.scan));
             }
             match &self.trigger {
-                Trigger::Death(wanted) if wanted.is_none_or(|wanted| wanted == place) => {
+                Trigger::Death(wanted) if wanted.is_none_or(|wanted| wanted == death.slot) => {
                     self.died.push_back(Fired {
                         scan: death.scan,
                         what: death.how,
@@ -443,9 +304,8 @@ impl Watch {
         }
         let mut reversed = None;
         for (axis, turns) in self.turns.iter_mut().enumerate() {
-            let travel = self.travel.get(axis).copied().unwrap_or(1);
             if let Some(command) = set.command(axis)
-                && let Some((scan, direction)) = turns.take(command.scan, command.position, travel)
+                && let Some((scan, direction)) = turns.take(command.position, |_| command.scan)
                 && let Trigger::Reversal {
                     axis: wanted,
                     direction: to,
@@ -472,14 +332,14 @@ impl Watch {
         reversed: Option<(u64, i32)>,
     ) -> Option<Fired> {
         let now = feedback.scan;
-        let here = |what: String| Some(Fired { scan: now, what });
+        let here = |what: String| Fired { scan: now, what };
         let last = self.last.as_ref();
         match &self.trigger {
-            Trigger::Now => here("now".into()),
+            Trigger::Now => Some(here("now".into())),
             Trigger::Reversal { axis, .. } => {
                 let (scan, direction) = reversed?;
                 let sign = if direction > 0 { "+" } else { "−" };
-                let what = format!("reversal of {} to {sign}", self.letter(*axis));
+                let what = format!("reversal of {} to {sign}", axis_name(&self.machine, *axis));
                 Some(Fired { scan, what })
             }
             Trigger::Scan(wanted) => {
@@ -493,103 +353,79 @@ impl Watch {
             }
             Trigger::Trip => {
                 let tripped = |f: &Feedback| f.mode == Mode::Tripped as u32;
-                if tripped(feedback) && last.is_some_and(|last| !tripped(last)) {
-                    return here(format!("trip: {}", trip_words(&self.machine, feedback)));
-                }
-                None
+                let trips = tripped(feedback) && last.is_some_and(|last| !tripped(last));
+                let cause = StopCause::of(&self.machine, feedback);
+                trips.then(|| here(format!("trip: {}", cause.short())))
             }
             Trigger::Mode(wanted) => {
                 let becomes = wanted.is_none_or(|wanted| feedback.mode == wanted as u32);
                 let changed = last.is_some_and(|last| last.mode != feedback.mode);
-                if changed && becomes {
-                    return here(format!("mode {}", mode_word(feedback)));
-                }
-                None
+                (changed && becomes).then(|| here(format!("mode {}", mode_word(feedback))))
             }
-            Trigger::Order => {
-                let last = last?;
-                let mut what = Vec::new();
-                if last.mode != feedback.mode {
-                    what.push(format!("mode {}", mode_word(feedback)));
-                }
-                if last.hold != feedback.hold {
-                    let word = if feedback.hold == 1 {
-                        "feed hold"
-                    } else {
-                        "feed hold released"
-                    };
-                    what.push(word.into());
-                }
-                if last.override_percent != feedback.override_percent {
-                    what.push(format!("override {} %", feedback.override_percent));
-                }
-                if what.is_empty() {
-                    return None;
-                }
-                here(what.join(", "))
-            }
+            Trigger::Order => order(last?, feedback).map(here),
             Trigger::Block(line) => {
-                let Some(path) = &eyes.path else {
-                    // Before a program is begun nothing of it is reached.
-                    self.held = feedback.window.is_none().then_some(false);
-                    return None;
-                };
-                let (line, known) = (*line, path.is_of(feedback));
-                let element = path.first_element_of(line);
-                let holds = known && element.is_some_and(|first| feedback.tag.element >= first);
-                // Off the path nothing is left or reached.
-                if !known && self.held.is_some() {
-                    return None;
-                }
-                let before = self.held.replace(holds);
-                if holds && before == Some(false) {
-                    return here(format!("line {line} reached"));
-                }
-                None
+                let line = *line;
+                let reached = self.judge_block(line, feedback, eyes);
+                reached.then(|| here(format!("line {line} reached")))
             }
-            Trigger::Level {
-                signal,
-                absolute,
-                side,
-                threshold,
-            } => {
-                let value = eyes.see(signal, set, feedback);
-                let value = if *absolute { value.abs() } else { value };
-                if value.is_nan() {
-                    // Nothing is crossed where nothing is known.
-                    self.held = None;
-                    return None;
-                }
-                self.lowest = self.lowest.min(value);
-                self.highest = self.highest.max(value);
-                let (holds, word) = match side {
-                    Side::Above => (value > *threshold, "above"),
-                    Side::Below => (value < *threshold, "below"),
-                    Side::Rising => (value >= *threshold, "rising through"),
-                    Side::Falling => (value <= *threshold, "falling through"),
-                };
-                let magnitude = if *absolute { "|" } else { "" };
-                let what = format!(
-                    "{magnitude}{}{magnitude} {word} {threshold} {}",
-                    signal.name, signal.unit.shown
-                );
-                let before = self.held.replace(holds);
-                let fires = match side {
-                    Side::Above | Side::Below => holds && before != Some(true),
-                    Side::Rising | Side::Falling => holds && before == Some(false),
-                };
-                fires.then(|| Fired {
-                    scan: now,
-                    what: what.trim_end().into(),
-                })
-            }
+            Trigger::Level { .. } => self.judge_level(eyes, set, feedback).map(here),
             Trigger::Death(_) => self.died.pop_front(),
         }
     }
 
-    fn letter(&self, axis: usize) -> &str {
-        let axis = self.machine.axes.get(axis);
-        axis.map_or("?", |axis| axis.name.as_str())
+    /// Whether the first element at or behind a line comes under way.
+    fn judge_block(&mut self, line: u32, feedback: &Feedback, eyes: &Eyes) -> bool {
+        let Some(path) = &eyes.path else {
+            // Before a program is started nothing of it is reached.
+            self.held = feedback.window.is_none().then_some(false);
+            return false;
+        };
+        let known = path.is_of(feedback);
+        let element = path.first_element_of(line);
+        let holds = known && element.is_some_and(|first| feedback.tag.element >= first);
+        // Off the path nothing is left or reached.
+        if !known && self.held.is_some() {
+            return false;
+        }
+        let before = self.held.replace(holds);
+        holds && before == Some(false)
+    }
+
+    /// What a level that fires has done, in words.
+    fn judge_level(&mut self, eyes: &Eyes, set: &ScanSet, feedback: &Feedback) -> Option<String> {
+        let Trigger::Level {
+            signal,
+            absolute,
+            side,
+            threshold,
+        } = &self.trigger
+        else {
+            return None;
+        };
+        let value = eyes.see(signal, set, feedback);
+        let value = if *absolute { value.abs() } else { value };
+        if value.is_nan() {
+            // Nothing is crossed where nothing is known.
+            self.held = None;
+            return None;
+        }
+        self.lowest = self.lowest.min(value);
+        self.highest = self.highest.max(value);
+        let (holds, word) = match side {
+            Side::Above => (value > *threshold, "above"),
+            Side::Below => (value < *threshold, "below"),
+            Side::Rising => (value >= *threshold, "rising through"),
+            Side::Falling => (value <= *threshold, "falling through"),
+        };
+        let before = self.held.replace(holds);
+        let fires = match side {
+            Side::Above | Side::Below => holds && before != Some(true),
+            Side::Rising | Side::Falling => holds && before == Some(false),
+        };
+        let bar = if *absolute { "|" } else { "" };
+        let (name, unit) = (&signal.name, signal.unit.shown);
+        let what = format!("{bar}{name}{bar} {word} {threshold} {unit}");
+        fires.then(|| what.trim_end().into())
     }
 
     /// What was seen in place of the trigger, for who has waited in vain.
@@ -602,8 +438,9 @@ impl Watch {
             Trigger::Now => "none of them was ready".to_string(),
             Trigger::Reversal { .. } => {
                 let axes = self.turns.iter().enumerate();
-                let counts =
-                    axes.map(|(axis, turns)| format!("{} {}", self.letter(axis), turns.count));
+                let counts = axes.map(|(axis, turns)| {
+                    format!("{} {}", axis_name(&self.machine, axis), turns.count)
+                });
                 format!("with reversals: {}", counts.collect::<Vec<_>>().join(", "))
             }
             Trigger::Level { signal, .. } if self.lowest > self.highest => {
@@ -625,7 +462,7 @@ impl Watch {
             },
             Trigger::Scan(_) | Trigger::Trip | Trigger::Mode(_) | Trigger::Order => {
                 let trip = if last.mode == Mode::Tripped as u32 {
-                    format!(" ({})", trip_words(&self.machine, last))
+                    format!(" ({})", StopCause::of(&self.machine, last).short())
                 } else {
                     String::new()
                 };
@@ -636,6 +473,19 @@ impl Watch {
         };
         format!("{range}, {more}")
     }
+}
+
+/// What of mode, feed hold and override has changed, in words.
+fn order(last: &Feedback, feedback: &Feedback) -> Option<String> {
+    let mode = (last.mode != feedback.mode).then(|| format!("mode {}", mode_word(feedback)));
+    let hold = (last.hold != feedback.hold).then(|| match feedback.hold {
+        1 => "feed hold".to_string(),
+        _ => "feed hold released".into(),
+    });
+    let percent = feedback.override_percent;
+    let percent = (last.override_percent != percent).then(|| format!("override {percent} %"));
+    let changed: Vec<String> = [mode, hold, percent].into_iter().flatten().collect();
+    (!changed.is_empty()).then(|| changed.join(", "))
 }
 
 fn mode_word(feedback: &Feedback) -> &'static str {

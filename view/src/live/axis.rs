@@ -4,12 +4,10 @@ use std::collections::VecDeque;
 
 use bus::sample::{AxisCommand, AxisFeedback};
 use machine::{Axis, AxisKind};
-use monitor::scope::turns::Turns;
+use monitor::turns::Turns;
 
 /// Looks that the history holds: 24 s.
 const HISTORY: usize = 240;
-/// Travel in the new direction from which a reversal counts, in mm: above the rounding of setpoints.
-const TRAVEL_MM: f64 = 1e-4;
 
 /// What a servo asked of its drive.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -197,16 +195,14 @@ pub struct Turn {
 /// Finds where a command reverses; never across scans that were not seen.
 #[derive(Debug)]
 struct TurnFinder {
-    travel: i64,
-    turns: Turns,
+    turns: Turns<u64>,
     last_scan: Option<u64>,
 }
 
 impl TurnFinder {
     fn new(increment_mm: f64) -> Self {
         TurnFinder {
-            travel: (libm::round(TRAVEL_MM / increment_mm) as i64).max(1),
-            turns: Turns::default(),
+            turns: Turns::new(increment_mm),
             last_scan: None,
         }
     }
@@ -221,7 +217,7 @@ impl TurnFinder {
         if before.is_none_or(|before| before + 1 != scan) {
             self.turns.interrupt();
         }
-        let (scan, direction) = self.turns.take(scan, position, self.travel)?;
+        let (scan, direction) = self.turns.take(position, |_| scan)?;
         Some(Turn { scan, direction })
     }
 }

@@ -1,7 +1,7 @@
 //! A running cell, seen from outside: `quadrant status` and `quadrant monitor`.
 //!
 //! A reader descends so: [`feed`] takes samples from the cell into the [`model`], which knows no clock, port or screen;
-//! [`draw`] puts a model on a screen, [`json`] and [`text`] into words; [`terminal`] and [`lines`] are the loops. Nothing here is
+//! `draw` puts a model on a screen, `json` and `text` into words; `terminal` and `lines` are the loops. Nothing here is
 //! waited for by anybody in the cell: queues that are not emptied in time lose their oldest samples, here alone.
 
 mod attach;

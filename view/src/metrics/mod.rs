@@ -2,8 +2,8 @@
 //!
 //! A reader descends so: the launcher opens the listening socket ([`launcher::metrics_socket`]) before anything starts and hands it to the recorder
 //! as its standard input, so that a port that is taken is found in time and a recorder that replaces a lost one answers at the
-//! same address. In the recorder [`watch`] puts what it hears into [`numbers`], atomics alone; a thread of its own answers
-//! scrapes ([`server`]) with what stands there ([`exposition`]). The recorder waits for neither.
+//! same address. In the recorder `watch` puts what it hears into `numbers`, atomics alone; a thread of its own answers
+//! scrapes (`server`) with what stands there (`exposition`). The recorder waits for neither.
 
 mod exposition;
 mod interval;

@@ -1,7 +1,7 @@
 //! `quadrant scope`: signals around a trigger, from a running cell or from a log.
 //!
-//! What is shown and when is decided in [`monitor::scope`], the same for both; here are its two sources, [`live`] and [`log`], the
-//! [`path`] of the program for those who need it, and where captures go.
+//! What is shown and when is decided in [`monitor::scope`], the same for both; here are its two sources, `live` and `log`, the
+//! `path` of the program for those who need it, and where captures go.
 
 mod live;
 mod log;

@@ -1,6 +1,7 @@
 //! Which arcs are drawn. Only their curves are kept: a curve has up to half a megabyte, and a long run thousands of arcs.
 
-use super::{ArcResult, Circle, fitted};
+use super::result::ArcResult;
+use super::runs::Circle;
 
 /// Plots of circles at most.
 pub const PLOTS_MAX: usize = 24;
@@ -13,7 +14,7 @@ const SHOWN_DEG_MIN: f64 = 150.0;
 
 /// Whether a run is a circle to the eye.
 pub fn shown(arc: &ArcResult) -> bool {
-    fitted(&arc.table.fit) && arc.measured_deg >= SHOWN_DEG_MIN
+    arc.table.fit.is_whole() && arc.measured_deg >= SHOWN_DEG_MIN
 }
 
 /// Whether two runs belong into one plot, whatever their direction.
@@ -60,8 +61,9 @@ impl CurvesKept {
 
 #[cfg(test)]
 mod tests {
-    use super::super::*;
     use super::*;
+    use crate::measure::arc::result::Deviations;
+    use crate::measure::fit::{Fit, FitKind};
 
     fn arc(radius_mm: f64, measured_deg: f64) -> ArcResult {
         let fit = Fit {

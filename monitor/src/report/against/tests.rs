@@ -3,11 +3,13 @@
 use std::path::Path;
 
 use super::*;
+use crate::report::match_up::matched;
+use crate::report::side_by_side::Compared;
 use crate::report::tests::{DEVIATION, run_directory, run_directory_of};
 use crate::test_support::Deviation;
 
 fn compared(a: f64, b: f64) -> Compared {
-    Compared::both(a, b)
+    Compared::of(Some(a), Some(b))
 }
 
 /// Runs whose reversals protrude by 0.0052 … 0.0083 mm (A), and by twice that (B).

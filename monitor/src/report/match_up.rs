@@ -1,4 +1,4 @@
-//! Which thing of one run is which of another: those of one key, in their order.
+//! Which thing of one run is which of another: those of one key, in their order; and which of its key each is.
 
 use std::collections::BTreeMap;
 
@@ -32,6 +32,11 @@ pub(super) fn matched<'a, T, K: Ord + Clone>(
         order,
     }));
     pairs
+}
+
+/// Which one of its key each is, from 1.
+pub(super) fn orders<T, K: Ord + Clone>(all: &[T], key: impl Fn(&T) -> K) -> Vec<usize> {
+    numbered(all, key).map(|((_, order), _)| order).collect()
 }
 
 /// Each with its key and which one of that key it is, from 1.

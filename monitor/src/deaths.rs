@@ -1,0 +1,139 @@
+//! Deaths of processes, as the launcher publishes them in the roster: one reading of it for the report, the black box and the scope.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use bus::sample::{Job, Participant, Roster};
+use machine::Machine;
+
+use crate::words::axis_name;
+
+/// Deaths that wait to be asked for.
+const DEATHS_MAX: usize = 64;
+
+/// A slot of the roster: one process of the cell, whoever fills it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Slot {
+    job: u32,
+    axis: u32,
+    role: u32,
+}
+
+impl Slot {
+    /// That of a participant.
+    pub fn of(participant: &Participant) -> Slot {
+        Slot {
+            job: participant.job,
+            axis: participant.axis,
+            role: participant.role,
+        }
+    }
+
+    /// All slots that a cell of this machine can have.
+    pub fn all(machine: &Machine) -> Vec<Slot> {
+        let slot = |job: Job, axis: usize, role: u32| Slot {
+            job: job as u32,
+            axis: axis as u32,
+            role,
+        };
+        let mut slots = vec![slot(Job::Planner, 0, 0)];
+        for (axis, settings) in machine.axes.iter().enumerate() {
+            let roles = 0..=u32::from(settings.standby);
+            slots.extend(roles.map(|role| slot(Job::Servo, axis, role)));
+        }
+        slots.extend([slot(Job::Master, 0, 0), slot(Job::Monitor, 0, 0)]);
+        slots
+    }
+
+    /// Name of its process.
+    pub fn name(self, machine: &Machine) -> String {
+        match Job::from_wire(self.job) {
+            Some(Job::Master) => "plant-sim".into(),
+            Some(Job::Planner) => "planner".into(),
+            Some(Job::Monitor) => "monitor".into(),
+            Some(Job::Servo) => {
+                let standby = if self.role > 0 { "-b" } else { "" };
+                format!("servo-{}{standby}", axis_name(machine, self.axis as usize))
+            }
+            None => format!("process of job {}", self.job),
+        }
+    }
+}
+
+/// Scan, signal and exit status of a participant's last death; none if none died, or ended in order.
+pub fn death_of(participant: &Participant) -> Option<(u64, i32, i32)> {
+    let (signal, status) = (participant.death_signal, participant.death_status);
+    let orderly = signal == 0 && status == 0;
+    let died = participant.death_scan != u64::MAX && !orderly;
+    died.then_some((participant.death_scan, signal, status))
+}
+
+/// The death of a process.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Death {
+    /// Its scan.
+    pub scan: u64,
+    /// Its slot.
+    pub slot: Slot,
+    /// Name of the process.
+    pub process: String,
+    /// What happened, in words.
+    pub how: String,
+}
+
+/// Finds deaths in the roster: those in scans that have been seen, once each.
+#[derive(Debug)]
+pub struct Deaths {
+    machine: Machine,
+    first_scan: Option<u64>,
+    known: BTreeMap<Slot, u64>,
+    new: VecDeque<Death>,
+}
+
+impl Deaths {
+    /// Of the processes of a machine's cell.
+    pub fn new(machine: &Machine) -> Deaths {
+        Deaths {
+            machine: machine.clone(),
+            first_scan: None,
+            known: BTreeMap::new(),
+            new: VecDeque::new(),
+        }
+    }
+
+    /// A scan is seen.
+    pub fn scan(&mut self, scan: u64) {
+        self.first_scan.get_or_insert(scan);
+    }
+
+    /// Takes who takes part.
+    pub fn roster(&mut self, roster: &Roster) {
+        for participant in roster.participants.iter().filter(|p| p.job != 0) {
+            let Some((scan, signal, status)) = death_of(participant) else {
+                continue;
+            };
+            let slot = Slot::of(participant);
+            let before = self.known.insert(slot, scan);
+            // What a first roster has of the time before is nobody's news.
+            let seen = self.first_scan.is_some_and(|first| scan >= first);
+            if before == Some(scan) || !seen || self.new.len() >= DEATHS_MAX {
+                continue;
+            }
+            let process = slot.name(&self.machine);
+            let how = match signal {
+                0 => format!("{process} ended with status {status}"),
+                signal => format!("{process} killed by signal {signal}"),
+            };
+            self.new.push_back(Death {
+                scan,
+                slot,
+                process,
+                how,
+            });
+        }
+    }
+
+    /// The next one that was not asked for yet.
+    pub fn next_new(&mut self) -> Option<Death> {
+        self.new.pop_front()
+    }
+}

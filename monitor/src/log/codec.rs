@@ -1,0 +1,201 @@
+//! A sample as the bytes of a message, and back: the same for the log and for the black box.
+//!
+//! What stands in a message is not trusted: it is checked against the layout of its type before it becomes a sample.
+
+use bus::sample::{
+    AxisCommand, Feedback, Instruments, MAX_WINDOW_ROWS, PlannerStatus, Roster, WindowHeader,
+    WindowRow,
+};
+use bytemuck::{Pod, Zeroable};
+
+use super::layout::{Extent, Layout, Wire};
+use super::run_info::Event;
+use super::sample::{LoggedWindow, Sample, SampleRef};
+
+/// What a message begins with: CDR, little-endian (XCDR1, OMG DDSI-RTPS 2.5 §10.2).
+pub(crate) const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
+
+/// What a message carries.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub(crate) enum Content {
+    Feedback,
+    Instruments,
+    Command,
+    Window,
+    Planner,
+    Roster,
+    Event,
+}
+
+impl Content {
+    /// What a topic carries; none if nobody here reads it.
+    pub(crate) fn of_topic(topic: &str) -> Option<Content> {
+        Some(match topic {
+            "/feedback" => Content::Feedback,
+            "/instruments" => Content::Instruments,
+            "/window" => Content::Window,
+            "/planner" => Content::Planner,
+            "/roster" => Content::Roster,
+            "/event" => Content::Event,
+            _ if topic.starts_with("/command/") => Content::Command,
+            _ => return None,
+        })
+    }
+
+    pub(crate) fn of(sample: &SampleRef<'_>) -> Content {
+        match sample {
+            SampleRef::Feedback(_) => Content::Feedback,
+            SampleRef::Instruments(_) => Content::Instruments,
+            SampleRef::Command(..) => Content::Command,
+            SampleRef::Window(..) => Content::Window,
+            SampleRef::Planner(_) => Content::Planner,
+            SampleRef::Roster(_) => Content::Roster,
+            SampleRef::Event(_) => Content::Event,
+        }
+    }
+
+    pub(crate) fn from_byte(byte: u8) -> Option<Content> {
+        use Content::{Command, Event, Feedback, Instruments, Planner, Roster, Window};
+        let all = [
+            Feedback,
+            Instruments,
+            Command,
+            Window,
+            Planner,
+            Roster,
+            Event,
+        ];
+        all.into_iter().find(|content| *content as u8 == byte)
+    }
+}
+
+/// The layouts of all samples of one machine.
+pub(crate) struct Codec {
+    pub(crate) feedback: Layout,
+    pub(crate) instruments: Layout,
+    pub(crate) command: Layout,
+    pub(crate) planner: Layout,
+    pub(crate) roster: Layout,
+    pub(crate) header: Layout,
+    pub(crate) row: Layout,
+}
+
+impl Codec {
+    /// What stands before the rows of a window, its header excepted, in bytes.
+    pub(crate) const WINDOW_HEAD_BYTES: usize = 8 + 4 + 4;
+
+    pub(crate) fn of(extent: &Extent) -> Codec {
+        Codec {
+            feedback: Layout::of::<Feedback>(extent),
+            instruments: Layout::of::<Instruments>(extent),
+            command: Layout::of::<AxisCommand>(extent),
+            planner: Layout::of::<PlannerStatus>(extent),
+            roster: Layout::of::<Roster>(extent),
+            header: Layout::of::<WindowHeader>(extent),
+            row: Layout::of::<WindowRow>(extent),
+        }
+    }
+
+    /// Appends the body of a message. An event's strings are aligned to the message's first byte, which must be there.
+    pub(crate) fn encode(&self, sample: SampleRef<'_>, message: &mut Vec<u8>) {
+        match sample {
+            SampleRef::Feedback(s) => self.feedback.encode(bytemuck::bytes_of(s), message),
+            SampleRef::Instruments(s) => self.instruments.encode(bytemuck::bytes_of(s), message),
+            SampleRef::Command(_, s) => self.command.encode(bytemuck::bytes_of(s), message),
+            SampleRef::Planner(s) => self.planner.encode(bytemuck::bytes_of(s), message),
+            SampleRef::Roster(s) => self.roster.encode(bytemuck::bytes_of(s), message),
+            SampleRef::Event(event) => {
+                message.extend_from_slice(&event.scan.to_le_bytes());
+                put_string(message, &event.process);
+                put_string(message, &event.text);
+            }
+            SampleRef::Window(header, intended, tail_checksum) => {
+                self.header.encode(bytemuck::bytes_of(header), message);
+                message.extend_from_slice(&tail_checksum.to_le_bytes());
+                message.extend_from_slice(&(intended.len() as u32).to_le_bytes());
+                if !intended.is_empty() {
+                    message.extend_from_slice(&[0; 4]);
+                }
+                for row in intended {
+                    self.row.encode(bytemuck::bytes_of(row), message);
+                }
+            }
+        }
+    }
+
+    /// The sample in the body of a message; none if it does not fit.
+    pub(crate) fn decode(&self, content: Content, body: &[u8]) -> Option<Sample> {
+        Some(match content {
+            Content::Feedback => Sample::Feedback(Box::new(pod(&self.feedback, body)?)),
+            Content::Instruments => Sample::Instruments(Box::new(pod(&self.instruments, body)?)),
+            Content::Command => Sample::Command(Box::new(pod(&self.command, body)?)),
+            Content::Planner => Sample::Planner(pod(&self.planner, body)?),
+            Content::Roster => Sample::Roster(Box::new(pod(&self.roster, body)?)),
+            Content::Window => Sample::Window(self.window(body)?),
+            Content::Event => Sample::Event(event(body)?),
+        })
+    }
+
+    fn window(&self, body: &[u8]) -> Option<LoggedWindow> {
+        let (header, rest) = body.split_at_checked(self.header.bytes)?;
+        let (checksum, rest) = rest.split_first_chunk::<8>()?;
+        let (count, rest) = rest.split_first_chunk::<4>()?;
+        let count = u32::from_le_bytes(*count) as usize;
+        if count > MAX_WINDOW_ROWS {
+            return None;
+        }
+        let rows = if count == 0 {
+            rest
+        } else {
+            rest.strip_prefix(&[0; 4])?
+        };
+        if rows.len() != count * self.row.bytes {
+            return None;
+        }
+        Some(LoggedWindow {
+            header: pod(&self.header, header)?,
+            tail_checksum: u64::from_le_bytes(*checksum),
+            rows: rows
+                .chunks_exact(self.row.bytes)
+                .map(|row| pod(&self.row, row))
+                .collect::<Option<Vec<WindowRow>>>()?,
+        })
+    }
+}
+
+fn pod<T: Pod + Zeroable + Wire>(layout: &Layout, body: &[u8]) -> Option<T> {
+    let mut sample = T::zeroed();
+    layout
+        .decode(body, bytemuck::bytes_of_mut(&mut sample))
+        .then_some(sample)
+}
+
+/// A CDR string: length with the closing zero, bytes, zero, after padding to four bytes.
+fn put_string(message: &mut Vec<u8>, text: &str) {
+    let start = ENCAPSULATION.len();
+    message.resize(start + (message.len() - start).next_multiple_of(4), 0);
+    message.extend_from_slice(&(text.len() as u32 + 1).to_le_bytes());
+    message.extend_from_slice(text.as_bytes());
+    message.push(0);
+}
+
+fn event(body: &[u8]) -> Option<Event> {
+    let (scan, _) = body.split_first_chunk::<8>()?;
+    let (process, next) = string(body, 8)?;
+    let (text, _) = string(body, next)?;
+    Some(Event {
+        scan: u64::from_le_bytes(*scan),
+        process,
+        text,
+    })
+}
+
+/// The CDR string at or after `at`, and where it ends.
+fn string(body: &[u8], at: usize) -> Option<(String, usize)> {
+    let at = at.next_multiple_of(4);
+    let length = u32::from_le_bytes(*body.get(at..)?.first_chunk::<4>()?) as usize;
+    let bytes = body.get(at + 4..(at + 4).checked_add(length)?)?;
+    let text = bytes.strip_suffix(&[0])?;
+    Some((String::from_utf8(text.to_vec()).ok()?, at + 4 + length))
+}

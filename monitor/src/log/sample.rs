@@ -1,0 +1,103 @@
+//! One sample of a run, whichever channel it came on.
+
+use bus::sample::{
+    AxisCommand, Feedback, Instruments, PlannerStatus, Roster, WindowHeader, WindowRow,
+};
+use xxhash_rust::xxh3::Xxh3;
+
+use super::run_info::Event;
+
+/// What the log says of one window: header, intended rows, and a checksum of the rows that brake to rest.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LoggedWindow {
+    /// Its header.
+    pub header: WindowHeader,
+    /// Its intended rows.
+    pub rows: Vec<WindowRow>,
+    /// XXH3 over the bytes of the other rows, all axes.
+    pub tail_checksum: u64,
+}
+
+/// One sample of a run, from the wire or from the log.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Sample {
+    /// What the master said.
+    Feedback(Box<Feedback>),
+    /// What the bench's instruments saw.
+    Instruments(Box<Instruments>),
+    /// What a servo asked for.
+    Command(Box<AxisCommand>),
+    /// What the planner published.
+    Window(LoggedWindow),
+    /// How the planner stood.
+    Planner(PlannerStatus),
+    /// Who took part.
+    Roster(Box<Roster>),
+    /// What happened to the process group.
+    Event(Event),
+}
+
+/// XXH3 over the rows of a window that brake to rest.
+fn tail_checksum(header: &WindowHeader, rows: &[WindowRow]) -> u64 {
+    let tail = rows.get(header.intended_rows as usize..).unwrap_or(&[]);
+    let mut hash = Xxh3::new();
+    hash.update(bytemuck::cast_slice(tail));
+    hash.digest()
+}
+
+/// One sample that is looked at where it is.
+#[derive(Debug, Clone, Copy)]
+pub enum SampleRef<'a> {
+    /// What the master published.
+    Feedback(&'a Feedback),
+    /// What the bench's instruments saw.
+    Instruments(&'a Instruments),
+    /// What a servo of the axis with this index asked for.
+    Command(usize, &'a AxisCommand),
+    /// What the planner published: header, intended setpoints, and a checksum of those that brake to rest.
+    Window(&'a WindowHeader, &'a [WindowRow], u64),
+    /// State of the planner.
+    Planner(&'a PlannerStatus),
+    /// Who takes part.
+    Roster(&'a Roster),
+    /// What happened to the process group.
+    Event(&'a Event),
+}
+
+impl<'a> SampleRef<'a> {
+    /// A window; `rows` are all its setpoints.
+    pub fn window(header: &'a WindowHeader, rows: &'a [WindowRow]) -> Self {
+        let intended = rows.get(..header.intended_rows as usize).unwrap_or(rows);
+        SampleRef::Window(header, intended, tail_checksum(header, rows))
+    }
+
+    /// Scan that it belongs to in the log.
+    pub(crate) fn scan(&self) -> u64 {
+        match self {
+            SampleRef::Feedback(sample) => sample.scan,
+            SampleRef::Instruments(sample) => sample.scan,
+            SampleRef::Command(_, sample) => sample.scan,
+            SampleRef::Window(header, ..) => header.visible_from,
+            SampleRef::Planner(sample) => sample.scan,
+            SampleRef::Roster(sample) => sample.visible_from,
+            SampleRef::Event(event) => event.scan,
+        }
+    }
+}
+
+impl Sample {
+    /// The sample where it is; `axis` is the index of a command's axis.
+    pub(crate) fn as_ref(&self, axis: usize) -> SampleRef<'_> {
+        match self {
+            Sample::Feedback(sample) => SampleRef::Feedback(sample),
+            Sample::Instruments(sample) => SampleRef::Instruments(sample),
+            Sample::Command(sample) => SampleRef::Command(axis, sample),
+            Sample::Window(window) => {
+                SampleRef::Window(&window.header, &window.rows, window.tail_checksum)
+            }
+            Sample::Planner(sample) => SampleRef::Planner(sample),
+            Sample::Roster(sample) => SampleRef::Roster(sample),
+            Sample::Event(event) => SampleRef::Event(event),
+        }
+    }
+}

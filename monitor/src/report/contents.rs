@@ -1,0 +1,474 @@
+//! What a report has to say: the document of one run.
+
+use serde_json::Value as Json;
+
+use super::document::{Block, Columns, Document, Fact, Outcome, Section, digits};
+use super::json::{
+    ArcReport, AxisReport, FaultReport, OutcomeKind, Report, ReversalReport, ScanRange,
+};
+use super::match_up::orders;
+use crate::measure::outcome::Reaction;
+
+/// Blocks that the text shows: those with the largest contour error.
+const BLOCKS_IN_TEXT: usize = 16;
+/// Gaps of the log that are named in a line before it says how many more there are.
+const GAPS_MAX: usize = 5;
+
+/// The document of a run; `circles` are the files of its ball-bar plots.
+pub(super) fn document(report: &Report, circles: &[String]) -> Document {
+    Document {
+        title: format!("{} on {}", report.program, report.machine),
+        about: format!(
+            "{} scans of {} µs, interpolation period {} scans, {}",
+            report.scans, report.scan_period_us, report.distribution_period_scans, report.pace
+        ),
+        sections: vec![
+            head(report),
+            section("Faults", vec![Block::List(faults(report))]),
+            following_error(report),
+            blocks(report),
+            arcs(report, circles),
+            reversals(report),
+            drives(report),
+            foot(report),
+        ],
+    }
+}
+
+pub(super) fn section(heading: impl Into<String>, blocks: Vec<Block>) -> Section {
+    Section {
+        heading: heading.into(),
+        blocks,
+    }
+}
+
+/// Time of a scan in s.
+fn time_s(report: &Report, scan: u64) -> f64 {
+    scan as f64 * f64::from(report.scan_period_us) * 1e-6
+}
+
+/// How a run ended, and what must be known before its numbers are believed.
+pub(super) fn ending(report: &Report, run: Option<String>) -> Vec<Block> {
+    let reason = report.outcome.reason.as_deref();
+    let (good, word, rest) = match report.outcome.kind {
+        OutcomeKind::Completed => (true, "Completed", "The program ran to its end."),
+        OutcomeKind::Interrupted => {
+            let somebody = "Somebody stopped the run before the program's end.";
+            (false, "Interrupted", reason.unwrap_or(somebody))
+        }
+        OutcomeKind::Stopped => {
+            let unknown = "The log does not show why.";
+            (false, "Stopped", reason.unwrap_or(unknown))
+        }
+    };
+    let mut blocks = vec![Block::Outcome(Outcome {
+        run,
+        good: good && report.log.cut.is_none(),
+        word,
+        rest: rest.into(),
+    })];
+    if let Some(cut) = &report.log.cut {
+        let rest = format!("{cut}. What follows is of the part that is there.");
+        blocks.push(Block::Warning("The log is not whole".into(), rest));
+    }
+    if report.log.program_matches == Some(false) {
+        let what = "The program in this folder is not the one that ran";
+        let rest = "path, arcs and contour error mean nothing.";
+        blocks.push(Block::Warning(what.into(), rest.into()));
+    }
+    blocks
+}
+
+fn head(report: &Report) -> Section {
+    let mut blocks = ending(report, None);
+    blocks.extend(gaps(report));
+    if report.samples_lost > 0 {
+        let count = format!("{} samples are not in the log", report.samples_lost);
+        let rest = "its digest compares with no other run's.";
+        blocks.push(Block::Warning(count, rest.into()));
+    }
+    if report.faults.is_empty() {
+        blocks.push(Block::Text("No process was lost.".into()));
+    }
+    let machine_s = time_s(report, report.scans);
+    let time = vec![
+        Fact::new("machine time", machine_s, "s", 3).key("machine_time_s"),
+        Fact::new("wall time", report.wall_s, "s", 3).key("wall_s"),
+        Fact::new("", report.real_time_factor, "× real time", 1),
+    ];
+    let limits = &report.limits;
+    let exceeded = vec![
+        Fact::count("velocity", limits.velocity).key("limits/velocity_exceeded"),
+        Fact::count("acceleration", limits.acceleration).key("limits/acceleration_exceeded"),
+        Fact::count("travel", limits.travel).key("limits/travel_exceeded"),
+    ];
+    blocks.extend([
+        Block::Facts("Duration", time),
+        Block::Facts("Setpoints beyond limits", exceeded),
+        Block::Glance(glance(report)),
+    ]);
+    section("", blocks)
+}
+
+fn glance(report: &Report) -> Vec<Fact> {
+    let worst = |values: &mut dyn Iterator<Item = f64>| values.reduce(f64::max);
+    let (contour, axes) = (report.contour_error_um, report.axes.iter());
+    let following = worst(&mut axes.map(|axis| axis.following_error_um.peak));
+    let circular = worst(&mut report.arcs.iter().map(|arc| arc.circular_deviation_um));
+    let protrusions = steady_reversals(report).into_iter();
+    let protrusion = worst(&mut protrusions.map(|(protrusion, _)| protrusion));
+    let missed = report.axes.iter().map(|axis| u64::from(axis.missed_scans));
+    vec![
+        Fact::um("Contour error, peak", contour.peak).key("contour_error_um/peak"),
+        Fact::um("Contour error, rms", contour.rms).key("contour_error_um/rms"),
+        Fact::um("Following error, peak", following),
+        Fact::um("Circular deviation, worst", circular),
+        Fact::um("Protrusion, worst", protrusion),
+        Fact::count("Missed scans", missed.sum::<u64>()),
+        Fact::count("Lost processes", report.faults.len() as u64).key("faults"),
+    ]
+}
+
+fn scans(range: &ScanRange) -> String {
+    if range.first == range.last {
+        format!("scan {}", range.first)
+    } else {
+        format!("scans {} to {}", range.first, range.last)
+    }
+}
+
+/// What the log does not have, and of which parts it is.
+fn gaps(report: &Report) -> Vec<Block> {
+    let (parts, all) = (&report.parts, &report.missing_scans);
+    let mut missing: Vec<String> = all.iter().take(GAPS_MAX).map(scans).collect();
+    if let [_, ..] = all.get(GAPS_MAX..).unwrap_or_default() {
+        missing.push(format!("{} more gaps", all.len() - GAPS_MAX));
+    }
+    let missing = match (missing.as_slice(), all.as_slice()) {
+        ([], _) => "no scan is missing".into(),
+        ([one], [range]) if range.first == range.last => format!("{one} is missing"),
+        _ => format!("{} are missing", missing.join(", ")),
+    };
+    let mut blocks = Vec::new();
+    if parts.len() > 1 {
+        let count = parts.len();
+        blocks.push(Block::Text(format!("log in {count} parts: {missing}")));
+        let parts = parts.iter().map(|part| {
+            let from_to = match (part.first_scan, part.last_scan) {
+                (Some(first), Some(last)) => format!("scans {first} to {last}"),
+                _ => "no scan".into(),
+            };
+            let cut = if part.cut { ", cut off" } else { "" };
+            format!("{:<14} {from_to}{cut}", part.file)
+        });
+        blocks.push(Block::List(parts.collect()));
+    } else if !all.is_empty() {
+        blocks.push(Block::Warning("The log has gaps".into(), missing));
+    }
+    if !all.is_empty() {
+        let rest = "No reversal is measured across a gap; arcs marked ! are measured on the rest.";
+        blocks.push(Block::Text(rest.into()));
+    }
+    blocks
+}
+
+/// A sentence for each loss of a process.
+pub(super) fn faults(report: &Report) -> Vec<String> {
+    let faults = report.faults.iter();
+    faults.map(|fault| fault_words(report, fault)).collect()
+}
+
+fn fault_words(report: &Report, fault: &FaultReport) -> String {
+    let at = |scan: u64| format!("scan {scan} ({:.3} s)", time_s(report, scan));
+    let noticed = match fault.noticed_after_scans {
+        Some(0) => ", noticed in the same scan".into(),
+        Some(1) => ", noticed after 1 scan".into(),
+        Some(scans) => format!(", noticed after {scans} scans"),
+        None => String::new(),
+    };
+    let reaction = match &fault.reaction {
+        Reaction::None => "none, motion does not depend on it".into(),
+        reaction => reaction.to_string(),
+    };
+    let braked = match (fault.brake_distance_mm, fault.deviation_um) {
+        (None, None) => String::new(),
+        (distance, deviation) => format!(
+            " (in {} mm, up to {} µm off the path)",
+            digits(distance, 2),
+            digits(deviation, 1)
+        ),
+    };
+    let resumed = fault.resumed_at_scan.filter(|scan| *scan > fault.scan + 1);
+    let resumed = resumed.map_or(String::new(), |scan| {
+        format!("; motion again from {}", at(scan))
+    });
+    format!(
+        "{}: {} {}{noticed}: {reaction}{braked}{resumed}; contour error up to {:.2} µm",
+        at(fault.scan),
+        fault.process,
+        fault.kind,
+        fault.contour_error_um_max
+    )
+}
+
+/// Name of a row that is of an axis.
+fn axis_name(_: usize, axis: &AxisReport) -> (String, Vec<(&'static str, Json)>) {
+    let name = axis.axis.clone();
+    (name.clone(), vec![("axis", name.into())])
+}
+
+fn following_error(report: &Report) -> Section {
+    let table = Columns::of("axes", &report.axes)
+        .words("Axis", |axis| axis.axis.clone())
+        .number("50 %", "µm", 2, |axis| Some(axis.following_error_um.p50))
+        .number("95 %", "µm", 2, |axis| Some(axis.following_error_um.p95))
+        .number("99 %", "µm", 2, |axis| Some(axis.following_error_um.p99))
+        .key("following_error_um/p99")
+        .number("Peak", "µm", 2, |axis| Some(axis.following_error_um.peak))
+        .key("following_error_um/peak")
+        .number("rms", "µm", 2, |axis| Some(axis.following_error_um.rms))
+        .key("following_error_um/rms")
+        .named("axes", axis_name);
+    let note = "Command minus feedback, compensation not counted. 50, 95 and 99 % of the scans with drives on do not exceed; at most 0.8 % too high.";
+    section(
+        "Following error",
+        vec![
+            Block::Note(note.into()),
+            Block::Table(table.done()),
+            Block::Plot {
+                file: "tracking.svg".into(),
+                caption: "Following error of every axis over time".into(),
+            },
+        ],
+    )
+}
+
+fn blocks(report: &Report) -> Section {
+    let mut table = Columns::of("blocks", &report.blocks)
+        .count("Line", |block| block.block.into())
+        .count("Scans", |block| block.scans)
+        .number("Contour error", "µm", 2, |b| Some(b.contour_error_um_peak))
+        .largest(BLOCKS_IN_TEXT);
+    for AxisReport { axis, .. } in &report.axes {
+        table = table.number(format!("Error {axis}"), "µm", 2, |block| {
+            block.following_error_um_peak.get(axis).copied()
+        });
+    }
+    let note = "A block is a line of the program, all passes through it together. Contour error, and following error of each axis; of many blocks those with the largest contour error.";
+    section(
+        "Peaks per block",
+        vec![Block::Note(note.into()), Block::Table(table.done())],
+    )
+}
+
+/// The ball-bar plots in these files.
+pub(super) fn circle_plots(files: &[String], how: &str) -> impl Iterator<Item = Block> {
+    files
+        .iter()
+        .enumerate()
+        .map(move |(index, file)| Block::Plot {
+            file: file.clone(),
+            caption: format!("Radial deviation of circle {}, {how}", index + 1),
+        })
+}
+
+fn arcs(report: &Report, circles: &[String]) -> Section {
+    let centre = |arc: &ArcReport, index: usize| {
+        let offset = arc.centre_offset_um.as_ref()?;
+        offset.get(index).copied()
+    };
+    let gap = |arc: &ArcReport| if arc.missing_scans > 0 { "!" } else { "" };
+    let turn = |arc: &ArcReport| if arc.clockwise { "cw" } else { "ccw" };
+    let feed = |arc: &ArcReport| arc.feed_mm_min.unwrap_or(arc.speed_mm_min);
+    let orders = orders(&report.arcs, |arc| {
+        (arc.block, arc.plane.clone(), arc.clockwise)
+    });
+    let name = |index: usize, arc: &ArcReport| {
+        let feed = arc.feed_mm_min;
+        let feed = feed.map_or("rapid".into(), |feed| format!("F{feed:.0}"));
+        let (block, plane, radius) = (arc.block, arc.plane.clone(), arc.radius_mm);
+        let mut label = format!("line {block} {plane} R{radius} {feed} {}", turn(arc));
+        let order = orders.get(index).copied().unwrap_or(1);
+        if order > 1 {
+            label += &format!(", no. {order}");
+        }
+        let id = vec![
+            ("block", block.into()),
+            ("order", order.into()),
+            ("plane", plane.into()),
+            ("radius_mm", radius.into()),
+            ("feed_mm_min", arc.feed_mm_min.into()),
+            ("clockwise", arc.clockwise.into()),
+        ];
+        (label, id)
+    };
+    let table = Columns::of("arcs", &report.arcs)
+        .count("Line", |arc| arc.block.into())
+        .words("Plane", |arc| arc.plane.clone())
+        .number("Radius", "mm", 3, |arc| Some(arc.radius_mm))
+        .number("Feed", "mm/min", 0, |arc| Some(feed(arc)))
+        .words("Turn", |arc| turn(arc).into())
+        .written("Steady", "°", |arc| {
+            format!("{:.0}{}", arc.measured_deg, gap(arc))
+        })
+        .number("G", "µm", 2, |arc| Some(arc.circular_deviation_um))
+        .key("circular_deviation_um")
+        .number("Centre 1st", "µm", 2, |arc| centre(arc, 0))
+        .number("Centre 2nd", "µm", 2, |arc| centre(arc, 1))
+        .number("Radius error", "µm", 2, |arc| arc.radius_error_um)
+        .key("radius_error_um")
+        .number("Motor G", "µm", 2, |a| Some(a.motor_circular_deviation_um))
+        .named("arcs", name);
+    let note = "On the table, in the terms of ISO 230-4. Centre and radius by least squares outside the reversal windows; circular deviation G about that centre, over the steady part.";
+    let mut blocks = vec![Block::Note(note.into()), Block::Table(table.done())];
+    blocks.extend(circle_plots(circles, "exaggerated"));
+    section("Circles and arcs", blocks)
+}
+
+/// Reversals on arcs in steady motion, taken together: (protrusion, undercut) in µm.
+fn steady_reversals(report: &Report) -> Vec<(f64, f64)> {
+    let steady = report.reversals.iter().filter(|reversal| reversal.steady);
+    steady
+        .filter_map(|reversal| reversal.protrusion_um.zip(reversal.undercut_um))
+        .collect()
+}
+
+fn reversal_facts(report: &Report, on_arcs: usize) -> Vec<Fact> {
+    let steady = steady_reversals(report);
+    let protrusions = || steady.iter().map(|(protrusion, _)| *protrusion);
+    let mean = protrusions().sum::<f64>() / steady.len() as f64;
+    let mean = Some(mean).filter(|_| !steady.is_empty());
+    let highest = protrusions().reduce(f64::max);
+    let deepest = steady.iter().map(|(_, undercut)| *undercut);
+    let deepest = deepest.reduce(f64::min);
+    vec![
+        Fact::count("in all", report.reversals.len() as u64),
+        Fact::count("on arcs", on_arcs as u64),
+        Fact::count("in steady motion", steady.len() as u64).key("protrusions_um/count"),
+        Fact::um("mean protrusion", mean).key("protrusions_um/mean"),
+        Fact::um("highest protrusion", highest).key("protrusions_um/worst"),
+        Fact::um("deepest undercut", deepest).key("protrusions_um/deepest_undercut"),
+    ]
+}
+
+fn reversals(report: &Report) -> Section {
+    type Reversal = ReversalReport;
+    let sign = |r: &Reversal| if r.new_direction > 0 { '+' } else { '-' };
+    let steady = |r: &Reversal| if r.steady { "" } else { " *" };
+    // All are counted, so that the order is that of travel; those on arcs have something to compare.
+    let orders = orders(&report.reversals, |r| {
+        (r.axis.clone(), r.block, r.new_direction)
+    });
+    let all = orders.into_iter().zip(&report.reversals);
+    let (orders, on_arcs): (Vec<usize>, Vec<&Reversal>) =
+        all.filter(|(_, r)| r.protrusion_um.is_some()).unzip();
+    let mut blocks = vec![Block::Facts("Count", reversal_facts(report, on_arcs.len()))];
+    let name = |index: usize, r: &Reversal| {
+        let order = orders.get(index).copied().unwrap_or(1);
+        let block = r
+            .block
+            .map_or(String::new(), |line| format!(" line {line}"));
+        let label = format!("{}{}{block}, no. {order}", r.axis, sign(r));
+        let id = vec![
+            ("axis", r.axis.clone().into()),
+            ("new_direction", r.new_direction.into()),
+            ("block", r.block.into()),
+            ("order", order.into()),
+        ];
+        (label, id)
+    };
+    let table = Columns::of("reversals on arcs", on_arcs)
+        .words("Axis", |r| format!("{}{}{}", r.axis, sign(r), steady(r)))
+        .number("Time", "s", 3, |r| Some(time_s(report, r.scan)))
+        .number("Line", "", 0, |r| r.block.map(f64::from))
+        .number("Radius", "mm", 3, |r| r.radius_mm)
+        .number("Feed", "mm/min", 0, |r| r.feed_mm_min)
+        .number("Protrusion", "µm", 2, |r| r.protrusion_um)
+        .key("protrusion_um")
+        .number("Undercut", "µm", 2, |r| r.undercut_um)
+        .key("undercut_um")
+        .number("Width", "ms", 1, |r| r.width_half_height_ms)
+        .number("Pulse lead", "ms", 2, |r| r.kick_lead_ms)
+        .named("reversals", name)
+        .done();
+    if !table.rows.is_empty() {
+        let note = "Protrusion: quadrant protrusion (reversal spike in ISO 230-4, glitch), + outward: the axis is late. * Not in steady motion.";
+        blocks.push(Block::Note(note.into()));
+    }
+    blocks.push(Block::Table(table));
+    section("Reversals", blocks)
+}
+
+fn drives(report: &Report) -> Section {
+    let table = Columns::of("axes", &report.axes)
+        .words("Axis", |axis| axis.axis.clone())
+        .words("Mode", |axis| axis.drive_mode.into())
+        .number("Peak torque", "Nm", 2, |axis| Some(axis.torque_peak_nm))
+        .number("rms torque", "Nm", 2, |axis| Some(axis.torque_rms_nm))
+        .key("torque_rms_nm")
+        .number("of rated", "%", 0, |axis| Some(axis.torque_rms_percent))
+        .number("Winding", "°C", 1, |axis| Some(axis.winding_c_peak))
+        .count("Missed scans", |axis| axis.missed_scans.into())
+        .key("missed_scans")
+        .named("axes", axis_name);
+    let predictions = report.axes.iter();
+    let predictions =
+        predictions.filter_map(|axis| Some(axis.prediction.as_ref()?.words(&axis.axis)));
+    let mut blocks = vec![
+        Block::Table(table.done()),
+        Block::List(predictions.collect()),
+    ];
+    if let Some(axis) = report.axes.first() {
+        let ambient_c = axis.ambient_c;
+        blocks.push(Block::Note(format!(
+            "Winding: rise above an assumed room temperature of {ambient_c} °C."
+        )));
+    }
+    section("Drives", blocks)
+}
+
+fn foot(report: &Report) -> Section {
+    let processes = report.processes.iter().map(|process| {
+        let count = |count: usize, one: &str| match count {
+            0 => String::new(),
+            1 => format!(", 1 {one}"),
+            count => format!(", {count} {one}s"),
+        };
+        let starts = match process.starts {
+            0 | 1 => String::new(),
+            starts => count(starts as usize, "start"),
+        };
+        let more = format!("{starts}{}", count(process.deaths.len(), "death"));
+        match more.strip_prefix(", ") {
+            Some(more) => format!("{} ({more})", process.process),
+            None => process.process.clone(),
+        }
+    });
+    let processes: Vec<String> = processes.collect();
+    let windows = vec![
+        Fact::count("published", report.windows),
+        Fact::count("voided", report.windows_voided),
+    ];
+    let log = vec![
+        Fact::count("overrun scans", report.overrun_scans).key("overrun_scans"),
+        Fact::count("samples lost", report.samples_lost).key("samples_lost"),
+    ];
+    let mut blocks = Vec::new();
+    if !processes.is_empty() {
+        blocks.push(Block::Text(format!("Processes: {}", processes.join(", "))));
+    }
+    blocks.extend([
+        Block::Facts("Windows", windows),
+        Block::Facts("Log", log),
+        Block::Text(format!("Digest        {}", report.digest)),
+        Block::Text(format!(
+            "Motion digest {}",
+            report.motion_digest.as_deref().unwrap_or("–")
+        )),
+        Block::Text(format!(
+            "Quadrant {}. All numbers stand in report.json; every sample in run.mcap.",
+            report.quadrant
+        )),
+    ]);
+    section("Processes and log", blocks)
+}
