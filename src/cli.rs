@@ -97,6 +97,9 @@ pub enum Command {
     Completions(CompletionsOptions),
     /// Write the manual pages
     Man(ManOptions),
+    /// Print what the machine file or the plant file may hold: the page of the reference, or the schema for editors
+    #[command(hide = true)]
+    Reference(ReferenceOptions),
     /// The other side of a measurement
     #[command(hide = true)]
     BenchPong(BenchPongOptions),
@@ -139,6 +142,17 @@ pub struct ManOptions {
     /// Pages of the book in place of manual pages
     #[arg(long, hide = true)]
     pub markdown: bool,
+}
+
+/// What `quadrant reference` takes.
+#[derive(Debug, Clone, Args)]
+pub struct ReferenceOptions {
+    /// Which file
+    #[arg(value_parser = ["machine", "plant"])]
+    pub file: String,
+    /// The JSON Schema for editors in place of the page
+    #[arg(long)]
+    pub schema: bool,
 }
 
 /// What every role is told by the launcher.

@@ -52,6 +52,7 @@ fn obey(command: Command) -> Outcome {
         Command::BenchPong(options) => lab::bench::pong(&options),
         Command::Completions(options) => manual::completions(&options),
         Command::Man(options) => manual::man(&options),
+        Command::Reference(options) => manual::reference(&options),
         Command::PlantSim(options) => roles::plant_sim(&options),
         Command::Planner(options) => roles::planner(&options),
         Command::Servo(options) => roles::servo(&options),

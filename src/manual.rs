@@ -1,4 +1,4 @@
-//! `quadrant completions` and `quadrant man`: what a packager installs beside the command, made from the command line itself.
+//! What the program says of itself: shell completions, manual pages, the reference of its files.
 
 use std::fs;
 use std::path::Path;
@@ -9,8 +9,9 @@ use clap_mangen::Man;
 
 use launcher::exit::{Kind, Outcome};
 use launcher::output::say;
+use plant_sim::plant_file;
 
-use crate::cli::{Cli, CompletionsOptions, ManOptions};
+use crate::cli::{Cli, CompletionsOptions, ManOptions, ReferenceOptions};
 
 /// Columns of the help in the book.
 const BOOK_COLUMNS: usize = 100;
@@ -46,6 +47,21 @@ pub fn man(options: &ManOptions) -> Outcome {
         pages(&command, folder)
     };
     say(&format!("{} manual pages: {shown}", pages.environment()?));
+    Ok(())
+}
+
+/// Prints the page of a file in the reference, or its schema.
+///
+/// # Errors
+/// None.
+pub fn reference(options: &ReferenceOptions) -> Outcome {
+    let text = match (options.file.as_str(), options.schema) {
+        ("machine", false) => machine::reference(),
+        ("machine", true) => machine::schema().json(),
+        (_, false) => plant_file::reference(),
+        (_, true) => plant_file::schema().json(),
+    };
+    say(text.trim_end());
     Ok(())
 }
 

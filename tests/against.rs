@@ -8,10 +8,10 @@ use crate::support::{Bench, circle_program, number, quadrant, run};
 
 #[test]
 fn a_better_compensation_shows_in_the_report_of_one_run_against_the_other() {
-    let (model, kick) = (Bench::of("xy", &[]), Bench::without_model("xy", &[]));
+    let (model, pulse) = (Bench::of("xy", &[]), Bench::without_model("xy", &[]));
     let text = circle_program(25.0, 3_000.0, (0.0, 0.0), 45.0);
     let after = run(model.path(), model.file("circle.ngc", &text));
-    let before = run(kick.path(), kick.file("circle.ngc", &text));
+    let before = run(pulse.path(), pulse.file("circle.ngc", &text));
     let (of_after, of_before) = (after.good_report(), before.good_report());
     for one in [&after, &before] {
         let page = fs::read_to_string(one.out.join("report.html")).expect("every run's page");
@@ -54,7 +54,7 @@ fn a_better_compensation_shows_in_the_report_of_one_run_against_the_other() {
             number(&of_before, there)
         );
     }
-    // Every reversal that both measured found its counterpart, and the model beats the kick at each.
+    // Every reversal that both measured found its counterpart, and the model beats the friction pulse at each.
     let reversals = json["reversals"].as_array().expect("reversals");
     let measured = of_after["reversals"].as_array().expect("reversals");
     let measured = measured.iter().filter(|r| r["protrusion_um"].is_number());
@@ -70,7 +70,10 @@ fn a_better_compensation_shows_in_the_report_of_one_run_against_the_other() {
     let method = settings
         .iter()
         .find(|s| s["key"] == "axis X.reversal.method");
-    assert_eq!(method.expect("the method differs")["b"], "\"kick\"");
+    assert_eq!(
+        method.expect("the method differs")["b"],
+        "\"friction-pulse\""
+    );
 
     let said = report(&[]);
     let text = String::from_utf8_lossy(&said.stdout).into_owned();

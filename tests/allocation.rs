@@ -213,7 +213,7 @@ fn a_scan_allocates_nothing_but_what_iceoryx2_allocates_per_send() {
         let ports = servo::BusPorts::open(member, axis, 0, false).expect("ports");
         (servo, ports)
     };
-    let period_scans = machine.scan.distribution_period_scans;
+    let period_scans = machine.scan.interpolation_period_scans;
     let planner_ports = planner::BusPorts::open(Rc::new(enter(1, "planner")), period_scans);
     let limit = Duration::from_secs(30);
     let mut ports = Counted {

@@ -16,7 +16,7 @@ fn a_small_grid_gives_a_table_a_csv_and_a_plot() {
             "--feeds",
             "4000",
             "--methods",
-            "none,backlash,kick-decaying",
+            "none,backlash,pulse-decaying",
         ])
         .args(["--centre", "-5,3", "--start-deg", "-30", "--out"])
         .arg(&out)
@@ -62,13 +62,13 @@ fn a_small_grid_gives_a_table_a_csv_and_a_plot() {
         })
         .collect();
     let methods: Vec<&str> = rows.iter().map(|row| row[column("method")]).collect();
-    assert_eq!(methods, ["none", "backlash", "kick-decaying"]);
+    assert_eq!(methods, ["none", "backlash", "pulse-decaying"]);
     assert!(
         worst[0] > worst[1] && worst[1] > 2.0 * worst[2],
         "{worst:?}"
     );
     let plot = fs::read_to_string(out.join("circles.svg")).expect("circles.svg");
-    assert!(plot.starts_with("<svg") && plot.contains("kick-decaying"));
+    assert!(plot.starts_with("<svg") && plot.contains("pulse-decaying"));
 }
 
 #[test]
@@ -84,7 +84,7 @@ fn a_grid_the_machine_cannot_run_is_refused_before_anything_starts() {
             "axis X goes at most 250 mm/s",
         ),
         (["--radii", "0", "--feeds", "1000"], "must be above 0"),
-        (["--methods", "luck", "--feeds", "1000"], "kick-decaying"),
+        (["--methods", "luck", "--feeds", "1000"], "pulse-decaying"),
         (["--centre", "1", "--feeds", "1000"], "must be X,Y"),
     ] {
         let done = quadrant()

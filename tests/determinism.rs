@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use plant_sim::script::rng::Rng;
 use serde_json::Value;
 
 use crate::support::{Bench, LiveCell, Run, circle_program, long_program, run, send, text};
@@ -66,19 +67,6 @@ fn a_busy_machine_changes_no_bit() {
     assert_eq!(quiet, loaded);
 }
 
-/// A small deterministic generator (SplitMix64; Steele, Lea, Flood 2014), so that a failing seed can be repeated.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-}
-
 /// Every process of the group is stopped and let go again at random instants, wherever in its scan it happens to be.
 #[test]
 fn processes_delayed_at_random_instants_change_no_bit() {
@@ -86,7 +74,7 @@ fn processes_delayed_at_random_instants_change_no_bit() {
     let program = bench.file("long.ngc", &long_program());
     let undisturbed = finished(run(bench.path(), &program));
     for seed in [1, 2, 3] {
-        let mut random = Random(seed);
+        let mut rng = Rng::new(seed);
         let mut cell = LiveCell::start(bench.path(), &program, "lockstep");
         cell.wait_for_scan(1);
         let children: Vec<i32> = cell.children().into_iter().map(|(pid, _)| pid).collect();
@@ -95,11 +83,11 @@ fn processes_delayed_at_random_instants_change_no_bit() {
             if children.is_empty() || !matches!(cell.child.try_wait(), Ok(None)) {
                 break;
             }
-            let pid = children[(random.next() % children.len() as u64) as usize];
+            let pid = children[rng.below(children.len() as u64) as usize];
             send(pid, libc::SIGSTOP);
-            std::thread::sleep(Duration::from_micros(random.next() % 4000));
+            std::thread::sleep(Duration::from_micros(rng.below(4000)));
             send(pid, libc::SIGCONT);
-            std::thread::sleep(Duration::from_micros(random.next() % 2000));
+            std::thread::sleep(Duration::from_micros(rng.below(2000)));
             delays += 1;
         }
         let disturbed = finished(cell.finish());

@@ -59,7 +59,7 @@ fn without_compensation_the_reference_circle_shows_protrusions_of_20_to_35_um() 
 fn backlash_acceleration_removes_60_percent_and_the_tuned_model_80_also_at_conditions_nobody_tuned_for()
  {
     let without = by_method("none");
-    let with = by_method("kick");
+    let with = by_method("friction-pulse");
     let shipped = Bench::of("xy", &[]);
     for (radius, feed, centre, start_deg) in [
         (25.0, 3000.0, (0.0, 0.0), 0.0),

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use control::path::AxisVector;
 use lab::cell::InProcessCell;
-use machine::{DisturbanceObserver, Machine, ReversalMethod, TorqueFeedForward};
+use machine::{Machine, ReversalMethod, TorqueFeedForward};
 use monitor::log::Sample;
 use monitor::measure::{Analysis, Outcome};
 use plant_sim::plant_file::PlantFile;
@@ -113,7 +113,7 @@ impl Cell {
         let mut cell = Cell::shipped(name);
         for axis in &mut cell.machine.axes {
             axis.reversal.method = ReversalMethod::None;
-            axis.disturbance_observer = DisturbanceObserver::default();
+            axis.disturbance_observer.bandwidth_rad_s = 0.0;
             axis.torque_feed_forward = TorqueFeedForward {
                 acceleration: false,
                 viscous: false,

@@ -56,7 +56,7 @@ impl Bench {
         Bench { folder }
     }
 
-    /// The same without what was identified of its axes: its reversals kicked, no torque fed forward.
+    /// The same without what was identified of its axes: its reversals with a friction pulse, no torque fed forward.
     pub fn without_model(name: &str, edits: &[(&str, &str)]) -> Bench {
         let bench = Bench::of(name, &[]);
         let file = bench.path().join("machine.toml");
@@ -70,7 +70,7 @@ impl Bench {
                     || line == "[axis.disturbance_observer]";
             }
             if !skipping {
-                kept += &line.replace("\"contact-force\"", "\"kick\"");
+                kept += &line.replace("\"contact-force\"", "\"friction-pulse\"");
                 kept.push('\n');
             }
         }

@@ -1,4 +1,4 @@
-//! When kicks start, what position command they start from, and what prediction of the feedback does, on the whole machine.
+//! When friction pulses start, what position command they start from, and what prediction of the feedback does, on the whole machine.
 
 use serde_json::Value;
 
@@ -27,7 +27,7 @@ fn leads_ms(report: &Value) -> Vec<f64> {
     let lead = |r: &&Value| {
         r["kick_lead_ms"]
             .as_f64()
-            .expect("every reversal has a kick")
+            .expect("every reversal has a pulse")
     };
     steady(report).iter().map(lead).collect()
 }
@@ -40,7 +40,7 @@ fn worst_um(report: &Value) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// `xy` with the source's constant kick of the same area and another trigger.
+/// `xy` with the source's constant pulse of the same area and another trigger.
 fn with_trigger(trigger: &str) -> Bench {
     Bench::without_model(
         "xy",
@@ -52,15 +52,15 @@ fn with_trigger(trigger: &str) -> Bench {
             ("shape = \"decaying\"", "shape = \"constant\""),
             ("presliding_um = 7.0", "presliding_um = 0.0"),
             ("presliding_um = 7.2", "presliding_um = 0.0"),
-            ("kick_ms = 10.0", "kick_ms = 22.5"),
-            ("kick_mm_s = 3.48", "kick_mm_s = 1.56"),
-            ("kick_mm_s = 4.1", "kick_mm_s = 1.83"),
+            ("pulse_ms = 10.0", "pulse_ms = 22.5"),
+            ("pulse_mm_s = 3.48", "pulse_mm_s = 1.56"),
+            ("pulse_mm_s = 4.1", "pulse_mm_s = 1.83"),
         ],
     )
 }
 
 #[test]
-fn the_kick_starts_its_lead_before_the_reversal_at_every_radius_and_feed() {
+fn the_pulse_starts_its_lead_before_the_reversal_at_every_radius_and_feed() {
     let bench = Bench::without_model("xy", &[]);
     let (lead_ms, scan_ms) = (5.5, 1.0);
     for (radius, feed) in [
@@ -82,7 +82,7 @@ fn the_kick_starts_its_lead_before_the_reversal_at_every_radius_and_feed() {
         for lead in leads_ms(&report) {
             assert!(
                 lead > lead_ms - scan_ms - rounding_ms && lead <= lead_ms + rounding_ms,
-                "R{radius} F{feed}: the kick led by {lead} ms"
+                "R{radius} F{feed}: the pulse led by {lead} ms"
             );
         }
     }
@@ -147,7 +147,7 @@ fn a_position_error_judged_in_full_moves_the_start_on_slow_circles_and_a_clamped
 fn even_rows_cost_the_sagitta_of_a_period_and_break_no_limit() {
     let even = [(
         "watchdog_scans = 50",
-        "watchdog_scans = 50\n\n[interpolation]\nrows = \"even\"\n#",
+        "watchdog_scans = 50\n\n[interpolation]\nwithin_period = \"linear\"\n#",
     )];
     for (radius, feed) in [(10.0, 10_000.0), (25.0, 10_000.0)] {
         let exact = measure(&Bench::without_model("xy", &[]), radius, feed);

@@ -57,6 +57,8 @@ impl Prediction {
 #[allow(clippy::indexing_slicing)]
 mod tests {
     use super::*;
+    use rand_xoshiro::SplitMix64;
+    use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
     #[test]
     fn at_constant_speed_it_is_exact_and_under_acceleration_off_by_its_formula() {
@@ -79,13 +81,8 @@ mod tests {
     #[test]
     fn noise_grows_as_stated() {
         // Noise without correlation, from a fixed sequence.
-        let mut seed = 7u64;
-        let mut noise = || {
-            seed = seed
-                .wrapping_mul(6364136223846793005)
-                .wrapping_add(1442695040888963407);
-            (seed >> 33) as f64 / f64::from(1u32 << 31) - 0.5
-        };
+        let mut rng = SplitMix64::seed_from_u64(7);
+        let mut noise = || f64::from(rng.next_u32()) / f64::from(u32::MAX) - 0.5;
         let samples: Vec<f64> = (0..20_000).map(|_| noise()).collect();
         let rms = |v: &[f64]| (v.iter().map(|x| x * x).sum::<f64>() / v.len() as f64).sqrt();
         for m in [0.4, 1.0, 4.0] {

@@ -9,6 +9,8 @@ use control::positioning::{MotorLoad, Move, Positioning};
 use control::profile::PathState;
 use control::totals::ProgramWalk;
 use control::window::{Row, WindowPlanner, WindowRequest, WindowSettings};
+use rand_xoshiro::SplitMix64;
+use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
 const TP: f64 = 1e-3;
 /// Rounding to whole increments takes this much of an acceleration limit at 1 nm and 1 ms, in mm/s².
@@ -389,13 +391,10 @@ fn the_override_slows_a_parabola_down_in_proportion_and_may_change_within_it() {
             limits(250.0, 5000.0),
             Some(&positioning),
         ));
-        let mut random = seed;
+        let mut rng = SplitMix64::seed_from_u64(seed);
         for _ in 0..150 {
-            random = random
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
-            run.request.feed_override = (random >> 33) as f64 / f64::from(1u32 << 31) * 1.2;
-            run.request.hold = (random >> 20).is_multiple_of(7);
+            run.request.feed_override = f64::from(rng.next_u32()) / f64::from(u32::MAX) * 1.2;
+            run.request.hold = rng.next_u32().is_multiple_of(7);
             run.period();
         }
         run.request.feed_override = 1.0;

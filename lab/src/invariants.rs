@@ -14,7 +14,7 @@ use bus::sample::{Cause, Feedback, Instruments, Job, MAX_AXES, Mode, Roster};
 use control::audit::RowAudit;
 use control::limits::MotionLimits;
 use control::path::{AxisVector, Path};
-use machine::{Machine, PositionFeedback, Rows};
+use machine::{Machine, PositionFeedback, WithinPeriod};
 use plant_sim::plant_file::PlantFile;
 use program::Setup;
 
@@ -294,7 +294,7 @@ impl<'a> Judge<'a> {
         let Some(window) = &self.in_force else { return };
         let header = &window.header;
         let rows = scan.saturating_sub(header.first_scan);
-        let late = rows > u64::from(self.machine.scan.distribution_period_scans);
+        let late = rows > u64::from(self.machine.scan.interpolation_period_scans);
         let off_path = window.rows.first().is_none_or(|row| row.tag.is_off_path());
         if late && rows <= header.intended_rows.into() && header.ends_program == 0 && !off_path {
             self.shown.stops.push(Stop {
@@ -316,7 +316,10 @@ impl<'a> Judge<'a> {
         let Some(executed) = self.executed else {
             return;
         };
-        if !closed(before) || !closed(feedback) || self.machine.interpolation.rows != Rows::Exact {
+        if !closed(before)
+            || !closed(feedback)
+            || self.machine.interpolation.within_period != WithinPeriod::Exact
+        {
             return;
         }
         for (index, (axis, was)) in feedback.axes().iter().zip(&executed).enumerate() {
@@ -450,7 +453,7 @@ impl<'a> Judge<'a> {
     fn hold(&mut self, before: Option<&Feedback>, feedback: &Feedback) {
         let held =
             feedback.hold == 1 && feedback.at_rest == 1 && feedback.mode == Mode::Enabled as u32;
-        let periods = self.machine.scan.distribution_period_scans * HOLD_PERIODS;
+        let periods = self.machine.scan.interpolation_period_scans * HOLD_PERIODS;
         if let Some(before) = before
             && self.held_scans > periods
             && feedback.hold == 1

@@ -40,11 +40,11 @@ pub struct SoakOptions {
     /// Kill these alone [default: everybody, and stop everybody too]
     #[arg(long, value_name = "WHO", value_parser = ["planner", "servo", "monitor", "plant-sim"])]
     pub only: Option<String>,
-    /// Shortest pause between a cell that is whole and the next strike; some random 0 to 300 ms come on top. A process that
+    /// Shortest pause between a cell that is whole and the next fault; some random 0 to 300 ms come on top. A process that
     /// lived shorter than 500 ms is started anew only after a while (10 ms, doubled each time)
     #[arg(long, value_name = "MS", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=10_000))]
     pub pause_ms: u64,
-    /// Repeats the choices of program and strikes; the instants are the PC's [default: another one every time]
+    /// Repeats the choices of program and faults; the instants are the PC's [default: another one every time]
     #[arg(long, value_name = "S")]
     pub seed: Option<u64>,
 }

@@ -1,11 +1,11 @@
 //! `quadrant soak`: a real cell whose processes are killed and stopped at random instants, again and again, and what must hold
 //! all the while.
 //!
-//! One loop: look on (`cell::Cell::look`, every feedback judged by `judge::Judge`), strike, wait until the cell is whole
+//! One loop: look on (`cell::Cell::look`, every feedback judged by `judge::Judge`), inject a fault, wait until the cell is whole
 //! again, note what came of it.
 
 mod cell;
-mod dice;
+mod fault;
 mod judge;
 mod program;
 mod tally;
@@ -13,22 +13,24 @@ mod tally;
 use std::collections::{BTreeMap, HashMap};
 use std::fs;
 use std::hash::{BuildHasher, Hasher, RandomState};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow};
 use bus::cell::CellPaths;
 use bus::process::watch;
-use bus::sample::{Job, Mode, Participant};
+use bus::sample::{Mode, Participant};
 use machine::machine_file;
+use plant_sim::script::rng::Rng;
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::process::{Signal, pidfd_send_signal};
+use tempfile::TempDir;
 use toml_edit::{DocumentMut, value};
 
 use crate::options::SoakOptions;
 use cell::{Cell, Process, Start};
-use dice::Dice;
+use fault::Injection;
 use launcher::check::{self, Checked};
 use launcher::exit::{Failure, Kind, Outcome, words};
 use launcher::logs;
@@ -36,18 +38,14 @@ use launcher::output::say;
 use launcher::signals::Signals;
 use tally::{Came, Tally};
 
-/// A cell that is not whole again so long after a strike counts as broken.
+/// A cell that is not whole again so long after a fault counts as broken.
 const WHOLE_LIMIT: Duration = Duration::from_secs(30);
 /// Scans that the cell must have gone on for, whole.
 const GOES_ON_SCANS: u64 = 2;
-/// A run that goes on so long after its last strike, nominal time of its program aside, hangs.
+/// A run that goes on so long after its last fault, nominal time of its program aside, hangs.
 const END_LIMIT: Duration = Duration::from_secs(120);
-/// Longest wait between a cell that is whole and the next strike, in µs.
+/// Longest wait between a cell that is whole and the next fault, in µs.
 const PAUSE_US: u64 = 300_000;
-/// How long a process is stopped, in µs.
-const STOP_US: (u64, u64) = (20_000, 300_000);
-/// How long everybody is, in µs.
-const STOP_ALL_US: u64 = 200_000;
 /// Undisturbed length of a program in s, in realtime and in lockstep, at most; and for each kill that is still to come.
 const PROGRAM_S: [f64; 2] = [60.0, 240.0];
 const PROGRAM_S_PER_KILL: [f64; 2] = [0.6, 5.0];
@@ -58,157 +56,6 @@ const GROWTH_MAX_KB: u64 = 4096;
 /// So many more files may be open, or in shared memory, while the cell is whole, than when it first was: a connection is on
 /// its way here and there.
 const FILES_MAX: usize = 16;
-
-/// What is done to whom.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Strike {
-    KillPlanner,
-    KillDriving,
-    KillStandby,
-    KillBoth,
-    KillMonitor,
-    KillMachineSide,
-    KillPlannerAndServo,
-    StopOne,
-    StopAll,
-}
-
-/// The strikes, and how often they are to come among all of them.
-const STRIKES: [(Strike, u64); 9] = [
-    (Strike::KillPlanner, 30),
-    (Strike::KillDriving, 20),
-    (Strike::KillStandby, 8),
-    (Strike::KillBoth, 6),
-    (Strike::KillMonitor, 10),
-    (Strike::KillMachineSide, 10),
-    (Strike::KillPlannerAndServo, 6),
-    (Strike::StopOne, 12),
-    (Strike::StopAll, 4),
-];
-
-fn draw(dice: &mut Dice, only: Option<&str>) -> Strike {
-    match only {
-        Some("planner") => return Strike::KillPlanner,
-        Some("servo") => return Strike::KillDriving,
-        Some("monitor") => return Strike::KillMonitor,
-        Some("plant-sim") => return Strike::KillMachineSide,
-        _ => {}
-    }
-    let all = STRIKES.iter().map(|(_, share)| share).sum();
-    let mut left = dice.below(all);
-    for (strike, share) in STRIKES {
-        if left < share {
-            return strike;
-        }
-        left -= share;
-    }
-    Strike::KillPlanner
-}
-
-/// Processes that are struck, the word for it, and how long they are stopped; none: killed.
-struct Blow {
-    kind: &'static str,
-    places: Vec<usize>,
-    stopped: Option<Duration>,
-}
-
-fn blow(dice: &mut Dice, cell: &Cell, only: Option<&str>) -> Blow {
-    let places = cell.places();
-    let strike = draw(dice, only);
-    let of = |job: Job| -> Vec<usize> {
-        let found = places.iter().filter(|(_, p)| p.job == job as u32);
-        found.map(|(place, _)| *place).collect()
-    };
-    let servos = of(Job::Servo);
-    let axes: Vec<u32> = servos.iter().filter_map(|s| axis_of(&places, *s)).collect();
-    let axis = dice.pick(&axes).copied().unwrap_or(0);
-    let driving_role = cell
-        .judge
-        .newest()
-        .and_then(|f| f.axes().get(axis as usize).map(|a| a.taken_role))
-        .unwrap_or(0);
-    let of_axis = |role: Option<u32>| -> Vec<usize> {
-        let found = places.iter().filter(|(_, p)| {
-            p.job == Job::Servo as u32 && p.axis == axis && role.is_none_or(|role| p.role == role)
-        });
-        found.map(|(place, _)| *place).collect()
-    };
-    let paired = of_axis(None).len() > 1;
-    let kill = |kind, places| Blow {
-        kind,
-        places,
-        stopped: None,
-    };
-    let driving = || {
-        let kind = if paired {
-            "kill driving servo (standby)"
-        } else {
-            "kill servo (no standby)"
-        };
-        kill(kind, of_axis(Some(driving_role)))
-    };
-    match strike {
-        Strike::KillPlanner => kill("kill planner", of(Job::Planner)),
-        Strike::KillStandby if paired => {
-            kill("kill standby", of_axis(Some(1 - driving_role.min(1))))
-        }
-        Strike::KillBoth if paired => kill("kill both servos of an axis", of_axis(None)),
-        Strike::KillDriving | Strike::KillStandby | Strike::KillBoth => driving(),
-        Strike::KillMonitor => kill("kill monitor", of(Job::Monitor)),
-        Strike::KillMachineSide => kill("kill plant-sim", of(Job::Master)),
-        Strike::KillPlannerAndServo => {
-            let kind = if paired {
-                "kill planner and servo (standby)"
-            } else {
-                "kill planner and servo (alone)"
-            };
-            let servo = of_axis(Some(driving_role));
-            kill(kind, of(Job::Planner).into_iter().chain(servo).collect())
-        }
-        Strike::StopOne => {
-            let one = dice.pick(&places).copied();
-            let (low, high) = STOP_US;
-            let kind = one.map_or("stop nobody", |(_, p)| match Job::from_wire(p.job) {
-                Some(Job::Planner) => "stop planner 20-300 ms",
-                Some(Job::Monitor) => "stop monitor 20-300 ms",
-                Some(Job::Master) => "stop plant-sim 20-300 ms",
-                _ => {
-                    let of_axis =
-                        |q: &&(usize, Participant)| q.1.job == p.job && q.1.axis == p.axis;
-                    if places.iter().filter(of_axis).count() > 1 {
-                        "stop servo (paired) 20-300 ms"
-                    } else {
-                        "stop servo (alone) 20-300 ms"
-                    }
-                }
-            });
-            Blow {
-                kind,
-                places: one.map(|(place, _)| place).into_iter().collect(),
-                stopped: Some(Duration::from_micros(low + dice.below(high - low))),
-            }
-        }
-        Strike::StopAll => Blow {
-            kind: "stop everybody 200 ms",
-            places: places.iter().map(|(place, _)| *place).collect(),
-            stopped: Some(Duration::from_micros(STOP_ALL_US)),
-        },
-    }
-}
-
-fn axis_of(places: &[(usize, Participant)], place: usize) -> Option<u32> {
-    places
-        .iter()
-        .find(|(at, _)| *at == place)
-        .map(|(_, p)| p.axis)
-}
-
-/// Incarnations of places: another process has a place once its number is higher.
-fn incarnations(cell: &Cell, of: &[usize]) -> Vec<(usize, u32)> {
-    let places = cell.places();
-    let of = places.iter().filter(|(place, _)| of.contains(place));
-    of.map(|(place, p)| (*place, p.incarnation)).collect()
-}
 
 /// What a process held when it was first seen.
 #[derive(Debug, Clone, Copy)]
@@ -221,13 +68,13 @@ struct Held {
 struct Soak<'a> {
     options: &'a SoakOptions,
     signals: Signals,
-    scratch: PathBuf,
+    scratch: TempDir,
     cell_name: String,
-    dice: Dice,
+    rng: Rng,
     tally: Tally,
     kills: u64,
-    strikes: u64,
-    /// The last strike was not waited out.
+    faults: u64,
+    /// The last fault was not waited out.
     early: bool,
     runs: u64,
     violations: Vec<String>,
@@ -256,17 +103,17 @@ pub fn soak(options: &SoakOptions) -> Outcome {
     check::load(&options.machine, None).input()?;
     let signals = Signals::catch().environment()?;
     let name = format!("soak-{}", std::process::id());
-    let scratch = std::env::temp_dir().join(format!("quadrant-{name}"));
-    fs::create_dir_all(&scratch).environment()?;
+    let scratch = tempfile::Builder::new().prefix("quadrant-soak-").tempdir();
+    let scratch = scratch.context("a temporary folder").environment()?;
     let mut soak = Soak {
         options,
         signals,
         scratch,
         cell_name: name,
-        dice: Dice::new(seed),
+        rng: Rng::new(seed),
         tally: Tally::default(),
         kills: 0,
-        strikes: 0,
+        faults: 0,
         early: false,
         runs: 0,
         violations: Vec::new(),
@@ -290,10 +137,7 @@ pub fn soak(options: &SoakOptions) -> Outcome {
         options.kills
     ));
     while soak.kills < options.kills && soak.signals.count() == 0 {
-        if let Err(failure) = soak.run() {
-            let _ = fs::remove_dir_all(&soak.scratch);
-            return Err(failure);
-        }
+        soak.run()?;
     }
     soak.conclude(seed)
 }
@@ -331,15 +175,18 @@ impl Soak<'_> {
         {
             axis["standby"] = value(self.runs % 2 == 1 || index % 2 == 0);
         }
-        fs::write(self.scratch.join("machine.toml"), machine.to_string())?;
+        fs::write(
+            self.scratch.path().join("machine.toml"),
+            machine.to_string(),
+        )?;
         fs::copy(
             file.with_file_name("plant.toml"),
-            self.scratch.join("plant.toml"),
+            self.scratch.path().join("plant.toml"),
         )?;
         Ok(())
     }
 
-    /// One run: strikes until its program is done or all kills are spent.
+    /// One run: faults until its program is done or all kills are spent.
     fn run(&mut self) -> Result<(), Failure> {
         self.runs += 1;
         self.write_machine().environment()?;
@@ -347,18 +194,18 @@ impl Soak<'_> {
         let pause_s = self.options.pause_ms as f64 * 1e-3;
         let left = (self.options.kills - self.kills) as f64 * (PROGRAM_S_PER_KILL[pace] + pause_s);
         let seconds = left.clamp(2.0, PROGRAM_S[pace]);
-        let program = self.scratch.join("soak.ngc");
-        fs::write(&program, program::generate(&mut self.dice, seconds)).environment()?;
+        let program = self.scratch.path().join("soak.ngc");
+        fs::write(&program, program::generate(&mut self.rng, seconds)).environment()?;
         let Checked {
             machine,
             program: checked,
             ..
-        } = check::load(&self.scratch, Some(&program)).input()?;
+        } = check::load(self.scratch.path(), Some(&program)).input()?;
         let path = checked.map(|p| p.path).context("a program").environment()?;
-        let out = self.scratch.join(format!("run-{}", self.runs));
-        let said = self.scratch.join(format!("run-{}.txt", self.runs));
+        let out = self.scratch.path().join(format!("run-{}", self.runs));
+        let said = self.scratch.path().join(format!("run-{}.txt", self.runs));
         let mut cell = Cell::start(&Start {
-            machine_folder: &self.scratch,
+            machine_folder: self.scratch.path(),
             machine: &machine,
             program: &program,
             path: &path,
@@ -369,14 +216,14 @@ impl Soak<'_> {
         })
         .environment()?;
         let violations_before = self.violation_count;
-        let strikes_before = self.strikes;
-        self.strike_until_done(&mut cell);
+        let faults_before = self.faults;
+        self.inject_until_done(&mut cell);
         self.end(&mut cell, seconds, &out);
         let broken = self.violation_count > violations_before;
         say(&format!(
-            "run {:>3}: {:>4} strikes, {:>5} kills in all, {:>6} scans, {:>4.0} s{}",
+            "run {:>3}: {:>4} faults, {:>5} kills in all, {:>6} scans, {:>4.0} s{}",
             self.runs,
-            self.strikes - strikes_before,
+            self.faults - faults_before,
             self.kills,
             cell.scan(),
             self.began.elapsed().as_secs_f64(),
@@ -394,14 +241,14 @@ impl Soak<'_> {
         Ok(())
     }
 
-    fn strike_until_done(&mut self, cell: &mut Cell) {
+    fn inject_until_done(&mut self, cell: &mut Cell) {
         if !self.await_whole(cell) {
             return;
         }
         let shared_at_first = cell.files();
         let mut held: HashMap<i32, Held> = HashMap::new();
         while self.kills < self.options.kills && self.signals.count() == 0 {
-            let pause_us = self.options.pause_ms * 1000 + self.dice.below(PAUSE_US);
+            let pause_us = self.options.pause_ms * 1000 + self.rng.below(PAUSE_US);
             let pause = Duration::from_micros(pause_us);
             if !cell.look_until(Instant::now() + pause) {
                 return;
@@ -411,8 +258,8 @@ impl Soak<'_> {
                 return;
             }
             let only = self.options.only.as_deref();
-            let blow = blow(&mut self.dice, cell, only);
-            if !self.strike(cell, &blow) {
+            let injection = fault::next(&mut self.rng, cell, only);
+            if !self.inject(cell, &injection) {
                 return;
             }
             self.measure_floor();
@@ -423,34 +270,34 @@ impl Soak<'_> {
         }
     }
 
-    /// Strikes and waits until the cell is whole again; false if there is nothing more to strike in this run.
-    fn strike(&mut self, cell: &mut Cell, blow: &Blow) -> bool {
+    /// Injects a fault and waits until the cell is whole again; false if there is nothing more to hit in this run.
+    fn inject(&mut self, cell: &mut Cell, injection: &Injection) -> bool {
         let processes = cell.processes();
-        let struck: Vec<&Process> = processes
+        let hit: Vec<&Process> = processes
             .iter()
-            .filter(|process| blow.places.contains(&process.place))
+            .filter(|process| injection.slots.contains(&process.slot))
             .collect();
-        let before = incarnations(cell, &blow.places);
+        let before = fault::incarnations(cell, &injection.slots);
         cell.look();
         if cell.mode() == Some(Mode::Finished) {
             return false;
         }
         cell.judge.reactions();
         let (scan, at) = (cell.scan(), Instant::now());
-        let signal = if blow.stopped.is_some() {
+        let signal = if injection.stopped.is_some() {
             Signal::STOP
         } else {
             Signal::KILL
         };
-        for process in &struck {
+        for process in &hit {
             process.signal(signal);
         }
-        self.strikes += 1;
+        self.faults += 1;
         let mut back = None;
         let mut early = false;
-        let whole = if let Some(stopped) = blow.stopped {
+        let whole = if let Some(stopped) = injection.stopped {
             let goes_on = cell.look_until(at + stopped);
-            for process in &struck {
+            for process in &hit {
                 process.signal(Signal::CONT);
             }
             // What was stopped has to have been asked again before it shows what it makes of it.
@@ -458,34 +305,24 @@ impl Soak<'_> {
                 && cell.look_until(Instant::now() + Duration::from_millis(20))
                 && self.await_whole(cell)
         } else {
-            self.kills += struck.len() as u64;
+            self.kills += hit.len() as u64;
             let whole = self.await_back(cell, &before);
             if whole {
                 let ms = at.elapsed().as_secs_f64() * 1e3;
                 back = Some((cell.scan().saturating_sub(scan) as f64, ms));
             }
-            // Now and then the next strike comes while the machine is on its way back.
-            early = self.dice.below(10) == 0;
+            // Now and then the next fault comes while the machine is on its way back.
+            early = self.rng.below(10) == 0;
             whole && (early || self.await_whole(cell))
         };
         let kind = if std::mem::replace(&mut self.early, early) {
             "any, before the one before was over"
         } else {
-            blow.kind
+            injection.kind
         };
         let reactions = cell.judge.reactions();
         let ended = cell.status.is_some() || cell.mode() == Some(Mode::Finished);
-        let reaction = match reactions {
-            _ if early => "(another strike before it was over)",
-            r if r.disabled => "drives off, enabled and resumed by the operator",
-            r if r.tripped => "all axes braked together, went back to the path and on",
-            r if r.rested && !ended => "rested on the path and went on",
-            r if r.took_over => "standby took over, motion undisturbed",
-            _ if ended => "the program was done meanwhile",
-            r if r.overrun_scans > 0 => "scans overrun, counted, went on",
-            r if r.missed_scans > 0 => "scans missed, counted, went on",
-            _ => "motion undisturbed",
-        };
+        let reaction = reactions.words(early, ended);
         self.overrun_scans += u64::from(reactions.overrun_scans);
         self.tally.add(&Came {
             kind,
@@ -497,17 +334,17 @@ impl Soak<'_> {
         whole
     }
 
-    /// Waits until other processes have the places; false if the run has ended or they do not come.
+    /// Waits until other processes have the slots; false if the run has ended or they do not come.
     fn await_back(&mut self, cell: &mut Cell, before: &[(usize, u32)]) -> bool {
         let since = Instant::now();
         loop {
             if !cell.look() {
                 return false;
             }
-            let places = cell.places();
-            let back = before.iter().all(|(place, incarnation)| {
-                let is = |(at, p): &&(usize, Participant)| at == place && p.live == 1;
-                places
+            let slots = cell.slots();
+            let back = before.iter().all(|(slot, incarnation)| {
+                let is = |(at, p): &&(usize, Participant)| at == slot && p.live == 1;
+                slots
                     .iter()
                     .find(is)
                     .is_some_and(|(_, p)| p.incarnation > *incarnation)
@@ -558,7 +395,7 @@ impl Soak<'_> {
             "{what} after {} s: {mode}, hold {hold}, scan {}, roster {:?}",
             WHOLE_LIMIT.as_secs(),
             cell.scan(),
-            cell.places()
+            cell.slots()
         ));
     }
 
@@ -725,19 +562,19 @@ impl Soak<'_> {
         }
     }
 
-    fn conclude(self, seed: u64) -> Outcome {
+    fn conclude(mut self, seed: u64) -> Outcome {
         say("");
         say(&self.tally.words());
         let growth = self.growth_kb_max.iter();
         let growth: Vec<String> = growth.map(|(role, kb)| format!("{role} {kb}")).collect();
         say(&format!(
-            "{} kills, {} strikes, {} runs, {:.0} s; {} scans judged, {} not seen\n\
+            "{} kills, {} faults, {} runs, {:.0} s; {} scans judged, {} not seen\n\
              commanded points off the path: at most {:.2} increments; scans overrun and counted: {}\n\
              operator: {} orders obeyed, {} refused until the machine was ready for them\n\
              growth of a process, in kB at most: {}; at most {} open files; of the cell's shared memory: {} files\n\
              status: of {} looks none saw the machine older than {} scans before a servo's last answer",
             self.kills,
-            self.strikes,
+            self.faults,
             self.runs,
             self.began.elapsed().as_secs_f64(),
             self.judged,
@@ -753,9 +590,8 @@ impl Soak<'_> {
             self.status_age_max,
         ));
         say(&format!("violations: {}", self.violation_count));
-        if self.violation_count == 0 {
-            let _ = fs::remove_dir_all(&self.scratch);
-        }
+        // Files of a run that violated something stay for whoever looks for the cause.
+        self.scratch.disable_cleanup(self.violation_count > 0);
         if self.signals.count() > 0 {
             return Err(Failure::Interrupted);
         }
@@ -763,7 +599,7 @@ impl Soak<'_> {
             return Err(Failure::Stopped(anyhow!(
                 "{} violations, the first: {first}; files in {}; the same choices again: --seed {seed}",
                 self.violation_count,
-                self.scratch.display()
+                self.scratch.path().display()
             )));
         }
         Ok(())

@@ -88,7 +88,7 @@ impl Checked {
     pub fn walk(&self, each: impl FnMut(&Row) -> ControlFlow<()>) -> anyhow::Result<Totals> {
         let walk = ProgramWalk {
             feed_override: 1.0,
-            rows_per_window: self.machine.scan.distribution_period_scans,
+            rows_per_window: self.machine.scan.interpolation_period_scans,
         };
         let totals = walk.walk(&mut self.planner()?, each)?;
         if let Some(fault) = &totals.fault {
@@ -104,7 +104,7 @@ pub fn check(options: &CheckOptions) -> Outcome {
     let checked = load(&options.machine, options.program.as_deref()).input()?;
     let machine = &checked.machine;
     say(&format!(
-        "machine {}: {} axes ({}), scan {} µs, distribution period {} scans: good",
+        "machine {}: {} axes ({}), scan {} µs, interpolation period {} scans: good",
         machine.name,
         machine.axes.len(),
         machine
@@ -114,7 +114,7 @@ pub fn check(options: &CheckOptions) -> Outcome {
             .collect::<Vec<_>>()
             .join(" "),
         machine.scan.period_us,
-        machine.scan.distribution_period_scans
+        machine.scan.interpolation_period_scans
     ));
     if checked.program.is_some() {
         let totals = checked.walk(|_| ControlFlow::Continue(())).input()?;
@@ -213,6 +213,12 @@ fn print_totals(checked: &Checked, totals: &Totals) {
     if let Some(speed_mm_s) = totals.speed_limited_by_window_mm_s {
         say(&format!(
             "  path speed limited to {speed_mm_s:.1} mm/s: braking from more does not fit a window"
+        ));
+    }
+    if let Some(event) = program.events.first() {
+        say(&format!(
+            "  line {}: S and M3 to M5 are read and not acted on: no spindle is driven",
+            event.line
         ));
     }
     for note in &program.notes {

@@ -22,6 +22,7 @@ use rustix::process::{Signal, pidfd_send_signal};
 
 use crate::logs;
 use crate::metrics_socket::Listener;
+use crate::run_dir::RunDir;
 
 mod restart;
 
@@ -52,6 +53,25 @@ pub struct Role {
     pub arguments: Vec<String>,
 }
 
+impl Role {
+    fn new(name: &str, job: Job, arguments: &[&str]) -> Role {
+        let mut role = Role {
+            name: name.into(),
+            job,
+            axis: 0,
+            role: 0,
+            arguments: Vec::new(),
+        };
+        role.add(arguments);
+        role
+    }
+
+    fn add(&mut self, arguments: &[&str]) {
+        let arguments = arguments.iter().map(|word| word.to_string());
+        self.arguments.extend(arguments);
+    }
+}
+
 /// What the group needs to know of a run.
 #[derive(Debug, Clone)]
 pub struct Plan {
@@ -79,85 +99,89 @@ pub struct Plan {
     pub metrics: Option<Listener>,
 }
 
+impl Plan {
+    /// For the files of a run directory; its fault script names no blocks and no wrong samples.
+    pub fn of(
+        run_dir: &RunDir,
+        pace: Pace,
+        answer_limit_s: u64,
+        metrics: Option<Listener>,
+    ) -> Plan {
+        Plan {
+            machine_file: run_dir.machine.clone(),
+            plant_file: run_dir.plant.clone(),
+            program: run_dir.program.clone(),
+            out: run_dir.folder.clone(),
+            pace,
+            answer_limit_s,
+            orders: run_dir.orders.clone(),
+            faults: run_dir.faults.clone(),
+            wrong_samples: false,
+            fault_blocks: Vec::new(),
+            metrics,
+        }
+    }
+}
+
 /// The table of processes, in the order they are started in: who listens before who speaks.
 pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
     let path = |p: &PathBuf| p.display().to_string();
-    let mut roles = vec![Role {
-        name: "monitor".into(),
-        job: Job::Monitor,
-        axis: 0,
-        role: 0,
-        arguments: vec!["recorder".into(), "--out".into(), path(&plan.out)],
-    }];
-    if let (Some(recorder), Some(_)) = (roles.last_mut(), &plan.metrics) {
-        recorder.arguments.push("--metrics".into());
+    let mut recorder = Role::new(
+        "monitor",
+        Job::Monitor,
+        &["recorder", "--out", &path(&plan.out)],
+    );
+    if plan.metrics.is_some() {
+        recorder.add(&["--metrics"]);
     }
+    let mut planner = Role::new("planner", Job::Planner, &["planner"]);
+    let limit = plan.answer_limit_s.to_string();
+    let plant = path(&plan.plant_file);
+    let arguments = ["plant-sim", "--plant", &plant, "--answer-limit", &limit];
+    let mut master = Role::new("plant-sim", Job::Master, &arguments);
+    if let Some(program) = &plan.program {
+        recorder.add(&["--program", &path(program)]);
+        planner.add(&["--program", &path(program)]);
+        master.add(&["--enabled", "--end-after-program"]);
+    }
+    if let Some(orders) = &plan.orders {
+        master.add(&["--orders", &path(orders)]);
+    }
+    let mut others = servos(machine);
+    others.extend([planner, master]);
+    if let Some(faults) = &plan.faults {
+        let reads = |role: &&mut Role| role.job == Job::Master || plan.wrong_samples;
+        for role in others.iter_mut().filter(reads) {
+            role.add(&["--faults", &path(faults)]);
+        }
+        if let Some(master) = others.last_mut() {
+            for (line, element) in &plan.fault_blocks {
+                master.add(&["--fault-block", &format!("{line}={element}")]);
+            }
+        }
+    }
+    let mut roles = vec![recorder];
+    roles.extend(others);
+    roles
+}
+
+/// The servos: of each axis one, and its standby if it has one.
+fn servos(machine: &Machine) -> Vec<Role> {
+    let mut servos = Vec::new();
     for (index, axis) in machine.axes.iter().enumerate() {
         for (role, word) in ROLES.iter().enumerate() {
             if role > 0 && !axis.standby {
                 continue;
             }
-            roles.push(Role {
-                name: servo_name(&axis.name, role),
-                job: Job::Servo,
+            let arguments = ["servo", "--axis", &axis.name, "--role", word];
+            servos.push(Role {
                 axis: index,
                 role: role as u32,
-                arguments: ["servo", "--axis", &axis.name, "--role", word]
-                    .map(String::from)
-                    .to_vec(),
+                ..Role::new(&servo_name(&axis.name, role), Job::Servo, &arguments)
             });
         }
     }
-    roles.push(Role {
-        name: "planner".into(),
-        job: Job::Planner,
-        axis: 0,
-        role: 0,
-        arguments: vec!["planner".into()],
-    });
-    roles.push(Role {
-        name: "plant-sim".into(),
-        job: Job::Master,
-        axis: 0,
-        role: 0,
-        arguments: vec![
-            "plant-sim".into(),
-            "--plant".into(),
-            path(&plan.plant_file),
-            "--answer-limit".into(),
-            plan.answer_limit_s.to_string(),
-        ],
-    });
-    if let Some(program) = &plan.program {
-        for role in &mut roles {
-            role.arguments.extend(match role.job {
-                Job::Monitor | Job::Planner => vec!["--program".into(), path(program)],
-                Job::Master => vec!["--enabled".into(), "--end-after-program".into()],
-                Job::Servo => Vec::new(),
-            });
-        }
-    }
-    if let (Some(master), Some(orders)) = (roles.last_mut(), &plan.orders) {
-        master.arguments.extend(["--orders".into(), path(orders)]);
-    }
-    if let Some(faults) = &plan.faults {
-        let reads = |role: &&mut Role| match role.job {
-            Job::Monitor => false,
-            Job::Master => true,
-            Job::Planner | Job::Servo => plan.wrong_samples,
-        };
-        for role in roles.iter_mut().filter(reads) {
-            role.arguments.extend(["--faults".into(), path(faults)]);
-        }
-        if let Some(master) = roles.last_mut() {
-            for (line, element) in &plan.fault_blocks {
-                master
-                    .arguments
-                    .extend(["--fault-block".into(), format!("{line}={element}")]);
-            }
-        }
-    }
-    roles
+    servos
 }
 
 /// Name of a servo's process: its standby has the role's letter behind it.

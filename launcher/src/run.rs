@@ -52,20 +52,7 @@ pub struct Completed {
 /// Nothing was started, or the run did not complete.
 pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Failure> {
     logs::init_launcher();
-    program_name(&options.program).input()?;
-    if options.view {
-        view::check().input()?;
-    }
-    let checked = check::load(&options.machine, Some(&options.program)).input()?;
-    if let Some(orders) = &options.orders {
-        orders::load(orders, &checked.machine).input()?;
-    }
-    let faults = options
-        .faults
-        .as_deref()
-        .map(|path| load_faults(path, &checked, injection))
-        .transpose()
-        .input()?;
+    let (checked, faults) = check_all(options, injection)?;
     let cell_name = options.cell.as_deref().unwrap_or(&checked.machine.name);
     let place = CellPaths::new(cell_name).input()?;
     let signals = Signals::catch().environment()?;
@@ -73,53 +60,18 @@ pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Fail
     let metrics = options.metrics.map(metrics_socket::listen);
     let metrics = metrics.transpose().environment()?;
     let machine_path = machine_file(&options.machine);
-    let folder = options
-        .out
-        .clone()
-        .unwrap_or_else(|| default_folder(&checked.machine.name, &options.program));
-    let trained = training::trained(&machine_path, &checked.machine, options.no_learned).input()?;
-    let run_dir = RunDir::make(
-        &folder,
-        &Sources {
-            machine: &machine_path,
-            plant: &machine_path.with_file_name("plant.toml"),
-            program: Some(&options.program),
-            learned: trained.as_deref(),
-            orders: options.orders.as_deref(),
-            faults: options.faults.as_deref(),
-        },
-    )
-    .environment()?;
-    // What runs is what was copied: checked once more, in case someone edited it meanwhile.
-    let mut checked = match check::load(&run_dir.machine, run_dir.program.as_deref()) {
-        Ok(checked) => checked,
-        Err(error) => {
-            let _ = std::fs::remove_dir_all(&run_dir.folder);
-            return Err(Failure::Input(error));
-        }
-    };
-    let (faults, fault_blocks) = match faults {
-        Some((script, blocks)) => {
-            script.restart.apply(&mut checked.machine.restart);
-            (Some(script), blocks)
-        }
-        None => (None, Vec::new()),
-    };
+    let (run_dir, mut checked) = make_run_dir(options, &machine_path, &checked.machine)?;
+    let (faults, fault_blocks) = faults.unzip();
+    if let Some(script) = &faults {
+        script.restart.apply(&mut checked.machine.restart);
+    }
     if options.pace() == Pace::Realtime {
         doctor::say_what_realtime_lacks();
     }
     let plan = Plan {
-        machine_file: run_dir.machine.clone(),
-        plant_file: run_dir.plant.clone(),
-        program: run_dir.program.clone(),
-        out: run_dir.folder.clone(),
-        pace: options.pace(),
-        answer_limit_s: options.answer_limit,
-        orders: run_dir.orders.clone(),
-        faults: run_dir.faults.clone(),
-        fault_blocks,
         wrong_samples: injection == Injection::WrongSamples,
-        metrics,
+        fault_blocks: fault_blocks.unwrap_or_default(),
+        ..Plan::of(&run_dir, options.pace(), options.answer_limit, metrics)
     };
     let mut group = start(cell, &checked.machine, &plan, &signals)?;
     let mut events = Events::create(&run_dir.folder).environment()?;
@@ -128,17 +80,13 @@ pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Fail
     group.begin();
     service_manager::ready();
     let shown = options.program.display();
-    service_manager::status(&format!("cell {cell_name} runs {shown}"));
+    service_manager::status(&format!("cell {} runs {shown}", place.name()));
     let subject = Subject {
         machine: &checked.machine,
         path: checked.program.as_ref().map(|program| &program.path),
         faults,
         session: None,
-        view: options
-            .view
-            .then(|| View::open(cell_name))
-            .transpose()
-            .environment()?,
+        view: View::open_if(options.view, place.name()).environment()?,
     };
     let ending = supervise(&mut group, subject, watch, &signals, &mut events);
     drop(group);
@@ -149,6 +97,61 @@ pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Fail
         machine_file: machine_path,
         machine: checked.machine,
     })
+}
+
+/// A fault script; with it, where the blocks that it names begin on the path (line and element).
+type Faults = (FaultScript, Vec<(u32, u32)>);
+
+/// Reads and checks all files, before anything is written or started.
+fn check_all(
+    options: &RunOptions,
+    injection: Injection,
+) -> Result<(Checked, Option<Faults>), Failure> {
+    program_name(&options.program).input()?;
+    if options.view {
+        view::check().input()?;
+    }
+    let checked = check::load(&options.machine, Some(&options.program)).input()?;
+    if let Some(orders) = &options.orders {
+        orders::load(orders, &checked.machine).input()?;
+    }
+    let faults = options.faults.as_deref();
+    let faults = faults.map(|path| load_faults(path, &checked, injection));
+    Ok((checked, faults.transpose().input()?))
+}
+
+fn make_run_dir(
+    options: &RunOptions,
+    machine_path: &Path,
+    machine: &Machine,
+) -> Result<(RunDir, Checked), Failure> {
+    let default = || default_folder(&machine.name, &options.program);
+    let folder = options.out.clone().unwrap_or_else(default);
+    let trained = training::trained(machine_path, machine, options.no_learned).input()?;
+    let sources = Sources {
+        machine: machine_path,
+        plant: &machine_path.with_file_name("plant.toml"),
+        program: Some(&options.program),
+        learned: trained.as_deref(),
+        orders: options.orders.as_deref(),
+        faults: options.faults.as_deref(),
+    };
+    make_checked(&folder, &sources)
+}
+
+/// Makes a run directory. What runs is what was copied there: it is checked once more, in case someone edited it meanwhile.
+///
+/// # Errors
+/// It cannot be made, or what was copied is not right.
+pub fn make_checked(folder: &Path, sources: &Sources<'_>) -> Result<(RunDir, Checked), Failure> {
+    let run_dir = RunDir::make(folder, sources).environment()?;
+    match check::load(&run_dir.machine, run_dir.program.as_deref()) {
+        Ok(checked) => Ok((run_dir, checked)),
+        Err(error) => {
+            let _ = std::fs::remove_dir_all(&run_dir.folder);
+            Err(Failure::Input(error))
+        }
+    }
 }
 
 /// Takes the cell, once what is left of a crashed one has gone.
@@ -192,12 +195,7 @@ pub fn note_started(group: &Group, events: &mut Events) {
     }
 }
 
-/// Reads a fault script; with it, where the blocks that it names begin on the path (line and element).
-fn load_faults(
-    path: &Path,
-    checked: &Checked,
-    injection: Injection,
-) -> anyhow::Result<(FaultScript, Vec<(u32, u32)>)> {
+fn load_faults(path: &Path, checked: &Checked, injection: Injection) -> anyhow::Result<Faults> {
     let mut script = faults::load(path, &checked.machine)?;
     let sends = |fault: &&Fault| fault.action.is_of_samples();
     if injection == Injection::KillsAndStops

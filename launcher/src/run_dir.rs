@@ -3,9 +3,9 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, bail};
+use chrono::{DateTime, Utc};
 use machine::learned::LEARNED_FILE;
 
 /// A run directory with its copies.
@@ -52,10 +52,7 @@ pub fn default_folder(machine: &str, program: &Path) -> PathBuf {
 
 /// `runs/NAME-TIME`, one that is not there yet.
 pub fn dated_folder(name: &str) -> PathBuf {
-    let seconds = SystemTime::now()
-        .duration_since(UNIX_EPOCH)
-        .map_or(0, |d| d.as_secs());
-    let base = format!("runs/{name}-{}", utc(seconds));
+    let base = format!("runs/{name}-{}", stamp(Utc::now()));
     let mut folder = PathBuf::from(&base);
     let mut number = 2;
     while folder.exists() {
@@ -65,27 +62,9 @@ pub fn dated_folder(name: &str) -> PathBuf {
     folder
 }
 
-/// Year to second of a Unix time, as `20261121-103000` (days to civil date after H. Hinnant, 2013).
-fn utc(seconds: u64) -> String {
-    let (days, rest) = (seconds / 86_400 + 719_468, seconds % 86_400);
-    let (era, day_of_era) = (days / 146_097, days % 146_097);
-    let year_of_era =
-        (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let shifted = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * shifted + 2) / 5 + 1;
-    let month = if shifted < 10 {
-        shifted + 3
-    } else {
-        shifted - 9
-    };
-    let year = year_of_era + era * 400 + u64::from(month <= 2);
-    format!(
-        "{year:04}{month:02}{day:02}-{:02}{:02}{:02}",
-        rest / 3600,
-        rest / 60 % 60,
-        rest % 60
-    )
+/// Year to second, as `20261121-103000`.
+fn stamp(time: DateTime<Utc>) -> String {
+    time.format("%Y%m%d-%H%M%S").to_string()
 }
 
 /// Copies in a run directory that say how the run was set up, besides its program.
@@ -181,9 +160,10 @@ mod tests {
 
     #[test]
     fn a_unix_time_is_written_as_the_date_that_it_is() {
-        assert_eq!(utc(0), "19700101-000000");
-        assert_eq!(utc(951_782_399), "20000228-235959");
-        assert_eq!(utc(951_782_400), "20000229-000000");
-        assert_eq!(utc(1_795_257_000), "20261121-103000");
+        let utc = |seconds| DateTime::from_timestamp(seconds, 0).map(stamp);
+        assert_eq!(utc(0).as_deref(), Some("19700101-000000"));
+        assert_eq!(utc(951_782_399).as_deref(), Some("20000228-235959"));
+        assert_eq!(utc(951_782_400).as_deref(), Some("20000229-000000"));
+        assert_eq!(utc(1_795_257_000).as_deref(), Some("20261121-103000"));
     }
 }

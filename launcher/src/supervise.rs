@@ -84,168 +84,294 @@ pub struct Subject<'a> {
 pub fn supervise(
     group: &mut Group,
     subject: Subject<'_>,
-    mut watch: Watch,
+    watch: Watch,
     signals: &Signals,
     events: &mut Events,
 ) -> Ending {
-    let Subject {
-        machine,
-        path,
-        faults,
-        mut session,
-        mut view,
-    } = subject;
-    let axes: Vec<String> = machine.axes.iter().map(|axis| axis.name.clone()).collect();
-    let mut deaths: Vec<Death> = Vec::new();
-    let mut supervisor = Supervisor::new(machine);
-    let mut desk = faults.map(FaultInjector::new);
-    let mut ends = false;
-    let mut hangs = Hangs::default();
-    let mut hinted: Option<String> = None;
-    let cell = group.cell_name().to_string();
-    let realtime = group.pace() == Pace::Realtime;
-    let mut stop_since: Option<Instant> = None;
-    let mut tripped = false;
-    let machine_place = group.place_of(Job::Master, 0, 0).unwrap_or_default();
-    while (group.lives(Job::Master) || supervisor.is_due(machine_place)) && signals.count() < 2 {
-        let often = desk.is_some() || supervisor.is_busy(group);
-        let limit = if often { LOOK_OFTEN } else { LOOK_EVERY };
-        group.wait(Some(signals.descriptor()), limit);
-        group.greet();
-        if let Some(view) = &mut view {
-            view.look();
-        }
-        let newest = watch.progress.look(path).copied();
-        group.newest_scan = newest.map_or(0, |feedback| feedback.scan);
-        if let Some(feedback) = newest {
-            let is_tripped = feedback.mode == Mode::Tripped as u32;
-            if is_tripped && !tripped {
-                let how = stop_words(&feedback, &axes);
-                tracing::error!("{how}");
-                events.write(&Event::of_cell(feedback.scan, "trip", Some(how)));
-            }
-            tripped = is_tripped;
-            if let Some(session) = &mut session {
-                session.look(&feedback, group.page.recorded_scans(), events);
-                let recorder = group.place_of(Job::Monitor, 0, 0).unwrap_or_default();
-                let given_up = !group.lives(Job::Monitor) && !supervisor.is_due(recorder);
-                if session.is_another(&feedback) && given_up {
-                    // Whatever kept it from writing may have passed.
-                    supervisor.try_anew(recorder);
-                }
-            }
-        }
-        if realtime {
-            for process in hangs.end(group) {
-                events.write(&Event {
-                    process: Some(&process),
-                    ..Event::of_cell(group.newest_scan, "hangs", Some("killed".into()))
-                });
-            }
-        }
-        let mut died = group.reap();
-        note_deaths(&died, group.newest_scan, events);
-        for death in died.iter_mut().filter(|d| !d.status.success()) {
-            match supervisor.judge(group, death) {
-                Verdict::Restarts => death.replaced = true,
-                Verdict::GoesOn => {}
-                Verdict::Ends => ends = true,
-            }
-        }
-        deaths.extend(died);
-        supervisor.start_due(group);
-        for (process, pid) in group.admit_ready() {
-            tracing::info!("{process} started anew");
-            events.write(&Event {
-                process: Some(&process),
-                pid: Some(pid),
-                ..Event::of_cell(group.newest_scan, "restarted", None)
-            });
-        }
-        let waits = newest.filter(|_| deaths.iter().any(|death| death.replaced));
-        let hint = waits.and_then(|feedback| match session {
-            None => waits_for(&feedback, &machine.restart, &cell),
-            Some(_) => lost_in(&feedback, &cell),
-        });
-        if hint != hinted && !supervisor.is_busy(group) {
-            if let Some(hint) = &hint {
-                tracing::warn!("{hint}");
-            }
-            hinted = hint;
-        }
-        if let Some(desk) = &mut desk {
-            ends |= serve_faults(desk, group, &supervisor, events, &mut deaths);
-        }
-        let why = if signals.count() > 0 {
-            Some("interrupted")
-        } else if ends {
-            Some("a process is lost for good")
-        } else {
-            None
-        };
-        if let Some(why) = why
-            && stop_since.is_none()
-            && stop(group, &watch.operator, session.is_some())
-        {
-            stop_since = Some(Instant::now());
-            service_manager::stopping();
-            events.write(&Event::of_cell(group.newest_scan, "stop", Some(why.into())));
-            let again = if signals.count() > 0 {
-                "again"
-            } else {
-                "twice"
-            };
-            tracing::info!(
-                "{why}: the tool comes to rest on the path (Ctrl-C {again} stops at once)"
-            );
-        }
-        if stop_since.is_some_and(|since| since.elapsed() > STOP_LIMIT) {
-            tracing::error!(
-                "not at rest {} s after it was told to stop",
-                STOP_LIMIT.as_secs()
-            );
+    let mut supervision = Supervision::new(group, subject, watch, signals, events);
+    while supervision.goes_on() {
+        supervision.look();
+        supervision.report_trip();
+        supervision.follow_session();
+        supervision.end_hangs();
+        supervision.judge_deaths();
+        supervision.start_replacements();
+        supervision.hint();
+        supervision.serve_faults();
+        supervision.stop_if_needed();
+        if supervision.stop_is_overdue() {
             break;
         }
     }
-    drop(view);
-    service_manager::stopping();
-    let in_order = !group.lives(Job::Master);
-    if in_order {
-        let machine_lost = |d: &Death| d.is_untimely(Job::Master) && !d.replaced;
-        let limit = if deaths.iter().any(machine_lost) {
-            group.page.set_phase(CellPhase::Ending);
+    supervision.end()
+}
+
+/// The loop's state; its methods are the steps of one pass.
+struct Supervision<'a> {
+    group: &'a mut Group,
+    machine: &'a Machine,
+    path: Option<&'a Path>,
+    session: Option<Session>,
+    view: Option<View>,
+    faults: Option<FaultInjector>,
+    watch: Watch,
+    signals: &'a Signals,
+    events: &'a mut Events,
+    supervisor: Supervisor,
+    hangs: Hangs,
+    axes: Vec<String>,
+    cell: String,
+    master_slot: usize,
+    newest: Option<Feedback>,
+    tripped: bool,
+    deaths: Vec<Death>,
+    /// A process is lost for good without which the run cannot go on.
+    ends: bool,
+    hinted: Option<String>,
+    stop_since: Option<Instant>,
+}
+
+impl<'a> Supervision<'a> {
+    fn new(
+        group: &'a mut Group,
+        subject: Subject<'a>,
+        watch: Watch,
+        signals: &'a Signals,
+        events: &'a mut Events,
+    ) -> Supervision<'a> {
+        let machine = subject.machine;
+        Supervision {
+            machine,
+            path: subject.path,
+            session: subject.session,
+            view: subject.view,
+            faults: subject.faults.map(FaultInjector::new),
+            watch,
+            signals,
+            events,
+            supervisor: Supervisor::new(machine),
+            hangs: Hangs::default(),
+            axes: machine.axes.iter().map(|axis| axis.name.clone()).collect(),
+            cell: group.cell_name().to_string(),
+            master_slot: group.place_of(Job::Master, 0, 0).unwrap_or_default(),
+            group,
+            newest: None,
+            tripped: false,
+            deaths: Vec::new(),
+            ends: false,
+            hinted: None,
+            stop_since: None,
+        }
+    }
+
+    /// There is a master, or one is due; nobody has interrupted twice.
+    fn goes_on(&self) -> bool {
+        let master = self.group.lives(Job::Master) || self.supervisor.is_due(self.master_slot);
+        master && self.signals.count() < 2
+    }
+
+    /// Waits for something to happen, and takes the newest feedback.
+    fn look(&mut self) {
+        let often = self.faults.is_some() || self.supervisor.is_busy(self.group);
+        let limit = if often { LOOK_OFTEN } else { LOOK_EVERY };
+        self.group.wait(Some(self.signals.descriptor()), limit);
+        self.group.greet();
+        if let Some(view) = &mut self.view {
+            view.look();
+        }
+        self.newest = self.watch.progress.look(self.path).copied();
+        self.group.newest_scan = self.newest.map_or(0, |feedback| feedback.scan);
+    }
+
+    fn report_trip(&mut self) {
+        let Some(feedback) = &self.newest else {
+            return;
+        };
+        let is_tripped = feedback.mode == Mode::Tripped as u32;
+        if is_tripped && !self.tripped {
+            let how = stop_words(feedback, &self.axes);
+            tracing::error!("{how}");
+            let event = Event::of_cell(feedback.scan, "trip", Some(how));
+            self.events.write(&event);
+        }
+        self.tripped = is_tripped;
+    }
+
+    /// Reports of the programs of a cell that stays up; a recorder that was lost for good gets another chance with each.
+    fn follow_session(&mut self) {
+        let (Some(feedback), Some(session)) = (&self.newest, &mut self.session) else {
+            return;
+        };
+        session.look(feedback, self.group.page.recorded_scans(), self.events);
+        let recorder = self.group.place_of(Job::Monitor, 0, 0).unwrap_or_default();
+        let lost = !self.group.lives(Job::Monitor) && !self.supervisor.is_due(recorder);
+        if session.is_another(feedback) && lost {
+            // Whatever kept it from writing may have passed.
+            self.supervisor.try_anew(recorder);
+        }
+    }
+
+    /// In lockstep the master waits for everybody and reports by itself who does not answer.
+    fn end_hangs(&mut self) {
+        if self.group.pace() != Pace::Realtime {
+            return;
+        }
+        for process in self.hangs.end(self.group) {
+            self.events.write(&Event {
+                process: Some(&process),
+                ..Event::of_cell(self.group.newest_scan, "hangs", Some("killed".into()))
+            });
+        }
+    }
+
+    fn judge_deaths(&mut self) {
+        let mut died = self.group.reap();
+        note_deaths(&died, self.group.newest_scan, self.events);
+        for death in died.iter_mut().filter(|d| !d.status.success()) {
+            match self.supervisor.judge(self.group, death) {
+                Verdict::Restarts => death.replaced = true,
+                Verdict::GoesOn => {}
+                Verdict::Ends => self.ends = true,
+            }
+        }
+        self.deaths.extend(died);
+    }
+
+    fn start_replacements(&mut self) {
+        self.supervisor.start_due(self.group);
+        for (process, pid) in self.group.admit_ready() {
+            tracing::info!("{process} started anew");
+            self.events.write(&Event {
+                process: Some(&process),
+                pid: Some(pid),
+                ..Event::of_cell(self.group.newest_scan, "restarted", None)
+            });
+        }
+    }
+
+    /// Tells what a machine waits for that has lost a process, once.
+    fn hint(&mut self) {
+        let replaced = self.deaths.iter().any(|death| death.replaced);
+        let waits = self.newest.filter(|_| replaced);
+        let hint = waits.and_then(|feedback| match self.session {
+            None => waits_for(&feedback, &self.machine.restart, &self.cell),
+            Some(_) => lost_in(&feedback, &self.cell),
+        });
+        if hint != self.hinted && !self.supervisor.is_busy(self.group) {
+            if let Some(hint) = &hint {
+                tracing::warn!("{hint}");
+            }
+            self.hinted = hint;
+        }
+    }
+
+    /// Does what the master asks for in the name of a fault script, as long as it asks.
+    fn serve_faults(&mut self) {
+        let Some(faults) = &mut self.faults else {
+            return;
+        };
+        loop {
+            match faults.serve(self.group, &self.supervisor) {
+                Ok(Some(served)) => {
+                    if let Some((scan, word, process)) = &served.event {
+                        self.events.write(&Event {
+                            process: Some(process),
+                            ..Event::of_cell(*scan, word, Some("by the fault script".into()))
+                        });
+                    }
+                    let for_good = |d: &Death| d.job == Job::Planner && !d.replaced;
+                    self.ends |= served.death.as_ref().is_some_and(for_good);
+                    self.deaths.extend(served.death);
+                }
+                Ok(None) => return,
+                Err(error) => {
+                    tracing::error!("{}", exit::words(&error));
+                    self.ends = true;
+                    return;
+                }
+            }
+        }
+    }
+
+    /// Asks the master to come to rest on the path, and a cell that stays up to end then; again if the order could not be sent.
+    fn stop_if_needed(&mut self) {
+        let interrupted = self.signals.count() > 0;
+        let (why, again) = match (interrupted, self.ends) {
+            (true, _) => ("interrupted", "again"),
+            (false, true) => ("a process is lost for good", "twice"),
+            (false, false) => return,
+        };
+        let stays = self.session.is_some();
+        if self.stop_since.is_some() || !stop(self.group, &self.watch.operator, stays) {
+            return;
+        }
+        self.stop_since = Some(Instant::now());
+        service_manager::stopping();
+        let event = Event::of_cell(self.group.newest_scan, "stop", Some(why.into()));
+        self.events.write(&event);
+        tracing::info!("{why}: the tool comes to rest on the path (Ctrl-C {again} stops at once)");
+    }
+
+    fn stop_is_overdue(&self) -> bool {
+        let overdue = self
+            .stop_since
+            .is_some_and(|since| since.elapsed() > STOP_LIMIT);
+        if overdue {
+            let limit_s = STOP_LIMIT.as_secs();
+            tracing::error!("not at rest {limit_s} s after it was told to stop");
+        }
+        overdue
+    }
+
+    /// Waits until all have left, or ends them where the master did not leave in order.
+    fn end(mut self) -> Ending {
+        drop(self.view.take());
+        service_manager::stopping();
+        let in_order = !self.group.lives(Job::Master);
+        if in_order {
+            self.wait_until_left();
+        } else {
+            tracing::warn!("stopped at once");
+            self.group.kill();
+        }
+        self.watch.progress.look(self.path);
+        self.watch.progress.finish();
+        let last = self.watch.progress.newest().copied();
+        if let (Some(session), Some(last)) = (&mut self.session, &last) {
+            // Whoever looks for the cell now finds none; its last report is still being made.
+            self.group.page.set_phase(CellPhase::Ending);
+            if in_order {
+                session.finish(last, self.signals, self.events);
+            }
+        }
+        if let Some(last) = &last {
+            let how = stop_words(last, &self.axes);
+            self.events
+                .write(&Event::of_cell(last.scan, "ended", Some(how)));
+        }
+        Ending {
+            last,
+            deaths: self.deaths,
+            interruptions: self.signals.count(),
+            in_order,
+            axes: self.axes,
+        }
+    }
+
+    fn wait_until_left(&mut self) {
+        let master_lost = |d: &Death| d.is_untimely(Job::Master) && !d.replaced;
+        let limit = if self.deaths.iter().any(master_lost) {
+            self.group.page.set_phase(CellPhase::Ending);
             LEAVE_LIMIT_AFTER_MACHINE
         } else {
             LEAVE_LIMIT
         };
-        let before = signals.count();
-        let left = group.wait_until_left(limit, &|| signals.count() > before);
-        note_deaths(&left, group.newest_scan, events);
-        deaths.extend(left);
-    } else {
-        tracing::warn!("stopped at once");
-        group.kill();
-    }
-    watch.progress.look(path);
-    watch.progress.finish();
-    let last = watch.progress.newest().copied();
-    if let (Some(session), Some(last)) = (&mut session, &last) {
-        // Whoever looks for the cell now finds none; its last report is still being made.
-        group.page.set_phase(CellPhase::Ending);
-        if in_order {
-            session.finish(last, signals, events);
-        }
-    }
-    if let Some(last) = &last {
-        let how = stop_words(last, &axes);
-        events.write(&Event::of_cell(last.scan, "ended", Some(how)));
-    }
-    Ending {
-        last,
-        deaths,
-        interruptions: signals.count(),
-        in_order,
-        axes,
+        let before = self.signals.count();
+        let left = self
+            .group
+            .wait_until_left(limit, &|| self.signals.count() > before);
+        note_deaths(&left, self.group.newest_scan, self.events);
+        self.deaths.extend(left);
     }
 }
 
@@ -288,38 +414,6 @@ fn lost_in(feedback: &Feedback, cell: &str) -> Option<String> {
     }
 }
 
-/// Does what the master asks for in the name of a fault script, as long as it asks; whether a process was lost without
-/// which the run is to end.
-fn serve_faults(
-    desk: &mut FaultInjector,
-    group: &mut Group,
-    supervisor: &Supervisor,
-    events: &mut Events,
-    deaths: &mut Vec<Death>,
-) -> bool {
-    let mut ends = false;
-    loop {
-        match desk.serve(group, supervisor) {
-            Ok(Some(served)) => {
-                if let Some((scan, word, process)) = &served.event {
-                    events.write(&Event {
-                        process: Some(process),
-                        ..Event::of_cell(*scan, word, Some("by the fault script".into()))
-                    });
-                }
-                let for_good = |d: &Death| d.job == Job::Planner && !d.replaced;
-                ends |= served.death.as_ref().is_some_and(for_good);
-                deaths.extend(served.death);
-            }
-            Ok(None) => return ends,
-            Err(error) => {
-                tracing::error!("{}", exit::words(&error));
-                return true;
-            }
-        }
-    }
-}
-
 /// Says who died untimely.
 fn note_deaths(deaths: &[Death], scan: u64, events: &mut Events) {
     for death in deaths.iter().filter(|death| !death.status.success()) {
@@ -331,8 +425,7 @@ fn note_deaths(deaths: &[Death], scan: u64, events: &mut Events) {
     }
 }
 
-/// Asks the master to come to rest on the path, and a cell that stays up to end then; false if the order could not be
-/// sent.
+/// Sends that order; false if it could not be sent.
 fn stop(group: &Group, operator: &OperatorClient, stays: bool) -> bool {
     let order = if stays { Order::Down } else { Order::Stop };
     let order = OperatorRequest {

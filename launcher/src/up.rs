@@ -11,8 +11,8 @@ use crate::exit::{Failure, Kind, Outcome};
 use crate::group::Plan;
 use crate::options::UpOptions;
 use crate::output::say;
-use crate::run::{note_started, own, start};
-use crate::run_dir::{RunDir, Sources, dated_folder};
+use crate::run::{make_checked, note_started, own, start};
+use crate::run_dir::{Sources, dated_folder};
 use crate::session::Session;
 use crate::signals::Signals;
 use crate::supervise::{Ending, Subject, Watch, supervise};
@@ -36,43 +36,20 @@ pub fn up(options: &UpOptions) -> Outcome {
     let trained = training::trained(&machine_path, &checked.machine, options.no_learned).input()?;
     let folder = options.out.clone();
     let folder = folder.unwrap_or_else(|| dated_folder(&format!("{cell_name}-up")));
-    let run_dir = RunDir::make(
-        &folder,
-        &Sources {
-            machine: &machine_path,
-            plant: &machine_path.with_file_name("plant.toml"),
-            program: None,
-            learned: trained.as_deref(),
-            orders: None,
-            faults: None,
-        },
-    )
-    .environment()?;
-    // What runs is what was copied.
-    let mut checked = match check::load(&run_dir.machine, None) {
-        Ok(checked) => checked,
-        Err(error) => {
-            let _ = std::fs::remove_dir_all(&run_dir.folder);
-            return Err(Failure::Input(error));
-        }
+    let sources = Sources {
+        machine: &machine_path,
+        plant: &machine_path.with_file_name("plant.toml"),
+        program: None,
+        learned: trained.as_deref(),
+        orders: None,
+        faults: None,
     };
+    let (run_dir, mut checked) = make_checked(&folder, &sources)?;
     checked.machine.restart = checked.machine.restart.of_staying();
     if options.pace() == Pace::Realtime {
         doctor::say_what_realtime_lacks();
     }
-    let plan = Plan {
-        machine_file: run_dir.machine.clone(),
-        plant_file: run_dir.plant.clone(),
-        program: None,
-        out: run_dir.folder.clone(),
-        pace: options.pace(),
-        answer_limit_s: options.answer_limit,
-        orders: None,
-        faults: None,
-        fault_blocks: Vec::new(),
-        wrong_samples: false,
-        metrics,
-    };
+    let plan = Plan::of(&run_dir, options.pace(), options.answer_limit, metrics);
     let mut group = start(cell, &checked.machine, &plan, &signals)?;
     let mut events = Events::create(&run_dir.folder).environment()?;
     let shown = std::path::absolute(&run_dir.folder).environment()?;
@@ -93,11 +70,7 @@ pub fn up(options: &UpOptions) -> Outcome {
         path: None,
         faults: None,
         session: Some(Session::new(&folder, &place)),
-        view: options
-            .view
-            .then(|| View::open(cell_name))
-            .transpose()
-            .environment()?,
+        view: View::open_if(options.view, cell_name).environment()?,
     };
     let ending = supervise(&mut group, subject, watch, &signals, &mut events);
     drop(group);

@@ -32,17 +32,20 @@ pub fn check() -> anyhow::Result<()> {
 }
 
 impl View {
-    /// Opens it on a cell that runs.
+    /// Opens it on a cell that runs, if it is wanted.
     ///
     /// # Errors
     /// It cannot be started.
-    pub fn open(cell: &str) -> anyhow::Result<View> {
+    pub fn open_if(wanted: bool, cell: &str) -> anyhow::Result<Option<View>> {
+        if !wanted {
+            return Ok(None);
+        }
         let child = Command::new("/proc/self/exe")
             .args(["monitor", "--cell", cell])
             .spawn()
             .context("starting the view")?;
         logs::hold_back();
-        Ok(View { child: Some(child) })
+        Ok(Some(View { child: Some(child) }))
     }
 
     /// Reaps it once somebody has closed it.

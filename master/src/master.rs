@@ -128,7 +128,7 @@ impl<D: Drives> Master<D> {
             drives,
             scan: first_scan,
             incarnation,
-            period_scans: u64::from(machine.scan.distribution_period_scans),
+            period_scans: u64::from(machine.scan.interpolation_period_scans),
             watchdog_scans: machine.scan.watchdog_scans,
             settle_scans: machine.scan.settle_scans,
             in_position_patience_scans: (IN_POSITION_PATIENCE_S / machine.scan_period_s()) as u32,

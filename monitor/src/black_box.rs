@@ -78,7 +78,7 @@ fn scan_bytes(codec: &Codec, machine: &Machine) -> usize {
         + codec.header.bytes
         + machine.intended_rows() as usize * codec.row.bytes;
     let of_period = 2 * HEAD_BYTES + window + codec.planner.bytes;
-    let period_scans = machine.scan.distribution_period_scans.max(1) as usize;
+    let period_scans = machine.scan.interpolation_period_scans.max(1) as usize;
     (2 + commands) * HEAD_BYTES
         + codec.feedback.bytes
         + codec.instruments.bytes
@@ -126,7 +126,7 @@ impl BlackBox {
         let scans = |seconds: f64| libm::ceil(seconds / machine.scan_period_s()).max(0.0) as u64;
         let codec = Codec::of(&Extent::of(machine));
         let before_scans = scans(settings.before_s);
-        let period_scans = machine.scan.distribution_period_scans as usize;
+        let period_scans = machine.scan.interpolation_period_scans as usize;
         let scan_bytes = scan_bytes(&codec, machine);
         // One period more: a window comes all at once.
         let ring_bytes = scan_bytes * (before_scans as usize + 2 * period_scans.max(1));
@@ -218,10 +218,10 @@ impl BlackBox {
         let stopped = now.1 != Cause::None as u32 && before.1 != now.1;
         let mut event = None;
         while let Some(Death {
-            scan, process, how, ..
+            scan, name, how, ..
         }) = self.deaths.next_new()
         {
-            let what = format!("death-{process}");
+            let what = format!("death-{name}");
             event = self.cause(feedback.scan, scan, &what, how).or(event);
         }
         if tripped || stopped {

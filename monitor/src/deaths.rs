@@ -10,41 +10,41 @@ use crate::words::axis_name;
 /// Deaths that wait to be asked for.
 const DEATHS_MAX: usize = 64;
 
-/// A slot of the roster: one process of the cell, whoever fills it.
+/// A process of the cell by what it does, whoever does it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Slot {
+pub struct Process {
     job: u32,
     axis: u32,
     role: u32,
 }
 
-impl Slot {
+impl Process {
     /// That of a participant.
-    pub fn of(participant: &Participant) -> Slot {
-        Slot {
+    pub fn of(participant: &Participant) -> Process {
+        Process {
             job: participant.job,
             axis: participant.axis,
             role: participant.role,
         }
     }
 
-    /// All slots that a cell of this machine can have.
-    pub fn all(machine: &Machine) -> Vec<Slot> {
-        let slot = |job: Job, axis: usize, role: u32| Slot {
+    /// All that a cell of this machine can have.
+    pub fn all(machine: &Machine) -> Vec<Process> {
+        let process = |job: Job, axis: usize, role: u32| Process {
             job: job as u32,
             axis: axis as u32,
             role,
         };
-        let mut slots = vec![slot(Job::Planner, 0, 0)];
+        let mut all = vec![process(Job::Planner, 0, 0)];
         for (axis, settings) in machine.axes.iter().enumerate() {
             let roles = 0..=u32::from(settings.standby);
-            slots.extend(roles.map(|role| slot(Job::Servo, axis, role)));
+            all.extend(roles.map(|role| process(Job::Servo, axis, role)));
         }
-        slots.extend([slot(Job::Master, 0, 0), slot(Job::Monitor, 0, 0)]);
-        slots
+        all.extend([process(Job::Master, 0, 0), process(Job::Monitor, 0, 0)]);
+        all
     }
 
-    /// Name of its process.
+    /// Its name.
     pub fn name(self, machine: &Machine) -> String {
         match Job::from_wire(self.job) {
             Some(Job::Master) => "plant-sim".into(),
@@ -72,10 +72,10 @@ pub fn death_of(participant: &Participant) -> Option<(u64, i32, i32)> {
 pub struct Death {
     /// Its scan.
     pub scan: u64,
-    /// Its slot.
-    pub slot: Slot,
-    /// Name of the process.
-    pub process: String,
+    /// Which process died.
+    pub process: Process,
+    /// Its name.
+    pub name: String,
     /// What happened, in words.
     pub how: String,
 }
@@ -85,7 +85,7 @@ pub struct Death {
 pub struct Deaths {
     machine: Machine,
     first_scan: Option<u64>,
-    known: BTreeMap<Slot, u64>,
+    known: BTreeMap<Process, u64>,
     new: VecDeque<Death>,
 }
 
@@ -111,22 +111,22 @@ impl Deaths {
             let Some((scan, signal, status)) = death_of(participant) else {
                 continue;
             };
-            let slot = Slot::of(participant);
-            let before = self.known.insert(slot, scan);
+            let process = Process::of(participant);
+            let before = self.known.insert(process, scan);
             // What a first roster has of the time before is nobody's news.
             let seen = self.first_scan.is_some_and(|first| scan >= first);
             if before == Some(scan) || !seen || self.new.len() >= DEATHS_MAX {
                 continue;
             }
-            let process = slot.name(&self.machine);
+            let name = process.name(&self.machine);
             let how = match signal {
-                0 => format!("{process} ended with status {status}"),
-                signal => format!("{process} killed by signal {signal}"),
+                0 => format!("{name} ended with status {status}"),
+                signal => format!("{name} killed by signal {signal}"),
             };
             self.new.push_back(Death {
                 scan,
-                slot,
                 process,
+                name,
                 how,
             });
         }

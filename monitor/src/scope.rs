@@ -4,7 +4,6 @@
 //! numbers of them ([`signal`]), keeps the last ones in a ring, watches for the trigger ([`trigger`]) and cuts a [`Capture`] out of
 //! the ring once its last scan is there. It knows no clock, port or file: the same samples give the same capture.
 
-pub mod chart;
 pub mod csv;
 mod error;
 pub mod picture;
@@ -160,6 +159,17 @@ impl Capture {
             let (low, high) = range.unwrap_or((value, value));
             Some((value.min(low), value.max(high)))
         })
+    }
+
+    /// What a chart of a signal reaches from and to; none if nothing of it is known.
+    pub fn limits(&self, signal: usize) -> Option<(f64, f64)> {
+        let (low, high) = self.range(signal)?;
+        if high > low {
+            return Some((low, high));
+        }
+        // A value that does not change is drawn in the middle.
+        let half = (low.abs() * 1e-3).max(0.5);
+        Some((low - half, high + half))
     }
 
     /// Value of a signal in the scan of the trigger.

@@ -25,14 +25,14 @@ lead_mm = 10.0
 motor = {{ rated_torque_nm = 8.0, peak_torque_nm = 32.0 }}
 position_loop = {{ gain_per_s = 50.0 }}
 velocity_loop = {{ gain_n_s_per_m = 250000.0, integral_time_ms = 10.0, period_us = 250 }}
-reversal = {{ method = "kick", kick_mm_s = 2.0, kick_ms = 25.0, lead_ms = 4.0 }}
+reversal = {{ method = "friction-pulse", pulse_mm_s = 2.0, pulse_ms = 25.0, lead_ms = 4.0 }}
 "#
     )
 }
 
 /// A machine file with axes of these names, scan 1 ms.
 pub fn machine_text(axes: &[&str]) -> String {
-    let head = "name = \"test\"\n[scan]\nperiod_us = 1000\ndistribution_period_scans = 8\n";
+    let head = "name = \"test\"\n[scan]\nperiod_us = 1000\ninterpolation_period_scans = 8\n";
     axes.iter()
         .fold(head.to_string(), |text, name| text + &axis(name))
 }

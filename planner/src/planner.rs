@@ -158,7 +158,7 @@ impl Planner {
             program_text: None,
             load: 0,
             incarnation,
-            period_scans: u64::from(machine.scan.distribution_period_scans),
+            period_scans: u64::from(machine.scan.interpolation_period_scans),
             course: None,
             way_back: None,
             in_force: Published::none(rows_max),

@@ -65,7 +65,7 @@ pub fn run_over<P: PlannerPorts>(
     let machine = Machine::load(&options.slot.machine)?;
     let member = Member::enter(options.slot.clone(), "planner", &machine.shape())?;
     let member = Rc::new(member);
-    let period_scans = machine.scan.distribution_period_scans;
+    let period_scans = machine.scan.interpolation_period_scans;
     let ports = BusPorts::open(Rc::clone(&member), period_scans).map_err(MemberError::Cell)?;
     let mut planner = match &options.program {
         Some(path) => {

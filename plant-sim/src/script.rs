@@ -6,4 +6,4 @@ pub mod injector;
 pub mod orders;
 pub mod ports;
 pub mod reach;
-pub mod split_mix;
+pub mod rng;

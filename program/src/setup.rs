@@ -54,8 +54,8 @@ impl Setup {
 pub fn kinematics_of(machine: &Machine) -> Kinematics {
     let pivot = machine.kinematics.as_ref().and_then(|kinematics| {
         Some(PivotY {
-            slide: kinematics.slide_index(machine)?,
-            arm: kinematics.arm_index(machine)?,
+            slide: kinematics.slide_index(&machine.axes)?,
+            arm: kinematics.arm_index(&machine.axes)?,
             arm_length_mm: kinematics.arm_length_mm,
             arm_min_deg: kinematics.arm_min_deg,
             arm_max_deg: kinematics.arm_max_deg,

@@ -175,7 +175,7 @@ fn inverse_dynamics(axis: &Axis, scan_s: f64, radius_m: f64) -> Option<InverseDy
         table_viscous_n_s_per_m: table.viscous_n_s_per_m,
         stiffness_n_per_m: table.stiffness_n_per_um * 1e6,
         gap_mm: table.gap_um * 1e-3,
-        crossing_s: table.crossing_ms * 1e-3,
+        crossing_s: table.traversal_ms * 1e-3,
         // A command acts one scan later and is held for one; the force follows it by the current loop.
         lead_scans: (2.0 + torque.current_loop_ms * 1e-3 / scan_s).min(LEAD_SCANS_MAX),
         motor_friction: slip(model.coulomb_n - table.coulomb_n, &curve),

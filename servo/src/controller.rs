@@ -19,7 +19,7 @@ use control::learned_table::LearnedTable;
 use control::reversal::{Announcement, ReversalState};
 use control::trigger::Speeds;
 use control::velocity_loop::VelocityLoopState;
-use machine::{DriveMode, Machine, PositionFeedback, Rows};
+use machine::{DriveMode, Machine, PositionFeedback, WithinPeriod};
 
 use crate::compensation::Added;
 use crate::even_rows::PeriodEnds;
@@ -272,9 +272,9 @@ impl Servo {
             return axis.command_register;
         }
         let row = i64::from(feedback.row) + ahead;
-        match self.settings.rows {
-            Rows::Exact => self.held.position(self.settings.axis, row),
-            Rows::Even => self.even_row(feedback, row, ahead),
+        match self.settings.within_period {
+            WithinPeriod::Exact => self.held.position(self.settings.axis, row),
+            WithinPeriod::Linear => self.even_row(feedback, row, ahead),
         }
     }
 

@@ -14,8 +14,8 @@ use control::reversal::{BacklashAcceleration, KickShape};
 use control::trigger::{PositionErrorPart, Trigger};
 use control::velocity_loop::VelocityLoop;
 use machine::{
-    Axis, DriveMode, KickShape as ShapeSetting, Machine, PositionErrorPart as PartSetting,
-    PositionFeedback, Reversal, ReversalMethod, Rows, Trigger as TriggerSetting,
+    Axis, DriveMode, Machine, PositionErrorPart as PartSetting, PositionFeedback,
+    PulseShape as ShapeSetting, Reversal, ReversalMethod, Trigger as TriggerSetting, WithinPeriod,
 };
 
 use crate::compensation::ModelSettings;
@@ -56,8 +56,8 @@ pub struct ServoSettings {
     pub look_ahead_periods: usize,
     /// Axis units per increment, in mm.
     pub increment_mm: f64,
-    /// Position command within a distribution period.
-    pub rows: Rows,
+    /// position command within an interpolation period.
+    pub within_period: WithinPeriod,
     /// Where the position comes from.
     pub feedback: PositionFeedback,
     /// Part of the scale's correction that is taken over in one scan.
@@ -113,16 +113,16 @@ impl ServoSettings {
         let increment_mm = axis.increment_mm();
         let reversal = &axis.reversal;
         let compensates = reversal.method != ReversalMethod::None;
-        let kicks = reversal.method == ReversalMethod::Kick;
+        let kicks = reversal.method == ReversalMethod::FrictionPulse;
         let forward = &axis.feed_forward;
         let mut settings = ServoSettings {
             axis: index,
             axis_count: machine.axes.len(),
             scan_s,
-            scans_per_period: machine.scan.distribution_period_scans,
+            scans_per_period: machine.scan.interpolation_period_scans,
             look_ahead_periods: machine.scan.look_ahead_periods as usize,
             increment_mm,
-            rows: machine.interpolation.rows,
+            within_period: machine.interpolation.within_period,
             feedback: axis.feedback,
             scale_share: if axis.dual_feedback_ms > 0.0 {
                 1.0 - libm::exp(-scan_s / (axis.dual_feedback_ms * 1e-3))
@@ -135,7 +135,7 @@ impl ServoSettings {
             drive_mode: axis.drive_mode,
             position_gain_per_s: axis.position_loop.gain_per_s,
             feed_forward: FeedForward {
-                scans_per_period: machine.scan.distribution_period_scans,
+                scans_per_period: machine.scan.interpolation_period_scans,
                 coefficient: if forward.enabled {
                     forward.coefficient
                 } else {
@@ -153,19 +153,19 @@ impl ServoSettings {
             },
             kick: BacklashAcceleration {
                 lead_s: reversal.lead_ms * 1e-3,
-                period_s: machine.distribution_period_s(),
+                period_s: machine.interpolation_period_s(),
                 increment_mm,
                 scan_s,
                 trigger: trigger(reversal),
                 shape: match reversal.shape {
                     ShapeSetting::Constant => KickShape::Constant,
                     ShapeSetting::Decaying => KickShape::Decaying {
-                        decay_scans: reversal.kick_ms * 1e-3 / scan_s,
+                        decay_scans: reversal.pulse_ms * 1e-3 / scan_s,
                         presliding_mm: reversal.presliding_um * 1e-3,
                     },
                 },
-                kick_mm_s: if kicks { reversal.kick_mm_s } else { 0.0 },
-                kick_scans: libm::round(reversal.kick_ms * 1e-3 / scan_s) as u32,
+                kick_mm_s: if kicks { reversal.pulse_mm_s } else { 0.0 },
+                kick_scans: libm::round(reversal.pulse_ms * 1e-3 / scan_s) as u32,
             },
             velocity_loop: VelocityLoop::new(
                 axis.velocity_loop.gain_n_s_per_m,

@@ -1,11 +1,11 @@
-//! A servo on a circle: what it remembers, when it kicks, how it would stop.
+//! A servo on a circle: what it remembers, when its friction pulses start, how it would stop.
 #![allow(missing_docs)]
 mod common;
 
 use bus::sample::{AxisCommand, Mode};
 use bytemuck::{Zeroable, bytes_of};
 use common::{RADIUS_MM, Rig, SPEED_MM_S, machine, servo};
-use machine::{KickShape, Prediction, Rows};
+use machine::{Prediction, PulseShape, WithinPeriod};
 
 /// A command with what names its maker taken out.
 fn anonymous(mut command: AxisCommand) -> AxisCommand {
@@ -17,17 +17,17 @@ fn anonymous(mut command: AxisCommand) -> AxisCommand {
 
 #[test]
 fn a_standby_that_is_given_the_state_goes_on_to_the_bit_from_any_scan() {
-    let (exact, even) = (Rows::Exact, Rows::Even);
+    let (exact, even) = (WithinPeriod::Exact, WithinPeriod::Linear);
     let ahead = Some(Prediction { m: 0.4 });
     for (name, shape, rows, prediction) in [
-        ("xy", KickShape::Decaying, exact, None),
-        ("xy", KickShape::Constant, exact, None),
-        ("xy", KickShape::Constant, even, ahead),
-        ("xy-fast", KickShape::Decaying, exact, None),
-        ("xy-torque", KickShape::Decaying, exact, ahead),
+        ("xy", PulseShape::Decaying, exact, None),
+        ("xy", PulseShape::Constant, exact, None),
+        ("xy", PulseShape::Constant, even, ahead),
+        ("xy-fast", PulseShape::Decaying, exact, None),
+        ("xy-torque", PulseShape::Decaying, exact, ahead),
     ] {
         let mut machine = machine(name);
-        machine.interpolation.rows = rows;
+        machine.interpolation.within_period = rows;
         for axis in &mut machine.axes {
             axis.reversal.shape = shape;
             axis.prediction = prediction;
@@ -225,7 +225,7 @@ fn the_feed_forward_leaves_little_following_error_to_the_position_loop() {
 #[test]
 fn even_rows_meet_the_windows_at_every_period_end_and_when_they_come_to_rest() {
     let mut machine = machine("xy");
-    machine.interpolation.rows = Rows::Even;
+    machine.interpolation.within_period = WithinPeriod::Linear;
     let mut rig = Rig::new(machine);
     let period = rig.period();
     let (mut ends, mut longest, mut windows) = (0, 0, Vec::new());

@@ -1,12 +1,12 @@
-//! The form of the kick as the machine file asks for it.
+//! The form of the friction pulse as the machine file asks for it.
 #![allow(missing_docs)]
 
 use control::reversal::KickShape as Shape;
 use control::trigger::{PositionErrorPart, Trigger};
-use machine::{KickShape, Machine};
+use machine::{Machine, PulseShape};
 use servo::ServoSettings;
 
-/// The reference machine with other lines for the form of the kick.
+/// The reference machine with other lines for the form of the friction pulse.
 fn machine(shape: &str) -> Result<Machine, String> {
     let text = include_str!("../../machines/xy/machine.toml");
     let kept: Vec<&str> = text
@@ -20,15 +20,15 @@ fn machine(shape: &str) -> Result<Machine, String> {
 }
 
 #[test]
-fn a_machine_file_that_names_no_form_gets_the_sources_constant_kick() {
+fn a_machine_file_that_names_no_form_gets_the_sources_constant_pulse() {
     let machine = machine("").expect("older files stay good");
-    assert_eq!(machine.axes[0].reversal.shape, KickShape::Constant);
+    assert_eq!(machine.axes[0].reversal.shape, PulseShape::Constant);
     let kick = ServoSettings::new(&machine, 0).expect("an axis").kick;
     assert_eq!((kick.shape, kick.kick_scans), (Shape::Constant, 10));
 }
 
 #[test]
-fn a_decaying_kick_takes_its_decay_and_its_distance_from_the_machine_file() {
+fn a_decaying_pulse_takes_its_decay_and_its_distance_from_the_machine_file() {
     let machine = machine("shape = \"decaying\"\npresliding_um = 8.0").expect("good");
     let kick = ServoSettings::new(&machine, 0).expect("an axis").kick;
     let Shape::Decaying {
@@ -42,7 +42,7 @@ fn a_decaying_kick_takes_its_decay_and_its_distance_from_the_machine_file() {
 }
 
 #[test]
-fn a_constant_kick_with_a_presliding_distance_is_refused_with_its_line() {
+fn a_constant_pulse_with_a_presliding_distance_is_refused_with_its_line() {
     for (lines, said) in [
         (
             "presliding_um = 8.0",
@@ -111,7 +111,7 @@ fn settings_that_do_not_belong_together_are_refused_with_their_line() {
         (trigger, "trigger = \"luck\"", "unknown variant `luck`"),
         (
             "[[axis]]\nname = \"X\"",
-            "[interpolation]\nrows = \"odd\"\n\n[[axis]]\nname = \"X\"",
+            "[interpolation]\nwithin_period = \"odd\"\n\n[[axis]]\nname = \"X\"",
             "unknown variant `odd`",
         ),
     ] {
@@ -124,7 +124,7 @@ fn settings_that_do_not_belong_together_are_refused_with_their_line() {
     let text =
         include_str!("../../machines/xy/machine.toml").replace("enabled = true", "enabled = false");
     let text = text
-        .replace("method = \"contact-force\"", "method = \"kick\"")
+        .replace("method = \"contact-force\"", "method = \"friction-pulse\"")
         .replace("friction = true", "friction = false");
     for (by, said) in [
         (

@@ -2,10 +2,12 @@
 
 use std::time::Duration;
 
+use plant_sim::script::rng::Rng;
+
 /// Each way.
 pub const DELAY: Duration = Duration::from_millis(50);
 /// Share of what is sent that is lost, in percent.
-pub const LOSS_PERCENT: u64 = 5;
+const LOSS_PERCENT: u64 = 5;
 
 /// A link between a server and those who look on.
 pub trait Link {
@@ -21,19 +23,7 @@ pub trait Link {
     fn mend(&self);
 }
 
-/// Which packets are lost: xorshift64*, the same ones each time for the same traffic.
-pub struct Dice(u64);
-
-impl Dice {
-    pub fn new(seed: u64) -> Dice {
-        Dice(seed)
-    }
-
-    /// True in so many of a hundred cases.
-    pub fn falls(&mut self, percent: u64) -> bool {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        (self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 33) % 100 < percent
-    }
+/// Whether a packet is lost: the same ones each time for the same traffic.
+pub fn loses(rng: &mut Rng) -> bool {
+    rng.below(100) < LOSS_PERCENT
 }

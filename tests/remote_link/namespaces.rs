@@ -14,7 +14,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
-use super::bad_link::{DELAY, Dice, LOSS_PERCENT, Link};
+use plant_sim::script::rng::Rng;
+
+use super::bad_link::{DELAY, Link, loses};
 use super::view::Place;
 use crate::support::LiveCell;
 
@@ -130,7 +132,7 @@ impl Pair {
         ];
         let carriers = ways.into_iter().map(|(from, to, seed)| {
             let ended = Arc::clone(&ended);
-            std::thread::spawn(move || carry(from, to, Dice::new(seed), &ended))
+            std::thread::spawn(move || carry(from, to, Rng::new(seed), &ended))
         });
         Ok(Pair {
             carriers: carriers.collect(),
@@ -159,13 +161,13 @@ impl Drop for Pair {
 }
 
 /// Carries packets one way: late, and some not at all.
-fn carry(mut from: File, mut to: File, mut dice: Dice, ended: &AtomicBool) {
+fn carry(mut from: File, mut to: File, mut rng: Rng, ended: &AtomicBool) {
     let mut underway: VecDeque<(Instant, Vec<u8>)> = VecDeque::new();
     let mut buffer = vec![0; 65536];
     while !ended.load(Ordering::Relaxed) {
         // A device that is down gives errors: no packets.
         while let Ok(count) = from.read(&mut buffer) {
-            if !dice.falls(LOSS_PERCENT) {
+            if !loses(&mut rng) {
                 let packet = buffer.get(..count).unwrap_or_default().to_vec();
                 underway.push_back((Instant::now() + DELAY, packet));
             }

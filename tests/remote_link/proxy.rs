@@ -10,7 +10,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::{Duration, Instant};
 
-use super::bad_link::{DELAY, Dice, LOSS_PERCENT, Link};
+use plant_sim::script::rng::Rng;
+
+use super::bad_link::{DELAY, Link, loses};
 
 /// What a lost packet costs until it is sent again.
 const AGAIN: Duration = Duration::from_millis(250);
@@ -105,14 +107,14 @@ fn both_ways(a: TcpStream, b: TcpStream, seed: u64, state: &Arc<State>) {
         let _ = to.set_nodelay(true);
         let (sender, receiver) = channel();
         let (reads, writes) = (Arc::clone(state), Arc::clone(state));
-        std::thread::spawn(move || read(from, &sender, &reads, Dice::new(seed + index as u64)));
+        std::thread::spawn(move || read(from, &sender, &reads, Rng::new(seed + index as u64)));
         std::thread::spawn(move || write(to, &receiver, &writes));
     }
 }
 
 type Portion = (Instant, Vec<u8>);
 
-fn read(mut from: TcpStream, sender: &Sender<Portion>, state: &State, mut dice: Dice) {
+fn read(mut from: TcpStream, sender: &Sender<Portion>, state: &State, mut rng: Rng) {
     let mut buffer = vec![0; 1400];
     let mut due = Instant::now();
     while !state.ended.load(Ordering::Relaxed) {
@@ -123,7 +125,7 @@ fn read(mut from: TcpStream, sender: &Sender<Portion>, state: &State, mut dice: 
         match from.read(&mut buffer) {
             Ok(0) => return,
             Ok(count) => {
-                let late = if dice.falls(LOSS_PERCENT) {
+                let late = if loses(&mut rng) {
                     AGAIN
                 } else {
                     Duration::ZERO

@@ -8,6 +8,7 @@ use std::time::Duration;
 use anyhow::{Context, anyhow};
 use machine::{Machine, machine_file};
 use serde_json::Value;
+use tempfile::TempDir;
 use toml_edit::DocumentMut;
 
 use super::recording::{self, Recording};
@@ -19,7 +20,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(20);
 
 /// Where test motions run.
 pub struct Bench {
-    folder: PathBuf,
+    folder: TempDir,
     signals: Signals,
     cell: String,
     runs: u32,
@@ -31,16 +32,15 @@ impl Bench {
     /// # Errors
     /// The files cannot be copied.
     pub fn new(machine: &Path, signals: Signals) -> Result<Bench, Failure> {
-        let name = format!("tune-{}", std::process::id());
+        let folder = tempfile::Builder::new().prefix("quadrant-tune-").tempdir();
         let bench = Bench {
-            folder: std::env::temp_dir().join(format!("quadrant-{name}")),
+            folder: folder.context("a temporary folder").environment()?,
             signals,
-            cell: name,
+            cell: format!("tune-{}", std::process::id()),
             runs: 0,
         };
         let plant = machine_file(machine).with_file_name("plant.toml");
-        fs::create_dir_all(&bench.folder).environment()?;
-        fs::copy(&plant, bench.folder.join("plant.toml"))
+        fs::copy(&plant, bench.folder.path().join("plant.toml"))
             .with_context(|| plant.display().to_string())
             .input()?;
         Ok(bench)
@@ -56,7 +56,7 @@ impl Bench {
         program: &str,
     ) -> Result<Vec<Recording>, Failure> {
         let out = self.run(machine, program)?;
-        let known = Machine::load(&self.folder).input()?;
+        let known = Machine::load(self.folder.path()).input()?;
         let read = recording::read(&out.join(monitor::log::LOG_FILE), &known);
         let _ = fs::remove_dir_all(&out);
         read.environment()
@@ -76,15 +76,16 @@ impl Bench {
 
     fn run(&mut self, machine: &DocumentMut, program: &str) -> Result<PathBuf, Failure> {
         self.runs += 1;
-        let write = |name: &str, text: &str| fs::write(self.folder.join(name), text);
+        let folder = self.folder.path();
+        let write = |name: &str, text: &str| fs::write(folder.join(name), text);
         write("machine.toml", &machine.to_string()).environment()?;
         write("motion.ngc", program).environment()?;
-        let out = self.folder.join(format!("run-{}", self.runs));
-        let said = self.folder.join("said.txt");
+        let out = folder.join(format!("run-{}", self.runs));
+        let said = folder.join("said.txt");
         let mut child = Command::new("/proc/self/exe")
             .arg("run")
-            .arg(&self.folder)
-            .arg(self.folder.join("motion.ngc"))
+            .arg(folder)
+            .arg(folder.join("motion.ngc"))
             .args(["--pace", "lockstep", "--cell", &self.cell, "--out"])
             .arg(&out)
             .stdin(Stdio::null())
@@ -120,18 +121,12 @@ impl Bench {
             .rev()
             .find_map(|line| line.strip_prefix("quadrant: "))
             .unwrap_or("no reason was given");
-        let words = last.replace(&format!("{}/", self.folder.display()), "");
+        let words = last.replace(&format!("{}/", folder.display()), "");
         let error = anyhow!("the test motions ended early: {words}");
         Err(match status.code() {
             Some(1) => Failure::Stopped(error),
             Some(2) => Failure::Input(error),
             _ => Failure::Environment(error),
         })
-    }
-}
-
-impl Drop for Bench {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.folder);
     }
 }

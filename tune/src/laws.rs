@@ -13,7 +13,7 @@ pub const POSITION_GAIN_PER_S: f64 = 50.0;
 /// Time constant of the current loop, in s: 1/(2π·1000 Hz).
 const CURRENT_LOOP_S: f64 = 0.16e-3;
 /// The gap is crossed in no less time, in ms: faster, the motor's own inertia makes a bump.
-const CROSSING_MS_MIN: f64 = 2.0;
+const TRAVERSAL_MS_MIN: f64 = 2.0;
 
 /// Kv, in N·s/m.
 pub fn velocity_gain_n_s_per_m(mass_kg: f64) -> f64 {
@@ -49,17 +49,17 @@ pub fn observer_rad_s(scan_s: f64) -> f64 {
     }
 }
 
-/// Time for crossing the gap, in ms.
-pub fn crossing_ms(scan_s: f64) -> f64 {
-    (3.0 * scan_s * 1e3).max(CROSSING_MS_MIN)
+/// Time in which the backlash is traversed, in ms.
+pub fn traversal_ms(scan_s: f64) -> f64 {
+    (3.0 * scan_s * 1e3).max(TRAVERSAL_MS_MIN)
 }
 
-/// Height of the decaying kick, in mm/s: 2F/Kv, so that the velocity loop puts out 2F.
-pub fn kick_mm_s(found: &Found) -> f64 {
+/// Height of the decaying friction pulse, in mm/s: 2F/Kv, so that the velocity loop puts out 2F.
+pub fn pulse_mm_s(found: &Found) -> f64 {
     2.0 * found.coulomb_n() / velocity_gain_n_s_per_m(found.mass_kg()) * 1e3
 }
 
-/// Lead of the kick, in ms: the velocity loop, the current loop, one scan of transport, one of quantisation.
+/// Lead of the friction pulse, in ms: the velocity loop, the current loop, one scan of transport, one of quantisation.
 pub fn lead_ms(scan_s: f64) -> f64 {
     (1.0 / VELOCITY_BANDWIDTH_RAD_S + CURRENT_LOOP_S + 2.0 * scan_s) * 1e3
 }

@@ -1,13 +1,14 @@
 //! Least squares with coefficients that may be bound to be not negative.
 
+use nalgebra::{Cholesky, DMatrix, DVector, DVectorView};
+
 /// Normal equations, gathered row by row.
 #[derive(Debug, Clone)]
 pub struct NormalEquations {
-    columns: usize,
-    /// `Σ w·aᵀa`, row by row.
-    gram: Vec<f64>,
+    /// `Σ w·aᵀa`, its lower triangle.
+    gram: DMatrix<f64>,
     /// `Σ w·aᵀy`.
-    right: Vec<f64>,
+    right: DVector<f64>,
     /// `Σ w·y²`.
     square: f64,
     /// `Σ w`.
@@ -27,9 +28,8 @@ impl NormalEquations {
     /// For rows of this length.
     pub fn new(columns: usize) -> NormalEquations {
         NormalEquations {
-            columns,
-            gram: vec![0.0; columns * columns],
-            right: vec![0.0; columns],
+            gram: DMatrix::zeros(columns, columns),
+            right: DVector::zeros(columns),
             square: 0.0,
             weight: 0.0,
         }
@@ -37,20 +37,11 @@ impl NormalEquations {
 
     /// Takes in one equation `Σ row·x = y`.
     pub fn add(&mut self, row: &[f64], y: f64, weight: f64) {
-        for (i, a) in row.iter().enumerate() {
-            let wa = weight * a;
-            for (j, b) in row.iter().enumerate().take(i + 1) {
-                self.gram[i * self.columns + j] += wa * b;
-            }
-            self.right[i] += wa * y;
-        }
+        let row = DVectorView::from_slice(row, row.len());
+        self.gram.syger(weight, &row, &row, 1.0);
+        self.right.axpy(weight * y, &row, 1.0);
         self.square += weight * y * y;
         self.weight += weight;
-    }
-
-    fn at(&self, i: usize, j: usize) -> f64 {
-        let (low, high) = if i < j { (i, j) } else { (j, i) };
-        self.gram[high * self.columns + low]
     }
 
     /// The best coefficients, those of the first `bound` columns not negative.
@@ -58,97 +49,89 @@ impl NormalEquations {
     /// Active set method of Lawson and Hanson (Solving Least Squares Problems, 1974, ch. 23) on the normal equations; columns that
     /// never vary get 0.
     pub fn solve(&self, bound: usize) -> Fit {
-        let n = self.columns;
-        let usable: Vec<bool> = (0..n).map(|i| self.at(i, i) > 0.0).collect();
+        let mut gram = self.gram.clone();
+        gram.fill_upper_triangle_with_lower_triangle();
+        let n = self.right.len();
+        let usable: Vec<bool> = gram.diagonal().iter().map(|square| *square > 0.0).collect();
         let mut free: Vec<bool> = (0..n).map(|i| i >= bound && usable[i]).collect();
-        let mut x = self.solve_free(&free);
+        let mut x = solve_free(&gram, &self.right, &free);
         for _ in 0..10 * n.max(1) {
-            let gradient = |i: usize| {
-                let sum: f64 = (0..n).map(|j| self.at(i, j) * x[j]).sum();
-                (self.right[i] - sum) / self.at(i, i).sqrt()
-            };
+            let gradient = &self.right - &gram * &x;
             let most = (0..bound)
                 .filter(|i| usable[*i] && !free[*i])
-                .map(|i| (i, gradient(i)))
+                .map(|i| (i, gradient[i] / gram[(i, i)].sqrt()))
                 .max_by(|a, b| a.1.total_cmp(&b.1));
             let Some((enters, slope)) = most else { break };
             if slope <= 1e-9 * self.square.sqrt() {
                 break;
             }
             free[enters] = true;
-            loop {
-                let wanted = self.solve_free(&free);
-                let blocking = (0..bound)
-                    .filter(|i| free[*i] && wanted[*i] <= 0.0)
-                    .map(|i| x[i] / (x[i] - wanted[i]))
-                    .fold(f64::INFINITY, f64::min);
-                if !blocking.is_finite() {
-                    x = wanted;
-                    break;
-                }
-                for (now, goal) in x.iter_mut().zip(&wanted) {
-                    *now += blocking * (goal - *now);
-                }
-                let mut left = false;
-                for i in 0..bound {
-                    if free[i] && wanted[i] <= 0.0 && x[i] <= 1e-12 {
-                        x[i] = 0.0;
-                        free[i] = false;
-                        left = true;
-                    }
-                }
-                if !left {
-                    break;
-                }
-            }
+            x = self.within_bounds(&gram, x, &mut free, bound);
         }
-        let explained: f64 = (0..n).map(|i| x[i] * self.right[i]).sum();
-        let fitted: f64 = (0..n)
-            .map(|i| x[i] * (0..n).map(|j| self.at(i, j) * x[j]).sum::<f64>())
-            .sum();
-        let left = (self.square - 2.0 * explained + fitted).max(0.0);
+        let left = self.square - 2.0 * x.dot(&self.right) + x.dot(&(&gram * &x));
         Fit {
-            coefficients: x,
+            coefficients: x.as_slice().to_vec(),
             residual: if self.weight > 0.0 {
-                (left / self.weight).sqrt()
+                (left.max(0.0) / self.weight).sqrt()
             } else {
                 0.0
             },
         }
     }
 
-    /// Least squares on the columns that are free, by Cholesky on columns scaled to the same length.
-    fn solve_free(&self, free: &[bool]) -> Vec<f64> {
-        let index: Vec<usize> = (0..self.columns).filter(|i| free[*i]).collect();
-        let m = index.len();
-        let scale: Vec<f64> = index.iter().map(|i| self.at(*i, *i).sqrt()).collect();
-        let mut l = vec![0.0; m * m];
-        let mut y = vec![0.0; m];
-        for a in 0..m {
-            for b in 0..=a {
-                let mut sum = self.at(index[a], index[b]) / (scale[a] * scale[b]);
-                if a == b {
-                    // So much correlation is allowed that rounding does not decide.
-                    sum += 1e-10;
-                }
-                sum -= (0..b).map(|c| l[a * m + c] * l[b * m + c]).sum::<f64>();
-                l[a * m + b] = if a == b {
-                    sum.max(1e-12).sqrt()
-                } else {
-                    sum / l[b * m + b]
-                };
+    /// The best on the free columns, on the way from `x`: columns that would become negative are bound again.
+    fn within_bounds(
+        &self,
+        gram: &DMatrix<f64>,
+        mut x: DVector<f64>,
+        free: &mut [bool],
+        bound: usize,
+    ) -> DVector<f64> {
+        loop {
+            let wanted = solve_free(gram, &self.right, free);
+            let blocking = (0..bound)
+                .filter(|i| free[*i] && wanted[*i] <= 0.0)
+                .map(|i| x[i] / (x[i] - wanted[i]))
+                .fold(f64::INFINITY, f64::min);
+            if !blocking.is_finite() {
+                return wanted;
             }
-            let known: f64 = (0..a).map(|c| l[a * m + c] * y[c]).sum();
-            y[a] = (self.right[index[a]] / scale[a] - known) / l[a * m + a];
+            x.axpy(blocking, &wanted, 1.0 - blocking);
+            let mut left = false;
+            for i in 0..bound {
+                if free[i] && wanted[i] <= 0.0 && x[i] <= 1e-12 {
+                    x[i] = 0.0;
+                    free[i] = false;
+                    left = true;
+                }
+            }
+            if !left {
+                return x;
+            }
         }
-        let mut x = vec![0.0; self.columns];
-        for a in (0..m).rev() {
-            let known: f64 = (a + 1..m).map(|c| l[c * m + a] * y[c]).sum();
-            y[a] = (y[a] - known) / l[a * m + a];
-            x[index[a]] = y[a] / scale[a];
-        }
-        x
     }
+}
+
+/// Least squares on the columns that are free, by Cholesky on columns scaled to the same length; 0 for the others.
+fn solve_free(gram: &DMatrix<f64>, right: &DVector<f64>, free: &[bool]) -> DVector<f64> {
+    let index: Vec<usize> = (0..free.len()).filter(|i| free[*i]).collect();
+    let m = index.len();
+    let scale: Vec<f64> = index.iter().map(|i| gram[(*i, *i)].sqrt()).collect();
+    let mut matrix = DMatrix::from_fn(m, m, |a, b| {
+        gram[(index[a], index[b])] / (scale[a] * scale[b])
+    });
+    for a in 0..m {
+        // So much correlation is allowed that rounding does not decide.
+        matrix[(a, a)] += 1e-10;
+    }
+    let right = DVector::from_fn(m, |a, _| right[index[a]] / scale[a]);
+    let cholesky = Cholesky::new_with_substitute(matrix, 1e-12);
+    let solved = cholesky.map_or_else(|| DVector::zeros(m), |it| it.solve(&right));
+    let mut x = DVector::zeros(free.len());
+    for (a, i) in index.iter().enumerate() {
+        x[*i] = solved[a] / scale[a];
+    }
+    x
 }
 
 /// Place of the smallest value of a function with one minimum, by golden section (Kiefer 1953), to 1/1000 of the range.

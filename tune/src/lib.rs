@@ -57,10 +57,10 @@ pub fn tune(options: &TuneOptions) -> Outcome {
     let found = identify(&machine, &document, &mut bench)?;
     say(&keep::findings(&machine, &found));
     refuse_misfits(&machine, &found)?;
-    let settings = |kick: bool| {
+    let settings = |pulse: bool| {
         let mut tuned = document.clone();
         for (index, (found, told_um)) in found.iter().zip(&told_um).enumerate() {
-            let method = method(&machine, index, found, *told_um, kick);
+            let method = method(&machine, index, found, *told_um, pulse);
             write::settings(&mut tuned, &machine, index, found, *told_um, method);
         }
         tuned
@@ -80,7 +80,7 @@ fn method(
     index: usize,
     found: &Found,
     told_um: Option<f64>,
-    kick: bool,
+    pulse: bool,
 ) -> &'static str {
     let Some(axis) = machine.axes.get(index) else {
         return "none";
@@ -88,13 +88,13 @@ fn method(
     if axis.feedback == PositionFeedback::Scale {
         // The scale sees the lost motion; nobody has to make up for it.
         return match axis.reversal.method {
-            ReversalMethod::Kick => "kick",
+            ReversalMethod::FrictionPulse => "friction-pulse",
             ReversalMethod::Backlash => "backlash",
             _ => "none",
         };
     }
-    if kick {
-        return "kick";
+    if pulse {
+        return "friction-pulse";
     }
     if found.table.is_none() {
         let why = match (axis.model.and_then(|m| m.table), told_um) {
@@ -222,13 +222,13 @@ fn refuse_misfits(machine: &Machine, found: &[Found]) -> Outcome {
     )))
 }
 
-/// Circles before and after, and with the kick by law; the better file, none if the present one is.
+/// Circles before and after, and with the friction pulse by law; the better file, none if the present one is.
 fn choose(
     machine: &Machine,
     bench: &mut Bench,
     before: &DocumentMut,
     model: DocumentMut,
-    kick: DocumentMut,
+    pulse: DocumentMut,
 ) -> Result<Option<DocumentMut>, Failure> {
     let circles = trial::circles(machine);
     if circles.is_empty() {
@@ -241,26 +241,26 @@ fn choose(
     tracing::info!("circles before and after");
     let columns = [
         trial::run(bench, before, &circles)?,
-        trial::run(bench, &kick, &circles)?,
+        trial::run(bench, &pulse, &circles)?,
         trial::run(bench, &model, &circles)?,
     ];
-    let [was, kicked, modelled] = &columns;
+    let [was, pulsed, modelled] = &columns;
     say(&trial::table(
         &circles,
         &[
             ("before", was),
-            ("kick by law", kicked),
+            ("pulse by law", pulsed),
             ("after", modelled),
         ],
     ));
-    let [was_um, kicked_um, modelled_um] = columns.each_ref().map(trial::mean_um);
-    if was_um + SAME_UM < modelled_um.min(kicked_um) {
+    let [was_um, pulsed_um, modelled_um] = columns.each_ref().map(trial::mean_um);
+    if was_um + SAME_UM < modelled_um.min(pulsed_um) {
         say("The machine file does better as it is: nothing is written.");
         return Ok(None);
     }
-    if kicked_um + SAME_UM < modelled_um {
-        say("The kick by law does better than the model: method = \"kick\".");
-        return Ok(Some(kick));
+    if pulsed_um + SAME_UM < modelled_um {
+        say("The friction pulse by law does better than the model: method = \"friction-pulse\".");
+        return Ok(Some(pulse));
     }
     if modelled_um.is_infinite() {
         return Err(Failure::Stopped(anyhow!(

@@ -17,7 +17,7 @@ use monitor::report::comparison::{self, Comparison, MethodPoints, Point};
 
 use self::measured::{Condition, Line, Measured, csv};
 use self::methods::{METHODS, Method, NEVER_WORSE_UM, REFERENCE};
-use super::runs::{Runs, Scratch};
+use super::runs::{self, Runs};
 use crate::options::CirclesOptions;
 use launcher::check;
 use launcher::exit::{Failure, Kind, Outcome};
@@ -36,7 +36,7 @@ struct Bench {
 /// Measures the grid, prints the table and writes CSV and plot where asked to.
 pub fn circles(options: &CirclesOptions) -> Outcome {
     let signals = Signals::catch().environment()?;
-    let scratch = Scratch::make().environment()?;
+    let scratch = runs::scratch().environment()?;
     let bench = Bench::prepare(options, scratch.path()).input()?;
     if let Some(out) = &options.out {
         let named = || format!("{}: cannot be made", out.display());

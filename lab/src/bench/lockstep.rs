@@ -13,7 +13,7 @@ use bytemuck::Zeroable;
 use machine::Machine;
 use serde_json::Value;
 
-use super::runs::{Runs, Scratch};
+use super::runs::{self, Runs};
 use crate::options::{BenchPongOptions, LockstepOptions};
 use launcher::check;
 use launcher::exit::{Failure, Kind, Outcome};
@@ -45,13 +45,13 @@ pub fn lockstep(options: &LockstepOptions) -> Outcome {
     let program = options.machine.join("programs/circle-r25-f3000.ngc");
     let checked = check::load(&options.machine, Some(&program)).input()?;
     let signals = Signals::catch().environment()?;
-    let scratch = Scratch::make().environment()?;
+    let scratch = runs::scratch().environment()?;
     let runs = Runs {
         scratch: &scratch,
         signals: &signals,
     };
     let period_us = f64::from(checked.machine.scan.period_us);
-    let period_scans = f64::from(checked.machine.scan.distribution_period_scans);
+    let period_scans = f64::from(checked.machine.scan.interpolation_period_scans);
     let mut rounds = Vec::new();
     for _ in 0..RUNS {
         let (scan_us, factor) = cell_us(&runs, options, &program, period_us)?;

@@ -10,8 +10,9 @@ use anyhow::{Context, bail};
 use rustix::process::{Pid, WaitId, WaitIdOptions, waitid};
 use rustix::time::{ClockId, clock_gettime};
 use serde_json::Value;
+use tempfile::TempDir;
 
-use super::runs::{Runs, Scratch};
+use super::runs::{self, Runs};
 use crate::options::BenchReportOptions;
 use launcher::exit::{Failure, Kind, Outcome};
 use launcher::output::say;
@@ -41,7 +42,7 @@ struct Cost {
 /// The log cannot be made, or not be measured.
 pub fn report(options: &BenchReportOptions) -> Outcome {
     let signals = Signals::catch().environment()?;
-    let scratch = Scratch::make().environment()?;
+    let scratch = runs::scratch().environment()?;
     let run_dir = match &options.run {
         Some(run_dir) => run_dir.clone(),
         None => make_log(&scratch, &signals, options)?,
@@ -107,7 +108,7 @@ fn print(run_dir: &Path, floor: &Floor, cost: &Cost) -> anyhow::Result<()> {
 
 /// Runs circles for as long as is asked; the run directory.
 fn make_log(
-    scratch: &Scratch,
+    scratch: &TempDir,
     signals: &Signals,
     options: &BenchReportOptions,
 ) -> Result<PathBuf, Failure> {

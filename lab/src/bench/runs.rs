@@ -11,6 +11,7 @@ use bus::process::watch;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
+use tempfile::TempDir;
 
 use launcher::exit::{Failure, Kind};
 use launcher::signals::Signals;
@@ -18,40 +19,20 @@ use launcher::signals::Signals;
 /// How often a run is looked at for an interruption.
 const LOOK_EVERY: Duration = Duration::from_millis(50);
 
-/// A folder for temporary files, removed when dropped.
-#[derive(Debug)]
-pub struct Scratch {
-    folder: PathBuf,
-}
-
-impl Scratch {
-    /// A new one of this process.
-    ///
-    /// # Errors
-    /// It cannot be made, or stands there already.
-    pub fn make() -> anyhow::Result<Scratch> {
-        let folder = std::env::temp_dir().join(format!("quadrant-bench-{}", std::process::id()));
-        fs::create_dir(&folder).with_context(|| folder.display().to_string())?;
-        Ok(Scratch { folder })
-    }
-
-    /// Where it is.
-    pub fn path(&self) -> &Path {
-        &self.folder
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.folder);
-    }
+/// A folder for the files of a bench, removed when dropped.
+///
+/// # Errors
+/// It cannot be made.
+pub fn scratch() -> anyhow::Result<TempDir> {
+    let folder = tempfile::Builder::new().prefix("quadrant-bench-").tempdir();
+    folder.context("a temporary folder")
 }
 
 /// Makes runs until it is interrupted.
 #[derive(Debug)]
 pub struct Runs<'a> {
     /// Where run directories go.
-    pub scratch: &'a Scratch,
+    pub scratch: &'a TempDir,
     /// What ends it.
     pub signals: &'a Signals,
 }

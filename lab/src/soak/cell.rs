@@ -34,8 +34,8 @@ const ORDER_EVERY: Duration = Duration::from_millis(20);
 pub struct Process {
     /// Its id.
     pub pid: i32,
-    /// Its place in the roster.
-    pub place: usize,
+    /// Its slot in the roster.
+    pub slot: usize,
     /// What it is: its subcommand.
     pub role: String,
     handle: OwnedFd,
@@ -100,6 +100,23 @@ pub struct Cell {
     pub status_looks: u64,
 }
 
+/// Enters the cell of a launcher. The launcher makes its page last: from then on all services are there, and what a run before
+/// has left is not; whoever enters earlier obstructs the launcher that cleans up.
+fn enter(
+    place: &CellPaths,
+    machine: &Machine,
+    launcher: u32,
+) -> anyhow::Result<(SignalPage, Bus, Reader<Feedback>, Reader<Roster>)> {
+    let page = SignalPage::open(place)?;
+    if page.launcher_pid() != launcher {
+        bail!("the page is of another launcher");
+    }
+    let bus = Bus::enter(place, &machine.shape(), "soak", false)?;
+    let feedback = bus.feedback_reader(RECORDER_DEPTH_SCANS)?;
+    let rosters = bus.roster_reader(16)?;
+    Ok((page, bus, feedback, rosters))
+}
+
 /// How a cell is started.
 pub struct Start<'a> {
     pub machine_folder: &'a Path,
@@ -135,20 +152,9 @@ impl Cell {
             .spawn()
             .context("starting a run")?;
         let launcher = child.id();
-        let enter = || -> anyhow::Result<_> {
-            // The launcher makes its page last: from then on all services are there, and what a run before has left is not. Who enters before that stands in the way of the one who cleans up.
-            let page = SignalPage::open(&place)?;
-            if page.launcher_pid() != launcher {
-                bail!("the page is of another launcher");
-            }
-            let bus = Bus::enter(&place, &start.machine.shape(), "soak", false)?;
-            let feedback = bus.feedback_reader(RECORDER_DEPTH_SCANS)?;
-            let rosters = bus.roster_reader(16)?;
-            Ok((page, bus, feedback, rosters))
-        };
         let since = Instant::now();
         let (page, bus, mut feedback, mut rosters) = loop {
-            match enter() {
+            match enter(&place, start.machine, launcher) {
                 Ok(entered) => break entered,
                 Err(error) if since.elapsed() > UP_LIMIT => {
                     let _ = child.kill();
@@ -250,8 +256,8 @@ impl Cell {
         self.judge.newest().and_then(|f| Mode::from_wire(f.mode))
     }
 
-    /// The places of the roster that are taken.
-    pub fn places(&self) -> Vec<(usize, Participant)> {
+    /// The slots of the roster that are taken.
+    pub fn slots(&self) -> Vec<(usize, Participant)> {
         let all = self.roster.iter().flat_map(|roster| &roster.participants);
         all.copied()
             .enumerate()
@@ -265,7 +271,7 @@ impl Cell {
             return false;
         };
         let all_live = self
-            .places()
+            .slots()
             .iter()
             .all(|(_, place)| place.live == 1 && place.stalled == 0);
         let moves = feedback.mode == Mode::Enabled as u32
@@ -325,13 +331,13 @@ impl Cell {
             let line = fs::read(format!("/proc/{pid}/cmdline")).ok()?;
             let words: Vec<&[u8]> = line.split(|b| *b == 0).collect();
             let at = words.iter().position(|word| *word == b"--index")?;
-            let place = std::str::from_utf8(words.get(at + 1)?).ok()?.parse().ok()?;
+            let slot = std::str::from_utf8(words.get(at + 1)?).ok()?.parse().ok()?;
             let role = String::from_utf8_lossy(words.get(1)?).into_owned();
             // Held first and looked at again: what was read is of the process that is held.
             let held = stat(pid).is_some_and(|(p, _)| p == self.launcher);
             held.then_some(Process {
                 pid,
-                place,
+                slot,
                 role,
                 handle,
             })

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use bus::sample::{AxisFeedback, Cause, Feedback, Mode, PathTag};
 use control::path::Path;
-use machine::{Machine, Rows};
+use machine::{Machine, WithinPeriod};
 
 /// Violations kept in words; more are counted only.
 const WORDS_MAX: usize = 40;
@@ -68,6 +68,23 @@ pub struct Judge {
     pub off_path_increments_max: f64,
 }
 
+impl Reactions {
+    /// In words; `early`: the next fault came before it was over, `ended`: so did the end of the run.
+    pub fn words(self, early: bool, ended: bool) -> &'static str {
+        match self {
+            _ if early => "(another fault before it was over)",
+            r if r.disabled => "drives off, enabled and resumed by the operator",
+            r if r.tripped => "all axes braked together, went back to the path and on",
+            r if r.rested && !ended => "rested on the path and went on",
+            r if r.took_over => "standby took over, motion undisturbed",
+            _ if ended => "the program was done meanwhile",
+            r if r.overrun_scans > 0 => "scans overrun, counted, went on",
+            r if r.missed_scans > 0 => "scans missed, counted, went on",
+            _ => "motion undisturbed",
+        }
+    }
+}
+
 impl Judge {
     /// For a run of `path` on `machine`.
     pub fn new(machine: &Machine, path: &Path) -> Judge {
@@ -89,7 +106,8 @@ impl Judge {
                 }
             })
             .collect();
-        let straight = machine.kinematics.is_none() && machine.interpolation.rows == Rows::Exact;
+        let straight = machine.kinematics.is_none()
+            && machine.interpolation.within_period == WithinPeriod::Exact;
         let end = path.end().unwrap_or_else(control::path::AxisVector::zeros);
         let end = end.iter().zip(&bounds);
         let end = end.map(|(mm, axis)| libm::round(mm / axis.increment_mm) as i64);

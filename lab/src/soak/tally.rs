@@ -1,4 +1,4 @@
-//! What came of the strikes, counted.
+//! What came of the faults, counted.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -36,16 +36,16 @@ impl Spread {
     }
 }
 
-/// Strikes of one kind.
+/// Faults of one kind.
 #[derive(Debug, Clone, Default)]
 struct Row {
-    strikes: u64,
+    faults: u64,
     reactions: BTreeMap<&'static str, u64>,
-    /// Scans from the strike until every process that was killed was in the roster again.
+    /// Scans from the fault until every process that was killed was in the roster again.
     restart_scans: Spread,
     /// The same in ms.
     restart_ms: Spread,
-    /// Scans from the strike until the machine moved on, the cell whole.
+    /// Scans from the fault until the machine moved on, the cell whole.
     whole_scans: Spread,
 }
 
@@ -59,7 +59,7 @@ pub struct Tally {
     pub process_ms: Spread,
 }
 
-/// What one strike came to.
+/// What one fault came to.
 #[derive(Debug, Clone, Copy)]
 pub struct Came {
     /// What was done.
@@ -76,7 +76,7 @@ impl Tally {
     /// One more.
     pub fn add(&mut self, came: &Came) {
         let row = self.rows.entry(came.kind).or_default();
-        row.strikes += 1;
+        row.faults += 1;
         *row.reactions.entry(came.reaction).or_default() += 1;
         if let Some((scans, ms)) = came.restart {
             row.restart_scans.add(scans);
@@ -91,7 +91,7 @@ impl Tally {
     pub fn words(&self) -> String {
         let mut text = format!(
             "{:<34} {:>7}   {:^26}   {:^26}   {:^26}\n{:<34} {:>7}   {:>8} {:>8} {:>8}   {:>8} {:>8} {:>8}   {:>8} {:>8} {:>8}\n",
-            "strike",
+            "fault",
             "times",
             "restarted, scans",
             "restarted, ms",
@@ -112,7 +112,7 @@ impl Tally {
             let _ = writeln!(
                 text,
                 "{kind:<34} {:>7}   {}   {}   {}",
-                row.strikes,
+                row.faults,
                 row.restart_scans.words(0),
                 row.restart_ms.words(1),
                 row.whole_scans.words(0)

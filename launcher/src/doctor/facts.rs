@@ -146,9 +146,7 @@ fn shared_memory() -> Result<SharedMemory, String> {
     const IN_MEMORY: [u64; 2] = [0x0102_1994, 0x8584_58f6];
     let of = rustix::fs::statvfs("/dev/shm").map_err(|error| error.to_string())?;
     let kind = rustix::fs::statfs("/dev/shm").map_err(|error| error.to_string())?;
-    let trial = format!("/dev/shm/quadrant-doctor.{}", std::process::id());
-    fs::write(&trial, "").map_err(|error| error.to_string())?;
-    let _ = fs::remove_file(&trial);
+    tempfile::tempfile_in("/dev/shm").map_err(|error| error.to_string())?;
     Ok(SharedMemory {
         free_bytes: of.f_bavail.saturating_mul(of.f_frsize),
         size_bytes: of.f_blocks.saturating_mul(of.f_frsize),

@@ -58,23 +58,14 @@ fn change(name: &str, line: &str) -> Vec<String> {
 
 /// A name and a text behind it, wrapped at spaces.
 fn wrapped(name: &str, text: &str) -> Vec<String> {
-    let mut lines = Vec::new();
-    let mut line = format!("{name:INDENT$}");
-    let mut empty = true;
-    for word in text.split(' ') {
-        let length = line.chars().count() + word.chars().count() + usize::from(!empty);
-        if length > COLUMNS && !empty {
-            lines.push(std::mem::replace(&mut line, " ".repeat(INDENT)));
-            empty = true;
-        }
-        if !empty {
-            line.push(' ');
-        }
-        line += word;
-        empty = false;
-    }
-    lines.push(line);
-    lines
+    let (first, next) = (format!("{name:INDENT$}"), " ".repeat(INDENT));
+    let options = textwrap::Options::new(COLUMNS)
+        .initial_indent(&first)
+        .subsequent_indent(&next)
+        .word_splitter(textwrap::WordSplitter::NoHyphenation)
+        .break_words(false);
+    let lines = textwrap::wrap(text, options).into_iter();
+    lines.map(std::borrow::Cow::into_owned).collect()
 }
 
 #[derive(Serialize)]

@@ -5,6 +5,8 @@ use std::time::Instant;
 
 use bus::sample::*;
 use bytemuck::Zeroable;
+use rand_xoshiro::SplitMix64;
+use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
 use super::*;
 use crate::test_support::machine;
@@ -16,14 +18,11 @@ struct Synthetic {
 }
 
 fn scrambled<T: bytemuck::Pod>(seed: u64) -> T {
-    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+    let mut rng = SplitMix64::seed_from_u64(seed);
     let mut sample = T::zeroed();
     for byte in bytemuck::bytes_of_mut(&mut sample) {
-        state = state
-            .wrapping_mul(6364136223846793005)
-            .wrapping_add(1442695040888963407);
         // Never all ones in an exponent, so that a value equals itself.
-        *byte = (state >> 33) as u8 & 0x3f;
+        *byte = rng.next_u64() as u8 & 0x3f;
     }
     sample
 }

@@ -4,7 +4,7 @@ pub mod blocks;
 pub mod percentiles;
 
 use bus::sample::{AxisCommand, AxisFeedback, Feedback, MAX_AXES, Mode};
-use machine::{Axis, Machine, Rows};
+use machine::{Axis, Machine, WithinPeriod};
 use serde::Serialize;
 
 use self::percentiles::Percentiles;
@@ -103,7 +103,7 @@ struct AxisLimit {
 /// A register is a rounded position: a step of one scan may be one increment too long by rounding alone, the change
 /// between two steps two increments.
 ///
-/// Where the servos split each distribution period evenly (`[interpolation] rows = "even"`) the speed steps at every period
+/// Where the servos split each interpolation period evenly (`[interpolation] within_period = "linear"`) the speed steps at every period
 /// boundary, by as much as it changes in a whole period: acceleration is judged there on the means of whole periods, that
 /// is on the registers at their ends and the period in place of the scan.
 #[derive(Debug, Clone)]
@@ -124,9 +124,9 @@ impl LimitsAudit {
     /// For one machine.
     pub fn new(machine: &Machine) -> Self {
         let period_s = machine.scan_period_s();
-        let stride = match machine.interpolation.rows {
-            Rows::Exact => 1,
-            Rows::Even => machine.scan.distribution_period_scans,
+        let stride = match machine.interpolation.within_period {
+            WithinPeriod::Exact => 1,
+            WithinPeriod::Linear => machine.scan.interpolation_period_scans,
         };
         let stride_s = period_s * f64::from(stride);
         let limits = machine.axes.iter().map(|axis| {

@@ -18,7 +18,7 @@ use control::path::AxisVector;
 use machine::Machine;
 
 use super::outcome::{Loss, NotNeeded, Positions, Reaction};
-use crate::deaths::{Slot, death_of};
+use crate::deaths::{Process, death_of};
 use crate::words::{StopCause, axis_name};
 
 /// Faults followed at most; more are counted by the processes' deaths only.
@@ -128,7 +128,7 @@ struct Watched {
 pub struct Faults {
     machine: Machine,
     /// Starts and deaths.
-    slots: BTreeMap<Slot, ProcessResult>,
+    processes: BTreeMap<Process, ProcessResult>,
     watched: Vec<Watched>,
     roster_version: Option<u64>,
     begins_at: u64,
@@ -150,7 +150,7 @@ impl Faults {
     pub fn new(machine: &Machine) -> Self {
         Faults {
             machine: machine.clone(),
-            slots: BTreeMap::new(),
+            processes: BTreeMap::new(),
             watched: Vec::new(),
             roster_version: None,
             begins_at: 0,
@@ -170,14 +170,17 @@ impl Faults {
         // Between two rosters that do not follow each other another one may have named it earlier.
         let first_named = before.is_none_or(|before| roster.version <= before + 1);
         for participant in roster.participants.iter().filter(|p| p.job != 0) {
-            let slot = Slot::of(participant);
+            let process = Process::of(participant);
             let machine = &self.machine;
-            let result = self.slots.entry(slot).or_insert_with(|| ProcessResult {
-                process: slot.name(machine),
-                starts: 0,
-                started_before: 0,
-                deaths: Vec::new(),
-            });
+            let result = self
+                .processes
+                .entry(process)
+                .or_insert_with(|| ProcessResult {
+                    process: process.name(machine),
+                    starts: 0,
+                    started_before: 0,
+                    deaths: Vec::new(),
+                });
             if result.starts == 0 && self.begins_at > 0 {
                 result.started_before = participant.incarnation.saturating_sub(1);
             }
@@ -235,7 +238,7 @@ impl Faults {
 
     /// Ends the watch.
     pub fn finish(self) -> (Vec<ProcessResult>, Vec<FaultResult>) {
-        let processes = self.slots.into_values().collect();
+        let processes = self.processes.into_values().collect();
         let mut faults: Vec<FaultResult> = self
             .watched
             .into_iter()

@@ -118,6 +118,8 @@ mod tests {
     use super::*;
     use crate::test_support::machine_text;
     use machine::Machine;
+    use rand_xoshiro::SplitMix64;
+    use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
     fn meter(m: f64) -> PredictionMeter {
         let text = machine_text(&["X"]) + &format!("prediction = {{ m = {m:?} }}\n");
@@ -150,12 +152,8 @@ mod tests {
     #[test]
     fn noise_without_correlation_is_measured_as_the_rms_of_the_added_term() {
         let mut meter = meter(0.5);
-        let noise_nm = |scan: u64| {
-            let mut z = scan.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-            ((z ^ (z >> 31)) % 2001) as i64 - 1000
-        };
+        let noise_nm =
+            |scan: u64| (SplitMix64::seed_from_u64(scan).next_u64() % 2001) as i64 - 1000;
         run(&mut meter, |scan| 30_000 * scan as i64 + noise_nm(scan));
         // ±1 µm evenly: σ = 0.577 µm; of Δx/m: √2·σ·2.
         let expected_um = 2.0 / 3f64.sqrt() * 2f64.sqrt();

@@ -119,7 +119,9 @@ impl ReversalMeter {
         let period_s = machine.scan_period_s();
         let reversal = machine.axes.get(axis).map(|axis| axis.reversal);
         let trigger = match reversal {
-            Some(reversal) if reversal.method == ReversalMethod::Kick => reversal.trigger.word(),
+            Some(reversal) if reversal.method == ReversalMethod::FrictionPulse => {
+                reversal.trigger.word()
+            }
             _ => "none",
         };
         let mut earliest_scans = f64::NEG_INFINITY;

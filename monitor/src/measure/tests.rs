@@ -354,7 +354,7 @@ fn rows_that_are_split_evenly_are_judged_on_the_means_of_their_periods() {
     };
     // As rows of their own they step by eight times the limit at every boundary.
     assert_eq!(judged(&machine, 4_990.0), 9);
-    machine.interpolation.rows = machine::Rows::Even;
+    machine.interpolation.within_period = machine::WithinPeriod::Linear;
     assert_eq!(judged(&machine, 4_990.0), 0);
     assert_eq!(judged(&machine, 5_010.0), 7);
 }

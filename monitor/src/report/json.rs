@@ -381,7 +381,7 @@ impl Report {
             program: info.program.clone(),
             pace: info.pace.clone(),
             scan_period_us: machine.scan.period_us,
-            distribution_period_scans: machine.scan.distribution_period_scans,
+            distribution_period_scans: machine.scan.interpolation_period_scans,
             outcome: outcome(evaluation),
             scans: measurements.scans,
             wall_s,

@@ -5,7 +5,6 @@ use std::path::Path;
 use plotters::prelude::*;
 
 use super::Capture;
-use super::chart::limits;
 use super::error::ScopeError;
 use super::signal::Signal;
 use crate::plot::{self, Area, CURVES, Drawn, FINE, Frame, INK, SOFT, font, words};
@@ -49,18 +48,14 @@ fn draw(root: &Area, capture: &Capture) -> Drawn {
 fn panel(area: &Area, capture: &Capture, index: usize, signal: &Signal, last: bool) -> Drawn {
     let from_ms = capture.time_ms(capture.asked.0);
     let to_ms = capture.time_ms(capture.asked.1).max(from_ms + 1e-3);
-    let range = capture.range(index);
-    let (bottom, top) = range.map_or((0.0, 1.0), |(low, high)| limits(low, high));
+    let limits = capture.limits(index);
+    let (bottom, top) = limits.unwrap_or((0.0, 1.0));
     let room = (top - bottom) * 0.08;
-    let unit = match signal.unit.shown {
-        "" => String::new(),
-        unit => format!(" in {unit}"),
-    };
-    let name = match range {
-        Some(_) => format!("{}{unit}", signal.name),
+    let heading = match limits {
+        Some(_) => signal.heading(),
         None => format!(
-            "{}{unit}: nothing is known of it in these scans",
-            signal.name
+            "{}: nothing is known of it in these scans",
+            signal.heading()
         ),
     };
     let frame = Frame {
@@ -80,7 +75,7 @@ fn panel(area: &Area, capture: &Capture, index: usize, signal: &Signal, last: bo
         },
     };
     let mut chart = plot::chart(area, frame)?;
-    area.draw_text(&name, &font(15, &INK), (82 * FINE, 6 * FINE))
+    area.draw_text(&heading, &font(15, &INK), (82 * FINE, 6 * FINE))
         .map_err(words)?;
     let [curve, trigger, ..] = CURVES;
     let line = [(0.0, bottom - room), (0.0, top + room)];

@@ -250,6 +250,14 @@ impl Signal {
         format!("{}{}", self.name, self.unit.suffix)
     }
 
+    /// Heading of its chart: its name with its unit.
+    pub fn heading(&self) -> String {
+        match self.unit.shown {
+            "" => self.name.clone(),
+            unit => format!("{} in {unit}", self.name),
+        }
+    }
+
     /// Whether it counts things or names one: between two values there is none.
     pub fn is_whole(&self) -> bool {
         self.unit == NONE

@@ -24,7 +24,7 @@ use machine::Machine;
 
 use super::error::ScopeError;
 use super::signal::{Eyes, Signal};
-use crate::deaths::{Deaths, Slot};
+use crate::deaths::{Deaths, Process};
 use crate::measure::align::ScanSet;
 use crate::turns::Turns;
 use crate::words::{StopCause, axis_name};
@@ -76,7 +76,7 @@ pub enum Trigger {
     /// Mode, feed hold or override change.
     Order,
     /// A process dies; this one, if one is named.
-    Death(Option<Slot>),
+    Death(Option<Process>),
 }
 
 const WORDS: &str = "now, reversal AXIS [+|-], SIGNAL > VALUE, SIGNAL < VALUE, SIGNAL rising VALUE, SIGNAL falling VALUE (with abs before \
@@ -154,10 +154,10 @@ impl Trigger {
             ["scan", scan] => Trigger::Scan(number(scan)?),
             ["death"] => Trigger::Death(None),
             ["death", process] => {
-                let all = Slot::all(machine);
-                let slot = all.iter().find(|slot| slot.name(machine) == *process);
-                Trigger::Death(Some(*slot.ok_or_else(|| {
-                    let names: Vec<String> = all.iter().map(|slot| slot.name(machine)).collect();
+                let all = Process::all(machine);
+                let found = all.iter().find(|known| known.name(machine) == *process);
+                Trigger::Death(Some(*found.ok_or_else(|| {
+                    let names: Vec<String> = all.iter().map(|known| known.name(machine)).collect();
                     wrong(
                         text,
                         format!(
@@ -280,7 +280,7 @@ impl Watch {
                     .push(format!("{} in scan {}", death.how, death.scan));
             }
             match &self.trigger {
-                Trigger::Death(wanted) if wanted.is_none_or(|wanted| wanted == death.slot) => {
+                Trigger::Death(wanted) if wanted.is_none_or(|wanted| wanted == death.process) => {
                     self.died.push_back(Fired {
                         scan: death.scan,
                         what: death.how,

@@ -12,7 +12,7 @@ pub const RADIUS_MM: f64 = 10.0;
 pub const SPEED_MM_S: f64 = 50.0;
 const RUN_IN_MM_S2: f64 = 1000.0;
 
-/// A machine that comes with the product, its reversals kicked.
+/// A machine that comes with the product, its reversals with a friction pulse.
 pub fn machine(name: &str) -> Machine {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../machines")
@@ -20,8 +20,13 @@ pub fn machine(name: &str) -> Machine {
     let mut machine = Machine::load(&folder).expect("a machine that comes with the product");
     machine.axes.truncate(2);
     for axis in &mut machine.axes {
-        axis.reversal.method = machine::ReversalMethod::Kick;
-        axis.torque_feed_forward = machine::TorqueFeedForward::default();
+        axis.reversal.method = machine::ReversalMethod::FrictionPulse;
+        axis.torque_feed_forward = machine::TorqueFeedForward {
+            acceleration: false,
+            viscous: false,
+            friction: false,
+            ..axis.torque_feed_forward
+        };
     }
     machine
 }
@@ -100,7 +105,7 @@ pub struct Rig {
 impl Rig {
     pub fn new(machine: Machine) -> Rig {
         let servos = (0..2).map(|i| servo(&machine, i)).collect();
-        let period = u64::from(machine.scan.distribution_period_scans);
+        let period = u64::from(machine.scan.interpolation_period_scans);
         Rig {
             servos,
             scan: 1,
@@ -120,7 +125,7 @@ impl Rig {
     }
 
     pub fn period(&self) -> u64 {
-        self.machine.scan.distribution_period_scans.into()
+        self.machine.scan.interpolation_period_scans.into()
     }
 
     /// Positions at a distance on a circle that starts at 60°.

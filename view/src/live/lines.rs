@@ -10,6 +10,7 @@ use super::draw::{Screen, draw};
 use super::json::{self, Told};
 use super::looks::{FRAME, heard};
 use super::source::Source;
+use crate::drawing::text_of;
 use launcher::exit::{Failure, Kind, Outcome};
 use launcher::output::say;
 use launcher::signals::Signals;
@@ -42,17 +43,11 @@ pub fn once(mut feed: Box<dyn Source>, as_json: bool) -> Outcome {
     Ok(())
 }
 
-/// A screen as text, without what is blank at the ends of lines.
+/// A screen as text.
 fn plain(screen: &Screen<'_>, width: u16, height: u16) -> anyhow::Result<String> {
     let mut terminal = Terminal::new(TestBackend::new(width, height))?;
     terminal.draw(|frame| draw(frame, screen))?;
-    let buffer = terminal.backend().buffer();
-    let cells = buffer.content().chunks(usize::from(width).max(1));
-    let lines = cells.map(|row| {
-        let line: String = row.iter().map(|cell| cell.symbol()).collect();
-        line.trim_end().to_string()
-    });
-    Ok(lines.collect::<Vec<_>>().join("\n"))
+    Ok(text_of(terminal.backend().buffer()))
 }
 
 /// A line of JSON every 100 ms until the run ends or nobody reads any more.

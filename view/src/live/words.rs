@@ -67,58 +67,40 @@ pub fn at_rest(feedback: &Feedback) -> bool {
     feedback.at_rest == 1 || feedback.window.is_none()
 }
 
+impl Says {
+    fn new(
+        symbol: &'static str,
+        state: &'static str,
+        tone: Tone,
+        detail: &str,
+        next: &str,
+    ) -> Says {
+        Says {
+            symbol,
+            state,
+            detail: detail.into(),
+            next: next.into(),
+            tone,
+        }
+    }
+}
+
 /// The state of this feedback.
 pub fn says(feedback: &Feedback, machine: &Machine) -> Says {
     let cause = cause(feedback, machine);
-    let say = |symbol, state, tone, detail: &str, next: &str| Says {
-        symbol,
-        state,
-        detail: detail.into(),
-        next: next.into(),
-        tone,
-    };
+    let cause = cause.as_deref();
     let Some(mode) = Mode::from_wire(feedback.mode) else {
         let next = "the cell is of another version of quadrant";
-        return say("?", "UNKNOWN", Tone::Bad, "an unknown mode", next);
+        return Says::new("?", "UNKNOWN", Tone::Bad, "an unknown mode", next);
     };
-    let cause = cause.as_deref();
     match mode {
         Mode::Enabled => enabled(feedback, machine),
         Mode::Stopping => {
             let detail = cause.unwrap_or("told to stop");
-            let tone = if cause.is_some() {
-                Tone::Bad
-            } else {
-                Tone::Waits
-            };
-            say(
-                "■",
-                "STOPPING",
-                tone,
-                detail,
-                "comes to rest on the path by itself",
-            )
+            let next = "comes to rest on the path by itself";
+            Says::new("■", "STOPPING", bad_with(cause), detail, next)
         }
-        Mode::Stopped => match cause {
-            None => {
-                let next = if feedback.load > 0 {
-                    "r resumes; `quadrant load` gives the program up"
-                } else {
-                    "r resumes; a `quadrant run` ends 0.1 s after a stop"
-                };
-                say(
-                    "■",
-                    "STOPPED",
-                    Tone::Waits,
-                    "at rest on the path, drives on",
-                    next,
-                )
-            }
-            Some(cause) => {
-                let next = "cannot go on: end the run, look into the cause, start again";
-                say("■", "STOPPED", Tone::Bad, cause, next)
-            }
-        },
+        Mode::Stopped => stopped(feedback, cause),
         Mode::Tripped => {
             // Which of the two, the policy says; a fault script may have changed it.
             let next = if feedback.cause == Cause::ServoLost as u32 {
@@ -126,60 +108,65 @@ pub fn says(feedback: &Feedback, machine: &Machine) -> Says {
             } else {
                 "the drives have braked; when all stands: `quadrant enable`, then r"
             };
-            say("✖", "TRIPPED", Tone::Bad, cause.unwrap_or("a fault"), next)
+            let detail = cause.unwrap_or("a fault");
+            Says::new("✖", "TRIPPED", Tone::Bad, detail, next)
         }
-        Mode::Disabled => {
-            let begun = feedback.program == ProgramState::Begun as u32;
-            let next = if begun {
-                "`quadrant enable`, then r"
-            } else if feedback.program == ProgramState::None as u32 {
-                "`quadrant enable`; `quadrant load PROGRAM`; `quadrant start`"
-            } else {
-                "`quadrant enable`; `quadrant start`"
-            };
-            let detail = cause.unwrap_or("positions follow the axes");
-            let tone = if cause.is_some() {
-                Tone::Bad
-            } else {
-                Tone::Waits
-            };
-            say("○", "DRIVES OFF", tone, detail, next)
-        }
+        Mode::Disabled => disabled(feedback, cause),
         Mode::Finished => {
+            let detail = "program done, in position";
             let next = "nothing to do: it goes on by itself";
-            say(
-                "✔",
-                "FINISHED",
-                Tone::Good,
-                "program done, in position",
-                next,
-            )
+            Says::new("✔", "FINISHED", Tone::Good, detail, next)
         }
-        Mode::Ready => {
-            let program = ProgramState::from_wire(feedback.program);
-            let (detail, next) = match program {
-                Some(ProgramState::Loading) => ("the planner reads the program", "wait a moment"),
-                Some(ProgramState::Loaded) => ("a program is loaded", "`quadrant start` begins it"),
-                Some(ProgramState::Done) => (
-                    "the program is done, in position",
-                    "`quadrant start` runs it again, `quadrant load` brings another",
-                ),
-                _ => ("no program is loaded", "`quadrant load PROGRAM`"),
-            };
-            let detail = cause.unwrap_or(detail);
-            say("●", "READY", Tone::Good, detail, next)
-        }
+        Mode::Ready => ready(feedback, cause),
         Mode::Jogging => {
-            let next = "h brings it to rest";
-            say(
-                "↔",
-                "JOGGING",
-                Tone::Waits,
-                "an axis is moved by hand",
-                next,
-            )
+            let (detail, next) = ("an axis is moved by hand", "h brings it to rest");
+            Says::new("↔", "JOGGING", Tone::Waits, detail, next)
         }
     }
+}
+
+/// The tone of a state that has a cause, or waits for somebody.
+fn bad_with(cause: Option<&str>) -> Tone {
+    if cause.is_some() {
+        Tone::Bad
+    } else {
+        Tone::Waits
+    }
+}
+
+fn stopped(feedback: &Feedback, cause: Option<&str>) -> Says {
+    let detail = cause.unwrap_or("at rest on the path, drives on");
+    let next = if cause.is_some() {
+        "cannot go on: end the run, look into the cause, start again"
+    } else if feedback.load > 0 {
+        "r resumes; `quadrant load` gives the program up"
+    } else {
+        "r resumes; a `quadrant run` ends 0.1 s after a stop"
+    };
+    Says::new("■", "STOPPED", bad_with(cause), detail, next)
+}
+
+fn disabled(feedback: &Feedback, cause: Option<&str>) -> Says {
+    let detail = cause.unwrap_or("positions follow the axes");
+    let next = match ProgramState::from_wire(feedback.program) {
+        Some(ProgramState::Begun) => "`quadrant enable`, then r",
+        Some(ProgramState::None) => "`quadrant enable`; `quadrant load PROGRAM`; `quadrant start`",
+        _ => "`quadrant enable`; `quadrant start`",
+    };
+    Says::new("○", "DRIVES OFF", bad_with(cause), detail, next)
+}
+
+fn ready(feedback: &Feedback, cause: Option<&str>) -> Says {
+    let (detail, next) = match ProgramState::from_wire(feedback.program) {
+        Some(ProgramState::Loading) => ("the planner reads the program", "wait a moment"),
+        Some(ProgramState::Loaded) => ("a program is loaded", "`quadrant start` begins it"),
+        Some(ProgramState::Done) => (
+            "the program is done, in position",
+            "`quadrant start` runs it again, `quadrant load` brings another",
+        ),
+        _ => ("no program is loaded", "`quadrant load PROGRAM`"),
+    };
+    Says::new("●", "READY", Tone::Good, cause.unwrap_or(detail), next)
 }
 
 fn enabled(feedback: &Feedback, machine: &Machine) -> Says {

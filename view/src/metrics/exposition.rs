@@ -208,7 +208,11 @@ impl Families<'_> {
 impl Collector for Snapshot {
     fn encode(&self, encoder: DescriptorEncoder<'_>) -> Result<(), Error> {
         let mut families = Families(encoder);
-        self.cell(&mut families)?;
+        self.identity(&mut families)?;
+        self.scans(&mut families)?;
+        self.state(&mut families)?;
+        self.program(&mut families)?;
+        self.losses(&mut families)?;
         for kind in [AxisKind::Linear, AxisKind::Rotary] {
             let axes = self.numbers.axes.iter().filter(|axis| axis.kind == kind);
             let axes: Vec<&AxisNumbers> = axes.collect();
@@ -244,7 +248,7 @@ fn cause_label(cause: Cause) -> &'static str {
 }
 
 impl Snapshot {
-    fn cell(&self, families: &mut Families<'_>) -> Result<(), Error> {
+    fn identity(&self, families: &mut Families<'_>) -> Result<(), Error> {
         let numbers = &*self.numbers;
         let info = MetricType::Info;
         families.family(
@@ -261,7 +265,11 @@ impl Snapshot {
         ];
         families.family("cell", None, info, "What the cell runs.", |e| {
             e.encode_info(&identity)
-        })?;
+        })
+    }
+
+    fn scans(&self, families: &mut Families<'_>) -> Result<(), Error> {
+        let numbers = &*self.numbers;
         families.gauge(
             "scan_period",
             Some(Unit::Seconds),
@@ -289,7 +297,11 @@ impl Snapshot {
             Some(Unit::Seconds),
             "Time since the recorder took the newest feedback.",
             heard_ns.map(|then| self.now_ns.saturating_sub(then) as f64 * 1e-9),
-        )?;
+        )
+    }
+
+    fn state(&self, families: &mut Families<'_>) -> Result<(), Error> {
+        let numbers = &*self.numbers;
         let gauge = MetricType::Gauge;
         families.family(
             "mode",
@@ -318,7 +330,12 @@ impl Snapshot {
             Some(Unit::Other("ratio".into())),
             "Feed override, 1 for 100 percent.",
             numbers.override_ratio.get(),
-        )?;
+        )
+    }
+
+    fn program(&self, families: &mut Families<'_>) -> Result<(), Error> {
+        let numbers = &*self.numbers;
+        let gauge = MetricType::Gauge;
         let help = "1 for how far the cell is with its program.";
         families.family("program_state", None, gauge, help, |e| {
             let Some(now) = numbers.program_state.get() else {
@@ -341,7 +358,12 @@ impl Snapshot {
             Some(Unit::Other("ratio".into())),
             "Share of the program's path that is done.",
             numbers.progress_ratio.get(),
-        )?;
+        )
+    }
+
+    /// What went wrong or was not heard, and what of it all is in the log.
+    fn losses(&self, families: &mut Families<'_>) -> Result<(), Error> {
+        let numbers = &*self.numbers;
         let counter = MetricType::Counter;
         families.family("trips", None, counter, "Trips by cause.", |e| {
             let causes = Cause::ALL.into_iter().filter(|c| *c != Cause::None);

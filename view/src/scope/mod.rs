@@ -1,8 +1,9 @@
 //! `quadrant scope`: signals around a trigger, from a running cell or from a log.
 //!
 //! What is shown and when is decided in [`monitor::scope`], the same for both; here are its two sources, `live` and `log`, the
-//! `path` of the program for those who need it, and where captures go.
+//! `path` of the program for those who need it, and where captures go: files, or a `chart` in the terminal.
 
+mod chart;
 mod live;
 mod log;
 mod path;
@@ -17,7 +18,7 @@ use anyhow::{Context, anyhow};
 use machine::Machine;
 use monitor::scope::signal::Signal;
 use monitor::scope::trigger::Trigger;
-use monitor::scope::{Capture, Scope, Settings, chart, csv, picture};
+use monitor::scope::{Capture, Scope, Settings, csv, picture};
 
 use crate::options::ScopeOptions;
 use launcher::exit::{Failure, Kind, Outcome};
@@ -43,7 +44,7 @@ pub fn scope(options: &ScopeOptions) -> Outcome {
             "no signal is named: --signal X.following_error; --list shows all"
         )));
     }
-    let mut source: Box<dyn Source> = match &options.log {
+    let source: Box<dyn Source> = match &options.log {
         Some(path) => Box::new(log::LogSource::open(path)?),
         None => Box::new(live::LiveSource::attach(options.cell.as_deref())?),
     };
@@ -65,8 +66,19 @@ pub fn scope(options: &ScopeOptions) -> Outcome {
         trigger,
     };
     settings.check().input()?;
+    capture(options, source, &machine, settings)
+}
+
+/// Captures until there are as many as were asked for, the source ends, the time is over or somebody interrupts.
+fn capture(
+    options: &ScopeOptions,
+    mut source: Box<dyn Source>,
+    machine: &Machine,
+    settings: Settings,
+) -> Outcome {
+    let period_us = machine.scan.period_us;
     let wanted = Wanted::of(&settings);
-    let mut scope = Scope::new(&machine, settings);
+    let mut scope = Scope::new(machine, settings);
     let mut sink = Sink::new(options);
     let interrupted = Signals::catch().environment()?;
     let limit = options

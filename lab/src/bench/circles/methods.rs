@@ -19,8 +19,8 @@ pub struct Method {
 pub const REFERENCE: &str = "backlash";
 /// By how much, in µm.
 pub const NEVER_WORSE_UM: f64 = 1.0;
-/// Length of the source's constant kick in integral times: the middle of 2 to 3 (docs/methods/physics.md §4).
-const CONSTANT_KICK_INTEGRAL_TIMES: f64 = 2.25;
+/// Length of the source's constant friction pulse in integral times: the middle of 2 to 3 (docs/methods/physics.md §4).
+const CONSTANT_PULSE_INTEGRAL_TIMES: f64 = 2.25;
 
 /// All of them, in the order of the table. A new one is a line here and a function below.
 pub const METHODS: &[Method] = &[
@@ -35,43 +35,43 @@ pub const METHODS: &[Method] = &[
         ..PLAIN
     },
     Method {
-        name: "kick-position-error",
-        edit: |axis| constant_kick(axis, "position-error"),
+        name: "pulse-position-error",
+        edit: |axis| constant_pulse(axis, "position-error"),
         ..PLAIN
     },
     Method {
-        name: "kick-feed-forward",
-        edit: |axis| constant_kick(axis, "feed-forward"),
+        name: "pulse-feed-forward",
+        edit: |axis| constant_pulse(axis, "feed-forward"),
         ..PLAIN
     },
     Method {
-        name: "kick-velocity-command",
-        edit: |axis| constant_kick(axis, "velocity-command"),
+        name: "pulse-velocity-command",
+        edit: |axis| constant_pulse(axis, "velocity-command"),
         ..PLAIN
     },
     Method {
-        name: "kick-command-acceleration",
-        edit: |axis| constant_kick(axis, "command-acceleration"),
+        name: "pulse-command-acceleration",
+        edit: |axis| constant_pulse(axis, "command-acceleration"),
         ..PLAIN
     },
     Method {
-        name: "kick-decaying",
-        edit: decaying_kick,
+        name: "pulse-decaying",
+        edit: decaying_pulse,
         ..PLAIN
     },
     Method {
-        name: "kick-torque",
+        name: "pulse-torque",
         edit: |axis| {
-            decaying_kick(axis)?;
+            decaying_pulse(axis)?;
             torque(axis, false);
             Ok(())
         },
         ..MODELLED
     },
     Method {
-        name: "crossing-observer",
+        name: "traversal-observer",
         edit: |axis| {
-            crossing(axis, false)?;
+            traversal(axis, false)?;
             observer(axis);
             Ok(())
         },
@@ -79,19 +79,19 @@ pub const METHODS: &[Method] = &[
     },
     Method {
         name: "learned-torque",
-        edit: |axis| crossing(axis, false),
+        edit: |axis| traversal(axis, false),
         passes: LEARNING_PASSES,
         ..MODELLED
     },
     Method {
         name: "contact-force",
-        edit: |axis| crossing(axis, true),
+        edit: |axis| traversal(axis, true),
         ..MODELLED
     },
     Method {
         name: "contact-force-observer",
         edit: |axis| {
-            crossing(axis, true)?;
+            traversal(axis, true)?;
             observer(axis);
             Ok(())
         },
@@ -99,7 +99,7 @@ pub const METHODS: &[Method] = &[
     },
     Method {
         name: "contact-force-learned",
-        edit: |axis| crossing(axis, true),
+        edit: |axis| traversal(axis, true),
         passes: LEARNING_PASSES,
         ..MODELLED
     },
@@ -122,8 +122,8 @@ const MODELLED: Method = Method {
     ..PLAIN
 };
 
-/// The gap crossed by predicted contact force, with torque feed-forward.
-fn crossing(axis: &mut Table, friction: bool) -> anyhow::Result<()> {
+/// The backlash traversed by predicted contact force, with torque feed-forward.
+fn traversal(axis: &mut Table, friction: bool) -> anyhow::Result<()> {
     plain(axis, "contact-force")?;
     torque(axis, friction);
     Ok(())
@@ -157,30 +157,30 @@ fn plain(axis: &mut Table, method: &str) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The source's kick: constant, of the area the machine file's own kick has.
-fn constant_kick(axis: &mut Table, trigger: &str) -> anyhow::Result<()> {
-    plain(axis, "kick")?;
+/// The source's friction pulse: constant, of the area the machine file's own pulse has.
+fn constant_pulse(axis: &mut Table, trigger: &str) -> anyhow::Result<()> {
+    plain(axis, "friction-pulse")?;
     let integral_time_ms = number(axis, "velocity_loop", "integral_time_ms")?;
-    let area_um = number(axis, "reversal", "kick_mm_s")? * number(axis, "reversal", "kick_ms")?;
-    let kick_ms = CONSTANT_KICK_INTEGRAL_TIMES * integral_time_ms;
+    let area_um = number(axis, "reversal", "pulse_mm_s")? * number(axis, "reversal", "pulse_ms")?;
+    let pulse_ms = CONSTANT_PULSE_INTEGRAL_TIMES * integral_time_ms;
     let reversal = reversal(axis)?;
     reversal.insert("trigger", value(trigger));
     reversal.insert("shape", value("constant"));
-    reversal.insert("kick_ms", value(kick_ms));
-    reversal.insert("kick_mm_s", value(area_um / kick_ms));
+    reversal.insert("pulse_ms", value(pulse_ms));
+    reversal.insert("pulse_mm_s", value(area_um / pulse_ms));
     reversal.remove("presliding_um");
     reversal.remove("position_error_part");
     Ok(())
 }
 
-/// The decaying kick with the machine file's own height, decay and distance.
-fn decaying_kick(axis: &mut Table) -> anyhow::Result<()> {
-    plain(axis, "kick")?;
+/// The decaying friction pulse with the machine file's own height, decay and distance.
+fn decaying_pulse(axis: &mut Table) -> anyhow::Result<()> {
+    plain(axis, "friction-pulse")?;
     let reversal = reversal(axis)?;
     reversal.insert("trigger", value("command-acceleration"));
     if reversal.get("shape").and_then(Item::as_str) != Some("decaying") {
         bail!(
-            "axis.reversal.shape is not \"decaying\": kick-decaying needs its kick_mm_s, kick_ms and presliding_um"
+            "axis.reversal.shape is not \"decaying\": pulse-decaying needs its pulse_mm_s, pulse_ms and presliding_um"
         );
     }
     Ok(())
@@ -229,7 +229,7 @@ pub fn names() -> Vec<&'static str> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use machine::{KickShape, Machine, ReversalMethod};
+    use machine::{Machine, PulseShape, ReversalMethod};
 
     fn shipped(method: &str) -> Machine {
         let text = include_str!("../../../../machines/xy/machine.toml");
@@ -253,24 +253,24 @@ mod tests {
     }
 
     #[test]
-    fn constant_kicks_have_the_area_of_the_shipped_kick_and_each_its_own_trigger() {
-        let own = shipped("kick-decaying").axes[0].reversal;
-        assert_eq!(own.shape, KickShape::Decaying);
+    fn constant_pulses_have_the_area_of_the_shipped_pulse_and_each_its_own_trigger() {
+        let own = shipped("pulse-decaying").axes[0].reversal;
+        assert_eq!(own.shape, PulseShape::Decaying);
         for name in [
-            "kick-position-error",
-            "kick-feed-forward",
-            "kick-velocity-command",
-            "kick-command-acceleration",
+            "pulse-position-error",
+            "pulse-feed-forward",
+            "pulse-velocity-command",
+            "pulse-command-acceleration",
         ] {
             let reversal = shipped(name).axes[0].reversal;
             assert_eq!(
                 (reversal.method, reversal.shape),
-                (ReversalMethod::Kick, KickShape::Constant)
+                (ReversalMethod::FrictionPulse, PulseShape::Constant)
             );
-            assert_eq!(format!("kick-{}", reversal.trigger.word()), name);
-            assert_eq!(reversal.kick_ms, 22.5);
-            let area_um = reversal.kick_mm_s * reversal.kick_ms;
-            assert!((area_um - own.kick_mm_s * own.kick_ms).abs() < 1e-9);
+            assert_eq!(format!("pulse-{}", reversal.trigger.word()), name);
+            assert_eq!(reversal.pulse_ms, 22.5);
+            let area_um = reversal.pulse_mm_s * reversal.pulse_ms;
+            assert!((area_um - own.pulse_mm_s * own.pulse_ms).abs() < 1e-9);
         }
         assert_eq!(
             shipped("none").axes[1].reversal.method,

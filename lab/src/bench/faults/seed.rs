@@ -7,7 +7,7 @@ use machine::settings_file::SettingsFileError;
 use machine::{Machine, Restart};
 use plant_sim::script::faults::{self, Action, Corruption, FaultScript};
 use plant_sim::script::orders::{self, ScriptedOrder};
-use plant_sim::script::split_mix::SplitMix64;
+use plant_sim::script::rng::Rng;
 
 /// Scans from the last event to the first attempt to go on, and from one attempt to the next.
 const RECOVERY_SCANS: (u64, u64) = (120, 260);
@@ -16,23 +16,9 @@ const RECOVERIES: u64 = 7;
 /// From `enable` to `resume`.
 const ENABLE_SCANS: u64 = 30;
 
-/// What a scenario is drawn with.
-#[derive(Debug)]
-struct Random(SplitMix64);
-
-impl Random {
-    /// One of `low..=high`.
-    fn within(&mut self, low: u64, high: u64) -> u64 {
-        self.0.within(low, high)
-    }
-
-    fn one_in(&mut self, count: u64) -> bool {
-        self.within(1, count) == 1
-    }
-
-    fn of<'a, T>(&mut self, all: &'a [T]) -> &'a T {
-        &all[self.within(0, all.len() as u64 - 1) as usize]
-    }
+/// One element of a list that is never empty.
+fn one_of<'a, T>(rng: &mut Rng, all: &'a [T]) -> &'a T {
+    rng.pick(all).expect("a list with elements")
 }
 
 /// What a run of this length and shape is made of.
@@ -68,51 +54,25 @@ pub struct Scenario {
 /// # Errors
 /// The script that was drawn is not one: a defect of this file.
 pub fn draw(seed: u64, machine: &Machine, shapes: &[Shape]) -> Result<Scenario, SettingsFileError> {
-    let mut random = Random(SplitMix64(seed));
     // Neighbouring seeds are to have nothing in common.
-    random.0 = SplitMix64(random.0.bits());
-    let program = random.within(0, shapes.len() as u64 - 1) as usize;
+    let mut rng = Rng::new(Rng::new(seed).bits());
+    let program = rng.within(0, shapes.len() as u64 - 1) as usize;
     let shape = shapes[program];
-    let standby = !random.one_in(3);
-    let planner = *random.of(&["resume", "resume", "wait"]);
-    let servo = *random.of(&["resume", "wait", "end"]);
-    let master = *random.of(&["wait", "wait", "wait", "end"]);
+    let standby = !rng.one_in(3);
+    let planner = *one_of(&mut rng, &["resume", "resume", "wait"]);
+    let servo = *one_of(&mut rng, &["resume", "wait", "end"]);
+    let master = *one_of(&mut rng, &["wait", "wait", "wait", "end"]);
     let mut text =
         format!("[restart]\nplanner = \"{planner}\"\nservo = \"{servo}\"\nmaster = \"{master}\"\n");
     let last_scan = shape.scans.saturating_sub(20).max(20);
-    for _ in 0..random.within(1, 4) {
-        fault(&mut random, &mut text, machine, standby, shape, last_scan);
+    for _ in 0..rng.within(1, 4) {
+        fault(&mut rng, &mut text, machine, standby, shape, last_scan);
     }
     let faults = faults::parse("faults.toml", &text, machine)?;
-    let (mut orders, mut stops) = (String::new(), false);
-    let mut order = |scan: u64, word: &str, value: &str| {
-        let _ = writeln!(
-            orders,
-            "[[order]]\nscan = {scan}\norder = \"{word}\"{value}\n"
-        );
-    };
-    if random.one_in(4) {
-        for _ in 0..random.within(1, 2) {
-            let scan = random.within(5, last_scan);
-            match random.within(0, 4) {
-                0 | 1 => {
-                    order(scan, "hold", "");
-                    order(scan + random.within(1, 150), "resume", "");
-                }
-                2 | 3 => {
-                    let percent = random.of(&["10.0", "50.0", "80.0", "0.0"]);
-                    order(scan, "override", &format!("\nvalue = {percent}"));
-                    let back = scan + random.within(10, 200);
-                    order(back, "override", "\nvalue = 100.0");
-                }
-                _ => {
-                    stops = true;
-                    // A master that comes back knows nothing of a stop: it is asked once more.
-                    for again in [0, 1500, 3000] {
-                        order(scan + again, "stop", "");
-                    }
-                }
-            }
+    let mut orders = Orders::default();
+    if rng.one_in(4) {
+        for _ in 0..rng.within(1, 2) {
+            orders.draw_one(&mut rng, last_scan);
         }
     }
     let waits = planner == "wait"
@@ -120,75 +80,117 @@ pub fn draw(seed: u64, machine: &Machine, shapes: &[Shape]) -> Result<Scenario, 
             .faults
             .iter()
             .any(|fault| fault.job == Job::Master || (fault.job == Job::Servo && servo == "wait"));
-    if waits && !stops {
-        let mut scan = random.within(40, shape.scans);
+    if waits && !orders.stops {
+        orders.draw_recoveries(&mut rng, shape);
+    }
+    Ok(Scenario {
+        program,
+        standby,
+        orders: orders::parse("orders.toml", &orders.text, machine)?,
+        orders_text: orders.text,
+        faults_text: text,
+        faults,
+        stops: orders.stops,
+    })
+}
+
+/// The orders of an operator, as a file.
+#[derive(Default)]
+struct Orders {
+    text: String,
+    /// One of them stops the machine.
+    stops: bool,
+}
+
+impl Orders {
+    fn add(&mut self, scan: u64, word: &str, value: &str) {
+        let _ = writeln!(
+            self.text,
+            "[[order]]\nscan = {scan}\norder = \"{word}\"{value}\n"
+        );
+    }
+
+    /// One order, and where it needs one, the order that takes it back.
+    fn draw_one(&mut self, rng: &mut Rng, last_scan: u64) {
+        let scan = rng.within(5, last_scan);
+        match rng.within(0, 4) {
+            0 | 1 => {
+                self.add(scan, "hold", "");
+                self.add(scan + rng.within(1, 150), "resume", "");
+            }
+            2 | 3 => {
+                let percent = one_of(rng, &["10.0", "50.0", "80.0", "0.0"]);
+                self.add(scan, "override", &format!("\nvalue = {percent}"));
+                let back = scan + rng.within(10, 200);
+                self.add(back, "override", "\nvalue = 100.0");
+            }
+            _ => {
+                self.stops = true;
+                // A master that comes back knows nothing of a stop: it is asked once more.
+                for again in [0, 1500, 3000] {
+                    self.add(scan + again, "stop", "");
+                }
+            }
+        }
+    }
+
+    /// Enables and resumes, again and again, as an operator does who waits for the machine.
+    fn draw_recoveries(&mut self, rng: &mut Rng, shape: Shape) {
+        let mut scan = rng.within(40, shape.scans);
         for _ in 0..RECOVERIES {
-            scan += RECOVERY_SCANS.0 + random.within(0, RECOVERY_SCANS.1);
-            order(scan, "enable", "");
-            order(scan + ENABLE_SCANS, "resume", "");
+            scan += RECOVERY_SCANS.0 + rng.within(0, RECOVERY_SCANS.1);
+            self.recover(scan);
         }
         // Whatever came late: nobody leaves before the machine goes on.
         scan = scan.max(shape.scans + 3000);
         for _ in 0..3 {
             scan += 1200;
-            order(scan, "enable", "");
-            order(scan + ENABLE_SCANS, "resume", "");
+            self.recover(scan);
         }
     }
-    Ok(Scenario {
-        program,
-        standby,
-        orders: orders::parse("orders.toml", &orders, machine)?,
-        orders_text: orders,
-        faults_text: text,
-        faults,
-        stops,
-    })
+
+    fn recover(&mut self, scan: u64) {
+        self.add(scan, "enable", "");
+        self.add(scan + ENABLE_SCANS, "resume", "");
+    }
 }
 
 fn fault(
-    random: &mut Random,
+    rng: &mut Rng,
     text: &mut String,
     machine: &Machine,
     standby: bool,
     shape: Shape,
     last_scan: u64,
 ) {
-    let axis = random.of(&machine.axes).name.clone();
-    let at = match random.within(0, 7) {
-        0 => format!("{{ element = {} }}", random.within(0, shape.elements - 1)),
+    let axis = one_of(rng, &machine.axes).name.clone();
+    let at = match rng.within(0, 7) {
+        0 => format!("{{ element = {} }}", rng.within(0, shape.elements - 1)),
         1 => format!("{{ reversal = 1, axis = \"{axis}\" }}"),
-        _ => format!("{{ scan = {} }}", random.within(0, last_scan)),
+        _ => format!("{{ scan = {} }}", rng.within(0, last_scan)),
     };
-    let (job, process) = match random.within(0, 9) {
+    let (job, process) = match rng.within(0, 9) {
         0..=3 => (Job::Planner, "planner".to_owned()),
         4..=7 => {
-            let role = if standby && random.one_in(3) {
-                "b"
-            } else {
-                "a"
-            };
+            let role = if standby && rng.one_in(3) { "b" } else { "a" };
             (Job::Servo, format!("servo-{axis}/{role}"))
         }
         8 => (Job::Master, "plant-sim".to_owned()),
         _ => (Job::Monitor, "monitor".to_owned()),
     };
     let bad_samples = matches!(job, Job::Planner | Job::Servo);
-    let what = match random.within(0, if bad_samples { 6 } else { 0 }) {
-        0..=2 => format!(
-            "do = \"kill\"\nrestart_after_scans = {}",
-            random.within(1, 60)
-        ),
+    let what = match rng.within(0, if bad_samples { 6 } else { 0 }) {
+        0..=2 => format!("do = \"kill\"\nrestart_after_scans = {}", rng.within(1, 60)),
         3 => {
             // Long enough for a drive's watchdog now and then, and for queues to overflow.
-            let most = if random.one_in(4) { 120 } else { 40 };
-            format!("do = \"stop\"\nscans = {}", random.within(1, most))
+            let most = if rng.one_in(4) { 120 } else { 40 };
+            format!("do = \"stop\"\nscans = {}", rng.within(1, most))
         }
-        4 => format!("do = \"drop\"\nscans = {}", random.within(1, 20)),
+        4 => format!("do = \"drop\"\nscans = {}", rng.within(1, 20)),
         5 => format!(
             "do = \"delay\"\nscans = {}\nlate_scans = {}",
-            random.within(1, 20),
-            random.within(1, faults::LATE_SCANS_MAX)
+            rng.within(1, 20),
+            rng.within(1, faults::LATE_SCANS_MAX)
         ),
         _ => {
             let kinds: Vec<Corruption> = Corruption::ALL
@@ -197,8 +199,8 @@ fn fault(
                 .collect();
             format!(
                 "do = \"corrupt\"\nscans = {}\nwhat = \"{}\"",
-                random.within(1, 20),
-                random.of(&kinds).word()
+                rng.within(1, 20),
+                one_of(rng, &kinds).word()
             )
         }
     };

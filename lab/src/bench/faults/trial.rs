@@ -231,92 +231,120 @@ impl Machines {
         if standby { &self.standby } else { &self.alone }
     }
 
+    /// Runs a program under a script.
+    fn run(
+        &self,
+        scenario: &Scenario,
+        prepared: &Prepared,
+        script: Script,
+    ) -> anyhow::Result<Verdict> {
+        let machine = self.of(scenario.standby);
+        run(
+            machine,
+            &self.plant,
+            &prepared.program,
+            &prepared.course,
+            script,
+        )
+    }
+
     /// Runs and judges one seed.
     ///
     /// # Errors
     /// The cell cannot be rehearsed.
     pub fn judge(&self, scenario: &Scenario, prepared: &Prepared) -> anyhow::Result<Verdict> {
-        let machine = self.of(scenario.standby);
-        let again = |script: Script| {
-            run(
-                machine,
-                &self.plant,
-                &prepared.program,
-                &prepared.course,
-                script,
-            )
-        };
-        let mut verdict = again(Script {
+        let script = Script {
             faults: Some(scenario.faults.clone()),
             orders: scenario.orders.clone(),
-        })?;
-        let shown = verdict.shown.clone();
-        let mut wrong = Vec::new();
-        let struck: Vec<&Fault> = scenario
-            .faults
-            .faults
-            .iter()
-            .zip(&verdict.fired)
+        };
+        let mut verdict = self.run(scenario, prepared, script)?;
+        let faults = scenario.faults.faults.iter().zip(&verdict.fired);
+        let struck: Vec<&Fault> = faults
             .filter_map(|(fault, fired)| fired.then_some(fault))
             .collect();
-        if let Some(what) = unexpected_end(machine, scenario, &struck, &shown) {
-            wrong.push(what);
-        }
-        let only = |jobs: &[Job]| struck.iter().all(|fault| jobs.contains(&fault.job));
-        if shown.trips == 0 && only(&[Job::Servo, Job::Monitor]) && shown.missed == 0 {
-            let undisturbed = if scenario.orders.is_empty() {
-                prepared.undisturbed.digest
-            } else {
-                verdict.runs += 1;
-                again(Script {
-                    faults: None,
-                    orders: scenario.orders.clone(),
-                })?
-                .shown
-                .digest
-            };
-            if undisturbed != shown.digest {
-                wrong.push(
-                    "not the motion of the undisturbed run although every fault was covered".into(),
-                );
-            }
-        }
-        let stays_on_path = shown.trips == 0 && shown.missed == 0 && !struck.iter().any(|f| f.job == Job::Master)
-            // Where only servos were struck, the motion is that of the undisturbed run to the bit: judged above.
-            && struck.iter().any(|f| f.job == Job::Planner);
-        let usual_mm = prepared.undisturbed.contour_mm.0;
-        if stays_on_path && shown.contour_mm.0 > usual_mm + CONTOUR_SLACK_MM {
-            let worst_mm = prepared
-                .held_contour_mm
-                .get_or_try(|| held_contour_mm(self, prepared))?;
-            // The friction of one stop is not forgotten by the next: the cost of two may add up.
-            let together = shown.stops.len().clamp(1, STOPS_TOGETHER) as f64;
-            let mut held_mm = usual_mm + together * (worst_mm - usual_mm).max(0.0);
-            for orders in held_instead(&shown, scenario) {
-                verdict.runs += 1;
-                let twin = again(Script {
-                    faults: None,
-                    orders,
-                })?;
-                held_mm = held_mm.max(twin.shown.contour_mm.0);
-            }
-            if shown.contour_mm.0 > held_mm + CONTOUR_SLACK_MM {
-                wrong.push(format!(
-                    "table {:.4} mm off the path in scan {}: with feed holds instead {:.4}, undisturbed {:.4}",
-                    shown.contour_mm.0,
-                    shown.contour_mm.1,
-                    held_mm,
-                    prepared.undisturbed.contour_mm.0
-                ));
-            }
-        }
+        let machine = self.of(scenario.standby);
+        let wrong = [
+            unexpected_end(machine, scenario, &struck, &verdict.shown),
+            self.changed_motion(scenario, prepared, &struck, &mut verdict)?,
+            self.off_path(scenario, prepared, &struck, &mut verdict)?,
+        ];
+        let scan = verdict.shown.scans;
+        let wrong = wrong.into_iter().flatten();
         verdict
             .violations
-            .extend(wrong.into_iter().map(|what| Violation {
-                scan: shown.scans,
-                what,
-            }));
+            .extend(wrong.map(|what| Violation { scan, what }));
         Ok(verdict)
+    }
+
+    /// A motion that is not that of the undisturbed run, although only servos and recorder were struck and no scan was missed.
+    fn changed_motion(
+        &self,
+        scenario: &Scenario,
+        prepared: &Prepared,
+        struck: &[&Fault],
+        verdict: &mut Verdict,
+    ) -> anyhow::Result<Option<String>> {
+        let shown = &verdict.shown;
+        let covered = struck
+            .iter()
+            .all(|fault| matches!(fault.job, Job::Servo | Job::Monitor));
+        if shown.trips > 0 || shown.missed > 0 || !covered {
+            return Ok(None);
+        }
+        let digest = shown.digest;
+        let undisturbed = if scenario.orders.is_empty() {
+            prepared.undisturbed.digest
+        } else {
+            verdict.runs += 1;
+            let orders_alone = Script {
+                faults: None,
+                orders: scenario.orders.clone(),
+            };
+            self.run(scenario, prepared, orders_alone)?.shown.digest
+        };
+        let what = "not the motion of the undisturbed run although every fault was covered";
+        Ok((undisturbed != digest).then(|| what.into()))
+    }
+
+    /// A table that leaves the path further than feed holds in place of the faults would make it.
+    fn off_path(
+        &self,
+        scenario: &Scenario,
+        prepared: &Prepared,
+        struck: &[&Fault],
+        verdict: &mut Verdict,
+    ) -> anyhow::Result<Option<String>> {
+        let shown = verdict.shown.clone();
+        let has = |job: Job| struck.iter().any(|fault| fault.job == job);
+        // Where only servos were struck, the motion is that of the undisturbed run to the bit: judged above.
+        let stays_on_path =
+            shown.trips == 0 && shown.missed == 0 && !has(Job::Master) && has(Job::Planner);
+        let usual_mm = prepared.undisturbed.contour_mm.0;
+        let worse_than = |mm: f64| shown.contour_mm.0 > mm + CONTOUR_SLACK_MM;
+        if !stays_on_path || !worse_than(usual_mm) {
+            return Ok(None);
+        }
+        let worst_mm = prepared
+            .held_contour_mm
+            .get_or_try(|| held_contour_mm(self, prepared))?;
+        // The friction of one stop is not forgotten by the next: the cost of two may add up.
+        let together = shown.stops.len().clamp(1, STOPS_TOGETHER) as f64;
+        let mut held_mm = usual_mm + together * (worst_mm - usual_mm).max(0.0);
+        for orders in held_instead(&shown, scenario) {
+            verdict.runs += 1;
+            let holds_alone = Script {
+                faults: None,
+                orders,
+            };
+            let twin = self.run(scenario, prepared, holds_alone)?;
+            held_mm = held_mm.max(twin.shown.contour_mm.0);
+        }
+        let (mm, scan) = shown.contour_mm;
+        Ok(worse_than(held_mm).then(|| {
+            format!(
+                "table {mm:.4} mm off the path in scan {scan}: with feed holds instead {held_mm:.4}, undisturbed {usual_mm:.4}"
+            )
+        }))
     }
 }
 
@@ -437,7 +465,7 @@ fn held_contour_mm(machines: &Machines, prepared: &Prepared) -> anyhow::Result<f
         undisturbed,
         ..
     } = prepared;
-    let period = u64::from(machines.alone.scan.distribution_period_scans).max(1);
+    let period = u64::from(machines.alone.scan.interpolation_period_scans).max(1);
     let apart = (undisturbed.scans / HOLDS_MAX)
         .next_multiple_of(period)
         .max(period);

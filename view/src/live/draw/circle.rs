@@ -6,10 +6,11 @@ use ratatui::layout::Rect;
 use ratatui::symbols::Marker;
 use ratatui::text::Line;
 use ratatui::widgets::Paragraph;
-use ratatui::widgets::canvas::{Canvas, Line as CanvasLine, Points};
+use ratatui::widgets::canvas::{Canvas, Context, Line as CanvasLine, Points};
 
 use super::screen::{Screen, panel};
 use crate::live::circle::{BINS, CircleView};
+use crate::live::palette::Palette;
 
 /// The deviation that is drawn as [`SWING`] of the radius is one of these times a power of ten, in µm.
 const STEPS: [f64; 3] = [1.0, 2.0, 5.0];
@@ -62,7 +63,18 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
         height: inside.height - 1,
         ..inside
     };
+    frame.render_widget(plotted(view, scale_um, plot, palette), plot);
+}
+
+/// The programmed circle, the deviation from it and where the tool is.
+fn plotted(
+    view: &CircleView,
+    scale_um: f64,
+    plot: Rect,
+    palette: Palette,
+) -> Canvas<'static, impl Fn(&mut Context<'_>)> {
     let (nominal, curve) = points(view, scale_um);
+    let tool_rad = view.angle_rad.filter(|_| view.running);
     // A braille cell is two dots wide and four high: dots are square where a cell is twice as high as wide.
     let aspect = f64::from(plot.width) / 2.0 / f64::from(plot.height.max(1));
     let half = 1.0 + SWING;
@@ -71,11 +83,11 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     } else {
         (half, half / aspect.max(0.1))
     };
-    let canvas = Canvas::default()
+    Canvas::default()
         .marker(Marker::Braille)
         .x_bounds([-x, x])
         .y_bounds([-y, y])
-        .paint(|context| {
+        .paint(move |context| {
             context.draw(&Points {
                 coords: &nominal,
                 color: palette.nominal(),
@@ -84,14 +96,13 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
             for ((x1, y1), (x2, y2)) in &curve {
                 context.draw(&CanvasLine::new(*x1, *y1, *x2, *y2, palette.curve()));
             }
-            if let Some(angle) = view.angle_rad.filter(|_| view.running) {
+            if let Some(angle) = tool_rad {
                 let place = |radius: f64| (radius * libm::cos(angle), radius * libm::sin(angle));
                 let (at_x, at_y) = place(0.55);
                 context.print(at_x, at_y, Line::styled("●", palette.title()));
             }
             context.print(0.0, 0.0, Line::styled("+", palette.quiet()));
-        });
-    frame.render_widget(canvas, plot);
+        })
 }
 
 /// Dots of the programmed circle; and the deviation as strokes from angle to angle, a dot where the neighbour is unknown.

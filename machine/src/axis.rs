@@ -1,0 +1,156 @@
+//! `[[axis]]`: one axis of the machine.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::loops::{FeedForward, PositionLoop, Prediction, VelocityLoop};
+use crate::model::{AxisModel, DisturbanceObserver, TorqueFeedForward};
+use crate::reversal::Reversal;
+
+/// One axis.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Axis {
+    /// Its letter in part programs.
+    #[schemars(extend("enum" = ["X", "Y", "Z", "A", "B", "C", "U", "V", "W"]))]
+    pub name: String,
+    /// Linear or rotary.
+    #[schemars(extend("default" = "linear"))]
+    pub kind: AxisKind,
+    /// Increment of positions between the processes; of a rotary axis 1 stands for 10⁻⁶ degrees.
+    #[schemars(extend("unit" = "nm", "minimum" = 0.01, "maximum" = 10_000, "default" = 1.0))]
+    pub increment_nm: f64,
+    /// Lower end of the travel, in machine coordinates.
+    #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000))]
+    pub travel_min_mm: f64,
+    /// Upper end of the travel, above `travel_min_mm`.
+    #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000))]
+    pub travel_max_mm: f64,
+    /// Highest speed; also that of rapids.
+    #[schemars(extend("unit" = "mm/s", "exclusiveMinimum" = 0, "maximum" = 5000))]
+    pub rapid_mm_s: f64,
+    /// Highest acceleration of setpoints.
+    #[schemars(extend("unit" = "mm/s²", "exclusiveMinimum" = 0, "maximum" = 200_000))]
+    pub acceleration_mm_s2: f64,
+    /// Highest deceleration that the drive uses when it brakes by itself.
+    #[schemars(extend("unit" = "mm/s²", "exclusiveMinimum" = 0, "maximum" = 500_000))]
+    pub quick_stop_mm_s2: f64,
+    /// Following error that trips the axis.
+    #[schemars(extend("unit" = "mm", "exclusiveMinimum" = 0, "maximum" = 100))]
+    pub following_error_limit_mm: f64,
+    /// In-position window.
+    #[schemars(extend("unit" = "µm", "exclusiveMinimum" = 0, "maximum" = 10_000, "default" = 20.0))]
+    pub in_position_um: f64,
+    /// Travel of the table in one turn of the motor.
+    #[schemars(extend("unit" = "mm", "exclusiveMinimum" = 0, "maximum" = 1000))]
+    pub lead_mm: f64,
+    /// Where the servo's position comes from ([method](../methods/full-closed-loop.md)).
+    #[schemars(extend("default" = "motor"))]
+    pub feedback: PositionFeedback,
+    /// With a scale: time constant below which the motor encoder is believed rather than the scale.
+    #[schemars(extend("unit" = "ms", "minimum" = 0, "maximum" = 1000, "default" = 0.0))]
+    pub dual_feedback_ms: f64,
+    /// Who closes the velocity loop.
+    #[schemars(extend("default" = "velocity"))]
+    pub drive_mode: DriveMode,
+    /// How the axis changes over between the program's controller and the one for motion by hand
+    /// ([method](../methods/two-controllers.md)).
+    #[schemars(extend("default" = "settled-deviation"))]
+    pub changeover: Changeover,
+    /// A second servo stands by, in the same state to the bit, and takes over in the scan in which the first is silent.
+    #[schemars(extend("default" = false))]
+    pub standby: bool,
+    /// The motor's rating plate.
+    pub motor: Motor,
+    /// Position loop.
+    pub position_loop: PositionLoop,
+    /// Velocity loop, of the drive or of the servo.
+    pub velocity_loop: VelocityLoop,
+    /// Velocity feed-forward ([method](../methods/overview.md)).
+    pub feed_forward: FeedForward,
+    /// First-difference prediction of the feedback position ([method](../methods/prediction.md)). Without this table there is none.
+    pub prediction: Option<Prediction>,
+    /// What is done where the axis reverses.
+    pub reversal: Reversal,
+    /// What the axis has to move, as felt at the table: mass, friction and elasticity. Methods that compute torque need it; `quadrant
+    /// tune` identifies it. Rotary axes use the same keys with a thousand degrees in place of the metre.
+    pub model: Option<AxisModel>,
+    /// Torque that is fed forward, part by part ([method](../methods/contact-force.md)).
+    pub torque_feed_forward: TorqueFeedForward,
+    /// Disturbance observer ([method](../methods/disturbance-observer.md)).
+    pub disturbance_observer: DisturbanceObserver,
+}
+
+/// Linear or rotary.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum AxisKind {
+    /// A slide: mm.
+    Linear,
+    /// A rotary axis: degrees.
+    Rotary,
+}
+
+/// Where the servo's position comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum PositionFeedback {
+    /// Motor encoder: semi-closed loop.
+    Motor,
+    /// Linear scale: full-closed loop.
+    Scale,
+}
+
+/// Who closes the velocity loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum DriveMode {
+    /// The drive (CiA 402 cyclic synchronous velocity with torque offset).
+    Velocity,
+    /// The servo (CiA 402 cyclic synchronous torque).
+    Torque,
+}
+
+/// How an axis changes over to its second, manual controller.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Changeover {
+    /// The first controller's error after the second has settled is its steady deviation: what the motor drifted stays in it.
+    SettledDeviation,
+    /// The motor is first brought back to where it was at rest before the switch.
+    ReturnToStand,
+}
+
+/// Rating plate.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Motor {
+    /// Continuous torque.
+    #[schemars(extend("unit" = "N·m", "exclusiveMinimum" = 0, "maximum" = 10_000))]
+    pub rated_torque_nm: f64,
+    /// Peak torque, at least the continuous one.
+    #[schemars(extend("unit" = "N·m", "exclusiveMinimum" = 0, "maximum" = 50_000))]
+    pub peak_torque_nm: f64,
+}
+
+impl AxisKind {
+    /// Its unit of position.
+    pub fn unit(self) -> &'static str {
+        match self {
+            AxisKind::Linear => "mm",
+            AxisKind::Rotary => "deg",
+        }
+    }
+}
+
+impl Axis {
+    /// Axis units per increment, in mm.
+    pub fn increment_mm(&self) -> f64 {
+        self.increment_nm * 1e-6
+    }
+
+    /// Force at the table that the motor's continuous torque makes: T·2π/lead, in N.
+    pub fn rated_force_n(&self) -> f64 {
+        self.motor.rated_torque_nm * std::f64::consts::TAU / (self.lead_mm * 1e-3)
+    }
+}

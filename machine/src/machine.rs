@@ -1,0 +1,137 @@
+//! The whole machine file, its clocks, and what concerns no single axis.
+
+use std::collections::BTreeMap;
+
+use bus::sample::{MAX_AXES, MAX_SUBSAMPLES};
+use bus::service::Shape;
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use crate::axis::Axis;
+use crate::interpolation::Interpolation;
+use crate::kinematics::Kinematics;
+use crate::positioning::Positioning;
+use crate::restart::Restart;
+
+/// The whole machine file.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Machine {
+    /// The machine's name, and the cell's unless `--cell` says otherwise: lower-case letters, digits and hyphens.
+    pub name: String,
+    /// Clocks of the cell.
+    pub scan: Scan,
+    /// How programs are understood on this machine.
+    pub program: ProgramSettings,
+    /// How single rapids are travelled ([method](../methods/positioning.md)).
+    pub positioning: Positioning,
+    /// How setpoints are made.
+    pub interpolation: Interpolation,
+    /// How the axes carry the tool ([method](../methods/pivot-axis.md)). Without this table they are the program's X, Y, Z ….
+    pub kinematics: Option<Kinematics>,
+    /// Motion off the path: at reduced speeds, because nobody planned it. Axes that are slower anyway keep their own limit.
+    pub manual: Manual,
+    /// What follows when a process is lost ([all cases](faults.md)).
+    pub restart: Restart,
+    /// An axis: a machine has 1 to 8, each with a letter of its own.
+    #[serde(rename = "axis")]
+    #[schemars(length(min = 1, max = MAX_AXES))]
+    pub axes: Vec<Axis>,
+}
+
+/// Clocks of the cell.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Scan {
+    /// Scan period Tp. Above 250 it is a multiple of 250, the instruments' period.
+    #[schemars(extend("unit" = "µs", "minimum" = 125, "maximum" = 250 * MAX_SUBSAMPLES))]
+    pub period_us: u32,
+    /// Scans in one interpolation period Ts.
+    #[schemars(extend("unit" = "scans", "minimum" = 2, "maximum" = 32))]
+    pub interpolation_period_scans: u32,
+    /// Scans in a row without a command after which a drive brakes by itself.
+    #[schemars(extend("unit" = "scans", "minimum" = 1, "maximum" = 1000, "default" = 4))]
+    pub watchdog_scans: u32,
+    /// Interpolation periods of intended motion that a window carries beyond its own and the commit delay.
+    #[schemars(extend("unit" = "periods", "minimum" = 1, "maximum" = 16, "default" = 2))]
+    pub look_ahead_periods: u32,
+    /// Scans at the programmed end within the in-position window before the program counts as done.
+    #[schemars(extend("unit" = "scans", "minimum" = 1, "maximum" = 100_000, "default" = 100))]
+    pub settle_scans: u32,
+}
+
+/// How programs are understood on this machine.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ProgramSettings {
+    /// Work offset G54, a key for each axis: the programmed zero in machine coordinates, within the travel of the axis.
+    #[schemars(extend("additionalProperties" = {
+        "type": "number", "description": "Work offset of the axis of this letter.",
+        "unit": "mm", "minimum": -100_000, "maximum": 100_000, "default": 0.0
+    }))]
+    pub work_offset_mm: BTreeMap<String, f64>,
+}
+
+/// Motion off the path.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Manual {
+    /// Speed of a jog.
+    #[schemars(extend("unit" = "mm/s", "exclusiveMinimum" = 0, "maximum" = 100, "default" = 10.0))]
+    pub jog_mm_s: f64,
+    /// Speed along the straight line at which a resumed program returns to where its path was left.
+    #[schemars(extend("unit" = "mm/s", "exclusiveMinimum" = 0, "maximum" = 100, "default" = 20.0))]
+    pub return_mm_s: f64,
+}
+
+impl Machine {
+    /// Index of the axis of this letter.
+    ///
+    /// # Errors
+    /// The machine has none; says which it has.
+    pub fn axis_index(&self, letter: &str) -> Result<u32, String> {
+        let index = self.axes.iter().position(|axis| axis.name == letter);
+        index.map(|index| index as u32).ok_or_else(|| {
+            let names: Vec<&str> = self.axes.iter().map(|axis| axis.name.as_str()).collect();
+            format!(
+                "axis {letter:?}: the machine has none of that name; it has {}",
+                names.join(" ")
+            )
+        })
+    }
+
+    /// What the service table needs to know of it.
+    pub fn shape(&self) -> Shape {
+        Shape {
+            axes: self.axes.iter().map(|axis| axis.name.clone()).collect(),
+            period_scans: self.scan.interpolation_period_scans,
+        }
+    }
+
+    /// Scan period Tp in s.
+    pub fn scan_period_s(&self) -> f64 {
+        f64::from(self.scan.period_us) * 1e-6
+    }
+
+    /// Interpolation period Ts in s.
+    pub fn interpolation_period_s(&self) -> f64 {
+        self.scan_period_s() * f64::from(self.scan.interpolation_period_scans)
+    }
+
+    /// How far the setpoints that are held reach ahead in any case: J periods guarantee (J − ½)·Ts, in s.
+    pub fn look_ahead_s(&self) -> f64 {
+        (f64::from(self.scan.look_ahead_periods) - 0.5) * self.interpolation_period_s()
+    }
+
+    /// Instrument samples within one scan: one every 250 µs, one where the scan is shorter.
+    pub fn subsamples(&self) -> u32 {
+        (self.scan.period_us / 250).max(1)
+    }
+
+    /// Setpoints of intended motion in a window: look-ahead, commit delay and one period.
+    pub fn intended_rows(&self) -> u32 {
+        self.scan.interpolation_period_scans * (self.scan.look_ahead_periods + 2)
+    }
+}
+
+const _: () = assert!(MAX_AXES == 8);

@@ -1,0 +1,39 @@
+//! Rules of one axis: travel, motor, loops, feedback.
+
+use crate::axis::{Axis, DriveMode, PositionFeedback};
+use crate::machine::Machine;
+use crate::settings_file::{At, From, Rules};
+
+pub fn judge(rules: &mut Rules<'_>, machine: &Machine, axis: &Axis, at: At<'_>) {
+    let (low, high) = (From::Above(axis.travel_min_mm), 100_000.0);
+    rules.range(&["travel_max_mm"], at, axis.travel_max_mm, "mm", low, high);
+    let (path, motor) = (["motor", "peak_torque_nm"], &axis.motor);
+    let (peak_nm, rated_nm) = (motor.peak_torque_nm, motor.rated_torque_nm);
+    rules.at_least(&path, at, peak_nm, "N·m", "rated_torque_nm", rated_nm);
+    if axis.dual_feedback_ms > 0.0 && axis.feedback != PositionFeedback::Scale {
+        let what = format!(
+            "= {} ms: needs feedback = \"scale\", without one there is nothing to believe later",
+            axis.dual_feedback_ms
+        );
+        rules.say(&["dual_feedback_ms"], at, &what);
+    }
+    drive_period(rules, machine, axis, at);
+    let look_ahead_ms = machine.look_ahead_s() * 1e3;
+    let (path, advance_ms) = (["feed_forward", "advance_ms"], axis.feed_forward.advance_ms);
+    rules.between(&path, at, advance_ms, "ms", 0.0, look_ahead_ms);
+}
+
+/// The drive's loop fits into a scan.
+fn drive_period(rules: &mut Rules<'_>, machine: &Machine, axis: &Axis, at: At<'_>) {
+    let (period_us, scan_us) = (axis.velocity_loop.period_us, machine.scan.period_us);
+    let what = if period_us == 0 || !scan_us.is_multiple_of(period_us) {
+        format!("= {period_us} µs: must divide scan.period_us = {scan_us} µs")
+    } else if axis.drive_mode == DriveMode::Torque && period_us != scan_us {
+        format!(
+            "= {period_us} µs: in torque mode the servo closes the loop once a scan: must be {scan_us} µs"
+        )
+    } else {
+        return;
+    };
+    rules.say(&["velocity_loop", "period_us"], at, &what);
+}

@@ -1,0 +1,135 @@
+//! The page of a settings file in the reference of the book.
+
+use std::fmt::Write as _;
+
+use crate::settings_file::schema::{KeySchema, Kind, Schema};
+
+/// Longest line of prose, in characters.
+const COLUMNS: usize = 120;
+
+/// A page in Markdown: `introduction`, then a section for each table with a line for each key.
+pub fn reference(introduction: &str, schema: &Schema) -> String {
+    let mut page = introduction.to_string();
+    keys(&mut page, schema.root(), "");
+    page
+}
+
+/// The keys of a table, and the tables in it after them.
+fn keys(page: &mut String, schema: KeySchema<'_>, path: &str) {
+    let any_key = schema.any_key().map(|of_key| ("NAME", of_key));
+    let (tables, values): (Vec<_>, Vec<_>) = schema
+        .keys()
+        .chain(any_key)
+        .partition(|(_, of_key)| inner_table(*of_key).is_some());
+    if !values.is_empty() {
+        page.push_str("\n| key | unit | range | default | meaning |\n|---|---|---|---|---|\n");
+    }
+    for (key, of_key) in values {
+        let _ = writeln!(
+            page,
+            "| `{key}` | {} | {} | {} | {} |",
+            of_key.unit(),
+            range(of_key),
+            default(of_key),
+            meaning(of_key)
+        );
+    }
+    for (key, of_key) in tables {
+        let path = if path.is_empty() {
+            key.to_string()
+        } else {
+            format!("{path}.{key}")
+        };
+        let title = match of_key.kind() {
+            Kind::List => format!("[[{path}]]"),
+            _ => format!("[{path}]"),
+        };
+        let presence = if schema.required().any(|needed| needed == key) {
+            ""
+        } else {
+            " May be left out."
+        };
+        let meaning = of_key.meaning();
+        let _ = write!(page, "\n## `{title}`\n\n");
+        paragraph(page, &format!("{meaning}{presence}"));
+        if let Some(inner) = inner_table(of_key) {
+            keys(page, inner, &path);
+        }
+    }
+}
+
+/// A paragraph, broken into lines.
+fn paragraph(page: &mut String, text: &str) {
+    let mut length = 0;
+    for word in text.split(' ') {
+        let width = word.chars().count();
+        if length > 0 && length + 1 + width > COLUMNS {
+            page.push('\n');
+            length = 0;
+        } else if length > 0 {
+            page.push(' ');
+            length += 1;
+        }
+        page.push_str(word);
+        length += width;
+    }
+    page.push('\n');
+}
+
+/// The table that stands under a key, once or in a list.
+fn inner_table(of_key: KeySchema<'_>) -> Option<KeySchema<'_>> {
+    let inner = match of_key.kind() {
+        Kind::List => of_key.items()?,
+        _ => of_key,
+    };
+    (inner.kind() == Kind::Table).then_some(inner)
+}
+
+fn range(of_key: KeySchema<'_>) -> String {
+    match of_key.kind() {
+        Kind::Number => of_key.range().short(),
+        Kind::Whole => format!("{}, whole", of_key.range().short()),
+        Kind::Flag => "`true` or `false`".into(),
+        Kind::Text => {
+            let words = of_key.words();
+            let words: Vec<String> = words
+                .iter()
+                .map(|word| format!("`\"{}\"`", word.word))
+                .collect();
+            words.join(", ")
+        }
+        Kind::List => {
+            let (fewest, _) = of_key.length();
+            let each = of_key
+                .items()
+                .map_or(String::new(), |items| items.range().short());
+            format!("{fewest} values, each {each}")
+        }
+        Kind::Table => String::new(),
+    }
+}
+
+fn default(of_key: KeySchema<'_>) -> String {
+    match of_key.default() {
+        Some(default) => format!("`{default}`"),
+        None => "required".into(),
+    }
+}
+
+/// The meaning of a key, and of each of its words.
+fn meaning(of_key: KeySchema<'_>) -> String {
+    let mut meaning = of_key.meaning();
+    for word in of_key
+        .words()
+        .iter()
+        .filter(|word| !word.meaning.is_empty())
+    {
+        let _ = write!(
+            meaning,
+            "<br>`{}`: {}",
+            word.word,
+            word.meaning.replace('\n', " ")
+        );
+    }
+    meaning.replace('|', "\\|")
+}

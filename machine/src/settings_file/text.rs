@@ -1,0 +1,42 @@
+//! The text of a settings file.
+
+use std::io::Read;
+use std::path::Path;
+
+use crate::settings_file::error::SettingsFileError;
+
+/// Longest settings file that is read, in bytes.
+pub const SETTINGS_FILE_BYTES_MAX: u64 = 1 << 20;
+
+/// Reads a settings file.
+///
+/// # Errors
+/// It is no file, too long, not to be read, or not UTF-8.
+pub fn read_text(path: &Path) -> Result<String, SettingsFileError> {
+    read(path).map_err(|what| SettingsFileError::Unreadable {
+        path: path.display().to_string(),
+        what,
+    })
+}
+
+fn read(path: &Path) -> Result<String, String> {
+    let cannot_be_read = |e: std::io::Error| format!("cannot be read: {e}");
+    // Looked at before it is opened: opening a pipe would wait for its writer.
+    if !std::fs::metadata(path).map_err(cannot_be_read)?.is_file() {
+        return Err("is not a file".into());
+    }
+    let file = std::fs::File::open(path).map_err(cannot_be_read)?;
+    let mut bytes = Vec::new();
+    file.take(SETTINGS_FILE_BYTES_MAX + 1)
+        .read_to_end(&mut bytes)
+        .map_err(cannot_be_read)?;
+    if bytes.len() as u64 > SETTINGS_FILE_BYTES_MAX {
+        return Err(format!(
+            "is longer than {SETTINGS_FILE_BYTES_MAX} bytes: no settings file is"
+        ));
+    }
+    String::from_utf8(bytes).map_err(|e| {
+        let good = e.utf8_error().valid_up_to();
+        format!("is not UTF-8 text (byte {good} is the first that is not)")
+    })
+}

@@ -1,0 +1,182 @@
+//! The keys of the plant file, each declared once with meaning, unit and range (`machine::settings_file` says how).
+
+use bus::sample::MAX_AXES;
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use crate::friction::ELEMENTS;
+
+/// The whole plant file.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantFile {
+    /// Integration step of the mechanics: whole nanoseconds, a divisor of every drive period, and short enough for the stiffest spring
+    /// and the fastest damping of each mass, else refused with the longest that fits.
+    #[schemars(extend("unit" = "µs", "minimum" = 1, "maximum" = 250))]
+    pub microstep_us: f64,
+    /// Temperature around the machine.
+    #[schemars(extend("unit" = "°C", "minimum" = -20, "maximum" = 60))]
+    pub ambient_c: f64,
+    /// An axis: each axis of the machine file has one here.
+    #[serde(rename = "axis")]
+    #[schemars(length(min = 1, max = MAX_AXES))]
+    pub axes: Vec<PlantAxis>,
+}
+
+/// One axis.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantAxis {
+    /// Its letter, as in the machine file.
+    #[schemars(extend("enum" = ["X", "Y", "Z", "A", "B", "C", "U", "V", "W"]))]
+    pub name: String,
+    /// Where the axis is when the machine is switched on for the first time.
+    #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000))]
+    pub start_position_mm: f64,
+    /// Motor with encoder and current loop.
+    pub motor: PlantMotor,
+    /// Ball screw.
+    pub screw: PlantScrew,
+    /// Table.
+    pub table: PlantTable,
+    /// Linear scale, where there is one.
+    pub scale: Option<PlantScale>,
+    /// Set after reading, in °C.
+    #[serde(skip)]
+    pub(in crate::plant_file) ambient_c: f64,
+}
+
+/// Motor with encoder and current loop.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantMotor {
+    /// Continuous torque.
+    #[schemars(extend("unit" = "N·m", "minimum" = 0.001, "maximum" = 100_000))]
+    pub rated_torque_nm: f64,
+    /// Peak torque, at least the continuous one.
+    #[schemars(extend("unit" = "N·m", "minimum" = 0.001, "maximum" = 1_000_000))]
+    pub peak_torque_nm: f64,
+    /// Inertia of rotor, coupling and screw.
+    #[schemars(extend("unit" = "kg·m²", "minimum" = 1e-7, "maximum" = 100))]
+    pub inertia_kg_m2: f64,
+    /// Bandwidth of the current loop.
+    #[schemars(extend("unit" = "Hz", "minimum" = 10, "maximum" = 100_000))]
+    pub current_loop_hz: f64,
+    /// Amplitude of the cogging torque, at most the continuous torque.
+    #[schemars(extend("unit" = "N·m", "minimum" = 0, "maximum" = 100_000))]
+    pub cogging_torque_nm: f64,
+    /// Cogging periods in one turn.
+    #[schemars(extend("unit" = "per turn", "minimum" = 1, "maximum" = 1000))]
+    pub cogging_per_turn: u32,
+    /// Encoder counts in one turn.
+    #[schemars(extend("unit" = "counts", "minimum" = 16, "maximum" = u32::MAX))]
+    pub encoder_counts_per_turn: u32,
+    /// Rise of the winding over the ambient at continuous torque.
+    #[schemars(extend("unit" = "K", "minimum" = 1, "maximum" = 300))]
+    pub winding_rise_at_rated_k: f64,
+    /// Thermal time constant of the winding.
+    #[schemars(extend("unit" = "min", "minimum" = 0.1, "maximum" = 1000))]
+    pub winding_time_constant_min: f64,
+    /// Friction of bearings, nut and seals, in torques at the motor: generalised Maxwell slip with four elements
+    /// ([equations](../methods/physics.md#2-friction-generalized-maxwell-slip-gms)).
+    pub friction: MotorFriction,
+}
+
+/// Friction at the motor, in torques.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MotorFriction {
+    /// Friction in steady sliding, without the viscous part; at most the peak torque.
+    #[schemars(extend("unit" = "N·m", "minimum" = 1e-6, "maximum" = 1_000_000))]
+    pub coulomb_torque_nm: f64,
+    /// Break-away friction, at least the Coulomb friction and at most the peak torque.
+    #[schemars(extend("unit" = "N·m", "minimum" = 1e-6, "maximum" = 1_000_000))]
+    pub static_torque_nm: f64,
+    /// Viscous friction.
+    #[schemars(extend("unit" = "N·m·s/rad", "minimum" = 0, "maximum" = 10))]
+    pub viscous_nm_s_per_rad: f64,
+    /// Velocity vs of the Stribeck curve, of travel.
+    #[schemars(extend("unit" = "mm/s", "minimum" = 0.001, "maximum" = 1000))]
+    pub stribeck_velocity_mm_s: f64,
+    /// Share of each element; the sum is 1.
+    #[schemars(inner(range(min = 0, max = 1)))]
+    pub element_share: [f64; ELEMENTS],
+    /// Distance of travel at which each element breaks.
+    #[schemars(inner(range(min = 0.001, max = 10_000)), extend("unit" = "µm"))]
+    pub break_distance_um: [f64; ELEMENTS],
+    /// Damping while an element sticks σ1, of travel.
+    #[schemars(extend("unit" = "N·s/m", "minimum" = 0, "maximum" = 10_000_000))]
+    pub presliding_damping_n_s_per_m: f64,
+    /// Time constant of attraction to the Stribeck curve.
+    #[schemars(extend("unit" = "ms", "minimum" = 0.01, "maximum" = 100))]
+    pub attraction_ms: f64,
+}
+
+/// Ball screw.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantScrew {
+    /// Travel in one turn of the motor.
+    #[schemars(extend("unit" = "mm", "minimum" = 0.1, "maximum" = 1000))]
+    pub lead_mm: f64,
+    /// Axial stiffness between motor and table.
+    #[schemars(extend("unit" = "N/m", "minimum" = 10_000, "maximum" = 10_000_000_000_u64))]
+    pub stiffness_n_per_m: f64,
+    /// Damping ratio of motor against table (reduced mass).
+    #[schemars(extend("minimum" = 0, "maximum" = 1))]
+    pub damping_ratio: f64,
+    /// Backlash gap.
+    #[schemars(extend("unit" = "µm", "minimum" = 0, "maximum" = 1000))]
+    pub gap_um: f64,
+}
+
+/// Table.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantTable {
+    /// Mass, with the workpiece.
+    #[schemars(extend("unit" = "kg", "minimum" = 0.1, "maximum" = 100_000))]
+    pub mass_kg: f64,
+    /// Friction of the guideways, in forces: generalised Maxwell slip with four elements
+    /// ([equations](../methods/physics.md#2-friction-generalized-maxwell-slip-gms)).
+    pub friction: TableFriction,
+}
+
+/// Friction of the guideways, in forces.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TableFriction {
+    /// Friction in steady sliding, without the viscous part.
+    #[schemars(extend("unit" = "N", "minimum" = 0.001, "maximum" = 100_000))]
+    pub coulomb_n: f64,
+    /// Break-away friction, at least the Coulomb friction.
+    #[schemars(extend("unit" = "N", "minimum" = 0.001, "maximum" = 100_000))]
+    pub static_n: f64,
+    /// Viscous friction.
+    #[schemars(extend("unit" = "N·s/m", "minimum" = 0, "maximum" = 1_000_000))]
+    pub viscous_n_s_per_m: f64,
+    /// Velocity vs of the Stribeck curve.
+    #[schemars(extend("unit" = "mm/s", "minimum" = 0.001, "maximum" = 1000))]
+    pub stribeck_velocity_mm_s: f64,
+    /// Share of each element; the sum is 1.
+    #[schemars(inner(range(min = 0, max = 1)))]
+    pub element_share: [f64; ELEMENTS],
+    /// Distance at which each element breaks.
+    #[schemars(inner(range(min = 0.001, max = 10_000)), extend("unit" = "µm"))]
+    pub break_distance_um: [f64; ELEMENTS],
+    /// Damping while an element sticks σ1.
+    #[schemars(extend("unit" = "N·s/m", "minimum" = 0, "maximum" = 10_000_000))]
+    pub presliding_damping_n_s_per_m: f64,
+    /// Time constant of attraction to the Stribeck curve.
+    #[schemars(extend("unit" = "ms", "minimum" = 0.01, "maximum" = 100))]
+    pub attraction_ms: f64,
+}
+
+/// Linear scale.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantScale {
+    /// Measuring step.
+    #[schemars(extend("unit" = "nm", "minimum" = 0.01, "maximum" = 1_000_000))]
+    pub resolution_nm: f64,
+}

@@ -1,0 +1,46 @@
+//! Reads a plant file.
+
+use std::path::Path;
+
+use machine::settings_file::{self, Schema, SettingsFileError, read_text};
+
+use crate::plant_file::keys::PlantFile;
+use crate::plant_file::rules;
+
+impl PlantFile {
+    /// Reads and checks a plant file; `path` is the file or its folder.
+    ///
+    /// # Errors
+    /// Unreadable, too large, not UTF-8, not TOML, unknown or missing key, or a value against its rule: each with file,
+    /// line, value, unit and what would be right.
+    pub fn load(path: &Path) -> Result<PlantFile, SettingsFileError> {
+        let file = if path.is_dir() {
+            path.join("plant.toml")
+        } else {
+            path.to_path_buf()
+        };
+        Self::parse(&file.display().to_string(), &read_text(&file)?)
+    }
+
+    /// Checks the text of a plant file; `name` stands in the messages.
+    ///
+    /// # Errors
+    /// As [`PlantFile::load`].
+    pub fn parse(name: &str, text: &str) -> Result<PlantFile, SettingsFileError> {
+        let mut plant: PlantFile = settings_file::load(name, text, &[], rules::judge)?;
+        for axis in &mut plant.axes {
+            axis.ambient_c = plant.ambient_c;
+        }
+        Ok(plant)
+    }
+}
+
+/// What a plant file may hold.
+pub fn schema() -> Schema {
+    Schema::of::<PlantFile>()
+}
+
+/// The page of the plant file in the reference.
+pub fn reference() -> String {
+    settings_file::reference(include_str!("plant-file.md"), &schema())
+}

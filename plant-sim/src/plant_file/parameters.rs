@@ -1,0 +1,82 @@
+//! What the simulation takes from the plant file, in its own units.
+
+use crate::friction::FrictionParameters;
+use crate::mechanics::MechanicsParameters;
+use crate::plant_file::keys::{PlantAxis, PlantFile};
+use crate::winding::WindingParameters;
+
+impl PlantFile {
+    /// The axis of this name.
+    pub fn axis(&self, name: &str) -> Option<&PlantAxis> {
+        self.axes.iter().find(|axis| axis.name == name)
+    }
+
+    /// The microstep in whole nanoseconds.
+    pub fn microstep_ns(&self) -> u64 {
+        libm::round(self.microstep_us * 1e3) as u64
+    }
+}
+
+impl PlantAxis {
+    /// p = lead/2π, in m: force = torque/p, mass = inertia/p².
+    pub fn radius_m(&self) -> f64 {
+        self.screw.lead_mm * 1e-3 / (2.0 * std::f64::consts::PI)
+    }
+
+    /// Inertia of motor and screw as a mass, in kg.
+    pub fn motor_mass_kg(&self) -> f64 {
+        let radius_m = self.radius_m();
+        self.motor.inertia_kg_m2 / (radius_m * radius_m)
+    }
+
+    /// The mechanics in SI units of linear travel.
+    pub fn mechanics(&self) -> MechanicsParameters {
+        let radius_m = self.radius_m();
+        let (m1, m2) = (self.motor_mass_kg(), self.table.mass_kg);
+        let reduced_mass_kg = m1 * m2 / (m1 + m2);
+        let motor = &self.motor.friction;
+        let table = &self.table.friction;
+        MechanicsParameters {
+            motor_mass_kg: m1,
+            table_mass_kg: m2,
+            stiffness_n_per_m: self.screw.stiffness_n_per_m,
+            damping_n_s_per_m: 2.0
+                * self.screw.damping_ratio
+                * (self.screw.stiffness_n_per_m * reduced_mass_kg).sqrt(),
+            gap_m: self.screw.gap_um * 1e-6,
+            cogging_n: self.motor.cogging_torque_nm / radius_m,
+            cogging_per_m: f64::from(self.motor.cogging_per_turn) / (self.screw.lead_mm * 1e-3),
+            current_loop_s: 1.0 / (2.0 * std::f64::consts::PI * self.motor.current_loop_hz),
+            motor_friction: FrictionParameters {
+                coulomb_n: motor.coulomb_torque_nm / radius_m,
+                static_n: motor.static_torque_nm / radius_m,
+                viscous_n_s_per_m: motor.viscous_nm_s_per_rad / (radius_m * radius_m),
+                stribeck_velocity_m_s: motor.stribeck_velocity_mm_s * 1e-3,
+                share: motor.element_share,
+                break_distance_m: motor.break_distance_um.map(|um| um * 1e-6),
+                presliding_damping_n_s_per_m: motor.presliding_damping_n_s_per_m,
+                attraction_s: motor.attraction_ms * 1e-3,
+            },
+            table_friction: FrictionParameters {
+                coulomb_n: table.coulomb_n,
+                static_n: table.static_n,
+                viscous_n_s_per_m: table.viscous_n_s_per_m,
+                stribeck_velocity_m_s: table.stribeck_velocity_mm_s * 1e-3,
+                share: table.element_share,
+                break_distance_m: table.break_distance_um.map(|um| um * 1e-6),
+                presliding_damping_n_s_per_m: table.presliding_damping_n_s_per_m,
+                attraction_s: table.attraction_ms * 1e-3,
+            },
+        }
+    }
+
+    /// The winding.
+    pub fn winding(&self) -> WindingParameters {
+        WindingParameters {
+            rated_torque_nm: self.motor.rated_torque_nm,
+            rise_at_rated_k: self.motor.winding_rise_at_rated_k,
+            time_constant_s: self.motor.winding_time_constant_min * 60.0,
+            ambient_c: self.ambient_c,
+        }
+    }
+}

@@ -1,0 +1,141 @@
+use std::path::Path;
+
+use crate::plant_file::PlantFile;
+
+const XY: &str = include_str!("../../../machines/xy/plant.toml");
+
+/// The message for the reference file with one text replaced.
+fn message(old: &str, new: &str) -> String {
+    assert!(XY.contains(old), "{old:?} is not in the reference file");
+    let text = XY.replacen(old, new, 1);
+    PlantFile::parse("plant.toml", &text)
+        .unwrap_err()
+        .to_string()
+}
+
+#[test]
+fn every_plant_file_that_comes_with_the_product_loads() {
+    let machines = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines");
+    for (folder, axes) in [
+        ("xy", "XY"),
+        ("xy-fast", "XY"),
+        ("xy-torque", "XY"),
+        ("xyz-mill", "XYZ"),
+    ] {
+        let plant = PlantFile::load(&machines.join(folder)).unwrap();
+        let names: String = plant.axes.iter().map(|a| a.name.as_str()).collect();
+        assert_eq!(names, axes, "{folder}");
+    }
+}
+
+#[test]
+fn the_reference_axes_have_the_masses_and_forces_they_are_documented_with() {
+    let plant = PlantFile::parse("plant.toml", XY).unwrap();
+    let x = plant.axis("X").unwrap();
+    assert!(
+        (x.motor_mass_kg() - 758.0).abs() < 0.5,
+        "{}",
+        x.motor_mass_kg()
+    );
+    let m = x.mechanics();
+    let friction_n = m.motor_friction.coulomb_n + m.table_friction.coulomb_n;
+    assert!((friction_n - 451.0).abs() < 1.0, "{friction_n} N");
+    assert_eq!(plant.microstep_ns(), 25_000);
+}
+
+#[test]
+fn a_broken_value_is_named_with_file_line_axis_key_value_unit_and_rule() {
+    let text = message("mass_kg = 150.0", "mass_kg = -150.0");
+    let line = XY
+        .lines()
+        .position(|l| l.starts_with("mass_kg = 150"))
+        .unwrap()
+        + 1;
+    assert_eq!(
+        text,
+        format!(
+            "plant.toml:{line}: axis Y table.mass_kg = -150 kg: must be at least 0.1 and at most 100000 kg"
+        )
+    );
+}
+
+#[test]
+fn shares_that_do_not_sum_to_one_are_refused() {
+    let text = message("[0.35, 0.30, 0.20, 0.15]", "[0.35, 0.30, 0.20, 0.20]");
+    assert!(
+        text.contains(
+            "axis X motor.friction.element_share = [0.35, 0.3, 0.2, 0.2]: the sum must be 1"
+        ),
+        "{text}"
+    );
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_refused() {
+    for bad in ["nan", "inf", "-inf"] {
+        let text = message("gap_um = 5.0", &format!("gap_um = {bad}"));
+        assert!(text.contains("axis X screw.gap_um"), "{text}");
+    }
+}
+
+#[test]
+fn missing_and_misspelt_keys_are_refused_with_line_and_axis() {
+    let text = message("mass_kg = 150.0", "");
+    assert!(
+        text.starts_with("plant.toml:") && text.contains("axis Y") && text.contains("mass_kg"),
+        "{text}"
+    );
+    let text = message("gap_um = 5.0", "gap_mu = 5.0");
+    assert!(text.contains("axis X") && text.contains("gap_mu"), "{text}");
+}
+
+#[test]
+fn an_axis_named_twice_is_refused() {
+    let text = message("name = \"Y\"", "name = \"X\"");
+    assert!(text.contains("axis X name"), "{text}");
+}
+
+#[test]
+fn static_friction_below_coulomb_friction_is_refused() {
+    let text = message("static_n = 260.0", "static_n = 160.0");
+    assert!(
+        text.contains("axis X table.friction.static_n = 160 N: must be at least coulomb_n = 200 N"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_microstep_that_cannot_resolve_the_stiffness_is_refused() {
+    let text = message("microstep_us = 25.0", "microstep_us = 250.0");
+    assert!(text.contains("microstep_us = 250 µs"), "{text}");
+    assert!(text.contains("axis X"), "{text}");
+    let text = message("stiffness_n_per_m = 1.2e8", "stiffness_n_per_m = 9e9");
+    assert!(
+        text.contains("axis X") && text.contains("microstep_us"),
+        "{text}"
+    );
+}
+
+#[test]
+fn files_that_are_no_text_or_too_long_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("plant.toml");
+    std::fs::write(&file, [b'a', 0xff, 0xfe]).unwrap();
+    assert!(
+        PlantFile::load(&file)
+            .unwrap_err()
+            .to_string()
+            .contains("not UTF-8")
+    );
+    std::fs::write(&file, vec![b'#'; (1 << 20) + 1]).unwrap();
+    assert!(
+        PlantFile::load(&file)
+            .unwrap_err()
+            .to_string()
+            .contains("longer than 1048576 bytes")
+    );
+    std::fs::write(&file, "").unwrap();
+    assert!(PlantFile::load(folder.path()).is_err());
+    std::fs::remove_file(&file).unwrap();
+    assert!(PlantFile::load(folder.path()).is_err());
+}
