@@ -7,6 +7,10 @@ use serde_json::Value;
 use crate::support::{Bench, circle_program, number, quadrant, run};
 
 #[test]
+#[expect(
+    clippy::too_many_lines,
+    reason = "one pair of runs for all that is compared"
+)]
 fn a_better_compensation_shows_in_the_report_of_one_run_against_the_other() {
     let (model, pulse) = (Bench::of("xy", &[]), Bench::without_model("xy", &[]));
     let text = circle_program(25.0, 3_000.0, (0.0, 0.0), 45.0);

@@ -4,9 +4,9 @@
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
-use std::time::Duration;
-
+use std::path::Path;
 use std::rc::Rc;
+use std::time::Duration;
 
 use bus::cell::CellPaths;
 use bus::member::{Member, Pace, Slot};
@@ -175,9 +175,25 @@ impl MasterPorts for Counted {
     }
 }
 
+/// A member of the cell, as a process of its own would be.
+fn enter(paths: &CellPaths, folder: &Path, machine: &Machine, index: usize, who: &str) -> Member {
+    let slot = Slot {
+        cell: paths.name().into(),
+        machine: folder.to_owned(),
+        index,
+        incarnation: 1,
+        launcher: std::process::id(),
+        pace: Pace::Lockstep,
+        core: None,
+        avoid_core: None,
+        after_scan: None,
+    };
+    Member::enter(slot, who, &machine.shape()).expect("a member")
+}
+
 #[test]
 fn a_scan_allocates_nothing_but_what_iceoryx2_allocates_per_send() {
-    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let folder = root.join("machines/xy");
     let machine = Machine::load(&folder).expect("the machine");
     let plant = PlantFile::load(&folder).expect("the plant");
@@ -187,22 +203,9 @@ fn a_scan_allocates_nothing_but_what_iceoryx2_allocates_per_send() {
     let owned = paths.own(Duration::ZERO).expect("the cell");
     let shape = machine.shape();
     let launcher = Bus::enter(&paths, &shape, "launcher", true).expect("shared memory");
-    let _services = launcher.create_all().expect("services");
+    let services = launcher.create_all().expect("services");
     let page = SignalPage::create(&paths).expect("the signal page");
-    let enter = |index: usize, who: &str| {
-        let slot = Slot {
-            cell: paths.name().into(),
-            machine: folder.clone(),
-            index,
-            incarnation: 1,
-            launcher: std::process::id(),
-            pace: Pace::Lockstep,
-            core: None,
-            avoid_core: None,
-            after_scan: None,
-        };
-        Member::enter(slot, who, &shape).expect("a member")
-    };
+    let enter = |index, who| enter(&paths, &folder, &machine, index, who);
 
     let axes = machine.axes.len();
     let drives = SimulatedDrives::new(plant.simulations(&machine).expect("axes"));
@@ -245,5 +248,8 @@ fn a_scan_allocates_nothing_but_what_iceoryx2_allocates_per_send() {
         "the circle was under way: {:?}",
         feedback.tag
     );
+    // The cell's folder goes only once nobody is in it.
+    drop((ports, roster_out, page, services));
+    drop(launcher);
     drop(owned);
 }

@@ -274,6 +274,7 @@ fn a_process_killed_in_a_running_cell_leaves_a_box_that_the_end_of_the_run_may_c
 }
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "one running cell for all questions")]
 fn who_waits_in_vain_hears_what_was_seen_and_who_asks_wrongly_what_there_is() {
     let bench = Bench::of("xy", &[]);
     let program = bench.file("long.ngc", &long_program());

@@ -191,6 +191,15 @@ pub(crate) struct Course {
     zone_ends: Vec<(f64, u32)>,
 }
 
+/// The element after this one, if motion can go on to it without a stop.
+fn next_without_stop(path: &Path, index: usize) -> Option<&Element> {
+    let rest = path.elements.iter().skip(index + 1);
+    let next = |after: &&Element| after.is_dwell() || after.length_mm > 0.0;
+    rest.into_iter()
+        .find(next)
+        .filter(|after| !after.is_dwell())
+}
+
 impl Course {
     /// With `single_rapids` a rapid that its neighbours force to rest at both ends stops there altogether.
     pub fn new(
@@ -199,26 +208,7 @@ impl Course {
         override_max: f64,
         single_rapids: bool,
     ) -> Result<Self, MapError> {
-        let mut course = Self {
-            limits: PlanLimits {
-                velocity_mm_s: limits.plan_velocity_mm_s(),
-                acceleration_mm_s2: limits.plan_acceleration_mm_s2(),
-            },
-            axis_count: limits.axes().len(),
-            scan_period_s: limits.scan_period_s(),
-            stretches: Vec::new(),
-            junctions: Vec::new(),
-            zone_starts: Vec::new(),
-            zone_ends: Vec::new(),
-        };
-        // The next element, if motion can go on to it without a stop.
-        let after = |index: usize| {
-            let rest = path.elements.iter().skip(index + 1);
-            let next = |after: &&Element| after.is_dwell() || after.length_mm > 0.0;
-            rest.into_iter()
-                .find(next)
-                .filter(|after| !after.is_dwell())
-        };
+        let mut course = Self::empty(limits);
         let kinematics = &limits.rows().kinematics;
         let mut start_mm = 0.0;
         // The element before, if motion can go on from it without a stop.
@@ -245,7 +235,7 @@ impl Course {
                 && course.stands_alone(
                     before,
                     (element, &sharing, speed_mm_s),
-                    after(index),
+                    next_without_stop(path, index),
                     override_max,
                 );
             let stops = from_rest_to_rest
@@ -276,6 +266,21 @@ impl Course {
             before = Some(element);
         }
         Ok(course)
+    }
+
+    fn empty(limits: &MotionLimits) -> Self {
+        Self {
+            limits: PlanLimits {
+                velocity_mm_s: limits.plan_velocity_mm_s(),
+                acceleration_mm_s2: limits.plan_acceleration_mm_s2(),
+            },
+            axis_count: limits.axes().len(),
+            scan_period_s: limits.scan_period_s(),
+            stretches: Vec::new(),
+            junctions: Vec::new(),
+            zone_starts: Vec::new(),
+            zone_ends: Vec::new(),
+        }
     }
 
     /// Whether a straight rapid has to stop, or nearly so, at both of its ends: in a kink, or for a feed that is far slower.

@@ -76,6 +76,20 @@ const ARRIVAL_S: f64 = 1e-9;
 /// Halvings of a scan until a meeting of two motions is known to the last bits.
 const MEETING_STEPS: u32 = 48;
 
+/// When the motion has met the profile, in s: halved between now and `latest_s`, when it surely has.
+fn meeting_time_s(latest_s: f64, has_met: impl Fn(f64) -> bool) -> f64 {
+    let (mut before_s, mut time_s) = (0.0, latest_s);
+    for _ in 0..MEETING_STEPS {
+        let middle_s = 0.5 * (before_s + time_s);
+        if has_met(middle_s) {
+            time_s = middle_s;
+        } else {
+            before_s = middle_s;
+        }
+    }
+    time_s
+}
+
 /// One phase of constant acceleration, at most to the end of its segment.
 struct Phase {
     end_speed_mm_s: f64,
@@ -326,18 +340,11 @@ impl<'a> Traveller<'a> {
                 (speed_mm_s - nominal_mm_s) * toward_mm_s2 >= 0.0
             };
             let met = has_met(*left_s);
-            let mut time_s = *left_s;
-            if met {
-                let mut before_s = 0.0;
-                for _ in 0..MEETING_STEPS {
-                    let middle_s = 0.5 * (before_s + time_s);
-                    if has_met(middle_s) {
-                        time_s = middle_s;
-                    } else {
-                        before_s = middle_s;
-                    }
-                }
-            }
+            let time_s = if met {
+                meeting_time_s(*left_s, has_met)
+            } else {
+                *left_s
+            };
             let (place_mm, end_mm_s) = after(time_s);
             self.state.distance_mm = place_mm.max(at_mm).min(inside_mm);
             self.state.speed_mm_s = end_mm_s.max(0.0);

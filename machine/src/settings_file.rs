@@ -24,7 +24,7 @@
 //!
 //! The doc comment is the meaning, `unit` the unit, `minimum` or `exclusiveMinimum` and `maximum` the range, `default` the value where
 //! the file has none; a key without a default must be there, and so must a table that holds one, unless it is an `Option`. These words
-//! are those of JSON Schema, but for `unit`. From the [`Schema`] come the [check](load), the defaults, the text of an error, the page in
+//! are those of JSON Schema, but for `unit`. From the [`Schema`] come the [check](load()), the defaults, the text of an error, the page in
 //! the reference and the JSON Schema for editors. Rules that relate several keys are code: [`Rules`].
 
 mod check;

@@ -734,6 +734,7 @@ fn staying(state: Stays) -> Bench {
 
 /// The same table for a cell that stays up: every order in every state.
 #[test]
+#[expect(clippy::too_many_lines, reason = "a table of orders and states")]
 fn in_a_cell_that_stays_every_order_is_judged_by_the_state_it_comes_in() {
     use Refused::{
         Begun, DrivesOff, Ending, Finished, Jogging, Loading, NoProgram, Not, NotAtRest, NotBegun,

@@ -69,58 +69,71 @@ impl ArcBlock {
             ));
         }
         let centre = self.placed(centre);
-        let sweep = |from: &AxisVector, to: &AxisVector, centre: &AxisVector, turns: u32| {
-            sweep_between_rad(
-                from,
-                to,
-                centre,
-                self.plane,
-                self.clockwise,
-                turns,
-                FULL_CIRCLE_CHORD_MM,
-            )
-        };
-        let sweep_rad = sweep(&self.from, &self.to, &centre, self.turns);
         let chord_mm = libm::hypot(end[0] - start[0], end[1] - start[1]);
         if difference_mm <= ROUNDING_MM || chord_mm <= FULL_CIRCLE_CHORD_MM {
+            let sweep_rad = self.sweep_rad(&self.from, &self.to, &centre, self.turns);
             return Ok(vec![Element::arc_shape(
                 self.from, self.to, centre, self.plane, sweep_rad,
             )]);
         }
+        let mean_mm = (start_radius_mm + end_radius_mm) / 2.0;
+        Ok(self.pieces(&centre, mean_mm))
+    }
+
+    fn sweep_rad(
+        &self,
+        from: &AxisVector,
+        to: &AxisVector,
+        centre: &AxisVector,
+        turns: u32,
+    ) -> f64 {
+        sweep_between_rad(
+            from,
+            to,
+            centre,
+            self.plane,
+            self.clockwise,
+            turns,
+            FULL_CIRCLE_CHORD_MM,
+        )
+    }
+
+    /// The pieces of an arc whose ends are not equally far from its centre: one, or two beyond half a turn.
+    fn pieces(&self, centre: &AxisVector, mean_mm: f64) -> Vec<Shape> {
+        let sweep_rad = self.sweep_rad(&self.from, &self.to, centre, self.turns);
         let piece = |from: AxisVector, to: AxisVector, turns: u32| {
-            let centre = self.onto_bisector(&centre, &from, &to);
+            let centre = self.onto_bisector(centre, &from, &to);
             Element::arc_shape(
                 from,
                 to,
                 centre,
                 self.plane,
-                sweep(&from, &to, &centre, turns),
+                self.sweep_rad(&from, &to, &centre, turns),
             )
         };
         if sweep_rad.abs() <= std::f64::consts::PI {
-            return Ok(vec![piece(self.from, self.to, 1)]);
+            return vec![piece(self.from, self.to, 1)];
         }
         // Half-way round, on the mean radius. All whole turns stay in the first piece.
-        let first_turn_rad = sweep(&self.from, &self.to, &centre, 1);
-        let spoke = self.from - centre;
+        let first_turn_rad = self.sweep_rad(&self.from, &self.to, centre, 1);
+        let spoke = self.from - *centre;
         let (first_mm, second_mm) = (
             spoke.dot(&axis_unit(self.plane[0])),
             spoke.dot(&axis_unit(self.plane[1])),
         );
         let angle_rad = libm::atan2(second_mm, first_mm) + first_turn_rad / 2.0;
-        let mean_mm = (start_radius_mm + end_radius_mm) / 2.0;
         let share = (sweep_rad - first_turn_rad / 2.0) / sweep_rad;
         let middle = self.replaced(
             self.from + (self.to - self.from) * share,
             [
-                self.along(&centre, 0) + mean_mm * libm::cos(angle_rad),
-                self.along(&centre, 1) + mean_mm * libm::sin(angle_rad),
+                self.along(centre, 0) + mean_mm * libm::cos(angle_rad),
+                self.along(centre, 1) + mean_mm * libm::sin(angle_rad),
             ],
         );
-        Ok(vec![
+        vec![
             piece(self.from, middle, self.turns),
             piece(middle, self.to, 1),
-        ])
+        ]
     }
 
     /// The centre that an R word means (NIST §3.5.3.1): the shorter way round, the longer for a negative R.

@@ -95,25 +95,26 @@ pub fn read_line(text: &str) -> Result<Line, Unreadable> {
                 offset = word.end;
                 line.words.push(word);
             }
-            _ => {
-                let found = shown(text, offset);
-                let right = match byte {
-                    b'#' | b'[' | b']' | b'=' => {
-                        "parameters and expressions are not supported; write plain numbers"
-                    }
-                    b'<' | b'>' => "names and subroutines are not supported; write the moves out",
-                    b')' => "no comment is open here",
-                    b'0'..=b'9' | b'.' | b'+' | b'-' => {
-                        "a number must follow its letter, without spaces inside it"
-                    }
-                    b'/' => "block delete (/) stands before the first word",
-                    _ => "a block is made of letters with numbers, such as G1 X12.5 F600",
-                };
-                return unreadable(offset, found, right);
-            }
+            _ => return unreadable(offset, shown(text, offset), instead_of(byte)),
         }
     }
     Ok(line)
+}
+
+/// What would be right where no word can begin.
+fn instead_of(byte: u8) -> &'static str {
+    match byte {
+        b'#' | b'[' | b']' | b'=' => {
+            "parameters and expressions are not supported; write plain numbers"
+        }
+        b'<' | b'>' => "names and subroutines are not supported; write the moves out",
+        b')' => "no comment is open here",
+        b'0'..=b'9' | b'.' | b'+' | b'-' => {
+            "a number must follow its letter, without spaces inside it"
+        }
+        b'/' => "block delete (/) belongs before the first word",
+        _ => "a block is made of letters with numbers, such as G1 X12.5 F600",
+    }
 }
 
 /// Offset behind the comment that opens at `offset`.

@@ -101,6 +101,31 @@ impl Words {
         }
     }
 
+    /// Puts a G or M word into its modal group.
+    fn sort_code(&mut self, word: Word) -> Result<(), Refusal> {
+        let Word { letter, value, .. } = word;
+        let refuse = |found: String, right: &str| Err(Refusal::new(word.offset, found, right));
+        let group = code_number(value).and_then(|number| Some((group_of(letter, number)?, number)));
+        let Some((group, number)) = group else {
+            let right = if letter == 'G' {
+                SUPPORTED_G
+            } else {
+                SUPPORTED_M
+            };
+            return refuse(format!("{letter}{value}"), right);
+        };
+        if let Some((other, _)) = self.code(group) {
+            let found = format!(
+                "{letter}{} and {letter}{value} in one block",
+                shown_code(other)
+            );
+            let right = "these exclude each other: one of them, once, in a block";
+            return refuse(found, right);
+        }
+        self.codes.push((group, number, word));
+        Ok(())
+    }
+
     fn sort_word(&mut self, index: usize, word: Word, setup: &Setup) -> Result<(), Refusal> {
         let Word {
             letter,
@@ -110,43 +135,8 @@ impl Words {
         } = word;
         let refuse = |found: String, right: &str| Err(Refusal::new(offset, found, right));
         match letter {
-            'G' | 'M' => {
-                let group =
-                    code_number(value).and_then(|number| Some((group_of(letter, number)?, number)));
-                let Some((group, number)) = group else {
-                    let right = if letter == 'G' {
-                        SUPPORTED_G
-                    } else {
-                        SUPPORTED_M
-                    };
-                    return refuse(format!("{letter}{value}"), right);
-                };
-                if let Some((other, _)) = self.code(group) {
-                    let both = (
-                        format!("{letter}{}", shown_code(other)),
-                        format!("{letter}{value}"),
-                    );
-                    let right = "these exclude each other: one of them, once, in a block";
-                    return refuse(format!("{} and {} in one block", both.0, both.1), right);
-                }
-                self.codes.push((group, number, word));
-                return Ok(());
-            }
-            'N' => {
-                if index != 0 {
-                    return refuse(
-                        "N after other words".into(),
-                        "a line number stands first in its block",
-                    );
-                }
-                if value < 0.0 || value.fract() != 0.0 {
-                    return refuse(
-                        format!("N{value}"),
-                        "a line number is a whole number from 0",
-                    );
-                }
-                return Ok(());
-            }
+            'G' | 'M' => return self.sort_code(word),
+            'N' => return check_line_number(index, word),
             'F' if value < 0.0 => return refuse(format!("F{value}"), "a feed is 0 (none) or more"),
             'S' if value < 0.0 => {
                 return refuse(format!("S{value}"), "a spindle speed is 0 or more");
@@ -185,6 +175,20 @@ impl Words {
         self.values.push(word);
         Ok(())
     }
+}
+
+/// N may be there, in its place; nothing uses it.
+fn check_line_number(index: usize, word: Word) -> Result<(), Refusal> {
+    let value = word.value;
+    if index != 0 {
+        let right = "a line number is the first word of its block";
+        return Err(Refusal::new(word.offset, "N after other words", right));
+    }
+    if value < 0.0 || value.fract() != 0.0 {
+        let right = "a line number is a whole number from 0";
+        return Err(Refusal::new(word.offset, format!("N{value}"), right));
+    }
+    Ok(())
 }
 
 /// Ten times a code's number, if it has no more than one decimal.

@@ -200,6 +200,7 @@ fn a_block_without_a_place_leaves_the_cycle_in_force() {
 }
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "a table of mistakes")]
 fn each_mistake_in_a_cycle_is_told_with_its_place_and_what_would_be_right() {
     for (text, expected) in [
         (

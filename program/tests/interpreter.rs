@@ -299,6 +299,7 @@ fn the_hash_changes_with_text_machine_offset_and_start() {
 }
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "a table of mistakes")]
 fn each_mistake_is_told_with_its_place_and_what_would_be_right() {
     for (text, expected) in [
         (

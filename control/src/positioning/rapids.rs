@@ -78,23 +78,13 @@ pub(crate) fn assign(
         let shares = axis_shares(element);
         let whole = segment.from_mm == 0.0 && segment.to_mm == element.length_mm;
         let profile = if segment.from_rest_to_rest && whole {
-            let axes = shares.iter().zip(&positioning.loads).zip(&rest_s);
-            let loaded = axes.filter_map(|((share, load), rest)| {
-                load.filter(|_| *share > 0.0)
-                    .map(|load| (*share, *rest, load))
-            });
-            let time_s = travel_time_s(
-                element.length_mm,
-                segment.speed_mm_s,
-                segment.acceleration_mm_s2,
+            profile_of(
+                element,
+                segment,
+                positioning,
+                &shares,
+                &rest_s,
                 scan_period_s,
-                loaded,
-            );
-            Profile::new(
-                element.length_mm,
-                time_s,
-                segment.speed_mm_s,
-                segment.acceleration_mm_s2,
             )
         } else {
             None
@@ -125,6 +115,41 @@ pub(crate) fn assign(
         }
     }
     moves.reverse();
+    refer_to(&moves, segments);
+    moves
+}
+
+/// The profile of a rapid from rest to rest: as fast as limits and motors allow.
+fn profile_of(
+    element: &Element,
+    segment: &Segment,
+    positioning: &Positioning,
+    shares: &[f64; MAX_AXES],
+    rest_s: &[f64; MAX_AXES],
+    scan_period_s: f64,
+) -> Option<Profile> {
+    let axes = shares.iter().zip(&positioning.loads).zip(rest_s);
+    let loaded = axes.filter_map(|((share, load), rest)| {
+        load.filter(|_| *share > 0.0)
+            .map(|load| (*share, *rest, load))
+    });
+    let time_s = travel_time_s(
+        element.length_mm,
+        segment.speed_mm_s,
+        segment.acceleration_mm_s2,
+        scan_period_s,
+        loaded,
+    );
+    Profile::new(
+        element.length_mm,
+        time_s,
+        segment.speed_mm_s,
+        segment.acceleration_mm_s2,
+    )
+}
+
+/// Writes into each segment that is a move which one it is; `moves` in the order of the path.
+fn refer_to(moves: &[Move], segments: &mut [Segment]) {
     let mut next = 0;
     for segment in segments.iter_mut() {
         let of_segment = moves.get(next).filter(|of| of.element == segment.element);
@@ -133,7 +158,6 @@ pub(crate) fn assign(
             next += 1;
         }
     }
-    moves
 }
 
 /// A move with what it means to each axis that takes part.

@@ -428,6 +428,7 @@ mod tests {
     }
 
     #[test]
+    #[expect(clippy::too_many_lines, reason = "a table of findings")]
     fn each_thing_that_is_wrong_is_graded_and_says_why_and_what_to_change() {
         let refused = Refused {
             priority: Some("Operation not permitted".into()),

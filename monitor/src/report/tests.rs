@@ -102,6 +102,7 @@ pub(super) fn run_directory_of(
 }
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "a list of the names")]
 fn a_report_has_the_names_of_the_interface_and_is_made_again_to_the_byte() {
     let dir = tempfile::tempdir().unwrap();
     run_directory(dir.path());

@@ -922,6 +922,7 @@ mod tests {
     }
 
     #[test]
+    #[expect(clippy::too_many_lines, reason = "a table of refusals")]
     fn what_is_no_fault_is_refused_with_line_and_what_would_be_right() {
         let kill = "process = \"planner\"\ndo = \"kill\"";
         let scan = "at = { scan = 1 }";

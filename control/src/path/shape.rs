@@ -1,0 +1,142 @@
+//! The curve of an element: its ends, its length, its bounds.
+
+use super::*;
+
+impl Shape {
+    /// Where it starts, to the bit.
+    pub fn start(&self) -> AxisVector {
+        match self {
+            Shape::Line { from, .. } | Shape::Arc { from, .. } => *from,
+            Shape::Dwell { at, .. } => *at,
+        }
+    }
+
+    /// Where it ends, to the bit.
+    pub fn end(&self) -> AxisVector {
+        match self {
+            Shape::Line { to, .. } | Shape::Arc { to, .. } => *to,
+            Shape::Dwell { at, .. } => *at,
+        }
+    }
+
+    /// Length along the curve if every axis is a slide, in mm; 0 for a dwell.
+    pub fn length_mm(&self) -> f64 {
+        self.length_with_rotary_mm(&ALL_LINEAR)
+    }
+
+    /// Length along the curve: of its slides, in mm, if any of them moves, else of its rotary axes, in degrees. Rotary
+    /// axes that travel together with slides follow in proportion. 0 for a dwell.
+    pub fn length_with_rotary_mm(&self, rotary: &RotaryAxes) -> f64 {
+        match self {
+            Shape::Line { from, to } => displacement_length_mm(&(to - from), rotary),
+            Shape::Arc {
+                radius_mm,
+                sweep_rad,
+                axial,
+                ..
+            } => {
+                let mut slides = *axial;
+                for (component, is_rotary) in slides.iter_mut().zip(rotary) {
+                    if *is_rotary {
+                        *component = 0.0;
+                    }
+                }
+                let around_mm = radius_mm * sweep_rad;
+                (around_mm * around_mm + slides.norm_squared()).sqrt()
+            }
+            Shape::Dwell { .. } => 0.0,
+        }
+    }
+
+    /// Whether every number in it is finite.
+    pub fn is_finite(&self) -> bool {
+        let all = |vector: &AxisVector| vector.iter().all(|component| component.is_finite());
+        match self {
+            Shape::Line { from, to } => all(from) && all(to),
+            Shape::Arc {
+                from,
+                to,
+                centre,
+                radius_mm,
+                u,
+                v,
+                start_angle_rad,
+                sweep_rad,
+                axial,
+            } => {
+                [from, to, centre, u, v, axial].into_iter().all(all)
+                    && radius_mm.is_finite()
+                    && start_angle_rad.is_finite()
+                    && sweep_rad.is_finite()
+            }
+            Shape::Dwell { at, seconds } => all(at) && seconds.is_finite(),
+        }
+    }
+
+    /// Lowest and highest position of each axis on it, extreme points of arcs included.
+    pub fn bounds(&self) -> (AxisVector, AxisVector) {
+        let (mut low, mut high) = (self.start(), self.start());
+        self.widen(&mut low, &mut high);
+        (low, high)
+    }
+
+    /// Widens `low` and `high` to hold every point of the curve; an arc's extreme points are found in closed form.
+    pub(super) fn widen(&self, low: &mut AxisVector, high: &mut AxisVector) {
+        let mut take = |axis: usize, value: f64| {
+            if let (Some(low), Some(high)) = (low.get_mut(axis), high.get_mut(axis)) {
+                *low = low.min(value);
+                *high = high.max(value);
+            }
+        };
+        for end in [self.start(), self.end()] {
+            end.iter()
+                .enumerate()
+                .for_each(|(axis, value)| take(axis, *value));
+        }
+        let Shape::Arc {
+            centre,
+            radius_mm,
+            u,
+            v,
+            start_angle_rad,
+            sweep_rad,
+            axial,
+            ..
+        } = self
+        else {
+            return;
+        };
+        let (from_rad, to_rad) = if *sweep_rad < 0.0 {
+            (start_angle_rad + sweep_rad, *start_angle_rad)
+        } else {
+            (*start_angle_rad, start_angle_rad + sweep_rad)
+        };
+        let components = centre.iter().zip(u.iter()).zip(v.iter()).zip(axial.iter());
+        for (axis, (((centre, u), v), axial)) in components.enumerate() {
+            // On this axis the arc is amplitude·cos(φ − phase) + axial·τ; its slope is zero where
+            // sin(φ − phase) = axial / (amplitude·sweep).
+            let amplitude_mm = radius_mm * libm::hypot(*u, *v);
+            let sine = axial / (amplitude_mm * sweep_rad);
+            if amplitude_mm == 0.0 || !(-1.0..=1.0).contains(&sine) {
+                continue;
+            }
+            let phase_rad = libm::atan2(*v, *u);
+            for relative_rad in [libm::asin(sine), PI - libm::asin(sine)] {
+                let angle_rad = phase_rad + relative_rad;
+                let first = libm::ceil((from_rad - angle_rad) / TAU);
+                let last = libm::floor((to_rad - angle_rad) / TAU);
+                if first > last {
+                    continue;
+                }
+                for turn in [first, last] {
+                    let share =
+                        ((angle_rad + turn * TAU - start_angle_rad) / sweep_rad).clamp(0.0, 1.0);
+                    take(
+                        axis,
+                        centre + amplitude_mm * libm::cos(relative_rad) + axial * share,
+                    );
+                }
+            }
+        }
+    }
+}
