@@ -4,6 +4,7 @@ use std::path::Path;
 use std::process::Output;
 
 use bus::sample::{AxisCommand, Driver, Feedback, Mode};
+use control::changeover::Phase;
 use monitor::log::{Reader, Sample};
 
 use crate::support::{Bench, LiveCell, Run, circle_program, long_program, number, quadrant, text};
@@ -152,10 +153,11 @@ fn while_the_second_controller_drives_the_first_ones_register_is_true_to_the_inc
             .filter(|c| c.scan > from && c.scan < to)
         {
             let feedback = &feedbacks[command.scan as usize].axes[axis];
-            if command.state.manual.phase == 3 {
+            let state = servo::ServoState::of(command);
+            if state.manual.changeover.phase() == Phase::Following {
                 followed += 1;
                 let deviation = command.position - feedback.motor_position;
-                assert_eq!(deviation, command.state.manual.steady_deviation);
+                assert_eq!(deviation, state.program.steady_deviation);
             }
         }
         assert!(followed > 200, "axis {axis}: {followed} scans");

@@ -20,6 +20,8 @@ pub const MAX_PARTICIPANTS: usize = 24;
 pub const MAX_SUBSAMPLES: usize = 8;
 /// The most rows one window can carry.
 pub const MAX_WINDOW_ROWS: usize = 1024;
+/// Words of eight bytes that a servo's state may take in a command: a servo asserts that its own fits.
+pub const SERVO_STATE_WORDS: usize = 96;
 
 /// Names one window for good: who made it, its number and what it says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
@@ -446,101 +448,9 @@ pub struct Instruments {
     pub motor_mm: [[f64; MAX_SUBSAMPLES]; MAX_AXES],
 }
 
-/// Everything a servo remembers from one scan to the next: carried in each command, so that another controller of the
-/// axis can go on from it to the bit.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/ControllerState/3")]
-#[repr(C)]
-pub struct ControllerState {
-    /// Position command of the scan before, in increments, without compensation.
-    pub command_position: i64,
-    /// Feedback position of the scan before, in increments.
-    pub feedback_position: i64,
-    /// Position command before that.
-    pub command_position_before: i64,
-    /// Scan this state was left in.
-    pub scan: u64,
-    /// Position command at the end of the distribution period before the present one, in increments.
-    pub period_start: i64,
-    /// The same one period earlier: their difference is the last period's movement command (R2 of the source).
-    pub period_start_before: i64,
-    /// Position backlash compensation in force, in mm.
-    pub backlash_mm: f64,
-    /// Integrator of the velocity loop in torque mode, in N·m.
-    pub integrator_nm: f64,
-    /// Velocity estimate of the torque-mode loop, in mm/s.
-    pub velocity_mm_s: f64,
-    /// Amplitude A = K·|R2 − R0| the armed trigger compares with, in mm/s.
-    pub trigger_speed_mm_s: f64,
-    /// Kick now being output, in mm/s, signed.
-    pub kick_mm_s: f64,
-    /// Trigger amplitude A the running kick was started with, in mm/s.
-    pub kick_trigger_mm_s: f64,
-    /// Distance since the running kick's reversal, seen one lead ahead, in mm.
-    pub kick_distance_mm: f64,
-    /// Filter of the disturbance observer, in N.
-    pub observer_n: f64,
-    /// Motor encoder of the scan before, in increments.
-    pub motor_position: i64,
-    /// Correction by the scale, in mm.
-    pub scale_correction_mm: f64,
-    /// Scans the running kick still lasts, at most.
-    pub kick_remaining_scans: u32,
-    /// 0 nothing; 1 a reversal is announced and its kick has not started (F1 of the source); 2 its kick has started
-    /// ahead of it; 3 the command has reversed and the kick has not started yet.
-    pub armed: u32,
-    /// Direction of the last motion command: −1, 0 or 1 (sign of Rz of the source); 0 until the first motion.
-    pub direction: i32,
-    /// Scans spent with the torque at its limit, in a row.
-    pub torque_limited_scans: u32,
-    /// Kicks started since the axis was enabled.
-    pub kicks: u32,
-    /// 1 once the state has been set from a first feedback.
-    pub initialised: u32,
-    /// [`Cause`] of the stop this axis asked for, held until the drives are off or tripped.
-    pub cause: u32,
-    /// Direction the last kick was started in: −1, 0 (none yet) or 1.
-    pub kick_direction: i32,
-    /// Torque fed forward in this scan and in the one before, in N·m.
-    pub torque_feed_forward_nm: [f64; 2],
-    /// State of the inverse dynamics, in the order of its own block.
-    pub inverse_dynamics: [f64; 32],
-    /// Follow-up and the second controller.
-    pub manual: ManualState,
-}
-
-/// What an axis remembers of follow-up and of its second, manual controller (docs/methods/two-controllers.md).
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/ManualState/1")]
-#[repr(C)]
-pub struct ManualState {
-    /// Position command of the manual controller, in increments of its own.
-    pub command_position: i64,
-    /// Where that command is to end.
-    pub goal: i64,
-    /// Change of that command in the last scan, in increments.
-    pub step: i64,
-    /// The program controller's steady deviation E0 while it does not drive, in increments.
-    pub steady_deviation: i64,
-    /// The manual controller's error just before the switch, in increments.
-    pub stored_error: i64,
-    /// Share of the speed command that takes over what was commanded before a switch and fades, in mm/s.
-    pub fade_mm_s: f64,
-    /// Speed offset that brought the motor back to where it stood before the switch, in mm/s.
-    pub return_mm_s: f64,
-    /// Who drove in the scan before: 0 nobody (loop open), 1 the program's controller, 2 the manual one.
-    pub drove: u32,
-    /// Phase of the changeover: 0 none, 1 settling, 2 returning to where the motor stood, 3 following up.
-    pub phase: u32,
-    /// Scans the motor has stood, in a row.
-    pub settled_scans: u32,
-    /// Scans spent in this phase.
-    pub waited_scans: u32,
-}
-
 /// What one servo asks of its drive for one scan.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/AxisCommand/3")]
+#[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/AxisCommand/4")]
 #[repr(C)]
 pub struct AxisCommand {
     /// Scan whose feedback this answers; takes effect one scan later.
@@ -559,6 +469,12 @@ pub struct AxisCommand {
     pub following_error_mm: f64,
     /// Deceleration the drive is to use if this axis has to brake from now on, in mm/s².
     pub stop_deceleration_mm_s2: f64,
+    /// Compensation of lost motion in force, in mm.
+    pub compensation_mm: f64,
+    /// Friction pulse being output at a reversal, in mm/s, signed.
+    pub friction_pulse_mm_s: f64,
+    /// Torque that the axis's model feeds forward, in N·m at the motor.
+    pub torque_feed_forward_nm: f64,
     /// Window this servo executes or would execute, none if it holds none.
     pub held: WindowId,
     /// Window it holds for later.
@@ -567,8 +483,9 @@ pub struct AxisCommand {
     pub refused: WindowId,
     /// Tag of the row this command was made from.
     pub tag: PathTag,
-    /// The state after this scan.
-    pub state: ControllerState,
+    /// The servo's state after this scan, as the servo lays it out: for the axis's other servo, which goes on from it to the
+    /// bit. Nobody else can read it; what others need has a field of its own.
+    pub state: [u64; SERVO_STATE_WORDS],
     /// Axis index.
     pub axis: u32,
     /// Role: 0 = a, 1 = b.
@@ -581,6 +498,12 @@ pub struct AxisCommand {
     pub cause: u32,
     /// 1 while the manual controller drives and has come to rest: at its target, or where it was told to stop.
     pub jog_done: u32,
+}
+
+impl Default for AxisCommand {
+    fn default() -> AxisCommand {
+        AxisCommand::zeroed()
+    }
 }
 
 /// What the planner says at each period boundary, also when it has nothing new.

@@ -4,8 +4,8 @@ use std::fmt::Write;
 use std::mem::offset_of;
 
 use bus::sample::{
-    AxisCommand, AxisFeedback, ControllerState, Feedback, Instruments, ManualState, Participant,
-    PathTag, PlannerStatus, Roster, WindowId,
+    AxisCommand, AxisFeedback, Feedback, Instruments, Participant, PathTag, PlannerStatus, Roster,
+    WindowId,
 };
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -153,54 +153,6 @@ structure!(
     }
 );
 structure!(
-    manual_state,
-    ManualState {
-        command_position,
-        goal,
-        step,
-        steady_deviation,
-        stored_error,
-        fade_mm_s,
-        return_mm_s,
-        drove,
-        phase,
-        settled_scans,
-        waited_scans,
-    }
-);
-structure!(
-    controller_state,
-    ControllerState {
-        command_position,
-        feedback_position,
-        command_position_before,
-        scan,
-        period_start,
-        period_start_before,
-        backlash_mm,
-        integrator_nm,
-        velocity_mm_s,
-        trigger_speed_mm_s,
-        kick_mm_s,
-        kick_trigger_mm_s,
-        kick_distance_mm,
-        observer_n,
-        motor_position,
-        scale_correction_mm,
-        kick_remaining_scans,
-        armed,
-        direction,
-        torque_limited_scans,
-        kicks,
-        initialised,
-        cause,
-        kick_direction,
-        torque_feed_forward_nm,
-        inverse_dynamics,
-        manual,
-    }
-);
-structure!(
     axis_command,
     AxisCommand {
         scan,
@@ -211,6 +163,9 @@ structure!(
         feed_forward_mm_s,
         following_error_mm,
         stop_deceleration_mm_s2,
+        compensation_mm,
+        friction_pulse_mm_s,
+        torque_feed_forward_nm,
         held,
         pending,
         refused,
@@ -283,8 +238,6 @@ fn the_python_structures_have_the_layout_and_the_names_of_the_samples() {
         axis_feedback,
         feedback,
         instruments,
-        manual_state,
-        controller_state,
         axis_command,
         planner_status,
         participant,

@@ -6,6 +6,8 @@
     clippy::indexing_slicing
 )]
 
+use bytemuck::{Pod, Zeroable};
+
 /// Increments the command must go on in the new direction, as far as it is known ahead, before a change of sign is a
 /// reversal: a coordinate that ought to stand still may waver by one increment of rounding.
 pub const REVERSAL_TRAVEL_MIN: i64 = 10;
@@ -23,12 +25,15 @@ pub struct Backlash {
 }
 
 /// What [`Backlash`] remembers.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
 pub struct BacklashState {
-    /// Direction of the command: −1, 0 (not moved yet) or 1.
-    pub direction: i32,
     /// Compensation in force, in mm.
     pub compensation_mm: f64,
+    /// Direction of the command: −1, 0 (not moved yet) or 1.
+    pub direction: i32,
+    /// Kept zero.
+    pub reserved: u32,
 }
 
 impl Backlash {

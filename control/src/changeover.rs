@@ -6,6 +6,8 @@
     clippy::indexing_slicing
 )]
 
+use bytemuck::{Pod, Zeroable};
+
 use crate::follow_up::FollowUpState;
 
 /// What is done about the motor's drift after the switch to the second device.
@@ -20,16 +22,17 @@ pub enum Variant {
 
 /// Where a changeover stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[repr(u32)]
 pub enum Phase {
     /// The first device drives.
     #[default]
-    FirstDrives,
+    FirstDrives = 0,
     /// The second drives and settles.
-    Settling,
+    Settling = 1,
     /// The motor has settled and is brought back ([`Variant::ReturnToStand`]).
-    Returning,
+    Returning = 2,
     /// The second drives as it likes; the first follows up.
-    Following,
+    Following = 3,
 }
 
 /// Switches a motor from a first control device to a second and back, without a step in the speed command, and keeps
@@ -70,39 +73,61 @@ pub struct Changeover {
 /// Below this the fading share is none, in mm/s: an increment of 1 nm in a quarter of an hour.
 const FADED_MM_S: f64 = 1e-9;
 
-/// What [`Changeover`] remembers.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+/// What [`Changeover`] remembers, beside the first device's [`FollowUpState`]: register, error counter, steady deviation.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
 pub struct ChangeoverState {
-    /// The first device: register, error counter, steady deviation.
-    pub first: FollowUpState,
-    /// Where the changeover stands.
-    pub phase: Phase,
     /// The second device's error just before the switch, in increments.
     pub second_stored_error: i64,
     /// Share of the speed command that takes over what was commanded before the switch, in mm/s.
     pub fade_mm_s: f64,
     /// Share that brought the motor back, in mm/s.
     pub return_mm_s: f64,
+    /// [`Phase`] of the changeover.
+    pub phase: u32,
     /// Scans the motor has stood in a row.
     pub settled_scans: u32,
     /// Scans spent in this phase.
     pub waited_scans: u32,
+    /// Kept zero.
+    pub reserved: u32,
+}
+
+impl ChangeoverState {
+    /// Where the changeover stands.
+    pub fn phase(&self) -> Phase {
+        match self.phase {
+            1 => Phase::Settling,
+            2 => Phase::Returning,
+            3 => Phase::Following,
+            _ => Phase::FirstDrives,
+        }
+    }
+
+    fn enter(&mut self, phase: Phase) {
+        self.phase = phase as u32;
+        self.settled_scans = 0;
+        self.waited_scans = 0;
+    }
+
+    fn follow_up(&mut self, first: &mut FollowUpState) {
+        first.open();
+        self.enter(Phase::Following);
+    }
 }
 
 impl Changeover {
-    /// Switches to the second device, whose own speed command and error counter are now these.
+    /// Switches to the second device, whose error counter and own speed command are now these. The first device's
+    /// [`FollowUpState`] is that of a closed loop.
     pub fn to_second(
         &self,
         state: &mut ChangeoverState,
-        register: i64,
-        encoder: i64,
         second_error: i64,
         before_mm_s: f64,
         own_mm_s: f64,
     ) {
         *state = ChangeoverState {
-            first: FollowUpState::closed(register, encoder),
-            phase: Phase::Settling,
+            phase: Phase::Settling as u32,
             second_stored_error: second_error,
             fade_mm_s: before_mm_s - own_mm_s,
             ..ChangeoverState::default()
@@ -112,15 +137,20 @@ impl Changeover {
     /// Switches back to the first device, whose own speed command is now this.
     pub fn to_first(&self, state: &mut ChangeoverState, before_mm_s: f64, own_mm_s: f64) {
         *state = ChangeoverState {
-            first: state.first,
             fade_mm_s: before_mm_s - own_mm_s,
             ..ChangeoverState::default()
         };
     }
 
     /// One scan while the second device drives; what is added to its speed command, in mm/s.
-    pub fn update(&self, state: &mut ChangeoverState, encoder: i64, second_error: i64) -> f64 {
-        let moved = encoder.saturating_sub(state.first.encoder);
+    pub fn update(
+        &self,
+        state: &mut ChangeoverState,
+        first: &mut FollowUpState,
+        encoder: i64,
+        second_error: i64,
+    ) -> f64 {
+        let moved = encoder.saturating_sub(first.encoder);
         let stands = moved.saturating_abs() <= self.standing_increments;
         state.settled_scans = if stands {
             state.settled_scans.saturating_add(1)
@@ -129,19 +159,19 @@ impl Changeover {
         };
         state.waited_scans = state.waited_scans.saturating_add(1);
         let impatient = state.waited_scans > self.patience_scans;
-        match state.phase {
+        match state.phase() {
             Phase::FirstDrives => {}
             Phase::Settling => {
-                state.first.count(encoder);
+                first.count(encoder);
                 if state.settled_scans >= self.settle_scans || impatient {
                     match self.variant {
-                        Variant::SettledDeviation => follow_up(state),
-                        Variant::ReturnToStand => enter(state, Phase::Returning),
+                        Variant::SettledDeviation => state.follow_up(first),
+                        Variant::ReturnToStand => state.enter(Phase::Returning),
                     }
                 }
             }
             Phase::Returning => {
-                state.first.count(encoder);
+                first.count(encoder);
                 let off = second_error.saturating_sub(state.second_stored_error);
                 state.return_mm_s += self.return_gain_mm_s * off as f64;
                 let back = off.saturating_abs() <= self.return_tolerance;
@@ -149,10 +179,10 @@ impl Changeover {
                     state.settled_scans = 0;
                 }
                 if state.settled_scans >= self.settle_scans || impatient {
-                    follow_up(state);
+                    state.follow_up(first);
                 }
             }
-            Phase::Following => state.first.follow(encoder),
+            Phase::Following => first.follow(encoder),
         }
         self.fade(&mut state.fade_mm_s) + state.return_mm_s
     }
@@ -175,17 +205,6 @@ impl Changeover {
         state.settled_scans = 0;
         state.waited_scans = 0;
     }
-}
-
-fn enter(state: &mut ChangeoverState, phase: Phase) {
-    state.phase = phase;
-    state.settled_scans = 0;
-    state.waited_scans = 0;
-}
-
-fn follow_up(state: &mut ChangeoverState) {
-    state.first.open();
-    enter(state, Phase::Following);
 }
 
 #[cfg(test)]
@@ -229,6 +248,7 @@ mod tests {
     struct Bench {
         block: Changeover,
         state: ChangeoverState,
+        first: FollowUpState,
         motor: Motor,
         gains_per_s: [f64; 2],
         register: i64,
@@ -243,6 +263,7 @@ mod tests {
             Bench {
                 block: changeover(variant),
                 state: ChangeoverState::default(),
+                first: FollowUpState::default(),
                 motor: Motor {
                     drift_mm_s,
                     position: 0.0,
@@ -266,7 +287,7 @@ mod tests {
         fn first_scan(&mut self, switch: bool) {
             let own_mm_s = self.first_mm_s();
             if switch {
-                self.register = self.state.first.register;
+                self.register = self.first.register;
                 let own_mm_s = self.first_mm_s();
                 self.block
                     .to_first(&mut self.state, self.speed_mm_s, own_mm_s);
@@ -284,21 +305,17 @@ mod tests {
             self.second_command += step;
             if switch {
                 self.second_command = self.motor.encoder();
-                self.block.to_second(
-                    &mut self.state,
-                    self.register,
-                    self.motor.encoder(),
-                    0,
-                    self.speed_mm_s,
-                    0.0,
-                );
+                self.first = FollowUpState::closed(self.register, self.motor.encoder());
+                self.block
+                    .to_second(&mut self.state, 0, self.speed_mm_s, 0.0);
             }
             let error = self.second_error();
             let own_mm_s = self.gains_per_s[1] * error as f64 * INCREMENT_MM;
+            let encoder = self.motor.encoder();
             let added = self
                 .block
-                .update(&mut self.state, self.motor.encoder(), error);
-            let first = &self.state.first;
+                .update(&mut self.state, &mut self.first, encoder, error);
+            let first = &self.first;
             assert_eq!(first.register - first.error, self.motor.encoder());
             self.took(own_mm_s + added, switch);
         }
@@ -323,12 +340,12 @@ mod tests {
         fn change_over(&mut self) {
             self.second_scan(true, 0);
             for _ in 0..5000 {
-                if self.state.phase == Phase::Following {
+                if self.state.phase() == Phase::Following {
                     return;
                 }
                 self.second_scan(false, 0);
             }
-            panic!("{:?} never ends", self.state.phase);
+            panic!("{:?} never ends", self.state.phase());
         }
     }
 
@@ -344,15 +361,15 @@ mod tests {
             assert_eq!(bench.register - bench.motor.encoder(), -1000);
             let stood = bench.motor.encoder();
             bench.change_over();
-            let drifted = bench.state.first.encoder - stood;
+            let drifted = bench.first.encoder - stood;
             // The second starts at no error and needs 2.5 µm to hold the drift.
             assert_eq!(
                 drifted.abs() <= 20,
                 back,
                 "{variant:?}: {drifted} increments"
             );
-            assert_eq!(bench.state.first.steady_deviation, -1000 - drifted);
-            assert_eq!(bench.state.first.register, 0, "the register has not moved");
+            assert_eq!(bench.first.steady_deviation, -1000 - drifted);
+            assert_eq!(bench.first.register, 0, "the register has not moved");
             // Back at the first, the motor stands where it stood.
             bench.first_scan(true);
             bench.rest(1000);
@@ -365,11 +382,12 @@ mod tests {
         for variant in [Variant::SettledDeviation, Variant::ReturnToStand] {
             let block = changeover(variant);
             let mut state = ChangeoverState::default();
-            block.to_second(&mut state, 0, 0, 0, 0.0, 0.0);
+            let mut first = FollowUpState::closed(0, 0);
+            block.to_second(&mut state, 0, 0.0, 0.0);
             let mut scans = 0;
-            while state.phase != Phase::Following {
+            while state.phase() != Phase::Following {
                 scans += 1;
-                block.update(&mut state, scans * 1000, -scans * 1000);
+                block.update(&mut state, &mut first, scans * 1000, -scans * 1000);
                 assert!(scans <= 4010);
             }
         }
@@ -390,18 +408,18 @@ mod tests {
                 bench.rest(rest);
                 let before = bench.register;
                 bench.change_over();
-                let followed_from = bench.state.first.encoder;
-                prop_assert_eq!(bench.state.first.register, before);
+                let followed_from = bench.first.encoder;
+                prop_assert_eq!(bench.first.register, before);
                 for step in &jog {
                     bench.second_scan(false, *step);
                 }
                 for _ in 0..wait {
                     bench.second_scan(false, 0);
                 }
-                let counted = bench.state.first.encoder - followed_from;
-                prop_assert_eq!(bench.state.first.register - before, counted);
-                let deviation = bench.state.first.steady_deviation;
-                prop_assert_eq!(bench.state.first.register, bench.state.first.encoder + deviation);
+                let counted = bench.first.encoder - followed_from;
+                prop_assert_eq!(bench.first.register - before, counted);
+                let deviation = bench.first.steady_deviation;
+                prop_assert_eq!(bench.first.register, bench.first.encoder + deviation);
                 bench.first_scan(true);
             }
             prop_assert!(bench.switch_step_mm_s <= 1e-12, "{} mm/s", bench.switch_step_mm_s);

@@ -6,6 +6,8 @@
     clippy::indexing_slicing
 )]
 
+use bytemuck::{Pod, Zeroable};
+
 /// Estimates the force that resists the axis beyond what was fed forward.
 ///
 /// ```text
@@ -29,18 +31,26 @@ pub struct DisturbanceObserver {
     pub limit_n: f64,
 }
 
+/// What [`DisturbanceObserver`] remembers.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct DisturbanceObserverState {
+    /// z, in N.
+    pub filtered_n: f64,
+}
+
 impl DisturbanceObserver {
     /// One scan: the estimate in N. `force_n` acted beyond what was fed forward, `off_mm_s` is measured less commanded velocity.
-    pub fn update(&self, filtered_n: &mut f64, force_n: f64, off_mm_s: f64) -> f64 {
+    pub fn update(&self, state: &mut DisturbanceObserverState, force_n: f64, off_mm_s: f64) -> f64 {
         let momentum_n = self.mass_kg * self.bandwidth_rad_s * off_mm_s * 1e-3;
         let share = 1.0 - libm::exp(-self.bandwidth_rad_s * self.scan_s);
-        let next_n = *filtered_n + share * (force_n + momentum_n - *filtered_n);
+        let next_n = state.filtered_n + share * (force_n + momentum_n - state.filtered_n);
         if !next_n.is_finite() {
-            *filtered_n = 0.0;
+            state.filtered_n = 0.0;
             return 0.0;
         }
-        *filtered_n = next_n;
-        (*filtered_n - momentum_n)
+        state.filtered_n = next_n;
+        (state.filtered_n - momentum_n)
             .max(-self.limit_n)
             .min(self.limit_n)
     }
@@ -59,9 +69,9 @@ mod tests {
 
     #[test]
     fn a_force_that_moves_nothing_is_seen_whole_after_a_few_time_constants() {
-        let (mut filtered, mut found) = (0.0, 0.0);
+        let (mut state, mut found) = (DisturbanceObserverState::default(), 0.0);
         for _ in 0..100 {
-            found = OBSERVER.update(&mut filtered, 300.0, 0.0);
+            found = OBSERVER.update(&mut state, 300.0, 0.0);
         }
         assert!((found - 300.0).abs() < 0.1, "{found}");
     }
@@ -69,9 +79,9 @@ mod tests {
     #[test]
     fn force_that_only_accelerates_the_mass_is_no_disturbance() {
         // 858 N accelerate 858 kg by 1 m/s²: 1 mm/s more each scan.
-        let (mut filtered, mut largest) = (0.0, 0.0f64);
+        let (mut state, mut largest) = (DisturbanceObserverState::default(), 0.0f64);
         for scan in 1..200 {
-            let found = OBSERVER.update(&mut filtered, 858.0, f64::from(scan));
+            let found = OBSERVER.update(&mut state, 858.0, f64::from(scan));
             largest = largest.max(found.abs());
         }
         assert!(largest < 0.1 * 858.0, "{largest}");
@@ -79,11 +89,11 @@ mod tests {
 
     #[test]
     fn it_asks_for_no_more_than_its_limit_and_forgets_what_is_no_number() {
-        let mut filtered = 0.0;
+        let mut state = DisturbanceObserverState::default();
         for _ in 0..1000 {
-            assert!(OBSERVER.update(&mut filtered, 1e6, 0.0) <= 5000.0);
+            assert!(OBSERVER.update(&mut state, 1e6, 0.0) <= 5000.0);
         }
-        assert_eq!(OBSERVER.update(&mut filtered, f64::NAN, 0.0), 0.0);
-        assert_eq!(filtered, 0.0);
+        assert_eq!(OBSERVER.update(&mut state, f64::NAN, 0.0), 0.0);
+        assert_eq!(state.filtered_n, 0.0);
     }
 }

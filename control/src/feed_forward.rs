@@ -6,9 +6,38 @@
     clippy::indexing_slicing
 )]
 
+use bytemuck::{Pod, Zeroable};
+
 /// Most distribution periods that can be looked ahead.
 pub const LOOK_AHEAD_PERIODS_MAX: usize = 16;
 const PERIODS_MAX: usize = LOOK_AHEAD_PERIODS_MAX + 2;
+
+/// What movement commands remember: the position command at the end of the last two distribution periods, in increments.
+/// Their difference is the movement command of the period before the present one (R2 of the source).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct PeriodState {
+    /// At the end of the period before the present one.
+    pub start: i64,
+    /// One period earlier.
+    pub start_before: i64,
+}
+
+impl PeriodState {
+    /// Of an axis that was at rest there.
+    pub fn at_rest(position: i64) -> PeriodState {
+        PeriodState {
+            start: position,
+            start_before: position,
+        }
+    }
+
+    /// A period begins; its predecessor ended at `position`.
+    pub fn step(&mut self, position: i64) {
+        self.start_before = self.start;
+        self.start = position;
+    }
+}
 
 /// Movement commands (increments per distribution period) around the present scan: index 0 is the previous period (R2
 /// of the source), 1 the present one (R1), 2 the next (R0), and so on as far as the window in force reaches.

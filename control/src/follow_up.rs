@@ -6,6 +6,8 @@
     clippy::indexing_slicing
 )]
 
+use bytemuck::{Pod, Zeroable};
+
 /// Keeps a position register true while nobody closes its loop, and lets the loop close again without a jump.
 ///
 /// ```text
@@ -19,16 +21,17 @@
 ///
 /// Source: \[Fanuc-P1\], docs/methods/follow-up.md. Units: increments. Exact; sums saturate at the ends of `i64`.
 /// First call: [`FollowUpState::open`]. A scan that is left out is made up by the next: the encoder is absolute.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(C)]
 pub struct FollowUpState {
-    /// Present-position register.
+    /// Present-position register: the command position.
     pub register: i64,
+    /// Encoder of the scan before, whose increments the error counter has taken in.
+    pub encoder: i64,
     /// Error counter E.
     pub error: i64,
     /// Steady deviation E0.
     pub steady_deviation: i64,
-    /// Encoder of the scan before, whose increments the error counter has taken in.
-    pub encoder: i64,
 }
 
 impl FollowUpState {

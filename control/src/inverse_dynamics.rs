@@ -6,14 +6,14 @@
     clippy::indexing_slicing
 )]
 
+use bytemuck::{Pod, Zeroable};
+
 use crate::learned_table::LearnedTable;
 use crate::maxwell_slip::{ELEMENTS, MaxwellSlip};
 
 /// Compensations kept: the model runs up to so many scans ahead of the position command.
 pub const LEAD_SCANS_MAX: f64 = 2.999;
 const HISTORY: usize = 3;
-/// Values that [`InverseDynamicsState`] travels in.
-pub const STATE_VALUES: usize = 32;
 /// Bandwidth of the filter on the predicted contact force, in rad/s. A setpoint may step its acceleration; the motor
 /// cannot step the wind-up of the screw. Its delay of 2/ω is made up for by looking that much further ahead.
 const SMOOTHING_RAD_S: f64 = 1500.0;
@@ -83,11 +83,12 @@ pub struct InverseDynamics {
 }
 
 /// What [`InverseDynamics`] remembers.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
 pub struct InverseDynamicsState {
-    /// Whether the positions are those of the scan before; false at the first call and where the axis was moved by others:
+    /// 1 where the positions are those of the scan before; 0 at the first call and where the axis was moved by others:
     /// then it goes on from the place it finds, with springs and gap as they were.
-    pub begun: bool,
+    pub running: u64,
     /// Position seen furthest ahead, in mm.
     pub far_mm: f64,
     /// Position seen ahead by lead and filter, in mm.
@@ -169,9 +170,9 @@ impl InverseDynamics {
         ahead: &Ahead,
         learned: Option<&LearnedTable>,
     ) -> Wanted {
-        if !state.begun {
+        if state.running == 0 {
             let [compensation_mm, ..] = state.compensation_mm;
-            state.begun = true;
+            state.running = 1;
             state.far_mm = ahead.far.position_mm;
             state.near_mm = ahead.near.position_mm;
             state.motor_mm = ahead.here.position_mm + compensation_mm;
@@ -321,68 +322,9 @@ impl InverseDynamics {
 }
 
 impl InverseDynamicsState {
-    /// The values it travels in.
-    pub fn values(&self) -> [f64; STATE_VALUES] {
-        let scalars = [
-            f64::from(u8::from(self.begun)),
-            self.far_mm,
-            self.near_mm,
-            self.motor_mm,
-            self.side,
-            self.side_wanted,
-            self.force_n,
-            self.contact_n,
-            self.contact_n_per_s,
-            self.direction,
-            self.distance_mm,
-        ];
-        let mut values = [0.0; STATE_VALUES];
-        let all = scalars
-            .iter()
-            .chain(&self.compensation_mm)
-            .chain(&self.far_table_n)
-            .chain(&self.table_n)
-            .chain(&self.motor_n);
-        for (place, value) in values.iter_mut().zip(all) {
-            *place = *value;
-        }
-        values
-    }
-
-    /// The axis is moved by others from now on: its next motion begins anew, wherever it then is.
-    pub fn leave(values: &mut [f64; STATE_VALUES]) {
-        let [begun, ..] = values;
-        *begun = 0.0;
-    }
-
-    /// The state that travelled in these values.
-    pub fn from_values(values: &[f64; STATE_VALUES]) -> InverseDynamicsState {
-        let mut state = InverseDynamicsState::default();
-        let mut begun = 0.0;
-        let scalars = [
-            &mut begun,
-            &mut state.far_mm,
-            &mut state.near_mm,
-            &mut state.motor_mm,
-            &mut state.side,
-            &mut state.side_wanted,
-            &mut state.force_n,
-            &mut state.contact_n,
-            &mut state.contact_n_per_s,
-            &mut state.direction,
-            &mut state.distance_mm,
-        ];
-        let all = scalars
-            .into_iter()
-            .chain(&mut state.compensation_mm)
-            .chain(&mut state.far_table_n)
-            .chain(&mut state.table_n)
-            .chain(&mut state.motor_n);
-        for (place, value) in all.zip(values) {
-            *place = *value;
-        }
-        state.begun = begun != 0.0;
-        state
+    /// The axis is moved by others from now on: its next motion starts wherever it then is.
+    pub fn leave(&mut self) {
+        self.running = 0;
     }
 }
 
@@ -445,8 +387,6 @@ mod tests {
                     near: motion(scan + model.near_lead_scans()),
                     far: motion(scan + model.far_lead_scans()),
                 };
-                // As it travels in commands.
-                state = InverseDynamicsState::from_values(&state.values());
                 model.update(&mut state, &ahead, None)
             })
             .collect()
@@ -541,9 +481,7 @@ mod tests {
         for scan in 0..200 {
             before = model.update(&mut state, &still(f64::from(scan) * 0.05), None);
         }
-        let mut values = state.values();
-        InverseDynamicsState::leave(&mut values);
-        let mut state = InverseDynamicsState::from_values(&values);
+        state.leave();
         let after = model.update(&mut state, &still(-70.0), None);
         assert!((after.compensation_mm - before.compensation_mm).abs() < 1e-5);
         assert!(after.velocity_mm_s.abs() < 1.0, "{after:?}");

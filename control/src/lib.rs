@@ -8,6 +8,7 @@ pub mod backlash;
 pub mod changeover;
 mod course;
 pub mod disturbance_observer;
+pub mod dual_feedback;
 mod envelope;
 pub mod feed_forward;
 pub mod follow_up;

@@ -7,6 +7,8 @@
     clippy::indexing_slicing
 )]
 
+use bytemuck::{Pod, Zeroable};
+
 use crate::backlash::REVERSAL_TRAVEL_MIN;
 use crate::feed_forward::MovementCommands;
 use crate::trigger::{Speeds, Trigger};
@@ -58,16 +60,17 @@ pub enum KickShape {
 
 /// How far a reversal has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[repr(u32)]
 pub enum Announcement {
     /// No reversal in sight.
     #[default]
-    None,
+    None = 0,
     /// One is ahead and its kick has not started (F1 of the source).
-    Ahead,
+    Ahead = 1,
     /// Its kick has started, the command has not reversed yet.
-    Answered,
+    Answered = 2,
     /// The command has reversed and the kick has not started yet.
-    Overdue,
+    Overdue = 3,
 }
 
 /// Starts a kick at a reversal: by the source's trigger when the speed command comes within `A = K·|R2 − R0|` of its
@@ -105,24 +108,49 @@ pub struct BacklashAcceleration {
 }
 
 /// What [`BacklashAcceleration`] remembers.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
 pub struct ReversalState {
-    /// The reversal being awaited.
-    pub announcement: Announcement,
     /// A, in mm/s.
     pub trigger_speed_mm_s: f64,
     /// Kick being output, signed, in mm/s.
     pub kick_mm_s: f64,
-    /// Scans it still lasts, at most.
-    pub kick_remaining_scans: u32,
-    /// Direction it was started in: −1, 0 (none yet) or 1.
-    pub kick_direction: i32,
     /// A it was started with, in mm/s.
     pub kick_trigger_mm_s: f64,
     /// Distance since its reversal, seen one lead ahead, in mm.
     pub kick_distance_mm: f64,
+    /// Scans it still lasts, at most.
+    pub kick_remaining_scans: u32,
+    /// Direction it was started in: −1, 0 (none yet) or 1.
+    pub kick_direction: i32,
     /// Kicks started.
     pub kicks: u32,
+    /// [`Announcement`] of the reversal being awaited.
+    pub announcement: u32,
+}
+
+impl ReversalState {
+    /// The reversal being awaited.
+    pub fn announcement(&self) -> Announcement {
+        match self.announcement {
+            1 => Announcement::Ahead,
+            2 => Announcement::Answered,
+            3 => Announcement::Overdue,
+            _ => Announcement::None,
+        }
+    }
+
+    /// No reversal is awaited any more; what is being output runs out.
+    pub fn disarm(&mut self) {
+        self.announcement = Announcement::None as u32;
+    }
+
+    /// No reversal is awaited any more, and nothing is output.
+    pub fn cancel(&mut self) {
+        self.disarm();
+        self.kick_mm_s = 0.0;
+        self.kick_remaining_scans = 0;
+    }
 }
 
 impl BacklashAcceleration {
@@ -136,7 +164,7 @@ impl BacklashAcceleration {
     /// Everything is found anew, so a reversal that a new window no longer has is forgotten and its armed kick with it.
     pub fn announce(&self, state: &mut ReversalState, direction: i32, movement: &MovementCommands) {
         let ahead = first_reversal(direction.into(), movement);
-        state.announcement = match (state.announcement, ahead) {
+        let next = match (state.announcement(), ahead) {
             (Announcement::Answered, Some(_)) => return,
             (Announcement::Overdue, None) => return,
             (_, Some(at)) => {
@@ -153,11 +181,12 @@ impl BacklashAcceleration {
                 Announcement::None
             }
         };
+        state.announcement = next as u32;
     }
 
     /// In the scan in which the position command reverses.
     pub fn reversed(&self, state: &mut ReversalState) {
-        state.announcement = match state.announcement {
+        let next = match state.announcement() {
             Announcement::Answered => Announcement::None,
             Announcement::Ahead => Announcement::Overdue,
             Announcement::None | Announcement::Overdue => {
@@ -165,25 +194,27 @@ impl BacklashAcceleration {
                 Announcement::Overdue
             }
         };
+        state.announcement = next as u32;
     }
 
     /// Each scan, after [`announce`](Self::announce) and [`reversed`](Self::reversed): the kick, in mm/s.
     pub fn update(&self, state: &mut ReversalState, direction: i32, speeds: &Speeds) -> f64 {
-        let new_direction = match state.announcement {
+        let new_direction = match state.announcement() {
             Announcement::Ahead => -direction,
             Announcement::Overdue => direction,
             Announcement::None | Announcement::Answered => 0,
         };
         let sign = f64::from(new_direction);
         let a = state.trigger_speed_mm_s;
-        let has_reversed = state.announcement == Announcement::Overdue;
+        let has_reversed = state.announcement() == Announcement::Overdue;
         let due = self.trigger.is_due(sign, a, has_reversed, speeds);
         let mut starts = false;
         if new_direction != 0 && due {
-            state.announcement = match state.announcement {
+            let next = match state.announcement() {
                 Announcement::Ahead => Announcement::Answered,
                 _ => Announcement::None,
             };
+            state.announcement = next as u32;
             let longest_scans = self.longest_scans();
             if self.kick_mm_s != 0.0 && longest_scans > 0 {
                 starts = true;
@@ -558,7 +589,7 @@ mod tests {
         });
         XY.block().announce(&mut state, 1, &movement);
         assert_eq!(
-            (state.announcement, state.trigger_speed_mm_s),
+            (state.announcement(), state.trigger_speed_mm_s),
             (Announcement::Ahead, 0.0)
         );
     }
@@ -570,9 +601,9 @@ mod tests {
         let turning = MovementCommands::gather(-800, 0, 0, 8, 2, |i| (100 - i) * i);
         let turning_back = MovementCommands::gather(0, 800, 7, 8, 2, |i| 800 - 100 * i);
         block.announce(&mut state, 1, &turning_back);
-        assert_eq!(state.announcement, Announcement::Ahead);
+        assert_eq!(state.announcement(), Announcement::Ahead);
         block.announce(&mut state, 1, &turning);
-        assert_eq!(state.announcement, Announcement::None);
+        assert_eq!(state.announcement(), Announcement::None);
         assert_eq!(block.update(&mut state, 1, &speeds(0.0)), 0.0);
     }
 
@@ -604,7 +635,7 @@ mod tests {
     fn reversal(block: &BacklashAcceleration, acceleration_mm_s2: f64) -> Vec<f64> {
         let trigger_speed_mm_s = acceleration_mm_s2 * block.lead_s;
         let mut state = ReversalState {
-            announcement: Announcement::Ahead,
+            announcement: Announcement::Ahead as u32,
             trigger_speed_mm_s,
             ..ReversalState::default()
         };
@@ -673,7 +704,7 @@ mod tests {
             [(100.0, 0.0), (0.0, 0.0), (100.0, -50.0), (100.0, f64::NAN)]
         {
             let mut state = ReversalState {
-                announcement: Announcement::Ahead,
+                announcement: Announcement::Ahead as u32,
                 trigger_speed_mm_s: acceleration_mm_s2 * block.lead_s,
                 ..ReversalState::default()
             };

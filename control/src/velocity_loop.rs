@@ -6,6 +6,8 @@
     clippy::indexing_slicing
 )]
 
+use bytemuck::{Pod, Zeroable};
+
 /// Proportional-integral velocity loop with a torque limit and anti-windup.
 ///
 /// `T = Kv·(v_c − v) + I`, `I += Kv·(v_c − v)·Tp/Ti`, |T| ≤ limit. While the limit acts, the integrator takes in only what
@@ -23,7 +25,8 @@ pub struct VelocityLoop {
 }
 
 /// What [`VelocityLoop`] remembers.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
 pub struct VelocityLoopState {
     /// The integrator, in N·m.
     pub integrator_nm: f64,

@@ -136,74 +136,8 @@ class Instruments(ctypes.Structure):
 assert ctypes.sizeof(Instruments) == 1064
 
 
-class ManualState(ctypes.Structure):
-    """72 bytes."""
-
-    _fields_ = [
-        ("command_position", c_int64),  # at 0
-        ("goal", c_int64),  # at 8
-        ("step", c_int64),  # at 16
-        ("steady_deviation", c_int64),  # at 24
-        ("stored_error", c_int64),  # at 32
-        ("fade_mm_s", c_double),  # at 40
-        ("return_mm_s", c_double),  # at 48
-        ("drove", c_uint32),  # at 56
-        ("phase", c_uint32),  # at 60
-        ("settled_scans", c_uint32),  # at 64
-        ("waited_scans", c_uint32),  # at 68
-    ]
-
-    @staticmethod
-    def type_name() -> str:
-        return "quadrant/ManualState/1"
-
-
-assert ctypes.sizeof(ManualState) == 72
-
-
-class ControllerState(ctypes.Structure):
-    """504 bytes."""
-
-    _fields_ = [
-        ("command_position", c_int64),  # at 0
-        ("feedback_position", c_int64),  # at 8
-        ("command_position_before", c_int64),  # at 16
-        ("scan", c_uint64),  # at 24
-        ("period_start", c_int64),  # at 32
-        ("period_start_before", c_int64),  # at 40
-        ("backlash_mm", c_double),  # at 48
-        ("integrator_nm", c_double),  # at 56
-        ("velocity_mm_s", c_double),  # at 64
-        ("trigger_speed_mm_s", c_double),  # at 72
-        ("kick_mm_s", c_double),  # at 80
-        ("kick_trigger_mm_s", c_double),  # at 88
-        ("kick_distance_mm", c_double),  # at 96
-        ("observer_n", c_double),  # at 104
-        ("motor_position", c_int64),  # at 112
-        ("scale_correction_mm", c_double),  # at 120
-        ("kick_remaining_scans", c_uint32),  # at 128
-        ("armed", c_uint32),  # at 132
-        ("direction", c_int32),  # at 136
-        ("torque_limited_scans", c_uint32),  # at 140
-        ("kicks", c_uint32),  # at 144
-        ("initialised", c_uint32),  # at 148
-        ("cause", c_uint32),  # at 152
-        ("kick_direction", c_int32),  # at 156
-        ("torque_feed_forward_nm", c_double * 2),  # at 160
-        ("inverse_dynamics", c_double * 32),  # at 176
-        ("manual", ManualState),  # at 432
-    ]
-
-    @staticmethod
-    def type_name() -> str:
-        return "quadrant/ControllerState/3"
-
-
-assert ctypes.sizeof(ControllerState) == 504
-
-
 class AxisCommand(ctypes.Structure):
-    """656 bytes."""
+    """944 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -214,25 +148,28 @@ class AxisCommand(ctypes.Structure):
         ("feed_forward_mm_s", c_double),  # at 40
         ("following_error_mm", c_double),  # at 48
         ("stop_deceleration_mm_s2", c_double),  # at 56
-        ("held", WindowId),  # at 64
-        ("pending", WindowId),  # at 80
-        ("refused", WindowId),  # at 96
-        ("tag", PathTag),  # at 112
-        ("state", ControllerState),  # at 128
-        ("axis", c_uint32),  # at 632
-        ("role", c_uint32),  # at 636
-        ("incarnation", c_uint32),  # at 640
-        ("drive_mode", c_uint32),  # at 644
-        ("cause", c_uint32),  # at 648
-        ("jog_done", c_uint32),  # at 652
+        ("compensation_mm", c_double),  # at 64
+        ("friction_pulse_mm_s", c_double),  # at 72
+        ("torque_feed_forward_nm", c_double),  # at 80
+        ("held", WindowId),  # at 88
+        ("pending", WindowId),  # at 104
+        ("refused", WindowId),  # at 120
+        ("tag", PathTag),  # at 136
+        ("state", c_uint64 * 96),  # at 152
+        ("axis", c_uint32),  # at 920
+        ("role", c_uint32),  # at 924
+        ("incarnation", c_uint32),  # at 928
+        ("drive_mode", c_uint32),  # at 932
+        ("cause", c_uint32),  # at 936
+        ("jog_done", c_uint32),  # at 940
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/AxisCommand/3"
+        return "quadrant/AxisCommand/4"
 
 
-assert ctypes.sizeof(AxisCommand) == 656
+assert ctypes.sizeof(AxisCommand) == 944
 
 
 class PlannerStatus(ctypes.Structure):

@@ -172,7 +172,7 @@ fn a_standby_that_was_not_the_same_to_the_bit_for_two_scans_does_not_take_over()
         bench.scans(10);
         bench.scan(|answers| {
             spoil(&mut answers.commands[0][1], |c| {
-                c.state.integrator_nm = 1e-300;
+                c.state[95] = 1;
             });
         });
         bench.scans(same_scans);

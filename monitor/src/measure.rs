@@ -302,7 +302,7 @@ impl Analysis {
     fn take_backlash(&mut self, set: &ScanSet) {
         for (index, backlash_mm) in self.backlash_mm.iter_mut().enumerate() {
             if let Some(command) = set.command(index) {
-                *backlash_mm = command.state.backlash_mm;
+                *backlash_mm = command.compensation_mm;
             }
         }
         if (0..self.axes.len()).all(|axis| set.command(axis).is_some()) {

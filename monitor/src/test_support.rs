@@ -243,7 +243,7 @@ impl SyntheticRun {
             command.position = position[axis];
             command.following_error_mm = position[axis] as f64 * 1e-6 - table[axis];
             command.tag = tag;
-            command.state.backlash_mm = self.backlash_mm(scan as i64, axis);
+            command.compensation_mm = self.backlash_mm(scan as i64, axis);
             if started {
                 command.held = window;
             }
@@ -255,7 +255,7 @@ impl SyntheticRun {
             for turn in scan.saturating_sub(KICK_SCANS)..=scan + KICK_LEAD_SCANS {
                 let (one, two) = (step(turn), step(turn + 1));
                 if turn > STANDSTILL_SCANS && one * two < 0.0 {
-                    command.state.kick_mm_s = 2.0 * two.signum();
+                    command.friction_pulse_mm_s = 2.0 * two.signum();
                 }
             }
             samples.push(Sample::Command(Box::new(command)));

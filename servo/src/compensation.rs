@@ -6,8 +6,9 @@
     clippy::indexing_slicing
 )]
 
-use bus::sample::{AxisFeedback, ControllerState};
-use control::disturbance_observer::DisturbanceObserver;
+use bus::sample::AxisFeedback;
+use bytemuck::{Pod, Zeroable};
+use control::disturbance_observer::{DisturbanceObserver, DisturbanceObserverState};
 use control::inverse_dynamics::{
     Ahead, InverseDynamics, InverseDynamicsState, LEAD_SCANS_MAX, Motion, Parts,
 };
@@ -38,6 +39,30 @@ pub struct ModelSettings {
     increment_mm: f64,
     /// Travel per radian of the motor, in m.
     radius_m: f64,
+}
+
+/// What the model remembers.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct ModelState {
+    /// Of the inverse dynamics.
+    pub inverse_dynamics: InverseDynamicsState,
+    /// Of the disturbance observer.
+    pub observer: DisturbanceObserverState,
+    /// Torque fed forward in this scan and in the one before, in N·m.
+    pub torque_feed_forward_nm: [f64; 2],
+    /// Motor encoder of the scan before, in increments.
+    pub motor_position: i64,
+}
+
+impl ModelState {
+    /// The model does not know where this motion goes: its torque stays, and goes on from there.
+    pub(crate) fn leave(&mut self, axis: &AxisFeedback) {
+        self.inverse_dynamics.leave();
+        self.motor_position = axis.motor_position;
+        let [torque_nm, _] = self.torque_feed_forward_nm;
+        self.torque_feed_forward_nm = [torque_nm; 2];
+    }
 }
 
 /// What is added.
@@ -77,7 +102,7 @@ impl ModelSettings {
     /// from now.
     pub(crate) fn update(
         &self,
-        state: &mut ControllerState,
+        state: &mut ModelState,
         axis: &AxisFeedback,
         learned: Option<&LearnedTable>,
         [before_mm, step_mm]: [f64; 2],
@@ -113,9 +138,7 @@ impl ModelSettings {
                 near: motion(model.near_lead_scans()),
                 far: motion(model.far_lead_scans()),
             };
-            let mut inverse = InverseDynamicsState::from_values(&state.inverse_dynamics);
-            let wanted = model.update(&mut inverse, &ahead, learned);
-            state.inverse_dynamics = inverse.values();
+            let wanted = model.update(&mut state.inverse_dynamics, &ahead, learned);
             if model.parts.compensation {
                 added.compensation_mm = wanted.compensation_mm;
                 added.velocity_mm_s = wanted.velocity_mm_s;
@@ -145,9 +168,7 @@ impl ModelSettings {
                 axis.motor_position.saturating_sub(state.motor_position) as f64 * self.increment_mm;
             let off_mm_s = (travelled_mm - commanded_mm) / self.scan_s;
             let force_n = (axis.torque_nm - acting_nm) / self.radius_m;
-            let resisting_n = self
-                .observer
-                .update(&mut state.observer_n, force_n, off_mm_s);
+            let resisting_n = self.observer.update(&mut state.observer, force_n, off_mm_s);
             added.torque_nm += resisting_n * self.radius_m;
         }
         state.motor_position = axis.motor_position;

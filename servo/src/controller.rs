@@ -7,41 +7,54 @@
 )]
 
 use bus::sample::{
-    AxisCommand, AxisFeedback, Cause, ControllerState, Driver, Feedback, ManualState, Mode,
-    WindowHeader, WindowId, WindowRow,
+    AxisCommand, AxisFeedback, Cause, Driver, Feedback, Mode, WindowHeader, WindowRow,
 };
 use bytemuck::Zeroable;
-use control::backlash::BacklashState;
-use control::feed_forward::{FeedForward, MovementCommands};
+use control::feed_forward::PeriodState;
+use control::follow_up::FollowUpState;
 use control::guards::Broken;
-use control::inverse_dynamics::InverseDynamicsState;
 use control::learned_table::LearnedTable;
-use control::reversal::{Announcement, ReversalState};
-use control::trigger::Speeds;
-use control::velocity_loop::VelocityLoopState;
-use machine::{DriveMode, Machine, PositionFeedback, WithinPeriod};
+use machine::{DriveMode, Machine, PositionFeedback};
 
-use crate::compensation::Added;
-use crate::even_rows::PeriodEnds;
-use crate::held::{HeldWindow, Refusal, check_itself, check_seam};
-use crate::manual::{self, PROGRAM};
+use crate::closed_loop::{ClosedLoop, Wanted};
+use crate::held::Refusal;
+use crate::manual::{self, ManualState};
+use crate::setpoints::Setpoints;
 use crate::settings::{ServoSettings, ServoSettingsError};
+use crate::state::ServoState;
+use crate::windows::Windows;
 
 /// One axis in one role.
 ///
 /// Each scan: offer the windows that became visible, then [`scan`](Servo::scan) the feedback. All that a command depends
-/// on is the feedback, the windows held and the [`ControllerState`] of the command before, so that another servo of the
+/// on is the feedback, the windows held and the [`ServoState`] that the command before carried, so that another servo of the
 /// axis can go on from there to the bit.
 #[derive(Debug, Clone)]
 pub struct Servo {
     settings: ServoSettings,
     role: u32,
     incarnation: u32,
-    held: HeldWindow,
-    pending: HeldWindow,
-    refused: WindowId,
-    state: ControllerState,
+    windows: Windows,
+    state: ServoState,
     learned: Option<Box<LearnedTable>>,
+}
+
+/// A feedback that makes sense, and what it says of this axis.
+#[derive(Debug, Clone, Copy)]
+struct Judged<'a> {
+    feedback: &'a Feedback,
+    axis: &'a AxisFeedback,
+    mode: Mode,
+    /// Feedback position, in increments.
+    position: i64,
+}
+
+impl<'a> Judged<'a> {
+    /// The position commands around this scan.
+    fn setpoints(&self, settings: &'a ServoSettings, windows: &'a Windows) -> Setpoints<'a> {
+        let register = self.axis.command_register;
+        Setpoints::new(settings, &windows.held, self.feedback, register)
+    }
 }
 
 impl Servo {
@@ -59,24 +72,20 @@ impl Servo {
             settings: ServoSettings::new(machine, axis)?,
             role,
             incarnation,
-            held: HeldWindow::none(),
-            pending: HeldWindow::none(),
-            refused: WindowId::NONE,
-            state: ControllerState::zeroed(),
+            windows: Windows::none(),
+            state: ServoState::zeroed(),
             learned: None,
         })
     }
 
-    /// One that takes this one's place: it remembers nothing but what runs before have taught.
+    /// One that takes this one's slot: it remembers nothing but what was learned in runs before.
     pub fn replacement(&self, incarnation: u32) -> Servo {
         Servo {
             settings: self.settings,
             role: self.role,
             incarnation,
-            held: HeldWindow::none(),
-            pending: HeldWindow::none(),
-            refused: WindowId::NONE,
-            state: ControllerState::zeroed(),
+            windows: Windows::none(),
+            state: ServoState::zeroed(),
             learned: self.learned.clone(),
         }
     }
@@ -86,18 +95,18 @@ impl Servo {
         &self.settings
     }
 
-    /// Goes by what runs before this one have taught; before its first scan.
+    /// Goes by what was learned in runs before this one; before its first scan.
     pub fn recall(&mut self, learned: LearnedTable) {
         self.learned = Some(Box::new(learned));
     }
 
     /// The state after the last scan.
-    pub fn state(&self) -> &ControllerState {
+    pub fn state(&self) -> &ServoState {
         &self.state
     }
 
     /// Goes on from the state another controller of the axis left, before the next scan.
-    pub fn adopt(&mut self, state: &ControllerState) {
+    pub fn adopt(&mut self, state: &ServoState) {
         self.state = *state;
     }
 
@@ -110,7 +119,7 @@ impl Servo {
                 && axis.command_scan == peer.scan
         });
         if taken && peer.role != self.role && peer.scan.wrapping_add(1) == feedback.scan {
-            self.state = peer.state;
+            self.state = ServoState::of(peer);
         }
     }
 
@@ -127,120 +136,54 @@ impl Servo {
         rows: &[WindowRow],
         feedback: &Feedback,
     ) -> Result<(), Refusal> {
-        self.obey(feedback);
-        let id = header.id;
-        if !id.is_none() && (id == self.held.id() || id == self.pending.id()) {
-            return Ok(());
-        }
-        let judged = check_itself(&self.settings, header, rows).and_then(|()| {
-            if id == feedback.window {
-                Ok(&mut self.held)
-            } else {
-                check_seam(
-                    &self.settings,
-                    &self.held,
-                    &self.pending,
-                    header,
-                    rows,
-                    feedback,
-                )
-                .map(|()| &mut self.pending)
-            }
-        });
-        match judged {
-            Ok(place) => {
-                place.set(header, rows);
-                Ok(())
-            }
-            Err(refusal) => {
-                self.refused = id;
-                Err(refusal)
-            }
-        }
-    }
-
-    /// Windows as the feedback says: the pending one takes over, is void, or waits.
-    fn obey(&mut self, feedback: &Feedback) {
-        if !self.pending.is_none() {
-            let id = self.pending.id();
-            if feedback.window == id {
-                core::mem::swap(&mut self.held, &mut self.pending);
-                self.pending.clear();
-            } else {
-                let header = self.pending.header();
-                let missed = feedback.scan >= header.first_scan;
-                let orphaned = header.predecessor != feedback.window;
-                if feedback.voided == id || missed || orphaned {
-                    self.pending.clear();
-                }
-            }
-        }
-        if feedback.window.is_none() {
-            self.held.clear();
-        }
+        self.windows.offer(&self.settings, header, rows, feedback)
     }
 
     /// One scan: the command that answers this feedback.
     ///
     /// 1. judge the feedback;
-    /// 2. obey it as to windows;
+    /// 2. follow it as to windows;
     /// 3. with the drives off or tripped, follow the axis;
-    /// 4. otherwise position command, following error, reversal, feed-forward, velocity command, limits, or the manual
-    ///    controller's;
-    /// 5. in torque mode, the velocity loop.
+    /// 4. otherwise the axis's active controller: the program's ([`ClosedLoop`]) or the manual one;
+    /// 5. guards; in torque mode, the velocity loop.
     ///
     /// A cause stops the axis and is held until the drives are off or tripped.
     pub fn scan(&mut self, feedback: &Feedback) -> AxisCommand {
         let mut command = self.blank(feedback);
-        let (mode, axis) = match self.judge(feedback) {
+        let scan = match self.judge(feedback) {
             Ok(judged) => judged,
             Err(cause) => return self.stop(command, cause),
         };
-        self.obey(feedback);
-        let late = self.held.is_none() && !feedback.window.is_none();
-        if late && feedback.at_rest == 1 && self.state.initialised != 0 {
-            self.held.stand(feedback);
-        }
-        command.held = self.held.id();
-        command.pending = self.pending.id();
-        let missing = !feedback.window.is_none() && self.held.id() != feedback.window;
-        if self.state.initialised == 0 {
-            self.initialise(feedback, &axis);
-        }
-        let scan_before = self.state.scan;
-        self.state.scan = feedback.scan;
-        if matches!(mode, Mode::Disabled | Mode::Tripped) {
-            self.follow_up(mode, &axis);
+        self.windows.follow(feedback);
+        let scans_passed = self.begin(&scan);
+        command.held = self.windows.held.id();
+        command.pending = self.windows.pending.id();
+        if matches!(scan.mode, Mode::Disabled | Mode::Tripped) {
+            self.open_loop(&scan);
             return self.finish(command);
         }
-        let driver = Driver::from_wire(axis.driver);
-        let Some(driver) = driver.filter(|d| *d == Driver::Program || feedback.window.is_none())
-        else {
-            return self.stop(command, Cause::BadFeedback);
+        let driver = match self.driver(&scan) {
+            Ok(driver) => driver,
+            Err(cause) => return self.stop(command, cause),
         };
-        if missing {
-            return self.stop(command, Cause::WindowMissing);
-        }
-        if !self.held.is_none() && !self.held.has_row(feedback.row) {
-            return self.stop(command, Cause::BadFeedback);
-        }
-        command.tag = if self.held.is_none() {
+        let held = &self.windows.held;
+        command.tag = if held.is_none() {
             feedback.tag
         } else {
-            self.held.tag(feedback.row)
+            held.tag(feedback.row)
         };
-        command.stop_deceleration_mm_s2 = self
-            .held
-            .stop_deceleration_mm_s2(&self.settings, feedback.row);
-        if driver == Driver::Program {
-            self.closed(feedback, &axis, scan_before, command)
-        } else {
-            self.by_hand(&axis, driver == Driver::ManualStop, command)
-        }
+        command.stop_deceleration_mm_s2 =
+            held.stop_deceleration_mm_s2(&self.settings, feedback.row);
+        let wanted = match driver {
+            Driver::Program => self.closed_loop(&scan, scans_passed),
+            Driver::Manual => self.manual(&scan, false),
+            Driver::ManualStop => self.manual(&scan, true),
+        };
+        self.drive(&scan, &wanted, command)
     }
 
-    /// Mode and axis of a feedback that makes sense.
-    fn judge(&self, feedback: &Feedback) -> Result<(Mode, AxisFeedback), Cause> {
+    /// A feedback that makes sense, or what is wrong with it.
+    fn judge<'a>(&self, feedback: &'a Feedback) -> Result<Judged<'a>, Cause> {
         let mode = Mode::from_wire(feedback.mode).ok_or(Cause::BadFeedback)?;
         let forward = self.state.initialised == 0 || feedback.scan > self.state.scan;
         let whole = feedback.axis_count as usize == self.settings.axis_count;
@@ -252,283 +195,157 @@ impl Servo {
         let finite = axis.velocity_mm_s.is_finite()
             && axis.velocity_command_mm_s.is_finite()
             && axis.torque_nm.is_finite();
-        if finite {
-            Ok((mode, *axis))
-        } else {
-            Err(Cause::BadValue)
+        if !finite {
+            return Err(Cause::BadValue);
         }
-    }
-
-    fn position(&self, axis: &AxisFeedback) -> i64 {
-        match self.settings.feedback {
-            PositionFeedback::Motor => axis.motor_position,
-            PositionFeedback::Scale => axis.scale_position,
-        }
-    }
-
-    /// The position command `ahead` scans from this one.
-    fn command_at(&self, feedback: &Feedback, axis: &AxisFeedback, ahead: i64) -> i64 {
-        if self.held.is_none() {
-            return axis.command_register;
-        }
-        let row = i64::from(feedback.row) + ahead;
-        match self.settings.within_period {
-            WithinPeriod::Exact => self.held.position(self.settings.axis, row),
-            WithinPeriod::Linear => self.even_row(feedback, row, ahead),
-        }
-    }
-
-    /// A row of the period's even split: the windows stay exact, only what this servo makes of them is split.
-    ///
-    /// The period in which the window ends is not split: the machine counts as at rest from its last row on.
-    fn even_row(&self, feedback: &Feedback, row: i64, ahead: i64) -> i64 {
-        let axis = self.settings.axis;
-        let period = self.settings.scans_per_period;
-        let scan = i64::try_from(feedback.scan).unwrap_or(i64::MAX);
-        let scan_in_period = scan.saturating_add(ahead).rem_euclid(period.into());
-        let before = row - scan_in_period - 1;
-        let last = before + i64::from(period);
-        if self.held.ends_by(last) {
-            return self.held.position(axis, row);
-        }
-        // The window begins with this period: its predecessor's last row is what was commanded.
-        let from_predecessor = before < 0 && ahead >= 0 && self.state.initialised != 0;
-        let ends = PeriodEnds {
-            before: if from_predecessor {
-                self.state.period_start
-            } else {
-                self.held.position(axis, before)
+        Ok(Judged {
+            feedback,
+            axis,
+            mode,
+            position: match self.settings.feedback {
+                PositionFeedback::Motor => axis.motor_position,
+                PositionFeedback::Scale => axis.scale_position,
             },
-            last: self.held.position(axis, last),
-        };
-        ends.split(u32::try_from(scan_in_period).unwrap_or(0), period)
+        })
     }
 
-    /// First feedback: as if the axis had been commanded along the window until now, or had stood.
-    fn initialise(&mut self, feedback: &Feedback, axis: &AxisFeedback) {
-        let phase = self.phase(feedback.scan);
-        let at = |ahead: i64| self.command_at(feedback, axis, ahead);
+    /// The state is of this scan from now on; scans since the one it was left in.
+    fn begin(&mut self, scan: &Judged) -> u64 {
+        if self.state.initialised == 0 {
+            self.initialise(scan);
+        } else {
+            self.windows.take_what_is_left(scan.feedback);
+        }
+        let scan_before = self.state.scan;
+        self.state.scan = scan.feedback.scan;
+        scan.feedback.scan.saturating_sub(scan_before)
+    }
+
+    /// First feedback: as if the axis had been commanded along the window until now, or had been at rest.
+    fn initialise(&mut self, scan: &Judged) {
+        let setpoints = scan.setpoints(&self.settings, &self.windows);
+        let period_start = -1 - i64::from(setpoints.scan_in_period());
         let period = i64::from(self.settings.scans_per_period);
-        let start = -1 - i64::from(phase);
-        self.state = ControllerState {
-            command_position: at(-1),
-            command_position_before: at(-2),
-            feedback_position: self.position(axis),
-            period_start: at(start),
-            period_start_before: at(start - period),
-            velocity_mm_s: axis.velocity_mm_s,
-            motor_position: axis.motor_position,
+        let mut state = ServoState {
+            program: FollowUpState::closed(setpoints.at(-1), scan.position),
+            command_position_before: setpoints.at(-2),
+            period: PeriodState {
+                start: setpoints.at(period_start),
+                start_before: setpoints.at(period_start - period),
+            },
+            velocity_mm_s: scan.axis.velocity_mm_s,
             // This scan: no period boundary is seen to pass.
-            scan: feedback.scan,
+            scan: scan.feedback.scan,
             cause: self.state.cause,
             initialised: 1,
             // Whoever comes late takes over what is being commanded; there is no switch.
-            manual: ManualState {
-                drove: PROGRAM,
-                ..ManualState::zeroed()
-            },
-            ..ControllerState::zeroed()
+            manual: ManualState::of_program(),
+            ..ServoState::zeroed()
         };
-    }
-
-    /// Place of a scan in its distribution period, from 0.
-    fn phase(&self, scan: u64) -> u32 {
-        let period = u64::from(self.settings.scans_per_period.max(1));
-        u32::try_from(scan % period).unwrap_or(0)
+        state.model.motor_position = scan.axis.motor_position;
+        self.state = state;
     }
 
     /// Open loop: the register follows the axis (docs/methods/follow-up.md).
     ///
     /// With the drives switched off at rest, direction and backlash compensation stay true with it. After a trip, or
     /// where the master's register says otherwise, closing it starts from a clean state where that register is.
-    fn follow_up(&mut self, mode: Mode, axis: &AxisFeedback) {
-        let position = self.position(axis);
-        let register = manual::follow_up(&mut self.state, position);
-        let kept = if mode == Mode::Disabled && register == axis.command_register {
-            ControllerState {
-                direction: self.state.direction,
-                backlash_mm: self.state.backlash_mm,
-                inverse_dynamics: {
-                    let mut values = self.state.inverse_dynamics;
-                    InverseDynamicsState::leave(&mut values);
-                    values
-                },
-                manual: self.state.manual,
-                ..ControllerState::zeroed()
-            }
-        } else {
-            let mut manual = ManualState::zeroed();
-            manual.steady_deviation = axis.command_register.saturating_sub(position);
-            ControllerState {
-                manual,
-                ..ControllerState::zeroed()
-            }
-        };
-        self.state = ControllerState {
-            command_position: axis.command_register,
-            command_position_before: axis.command_register,
-            feedback_position: position,
-            period_start: axis.command_register,
-            period_start_before: axis.command_register,
-            velocity_mm_s: axis.velocity_mm_s,
-            motor_position: axis.motor_position,
-            scan: self.state.scan,
-            kicks: self.state.kicks,
+    fn open_loop(&mut self, scan: &Judged) {
+        let before = &mut self.state;
+        manual::follow_up(&mut before.manual, &mut before.program, scan.position);
+        let register = scan.axis.command_register;
+        let mut state = ServoState {
+            program: FollowUpState::closed(register, scan.position),
+            command_position_before: register,
+            period: PeriodState::at_rest(register),
+            velocity_mm_s: scan.axis.velocity_mm_s,
+            scan: before.scan,
             initialised: 1,
-            ..kept
+            ..ServoState::zeroed()
         };
+        state.model.motor_position = scan.axis.motor_position;
+        state.reversal.kicks = before.reversal.kicks;
+        if scan.mode == Mode::Disabled && before.program.register == register {
+            state.program.steady_deviation = before.program.steady_deviation;
+            state.backlash = before.backlash;
+            state.model.inverse_dynamics = before.model.inverse_dynamics;
+            state.model.inverse_dynamics.leave();
+            state.manual = before.manual;
+        } else {
+            state.program.steady_deviation = register.saturating_sub(scan.position);
+        }
+        self.state = state;
+    }
+
+    /// Which of the axis's controllers drives it in this scan.
+    fn driver(&self, scan: &Judged) -> Result<Driver, Cause> {
+        let feedback = scan.feedback;
+        let driver = Driver::from_wire(scan.axis.driver)
+            .filter(|driver| *driver == Driver::Program || feedback.window.is_none())
+            .ok_or(Cause::BadFeedback)?;
+        if self.windows.misses(feedback) {
+            return Err(Cause::WindowMissing);
+        }
+        if !self.windows.held.is_none() && !self.windows.held.has_row(feedback.row) {
+            return Err(Cause::BadFeedback);
+        }
+        Ok(driver)
+    }
+
+    /// The program's controller drives the axis.
+    fn closed_loop(&mut self, scan: &Judged, scans_passed: u64) -> Wanted {
+        let setpoints = scan
+            .setpoints(&self.settings, &self.windows)
+            .after(self.state.period.start);
+        ClosedLoop {
+            settings: &self.settings,
+            state: &mut self.state,
+            learned: self.learned.as_deref(),
+            setpoints,
+            axis: scan.axis,
+            position: scan.position,
+            scans_passed,
+        }
+        .scan()
     }
 
     /// The second controller drives the axis (docs/methods/two-controllers.md).
-    fn by_hand(
-        &mut self,
-        axis: &AxisFeedback,
-        stop: bool,
-        mut command: AxisCommand,
-    ) -> AxisCommand {
-        let settings = self.settings;
-        let position = self.position(axis);
-        let speed_per_increment = settings.increment_mm / settings.scan_s;
-        let measured_mm_s =
-            position.saturating_sub(self.state.feedback_position) as f64 * speed_per_increment;
-        let output = settings
-            .manual
-            .update(&mut self.state, axis, position, stop);
-        let register = self.state.command_position;
-        self.state.command_position_before = register;
-        self.state.period_start = register;
-        self.state.period_start_before = register;
-        self.state.velocity_mm_s = measured_mm_s;
-        self.state.armed = 0;
-        self.state.kick_mm_s = 0.0;
-        self.state.kick_remaining_scans = 0;
-        command.jog_done = u32::from(output.done);
-        command.following_error_mm = output.error as f64 * settings.increment_mm;
-        // The model does not know where this motion goes: its torque stays, and goes on from there.
-        InverseDynamicsState::leave(&mut self.state.inverse_dynamics);
-        self.state.motor_position = axis.motor_position;
-        let [torque_nm, _] = self.state.torque_feed_forward_nm;
-        self.state.torque_feed_forward_nm = [torque_nm; 2];
-        self.drive(
-            axis,
-            register,
-            position,
-            output.velocity_mm_s,
-            torque_nm,
-            command,
-        )
-    }
-
-    /// Closed loop: the block diagram of the servo.
-    fn closed(
-        &mut self,
-        feedback: &Feedback,
-        axis: &AxisFeedback,
-        scan_before: u64,
-        mut command: AxisCommand,
-    ) -> AxisCommand {
-        let settings = self.settings;
-        let phase = self.phase(feedback.scan);
-        if self.state.manual.drove != PROGRAM {
-            // The register came from elsewhere: where it is, is no motion.
-            let register = self.command_at(feedback, axis, 0);
-            self.state.command_position = register;
-            self.state.command_position_before = register;
-        }
-        let boundary = self.step_period(feedback, axis, scan_before);
-        let position_command = self.command_at(feedback, axis, 0);
-        let position = self.position(axis);
-        if self.held.is_none() {
-            // No window, no future: nothing is fed forward and no kick waits for a reversal that will not come.
-            self.state.armed = 0;
-            self.state.period_start = axis.command_register;
-            self.state.period_start_before = axis.command_register;
-        }
-        let movement = MovementCommands::gather(
-            self.state.period_start_before,
-            self.state.period_start,
-            phase,
-            settings.scans_per_period,
-            settings.look_ahead_periods,
-            |ahead| self.command_at(feedback, axis, ahead),
+    fn manual(&mut self, scan: &Judged, stop: bool) -> Wanted {
+        let settings = &self.settings;
+        let state = &mut self.state;
+        let moved = scan.position.saturating_sub(state.program.encoder);
+        let output = settings.manual.update(
+            &mut state.manual,
+            &mut state.program,
+            scan.axis,
+            scan.position,
+            stop,
         );
-        let speed_per_increment = settings.increment_mm / settings.scan_s;
-
-        let before_mm = self.state.backlash_mm;
-        let (compensation_mm, reversed) = self.backlash(feedback, axis, position_command);
-        let model = self.model(feedback, axis, before_mm, compensation_mm);
-        let error = position_command.saturating_sub(position) as f64 * settings.increment_mm;
-        let ahead_mm = self.error_ahead_mm(feedback, axis, scan_before, position);
-        let proportional_mm_s = settings.position_gain_per_s
-            * (self.position_error_mm(axis, position_command, model.compensation_mm) + ahead_mm);
-        let period_speed_mm_s =
-            settings.feed_forward.increments_per_scan(&movement, phase) * speed_per_increment;
-        let feed_forward_mm_s = model
-            .row_speed_mm_s
-            .filter(|_| settings.feed_forward_enabled)
-            .map_or(period_speed_mm_s, |speed_mm_s| {
-                settings.feed_forward.coefficient * speed_mm_s
-            });
-        // What the reversal is judged by: the speed of the rows themselves (their smoothed speed is centred one scan back),
-        // or of the position loop where nothing is fed forward and the axis lags by 1/Kp.
-        let speed_mm_s = if settings.feed_forward_enabled {
-            let rows = FeedForward {
-                coefficient: 1.0,
-                advance_scans: 1.0,
-                ..settings.feed_forward
-            };
-            rows.increments_per_scan(&movement, phase) * speed_per_increment
-        } else {
-            proportional_mm_s
-        };
-        let speeds = Speeds {
-            command_mm_s: speed_mm_s,
-            fed_command_mm_s: settings.feed_forward.coefficient * speed_mm_s,
-            feed_forward_mm_s,
-            proportional_mm_s,
-        };
-        let kick_mm_s = self.kick(&movement, boundary, reversed, &speeds);
-        let own_mm_s = proportional_mm_s + feed_forward_mm_s + kick_mm_s + model.velocity_mm_s;
-        let velocity_mm_s =
-            settings
-                .manual
-                .program_drives(&mut self.state, axis.velocity_command_mm_s, own_mm_s);
-
-        let measured_mm_s =
-            position.saturating_sub(self.state.feedback_position) as f64 * speed_per_increment;
-        self.state.command_position_before = self.state.command_position;
-        self.state.command_position = position_command;
-        self.state.feedback_position = position;
-        self.state.velocity_mm_s = measured_mm_s;
-        command.following_error_mm = error;
-        command.feed_forward_mm_s = feed_forward_mm_s;
-        self.drive(
-            axis,
-            position_command,
-            position,
-            velocity_mm_s,
-            model.torque_nm,
-            command,
-        )
+        state.command_position_before = state.program.register;
+        state.period = PeriodState::at_rest(state.program.register);
+        state.velocity_mm_s = moved as f64 * (settings.increment_mm / settings.scan_s);
+        state.reversal.cancel();
+        state.model.leave(scan.axis);
+        let [torque_nm, _] = state.model.torque_feed_forward_nm;
+        Wanted {
+            velocity_mm_s: output.velocity_mm_s,
+            torque_nm,
+            feed_forward_mm_s: 0.0,
+            following_error_mm: output.error as f64 * settings.increment_mm,
+            jog_done: output.done,
+        }
     }
 
     /// Guards, then the velocity command for the drive or, in torque mode, through the velocity loop the torque.
-    fn drive(
-        &mut self,
-        axis: &AxisFeedback,
-        position_command: i64,
-        position: i64,
-        velocity_mm_s: f64,
-        torque_nm: f64,
-        mut command: AxisCommand,
-    ) -> AxisCommand {
-        let settings = self.settings;
-        let measured_mm_s = self.state.velocity_mm_s;
-        let guards = &settings.guards;
+    fn drive(&mut self, scan: &Judged, wanted: &Wanted, mut command: AxisCommand) -> AxisCommand {
+        command.following_error_mm = wanted.following_error_mm;
+        command.feed_forward_mm_s = wanted.feed_forward_mm_s;
+        command.jog_done = u32::from(wanted.jog_done);
+        let guards = &self.settings.guards;
         let broken = guards
-            .following_error(command.following_error_mm)
-            .or(guards.positions(position_command, position))
-            .or(guards.speed(velocity_mm_s));
+            .following_error(wanted.following_error_mm)
+            .or(guards.positions(self.state.program.register, scan.position))
+            .or(guards.speed(wanted.velocity_mm_s));
         if let Some(broken) = broken {
             return self.stop(command, cause(broken));
         }
@@ -536,26 +353,20 @@ impl Servo {
             // Held until the master has taken notice.
             return self.silence(command);
         }
-        let limited = match settings.drive_mode {
-            DriveMode::Velocity => {
-                command.velocity_mm_s = velocity_mm_s;
-                command.torque_nm = torque_nm;
-                axis.torque_limited != 0
-            }
+        command.velocity_mm_s = wanted.velocity_mm_s;
+        command.torque_nm = wanted.torque_nm;
+        let limited = match self.settings.drive_mode {
+            DriveMode::Velocity => scan.axis.torque_limited != 0,
             DriveMode::Torque => {
-                let mut inner = VelocityLoopState {
-                    integrator_nm: self.state.integrator_nm,
-                };
-                let torque =
-                    settings
-                        .velocity_loop
-                        .update(&mut inner, velocity_mm_s, measured_mm_s);
+                let torque = self.settings.velocity_loop.update(
+                    &mut self.state.velocity_loop,
+                    wanted.velocity_mm_s,
+                    self.state.velocity_mm_s,
+                );
                 if !torque.torque_nm.is_finite() {
                     return self.stop(command, Cause::BadValue);
                 }
-                self.state.integrator_nm = inner.integrator_nm;
-                command.velocity_mm_s = velocity_mm_s;
-                command.torque_nm = torque.torque_nm + torque_nm;
+                command.torque_nm = torque.torque_nm + wanted.torque_nm;
                 torque.limited
             }
         };
@@ -564,180 +375,25 @@ impl Servo {
         } else {
             0
         };
-        if self.state.torque_limited_scans > settings.torque_limited_scans_max {
+        if self.state.torque_limited_scans > self.settings.torque_limited_scans_max {
             return self.stop(command, Cause::TorqueLimit);
         }
         self.finish(command)
     }
 
-    /// Steps the registers of the distribution period; true in the first scan of one. Goes by scan numbers; where some
-    /// were skipped, the rows of the window say what was commanded.
-    fn step_period(&mut self, feedback: &Feedback, axis: &AxisFeedback, scan_before: u64) -> bool {
-        let phase = self.phase(feedback.scan);
-        if feedback.scan.saturating_sub(scan_before) <= u64::from(phase) {
-            return false;
-        }
-        if feedback.scan == scan_before.wrapping_add(1) {
-            self.state.period_start_before = self.state.period_start;
-            self.state.period_start = self.state.command_position;
-        } else {
-            let start = -1 - i64::from(phase);
-            let period = i64::from(self.settings.scans_per_period);
-            self.state.period_start = self.command_at(feedback, axis, start);
-            self.state.period_start_before = self.command_at(feedback, axis, start - period);
-        }
-        true
-    }
-
-    /// What the prediction of the feedback adds to the position error: the command as far ahead, less the feedback's share.
-    fn error_ahead_mm(
-        &self,
-        feedback: &Feedback,
-        axis: &AxisFeedback,
-        scan_before: u64,
-        position: i64,
-    ) -> f64 {
-        let settings = &self.settings;
-        let scans = feedback.scan.saturating_sub(scan_before).max(1) as f64;
-        let difference = position.saturating_sub(self.state.feedback_position) as f64 / scans;
-        let command = settings
-            .prediction
-            .command_ahead(|ahead| self.command_at(feedback, axis, ahead));
-        (command - settings.prediction.added(difference)) * settings.increment_mm
-    }
-
-    fn backlash(
-        &mut self,
-        feedback: &Feedback,
-        axis: &AxisFeedback,
-        position_command: i64,
-    ) -> (f64, bool) {
-        let settings = &self.settings;
-        let mut side = BacklashState {
-            direction: self.state.direction,
-            compensation_mm: self.state.backlash_mm,
-        };
-        let rows = settings.scans_per_period as i64 * settings.look_ahead_periods as i64;
-        let ahead = (1..=rows).map(|i| self.command_at(feedback, axis, i));
-        let reversed = settings.backlash.update(
-            &mut side,
-            self.state.command_position,
-            position_command,
-            ahead,
-        );
-        self.state.direction = side.direction;
-        self.state.backlash_mm = side.compensation_mm;
-        (side.compensation_mm, reversed)
-    }
-
-    fn kick(
-        &mut self,
-        movement: &MovementCommands,
-        boundary: bool,
-        reversed: bool,
-        speeds: &Speeds,
-    ) -> f64 {
-        let block = &self.settings.kick;
-        let mut reversal = ReversalState {
-            announcement: match self.state.armed {
-                1 => Announcement::Ahead,
-                2 => Announcement::Answered,
-                3 => Announcement::Overdue,
-                _ => Announcement::None,
-            },
-            trigger_speed_mm_s: self.state.trigger_speed_mm_s,
-            kick_mm_s: self.state.kick_mm_s,
-            kick_remaining_scans: self.state.kick_remaining_scans,
-            kick_direction: self.state.kick_direction,
-            kick_trigger_mm_s: self.state.kick_trigger_mm_s,
-            kick_distance_mm: self.state.kick_distance_mm,
-            kicks: self.state.kicks,
-        };
-        if reversed {
-            block.reversed(&mut reversal);
-        }
-        if boundary {
-            block.announce(&mut reversal, self.state.direction, movement);
-        }
-        let kick_mm_s = block.update(&mut reversal, self.state.direction, speeds);
-        self.state.armed = match reversal.announcement {
-            Announcement::None => 0,
-            Announcement::Ahead => 1,
-            Announcement::Answered => 2,
-            Announcement::Overdue => 3,
-        };
-        self.state.trigger_speed_mm_s = reversal.trigger_speed_mm_s;
-        self.state.kick_mm_s = reversal.kick_mm_s;
-        self.state.kick_remaining_scans = reversal.kick_remaining_scans;
-        self.state.kick_direction = reversal.kick_direction;
-        self.state.kick_trigger_mm_s = reversal.kick_trigger_mm_s;
-        self.state.kick_distance_mm = reversal.kick_distance_mm;
-        self.state.kicks = reversal.kicks;
-        kick_mm_s
-    }
-
-    /// What the identified model adds to the commands.
-    fn model(
-        &mut self,
-        feedback: &Feedback,
-        axis: &AxisFeedback,
-        before_mm: f64,
-        step_mm: f64,
-    ) -> Added {
-        let mut state = self.state;
-        let added = self.settings.model.update(
-            &mut state,
-            axis,
-            self.learned.as_deref(),
-            [before_mm, step_mm],
-            |scans| match scans {
-                0.. => self.command_at(feedback, axis, scans),
-                -1 => self.state.command_position,
-                _ => self.state.command_position_before,
-            },
-        );
-        state.backlash_mm = added.compensation_mm;
-        self.state = state;
-        added
-    }
-
-    /// Position error of the loop, in mm: at the motor with its compensation, and with a scale corrected by what the
-    /// scale says, at once or smoothly where `dual_feedback_ms` is set.
-    fn position_error_mm(
-        &mut self,
-        axis: &AxisFeedback,
-        position_command: i64,
-        compensation_mm: f64,
-    ) -> f64 {
-        let settings = &self.settings;
-        let off_mm = |position: i64| {
-            position_command.saturating_sub(position) as f64 * settings.increment_mm
-        };
-        let motor_mm = off_mm(axis.motor_position) + compensation_mm;
-        match settings.feedback {
-            PositionFeedback::Motor => motor_mm,
-            PositionFeedback::Scale => {
-                let missing_mm = off_mm(axis.scale_position) - motor_mm;
-                let correction_mm = &mut self.state.scale_correction_mm;
-                *correction_mm += settings.scale_share * (missing_mm - *correction_mm);
-                motor_mm + *correction_mm
-            }
-        }
-    }
-
+    /// A command that asks for nothing yet.
     fn blank(&self, feedback: &Feedback) -> AxisCommand {
         AxisCommand {
             scan: feedback.scan,
             visible_from: feedback.scan.saturating_add(1),
-            position: self.state.command_position,
             stop_deceleration_mm_s2: self
                 .settings
                 .quick_stop_mm_s2
                 .get(self.settings.axis)
                 .copied()
                 .unwrap_or(0.0),
-            held: self.held.id(),
-            pending: self.pending.id(),
+            held: self.windows.held.id(),
+            pending: self.windows.pending.id(),
             axis: self.settings.axis as u32,
             role: self.role,
             incarnation: self.incarnation,
@@ -749,7 +405,7 @@ impl Servo {
         }
     }
 
-    /// Drives nothing and says why; the first cause is held.
+    /// Drives nothing and reports why; the first cause is held.
     fn stop(&mut self, command: AxisCommand, cause: Cause) -> AxisCommand {
         if self.state.cause == Cause::None as u32 {
             self.state.cause = cause as u32;
@@ -760,7 +416,7 @@ impl Servo {
     fn silence(&mut self, mut command: AxisCommand) -> AxisCommand {
         command.velocity_mm_s = 0.0;
         command.torque_nm = 0.0;
-        self.state.integrator_nm = 0.0;
+        self.state.velocity_loop.integrator_nm = 0.0;
         if !command.following_error_mm.is_finite() {
             command.following_error_mm = 0.0;
         }
@@ -770,11 +426,16 @@ impl Servo {
         self.finish(command)
     }
 
+    /// Completes the command by the state after this scan, and what others read of it.
     fn finish(&self, mut command: AxisCommand) -> AxisCommand {
-        command.position = self.state.command_position;
-        command.refused = self.refused;
+        let [torque_nm, ..] = self.state.model.torque_feed_forward_nm;
+        command.position = self.state.program.register;
+        command.refused = self.windows.refused;
         command.cause = self.state.cause;
-        command.state = self.state;
+        command.compensation_mm = self.state.backlash.compensation_mm;
+        command.friction_pulse_mm_s = self.state.reversal.kick_mm_s;
+        command.torque_feed_forward_nm = torque_nm;
+        command.state = self.state.words();
         command
     }
 }

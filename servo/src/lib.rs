@@ -5,6 +5,7 @@
 //! **Invariant**: whatever a command depends on is in the feedback, in the windows held, or in the state that the
 //! command before carried; a second controller of the axis goes on from there to the bit.
 
+mod closed_loop;
 mod compensation;
 mod controller;
 mod even_rows;
@@ -12,10 +13,14 @@ mod held;
 mod manual;
 pub mod ports;
 mod run;
+mod setpoints;
 mod settings;
+mod state;
+mod windows;
 
 pub use controller::Servo;
 pub use held::Refusal;
 pub use ports::{BusPorts, ServoPorts};
 pub use run::{Options, ServoError, cycle, run, run_over};
 pub use settings::{ServoSettings, ServoSettingsError};
+pub use state::ServoState;

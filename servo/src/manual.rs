@@ -1,6 +1,6 @@
 //! The second control device of an axis: it jogs, and it keeps the program controller's register true meanwhile.
 //!
-//! Everything it remembers is in the [`ControllerState`], so that another servo of the axis goes on to the bit.
+//! Everything it remembers is in the servo's state, so that another servo of the axis goes on to the bit.
 #![deny(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -8,8 +8,8 @@
     clippy::indexing_slicing
 )]
 
-use bus::sample::{AxisFeedback, ControllerState, ManualState};
-use bytemuck::Zeroable;
+use bus::sample::AxisFeedback;
+use bytemuck::{Pod, Zeroable};
 use control::changeover::{Changeover, ChangeoverState, Phase, Variant};
 use control::follow_up::FollowUpState;
 use control::jog::JogProfile;
@@ -34,7 +34,7 @@ const RETURN_TOLERANCE_MM: f64 = 1e-4;
 /// Nobody drove in the scan before.
 const NOBODY: u32 = 0;
 /// The program's controller did.
-pub(crate) const PROGRAM: u32 = 1;
+const PROGRAM: u32 = 1;
 /// The manual one did.
 const MANUAL: u32 = 2;
 
@@ -46,6 +46,39 @@ pub struct ManualController {
     changeover: Changeover,
     profile: JogProfile,
     speed_per_increment_per_s: f64,
+}
+
+/// What [`ManualController`] remembers (docs/methods/two-controllers.md).
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct ManualState {
+    /// Position command of the manual controller, in increments of its own.
+    pub command_position: i64,
+    /// Where that command is to end.
+    pub goal: i64,
+    /// Change of that command in the last scan, in increments.
+    pub step: i64,
+    /// The changeover between the two controllers.
+    pub changeover: ChangeoverState,
+    /// Who drove in the scan before: 0 nobody (loop open), 1 the program's controller, 2 the manual one.
+    pub drove: u32,
+    /// Kept zero.
+    pub reserved: u32,
+}
+
+impl ManualState {
+    /// While the program's controller drives.
+    pub fn of_program() -> ManualState {
+        ManualState {
+            drove: PROGRAM,
+            ..ManualState::default()
+        }
+    }
+
+    /// Whether the program's controller drove in the scan before.
+    pub fn program_drove(&self) -> bool {
+        self.drove == PROGRAM
+    }
 }
 
 /// What it puts out in one scan.
@@ -90,63 +123,44 @@ impl ManualController {
         }
     }
 
-    /// One scan in which it drives. The program's register is `state.command_position`, before and after; the encoder
-    /// of the scan before `state.feedback_position`.
+    /// One scan in which it drives. `program` is the register of the program's controller, which follows the axis, and the
+    /// encoder of the scan before.
     pub(crate) fn update(
         &self,
-        state: &mut ControllerState,
+        state: &mut ManualState,
+        program: &mut FollowUpState,
         axis: &AxisFeedback,
         position: i64,
         stop: bool,
     ) -> ManualOutput {
-        let mut manual = state.manual;
-        let mut switch = changeover_of(state);
-        if manual.drove != MANUAL {
-            // It begins without an error, where the motor stands; its own speed command is then none.
-            self.changeover.to_second(
-                &mut switch,
-                axis.command_register,
-                position,
-                0,
-                axis.velocity_command_mm_s,
-                0.0,
-            );
+        if state.drove != MANUAL {
             let way = axis.jog_target.saturating_sub(axis.command_register);
-            manual = ManualState {
+            *state = ManualState {
                 command_position: position,
                 goal: position.saturating_add(way),
                 drove: MANUAL,
-                ..ManualState::zeroed()
+                ..ManualState::default()
             };
+            // It begins without an error, where the motor stands; its own speed command is then none.
+            *program = FollowUpState::closed(axis.command_register, position);
+            let before_mm_s = axis.velocity_command_mm_s;
+            self.changeover
+                .to_second(&mut state.changeover, 0, before_mm_s, 0.0);
         }
-        let moves = switch.phase == Phase::Following;
+        let moves = state.changeover.phase() == Phase::Following;
         if moves {
-            let left = manual.goal.saturating_sub(manual.command_position);
-            manual.step = self.profile.step(manual.step, left, stop);
-            manual.command_position = manual.command_position.saturating_add(manual.step);
+            let left = state.goal.saturating_sub(state.command_position);
+            state.step = self.profile.step(state.step, left, stop);
+            state.command_position = state.command_position.saturating_add(state.step);
         }
-        let error = manual.command_position.saturating_sub(position);
-        let added_mm_s = self.changeover.update(&mut switch, position, error);
-        let arrived = stop || manual.command_position == manual.goal;
-        if moves && (manual.step != 0 || !arrived) {
-            self.changeover.moves(&mut switch);
+        let error = state.command_position.saturating_sub(position);
+        let changeover = &mut state.changeover;
+        let added_mm_s = self.changeover.update(changeover, program, position, error);
+        let arrived = stop || state.command_position == state.goal;
+        if moves && (state.step != 0 || !arrived) {
+            self.changeover.moves(changeover);
         }
-        let done = moves && manual.step == 0 && arrived && self.changeover.is_settled(&switch);
-        state.command_position = switch.first.register;
-        state.feedback_position = position;
-        manual.steady_deviation = switch.first.steady_deviation;
-        manual.stored_error = switch.second_stored_error;
-        manual.fade_mm_s = switch.fade_mm_s;
-        manual.return_mm_s = switch.return_mm_s;
-        manual.settled_scans = switch.settled_scans;
-        manual.waited_scans = switch.waited_scans;
-        manual.phase = match switch.phase {
-            Phase::FirstDrives => 0,
-            Phase::Settling => 1,
-            Phase::Returning => 2,
-            Phase::Following => 3,
-        };
-        state.manual = manual;
+        let done = moves && state.step == 0 && arrived && self.changeover.is_settled(changeover);
         ManualOutput {
             velocity_mm_s: self.speed_per_increment_per_s * error as f64 + added_mm_s,
             error,
@@ -158,53 +172,25 @@ impl ManualController {
     /// that takes over from whoever drove before it, or from standing still.
     pub(crate) fn program_drives(
         &self,
-        state: &mut ControllerState,
+        state: &mut ManualState,
         before_mm_s: f64,
         own_mm_s: f64,
     ) -> f64 {
-        if state.manual.drove != PROGRAM {
-            let mut switch = changeover_of(state);
-            self.changeover.to_first(&mut switch, before_mm_s, own_mm_s);
-            state.manual = ManualState {
-                fade_mm_s: switch.fade_mm_s,
-                drove: PROGRAM,
-                ..ManualState::zeroed()
-            };
+        if !state.program_drove() {
+            *state = ManualState::of_program();
+            self.changeover
+                .to_first(&mut state.changeover, before_mm_s, own_mm_s);
         }
-        own_mm_s + self.changeover.fade(&mut state.manual.fade_mm_s)
+        own_mm_s + self.changeover.fade(&mut state.changeover.fade_mm_s)
     }
 }
 
-/// The loop is open: the register that follows the motor from the opening on (docs/methods/follow-up.md).
-pub(crate) fn follow_up(state: &mut ControllerState, position: i64) -> i64 {
-    let mut first = changeover_of(state).first;
-    if state.manual.drove != NOBODY {
-        first.count(position);
-        first.open();
-        state.manual = ManualState::zeroed();
+/// The loop is open: the program's register follows the motor from the opening on (docs/methods/follow-up.md).
+pub(crate) fn follow_up(state: &mut ManualState, program: &mut FollowUpState, position: i64) {
+    if state.drove != NOBODY {
+        program.count(position);
+        program.open();
+        *state = ManualState::default();
     }
-    first.follow(position);
-    state.manual.steady_deviation = first.steady_deviation;
-    first.register
-}
-
-fn changeover_of(state: &ControllerState) -> ChangeoverState {
-    let manual = &state.manual;
-    ChangeoverState {
-        first: FollowUpState {
-            steady_deviation: manual.steady_deviation,
-            ..FollowUpState::closed(state.command_position, state.feedback_position)
-        },
-        phase: match manual.phase {
-            1 => Phase::Settling,
-            2 => Phase::Returning,
-            3 => Phase::Following,
-            _ => Phase::FirstDrives,
-        },
-        second_stored_error: manual.stored_error,
-        fade_mm_s: manual.fade_mm_s,
-        return_mm_s: manual.return_mm_s,
-        settled_scans: manual.settled_scans,
-        waited_scans: manual.waited_scans,
-    }
+    program.follow(position);
 }

@@ -7,6 +7,7 @@
 )]
 
 use control::backlash::Backlash;
+use control::dual_feedback::DualFeedback;
 use control::feed_forward::FeedForward;
 use control::guards::AxisGuards;
 use control::prediction::Prediction;
@@ -60,8 +61,8 @@ pub struct ServoSettings {
     pub within_period: WithinPeriod,
     /// Where the position comes from.
     pub feedback: PositionFeedback,
-    /// Part of the scale's correction that is taken over in one scan.
-    pub scale_share: f64,
+    /// How the scale's position comes into the motor's.
+    pub dual_feedback: DualFeedback,
     /// Prediction of the feedback position.
     pub prediction: Prediction,
     /// Who closes the velocity loop.
@@ -124,11 +125,7 @@ impl ServoSettings {
             increment_mm,
             within_period: machine.interpolation.within_period,
             feedback: axis.feedback,
-            scale_share: if axis.dual_feedback_ms > 0.0 {
-                1.0 - libm::exp(-scan_s / (axis.dual_feedback_ms * 1e-3))
-            } else {
-                1.0
-            },
+            dual_feedback: DualFeedback::with_time_constant(axis.dual_feedback_ms * 1e-3, scan_s),
             prediction: axis
                 .prediction
                 .map_or(Prediction::OFF, |p| Prediction { m: p.m }),

@@ -5,7 +5,13 @@ mod common;
 use bus::sample::{AxisCommand, Mode};
 use bytemuck::{Zeroable, bytes_of};
 use common::{RADIUS_MM, Rig, SPEED_MM_S, machine, servo};
+use control::reversal::{Announcement, ReversalState};
 use machine::{Prediction, PulseShape, WithinPeriod};
+use servo::ServoState;
+
+fn reversal(command: &AxisCommand) -> ReversalState {
+    ServoState::of(command).reversal
+}
 
 /// A command with what names its maker taken out.
 fn anonymous(mut command: AxisCommand) -> AxisCommand {
@@ -54,11 +60,12 @@ fn a_standby_that_is_given_the_state_goes_on_to_the_bit_from_any_scan() {
                 rig.scan - 1,
                 rig.commands[1]
             );
-            states |= 1 << command.state.armed;
-            kicking += u32::from(command.state.kick_remaining_scans > 0);
+            let reversal = reversal(&command);
+            states |= 1 << reversal.announcement;
+            kicking += u32::from(reversal.kick_remaining_scans > 0);
         }
         // The comparison is worth something only if there was something to carry.
-        assert!(rig.commands[1].state.kicks >= 2, "{name}");
+        assert!(reversal(&rig.commands[1]).kicks >= 2, "{name}");
         assert!(kicking >= 10, "{name}: {kicking} scans with a kick running");
         assert_eq!(
             states & 0b111,
@@ -113,11 +120,12 @@ fn each_kick_starts_its_lead_before_the_rows_reverse() {
             let before = rig.commands;
             rig.step(|_, _| ());
             for (axis, (was, is)) in before.iter().zip(&rig.commands).enumerate() {
-                let (was, is) = (&was.state, &is.state);
-                if is.kicks > was.kicks {
+                let (was, is) = (ServoState::of(was), ServoState::of(is));
+                if is.reversal.kicks > was.reversal.kicks {
                     started.push((axis, rig.scan - 1));
                 }
-                if was.direction != 0 && is.direction != was.direction {
+                let (was, is) = (was.backlash.direction, is.backlash.direction);
+                if was != 0 && is != was {
                     // The command reversed between the row before and this one.
                     reversed.push((axis, rig.scan - 1));
                 }
@@ -142,11 +150,13 @@ fn an_announced_kick_is_forgotten_when_the_windows_no_longer_reverse() {
     let announced = loop {
         rig.step(|_, _| ());
         assert!(rig.scan < 5_000);
-        if let Some(axis) = (0..2).find(|a| rig.commands[*a].state.armed == 1) {
+        if let Some(axis) =
+            (0..2).find(|a| reversal(&rig.commands[*a]).announcement() == Announcement::Ahead)
+        {
             break axis;
         }
     };
-    let kicks = rig.commands[announced].state.kicks;
+    let kicks = reversal(&rig.commands[announced]).kicks;
     // The master drops the future: no window, the register stays.
     rig.window = bus::sample::WindowId::NONE;
     rig.pending = None;
@@ -155,8 +165,11 @@ fn an_announced_kick_is_forgotten_when_the_windows_no_longer_reverse() {
     for _ in 0..40 {
         rig.step(|_, _| ());
     }
-    let state = rig.commands[announced].state;
-    assert_eq!((state.armed, state.kicks, state.kick_mm_s), (0, kicks, 0.0));
+    let state = reversal(&rig.commands[announced]);
+    assert_eq!(
+        (state.announcement(), state.kicks, state.kick_mm_s),
+        (Announcement::None, kicks, 0.0)
+    );
     assert_eq!(rig.commands[announced].feed_forward_mm_s, 0.0);
 }
 
@@ -168,7 +181,7 @@ fn a_silent_planner_ends_in_rest_with_nothing_left_over() {
     rig.run_to(2_000);
     for command in &rig.commands {
         assert_eq!(command.feed_forward_mm_s, 0.0);
-        assert_eq!(command.state.kick_mm_s, 0.0);
+        assert_eq!(command.friction_pulse_mm_s, 0.0);
         assert!(command.velocity_mm_s.abs() < 1e-3, "{command:?}");
     }
 }

@@ -4,8 +4,9 @@ mod common;
 
 use bus::sample::{AxisCommand, Cause, Driver, Feedback, Mode};
 use common::{Rig, machine, servo};
+use control::changeover::Phase;
 use machine::Changeover;
-use servo::Servo;
+use servo::{Servo, ServoState};
 
 /// One axis that does what it is told, a scan later.
 struct Axis {
@@ -62,9 +63,9 @@ impl Axis {
         for _ in 0..20_000 {
             let seen = self.rig.position[0];
             let command = self.scan();
-            let manual = &command.state.manual;
-            if manual.phase == 3 {
-                assert_eq!(command.position - seen, manual.steady_deviation);
+            let state = ServoState::of(&command);
+            if state.manual.changeover.phase() == Phase::Following {
+                assert_eq!(command.position - seen, state.program.steady_deviation);
             }
             if command.jog_done == 1 {
                 self.driver = Driver::Program;
@@ -132,7 +133,7 @@ fn another_servo_goes_on_from_its_state_to_the_bit() {
             other.adopt(axis.servo.state());
             let expected = other.scan(&axis.feedback());
             assert_eq!(axis.scan(), expected, "scan {scan}");
-            seen[axis.command.state.manual.phase as usize] += 1;
+            seen[ServoState::of(&axis.command).manual.changeover.phase as usize] += 1;
             if axis.command.jog_done == 1 {
                 axis.driver = Driver::Program;
                 axis.rig.mode = Mode::Enabled;

@@ -200,7 +200,7 @@ impl Follower {
             command_mm: mm(command.position),
             motor_mm: mm(axis.motor_position),
             scale_mm: mm(axis.scale_position),
-            compensation_mm: command.state.backlash_mm,
+            compensation_mm: command.compensation_mm,
             torque_nm: axis.torque_nm,
             fed_forward_nm: acting_nm,
             counts: follows
@@ -208,8 +208,7 @@ impl Follower {
                 && command.feed_forward_mm_s.abs() < self.feed_max_mm_s
                 && command.cause == 0,
         });
-        let [now_nm, _] = command.state.torque_feed_forward_nm;
-        self.fed_forward_nm = [now_nm, last_nm];
+        self.fed_forward_nm = [command.torque_feed_forward_nm, last_nm];
         self.last_scan = feedback.scan;
     }
 }

@@ -97,7 +97,7 @@ impl Bench {
                 let mut command = AxisCommand::zeroed();
                 command.scan = scan;
                 command.axis = axis;
-                command.state.inverse_dynamics[31] = scan as f64;
+                command.state[31] = scan;
                 self.black_box
                     .take(SampleRef::Command(axis as usize, &command));
                 self.fed.push(Sample::Command(Box::new(command)));

@@ -164,7 +164,7 @@ impl Rows {
         let set = |row: &mut AxisRow| {
             row.command_mm = sample.position as f64 * increment_mm;
             row.following_error_um = sample.following_error_mm * 1e3;
-            row.kick_mm_s = sample.state.kick_mm_s;
+            row.kick_mm_s = sample.friction_pulse_mm_s;
         };
         self.fill(axis, sample.scan, COMMAND, set, out);
     }

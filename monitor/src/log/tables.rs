@@ -1,8 +1,8 @@
 //! The fields of every sample, by name. A field that is added to a sample and not here does not compile.
 
 use bus::sample::{
-    AxisCommand, AxisFeedback, ControllerState, Feedback, Instruments, ManualState, Participant,
-    PathTag, PlannerStatus, Roster, WindowHeader, WindowId, WindowRow,
+    AxisCommand, AxisFeedback, Feedback, Instruments, Participant, PathTag, PlannerStatus, Roster,
+    WindowHeader, WindowId, WindowRow,
 };
 
 use super::layout::table;
@@ -28,18 +28,8 @@ table!(
     table_mm @ AxesAndSubsamples, motor_mm @ AxesAndSubsamples,
 );
 table!(
-    ControllerState: command_position, feedback_position, command_position_before, scan, period_start,
-    period_start_before, backlash_mm, integrator_nm, velocity_mm_s, trigger_speed_mm_s, kick_mm_s,
-    kick_trigger_mm_s, kick_distance_mm, observer_n, motor_position, scale_correction_mm, kick_remaining_scans, armed, direction, torque_limited_scans, kicks,
-    initialised, cause, kick_direction, torque_feed_forward_nm, inverse_dynamics, manual,
-);
-table!(
-    ManualState: command_position, goal, step, steady_deviation, stored_error, fade_mm_s, return_mm_s, drove, phase,
-    settled_scans, waited_scans,
-);
-table!(
     AxisCommand: scan, visible_from, position, velocity_mm_s, torque_nm, feed_forward_mm_s, following_error_mm,
-    stop_deceleration_mm_s2, held, pending, refused, tag, state, axis, role, incarnation, drive_mode, cause, jog_done,
+    stop_deceleration_mm_s2, compensation_mm, friction_pulse_mm_s, torque_feed_forward_nm, held, pending, refused, tag, state, axis, role, incarnation, drive_mode, cause, jog_done,
 );
 table!(
     PlannerStatus: scan, visible_from, program_hash, published, path_length_mm, path_done_mm, incarnation, finished,

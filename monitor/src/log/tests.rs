@@ -349,7 +349,7 @@ fn recording_cost_per_scan() {
                 command.axis = axis as u32;
                 command.position = feedback.axes[axis].motor_position + 5;
                 command.velocity_mm_s = feedback.axes[axis].velocity_mm_s;
-                command.state.velocity_mm_s = command.velocity_mm_s;
+                command.state[8] = command.velocity_mm_s.to_bits();
                 recorder.record(SampleRef::Command(axis, &command)).unwrap();
             }
             recorder

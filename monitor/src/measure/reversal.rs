@@ -86,7 +86,7 @@ impl ReversalMeter {
 
     /// Takes the command of one scan.
     pub fn take(&mut self, command: &AxisCommand) {
-        let pulse_mm_s = command.state.kick_mm_s;
+        let pulse_mm_s = command.friction_pulse_mm_s;
         let turned = pulse_mm_s * self.last_pulse_mm_s <= 0.0;
         if pulse_mm_s != 0.0 && pulse_mm_s.is_finite() && turned {
             let direction = if pulse_mm_s > 0.0 { 1 } else { -1 };

@@ -429,7 +429,7 @@ impl Eyes {
             }
             OfAxis::Winding => feedback.winding_k,
             OfAxis::MissedScans => f64::from(feedback.missed_scans),
-            OfAxis::Kick => command?.state.kick_mm_s,
+            OfAxis::Kick => command?.friction_pulse_mm_s,
             OfAxis::Role => f64::from(feedback.taken_role),
         })
     }

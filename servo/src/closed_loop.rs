@@ -1,0 +1,265 @@
+//! The program's controller in one scan: position loop, feed-forward, reversal compensation, model.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::AxisFeedback;
+use control::feed_forward::{FeedForward, MovementCommands, PeriodState};
+use control::follow_up::FollowUpState;
+use control::learned_table::LearnedTable;
+use control::trigger::Speeds;
+use machine::PositionFeedback;
+
+use crate::compensation::Added;
+use crate::setpoints::Setpoints;
+use crate::settings::ServoSettings;
+use crate::state::ServoState;
+
+/// What is wanted of an axis in one scan, before the guards.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Wanted {
+    /// Velocity command, in mm/s.
+    pub velocity_mm_s: f64,
+    /// Torque fed forward, in N·m.
+    pub torque_nm: f64,
+    /// Feed-forward part of the velocity command, in mm/s.
+    pub feed_forward_mm_s: f64,
+    /// Command minus feedback, compensation not counted, in mm.
+    pub following_error_mm: f64,
+    /// The manual controller has come to rest where it is to be.
+    pub jog_done: bool,
+}
+
+/// One scan of the program's controller.
+#[derive(Debug)]
+pub(crate) struct ClosedLoop<'a> {
+    pub settings: &'a ServoSettings,
+    pub state: &'a mut ServoState,
+    pub learned: Option<&'a LearnedTable>,
+    pub setpoints: Setpoints<'a>,
+    pub axis: &'a AxisFeedback,
+    /// Feedback position, in increments.
+    pub position: i64,
+    /// Scans since the one that the state was left in, at least 1 but in the first.
+    pub scans_passed: u64,
+}
+
+impl ClosedLoop<'_> {
+    /// The block diagram.
+    pub fn scan(mut self) -> Wanted {
+        self.take_over();
+        let period_begins = self.step_period();
+        let setpoint = self.setpoints.at(0);
+        let movement = self.movement();
+
+        let compensated_before_mm = self.state.backlash.compensation_mm;
+        let reversed = self.backlash(setpoint);
+        let model = self.model(compensated_before_mm);
+        let proportional_mm_s = self.position_loop(setpoint, model.compensation_mm);
+        let feed_forward_mm_s = self.feed_forward(&movement, &model);
+        let speeds = self.speeds(&movement, proportional_mm_s, feed_forward_mm_s);
+        let pulse_mm_s = self.friction_pulse(&movement, period_begins, reversed, &speeds);
+        let own_mm_s = proportional_mm_s + feed_forward_mm_s + pulse_mm_s + model.velocity_mm_s;
+        let velocity_mm_s = self.settings.manual.program_drives(
+            &mut self.state.manual,
+            self.axis.velocity_command_mm_s,
+            own_mm_s,
+        );
+
+        self.remember(setpoint);
+        Wanted {
+            velocity_mm_s,
+            torque_nm: model.torque_nm,
+            feed_forward_mm_s,
+            following_error_mm: self.mm(setpoint.saturating_sub(self.position)),
+            jog_done: false,
+        }
+    }
+
+    fn mm(&self, increments: i64) -> f64 {
+        increments as f64 * self.settings.increment_mm
+    }
+
+    /// Where another controller drove, the register came from elsewhere: where it is, is no motion.
+    fn take_over(&mut self) {
+        if !self.state.manual.program_drove() {
+            let register = self.setpoints.at(0);
+            self.state.program.register = register;
+            self.state.command_position_before = register;
+        }
+    }
+
+    /// Steps the interpolation period; true in the first scan of one. Goes by scan numbers; where some were skipped, the
+    /// setpoints of the window say what was commanded.
+    fn step_period(&mut self) -> bool {
+        let scan_in_period = self.setpoints.scan_in_period();
+        let begins = self.scans_passed > u64::from(scan_in_period);
+        if begins {
+            if self.scans_passed == 1 {
+                self.state.period.step(self.state.program.register);
+            } else {
+                let start = -1 - i64::from(scan_in_period);
+                let length = i64::from(self.settings.scans_per_period);
+                self.state.period.start = self.setpoints.at(start);
+                self.state.period.start_before = self.setpoints.at(start - length);
+            }
+        }
+        self.setpoints = self.setpoints.after(self.state.period.start);
+        begins
+    }
+
+    fn movement(&mut self) -> MovementCommands {
+        if !self.setpoints.has_window() {
+            // No window, no future: nothing is fed forward and no pulse waits for a reversal that will not come.
+            self.state.reversal.disarm();
+            self.state.period = PeriodState::at_rest(self.axis.command_register);
+        }
+        MovementCommands::gather(
+            self.state.period.start_before,
+            self.state.period.start,
+            self.setpoints.scan_in_period(),
+            self.settings.scans_per_period,
+            self.settings.look_ahead_periods,
+            |ahead| self.setpoints.at(ahead),
+        )
+    }
+
+    /// Whether the command reverses in this scan; lost motion is then compensated on the other side.
+    fn backlash(&mut self, setpoint: i64) -> bool {
+        let known = self.settings.scans_per_period as i64 * self.settings.look_ahead_periods as i64;
+        let ahead = (1..=known).map(|i| self.setpoints.at(i));
+        self.settings.backlash.update(
+            &mut self.state.backlash,
+            self.state.program.register,
+            setpoint,
+            ahead,
+        )
+    }
+
+    /// What the identified model adds to the commands.
+    fn model(&mut self, compensated_before_mm: f64) -> Added {
+        let ServoState {
+            program,
+            command_position_before,
+            backlash,
+            model,
+            ..
+        } = &mut *self.state;
+        let added = self.settings.model.update(
+            model,
+            self.axis,
+            self.learned,
+            [compensated_before_mm, backlash.compensation_mm],
+            |scans| match scans {
+                0.. => self.setpoints.at(scans),
+                -1 => program.register,
+                _ => *command_position_before,
+            },
+        );
+        backlash.compensation_mm = added.compensation_mm;
+        added
+    }
+
+    /// `Kp·ε`, in mm/s.
+    fn position_loop(&mut self, setpoint: i64, compensation_mm: f64) -> f64 {
+        let motor_mm = self.mm(setpoint.saturating_sub(self.axis.motor_position)) + compensation_mm;
+        let error_mm = match self.settings.feedback {
+            PositionFeedback::Motor => motor_mm,
+            PositionFeedback::Scale => {
+                let scale_mm = self.mm(setpoint.saturating_sub(self.axis.scale_position));
+                self.settings.dual_feedback.update(
+                    &mut self.state.dual_feedback,
+                    motor_mm,
+                    scale_mm,
+                )
+            }
+        };
+        self.settings.position_gain_per_s * (error_mm + self.error_ahead_mm())
+    }
+
+    /// What the prediction of the feedback adds to the position error: the command as far ahead, less the feedback's share.
+    fn error_ahead_mm(&self) -> f64 {
+        let prediction = &self.settings.prediction;
+        let scans = self.scans_passed.max(1) as f64;
+        let moved = self.position.saturating_sub(self.state.program.encoder);
+        let command = prediction.command_ahead(|ahead| self.setpoints.at(ahead));
+        (command - prediction.added(moved as f64 / scans)) * self.settings.increment_mm
+    }
+
+    /// Speed fed forward, in mm/s: of the setpoints where their acceleration is fed forward as torque, else smoothed over a
+    /// period.
+    fn feed_forward(&self, movement: &MovementCommands, model: &Added) -> f64 {
+        let forward = &self.settings.feed_forward;
+        let period_mm_s = self.mm_s(forward, movement);
+        model
+            .row_speed_mm_s
+            .filter(|_| self.settings.feed_forward_enabled)
+            .map_or(period_mm_s, |speed_mm_s| forward.coefficient * speed_mm_s)
+    }
+
+    fn mm_s(&self, forward: &FeedForward, movement: &MovementCommands) -> f64 {
+        forward.increments_per_scan(movement, self.setpoints.scan_in_period())
+            * self.speed_per_increment_mm_s()
+    }
+
+    fn speed_per_increment_mm_s(&self) -> f64 {
+        self.settings.increment_mm / self.settings.scan_s
+    }
+
+    /// What the reversal is judged by: the speed of the setpoints themselves (their smoothed speed is centred one scan back),
+    /// or of the position loop where nothing is fed forward and the axis lags by 1/Kp.
+    fn speeds(
+        &self,
+        movement: &MovementCommands,
+        proportional_mm_s: f64,
+        feed_forward_mm_s: f64,
+    ) -> Speeds {
+        let forward = &self.settings.feed_forward;
+        let command_mm_s = if self.settings.feed_forward_enabled {
+            let setpoints = FeedForward {
+                coefficient: 1.0,
+                advance_scans: 1.0,
+                ..*forward
+            };
+            self.mm_s(&setpoints, movement)
+        } else {
+            proportional_mm_s
+        };
+        Speeds {
+            command_mm_s,
+            fed_command_mm_s: forward.coefficient * command_mm_s,
+            feed_forward_mm_s,
+            proportional_mm_s,
+        }
+    }
+
+    fn friction_pulse(
+        &mut self,
+        movement: &MovementCommands,
+        period_begins: bool,
+        reversed: bool,
+        speeds: &Speeds,
+    ) -> f64 {
+        let block = &self.settings.kick;
+        let direction = self.state.backlash.direction;
+        let state = &mut self.state.reversal;
+        if reversed {
+            block.reversed(state);
+        }
+        if period_begins {
+            block.announce(state, direction, movement);
+        }
+        block.update(state, direction, speeds)
+    }
+
+    fn remember(&mut self, setpoint: i64) {
+        let moved = self.position.saturating_sub(self.state.program.encoder);
+        self.state.velocity_mm_s = moved as f64 * self.speed_per_increment_mm_s();
+        self.state.command_position_before = self.state.program.register;
+        self.state.program = FollowUpState::closed(setpoint, self.position);
+    }
+}

@@ -1,0 +1,100 @@
+//! The position commands of an axis around the present scan.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::Feedback;
+use machine::WithinPeriod;
+
+use crate::even_rows::PeriodEnds;
+use crate::held::HeldWindow;
+use crate::settings::ServoSettings;
+
+/// What the window in force commands, scan by scan; without a window the register.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Setpoints<'a> {
+    settings: &'a ServoSettings,
+    held: &'a HeldWindow,
+    feedback: &'a Feedback,
+    register: i64,
+    /// Position command at the end of the period before the present one; none before the first scan.
+    period_start: Option<i64>,
+}
+
+impl<'a> Setpoints<'a> {
+    /// In the scan of this feedback; `register` is where the master has the axis commanded to be.
+    pub fn new(
+        settings: &'a ServoSettings,
+        held: &'a HeldWindow,
+        feedback: &'a Feedback,
+        register: i64,
+    ) -> Setpoints<'a> {
+        Setpoints {
+            settings,
+            held,
+            feedback,
+            register,
+            period_start: None,
+        }
+    }
+
+    /// The same in a period before which this was commanded.
+    pub fn after(self, period_start: i64) -> Setpoints<'a> {
+        Setpoints {
+            period_start: Some(period_start),
+            ..self
+        }
+    }
+
+    /// Whether there is a window.
+    pub fn has_window(&self) -> bool {
+        !self.held.is_none()
+    }
+
+    /// Scans of this period before the present one.
+    pub fn scan_in_period(&self) -> u32 {
+        let period = u64::from(self.settings.scans_per_period.max(1));
+        u32::try_from(self.feedback.scan % period).unwrap_or(0)
+    }
+
+    /// The position command `ahead` scans from this one.
+    pub fn at(&self, ahead: i64) -> i64 {
+        if self.held.is_none() {
+            return self.register;
+        }
+        let row = i64::from(self.feedback.row) + ahead;
+        match self.settings.within_period {
+            WithinPeriod::Exact => self.held.position(self.settings.axis, row),
+            WithinPeriod::Linear => self.interpolated(row, ahead),
+        }
+    }
+
+    /// By linear interpolation in the period: the windows stay exact, only what this servo makes of them is split.
+    ///
+    /// The period in which the window ends is not split: the machine counts as at rest from its last setpoint on.
+    fn interpolated(&self, row: i64, ahead: i64) -> i64 {
+        let axis = self.settings.axis;
+        let period = self.settings.scans_per_period;
+        let scan = i64::try_from(self.feedback.scan).unwrap_or(i64::MAX);
+        let scan_in_period = scan.saturating_add(ahead).rem_euclid(period.into());
+        let before = row - scan_in_period - 1;
+        let last = before + i64::from(period);
+        if self.held.ends_by(last) {
+            return self.held.position(axis, row);
+        }
+        // The window begins with this period: its predecessor's last setpoint is what was commanded.
+        let from_predecessor = before < 0 && ahead >= 0;
+        let ends = PeriodEnds {
+            before: self
+                .period_start
+                .filter(|_| from_predecessor)
+                .unwrap_or_else(|| self.held.position(axis, before)),
+            last: self.held.position(axis, last),
+        };
+        ends.split(u32::try_from(scan_in_period).unwrap_or(0), period)
+    }
+}

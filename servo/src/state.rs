@@ -1,0 +1,108 @@
+//! What a servo remembers from one scan to the next: the states of its blocks, one after the other.
+//!
+//! Each command carries it as opaque words. Whoever adds a block with a state adds its state here; no sample changes as long
+//! as it fits into them (docs/developers/adding.md).
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::{AxisCommand, SERVO_STATE_WORDS};
+use bytemuck::{Pod, Zeroable};
+use control::backlash::BacklashState;
+use control::dual_feedback::DualFeedbackState;
+use control::feed_forward::PeriodState;
+use control::follow_up::FollowUpState;
+use control::reversal::ReversalState;
+use control::velocity_loop::VelocityLoopState;
+
+use crate::compensation::ModelState;
+use crate::manual::ManualState;
+
+/// All that a command depends on beside the feedback and the windows held.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct ServoState {
+    /// Scan this state was left in.
+    pub scan: u64,
+    /// Register (position command of the scan before, in increments, without compensation) and encoder of the scan before.
+    pub program: FollowUpState,
+    /// Position command one scan earlier, in increments.
+    pub command_position_before: i64,
+    /// Velocity estimate of the torque-mode loop, in mm/s.
+    pub velocity_mm_s: f64,
+    /// Position commands at the ends of the last periods.
+    pub period: PeriodState,
+    /// Direction of the command, and the compensation of lost motion in force.
+    pub backlash: BacklashState,
+    /// Friction pulse at the reversals.
+    pub reversal: ReversalState,
+    /// The scale's share of the position error.
+    pub dual_feedback: DualFeedbackState,
+    /// The axis's model.
+    pub model: ModelState,
+    /// Velocity loop of torque mode.
+    pub velocity_loop: VelocityLoopState,
+    /// The second controller.
+    pub manual: ManualState,
+    /// 1 once the state has been set from a first feedback.
+    pub initialised: u32,
+    /// [`Cause`](bus::sample::Cause) of the stop this axis asked for, held until the drives are off or tripped.
+    pub cause: u32,
+    /// Scans spent with the torque at its limit, in a row.
+    pub torque_limited_scans: u32,
+    /// Kept zero.
+    pub reserved: u32,
+}
+
+const _: () = assert!(
+    size_of::<ServoState>() <= SERVO_STATE_WORDS * size_of::<u64>(),
+    "the state does not fit into a command: SERVO_STATE_WORDS in bus/src/sample.rs"
+);
+
+impl ServoState {
+    /// The state that a command carries.
+    pub fn of(command: &AxisCommand) -> ServoState {
+        let mut state = ServoState::zeroed();
+        let from = bytemuck::bytes_of(&command.state);
+        for (byte, from) in bytemuck::bytes_of_mut(&mut state).iter_mut().zip(from) {
+            *byte = *from;
+        }
+        state
+    }
+
+    /// The words that a command carries it in; those left over are 0.
+    pub fn words(&self) -> [u64; SERVO_STATE_WORDS] {
+        let mut words = [0; SERVO_STATE_WORDS];
+        let from = bytemuck::bytes_of(self);
+        for (byte, from) in bytemuck::bytes_of_mut(&mut words).iter_mut().zip(from) {
+            *byte = *from;
+        }
+        words
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_state_comes_out_of_a_command_as_it_went_in() {
+        let mut state = ServoState::zeroed();
+        let bytes = bytemuck::bytes_of_mut(&mut state);
+        for (index, byte) in bytes.iter_mut().enumerate() {
+            *byte = (index * 7 % 251) as u8;
+        }
+        let command = AxisCommand {
+            state: state.words(),
+            ..AxisCommand::default()
+        };
+        let found = ServoState::of(&command);
+        assert_eq!(bytemuck::bytes_of(&found), bytemuck::bytes_of(&state));
+        let words = size_of::<ServoState>() / size_of::<u64>();
+        assert!(command.state.iter().skip(words).all(|word| *word == 0));
+    }
+}
