@@ -248,11 +248,13 @@ pub enum Cause {
     DriveLost = 15,
     /// The drive of the axis is off, though it was not told so, or did not come on in time.
     DriveOff = 16,
+    /// The axis has no reference: nobody knows where it is.
+    NotReferenced = 17,
 }
 
 impl Cause {
     /// All of them. A number is never given to another cause: logs keep them.
-    pub const ALL: [Cause; 16] = [
+    pub const ALL: [Cause; 17] = [
         Cause::None,
         Cause::FollowingError,
         Cause::SoftLimit,
@@ -269,6 +271,7 @@ impl Cause {
         Cause::DriveFault,
         Cause::DriveLost,
         Cause::DriveOff,
+        Cause::NotReferenced,
     ];
 
     /// Decodes what came over the wire.
@@ -294,6 +297,7 @@ impl Cause {
             Cause::DriveFault => "drive fault",
             Cause::DriveLost => "drive does not answer",
             Cause::DriveOff => "drive is off, or did not come on in time",
+            Cause::NotReferenced => "axis has no reference: home it first",
             Cause::MasterLost => "master lost and started anew, drives off",
         }
     }

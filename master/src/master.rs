@@ -9,8 +9,8 @@
 )]
 
 use bus::sample::{
-    AxisCommand, AxisFeedback, Cause, Driver, Feedback, Instruments, Job, MAX_AXES, Mode, Roster,
-    WindowHeader, WindowId, WindowRow,
+    AxisFeedback, Cause, Driver, Feedback, Instruments, Job, MAX_AXES, Mode, Roster, WindowHeader,
+    WindowId, WindowRow,
 };
 use bytemuck::Zeroable;
 use machine::{Machine, Restart};
@@ -31,7 +31,8 @@ mod switch;
 use axis_unit::AxisUnit;
 use program::Loaded;
 pub use program::RunEnd;
-use switch::{Switch, Taken};
+use recovery::SwitchingOn;
+use switch::Taken;
 
 /// Speed below which a braked axis counts as standing, in mm/s.
 const STANDSTILL_MM_S: f64 = 0.5;
@@ -44,8 +45,8 @@ pub struct Master<D> {
     drives: D,
     /// The commands of one scan, by axis.
     drive_commands: Vec<DriveCommand>,
-    /// Scans that drives which are being switched on may still take; 0 while none are.
-    switching_on_scans: u64,
+    /// Drives that are being switched on.
+    switching_on: Option<SwitchingOn>,
     scan: u64,
     incarnation: u32,
     period_scans: u64,
@@ -101,29 +102,11 @@ impl<D: Drives> Master<D> {
             .iter()
             .take(drives.count())
             .enumerate()
-            .map(|(index, settings)| {
-                let mut unit = AxisUnit {
-                    settings: settings.clone(),
-                    drive: drives.feedback(index),
-                    command: AxisCommand::zeroed(),
-                    register: 0,
-                    missed: 0,
-                    missed_in_a_row: 0,
-                    cause: Cause::None,
-                    taken_incarnation: 0,
-                    switch: Switch::default(),
-                    followed: false,
-                    driver: Driver::Program,
-                    jog_target: 0,
-                    deviation: 0,
-                };
-                unit.register = unit.feedback_position();
-                unit
-            })
+            .map(|(index, settings)| AxisUnit::new(settings, drives.feedback(index)))
             .collect();
-        Master {
+        let mut master = Master {
             drive_commands: vec![DriveCommand::Disabled; axes.len()],
-            switching_on_scans: 0,
+            switching_on: None,
             axes,
             drives,
             scan: first_scan,
@@ -133,14 +116,7 @@ impl<D: Drives> Master<D> {
             settle_scans: machine.scan.settle_scans,
             in_position_patience_scans: (IN_POSITION_PATIENCE_S / machine.scan_period_s()) as u32,
             run_end,
-            mode: if enabled {
-                match run_end {
-                    RunEnd::AfterProgram => Mode::Enabled,
-                    RunEnd::WhenTold => Mode::Ready,
-                }
-            } else {
-                Mode::Disabled
-            },
+            mode: Mode::Disabled,
             program: Loaded::new(run_end),
             cause: Cause::None,
             cause_axis: u32::MAX,
@@ -167,7 +143,11 @@ impl<D: Drives> Master<D> {
             overrun_scans: 0,
             subsamples: machine.subsamples(),
             digest: MotionDigest::new(),
+        };
+        if enabled {
+            master.start_with_drives_on();
         }
+        master
     }
 
     /// The scan in progress.
@@ -223,10 +203,7 @@ impl<D: Drives> Master<D> {
                 cause: axis.cause as u32,
                 torque_limited: u32::from(axis.drive.torque_limited),
                 driver: axis.driver as u32,
-                drive_code: match axis.drive.state {
-                    DriveState::Fault { code } => code,
-                    DriveState::Ready | DriveState::Off | DriveState::Lost => 0,
-                },
+                drive_code: axis.fault_code,
             };
         }
         feedback
@@ -242,7 +219,7 @@ impl<D: Drives> Master<D> {
         out.axis_count = self.axes.len() as u32;
         let (window, row) = self.windows.in_force(self.scan);
         self.digest.begin(self.scan, window, row);
-        let switching_on = self.switching_on_scans > 0;
+        let switching_on = self.switching_on.is_some();
         for (command, axis) in self.drive_commands.iter_mut().zip(&self.axes) {
             *command = axis.drive_command(self.mode, switching_on);
         }
@@ -251,7 +228,7 @@ impl<D: Drives> Master<D> {
         let rows = out.table_mm.iter_mut().zip(&mut out.motor_mm);
         let axes = self.axes.iter_mut().zip(&self.drive_commands).enumerate();
         for ((index, (axis, command)), (table, motor)) in axes.zip(rows) {
-            axis.drive = self.drives.feedback(index);
+            axis.take_drive(self.drives.feedback(index));
             let samples = self.drives.instruments(index);
             let samples = samples.get(..taken).unwrap_or(samples);
             for ((sample, table), motor) in samples.iter().zip(table).zip(motor) {
@@ -346,11 +323,9 @@ impl<D: Drives> Master<D> {
                 }
             }
             if driven && axis.cause == Cause::None {
-                axis.cause = match axis.drive.state {
-                    DriveState::Fault { .. } => Cause::DriveFault,
-                    DriveState::Lost => Cause::DriveLost,
-                    DriveState::Off => Cause::DriveOff,
-                    DriveState::Ready => fault,
+                axis.cause = match axis.drive_cause() {
+                    Cause::None => fault,
+                    cause => cause,
                 };
             }
         }
@@ -469,11 +444,11 @@ impl<D: Drives> Master<D> {
         }
     }
 
-    /// Whether the axes stand.
+    /// Whether the axes stand, as far as anybody can see: a drive that does not answer shows no speed.
     fn stands(&self) -> bool {
-        self.axes
-            .iter()
-            .all(|axis| axis.drive.velocity_mm_s.abs() < STANDSTILL_MM_S)
+        self.axes.iter().all(|axis| {
+            axis.drive.state == DriveState::Lost || axis.drive.velocity_mm_s.abs() < STANDSTILL_MM_S
+        })
     }
 
     /// Whether a second controller drives an axis.

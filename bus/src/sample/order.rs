@@ -114,7 +114,7 @@ pub enum Refused {
     OutsideTravel = 11,
     /// The machine was stopped by a fault that lasts.
     Faulted = 12,
-    /// The machine has tripped, and a servo is missing or an axis does not stand yet.
+    /// The machine cannot be driven: a servo is missing, an axis is not at rest yet, or a drive has a fault or does not answer.
     NotReady = 13,
     /// The cell runs one program and ends with it.
     OneProgram = 14,
@@ -186,7 +186,7 @@ impl Refused {
             Refused::OutsideTravel => "an axis stands outside its travel: push it back by hand",
             Refused::Faulted => "the machine was stopped by a fault that lasts",
             Refused::NotReady => {
-                "the machine has tripped, and an axis does not stand yet or a servo is missing: wait a moment"
+                "an axis is not at rest yet or a servo is missing (wait a moment), or a drive has a fault or does not answer (see to it first)"
             }
             Refused::OneProgram => {
                 "this cell runs one program and ends with it: `quadrant up` starts one that stays"

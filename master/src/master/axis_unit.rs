@@ -7,10 +7,11 @@
 )]
 
 use bus::sample::{AxisCommand, Cause, Driver, Mode};
+use bytemuck::Zeroable;
 use machine::{Axis, DriveMode, PositionFeedback};
 
 use super::switch::Switch;
-use crate::drives::{DriveCommand, DriveFeedback};
+use crate::drives::{DriveCommand, DriveFeedback, DriveState};
 
 /// One axis as the master sees it.
 #[derive(Debug)]
@@ -25,6 +26,8 @@ pub(super) struct AxisUnit {
     pub missed: u32,
     pub missed_in_a_row: u32,
     pub cause: Cause,
+    /// Code of its drive's fault, one that has stopped the axis until the trip is acknowledged; 0 without one.
+    pub fault_code: u32,
     pub taken_incarnation: u32,
     /// Which of its servos is active.
     pub switch: Switch,
@@ -44,6 +47,29 @@ const SPEED_SANITY: f64 = 2.0;
 const POSITION_SANITY_MM: f64 = 10.0;
 
 impl AxisUnit {
+    /// An axis that is commanded to be where its drive shows it.
+    pub fn new(settings: &Axis, drive: DriveFeedback) -> AxisUnit {
+        let mut unit = AxisUnit {
+            settings: settings.clone(),
+            drive: DriveFeedback::default(),
+            command: AxisCommand::zeroed(),
+            register: 0,
+            missed: 0,
+            missed_in_a_row: 0,
+            cause: Cause::None,
+            fault_code: 0,
+            taken_incarnation: 0,
+            switch: Switch::default(),
+            followed: false,
+            driver: Driver::Program,
+            jog_target: 0,
+            deviation: 0,
+        };
+        unit.take_drive(drive);
+        unit.register = unit.feedback_position();
+        unit
+    }
+
     pub fn increments(&self, mm: f64) -> i64 {
         libm::round(mm / self.settings.increment_mm()) as i64
     }
@@ -62,6 +88,27 @@ impl AxisUnit {
         match self.settings.feedback {
             PositionFeedback::Motor => self.motor_position(),
             PositionFeedback::Scale => self.scale_position(),
+        }
+    }
+
+    /// What is wrong with the drive of an axis that is to be driven.
+    pub fn drive_cause(&self) -> Cause {
+        match self.drive.state {
+            DriveState::Fault { .. } => Cause::DriveFault,
+            DriveState::Lost => Cause::DriveLost,
+            DriveState::Off => Cause::DriveOff,
+            DriveState::Ready if !self.drive.referenced => Cause::NotReferenced,
+            DriveState::Ready => Cause::None,
+        }
+    }
+
+    /// Takes what the drive shows; the fault that has stopped the axis is remembered.
+    pub fn take_drive(&mut self, drive: DriveFeedback) {
+        self.drive = drive;
+        match drive.state {
+            DriveState::Fault { code } => self.fault_code = code,
+            _ if self.cause == Cause::DriveFault => {}
+            DriveState::Ready | DriveState::Off | DriveState::Lost => self.fault_code = 0,
         }
     }
 

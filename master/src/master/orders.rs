@@ -130,6 +130,7 @@ impl<D: Drives> Master<D> {
                 true
             }
             Mode::Disabled | Mode::Tripped => {
+                self.switching_on = None;
                 self.may_end = self.ends();
                 // A servo that comes back must not set off what was told to stop.
                 self.hold |= !self.ends();
@@ -167,7 +168,7 @@ impl<D: Drives> Master<D> {
             Mode::Jogging => return Err(Refused::Jogging.into()),
             Mode::Disabled => return Err(Refused::DrivesOff.into()),
             Mode::Tripped if self.waits_for_servo() => {
-                self.acknowledge()?;
+                self.acknowledge(false)?;
             }
             Mode::Tripped => return Err(Refused::Tripped.into()),
             Mode::Finished => return Err(Refused::Finished.into()),
@@ -203,12 +204,11 @@ impl<D: Drives> Master<D> {
 
     fn order_disable(&mut self) -> Result<(), Refusal> {
         if self.mode == Mode::Disabled {
-            self.switching_on_scans = 0;
+            self.switching_on = None;
             return Ok(());
         }
         self.must_rest()?;
         self.windows.drop_all(self.scan, Dropped::LeavesPath);
-        self.switching_on_scans = 0;
         self.mode = Mode::Disabled;
         self.may_end = false;
         for axis in &mut self.axes {
@@ -223,31 +223,41 @@ impl<D: Drives> Master<D> {
             Mode::Enabled | Mode::Stopping | Mode::Stopped | Mode::Jogging | Mode::Ready => {
                 return Ok(());
             }
-            Mode::Tripped => return self.acknowledge(),
+            Mode::Tripped => return self.acknowledge(true),
             Mode::Finished => return Err(Refused::Finished.into()),
             Mode::Disabled => {}
         }
         if !self.axes.iter().all(AxisUnit::is_within_travel) {
             return Err(Refused::OutsideTravel.into());
         }
-        if !self.axes.iter().all(|axis| axis.drive.referenced) {
-            return Err(Refused::NotReferenced.into());
-        }
+        self.must_be_drivable()?;
         self.may_end = false;
-        self.switch_on();
+        self.switch_on(true);
         Ok(())
     }
 
-    /// Ends a trip in hold, if the machine can be driven again; its run does not end then.
-    fn acknowledge(&mut self) -> Result<(), Refusal> {
+    /// Every drive can follow commands, and knows where its axis is.
+    fn must_be_drivable(&self) -> Result<(), Refusal> {
+        if !self.drives_can_follow() {
+            return Err(Refused::NotReady.into());
+        }
+        if !self.is_referenced() {
+            return Err(Refused::NotReferenced.into());
+        }
+        Ok(())
+    }
+
+    /// Ends a trip, if the machine can be driven again; its run does not end then.
+    fn acknowledge(&mut self, hold: bool) -> Result<(), Refusal> {
         if self.last || self.may_end {
             return Err(Refused::Finished.into());
         }
         if !self.is_ready_again() {
             return Err(Refused::NotReady.into());
         }
+        self.must_be_drivable()?;
         self.settled_scans = 0;
-        self.end_trip(true);
+        self.switch_on(hold);
         Ok(())
     }
 

@@ -12,11 +12,23 @@ use machine::AfterLoss;
 
 use crate::drives::{DriveState, Drives};
 
+use super::axis_unit::AxisUnit;
 use super::{Master, RunEnd};
 use crate::saved::Latches;
 
 /// Longest wait for drives that are being switched on, in s.
 const SWITCH_ON_PATIENCE_S: f64 = 5.0;
+
+/// Drives that are being switched on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct SwitchingOn {
+    /// Scans that they may still take.
+    scans: u64,
+    /// Whether the machine is in hold once they are on.
+    hold: bool,
+    /// The master has started with it: nobody has ordered it.
+    at_start: bool,
+}
 
 impl<D: Drives> Master<D> {
     /// Goes on where a master before this one left: drives off, positions as the encoders say, the place on the path
@@ -35,6 +47,7 @@ impl<D: Drives> Master<D> {
         self.program.resume(latches);
         self.digest.resume(latches.digest);
         self.mode = Mode::Disabled;
+        self.switching_on = None;
         self.cause = Cause::MasterLost;
         self.cause_scan = self.scan;
     }
@@ -69,23 +82,71 @@ impl<D: Drives> Master<D> {
         self.lost_a_servo() && self.restart.servo != AfterLoss::End
     }
 
-    /// Whether a tripped machine could be driven again: all axes stand, within their travel, and have a servo that follows them.
+    /// Whether a tripped machine could be driven again: all axes stand, within their travel, and have a servo that follows
+    /// them and a drive that follows commands or can be switched on.
     pub(super) fn is_ready_again(&self) -> bool {
+        let serves = |axis: &AxisUnit| axis.followed && axis.missed_in_a_row == 0;
         self.stands()
+            && self.drives_can_follow()
             && self
                 .axes
                 .iter()
-                .all(|axis| axis.followed && axis.missed_in_a_row == 0 && axis.is_within_travel())
+                .all(|axis| serves(axis) && axis.is_within_travel())
     }
 
-    /// Drives on: at once where they all follow commands already, otherwise as soon as they do.
-    pub(super) fn switch_on(&mut self) {
-        if self.drives_follow() {
-            self.end_trip(true);
+    /// Whether no drive has a fault or does not answer.
+    pub(super) fn drives_can_follow(&self) -> bool {
+        self.axes.iter().all(|axis| {
+            !matches!(
+                axis.drive.state,
+                DriveState::Fault { .. } | DriveState::Lost
+            )
+        })
+    }
+
+    pub(super) fn is_referenced(&self) -> bool {
+        self.axes.iter().all(|axis| axis.drive.referenced)
+    }
+
+    /// A master that starts with drives on waits for those that are off; nobody has held its program.
+    pub(super) fn start_with_drives_on(&mut self) {
+        if self.drives_can_follow() && !self.drives_follow() {
+            let at_start = true;
+            self.switching_on = Some(SwitchingOn {
+                at_start,
+                ..self.switching_on_now(false)
+            });
         } else {
-            let scans = libm::ceil(SWITCH_ON_PATIENCE_S / self.scan_period_s);
-            self.switching_on_scans = scans as u64;
+            // A drive that cannot be driven trips in the first scan, with its cause.
+            self.mode = match self.run_end {
+                RunEnd::AfterProgram => Mode::Enabled,
+                RunEnd::WhenTold => Mode::Ready,
+            };
         }
+    }
+
+    fn switching_on_now(&self, hold: bool) -> SwitchingOn {
+        SwitchingOn {
+            scans: libm::ceil(SWITCH_ON_PATIENCE_S / self.scan_period_s) as u64,
+            hold,
+            at_start: false,
+        }
+    }
+
+    /// Drives on: at once where they all follow commands already, otherwise as soon as they do. A trip ends with it.
+    pub(super) fn switch_on(&mut self, hold: bool) {
+        if self.drives_follow() {
+            self.end_trip(hold);
+            return;
+        }
+        if self.mode == Mode::Tripped {
+            self.mode = Mode::Disabled;
+            self.clear_causes();
+            for axis in &mut self.axes {
+                axis.deviation = 0;
+            }
+        }
+        self.switching_on = Some(self.switching_on_now(hold));
     }
 
     fn drives_follow(&self) -> bool {
@@ -95,31 +156,30 @@ impl<D: Drives> Master<D> {
 
     /// One scan of drives that are being switched on: ready when they all follow, off again when one does not in time.
     pub(super) fn await_switching_on(&mut self) {
-        if self.switching_on_scans == 0 {
+        let Some(on) = &mut self.switching_on else {
             return;
-        }
-        self.switching_on_scans -= 1;
-        if self.drives_follow() {
-            self.switching_on_scans = 0;
-            self.end_trip(true);
-            return;
-        }
-        let failed = self.axes.iter().position(|axis| {
-            matches!(
-                axis.drive.state,
-                DriveState::Fault { .. } | DriveState::Lost
-            ) || self.switching_on_scans == 0 && axis.drive.state != DriveState::Ready
+        };
+        on.scans = on.scans.saturating_sub(1);
+        let on = *on;
+        let failed = self.axes.iter().position(|axis| match axis.drive_cause() {
+            Cause::DriveOff => on.scans == 0,
+            cause => cause != Cause::None,
         });
         if let Some(index) = failed {
-            self.switching_on_scans = 0;
-            let state = self.axes.get(index).map(|axis| axis.drive.state);
-            self.cause = match state {
-                Some(DriveState::Fault { .. }) => Cause::DriveFault,
-                Some(DriveState::Lost) => Cause::DriveLost,
-                _ => Cause::DriveOff,
-            };
-            self.cause_axis = index as u32;
-            self.cause_scan = self.scan + 1;
+            self.switching_on = None;
+            let cause = self.axes.get(index).map(AxisUnit::drive_cause);
+            let cause = cause.unwrap_or(Cause::DriveOff);
+            if on.at_start {
+                // Nobody has asked for it who could ask again: a run ends by it.
+                self.trip(cause, index as u32);
+            } else {
+                self.cause = cause;
+                self.cause_axis = index as u32;
+                self.cause_scan = self.scan + 1;
+            }
+        } else if self.drives_follow() {
+            self.switching_on = None;
+            self.end_trip(on.hold);
         }
     }
 
@@ -131,13 +191,18 @@ impl<D: Drives> Master<D> {
         } else {
             self.mode = self.idle_mode();
         }
+        self.clear_causes();
+        self.rest_scans = 0;
+        self.waited_scans = 0;
+    }
+
+    fn clear_causes(&mut self) {
         self.cause = Cause::None;
         self.cause_axis = u32::MAX;
         self.cause_scan = 0;
-        self.rest_scans = 0;
-        self.waited_scans = 0;
         for axis in &mut self.axes {
             axis.cause = Cause::None;
+            axis.fault_code = 0;
             axis.missed_in_a_row = 0;
         }
     }
@@ -145,8 +210,8 @@ impl<D: Drives> Master<D> {
     /// Where the machine file lets it: goes on by itself once a lost servo is back.
     pub(super) fn go_on_by_itself(&mut self) {
         let resumes = self.restart.servo == AfterLoss::Resume && !self.may_end;
-        if self.lost_a_servo() && resumes && self.is_ready_again() {
-            self.end_trip(self.hold);
+        if self.lost_a_servo() && resumes && self.is_ready_again() && self.is_referenced() {
+            self.switch_on(self.hold);
         }
     }
 

@@ -244,6 +244,7 @@ fn cause_label(cause: Cause) -> &'static str {
         Cause::DriveFault => "drive-fault",
         Cause::DriveLost => "drive-lost",
         Cause::DriveOff => "drive-off",
+        Cause::NotReferenced => "not-referenced",
     }
 }
 
