@@ -22,7 +22,6 @@ use master::bus_ports::BusPorts;
 use master::saved::Latches;
 use master::{Answered, Drives, Flow, Master, MasterError, MasterPorts, RunEnd};
 use planner::Planner;
-use plant_sim::SimulatedDrives;
 use plant_sim::plant_file::PlantFile;
 use servo::Servo;
 
@@ -208,7 +207,7 @@ fn a_scan_allocates_nothing_but_what_iceoryx2_allocates_per_send() {
     let enter = |index, who| enter(&paths, &folder, &machine, index, who);
 
     let axes = machine.axes.len();
-    let drives = SimulatedDrives::new(plant.simulations(&machine).expect("axes"));
+    let drives = plant.drives(&machine).expect("axes");
     let mut master = Master::new(&machine, drives, 1, 0, true, RunEnd::AfterProgram);
     let servo = |axis: usize| {
         let servo = Servo::new(&machine, axis, 0, 1).expect("a servo");

@@ -5,6 +5,7 @@ mod bad_input;
 mod bad_samples;
 mod bench;
 mod compensation;
+mod dead_time;
 mod deaths;
 mod determinism;
 mod digests;

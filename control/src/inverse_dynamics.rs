@@ -11,9 +11,10 @@ use bytemuck::{Pod, Zeroable};
 use crate::learned_table::LearnedTable;
 use crate::maxwell_slip::{ELEMENTS, MaxwellSlip};
 
-/// Compensations kept: the model runs up to so many scans ahead of the position command.
-pub const LEAD_SCANS_MAX: f64 = 2.999;
-const HISTORY: usize = 3;
+/// Most scans that the model runs ahead of the position command: a dead time of eight, one of hold, nearly one of current loop.
+pub const LEAD_SCANS_MAX: f64 = 9.999;
+/// Compensations kept: those of the present scan and of as many before as the lead may have, one more for what lies between.
+const HISTORY: usize = 11;
 /// Bandwidth of the filter on the predicted contact force, in rad/s. A setpoint may step its acceleration; the motor
 /// cannot step the wind-up of the screw. Its delay of 2/ω is made up for by looking that much further ahead.
 const SMOOTHING_RAD_S: f64 = 1500.0;
@@ -74,6 +75,9 @@ pub struct InverseDynamics {
     pub crossing_s: f64,
     /// Lead of the model over the position command, in scans, at most [`LEAD_SCANS_MAX`].
     pub lead_scans: f64,
+    /// Scans by which the rate of the compensation is held back: 0 where the drive closes the velocity loop and gets it when the
+    /// motion is due; the dead time beyond one scan where the servo closes it and compares at once.
+    pub velocity_delay_scans: f64,
     /// Friction at the motor.
     pub motor_friction: MaxwellSlip,
     /// Friction at the table.
@@ -105,7 +109,7 @@ pub struct InverseDynamicsState {
     pub side: f64,
     /// Where it goes: −1, 0 (not known yet) or 1.
     pub side_wanted: f64,
-    /// Compensations of the scans before, the last first, in mm.
+    /// Compensations of the last scans, the newest first, in mm.
     pub compensation_mm: [f64; HISTORY],
     /// Force before the present one, in N.
     pub force_n: f64,
@@ -207,15 +211,18 @@ impl InverseDynamics {
             0.0
         };
 
-        let [last, before, first] = state.compensation_mm;
-        state.compensation_mm = [compensation_mm, last, before];
-        let history = [compensation_mm, last, before, first];
+        state.compensation_mm.rotate_right(1);
+        let [now, .., first] = &mut state.compensation_mm;
+        *now = compensation_mm;
+        let first = *first;
         let whole = libm::floor(self.lead_scans);
         let part = self.lead_scans - whole;
+        let history = &state.compensation_mm;
         let at = |index: f64| history.get(index as usize).copied().unwrap_or(first);
         Wanted {
             compensation_mm: (1.0 - part) * at(whole) + part * at(whole + 1.0),
-            velocity_mm_s: (compensation_mm - last) / self.scan_s,
+            velocity_mm_s: (at(self.velocity_delay_scans) - at(self.velocity_delay_scans + 1.0))
+                / self.scan_s,
             torque_nm: (mean_n + own_n) * self.radius_m + learned_nm,
         }
     }
@@ -364,6 +371,7 @@ mod tests {
             gap_mm: 5e-3,
             crossing_s: 3e-3,
             lead_scans: 2.16,
+            velocity_delay_scans: 0.0,
             motor_friction: slip(251.0),
             table_friction: slip(200.0),
             radius_m: 1.5915e-3,

@@ -93,7 +93,7 @@ impl InProcessCell {
         if let Some(faults) = &script.faults {
             faults.restart.apply(&mut machine.restart);
         }
-        let drives = SimulatedDrives::new(plant.simulations(&machine)?);
+        let drives = plant.drives(&machine)?;
         let incarnation = Life::FIRST.incarnation;
         Ok(InProcessCell {
             master: new_master(&machine, drives, incarnation, 0),
@@ -143,7 +143,7 @@ impl InProcessCell {
 
     /// The master that takes the place of a killed one goes on from what that one has saved.
     fn replace_master(&mut self) -> Result<(), CellError> {
-        let mut drives = SimulatedDrives::new(self.plant.simulations(&self.machine)?);
+        let mut drives = self.plant.drives(&self.machine)?;
         let saved = self.peers.saved.as_ref();
         let latches = saved.map(|saved| saved.restore(&mut drives)).transpose()?;
         self.incarnation += 1;

@@ -116,11 +116,24 @@ pub fn check(options: &CheckOptions) -> Outcome {
         machine.scan.period_us,
         machine.scan.interpolation_period_scans
     ));
+    note_dead_time(&checked);
     if checked.program.is_some() {
         let totals = checked.walk(|_| ControlFlow::Continue(())).input()?;
         print_totals(&checked, &totals);
     }
     Ok(())
+}
+
+/// A simulated machine with another dead time than the controller reckons with is a test of robustness, or a mistake.
+fn note_dead_time(checked: &Checked) {
+    let reckoned = checked.machine.scan.dead_time_scans;
+    let simulated = checked.plant.drive.dead_time_scans;
+    if reckoned != simulated {
+        say(&format!(
+            "  dead time: the controller reckons with {reckoned} scans ([scan] dead_time_scans), the simulated drives have {simulated} \
+             ([drive] dead_time_scans in plant.toml)"
+        ));
+    }
 }
 
 /// `quadrant plan`.

@@ -29,7 +29,7 @@ pub use interpolation::{Interpolation, StraightLines, WithinPeriod};
 pub use kinematics::{Carries, Kinematics, KinematicsKind};
 pub use load::{machine_file, reference, schema};
 pub use loops::{FeedForward, PREDICTION_M_MIN, PositionLoop, Prediction, VelocityLoop};
-pub use machine::{Machine, Manual, ProgramSettings, Scan};
+pub use machine::{DEAD_TIME_SCANS_MAX, Machine, Manual, ProgramSettings, Scan};
 pub use model::{AxisModel, DisturbanceObserver, TorqueFeedForward};
 pub use positioning::{Positioning, RapidProfile};
 pub use restart::{AfterLoss, AfterMaster, AfterMonitor, Restart};

@@ -39,6 +39,9 @@ pub struct Machine {
     pub axes: Vec<Axis>,
 }
 
+/// Longest dead time of the drives, in scans.
+pub const DEAD_TIME_SCANS_MAX: u32 = 8;
+
 /// Clocks of the cell.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -49,6 +52,10 @@ pub struct Scan {
     /// Scans in one interpolation period Ts.
     #[schemars(extend("unit" = "scans", "minimum" = 2, "maximum" = 32))]
     pub interpolation_period_scans: u32,
+    /// Scans from the feedback that a command answers to the scan that it acts in: 1 for simulated drives as shipped, usually 2 to 4
+    /// on a fieldbus ([dead time](../methods/dead-time.md)). The setpoints of a scan more must be known ahead.
+    #[schemars(extend("unit" = "scans", "minimum" = 1, "maximum" = DEAD_TIME_SCANS_MAX, "default" = 1))]
+    pub dead_time_scans: u32,
     /// Scans in a row without a command after which a drive brakes by itself.
     #[schemars(extend("unit" = "scans", "minimum" = 1, "maximum" = 1000, "default" = 4))]
     pub watchdog_scans: u32,

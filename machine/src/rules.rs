@@ -15,6 +15,7 @@ mod reversal;
 /// Checks every rule of the machine file.
 pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
     cell(rules, machine);
+    dead_time(rules, machine);
     work_offsets(rules, machine);
     minimum_heat(rules, machine);
     kinematics::judge(rules, machine);
@@ -47,6 +48,22 @@ fn cell(rules: &mut Rules<'_>, machine: &Machine) {
             "= {period_us} µs: above 250 it must be a multiple of 250 µs, the instruments' period"
         );
         rules.say(&["scan", "period_us"], None, &what);
+    }
+}
+
+/// The setpoints that act after a longer dead time are known when their command is made.
+fn dead_time(rules: &mut Rules<'_>, machine: &Machine) {
+    let scan = &machine.scan;
+    // With a dead time of one scan it is as it always was: the advances of the axes say what they need.
+    let needed_scans = f64::from(scan.dead_time_scans) + 1.0;
+    let known_scans = machine.look_ahead_s() / machine.scan_period_s();
+    if scan.dead_time_scans > 1 && needed_scans > known_scans {
+        let what = format!(
+            "= {} scans: the setpoints of {needed_scans} scans must be known ahead, and \
+             (look_ahead_periods − ½) · interpolation_period_scans = {known_scans} are",
+            scan.dead_time_scans
+        );
+        rules.say(&["scan", "dead_time_scans"], None, &what);
     }
 }
 

@@ -119,6 +119,37 @@ fn ranges_and_relations_of_keys_are_judged_together_each_key_once() {
 }
 
 #[test]
+fn setpoints_that_act_after_the_dead_time_must_be_known_ahead() {
+    let scans = |number: &str, look_ahead: &str| {
+        let new = format!(
+            "interpolation_period_scans = 2\ndead_time_scans = {number}\nlook_ahead_periods = {look_ahead}"
+        );
+        [("interpolation_period_scans = 8".to_string(), new)]
+    };
+    let said = |number, look_ahead| {
+        let edits = scans(number, look_ahead);
+        let edits: Vec<_> = edits
+            .iter()
+            .map(|(a, b)| (a.as_str(), b.as_str()))
+            .collect();
+        refused(&edits)
+    };
+    assert_eq!(
+        said("4", "2"),
+        [
+            "m.toml:6: scan.dead_time_scans = 4 scans: the setpoints of 5 scans must be known ahead, and \
+             (look_ahead_periods − ½) · interpolation_period_scans = 3 are"
+        ]
+    );
+    assert_eq!(
+        said("9", "16"),
+        ["m.toml:6: scan.dead_time_scans = 9 scans: must be at least 1 and at most 8 scans"]
+    );
+    let [(old, new)] = scans("4", "3");
+    Machine::parse("m.toml", &SHORTEST.replace(&old, &new)).expect("five scans are known");
+}
+
+#[test]
 fn a_file_without_an_axis_or_with_too_many_is_refused() {
     let (head, axis) = SHORTEST.split_at(SHORTEST.find("[[axis]]").unwrap());
     let message = |text: &str| Machine::parse("m.toml", text).unwrap_err().to_string();

@@ -76,16 +76,7 @@ impl MotionDigest {
 
     /// Takes in one axis after its motion.
     pub fn axis(&mut self, command: &DriveCommand, encoder: i64, table_mm: f64) {
-        let (kind, a, b) = match *command {
-            DriveCommand::Disabled => (0u64, 0.0, 0.0),
-            DriveCommand::Velocity {
-                velocity_mm_s,
-                torque_offset_nm,
-            } => (1, velocity_mm_s, torque_offset_nm),
-            DriveCommand::Torque { torque_nm } => (2, torque_nm, 0.0),
-            DriveCommand::Brake { deceleration_mm_s2 } => (3, deceleration_mm_s2, 0.0),
-            DriveCommand::SwitchOn => (4, 0.0, 0.0),
-        };
+        let (kind, [a, b]) = command.parts();
         self.push(&[
             kind,
             f64::to_bits(a),

@@ -29,15 +29,49 @@ pub enum DriveCommand {
     SwitchOn,
 }
 
+impl DriveCommand {
+    /// Its kind and two values, as digests and saved states have it.
+    pub fn parts(&self) -> (u64, [f64; 2]) {
+        match *self {
+            DriveCommand::Disabled => (0, [0.0; 2]),
+            DriveCommand::Velocity {
+                velocity_mm_s,
+                torque_offset_nm,
+            } => (1, [velocity_mm_s, torque_offset_nm]),
+            DriveCommand::Torque { torque_nm } => (2, [torque_nm, 0.0]),
+            DriveCommand::Brake { deceleration_mm_s2 } => (3, [deceleration_mm_s2, 0.0]),
+            DriveCommand::SwitchOn => (4, [0.0; 2]),
+        }
+    }
+
+    /// The command of these [`parts`](DriveCommand::parts).
+    pub fn of_parts(kind: u64, [first, second]: [f64; 2]) -> Option<DriveCommand> {
+        Some(match kind {
+            0 => DriveCommand::Disabled,
+            1 => DriveCommand::Velocity {
+                velocity_mm_s: first,
+                torque_offset_nm: second,
+            },
+            2 => DriveCommand::Torque { torque_nm: first },
+            3 => DriveCommand::Brake {
+                deceleration_mm_s2: first,
+            },
+            4 => DriveCommand::SwitchOn,
+            _ => return None,
+        })
+    }
+}
+
 /// Whether a drive follows commands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum DriveState {
     /// It follows a command from the next scan on, without a wait for power.
     #[default]
     Ready,
-    /// It must be switched on first, or is on its way.
+    /// It must be switched on first, or is being switched on.
     Off,
-    /// It has faulted and does what its fault reaction says.
+    /// It has faulted and does what its fault reaction says, until the fault is reset at the drive or by whoever speaks with it.
+    /// The master refuses to go on before.
     Fault {
         /// The drive's own error code (CiA 402 object 603Fh).
         code: u32,
@@ -85,8 +119,9 @@ pub struct StateRefused;
 /// The drives of a machine, in the order of its axes.
 ///
 /// Each scan the master calls [`exchange`](Drives::exchange) once and then looks at [`feedback`](Drives::feedback). How many
-/// scans pass between a command and the first feedback that shows it is a number of the machine (`[scan] dead_time_scans`):
-/// simulated drives have one, a fieldbus has two to four.
+/// scans pass between the feedback that a command answers and the scan that it acts in is a number of the machine
+/// (`[scan] dead_time_scans`): it is 1 where a command acts in the scan of its exchange, as in simulated drives, and 2 to 4 on a
+/// fieldbus.
 pub trait Drives {
     /// How many there are.
     fn count(&self) -> usize;

@@ -8,6 +8,7 @@
 )]
 
 use bus::sample::MAX_SUBSAMPLES;
+use bytemuck::{Pod, Zeroable};
 use master::{DriveCommand, DriveFeedback, DriveState, Drives, InstrumentSample, StateRefused};
 
 use crate::axis::{AxisSimulation, AxisState};
@@ -22,14 +23,78 @@ pub struct SimulatedDrives {
 struct SimulatedAxis {
     simulation: AxisSimulation,
     samples: [InstrumentSample; MAX_SUBSAMPLES],
+    /// Commands on their way to the drive, the next one first: as many as the dead time is longer than one scan.
+    on_the_way: Vec<DriveCommand>,
+}
+
+/// A command on its way, as it is saved.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct SavedCommand {
+    kind: u64,
+    values: [f64; 2],
+}
+
+impl SimulatedAxis {
+    /// The command that acts now, where this one is handed over.
+    fn acting(&mut self, command: DriveCommand) -> DriveCommand {
+        let Some(next) = self.on_the_way.first().copied() else {
+            return command;
+        };
+        self.on_the_way.rotate_left(1);
+        if let Some(last) = self.on_the_way.last_mut() {
+            *last = command;
+        }
+        next
+    }
+
+    fn state_bytes(&self) -> usize {
+        size_of::<AxisState>() + self.on_the_way.len() * size_of::<SavedCommand>()
+    }
+
+    fn save(&self, bytes: &mut [u8]) {
+        let Some((state, commands)) = bytes.split_at_mut_checked(size_of::<AxisState>()) else {
+            return;
+        };
+        state.copy_from_slice(bytemuck::bytes_of(self.simulation.state()));
+        let slots = commands.chunks_exact_mut(size_of::<SavedCommand>());
+        for (slot, command) in slots.zip(&self.on_the_way) {
+            let (kind, values) = command.parts();
+            slot.copy_from_slice(bytemuck::bytes_of(&SavedCommand { kind, values }));
+        }
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), StateRefused> {
+        let (state, commands) = bytes
+            .split_at_checked(size_of::<AxisState>())
+            .ok_or(StateRefused)?;
+        self.simulation
+            .restore(&bytemuck::pod_read_unaligned(state))?;
+        // What was on its way arrives; after it comes nothing more, and the drive brakes by itself.
+        for slot in commands.chunks_exact(size_of::<SavedCommand>()) {
+            let saved: SavedCommand = bytemuck::pod_read_unaligned(slot);
+            let command = DriveCommand::of_parts(saved.kind, saved.values).ok_or(StateRefused)?;
+            self.simulation.scan(&command, &mut self.samples);
+        }
+        // No command names a deceleration any more: the drive's own quick stop counts.
+        self.simulation.run_down(0.0);
+        self.on_the_way.fill(DriveCommand::Disabled);
+        Ok(())
+    }
 }
 
 impl SimulatedDrives {
-    /// These axes.
+    /// These axes, whose commands act in the scan of their exchange.
     pub fn new(simulations: Vec<AxisSimulation>) -> SimulatedDrives {
+        Self::with_dead_time(simulations, 1)
+    }
+
+    /// These axes, whose commands act so many scans after the feedback that they answer, at least one.
+    pub fn with_dead_time(simulations: Vec<AxisSimulation>, scans: u32) -> SimulatedDrives {
         let axis = |simulation| SimulatedAxis {
             simulation,
             samples: [InstrumentSample::default(); MAX_SUBSAMPLES],
+            on_the_way: vec![DriveCommand::Disabled; scans.saturating_sub(1) as usize],
         };
         SimulatedDrives {
             axes: simulations.into_iter().map(axis).collect(),
@@ -64,7 +129,8 @@ impl Drives for SimulatedDrives {
 
     fn exchange(&mut self, commands: &[DriveCommand]) {
         for (axis, command) in self.axes.iter_mut().zip(commands) {
-            axis.simulation.scan(command, &mut axis.samples);
+            let acting = axis.acting(*command);
+            axis.simulation.scan(&acting, &mut axis.samples);
         }
     }
 
@@ -76,23 +142,26 @@ impl Drives for SimulatedDrives {
     }
 
     fn state_bytes(&self) -> usize {
-        self.axes.len() * size_of::<AxisState>()
+        self.axes.iter().map(SimulatedAxis::state_bytes).sum()
     }
 
-    fn save(&self, bytes: &mut [u8]) {
-        let slots = bytes.chunks_exact_mut(size_of::<AxisState>());
-        for (slot, axis) in slots.zip(&self.axes) {
-            slot.copy_from_slice(bytemuck::bytes_of(axis.simulation.state()));
+    fn save(&self, mut bytes: &mut [u8]) {
+        for axis in &self.axes {
+            let Some((slot, rest)) = bytes.split_at_mut_checked(axis.state_bytes()) else {
+                return;
+            };
+            axis.save(slot);
+            bytes = rest;
         }
     }
 
-    fn restore(&mut self, bytes: &[u8]) -> Result<(), StateRefused> {
-        let slots = bytes.chunks_exact(size_of::<AxisState>());
-        for (slot, axis) in slots.zip(&mut self.axes) {
-            axis.simulation
-                .restore(&bytemuck::pod_read_unaligned(slot))?;
-            // No command names a deceleration any more: the drive's own quick stop counts.
-            axis.simulation.run_down(0.0);
+    fn restore(&mut self, mut bytes: &[u8]) -> Result<(), StateRefused> {
+        for axis in &mut self.axes {
+            let (slot, rest) = bytes
+                .split_at_checked(axis.state_bytes())
+                .ok_or(StateRefused)?;
+            axis.restore(slot)?;
+            bytes = rest;
         }
         Ok(())
     }

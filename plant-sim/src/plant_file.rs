@@ -10,7 +10,7 @@ mod rules;
 mod tests;
 
 pub use keys::{
-    MotorFriction, PlantAxis, PlantFile, PlantMotor, PlantScale, PlantScrew, PlantTable,
-    TableFriction,
+    MotorFriction, PlantAxis, PlantDrive, PlantFile, PlantMotor, PlantScale, PlantScrew,
+    PlantTable, TableFriction,
 };
 pub use load::{reference, schema};

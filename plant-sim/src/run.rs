@@ -8,7 +8,6 @@ use machine::Machine;
 use machine::settings_file::SettingsFileError;
 use master::{MasterError, RunEnd};
 
-use crate::drives::SimulatedDrives;
 use crate::plant_file::PlantFile;
 use crate::script::faults::{self, FaultScript};
 use crate::script::orders;
@@ -62,7 +61,7 @@ pub fn run(options: &Options) -> Result<(), PlantSimError> {
         Some(path) => orders::load(path, &machine)?,
         None => Vec::new(),
     };
-    let drives = SimulatedDrives::new(plant.simulations(&machine)?);
+    let drives = plant.drives(&machine)?;
     let master = master::Options {
         slot: options.slot.clone(),
         enabled: options.enabled,

@@ -4,6 +4,7 @@ use machine::{Axis, Machine, PositionFeedback};
 
 use crate::axis::{AxisSettings, AxisSettingsError, AxisSimulation};
 use crate::drive::DriveParameters;
+use crate::drives::SimulatedDrives;
 use crate::plant_file::PlantFile;
 
 /// Machine file and plant file do not fit each other.
@@ -33,6 +34,19 @@ fn drive_parameters(axis: &Axis) -> DriveParameters {
 }
 
 impl PlantFile {
+    /// The simulated drives of a machine, in the order of its axes.
+    ///
+    /// # Errors
+    /// [`SetupError`].
+    pub fn drives(&self, machine: &Machine) -> Result<SimulatedDrives, SetupError> {
+        let simulations = self.simulations(machine)?;
+        let dead_time_scans = self.drive.dead_time_scans;
+        Ok(SimulatedDrives::with_dead_time(
+            simulations,
+            dead_time_scans,
+        ))
+    }
+
     /// The simulated axes in the order of the machine file, each at its start position.
     ///
     /// # Errors

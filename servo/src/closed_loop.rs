@@ -196,7 +196,7 @@ impl ClosedLoop<'_> {
         let forward = &self.settings.feed_forward;
         let period_mm_s = self.mm_s(forward, movement);
         model
-            .row_speed_mm_s
+            .setpoint_mm_s
             .filter(|_| self.settings.feed_forward_enabled)
             .map_or(period_mm_s, |speed_mm_s| forward.coefficient * speed_mm_s)
     }

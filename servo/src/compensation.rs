@@ -15,12 +15,20 @@ use control::inverse_dynamics::{
 use control::learned_table::LearnedTable;
 use control::maxwell_slip::{MaxwellSlip, SlipElement};
 use machine::model::FrictionCurve;
-use machine::{Axis, ReversalMethod};
+use machine::{Axis, DEAD_TIME_SCANS_MAX, DriveMode, ReversalMethod};
 
 /// A difference over fewer increments than this time gives would be rounding, in s.
 const DIFFERENCE_S: f64 = 2e-3;
+/// Torques kept: that of a scan, and those of as many before it as the dead time may be.
+const TORQUES: usize = DEAD_TIME_SCANS_MAX as usize + 1;
+/// Most that the current loop adds to the model's lead, in scans.
+const CURRENT_LOOP_SCANS_MAX: f64 = 0.999;
 /// Scans before this one whose position command the state still holds.
 const ROWS_BEHIND: f64 = 2.0;
+const _: () = assert!(
+    1.0 + DEAD_TIME_SCANS_MAX as f64 + CURRENT_LOOP_SCANS_MAX <= LEAD_SCANS_MAX,
+    "the model's state does not reach over the largest dead time: LEAD_SCANS_MAX in control"
+);
 /// Part of the peak torque that the disturbance observer may ask for.
 const OBSERVER_TORQUE_PART: f64 = 0.25;
 
@@ -39,6 +47,8 @@ pub struct ModelSettings {
     increment_mm: f64,
     /// Travel per radian of the motor, in m.
     radius_m: f64,
+    /// Scans from a command to the scan that it acts in.
+    dead_time_scans: usize,
 }
 
 /// What the model remembers.
@@ -49,8 +59,8 @@ pub struct ModelState {
     pub inverse_dynamics: InverseDynamicsState,
     /// Of the disturbance observer.
     pub observer: DisturbanceObserverState,
-    /// Torque fed forward in this scan and in the one before, in N·m.
-    pub torque_feed_forward_nm: [f64; 2],
+    /// Torques fed forward in this scan and in those before, the newest first, in N·m.
+    pub torque_feed_forward_nm: [f64; TORQUES],
     /// Motor encoder of the scan before, in increments.
     pub motor_position: i64,
 }
@@ -60,8 +70,25 @@ impl ModelState {
     pub(crate) fn leave(&mut self, axis: &AxisFeedback) {
         self.inverse_dynamics.leave();
         self.motor_position = axis.motor_position;
-        let [torque_nm, _] = self.torque_feed_forward_nm;
-        self.torque_feed_forward_nm = [torque_nm; 2];
+        self.torque_feed_forward_nm = [self.torque_nm(); TORQUES];
+    }
+
+    /// Torque fed forward in the last scan, in N·m.
+    pub fn torque_nm(&self) -> f64 {
+        let [torque_nm, ..] = self.torque_feed_forward_nm;
+        torque_nm
+    }
+
+    fn take_torque(&mut self, torque_nm: f64) {
+        self.torque_feed_forward_nm.rotate_right(1);
+        let [now, ..] = &mut self.torque_feed_forward_nm;
+        *now = torque_nm;
+    }
+
+    /// The part of the torque in this scan's feedback that was fed forward: it acted in the scan before.
+    fn acting_torque_nm(&self, dead_time_scans: usize) -> f64 {
+        let torque = self.torque_feed_forward_nm.get(dead_time_scans);
+        torque.copied().unwrap_or(0.0)
     }
 }
 
@@ -74,17 +101,17 @@ pub(crate) struct Added {
     pub velocity_mm_s: f64,
     /// To the torque, in N·m.
     pub torque_nm: f64,
-    /// Speed of the rows in the middle of the scan that the command acts in, in mm/s, where the acceleration is fed forward
+    /// Speed of the setpoints in the middle of the scan that the command acts in, in mm/s, where the acceleration is fed forward
     /// as torque: speed and torque must tell of the same motion, and movement commands smooth it over a period.
-    pub row_speed_mm_s: Option<f64>,
+    pub setpoint_mm_s: Option<f64>,
 }
 
 impl ModelSettings {
     /// For this axis.
-    pub fn new(axis: &Axis, scan_s: f64) -> ModelSettings {
+    pub fn new(axis: &Axis, scan_s: f64, dead_time_scans: u32) -> ModelSettings {
         let radius_m = axis.lead_mm * 1e-3 / (2.0 * core::f64::consts::PI);
         ModelSettings {
-            inverse_dynamics: inverse_dynamics(axis, scan_s, radius_m),
+            inverse_dynamics: inverse_dynamics(axis, scan_s, dead_time_scans.into(), radius_m),
             observer: DisturbanceObserver {
                 bandwidth_rad_s: axis.disturbance_observer.bandwidth_rad_s,
                 mass_kg: axis.model.map_or(0.0, |model| model.mass_kg),
@@ -95,63 +122,29 @@ impl ModelSettings {
             scan_s,
             increment_mm: axis.increment_mm(),
             radius_m,
+            dead_time_scans: dead_time_scans as usize,
         }
     }
 
-    /// One scan: the compensation that was in force and the one that the position backlash step gives now; `row` the position command so many scans
-    /// from now.
+    /// One scan: the compensation that was in force and the one that the position backlash step gives now; `setpoint` the
+    /// position command so many scans from now.
     pub(crate) fn update(
         &self,
         state: &mut ModelState,
         axis: &AxisFeedback,
         learned: Option<&LearnedTable>,
         [before_mm, step_mm]: [f64; 2],
-        row: impl Fn(i64) -> i64,
+        setpoint: impl Fn(i64) -> i64,
     ) -> Added {
         let mut added = Added {
             compensation_mm: step_mm,
             ..Added::default()
         };
         if let Some(model) = &self.inverse_dynamics {
-            let position_mm = |ahead: f64| {
-                let low = libm::floor(ahead);
-                let at = |scans: i64| row(scans) as f64 * self.increment_mm;
-                let (here, next) = (at(low as i64), at(low as i64 + 1));
-                here + (next - here) * (ahead - low)
-            };
-            let motion = |ahead: f64| {
-                let wide = (DIFFERENCE_S / self.scan_s).min(ahead + ROWS_BEHIND);
-                let wide_s = wide * self.scan_s;
-                let (last, here, next) = (
-                    position_mm(ahead - wide),
-                    position_mm(ahead),
-                    position_mm(ahead + wide),
-                );
-                Motion {
-                    position_mm: here,
-                    velocity_mm_s: (next - last) / (2.0 * wide_s),
-                    acceleration_mm_s2: (next - 2.0 * here + last) / (wide_s * wide_s),
-                }
-            };
-            let ahead = Ahead {
-                here: motion(model.lead_scans),
-                near: motion(model.near_lead_scans()),
-                far: motion(model.far_lead_scans()),
-            };
-            let wanted = model.update(&mut state.inverse_dynamics, &ahead, learned);
-            if model.parts.compensation {
-                added.compensation_mm = wanted.compensation_mm;
-                added.velocity_mm_s = wanted.velocity_mm_s;
-            }
-            added.torque_nm = wanted.torque_nm;
-            if model.parts.acceleration {
-                let middle = self.speed_lead_scans;
-                let travel_mm = position_mm(middle + 0.5) - position_mm(middle - 0.5);
-                added.row_speed_mm_s = Some(travel_mm / self.scan_s);
-            }
+            self.move_table(model, state, learned, &setpoint, &mut added);
         }
-        let [last_nm, acting_nm] = state.torque_feed_forward_nm;
-        state.torque_feed_forward_nm = [added.torque_nm, last_nm];
+        let acting_nm = state.acting_torque_nm(self.dead_time_scans);
+        state.take_torque(added.torque_nm);
         if self.observer.bandwidth_rad_s > 0.0 {
             // A step of the compensation is no motion that was meant; the model's own is.
             let models = self
@@ -162,8 +155,8 @@ impl ModelSettings {
             } else {
                 0.0
             };
-            let commanded_mm =
-                row(0).saturating_sub(row(-1)) as f64 * self.increment_mm + compensated_mm;
+            let commanded_mm = setpoint(0).saturating_sub(setpoint(-1)) as f64 * self.increment_mm
+                + compensated_mm;
             let travelled_mm =
                 axis.motor_position.saturating_sub(state.motor_position) as f64 * self.increment_mm;
             let off_mm_s = (travelled_mm - commanded_mm) / self.scan_s;
@@ -174,9 +167,61 @@ impl ModelSettings {
         state.motor_position = axis.motor_position;
         added
     }
+
+    /// What moves the table as commanded, by the inverse dynamics.
+    fn move_table(
+        &self,
+        model: &InverseDynamics,
+        state: &mut ModelState,
+        learned: Option<&LearnedTable>,
+        setpoint: &impl Fn(i64) -> i64,
+        added: &mut Added,
+    ) {
+        let position_mm = |ahead: f64| {
+            let low = libm::floor(ahead);
+            let at = |scans: i64| setpoint(scans) as f64 * self.increment_mm;
+            let (here, next) = (at(low as i64), at(low as i64 + 1));
+            here + (next - here) * (ahead - low)
+        };
+        let motion = |ahead: f64| {
+            let wide = (DIFFERENCE_S / self.scan_s).min(ahead + ROWS_BEHIND);
+            let wide_s = wide * self.scan_s;
+            let (last, here, next) = (
+                position_mm(ahead - wide),
+                position_mm(ahead),
+                position_mm(ahead + wide),
+            );
+            Motion {
+                position_mm: here,
+                velocity_mm_s: (next - last) / (2.0 * wide_s),
+                acceleration_mm_s2: (next - 2.0 * here + last) / (wide_s * wide_s),
+            }
+        };
+        let ahead = Ahead {
+            here: motion(model.lead_scans),
+            near: motion(model.near_lead_scans()),
+            far: motion(model.far_lead_scans()),
+        };
+        let wanted = model.update(&mut state.inverse_dynamics, &ahead, learned);
+        if model.parts.compensation {
+            added.compensation_mm = wanted.compensation_mm;
+            added.velocity_mm_s = wanted.velocity_mm_s;
+        }
+        added.torque_nm = wanted.torque_nm;
+        if model.parts.acceleration {
+            let middle = self.speed_lead_scans;
+            let travel_mm = position_mm(middle + 0.5) - position_mm(middle - 0.5);
+            added.setpoint_mm_s = Some(travel_mm / self.scan_s);
+        }
+    }
 }
 
-fn inverse_dynamics(axis: &Axis, scan_s: f64, radius_m: f64) -> Option<InverseDynamics> {
+fn inverse_dynamics(
+    axis: &Axis,
+    scan_s: f64,
+    dead_time_scans: f64,
+    radius_m: f64,
+) -> Option<InverseDynamics> {
     let torque = &axis.torque_feed_forward;
     let crosses = axis.reversal.method == ReversalMethod::ContactForce;
     let model = axis.model.filter(|_| crosses || torque.any())?;
@@ -197,8 +242,13 @@ fn inverse_dynamics(axis: &Axis, scan_s: f64, radius_m: f64) -> Option<InverseDy
         stiffness_n_per_m: table.stiffness_n_per_um * 1e6,
         gap_mm: table.gap_um * 1e-3,
         crossing_s: table.traversal_ms * 1e-3,
-        // A command acts one scan later and is held for one; the force follows it by the current loop.
-        lead_scans: (2.0 + torque.current_loop_ms * 1e-3 / scan_s).min(LEAD_SCANS_MAX),
+        // A command acts a dead time later and is held for a scan; the force follows it by the current loop.
+        lead_scans: (1.0 + dead_time_scans + torque.current_loop_ms * 1e-3 / scan_s)
+            .min(1.0 + dead_time_scans + CURRENT_LOOP_SCANS_MAX),
+        velocity_delay_scans: match axis.drive_mode {
+            DriveMode::Velocity => 0.0,
+            DriveMode::Torque => dead_time_scans - 1.0,
+        },
         motor_friction: slip(model.coulomb_n - table.coulomb_n, &curve),
         table_friction: slip(table.coulomb_n, &table.friction.unwrap_or(curve)),
         radius_m,

@@ -326,10 +326,9 @@ impl Servo {
         state.velocity_mm_s = moved as f64 * (settings.increment_mm / settings.scan_s);
         state.reversal.cancel();
         state.model.leave(scan.axis);
-        let [torque_nm, _] = state.model.torque_feed_forward_nm;
         Wanted {
             velocity_mm_s: output.velocity_mm_s,
-            torque_nm,
+            torque_nm: state.model.torque_nm(),
             feed_forward_mm_s: 0.0,
             following_error_mm: output.error as f64 * settings.increment_mm,
             jog_done: output.done,
@@ -428,13 +427,12 @@ impl Servo {
 
     /// Completes the command by the state after this scan, and what others read of it.
     fn finish(&self, mut command: AxisCommand) -> AxisCommand {
-        let [torque_nm, ..] = self.state.model.torque_feed_forward_nm;
         command.position = self.state.program.register;
         command.refused = self.windows.refused;
         command.cause = self.state.cause;
         command.compensation_mm = self.state.backlash.compensation_mm;
         command.friction_pulse_mm_s = self.state.reversal.kick_mm_s;
-        command.torque_feed_forward_nm = torque_nm;
+        command.torque_feed_forward_nm = self.state.model.torque_nm();
         command.state = self.state.words();
         command
     }

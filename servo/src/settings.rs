@@ -57,7 +57,7 @@ pub struct ServoSettings {
     pub look_ahead_periods: usize,
     /// Axis units per increment, in mm.
     pub increment_mm: f64,
-    /// position command within an interpolation period.
+    /// Position command within an interpolation period.
     pub within_period: WithinPeriod,
     /// Where the position comes from.
     pub feedback: PositionFeedback,
@@ -112,10 +112,6 @@ impl ServoSettings {
             })?;
         let scan_s = machine.scan_period_s();
         let increment_mm = axis.increment_mm();
-        let reversal = &axis.reversal;
-        let compensates = reversal.method != ReversalMethod::None;
-        let kicks = reversal.method == ReversalMethod::FrictionPulse;
-        let forward = &axis.feed_forward;
         let mut settings = ServoSettings {
             axis: index,
             axis_count: machine.axes.len(),
@@ -131,39 +127,15 @@ impl ServoSettings {
                 .map_or(Prediction::OFF, |p| Prediction { m: p.m }),
             drive_mode: axis.drive_mode,
             position_gain_per_s: axis.position_loop.gain_per_s,
-            feed_forward: FeedForward {
-                scans_per_period: machine.scan.interpolation_period_scans,
-                coefficient: if forward.enabled {
-                    forward.coefficient
-                } else {
-                    0.0
-                },
-                advance_scans: forward.advance_ms * 1e-3 / scan_s,
-            },
-            feed_forward_enabled: forward.enabled,
+            feed_forward: feed_forward(machine, axis),
+            feed_forward_enabled: axis.feed_forward.enabled,
             backlash: Backlash {
-                step_mm: if compensates {
-                    reversal.backlash_um * 1e-3
-                } else {
-                    0.0
+                step_mm: match axis.reversal.method {
+                    ReversalMethod::None => 0.0,
+                    _ => axis.reversal.backlash_um * 1e-3,
                 },
             },
-            kick: BacklashAcceleration {
-                lead_s: reversal.lead_ms * 1e-3,
-                period_s: machine.interpolation_period_s(),
-                increment_mm,
-                scan_s,
-                trigger: trigger(reversal),
-                shape: match reversal.shape {
-                    ShapeSetting::Constant => KickShape::Constant,
-                    ShapeSetting::Decaying => KickShape::Decaying {
-                        decay_scans: reversal.pulse_ms * 1e-3 / scan_s,
-                        presliding_mm: reversal.presliding_um * 1e-3,
-                    },
-                },
-                kick_mm_s: if kicks { reversal.pulse_mm_s } else { 0.0 },
-                kick_scans: libm::round(reversal.pulse_ms * 1e-3 / scan_s) as u32,
-            },
+            kick: friction_pulse(machine, axis),
             velocity_loop: VelocityLoop::new(
                 axis.velocity_loop.gain_n_s_per_m,
                 axis.velocity_loop.integral_time_ms * 1e-3,
@@ -171,7 +143,7 @@ impl ServoSettings {
                 axis.lead_mm,
                 axis.motor.peak_torque_nm,
             ),
-            model: ModelSettings::new(axis, scan_s),
+            model: ModelSettings::new(axis, scan_s, machine.scan.dead_time_scans),
             manual: ManualController::new(machine, axis),
             guards: guards(axis),
             torque_limited_scans_max: libm::ceil(TORQUE_LIMITED_S / scan_s) as u32,
@@ -192,6 +164,43 @@ impl ServoSettings {
             *increment = other.increment_mm();
         }
         Ok(settings)
+    }
+}
+
+fn feed_forward(machine: &Machine, axis: &Axis) -> FeedForward {
+    let forward = &axis.feed_forward;
+    FeedForward {
+        scans_per_period: machine.scan.interpolation_period_scans,
+        coefficient: if forward.enabled {
+            forward.coefficient
+        } else {
+            0.0
+        },
+        advance_scans: forward.advance_ms * 1e-3 / machine.scan_period_s(),
+    }
+}
+
+fn friction_pulse(machine: &Machine, axis: &Axis) -> BacklashAcceleration {
+    let reversal = &axis.reversal;
+    let scan_s = machine.scan_period_s();
+    BacklashAcceleration {
+        lead_s: reversal.lead_ms * 1e-3,
+        period_s: machine.interpolation_period_s(),
+        increment_mm: axis.increment_mm(),
+        scan_s,
+        trigger: trigger(reversal),
+        shape: match reversal.shape {
+            ShapeSetting::Constant => KickShape::Constant,
+            ShapeSetting::Decaying => KickShape::Decaying {
+                decay_scans: reversal.pulse_ms * 1e-3 / scan_s,
+                presliding_mm: reversal.presliding_um * 1e-3,
+            },
+        },
+        kick_mm_s: match reversal.method {
+            ReversalMethod::FrictionPulse => reversal.pulse_mm_s,
+            _ => 0.0,
+        },
+        kick_scans: libm::round(reversal.pulse_ms * 1e-3 / scan_s) as u32,
     }
 }
 

@@ -165,8 +165,8 @@ struct Follower {
     learner: Learner,
     increment_mm: f64,
     feed_max_mm_s: f64,
-    /// Torque fed forward in the last scan and in the one before, which acts now.
-    fed_forward_nm: [f64; 2],
+    /// Torques fed forward in the last scans, the newest first; the last of them is in the torque that the feedback shows.
+    fed_forward_nm: Vec<f64>,
     last_scan: u64,
 }
 
@@ -182,7 +182,7 @@ impl Follower {
             ),
             increment_mm: axis.increment_mm(),
             feed_max_mm_s: FEED_SHARE * axis.rapid_mm_s,
-            fed_forward_nm: [0.0; 2],
+            fed_forward_nm: vec![0.0; machine.scan.dead_time_scans as usize + 1],
             last_scan: 0,
         })
     }
@@ -194,7 +194,7 @@ impl Follower {
         command: &AxisCommand,
     ) {
         let mm = |increments: i64| increments as f64 * self.increment_mm;
-        let [last_nm, acting_nm] = self.fed_forward_nm;
+        let acting_nm = self.fed_forward_nm.last().copied().unwrap_or(0.0);
         let follows = feedback.scan == self.last_scan + 1;
         self.learner.take(Observation {
             command_mm: mm(command.position),
@@ -208,7 +208,10 @@ impl Follower {
                 && command.feed_forward_mm_s.abs() < self.feed_max_mm_s
                 && command.cause == 0,
         });
-        self.fed_forward_nm = [command.torque_feed_forward_nm, last_nm];
+        self.fed_forward_nm.rotate_right(1);
+        if let Some(now_nm) = self.fed_forward_nm.first_mut() {
+            *now_nm = command.torque_feed_forward_nm;
+        }
         self.last_scan = feedback.scan;
     }
 }

@@ -13,7 +13,7 @@ mod bench;
 mod identify;
 mod judge;
 mod keep;
-mod laws;
+pub mod laws;
 pub mod learn;
 mod least_squares;
 mod motions;
@@ -168,7 +168,7 @@ fn identify(
                 axis.name
             )));
         }
-        write::gains(&mut bare, index, mass_kg);
+        write::gains(&mut bare, machine, index, mass_kg);
     }
     let mut recordings: Vec<Vec<_>> = vec![Vec::new(); machine.axes.len()];
     let mut keep = |all: Vec<_>| {

@@ -80,6 +80,11 @@ pub fn read(log: &Path, machine: &Machine) -> anyhow::Result<Vec<Recording>> {
         let (first, last) = first.zip(last).context("an axis was never commanded")?;
         let from = first.saturating_sub(MARGIN_SCANS);
         let to = (last + MARGIN_SCANS).min(register.len());
+        // A command acts by so much later than the scan in which it was handed to the drive.
+        let late = (machine.scan.dead_time_scans - 1) as usize;
+        let commands = &mut recording.velocity_command_mm_s;
+        commands.splice(..0, std::iter::repeat_n(0.0, late));
+        commands.truncate(register.len());
         for values in [
             &mut recording.motor_mm,
             &mut recording.scale_mm,

@@ -1,10 +1,10 @@
 //! Edits of the machine file that keep everything else as it is.
 
-use machine::{Axis, DriveMode, Machine};
+use machine::{DriveMode, Machine};
 use toml_edit::{Array, DocumentMut, Item, Table, Value, table, value};
 
 use super::identify::{BREAK_UM, ELEMENTS, Found, Friction, Table as FoundTable};
-use super::laws;
+use super::laws::{self, Timing};
 
 /// Largest increment, as a part of what one scan of acceleration changes the step by.
 const ROUNDING_PART: f64 = 0.1;
@@ -47,8 +47,8 @@ pub fn plain(document: &mut DocumentMut) {
 /// The axes without any compensation, under their motor encoders, with feed-forward: as the test motions want them.
 pub fn bare(document: &mut DocumentMut, machine: &Machine) {
     plain(document);
-    let advance_ms = laws::advance_ms(machine.scan_period_s());
-    for axis in axes(document) {
+    for (axis, known) in axes(document).zip(&machine.axes) {
+        let advance_ms = Timing::of(machine, known).advance_ms();
         inner(axis, &["reversal"]).insert("method", value("none"));
         for key in [
             "torque_feed_forward",
@@ -67,15 +67,18 @@ pub fn bare(document: &mut DocumentMut, machine: &Machine) {
 }
 
 /// Gains by law for an axis of this mass.
-pub fn gains(document: &mut DocumentMut, index: usize, mass_kg: f64) {
-    if let Some(axis) = axes(document).nth(index) {
-        inner(axis, &["position_loop"]).insert("gain_per_s", value(laws::POSITION_GAIN_PER_S));
+pub fn gains(document: &mut DocumentMut, machine: &Machine, index: usize, mass_kg: f64) {
+    let known = machine.axes.get(index);
+    if let Some((axis, known)) = axes(document).nth(index).zip(known) {
+        let timing = Timing::of(machine, known);
+        let gain_per_s = timing.position_gain_per_s();
+        inner(axis, &["position_loop"]).insert("gain_per_s", value(gain_per_s));
         let velocity = inner(axis, &["velocity_loop"]);
         velocity.insert(
             "gain_n_s_per_m",
-            value(laws::velocity_gain_n_s_per_m(mass_kg)),
+            value(timing.velocity_gain_n_s_per_m(mass_kg)),
         );
-        velocity.insert("integral_time_ms", value(laws::INTEGRAL_TIME_MS));
+        velocity.insert("integral_time_ms", value(timing.integral_time_ms()));
     }
 }
 
@@ -153,33 +156,19 @@ pub fn settings(
     lost_motion_um: Option<f64>,
     method: &str,
 ) {
-    let scan_s = machine.scan_period_s();
-    let Some(axis) = axes(document).nth(index) else {
+    let known = machine.axes.get(index);
+    let Some((axis, known)) = axes(document).nth(index).zip(known) else {
         return;
     };
-    let known = machine.axes.get(index);
-    loops(axis, found.mass_kg());
-    feed_forward(axis, known, scan_s);
-    reversal(axis, found, scan_s, lost_motion_um, method);
-    let mut torque = Keys::of(axis, &["torque_feed_forward"]);
-    let (friction, why) = match method {
-        "friction-pulse" => (false, "the friction pulse makes up for it"),
-        _ => (true, ""),
-    };
-    torque.set("acceleration", true, "");
-    torque.set("viscous", true, "");
-    torque.set("friction", friction, why);
-    let observer_rad_s = laws::observer_rad_s(scan_s);
-    if observer_rad_s > 0.0 {
-        let why = "tune: where 2.5 scans are at most 0.15 of its time constant";
-        Keys::of(axis, &["disturbance_observer"]).set("bandwidth_rad_s", observer_rad_s, why);
-    } else {
-        axis.remove("disturbance_observer");
-    }
+    let timing = Timing::of(machine, known);
+    loops(axis, &timing, found.mass_kg());
+    feed_forward(axis, &timing);
+    reversal(axis, &timing, found, lost_motion_um, method);
+    torque(axis, &timing, method);
     model(axis, found);
-    let known_table = known.and_then(|known| known.model?.table);
+    let known_table = known.model.and_then(|model| model.table);
     match (&found.table, lost_motion_um, known_table) {
-        (Some(found), _, _) => table_model(axis, found, scan_s),
+        (Some(found), _, _) => table_model(axis, found, timing.scan_s),
         (None, Some(lost_um), Some(known)) => {
             let wound_um = 2.0 * known.coulomb_n / known.stiffness_n_per_um;
             let gap_um = digits((lost_um - wound_um).max(0.0), 3);
@@ -190,38 +179,44 @@ pub fn settings(
     }
 }
 
-fn loops(axis: &mut Table, mass_kg: f64) {
-    Keys::of(axis, &["position_loop"]).set(
-        "gain_per_s",
-        laws::POSITION_GAIN_PER_S,
-        "tune: Kp, a sixth of the velocity loop's 300 rad/s",
-    );
+fn loops(axis: &mut Table, timing: &Timing, mass_kg: f64) {
+    let bandwidth_rad_s = timing.velocity_bandwidth_rad_s();
+    let less = if timing.dead_time_scans > 1.0 {
+        format!(", less for a dead time of {} scans", timing.dead_time_scans)
+    } else {
+        String::new()
+    };
+    let gain_per_s = digits(timing.position_gain_per_s(), 4);
+    let why = format!("tune: Kp, a sixth of the velocity loop's {bandwidth_rad_s:.0} rad/s{less}");
+    Keys::of(axis, &["position_loop"]).set("gain_per_s", gain_per_s, &why);
     let mut velocity = Keys::of(axis, &["velocity_loop"]);
-    let gain = digits(laws::velocity_gain_n_s_per_m(mass_kg), 4);
-    let why = format!("tune: Kv = {mass_kg:.0} kg · 300 rad/s");
+    let gain = digits(timing.velocity_gain_n_s_per_m(mass_kg), 4);
+    let why = format!("tune: Kv = {mass_kg:.0} kg · {bandwidth_rad_s:.0} rad/s");
     velocity.set("gain_n_s_per_m", gain, &why);
-    let why = "tune: Ti, three times 1/(300 rad/s)";
-    velocity.set("integral_time_ms", laws::INTEGRAL_TIME_MS, why);
+    let integral_time_ms = digits(timing.integral_time_ms(), 4);
+    let why = format!("tune: Ti, three times 1/({bandwidth_rad_s:.0} rad/s)");
+    velocity.set("integral_time_ms", integral_time_ms, &why);
 }
 
-fn feed_forward(axis: &mut Table, known: Option<&Axis>, scan_s: f64) {
-    let drive_mode = known.map_or(DriveMode::Velocity, |known| known.drive_mode);
-    let drive_period_s = known.map_or(0.0, |known| f64::from(known.velocity_loop.period_us) * 1e-6);
-    let advance_ms = laws::advance_with_torque_ms(scan_s, drive_mode, drive_period_s);
-    let why = match drive_mode {
-        DriveMode::Velocity => "tune: 2.5 scans less the drive's period, for torque is fed forward",
-        DriveMode::Torque => "tune: half a scan, for torque is fed forward",
+fn feed_forward(axis: &mut Table, timing: &Timing) {
+    let why = match timing.drive_mode {
+        DriveMode::Velocity => format!(
+            "tune: {} scans less the drive's period, for torque is fed forward",
+            timing.way_scans()
+        ),
+        DriveMode::Torque => "tune: half a scan, for torque is fed forward".into(),
     };
     let mut forward = Keys::of(axis, &["feed_forward"]);
     forward.set("enabled", true, "");
     forward.set("coefficient", 1.0, "");
-    forward.set("advance_ms", digits(advance_ms, 4), why);
+    let advance_ms = digits(timing.advance_with_torque_ms(), 4);
+    forward.set("advance_ms", advance_ms, &why);
 }
 
 fn reversal(
     axis: &mut Table,
+    timing: &Timing,
     found: &Found,
-    scan_s: f64,
     lost_motion_um: Option<f64>,
     method: &str,
 ) {
@@ -241,12 +236,43 @@ fn reversal(
     }
     reversal.set("shape", "decaying", "");
     let why = format!("tune: 2F/Kv, F = {force_n:.0} N; for method = \"friction-pulse\"");
-    reversal.set("pulse_mm_s", digits(laws::pulse_mm_s(found), 3), &why);
-    reversal.set("pulse_ms", laws::INTEGRAL_TIME_MS, "tune: Ti");
+    reversal.set("pulse_mm_s", digits(timing.pulse_mm_s(found), 3), &why);
+    let pulse_ms = digits(timing.integral_time_ms(), 4);
+    reversal.set("pulse_ms", pulse_ms, "tune: Ti");
     let why = "tune: mean distance on which friction turns round";
     reversal.set("presliding_um", digits(laws::presliding_um(found), 2), why);
-    let why = "tune: 1/(300 rad/s) + 0.16 ms + 2 scans";
-    reversal.set("lead_ms", digits(laws::lead_ms(scan_s), 2), why);
+    let why = format!(
+        "tune: 1/({:.0} rad/s) + 0.16 ms + {} scans",
+        timing.velocity_bandwidth_rad_s(),
+        timing.dead_time_scans + 1.0
+    );
+    reversal.set("lead_ms", digits(timing.lead_ms(), 2), &why);
+}
+
+fn torque(axis: &mut Table, timing: &Timing, method: &str) {
+    let mut torque = Keys::of(axis, &["torque_feed_forward"]);
+    let (friction, why) = match method {
+        "friction-pulse" => (false, "the friction pulse makes up for it"),
+        _ => (true, ""),
+    };
+    torque.set("acceleration", true, "");
+    torque.set("viscous", true, "");
+    torque.set("friction", friction, why);
+    let observer_rad_s = timing.observer_rad_s();
+    if observer_rad_s > 0.0 {
+        let why = if timing.dead_time_scans > 1.0 {
+            format!(
+                "tune: 200 rad/s, less for a dead time of {} scans",
+                timing.dead_time_scans
+            )
+        } else {
+            "tune: where 2.5 scans are at most 0.15 of its time constant".into()
+        };
+        let observer_rad_s = digits(observer_rad_s, 3);
+        Keys::of(axis, &["disturbance_observer"]).set("bandwidth_rad_s", observer_rad_s, &why);
+    } else {
+        axis.remove("disturbance_observer");
+    }
 }
 
 fn model(axis: &mut Table, found: &Found) {

@@ -1,6 +1,7 @@
 //! The keys of the plant file, each declared once with meaning, unit and range (`machine::settings_file` says how).
 
 use bus::sample::MAX_AXES;
+use machine::DEAD_TIME_SCANS_MAX;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -17,10 +18,22 @@ pub struct PlantFile {
     /// Temperature around the machine.
     #[schemars(extend("unit" = "°C", "minimum" = -20, "maximum" = 60))]
     pub ambient_c: f64,
+    /// What all drives have in common.
+    pub drive: PlantDrive,
     /// An axis: each axis of the machine file has one here.
     #[serde(rename = "axis")]
     #[schemars(length(min = 1, max = MAX_AXES))]
     pub axes: Vec<PlantAxis>,
+}
+
+/// What all drives have in common.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantDrive {
+    /// Scans from the feedback that a command answers to the scan that it acts in, as on a fieldbus; what the controller reckons
+    /// with is `scan.dead_time_scans` of the [machine file](machine-file.md) ([dead time](../methods/dead-time.md)).
+    #[schemars(extend("unit" = "scans", "minimum" = 1, "maximum" = DEAD_TIME_SCANS_MAX, "default" = 1))]
+    pub dead_time_scans: u32,
 }
 
 /// One axis.
