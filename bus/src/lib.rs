@@ -4,6 +4,7 @@
 
 pub mod cell;
 pub mod member;
+pub mod observer;
 pub mod port;
 pub mod process;
 pub mod realtime;

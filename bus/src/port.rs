@@ -25,7 +25,7 @@ use crate::sample::{
     AxisCommand, Feedback, Instruments, OperatorRequest, OperatorResponse, PlannerStatus, Roster,
     WindowHeader, WindowRow,
 };
-use crate::service::{Bus, PubSub, Sample, Topic, WINDOW_ROWS};
+use crate::service::{Bus, PubSub, ROLES, Sample, Topic, WINDOW_ROWS};
 
 /// How old the newest sample of a reader is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -350,6 +350,19 @@ impl Bus {
         depth: usize,
     ) -> Result<Reader<AxisCommand>, CellError> {
         Reader::new(self, self.command_topic(axis, role)?, depth)
+    }
+
+    /// Those of all servos, by axis and role.
+    ///
+    /// # Errors
+    /// [`CellError::Transport`].
+    pub fn command_readers(
+        &self,
+        depth: usize,
+    ) -> Result<Vec<[Reader<AxisCommand>; ROLES.len()]>, CellError> {
+        let of = |axis, role| self.command_reader(axis, role, depth);
+        let axes = 0..self.services.commands.len();
+        axes.map(|axis| Ok([of(axis, 0)?, of(axis, 1)?])).collect()
     }
 
     /// The writing end of the setpoint service.

@@ -542,7 +542,7 @@ pub struct PlannerStatus {
 }
 
 /// Job of a participant.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u32)]
 pub enum Job {
     /// The master.
@@ -556,15 +556,22 @@ pub enum Job {
 }
 
 impl Job {
+    /// All of them.
+    pub const ALL: [Job; 4] = [Job::Master, Job::Planner, Job::Servo, Job::Monitor];
+
     /// Decodes what came over the wire.
     pub fn from_wire(value: u32) -> Option<Job> {
-        Some(match value {
-            1 => Job::Master,
-            2 => Job::Planner,
-            3 => Job::Servo,
-            4 => Job::Monitor,
-            _ => return None,
-        })
+        Job::ALL.into_iter().find(|job| *job as u32 == value)
+    }
+
+    /// In a word.
+    pub fn word(self) -> &'static str {
+        match self {
+            Job::Master => "master",
+            Job::Planner => "planner",
+            Job::Servo => "servo",
+            Job::Monitor => "recorder",
+        }
     }
 }
 

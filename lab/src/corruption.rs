@@ -15,8 +15,9 @@ use bytemuck::Zeroable;
 
 use bus::sample::{AxisCommand, Job, MAX_WINDOW_ROWS, WindowHeader, WindowRow};
 use bus::window::checksum;
+use machine::Process;
 use plant_sim::script::faults::{Action, Corruption, FaultScript, LATE_SCANS_MAX};
-use plant_sim::script::reach::{is_of, meets};
+use plant_sim::script::reach::meets;
 
 /// How far off a wrong position of a command is, in increments.
 const JUMP_INCREMENTS: i64 = 1_000_000_000;
@@ -107,10 +108,10 @@ impl Window {
 
 impl Corruptor {
     /// What the script does to the samples of this sender; nothing is allocated after this.
-    pub fn new(script: &FaultScript, job: Job, axis: u32, role: u32) -> Corruptor {
+    pub fn new(script: &FaultScript, process: Process) -> Corruptor {
         let own = script.faults.iter().enumerate();
         let faults: Vec<(usize, Action)> = own
-            .filter(|(_, fault)| is_of(fault, job, axis, role))
+            .filter(|(_, fault)| fault.process == process)
             .map(|(index, fault)| (index, fault.action))
             .filter(|(_, action)| !matches!(action, Action::Kill { .. } | Action::Stop { .. }))
             .collect();
@@ -126,7 +127,7 @@ impl Corruptor {
                 }
             )
         });
-        let planner = job == Job::Planner;
+        let planner = process.job == Job::Planner;
         let places = |needed: bool| 0..if needed { LATE_SCANS_MAX } else { 0 };
         let window = |needed: bool| Window::with_room(if needed { MAX_WINDOW_ROWS } else { 0 });
         Corruptor {

@@ -4,6 +4,7 @@
 use std::path::Path;
 
 use bus::sample::{AxisCommand, Feedback, Job, PlannerStatus, WindowHeader, WindowRow};
+use machine::Process;
 use machine::settings_file::SettingsFileError;
 use planner::{PlannerError, PlannerPorts};
 use plant_sim::script::faults::{self, FaultScript};
@@ -29,13 +30,8 @@ pub struct Faulty<P, F> {
 
 impl<P, F: Fn(usize) -> Option<u64>> Faulty<P, F> {
     /// The ports of one sender.
-    pub fn new(
-        ports: P,
-        script: Option<&FaultScript>,
-        (job, axis, role): (Job, usize, usize),
-        fired: F,
-    ) -> Faulty<P, F> {
-        let corruptor = script.map(|s| Corruptor::new(s, job, axis as u32, role as u32));
+    pub fn new(ports: P, script: Option<&FaultScript>, process: Process, fired: F) -> Faulty<P, F> {
+        let corruptor = script.map(|s| Corruptor::new(s, process));
         Faulty {
             ports,
             corruptor,
@@ -140,10 +136,10 @@ pub fn servo(options: &servo::Options, script: Option<&Path>) -> Result<(), Serv
     servo::run_over(options, |ports, member, machine| {
         let script = load(script, machine)?;
         let axis = machine.axes.iter().position(|a| a.name == options.axis);
-        let sender = (Job::Servo, axis.unwrap_or(0), options.role as usize);
+        let process = Process::servo(axis.unwrap_or(0), options.role as usize);
         let member = std::rc::Rc::clone(member);
         let fired = move |index| member.page.fault_fired(index);
-        Ok(Faulty::new(ports, script.as_ref(), sender, fired))
+        Ok(Faulty::new(ports, script.as_ref(), process, fired))
     })
 }
 
@@ -156,8 +152,8 @@ pub fn planner(options: &planner::Options, script: Option<&Path>) -> Result<(), 
         let script = load(script, machine)?;
         let member = std::rc::Rc::clone(member);
         let fired = move |index| member.page.fault_fired(index);
-        let sender = (Job::Planner, 0, 0);
-        Ok(Faulty::new(ports, script.as_ref(), sender, fired))
+        let process = Job::Planner.into();
+        Ok(Faulty::new(ports, script.as_ref(), process, fired))
     })
 }
 

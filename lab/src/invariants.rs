@@ -16,7 +16,6 @@ use control::limits::MotionLimits;
 use control::path::{AxisVector, Path};
 use machine::{Machine, PositionFeedback, WithinPeriod};
 use plant_sim::plant_file::PlantFile;
-use program::Setup;
 
 use crate::cell::{Published, Window};
 
@@ -61,17 +60,8 @@ impl Course {
         name: &str,
         text: &str,
     ) -> Result<Course, Box<dyn std::error::Error + Send + Sync>> {
-        let mut start = AxisVector::zeros();
-        for ((value, axis), simulation) in start
-            .iter_mut()
-            .zip(&machine.axes)
-            .zip(&plant.simulations(machine)?)
-        {
-            let increment_mm = axis.increment_mm();
-            *value = libm::round(simulation.motor_position_mm() / increment_mm) * increment_mm;
-        }
-        let start = planner::tool_at(machine, &start)?;
-        let program = program::interpret(name, text, &Setup::of(machine), start)?;
+        let program = program::resume_from(machine, &plant.start(machine)?, name, text)?;
+        let start = program.start;
         let windows = planner::window_planner(machine, program.path, start)?;
         let limits = windows.limits().clone();
         let path = windows.path().clone();

@@ -6,12 +6,11 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use control::path::AxisVector;
 use control::totals::{ProgramWalk, Totals};
 use control::window::{Row, WindowPlanner};
 use machine::{Machine, machine_file};
 use plant_sim::plant_file::PlantFile;
-use program::{Program, Setup};
+use program::Program;
 
 use crate::exit::{Failure, Kind, Outcome};
 use crate::logs;
@@ -27,8 +26,6 @@ pub struct Checked {
     pub plant: PlantFile,
     /// The program, expanded from where the simulated machine stands at the start.
     pub program: Option<Program>,
-    /// Where its tool is then, in the coordinates of programs.
-    pub start: AxisVector,
 }
 
 /// Reads and checks machine, plant and program.
@@ -40,27 +37,19 @@ pub fn load(machine: &Path, program: Option<&Path>) -> anyhow::Result<Checked> {
     let machine = Machine::load(&path)?;
     let plant_path = path.with_file_name("plant.toml");
     let plant = PlantFile::load(&plant_path)?;
-    let simulations = plant
-        .simulations(&machine)
+    let start = plant
+        .start(&machine)
         .with_context(|| format!("{} and {}", path.display(), plant_path.display()))?;
-    let mut start = AxisVector::zeros();
-    for ((value, axis), simulation) in start.iter_mut().zip(&machine.axes).zip(&simulations) {
-        // Where the encoder says it stands, in whole increments: the program is expanded from there.
-        let increment_mm = axis.increment_mm();
-        *value = libm::round(simulation.motor_position_mm() / increment_mm) * increment_mm;
-    }
     let limits = planner::motion_limits(&machine);
     limits.with_context(|| path.display().to_string())?;
-    let start =
-        planner::tool_at(&machine, &start).with_context(|| plant_path.display().to_string())?;
+    program::tool_at(&machine, &start).with_context(|| plant_path.display().to_string())?;
     let program = program
-        .map(|file| program::load(file, &Setup::of(&machine), start))
+        .map(|file| program::load_from(&machine, &start, file))
         .transpose()?;
     let checked = Checked {
         machine,
         plant,
         program,
-        start,
     };
     if checked.program.is_some() {
         checked.planner()?;
@@ -77,7 +66,7 @@ impl Checked {
         let Some(program) = &self.program else {
             bail!("no program was named");
         };
-        planner::window_planner(&self.machine, program.path.clone(), self.start)
+        planner::window_planner(&self.machine, program.path.clone(), program.start)
             .with_context(|| program.name.clone())
     }
 

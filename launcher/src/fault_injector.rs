@@ -43,10 +43,10 @@ impl FaultInjector {
         };
         let mut served = Served::default();
         let fault = self.script.faults.get(request.index);
-        let place = fault.and_then(|f| group.place_of(f.job, f.axis as usize, f.role));
+        let place = fault.and_then(|f| group.place_of(f.process));
         if let (Some(fault), Some(place)) = (fault, place) {
-            let replaces = supervisor.replaces(fault.job, fault.axis as usize);
-            served = act(group, &request, place, fault.job, replaces)?;
+            let replaces = supervisor.replaces(fault.process);
+            served = act(group, &request, place, fault.process.job, replaces)?;
         } else {
             tracing::warn!("a fault names a process that this cell does not have");
         }

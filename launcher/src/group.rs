@@ -12,11 +12,11 @@ use bus::cell::{CellPaths, Ownership};
 use bus::member::Pace;
 use bus::port::Writer;
 use bus::process::watch;
-use bus::sample::{Job, Participant, Roster};
+use bus::sample::{Job, Roster};
 use bus::service::{Bus, Created, ROLES};
 use bus::signal_page::{CellPhase, SignalPage};
 use bytemuck::Zeroable;
-use machine::Machine;
+use machine::{Machine, Process};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
 
@@ -44,22 +44,16 @@ pub struct Role {
     /// Name in logs, reports and `ps`.
     pub name: String,
     /// What it does.
-    pub job: Job,
-    /// Axis of a servo.
-    pub axis: usize,
-    /// Role of a servo: 0 drives, 1 stands by.
-    pub role: u32,
+    pub process: Process,
     /// Arguments beyond its slot.
     pub arguments: Vec<String>,
 }
 
 impl Role {
-    fn new(name: &str, job: Job, arguments: &[&str]) -> Role {
+    fn new(machine: &Machine, process: Process, arguments: &[&str]) -> Role {
         let mut role = Role {
-            name: name.into(),
-            job,
-            axis: 0,
-            role: 0,
+            name: process.name(machine),
+            process,
             arguments: Vec::new(),
         };
         role.add(arguments);
@@ -127,18 +121,18 @@ impl Plan {
 pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
     let path = |p: &PathBuf| p.display().to_string();
     let mut recorder = Role::new(
-        "monitor",
-        Job::Monitor,
+        machine,
+        Job::Monitor.into(),
         &["recorder", "--out", &path(&plan.out)],
     );
     if plan.metrics.is_some() {
         recorder.add(&["--metrics"]);
     }
-    let mut planner = Role::new("planner", Job::Planner, &["planner"]);
+    let mut planner = Role::new(machine, Job::Planner.into(), &["planner"]);
     let limit = plan.answer_limit_s.to_string();
     let plant = path(&plan.plant_file);
     let arguments = ["plant-sim", "--plant", &plant, "--answer-limit", &limit];
-    let mut master = Role::new("plant-sim", Job::Master, &arguments);
+    let mut master = Role::new(machine, Job::Master.into(), &arguments);
     if let Some(program) = &plan.program {
         recorder.add(&["--program", &path(program)]);
         planner.add(&["--program", &path(program)]);
@@ -147,10 +141,15 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
     if let Some(orders) = &plan.orders {
         master.add(&["--orders", &path(orders)]);
     }
-    let mut others = servos(machine);
+    let servo = |process: Process| {
+        let axis = machine.axis_name(process.axis as usize);
+        let role = ROLES.get(process.role as usize).unwrap_or(&"?");
+        Role::new(machine, process, &["servo", "--axis", axis, "--role", role])
+    };
+    let mut others: Vec<Role> = Process::servos(machine).map(servo).collect();
     others.extend([planner, master]);
     if let Some(faults) = &plan.faults {
-        let reads = |role: &&mut Role| role.job == Job::Master || plan.wrong_samples;
+        let reads = |role: &&mut Role| role.process.job == Job::Master || plan.wrong_samples;
         for role in others.iter_mut().filter(reads) {
             role.add(&["--faults", &path(faults)]);
         }
@@ -163,33 +162,6 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
     let mut roles = vec![recorder];
     roles.extend(others);
     roles
-}
-
-/// The servos: of each axis one, and its standby if it has one.
-fn servos(machine: &Machine) -> Vec<Role> {
-    let mut servos = Vec::new();
-    for (index, axis) in machine.axes.iter().enumerate() {
-        for (role, word) in ROLES.iter().enumerate() {
-            if role > 0 && !axis.standby {
-                continue;
-            }
-            let arguments = ["servo", "--axis", &axis.name, "--role", word];
-            servos.push(Role {
-                axis: index,
-                role: role as u32,
-                ..Role::new(&servo_name(&axis.name, role), Job::Servo, &arguments)
-            });
-        }
-    }
-    servos
-}
-
-/// Name of a servo's process: its standby has the role's letter behind it.
-fn servo_name(axis: &str, role: usize) -> String {
-    match ROLES.get(role) {
-        Some(word) if role > 0 => format!("servo-{axis}-{word}"),
-        _ => format!("servo-{axis}"),
-    }
 }
 
 /// A started process.
@@ -225,7 +197,7 @@ impl Death {
     fn of(member: &Member, place: usize, status: ExitStatus) -> Death {
         Death {
             name: member.role.name.clone(),
-            job: member.role.job,
+            job: member.role.process.job,
             status,
             place,
             replaced: false,
@@ -324,15 +296,7 @@ impl Group {
         for (index, role) in roles(machine, plan).into_iter().enumerate() {
             let member = group.spawn(index, role, 1, None)?;
             if let Some(participant) = group.roster.participants.get_mut(index) {
-                *participant = Participant {
-                    death_scan: u64::MAX,
-                    job: member.role.job as u32,
-                    axis: member.role.axis as u32,
-                    role: member.role.role,
-                    incarnation: 1,
-                    live: 1,
-                    ..Participant::zeroed()
-                };
+                *participant = member.role.process.first();
             }
             group.members.push(member);
         }
@@ -391,7 +355,7 @@ impl Group {
             .plan
             .metrics
             .as_ref()
-            .filter(|_| role.job == Job::Monitor)
+            .filter(|_| role.process.job == Job::Monitor)
         {
             command.stdin(
                 listener
@@ -403,7 +367,7 @@ impl Group {
             command.args(["--after-scan", &scan.to_string()]);
         }
         if let Some(core) = self.core {
-            let where_to = if role.job == Job::Monitor {
+            let where_to = if role.process.job == Job::Monitor {
                 "--avoid-core"
             } else {
                 "--core"
@@ -501,7 +465,7 @@ impl Group {
     pub fn lives(&self, job: Job) -> bool {
         self.members
             .iter()
-            .any(|m| m.role.job == job && m.status.is_none())
+            .any(|m| m.role.process.job == job && m.status.is_none())
     }
 
     /// Reaps whoever has ended, cleans up what they left in shared memory and tells the cell.
@@ -547,7 +511,7 @@ impl Group {
                 // Whoever still waits for a last feedback waits in vain.
                 self.page.set_phase(CellPhase::Ending);
             }
-            let idle = |m: &Member| m.status.is_none() && m.role.job != Job::Monitor;
+            let idle = |m: &Member| m.status.is_none() && m.role.process.job != Job::Monitor;
             if started.elapsed() > IDLE_LEAVE_LIMIT && self.members.iter().any(idle) {
                 self.page.set_phase(CellPhase::Ending);
                 self.end_late(&idle);

@@ -40,7 +40,7 @@ impl Hangs {
             let Some(role) = group.role_of(place) else {
                 continue;
             };
-            let scans = match role.job {
+            let scans = match role.process.job {
                 Job::Master => Some(group.newest_scan),
                 Job::Monitor => Some(group.page.recorded_scans()),
                 Job::Servo | Job::Planner => group.page.answered_scan(place),
@@ -61,11 +61,11 @@ impl Hangs {
                 *seen = Seen { scans, since: now };
             }
             // Who has answered the newest scan has nothing to do.
-            let idle = role.job != Job::Master && scans >= group.newest_scan;
+            let idle = role.process.job != Job::Master && scans >= group.newest_scan;
             if idle {
                 seen.since = now;
             }
-            if now.duration_since(seen.since) > patience(role.job) {
+            if now.duration_since(seen.since) > patience(role.process.job) {
                 tracing::error!("{} lives but does not answer: killed", role.name);
                 group.signal(place, Signal::KILL);
                 hung.push(role.name.clone());

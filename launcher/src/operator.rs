@@ -1,20 +1,19 @@
 //! Orders to a running cell: each asks the master, waits for its answer and says what happened.
 
 use anyhow::anyhow;
-use bus::cell::CellPaths;
 use bus::sample::{OperatorRequest, Order};
 
 mod client;
 mod eyes;
 mod program;
 
-pub use client::{Client, page_of};
+pub use client::{Client, held};
 pub use program::{down, load, start};
 
-use client::only_one;
+use client::running;
 use eyes::Eyes;
 
-use crate::exit::{Failure, Kind, Outcome};
+use crate::exit::{Failure, Outcome};
 use crate::options::{JogOptions, OperatorOptions, OverrideOptions};
 use crate::output::say;
 
@@ -68,17 +67,8 @@ pub fn jog(options: &JogOptions) -> Outcome {
 
 /// `iceoryx-config`.
 pub fn iceoryx_config(options: &OperatorOptions) -> Outcome {
-    let place = match options.cell.as_deref() {
-        Some(name) => CellPaths::new(name).input()?,
-        None => only_one()?,
-    };
     // Whoever enters a cell that does not run leaves files behind.
-    if page_of(&place).is_none() {
-        return Err(Failure::Stopped(anyhow!(
-            "cell {:?} does not run",
-            place.name()
-        )));
-    }
-    say(place.iceoryx2_toml().trim_end());
+    let cell = running(options.cell.as_deref())?;
+    say(cell.place.iceoryx2_toml().trim_end());
     Ok(())
 }

@@ -19,7 +19,7 @@ use crate::options::{CleanOptions, RunOptions};
 use crate::output::say;
 use crate::run_dir::{RunDir, Sources, default_folder, program_name};
 use crate::signals::Signals;
-use crate::supervise::{Ending, Subject, Watch, stop_words, supervise};
+use crate::supervise::{Ending, Subject, Watch, supervise};
 use crate::view::{self, View};
 use crate::{doctor, exit, logs, metrics_socket, report, service_manager, training};
 
@@ -248,10 +248,8 @@ fn conclude(ending: Ending, made: anyhow::Result<String>, folder: &Path) -> Outc
                 death.name
             )));
         }
-        let end = ending.last.as_ref();
-        let end = end.map_or(String::new(), |f| {
-            format!(": {}", stop_words(f, &ending.axes))
-        });
+        let stop = format!(": {}", ending.stop);
+        let end = ending.last.map_or("", |_| &stop);
         return Err(Failure::Stopped(anyhow!(
             "{} {}{end}",
             death.name,
@@ -269,10 +267,7 @@ fn conclude(ending: Ending, made: anyhow::Result<String>, folder: &Path) -> Outc
             made.map_err(Failure::Environment)?;
             Ok(())
         }
-        _ => Err(Failure::Stopped(anyhow!(
-            "{}",
-            stop_words(&last, &ending.axes)
-        ))),
+        _ => Err(Failure::Stopped(anyhow!(ending.stop))),
     }
 }
 

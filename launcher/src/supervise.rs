@@ -38,8 +38,8 @@ pub struct Ending {
     pub interruptions: u32,
     /// The master left by itself; it was not killed.
     pub in_order: bool,
-    /// Names of the axes.
-    pub axes: Vec<String>,
+    /// Why and where the machine stopped, in words; empty if no scan ran.
+    pub stop: String,
 }
 
 /// The launcher's own looks into the cell; made before the scans begin, so that it sees also the shortest run.
@@ -119,7 +119,6 @@ struct Supervision<'a> {
     events: &'a mut Events,
     supervisor: Supervisor,
     hangs: Hangs,
-    axes: Vec<String>,
     cell: String,
     master_slot: usize,
     newest: Option<Feedback>,
@@ -151,9 +150,8 @@ impl<'a> Supervision<'a> {
             events,
             supervisor: Supervisor::new(machine),
             hangs: Hangs::default(),
-            axes: machine.axes.iter().map(|axis| axis.name.clone()).collect(),
             cell: group.cell_name().to_string(),
-            master_slot: group.place_of(Job::Master, 0, 0).unwrap_or_default(),
+            master_slot: group.place_of(Job::Master.into()).unwrap_or_default(),
             group,
             newest: None,
             tripped: false,
@@ -189,7 +187,7 @@ impl<'a> Supervision<'a> {
         };
         let is_tripped = feedback.mode == Mode::Tripped as u32;
         if is_tripped && !self.tripped {
-            let how = stop_words(feedback, &self.axes);
+            let how = stop_words(feedback, self.machine);
             tracing::error!("{how}");
             let event = Event::of_cell(feedback.scan, "trip", Some(how));
             self.events.write(&event);
@@ -203,7 +201,7 @@ impl<'a> Supervision<'a> {
             return;
         };
         session.look(feedback, self.group.page.recorded_scans(), self.events);
-        let recorder = self.group.place_of(Job::Monitor, 0, 0).unwrap_or_default();
+        let recorder = self.group.place_of(Job::Monitor.into()).unwrap_or_default();
         let lost = !self.group.lives(Job::Monitor) && !self.supervisor.is_due(recorder);
         if session.is_another(feedback) && lost {
             // Whatever kept it from writing may have passed.
@@ -344,17 +342,18 @@ impl<'a> Supervision<'a> {
                 session.finish(last, self.signals, self.events);
             }
         }
+        let mut stop = String::new();
         if let Some(last) = &last {
-            let how = stop_words(last, &self.axes);
+            stop = stop_words(last, self.machine);
             self.events
-                .write(&Event::of_cell(last.scan, "ended", Some(how)));
+                .write(&Event::of_cell(last.scan, "ended", Some(stop.clone())));
         }
         Ending {
             last,
             deaths: self.deaths,
             interruptions: self.signals.count(),
             in_order,
-            axes: self.axes,
+            stop,
         }
     }
 
@@ -438,11 +437,12 @@ fn stop(group: &Group, operator: &OperatorClient, stays: bool) -> bool {
 }
 
 /// Why and where the machine stopped.
-pub fn stop_words(feedback: &Feedback, axes: &[String]) -> String {
+pub fn stop_words(feedback: &Feedback, machine: &Machine) -> String {
     let cause = Cause::from_wire(feedback.cause).map_or("an unknown cause", Cause::words);
-    let axis = axes
+    let axis = machine
+        .axes
         .get(feedback.cause_axis as usize)
-        .map_or(String::new(), |name| format!(", axis {name}"));
+        .map_or(String::new(), |axis| format!(", axis {}", axis.name));
     match Mode::from_wire(feedback.mode) {
         Some(Mode::Tripped) => format!(
             "the machine tripped in scan {}: {cause}{axis}",

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use bus::sample::Job;
-use machine::{Machine, Restart};
+use machine::{Machine, Process, Restart};
 
 use crate::group::{Death, Group};
 
@@ -52,9 +52,10 @@ impl Supervisor {
     }
 
     /// Whether a lost process of this job is to be replaced.
-    pub fn replaces(&self, job: Job, axis: usize) -> bool {
-        let standby = self.standby.get(axis).is_some_and(|s| *s);
-        self.policy.replaces(job, standby)
+    pub fn replaces(&self, process: Process) -> bool {
+        let standby = self.standby.get(process.axis as usize);
+        self.policy
+            .replaces(process.job, standby.is_some_and(|s| *s))
     }
 
     /// Judges an untimely death and plans the restart.
@@ -62,13 +63,13 @@ impl Supervisor {
         let Some(role) = group.role_of(death.place) else {
             return Verdict::GoesOn;
         };
-        let without = match role.job {
+        let without = match role.process.job {
             Job::Planner | Job::Master => Verdict::Ends,
             Job::Servo | Job::Monitor => Verdict::GoesOn,
         };
         // A master that gave up by itself has said why: another one would fare no better.
-        let gave_up = role.job == Job::Master && death.status.code().is_some();
-        if gave_up || !self.replaces(role.job, role.axis) {
+        let gave_up = role.process.job == Job::Master && death.status.code().is_some();
+        if gave_up || !self.replaces(role.process) {
             return without;
         }
         let policy = self.policy;

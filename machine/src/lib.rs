@@ -18,6 +18,7 @@ mod loops;
 mod machine;
 pub mod model;
 mod positioning;
+mod process;
 mod renamed;
 mod restart;
 mod reversal;
@@ -32,5 +33,6 @@ pub use loops::{FeedForward, PREDICTION_M_MIN, PositionLoop, Prediction, Velocit
 pub use machine::{DEAD_TIME_SCANS_MAX, Machine, Manual, ProgramSettings, Scan};
 pub use model::{AxisModel, DisturbanceObserver, TorqueFeedForward};
 pub use positioning::{Positioning, RapidProfile};
+pub use process::Process;
 pub use restart::{AfterLoss, AfterMaster, AfterMonitor, Restart};
 pub use reversal::{PositionErrorPart, PulseShape, Reversal, ReversalMethod, Trigger};

@@ -107,6 +107,12 @@ impl Machine {
         })
     }
 
+    /// Letter of an axis; a question mark for one that it does not have.
+    pub fn axis_name(&self, axis: usize) -> &str {
+        let axis = self.axes.get(axis);
+        axis.map_or("?", |axis| axis.name.as_str())
+    }
+
     /// What the service table needs to know of it.
     pub fn shape(&self) -> Shape {
         Shape {

@@ -48,20 +48,12 @@ struct Ports {
 }
 
 impl Ports {
-    fn open(member: &Member, axes: usize) -> Result<Ports, CellError> {
+    fn open(member: &Member) -> Result<Ports, CellError> {
         let bus = &member.bus;
-        let commands = (0..axes)
-            .map(|axis| {
-                Ok([
-                    bus.command_reader(axis, 0, SCAN_DEPTH)?,
-                    bus.command_reader(axis, 1, SCAN_DEPTH)?,
-                ])
-            })
-            .collect::<Result<Vec<_>, CellError>>()?;
         Ok(Ports {
             feedback: bus.feedback_writer()?,
             instruments: bus.instruments_writer()?,
-            commands,
+            commands: bus.command_readers(SCAN_DEPTH)?,
             windows: bus.window_reader(SCAN_DEPTH)?,
             planner: bus.planner_reader(SCAN_DEPTH)?,
             roster: bus.roster_reader(SCAN_DEPTH)?,
@@ -211,7 +203,7 @@ impl BusPorts {
         answer_limit: Duration,
     ) -> Result<BusPorts, CellError> {
         Ok(BusPorts {
-            ports: Ports::open(&member, machine.axes.len())?,
+            ports: Ports::open(&member)?,
             axes: machine.axes.iter().map(|axis| axis.name.clone()).collect(),
             roster: Roster::zeroed(),
             clock: Clock {

@@ -2,62 +2,11 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use bus::sample::{Job, Participant, Roster};
-use machine::Machine;
-
-use crate::words::axis_name;
+use bus::sample::{Participant, Roster};
+use machine::{Machine, Process};
 
 /// Deaths that wait to be asked for.
 const DEATHS_MAX: usize = 64;
-
-/// A process of the cell by what it does, whoever does it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Process {
-    job: u32,
-    axis: u32,
-    role: u32,
-}
-
-impl Process {
-    /// That of a participant.
-    pub fn of(participant: &Participant) -> Process {
-        Process {
-            job: participant.job,
-            axis: participant.axis,
-            role: participant.role,
-        }
-    }
-
-    /// All that a cell of this machine can have.
-    pub fn all(machine: &Machine) -> Vec<Process> {
-        let process = |job: Job, axis: usize, role: u32| Process {
-            job: job as u32,
-            axis: axis as u32,
-            role,
-        };
-        let mut all = vec![process(Job::Planner, 0, 0)];
-        for (axis, settings) in machine.axes.iter().enumerate() {
-            let roles = 0..=u32::from(settings.standby);
-            all.extend(roles.map(|role| process(Job::Servo, axis, role)));
-        }
-        all.extend([process(Job::Master, 0, 0), process(Job::Monitor, 0, 0)]);
-        all
-    }
-
-    /// Its name.
-    pub fn name(self, machine: &Machine) -> String {
-        match Job::from_wire(self.job) {
-            Some(Job::Master) => "plant-sim".into(),
-            Some(Job::Planner) => "planner".into(),
-            Some(Job::Monitor) => "monitor".into(),
-            Some(Job::Servo) => {
-                let standby = if self.role > 0 { "-b" } else { "" };
-                format!("servo-{}{standby}", axis_name(machine, self.axis as usize))
-            }
-            None => format!("process of job {}", self.job),
-        }
-    }
-}
 
 /// Scan, signal and exit status of a participant's last death; none if none died, or ended in order.
 pub fn death_of(participant: &Participant) -> Option<(u64, i32, i32)> {
@@ -107,11 +56,11 @@ impl Deaths {
 
     /// Takes who takes part.
     pub fn roster(&mut self, roster: &Roster) {
-        for participant in roster.participants.iter().filter(|p| p.job != 0) {
-            let Some((scan, signal, status)) = death_of(participant) else {
+        for participant in &roster.participants {
+            let death = Process::of(participant).zip(death_of(participant));
+            let Some((process, (scan, signal, status))) = death else {
                 continue;
             };
-            let process = Process::of(participant);
             let before = self.known.insert(process, scan);
             // What a first roster has of the time before is nobody's news.
             let seen = self.first_scan.is_some_and(|first| scan >= first);

@@ -42,21 +42,13 @@ impl Ports {
             + self.roster.failed()
     }
 
-    fn open(member: &Member, axes: usize) -> Result<Ports, CellError> {
+    fn open(member: &Member) -> Result<Ports, CellError> {
         let bus = &member.bus;
         let depth = RECORDER_DEPTH_SCANS;
-        let commands = (0..axes)
-            .map(|axis| {
-                Ok([
-                    bus.command_reader(axis, 0, depth)?,
-                    bus.command_reader(axis, 1, depth)?,
-                ])
-            })
-            .collect::<Result<Vec<_>, CellError>>()?;
         Ok(Ports {
             feedback: bus.feedback_reader(depth)?,
             instruments: bus.instruments_reader(depth)?,
-            commands,
+            commands: bus.command_readers(depth)?,
             windows: bus.window_reader(depth)?,
             planner: bus.planner_reader(depth)?,
             roster: bus.roster_reader(depth)?,
@@ -103,7 +95,7 @@ impl Ports {
 pub fn run(options: &Options, tap: Option<&mut dyn Tap>) -> Result<(), MonitorError> {
     let machine = Machine::load(&options.slot.machine)?;
     let member = Member::enter(options.slot.clone(), "monitor", &machine.shape())?;
-    let mut ports = Ports::open(&member, machine.axes.len()).map_err(MemberError::Cell)?;
+    let mut ports = Ports::open(&member).map_err(MemberError::Cell)?;
     let mut logbook = Logbook::new(options, &machine)?;
     let black_box = BlackBox::new(Settings::default(), &machine, logbook.new_home());
     let mut sinks = Sinks {

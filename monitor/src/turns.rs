@@ -4,6 +4,17 @@
 /// anything that friction notices.
 const TRAVEL_MM: f64 = 1e-4;
 
+/// The window about a reversal in which its height is measured (docs/methods/physics.md §5), in s before and after it.
+pub const WINDOW_S: (f64, f64) = (0.006, 0.050);
+
+/// The same on an arc, in rad: at least and at most so many degrees.
+pub fn window_rad(angular_speed_rad_s: f64) -> (f64, f64) {
+    let clip = |seconds: f64, low_deg: f64, high_deg: f64| {
+        (seconds * angular_speed_rad_s).clamp(low_deg.to_radians(), high_deg.to_radians())
+    };
+    (clip(WINDOW_S.0, 2.0, 12.0), clip(WINDOW_S.1, 8.0, 40.0))
+}
+
 /// Finds the reversals of one axis' command. `T` is what is kept of the first scan in the new direction until the command has
 /// gone far enough for a reversal.
 #[derive(Debug, Clone)]

@@ -1,15 +1,9 @@
-//! Names of axes and causes, for people.
+//! Why a machine stopped, for people.
 
 use std::fmt;
 
 use bus::sample::{Cause, Feedback};
 use machine::Machine;
-
-/// Letter of an axis; a question mark for one that the machine does not have.
-pub fn axis_name(machine: &Machine, axis: usize) -> &str {
-    let axis = machine.axes.get(axis);
-    axis.map_or("?", |axis| axis.name.as_str())
-}
 
 /// Why a machine tripped or stopped, as its feedback names it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -28,6 +22,12 @@ impl StopCause {
             axis: axis.map(|axis| axis.name.clone()),
             cause: Cause::from_wire(feedback.cause),
         }
+    }
+
+    /// What a feedback names; none if nothing stopped the machine.
+    pub fn if_any(machine: &Machine, feedback: &Feedback) -> Option<StopCause> {
+        let any = feedback.cause != Cause::None as u32;
+        any.then(|| StopCause::of(machine, feedback))
     }
 
     fn words(&self) -> &'static str {

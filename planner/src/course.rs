@@ -85,18 +85,6 @@ fn positioning(machine: &Machine) -> Result<Option<Positioning>, CourseError> {
     Ok(Some(positioning))
 }
 
-/// Where the tool stands, in the coordinates of programs, with the axes at `axes`.
-///
-/// # Errors
-/// The axes stand where no program can start.
-pub fn tool_at(machine: &Machine, axes: &AxisVector) -> Result<AxisVector, OutOfReach> {
-    let kinematics = kinematics_of(machine);
-    if let Kinematics::PivotY(pivot) = kinematics {
-        pivot.check_start(axes)?;
-    }
-    Ok(kinematics.tool(axes))
-}
-
 /// A planner of windows along a program's path, from where the tool stands at the start. A program without motion waits
 /// there for no time.
 ///

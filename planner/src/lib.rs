@@ -8,7 +8,7 @@ pub mod ports;
 mod run;
 mod way_back;
 
-pub use course::{CourseError, motion_limits, tool_at, window_planner};
+pub use course::{CourseError, motion_limits, window_planner};
 pub use planner::{Decision, Planner};
 pub use ports::{BusPorts, PlannerPorts};
 pub use run::{Options, PlannerError, cycle, run, run_over};

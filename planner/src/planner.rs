@@ -16,9 +16,9 @@ use bytemuck::Zeroable;
 use control::profile::PathState;
 use control::window::{Row, WindowPlanner, WindowRequest};
 use machine::Machine;
-use program::{ProgramError, Setup};
+use program::ResumeError;
 
-use crate::course::{CourseError, tool_at, window_planner};
+use crate::course::{CourseError, window_planner};
 use crate::way_back::WayBack;
 
 /// Scans from the feedback a window answers until it can be executed: seen by the servos in the next, admitted by the
@@ -100,7 +100,7 @@ impl From {
 #[derive(Debug, thiserror::Error)]
 enum StartError {
     #[error(transparent)]
-    Program(#[from] ProgramError),
+    Program(#[from] ResumeError),
     #[error(transparent)]
     Course(#[from] CourseError),
 }
@@ -400,13 +400,10 @@ impl Planner {
     }
 
     fn expand(&self, registers: [i64; MAX_AXES]) -> Result<Course, StartError> {
-        let stands = program::axes_at(&self.machine, &registers);
-        let start = tool_at(&self.machine, &stands).map_err(CourseError::from)?;
-        let setup = Setup::of(&self.machine);
         let text = self.program_text.as_deref().unwrap_or_default();
-        let program = program::interpret(&self.program_name, text, &setup, start)?;
+        let program = program::resume_from(&self.machine, &registers, &self.program_name, text)?;
         let program_hash = program.source_hash;
-        let windows = window_planner(&self.machine, program.path, start)?;
+        let windows = window_planner(&self.machine, program.path, program.start)?;
         let mut length_mm = 0.0;
         let mut length_before_mm = vec![0.0];
         for element in &windows.path().elements {

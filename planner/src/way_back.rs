@@ -14,7 +14,7 @@ use control::profile::PathState;
 use control::window::WindowPlanner;
 use machine::{AxisKind, Machine};
 
-use crate::course::{CourseError, tool_at, window_planner};
+use crate::course::{CourseError, window_planner};
 
 /// The machine stands so long at the place, in s, before the program goes on: ten time constants of a position loop of
 /// 50/s, so that what the return left is gone before the path is measured again.
@@ -51,7 +51,7 @@ impl WayBack {
             *is_rotary = axis.kind == AxisKind::Rotary;
         }
         let feed = Feed::PathMmS(machine.manual.return_mm_s);
-        let start = tool_at(machine, &program::axes_at(machine, &from))?;
+        let start = program::tool_at(machine, &from)?;
         let mut here = start;
         let mut elements = Vec::with_capacity(RUN_UP_CHORDS as usize + 2);
         for chord in (0..=RUN_UP_CHORDS).rev() {

@@ -1,5 +1,6 @@
 //! The simulated axes of a machine: machine file and plant file put together, and checked against each other.
 
+use bus::sample::MAX_AXES;
 use machine::{Axis, Machine, PositionFeedback};
 
 use crate::axis::{AxisSettings, AxisSettingsError, AxisSimulation};
@@ -45,6 +46,19 @@ impl PlantFile {
             simulations,
             dead_time_scans,
         ))
+    }
+
+    /// Command positions with which the simulated machine starts, in increments: where its encoders are.
+    ///
+    /// # Errors
+    /// [`SetupError`].
+    pub fn start(&self, machine: &Machine) -> Result<[i64; MAX_AXES], SetupError> {
+        let mut start = [0; MAX_AXES];
+        let axes = start.iter_mut().zip(&machine.axes);
+        for ((increments, axis), simulation) in axes.zip(&self.simulations(machine)?) {
+            *increments = libm::round(simulation.motor_position_mm() / axis.increment_mm()) as i64;
+        }
+        Ok(start)
     }
 
     /// The simulated axes in the order of the machine file, each at its start position.

@@ -1,5 +1,7 @@
 //! What is wrong with a program, for the person who wrote it.
 
+use control::pivot::OutOfReach;
+
 /// The most problems told at once; the rest is usually their echo.
 pub const PROBLEMS_MAX: usize = 20;
 
@@ -24,6 +26,17 @@ pub struct ProgramError {
     pub problems: Vec<Problem>,
     /// Whether reading stopped at the limit, with more problems possibly to come.
     pub more: bool,
+}
+
+/// Why a program cannot be expanded from where a machine's axes are.
+#[derive(Debug, thiserror::Error)]
+pub enum ResumeError {
+    /// No program can start there.
+    #[error(transparent)]
+    OutOfReach(#[from] OutOfReach),
+    /// The program.
+    #[error(transparent)]
+    Program(#[from] ProgramError),
 }
 
 impl ProgramError {

@@ -95,6 +95,7 @@ pub fn interpret(
     Ok(Program {
         name: name.to_owned(),
         source_hash: source_hash(text, setup, &start),
+        start,
         blocks,
         end,
         notes: interpreter.notes_by_line(),

@@ -55,11 +55,13 @@ mod interpreter;
 mod letters;
 mod program;
 mod reader;
+mod resume;
 mod setup;
 mod words;
 
-pub use error::{Problem, ProgramError};
+pub use error::{Problem, ProgramError, ResumeError};
 pub use file::{FILE_BYTES_MAX, load};
 pub use interpreter::{BLOCKS_MAX, interpret};
 pub use program::{AxisSetup, Block, Event, EventKind, Note, Program, ProgramEnd, Setup};
-pub use setup::{axes_at, kinematics_of};
+pub use resume::{load_from, resume_from, tool_at};
+pub use setup::kinematics_of;

@@ -92,6 +92,8 @@ pub struct Program {
     pub path: Path,
     /// Hash (XXH3) of everything the geometry depends on: text, axes, work offset, start. Names it in path tags.
     pub source_hash: u64,
+    /// Where the tool is at its start, in the coordinates of programs.
+    pub start: AxisVector,
     /// The blocks that hold words, in order.
     pub blocks: Vec<Block>,
     /// Spindle words, in order.

@@ -67,12 +67,3 @@ pub fn kinematics_of(machine: &Machine) -> Kinematics {
     });
     pivot.map_or(Kinematics::Cartesian, Kinematics::PivotY)
 }
-
-/// Where the axes stand with their registers at these increments, in mm and degrees; 0 for axes that the machine does not have.
-pub fn axes_at(machine: &Machine, increments: &[i64]) -> AxisVector {
-    let mut axes = AxisVector::zeros();
-    for ((value, axis), increments) in axes.iter_mut().zip(&machine.axes).zip(increments) {
-        *value = *increments as f64 * axis.increment_mm();
-    }
-    axes
-}

@@ -218,7 +218,7 @@ pub struct AxisState {
 }
 
 /// What a servo asks of its drive.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CommandState {
     /// Scan whose feedback it answers.
@@ -275,7 +275,7 @@ pub struct ProcessState {
 }
 
 /// One reversal.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ReversalState {
     /// Axis index.

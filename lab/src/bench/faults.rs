@@ -55,7 +55,7 @@ impl Tally {
             if *fired {
                 *self
                     .kinds
-                    .entry(kind_of(fault.job, &fault.action))
+                    .entry(kind_of(fault.process.job, &fault.action))
                     .or_default() += 1;
             }
         }

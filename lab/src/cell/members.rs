@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use bus::sample::Job;
-use machine::Machine;
+use machine::{Machine, Process};
 use planner::Planner;
 use plant_sim::script::faults::FaultScript;
 use servo::{Servo, ServoSettingsError};
@@ -86,7 +86,7 @@ impl ServoMember {
         script: Option<&FaultScript>,
         fired: &Fired,
     ) -> ServoMember {
-        let sender = (Job::Servo, axis, role);
+        let sender = Process::servo(axis, role);
         ServoMember {
             axis,
             role,
@@ -123,7 +123,7 @@ impl PlannerMember {
         script: Option<&FaultScript>,
         fired: &Fired,
     ) -> PlannerMember {
-        let sender = (Job::Planner, 0, 0);
+        let sender = Job::Planner.into();
         PlannerMember {
             planner: Planner::new(machine, name, text.into(), life.incarnation),
             life,

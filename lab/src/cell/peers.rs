@@ -8,7 +8,7 @@ use bus::sample::{
 };
 use bus::signal_page::FaultStep;
 use bytemuck::Zeroable;
-use machine::Machine;
+use machine::{Machine, Process};
 use master::saved::{Latches, SavedState};
 use master::{Answered, Answers, Drives, Flow, MasterPorts};
 use plant_sim::script::injector::FaultInjector;
@@ -68,7 +68,8 @@ impl Peers {
             );
         }
         let servos = members.iter().map(|member| member.servo(&machine));
-        let is_masters = |fault: &plant_sim::script::faults::Fault| fault.job == Job::Master;
+        let is_masters =
+            |fault: &plant_sim::script::faults::Fault| fault.process.job == Job::Master;
         Ok(Peers {
             servos: servos.collect::<Result<_, _>>()?,
             planner: PlannerMember::new(&machine, program, Life::FIRST, faults, &fired),
@@ -181,10 +182,11 @@ impl Peers {
         let Some(fault) = script.and_then(|s| s.faults.get(index)).copied() else {
             return Flow::GoOn;
         };
-        let (axis, role) = (fault.axis as usize, fault.role as usize);
+        let process = fault.process;
+        let (axis, role) = (process.axis as usize, process.role as usize);
         let standby = self.machine.axes.get(axis).is_some_and(|a| a.standby);
-        let replaced = self.machine.restart.replaces(fault.job, standby);
-        match fault.job {
+        let replaced = self.machine.restart.replaces(process.job, standby);
+        match process.job {
             Job::Monitor => {}
             Job::Master if step == FaultStep::Kill => {
                 self.master_killed = Some(MasterKilled { replaced });
@@ -201,7 +203,7 @@ impl Peers {
                     suffer(&mut self.planner.life, step);
                 }
                 let life = self.planner.life;
-                self.publish_roster((Job::Planner, 0, 0), step, life, scan);
+                self.publish_roster(process, step, life, scan);
             }
             Job::Servo => {
                 let mut members = self.members.iter().enumerate();
@@ -221,23 +223,15 @@ impl Peers {
                     suffer(&mut member.life, step);
                 }
                 let life = member.life;
-                self.publish_roster((Job::Servo, axis, role), step, life, scan);
+                self.publish_roster(process, step, life, scan);
             }
         }
         Flow::GoOn
     }
 
     /// What the launcher then publishes in the roster.
-    fn publish_roster(
-        &mut self,
-        (job, axis, role): (Job, usize, usize),
-        step: FaultStep,
-        life: Life,
-        scan: u64,
-    ) {
-        let is_it = |p: &&mut Participant| {
-            p.job == job as u32 && p.axis == axis as u32 && p.role == role as u32
-        };
+    fn publish_roster(&mut self, process: Process, step: FaultStep, life: Life, scan: u64) {
+        let is_it = |p: &&mut Participant| Process::of(p) == Some(process);
         let Some(slot) = self.roster.participants.iter_mut().find(is_it) else {
             return;
         };
@@ -355,24 +349,15 @@ fn suffer(life: &mut Life, step: FaultStep) {
 
 /// Everybody lives.
 fn roster(members: &[ServoMember]) -> Roster {
-    let slot = |job: Job, axis: usize, role: usize| Participant {
-        death_scan: u64::MAX,
-        job: job as u32,
-        axis: axis as u32,
-        role: role as u32,
-        incarnation: Life::FIRST.incarnation,
-        live: 1,
-        ..Participant::zeroed()
-    };
     let mut roster = Roster {
         version: 1,
         ..Roster::zeroed()
     };
-    let everybody = [slot(Job::Master, 0, 0), slot(Job::Planner, 0, 0)];
-    let servos = members.iter().map(|m| slot(Job::Servo, m.axis, m.role));
+    let everybody = [Job::Master.into(), Job::Planner.into()];
+    let servos = members.iter().map(|m| Process::servo(m.axis, m.role));
     let all = everybody.into_iter().chain(servos);
-    for (to, participant) in roster.participants.iter_mut().zip(all) {
-        *to = participant;
+    for (to, process) in roster.participants.iter_mut().zip(all) {
+        *to = process.first();
     }
     roster
 }

@@ -4,12 +4,10 @@ use super::*;
 use plant_sim::script::faults::{Fault, RestartOverrides, Trigger};
 use plant_sim::script::reach::excuses;
 
-fn script(job: Job, actions: &[Action]) -> FaultScript {
+fn script(process: Process, actions: &[Action]) -> FaultScript {
     let fault = |action: &Action| Fault {
         at: Trigger::Scan(0),
-        job,
-        axis: u32::from(job == Job::Servo),
-        role: 0,
+        process,
         action: *action,
         line: 1,
     };
@@ -39,8 +37,8 @@ fn command(scan: u64) -> AxisCommand {
 
 /// What is sent in scans 8 to 15, each by the scan it is sent in, if every fault fires in scan 10.
 fn commands(actions: &[Action]) -> Vec<(u64, AxisCommand)> {
-    let script = script(Job::Servo, actions);
-    let mut tamper = Corruptor::new(&script, Job::Servo, 1, 0);
+    let script = script(Process::servo(1, 0), actions);
+    let mut tamper = Corruptor::new(&script, Process::servo(1, 0));
     let mut sent = Vec::new();
     for scan in 8..16 {
         let fired = |_| (scan >= 10).then_some(10);
@@ -60,20 +58,23 @@ fn without_faults_of_its_own_a_sender_sends_what_it_made() {
         restart_after_scans: 3,
     };
     assert_eq!(commands(&[kill, Action::Stop { scans: 9 }]), as_made());
-    let of_another = script(Job::Servo, &[Action::Drop { scans: 100 }]);
-    for (job, axis, role) in [
-        (Job::Servo, 0, 0),
-        (Job::Servo, 1, 1),
-        (Job::Planner, 0, 0),
-        (Job::Planner, 1, 0),
+    let of_another = script(Process::servo(1, 0), &[Action::Drop { scans: 100 }]);
+    for process in [
+        Process::servo(0, 0),
+        Process::servo(1, 1),
+        Job::Planner.into(),
+        Process {
+            axis: 1,
+            ..Job::Planner.into()
+        },
     ] {
-        let mut tamper = Corruptor::new(&of_another, job, axis, role);
+        let mut tamper = Corruptor::new(&of_another, process);
         let mut sent = 0;
         tamper.command(&command(10), |_| Some(10), |_| sent += 1);
-        assert_eq!(sent, 1, "{job:?} {axis} {role}");
+        assert_eq!(sent, 1, "{process:?}");
     }
     // A fault that has not fired does nothing.
-    let mut tamper = Corruptor::new(&of_another, Job::Servo, 1, 0);
+    let mut tamper = Corruptor::new(&of_another, Process::servo(1, 0));
     let mut sent = 0;
     tamper.command(&command(10), |_| None, |_| sent += 1);
     assert_eq!(sent, 1);
@@ -115,8 +116,8 @@ fn the_longest_delay_loses_nothing_and_a_sleeper_sends_all_that_is_due() {
         scans: 1000,
         late_scans: LATE_SCANS_MAX,
     };
-    let script = script(Job::Servo, &[delay]);
-    let mut tamper = Corruptor::new(&script, Job::Servo, 1, 0);
+    let script = script(Process::servo(1, 0), &[delay]);
+    let mut tamper = Corruptor::new(&script, Process::servo(1, 0));
     let mut sent = Vec::new();
     for scan in 0..40 {
         tamper.command(&command(scan), |_| Some(0), |c| sent.push((scan, c.scan)));
@@ -167,8 +168,8 @@ fn a_corruption_changes_what_it_names_and_nothing_else() {
 
 #[test]
 fn the_first_command_of_all_has_none_before_it_to_be_replayed() {
-    let script = script(Job::Servo, &[corrupt(Corruption::Replay)]);
-    let mut tamper = Corruptor::new(&script, Job::Servo, 1, 0);
+    let script = script(Process::servo(1, 0), &[corrupt(Corruption::Replay)]);
+    let mut tamper = Corruptor::new(&script, Process::servo(1, 0));
     let mut sent = Vec::new();
     for scan in [10, 11] {
         tamper.command(&command(scan), |_| Some(10), |c| sent.push(c.scan));
@@ -195,15 +196,16 @@ fn lockstep_is_excused_from_waiting_where_no_answer_that_counts_can_come() {
         (corrupt(Corruption::FutureScan), false),
         (Action::Stop { scans: 2 }, false),
     ] {
-        let script = script(Job::Servo, &[action]);
-        let of = |job, axis, role, scan| excuses(&script, |_| Some(10), job, axis, role, scan);
+        let script = script(Process::servo(1, 0), &[action]);
+        let of =
+            |axis, role, scan| excuses(&script, |_| Some(10), Process::servo(axis, role), scan);
         for scan in 8..14 {
             let met = excused && (10..12).contains(&scan);
-            assert_eq!(of(Job::Servo, 1, 0, scan), met, "{action:?} {scan}");
+            assert_eq!(of(1, 0, scan), met, "{action:?} {scan}");
         }
-        assert!(!of(Job::Servo, 1, 1, 10), "the other role");
-        assert!(!of(Job::Servo, 0, 0, 10), "another axis");
-        assert!(!excuses(&script, |_| None, Job::Servo, 1, 0, 10));
+        assert!(!of(1, 1, 10), "the other role");
+        assert!(!of(0, 0, 10), "another axis");
+        assert!(!excuses(&script, |_| None, Process::servo(1, 0), 10));
         // Where lockstep is not excused, what is sent is taken for an answer to this scan.
         if !matches!(action, Action::Stop { .. }) {
             let sent = commands(&[action]);
@@ -213,8 +215,8 @@ fn lockstep_is_excused_from_waiting_where_no_answer_that_counts_can_come() {
             assert_eq!(sent.iter().find(answer).is_none(), excused, "{action:?}");
         }
     }
-    let script = script(Job::Planner, &[Action::Drop { scans: 2 }]);
-    assert!(!excuses(&script, |_| Some(10), Job::Planner, 0, 0, 10));
+    let script = script(Job::Planner.into(), &[Action::Drop { scans: 2 }]);
+    assert!(!excuses(&script, |_| Some(10), Job::Planner.into(), 10));
 }
 
 fn window(scan: u64) -> (WindowHeader, Vec<WindowRow>) {
@@ -241,8 +243,8 @@ type Sent = (u64, WindowHeader, Vec<WindowRow>);
 
 /// What is sent at the period boundaries 8, 16, 24, 32 and 40 if every fault fires in scan 16; none is planned in 32.
 fn windows(actions: &[Action]) -> Vec<Sent> {
-    let script = script(Job::Planner, actions);
-    let mut tamper = Corruptor::new(&script, Job::Planner, 0, 0);
+    let script = script(Job::Planner.into(), actions);
+    let mut tamper = Corruptor::new(&script, Job::Planner.into());
     let mut sent = Vec::new();
     for scan in [8, 16, 24, 32, 40] {
         let (header, rows) = window(scan);
@@ -360,8 +362,8 @@ fn the_longest_window_is_kept_whole_and_a_longer_one_breaks_nothing() {
         scans: 1,
         late_scans: 1,
     };
-    let script = script(Job::Planner, &[delay]);
-    let mut tamper = Corruptor::new(&script, Job::Planner, 0, 0);
+    let script = script(Job::Planner.into(), &[delay]);
+    let mut tamper = Corruptor::new(&script, Job::Planner.into());
     for rows in [MAX_WINDOW_ROWS, MAX_WINDOW_ROWS + 1] {
         let rows = vec![WindowRow::zeroed(); rows];
         let header = WindowHeader::zeroed();

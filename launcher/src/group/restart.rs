@@ -3,18 +3,15 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
-use bus::sample::Job;
+use machine::Process;
 use rustix::process::{Signal, pidfd_send_signal};
 
 use super::{Death, Group, READY_LIMIT, note_death};
 
 impl Group {
-    /// The place of the process with this job.
-    pub fn place_of(&self, job: Job, axis: usize, role: u32) -> Option<usize> {
-        let is = |m: &super::Member| {
-            m.role.job == job && (job != Job::Servo || (m.role.axis == axis && m.role.role == role))
-        };
-        self.members.iter().position(is)
+    /// The slot of a process.
+    pub fn place_of(&self, process: Process) -> Option<usize> {
+        self.members.iter().position(|m| m.role.process == process)
     }
 
     /// How many places there are.

@@ -1,14 +1,14 @@
 //! A running cell, entered as a client: it sends orders and waits for their answers.
 
+use std::rc::Rc;
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
-use bus::cell::CellPaths;
-use bus::port::OperatorClient;
-use bus::process::watch;
+use bus::cell::{CellError, CellPaths};
+use bus::observer::{Held, Observer};
 use bus::sample::{Mode, OperatorRequest, OperatorResponse, Order, Refused};
 use bus::service::Bus;
-use bus::signal_page::{CellPhase, SignalPage};
+use bus::signal_page::CellPhase;
 use machine::Machine;
 
 use crate::exit::{Failure, Kind};
@@ -44,14 +44,12 @@ pub(super) fn obeyed(order: Order, answer: &OperatorResponse) -> String {
     }
 }
 
-/// A running cell, seen from outside.
+/// A running cell, entered.
 pub struct Client {
-    /// Its place.
-    pub place: CellPaths,
+    /// The cell.
+    pub cell: Rc<Observer>,
     /// Its machine file.
     pub machine: Machine,
-    /// Its signal page.
-    pub page: SignalPage,
     /// A foot in its shared memory.
     pub bus: Bus,
 }
@@ -62,20 +60,11 @@ impl Client {
     /// # Errors
     /// It does not run, none does, or several do.
     pub fn find(cell: Option<&str>, who: &str) -> Result<Client, Failure> {
-        let place = match cell {
-            Some(name) => CellPaths::new(name).input()?,
-            None => only_one()?,
-        };
-        let not_running = || Failure::Stopped(anyhow!("cell {:?} does not run", place.name()));
-        let page = page_of(&place).ok_or_else(not_running)?;
-        let machine = Machine::load(&place.machine_file()).map_err(|_| not_running())?;
-        let bus = Bus::enter(&place, &machine.shape(), who, false).environment()?;
-        Ok(Client {
-            place,
-            machine,
-            page,
-            bus,
-        })
+        let cell = Rc::new(running(cell)?);
+        let place = &cell.place;
+        let machine = Machine::load(&place.machine_file()).map_err(|_| not_running(place))?;
+        let bus = Bus::enter(place, &machine.shape(), who, false).environment()?;
+        Ok(Client { cell, machine, bus })
     }
 
     /// Unit of an axis's distances.
@@ -130,22 +119,8 @@ impl Client {
         order: Order,
         request: OperatorRequest,
     ) -> Result<OperatorResponse, Failure> {
-        let operator = self.bus.operator_client().environment()?;
-        let answer = self.answer(&operator, order, request);
-        if self.has_ended() {
-            // What is closed now would be the service of the next cell of that name.
-            std::mem::forget(operator);
-        }
-        answer
-    }
-
-    fn answer(
-        &self,
-        operator: &OperatorClient,
-        order: Order,
-        request: OperatorRequest,
-    ) -> Result<OperatorResponse, Failure> {
-        let cell = self.place.name();
+        let operator = held(&self.cell, self.bus.operator_client())?;
+        let cell = self.cell.place.name();
         let pending = operator
             .send(request)
             .ok_or_else(|| Failure::Stopped(anyhow!("cell {cell:?} takes no orders")))?;
@@ -154,7 +129,7 @@ impl Client {
             if let Some(answer) = pending.answer() {
                 return Ok(answer);
             }
-            if self.page.phase() == CellPhase::Ending || asked.elapsed() > ANSWER_LIMIT {
+            if self.cell.page.phase() == CellPhase::Ending || asked.elapsed() > ANSWER_LIMIT {
                 return Err(Failure::Stopped(anyhow!(
                     "cell {cell:?} does not answer: {} may or may not have been obeyed",
                     order.word()
@@ -162,12 +137,6 @@ impl Client {
             }
             std::thread::sleep(LOOK);
         }
-    }
-
-    /// Whether the cell that was entered is gone, or about to go.
-    pub(super) fn has_ended(&self) -> bool {
-        let launcher = self.page.launcher_pid();
-        page_of(&self.place).is_none_or(|page| page.launcher_pid() != launcher)
     }
 
     fn words(
@@ -203,22 +172,33 @@ impl Client {
     }
 }
 
-/// The page of a cell whose launcher lives and which is not about to end.
-pub fn page_of(place: &CellPaths) -> Option<SignalPage> {
-    let page = SignalPage::open(place).ok()?;
-    let runs = page.phase() == CellPhase::Running && watch(page.launcher_pid()).is_ok();
-    runs.then_some(page)
+/// Ports that were opened in a cell.
+///
+/// # Errors
+/// They cannot be opened, or the cell has just ended.
+pub fn held<T>(cell: &Rc<Observer>, ports: Result<T, CellError>) -> Result<Held<T>, Failure> {
+    let held = ports.map(|ports| cell.hold(ports));
+    held.map_err(|error| match cell.is_gone() {
+        true => Failure::Stopped(anyhow!("cell {:?} has just ended", cell.place.name())),
+        false => Failure::Environment(error.into()),
+    })
 }
 
-pub(super) fn only_one() -> Result<CellPaths, Failure> {
+fn not_running(place: &CellPaths) -> Failure {
+    Failure::Stopped(anyhow!("cell {:?} does not run", place.name()))
+}
+
+/// The cell that was named, or the only one that runs.
+pub(super) fn running(cell: Option<&str>) -> Result<Observer, Failure> {
+    if let Some(name) = cell {
+        let place = CellPaths::new(name).input()?;
+        return Observer::of(place.clone()).ok_or_else(|| not_running(&place));
+    }
     let mut running = Vec::new();
     for name in CellPaths::names() {
-        let place = CellPaths::new(&name).input()?;
-        if page_of(&place).is_some() {
-            running.push(place);
-        }
+        running.extend(Observer::of(CellPaths::new(&name).input()?));
     }
-    let names: Vec<&str> = running.iter().map(CellPaths::name).collect();
+    let names: Vec<&str> = running.iter().map(|cell| cell.place.name()).collect();
     match names.len() {
         0 => Err(Failure::Stopped(anyhow!(
             "no cell runs: `quadrant up MACHINE` starts one that stays, `quadrant run` one for a program"

@@ -3,11 +3,12 @@
 use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
+use bus::observer::Held;
 use bus::port::Reader;
 use bus::sample::{Feedback, Mode};
 
-use super::Client;
-use crate::exit::{Failure, Kind, Outcome};
+use super::{Client, held};
+use crate::exit::{Failure, Outcome};
 use crate::output::say;
 
 /// A cell of which nothing was heard by then is silent.
@@ -17,19 +18,10 @@ const LOOK: Duration = Duration::from_millis(5);
 
 /// The cell's feedback, as a client sees it.
 pub struct Eyes<'a> {
-    reader: Option<Reader<Feedback>>,
+    reader: Held<Reader<Feedback>>,
     newest: Option<Feedback>,
     heard: Instant,
     client: &'a Client,
-}
-
-impl Drop for Eyes<'_> {
-    fn drop(&mut self) {
-        if self.client.has_ended() {
-            // What is closed now would be the service of the next cell of that name.
-            std::mem::forget(self.reader.take());
-        }
-    }
 }
 
 impl Eyes<'_> {
@@ -39,7 +31,7 @@ impl Eyes<'_> {
     /// It cannot be entered.
     pub fn open(client: &Client) -> Result<Eyes<'_>, Failure> {
         Ok(Eyes {
-            reader: Some(client.bus.feedback_reader(1).environment()?),
+            reader: held(&client.cell, client.bus.feedback_reader(1))?,
             newest: None,
             heard: Instant::now(),
             client,
@@ -52,15 +44,14 @@ impl Eyes<'_> {
     /// The cell is silent.
     pub fn look(&mut self) -> Result<Feedback, Failure> {
         loop {
-            let newest = self.reader.as_mut().and_then(|r| r.newest(u64::MAX));
-            if let Some(feedback) = newest {
+            if let Some(feedback) = self.reader.newest(u64::MAX) {
                 self.newest = Some(feedback);
                 self.heard = Instant::now();
             }
             if self.heard.elapsed() > SILENCE {
                 return Err(Failure::Stopped(anyhow!(
                     "cell {:?} says nothing any more: its master is lost, or the cell has ended",
-                    self.client.place.name()
+                    self.client.cell.place.name()
                 )));
             }
             if let Some(feedback) = self.newest {

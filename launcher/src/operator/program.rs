@@ -11,7 +11,6 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, anyhow};
 use bus::process::watch;
 use bus::sample::{Feedback, Mode, OperatorRequest, Order, ProgramState};
-use program::Setup;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
 
@@ -104,13 +103,12 @@ pub fn load(options: &LoadOptions) -> Outcome {
 fn check(client: &Client, text: &str, shown: &Path, now: &Feedback) -> anyhow::Result<String> {
     let machine = &client.machine;
     let registers = now.axes.map(|axis| axis.command_register);
-    let start = planner::tool_at(machine, &program::axes_at(machine, &registers))?;
     let name = shown.display().to_string();
-    let program = program::interpret(&name, text, &Setup::of(machine), start)?;
+    let program = program::resume_from(machine, &registers, &name, text)?;
     let elements = program.path.elements.len();
     let lengths_mm = program.path.elements.iter().map(|e| e.length_mm);
     let length_mm = lengths_mm.fold(0.0, |sum, length_mm| sum + length_mm);
-    planner::window_planner(machine, program.path, start).with_context(|| name)?;
+    planner::window_planner(machine, program.path, program.start).with_context(|| name)?;
     Ok(format!("{elements} elements, {length_mm:.1} mm"))
 }
 
@@ -126,7 +124,7 @@ impl Laid {
     fn down(client: &Client, loaded: u32, name: &str, text: &str) -> Result<Laid, Failure> {
         let mut maker = DirBuilder::new();
         let maker = maker.mode(0o700);
-        let programs = client.place.programs();
+        let programs = client.cell.place.programs();
         match maker.create(&programs) {
             Err(error) if error.kind() != ErrorKind::AlreadyExists => {
                 return Err(Failure::Environment(error.into()));
@@ -136,7 +134,7 @@ impl Laid {
         let mut number = loaded;
         let folder = loop {
             number = number.saturating_add(1);
-            let folder = client.place.program_folder(number);
+            let folder = client.cell.place.program_folder(number);
             match maker.create(&folder) {
                 Ok(()) => break folder,
                 Err(error) if error.kind() == ErrorKind::AlreadyExists && number < u32::MAX => {}
@@ -186,12 +184,6 @@ pub fn start(options: &StartOptions) -> Outcome {
     if !options.wait {
         return Ok(());
     }
-    let axes: Vec<String> = client
-        .machine
-        .axes
-        .iter()
-        .map(|axis| axis.name.clone())
-        .collect();
     loop {
         let now = eyes.look()?;
         let begun = now.program == ProgramState::Begun as u32;
@@ -218,7 +210,7 @@ pub fn start(options: &StartOptions) -> Outcome {
             return Err(Failure::Stopped(anyhow!(
                 "run {} is not done: {}",
                 answer.run,
-                stop_words(&now, &axes)
+                stop_words(&now, &client.machine)
             )));
         }
         std::thread::sleep(LOOK);
@@ -227,25 +219,25 @@ pub fn start(options: &StartOptions) -> Outcome {
 
 /// Run directory of a run that was started just now, if it can be known.
 fn folder_of(client: &Client, run: u32) -> Option<PathBuf> {
-    let runs = fs::read(client.place.runs_file()).ok()?;
+    let runs = fs::read(client.cell.place.runs_file()).ok()?;
     let runs = PathBuf::from(OsString::from_vec(runs));
-    let loaded = fs::read_dir(client.place.programs()).ok()?.flatten();
+    let loaded = fs::read_dir(client.cell.place.programs()).ok()?.flatten();
     let numbers = loaded.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
-    let program = client.place.program(numbers.max()?)?;
+    let program = client.cell.place.program(numbers.max()?)?;
     Some(monitor::run_folder(&runs, run, &program))
 }
 
 /// `down`.
 pub fn down(options: &OperatorOptions) -> Outcome {
     let client = Client::find(options.cell.as_deref(), "operator")?;
-    let cell = client.place.name().to_string();
-    let launcher = watch(client.page.launcher_pid()).environment()?;
+    let cell = client.cell.place.name().to_string();
+    let launcher = watch(client.cell.page.launcher_pid()).environment()?;
     let request = OperatorRequest {
         order: Order::Down as u32,
         ..OperatorRequest::default()
     };
     if let Err(failure) = client.ask(Order::Down, request)
-        && !client.has_ended()
+        && !client.cell.is_gone()
     {
         // Nobody there to answer: its launcher ends what is left of it.
         pidfd_send_signal(&launcher, Signal::TERM).map_err(|_| failure)?;

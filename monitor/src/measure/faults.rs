@@ -15,11 +15,11 @@ use std::collections::BTreeMap;
 
 use bus::sample::{AxisFeedback, Cause, Feedback, Job, MAX_AXES, Mode, Participant, Roster};
 use control::path::AxisVector;
-use machine::Machine;
+use machine::{Machine, Process};
 
 use super::outcome::{Loss, NotNeeded, Positions, Reaction};
-use crate::deaths::{Process, death_of};
-use crate::words::{StopCause, axis_name};
+use crate::deaths::death_of;
+use crate::words::StopCause;
 
 /// Faults followed at most; more are counted by the processes' deaths only.
 const FAULTS_MAX: usize = 1000;
@@ -169,8 +169,10 @@ impl Faults {
         let before = self.roster_version.replace(roster.version);
         // Between two rosters that do not follow each other another one may have named it earlier.
         let first_named = before.is_none_or(|before| roster.version <= before + 1);
-        for participant in roster.participants.iter().filter(|p| p.job != 0) {
-            let process = Process::of(participant);
+        for participant in &roster.participants {
+            let Some(process) = Process::of(participant) else {
+                continue;
+            };
             let machine = &self.machine;
             let result = self
                 .processes
@@ -388,7 +390,7 @@ impl Watched {
         let drives = moment.feedback.axes().get(axis).map(controller);
         let stood_by = drives.is_some_and(|(role, _)| role != died.0);
         if stood_by {
-            let name = axis_name(moment.machine, axis).to_string();
+            let name = moment.machine.axis_name(axis).to_string();
             self.result.reaction = Reaction::NotNeeded(NotNeeded::StandbyOf(name));
             self.settle(self.result.scan);
         }

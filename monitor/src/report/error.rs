@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use machine::settings_file::SettingsFileError;
-use program::ProgramError;
+use program::ResumeError;
 
 use crate::log::LogError;
 use crate::plot::PlotError;
@@ -19,7 +19,7 @@ pub enum ReportError {
     Machine(#[from] SettingsFileError),
     /// The copy of the program in the run directory.
     #[error(transparent)]
-    Program(#[from] ProgramError),
+    Program(#[from] ResumeError),
     /// Log and machine file are not of one run.
     #[error("{path}: {what}")]
     Mismatch {

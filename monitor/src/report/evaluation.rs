@@ -138,7 +138,5 @@ fn load_program(
     start: &Start,
 ) -> Result<Program, ReportError> {
     let file = program_file(run_dir, info)?;
-    let at = program::axes_at(machine, &start.registers);
-    let start = program::kinematics_of(machine).tool(&at);
-    Ok(program::load(&file, &Setup::of(machine), start)?)
+    Ok(program::load_from(machine, &start.registers, &file)?)
 }

@@ -20,14 +20,14 @@
 use std::collections::VecDeque;
 
 use bus::sample::{Feedback, Mode, Roster};
-use machine::Machine;
+use machine::{Machine, Process};
 
 use super::error::ScopeError;
 use super::signal::{Eyes, Signal};
-use crate::deaths::{Deaths, Process};
+use crate::deaths::Deaths;
 use crate::measure::align::ScanSet;
 use crate::turns::Turns;
-use crate::words::{StopCause, axis_name};
+use crate::words::StopCause;
 
 /// Which side of a threshold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -339,7 +339,7 @@ impl Watch {
             Trigger::Reversal { axis, .. } => {
                 let (scan, direction) = reversed?;
                 let sign = if direction > 0 { "+" } else { "−" };
-                let what = format!("reversal of {} to {sign}", axis_name(&self.machine, *axis));
+                let what = format!("reversal of {} to {sign}", self.machine.axis_name(*axis));
                 Some(Fired { scan, what })
             }
             Trigger::Scan(wanted) => {
@@ -439,7 +439,7 @@ impl Watch {
             Trigger::Reversal { .. } => {
                 let axes = self.turns.iter().enumerate();
                 let counts = axes.map(|(axis, turns)| {
-                    format!("{} {}", axis_name(&self.machine, axis), turns.count)
+                    format!("{} {}", self.machine.axis_name(axis), turns.count)
                 });
                 format!("with reversals: {}", counts.collect::<Vec<_>>().join(", "))
             }

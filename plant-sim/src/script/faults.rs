@@ -66,7 +66,7 @@ use toml::Spanned;
 use crate::script::rng::Rng;
 use bus::sample::{Feedback, Job, MAX_AXES};
 use machine::settings_file::{self, From, Rules, SettingsFileError, read_text};
-use machine::{AfterLoss, AfterMaster, AfterMonitor, Machine, Restart};
+use machine::{AfterLoss, AfterMaster, AfterMonitor, Machine, Process, Restart};
 
 /// The most faults of one script, each repetition counted.
 pub use bus::signal_page::FAULTS_MAX;
@@ -96,11 +96,7 @@ pub struct Fault {
     /// When.
     pub at: Trigger,
     /// Whose.
-    pub job: Job,
-    /// Axis of a servo, 0 of others.
-    pub axis: u32,
-    /// Role of a servo (0 = a, 1 = b), 0 of others.
-    pub role: u32,
+    pub process: Process,
     /// What.
     pub action: Action,
     /// Line of the file it stands in, for messages.
@@ -406,13 +402,13 @@ impl Reading<'_> {
     }
 
     fn entry(&self, entry: &Entry, room: usize) -> Result<Vec<Fault>, String> {
-        let (job, axis, role) = self.process(&entry.process)?;
+        let name = entry.process.get_ref();
+        let process = Process::parse(name, self.machine)
+            .map_err(|what| self.wrong(&entry.process, &format!("process = {name:?}: {what}")))?;
         let fault = Fault {
             at: self.trigger(&entry.at)?,
-            job,
-            axis,
-            role,
-            action: self.action(entry, job)?,
+            process,
+            action: self.action(entry, process.job)?,
             line: self.line(&entry.process) as u32,
         };
         let scans = match &entry.repeat {
@@ -426,44 +422,6 @@ impl Reading<'_> {
             return Err(self.wrong(&entry.process, &what));
         }
         Ok(scans.into_iter().map(|at| Fault { at, ..fault }).collect())
-    }
-
-    fn process(&self, process: &Spanned<String>) -> Result<(Job, u32, u32), String> {
-        let word = process.get_ref();
-        match word.as_str() {
-            "planner" => return Ok((Job::Planner, 0, 0)),
-            "plant-sim" => return Ok((Job::Master, 0, 0)),
-            "monitor" => return Ok((Job::Monitor, 0, 0)),
-            _ => {}
-        }
-        let Some(servo) = word.strip_prefix("servo-") else {
-            let what = format!(
-                "process = {word:?}: must be planner, plant-sim, monitor, servo-X (X: letter of an axis) or servo-X/b"
-            );
-            return Err(self.wrong(process, &what));
-        };
-        // Reports and the list of processes have a hyphen there.
-        let (letter, role) = match servo.split_once(['/', '-']) {
-            None => (servo, 0),
-            Some((letter, "a")) => (letter, 0),
-            Some((letter, "b")) => (letter, 1),
-            Some((_, role)) => {
-                let what = format!("process = {word:?}: role {role:?} must be a or b");
-                return Err(self.wrong(process, &what));
-            }
-        };
-        let axis = self
-            .machine
-            .axis_index(letter)
-            .map_err(|what| self.wrong(process, &format!("process = {word:?}: {what}")))?;
-        let standby = |a: &machine::Axis| a.standby;
-        if role > 0 && !self.machine.axes.get(axis as usize).is_some_and(standby) {
-            let what = format!(
-                "process = {word:?}: axis {letter} has no standby (standby = true in the machine file)"
-            );
-            return Err(self.wrong(process, &what));
-        }
-        Ok((Job::Servo, axis, role))
     }
 
     fn trigger(&self, place: &Spanned<At>) -> Result<Trigger, String> {
@@ -819,9 +777,9 @@ mod tests {
         fired
     }
 
-    fn faults(text: &str) -> Vec<(Trigger, Job, u32, u32, Action)> {
+    fn faults(text: &str) -> Vec<(Trigger, Process, Action)> {
         let script = read(text).expect("a script");
-        let parts = |f: &Fault| (f.at, f.job, f.axis, f.role, f.action);
+        let parts = |f: &Fault| (f.at, f.process, f.action);
         script.faults.iter().map(parts).collect()
     }
 
@@ -858,28 +816,22 @@ mod tests {
         };
         for (n, fault) in (0..200).zip(&found) {
             let at = Trigger::Scan(900 + 37 * n);
-            assert_eq!(fault, &(at, Job::Planner, 0, 0, kill));
+            assert_eq!(fault, &(at, Job::Planner.into(), kill));
         }
         let others = [
             (
                 Trigger::Block(12),
-                Job::Servo,
-                0,
-                0,
+                Process::servo(0, 0),
                 Action::Stop { scans: 40 },
             ),
             (
                 Trigger::Element(3),
-                Job::Planner,
-                0,
-                0,
+                Job::Planner.into(),
                 Action::Drop { scans: 16 },
             ),
             (
                 Trigger::Reversal { axis: 0, count: 2 },
-                Job::Servo,
-                0,
-                0,
+                Process::servo(0, 0),
                 Action::Delay {
                     scans: 1,
                     late_scans: 2,
@@ -893,30 +845,26 @@ mod tests {
             scans: 1,
             what: Corruption::NotANumber,
         };
-        assert_eq!((last.1, last.2, last.4), (Job::Servo, 1, wrong));
+        assert_eq!((last.1, last.2), (Process::servo(1, 0), wrong));
     }
 
     #[test]
     fn roles_and_processes_are_found_by_their_names_and_a_kill_has_its_default() {
-        for (name, job, axis, role) in [
-            ("planner", Job::Planner, 0, 0),
-            ("servo-Y", Job::Servo, 1, 0),
-            ("servo-Y/a", Job::Servo, 1, 0),
-            ("servo-X/b", Job::Servo, 0, 1),
-            ("servo-X-b", Job::Servo, 0, 1),
-            ("plant-sim", Job::Master, 0, 0),
-            ("monitor", Job::Monitor, 0, 0),
+        for (name, process) in [
+            ("planner", Job::Planner.into()),
+            ("servo-Y", Process::servo(1, 0)),
+            ("servo-Y/a", Process::servo(1, 0)),
+            ("servo-X/b", Process::servo(0, 1)),
+            ("servo-X-b", Process::servo(0, 1)),
+            ("plant-sim", Job::Master.into()),
+            ("monitor", Job::Monitor.into()),
         ] {
             let text =
                 format!("[[fault]]\nat = {{ scan = 1 }}\nprocess = \"{name}\"\ndo = \"kill\"\n");
             let kill = Action::Kill {
                 restart_after_scans: RESTART_AFTER_SCANS,
             };
-            assert_eq!(
-                faults(&text),
-                [(Trigger::Scan(1), job, axis, role, kill)],
-                "{name}"
-            );
+            assert_eq!(faults(&text), [(Trigger::Scan(1), process, kill)], "{name}");
         }
         assert_eq!(read("").map(|script| script.faults.len()), Ok(0));
     }

@@ -12,6 +12,7 @@ use super::faults::{Action, FaultScript, TriggerState};
 use super::reach;
 use bus::sample::{Feedback, Job, Participant};
 use bus::signal_page::FaultStep;
+use machine::Process;
 
 /// One thing that the launcher is to do.
 #[derive(Debug, Clone, Copy)]
@@ -53,7 +54,9 @@ impl FaultInjector {
             .faults
             .iter()
             .zip(&fired)
-            .rposition(|(fault, fired)| fault.job == Job::Master && *fired == Some(first_scan));
+            .rposition(|(fault, fired)| {
+                fault.process.job == Job::Master && *fired == Some(first_scan)
+            });
         agenda.retain(|due| {
             let before = due.step != FaultStep::Continue && due.scan == first_scan;
             let done = before && killer.is_some_and(|k| due.index <= k);
@@ -108,9 +111,7 @@ impl FaultInjector {
     /// Whether an answer that counts will not come from this participant in this scan, as the script wants it.
     pub fn excuses(&self, place: &Participant, scan: u64) -> bool {
         let fired = |index: usize| self.fired(index);
-        Job::from_wire(place.job).is_some_and(|job| {
-            reach::excuses(&self.script, fired, job, place.axis, place.role, scan)
-        })
+        Process::of(place).is_some_and(|process| reach::excuses(&self.script, fired, process, scan))
     }
 }
 
@@ -151,9 +152,7 @@ mod tests {
     fn fault(scan: u64, job: Job, action: Action) -> Fault {
         Fault {
             at: Trigger::Scan(scan),
-            job,
-            axis: 0,
-            role: 0,
+            process: job.into(),
             action,
             line: 1,
         }

@@ -9,8 +9,9 @@
 )]
 
 use bus::sample::Job;
+use machine::Process;
 
-use super::faults::{Action, Corruption, Fault, FaultScript};
+use super::faults::{Action, Corruption, FaultScript};
 
 /// Whether this fault, having fired in `fired`, meets what is sent in `scan`.
 pub fn meets(action: &Action, fired: u64, scan: u64) -> bool {
@@ -23,11 +24,6 @@ pub fn meets(action: &Action, fired: u64, scan: u64) -> bool {
     scan.checked_sub(fired).is_some_and(|age| age < scans)
 }
 
-/// Whether a fault is one of this participant's.
-pub fn is_of(fault: &Fault, job: Job, axis: u32, role: u32) -> bool {
-    fault.job == job && fault.axis == axis && fault.role == role
-}
-
 /// Whether lockstep must not wait for this sender's answer to `scan`, because none that counts will come: it is dropped or
 /// late, or of another scan, axis or incarnation. That the sender is done with the scan it still says
 /// ([`SignalPage::set_answered`](bus::signal_page::SignalPage::set_answered)), and lockstep waits for that: otherwise the sender could miss
@@ -35,14 +31,12 @@ pub fn is_of(fault: &Fault, job: Job, axis: u32, role: u32) -> bool {
 pub fn excuses(
     script: &FaultScript,
     fired: impl Fn(usize) -> Option<u64>,
-    job: Job,
-    axis: u32,
-    role: u32,
+    process: Process,
     scan: u64,
 ) -> bool {
-    job == Job::Servo
+    process.job == Job::Servo
         && script.faults.iter().enumerate().any(|(index, fault)| {
-            is_of(fault, job, axis, role)
+            fault.process == process
                 && does_not_count(&fault.action)
                 && fired(index).is_some_and(|fired| meets(&fault.action, fired, scan))
         })

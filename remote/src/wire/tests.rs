@@ -231,7 +231,7 @@ fn a_snapshot_of_eight_axes_and_24_processes_fits_into_a_message() {
     let mut full = snapshot();
     full.axes = vec![axis(); AXES_MAX];
     full.processes = vec![full.processes[0].clone(); PROCESSES_MAX];
-    full.reversals = vec![full.reversals[0].clone(); REVERSALS_MAX];
+    full.reversals = vec![full.reversals[0]; REVERSALS_MAX];
     full.reversals_count = 1000;
     let bytes = encode(&full).expect("plausible").len();
     assert!(bytes < 16_000, "{bytes}");

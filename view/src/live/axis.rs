@@ -5,22 +5,10 @@ use std::collections::VecDeque;
 use bus::sample::{AxisCommand, AxisFeedback};
 use machine::{Axis, AxisKind};
 use monitor::turns::Turns;
+use remote::wire::CommandState;
 
 /// Looks that the history holds: 24 s.
 const HISTORY: usize = 240;
-
-/// What a servo asked of its drive.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Commanded {
-    /// Scan whose feedback it answers.
-    pub scan: u64,
-    /// Position, in mm (degrees).
-    pub position_mm: f64,
-    /// Velocity, in mm/s (degrees/s).
-    pub velocity_mm_s: f64,
-    /// Torque, in N·m.
-    pub torque_nm: f64,
-}
 
 /// What is shown of one axis.
 #[derive(Debug)]
@@ -44,7 +32,7 @@ pub struct AxisView {
     /// Speed measured by the drive, in mm/s (degrees/s).
     pub velocity_mm_s: f64,
     /// The newest command of the servo that drives.
-    pub commanded: Option<Commanded>,
+    pub commanded: Option<CommandState>,
     /// Torque, in N·m.
     pub torque_nm: f64,
     /// The same as a share of the motor's rated torque.
@@ -128,7 +116,7 @@ impl AxisView {
 
     /// Takes the command of the servo that drives; its following error in µm, if it is a number.
     pub fn command(&mut self, command: &AxisCommand) -> Option<f64> {
-        self.commanded = Some(Commanded {
+        self.commanded = Some(CommandState {
             scan: command.scan,
             position_mm: command.position as f64 * self.increment_mm,
             velocity_mm_s: command.velocity_mm_s,
@@ -171,12 +159,7 @@ impl AxisView {
         self.role = said.role;
         self.error_um = said.error_um;
         self.error_peak_um = said.error_peak_um;
-        self.commanded = said.command.as_ref().map(|command| Commanded {
-            scan: command.scan,
-            position_mm: command.position_mm,
-            velocity_mm_s: command.velocity_mm_s,
-            torque_nm: command.torque_nm,
-        });
+        self.commanded = said.command;
         if let Some(peak_um) = said.error_peak_since_um {
             self.frame_peak_um = Some(self.frame_peak_um.unwrap_or(0.0).max(peak_um));
         }

@@ -2,11 +2,10 @@
 
 use std::collections::VecDeque;
 
-use bus::sample::{Feedback, Job, Mode, Participant, Roster};
+use bus::sample::{Feedback, Mode, Roster};
 use bus::service::ROLES;
-use machine::Machine;
-
-use super::words;
+use machine::{Machine, Process};
+use monitor::words::StopCause;
 
 /// Events that are kept.
 const KEPT: usize = 200;
@@ -55,23 +54,6 @@ pub struct Events {
     roster: Option<Roster>,
 }
 
-/// Name of a process, as the launcher and its logs call it.
-pub fn process_name(participant: &Participant, machine: &Machine) -> String {
-    match Job::from_wire(participant.job) {
-        Some(Job::Master) => "plant-sim".into(),
-        Some(Job::Planner) => "planner".into(),
-        Some(Job::Monitor) => "monitor".into(),
-        Some(Job::Servo) => {
-            let axis = words::axis_name(machine, participant.axis);
-            match ROLES.get(participant.role as usize) {
-                Some(word) if participant.role > 0 => format!("servo-{axis}-{word}"),
-                _ => format!("servo-{axis}"),
-            }
-        }
-        None => "unknown".into(),
-    }
-}
-
 impl Events {
     /// Notes an event.
     pub fn note(&mut self, scan: u64, weight: Weight, text: String) {
@@ -107,7 +89,7 @@ impl Events {
         let text = |scans: u32| match kind {
             Often::Overrun => format!("master: {scans} scans late"),
             Often::Missed { axis } => {
-                let name = words::axis_name(machine, axis);
+                let name = machine.axis_name(axis as usize);
                 format!("{name}: no command in {scans} scans")
             }
         };
@@ -161,7 +143,7 @@ impl Events {
             self.note_often(now.scan, Often::Overrun, count, machine);
         }
         for (index, (axis, earlier)) in now.axes().iter().zip(before.axes()).enumerate() {
-            let name = words::axis_name(machine, index as u32);
+            let name = machine.axis_name(index);
             if axis.taken_role != earlier.taken_role {
                 let role = |role: u32| ROLES.get(role as usize).copied().unwrap_or("?");
                 let text = format!(
@@ -184,15 +166,19 @@ impl Events {
             self.note(now.scan, Weight::Warning, "an unknown mode".into());
             return;
         };
-        match (mode, words::cause_alone(now, machine)) {
+        match (mode, StopCause::if_any(machine, now)) {
             (Mode::Tripped, Some(cause)) => {
-                self.note(now.cause_scan, Weight::Warning, format!("TRIP {cause}"));
+                self.note(
+                    now.cause_scan,
+                    Weight::Warning,
+                    format!("TRIP {}", cause.short()),
+                );
             }
             (_, Some(cause)) if mode != Mode::Enabled => {
                 self.note(
                     now.scan,
                     Weight::Warning,
-                    format!("{}: {cause}", mode.word()),
+                    format!("{}: {}", mode.word(), cause.short()),
                 );
             }
             _ => self.note(now.scan, Weight::Note, mode.word().into()),
@@ -205,7 +191,9 @@ impl Events {
             return;
         };
         for (process, earlier) in now.participants.iter().zip(&before.participants) {
-            let name = process_name(process, machine);
+            let Some(name) = Process::of(process).map(|of| of.name(machine)) else {
+                continue;
+            };
             let died = earlier.live == 1
                 && (process.live == 0 || process.incarnation != earlier.incarnation);
             if died {
@@ -236,7 +224,7 @@ impl Events {
 mod tests {
     use super::*;
     use crate::live::test_support::{machine, running};
-    use bus::sample::Cause;
+    use bus::sample::{Cause, Job, Participant};
     use bytemuck::Zeroable;
 
     fn texts(events: &Events) -> Vec<(u64, &str)> {

@@ -1,23 +1,22 @@
 //! Takes samples from a running cell into a model; nobody in the cell waits for it.
 
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 use std::time::{Duration, Instant};
 
-use anyhow::anyhow;
-use bus::cell::CellPaths;
 use bus::member::Pace;
+use bus::observer::{Held, Observer};
 use bus::sample::Feedback;
 use bus::service::RECORDER_DEPTH_SCANS;
-use bus::signal_page::{CellPhase, SignalPage};
 use machine::Machine;
-use program::{Program, Setup};
+use program::Program;
 
 use super::model::Model;
 use super::ports::Ports;
 use super::proc::children_of;
 use super::timing::listen;
 use launcher::exit::Failure;
-use launcher::operator::{Client, page_of};
+use launcher::operator::{Client, held};
 
 /// Largest program that is read for its lines and arcs: some hundred thousand blocks, a fraction of a second.
 const PROGRAM_BYTES_MAX: u64 = 8 << 20;
@@ -28,23 +27,14 @@ const PROC_EVERY: Duration = Duration::from_millis(500);
 pub struct Feed {
     /// What is known.
     pub model: Model,
-    place: CellPaths,
+    cell: Rc<Observer>,
     machine: Machine,
-    page: SignalPage,
-    ports: Option<Ports>,
+    ports: Option<Held<Ports>>,
     program_file: Option<PathBuf>,
     /// Hash of the program that was tried to be read.
     read: Option<u64>,
     proc_seen: Option<Instant>,
     heard: Instant,
-}
-
-impl Drop for Feed {
-    fn drop(&mut self) {
-        if self.has_ended() {
-            self.abandon();
-        }
-    }
 }
 
 impl Feed {
@@ -53,33 +43,17 @@ impl Feed {
     /// # Errors
     /// None runs, several do, or it cannot be entered.
     pub fn attach(cell: Option<&str>) -> Result<Feed, Failure> {
-        let Client {
-            place,
-            machine,
-            page,
-            bus,
-        } = Client::find(cell, "monitor")?;
-        let ports = Ports::open(bus, &machine).map_err(|error| match page_of(&place) {
-            Some(_) => Failure::Environment(error.into()),
-            None => Failure::Stopped(anyhow!("cell {:?} has just ended", place.name())),
-        })?;
+        let Client { cell, machine, bus } = Client::find(cell, "monitor")?;
         Ok(Feed {
-            model: Model::new(place.name(), machine.clone()),
-            place,
+            ports: Some(held(&cell, Ports::open(bus, &machine))?),
+            model: Model::new(cell.place.name(), machine.clone()),
+            cell,
             machine,
-            page,
-            ports: Some(ports),
             program_file: None,
             read: None,
             proc_seen: None,
             heard: Instant::now(),
         })
-    }
-
-    /// Leaves a cell that is over without a word. Its launcher removes all that is left of it; a port that is closed in order
-    /// takes the files of its service with it by their names, which may be those of the next cell by then.
-    pub fn abandon(&mut self) {
-        std::mem::forget(self.ports.take());
     }
 
     /// Takes whatever has come since the last look: at most what the queues hold.
@@ -111,6 +85,9 @@ impl Feed {
             self.model.feedback(&feedback);
             newest = Some(feedback.scan);
             left -= 1;
+        }
+        if self.model.ended {
+            self.cell.note_last();
         }
         if newest.is_some() {
             self.heard = Instant::now();
@@ -144,7 +121,7 @@ impl Feed {
 
     fn look_at_processes(&mut self) {
         self.proc_seen = Some(Instant::now());
-        let page = &self.page;
+        let page = &self.cell.page;
         let children = children_of(page.launcher_pid());
         if let Some(program) = children.iter().find_map(|child| child.program.clone()) {
             self.program_file = Some(program);
@@ -159,7 +136,7 @@ impl Feed {
     fn name_loaded(&mut self, feedback: &Feedback) {
         let before = self.model.feedback.as_ref().map(|before| before.load);
         if before != Some(feedback.load) {
-            let file = self.place.program(feedback.load);
+            let file = self.cell.place.program(feedback.load);
             let name = file.as_deref().and_then(|file| file.file_name());
             self.model.loaded = name.map(|name| name.to_string_lossy().into_owned());
         }
@@ -172,7 +149,7 @@ impl Feed {
         if hash == 0 || self.read == Some(hash) {
             return;
         }
-        let loaded = self.place.program(feedback.load);
+        let loaded = self.cell.place.program(feedback.load);
         let Some(file) = loaded.as_ref().or(self.program_file.as_ref()) else {
             return;
         };
@@ -182,26 +159,22 @@ impl Feed {
 
     /// Whether the cell is gone, or about to go.
     pub fn has_ended(&self) -> bool {
-        self.model.ended || self.is_gone()
+        self.model.ended || self.cell.is_gone()
     }
 
     /// Whether nobody of the cell can be heard any more.
     pub fn is_gone(&self) -> bool {
-        let place = &self.place;
-        self.page.phase() == CellPhase::Ending
-            || page_of(place).is_none_or(|page| page.launcher_pid() != self.page.launcher_pid())
+        self.cell.is_gone()
     }
 
     /// Where the run is over, goes over to the next cell of that name as soon as there is one.
     pub fn follow(&mut self) {
-        if !self.is_gone() {
+        if !self.cell.is_gone() {
             return;
         }
         self.model.ended = true;
-        self.abandon();
-        if page_of(&self.place).is_some_and(|page| page.phase() == CellPhase::Running)
-            && let Ok(feed) = Feed::attach(Some(self.place.name()))
-        {
+        self.ports = None;
+        if let Ok(feed) = Feed::attach(Some(self.cell.place.name())) {
             *self = feed;
         }
     }
@@ -209,7 +182,7 @@ impl Feed {
     /// Text of the cell's machine file.
     #[cfg(feature = "remote")]
     pub fn machine_text(&self) -> std::io::Result<String> {
-        std::fs::read_to_string(self.place.machine_file())
+        std::fs::read_to_string(self.cell.place.machine_file())
     }
 
     /// In real time: waits at the scan's signal for `budget` and takes the periods between its rings. Elsewhere scans have no
@@ -219,7 +192,7 @@ impl Feed {
             std::thread::sleep(budget);
             return;
         }
-        let (page, timing) = (&self.page, &mut self.model.timing);
+        let (page, timing) = (&self.cell.page, &mut self.model.timing);
         listen(page.scan_signal(), budget, |period_ns| {
             timing.take(period_ns)
         });
@@ -233,8 +206,6 @@ pub fn program_behind(file: &Path, machine: &Machine, feedback: &Feedback) -> Op
     if !small {
         return None;
     }
-    let axes_mm = program::axes_at(machine, &feedback.program_start);
-    let start = program::kinematics_of(machine).tool(&axes_mm);
-    let read = program::load(file, &Setup::of(machine), start).ok();
+    let read = program::load_from(machine, &feedback.program_start, file).ok();
     read.filter(|program| program.source_hash == feedback.program_hash)
 }

@@ -92,7 +92,7 @@ struct AxisOf<'a> {
 #[derive(Serialize)]
 struct ProcessOf {
     process: String,
-    job: &'static str,
+    job: String,
     pid: Option<u32>,
     starts: u32,
     live: bool,
@@ -198,8 +198,12 @@ fn state(model: &Model) -> State<'_> {
         cause: cause.map(|feedback| CauseOf {
             code: feedback.cause,
             words: words::cause(feedback, &model.machine).unwrap_or_default(),
-            axis: (feedback.cause_axis != u32::MAX)
-                .then(|| words::axis_name(&model.machine, feedback.cause_axis).to_string()),
+            axis: (feedback.cause_axis != u32::MAX).then(|| {
+                model
+                    .machine
+                    .axis_name(feedback.cause_axis as usize)
+                    .to_string()
+            }),
             scan: feedback.cause_scan,
         }),
         overrun_scans: feedback.map(|feedback| feedback.overrun_scans),
@@ -327,7 +331,7 @@ pub fn line(model: &Model, told: &mut Told) -> String {
         }),
         reversals: fresh_reversals
             .map(|reversal| ReversalOf {
-                axis: words::axis_name(&model.machine, reversal.axis as u32),
+                axis: model.machine.axis_name(reversal.axis as usize),
                 new_direction: reversal.direction,
                 scan: reversal.scan,
                 height_um: reversal.height_um.map(|um| rounded(um, 3)),

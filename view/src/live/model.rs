@@ -7,40 +7,18 @@ use bus::sample::{
 };
 use control::kinematics::Kinematics;
 use control::path::{AxisVector, Element, Feed, Shape};
-use machine::Machine;
+use machine::{Machine, Process};
 use program::Program;
+use remote::wire::ProcessState;
 
 use super::axis::AxisView;
 use super::circle::CircleView;
-use super::events::{Events, process_name};
+use super::events::Events;
 use super::proc::Child;
 use super::reversal::Reversals;
 use super::timing::Timing;
 use super::track::Track;
 use super::words::{self, Says, Tone};
-
-/// One process of the cell.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ProcessView {
-    /// Its name, as in logs.
-    pub name: String,
-    /// What it does.
-    pub job: &'static str,
-    /// Process id; none where it does not live or `/proc` does not tell.
-    pub pid: Option<u32>,
-    /// Processes that had this place so far.
-    pub starts: u32,
-    /// Whether it lives.
-    pub live: bool,
-    /// Whether it lives but was stopped by a fault script.
-    pub stalled: bool,
-    /// Of a servo: whether its commands are taken.
-    pub drives: Option<bool>,
-    /// Scans since it last said something; none where it never did.
-    pub age_scans: Option<u64>,
-    /// Scan and signal of its last death.
-    pub death: Option<(u64, i32)>,
-}
 
 /// What a view from another machine knows of its link.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -86,7 +64,7 @@ pub struct ToldView {
     /// Line and text of the block.
     pub block: Option<(u32, String)>,
     /// The processes.
-    pub processes: Vec<ProcessView>,
+    pub processes: Vec<ProcessState>,
 }
 
 /// A running cell as a observer knows it.
@@ -294,7 +272,7 @@ impl Model {
     }
 
     /// The processes, in the order of the roster; empty before a roster was heard.
-    pub fn processes(&self) -> Vec<ProcessView> {
+    pub fn processes(&self) -> Vec<ProcessState> {
         if let Some(told) = &self.told {
             return told.processes.clone();
         }
@@ -308,7 +286,8 @@ impl Model {
         let places = roster.participants.iter().enumerate();
         places
             .filter_map(|(place, participant)| {
-                let job = Job::from_wire(participant.job)?;
+                let process = Process::of(participant)?;
+                let job = process.job;
                 let live = participant.live == 1;
                 let child = self.children.iter().find(|child| {
                     child.place == place && child.incarnation == participant.incarnation
@@ -320,14 +299,9 @@ impl Model {
                     _ => age_of(answered),
                 };
                 let axis = self.axes.get(participant.axis as usize);
-                Some(ProcessView {
-                    name: process_name(participant, &self.machine),
-                    job: match job {
-                        Job::Master => "master",
-                        Job::Planner => "planner",
-                        Job::Servo => "servo",
-                        Job::Monitor => "recorder",
-                    },
+                Some(ProcessState {
+                    name: process.name(&self.machine),
+                    job: job.word().into(),
                     pid: child.filter(|_| live).map(|child| child.pid),
                     starts: participant.incarnation,
                     live,
@@ -343,9 +317,9 @@ impl Model {
     }
 
     /// Place of a process in the roster, once one was heard.
-    pub fn place_of(&self, job: Job, axis: u32, role: u32) -> Option<usize> {
+    pub fn place_of(&self, process: Process) -> Option<usize> {
         let mut places = self.roster.as_ref()?.participants.iter();
-        places.position(|p| p.job == job as u32 && p.axis == axis && p.role == role)
+        places.position(|participant| Process::of(participant) == Some(process))
     }
 
     /// Name of the program's file.

@@ -1,21 +1,17 @@
 //! A model as messages for another machine, and a model filled from them. Pure.
 
 use bus::member::Pace;
-use bus::sample::{Feedback, PathTag, PlannerStatus, WindowId};
+use bus::sample::{Feedback, Job, PathTag, PlannerStatus, WindowId};
 use bytemuck::Zeroable;
 use remote::wire::{
-    AxisState, CIRCLE_BINS, CircleState, CommandState, FORMAT, MachineState, ProcessState,
-    ProgramState, REVERSALS_MAX, ReversalState, Snapshot, TimingState, plain_text, plausible,
+    AxisState, CIRCLE_BINS, CircleState, FORMAT, MachineState, ProcessState, ProgramState,
+    REVERSALS_MAX, ReversalState, Snapshot, TimingState, plain_text, plausible,
 };
 
 use super::axis::AxisView;
 use super::circle::{Bin, Circle};
-use super::model::{Model, ProcessView, ToldView};
-use super::reversal::Reversal;
+use super::model::{Model, ToldView};
 use super::timing::Summary;
-
-/// Jobs, as a process view names them.
-const JOBS: [&str; 4] = ["master", "planner", "servo", "recorder"];
 
 /// A model as a snapshot; sequence, clock and events' count are the server's.
 pub fn snapshot(model: &Model, session: u64) -> Snapshot {
@@ -41,7 +37,7 @@ pub fn snapshot(model: &Model, session: u64) -> Snapshot {
             path_done_mm: plausible(status.map(|status| status.path_done_mm)),
             path_length_mm: plausible(status.map(|status| status.path_length_mm)),
         },
-        processes: model.processes().iter().map(process_state).collect(),
+        processes: model.processes().into_iter().map(process_state).collect(),
         reversals_count: model.reversals.count,
         reversals: {
             let last = &model.reversals.last;
@@ -99,40 +95,25 @@ fn axis_state(axis: &AxisView) -> AxisState {
         missed_scans: axis.missed_scans,
         missed_in_a_row: axis.missed_in_a_row,
         role: axis.role,
-        command: axis.commanded.map(|command| CommandState {
-            scan: command.scan,
-            position_mm: command.position_mm,
-            velocity_mm_s: command.velocity_mm_s,
-            torque_nm: command.torque_nm,
-        }),
+        command: axis.commanded,
         error_um: plausible(axis.error_um),
         error_peak_since_um: plausible(axis.look_peak_um),
         error_peak_um: axis.error_peak_um,
     }
 }
 
-fn process_state(process: &ProcessView) -> ProcessState {
+fn process_state(process: ProcessState) -> ProcessState {
     ProcessState {
         name: plain_text(&process.name),
-        job: process.job.into(),
-        pid: process.pid,
-        starts: process.starts,
-        live: process.live,
-        stalled: process.stalled,
-        drives: process.drives,
-        age_scans: process.age_scans,
-        death: process.death,
+        ..process
     }
 }
 
-fn reversal_state(reversal: &Reversal) -> ReversalState {
+fn reversal_state(reversal: &ReversalState) -> ReversalState {
     ReversalState {
-        axis: reversal.axis as u32,
-        direction: reversal.direction,
-        scan: reversal.scan,
         height_um: plausible(reversal.height_um),
         undercut_um: plausible(reversal.undercut_um),
-        error_peak_um: reversal.error_peak_um,
+        ..*reversal
     }
 }
 
@@ -191,7 +172,7 @@ pub fn fill(model: &mut Model, said: &Snapshot) -> bool {
         block: program.line.zip(program.block.clone()),
         processes: said.processes.iter().map(process_view).collect(),
     });
-    model.reversals.last = said.reversals.iter().map(reversal).collect();
+    model.reversals.last = said.reversals.iter().copied().collect();
     model.reversals.count = said.reversals_count;
     model.circle.angle_rad = said.angle_rad;
     model.timing.told = said.timing.as_ref().map(|timing| Summary {
@@ -243,30 +224,12 @@ fn feedback(state: &MachineState, axis_count: u32) -> Feedback {
     }
 }
 
-fn process_view(said: &ProcessState) -> ProcessView {
-    let job = JOBS.into_iter().find(|job| *job == said.job);
-    ProcessView {
-        name: said.name.clone(),
-        job: job.unwrap_or("process"),
-        pid: said.pid,
-        starts: said.starts,
-        live: said.live,
-        stalled: said.stalled,
-        drives: said.drives,
-        age_scans: said.age_scans,
-        death: said.death,
+fn process_view(said: &ProcessState) -> ProcessState {
+    let mut view = said.clone();
+    if !Job::ALL.iter().any(|job| job.word() == view.job) {
+        view.job = "process".into();
     }
-}
-
-fn reversal(said: &ReversalState) -> Reversal {
-    Reversal {
-        axis: said.axis as usize,
-        direction: said.direction,
-        scan: said.scan,
-        height_um: said.height_um,
-        undercut_um: said.undercut_um,
-        error_peak_um: said.error_peak_um,
-    }
+    view
 }
 
 /// Fills a model's circle.
@@ -338,7 +301,7 @@ mod tests {
             ..PlannerStatus::default()
         });
         model.reversals.count = 40;
-        model.reversals.last.push_back(Reversal {
+        model.reversals.last.push_back(ReversalState {
             axis: 1,
             direction: -1,
             scan: 105,

@@ -3,8 +3,8 @@
 use bus::cell::CellError;
 use bus::port::Reader;
 use bus::sample::{AxisCommand, Feedback, Instruments, PlannerStatus, Roster};
-use bus::service::{Bus, RECORDER_DEPTH_SCANS, ROLES};
-use machine::Machine;
+use bus::service::{Bus, RECORDER_DEPTH_SCANS};
+use machine::{Machine, Process};
 
 /// The ends of the cell's services.
 pub struct Ports {
@@ -28,20 +28,14 @@ impl Ports {
     /// The cell is gone, or refuses.
     pub fn open(bus: Bus, machine: &Machine) -> Result<Ports, CellError> {
         let depth = RECORDER_DEPTH_SCANS;
-        let mut commands = Vec::new();
-        for (axis, settings) in machine.axes.iter().enumerate() {
-            for role in 0..ROLES.len() {
-                if role == 0 || settings.standby {
-                    commands.push(bus.command_reader(axis, role, depth)?);
-                }
-            }
-        }
+        let commands = Process::servos(machine)
+            .map(|servo| bus.command_reader(servo.axis as usize, servo.role as usize, depth));
         Ok(Ports {
+            commands: commands.collect::<Result<_, _>>()?,
             feedback: bus.feedback_reader(depth)?,
             instruments: bus.instruments_reader(depth)?,
             planner: bus.planner_reader(1)?,
             roster: bus.roster_reader(16)?,
-            commands,
             _bus: bus,
         })
     }

@@ -7,6 +7,9 @@
 
 use std::collections::VecDeque;
 
+use monitor::turns::{WINDOW_S, window_rad};
+use remote::wire::ReversalState;
+
 use super::axis::Turn;
 use super::track::{KEPT_SCANS, Track};
 
@@ -14,28 +17,8 @@ use super::track::{KEPT_SCANS, Track};
 const KEPT: usize = 32;
 /// Reversals whose window is not over yet, at most.
 const OPEN_MAX: usize = 64;
-/// The window where there is no arc, in s.
-const BEFORE_S: f64 = 0.006;
-const AFTER_S: f64 = 0.050;
 /// Instruments and commands of a scan come after its feedback.
 const LATE_SCANS: u64 = 4;
-
-/// One reversal.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Reversal {
-    /// Axis index.
-    pub axis: usize,
-    /// Direction after it: −1 or 1.
-    pub direction: i32,
-    /// First scan commanded in the new direction.
-    pub scan: u64,
-    /// Height over the arc before it, in µm; none off an arc, or where scans were not seen.
-    pub height_um: Option<f64>,
-    /// Depth below it (negative), in µm.
-    pub undercut_um: Option<f64>,
-    /// Largest following error of the axis in the same window, in µm.
-    pub error_peak_um: f64,
-}
 
 #[derive(Debug, Clone, Copy)]
 struct Open {
@@ -50,7 +33,7 @@ struct Open {
 #[derive(Debug, Default)]
 pub struct Reversals {
     /// The last ones, newest last.
-    pub last: VecDeque<Reversal>,
+    pub last: VecDeque<ReversalState>,
     /// Seen since this observer came.
     pub count: u64,
     open: VecDeque<Open>,
@@ -61,13 +44,10 @@ impl Reversals {
     pub fn begin(&mut self, axis: usize, turn: Turn, angular_rad_s: Option<f64>, period_s: f64) {
         let (before_s, after_s) = match angular_rad_s.filter(|speed| *speed > 0.0) {
             Some(speed) => {
-                let clip = |time_s: f64, low_deg: f64, high_deg: f64| {
-                    let low = low_deg.to_radians();
-                    (time_s * speed).clamp(low, high_deg.to_radians()) / speed
-                };
-                (clip(BEFORE_S, 2.0, 12.0), clip(AFTER_S, 8.0, 40.0))
+                let (before_rad, after_rad) = window_rad(speed);
+                (before_rad / speed, after_rad / speed)
             }
-            None => (BEFORE_S, AFTER_S),
+            None => WINDOW_S,
         };
         let scans = |time_s: f64| (libm::ceil(time_s / period_s) as u64).max(1);
         if self.open.len() == OPEN_MAX {
@@ -96,7 +76,7 @@ impl Reversals {
     }
 }
 
-fn measured(open: &Open, track: &Track) -> Reversal {
+fn measured(open: &Open, track: &Track) -> ReversalState {
     let first = open.turn.scan.saturating_sub(open.before);
     let last = open.turn.scan + open.after;
     let error_peak_um = track
@@ -109,8 +89,8 @@ fn measured(open: &Open, track: &Track) -> Reversal {
     let heights = (open.on_arc && fits)
         .then(|| heights_um(track, first, last, open.after))
         .flatten();
-    Reversal {
-        axis: open.axis,
+    ReversalState {
+        axis: open.axis as u32,
         direction: open.turn.direction,
         scan: open.turn.scan,
         height_um: heights.map(|(height_um, _)| height_um),
@@ -158,7 +138,7 @@ mod tests {
         track
     }
 
-    fn measured_with(missing: Option<u64>, angular_rad_s: Option<f64>) -> Option<Reversal> {
+    fn measured_with(missing: Option<u64>, angular_rad_s: Option<f64>) -> Option<ReversalState> {
         let mut reversals = Reversals::default();
         let turn = Turn {
             scan: 1000,

@@ -5,7 +5,8 @@ use std::fmt::Write;
 
 use bus::service::ROLES;
 
-use super::model::{Model, ProcessView};
+use super::model::Model;
+use remote::wire::ProcessState;
 
 /// What `quadrant status` prints.
 pub fn status(model: &Model) -> String {
@@ -98,7 +99,7 @@ pub fn progress(model: &Model) -> Option<String> {
 }
 
 /// How a process is, in words.
-pub fn state_of(process: &ProcessView) -> String {
+pub fn state_of(process: &ProcessState) -> String {
     let mut words = match (process.live, process.stalled, process.drives) {
         (false, _, _) => "✖ dead".to_string(),
         (true, true, _) => "stopped".into(),

@@ -2,6 +2,7 @@
 
 use bus::sample::{Cause, Feedback, Mode, ProgramState};
 use machine::Machine;
+use monitor::words::StopCause;
 
 /// How a state is meant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,37 +30,10 @@ pub struct Says {
     pub tone: Tone,
 }
 
-/// Letter of an axis.
-pub fn axis_name(machine: &Machine, axis: u32) -> &str {
-    let axis = machine.axes.get(axis as usize);
-    axis.map_or("?", |axis| axis.name.as_str())
-}
-
 /// Why the machine stopped, with axis and scan; none if nothing did.
 pub fn cause(feedback: &Feedback, machine: &Machine) -> Option<String> {
-    let cause = cause_alone(feedback, machine)?;
-    let axis = if feedback.cause_axis == u32::MAX {
-        ""
-    } else {
-        "axis "
-    };
-    Some(format!("{axis}{cause}, in scan {}", feedback.cause_scan))
-}
-
-/// The same in short: without the scan.
-pub fn cause_alone(feedback: &Feedback, machine: &Machine) -> Option<String> {
-    let cause = Cause::from_wire(feedback.cause);
-    let words = match cause {
-        Some(Cause::None) => return None,
-        Some(cause) => cause.words(),
-        None => "a cause this program does not know",
-    };
-    let axis = if feedback.cause_axis == u32::MAX {
-        String::new()
-    } else {
-        format!("{}: ", axis_name(machine, feedback.cause_axis))
-    };
-    Some(format!("{axis}{words}"))
+    let cause = StopCause::if_any(machine, feedback)?;
+    Some(format!("{cause}, in scan {}", feedback.cause_scan))
 }
 
 /// Whether the command rests.

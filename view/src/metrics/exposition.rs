@@ -12,7 +12,7 @@ use prometheus_client::encoding::{DescriptorEncoder, MetricEncoder, NoLabelSet};
 use prometheus_client::metrics::MetricType;
 use prometheus_client::registry::{Registry, Unit};
 
-use super::numbers::{AxisNumbers, Count, Distribution, Number, Numbers};
+use super::numbers::{AxisNumbers, Count, Distribution, Number, Numbers, ProcessNumbers};
 use super::served::Served;
 
 /// How the text is written.
@@ -433,11 +433,15 @@ impl Snapshot {
 
     fn processes(&self, families: &mut Families<'_>) -> Result<(), Error> {
         let processes = &self.numbers.processes;
-        let role = |job: Job| match job {
-            Job::Master => "machine-side",
-            Job::Planner => "planner",
-            Job::Servo => "servo",
-            Job::Monitor => "recorder",
+        let labels = |process: &ProcessNumbers| {
+            let role = match process.process.job {
+                Job::Master => "machine-side",
+                job => job.word(),
+            };
+            [
+                ("process", process.name.clone()),
+                ("role", role.to_string()),
+            ]
         };
         let gauge = MetricType::Gauge;
         families.family(
@@ -447,22 +451,15 @@ impl Snapshot {
             "1 while the process lives.",
             |e| {
                 processes.iter().try_for_each(|process| {
-                    let labels = [
-                        ("process", process.name.as_str()),
-                        ("role", role(process.job)),
-                    ];
-                    e.encode_family(&labels)?.encode_gauge(&process.up.get())
+                    e.encode_family(&labels(process))?
+                        .encode_gauge(&process.up.get())
                 })
             },
         )?;
         let help = "Processes that have had this place.";
         families.family("process_starts", None, MetricType::Counter, help, |e| {
             processes.iter().try_for_each(|process| {
-                let labels = [
-                    ("process", process.name.as_str()),
-                    ("role", role(process.job)),
-                ];
-                e.encode_family(&labels)?
+                e.encode_family(&labels(process))?
                     .encode_counter::<NoLabelSet, u64, f64>(&process.starts.get(), None)
             })
         })?;
@@ -472,11 +469,7 @@ impl Snapshot {
                 let Some(age_scans) = process.age_scans.get() else {
                     return Ok(());
                 };
-                let labels = [
-                    ("process", process.name.as_str()),
-                    ("role", role(process.job)),
-                ];
-                e.encode_family(&labels)?
+                e.encode_family(&labels(process))?
                     .encode_gauge(&(age_scans * self.numbers.scan_period_s))
             })
         })

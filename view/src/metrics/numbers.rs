@@ -4,11 +4,8 @@
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use bus::member::Pace;
-use bus::sample::{Cause, Job, Participant};
-use bytemuck::Zeroable;
-use machine::{AxisKind, Machine};
-
-use crate::live::events::process_name;
+use bus::sample::Cause;
+use machine::{AxisKind, Machine, Process};
 
 /// Upper ends of the buckets of following errors: those of slides, in m, are the first, those of rotary axes, in rad, the last
 /// [`ERROR_BUCKETS`].
@@ -164,11 +161,7 @@ pub struct ProcessNumbers {
     /// Its name, as in logs.
     pub name: String,
     /// What it does.
-    pub job: Job,
-    /// Axis of a servo.
-    pub axis: u32,
-    /// Role of a servo.
-    pub role: u32,
+    pub process: Process,
     /// 1 while it lives.
     pub up: Count,
     /// Processes that had this place.
@@ -244,27 +237,11 @@ impl Numbers {
             protrusion_m: Number::default(),
             reversal_error_m: Number::default(),
         });
-        let mut slots = vec![(Job::Master, 0, 0), (Job::Planner, 0, 0)];
-        for (index, axis) in machine.axes.iter().enumerate() {
-            slots.push((Job::Servo, index as u32, 0));
-            if axis.standby {
-                slots.push((Job::Servo, index as u32, 1));
-            }
-        }
-        slots.push((Job::Monitor, 0, 0));
-        let processes = slots.into_iter().map(|(job, axis, role)| ProcessNumbers {
-            name: process_name(
-                &Participant {
-                    job: job as u32,
-                    axis,
-                    role,
-                    ..Participant::zeroed()
-                },
-                machine,
-            ),
-            job,
-            axis,
-            role,
+        let mut processes = Process::all(machine);
+        processes.sort();
+        let processes = processes.into_iter().map(|process| ProcessNumbers {
+            name: process.name(machine),
+            process,
             up: Count::default(),
             starts: Count::default(),
             age_scans: Number::default(),

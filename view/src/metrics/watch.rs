@@ -9,7 +9,7 @@ use bus::cell::CellPaths;
 use bus::member::Member;
 use bus::sample::{AxisCommand, Cause, Feedback, Instruments, Job, Mode, PlannerStatus, Roster};
 use bus::signal_page::SignalPage;
-use machine::Machine;
+use machine::{Machine, Process};
 use program::Program;
 
 use super::numbers::{Numbers, base_unit};
@@ -140,7 +140,8 @@ impl Cell {
     fn roster(&mut self, sample: &Roster) {
         self.model.roster(sample);
         for process in &self.numbers.processes {
-            if let Some(found) = sample.find(process.job, process.axis as usize, process.role) {
+            let mut all = sample.participants.iter();
+            if let Some(found) = all.find(|one| Process::of(one) == Some(process.process)) {
                 process.up.set(u64::from(found.live));
                 process.starts.set(u64::from(found.incarnation));
             }
@@ -244,7 +245,7 @@ impl Cell {
             .len()
             .saturating_sub(usize::try_from(new).unwrap_or(usize::MAX));
         for reversal in kept.iter().skip(newest) {
-            let Some(axis) = numbers.axes.get(reversal.axis) else {
+            let Some(axis) = numbers.axes.get(reversal.axis as usize) else {
                 continue;
             };
             let m = |um: f64| base_unit(axis.kind, um * 1e-3);
@@ -258,8 +259,8 @@ impl Cell {
             return;
         };
         for process in &numbers.processes {
-            let place = self.model.place_of(process.job, process.axis, process.role);
-            let then = match process.job {
+            let place = self.model.place_of(process.process);
+            let then = match process.process.job {
                 Job::Master => Some(now),
                 Job::Monitor => page.recorded_scans().checked_sub(1),
                 _ => place.and_then(|place| page.answered_scan(place)),

@@ -8,7 +8,7 @@ use machine::Machine;
 use monitor::scope::signal::KnownPath;
 use monitor::scope::trigger::Trigger;
 use monitor::scope::{Scope, Settings};
-use program::{Program, Setup};
+use program::Program;
 
 use launcher::exit::Failure;
 
@@ -104,15 +104,13 @@ impl Paths {
 }
 
 fn read(text: Text, feedback: &Feedback, machine: &Machine) -> Result<Program, String> {
-    let axes_mm = program::axes_at(machine, &feedback.program_start);
-    let start = program::kinematics_of(machine).tool(&axes_mm);
-    let setup = Setup::of(machine);
+    let start = &feedback.program_start;
     match text {
         Text::Attached(name, None) => Err(format!("{name} is not in the log")),
         Text::Attached(name, Some(bytes)) => {
             let text = String::from_utf8(bytes).map_err(|_| format!("{name} is not text"))?;
             let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
-            program::interpret(&name, text, &setup, start).map_err(|error| error.to_string())
+            program::resume_from(machine, start, &name, text).map_err(|error| error.to_string())
         }
         Text::File(None) => Err("where it stands is not known".into()),
         Text::File(Some(file)) => {
@@ -124,7 +122,7 @@ fn read(text: Text, feedback: &Feedback, machine: &Machine) -> Result<Program, S
                     LIVE_BYTES_MAX >> 20
                 ));
             }
-            program::load(&file, &setup, start).map_err(|error| error.to_string())
+            program::load_from(machine, start, &file).map_err(|error| error.to_string())
         }
     }
 }

@@ -76,10 +76,9 @@ pub fn draw(seed: u64, machine: &Machine, shapes: &[Shape]) -> Result<Scenario, 
         }
     }
     let waits = planner == "wait"
-        || faults
-            .faults
-            .iter()
-            .any(|fault| fault.job == Job::Master || (fault.job == Job::Servo && servo == "wait"));
+        || faults.faults.iter().any(|fault| {
+            fault.process.job == Job::Master || (fault.process.job == Job::Servo && servo == "wait")
+        });
     if waits && !orders.stops {
         orders.draw_recoveries(&mut rng, shape);
     }

@@ -110,7 +110,7 @@ impl Cover {
 
     /// A fault of a servo has fired in `scan`.
     fn strike(&mut self, fault: &Fault, scan: u64) {
-        let (axis, role) = (fault.axis as usize, fault.role as usize);
+        let (axis, role) = (fault.process.axis as usize, fault.process.role as usize);
         let peer_is_well = match self.recovers[axis][1 - role] {
             None => true,
             Some((over, window)) => {
@@ -157,8 +157,8 @@ pub fn run(
         let scan = said.feedback.scan;
         judge.take(&said, |missed, axis| {
             let explains = |(fault, at): (&Fault, &Option<u64>)| {
-                fault.job == Job::Servo
-                    && fault.axis as usize == axis
+                fault.process.job == Job::Servo
+                    && fault.process.axis as usize == axis
                     && at.is_some_and(|at| (at..=at + lasts(&fault.action)).contains(&missed))
             };
             cover.lost[axis] && faults.iter().zip(&fired).any(explains)
@@ -170,7 +170,7 @@ pub fn run(
                 continue;
             }
             fired[index] = cell.fired(index);
-            if let (Some(at), Job::Servo) = (fired[index], fault.job) {
+            if let (Some(at), Job::Servo) = (fired[index], fault.process.job) {
                 cover.strike(fault, at);
             }
         }
@@ -287,7 +287,7 @@ impl Machines {
         let shown = &verdict.shown;
         let covered = struck
             .iter()
-            .all(|fault| matches!(fault.job, Job::Servo | Job::Monitor));
+            .all(|fault| matches!(fault.process.job, Job::Servo | Job::Monitor));
         if shown.trips > 0 || shown.missed > 0 || !covered {
             return Ok(None);
         }
@@ -315,7 +315,7 @@ impl Machines {
         verdict: &mut Verdict,
     ) -> anyhow::Result<Option<String>> {
         let shown = verdict.shown.clone();
-        let has = |job: Job| struck.iter().any(|fault| fault.job == job);
+        let has = |job: Job| struck.iter().any(|fault| fault.process.job == job);
         // Where only servos were struck, the motion is that of the undisturbed run to the bit: judged above.
         let stays_on_path =
             shown.trips == 0 && shown.missed == 0 && !has(Job::Master) && has(Job::Planner);
@@ -402,7 +402,7 @@ fn unexpected_end(
     let restart = policy(machine, &scenario.faults);
     let any = |wanted: &dyn Fn(&Fault) -> bool| struck.iter().any(|fault| wanted(fault));
     let bad_command = |fault: &Fault| {
-        fault.job == Job::Servo
+        fault.process.job == Job::Servo
             && matches!(
                 fault.action,
                 Action::Corrupt {
@@ -412,9 +412,9 @@ fn unexpected_end(
             )
     };
     let servo_for_good = any(&bad_command)
-        || (restart.servo == AfterLoss::End && any(&|fault| fault.job == Job::Servo));
+        || (restart.servo == AfterLoss::End && any(&|fault| fault.process.job == Job::Servo));
     let side_for_good =
-        restart.master == AfterMaster::End && any(&|fault| fault.job == Job::Master);
+        restart.master == AfterMaster::End && any(&|fault| fault.process.job == Job::Master);
     // An axis that ran on without commands may be too far off when they come again.
     let ran_off = shown.missed > 0 && shown.cause == Some(Cause::FollowingError);
     let fine = match shown.mode {

@@ -6,6 +6,7 @@ use super::plots::CurvesKept;
 use super::result::{ArcResult, CurvePoint, Deviations, Quadrant};
 use super::runs::Run;
 use crate::measure::fit::Fit;
+use crate::turns::window_rad;
 
 /// Share of the highest path speed from which motion counts as steady.
 const STEADY_SHARE: f64 = 0.99;
@@ -82,14 +83,6 @@ impl Series {
         }
         steady
     }
-}
-
-/// Window about a quadrant, in rad before and after it.
-fn window_rad(angular_speed_rad_s: f64) -> (f64, f64) {
-    let clip = |seconds: f64, low_deg: f64, high_deg: f64| {
-        (seconds * angular_speed_rad_s).clamp(low_deg.to_radians(), high_deg.to_radians())
-    };
-    (clip(0.006, 2.0, 12.0), clip(0.050, 8.0, 40.0))
 }
 
 /// Measures one run; none if nothing was taken of it.

@@ -4,12 +4,11 @@ use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::Paragraph;
+use remote::wire::ProcessState;
 
 use super::screen::{Screen, panel};
 use crate::live::events::Weight;
-use crate::live::model::ProcessView;
 use crate::live::timing::BARS_US;
-use crate::live::words;
 
 /// The last reversals, newest first.
 pub fn reversals(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
@@ -23,7 +22,7 @@ pub fn reversals(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let mut lines = vec![Line::styled(heading, palette.quiet())];
     let rows = usize::from(inside.height.saturating_sub(1));
     for reversal in model.reversals.last.iter().rev().take(rows) {
-        let name = words::axis_name(&model.machine, reversal.axis as u32);
+        let name = model.machine.axis_name(reversal.axis as usize);
         let arrow = if reversal.direction > 0 {
             "→+"
         } else {
@@ -85,13 +84,13 @@ pub fn processes(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     frame.render_widget(Paragraph::new(lines), inside);
 }
 
-fn short_state(process: &ProcessView) -> &str {
+fn short_state(process: &ProcessState) -> &str {
     match (process.live, process.stalled, process.drives) {
         (false, _, _) => "✖ dead",
         (true, true, _) => "‖ stopped",
         (true, false, Some(true)) => "drives",
         (true, false, Some(false)) => "standby",
-        (true, false, None) => match process.job {
+        (true, false, None) => match process.job.as_str() {
             "planner" => "plans",
             "recorder" => "records",
             "master" => "machine",

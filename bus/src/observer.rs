@@ -1,0 +1,90 @@
+//! A running cell, seen from outside: who observes it or gives it orders notices its end, and leaves it undisturbed.
+
+use std::cell::Cell;
+use std::mem::ManuallyDrop;
+use std::ops::{Deref, DerefMut};
+use std::rc::Rc;
+
+use crate::cell::CellPaths;
+use crate::process::watch;
+use crate::signal_page::{CellPhase, SignalPage};
+
+/// A running cell, seen from outside.
+#[derive(Debug)]
+pub struct Observer {
+    /// Its place.
+    pub place: CellPaths,
+    /// Its signal page.
+    pub page: SignalPage,
+    last_seen: Cell<bool>,
+}
+
+impl Observer {
+    /// The cell at this place; none unless its launcher lives and it is not about to end.
+    pub fn of(place: CellPaths) -> Option<Observer> {
+        let page = SignalPage::open(&place).ok()?;
+        let runs = page.phase() == CellPhase::Running && watch(page.launcher_pid()).is_ok();
+        runs.then_some(Observer {
+            place,
+            page,
+            last_seen: Cell::new(false),
+        })
+    }
+
+    /// Whether the cell is gone, or another one has its name.
+    pub fn is_gone(&self) -> bool {
+        let launcher = self.page.launcher_pid();
+        self.page.phase() == CellPhase::Ending
+            || Observer::of(self.place.clone())
+                .is_none_or(|now| now.page.launcher_pid() != launcher)
+    }
+
+    /// The cell has published its last feedback.
+    pub fn note_last(&self) {
+        self.last_seen.set(true);
+    }
+
+    /// Whether the cell is gone, or about to go.
+    pub fn has_ended(&self) -> bool {
+        self.last_seen.get() || self.is_gone()
+    }
+
+    /// Ports of this cell, closed in order only while it runs.
+    pub fn hold<T>(self: &Rc<Self>, ports: T) -> Held<T> {
+        Held {
+            ports: ManuallyDrop::new(ports),
+            cell: Rc::clone(self),
+        }
+    }
+}
+
+/// Ports of a cell that are left open where it has ended. Its launcher removes all that is left of it; a port that is closed
+/// in order takes the files of its service with it by their names, which may be those of the next cell by then.
+#[derive(Debug)]
+pub struct Held<T> {
+    ports: ManuallyDrop<T>,
+    cell: Rc<Observer>,
+}
+
+impl<T> Deref for Held<T> {
+    type Target = T;
+
+    fn deref(&self) -> &T {
+        &self.ports
+    }
+}
+
+impl<T> DerefMut for Held<T> {
+    fn deref_mut(&mut self) -> &mut T {
+        &mut self.ports
+    }
+}
+
+impl<T> Drop for Held<T> {
+    fn drop(&mut self) {
+        if !self.cell.has_ended() {
+            // SAFETY: this is the only place that drops them, and nobody uses them after it.
+            unsafe { ManuallyDrop::drop(&mut self.ports) }
+        }
+    }
+}
