@@ -44,9 +44,9 @@ pub enum Command {
     Report(ReportOptions),
     /// Start the process group and stay; programs are loaded and started from other terminals, until `down`
     Up(UpOptions),
-    /// Load a program into a cell that is up; one that was begun and is stopped is given up
+    /// Load a program into a cell that is up; one that was started and is stopped is discarded
     Load(LoadOptions),
-    /// Begin the program that is loaded, from where the axes stand
+    /// Begin the program that is loaded, from where the axes are
     Start(StartOptions),
     /// End a running cell: the tool comes to rest on the path, then all processes leave
     Down(OperatorOptions),
@@ -155,7 +155,7 @@ pub struct ReferenceOptions {
     pub schema: bool,
 }
 
-/// What every role is told by the launcher.
+/// What every role gets from the launcher.
 #[derive(Debug, Clone, Args)]
 pub struct SlotOptions {
     /// Name of the cell

@@ -17,7 +17,7 @@ pub fn plant_sim(options: &PlantSimOptions) -> Outcome {
     let run_end = if options.end_after_program {
         master::RunEnd::AfterProgram
     } else {
-        master::RunEnd::WhenTold
+        master::RunEnd::WhenOrdered
     };
     plant_sim::run(&plant_sim::Options {
         slot: options.slot.slot(),

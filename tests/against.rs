@@ -28,10 +28,10 @@ fn a_better_compensation_shows_in_the_report_of_one_run_against_the_other() {
         let output = command.arg(&before.out).args(more).output();
         output.expect("running quadrant")
     };
-    let said = report(&["--json"]);
-    let complaint = String::from_utf8_lossy(&said.stderr).into_owned();
-    assert_eq!(said.status.code(), Some(0), "{complaint}");
-    let json: Value = serde_json::from_slice(&said.stdout).expect("JSON");
+    let printed = report(&["--json"]);
+    let complaint = String::from_utf8_lossy(&printed.stderr).into_owned();
+    assert_eq!(printed.status.code(), Some(0), "{complaint}");
+    let json: Value = serde_json::from_slice(&printed.stdout).expect("JSON");
     assert_eq!(json["same_motion"], false);
     // The numbers are those of the runs' own reports.
     for (there, here) in [
@@ -79,8 +79,8 @@ fn a_better_compensation_shows_in_the_report_of_one_run_against_the_other() {
         "\"friction-pulse\""
     );
 
-    let said = report(&[]);
-    let text = String::from_utf8_lossy(&said.stdout).into_owned();
+    let printed = report(&[]);
+    let text = String::from_utf8_lossy(&printed.stdout).into_owned();
     let title = "Protrusion of each reversal on an arc, in µm";
     assert!(text.contains(title), "{text}");
     let name = before.out.file_name().expect("a name").to_string_lossy();

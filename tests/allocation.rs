@@ -11,8 +11,8 @@ use std::time::Duration;
 use bus::cell::CellPaths;
 use bus::member::{Member, Pace, Slot};
 use bus::sample::{
-    Feedback, Instruments, Job, OperatorRequest, OperatorResponse, Participant, Roster,
-    WindowHeader, WindowRow,
+    Feedback, Instruments, Job, OperatorRequest, OperatorResponse, Participant, Roster, Setpoint,
+    WindowHeader,
 };
 use bus::service::{Bus, SCAN_DEPTH};
 use bus::signal_page::{CellPhase, SignalPage};
@@ -160,7 +160,7 @@ impl MasterPorts for Counted {
     fn for_each_window(
         &mut self,
         scan: u64,
-        offer: impl FnMut(&WindowHeader, &[WindowRow], &Roster),
+        offer: impl FnMut(&WindowHeader, &[Setpoint], &Roster),
     ) {
         self.ports.for_each_window(scan, offer);
     }

@@ -301,7 +301,7 @@ fn a_program_with_the_name_of_a_file_of_the_run_directory_is_refused() {
     }
 }
 
-/// Anybody may write to /dev/shm: what stands in the cell's place is not followed, taken or removed unless it is ours.
+/// Anybody may write to /dev/shm: what is in the cell's place is not followed, taken or removed unless it is ours.
 #[test]
 fn a_link_in_the_place_of_the_cell_is_refused_and_what_it_points_to_stays() {
     let bench = Bench::of("xy", &[]);

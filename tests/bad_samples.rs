@@ -119,12 +119,12 @@ fn none_of_it_changes_a_bit_where_a_standby_takes_over() {
 }
 
 #[test]
-fn windows_that_lie_are_refused_and_the_planner_plans_anew_on_the_path() {
+fn windows_that_lie_are_refused_and_the_planner_plans_again_on_the_path() {
     let bench = Bench::of("xy", &[]);
     for what in [
         "checksum",
         "cut",
-        "row-jump",
+        "setpoint-jump",
         "old-scan",
         "future-scan",
         "wrong-incarnation",

@@ -73,7 +73,7 @@ fn a_small_grid_gives_a_table_a_csv_and_a_plot() {
 
 #[test]
 fn a_grid_the_machine_cannot_run_is_refused_before_anything_starts() {
-    for (arguments, said) in [
+    for (arguments, printed) in [
         (["--radii", "400", "--feeds", "3000"], "R400 F3000"),
         (
             ["--radii", "5", "--feeds", "12000"],
@@ -94,7 +94,7 @@ fn a_grid_the_machine_cannot_run_is_refused_before_anything_starts() {
             .expect("quadrant");
         let stderr = String::from_utf8_lossy(&done.stderr);
         assert_eq!(done.status.code(), Some(2), "{arguments:?}: {stderr}");
-        assert!(stderr.contains(said), "{arguments:?}: {stderr}");
+        assert!(stderr.contains(printed), "{arguments:?}: {stderr}");
     }
 }
 
@@ -163,20 +163,20 @@ fn the_report_of_a_long_log_is_measured_beside_reading_alone() {
         .expect("quadrant");
     let stderr = String::from_utf8_lossy(&done.stderr);
     assert!(done.status.success(), "{stderr}");
-    let said = String::from_utf8_lossy(&done.stdout);
+    let printed = String::from_utf8_lossy(&done.stdout);
     let value = |name: &str| {
-        let line = said.lines().find(|line| line.trim().starts_with(name));
+        let line = printed.lines().find(|line| line.trim().starts_with(name));
         let words = line.and_then(|line| line.trim().strip_prefix(name));
         let number = words.and_then(|words| words.split_whitespace().next());
         let number = number.and_then(|number| number.parse::<f64>().ok());
-        number.unwrap_or_else(|| panic!("no {name} in\n{said}"))
+        number.unwrap_or_else(|| panic!("no {name} in\n{printed}"))
     };
     // A minute at least, and nothing is free.
-    assert!(said.contains("scans of 2 axes"), "{said}");
-    assert!(value("report:") >= 60.0, "{said}");
+    assert!(printed.contains("scans of 2 axes"), "{printed}");
+    assert!(value("report:") >= 60.0, "{printed}");
     for name in ["log", "wall time", "processor time", "peak memory", "floor"] {
-        assert!(value(name) > 0.0, "{said}");
+        assert!(value(name) > 0.0, "{printed}");
     }
     // It reads the log, too: it cannot be cheaper than only that, but for the grain of the clocks.
-    assert!(value("ratio") > 0.9, "{said}");
+    assert!(value("ratio") > 0.9, "{printed}");
 }

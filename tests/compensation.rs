@@ -152,7 +152,7 @@ fn learned_tables_that_cannot_be_are_refused_before_anything_starts() {
         );
         run_with(bench.path(), &program, &["--no-learned"]).good_report();
     }
-    // Lessons of other settings are set aside, not refused.
+    // Training data of other settings are set aside, not refused.
     let other = good.replace("settings = \"", "settings = \"0");
     fs::write(&file, other).expect("writing");
     let set_aside = run(bench.path(), &program);

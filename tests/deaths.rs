@@ -28,7 +28,7 @@ fn killed(role: &str, edits: &[(&str, &str)]) -> (Run, serde_json::Value) {
 const SCAN_TABLE: &str = "[scan]\n";
 
 #[test]
-fn a_killed_planner_is_started_anew_and_the_program_goes_on_by_itself() {
+fn a_killed_planner_is_restarted_and_the_program_goes_on_by_itself() {
     let (run, report) = killed("quadrant planner", &[]);
     assert_eq!(run.status(), 0, "{}", run.stderr());
     assert!(
@@ -37,7 +37,7 @@ fn a_killed_planner_is_started_anew_and_the_program_goes_on_by_itself() {
         run.stderr()
     );
     assert!(
-        run.stderr().contains("planner started anew"),
+        run.stderr().contains("planner restarted"),
         "{}",
         run.stderr()
     );

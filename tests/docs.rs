@@ -78,7 +78,7 @@ fn code_spans(text: &str) -> Vec<String> {
         .collect()
 }
 
-/// Targets of links and pictures: what stands in round brackets behind square ones.
+/// Targets of links and pictures: what is in round brackets behind square ones.
 fn links(text: &str) -> Vec<(usize, String)> {
     let mut found = Vec::new();
     for (number, line) in outside_code(text) {

@@ -55,6 +55,6 @@ fn too_few_open_files_must_be_changed_and_the_exit_status_is_3() {
         .expect("open files");
     assert_eq!(files["grade"], "must-be-changed", "{files}");
     assert_eq!(output.status.code(), Some(3));
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(said.contains("open files"), "{said}");
+    let printed = String::from_utf8_lossy(&output.stderr);
+    assert!(printed.contains("open files"), "{printed}");
 }

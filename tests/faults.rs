@@ -94,9 +94,9 @@ fn last_feedback(run: &Run) -> Feedback {
     last.expect("a feedback")
 }
 
-fn registers(feedback: &Feedback) -> Vec<i64> {
+fn command_positions(feedback: &Feedback) -> Vec<i64> {
     let axes = feedback.axes().iter();
-    axes.map(|axis| axis.command_register).collect()
+    axes.map(|axis| axis.command_position).collect()
 }
 
 /// A shipped machine with a standby on every axis, or without any.
@@ -190,7 +190,11 @@ fn two_hundred_kills_of_the_planner_leave_the_tool_on_the_path_and_the_program_e
         );
         let last = last_feedback(&ended);
         assert_eq!(last.mode, Mode::Finished as u32);
-        assert_eq!(registers(&last), registers(&end), "{machine}");
+        assert_eq!(
+            command_positions(&last),
+            command_positions(&end),
+            "{machine}"
+        );
     }
 }
 
@@ -209,7 +213,7 @@ fn kills_in_drilling_cycles_and_their_dwells_drill_every_hole_to_its_depth() {
         let mut dwelt = 0;
         for sample in Reader::open(&run.out.join("run.mcap")).expect("the log") {
             if let Ok(Sample::Feedback(feedback)) = sample {
-                deepest = deepest.min(feedback.axes[2].command_register);
+                deepest = deepest.min(feedback.axes[2].command_position);
                 dwelt += u32::from(feedback.tag.dwell_remaining_scans > 0);
             }
         }
@@ -257,7 +261,10 @@ fn kills_in_drilling_cycles_and_their_dwells_drill_every_hole_to_its_depth() {
         depth.1
     );
     let last = last_feedback(&ended);
-    assert_eq!(registers(&last), registers(&last_feedback(&undisturbed)));
+    assert_eq!(
+        command_positions(&last),
+        command_positions(&last_feedback(&undisturbed))
+    );
 }
 
 /// Feed holds and resumes all along the program.
@@ -328,7 +335,11 @@ fn a_servo_without_a_standby_is_lost_thirty_times_and_the_program_is_done_all_th
         }
         let end = last_feedback(&run(bench.path(), &program));
         let last = last_feedback(&ended);
-        assert_eq!(registers(&last), registers(&end), "{machine}");
+        assert_eq!(
+            command_positions(&last),
+            command_positions(&end),
+            "{machine}"
+        );
     }
 }
 
@@ -421,17 +432,17 @@ fn a_planner_killed_in_a_hold_never_moves_the_machine_when_it_comes_back() {
         if let Ok(Sample::Feedback(feedback)) = sample
             && (850..1800).contains(&feedback.scan)
         {
-            let registers = feedback.axes.map(|axis| axis.command_register);
+            let command_positions = feedback.axes.map(|axis| axis.command_position);
             assert_eq!(
-                *stands.get_or_insert(registers),
-                registers,
+                *stands.get_or_insert(command_positions),
+                command_positions,
                 "scan {}",
                 feedback.scan
             );
         }
     }
     assert!(stands.is_some());
-    assert_eq!(last_feedback(&ended).axes[0].command_register, 30_000_000);
+    assert_eq!(last_feedback(&ended).axes[0].command_position, 30_000_000);
 }
 
 #[test]
@@ -449,7 +460,7 @@ fn a_planner_that_is_to_wait_leaves_the_machine_in_hold_until_somebody_resumes()
     assert!((2000.0..2040.0).contains(&resumed), "{resumed}");
 }
 
-/// What a master leaves in the cell is where its axes stand and where on the path they were: drives stay off until
+/// What a master leaves in the cell is where its axes are and where on the path they were: drives stay off until
 /// somebody enables them.
 #[test]
 fn a_master_that_comes_back_waits_with_its_drives_off_where_the_axes_stand() {
@@ -481,12 +492,12 @@ fn a_master_that_comes_back_waits_with_its_drives_off_where_the_axes_stand() {
             );
             if disabled {
                 for axis in feedback.axes() {
-                    assert_eq!(axis.command_register, axis.motor_position);
+                    assert_eq!(axis.command_position, axis.motor_position);
                 }
             }
         }
     }
     let last = last_feedback(&ended);
     assert_eq!(last.mode, Mode::Finished as u32);
-    assert_eq!(last.axes[0].command_register, 30_000_000);
+    assert_eq!(last.axes[0].command_position, 30_000_000);
 }

@@ -16,16 +16,16 @@ const WITH_STANDBY: &[(&str, &str)] = &[(
 )];
 
 /// The digest of a cell of the same run, and its scans.
-fn rehearsed(bench: &Bench, program: &str, script: Script) -> (String, u64) {
+fn in_process(bench: &Bench, program: &str, script: Script) -> (String, u64) {
     let machine = Machine::load(bench.path()).expect("machine.toml");
     let plant = PlantFile::load(&bench.path().join("plant.toml")).expect("plant.toml");
     let mut cell =
         InProcessCell::with_script(&machine, &plant, (program, PROGRAM), script).expect("a cell");
     let (mut scans, mut digest) = (0u64, (0, 0));
-    while let Some(said) = cell.scan() {
-        scans = said.feedback.scan;
+    while let Some(printed) = cell.scan() {
+        scans = printed.feedback.scan;
         assert!(scans < 60_000, "the cell does not end");
-        let instruments = said.instruments;
+        let instruments = printed.instruments;
         digest = (
             instruments.motion_digest_high,
             instruments.motion_digest_low,
@@ -47,7 +47,7 @@ fn same(edits: &[(&str, &str)], scripts: &[(&str, &str, &str)]) {
             faults: Some(faults::load(&faults_file, &machine).expect("faults.toml")),
             orders: orders::load(&orders_file, &machine).expect("orders.toml"),
         };
-        let (digest, scans) = rehearsed(&bench, &program.display().to_string(), script);
+        let (digest, scans) = in_process(&bench, &program.display().to_string(), script);
         let [faults_file, orders_file] =
             [faults_file, orders_file].map(|p| p.display().to_string());
         let more = ["--faults", &faults_file, "--orders", &orders_file];
@@ -56,7 +56,7 @@ fn same(edits: &[(&str, &str)], scripts: &[(&str, &str, &str)]) {
         println!("{name}: {scans} scans, exit {}", real.status());
         if report["motion_digest"] != digest.as_str() {
             differing.push(format!(
-                "{name}: rehearsed {scans} scans, real {}\n{}",
+                "{name}: in one process {scans} scans, real {}\n{}",
                 report["scans"],
                 real.stderr()
             ));
@@ -202,7 +202,7 @@ fn samples_dropped_delayed_and_corrupted() {
                 "wrong-incarnation",
                 "replay",
                 "checksum",
-                "row-jump",
+                "setpoint-jump",
                 "cut",
             ][..],
         ),

@@ -1,4 +1,4 @@
-//! A cell rehearsed in one process gives what the real processes give, to the bit.
+//! A cell in one process gives what the real processes give, to the bit.
 
 use lab::cell::InProcessCell;
 use machine::Machine;
@@ -7,7 +7,7 @@ use plant_sim::plant_file::PlantFile;
 use crate::support::{Bench, circle_program, run};
 
 #[test]
-fn a_rehearsal_has_the_motion_digest_of_the_real_run() {
+fn an_in_process_cell_has_the_motion_digest_of_the_real_run() {
     for name in ["xy", "xy-torque"] {
         let bench = Bench::of(name, &[]);
         let text = circle_program(12.0, 5000.0, (1.0, 2.0), 30.0);
@@ -18,9 +18,9 @@ fn a_rehearsal_has_the_motion_digest_of_the_real_run() {
         let shown = program.display().to_string();
         let mut cell = InProcessCell::new(&machine, &plant, &shown, &text).expect("a cell");
         let (mut scans, mut digest) = (0u64, (0, 0));
-        while let Some(said) = cell.scan() {
-            scans = said.feedback.scan;
-            let instruments = said.instruments;
+        while let Some(printed) = cell.scan() {
+            scans = printed.feedback.scan;
+            let instruments = printed.instruments;
             digest = (
                 instruments.motion_digest_high,
                 instruments.motion_digest_low,

@@ -60,8 +60,8 @@ impl Scrape {
         let mut families: BTreeMap<String, String> = BTreeMap::new();
         let mut current = String::new();
         let mut help = String::new();
-        let body = text.strip_suffix("# EOF\n").expect("the end is said");
-        assert!(!body.contains("# EOF"), "the end is said once");
+        let body = text.strip_suffix("# EOF\n").expect("the end is printed");
+        assert!(!body.contains("# EOF"), "the end is printed once");
         for line in body.lines() {
             if let Some(rest) = line.strip_prefix("# ") {
                 let mut words = rest.splitn(3, ' ');
@@ -277,10 +277,10 @@ fn a_scrape_of_a_running_cell_says_what_it_does_in_the_words_of_openmetrics() {
     };
     scrape_until(&address, held);
     send(cell.pid_of("recorder"), libc::SIGKILL);
-    let anew = scrape_until(&address, |scrape| {
+    let again = scrape_until(&address, |scrape| {
         scrape.find("quadrant_process_starts_total", &["process=\"monitor\""]) == Some(2.0)
     });
-    assert!(anew.value("quadrant_scans_total", &[]) > second.value("quadrant_scans_total", &[]));
+    assert!(again.value("quadrant_scans_total", &[]) > second.value("quadrant_scans_total", &[]));
     if let Some(promtool) = tool("promtool") {
         let (head, older) = get(&address, "/metrics", "*/*").expect("an answer");
         assert!(
@@ -296,9 +296,9 @@ fn a_scrape_of_a_running_cell_says_what_it_does_in_the_words_of_openmetrics() {
         let mut stdin = child.stdin.take().expect("its input");
         stdin.write_all(older.as_bytes()).expect("metrics");
         drop(stdin);
-        let said = child.wait_with_output().expect("promtool");
-        let words = String::from_utf8_lossy(&said.stderr);
-        assert!(said.status.success() && words.is_empty(), "{words}");
+        let printed = child.wait_with_output().expect("promtool");
+        let words = String::from_utf8_lossy(&printed.stderr);
+        assert!(printed.status.success() && words.is_empty(), "{words}");
     }
     end(cell);
 }
@@ -333,10 +333,10 @@ fn a_cell_that_stays_up_tells_which_program_it_has_and_how_far_it_is() {
     let reversed = |scrape: &Scrape| {
         // Known on arcs only: the program was found where it lies in the cell.
         let name = "quadrant_axis_reversal_protrusion_meters";
-        scrape.find(name, &[]).is_some() && state(scrape, "begun")
+        scrape.find(name, &[]).is_some() && state(scrape, "running")
     };
-    let begun = scrape_until(&address, reversed);
-    assert_eq!(begun.value("quadrant_runs_total", &[]), 1.0);
+    let started = scrape_until(&address, reversed);
+    assert_eq!(started.value("quadrant_runs_total", &[]), 1.0);
     scrape_until(&address, |s| s.value("quadrant_log_bytes_total", &[]) > 0.0);
     order(&["down"]);
     assert_eq!(cell.finish().status(), 0);
@@ -397,10 +397,10 @@ fn a_port_that_is_taken_is_refused_before_anything_starts() {
     );
     let run = run_with(bench.path(), &program, &[&format!("--metrics={address}")]);
     assert_eq!(run.status(), 3, "{}", run.stderr());
-    let said = run.stderr();
+    let printed = run.stderr();
     assert!(
-        said.contains(&address) && said.contains("cannot listen there"),
-        "{said}"
+        printed.contains(&address) && printed.contains("cannot listen there"),
+        "{printed}"
     );
     assert!(!run.out.exists());
     assert_eq!(traces_of(&run.cell), Vec::<String>::new());

@@ -44,16 +44,16 @@ fn watched(count: usize) -> (Run, Vec<Value>) {
             .expect("a monitor");
         monitors.0.push(child);
     }
-    let said = |index: usize| -> usize {
+    let printed = |index: usize| -> usize {
         let file = File::open(lines(index)).expect("its file");
         BufReader::new(file).lines().count()
     };
     if let Some(last) = monitors.0.last() {
         // It has its queues by then; from now on nobody empties them.
-        while said(count - 1) < 2 {
+        while printed(count - 1) < 2 {
             assert!(
                 matches!(cell.child.try_wait(), Ok(None)),
-                "the run was over before its monitors said anything"
+                "the run was over before its monitors printed anything"
             );
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
@@ -88,7 +88,7 @@ fn no_monitor_one_and_four_with_one_of_them_stopped_give_the_same_motion() {
             "{count}"
         );
         assert_eq!(text(&run.good_report(), "/digest"), whole, "{count}");
-        let last = lines.last().expect("the first monitor said something");
+        let last = lines.last().expect("the first monitor printed something");
         assert_eq!(last["cell"], run.cell.as_str());
         assert_eq!(last["program"]["name"], "circle.ngc", "{last}");
         assert_eq!(
@@ -180,15 +180,15 @@ fn a_monitor_that_wakes_in_the_next_cell_of_its_name_takes_nothing_away_from_it(
     let mut first = LiveCell::start(bench.path(), &program, "realtime");
     first.wait_for_scan(200);
     let name = first.cell.clone();
-    let said = bench.path().join("lines.jsonl");
+    let printed = bench.path().join("lines.jsonl");
     let child = quadrant()
         .args(["monitor", "--json", "--cell", &name])
-        .stdout(File::create(&said).expect("a file"))
+        .stdout(File::create(&printed).expect("a file"))
         .stderr(Stdio::null())
         .spawn()
         .expect("a monitor");
     let monitors = Monitors(vec![child]);
-    while std::fs::metadata(&said).map_or(0, |file| file.len()) == 0 {
+    while std::fs::metadata(&printed).map_or(0, |file| file.len()) == 0 {
         std::thread::sleep(std::time::Duration::from_millis(5));
     }
     let pid = monitors.0.first().expect("one").id() as i32;
@@ -220,8 +220,11 @@ fn where_no_cell_runs_that_is_said_with_status_1() {
             .output()
             .expect("it ends");
         assert_eq!(output.status.code(), Some(1));
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(said.contains("cell \"nobody-here\" does not run"), "{said}");
+        let printed = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(
+            printed.contains("cell \"nobody-here\" does not run"),
+            "{printed}"
+        );
     }
 }
 
@@ -295,7 +298,7 @@ fn a_run_with_a_view_shows_it_meanwhile_and_then_its_report() {
 
 #[test]
 fn a_view_without_a_terminal_is_refused_before_anything_starts() {
-    let said = quadrant()
+    let printed = quadrant()
         .args([
             "run",
             "machines/xy",
@@ -304,14 +307,14 @@ fn a_view_without_a_terminal_is_refused_before_anything_starts() {
         ])
         .output()
         .expect("the command");
-    assert_eq!(said.status.code(), Some(2));
-    let words = String::from_utf8_lossy(&said.stderr).into_owned();
+    assert_eq!(printed.status.code(), Some(2));
+    let words = String::from_utf8_lossy(&printed.stderr).into_owned();
     assert!(words.contains("--view: needs a terminal"), "{words}");
 }
 
 /// A terminal that was closed, then a word to leave: the view must not read the terminal's end for ever.
 #[test]
-fn a_monitor_whose_terminal_has_gone_leaves_when_it_is_told_to() {
+fn a_monitor_whose_terminal_has_gone_leaves_when_it_is_reported_to() {
     let bench = Bench::of("xy", &[]);
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");

@@ -104,7 +104,7 @@ fn ends_at_the_programmed_point(run: &Run) {
     let last = feedbacks.last().expect("a last feedback");
     assert_eq!(Mode::from_wire(last.mode), Some(Mode::Finished));
     for (axis, end) in last.axes().iter().zip(END) {
-        assert_eq!(axis.command_register, end);
+        assert_eq!(axis.command_position, end);
     }
 }
 
@@ -139,7 +139,7 @@ fn a_jog_in_mid_arc_is_undone_by_resume_and_the_program_ends_as_if_nothing_had_b
 }
 
 #[test]
-fn while_the_second_controller_drives_the_first_ones_register_is_true_to_the_increment() {
+fn while_the_second_controller_drives_the_first_ones_command_position_is_true_to_the_increment() {
     let (bench, program) = bench(&[]);
     let run = run_with(&bench, &program, &JOG);
     let (feedbacks, commands) = log(&run);
@@ -161,8 +161,8 @@ fn while_the_second_controller_drives_the_first_ones_register_is_true_to_the_inc
             }
         }
         assert!(followed > 200, "axis {axis}: {followed} scans");
-        let register = |scan: u64| feedbacks[scan as usize].axes[axis].command_register;
-        let moved_mm = (register(to) - register(from)) as f64 * 1e-6;
+        let command_position = |scan: u64| feedbacks[scan as usize].axes[axis].command_position;
+        let moved_mm = (command_position(to) - command_position(from)) as f64 * 1e-6;
         assert!(
             (moved_mm - way_mm).abs() < 2e-3,
             "axis {axis}: {moved_mm} mm"
@@ -186,18 +186,18 @@ fn drives_off_and_on_in_a_hold_lose_neither_the_position_nor_the_path() {
     ends_at_the_programmed_point(&run);
     assert_eq!(switches_without_a_step(&run, 1e-3), 4);
     let (feedbacks, _) = log(&run);
-    // The axes relax when the torque goes: the register goes with them, from the first scan on.
+    // The axes relax when the torque goes: the command position goes with them, from the first scan on.
     for axis in 0..2 {
         let of = |scan: usize| {
             let axis = &feedbacks[scan].axes[axis];
-            (axis.command_register, axis.motor_position)
+            (axis.command_position, axis.motor_position)
         };
-        let (register, encoder) = of(2001);
+        let (command_position, encoder) = of(2001);
         for scan in 2001..=2500 {
             let now = of(scan);
-            assert_eq!(now.0 - register, now.1 - encoder, "scan {scan}");
+            assert_eq!(now.0 - command_position, now.1 - encoder, "scan {scan}");
         }
-        // The loop closes on the register of scan 2500; what the axis moves from there on is position error.
+        // The loop closes on the command position of scan 2500; what the axis moves from there on is position error.
         assert_eq!(of(2501).0, of(2500).0, "switched on");
     }
 }

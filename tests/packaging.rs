@@ -24,8 +24,8 @@ fn bash_completes_a_command_an_option_and_the_values_of_an_option() {
             words.last().unwrap_or(&""),
             words.iter().rev().nth(1).unwrap_or(&"quadrant"),
         );
-        let said = says(Command::new(&bash).args(["--norc", "-c", &ask]));
-        said.lines().map(str::to_string).collect()
+        let printed = says(Command::new(&bash).args(["--norc", "-c", &ask]));
+        printed.lines().map(str::to_string).collect()
     };
     assert_eq!(complete(&["ho"]), ["hold"]);
     assert_eq!(complete(&["run", "--met"]), ["--metrics"]);
@@ -48,12 +48,12 @@ fn zsh_and_fish_can_read_their_completions() {
             folder.path().join("fish").display()
         );
         let home = folder.path();
-        let said = says(
+        let printed = says(
             Command::new(fish)
                 .env("HOME", home)
                 .args(["--no-config", "-c", &ask]),
         );
-        assert!(said.starts_with("hold\t"), "{said}");
+        assert!(printed.starts_with("hold\t"), "{printed}");
     }
 }
 
@@ -86,23 +86,23 @@ fn every_command_that_can_be_called_has_a_manual_page_without_warnings() {
         if let Some(mandoc) = tool("mandoc") {
             let mut lint = Command::new(mandoc);
             let lint = lint.args(["-T", "lint", "-W", "warning"]).arg(page.path());
-            let said = lint.output().expect("mandoc");
-            let said = String::from_utf8_lossy(&said.stdout).into_owned();
+            let printed = lint.output().expect("mandoc");
+            let printed = String::from_utf8_lossy(&printed.stdout).into_owned();
             // Pages are made from the command, which has no date.
-            let wrong: Vec<&str> = said
+            let wrong: Vec<&str> = printed
                 .lines()
                 .filter(|line| !line.contains(" date, "))
                 .collect();
             assert!(wrong.is_empty(), "{wrong:#?}");
         }
         if let Some(groff) = tool("groff") {
-            let said = output(
+            let printed = output(
                 Command::new(groff)
                     .args(["-K", "utf8", "-man", "-ww", "-z", "-Tutf8"])
                     .arg(page.path()),
             );
             assert_eq!(
-                String::from_utf8_lossy(&said.stderr),
+                String::from_utf8_lossy(&printed.stderr),
                 "",
                 "{}",
                 page.path().display()
@@ -123,15 +123,15 @@ fn systemd_finds_nothing_wrong_with_the_units() {
         let verify = verify
             .args(["verify", "--man=no"])
             .arg(folder.path().join(unit));
-        let said = verify.output().expect("systemd-analyze");
-        let words = String::from_utf8_lossy(&said.stderr).into_owned();
-        // Only what is said of our own units: others of this PC are not our affair.
+        let printed = verify.output().expect("systemd-analyze");
+        let words = String::from_utf8_lossy(&printed.stderr).into_owned();
+        // Only what is reported of our own units: others of this PC are not our affair.
         let ours: Vec<String> = words
             .lines()
             .filter(|line| line.contains("quadrant"))
             .map(str::to_string)
             .collect();
-        (said.status.success(), ours)
+        (printed.status.success(), ours)
     };
     fs::copy(
         units.join("quadrant.slice"),
@@ -176,7 +176,7 @@ fn the_alert_rules_name_metrics_that_exist_and_prometheus_takes_them() {
 }
 
 #[test]
-fn a_service_manager_is_told_when_the_cell_is_up_and_when_it_is_being_stopped() {
+fn a_service_manager_is_reported_when_the_cell_is_up_and_when_it_is_being_stopped() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let socket = folder.path().join("notify");
     let manager = UnixDatagram::bind(&socket).expect("a socket");

@@ -1,4 +1,4 @@
-//! A machine whose swing arm B stands in for Y: what comes out on the part, and what is refused before anything moves.
+//! A machine whose swing arm B is in for Y: what comes out on the part, and what is refused before anything moves.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -210,7 +210,7 @@ fn an_arm_that_stands_outside_its_range_is_refused() {
     refused(
         &bench,
         &shipped("line.ngc"),
-        &["plant.toml", "the arm stands at 61.0000°", "-60 to 60°"],
+        &["plant.toml", "the arm is at 61.0000°", "-60 to 60°"],
     );
 }
 

@@ -60,7 +60,7 @@ fn machine(profile: &str, acceleration_mm_s2: f64) -> Bench {
 
 /// Scans of a program, and ∫a²dt of X over its setpoints in mm²/s³, from what `quadrant plan --csv` writes.
 fn planned(bench: &Bench, program: &Path) -> (usize, f64) {
-    let csv = bench.path().join("rows.csv");
+    let csv = bench.path().join("setpoints.csv");
     let output = quadrant()
         .arg("plan")
         .arg(bench.path())
@@ -70,8 +70,8 @@ fn planned(bench: &Bench, program: &Path) -> (usize, f64) {
         .output()
         .expect("plan");
     assert_eq!(output.status.code(), Some(0), "{output:?}");
-    let rows = fs::read_to_string(&csv).expect("the rows");
-    let x_mm: Vec<f64> = rows
+    let setpoints = fs::read_to_string(&csv).expect("the setpoints");
+    let x_mm: Vec<f64> = setpoints
         .lines()
         .skip(1)
         .map(|line| {

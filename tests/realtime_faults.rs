@@ -111,7 +111,7 @@ fn a_servo_that_is_stopped_for_good_is_stood_in_for_and_then_killed_and_replaced
         stderr.contains("servo-X lives but does not answer: killed"),
         "{stderr}"
     );
-    assert!(stderr.contains("servo-X started anew"), "{stderr}");
+    assert!(stderr.contains("servo-X restarted"), "{stderr}");
     let reaction = text(&report, "/faults/0/reaction");
     assert!(
         reaction.contains("none") || reaction.contains("standby took over"),
@@ -222,7 +222,7 @@ fn a_launcher_killed_at_any_moment_of_its_start_leaves_a_cell_that_runs_again() 
     });
 }
 
-/// Kills the process of a role as soon as it is seen; what the launcher said.
+/// Kills the process of a role as soon as it is seen; what the launcher reported.
 fn killed_at_birth(role: &str, machine: &Path, program: &Path) -> String {
     let cell = LiveCell::start(machine, program, "realtime");
     loop {
@@ -263,8 +263,8 @@ fn a_process_killed_while_the_cell_starts_is_a_start_that_failed_and_leaves_noth
         "quadrant planner",
         "quadrant plant-sim",
     ] {
-        let said = killed_at_birth(role, bench.path(), &program);
-        in_start += u32::from(said.contains("before it was ready"));
+        let printed = killed_at_birth(role, bench.path(), &program);
+        in_start += u32::from(printed.contains("before it was ready"));
     }
     assert!(in_start > 0, "not one was struck while it started");
 }

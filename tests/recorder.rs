@@ -61,7 +61,7 @@ fn eight_axes_are_recorded_without_loss_in_lockstep() {
     lost_nothing(&run.good_report());
 }
 
-/// Servos may miss scans on a PC that is not made for this; the recorder says so and misses nothing itself.
+/// Servos may miss scans on a PC that is not made for this; the recorder reports it and misses nothing itself.
 #[test]
 fn eight_axes_at_1_ms_are_recorded_without_loss_in_realtime() {
     let bench = eight_axes();
@@ -213,8 +213,8 @@ fn read_by_others(run: &Run) -> Option<Value> {
         .arg(run.out.join("run.mcap"))
         .output()
         .expect("the foreign reader");
-    let said = String::from_utf8_lossy(&done.stdout);
+    let printed = String::from_utf8_lossy(&done.stdout);
     let complained = String::from_utf8_lossy(&done.stderr);
-    let found = serde_json::from_str(&said);
-    Some(found.unwrap_or_else(|_| panic!("the foreign reader said:\n{said}{complained}")))
+    let found = serde_json::from_str(&printed);
+    Some(found.unwrap_or_else(|_| panic!("the foreign reader printed:\n{printed}{complained}")))
 }

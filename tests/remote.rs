@@ -108,7 +108,7 @@ fn a_bad_link_is_lived_with(here: &dyn Place, there: &dyn Place, link: &dyn bad_
         let events = line["events"].as_array().cloned().unwrap_or_default();
         events
             .iter()
-            .any(|event| event["event"] == "planner started anew (start 2)")
+            .any(|event| event["event"] == "planner restarted (start 2)")
     };
     remote.until("the planner came back", goes_on);
     let before = remote.last();
@@ -129,7 +129,7 @@ fn a_bad_link_is_lived_with(here: &dyn Place, there: &dyn Place, link: &dyn bad_
             .starts_with("no link"),
         "{lost}"
     );
-    // What stands still is not given out as new.
+    // What is at rest is not given out as new.
     assert!(age(&older, "data_age_s_min") > 2.0, "{older}");
     assert_eq!(older["scan"], lost["scan"]);
     link.mend();
@@ -146,17 +146,17 @@ fn a_bad_link_is_lived_with(here: &dyn Place, there: &dyn Place, link: &dyn bad_
         let events = lines
             .iter()
             .flat_map(|line| line["events"].as_array().cloned().unwrap_or_default());
-        let told = events.map(|event| {
+        let reported = events.map(|event| {
             let words = event["event"].as_str().unwrap_or_default().to_string();
             // A start has no scan of its own: each observer gives it the one in which it saw it.
             let scan = event["scan"]
                 .as_u64()
-                .filter(|_| !words.contains("started anew"));
+                .filter(|_| !words.contains("restarted"));
             (scan, words)
         });
-        // What comes often on a PC that is not made for real time is counted, and told at different moments.
+        // What comes often on a PC that is not made for real time is counted, and reported at different moments.
         let often = |words: &str| words.contains("no command in") || words.contains("scans late");
-        told.filter(|(_, words)| !often(words)).collect()
+        reported.filter(|(_, words)| !often(words)).collect()
     };
     let resumed = |line: &Value| {
         let events = line["events"].as_array().cloned().unwrap_or_default();
@@ -164,12 +164,12 @@ fn a_bad_link_is_lived_with(here: &dyn Place, there: &dyn Place, link: &dyn bad_
             .iter()
             .any(|event| event["event"] == "resume: hold is off")
     };
-    beside.until("the last event is told beside the cell", resumed);
+    beside.until("the last event is reported beside the cell", resumed);
     let end = remote.until("and over the link", resumed);
     // Whoever looked on from beside the cell saw the same things in the same order.
-    let (seen, told) = (all(&beside), all(&remote));
+    let (seen, reported) = (all(&beside), all(&remote));
     assert!(seen.len() >= 11, "{seen:?}");
-    assert_eq!(told, seen);
+    assert_eq!(reported, seen);
     assert_eq!(end["remote"]["events_lost"], 0);
     assert_eq!(end["remote"]["messages_refused"], 0);
     // The cell went its way: nobody stopped it.
@@ -341,13 +341,16 @@ fn where_nobody_serves_that_is_said_with_status_1_and_a_bad_place_with_status_2(
             .stdin(Stdio::null())
             .output()
             .expect("it ends");
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        (output.status.code(), said)
+        let printed = String::from_utf8_lossy(&output.stderr).into_owned();
+        (output.status.code(), printed)
     };
     let port = proxy::free_port();
-    let (status, said) = look(&format!("tcp/127.0.0.1:{port}"));
-    assert_eq!(status, Some(1), "{said}");
-    assert!(said.contains("nothing was heard of any cell"), "{said}");
+    let (status, printed) = look(&format!("tcp/127.0.0.1:{port}"));
+    assert_eq!(status, Some(1), "{printed}");
+    assert!(
+        printed.contains("nothing was heard of any cell"),
+        "{printed}"
+    );
     for bad in [
         "127.0.0.1:7447",
         "udp/127.0.0.1:7447",
@@ -355,9 +358,12 @@ fn where_nobody_serves_that_is_said_with_status_1_and_a_bad_place_with_status_2(
         "tcp/h:99999",
         "tcp/h:1#iface=x",
     ] {
-        let (status, said) = look(bad);
-        assert_eq!(status, Some(2), "{bad}: {said}");
-        assert!(said.contains("must be tcp/HOST:PORT"), "{bad}: {said}");
+        let (status, printed) = look(bad);
+        assert_eq!(status, Some(2), "{bad}: {printed}");
+        assert!(
+            printed.contains("must be tcp/HOST:PORT"),
+            "{bad}: {printed}"
+        );
     }
 }
 

@@ -1,5 +1,5 @@
 //! How far off the machine may be from what its file was tuned on, and what circles nobody tuned for come to. Whole cells,
-//! rehearsed in one process: the figures of real runs (`rehearsed.rs`), without their cost.
+//! In one process: the figures of real runs (`in_process.rs`), without their cost.
 
 use std::fs;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -175,10 +175,10 @@ fn worst_um(machine: &Machine, plant: &PlantFile, circle: &Circle) -> f64 {
     let path = program::interpret("circle.ngc", &text, &setup, AxisVector::zeros());
     let mut analysis = Analysis::new(machine.clone(), path.expect("a path").path);
     let mut cell = InProcessCell::new(machine, plant, "circle.ngc", &text).expect("a cell");
-    while let Some(said) = cell.scan() {
-        analysis.take(Sample::Feedback(Box::new(*said.feedback)));
-        analysis.take(Sample::Instruments(Box::new(*said.instruments)));
-        for command in said.commands {
+    while let Some(printed) = cell.scan() {
+        analysis.take(Sample::Feedback(Box::new(*printed.feedback)));
+        analysis.take(Sample::Instruments(Box::new(*printed.instruments)));
+        for command in printed.commands {
             analysis.take(Sample::Command(Box::new(*command)));
         }
     }
@@ -216,18 +216,18 @@ fn beyond(cell: &Cell, varied: &[&[&str]], most_um: (f64, f64)) -> Vec<String> {
         .collect();
     let next = AtomicUsize::new(0);
     let work = || {
-        let mut said = Vec::new();
+        let mut printed = Vec::new();
         while let Some((keys, factor)) = changes.get(next.fetch_add(1, Ordering::Relaxed)) {
             let found = cell.circles_um(keys, *factor, &GRID);
             if !within(&found, most_um) {
                 let (mean, worst) = mean_and_worst(&found);
-                said.push(format!(
+                printed.push(format!(
                     "{} × {factor}: {mean:.2} / {worst:.2} µm",
                     keys.join(", ")
                 ));
             }
         }
-        said
+        printed
     };
     let workers = std::thread::available_parallelism().map_or(1, usize::from);
     std::thread::scope(|scope| {

@@ -1,4 +1,4 @@
-//! The scope and the black box, with real processes: what is seen live is what stands in the log.
+//! The scope and the black box, with real processes: what is seen live is what is in the log.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -20,17 +20,21 @@ fn scope(arguments: &[&str]) -> Output {
 
 fn good(arguments: &[&str]) -> String {
     let output = scope(arguments);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(0), "{arguments:?}: {said}");
+    let printed = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(0), "{arguments:?}: {printed}");
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
 /// The message of a scope that must end with this status.
 fn refused(status: i32, arguments: &[&str]) -> String {
     let output = scope(arguments);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(status), "{arguments:?}: {said}");
-    said
+    let printed = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(
+        output.status.code(),
+        Some(status),
+        "{arguments:?}: {printed}"
+    );
+    printed
 }
 
 fn path(path: &Path) -> &str {
@@ -88,10 +92,10 @@ fn what_a_scope_sees_of_a_running_cell_is_what_it_sees_in_its_log() {
         path(&picture),
     ];
     live.extend(asked);
-    let said = good(&live);
+    let printed = good(&live);
     assert!(
-        said.contains("reversal of X to") && said.contains("250 scans"),
-        "{said}"
+        printed.contains("reversal of X to") && printed.contains("250 scans"),
+        "{printed}"
     );
     let run = cell.finish();
     let report = run.good_report();
@@ -185,8 +189,8 @@ fn a_trip_is_saved_without_being_asked_and_looks_as_in_the_log() {
     let death = death.next().expect("it died");
     let boxes = boxes(&run);
     assert_eq!(boxes, [format!("black-box-{death}-death-servo-X.mcap")]);
-    let said = run.stderr();
-    assert!(said.contains(&boxes[0]), "{said}");
+    let printed = run.stderr();
+    assert!(printed.contains(&boxes[0]), "{printed}");
     let file = run.out.join(&boxes[0]);
     for trigger in ["trip", "death servo-X", "reversal X"] {
         let asked = ["--signal", SIGNALS, "--trigger", trigger, "--csv", "-"];
@@ -281,7 +285,7 @@ fn who_waits_in_vain_hears_what_was_seen_and_who_asks_wrongly_what_there_is() {
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(200);
     let name = cell.cell.clone();
-    let said = refused(
+    let printed = refused(
         1,
         &[
             "--cell",
@@ -295,10 +299,10 @@ fn who_waits_in_vain_hears_what_was_seen_and_who_asks_wrongly_what_there_is() {
         ],
     );
     assert!(
-        said.contains("0.3 s have passed without trigger \"trip\""),
-        "{said}"
+        printed.contains("0.3 s have passed without trigger \"trip\""),
+        "{printed}"
     );
-    assert!(said.contains("the last with mode enabled"), "{said}");
+    assert!(printed.contains("the last with mode enabled"), "{printed}");
     for (arguments, right) in [
         (
             &["--signal", "X.speed"][..],
@@ -330,8 +334,8 @@ fn who_waits_in_vain_hears_what_was_seen_and_who_asks_wrongly_what_there_is() {
     ] {
         let mut all = vec!["--cell", &name];
         all.extend(arguments);
-        let said = refused(2, &all);
-        assert!(said.contains(right), "{arguments:?}: {said}");
+        let printed = refused(2, &all);
+        assert!(printed.contains(right), "{arguments:?}: {printed}");
     }
     let list = good(&["--cell", &name, "--list"]);
     assert!(list.contains("X.following_error   µm"), "{list}");
@@ -345,10 +349,13 @@ fn who_waits_in_vain_hears_what_was_seen_and_who_asks_wrongly_what_there_is() {
         "{chart}"
     );
     drop(cell);
-    let said = refused(1, &["--cell", "nobody-here", "--signal", "X.torque"]);
-    assert!(said.contains("cell \"nobody-here\" does not run"), "{said}");
-    let said = refused(2, &["--log", "/nonexistent", "--signal", "X.torque"]);
-    assert!(said.contains("does not exist"), "{said}");
-    let said = refused(2, &["--log", path(&program), "--signal", "X.torque"]);
-    assert!(said.contains("is not an MCAP log"), "{said}");
+    let printed = refused(1, &["--cell", "nobody-here", "--signal", "X.torque"]);
+    assert!(
+        printed.contains("cell \"nobody-here\" does not run"),
+        "{printed}"
+    );
+    let printed = refused(2, &["--log", "/nonexistent", "--signal", "X.torque"]);
+    assert!(printed.contains("does not exist"), "{printed}");
+    let printed = refused(2, &["--log", path(&program), "--signal", "X.torque"]);
+    assert!(printed.contains("is not an MCAP log"), "{printed}");
 }

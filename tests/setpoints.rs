@@ -51,7 +51,7 @@ fn the_setpoints_a_user_gets_as_csv_keep_the_limits() {
         ),
         ("machines/xzb-pivot", "machines/xzb-pivot/programs/line.ngc"),
     ] {
-        let csv = folder.path().join("rows.csv");
+        let csv = folder.path().join("setpoints.csv");
         let output = quadrant()
             .args(["plan", machine, program, "--csv"])
             .arg(&csv)
@@ -67,8 +67,8 @@ fn the_setpoints_a_user_gets_as_csv_keep_the_limits() {
         let period_s = limits.scan_period_s();
         let axes = limits.axes.len();
         let mut before: Vec<Vec<i64>> = Vec::new();
-        let text = fs::read_to_string(&csv).expect("the rows");
-        let mut rows = 0;
+        let text = fs::read_to_string(&csv).expect("the setpoints");
+        let mut setpoints = 0;
         for (number, line) in text.lines().skip(1).enumerate() {
             let columns: Vec<&str> = line.split(',').collect();
             let position: Vec<i64> = (0..axes)
@@ -90,16 +90,16 @@ fn the_setpoints_a_user_gets_as_csv_keep_the_limits() {
                     let settings = &limits.axes[axis];
                     assert!(
                         velocity.abs() <= settings.rapid_mm_s * (1.0 + 1e-9),
-                        "{machine} row {number}: {velocity} mm/s"
+                        "{machine} setpoint {number}: {velocity} mm/s"
                     );
                     assert!(
                         acceleration.abs() <= settings.acceleration_mm_s2 * (1.0 + 1e-9),
-                        "{machine} row {number}: {acceleration} mm/s²"
+                        "{machine} setpoint {number}: {acceleration} mm/s²"
                     );
                 }
             }
-            rows += 1;
+            setpoints += 1;
         }
-        assert!(rows > 100, "{machine}: {rows} rows");
+        assert!(setpoints > 100, "{machine}: {setpoints} setpoints");
     }
 }

@@ -8,10 +8,10 @@ fn a_dozen_live_kills_break_nothing() {
         .args(["soak", "machines/xy", "--kills", "12", "--seed", "7"])
         .output()
         .expect("a soak");
-    let said = String::from_utf8_lossy(&soak.stdout);
+    let printed = String::from_utf8_lossy(&soak.stdout);
     let stderr = String::from_utf8_lossy(&soak.stderr);
-    assert_eq!(soak.status.code(), Some(0), "{said}{stderr}");
-    assert!(said.contains("violations: 0"), "{said}");
+    assert_eq!(soak.status.code(), Some(0), "{printed}{stderr}");
+    assert!(printed.contains("violations: 0"), "{printed}");
 }
 
 /// A master that is killed between saying a scan and saving it: whoever comes after it must not say that scan again.
@@ -22,8 +22,8 @@ fn in_lockstep_the_master_is_killed_at_any_instant_and_the_next_one_is_answered(
         .args(["--pace", "lockstep", "--only", "plant-sim"])
         .output()
         .expect("a soak");
-    let said = String::from_utf8_lossy(&soak.stdout);
-    assert_eq!(soak.status.code(), Some(0), "{said}");
+    let printed = String::from_utf8_lossy(&soak.stdout);
+    assert_eq!(soak.status.code(), Some(0), "{printed}");
 }
 
 #[test]

@@ -40,8 +40,8 @@ struct CsvRow {
     nm: [i128; 3],
 }
 
-fn rows(machine: &Path, program: &Path) -> Vec<CsvRow> {
-    let csv = machine.join("rows.csv");
+fn setpoints(machine: &Path, program: &Path) -> Vec<CsvRow> {
+    let csv = machine.join("setpoints.csv");
     let output = quadrant()
         .arg("plan")
         .args([machine, program])
@@ -51,8 +51,8 @@ fn rows(machine: &Path, program: &Path) -> Vec<CsvRow> {
         .expect("plan");
     let stderr = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(0), "{stderr}");
-    let text = fs::read_to_string(&csv).expect("the rows");
-    let row = |line: &str| {
+    let text = fs::read_to_string(&csv).expect("the setpoints");
+    let setpoint = |line: &str| {
         let columns: Vec<&str> = line.split(',').collect();
         let nm = |column: usize| {
             let mm: f64 = columns[column].parse().expect("a position");
@@ -63,7 +63,7 @@ fn rows(machine: &Path, program: &Path) -> Vec<CsvRow> {
             nm: [nm(5), nm(6), nm(7)],
         }
     };
-    text.lines().skip(1).map(row).collect()
+    text.lines().skip(1).map(setpoint).collect()
 }
 
 fn end_nm(point: usize) -> [i128; 3] {
@@ -75,17 +75,17 @@ fn end_nm(point: usize) -> [i128; 3] {
 fn every_row_of_a_line_is_within_an_increment_of_it_and_it_ends_exactly() {
     let bench = bench("master-axis");
     let file = bench.file("lines.ngc", &program());
-    let rows = rows(bench.path(), &file);
+    let setpoints = setpoints(bench.path(), &file);
     let mut judged = 0;
-    for row in &rows {
-        let (point, waits) = ((row.line - 2) / 2, row.line % 2 == 1);
+    for setpoint in &setpoints {
+        let (point, waits) = ((setpoint.line - 2) / 2, setpoint.line % 2 == 1);
         let to = end_nm(point);
         if waits {
-            assert_eq!(row.nm, to, "line {}", row.line);
+            assert_eq!(setpoint.nm, to, "line {}", setpoint.line);
             continue;
         }
         let from = if point == 0 {
-            rows[0].nm
+            setpoints[0].nm
         } else {
             end_nm(point - 1)
         };
@@ -95,32 +95,37 @@ fn every_row_of_a_line_is_within_an_increment_of_it_and_it_ends_exactly() {
         let whole = to[master] - from[master];
         for axis in 0..3 {
             let travel = to[axis] - from[axis];
-            let off =
-                (row.nm[axis] - from[axis]) * whole - (row.nm[master] - from[master]) * travel;
+            let off = (setpoint.nm[axis] - from[axis]) * whole
+                - (setpoint.nm[master] - from[master]) * travel;
             assert!(
                 off.abs() < whole.abs(),
                 "line {}, axis {axis}: {} nm off",
-                row.line,
+                setpoint.line,
                 off as f64 / whole as f64
             );
         }
         judged += 1;
     }
-    assert!(judged > 3000, "{judged} rows on lines");
-    assert_eq!(rows.last().expect("rows").nm, end_nm(POINTS.len() - 1));
+    assert!(judged > 3000, "{judged} setpoints on lines");
+    assert_eq!(
+        setpoints.last().expect("setpoints").nm,
+        end_nm(POINTS.len() - 1)
+    );
 }
 
 #[test]
 fn both_ways_of_making_lines_are_told_apart_only_by_increments() {
     let (master, rounded) = (bench("master-axis"), bench("rounded"));
-    let of = |bench: &Bench| rows(bench.path(), &bench.file("lines.ngc", &program()));
+    let of = |bench: &Bench| setpoints(bench.path(), &bench.file("lines.ngc", &program()));
     let (master, rounded) = (of(&master), of(&rounded));
     let mut differ = 0;
-    // Limits less a different rounding make the speeds differ by a hair, so rows drift apart in time; ends do not.
+    // Limits less a different rounding make the speeds differ by a hair, so setpoints drift apart in time; ends do not.
     for point in 0..POINTS.len() {
-        let first_wait = |rows: &[CsvRow]| {
-            let wait = rows.iter().find(|row| row.line == 2 * point + 3);
-            wait.map(|row| row.nm)
+        let first_wait = |setpoints: &[CsvRow]| {
+            let wait = setpoints
+                .iter()
+                .find(|setpoint| setpoint.line == 2 * point + 3);
+            wait.map(|setpoint| setpoint.nm)
         };
         assert_eq!(first_wait(&master), first_wait(&rounded));
     }
@@ -129,7 +134,7 @@ fn both_ways_of_making_lines_are_told_apart_only_by_increments() {
     }
     assert!(
         differ > 1000,
-        "only {differ} rows differ: is the setting used?"
+        "only {differ} setpoints differ: is the setting used?"
     );
 }
 

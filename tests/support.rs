@@ -222,7 +222,7 @@ impl LiveCell {
         let place = CellPaths::new(&self.cell).expect("a cell name");
         let started = Instant::now();
         loop {
-            // Who enters before the launcher has made its page stands in the way of it while it cleans up.
+            // Who enters before the launcher has made its page is in the way of it while it cleans up.
             if SignalPage::open(&place).is_ok_and(|page| page.launcher_pid() == self.child.id())
                 && let Ok(bus) = Bus::enter(&place, &machine.shape(), "test", false)
                 && let Ok(reader) = bus.feedback_reader(1)

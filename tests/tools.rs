@@ -1,4 +1,4 @@
-//! Programs of others that check what this product makes for them. Where one is missing its check is left out, and says so;
+//! Programs of others that check what this product makes for them. Where one is missing its check is left out, and reports it;
 //! where `QUADRANT_TOOLS=required` (.ci/run), it must be there.
 
 use std::path::PathBuf;
@@ -18,7 +18,7 @@ pub fn tool(name: &str) -> Option<PathBuf> {
     found
 }
 
-/// Runs a command to its end; what it said must be seen where it fails.
+/// Runs a command to its end; what it reported must be seen where it fails.
 pub fn output(command: &mut Command) -> Output {
     let output = command
         .output()

@@ -144,7 +144,7 @@ fn a_position_error_judged_in_full_moves_the_start_on_slow_circles_and_a_clamped
 }
 
 #[test]
-fn even_rows_cost_the_sagitta_of_a_period_and_break_no_limit() {
+fn linear_interpolation_cost_the_sagitta_of_a_period_and_break_no_limit() {
     let even = [(
         "watchdog_scans = 50",
         "watchdog_scans = 50\n\n[interpolation]\nwithin_period = \"linear\"\n#",

@@ -1,4 +1,4 @@
-//! `quadrant tune`: from untuned gains to circles within bounds, on machines that nobody told it about.
+//! `quadrant tune`: from untuned gains to circles within bounds, on machines that nobody reported it about.
 
 use std::fs;
 use std::path::Path;
@@ -121,10 +121,10 @@ fn a_machine_that_the_model_does_not_fit_is_refused_and_its_file_stays() {
     let old = fs::read_to_string(&file).expect("machine.toml");
     let output = tune(bench.path(), &[]);
     assert_eq!(output.status.code(), Some(1), "{}", words(&output));
-    let said = words(&output);
+    let printed = words(&output);
     assert!(
-        said.contains("axis X") && said.contains("nothing is written"),
-        "{said}"
+        printed.contains("axis X") && printed.contains("nothing is written"),
+        "{printed}"
     );
     assert_eq!(fs::read_to_string(&file).expect("machine.toml"), old);
     assert!(!bench.path().join("machine.toml.before-tune").exists());
@@ -141,16 +141,17 @@ fn an_axis_that_trips_during_the_test_motions_is_named_and_nothing_is_written() 
     fs::write(&file, &old).expect("machine.toml");
     let output = tune(bench.path(), &[]);
     assert_eq!(output.status.code(), Some(1), "{}", words(&output));
-    let said = words(&output);
+    let printed = words(&output);
     assert!(
-        said.contains("following error") && said.contains("axis X"),
-        "{said}"
+        printed.contains("following error") && printed.contains("axis X"),
+        "{printed}"
     );
     assert_eq!(fs::read_to_string(&file).expect("machine.toml"), old);
 }
 
 #[test]
-fn an_axis_without_a_scale_says_so_and_takes_its_lost_motion_as_told_and_a_dry_run_only_shows_it() {
+fn an_axis_without_a_scale_says_so_and_takes_its_lost_motion_as_reported_and_a_dry_run_only_shows_it()
+ {
     let scale = "[axis.scale]\nresolution_nm = 50.0      # [typ]\n";
     let bench = untuned(&[(scale, "")]);
     let file = bench.path().join("machine.toml");

@@ -1,4 +1,4 @@
-//! A cell that stays up: programs loaded, started, given up; orders in every state; deaths; its end.
+//! A cell that stays up: programs loaded, started, discarded; orders in every state; deaths; its end.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -36,16 +36,16 @@ fn ask(cell: &LiveCell, words: &[&str]) -> Said {
 
 /// An order that must be obeyed.
 fn obeyed(cell: &LiveCell, words: &[&str]) -> String {
-    let said = ask(cell, words);
-    assert_eq!(said.status, 0, "{words:?}: {}", said.text);
-    said.text
+    let printed = ask(cell, words);
+    assert_eq!(printed.status, 0, "{words:?}: {}", printed.text);
+    printed.text
 }
 
 /// An order that must be refused with these words, by the cell.
 fn refused(cell: &LiveCell, words: &[&str], why: &str) {
-    let said = ask(cell, words);
-    assert_eq!(said.status, 1, "{words:?}: {}", said.text);
-    assert!(said.text.contains(why), "{words:?}: {}", said.text);
+    let printed = ask(cell, words);
+    assert_eq!(printed.status, 1, "{words:?}: {}", printed.text);
+    assert!(printed.text.contains(why), "{words:?}: {}", printed.text);
 }
 
 /// A cell that is up, and two programs: circles for 6 s, and for minutes.
@@ -91,10 +91,10 @@ fn the_folder_of_a_cell_is_no_run_and_says_which_are_in_it() {
     for name in ["001-a", "002-b"] {
         fs::create_dir(folder.path().join(name)).expect("a run");
     }
-    let said = quadrant().arg("report").arg(folder.path()).output();
-    let said = said.expect("the command");
-    assert_eq!(said.status.code(), Some(2));
-    let words = String::from_utf8_lossy(&said.stderr).into_owned();
+    let printed = quadrant().arg("report").arg(folder.path()).output();
+    let printed = printed.expect("the command");
+    assert_eq!(printed.status.code(), Some(2));
+    let words = String::from_utf8_lossy(&printed.stderr).into_owned();
     assert!(
         words.contains("001-a to ") && words.contains("002-b"),
         "{words}"
@@ -123,25 +123,25 @@ fn programs_are_loaded_and_started_one_after_the_other_and_each_leaves_its_repor
     refused(&cell, &["start"], "the drives are off");
     obeyed(&cell, &["enable"]);
     refused(&cell, &["start"], "no program is loaded");
-    refused(&cell, &["resume"], "no program was begun");
+    refused(&cell, &["resume"], "no program is running");
     assert!(obeyed(&cell, &["load", &short]).contains("loaded short.ngc"));
     for run in 1..=2 {
-        let said = obeyed(&cell, &["start", "--wait"]);
-        assert!(said.contains(&format!("run {run} is done")), "{said}");
+        let printed = obeyed(&cell, &["start", "--wait"]);
+        assert!(printed.contains(&format!("run {run} is done")), "{printed}");
     }
     // By hand, in between.
     obeyed(&cell, &["jog", "Y", "4"]);
     cell.wait_for(|f| {
-        let way_nm = f.axes[1].command_register - 4_000_000;
+        let way_nm = f.axes[1].command_position - 4_000_000;
         is(f, Mode::Ready, ProgramState::Done) && way_nm.abs() < 20_000
     });
     obeyed(&cell, &["load", &long]);
     obeyed(&cell, &["start"]);
     cell.wait_for(|f| f.tag.element >= 2 && f.tag.distance_mm > 20.0);
-    refused(&cell, &["load", &short], "a program was begun");
-    refused(&cell, &["start"], "a program was begun");
+    refused(&cell, &["load", &short], "a program is running");
+    refused(&cell, &["start"], "a program is running");
     obeyed(&cell, &["stop"]);
-    cell.wait_for(|f| is(f, Mode::Stopped, ProgramState::Begun));
+    cell.wait_for(|f| is(f, Mode::Stopped, ProgramState::Running));
     // Given up for another one.
     obeyed(&cell, &["load", &short]);
     obeyed(&cell, &["start", "--wait"]);
@@ -187,11 +187,11 @@ fn programs_are_loaded_and_started_one_after_the_other_and_each_leaves_its_repor
 fn a_program_that_is_wrong_is_refused_before_the_cell_hears_of_it() {
     let (bench, cell, _, _) = up("realtime");
     let wrong = bench.file("wrong.ngc", "G21 G90\nG1 X5000 F100\nM2\n");
-    let said = ask(&cell, &["load", &wrong.display().to_string()]);
-    assert_eq!(said.status, 2, "{}", said.text);
-    assert!(said.text.contains("wrong.ngc"), "{}", said.text);
-    let said = ask(&cell, &["load", "no-such-file.ngc"]);
-    assert_eq!(said.status, 2, "{}", said.text);
+    let printed = ask(&cell, &["load", &wrong.display().to_string()]);
+    assert_eq!(printed.status, 2, "{}", printed.text);
+    assert!(printed.text.contains("wrong.ngc"), "{}", printed.text);
+    let printed = ask(&cell, &["load", "no-such-file.ngc"]);
+    assert_eq!(printed.status, 2, "{}", printed.text);
     assert!(programs_of(&cell).is_empty(), "{:?}", programs_of(&cell));
     down(cell);
 }
@@ -281,7 +281,7 @@ fn planner_servo_recorder_and_master_come_back_in_a_cell_that_stays() {
     let before = cell.wait_for(|_| true).incarnation;
     send(cell.pid_of("quadrant plant-sim"), libc::SIGKILL);
     let back = cell.wait_for(|f| f.incarnation > before);
-    assert!(is(&back, Mode::Disabled, ProgramState::Begun), "{back:?}");
+    assert!(is(&back, Mode::Disabled, ProgramState::Running), "{back:?}");
     assert_eq!((back.run, back.load), (1, 1));
     obeyed(&cell, &["enable"]);
     obeyed(&cell, &["resume"]);

@@ -18,6 +18,8 @@ use rustix::fs::{FlockOperation, flock};
 use crate::process::watch;
 
 const SHARED_MEMORY: &str = "/dev/shm";
+/// A segment without a size for so long is of a process that was killed over it.
+const UNFINISHED_FOR: Duration = Duration::from_millis(5);
 const OWNER_LOCK: &str = "owner.lock";
 const MEMBERS_LOCK: &str = "members.lock";
 /// Longest cell name: the socket path limit of iceoryx2 (68 characters for prefix and root) leaves no more.
@@ -66,7 +68,7 @@ pub enum CellError {
         /// The cell.
         cell: String,
     },
-    /// What stands in its place is not ours.
+    /// What is in its place is not ours.
     #[error("cell {cell:?}: {folder} {found}: name another cell with --cell")]
     Foreign {
         /// The cell.
@@ -151,7 +153,7 @@ impl CellPaths {
         entries.next().map(|entry| entry.path())
     }
 
-    /// Names of the cells whose folders are on this PC; whether they run is told by their page.
+    /// Names of the cells whose folders are on this PC; whether they run is reported by their page.
     pub fn names() -> Vec<String> {
         let entries = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
         let mut names: Vec<String> = entries
@@ -211,7 +213,7 @@ impl CellPaths {
     /// that find the cell's services, share nothing with other cells and clean nothing up.
     pub fn iceoryx2_toml(&self) -> String {
         format!(
-            "# iceoryx2 0.10: how to enter cell {:?} as a observer.\n[global]\nroot-path = {:?}\nprefix = {:?}\n\n\
+            "# iceoryx2 0.10: how to enter cell {:?} as an observer.\n[global]\nroot-path = {:?}\nprefix = {:?}\n\n\
              [global.node]\ncleanup-dead-nodes-on-creation = false\ncleanup-dead-nodes-on-destruction = false\n\n\
              [global.service]\ncleanup-dead-nodes-on-open = false\n",
             self.name,
@@ -283,9 +285,9 @@ impl CellPaths {
             return Ok(None);
         };
         let started = Instant::now();
-        let mut said = false;
+        let mut published = false;
         while flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
-            if !std::mem::replace(&mut said, true) && !patience.is_zero() {
+            if !std::mem::replace(&mut published, true) && !patience.is_zero() {
                 tracing::info!(
                     "processes of a cell {} whose launcher is gone still live: waiting for them to leave",
                     self.name
@@ -379,6 +381,34 @@ impl CellPaths {
         }
         fs::set_permissions(self.folder(), fs::Permissions::from_mode(0o700))
             .map_err(|e| self.error("closing its folder to others", e))
+    }
+
+    /// Segments without a size, by inode. A process makes a segment and gives it its size in one go, within microseconds.
+    fn unfinished(&self) -> Vec<(PathBuf, u64)> {
+        let prefix = self.segment_prefix();
+        let entries = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
+        entries
+            .filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix))
+            .filter_map(|entry| Some((entry.path(), entry.metadata().ok()?)))
+            .filter(|(_, found)| found.is_file() && found.len() == 0)
+            .map(|(path, found)| (path, found.ino()))
+            .collect()
+    }
+
+    /// Removes segments that still have no size after [`UNFINISHED_FOR`]: whoever made them was killed over it, and whoever opens
+    /// one would wait for its size without end (iceoryx2 0.10).
+    pub(crate) fn remove_unfinished(&self) {
+        let before = self.unfinished();
+        if before.is_empty() {
+            return;
+        }
+        std::thread::sleep(UNFINISHED_FOR);
+        for (path, inode) in self.unfinished() {
+            if before.contains(&(path.clone(), inode)) {
+                let removed = fs::remove_file(&path);
+                tracing::warn!(path = %path.display(), ?removed, "a segment that was never finished");
+            }
+        }
     }
 
     /// Removes all of the cell but its locks; to be called only while nobody lives. Returns how many files went.

@@ -149,7 +149,7 @@ impl Member {
             realtime::keep_off(core);
         }
         if self.slot.pace == Pace::Realtime {
-            // What is refused here was said once by the launcher, for all.
+            // What is refused here was published once by the launcher, for all.
             let _ = realtime::raise(priority);
             let _ = realtime::lock_memory();
         }

@@ -23,9 +23,9 @@ use iceoryx2::service::ipc;
 use crate::cell::CellError;
 use crate::sample::{
     AxisCommand, Feedback, Instruments, OperatorRequest, OperatorResponse, PlannerStatus, Roster,
-    WindowHeader, WindowRow,
+    Setpoint, WindowHeader,
 };
-use crate::service::{Bus, PubSub, ROLES, Sample, Topic, WINDOW_ROWS};
+use crate::service::{Bus, PubSub, ROLES, Sample, Topic, WINDOW_SETPOINTS};
 
 /// How old the newest sample of a reader is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -101,7 +101,7 @@ impl<T: Sample> Writer<T> {
     }
 
     /// Hands its history to readers that have come since the last sample; without it they get it with the next one.
-    pub fn greet(&self) {
+    pub fn connect_readers(&self) {
         let _ = self.publisher.update_connections();
     }
 
@@ -188,16 +188,16 @@ impl<T: Sample> Reader<T> {
 /// The planner's end of the setpoint service.
 #[derive(Debug)]
 pub struct WindowWriter {
-    publisher: Publisher<ipc::Service, [WindowRow], WindowHeader>,
+    publisher: Publisher<ipc::Service, [Setpoint], WindowHeader>,
 }
 
 impl WindowWriter {
     /// Sends a window; false if it could not be sent.
-    pub fn send(&mut self, header: &WindowHeader, rows: &[WindowRow]) -> bool {
-        match self.publisher.loan_slice_uninit(rows.len()) {
+    pub fn send(&mut self, header: &WindowHeader, setpoints: &[Setpoint]) -> bool {
+        match self.publisher.loan_slice_uninit(setpoints.len()) {
             Ok(mut loan) => {
                 *loan.user_header_mut() = *header;
-                loan.write_from_slice(rows).send().is_ok()
+                loan.write_from_slice(setpoints).send().is_ok()
             }
             Err(_) => false,
         }
@@ -207,13 +207,13 @@ impl WindowWriter {
 /// A reading end of the setpoint service.
 #[derive(Debug)]
 pub struct WindowReader {
-    subscriber: Subscriber<ipc::Service, [WindowRow], WindowHeader>,
-    set_aside: Option<iceoryx2::sample::Sample<ipc::Service, [WindowRow], WindowHeader>>,
+    subscriber: Subscriber<ipc::Service, [Setpoint], WindowHeader>,
+    set_aside: Option<iceoryx2::sample::Sample<ipc::Service, [Setpoint], WindowHeader>>,
 }
 
 impl WindowReader {
     /// Hands each window that may be acted on in `scan` to `take`, in order.
-    pub fn each(&mut self, scan: u64, mut take: impl FnMut(&WindowHeader, &[WindowRow])) {
+    pub fn each(&mut self, scan: u64, mut take: impl FnMut(&WindowHeader, &[Setpoint])) {
         loop {
             let sample = match self.set_aside.take() {
                 Some(sample) => sample,
@@ -375,7 +375,7 @@ impl Bus {
         let publisher = self
             .open_windows()?
             .publisher_builder()
-            .initial_max_slice_len(WINDOW_ROWS)
+            .initial_max_slice_len(WINDOW_SETPOINTS)
             .allocation_strategy(AllocationStrategy::Static)
             .max_loaned_samples(2)
             .backpressure_strategy(BackpressureStrategy::DiscardData)

@@ -18,8 +18,8 @@ pub const MAX_AXES: usize = 8;
 pub const MAX_PARTICIPANTS: usize = 24;
 /// The most instrument samples within one scan (one every 250 µs, scans of at most 2 ms).
 pub const MAX_SUBSAMPLES: usize = 8;
-/// The most rows one window can carry.
-pub const MAX_WINDOW_ROWS: usize = 1024;
+/// The most setpoints one window can carry.
+pub const MAX_WINDOW_SETPOINTS: usize = 1024;
 /// Words of eight bytes that a servo's state may take in a command: a servo asserts that its own fits.
 pub const SERVO_STATE_WORDS: usize = 96;
 
@@ -28,7 +28,7 @@ pub const SERVO_STATE_WORDS: usize = 96;
 #[type_name("quadrant/WindowId/1")]
 #[repr(C)]
 pub struct WindowId {
-    /// XXH3 over header and rows, so that two windows of one name cannot differ unnoticed.
+    /// XXH3 over header and setpoints, so that two windows of one name cannot differ unnoticed.
     pub checksum: u64,
     /// Counted by the planner from 1.
     pub sequence: u32,
@@ -50,7 +50,7 @@ impl WindowId {
     }
 }
 
-/// Where on the program's path a row stands; a restarted planner goes on from here.
+/// Where on the program's path a setpoint stands; a restarted planner goes on from here.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
 #[type_name("quadrant/PathTag/1")]
 #[repr(C)]
@@ -59,12 +59,12 @@ pub struct PathTag {
     pub distance_mm: f64,
     /// Index of the element in the expanded path.
     pub element: u32,
-    /// Scans of dwell still to wait at this row.
+    /// Scans of dwell still to wait at this setpoint.
     pub dwell_remaining_scans: u32,
 }
 
 impl PathTag {
-    /// Not on the program's path: jogging, drives off, or on the way back to where the path was left. No path has that
+    /// Not on the program's path: jogging, drives off, or on the return to where the path was left. No path has that
     /// many elements, so whoever looks the element up finds none.
     pub const OFF_PATH: PathTag = PathTag {
         distance_mm: 0.0,
@@ -80,16 +80,16 @@ impl PathTag {
 
 /// One scan of a window.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/WindowRow/1")]
+#[type_name("quadrant/Setpoint/1")]
 #[repr(C)]
-pub struct WindowRow {
+pub struct Setpoint {
     /// Position of every axis, in increments.
     pub position: [i64; MAX_AXES],
     /// Where on the path this is.
     pub tag: PathTag,
 }
 
-/// What stands before the rows of a window.
+/// What stands before the setpoints of a window.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
 #[type_name("quadrant/WindowHeader/1")]
 #[repr(C)]
@@ -98,7 +98,7 @@ pub struct WindowHeader {
     pub id: WindowId,
     /// The window it continues; none after a *no window* state.
     pub predecessor: WindowId,
-    /// Scan in which row 0 is executed.
+    /// Scan in which setpoint 0 is executed.
     pub first_scan: u64,
     /// First scan in which a reader may act on it.
     pub visible_from: u64,
@@ -106,11 +106,11 @@ pub struct WindowHeader {
     pub program_hash: u64,
     /// The master's epoch that a window without predecessor belongs to.
     pub epoch: u32,
-    /// Rows of intended motion; the others brake to rest.
-    pub intended_rows: u32,
-    /// Rows in all.
-    pub row_count: u32,
-    /// 1 if the last intended row is the end of the program.
+    /// Setpoints of intended motion; the others brake to rest.
+    pub intended_setpoints: u32,
+    /// Setpoints in all.
+    pub setpoint_count: u32,
+    /// 1 if the last intended setpoint is the end of the program.
     pub ends_program: u32,
 }
 
@@ -132,7 +132,7 @@ pub enum Mode {
     Finished = 5,
     /// A second controller moves an axis by hand; no window is executed.
     Jogging = 6,
-    /// Drives on, at rest, and no program is begun: of a cell that stays up.
+    /// Drives on, at rest, and no program is running: of a cell that stays up.
     Ready = 7,
 }
 
@@ -180,7 +180,7 @@ pub enum ProgramState {
     /// It can be started.
     Loaded = 2,
     /// It was started and is not done: moving, held, stopped, tripped or with the drives off.
-    Begun = 3,
+    Running = 3,
     /// It is done and can be started again.
     Done = 4,
 }
@@ -191,7 +191,7 @@ impl ProgramState {
         ProgramState::None,
         ProgramState::Loading,
         ProgramState::Loaded,
-        ProgramState::Begun,
+        ProgramState::Running,
         ProgramState::Done,
     ];
 
@@ -206,7 +206,7 @@ impl ProgramState {
             ProgramState::None => "none",
             ProgramState::Loading => "loading",
             ProgramState::Loaded => "loaded",
-            ProgramState::Begun => "begun",
+            ProgramState::Running => "running",
             ProgramState::Done => "done",
         }
     }
@@ -238,15 +238,15 @@ pub enum Cause {
     TorqueLimit = 10,
     /// The planner cannot go on (its program is unreadable, changed or out of limits).
     Planner = 11,
-    /// The axis stands at the programmed end and never came into its in-position window.
+    /// The axis is at the programmed end and never came into its in-position window.
     NotInPosition = 12,
-    /// The master died and was started anew: the drives have braked by themselves and are off.
+    /// The master died and was restarted: the drives have braked by themselves and are off.
     MasterLost = 13,
     /// The drive of the axis reports a fault of its own.
     DriveFault = 14,
     /// The drive of the axis does not answer any more.
     DriveLost = 15,
-    /// The drive of the axis is off, though it was not told so, or did not come on in time.
+    /// The drive of the axis is off, though it was not ordered so, or did not come on in time.
     DriveOff = 16,
     /// The axis has no reference: nobody knows where it is.
     NotReferenced = 17,
@@ -298,7 +298,7 @@ impl Cause {
             Cause::DriveLost => "drive does not answer",
             Cause::DriveOff => "drive is off, or did not come on in time",
             Cause::NotReferenced => "axis has no reference: home it first",
-            Cause::MasterLost => "master lost and started anew, drives off",
+            Cause::MasterLost => "master lost and restarted, drives off",
         }
     }
 }
@@ -312,9 +312,9 @@ pub struct AxisFeedback {
     pub motor_position: i64,
     /// Linear scale, in increments; equals the motor encoder where the axis has none.
     pub scale_position: i64,
-    /// The position register: where the axis is commanded to be. Follows the encoder while the drive is off.
-    pub command_register: i64,
-    /// Where the register is to be at the end of a jog; counts while [`AxisFeedback::driver`] is the manual controller.
+    /// The command position: where the axis is commanded to be. Follows the encoder while the drive is off.
+    pub command_position: i64,
+    /// Where the command position is to be at the end of a jog; counts while [`AxisFeedback::driver`] is the manual controller.
     pub jog_target: i64,
     /// Scan of the command that acts in this scan.
     pub command_scan: u64,
@@ -385,17 +385,17 @@ pub struct Feedback {
     pub voided: WindowId,
     /// Hash of the program that `tag` belongs to.
     pub program_hash: u64,
-    /// Where the row being executed stands on the path.
+    /// Where the setpoint being executed is on the path.
     pub tag: PathTag,
-    /// Where the path was left, and where a resumed program returns to; off the path as long as none was begun.
-    pub left_at: PathTag,
+    /// Where the path was left, and where a resumed program returns to; off the path as long as none was started.
+    pub interrupted_at: PathTag,
     /// First scan with the cause below.
     pub cause_scan: u64,
-    /// Command registers that the program was begun from: its path is expanded from there, by every planner of this run.
+    /// Command positions that the program was started from: its path is expanded from there, by every planner of this run.
     pub program_start: [i64; MAX_AXES],
-    /// Row of the window being executed in this scan.
-    pub row: u32,
-    /// 1 once that row is the window's last: the machine is commanded to rest.
+    /// Setpoint of the window being executed in this scan.
+    pub setpoint: u32,
+    /// 1 once that setpoint is the window's last: the machine is commanded to rest.
     pub at_rest: u32,
     /// The epoch: counts the *no window* states; a window without predecessor must name it.
     pub epoch: u32,
@@ -461,7 +461,7 @@ pub struct AxisCommand {
     pub scan: u64,
     /// First scan in which a reader may act on it.
     pub visible_from: u64,
-    /// Position command of this scan, in increments (the command register).
+    /// Position command of this scan, in increments.
     pub position: i64,
     /// Velocity command to the drive, in mm/s (velocity mode).
     pub velocity_mm_s: f64,
@@ -485,7 +485,7 @@ pub struct AxisCommand {
     pub pending: WindowId,
     /// Last window it refused, none if it never did.
     pub refused: WindowId,
-    /// Tag of the row this command was made from.
+    /// Tag of the setpoint this command was made from.
     pub tag: PathTag,
     /// The servo's state after this scan, as the servo lays it out: for the axis's other servo, which goes on from it to the
     /// bit. Nobody else can read it; what others need has a field of its own.
@@ -500,7 +500,7 @@ pub struct AxisCommand {
     pub drive_mode: u32,
     /// [`Cause`] of a stop this servo asks for.
     pub cause: u32,
-    /// 1 while the manual controller drives and has come to rest: at its target, or where it was told to stop.
+    /// 1 while the manual controller drives and has come to rest: at its target, or where it was ordered to stop.
     pub jog_done: u32,
 }
 

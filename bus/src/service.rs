@@ -4,6 +4,8 @@
 //! others only open them (a kill during creation would brick a service for good).
 
 use std::fmt::Debug;
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::time::Duration;
 
 use bytemuck::Pod;
 use iceoryx2::node::{Node, NodeBuilder};
@@ -14,19 +16,21 @@ use iceoryx2::service::port_factory::request_response;
 
 use crate::cell::{CellError, CellPaths};
 use crate::sample::{
-    AxisCommand, Feedback, Instruments, MAX_WINDOW_ROWS, OperatorRequest, OperatorResponse,
-    PlannerStatus, Roster, WindowHeader, WindowRow,
+    AxisCommand, Feedback, Instruments, MAX_WINDOW_SETPOINTS, OperatorRequest, OperatorResponse,
+    PlannerStatus, Roster, Setpoint, WindowHeader,
 };
 
 /// Scans the recorder's queues hold; in lockstep the master waits at half of it.
 pub const RECORDER_DEPTH_SCANS: usize = 1024;
 /// Samples a reader on the scan path holds.
 pub const SCAN_DEPTH: usize = 8;
-/// Samples a observer holds: the newest.
+/// Samples an observer holds: the newest.
 pub const VIEWER_DEPTH: usize = 1;
 /// Controllers an axis can have: roles a and b.
 pub const ROLES: [&str; 2] = ["a", "b"];
 
+/// Time between two looks for unfinished segments while dead processes are cleaned up after.
+const UNFINISHED_LOOK: Duration = Duration::from_millis(20);
 const VIEWERS_MAX: usize = 8;
 const NODES_SLACK: usize = 24;
 const READERS_MAX: usize = 20 + VIEWERS_MAX;
@@ -103,7 +107,7 @@ impl Services {
 }
 
 pub(crate) type PubSub<T> = PortFactory<ipc::Service, T, ()>;
-pub(crate) type Windows = PortFactory<ipc::Service, [WindowRow], WindowHeader>;
+pub(crate) type Windows = PortFactory<ipc::Service, [Setpoint], WindowHeader>;
 pub(crate) type Operator =
     request_response::PortFactory<ipc::Service, OperatorRequest, (), OperatorResponse, ()>;
 
@@ -214,7 +218,7 @@ impl Bus {
         let topic = &self.services.setpoint;
         self.node
             .service_builder(&self.service_name(&topic.name)?)
-            .publish_subscribe::<[WindowRow]>()
+            .publish_subscribe::<[Setpoint]>()
             .user_header::<WindowHeader>()
             .open()
             .map_err(|e| self.refuse(format!("opening {}: {e:?}", topic.name)))
@@ -238,7 +242,7 @@ impl Bus {
         let setpoint = self
             .node
             .service_builder(&self.service_name(&services.setpoint.name)?)
-            .publish_subscribe::<[WindowRow]>()
+            .publish_subscribe::<[Setpoint]>()
             .user_header::<WindowHeader>()
             .enable_safe_overflow(true)
             .max_publishers(1)
@@ -279,9 +283,22 @@ impl Bus {
     }
 
     /// Cleans up after dead processes; for the launcher alone, after it has reaped them.
+    ///
+    /// Segments that a process was killed over before they had a size go first, and as long as the cleaning lasts: iceoryx2
+    /// 0.10 waits for their size without end.
     pub fn clean_dead(&self) {
-        let state = self.node.try_cleanup_dead_nodes();
-        tracing::debug!(?state, "dead nodes cleaned");
+        self.place.remove_unfinished();
+        let (done, is_done) = mpsc::channel::<()>();
+        std::thread::scope(|scope| {
+            scope.spawn(move || {
+                while is_done.recv_timeout(UNFINISHED_LOOK) == Err(RecvTimeoutError::Timeout) {
+                    self.place.remove_unfinished();
+                }
+            });
+            let state = self.node.try_cleanup_dead_nodes();
+            tracing::debug!(?state, "dead nodes cleaned");
+            drop(done);
+        });
     }
 }
 
@@ -297,5 +314,5 @@ pub struct Created {
     _operator: Operator,
 }
 
-/// Rows for which the planner's segment has room.
-pub(crate) const WINDOW_ROWS: usize = MAX_WINDOW_ROWS;
+/// Setpoints for which the planner's segment has room.
+pub(crate) const WINDOW_SETPOINTS: usize = MAX_WINDOW_SETPOINTS;

@@ -142,7 +142,7 @@ struct Recorded {
 /// What the master asks of the launcher: one request at a time.
 #[repr(C, align(64))]
 struct Requests {
-    /// Requests made; the newest stands in the slot of its parity, so that the one before is never torn by it.
+    /// Requests made; the newest is in the slot of its parity, so that the one before is never torn by it.
     asked: AtomicU64,
     /// The last one that was answered.
     done: AtomicU64,
@@ -290,7 +290,7 @@ impl SignalPage {
         &self.layout().scan
     }
 
-    /// Rung at each distribution period boundary; the planner waits here.
+    /// Rung at each interpolation period boundary; the planner waits here.
     pub fn planner_signal(&self) -> &Signal {
         &self.layout().planner
     }
@@ -381,7 +381,7 @@ impl SignalPage {
         self.layout().launcher.raise();
     }
 
-    /// The incarnation that last said it was ready in this place.
+    /// The incarnation that last published it was ready in this place.
     pub fn ready_incarnation(&self, place: usize) -> u32 {
         self.layout()
             .places
@@ -580,7 +580,7 @@ mod tests {
     fn an_answer_to_an_earlier_request_does_not_answer_a_later_one() {
         with_page("late", |launcher, machine| {
             let first = machine.ask_launcher(1, FaultStep::Kill, 5);
-            // The master died and its replacement asks anew.
+            // The master died and its replacement asks again.
             let second = machine.ask_launcher(2, FaultStep::Stop, 6);
             launcher.launcher_done(first);
             assert!(!machine.is_done(second));

@@ -10,15 +10,15 @@
 use bytemuck::bytes_of;
 use xxhash_rust::xxh3::Xxh3;
 
-use crate::sample::{WindowHeader, WindowRow};
+use crate::sample::{Setpoint, WindowHeader};
 
-/// Checksum of a window: XXH3-64 over its header with the checksum field zeroed, then its rows.
-pub fn checksum(header: &WindowHeader, rows: &[WindowRow]) -> u64 {
+/// Checksum of a window: XXH3-64 over its header with the checksum field zeroed, then its setpoints.
+pub fn checksum(header: &WindowHeader, setpoints: &[Setpoint]) -> u64 {
     let mut header = *header;
     header.id.checksum = 0;
     let mut hash = Xxh3::new();
     hash.update(bytes_of(&header));
-    hash.update(bytemuck::cast_slice(rows));
+    hash.update(bytemuck::cast_slice(setpoints));
     hash.digest()
 }
 
@@ -30,16 +30,16 @@ mod tests {
     #[test]
     fn a_changed_row_or_header_changes_the_checksum_and_the_stored_one_does_not() {
         let mut header = WindowHeader::zeroed();
-        let mut rows = vec![WindowRow::zeroed(); 5];
-        let before = checksum(&header, &rows);
+        let mut setpoints = vec![Setpoint::zeroed(); 5];
+        let before = checksum(&header, &setpoints);
         header.id.checksum = before;
-        assert_eq!(before, checksum(&header, &rows));
+        assert_eq!(before, checksum(&header, &setpoints));
         header.first_scan = 1;
-        assert_ne!(before, checksum(&header, &rows));
+        assert_ne!(before, checksum(&header, &setpoints));
         header.first_scan = 0;
-        if let Some(row) = rows.get_mut(3) {
-            row.position[7] = 1;
+        if let Some(setpoint) = setpoints.get_mut(3) {
+            setpoint.position[7] = 1;
         }
-        assert_ne!(before, checksum(&header, &rows));
+        assert_ne!(before, checksum(&header, &setpoints));
     }
 }

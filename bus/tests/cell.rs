@@ -158,3 +158,23 @@ fn age_is_counted_in_scans() {
     assert_eq!(Age::of(Some(7), 7), Age::Fresh);
     assert_eq!(Age::of(Some(4), 7), Age::Stale { age_scans: 3 });
 }
+
+/// iceoryx2 waits without end for the size of a segment whose maker was killed between making it and giving it a size.
+#[test]
+fn a_segment_that_was_never_finished_goes_when_the_dead_are_cleaned_up_after() {
+    let place = place("size");
+    let owned = place.own(Duration::ZERO).expect("the cell");
+    let launcher = Bus::enter(&place, &shape(), "launcher", true).expect("shared memory");
+    let services = launcher.create_all().expect("services");
+    let mut writer = launcher.feedback_writer().expect("a writer");
+    let mut reader = launcher.feedback_reader(SCAN_DEPTH).expect("a reader");
+    let unfinished = format!("/dev/shm/qd-{}_unfinished.connection", place.name());
+    std::fs::write(&unfinished, "").expect("a segment without a size");
+    launcher.clean_dead();
+    assert!(!std::path::Path::new(&unfinished).exists());
+    writer.send(&Feedback::zeroed());
+    assert!(reader.any().is_some(), "the segments of the living stay");
+    drop((writer, reader, services));
+    drop(launcher);
+    drop(owned);
+}

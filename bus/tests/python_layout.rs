@@ -1,4 +1,4 @@
-//! `docs/python/quadrant_samples.py` is made from the samples themselves: whoever changes one makes it anew, or this goes red.
+//! `docs/python/quadrant_samples.py` is made from the samples themselves: whoever changes one makes it again, or this goes red.
 
 use std::fmt::Write;
 use std::mem::offset_of;
@@ -90,7 +90,7 @@ structure!(
     AxisFeedback {
         motor_position,
         scale_position,
-        command_register,
+        command_position,
         jog_target,
         command_scan,
         velocity_mm_s,
@@ -117,10 +117,10 @@ structure!(
         voided,
         program_hash,
         tag,
-        left_at,
+        interrupted_at,
         cause_scan,
         program_start,
-        row,
+        setpoint,
         at_rest,
         epoch,
         incarnation,

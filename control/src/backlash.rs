@@ -9,7 +9,7 @@
 use bytemuck::{Pod, Zeroable};
 
 /// Increments the command must go on in the new direction, as far as it is known ahead, before a change of sign is a
-/// reversal: a coordinate that ought to stand still may waver by one increment of rounding.
+/// reversal: a coordinate that ought to be at rest may waver by one increment of rounding.
 pub const REVERSAL_TRAVEL_MIN: i64 = 10;
 
 /// Adds half the lost motion in the direction of the command, so that each reversal is a step of the whole.

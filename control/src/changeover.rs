@@ -36,16 +36,16 @@ pub enum Phase {
 }
 
 /// Switches a motor from a first control device to a second and back, without a step in the speed command, and keeps
-/// the first one's position register true meanwhile.
+/// the first one's command position true meanwhile.
 ///
 /// ```text
 /// at a switch:   fade ← speed command before − own speed command      (each scan: fade ← fade·f)
-/// settling:      E1 counts what the motor drifts, register 1 stands
+/// settling:      E1 counts what the motor drifts, command position 1 stands
 /// returning:     offset ← offset + g·(E2 − E2 before the switch)      until that is within the tolerance
-/// then:          E0 ← E1;  from then on d = E1 − E0;  register 1 ← register 1 − d;  E1 ← E1 − d
+/// then:          E0 ← E1;  from then on d = E1 − E0;  command position 1 ← command position 1 − d;  E1 ← E1 − d
 /// ```
 ///
-/// The second device's speed command is `Kp·E2 + fade + offset`; [`Changeover::update`] gives the last two. Register less
+/// The second device's speed command is `Kp·E2 + fade + offset`; [`Changeover::update`] gives the last two. Command position less
 /// error is the encoder in every phase, to the increment. Every phase ends after `patience_scans` at the latest.
 ///
 /// Source: \[Fanuc-P2\] and \[Fanuc-P3\], docs/methods/two-controllers.md, which says what is interpretation (how
@@ -73,7 +73,7 @@ pub struct Changeover {
 /// Below this the fading share is none, in mm/s: an increment of 1 nm in a quarter of an hour.
 const FADED_MM_S: f64 = 1e-9;
 
-/// What [`Changeover`] remembers, beside the first device's [`FollowUpState`]: register, error counter, steady deviation.
+/// What [`Changeover`] remembers, beside the first device's [`FollowUpState`]: command position, error counter, steady deviation.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct ChangeoverState {
@@ -200,7 +200,7 @@ impl Changeover {
         state.settled_scans >= self.settle_scans || state.waited_scans > self.patience_scans
     }
 
-    /// The second device moves: whether the motor has settled is judged anew from its next rest on.
+    /// The second device moves: whether the motor has settled is judged again from its next rest on.
     pub fn moves(&self, state: &mut ChangeoverState) {
         state.settled_scans = 0;
         state.waited_scans = 0;
@@ -251,7 +251,7 @@ mod tests {
         first: FollowUpState,
         motor: Motor,
         gains_per_s: [f64; 2],
-        register: i64,
+        command_position: i64,
         second_command: i64,
         speed_mm_s: f64,
         /// Largest step of the speed command in a scan with a switch, in mm/s.
@@ -269,7 +269,7 @@ mod tests {
                     position: 0.0,
                 },
                 gains_per_s,
-                register: 0,
+                command_position: 0,
                 second_command: 0,
                 speed_mm_s: 0.0,
                 switch_step_mm_s: 0.0,
@@ -277,7 +277,9 @@ mod tests {
         }
 
         fn first_mm_s(&self) -> f64 {
-            self.gains_per_s[0] * (self.register - self.motor.encoder()) as f64 * INCREMENT_MM
+            self.gains_per_s[0]
+                * (self.command_position - self.motor.encoder()) as f64
+                * INCREMENT_MM
         }
 
         fn second_error(&self) -> i64 {
@@ -287,7 +289,7 @@ mod tests {
         fn first_scan(&mut self, switch: bool) {
             let own_mm_s = self.first_mm_s();
             if switch {
-                self.register = self.first.register;
+                self.command_position = self.first.command_position;
                 let own_mm_s = self.first_mm_s();
                 self.block
                     .to_first(&mut self.state, self.speed_mm_s, own_mm_s);
@@ -305,7 +307,7 @@ mod tests {
             self.second_command += step;
             if switch {
                 self.second_command = self.motor.encoder();
-                self.first = FollowUpState::closed(self.register, self.motor.encoder());
+                self.first = FollowUpState::closed(self.command_position, self.motor.encoder());
                 self.block
                     .to_second(&mut self.state, 0, self.speed_mm_s, 0.0);
             }
@@ -316,7 +318,7 @@ mod tests {
                 .block
                 .update(&mut self.state, &mut self.first, encoder, error);
             let first = &self.first;
-            assert_eq!(first.register - first.error, self.motor.encoder());
+            assert_eq!(first.command_position - first.error, self.motor.encoder());
             self.took(own_mm_s + added, switch);
         }
 
@@ -358,7 +360,7 @@ mod tests {
             let mut bench = Bench::new(variant, 0.05, [50.0, 20.0]);
             bench.rest(1000);
             // It stands with the error that holds the drift: 0.05 mm/s / 50 1/s = 1 µm.
-            assert_eq!(bench.register - bench.motor.encoder(), -1000);
+            assert_eq!(bench.command_position - bench.motor.encoder(), -1000);
             let stood = bench.motor.encoder();
             bench.change_over();
             let drifted = bench.first.encoder - stood;
@@ -369,7 +371,10 @@ mod tests {
                 "{variant:?}: {drifted} increments"
             );
             assert_eq!(bench.first.steady_deviation, -1000 - drifted);
-            assert_eq!(bench.first.register, 0, "the register has not moved");
+            assert_eq!(
+                bench.first.command_position, 0,
+                "the command position has not moved"
+            );
             // Back at the first, the motor stands where it stood.
             bench.first_scan(true);
             bench.rest(1000);
@@ -395,7 +400,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn through_any_sequence_of_switches_registers_are_true_and_the_speed_command_does_not_step(
+        fn through_any_sequence_of_switches_command_positions_are_true_and_the_speed_command_does_not_step(
             returns in any::<bool>(),
             drift_mm_s in -0.1f64..0.1,
             first_gain in 10.0f64..100.0,
@@ -406,10 +411,10 @@ mod tests {
             let mut bench = Bench::new(variant, drift_mm_s, [first_gain, second_gain]);
             for (rest, jog, wait) in turns {
                 bench.rest(rest);
-                let before = bench.register;
+                let before = bench.command_position;
                 bench.change_over();
                 let followed_from = bench.first.encoder;
-                prop_assert_eq!(bench.first.register, before);
+                prop_assert_eq!(bench.first.command_position, before);
                 for step in &jog {
                     bench.second_scan(false, *step);
                 }
@@ -417,9 +422,9 @@ mod tests {
                     bench.second_scan(false, 0);
                 }
                 let counted = bench.first.encoder - followed_from;
-                prop_assert_eq!(bench.first.register - before, counted);
+                prop_assert_eq!(bench.first.command_position - before, counted);
                 let deviation = bench.first.steady_deviation;
-                prop_assert_eq!(bench.first.register, bench.first.encoder + deviation);
+                prop_assert_eq!(bench.first.command_position, bench.first.encoder + deviation);
                 bench.first_scan(true);
             }
             prop_assert!(bench.switch_step_mm_s <= 1e-12, "{} mm/s", bench.switch_step_mm_s);

@@ -136,7 +136,7 @@ impl Sharing {
     }
 }
 
-/// The limits less the rounding of rows.
+/// The limits less the rounding of setpoints.
 struct PlanLimits {
     velocity_mm_s: [f64; MAX_AXES],
     acceleration_mm_s2: [f64; MAX_AXES],
@@ -209,7 +209,7 @@ impl Course {
         single_rapids: bool,
     ) -> Result<Self, MapError> {
         let mut course = Self::empty(limits);
-        let kinematics = &limits.rows().kinematics;
+        let kinematics = &limits.setpoints().kinematics;
         let mut start_mm = 0.0;
         // The element before, if motion can go on from it without a stop.
         let mut before: Option<&Element> = None;

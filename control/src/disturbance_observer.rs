@@ -18,7 +18,7 @@ use bytemuck::{Pod, Zeroable};
 /// Adding d̂ to the torque makes the velocity loop act as if it had the gain Kv + M·g and the integral gain Kv·g, at no cost
 /// at the reversals that the feed-forward foresees. Source: Ohnishi's disturbance observer (Ohnishi, Shibata, Murakami 1996), on the
 /// deviation from the feed-forward. Units: N, mm/s, kg; g in rad/s. First call: 0. Limit: the force it asks for is
-/// bounded by `limit_n`; a number that is not one makes it start anew.
+/// bounded by `limit_n`; a number that is not one makes it start again.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DisturbanceObserver {
     /// g, in rad/s; 0 switches it off.

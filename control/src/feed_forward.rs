@@ -8,11 +8,11 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// Most distribution periods that can be looked ahead.
+/// Most interpolation periods that can be looked ahead.
 pub const LOOK_AHEAD_PERIODS_MAX: usize = 16;
 const PERIODS_MAX: usize = LOOK_AHEAD_PERIODS_MAX + 2;
 
-/// What movement commands remember: the position command at the end of the last two distribution periods, in increments.
+/// What movement commands remember: the position command at the end of the last two interpolation periods, in increments.
 /// Their difference is the movement command of the period before the present one (R2 of the source).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
 #[repr(C)]
@@ -39,10 +39,10 @@ impl PeriodState {
     }
 }
 
-/// Movement commands (increments per distribution period) around the present scan: index 0 is the previous period (R2
+/// Movement commands (increments per interpolation period) around the present scan: index 0 is the previous period (R2
 /// of the source), 1 the present one (R1), 2 the next (R0), and so on as far as the window in force reaches.
 ///
-/// A period's command is the sum of its rows, so this is all that method 2 needs to know of a window. It is made anew
+/// A period's command is the sum of its setpoints, so this is all that method 2 needs to know of a window. It is made again
 /// each scan: nothing of a replaced future can stay behind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct MovementCommands {
@@ -59,11 +59,11 @@ impl MovementCommands {
         count: 2,
     };
 
-    /// From the positions at the last two period boundaries and from the rows still to come.
+    /// From the positions at the last two period boundaries and from the setpoints still to come.
     ///
     /// `period_start` is the position command of the last scan before the present period, `period_start_before` the
     /// same one period earlier; `position(i)` is the position command `i` scans from now (negative: already executed in
-    /// this period, then `period_start` may stand in for it). `scan_in_period` counts from 0.
+    /// this period, then `period_start` may be in for it). `scan_in_period` counts from 0.
     pub fn gather(
         period_start_before: i64,
         period_start: i64,
@@ -105,7 +105,7 @@ impl MovementCommands {
         }
     }
 
-    /// Whether the axis stands still all through this period.
+    /// Whether the axis is at rest all through this period.
     pub fn is_rest(&self, index: usize) -> bool {
         index >= self.count || self.rest.get(index).copied().unwrap_or(true)
     }
@@ -116,7 +116,7 @@ impl MovementCommands {
     }
 }
 
-/// Speed command smoothed over one distribution period and known ahead, without recursion.
+/// Speed command smoothed over one interpolation period and known ahead, without recursion.
 ///
 /// The source sums `SUM += R1 − R2` (first half of a period) and `SUM += R0 − R1` (second half) and takes
 /// `FF = α·SUM/N²`. For contiguous periods that sum is nothing but the linear interpolation between the movement
@@ -127,7 +127,7 @@ impl MovementCommands {
 /// the first call is like every other.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FeedForward {
-    /// N, scans per distribution period.
+    /// N, scans per interpolation period.
     pub scans_per_period: u32,
     /// α.
     pub coefficient: f64,

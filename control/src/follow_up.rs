@@ -8,15 +8,15 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// Keeps a position register true while nobody closes its loop, and lets the loop close again without a jump.
+/// Keeps a command position true while nobody closes its loop, and lets the loop close again without a jump.
 ///
 /// ```text
 /// at opening:  E0 ← E
-/// while open:  d = E − E0;  register ← register − d;  E ← E − d
+/// while open:  d = E − E0;  command position ← command position − d;  E ← E − d
 /// ```
 ///
-/// The error counter takes in the feedback's increments, so a push by +p makes `E = E0 − p`, `d = −p`, and the register
-/// goes with it by +p. `register − E` is the encoder, always: after any push the register is as far from it as it was at
+/// The error counter takes in the feedback's increments, so a push by +p makes `E = E0 − p`, `d = −p`, and the command position
+/// goes with it by +p. `command position − E` is the encoder, always: after any push the command position is as far from it as it was at
 /// the opening. Closing the loop finds the error `E0`, with which the motor stood.
 ///
 /// Source: \[Fanuc-P1\], docs/methods/follow-up.md. Units: increments. Exact; sums saturate at the ends of `i64`.
@@ -24,8 +24,8 @@ use bytemuck::{Pod, Zeroable};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct FollowUpState {
-    /// Present-position register: the command position.
-    pub register: i64,
+    /// Command position.
+    pub command_position: i64,
     /// Encoder of the scan before, whose increments the error counter has taken in.
     pub encoder: i64,
     /// Error counter E.
@@ -35,11 +35,11 @@ pub struct FollowUpState {
 }
 
 impl FollowUpState {
-    /// A loop that is closed: its register and the encoder now.
-    pub fn closed(register: i64, encoder: i64) -> FollowUpState {
+    /// A loop that is closed: its command position and the encoder now.
+    pub fn closed(command_position: i64, encoder: i64) -> FollowUpState {
         FollowUpState {
-            register,
-            error: register.saturating_sub(encoder),
+            command_position,
+            error: command_position.saturating_sub(encoder),
             steady_deviation: 0,
             encoder,
         }
@@ -50,7 +50,7 @@ impl FollowUpState {
         self.steady_deviation = self.error;
     }
 
-    /// The error counter takes in what the motor moved; the register stands.
+    /// The error counter takes in what the motor moved; the command position stands.
     pub fn count(&mut self, encoder: i64) {
         let moved = encoder.saturating_sub(self.encoder);
         self.error = self.error.saturating_sub(moved);
@@ -61,7 +61,7 @@ impl FollowUpState {
     pub fn follow(&mut self, encoder: i64) {
         self.count(encoder);
         let change = self.error.saturating_sub(self.steady_deviation);
-        self.register = self.register.saturating_sub(change);
+        self.command_position = self.command_position.saturating_sub(change);
         self.error = self.error.saturating_sub(change);
     }
 }
@@ -72,12 +72,15 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn the_register_follows_by_what_the_motor_was_pushed_and_the_error_stays() {
+    fn the_command_position_follows_by_what_the_motor_was_pushed_and_the_error_stays() {
         let mut state = FollowUpState::closed(1_000, 970);
         state.open();
-        for (encoder, register) in [(975, 1_005), (975, 1_005), (-30, 0), (970, 1_000)] {
+        for (encoder, command_position) in [(975, 1_005), (975, 1_005), (-30, 0), (970, 1_000)] {
             state.follow(encoder);
-            assert_eq!((state.register, state.error), (register, 30));
+            assert_eq!(
+                (state.command_position, state.error),
+                (command_position, 30)
+            );
         }
     }
 
@@ -92,28 +95,28 @@ mod tests {
 
     proptest! {
         #[test]
-        fn after_any_pushing_register_and_encoder_agree_to_the_increment_and_closing_steps_by_nothing(
-            register in -1_000_000_000i64..1_000_000_000,
+        fn after_any_pushing_command_position_and_encoder_agree_to_the_increment_and_closing_steps_by_nothing(
+            command_position in -1_000_000_000i64..1_000_000_000,
             error in -2_000_000i64..2_000_000,
             pushes in prop::collection::vec((-3_000_000i64..3_000_000, any::<bool>()), 0..200),
         ) {
-            let mut encoder = register - error;
-            let mut state = FollowUpState::closed(register, encoder);
+            let mut encoder = command_position - error;
+            let mut state = FollowUpState::closed(command_position, encoder);
             state.open();
             for (push, seen) in pushes {
                 encoder += push;
                 // A scan that nobody saw is made up by the next.
                 if seen {
                     state.follow(encoder);
-                    prop_assert_eq!(state.register, encoder + error);
+                    prop_assert_eq!(state.command_position, encoder + error);
                     prop_assert_eq!(state.error, error);
                 }
             }
             state.follow(encoder);
-            // Closed at this instant: the loop finds the error it was opened with, at a register that is true.
-            let closed = FollowUpState::closed(state.register, encoder);
+            // Closed at this instant: the loop finds the error it was opened with, at a command position that is true.
+            let closed = FollowUpState::closed(state.command_position, encoder);
             prop_assert_eq!(closed.error, error);
-            prop_assert_eq!(state.register - state.error, encoder);
+            prop_assert_eq!(state.command_position - state.error, encoder);
         }
     }
 }

@@ -19,7 +19,7 @@ const HISTORY: usize = 11;
 /// cannot step the wind-up of the screw. Its delay of 2/ω is made up for by looking that much further ahead.
 const SMOOTHING_RAD_S: f64 = 1500.0;
 
-/// Part of the table's Coulomb friction that the contact force must exceed for a crossing against the acceleration.
+/// Part of the table's Coulomb friction that the contact force must exceed for a traversal against the acceleration.
 const BACK_PART: f64 = 0.5;
 
 /// Which parts of the model are put out.
@@ -44,7 +44,7 @@ pub struct Parts {
 /// torque       T  = p·[fc + M1·x1'' + B1·x1' + f1(x1)]        f1, f2: Maxwell slip elements
 /// ```
 ///
-/// The gap is crossed along a smooth step (10u³ − 15u⁴ + 6u⁵) in the time `crossing_s`, half of it before the contact force
+/// The gap is crossed along a smooth step (10u³ − 15u⁴ + 6u⁵) in the time `traversal_s`, half of it before the contact force
 /// changes sign, half of it after: so neither an early nor a late crossing lets the table go. Everything is computed
 /// `lead_scans` ahead, the delay of a command until the middle of the scan that it acts in; the position command gets the
 /// compensation of that many scans ago. Learned residuals ([`LearnedTable`]) are added over the distance since the reversal.
@@ -72,7 +72,7 @@ pub struct InverseDynamics {
     /// Gap, in mm.
     pub gap_mm: f64,
     /// Time for crossing it, in s.
-    pub crossing_s: f64,
+    pub traversal_s: f64,
     /// Lead of the model over the position command, in scans, at most [`LEAD_SCANS_MAX`].
     pub lead_scans: f64,
     /// Scans by which the rate of the compensation is held back: 0 where the drive closes the velocity loop and gets it when the
@@ -157,9 +157,9 @@ pub struct Wanted {
 }
 
 impl InverseDynamics {
-    /// Lead at which the crossing of the gap is decided, in scans.
+    /// Lead at which the traversal of the gap is decided, in scans.
     pub fn far_lead_scans(&self) -> f64 {
-        self.lead_scans + 0.5 * self.crossing_s / self.scan_s
+        self.lead_scans + 0.5 * self.traversal_s / self.scan_s
     }
 
     /// Lead at which the contact force enters its filter, in scans.
@@ -184,7 +184,7 @@ impl InverseDynamics {
         let scale = learned.map_or(1.0, |table| table.friction_scale);
         let (gap_mm, gap_mm_s2) = self.cross_gap(state, &ahead.far, scale);
         let contact_n_per_s2 = self.carry(state, &ahead.near, scale);
-        let (learned_mm, learned_nm) = self.recall(state, &ahead.here, learned);
+        let (learned_mm, learned_nm) = self.load_trained(state, &ahead.here, learned);
 
         let modelled_mm = gap_mm + state.contact_n / self.stiffness_n_per_m * 1e3;
         let compensation_mm = if self.parts.compensation {
@@ -242,7 +242,7 @@ impl InverseDynamics {
         if contact_n != 0.0 && (with_acceleration || contact_n.abs() > lasting_n) {
             state.side_wanted = if contact_n > 0.0 { 1.0 } else { -1.0 };
         }
-        let step = 2.0 * self.scan_s / self.crossing_s;
+        let step = 2.0 * self.scan_s / self.traversal_s;
         let before = state.side;
         state.side += (state.side_wanted - before).max(-step).min(step);
         let rate_per_s = 0.5 * (state.side - before) / self.scan_s;
@@ -275,7 +275,7 @@ impl InverseDynamics {
     }
 
     /// What was learned of this place: on the position, in mm, and on the torque, in N·m.
-    fn recall(
+    fn load_trained(
         &self,
         state: &mut InverseDynamicsState,
         here: &Motion,
@@ -369,7 +369,7 @@ mod tests {
             table_viscous_n_s_per_m: 1000.0,
             stiffness_n_per_m: 1.2e8,
             gap_mm: 5e-3,
-            crossing_s: 3e-3,
+            traversal_s: 3e-3,
             lead_scans: 2.16,
             velocity_delay_scans: 0.0,
             motor_friction: slip(251.0),

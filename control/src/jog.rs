@@ -9,7 +9,7 @@
 /// Steps towards a target as fast as its limits allow and stops exactly there.
 ///
 /// Each scan takes the largest step `s` within `±a` of the last and `±v` from which braking by `a` per scan ends no
-/// farther than the target: `s + (s − a) + (s − 2a) + … ≤ way left`. Told to stop, it brakes by `a` per scan.
+/// farther than the target: `s + (s − a) + (s − 2a) + … ≤ way left`. Ordered to stop, it brakes by `a` per scan.
 ///
 /// Source: our own; a trapezoid of speed in integers (docs/methods/two-controllers.md). Units: increments and scans.
 /// Limits below 1 count as 1, so that it always arrives. First call: a step of 0.
@@ -111,7 +111,7 @@ mod tests {
         }
 
         #[test]
-        fn told_to_stop_it_brakes_to_rest_on_the_way(
+        fn ordered_to_stop_it_brakes_to_rest_on_the_way(
             target in 1_000_000i64..3_000_000,
             stop_at in 1usize..200,
         ) {

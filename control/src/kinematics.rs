@@ -16,12 +16,12 @@ pub enum Kinematics {
     /// Every axis of the machine is one of the program's: places of tool and axes are the same.
     #[default]
     Cartesian,
-    /// An arm stands in for Y.
+    /// An arm is in for Y.
     PivotY(PivotY),
 }
 
 impl Kinematics {
-    /// Where the axes stand for a place of the tool.
+    /// Where the axes are for a place of the tool.
     pub fn axes(&self, tool: &AxisVector) -> AxisVector {
         match self {
             Kinematics::Cartesian => *tool,
@@ -53,7 +53,7 @@ impl Kinematics {
         }
     }
 
-    /// At most how far apart the axes stand, per axis, where the tool's places on or beside an element are `gap` apart.
+    /// At most how far apart the axes are, per axis, where the tool's places on or beside an element are `gap` apart.
     pub fn axes_gap(&self, element: &Element, gap: &AxisVector) -> AxisVector {
         match self {
             Kinematics::Cartesian => gap.abs(),

@@ -1,4 +1,4 @@
-//! What runs before this one have taught about an axis's reversals.
+//! What runs before this one have learned about an axis's reversals.
 #![deny(
     clippy::unwrap_used,
     clippy::expect_used,

@@ -7,7 +7,7 @@ use crate::learned_table::{CELLS, DISTANCE_MAX_MM, LearnedTable, LearnedValue, c
 /// Part of a residual that one pass takes over. The source of docs/methods/physics.md §4 takes 0.7; here the scale of friction takes the
 /// large part at once, and what is left is taken slowly, so that a loop's own swing does not build up over passes.
 pub const GAIN: f64 = 0.4;
-/// Part of what was learned that a pass forgets: a lesson must be confirmed to stay.
+/// Part of what was learned that a pass forgets: a training must be confirmed to stay.
 pub const LEAK: f64 = 0.15;
 /// Nothing is learned farther from a reversal than this, in mm.
 const DISTANCE_LEARNED_MM: f64 = 4.0 * DISTANCE_MAX_MM;
@@ -48,9 +48,9 @@ const SCALE_STEP_MIN: f64 = 0.03;
 const SCALE_MIN: f64 = 0.4;
 const SCALE_MAX: f64 = 2.0;
 
-/// What a lesson is measured by and may not exceed.
+/// What a training is measured by and may not exceed.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LessonLimits {
+pub struct TrainingLimits {
     /// Coulomb friction of the model as a torque of the motor, in N·m; 0 where it is not fed forward, and so not scaled.
     pub coulomb_nm: f64,
     /// Largest learned torque, in N·m.
@@ -91,7 +91,7 @@ pub struct Learner {
 
 /// What a pass gave.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Lesson {
+pub struct Training {
     /// The table after it.
     pub table: LearnedTable,
     /// Root mean square of the residual torque near reversals in this run, in N·m: what the table in force left.
@@ -201,11 +201,11 @@ impl Learner {
         Some(0.5 * (far(positive)? - far(negative)?))
     }
 
-    /// What the run taught: the table after it; the one before where the run shows nothing of a cell.
+    /// What the run learned: the table after it; the one before where the run shows nothing of a cell.
     ///
     /// Where friction as a whole is off by more than 3 % it is scaled in this pass, for the shape of a wrong height is no
-    /// lesson; otherwise the residuals are taken over.
-    pub fn lesson(&self, table: &LearnedTable, limits: &LessonLimits) -> Lesson {
+    /// training; otherwise the residuals are taken over.
+    pub fn training(&self, table: &LearnedTable, limits: &TrainingLimits) -> Training {
         let residual_rms_nm = libm::sqrt(self.square_sum_nm2 / self.count.max(1.0));
         let part = self
             .friction_nm()
@@ -220,14 +220,14 @@ impl Learner {
         } else {
             self.residuals_into(table, limits)
         };
-        Lesson {
+        Training {
             table,
             residual_rms_nm,
             samples: self.count as u64,
         }
     }
 
-    fn residuals_into(&self, table: &LearnedTable, limits: &LessonLimits) -> LearnedTable {
+    fn residuals_into(&self, table: &LearnedTable, limits: &TrainingLimits) -> LearnedTable {
         // Encoder and scale have no common zero: what both directions share is no lost motion.
         let ends: Vec<f64> = self
             .cells
@@ -303,18 +303,18 @@ fn smoothed(values: &[LearnedValue], index: usize) -> LearnedValue {
 mod tests {
     use super::*;
 
-    const LIMITS: LessonLimits = LessonLimits {
+    const LIMITS: TrainingLimits = TrainingLimits {
         coulomb_nm: 0.7,
         torque_nm: 3.0,
         lost_motion_mm: 0.02,
     };
 
     /// Slow turns of 5 mm with this torque and lost motion, as functions of direction and distance in mm.
-    fn lesson(
+    fn training(
         table: &LearnedTable,
         torque_nm: impl Fn(f64, f64) -> f64,
         lost_mm: impl Fn(f64) -> f64,
-    ) -> Lesson {
+    ) -> Training {
         let mut learner = Learner::new(858.0, 1.59e-3, 1e-3, 3000.0);
         let (mut direction, mut turned_at, mut before) = (1.0, 0.0, 0.0);
         for scan in 0..12_000 {
@@ -333,12 +333,12 @@ mod tests {
                 ..Observation::default()
             });
         }
-        learner.lesson(table, &LIMITS)
+        learner.training(table, &LIMITS)
     }
 
     #[test]
     fn friction_as_a_whole_that_is_off_is_scaled_in_one_pass() {
-        let found = lesson(
+        let found = training(
             &LearnedTable::default(),
             |direction, _| 0.14 * direction,
             |_| 0.0,
@@ -355,7 +355,7 @@ mod tests {
     #[test]
     fn a_bump_over_distance_and_lost_motion_are_taken_over_by_the_gain() {
         let bump = |direction: f64, mm: f64| 0.2 * direction * libm::exp(-mm / 0.05);
-        let found = lesson(&LearnedTable::default(), bump, |direction| {
+        let found = training(&LearnedTable::default(), bump, |direction| {
             0.003 * direction
         });
         assert_eq!(found.table.friction_scale, 1.0);
@@ -375,9 +375,9 @@ mod tests {
     #[test]
     fn what_is_not_confirmed_is_forgotten() {
         let bump = |direction: f64, mm: f64| 0.2 * direction * libm::exp(-mm / 0.05);
-        let mut table = lesson(&LearnedTable::default(), bump, |_| 0.0).table;
+        let mut table = training(&LearnedTable::default(), bump, |_| 0.0).table;
         for _ in 0..20 {
-            table = lesson(&table, |_, _| 0.0, |_| 0.0).table;
+            table = training(&table, |_, _| 0.0, |_| 0.0).table;
         }
         assert!(table.value(true, 0.05).torque_nm.abs() < 0.01);
     }
@@ -392,7 +392,7 @@ mod tests {
                 ..Observation::default()
             });
         }
-        let found = learner.lesson(&LearnedTable::default(), &LIMITS);
+        let found = learner.training(&LearnedTable::default(), &LIMITS);
         assert_eq!((found.samples, found.table), (0, LearnedTable::default()));
     }
 }

@@ -1,10 +1,10 @@
-//! What the axes may do, and how much of it a plan may use so that rows of whole increments stay within it.
+//! What the axes may do, and how much of it a plan may use so that setpoints of whole increments stay within it.
 
 use thiserror::Error;
 
 use crate::kinematics::Kinematics;
 use crate::path::{AxisVector, MAX_AXES};
-use crate::row_settings::{RowSettings, StraightLines};
+use crate::setpoint_settings::{SetpointSettings, StraightLines};
 
 /// The limits of one axis, in its own units (mm for slides, degrees for rotary axes).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,7 +23,7 @@ pub struct AxisLimits {
 pub struct MotionLimits {
     axes: Vec<AxisLimits>,
     scan_period_s: f64,
-    rows: RowSettings,
+    setpoints: SetpointSettings,
 }
 
 /// Why limits cannot be planned with.
@@ -69,7 +69,7 @@ pub enum LimitsError {
     },
 }
 
-/// Rows in a difference of two rows, each off by up to what [`RowSettings`] say: half an increment where all axes are rounded,
+/// Setpoints in a difference of two setpoints, each off by up to what [`SetpointSettings`] say: half an increment where all axes are rounded,
 /// so one increment in all.
 const VELOCITY_ROUNDING_ROWS: f64 = 2.0;
 /// The same of a second difference: once, twice and once again, so two increments where all axes are rounded.
@@ -78,16 +78,16 @@ const ACCELERATION_ROUNDING_ROWS: f64 = 4.0;
 const ACCELERATION_GAP_INCREMENTS: f64 = 0.5;
 
 impl MotionLimits {
-    /// Checks and takes the limits of all axes; rows are rounded, and axes are the program's.
+    /// Checks and takes the limits of all axes; setpoints are rounded, and axes are the program's.
     pub fn new(axes: &[AxisLimits], scan_period_s: f64) -> Result<Self, LimitsError> {
-        Self::with_rows(axes, scan_period_s, RowSettings::default())
+        Self::with_setpoints(axes, scan_period_s, SetpointSettings::default())
     }
 
-    /// Checks and takes the limits of all axes, and how rows are made.
-    pub fn with_rows(
+    /// Checks and takes the limits of all axes, and how setpoints are made.
+    pub fn with_setpoints(
         axes: &[AxisLimits],
         scan_period_s: f64,
-        rows: RowSettings,
+        setpoints: SetpointSettings,
     ) -> Result<Self, LimitsError> {
         if axes.is_empty() || axes.len() > MAX_AXES {
             return Err(LimitsError::AxisCount(axes.len()));
@@ -95,15 +95,15 @@ impl MotionLimits {
         if !(scan_period_s > 0.0 && scan_period_s.is_finite()) {
             return Err(LimitsError::ScanPeriod(scan_period_s));
         }
-        if rows.straight_lines == StraightLines::MasterAxis
-            && rows.kinematics != Kinematics::Cartesian
+        if setpoints.straight_lines == StraightLines::MasterAxis
+            && setpoints.kinematics != Kinematics::Cartesian
         {
             return Err(LimitsError::NoStraightLines);
         }
         let limits = Self {
             axes: axes.to_vec(),
             scan_period_s,
-            rows,
+            setpoints,
         };
         for (axis, of_axis) in axes.iter().enumerate() {
             for (name, value) in [
@@ -147,12 +147,12 @@ impl MotionLimits {
         &self.axes
     }
 
-    /// How rows are made.
-    pub fn rows(&self) -> &RowSettings {
-        &self.rows
+    /// How setpoints are made.
+    pub fn setpoints(&self) -> &SetpointSettings {
+        &self.setpoints
     }
 
-    /// Time from one row to the next, in s.
+    /// Time from one setpoint to the next, in s.
     pub fn scan_period_s(&self) -> f64 {
         self.scan_period_s
     }
@@ -185,12 +185,12 @@ impl MotionLimits {
     }
 
     fn velocity_rounding_mm_s(&self, axis: &AxisLimits) -> f64 {
-        let increments = VELOCITY_ROUNDING_ROWS * self.rows.off_place_increments();
+        let increments = VELOCITY_ROUNDING_ROWS * self.setpoints.off_place_increments();
         increments * axis.increment_mm / self.scan_period_s
     }
 
     fn acceleration_rounding_mm_s2(&self, axis: &AxisLimits) -> f64 {
-        let increments = ACCELERATION_ROUNDING_ROWS * self.rows.off_place_increments()
+        let increments = ACCELERATION_ROUNDING_ROWS * self.setpoints.off_place_increments()
             + ACCELERATION_GAP_INCREMENTS;
         increments * axis.increment_mm / (self.scan_period_s * self.scan_period_s)
     }
@@ -245,12 +245,12 @@ mod tests {
 
     #[test]
     fn a_master_axis_takes_more_of_the_limits_and_goes_with_straight_axes_only() {
-        let master = RowSettings {
+        let master = SetpointSettings {
             straight_lines: StraightLines::MasterAxis,
-            ..RowSettings::default()
+            ..SetpointSettings::default()
         };
         let rounded = MotionLimits::new(&[SLIDE], 1e-3).unwrap();
-        let by_master = MotionLimits::with_rows(&[SLIDE], 1e-3, master).unwrap();
+        let by_master = MotionLimits::with_setpoints(&[SLIDE], 1e-3, master).unwrap();
         // An increment is 1 mm/s² at 1 nm and 1 ms: 2.5 and 10.5 of them.
         for (limits, left_mm_s2) in [(rounded, 1997.5), (by_master, 1989.5)] {
             let found_mm_s2 = limits.plan_acceleration_mm_s2()[0];
@@ -264,12 +264,12 @@ mod tests {
             arm_max_deg: 45.0,
             carries: Carries::Arm,
         };
-        let both = RowSettings {
+        let both = SetpointSettings {
             kinematics: Kinematics::PivotY(arm),
             ..master
         };
         assert_eq!(
-            MotionLimits::with_rows(&[SLIDE, SLIDE], 1e-3, both),
+            MotionLimits::with_setpoints(&[SLIDE, SLIDE], 1e-3, both),
             Err(LimitsError::NoStraightLines)
         );
     }

@@ -35,7 +35,7 @@ pub struct StraightLine {
     master: usize,
 }
 
-/// Where the accumulating form stands on a line; all zero at its start.
+/// Where the accumulating form is on a line; all zero at its start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LineState {
     /// I of the source, per axis: travel so far, counted in the direction of the axis' own travel.
@@ -79,7 +79,7 @@ impl StraightLine {
     }
 
     /// The source's block: the master goes on by `step` increments in its own direction (back if negative), the others
-    /// follow. The state then stands at the new place.
+    /// follow. The state then is at the new place.
     pub fn advance(&self, state: &mut LineState, step: i64) {
         let whole = self.master_travel();
         if whole == 0 {
@@ -94,7 +94,7 @@ impl StraightLine {
         }
     }
 
-    /// The place a state stands at, in increments.
+    /// The place a state is at, in increments.
     pub fn place(&self, state: &LineState) -> [i64; MAX_AXES] {
         let mut place = self.from;
         let of_axes = place.iter_mut().zip(&state.travelled).zip(&self.travel);
@@ -104,8 +104,8 @@ impl StraightLine {
         place
     }
 
-    /// The closed form of the same: the place at which the master stands at `master_position`, in increments, held
-    /// between start and end. A planner that starts anew at any row needs no remainder to go on with.
+    /// The closed form of the same: the place at which the master is at `master_position`, in increments, held
+    /// between start and end. A planner that starts again at any setpoint needs no remainder to go on with.
     pub fn at_master(&self, master_position: i64) -> [i64; MAX_AXES] {
         let whole = self.master_travel();
         let travel = self.travel.get(self.master).copied().unwrap_or(0);

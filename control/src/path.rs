@@ -126,7 +126,7 @@ pub fn displacement_length_mm(displacement: &AxisVector, rotary: &RotaryAxes) ->
 }
 
 /// Angle travelled about a centre from `from` to `to` in the plane of axes `plane` (first, second), in rad: positive
-/// counter-clockwise, negative clockwise. `turns` ≥ 1 counts the turns begun, as the P word does; 0 is read as 1.
+/// counter-clockwise, negative clockwise. `turns` ≥ 1 counts the turns, the last included, as the P word does; 0 is read as 1.
 ///
 /// Ends closer together than `full_circle_chord_mm` in the plane are one point: a full circle.
 pub fn sweep_between_rad(

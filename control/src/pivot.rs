@@ -1,4 +1,4 @@
-//! A pivot axis that stands in for Y: a swing arm about an axis parallel to Z, on a machine with X, B and Z.
+//! A pivot axis that is in for Y: a swing arm about an axis parallel to Z, on a machine with X, B and Z.
 #![deny(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -32,14 +32,14 @@ pub enum Carries {
 
 /// The arm and its slide.
 ///
-/// With the arm along X at θ = 0 the tool stands at
+/// With the arm along X at θ = 0 the tool is at
 ///
 /// ```text
 /// X = x ∓ L·(1 − cos θ)       Y = L·sin θ             − where the slide carries the arm, + where it carries the work
 /// x = X ± L·(1 − cos θ)       θ = asin(Y/L)           from which δx = ±L·(cos θ − cos(θ + Δθ)) of the source follows
 /// ```
 ///
-/// Source: Fanuc, numerical controller for a machine whose axis B stands in for Y (docs/methods/pivot-axis.md). Units: mm,
+/// Source: Fanuc, numerical controller for a machine whose axis B is in for Y (docs/methods/pivot-axis.md). Units: mm,
 /// degrees for the arm. Everything is computed from absolute positions: nothing drifts. All other axes pass through. A Y
 /// beyond the arm is taken as its end; paths are checked before ([`PivotY::check`]).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -91,8 +91,8 @@ pub enum OutOfReach {
         /// Upper end.
         high_mm: f64,
     },
-    /// The machine stands with its arm outside the range.
-    #[error("the arm stands at {angle_deg:.4}°: its range is {low_deg} to {high_deg}°")]
+    /// The machine is with its arm outside the range.
+    #[error("the arm is at {angle_deg:.4}°: its range is {low_deg} to {high_deg}°")]
     Start {
         /// Where it stands.
         angle_deg: f64,
@@ -122,7 +122,7 @@ impl PivotY {
         (y_mm / self.arm_length_mm).clamp(-1.0, 1.0)
     }
 
-    /// Where the axes stand for a place of the tool: X Y Z to X B Z.
+    /// Where the axes are for a place of the tool: X Y Z to X B Z.
     pub fn axes(&self, tool: &AxisVector) -> AxisVector {
         let mut axes = *tool;
         let y_mm = tool.get(self.arm).copied().unwrap_or(0.0);
@@ -135,7 +135,7 @@ impl PivotY {
         axes
     }
 
-    /// Where the tool stands on the part for a place of the axes: X B Z to X Y Z.
+    /// Where the tool is on the part for a place of the axes: X B Z to X Y Z.
     pub fn tool(&self, axes: &AxisVector) -> AxisVector {
         let mut tool = *axes;
         let angle_rad = axes.get(self.arm).copied().unwrap_or(0.0) / DEG_PER_RAD;
@@ -383,7 +383,7 @@ mod tests {
     }
 
     proptest! {
-        /// Axes in whole increments come back as the same increments: a start register is met to the bit.
+        /// Axes in whole increments come back as the same increments: a start command position is met to the bit.
         #[test]
         fn axes_to_tool_and_back_is_the_same_increment(
             x in -300_000_000i64..300_000_000,

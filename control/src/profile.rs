@@ -58,7 +58,7 @@ impl PathState {
         })
     }
 
-    /// Whether it stands still.
+    /// Whether it is at rest.
     pub fn is_at_rest(&self) -> bool {
         self.speed_mm_s == 0.0
     }

@@ -1,6 +1,6 @@
 //! The speed map: where along a path how fast it may be travelled and how hard sped up and braked.
 //!
-//! Limits are judged on rows one scan period `Tp` apart. The second difference of rows over `Tp²` is the acceleration of
+//! Limits are judged on setpoints one scan period `Tp` apart. The second difference of setpoints over `Tp²` is the acceleration of
 //! the continuous motion averaged under a triangle of half width `Tp` (weight `w(τ) = (1 − |τ|/Tp)/Tp`). So a motion whose
 //! continuous acceleration, impulses included, stays within the limit *on that average* stays within it at every scan,
 //! wherever the scans fall. Per axis `i`, with tangent `t`, curvature `κ` and path speed `v`:
@@ -35,8 +35,8 @@ const BRAKING_STEPS: usize = 64;
 pub struct MapSettings {
     /// Highest override that will be asked for; 1 is the programmed feed.
     pub override_max: f64,
-    /// Most rows a window has for braking to rest.
-    pub braking_rows_max: u32,
+    /// Most setpoints a window has for braking to rest.
+    pub braking_setpoints_max: u32,
 }
 
 /// Speed limits all along a path.
@@ -83,7 +83,7 @@ impl SpeedMap {
         let limited_by_window_mm_s = limit_to_window(
             &mut segments,
             override_max,
-            f64::from(settings.braking_rows_max) * limits.scan_period_s(),
+            f64::from(settings.braking_setpoints_max) * limits.scan_period_s(),
         );
         let moves = positioning.map_or_else(Vec::new, |positioning| {
             rapids::assign(path, limits, positioning, override_max, &mut segments)
@@ -155,7 +155,7 @@ fn check_geometry(path: &Path, limits: &MotionLimits) -> Result<(), MapError> {
         {
             return Err(MapError::NoSuchAxis { line });
         }
-        limits.rows().kinematics.check_reach(element)?;
+        limits.setpoints().kinematics.check_reach(element)?;
         let own_gap = match &element.shape {
             Shape::Arc { .. } => {
                 // The circle itself at both ends, not the stored end points that `point` gives there.
@@ -171,7 +171,7 @@ fn check_geometry(path: &Path, limits: &MotionLimits) -> Result<(), MapError> {
         };
         let between = previous_end.map_or(own_gap, |end| (element.start() - end).abs());
         for gap in [own_gap, between] {
-            let gap = limits.rows().kinematics.axes_gap(element, &gap);
+            let gap = limits.setpoints().kinematics.axes_gap(element, &gap);
             for (gap_mm, axis) in gap.iter().zip(limits.axes()) {
                 if *gap_mm > GAP_INCREMENTS_MAX * axis.increment_mm {
                     return Err(MapError::Gap {
@@ -240,7 +240,7 @@ mod tests {
     const FEED: Feed = Feed::PathMmS(1000.0);
     const SETTINGS: MapSettings = MapSettings {
         override_max: 1.0,
-        braking_rows_max: 100_000,
+        braking_setpoints_max: 100_000,
     };
 
     fn limits() -> MotionLimits {

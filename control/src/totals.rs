@@ -2,32 +2,32 @@
 
 use std::ops::ControlFlow;
 
-use crate::audit::{LimitShares, RowAudit, RowFault};
+use crate::audit::{LimitShares, SetpointAudit, SetpointFault};
 use crate::profile::PathState;
-use crate::window::{PlanError, Row, WindowPlanner, WindowRequest};
+use crate::window::{PlanError, PlannedSetpoint, WindowPlanner, WindowRequest};
 
 /// How a program is planned in advance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ProgramWalk {
     /// Override to plan at; 1 is the programmed feed.
     pub feed_override: f64,
-    /// Rows of intended motion in each window. All of them are executed; any number gives the same rows.
-    pub rows_per_window: u32,
+    /// Setpoints of intended motion in each window. All of them are executed; any number gives the same setpoints.
+    pub setpoints_per_window: u32,
 }
 
 /// What a program comes to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Totals {
-    /// Rows from the first at rest at the start to the first at rest at the end.
-    pub rows: u64,
+    /// Setpoints from the first at rest at the start to the first at rest at the end.
+    pub setpoints: u64,
     /// Time of the program, in s.
     pub time_s: f64,
     /// Distance along the path, in mm.
     pub distance_mm: f64,
     /// How much of the limits it uses.
     pub shares: LimitShares,
-    /// The first row over a limit or off the path: none, or the planner is wrong.
-    pub fault: Option<RowFault>,
+    /// The first setpoint over a limit or off the path: none, or the planner is wrong.
+    pub fault: Option<SetpointFault>,
     /// Whether the end was reached, not left by the caller's wish.
     pub complete: bool,
     /// The path speed that windows are limited to, if they are.
@@ -35,38 +35,38 @@ pub struct Totals {
 }
 
 impl ProgramWalk {
-    /// Plans from the start of the path to its end, handing out each row until the caller breaks off.
+    /// Plans from the start of the path to its end, handing out each setpoint until the caller breaks off.
     pub fn walk(
         &self,
         planner: &mut WindowPlanner,
-        mut each: impl FnMut(&Row) -> ControlFlow<()>,
+        mut each: impl FnMut(&PlannedSetpoint) -> ControlFlow<()>,
     ) -> Result<Totals, PlanError> {
-        let mut window = Vec::with_capacity(planner.rows_max());
+        let mut window = Vec::with_capacity(planner.setpoints_max());
         let mut from = PathState::default();
         let mut request = WindowRequest {
-            intended_rows: self.rows_per_window.max(1),
+            intended_setpoints: self.setpoints_per_window.max(1),
             feed_override: self.feed_override,
             repeats_start: true,
             ..WindowRequest::default()
         };
-        let mut audit: Option<RowAudit> = None;
-        let (mut rows, mut fault, mut complete) = (0u64, None, false);
+        let mut audit: Option<SetpointAudit> = None;
+        let (mut setpoints, mut fault, mut complete) = (0u64, None, false);
         // At no speed there is no end to come to.
         'windows: while self.feed_override > 0.0 && !complete {
             let outcome = planner.plan(&from, &request, &mut window)?;
             request.repeats_start = false;
-            for row in window.iter().take(outcome.intended_rows as usize) {
+            for setpoint in window.iter().take(outcome.intended_setpoints as usize) {
                 let audit = audit.get_or_insert_with(|| {
-                    RowAudit::at_rest(planner.limits().clone(), row.position_increments)
+                    SetpointAudit::at_rest(planner.limits().clone(), setpoint.position_increments)
                 });
-                let state = &row.state;
+                let state = &setpoint.state;
                 let judged = audit
-                    .row(&row.position_increments)
+                    .setpoint(&setpoint.position_increments)
                     .and_then(|()| audit.place(planner.path(), state.element, state.distance_mm));
                 fault = fault.or(judged.err());
-                rows += 1;
+                setpoints += 1;
                 from = *state;
-                if each(row).is_break() {
+                if each(setpoint).is_break() {
                     break 'windows;
                 }
             }
@@ -78,8 +78,8 @@ impl ProgramWalk {
         let path = planner.path();
         let behind = path.elements.iter().take(from.element as usize);
         Ok(Totals {
-            rows,
-            time_s: rows.saturating_sub(1) as f64 * planner.limits().scan_period_s(),
+            setpoints,
+            time_s: setpoints.saturating_sub(1) as f64 * planner.limits().scan_period_s(),
             distance_mm: behind.map(|element| element.length_mm).sum::<f64>() + from.distance_mm,
             shares: audit.map_or_else(LimitShares::default, |audit| *audit.shares()),
             fault,

@@ -1,4 +1,4 @@
-//! What starts a kick: the four triggers of docs/methods/backlash-acceleration.md.
+//! What starts a pulse: the four triggers of docs/methods/backlash-acceleration.md.
 #![deny(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -21,7 +21,7 @@ pub enum PositionErrorPart {
     Full,
 }
 
-/// What starts a kick.
+/// What starts a pulse.
 ///
 /// With s the new direction, ±1, and A = K·|R2 − R0| (0 where that is no acceleration):
 ///
@@ -42,7 +42,7 @@ pub enum Trigger {
     PositionError,
     /// Change of sign of the feed-forward.
     FeedForward,
-    /// Change of sign of the velocity command without the kick.
+    /// Change of sign of the velocity command without the pulse.
     VelocityCommand,
     /// Within A of the change of sign of the command's speed.
     CommandAcceleration(PositionErrorPart),
@@ -89,7 +89,7 @@ impl Trigger {
         }
     }
 
-    /// Speed in the new direction, negated, at which a kick that starts now began: distances are counted from there.
+    /// Speed in the new direction, negated, at which a pulse that starts now began: distances are counted from there.
     pub(crate) fn started_at_mm_s(&self, sign: f64, a_mm_s: f64, speeds: &Speeds) -> f64 {
         match self {
             Trigger::CommandAcceleration(_) => a_mm_s,

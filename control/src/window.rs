@@ -1,6 +1,6 @@
 //! Windows of setpoints: intended motion, then braking to rest along the same path.
 //!
-//! A window starts from the state of the row before it and depends on that state and the request alone. Its rows
+//! A window starts from the state of the setpoint before it and depends on that state and the request alone. Its setpoints
 //! are those of the window before wherever they overlap and nothing was asked to change, to the increment.
 #![deny(
     clippy::unwrap_used,
@@ -22,21 +22,21 @@ use crate::speed_map::{MapError, MapSettings, SpeedMap};
 
 /// One scan of setpoints.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Row {
-    /// Position of every axis, in increments: the path at the state's place, as [`MotionLimits::row`] makes it.
+pub struct PlannedSetpoint {
+    /// Position of every axis, in increments: the path at the state's place, as [`MotionLimits::setpoint`] makes it.
     pub position_increments: [i64; MAX_AXES],
-    /// Place and speed at this row. Element, distance and remaining dwell are its path tag; a window that replaces this
-    /// one after this row starts from here.
+    /// Place and speed at this setpoint. Element, distance and remaining dwell are its path tag; a window that replaces this
+    /// one after this setpoint starts from here.
     pub state: PathState,
 }
 
 /// What windows are to be like, for a whole run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WindowSettings {
-    /// Most rows of intended motion asked for.
-    pub intended_rows_max: u32,
-    /// Most rows that brake after them. Path speed is limited so that they suffice.
-    pub braking_rows_max: u32,
+    /// Most setpoints of intended motion asked for.
+    pub intended_setpoints_max: u32,
+    /// Most setpoints that brake after them. Path speed is limited so that they suffice.
+    pub braking_setpoints_max: u32,
     /// Highest override that is obeyed; 1 is the programmed feed.
     pub override_max: f64,
 }
@@ -44,8 +44,8 @@ pub struct WindowSettings {
 /// What one window is to do.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WindowRequest {
-    /// Rows of intended motion; less come out where the program ends.
-    pub intended_rows: u32,
+    /// Setpoints of intended motion; less come out where the program ends.
+    pub intended_setpoints: u32,
     /// Share of feeds and rapids to travel at, from 0 (hold) to the highest override; NaN holds.
     pub feed_override: f64,
     /// Brake now and stay at rest.
@@ -54,14 +54,14 @@ pub struct WindowRequest {
     pub single_block: bool,
     /// Go on from the end of a block. Ask once: it starts what `from` waits for, not what comes to wait later.
     pub start: bool,
-    /// Row 0 is `from` itself, which is at rest: the first window after *no window*.
+    /// Setpoint 0 is `from` itself, which is at rest: the first window after *no window*.
     pub repeats_start: bool,
 }
 
 impl Default for WindowRequest {
     fn default() -> Self {
         Self {
-            intended_rows: 0,
+            intended_setpoints: 0,
             feed_override: 1.0,
             hold: false,
             single_block: false,
@@ -74,11 +74,11 @@ impl Default for WindowRequest {
 /// What a window came to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WindowOutcome {
-    /// Rows of intended motion.
-    pub intended_rows: u32,
-    /// All rows. The last two have the same positions.
-    pub row_count: u32,
-    /// Whether the last intended row is the end of the program.
+    /// Setpoints of intended motion.
+    pub intended_setpoints: u32,
+    /// All setpoints. The last two have the same positions.
+    pub setpoint_count: u32,
+    /// Whether the last intended setpoint is the end of the program.
     pub ends_program: bool,
 }
 
@@ -89,10 +89,12 @@ pub enum PlanError {
     #[error(transparent)]
     Map(#[from] MapError),
     /// Settings that no window can keep.
-    #[error("{braking_rows_max} rows to brake in: a window needs at least {BRAKING_ROWS_MIN}")]
-    BrakingRows {
+    #[error(
+        "{braking_setpoints_max} setpoints to brake in: a window needs at least {BRAKING_ROWS_MIN}"
+    )]
+    BrakingSetpoints {
         /// What was found.
-        braking_rows_max: u32,
+        braking_setpoints_max: u32,
     },
     /// A state that is not on the path.
     #[error("element {element} at {distance_mm} mm and {speed_mm_s} mm/s is not on the path")]
@@ -105,18 +107,18 @@ pub enum PlanError {
         speed_mm_s: f64,
     },
     /// A state too fast for the path, which no window of this planner ever had.
-    #[error("braking from element {element} takes more than {braking_rows_max} rows")]
+    #[error("braking from element {element} takes more than {braking_setpoints_max} setpoints")]
     DoesNotStop {
         /// Index of the element where braking starts.
         element: u32,
-        /// Rows there are.
-        braking_rows_max: u32,
+        /// Setpoints there are.
+        braking_setpoints_max: u32,
     },
 }
 
-/// Fewest rows to brake in.
+/// Fewest setpoints to brake in.
 const BRAKING_ROWS_MIN: u32 = 8;
-/// Of the braking rows: one for the scan in which braking ends, one that repeats it, one for rounding.
+/// Of the braking setpoints: one for the scan in which braking ends, one that repeats it, one for rounding.
 const REST_ROWS: u32 = 3;
 
 /// Plans windows along one path. Owns all it needs; planning does not allocate.
@@ -147,16 +149,18 @@ impl WindowPlanner {
         positioning: Option<&Positioning>,
     ) -> Result<Self, PlanError> {
         let path = path.into();
-        let braking_rows_max = settings.braking_rows_max;
-        if braking_rows_max < BRAKING_ROWS_MIN {
-            return Err(PlanError::BrakingRows { braking_rows_max });
+        let braking_setpoints_max = settings.braking_setpoints_max;
+        if braking_setpoints_max < BRAKING_ROWS_MIN {
+            return Err(PlanError::BrakingSetpoints {
+                braking_setpoints_max,
+            });
         }
         let map = SpeedMap::with_positioning(
             &path,
             &limits,
             &MapSettings {
                 override_max: settings.override_max,
-                braking_rows_max: braking_rows_max - REST_ROWS,
+                braking_setpoints_max: braking_setpoints_max - REST_ROWS,
             },
             positioning,
         )?;
@@ -184,16 +188,18 @@ impl WindowPlanner {
         &self.map
     }
 
-    /// Most rows a window can have.
-    pub fn rows_max(&self) -> usize {
-        self.settings.intended_rows_max as usize + self.settings.braking_rows_max as usize + 1
+    /// Most setpoints a window can have.
+    pub fn setpoints_max(&self) -> usize {
+        self.settings.intended_setpoints_max as usize
+            + self.settings.braking_setpoints_max as usize
+            + 1
     }
 
-    /// The row of a state: what the machine's command register should hold there.
-    pub fn row(&self, state: &PathState) -> Option<Row> {
+    /// The setpoint of a state: what the machine's command position should hold there.
+    pub fn setpoint(&self, state: &PathState) -> Option<PlannedSetpoint> {
         let element = self.path.elements.get(state.element as usize)?;
-        Some(Row {
-            position_increments: self.limits.row(element, state.distance_mm),
+        Some(PlannedSetpoint {
+            position_increments: self.limits.setpoint(element, state.distance_mm),
             state: *state,
         })
     }
@@ -212,15 +218,15 @@ impl WindowPlanner {
             && state.is_at_rest()
     }
 
-    /// Fills `rows` with the window that follows `from`: the state of the row executed one scan before row 0, or, with
-    /// [`WindowRequest::repeats_start`], of row 0 itself.
+    /// Fills `setpoints` with the window that follows `from`: the state of the setpoint executed one scan before setpoint 0, or, with
+    /// [`WindowRequest::repeats_start`], of setpoint 0 itself.
     pub fn plan(
         &mut self,
         from: &PathState,
         request: &WindowRequest,
-        rows: &mut Vec<Row>,
+        setpoints: &mut Vec<PlannedSetpoint>,
     ) -> Result<WindowOutcome, PlanError> {
-        rows.clear();
+        setpoints.clear();
         let mut before = self.start(from, request)?;
         let feed_override = if request.hold || request.feed_override.is_nan() {
             0.0
@@ -233,46 +239,56 @@ impl WindowPlanner {
         });
         let mut traveller = Traveller::new(&self.map, self.limits.scan_period_s(), before.state);
         let mut ends_program = false;
-        let intended_rows_max = request.intended_rows.min(self.settings.intended_rows_max) as usize;
-        while rows.len() < intended_rows_max {
-            if !(request.repeats_start && rows.is_empty()) {
+        let intended_setpoints_max = request
+            .intended_setpoints
+            .min(self.settings.intended_setpoints_max)
+            as usize;
+        while setpoints.len() < intended_setpoints_max {
+            if !(request.repeats_start && setpoints.is_empty()) {
                 traveller.go(&mut self.envelope);
             }
-            before = row_at(&self.path, &self.limits, &traveller.state);
-            rows.push(before);
+            before = setpoint_at(&self.path, &self.limits, &traveller.state);
+            setpoints.push(before);
             ends_program = traveller.is_at_end();
             if ends_program {
                 break;
             }
         }
-        let intended_rows = rows.len() as u32;
+        let intended_setpoints = setpoints.len() as u32;
         let braking_from = traveller.state.element;
         loop {
             traveller.brake();
-            let row = row_at(&self.path, &self.limits, &traveller.state);
-            rows.push(row);
-            if traveller.state.is_at_rest() && row.position_increments == before.position_increments
+            let setpoint = setpoint_at(&self.path, &self.limits, &traveller.state);
+            setpoints.push(setpoint);
+            if traveller.state.is_at_rest()
+                && setpoint.position_increments == before.position_increments
             {
                 break;
             }
-            before = row;
-            if rows.len() >= intended_rows as usize + self.settings.braking_rows_max as usize {
-                rows.clear();
+            before = setpoint;
+            if setpoints.len()
+                >= intended_setpoints as usize + self.settings.braking_setpoints_max as usize
+            {
+                setpoints.clear();
                 return Err(PlanError::DoesNotStop {
                     element: braking_from,
-                    braking_rows_max: self.settings.braking_rows_max,
+                    braking_setpoints_max: self.settings.braking_setpoints_max,
                 });
             }
         }
         Ok(WindowOutcome {
-            intended_rows,
-            row_count: rows.len() as u32,
+            intended_setpoints,
+            setpoint_count: setpoints.len() as u32,
             ends_program,
         })
     }
 
-    /// The row of a state that a window can start from.
-    fn start(&self, from: &PathState, request: &WindowRequest) -> Result<Row, PlanError> {
+    /// The setpoint of a state that a window can start from.
+    fn start(
+        &self,
+        from: &PathState,
+        request: &WindowRequest,
+    ) -> Result<PlannedSetpoint, PlanError> {
         let on_path = self
             .path
             .elements
@@ -281,8 +297,8 @@ impl WindowPlanner {
         let speed_fits = from.speed_mm_s >= 0.0
             && from.speed_mm_s.is_finite()
             && (from.is_at_rest() || !request.repeats_start);
-        let mut row = match self.row(from) {
-            Some(row) if on_path && speed_fits => row,
+        let mut setpoint = match self.setpoint(from) {
+            Some(setpoint) if on_path && speed_fits => setpoint,
             _ => {
                 return Err(PlanError::State {
                     element: from.element,
@@ -291,17 +307,17 @@ impl WindowPlanner {
                 });
             }
         };
-        row.state.waits_for_start &= !request.start;
-        Ok(row)
+        setpoint.state.waits_for_start &= !request.start;
+        Ok(setpoint)
     }
 }
 
-fn row_at(path: &Path, limits: &MotionLimits, state: &PathState) -> Row {
+fn setpoint_at(path: &Path, limits: &MotionLimits, state: &PathState) -> PlannedSetpoint {
     let position_increments = match path.elements.get(state.element as usize) {
-        Some(element) => limits.row(element, state.distance_mm),
+        Some(element) => limits.setpoint(element, state.distance_mm),
         None => [0; MAX_AXES],
     };
-    Row {
+    PlannedSetpoint {
         position_increments,
         state: *state,
     }

@@ -2,13 +2,13 @@
 
 use std::ops::ControlFlow;
 
-use control::audit::RowAudit;
+use control::audit::SetpointAudit;
 use control::limits::{AxisLimits, MotionLimits};
 use control::path::{AxisVector, Element, Feed, Path};
 use control::positioning::{MotorLoad, Move, Positioning};
 use control::profile::PathState;
 use control::totals::ProgramWalk;
-use control::window::{Row, WindowPlanner, WindowRequest, WindowSettings};
+use control::window::{PlannedSetpoint, WindowPlanner, WindowRequest, WindowSettings};
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
@@ -52,34 +52,34 @@ fn planner(
         elements: elements.to_vec(),
     };
     let settings = WindowSettings {
-        intended_rows_max: 4000,
-        braking_rows_max: 900,
+        intended_setpoints_max: 4000,
+        braking_setpoints_max: 900,
         override_max: 1.0,
     };
     WindowPlanner::with_positioning(path, limits, settings, positioning).unwrap()
 }
 
-fn rows(planner: &mut WindowPlanner, rows_per_window: u32) -> Vec<Row> {
-    let mut rows = Vec::new();
+fn setpoints(planner: &mut WindowPlanner, setpoints_per_window: u32) -> Vec<PlannedSetpoint> {
+    let mut setpoints = Vec::new();
     let walk = ProgramWalk {
         feed_override: 1.0,
-        rows_per_window,
+        setpoints_per_window,
     };
     let totals = walk
-        .walk(planner, |row| {
-            rows.push(*row);
+        .walk(planner, |setpoint| {
+            setpoints.push(*setpoint);
             ControlFlow::Continue(())
         })
         .unwrap();
     assert_eq!(totals.fault, None);
     assert!(totals.complete);
-    rows
+    setpoints
 }
 
-/// Sum of a²·Tp of one axis over rows, in mm²/s³.
-fn heat(rows: &[Row], axis: usize) -> f64 {
-    let position = |row: &Row| row.position_increments[axis] as f64 * 1e-6;
-    let accelerations = rows.windows(3).map(|three| {
+/// Sum of a²·Tp of one axis over setpoints, in mm²/s³.
+fn heat(setpoints: &[PlannedSetpoint], axis: usize) -> f64 {
+    let position = |setpoint: &PlannedSetpoint| setpoint.position_increments[axis] as f64 * 1e-6;
+    let accelerations = setpoints.windows(3).map(|three| {
         (position(&three[2]) - 2.0 * position(&three[1]) + position(&three[0])) / (TP * TP)
     });
     accelerations.map(|a| a * a * TP).sum()
@@ -147,7 +147,7 @@ fn the_rest_after_each_rapid_is_what_the_program_has() {
         move_of(&planner, 0).rest_s[0],
         time_s(1) + 0.6 + 0.25 + time_s(4),
     );
-    // Y stands still in the first move, and its only move has the rest of the program behind it.
+    // Y is at rest in the first move, and its only move has the rest of the program behind it.
     assert_eq!(move_of(&planner, 0).rest_s[1], 0.0);
     near(
         move_of(&planner, 5).rest_s[1],
@@ -179,11 +179,11 @@ fn more_rest_makes_a_rapid_faster_and_none_is_above_the_rating() {
         // The rounding up to whole scans is all that is given away.
         let scans = before_s / TP;
         assert!((scans - scans.round()).abs() < 1e-9);
-        // As the rows have it: inertia, and friction while it moves.
-        let rows = rows(&mut planner, 8);
-        let of_move: Vec<Row> = rows
+        // As the setpoints have it: inertia, and friction while it moves.
+        let setpoints = setpoints(&mut planner, 8);
+        let of_move: Vec<PlannedSetpoint> = setpoints
             .iter()
-            .filter(|row| row.state.element <= first.element + 1)
+            .filter(|setpoint| setpoint.state.element <= first.element + 1)
             .copied()
             .collect();
         let inertia_n2_s = (MASS_KG * 1e-3).powi(2) * heat(&of_move, 0);
@@ -205,24 +205,24 @@ fn the_rows_of_a_rapid_lie_on_the_parabola() {
     let mut planner = planner(&elements, limits(1000.0, 50_000.0), Some(&positioning));
     let of_move = planner.speed_map().moves()[0];
     let r = of_move.profile.travel_time_s();
-    let rows = rows(&mut planner, 8);
-    let first = rows
+    let setpoints = setpoints(&mut planner, 8);
+    let first = setpoints
         .iter()
-        .position(|row| row.state.element == of_move.element)
+        .position(|setpoint| setpoint.state.element == of_move.element)
         .unwrap();
-    // One scan of the wait is row 0, ten are waited; the first row on the move is one scan into it.
-    for (index, row) in rows.iter().enumerate().skip(first) {
-        if row.state.element != of_move.element {
+    // One scan of the wait is setpoint 0, ten are waited; the first setpoint on the move is one scan into it.
+    for (index, setpoint) in setpoints.iter().enumerate().skip(first) {
+        if setpoint.state.element != of_move.element {
             break;
         }
         let tau = (index - first + 1) as f64 * TP / r;
         let x = 30.0 * tau * tau * (3.0 - 2.0 * tau);
-        let off_nm = row.position_increments[0] as f64 - x * 1e6;
+        let off_nm = setpoint.position_increments[0] as f64 - x * 1e6;
         assert!(off_nm.abs() <= 0.51, "{index}: {off_nm} nm");
     }
-    let arrived = rows
+    let arrived = setpoints
         .iter()
-        .position(|row| row.position_increments[0] == 30_000_000)
+        .position(|setpoint| setpoint.position_increments[0] == 30_000_000)
         .unwrap();
     assert_eq!(arrived - (first - 1), (r / TP).round() as usize);
 }
@@ -238,8 +238,8 @@ fn constant_acceleration_costs_four_thirds_of_the_parabolas_heat() {
     let r: f64 = 99.5e-3;
     let rated_n = MASS_KG * 1e-3 * (12.0 * 100.0 / (r.powi(3) * (r + 0.1))).sqrt();
     let positioning = motors(rated_n, 0.0);
-    let with = rows(&mut planner(&elements, parabola, Some(&positioning)), 8);
-    let without = rows(&mut planner(&elements, triangle, None), 8);
+    let with = setpoints(&mut planner(&elements, parabola, Some(&positioning)), 8);
+    let without = setpoints(&mut planner(&elements, triangle, None), 8);
     assert_eq!(with.len(), without.len(), "equal travel times");
     let ratio = heat(&without, 0) / heat(&with, 0);
     println!("triangle : parabola = {ratio:.6}");
@@ -252,12 +252,12 @@ fn where_the_limits_leave_no_choice_it_is_as_fast_as_without() {
     let elements = drilling();
     let positioning = motors(50_000.0, 0.0);
     let limits = limits(250.0, 5000.0);
-    let with = rows(
+    let with = setpoints(
         &mut planner(&elements, limits.clone(), Some(&positioning)),
         8,
     )
     .len();
-    let without = rows(&mut planner(&elements, limits, None), 8).len();
+    let without = setpoints(&mut planner(&elements, limits, None), 8).len();
     // Six rapids: up to a scan each for whole scans and for a stop; two feeds from rest that cost up to four scans.
     assert!(with >= without && with <= without + 20, "{with} {without}");
 }
@@ -275,21 +275,21 @@ fn rapids_that_run_into_one_another_keep_their_speed() {
     assert_eq!(with.speed_map().moves(), []);
 }
 
-/// Executes a program in windows of 8 rows, each of which may be asked for anything; checks limits, path and tails.
+/// Executes a program in windows of 8 setpoints, each of which may be asked for anything; checks limits, path and tails.
 struct Run {
     planner: WindowPlanner,
-    audit: RowAudit,
-    window: Vec<Row>,
-    last: Row,
+    audit: SetpointAudit,
+    window: Vec<PlannedSetpoint>,
+    last: PlannedSetpoint,
     request: WindowRequest,
 }
 
 impl Run {
     fn start(mut planner: WindowPlanner) -> Self {
-        let last = planner.row(&PathState::default()).unwrap();
-        let audit = RowAudit::at_rest(planner.limits().clone(), last.position_increments);
+        let last = planner.setpoint(&PathState::default()).unwrap();
+        let audit = SetpointAudit::at_rest(planner.limits().clone(), last.position_increments);
         let request = WindowRequest {
-            intended_rows: 32,
+            intended_setpoints: 32,
             ..WindowRequest::default()
         };
         let mut window = Vec::new();
@@ -303,27 +303,27 @@ impl Run {
         }
     }
 
-    /// Executes 8 rows of the next window, and looks at where its tail would end. Whether the program is done.
+    /// Executes 8 setpoints of the next window, and looks at where its tail would end. Whether the program is done.
     fn period(&mut self) -> bool {
         let outcome = self
             .planner
             .plan(&self.last.state, &self.request, &mut self.window)
             .unwrap();
-        for row in self.window.iter().take(8) {
-            self.audit.row(&row.position_increments).unwrap();
-            let state = &row.state;
+        for setpoint in self.window.iter().take(8) {
+            self.audit.setpoint(&setpoint.position_increments).unwrap();
+            let state = &setpoint.state;
             self.audit
                 .place(self.planner.path(), state.element, state.distance_mm)
                 .unwrap();
-            self.last = *row;
+            self.last = *setpoint;
         }
         let mut tail = self.audit.clone();
-        for row in self.window.iter().skip(8) {
-            tail.row(&row.position_increments).unwrap();
+        for setpoint in self.window.iter().skip(8) {
+            tail.setpoint(&setpoint.position_increments).unwrap();
         }
         tail.end().unwrap();
         assert!(self.window.last().unwrap().state.is_at_rest());
-        outcome.ends_program && outcome.intended_rows <= 8
+        outcome.ends_program && outcome.intended_setpoints <= 8
     }
 
     fn finish(&mut self) {
@@ -369,17 +369,17 @@ fn the_override_slows_a_parabola_down_in_proportion_and_may_change_within_it() {
     let elements = shuttle(60.0, 1, 0.02);
     let of = || planner(&elements, limits(250.0, 5000.0), Some(&positioning));
     let scans_at = |feed_override: f64| {
-        let mut rows_on_move = 0;
+        let mut setpoints_on_move = 0;
         let walk = ProgramWalk {
             feed_override,
-            rows_per_window: 8,
+            setpoints_per_window: 8,
         };
-        let totals = walk.walk(&mut of(), |row| {
-            rows_on_move += u32::from(row.state.element == 1);
+        let totals = walk.walk(&mut of(), |setpoint| {
+            setpoints_on_move += u32::from(setpoint.state.element == 1);
             ControlFlow::Continue(())
         });
         assert_eq!(totals.unwrap().fault, None);
-        f64::from(rows_on_move)
+        f64::from(setpoints_on_move)
     };
     let full = scans_at(1.0);
     assert!((scans_at(0.5) - 2.0 * full).abs() <= 2.0);
@@ -439,13 +439,13 @@ fn after_a_hold_the_rest_of_the_way_is_the_parabola_again() {
 }
 
 #[test]
-fn a_planner_started_anew_goes_on_from_the_tag_of_any_row() {
+fn a_planner_restarted_goes_on_from_the_tag_of_any_setpoint() {
     let positioning = motors(2500.0, 300.0);
     let mut planner = planner(&drilling(), limits(250.0, 5000.0), Some(&positioning));
-    let all = rows(&mut planner, 8);
+    let all = setpoints(&mut planner, 8);
     let mut window = Vec::new();
-    for row in all.iter().step_by(7) {
-        let tag = row.state;
+    for setpoint in all.iter().step_by(7) {
+        let tag = setpoint.state;
         let from = PathState::resume(
             planner.path(),
             tag.element,
@@ -454,15 +454,16 @@ fn a_planner_started_anew_goes_on_from_the_tag_of_any_row() {
         )
         .unwrap();
         let request = WindowRequest {
-            intended_rows: 4000,
+            intended_setpoints: 4000,
             repeats_start: true,
             ..WindowRequest::default()
         };
         let outcome = planner.plan(&from, &request, &mut window).unwrap();
         assert!(outcome.ends_program);
-        let mut audit = RowAudit::at_rest(planner.limits().clone(), row.position_increments);
-        for row in &window {
-            audit.row(&row.position_increments).unwrap();
+        let mut audit =
+            SetpointAudit::at_rest(planner.limits().clone(), setpoint.position_increments);
+        for setpoint in &window {
+            audit.setpoint(&setpoint.position_increments).unwrap();
         }
         audit.end().unwrap();
         assert_eq!(
@@ -473,12 +474,12 @@ fn a_planner_started_anew_goes_on_from_the_tag_of_any_row() {
 }
 
 #[test]
-fn the_number_of_rows_in_a_window_changes_no_row() {
+fn the_number_of_setpoints_in_a_window_changes_no_setpoint() {
     let positioning = motors(2500.0, 300.0);
-    let of = |rows_per_window| {
-        rows(
+    let of = |setpoints_per_window| {
+        setpoints(
             &mut planner(&drilling(), limits(250.0, 5000.0), Some(&positioning)),
-            rows_per_window,
+            setpoints_per_window,
         )
     };
     assert_eq!(of(1), of(8));

@@ -1,19 +1,19 @@
-//! Windows of setpoints over random programs: every row within the limits, on the path, and at rest at the end.
+//! Windows of setpoints over random programs: every setpoint within the limits, on the path, and at rest at the end.
 
 use std::ops::ControlFlow;
 
-use control::audit::RowAudit;
+use control::audit::SetpointAudit;
 use control::kinematics::Kinematics;
 use control::limits::{AxisLimits, MotionLimits};
 use control::path::{AxisVector, Element, Feed, Path};
 use control::pivot::{Carries, PivotY};
 use control::positioning::{MotorLoad, Positioning};
 use control::profile::PathState;
-use control::row_settings::{RowSettings, StraightLines};
+use control::setpoint_settings::{SetpointSettings, StraightLines};
 use control::speed_map::MapError;
 use control::totals::{ProgramWalk, Totals};
 use control::window::{
-    PlanError, Row, WindowOutcome, WindowPlanner, WindowRequest, WindowSettings,
+    PlanError, PlannedSetpoint, WindowOutcome, WindowPlanner, WindowRequest, WindowSettings,
 };
 use proptest::prelude::*;
 
@@ -32,17 +32,21 @@ const SLIDES: [(f64, f64); 3] = [(250.0, 2000.0), (250.0, 2500.0), (100.0, 1500.
 /// The same with an arm between the slides, in degrees.
 const WITH_ARM: [(f64, f64); 3] = [(250.0, 2000.0), (90.0, 900.0), (100.0, 1500.0)];
 
-fn limits_of_rows(scan_period_s: f64, rows: RowSettings, of_axes: [(f64, f64); 3]) -> MotionLimits {
+fn limits_of_setpoints(
+    scan_period_s: f64,
+    setpoints: SetpointSettings,
+    of_axes: [(f64, f64); 3],
+) -> MotionLimits {
     let axes = of_axes.map(|(velocity_mm_s, acceleration_mm_s2)| AxisLimits {
         velocity_mm_s,
         acceleration_mm_s2,
         increment_mm: 1e-6,
     });
-    MotionLimits::with_rows(&axes, scan_period_s, rows).unwrap()
+    MotionLimits::with_setpoints(&axes, scan_period_s, setpoints).unwrap()
 }
 
 fn limits(scan_period_s: f64) -> MotionLimits {
-    limits_of_rows(scan_period_s, RowSettings::default(), SLIDES)
+    limits_of_setpoints(scan_period_s, SetpointSettings::default(), SLIDES)
 }
 
 /// Motors for the three slides, from far weaker than their limits of acceleration ask for to stronger.
@@ -54,34 +58,43 @@ fn loads(rated_n: [f64; 3]) -> Positioning {
     positioning
 }
 
-fn settings(intended_rows_max: u32) -> WindowSettings {
+fn settings(intended_setpoints_max: u32) -> WindowSettings {
     WindowSettings {
-        intended_rows_max,
-        braking_rows_max: 900,
+        intended_setpoints_max,
+        braking_setpoints_max: 900,
         override_max: 1.5,
     }
 }
 
-fn planner(elements: Vec<Element>, scan_period_s: f64, intended_rows_max: u32) -> WindowPlanner {
+fn planner(
+    elements: Vec<Element>,
+    scan_period_s: f64,
+    intended_setpoints_max: u32,
+) -> WindowPlanner {
     let path = Path { elements };
-    WindowPlanner::new(path, limits(scan_period_s), settings(intended_rows_max)).unwrap()
+    WindowPlanner::new(
+        path,
+        limits(scan_period_s),
+        settings(intended_setpoints_max),
+    )
+    .unwrap()
 }
 
-fn walk(planner: &mut WindowPlanner, rows_per_window: u32) -> (Totals, Vec<Row>) {
-    let mut rows = Vec::new();
+fn walk(planner: &mut WindowPlanner, setpoints_per_window: u32) -> (Totals, Vec<PlannedSetpoint>) {
+    let mut setpoints = Vec::new();
     let walk = ProgramWalk {
         feed_override: 1.0,
-        rows_per_window,
+        setpoints_per_window,
     };
     let totals = walk
-        .walk(planner, |row| {
-            rows.push(*row);
+        .walk(planner, |setpoint| {
+            setpoints.push(*setpoint);
             ControlFlow::Continue(())
         })
         .unwrap();
     assert_eq!(totals.fault, None);
     assert!(totals.complete);
-    (totals, rows)
+    (totals, setpoints)
 }
 
 fn polyline(points: &[AxisVector], feed: Feed) -> Vec<Element> {
@@ -267,7 +280,7 @@ enum Event {
     Nothing,
     Override(f64),
     Hold(bool),
-    /// No new window for so many rows.
+    /// No new window for so many setpoints.
     Silence(usize),
     SingleBlock(bool),
     Start,
@@ -288,27 +301,27 @@ fn any_event() -> impl Strategy<Value = Event> {
 /// A machine that executes windows, and checks all that must hold for each.
 struct Cell {
     planner: WindowPlanner,
-    audit: RowAudit,
-    window: Vec<Row>,
+    audit: SetpointAudit,
+    window: Vec<PlannedSetpoint>,
     outcome: WindowOutcome,
-    /// Rows of the window executed so far.
+    /// Setpoints of the window executed so far.
     executed: usize,
-    last: Row,
+    last: PlannedSetpoint,
     place: (u32, f64),
 }
 
 impl Cell {
-    fn start(mut planner: WindowPlanner, intended_rows: u32) -> (Self, WindowRequest) {
+    fn start(mut planner: WindowPlanner, intended_setpoints: u32) -> (Self, WindowRequest) {
         let request = WindowRequest {
-            intended_rows,
+            intended_setpoints,
             repeats_start: true,
             ..WindowRequest::default()
         };
         let mut window = Vec::new();
-        let start = planner.row(&PathState::default()).unwrap();
+        let start = planner.setpoint(&PathState::default()).unwrap();
         let outcome = planner.plan(&start.state, &request, &mut window).unwrap();
         assert_eq!(window[0].position_increments, start.position_increments);
-        let audit = RowAudit::at_rest(planner.limits().clone(), start.position_increments);
+        let audit = SetpointAudit::at_rest(planner.limits().clone(), start.position_increments);
         let cell = Self {
             planner,
             audit,
@@ -325,26 +338,26 @@ impl Cell {
         (cell, request)
     }
 
-    fn execute(&mut self, rows: usize) -> Result<(), TestCaseError> {
-        for _ in 0..rows {
-            // Past its end a window stands on its last row.
+    fn execute(&mut self, setpoints: usize) -> Result<(), TestCaseError> {
+        for _ in 0..setpoints {
+            // Past its end a window is on its last setpoint.
             let index = self.executed.min(self.window.len() - 1);
-            let row = self.window[index];
+            let setpoint = self.window[index];
             self.executed += 1;
             self.audit
-                .row(&row.position_increments)
+                .setpoint(&setpoint.position_increments)
                 .and_then(|()| {
                     self.audit.place(
                         self.planner.path(),
-                        row.state.element,
-                        row.state.distance_mm,
+                        setpoint.state.element,
+                        setpoint.state.distance_mm,
                     )
                 })
-                .map_err(|fault| TestCaseError::fail(format!("{fault} at {row:?}")))?;
-            let place = (row.state.element, row.state.distance_mm);
+                .map_err(|fault| TestCaseError::fail(format!("{fault} at {setpoint:?}")))?;
+            let place = (setpoint.state.element, setpoint.state.distance_mm);
             prop_assert!(place >= self.place, "{place:?} after {:?}", self.place);
             self.place = place;
-            self.last = row;
+            self.last = setpoint;
         }
         Ok(())
     }
@@ -352,10 +365,10 @@ impl Cell {
     /// The rest of the window in force, were it executed to its end.
     fn check_tail(&self) -> Result<(), TestCaseError> {
         let mut audit = self.audit.clone();
-        for row in self.window.iter().skip(self.executed) {
+        for setpoint in self.window.iter().skip(self.executed) {
             audit
-                .row(&row.position_increments)
-                .map_err(|fault| TestCaseError::fail(format!("tail: {fault} at {row:?}")))?;
+                .setpoint(&setpoint.position_increments)
+                .map_err(|fault| TestCaseError::fail(format!("tail: {fault} at {setpoint:?}")))?;
         }
         prop_assert!(audit.end().is_ok());
         let [before, last] = &self.window[self.window.len() - 2..] else {
@@ -373,12 +386,12 @@ impl Cell {
             .planner
             .plan(&from, request, &mut self.window)
             .map_err(|error| TestCaseError::fail(error.to_string()))?;
-        prop_assert!(self.window.len() <= self.planner.rows_max());
+        prop_assert!(self.window.len() <= self.planner.setpoints_max());
         if unchanged {
-            let intended = self.outcome.intended_rows as usize;
+            let intended = self.outcome.intended_setpoints as usize;
             let overlap = old
                 .iter()
-                .take(old.len().min(request.intended_rows as usize))
+                .take(old.len().min(request.intended_setpoints as usize))
                 .skip(self.executed);
             for (old, new) in overlap.zip(self.window.iter().take(intended)) {
                 prop_assert_eq!(old, new);
@@ -393,19 +406,19 @@ fn any_run(
     blocks: &[(Block, Feed)],
     events: &[Event],
     limits: MotionLimits,
-    period_rows: usize,
-    braking_rows_max: u32,
+    period_setpoints: usize,
+    braking_setpoints_max: u32,
     positioning: Option<&Positioning>,
 ) -> Result<(), TestCaseError> {
     let elements = elements_of(blocks);
     let last = elements.last().cloned();
-    let intended_rows = 4 * period_rows as u32;
+    let intended_setpoints = 4 * period_setpoints as u32;
     let planner = match WindowPlanner::with_positioning(
         Path { elements },
         limits,
         WindowSettings {
-            braking_rows_max,
-            ..settings(intended_rows)
+            braking_setpoints_max,
+            ..settings(intended_setpoints)
         },
         positioning,
     ) {
@@ -415,21 +428,22 @@ fn any_run(
         }
         Err(error) => return Err(TestCaseError::fail(error.to_string())),
     };
-    let (mut cell, mut request) = Cell::start(planner, intended_rows);
+    let (mut cell, mut request) = Cell::start(planner, intended_setpoints);
     cell.check_tail()?;
     let mut events = events.iter();
     // The slowest of the random programs are left before their end.
     let mut at_end = false;
     for _ in 0..40_000 {
         let event = events.next().unwrap_or(&Event::Nothing);
-        let mut unchanged = cell.executed + period_rows <= cell.outcome.intended_rows as usize;
+        let mut unchanged =
+            cell.executed + period_setpoints <= cell.outcome.intended_setpoints as usize;
         request.start = false;
         match event {
             Event::Nothing => {}
             Event::Override(share) => request.feed_override = *share,
             Event::Hold(hold) => request.hold = *hold,
-            Event::Silence(rows) => {
-                cell.execute(*rows)?;
+            Event::Silence(setpoints) => {
+                cell.execute(*setpoints)?;
                 unchanged = false;
             }
             Event::SingleBlock(on) => request.single_block = *on,
@@ -442,10 +456,10 @@ fn any_run(
             unchanged = false;
         }
         unchanged &= matches!(event, Event::Nothing);
-        cell.execute(period_rows)?;
+        cell.execute(period_setpoints)?;
         if cell.outcome.ends_program
             && cell.last.state.is_at_rest()
-            && cell.executed >= cell.outcome.intended_rows as usize
+            && cell.executed >= cell.outcome.intended_setpoints as usize
         {
             at_end = true;
             break;
@@ -453,7 +467,12 @@ fn any_run(
         cell.replan(&request, unchanged)?;
     }
     if let Some(last) = last.filter(|_| at_end) {
-        let end = cell.planner.limits().rows().kinematics.axes(&last.end());
+        let end = cell
+            .planner
+            .limits()
+            .setpoints()
+            .kinematics
+            .axes(&last.end());
         prop_assert_eq!(
             cell.last.position_increments,
             cell.planner.limits().increments(&end)
@@ -471,13 +490,13 @@ proptest! {
         events in prop::collection::vec(any_event(), 0..400),
         fast in any::<bool>(),
         long_period in any::<bool>(),
-        braking_rows_max in prop_oneof![Just(900u32), 12..200u32],
+        braking_setpoints_max in prop_oneof![Just(900u32), 12..200u32],
         straight_lines in prop_oneof![Just(StraightLines::Rounded), Just(StraightLines::MasterAxis)],
     ) {
         let scan_period_s = if fast { 250e-6 } else { 1e-3 };
-        let rows = RowSettings { straight_lines, ..RowSettings::default() };
-        let limits = limits_of_rows(scan_period_s, rows, SLIDES);
-        any_run(&blocks, &events, limits, if long_period { 8 } else { 4 }, braking_rows_max, None)?;
+        let setpoints = SetpointSettings { straight_lines, ..SetpointSettings::default() };
+        let limits = limits_of_setpoints(scan_period_s, setpoints, SLIDES);
+        any_run(&blocks, &events, limits, if long_period { 8 } else { 4 }, braking_setpoints_max, None)?;
     }
 
     #[test]
@@ -486,7 +505,7 @@ proptest! {
         events in prop::collection::vec(any_event(), 0..400),
         fast in any::<bool>(),
         long_period in any::<bool>(),
-        braking_rows_max in prop_oneof![3 => Just(900u32), 1 => 12..200u32],
+        braking_setpoints_max in prop_oneof![3 => Just(900u32), 1 => 12..200u32],
         rated_n in prop::array::uniform3(100.0..4000.0f64),
     ) {
         let scan_period_s = if fast { 250e-6 } else { 1e-3 };
@@ -494,7 +513,7 @@ proptest! {
             .into_iter()
             .map(|((block, feed), rapid)| (block, if rapid { Feed::Rapid } else { feed }))
             .collect();
-        any_run(&blocks, &events, limits(scan_period_s), if long_period { 8 } else { 4 }, braking_rows_max, Some(&loads(rated_n)))?;
+        any_run(&blocks, &events, limits(scan_period_s), if long_period { 8 } else { 4 }, braking_setpoints_max, Some(&loads(rated_n)))?;
     }
 }
 
@@ -505,7 +524,7 @@ proptest! {
         ..ProptestConfig::default()
     })]
 
-    /// The same where an arm stands in for Y: its speed and acceleration, and those of the slide with its correction.
+    /// The same where an arm is in for Y: its speed and acceleration, and those of the slide with its correction.
     #[test]
     fn no_axis_of_a_machine_with_an_arm_is_over_a_limit_at_any_scan(
         blocks in prop::collection::vec(any_block(), 1..8),
@@ -523,11 +542,11 @@ proptest! {
             arm_max_deg: 75.0,
             carries,
         };
-        let rows = RowSettings {
+        let setpoints = SetpointSettings {
             kinematics: Kinematics::PivotY(pivot),
-            ..RowSettings::default()
+            ..SetpointSettings::default()
         };
-        let limits = limits_of_rows(scan_period_s, rows, WITH_ARM);
+        let limits = limits_of_setpoints(scan_period_s, setpoints, WITH_ARM);
         any_run(&blocks, &events, limits, 8, 900, None)?;
     }
 }
@@ -549,13 +568,16 @@ fn a_long_line_takes_the_time_of_its_trapezoid() {
             scan_period_s,
             64,
         );
-        let (totals, rows) = walk(&mut planner, 64);
+        let (totals, setpoints) = walk(&mut planner, 64);
         // Rounding to increments takes 2.5 of them per scan² from the acceleration: 2 % at 250 µs and 1 nm.
         let bearable_mm_s2 = 2000.0 - 2.5e-6 / (scan_period_s * scan_period_s);
         let ideal_s = 200.0 / 100.0 + 100.0 / bearable_mm_s2;
         let late_scans = (totals.time_s - ideal_s) / scan_period_s;
         assert!((-1e-6..=1.0).contains(&late_scans), "{late_scans}");
-        assert_eq!(rows.last().unwrap().position_increments[0], 200_000_000);
+        assert_eq!(
+            setpoints.last().unwrap().position_increments[0],
+            200_000_000
+        );
         assert!((totals.distance_mm - 200.0).abs() < 1e-9);
     }
 }
@@ -566,9 +588,9 @@ fn a_circle_runs_at_its_feed_and_ends_where_it_began() {
         let turn_rad = std::f64::consts::TAU;
         let circle = Element::arc(1, at(&[25.0]), at(&[25.0]), at(&[]), [0, 1], turn_rad, FEED);
         let mut planner = planner(vec![circle], scan_period_s, 64);
-        let (totals, rows) = walk(&mut planner, 64);
+        let (totals, setpoints) = walk(&mut planner, 64);
         assert_eq!(
-            rows.last().unwrap().position_increments,
+            setpoints.last().unwrap().position_increments,
             increments_of(&at(&[25.0]))
         );
         let ideal_s = turn_rad * 25.0 / 50.0;
@@ -607,7 +629,7 @@ fn a_contour_of_ten_thousand_short_lines_runs_near_the_speed_of_its_curve() {
             })
             .collect();
         let mut planner = planner(polyline(&points, Feed::PathMmS(200.0)), scan_period_s, 64);
-        let (totals, rows) = walk(&mut planner, 64);
+        let (totals, setpoints) = walk(&mut planner, 64);
         let mean_mm_s = totals.distance_mm / totals.time_s;
         println!(
             "{scan_period_s} s: mean {mean_mm_s:.1} mm/s, {} segments, shares {:.3?}",
@@ -615,7 +637,9 @@ fn a_contour_of_ten_thousand_short_lines_runs_near_the_speed_of_its_curve() {
             &totals.shares.acceleration[..2]
         );
         assert!(mean_mm_s > 100.0, "{mean_mm_s}");
-        let places = rows.windows(2).map(|pair| (pair[0].state, pair[1].state));
+        let places = setpoints
+            .windows(2)
+            .map(|pair| (pair[0].state, pair[1].state));
         assert!(
             places
                 .clone()
@@ -631,16 +655,18 @@ fn a_dwell_waits_at_least_its_time_exactly_at_its_place() {
         Element::dwell(2, at(&[10.0]), 0.0205),
         Element::line(3, at(&[10.0]), at(&[20.0]), FEED),
     ];
-    let (_, rows) = walk(&mut planner(elements, 1e-3, 64), 16);
-    let waiting = rows
+    let (_, setpoints) = walk(&mut planner(elements, 1e-3, 64), 16);
+    let waiting = setpoints
         .iter()
-        .filter(|row| row.position_increments[0] == 10_000_000);
-    let remaining: Vec<u32> = waiting.map(|row| row.state.dwell_remaining_scans).collect();
+        .filter(|setpoint| setpoint.position_increments[0] == 10_000_000);
+    let remaining: Vec<u32> = waiting
+        .map(|setpoint| setpoint.state.dwell_remaining_scans)
+        .collect();
     assert_eq!(remaining, (0..=21).rev().collect::<Vec<u32>>());
 }
 
 #[test]
-fn the_number_of_rows_in_a_window_changes_no_row() {
+fn the_number_of_setpoints_in_a_window_changes_no_setpoint() {
     let blocks = [
         (Block::Line([30.0, 5.0, 0.0]), FEED),
         (
@@ -660,15 +686,15 @@ fn the_number_of_rows_in_a_window_changes_no_row() {
         ),
         (Block::Back, FEED),
     ];
-    let rows = |rows_per_window| {
+    let setpoints = |setpoints_per_window| {
         walk(
             &mut planner(elements_of(&blocks), 1e-3, 1000),
-            rows_per_window,
+            setpoints_per_window,
         )
         .1
     };
-    assert_eq!(rows(1), rows(4));
-    assert_eq!(rows(4), rows(1000));
+    assert_eq!(setpoints(1), setpoints(4));
+    assert_eq!(setpoints(4), setpoints(1000));
 }
 
 #[test]
@@ -682,27 +708,30 @@ fn single_block_waits_exactly_at_the_end_of_each_block_until_it_is_started() {
         at(&[5.0, 9.0]),
     ];
     let mut planner = planner(polyline(&points, FEED), 1e-3, 2000);
-    let mut audit = RowAudit::at_rest(planner.limits().clone(), increments_of(&points[0]));
-    let mut rows = Vec::new();
+    let mut audit = SetpointAudit::at_rest(planner.limits().clone(), increments_of(&points[0]));
+    let mut setpoints = Vec::new();
     let mut state = PathState::default();
     for (index, end) in points.iter().enumerate().skip(1) {
         let mut request = WindowRequest {
-            intended_rows: 2000,
+            intended_setpoints: 2000,
             single_block: true,
             ..WindowRequest::default()
         };
         if index > 1 {
-            planner.plan(&state, &request, &mut rows).unwrap();
-            assert!(rows.iter().all(|row| row.state == state), "it waits");
+            planner.plan(&state, &request, &mut setpoints).unwrap();
+            assert!(
+                setpoints.iter().all(|setpoint| setpoint.state == state),
+                "it waits"
+            );
         }
         request.start = true;
-        let outcome = planner.plan(&state, &request, &mut rows).unwrap();
+        let outcome = planner.plan(&state, &request, &mut setpoints).unwrap();
         let last_block = index + 1 == points.len();
         assert_eq!(outcome.ends_program, last_block);
-        for row in &rows {
-            audit.row(&row.position_increments).unwrap();
+        for setpoint in &setpoints {
+            audit.setpoint(&setpoint.position_increments).unwrap();
         }
-        let last = rows.last().unwrap();
+        let last = setpoints.last().unwrap();
         assert_eq!(last.position_increments, increments_of(end));
         assert_eq!(last.state.waits_for_start, !last_block);
         state = last.state;
@@ -716,43 +745,49 @@ fn a_hold_brakes_at_once_and_a_release_goes_on_to_the_end() {
         1e-3,
         400,
     );
-    let mut rows = Vec::new();
+    let mut setpoints = Vec::new();
     let mut request = WindowRequest {
-        intended_rows: 400,
+        intended_setpoints: 400,
         ..WindowRequest::default()
     };
     planner
-        .plan(&PathState::default(), &request, &mut rows)
+        .plan(&PathState::default(), &request, &mut setpoints)
         .unwrap();
-    let moving = rows[299].state;
+    let moving = setpoints[299].state;
     assert_eq!(moving.speed_mm_s, 50.0);
     request.hold = true;
-    planner.plan(&moving, &request, &mut rows).unwrap();
-    let at_rest = rows.iter().position(|row| row.state.is_at_rest()).unwrap();
+    planner.plan(&moving, &request, &mut setpoints).unwrap();
+    let at_rest = setpoints
+        .iter()
+        .position(|setpoint| setpoint.state.is_at_rest())
+        .unwrap();
     assert!((25..=26).contains(&at_rest), "{at_rest}");
     request.hold = false;
-    let held = rows[399].state;
-    request.intended_rows = 400;
+    let held = setpoints[399].state;
+    request.intended_setpoints = 400;
     let mut from = held;
     for _ in 0..10 {
         if planner
-            .plan(&from, &request, &mut rows)
+            .plan(&from, &request, &mut setpoints)
             .unwrap()
             .ends_program
         {
             break;
         }
-        from = rows[399].state;
+        from = setpoints[399].state;
     }
-    assert_eq!(rows.last().unwrap().position_increments[0], 100_000_000);
+    assert_eq!(
+        setpoints.last().unwrap().position_increments[0],
+        100_000_000
+    );
 }
 
 #[test]
 fn a_speed_whose_braking_does_not_fit_the_window_is_limited_and_named() {
     let fast = vec![Element::line(1, at(&[]), at(&[200.0]), Feed::Rapid)];
     let short = WindowSettings {
-        intended_rows_max: 16,
-        braking_rows_max: 63,
+        intended_setpoints_max: 16,
+        braking_setpoints_max: 63,
         override_max: 1.0,
     };
     let mut planner = WindowPlanner::new(Path { elements: fast }, limits(1e-3), short).unwrap();
@@ -764,17 +799,17 @@ fn a_speed_whose_braking_does_not_fit_the_window_is_limited_and_named() {
 }
 
 #[test]
-fn a_restarted_planner_goes_on_from_the_tag_of_any_row() {
+fn a_restarted_planner_goes_on_from_the_tag_of_any_setpoint() {
     let elements = vec![
         Element::line(1, at(&[]), at(&[10.0]), FEED),
         Element::dwell(2, at(&[10.0]), 0.02),
         Element::line(3, at(&[10.0]), at(&[10.0, 8.0]), FEED),
     ];
     let mut planner = planner(elements, 1e-3, 4000);
-    let (_, rows) = walk(&mut planner, 8);
+    let (_, setpoints) = walk(&mut planner, 8);
     let mut window = Vec::new();
-    for row in &rows {
-        let tag = row.state;
+    for setpoint in &setpoints {
+        let tag = setpoint.state;
         let from = PathState::resume(
             planner.path(),
             tag.element,
@@ -783,16 +818,16 @@ fn a_restarted_planner_goes_on_from_the_tag_of_any_row() {
         )
         .unwrap();
         let request = WindowRequest {
-            intended_rows: 4000,
+            intended_setpoints: 4000,
             repeats_start: true,
             ..WindowRequest::default()
         };
         let outcome = planner.plan(&from, &request, &mut window).unwrap();
         assert!(outcome.ends_program);
-        assert_eq!(window[0].position_increments, row.position_increments);
+        assert_eq!(window[0].position_increments, setpoint.position_increments);
         assert_eq!(
             window.last().unwrap().position_increments,
-            rows.last().unwrap().position_increments
+            setpoints.last().unwrap().position_increments
         );
     }
     assert_eq!(PathState::resume(planner.path(), 3, 0.0, 0), None);
@@ -803,9 +838,9 @@ fn a_restarted_planner_goes_on_from_the_tag_of_any_row() {
 #[test]
 fn states_off_the_path_are_refused() {
     let mut planner = planner(vec![Element::line(1, at(&[]), at(&[10.0]), FEED)], 1e-3, 40);
-    let mut rows = Vec::new();
+    let mut setpoints = Vec::new();
     let request = WindowRequest {
-        intended_rows: 40,
+        intended_setpoints: 40,
         ..WindowRequest::default()
     };
     for (element, distance_mm, speed_mm_s) in [
@@ -821,7 +856,7 @@ fn states_off_the_path_are_refused() {
             ..PathState::default()
         };
         assert!(matches!(
-            planner.plan(&from, &request, &mut rows),
+            planner.plan(&from, &request, &mut setpoints),
             Err(PlanError::State { .. })
         ));
     }
@@ -834,17 +869,17 @@ fn the_audit_sees_a_row_one_increment_over_a_limit() {
         acceleration_mm_s2: 1000.5,
         increment_mm: 1e-6,
     };
-    let mut audit = RowAudit::at_rest(MotionLimits::new(&[slide], 1e-3).unwrap(), [0; 8]);
-    assert!(audit.row(&[1000, 0, 0, 0, 0, 0, 0, 0]).is_ok());
-    assert!(audit.row(&[2001, 0, 0, 0, 0, 0, 0, 0]).is_err());
-    let mut audit = RowAudit::at_rest(MotionLimits::new(&[slide], 1e-3).unwrap(), [0; 8]);
-    assert!(audit.row(&[600, 0, 0, 0, 0, 0, 0, 0]).is_ok());
-    assert!(audit.row(&[-401, 0, 0, 0, 0, 0, 0, 0]).is_err());
+    let mut audit = SetpointAudit::at_rest(MotionLimits::new(&[slide], 1e-3).unwrap(), [0; 8]);
+    assert!(audit.setpoint(&[1000, 0, 0, 0, 0, 0, 0, 0]).is_ok());
+    assert!(audit.setpoint(&[2001, 0, 0, 0, 0, 0, 0, 0]).is_err());
+    let mut audit = SetpointAudit::at_rest(MotionLimits::new(&[slide], 1e-3).unwrap(), [0; 8]);
+    assert!(audit.setpoint(&[600, 0, 0, 0, 0, 0, 0, 0]).is_ok());
+    assert!(audit.setpoint(&[-401, 0, 0, 0, 0, 0, 0, 0]).is_err());
     let path = Path {
         elements: vec![Element::line(1, at(&[]), at(&[10.0]), FEED)],
     };
-    let mut audit = RowAudit::at_rest(MotionLimits::new(&[slide], 1e-3).unwrap(), [500; 8]);
-    audit.row(&[500; 8]).unwrap();
+    let mut audit = SetpointAudit::at_rest(MotionLimits::new(&[slide], 1e-3).unwrap(), [500; 8]);
+    audit.setpoint(&[500; 8]).unwrap();
     assert!(audit.place(&path, 0, 500.9e-6).is_ok());
     assert!(audit.place(&path, 0, 501.1e-6).is_err());
     assert!(audit.place(&path, 1, 0.0).is_err());
@@ -875,33 +910,33 @@ fn time_of_planning_one_window() {
         .collect();
     let contour = polyline(&chords, Feed::PathMmS(150.0));
     for (name, elements) in [("circle", circle), ("line", line), ("contour", contour)] {
-        for (scan_period_s, intended_rows) in [(1e-3, 32u32), (250e-6, 32)] {
+        for (scan_period_s, intended_setpoints) in [(1e-3, 32u32), (250e-6, 32)] {
             let elements = elements.clone();
             let before = std::time::Instant::now();
-            let mut planner = planner(elements, scan_period_s, intended_rows);
+            let mut planner = planner(elements, scan_period_s, intended_setpoints);
             let build_ms = before.elapsed().as_secs_f64() * 1e3;
-            let mut rows = Vec::with_capacity(planner.rows_max());
+            let mut setpoints = Vec::with_capacity(planner.setpoints_max());
             let mut from = PathState::default();
             let request = WindowRequest {
-                intended_rows,
+                intended_setpoints,
                 ..WindowRequest::default()
             };
             let (mut windows, mut planned, mut worst_us) = (0u32, 0u64, 0.0f64);
             let start = std::time::Instant::now();
             loop {
                 let one = std::time::Instant::now();
-                let outcome = planner.plan(&from, &request, &mut rows).unwrap();
+                let outcome = planner.plan(&from, &request, &mut setpoints).unwrap();
                 worst_us = worst_us.max(one.elapsed().as_secs_f64() * 1e6);
                 windows += 1;
-                planned += u64::from(outcome.row_count);
+                planned += u64::from(outcome.setpoint_count);
                 if outcome.ends_program || windows > 2000 {
                     break;
                 }
-                from = rows[7].state;
+                from = setpoints[7].state;
             }
             let mean_us = start.elapsed().as_secs_f64() * 1e6 / f64::from(windows);
             println!(
-                "{name} at {scan_period_s} s: map {build_ms:.2} ms of {} segments; {windows} windows of {} rows: mean {mean_us:.1} µs, worst {worst_us:.1} µs",
+                "{name} at {scan_period_s} s: map {build_ms:.2} ms of {} segments; {windows} windows of {} setpoints: mean {mean_us:.1} µs, worst {worst_us:.1} µs",
                 planner.speed_map().segment_count(),
                 planned / u64::from(windows),
             );

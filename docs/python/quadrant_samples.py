@@ -48,7 +48,7 @@ class AxisFeedback(ctypes.Structure):
     _fields_ = [
         ("motor_position", c_int64),  # at 0
         ("scale_position", c_int64),  # at 8
-        ("command_register", c_int64),  # at 16
+        ("command_position", c_int64),  # at 16
         ("jog_target", c_int64),  # at 24
         ("command_scan", c_uint64),  # at 32
         ("velocity_mm_s", c_double),  # at 40
@@ -84,10 +84,10 @@ class Feedback(ctypes.Structure):
         ("voided", WindowId),  # at 48
         ("program_hash", c_uint64),  # at 64
         ("tag", PathTag),  # at 72
-        ("left_at", PathTag),  # at 88
+        ("interrupted_at", PathTag),  # at 88
         ("cause_scan", c_uint64),  # at 104
         ("program_start", c_int64 * 8),  # at 112
-        ("row", c_uint32),  # at 176
+        ("setpoint", c_uint32),  # at 176
         ("at_rest", c_uint32),  # at 180
         ("epoch", c_uint32),  # at 184
         ("incarnation", c_uint32),  # at 188

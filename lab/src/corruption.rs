@@ -13,7 +13,7 @@
 
 use bytemuck::Zeroable;
 
-use bus::sample::{AxisCommand, Job, MAX_WINDOW_ROWS, WindowHeader, WindowRow};
+use bus::sample::{AxisCommand, Job, MAX_WINDOW_SETPOINTS, Setpoint, WindowHeader};
 use bus::window::checksum;
 use machine::Process;
 use plant_sim::script::faults::{Action, Corruption, FaultScript, LATE_SCANS_MAX};
@@ -21,7 +21,7 @@ use plant_sim::script::reach::meets;
 
 /// How far off a wrong position of a command is, in increments.
 const JUMP_INCREMENTS: i64 = 1_000_000_000;
-/// How far off a wrong row is, in increments.
+/// How far off a wrong setpoint is, in increments.
 const ROW_JUMP_INCREMENTS: i64 = 1_000_000;
 /// How far off a wrong scan is.
 const WRONG_SCANS: u64 = 3;
@@ -80,29 +80,29 @@ impl<T> Late<T> {
 #[derive(Debug)]
 struct Window {
     header: WindowHeader,
-    rows: Vec<WindowRow>,
+    setpoints: Vec<Setpoint>,
 }
 
 impl Window {
-    /// None yet, with room for this many rows.
-    fn with_room(rows: usize) -> Window {
+    /// None yet, with room for this many setpoints.
+    fn with_room(setpoints: usize) -> Window {
         Window {
             header: WindowHeader::zeroed(),
-            rows: Vec::with_capacity(rows),
+            setpoints: Vec::with_capacity(setpoints),
         }
     }
 
     /// Keeps what there is room for.
-    fn set(&mut self, header: &WindowHeader, rows: &[WindowRow]) {
+    fn set(&mut self, header: &WindowHeader, setpoints: &[Setpoint]) {
         self.header = *header;
-        self.rows.clear();
-        let room = self.rows.capacity();
-        self.rows
-            .extend_from_slice(rows.get(..room).unwrap_or(rows));
+        self.setpoints.clear();
+        let room = self.setpoints.capacity();
+        self.setpoints
+            .extend_from_slice(setpoints.get(..room).unwrap_or(setpoints));
     }
 
     fn seal(&mut self) {
-        self.header.id.checksum = checksum(&self.header, &self.rows);
+        self.header.id.checksum = checksum(&self.header, &self.setpoints);
     }
 }
 
@@ -129,7 +129,8 @@ impl Corruptor {
         });
         let planner = process.job == Job::Planner;
         let places = |needed: bool| 0..if needed { LATE_SCANS_MAX } else { 0 };
-        let window = |needed: bool| Window::with_room(if needed { MAX_WINDOW_ROWS } else { 0 });
+        let window =
+            |needed: bool| Window::with_room(if needed { MAX_WINDOW_SETPOINTS } else { 0 });
         Corruptor {
             command_before: None,
             late_commands: places(delays && !planner)
@@ -201,28 +202,28 @@ impl Corruptor {
     pub fn window(
         &mut self,
         scan: u64,
-        planned: Option<(&WindowHeader, &[WindowRow])>,
+        planned: Option<(&WindowHeader, &[Setpoint])>,
         fired: impl Fn(usize) -> Option<u64>,
-        mut send: impl FnMut(&WindowHeader, &[WindowRow]),
+        mut send: impl FnMut(&WindowHeader, &[Setpoint]),
     ) {
         if self.faults.is_empty() {
-            if let Some((header, rows)) = planned {
-                send(header, rows);
+            if let Some((header, setpoints)) = planned {
+                send(header, setpoints);
             }
             return;
         }
         while let Some(late) = Late::take_due(&mut self.late_windows, scan) {
-            let right = late.header.id.checksum == checksum(&late.header, &late.rows);
+            let right = late.header.id.checksum == checksum(&late.header, &late.setpoints);
             late.header.visible_from = scan.saturating_add(1);
             if right {
                 late.seal();
             }
-            send(&late.header, &late.rows);
+            send(&late.header, &late.setpoints);
         }
-        let Some((header, rows)) = planned else {
+        let Some((header, setpoints)) = planned else {
             return;
         };
-        self.sent.set(header, rows);
+        self.sent.set(header, setpoints);
         let (mut dropped, mut due) = (false, None);
         for action in active(&self.faults, scan, &fired) {
             match action {
@@ -232,7 +233,7 @@ impl Corruptor {
                 } => {
                     let before = &self.window_before;
                     dropped |= before.header.id.is_none();
-                    self.sent.set(&before.header, &before.rows);
+                    self.sent.set(&before.header, &before.setpoints);
                 }
                 Action::Corrupt { what, .. } => corrupt_window(&mut self.sent, what),
                 Action::Delay { late_scans, .. } => due = due.max(scan.checked_add(late_scans)),
@@ -240,15 +241,15 @@ impl Corruptor {
             }
         }
         if self.replays {
-            self.window_before.set(header, rows);
+            self.window_before.set(header, setpoints);
         }
         let sent = &self.sent;
         match due {
             _ if dropped => {}
-            None => send(&sent.header, &sent.rows),
+            None => send(&sent.header, &sent.setpoints),
             Some(due) => {
                 if let Some(place) = Late::place(&mut self.late_windows, due) {
-                    place.set(&sent.header, &sent.rows);
+                    place.set(&sent.header, &sent.setpoints);
                 }
             }
         }
@@ -283,7 +284,7 @@ fn corrupt_command(command: &mut AxisCommand, what: Corruption) {
         Corruption::FutureScan => command.scan = command.scan.saturating_add(WRONG_SCANS),
         Corruption::WrongAxis => command.axis = command.axis.wrapping_add(1),
         Corruption::WrongIncarnation => command.incarnation = command.incarnation.wrapping_add(1),
-        Corruption::Replay | Corruption::Checksum | Corruption::RowJump | Corruption::Cut => {}
+        Corruption::Replay | Corruption::Checksum | Corruption::SetpointJump | Corruption::Cut => {}
     }
 }
 
@@ -292,8 +293,8 @@ fn corrupt_window(window: &mut Window, what: Corruption) {
     let header = &mut window.header;
     match what {
         Corruption::NotANumber | Corruption::Infinity => {
-            if let Some(row) = window.rows.first_mut() {
-                row.tag.distance_mm = wrong_value(what);
+            if let Some(setpoint) = window.setpoints.first_mut() {
+                setpoint.tag.distance_mm = wrong_value(what);
             }
         }
         Corruption::OldScan => header.first_scan = header.first_scan.saturating_sub(WRONG_SCANS),
@@ -301,9 +302,11 @@ fn corrupt_window(window: &mut Window, what: Corruption) {
         Corruption::WrongIncarnation => {
             header.id.incarnation = header.id.incarnation.wrapping_add(1);
         }
-        Corruption::RowJump => {
-            let row = window.rows.get_mut(header.intended_rows as usize / 2);
-            if let Some(position) = row.and_then(|row| row.position.first_mut()) {
+        Corruption::SetpointJump => {
+            let setpoint = window
+                .setpoints
+                .get_mut(header.intended_setpoints as usize / 2);
+            if let Some(position) = setpoint.and_then(|setpoint| setpoint.position.first_mut()) {
                 *position = position.saturating_add(ROW_JUMP_INCREMENTS);
             }
         }
@@ -312,7 +315,7 @@ fn corrupt_window(window: &mut Window, what: Corruption) {
             return;
         }
         Corruption::Cut => {
-            window.rows.truncate(window.rows.len() / 2);
+            window.setpoints.truncate(window.setpoints.len() / 2);
             return;
         }
         Corruption::Replay | Corruption::Jump | Corruption::WrongAxis => return,

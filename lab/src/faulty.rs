@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use bus::sample::{AxisCommand, Feedback, Job, PlannerStatus, WindowHeader, WindowRow};
+use bus::sample::{AxisCommand, Feedback, Job, PlannerStatus, Setpoint, WindowHeader};
 use machine::Process;
 use machine::settings_file::SettingsFileError;
 use planner::{PlannerError, PlannerPorts};
@@ -58,7 +58,7 @@ impl<P: ServoPorts, F: Fn(usize) -> Option<u64>> ServoPorts for Faulty<P, F> {
         self.ports.next_feedback()
     }
 
-    fn for_each_window(&mut self, scan: u64, offer: impl FnMut(&WindowHeader, &[WindowRow])) {
+    fn for_each_window(&mut self, scan: u64, offer: impl FnMut(&WindowHeader, &[Setpoint])) {
         self.ports.for_each_window(scan, offer);
     }
 
@@ -83,16 +83,16 @@ impl<P: ServoPorts, F: Fn(usize) -> Option<u64>> ServoPorts for Faulty<P, F> {
 }
 
 impl<P: PlannerPorts, F: Fn(usize) -> Option<u64>> Faulty<P, F> {
-    fn window(&mut self, planned: Option<(&WindowHeader, &[WindowRow])>) {
+    fn window(&mut self, planned: Option<(&WindowHeader, &[Setpoint])>) {
         let ports = &mut self.ports;
-        let mut send = |header: &WindowHeader, rows: &[WindowRow]| {
-            ports.publish_window(header, rows);
+        let mut send = |header: &WindowHeader, setpoints: &[Setpoint]| {
+            ports.publish_window(header, setpoints);
         };
         match (&mut self.corruptor, planned) {
             (Some(corruptor), planned) => {
                 corruptor.window(self.scan, planned, &self.fired, send);
             }
-            (None, Some((header, rows))) => send(header, rows),
+            (None, Some((header, setpoints))) => send(header, setpoints),
             (None, None) => {}
         }
     }
@@ -110,9 +110,9 @@ impl<P: PlannerPorts, F: Fn(usize) -> Option<u64>> PlannerPorts for Faulty<P, F>
         self.ports.program(load)
     }
 
-    fn publish_window(&mut self, header: &WindowHeader, rows: &[WindowRow]) {
+    fn publish_window(&mut self, header: &WindowHeader, setpoints: &[Setpoint]) {
         self.planned = true;
-        self.window(Some((header, rows)));
+        self.window(Some((header, setpoints)));
     }
 
     fn publish_status(&mut self, status: &PlannerStatus) {

@@ -1,8 +1,8 @@
-//! What must hold in every scan, whatever dies, hangs or lies (docs/developers/invariants.md). Pure: fed with what was said.
+//! What must hold in every scan, whatever dies, hangs or lies (docs/developers/invariants.md). Pure: fed with what was published.
 //!
 //! - Rows that are executed keep every axis's speed and acceleration, judged on whole increments without tolerance, and lie
 //!   within one increment of the place that their tag names.
-//! - The position register is what was executed; with open loops it follows the encoder, and nothing moves by itself.
+//! - The command position is what was executed; with open loops it follows the encoder, and nothing moves by itself.
 //! - In hold at rest nothing moves, whoever comes back.
 //! - An axis without any servo trips the machine in the same scan; the axes come to rest together, no later than their
 //!   quick stops take, and no further from the path than they travel until then.
@@ -11,7 +11,7 @@
 use std::sync::Arc;
 
 use bus::sample::{Cause, Feedback, Instruments, Job, MAX_AXES, Mode, Roster};
-use control::audit::RowAudit;
+use control::audit::SetpointAudit;
 use control::limits::MotionLimits;
 use control::path::{AxisVector, Path};
 use machine::{Machine, PositionFeedback, WithinPeriod};
@@ -41,11 +41,11 @@ const AROUND: u32 = 2;
 /// A program's path on a machine, expanded once.
 #[derive(Debug)]
 pub struct Course {
-    /// The path, from where the simulated machine stands at the start.
+    /// The path, from where the simulated machine is at the start.
     pub path: Path,
     /// The limits of the axes.
     pub limits: MotionLimits,
-    /// Where the command registers are to end, in increments.
+    /// Where the command positions are to end, in increments.
     pub end: [i64; MAX_AXES],
 }
 
@@ -66,7 +66,7 @@ impl Course {
         let limits = windows.limits().clone();
         let path = windows.path().clone();
         let end = path.end().unwrap_or(start);
-        let end = limits.increments(&limits.rows().kinematics.axes(&end));
+        let end = limits.increments(&limits.setpoints().kinematics.axes(&end));
         Ok(Course { path, limits, end })
     }
 }
@@ -129,10 +129,10 @@ struct Trip {
 pub struct Judge<'a> {
     machine: &'a Machine,
     course: &'a Course,
-    audit: RowAudit,
+    audit: SetpointAudit,
     known: Vec<Arc<Window>>,
     in_force: Option<Arc<Window>>,
-    /// The row that was executed in the scan before.
+    /// The setpoint that was executed in the scan before.
     executed: Option<[i64; MAX_AXES]>,
     before: Option<(Feedback, Instruments, bool)>,
     held_scans: u32,
@@ -158,7 +158,7 @@ impl<'a> Judge<'a> {
         Judge {
             machine,
             course,
-            audit: RowAudit::at_rest(course.limits.clone(), [0; MAX_AXES]),
+            audit: SetpointAudit::at_rest(course.limits.clone(), [0; MAX_AXES]),
             known: Vec::new(),
             in_force: None,
             executed: None,
@@ -179,33 +179,33 @@ impl<'a> Judge<'a> {
     }
 
     /// Takes the next scan. `explained` says whether a fault is why an axis had no command in a scan.
-    pub fn take(&mut self, said: &Published<'_>, explained: impl Fn(u64, usize) -> bool) {
-        let feedback = said.feedback;
-        for window in said.windows {
+    pub fn take(&mut self, published: &Published<'_>, explained: impl Fn(u64, usize) -> bool) {
+        let feedback = published.feedback;
+        for window in published.windows {
             self.known.push(Arc::clone(window));
         }
         let surplus = self.known.len().saturating_sub(WINDOWS_KNOWN);
         self.known.drain(..surplus);
         let before = self.before.take();
         if let Some((before, _, unserved)) = &before {
-            self.registers(before, feedback);
+            self.command_positions(before, feedback);
             self.missed(before, feedback, explained);
             self.losses(before, feedback, *unserved);
         }
-        self.rows(before.as_ref().map(|(f, _, _)| f), feedback);
+        self.setpoints(before.as_ref().map(|(f, _, _)| f), feedback);
         self.open_loops(before.as_ref().map(|(f, _, _)| f), feedback);
         self.speeds(feedback);
         self.hold(before.as_ref().map(|(f, _, _)| f), feedback);
-        self.tables(before.as_ref(), feedback, said.instruments);
+        self.tables(before.as_ref(), feedback, published.instruments);
         self.shown.scans = feedback.scan;
         self.shown.mode = Mode::from_wire(feedback.mode);
         self.shown.cause = Cause::from_wire(feedback.cause);
         self.shown.digest = (
-            said.instruments.motion_digest_high,
-            said.instruments.motion_digest_low,
+            published.instruments.motion_digest_high,
+            published.instruments.motion_digest_low,
         );
-        let unserved = self.unserved(said.roster);
-        self.before = Some((*feedback, *said.instruments, unserved));
+        let unserved = self.unserved(published.roster);
+        self.before = Some((*feedback, *published.instruments, unserved));
     }
 
     /// Whether some axis has no servo that lives.
@@ -214,14 +214,14 @@ impl<'a> Judge<'a> {
             .any(|axis| (0..2).all(|role| roster.living(Job::Servo, axis, role).is_none()))
     }
 
-    /// Rows: known, within the limits, on the path, beginning where the registers are.
-    fn rows(&mut self, before: Option<&Feedback>, feedback: &Feedback) {
+    /// Setpoints: known, within the limits, on the path, beginning where the command positions are.
+    fn setpoints(&mut self, before: Option<&Feedback>, feedback: &Feedback) {
         let scan = feedback.scan;
         self.executed = None;
-        let registers = feedback.axes.map(|axis| axis.command_register);
+        let command_positions = feedback.axes.map(|axis| axis.command_position);
         if feedback.window.is_none() {
             self.in_force = None;
-            self.audit = RowAudit::at_rest(self.course.limits.clone(), registers);
+            self.audit = SetpointAudit::at_rest(self.course.limits.clone(), command_positions);
             return;
         }
         let took_over = self
@@ -234,10 +234,11 @@ impl<'a> Judge<'a> {
             let starts = self.in_force.is_none();
             self.foreseen(scan);
             self.in_force = found;
-            let first = self.in_force.as_ref().and_then(|w| w.rows.first());
+            let first = self.in_force.as_ref().and_then(|w| w.setpoints.first());
             let axes = self.machine.axes.len();
-            if starts && first.is_some_and(|row| row.position[..axes] != registers[..axes]) {
-                self.say(scan, "a window begins off the command registers".into());
+            let off = first.is_some_and(|s| s.position[..axes] != command_positions[..axes]);
+            if starts && off {
+                self.say(scan, "a window begins off the command positions".into());
             }
             if let Some(stop) = self.shown.stops.iter_mut().rev().find(|s| !s.foreseen) {
                 stop.until = stop.until.or(Some(scan));
@@ -247,56 +248,70 @@ impl<'a> Judge<'a> {
             self.say(scan, "a window is in force that nobody sent".into());
             return;
         };
-        let Some(row) = window.rows.get(feedback.row as usize) else {
-            self.say(scan, format!("row {} is not in its window", feedback.row));
+        let Some(setpoint) = window.setpoints.get(feedback.setpoint as usize) else {
+            self.say(
+                scan,
+                format!("setpoint {} is not in its window", feedback.setpoint),
+            );
             return;
         };
-        let brakes = feedback.row == window.header.intended_rows
-            && feedback.row < window.header.row_count
-            && before.is_some_and(|b| b.row < feedback.row || b.window != feedback.window);
-        if brakes && window.header.ends_program == 0 && !row.tag.is_off_path() {
+        let brakes = feedback.setpoint == window.header.intended_setpoints
+            && feedback.setpoint < window.header.setpoint_count
+            && before
+                .is_some_and(|b| b.setpoint < feedback.setpoint || b.window != feedback.window);
+        if brakes && window.header.ends_program == 0 && !setpoint.tag.is_off_path() {
             self.shown.stops.push(Stop {
                 from: scan,
                 until: None,
                 foreseen: false,
             });
         }
-        if let Err(fault) = self.audit.row(&row.position) {
+        if let Err(fault) = self.audit.setpoint(&setpoint.position) {
             self.say(scan, fault.to_string());
         }
-        if row.tag != feedback.tag {
-            self.say(scan, "the feedback's tag is not that of the row".into());
+        if setpoint.tag != feedback.tag {
+            self.say(
+                scan,
+                "the feedback's tag is not that of the setpoint".into(),
+            );
         }
-        if !row.tag.is_off_path() {
-            let tag = row.tag;
-            let placed = self
-                .audit
-                .place(&self.course.path, tag.element, tag.distance_mm);
-            if let Err(fault) = placed {
-                self.say(scan, fault.to_string());
-            }
+        let tag = setpoint.tag;
+        let path = &self.course.path;
+        let placed = match tag.is_off_path() {
+            true => Ok(()),
+            false => self.audit.place(path, tag.element, tag.distance_mm),
+        };
+        if let Err(fault) = placed {
+            self.say(scan, fault.to_string());
         }
-        self.executed = Some(row.position);
+        self.executed = Some(setpoint.position);
     }
 
     /// The window in force is replaced in `scan`: whether it was late enough for its braking to be foreseen.
     fn foreseen(&mut self, scan: u64) {
         let Some(window) = &self.in_force else { return };
         let header = &window.header;
-        let rows = scan.saturating_sub(header.first_scan);
-        let late = rows > u64::from(self.machine.scan.interpolation_period_scans);
-        let off_path = window.rows.first().is_none_or(|row| row.tag.is_off_path());
-        if late && rows <= header.intended_rows.into() && header.ends_program == 0 && !off_path {
+        let setpoints = scan.saturating_sub(header.first_scan);
+        let late = setpoints > u64::from(self.machine.scan.interpolation_period_scans);
+        let off_path = window
+            .setpoints
+            .first()
+            .is_none_or(|setpoint| setpoint.tag.is_off_path());
+        if late
+            && setpoints <= header.intended_setpoints.into()
+            && header.ends_program == 0
+            && !off_path
+        {
             self.shown.stops.push(Stop {
-                from: header.first_scan + u64::from(header.intended_rows),
+                from: header.first_scan + u64::from(header.intended_setpoints),
                 until: Some(scan),
                 foreseen: true,
             });
         }
     }
 
-    /// What was executed is what the registers say.
-    fn registers(&mut self, before: &Feedback, feedback: &Feedback) {
+    /// What was executed is what the command positions say.
+    fn command_positions(&mut self, before: &Feedback, feedback: &Feedback) {
         let closed = |f: &Feedback| {
             matches!(
                 Mode::from_wire(f.mode),
@@ -313,11 +328,13 @@ impl<'a> Judge<'a> {
             return;
         }
         for (index, (axis, was)) in feedback.axes().iter().zip(&executed).enumerate() {
-            if axis.missed_in_a_row == 0 && axis.command_register != *was {
-                let off = axis.command_register - was;
+            if axis.missed_in_a_row == 0 && axis.command_position != *was {
+                let off = axis.command_position - was;
                 self.say(
                     feedback.scan,
-                    format!("axis {index}: register {off} increments off what was executed"),
+                    format!(
+                        "axis {index}: command position {off} increments off what was executed"
+                    ),
                 );
             }
         }
@@ -370,7 +387,7 @@ impl<'a> Judge<'a> {
         })
     }
 
-    /// With open loops the registers follow the encoders; without drives nothing moves.
+    /// With open loops the command positions follow the encoders; without drives nothing moves.
     fn open_loops(&mut self, before: Option<&Feedback>, feedback: &Feedback) {
         let scan = feedback.scan;
         let mode = Mode::from_wire(feedback.mode);
@@ -381,12 +398,12 @@ impl<'a> Judge<'a> {
             Some(Mode::Tripped) if settled => {
                 for index in 0..axes {
                     let off =
-                        feedback.axes[index].command_register - self.position(feedback, index);
+                        feedback.axes[index].command_position - self.position(feedback, index);
                     if off != 0 {
                         self.say(
                             scan,
                             format!(
-                                "axis {index}: register {off} increments off its encoder in a trip"
+                                "axis {index}: command position {off} increments off its encoder in a trip"
                             ),
                         );
                     }
@@ -409,12 +426,14 @@ impl<'a> Judge<'a> {
                     let Some(before) = before.filter(|_| settled && same_side) else {
                         continue;
                     };
-                    let register =
-                        feedback.axes[index].command_register - before.axes[index].command_register;
-                    if register != position[index] - self.position(before, index) {
+                    let command_position =
+                        feedback.axes[index].command_position - before.axes[index].command_position;
+                    if command_position != position[index] - self.position(before, index) {
                         self.say(
                             scan,
-                            format!("axis {index}: its register does not follow the encoder"),
+                            format!(
+                                "axis {index}: its command position does not follow the encoder"
+                            ),
                         );
                     }
                 }
@@ -453,7 +472,7 @@ impl<'a> Judge<'a> {
                 .axes()
                 .iter()
                 .zip(before.axes())
-                .any(|(is, was)| is.command_register != was.command_register);
+                .any(|(is, was)| is.command_position != was.command_position);
             if moved {
                 self.say(feedback.scan, "the command moves in hold".into());
             }
@@ -467,7 +486,7 @@ impl<'a> Judge<'a> {
         for (value, samples) in table.iter_mut().zip(&instruments.table_mm) {
             *value = samples.get(last).copied().unwrap_or(0.0);
         }
-        self.course.limits.rows().kinematics.tool(&table)
+        self.course.limits.setpoints().kinematics.tool(&table)
     }
 
     fn distance_mm(&self, tool: &AxisVector, element: u32, around: u32) -> f64 {
@@ -527,8 +546,8 @@ impl<'a> Judge<'a> {
         if let Some(trip) = &mut self.trip {
             trip.stood |= stands;
         }
-        if !feedback.left_at.is_off_path() {
-            let off_mm = self.distance_mm(&tool, feedback.left_at.element, u32::MAX);
+        if !feedback.interrupted_at.is_off_path() {
+            let off_mm = self.distance_mm(&tool, feedback.interrupted_at.element, u32::MAX);
             self.shown.deviation_mm = self.shown.deviation_mm.max(off_mm);
             if off_mm > trip.deviation_max_mm {
                 self.say(
@@ -561,10 +580,10 @@ impl<'a> Judge<'a> {
         }
         let speed = libm::sqrt(speed_squared);
         // On its way back, it was off the path already.
-        let already_mm = if feedback.left_at.is_off_path() {
+        let already_mm = if feedback.interrupted_at.is_off_path() {
             0.0
         } else {
-            self.distance_mm(tool, feedback.left_at.element, u32::MAX)
+            self.distance_mm(tool, feedback.interrupted_at.element, u32::MAX)
         };
         let blind_s = f64::from(silent_scans) * scan_s + LAG_S;
         Trip {
@@ -584,7 +603,7 @@ impl<'a> Judge<'a> {
             for index in 0..self.machine.axes.len() {
                 let settings = &self.machine.axes[index];
                 let end = self.course.end[index];
-                let off = feedback.axes[index].command_register - end;
+                let off = feedback.axes[index].command_position - end;
                 if off != 0 {
                     self.say(
                         feedback.scan,

@@ -41,7 +41,7 @@ pub struct SoakOptions {
     #[arg(long, value_name = "WHO", value_parser = ["planner", "servo", "monitor", "plant-sim"])]
     pub only: Option<String>,
     /// Shortest pause between a cell that is whole and the next fault; some random 0 to 300 ms come on top. A process that
-    /// lived shorter than 500 ms is started anew only after a while (10 ms, doubled each time)
+    /// lived shorter than 500 ms is restarted only after a while (10 ms, doubled each time)
     #[arg(long, value_name = "MS", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=10_000))]
     pub pause_ms: u64,
     /// Repeats the choices of program and faults; the instants are the PC's [default: another one every time]
@@ -98,7 +98,7 @@ pub struct BenchReportOptions {
     /// Machine time of the log that is made, by a run in lockstep; an hour of two axes takes 3.4 GB of temporary space
     #[arg(long, value_name = "MINUTES", default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=1440))]
     pub minutes: u32,
-    /// Measure with this run's log in place of a new one; its report is made anew
+    /// Measure with this run's log in place of a new one; its report is made again
     #[arg(long, value_name = "DIR", conflicts_with_all = ["machine", "minutes"])]
     pub run: Option<PathBuf>,
 }

@@ -203,7 +203,7 @@ impl Soak<'_> {
         } = check::load(self.scratch.path(), Some(&program)).input()?;
         let path = checked.map(|p| p.path).context("a program").environment()?;
         let out = self.scratch.path().join(format!("run-{}", self.runs));
-        let said = self.scratch.path().join(format!("run-{}.txt", self.runs));
+        let published = self.scratch.path().join(format!("run-{}.txt", self.runs));
         let mut cell = Cell::start(&Start {
             machine_folder: self.scratch.path(),
             machine: &machine,
@@ -212,7 +212,7 @@ impl Soak<'_> {
             pace: &self.options.pace,
             name: &self.cell_name,
             out: &out,
-            said: &said,
+            published: &published,
         })
         .environment()?;
         let violations_before = self.violation_count;
@@ -236,7 +236,7 @@ impl Soak<'_> {
         drop(cell);
         if !broken {
             let _ = fs::remove_dir_all(&out);
-            let _ = fs::remove_file(&said);
+            let _ = fs::remove_file(&published);
         }
         Ok(())
     }
@@ -253,7 +253,7 @@ impl Soak<'_> {
             if !cell.look_until(Instant::now() + pause) {
                 return;
             }
-            // What dies while the processes leave is not replaced: the run says so and ends otherwise than well.
+            // What dies while the processes leave is not replaced: the run reports it and ends otherwise than well.
             if cell.mode() == Some(Mode::Finished) {
                 return;
             }
@@ -376,7 +376,7 @@ impl Soak<'_> {
             } else if cell.mode() == Some(Mode::Finished) {
                 return true;
             } else if cell.scan() >= *whole_at.get_or_insert(cell.scan()) + GOES_ON_SCANS {
-                // A machine that stands still in the middle of a scan looks whole, too.
+                // A machine that is at rest in the middle of a scan looks whole, too.
                 return true;
             }
             cell.operate();

@@ -24,9 +24,9 @@ fn judged(faults: &str) -> (Shown, Vec<Violation>) {
     let mut cell = InProcessCell::with_script(&machine, &plant, ("short.ngc", PROGRAM), script)
         .expect("a cell");
     let mut judge = Judge::new(&machine, &course);
-    while let Some(said) = cell.scan() {
-        let scan = said.feedback.scan;
-        judge.take(&said, |_, _| false);
+    while let Some(published) = cell.scan() {
+        let scan = published.feedback.scan;
+        judge.take(&published, |_, _| false);
         if scan > 5000 {
             break;
         }
@@ -48,7 +48,7 @@ fn a_planner_killed_in_any_scan_leaves_a_program_that_ends_where_it_should() {
     }
 }
 
-/// A row whose place on the path is not a number is refused: a planner would go on from there.
+/// A setpoint whose place on the path is not a number is refused: a planner would go on from there.
 #[test]
 fn a_window_whose_tags_are_no_numbers_never_comes_into_force() {
     for what in ["not-a-number", "infinity"] {

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use anyhow::{Context, bail};
 use control::totals::{ProgramWalk, Totals};
-use control::window::{Row, WindowPlanner};
+use control::window::{PlannedSetpoint, WindowPlanner};
 use machine::{Machine, machine_file};
 use plant_sim::plant_file::PlantFile;
 use program::Program;
@@ -24,7 +24,7 @@ pub struct Checked {
     pub machine: Machine,
     /// The simulated machine.
     pub plant: PlantFile,
-    /// The program, expanded from where the simulated machine stands at the start.
+    /// The program, expanded from where the simulated machine is at the start.
     pub program: Option<Program>,
 }
 
@@ -74,10 +74,13 @@ impl Checked {
     ///
     /// # Errors
     /// As [`Checked::planner`].
-    pub fn walk(&self, each: impl FnMut(&Row) -> ControlFlow<()>) -> anyhow::Result<Totals> {
+    pub fn walk(
+        &self,
+        each: impl FnMut(&PlannedSetpoint) -> ControlFlow<()>,
+    ) -> anyhow::Result<Totals> {
         let walk = ProgramWalk {
             feed_override: 1.0,
-            rows_per_window: self.machine.scan.interpolation_period_scans,
+            setpoints_per_window: self.machine.scan.interpolation_period_scans,
         };
         let totals = walk.walk(&mut self.planner()?, each)?;
         if let Some(fault) = &totals.fault {
@@ -156,8 +159,8 @@ fn write_csv(checked: &Checked, file: &Path) -> Result<Totals, Failure> {
     let mut scan = 0u64;
     let mut result = Ok(());
     let totals = checked
-        .walk(|row| {
-            let state = &row.state;
+        .walk(|setpoint| {
+            let state = &setpoint.state;
             let line = program
                 .and_then(|p| p.path.line_of(state.element as usize))
                 .unwrap_or(0);
@@ -167,7 +170,7 @@ fn write_csv(checked: &Checked, file: &Path) -> Result<Totals, Failure> {
                 state.element, state.distance_mm, state.speed_mm_s
             )
             .and_then(|()| {
-                for (axis, position) in axes.iter().zip(row.position_increments) {
+                for (axis, position) in axes.iter().zip(setpoint.position_increments) {
                     write!(out, ",{:.6}", position as f64 * axis.increment_mm())?;
                 }
                 writeln!(out)
@@ -192,12 +195,12 @@ fn print_totals(checked: &Checked, totals: &Totals) {
         return;
     };
     say(&format!(
-        "program {}: {} elements, {:.3} mm, {:.3} s, {} rows: good",
+        "program {}: {} elements, {:.3} mm, {:.3} s, {} setpoints: good",
         program.name,
         program.path.elements.len(),
         totals.distance_mm,
         totals.time_s,
-        totals.rows
+        totals.setpoints
     ));
     for (index, axis) in checked.machine.axes.iter().enumerate() {
         let unit = axis.kind.unit();

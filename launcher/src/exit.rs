@@ -40,7 +40,7 @@ impl<T, E: Into<anyhow::Error>> Kind<T> for Result<T, E> {
     }
 }
 
-/// An error and its causes, each said once: some errors name their cause themselves.
+/// An error and its causes, each reported once: some errors name their cause themselves.
 pub fn words(error: &anyhow::Error) -> String {
     let mut words = String::new();
     for cause in error.chain() {

@@ -26,7 +26,7 @@ use crate::run_dir::RunDir;
 
 mod restart;
 
-/// Until then every process must have said that it is ready.
+/// Until then every process must have reported that it is ready.
 const READY_LIMIT: Duration = Duration::from_secs(30);
 /// So long a process may take to leave in order, the recorder with its queue to empty among them.
 pub const LEAVE_LIMIT: Duration = Duration::from_secs(60);
@@ -204,7 +204,7 @@ impl Death {
         }
     }
 
-    /// Whether the process doing this job ended otherwise than it was told to.
+    /// Whether the process doing this job ended otherwise than it was ordered to.
     pub fn is_untimely(&self, job: Job) -> bool {
         self.job == job && !self.status.success()
     }
@@ -322,13 +322,13 @@ impl Group {
 
     /// Hands the roster to observers that have come meanwhile. Not while a process is on its way into it: that one must see
     /// no roster before the one that admits it.
-    pub fn greet(&self) {
+    pub fn publish_roster_to_newcomers(&self) {
         if !self.somebody_joins() {
-            self.roster_writer.greet();
+            self.roster_writer.connect_readers();
         }
     }
 
-    /// Starts the process of a place; it takes part once the roster says so.
+    /// Starts the process of a place; it takes part once the roster reports it.
     fn spawn(
         &self,
         index: usize,
@@ -482,7 +482,7 @@ impl Group {
             if let Some(log) = member.log.take() {
                 let _ = log.join();
             }
-            // Who leaves in order has been told to: that is no news, and no sample may hang on when it was noticed.
+            // Who leaves in order has been ordered to: that is no news, and no sample may depend on when it was noticed.
             if !status.success() {
                 note_death(&mut self.roster, index, status, self.newest_scan);
             }
@@ -523,7 +523,7 @@ impl Group {
         deaths
     }
 
-    /// Ends those who do not leave by themselves, and says so.
+    /// Ends those who do not leave by themselves, and reports it.
     fn end_late(&mut self, whom: &dyn Fn(&Member) -> bool) {
         for member in self.members.iter().filter(|member| whom(member)) {
             tracing::warn!(process = member.role.name, "did not leave in time: killed");

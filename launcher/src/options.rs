@@ -30,7 +30,7 @@ pub struct RunOptions {
     /// Show `quadrant monitor` in this terminal meanwhile; closing it (q) ends nothing
     #[arg(long)]
     pub view: bool,
-    /// Go without what earlier runs have taught (learned.toml beside the machine file)
+    /// Go without what earlier runs have learned (learned.toml beside the machine file)
     #[arg(long)]
     pub no_learned: bool,
     /// Serve metrics for Prometheus (OpenMetrics, docs/howto/metrics.md) at this address or port [without one: 127.0.0.1:7823]
@@ -74,7 +74,7 @@ pub struct UpOptions {
     /// Show `quadrant monitor` in this terminal meanwhile; closing it (q) ends nothing
     #[arg(long)]
     pub view: bool,
-    /// Go without what earlier runs have taught (learned.toml beside the machine file)
+    /// Go without what earlier runs have learned (learned.toml beside the machine file)
     #[arg(long)]
     pub no_learned: bool,
     /// Serve metrics for Prometheus (OpenMetrics, docs/howto/metrics.md) at this address or port [without one: 127.0.0.1:7823]

@@ -34,7 +34,7 @@ pub struct Sources<'a> {
     pub plant: &'a Path,
     /// Part program.
     pub program: Option<&'a Path>,
-    /// What runs before have taught, if it is to be used and there is any.
+    /// What runs before have learned, if it is to be used and there is any.
     pub learned: Option<&'a Path>,
     /// Scripted orders.
     pub orders: Option<&'a Path>,

@@ -1,5 +1,5 @@
 //! Words to the service manager, if one started this process and asked for them (`Type=notify` of systemd): that the cell is up,
-//! that it is being stopped, and what it does. One datagram each, as in sd_notify(3); without `NOTIFY_SOCKET` nothing is said,
+//! that it is being stopped, and what it does. One datagram each, as in sd_notify(3); without `NOTIFY_SOCKET` nothing is reported,
 //! and a word that does not get through stops nobody.
 
 use std::env;

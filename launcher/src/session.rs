@@ -35,16 +35,16 @@ pub struct Session {
     reported: u32,
     /// Runs whose logs are whole.
     logged: u32,
-    /// Runs that were said to have begun.
-    begun: u32,
+    /// Runs that were reported to have started.
+    started: u32,
     /// Programs of lower numbers are gone.
     pruned: u32,
     /// The program that was loaded, and the scan in which this was seen.
     loaded: Option<(u32, u64)>,
     /// Program and run that were seen last.
     seen: (u32, u32),
-    /// State that was said last.
-    said: Option<(u32, u32, u32)>,
+    /// State that was reported last.
+    printed: Option<(u32, u32, u32)>,
     /// A run that is over, and the scan whose samples its log must have.
     over: Option<(u32, u64)>,
     /// One at a time, beside a machine that moves.
@@ -68,11 +68,11 @@ impl Session {
             place: place.clone(),
             reported: 0,
             logged: 0,
-            begun: 0,
+            started: 0,
             pruned: 0,
             loaded: None,
             seen: (0, 0),
-            said: None,
+            printed: None,
             over: None,
             report: None,
         }
@@ -82,14 +82,14 @@ impl Session {
     pub fn look(&mut self, feedback: &Feedback, recorded_scans: u64, events: &mut Events) {
         self.say_state(feedback, events);
         self.prune(feedback, recorded_scans);
-        while self.begun < feedback.run {
-            self.begun += 1;
-            tracing::info!("run {} begins", self.begun);
-            let text = Some(format!("run {}", self.begun));
+        while self.started < feedback.run {
+            self.started += 1;
+            tracing::info!("run {} begins", self.started);
+            let text = Some(format!("run {}", self.started));
             events.write(&Event::of_cell(feedback.scan, "run begins", text));
         }
-        let begun = feedback.program == ProgramState::Begun as u32;
-        let done = feedback.run.saturating_sub(u32::from(begun));
+        let started = feedback.program == ProgramState::Running as u32;
+        let done = feedback.run.saturating_sub(u32::from(started));
         if done > self.logged && self.over.is_none_or(|(run, _)| run != done) {
             self.over = Some((done, feedback.scan));
         }
@@ -127,10 +127,10 @@ impl Session {
 
     fn say_state(&mut self, feedback: &Feedback, events: &mut Events) {
         let state = (feedback.mode, feedback.cause, feedback.program);
-        if self.said == Some(state) {
+        if self.printed == Some(state) {
             return;
         }
-        // Trips are said with all they mean elsewhere.
+        // Trips are reported with all they mean elsewhere.
         if let Some(mode) = Mode::from_wire(feedback.mode).filter(|mode| *mode != Mode::Tripped) {
             let program = ProgramState::from_wire(feedback.program);
             let program = program.map_or("of another version", ProgramState::word);
@@ -142,7 +142,7 @@ impl Session {
             tracing::info!("by scan {}: {text}", feedback.scan);
             events.write(&Event::of_cell(feedback.scan, "state", Some(text)));
         }
-        self.said = Some(state);
+        self.printed = Some(state);
     }
 
     /// Programs that have been replaced are not needed any more, once the recorder too has come to where they were.

@@ -107,7 +107,7 @@ fn table(from: &dyn TableLike, path: &str, keys: &mut Keys) {
             table(inner, &path, keys);
         } else if let Some(tables) = item.as_array_of_tables() {
             for (index, inner) in tables.iter().enumerate() {
-                // An axis goes by its name, wherever it stands in the file.
+                // An axis goes by its name, wherever it is in the file.
                 let name = inner.get("name").and_then(Item::as_str);
                 let name = name.map_or_else(|| (index + 1).to_string(), str::to_string);
                 table(inner, &format!("{path} {name}"), keys);

@@ -22,7 +22,7 @@ use crate::signals::Signals;
 use crate::supervisor::{Supervisor, Verdict};
 use crate::view::View;
 
-/// So long the machine may take to come to rest once it was told to.
+/// So long the machine may take to come to rest once it was ordered to.
 const STOP_LIMIT: Duration = Duration::from_secs(15);
 /// The longest wait while somebody is being started, or a fault script may ask for something.
 const LOOK_OFTEN: Duration = Duration::from_millis(1);
@@ -173,7 +173,7 @@ impl<'a> Supervision<'a> {
         let often = self.faults.is_some() || self.supervisor.is_busy(self.group);
         let limit = if often { LOOK_OFTEN } else { LOOK_EVERY };
         self.group.wait(Some(self.signals.descriptor()), limit);
-        self.group.greet();
+        self.group.publish_roster_to_newcomers();
         if let Some(view) = &mut self.view {
             view.look();
         }
@@ -205,7 +205,7 @@ impl<'a> Supervision<'a> {
         let lost = !self.group.lives(Job::Monitor) && !self.supervisor.is_due(recorder);
         if session.is_another(feedback) && lost {
             // Whatever kept it from writing may have passed.
-            self.supervisor.try_anew(recorder);
+            self.supervisor.try_again(recorder);
         }
     }
 
@@ -238,7 +238,7 @@ impl<'a> Supervision<'a> {
     fn start_replacements(&mut self) {
         self.supervisor.start_due(self.group);
         for (process, pid) in self.group.admit_ready() {
-            tracing::info!("{process} started anew");
+            tracing::info!("{process} restarted");
             self.events.write(&Event {
                 process: Some(&process),
                 pid: Some(pid),
@@ -316,7 +316,7 @@ impl<'a> Supervision<'a> {
             .is_some_and(|since| since.elapsed() > STOP_LIMIT);
         if overdue {
             let limit_s = STOP_LIMIT.as_secs();
-            tracing::error!("not at rest {limit_s} s after it was told to stop");
+            tracing::error!("not at rest {limit_s} s after it was ordered to stop");
         }
         overdue
     }
@@ -380,7 +380,7 @@ fn waits_for(feedback: &Feedback, restart: &Restart, cell: &str) -> Option<Strin
         Mode::Tripped if restart.servo == AfterLoss::Wait => {
             format!("`quadrant resume --cell {cell}` returns to the path and goes on")
         }
-        Mode::Disabled if feedback.program != ProgramState::Begun as u32 => {
+        Mode::Disabled if feedback.program != ProgramState::Running as u32 => {
             format!("the drives are off: `quadrant enable --cell {cell}`")
         }
         Mode::Disabled => format!(
@@ -397,15 +397,15 @@ fn waits_for(feedback: &Feedback, restart: &Restart, cell: &str) -> Option<Strin
 /// The same of a cell that stays up, where a process was lost; what an operator waits for he knows himself.
 fn lost_in(feedback: &Feedback, cell: &str) -> Option<String> {
     let cause = Cause::from_wire(feedback.cause)?;
-    let begun = feedback.program == ProgramState::Begun as u32;
-    let then = if begun {
+    let started = feedback.program == ProgramState::Running as u32;
+    let then = if started {
         format!("`quadrant resume --cell {cell}` returns to the path and goes on")
     } else {
         format!("`quadrant enable --cell {cell}` makes it ready")
     };
     match (Mode::from_wire(feedback.mode)?, cause) {
         (Mode::Tripped, Cause::ServoLost | Cause::Watchdog) => Some(then),
-        (Mode::Disabled, Cause::MasterLost) if begun => Some(format!(
+        (Mode::Disabled, Cause::MasterLost) if started => Some(format!(
             "the drives are off: `quadrant enable --cell {cell}`, then {then}"
         )),
         (Mode::Disabled, Cause::MasterLost) => Some(then),

@@ -8,7 +8,7 @@ use machine::{Machine, Process, Restart};
 
 use crate::group::{Death, Group};
 
-/// Wait before a process that lived shorter than [`STEADY`] is started anew; doubled each time, up to [`BACK_OFF_MAX`].
+/// Wait before a process that lived shorter than [`STEADY`] is restarted; doubled each time, up to [`BACK_OFF_MAX`].
 const BACK_OFF: Duration = Duration::from_millis(10);
 const BACK_OFF_MAX: Duration = Duration::from_secs(1);
 const STEADY: Duration = Duration::from_millis(500);
@@ -27,7 +27,7 @@ pub enum Verdict {
 /// The restarts of one place.
 #[derive(Debug, Default)]
 struct Place {
-    /// When it was started anew, of late.
+    /// When it was restarted, of late.
     restarts: VecDeque<Instant>,
     back_off: Duration,
     due: Option<Instant>,
@@ -67,7 +67,7 @@ impl Supervisor {
             Job::Planner | Job::Master => Verdict::Ends,
             Job::Servo | Job::Monitor => Verdict::GoesOn,
         };
-        // A master that gave up by itself has said why: another one would fare no better.
+        // A master that gave up by itself has reported why: another one would fare no better.
         let gave_up = role.process.job == Job::Master && death.status.code().is_some();
         if gave_up || !self.replaces(role.process) {
             return without;
@@ -85,7 +85,7 @@ impl Supervisor {
         }
         if place.restarts.len() as u64 >= u64::from(policy.restarts_max) {
             tracing::error!(
-                "{} was started anew {} times within {} s: not again",
+                "{} was restarted {} times within {} s: not again",
                 death.name,
                 place.restarts.len(),
                 policy.within_s
@@ -131,7 +131,7 @@ impl Supervisor {
     }
 
     /// Forgets that the process of this place was given up.
-    pub fn try_anew(&mut self, place: usize) {
+    pub fn try_again(&mut self, place: usize) {
         let place = self.place(place);
         place.restarts.clear();
         place.back_off = Duration::ZERO;

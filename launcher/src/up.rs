@@ -19,7 +19,7 @@ use crate::supervise::{Ending, Subject, Watch, supervise};
 use crate::view::{self, View};
 use crate::{check, doctor, logs, metrics_socket, service_manager, training};
 
-/// Starts the group of a machine and stays until it is told to end.
+/// Starts the group of a machine and stays until it is ordered to end.
 pub fn up(options: &UpOptions) -> Outcome {
     logs::init_launcher();
     if options.view {

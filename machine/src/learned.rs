@@ -140,7 +140,7 @@ impl Learned {
         Learned::parse(&name, &read_text(&path)?, machine).map(Some)
     }
 
-    /// Checks the text of such a file; `name` stands in the messages.
+    /// Checks the text of such a file; `name` is in the messages.
     fn parse(name: &str, text: &str, machine: &Machine) -> Result<Learned, SettingsFileError> {
         let judge = |rules: &mut Rules<'_>, learned: &Learned| learned.judge(rules, machine);
         settings_file::load(name, text, &[], judge).map_err(|error| match error {

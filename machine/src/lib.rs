@@ -1,7 +1,7 @@
 //! The machine file: what the controller knows of its machine.
 //!
 //! `machine.toml` is read once, checked as a whole before anything starts, and shared by every process of the cell. What is
-//! true of the simulated machine stands in `plant.toml`, which only the master reads.
+//! true of the simulated machine is in `plant.toml`, which only the master reads.
 //!
 //! Each key is declared once, as a field of a struct with its meaning, unit, range and default ([`settings_file`] says how); the
 //! struct of the whole file is [`Machine`]. Rules that relate several keys are in `rules`.

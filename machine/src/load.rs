@@ -18,7 +18,7 @@ impl Machine {
         Self::parse(&path.display().to_string(), &read_text(&path)?)
     }
 
-    /// Checks the text of a machine file; `name` stands in the messages.
+    /// Checks the text of a machine file; `name` is in the messages.
     ///
     /// # Errors
     /// As [`Machine::load`].

@@ -142,7 +142,7 @@ impl Machine {
     }
 
     /// Setpoints of intended motion in a window: look-ahead, commit delay and one period.
-    pub fn intended_rows(&self) -> u32 {
+    pub fn intended_setpoints(&self) -> u32 {
         self.scan.interpolation_period_scans * (self.scan.look_ahead_periods + 2)
     }
 }

@@ -1,4 +1,4 @@
-//! The rules of the machine file that relate several keys. What concerns one key alone stands at the key.
+//! The rules of the machine file that relate several keys. What concerns one key alone is at the key.
 
 use bus::cell::{CELL_NAME_LENGTH_MAX, is_cell_name};
 

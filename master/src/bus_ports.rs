@@ -15,7 +15,7 @@ use bus::port::{Age, OperatorServer, Reader, WindowReader, Writer};
 use bus::realtime;
 use bus::sample::{
     AxisCommand, Feedback, Instruments, Job, MAX_AXES, MAX_PARTICIPANTS, OperatorRequest,
-    OperatorResponse, Participant, PlannerStatus, Roster, WindowHeader, WindowRow,
+    OperatorResponse, Participant, PlannerStatus, Roster, Setpoint, WindowHeader,
 };
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES, SCAN_DEPTH};
 use bus::signal_page::CellPhase;
@@ -88,7 +88,7 @@ impl Ports {
     }
 }
 
-/// Incarnations of the places that lived when a scan was said, 0 for the others: who came later was not asked.
+/// Incarnations of the places that lived when a scan was published, 0 for the others: who came later was not asked.
 type Asked = [u32; MAX_PARTICIPANTS];
 
 fn asked(roster: &Roster) -> Asked {
@@ -494,12 +494,12 @@ impl MasterPorts for BusPorts {
     fn for_each_window(
         &mut self,
         scan: u64,
-        mut offer: impl FnMut(&WindowHeader, &[WindowRow], &Roster),
+        mut offer: impl FnMut(&WindowHeader, &[Setpoint], &Roster),
     ) {
         let roster = &self.roster;
         self.ports
             .windows
-            .each(scan, |header, rows| offer(header, rows, roster));
+            .each(scan, |header, setpoints| offer(header, setpoints, roster));
     }
 
     fn finish(&mut self, scan: u64) {
@@ -529,16 +529,16 @@ mod tests {
             live: 1,
             ..Participant::zeroed()
         };
-        let said = asked(&roster);
-        let count = |roster: &Roster, said| {
-            missing(7, false, &Answers::NONE, (roster, said), |_, _| false).count
+        let published = asked(&roster);
+        let count = |roster: &Roster, published| {
+            missing(7, false, &Answers::NONE, (roster, published), |_, _| false).count
         };
-        assert_eq!(count(&roster, &said), 1);
+        assert_eq!(count(&roster, &published), 1);
         roster.participants[0].live = 0;
-        assert_eq!(count(&roster, &said), 0);
+        assert_eq!(count(&roster, &published), 0);
         roster.participants[0].incarnation = 2;
         roster.participants[0].live = 1;
-        assert_eq!(count(&roster, &said), 0);
+        assert_eq!(count(&roster, &published), 0);
         assert_eq!(count(&roster, &asked(&roster)), 1);
     }
 }

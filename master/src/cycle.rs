@@ -45,8 +45,8 @@ pub fn cycle<D: Drives, P: MasterPorts>(
         Some(false) => master.end_after_stop(),
         Some(true) => {}
     }
-    ports.for_each_window(scan, |header, rows, roster| {
-        master.offer(header, rows, roster);
+    ports.for_each_window(scan, |header, setpoints, roster| {
+        master.offer(header, setpoints, roster);
     });
     master.close_scan(&answers, ports.roster());
     Ok(Flow::GoOn)

@@ -1,6 +1,6 @@
-//! The motion digest: what the machine was told and did, scan by scan.
+//! The motion digest: what the machine was reported and did, scan by scan.
 //!
-//! It covers scan, applied command, window, row, encoder and table position of every axis; not roles, misses, roster or
+//! It covers scan, applied command, window, setpoint, encoder and table position of every axis; not roles, misses, roster or
 //! standbys. Two runs with the same motion have the same digest, whoever computed it.
 
 #![deny(
@@ -17,7 +17,7 @@ use crate::drives::DriveCommand;
 
 /// Words of one axis: kind and two values of the command, encoder, table.
 const AXIS_WORDS: usize = 5;
-/// Words of a scan before its axes: the digest before (two), scan, window, row.
+/// Words of a scan before its axes: the digest before (two), scan, window, setpoint.
 const HEAD_WORDS: usize = 5;
 
 /// A chain of XXH3-128: each scan's value is the hash of the one before and of what happened in the scan.
@@ -62,7 +62,7 @@ impl MotionDigest {
     }
 
     /// Begins a scan.
-    pub fn begin(&mut self, scan: u64, window: WindowId, row: u32) {
+    pub fn begin(&mut self, scan: u64, window: WindowId, setpoint: u32) {
         self.used = 0;
         let value = self.value;
         self.push(&[
@@ -70,7 +70,7 @@ impl MotionDigest {
             value as u64,
             scan,
             window.checksum,
-            u64::from(row),
+            u64::from(setpoint),
         ]);
     }
 

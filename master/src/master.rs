@@ -9,8 +9,8 @@
 )]
 
 use bus::sample::{
-    AxisFeedback, Cause, Driver, Feedback, Instruments, Job, MAX_AXES, Mode, Roster, WindowHeader,
-    WindowId, WindowRow,
+    AxisFeedback, Cause, Driver, Feedback, Instruments, Job, MAX_AXES, Mode, Roster, Setpoint,
+    WindowHeader, WindowId,
 };
 use bytemuck::Zeroable;
 use machine::{Machine, Restart};
@@ -75,11 +75,11 @@ pub struct Master<D> {
     scan_period_s: f64,
     /// Somebody has asked a machine without drives, or one that has tripped, to stop: the run may end.
     may_end: bool,
-    /// Somebody has told the cell to end, or its launcher is gone: nothing brings it back.
-    told_to_end: bool,
+    /// Somebody has reported the cell to end, or its launcher is gone: nothing brings it back.
+    ordered_to_end: bool,
     /// What follows when a process is lost.
     restart: Restart,
-    /// Command registers the program was begun from.
+    /// Command positions the program was started from.
     program_start: [i64; MAX_AXES],
     last: bool,
     overrun_scans: u32,
@@ -127,16 +127,16 @@ impl<D: Drives> Master<D> {
             settled_scans: 0,
             waited_scans: 0,
             rest_scans: 0,
-            rest_scans_min: machine.intended_rows(),
+            rest_scans_min: machine.intended_setpoints(),
             jog_from: Mode::Enabled,
             jog_patience_scans: 0,
             jog_mm_s: machine.manual.jog_mm_s,
             scan_period_s: machine.scan_period_s(),
             may_end: false,
-            told_to_end: false,
+            ordered_to_end: false,
             restart: match run_end {
                 RunEnd::AfterProgram => machine.restart,
-                RunEnd::WhenTold => machine.restart.of_staying(),
+                RunEnd::WhenOrdered => machine.restart.of_staying(),
             },
             program_start: [0; MAX_AXES],
             last: false,
@@ -189,7 +189,7 @@ impl<D: Drives> Master<D> {
             *out = AxisFeedback {
                 motor_position: axis.motor_position(),
                 scale_position: axis.scale_position(),
-                command_register: axis.register,
+                command_position: axis.command_position,
                 jog_target: axis.jog_target,
                 command_scan: axis.command.scan,
                 velocity_mm_s: axis.drive.velocity_mm_s,
@@ -217,17 +217,17 @@ impl<D: Drives> Master<D> {
         out.visible_from = self.scan + 1;
         out.subsamples = self.subsamples;
         out.axis_count = self.axes.len() as u32;
-        let (window, row) = self.windows.in_force(self.scan);
-        self.digest.begin(self.scan, window, row);
+        let (window, setpoint) = self.windows.in_force(self.scan);
+        self.digest.begin(self.scan, window, setpoint);
         let switching_on = self.switching_on.is_some();
         for (command, axis) in self.drive_commands.iter_mut().zip(&self.axes) {
             *command = axis.drive_command(self.mode, switching_on);
         }
         self.drives.exchange(&self.drive_commands);
         let taken = self.subsamples as usize;
-        let rows = out.table_mm.iter_mut().zip(&mut out.motor_mm);
+        let setpoints = out.table_mm.iter_mut().zip(&mut out.motor_mm);
         let axes = self.axes.iter_mut().zip(&self.drive_commands).enumerate();
-        for ((index, (axis, command)), (table, motor)) in axes.zip(rows) {
+        for ((index, (axis, command)), (table, motor)) in axes.zip(setpoints) {
             axis.take_drive(self.drives.feedback(index));
             let samples = self.drives.instruments(index);
             let samples = samples.get(..taken).unwrap_or(samples);
@@ -246,11 +246,11 @@ impl<D: Drives> Master<D> {
     }
 
     /// A window became visible in this scan.
-    pub fn offer(&mut self, header: &WindowHeader, rows: &[WindowRow], roster: &Roster) {
+    pub fn offer(&mut self, header: &WindowHeader, setpoints: &[Setpoint], roster: &Roster) {
         let planner = roster
             .living(Job::Planner, 0, 0)
             .map_or(0, |p| p.incarnation);
-        self.windows.offer(header, rows, planner);
+        self.windows.offer(header, setpoints, planner);
     }
 
     /// Ends the scan: takes the answers, judges faults, decides about windows, and steps to the next.
@@ -306,7 +306,7 @@ impl<D: Drives> Master<D> {
                     axis.missed_in_a_row = 0;
                     axis.command = command;
                     axis.taken_incarnation = command.incarnation;
-                    axis.register = command.position;
+                    axis.command_position = command.position;
                     axis.followed = true;
                 }
                 Taken::Bad(cause) => {
@@ -332,7 +332,7 @@ impl<D: Drives> Master<D> {
         by_hand && done
     }
 
-    /// One axis's fault stops all: they brake together, each as its servo said beforehand.
+    /// One axis's fault stops all: they brake together, each as its servo published beforehand.
     fn judge_axes(&mut self) {
         let fault = self
             .axes
@@ -349,9 +349,9 @@ impl<D: Drives> Master<D> {
         if self.mode == Mode::Tripped {
             return;
         }
-        // A machine that was told to stop and trips on the way to rest need not wait for anybody.
+        // A machine that was ordered to stop and trips on the way to rest need not wait for anybody.
         let stops = matches!(self.mode, Mode::Stopping | Mode::Stopped);
-        self.may_end = self.told_to_end || self.ends() && stops;
+        self.may_end = self.ordered_to_end || self.ends() && stops;
         self.mode = Mode::Tripped;
         self.cause = cause;
         self.cause_axis = axis;
@@ -366,17 +366,17 @@ impl<D: Drives> Master<D> {
     fn decide_window(&mut self) {
         let axes = &self.axes;
         let held_by_all = |id: WindowId| axes.iter().all(|axis| axis.command.pending == id);
-        let begun = self.windows.has_begun();
+        let started = self.windows.has_started();
         self.windows
             .decide(self.scan + 1, self.mode == Mode::Enabled, held_by_all);
-        if !begun && self.windows.has_begun() {
+        if !started && self.windows.has_started() {
             for (start, axis) in self.program_start.iter_mut().zip(&self.axes) {
-                *start = axis.register;
+                *start = axis.command_position;
             }
         }
     }
 
-    /// While a loop is open its position register follows the encoder (docs/methods/follow-up.md): with the drives off
+    /// While a loop is open its command position follows the encoder (docs/methods/follow-up.md): with the drives off
     /// as far from it as it was when they were switched off; after a trip, in which the deviation means nothing, at it.
     fn follow_up(&mut self) {
         for axis in &mut self.axes {
@@ -385,7 +385,7 @@ impl<D: Drives> Master<D> {
                 Mode::Tripped => 0,
                 _ => continue,
             };
-            axis.register = axis.feedback_position().saturating_add(deviation);
+            axis.command_position = axis.feedback_position().saturating_add(deviation);
         }
     }
 
@@ -408,7 +408,7 @@ impl<D: Drives> Master<D> {
             }
             Mode::Stopping => {
                 if at_rest {
-                    self.mode = if self.program.is_begun() {
+                    self.mode = if self.program.is_running() {
                         Mode::Stopped
                     } else {
                         self.idle_mode()
@@ -444,7 +444,7 @@ impl<D: Drives> Master<D> {
         }
     }
 
-    /// Whether the axes stand, as far as anybody can see: a drive that does not answer shows no speed.
+    /// Whether the axes are, as far as anybody can see: a drive that does not answer shows no speed.
     fn stands(&self) -> bool {
         self.axes.iter().all(|axis| {
             axis.drive.state == DriveState::Lost || axis.drive.velocity_mm_s.abs() < STANDSTILL_MM_S
@@ -459,7 +459,9 @@ impl<D: Drives> Master<D> {
     /// At the programmed end: finished once all axes are within their in-position windows; a trip if one never comes.
     fn await_position(&mut self) {
         let out_of_position = self.axes.iter().position(|axis| {
-            let off = axis.feedback_position().saturating_sub(axis.register) as f64;
+            let off = axis
+                .feedback_position()
+                .saturating_sub(axis.command_position) as f64;
             let most_mm =
                 (axis.settings.in_position_um + axis.settings.reversal.backlash_um) * 1e-3;
             off.abs() * axis.settings.increment_mm() > most_mm

@@ -1,7 +1,7 @@
 //! What a master sees of its cell.
 
 use bus::sample::{
-    Feedback, Instruments, OperatorRequest, OperatorResponse, Roster, WindowHeader, WindowRow,
+    Feedback, Instruments, OperatorRequest, OperatorResponse, Roster, Setpoint, WindowHeader,
 };
 
 use crate::answers::Answers;
@@ -71,7 +71,7 @@ pub trait MasterPorts {
     fn for_each_window(
         &mut self,
         scan: u64,
-        offer: impl FnMut(&WindowHeader, &[WindowRow], &Roster),
+        offer: impl FnMut(&WindowHeader, &[Setpoint], &Roster),
     );
 
     /// The last feedback has been published: waits until it has been recorded.

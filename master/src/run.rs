@@ -82,11 +82,11 @@ pub fn run<D: Drives, P: MasterPorts<Error = MasterError>>(
     result
 }
 
-/// The first scan of a master, from the scan that one before it has saved last and the one it has said last. A scan that
-/// was said and not saved is not said again: who has answered it would not answer another of that number, and in lockstep
+/// The first scan of a master, from the scan that one before it has saved last and the one it has published last. A scan that
+/// was published and not saved is not published again: who has answered it would not answer another of that number, and in lockstep
 /// everybody would wait for ever.
-fn first_scan(saved: Option<u64>, said: Option<u64>) -> u64 {
-    saved.max(said).map_or(0, |scan| scan + 1)
+fn first_scan(saved: Option<u64>, published: Option<u64>) -> u64 {
+    saved.max(published).map_or(0, |scan| scan + 1)
 }
 
 /// Takes over what a master before this one left.
@@ -103,7 +103,7 @@ mod tests {
     use super::first_scan;
 
     #[test]
-    fn a_scan_that_was_said_before_the_kill_is_not_said_again() {
+    fn a_scan_that_was_published_before_the_kill_is_not_published_again() {
         assert_eq!(first_scan(None, None), 0);
         assert_eq!(first_scan(Some(7), Some(7)), 8);
         assert_eq!(first_scan(Some(7), Some(8)), 9);

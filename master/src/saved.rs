@@ -24,7 +24,7 @@ pub struct Latches {
     pub digest: [u64; 2],
     /// Where the path was left.
     pub left: Left,
-    /// Command registers the program was begun from.
+    /// Command positions the program was started from.
     pub program_start: [i64; MAX_AXES],
     /// Override in percent.
     pub override_percent: u32,
@@ -32,7 +32,7 @@ pub struct Latches {
     pub overrun_scans: u32,
     /// 1 if somebody had asked for a stop: the run may end.
     pub may_end: u32,
-    /// 1 if the cell was told to end.
+    /// 1 if the cell was ordered to end.
     pub ends: u32,
     /// Number of the program that was loaded last.
     pub load: u32,

@@ -7,10 +7,10 @@
     clippy::indexing_slicing
 )]
 
-use bus::sample::{Feedback, MAX_WINDOW_ROWS, PathTag, WindowHeader, WindowId, WindowRow};
+use bus::sample::{Feedback, MAX_WINDOW_SETPOINTS, PathTag, Setpoint, WindowHeader, WindowId};
 use bytemuck::{Pod, Zeroable};
 
-/// A window as the master keeps it: its header and the tags of its rows.
+/// A window as the master keeps it: its header and the tags of its setpoints.
 #[derive(Debug)]
 struct Kept {
     header: WindowHeader,
@@ -21,7 +21,7 @@ impl Kept {
     fn none() -> Kept {
         Kept {
             header: WindowHeader::zeroed(),
-            tags: Vec::with_capacity(MAX_WINDOW_ROWS),
+            tags: Vec::with_capacity(MAX_WINDOW_SETPOINTS),
         }
     }
 
@@ -29,11 +29,15 @@ impl Kept {
         self.header.id.is_none()
     }
 
-    fn set(&mut self, header: &WindowHeader, rows: &[WindowRow]) {
+    fn set(&mut self, header: &WindowHeader, setpoints: &[Setpoint]) {
         self.header = *header;
         self.tags.clear();
-        self.tags
-            .extend(rows.iter().take(MAX_WINDOW_ROWS).map(|row| row.tag));
+        self.tags.extend(
+            setpoints
+                .iter()
+                .take(MAX_WINDOW_SETPOINTS)
+                .map(|setpoint| setpoint.tag),
+        );
     }
 
     fn clear(&mut self) {
@@ -41,8 +45,8 @@ impl Kept {
         self.tags.clear();
     }
 
-    fn row(&self, scan: u64) -> u32 {
-        let last = u64::from(self.header.row_count.max(1) - 1);
+    fn setpoint(&self, scan: u64) -> u32 {
+        let last = u64::from(self.header.setpoint_count.max(1) - 1);
         scan.saturating_sub(self.header.first_scan).min(last) as u32
     }
 }
@@ -70,7 +74,7 @@ pub struct WindowArbiter {
     voided: WindowId,
     epoch: u32,
     /// Where the path was when its last window went, and the program it belongs to.
-    left_at: PathTag,
+    interrupted_at: PathTag,
     left_program: u64,
     /// What the feedback says of the path while no window is in force.
     shown: PathTag,
@@ -100,18 +104,18 @@ impl WindowArbiter {
             armed: false,
             voided: WindowId::NONE,
             epoch: 1,
-            left_at: PathTag::OFF_PATH,
+            interrupted_at: PathTag::OFF_PATH,
             left_program: 0,
             shown: PathTag::default(),
         }
     }
 
-    /// The window in force in this scan and its row.
+    /// The window in force in this scan and its setpoint.
     pub fn in_force(&self, scan: u64) -> (WindowId, u32) {
         if self.in_force.is_none() {
             (WindowId::NONE, 0)
         } else {
-            (self.in_force.header.id, self.in_force.row(scan))
+            (self.in_force.header.id, self.in_force.setpoint(scan))
         }
     }
 
@@ -120,7 +124,7 @@ impl WindowArbiter {
         let mut feedback = Feedback::zeroed();
         self.tell(scan, &mut feedback);
         Left {
-            tag: feedback.left_at,
+            tag: feedback.interrupted_at,
             program_hash: feedback.program_hash,
             epoch: self.epoch,
             reserved: 0,
@@ -129,7 +133,7 @@ impl WindowArbiter {
 
     /// Goes on where a master before this one left: without a window, in a new epoch, off the path if there was one.
     pub fn restore(&mut self, left: &Left) {
-        self.left_at = left.tag;
+        self.interrupted_at = left.tag;
         self.left_program = left.program_hash;
         self.epoch = left.epoch.saturating_add(1);
         if !left.tag.is_off_path() {
@@ -140,14 +144,14 @@ impl WindowArbiter {
     /// No window, and no place on any path: another program is to begin.
     pub fn forget_path(&mut self, scan: u64) {
         self.drop_all(scan, Dropped::LeavesPath);
-        self.left_at = PathTag::OFF_PATH;
+        self.interrupted_at = PathTag::OFF_PATH;
         self.left_program = 0;
         self.shown = PathTag::default();
     }
 
-    /// Whether the path has been begun: a window of it was in force once.
-    pub fn has_begun(&self) -> bool {
-        !self.in_force.is_none() || !self.left_at.is_off_path()
+    /// Whether the path has been started: a window of it was in force once.
+    pub fn has_started(&self) -> bool {
+        !self.in_force.is_none() || !self.interrupted_at.is_off_path()
     }
 
     /// Whether a window is in force.
@@ -155,9 +159,10 @@ impl WindowArbiter {
         !self.in_force.is_none()
     }
 
-    /// Whether the command stands in this scan: the window's last row is reached.
+    /// Whether the command is in this scan: the window's last setpoint is reached.
     pub fn at_rest(&self, scan: u64) -> bool {
-        self.in_force.is_none() || self.in_force.row(scan) + 1 >= self.in_force.header.row_count
+        self.in_force.is_none()
+            || self.in_force.setpoint(scan) + 1 >= self.in_force.header.setpoint_count
     }
 
     /// Whether the window in force brings the program to its end.
@@ -167,14 +172,14 @@ impl WindowArbiter {
 
     /// Writes into the feedback what everybody is to execute in this scan.
     pub fn tell(&self, scan: u64, feedback: &mut Feedback) {
-        let (window, row) = self.in_force(scan);
+        let (window, setpoint) = self.in_force(scan);
         feedback.window = window;
-        feedback.row = row;
-        let tag = self.in_force.tags.get(row as usize).copied();
+        feedback.setpoint = setpoint;
+        let tag = self.in_force.tags.get(setpoint as usize).copied();
         feedback.tag = tag.unwrap_or(self.shown);
-        feedback.left_at = match tag {
+        feedback.interrupted_at = match tag {
             Some(tag) if !tag.is_off_path() => tag,
-            _ => self.left_at,
+            _ => self.interrupted_at,
         };
         feedback.program_hash = if self.in_force.is_none() {
             self.left_program
@@ -193,17 +198,18 @@ impl WindowArbiter {
 
     /// A window came in from the planner of this incarnation. A second one while one is pending is void at once, and
     /// so is one of a planner that is not the live one or of another size than it says.
-    pub fn offer(&mut self, header: &WindowHeader, rows: &[WindowRow], planner: u32) {
+    pub fn offer(&mut self, header: &WindowHeader, setpoints: &[Setpoint], planner: u32) {
         let known = header.id.incarnation == planner && planner != 0;
-        let sized = header.row_count as usize == rows.len()
-            && !rows.is_empty()
-            && rows.len() <= MAX_WINDOW_ROWS;
-        let told = header.intended_rows >= 1 && header.intended_rows <= header.row_count;
-        if !self.pending.is_none() || !known || !sized || !told {
+        let sized = header.setpoint_count as usize == setpoints.len()
+            && !setpoints.is_empty()
+            && setpoints.len() <= MAX_WINDOW_SETPOINTS;
+        let reported =
+            header.intended_setpoints >= 1 && header.intended_setpoints <= header.setpoint_count;
+        if !self.pending.is_none() || !known || !sized || !reported {
             self.voided = header.id;
             return;
         }
-        self.pending.set(header, rows);
+        self.pending.set(header, setpoints);
     }
 
     /// Decides about the pending window for scan `next`: it takes over at its first scan if every axis holds it by
@@ -217,7 +223,7 @@ impl WindowArbiter {
         let continues = header.predecessor == self.in_force.header.id
             && (!header.predecessor.is_none() || header.epoch == self.epoch);
         let held = held_by_all(header.id);
-        let too_far = header.first_scan > next + MAX_WINDOW_ROWS as u64;
+        let too_far = header.first_scan > next + MAX_WINDOW_SETPOINTS as u64;
         if !allowed || !continues || too_far || header.first_scan < next {
             self.void();
         } else if header.first_scan == next {
@@ -245,14 +251,17 @@ impl WindowArbiter {
             self.void();
         }
         if !self.in_force.is_none() {
-            let tag = self.in_force.tags.get(self.in_force.row(scan) as usize);
+            let tag = self
+                .in_force
+                .tags
+                .get(self.in_force.setpoint(scan) as usize);
             self.shown = tag.copied().unwrap_or_default();
             if !self.shown.is_off_path() {
-                self.left_at = self.shown;
+                self.interrupted_at = self.shown;
             }
             self.left_program = self.in_force.header.program_hash;
         }
-        if why == Dropped::LeavesPath && !self.left_at.is_off_path() {
+        if why == Dropped::LeavesPath && !self.interrupted_at.is_off_path() {
             self.shown = PathTag::OFF_PATH;
         }
         self.in_force.clear();

@@ -145,7 +145,7 @@ impl Bench {
             commands[0] = Some(AxisCommand {
                 scan: feedback.scan,
                 visible_from: feedback.scan + 1,
-                position: feedback.axes[axis].command_register + increments,
+                position: feedback.axes[axis].command_position + increments,
                 velocity_mm_s: speed_mm_s,
                 stop_deceleration_mm_s2: 1000.0,
                 axis: axis as u32,
@@ -327,7 +327,7 @@ fn a_drive_fault_in_motion_stops_all_axes_with_its_code_and_is_not_acknowledged_
     assert_eq!(feedback.hold, 1);
     for (axis, shown) in feedback.axes().iter().enumerate() {
         assert_eq!(
-            shown.command_register, shown.motor_position,
+            shown.command_position, shown.motor_position,
             "axis {axis} is commanded to be where it came to rest"
         );
     }

@@ -2,7 +2,7 @@
 
 use bus::sample::{
     AxisCommand, Cause, Driver, Feedback, Job, Mode, OperatorRequest, Order, Participant,
-    PlannerStatus, ProgramState, Refused, Roster, WindowHeader, WindowId, WindowRow,
+    PlannerStatus, ProgramState, Refused, Roster, Setpoint, WindowHeader, WindowId,
 };
 use bytemuck::Zeroable;
 use machine::Machine;
@@ -66,7 +66,7 @@ impl Bench {
             commands[0] = Some(AxisCommand {
                 scan: feedback.scan,
                 visible_from: feedback.scan + 1,
-                position: feedback.axes[axis].command_register,
+                position: feedback.axes[axis].command_position,
                 stop_deceleration_mm_s2: 1000.0,
                 axis: axis as u32,
                 incarnation: 1,
@@ -94,25 +94,25 @@ impl Bench {
         feedback
     }
 
-    /// Offers a window of `rows` rows at rest where the machine stands.
+    /// Offers a window of `setpoints` setpoints at rest where the machine is.
     fn offer(
         &mut self,
         sequence: u32,
         first_scan: u64,
-        rows: usize,
+        setpoints: usize,
         predecessor: WindowId,
     ) -> WindowId {
         let feedback = self.side.feedback();
         let mut position = [0; bus::sample::MAX_AXES];
         for (value, axis) in position.iter_mut().zip(feedback.axes()) {
-            *value = axis.command_register;
+            *value = axis.command_position;
         }
-        let rows = vec![
-            WindowRow {
+        let setpoints = vec![
+            Setpoint {
                 position,
-                ..WindowRow::zeroed()
+                ..Setpoint::zeroed()
             };
-            rows
+            setpoints
         ];
         let header = WindowHeader {
             id: WindowId {
@@ -124,11 +124,11 @@ impl Bench {
             first_scan,
             visible_from: feedback.scan,
             epoch: feedback.epoch,
-            intended_rows: 1,
-            row_count: rows.len() as u32,
+            intended_setpoints: 1,
+            setpoint_count: setpoints.len() as u32,
             ..WindowHeader::zeroed()
         };
-        self.side.offer(&header, &rows, &self.roster);
+        self.side.offer(&header, &setpoints, &self.roster);
         header.id
     }
 }
@@ -298,11 +298,11 @@ fn a_window_is_executed_only_when_every_axis_holds_it() {
     assert!(feedback.window.is_none());
     assert_eq!(feedback.armed, id);
     let feedback = bench.scans(1);
-    assert_eq!((feedback.window, feedback.row), (id, 0));
+    assert_eq!((feedback.window, feedback.setpoint), (id, 0));
     assert_eq!(
-        (bench.scans(2).row, bench.scans(5).row),
+        (bench.scans(2).setpoint, bench.scans(5).setpoint),
         (2, 3),
-        "the last row is held"
+        "the last setpoint is held"
     );
     assert_eq!(bench.side.feedback().at_rest, 1);
 }
@@ -331,7 +331,7 @@ fn a_window_with_the_wrong_predecessor_epoch_planner_or_size_is_void() {
 
     let mut bench = Bench::new();
     bench.pending = bench.offer(1, 8, 0, WindowId::NONE);
-    assert!(bench.scans(9).window.is_none(), "no rows");
+    assert!(bench.scans(9).window.is_none(), "no setpoints");
 }
 
 #[test]
@@ -388,7 +388,7 @@ fn an_order_that_is_none_is_refused() {
 }
 
 #[test]
-fn while_tripped_the_position_register_follows_the_encoder() {
+fn while_tripped_the_command_position_follows_the_encoder() {
     let mut bench = Bench::new();
     for _ in 0..50 {
         bench.scan(|answers| {
@@ -407,7 +407,7 @@ fn while_tripped_the_position_register_follows_the_encoder() {
         let feedback = bench.scan(|_| {});
         for axis in feedback.axes() {
             moved |= axis.velocity_mm_s.abs() > 1.0;
-            assert_eq!(axis.command_register, axis.motor_position);
+            assert_eq!(axis.command_position, axis.motor_position);
         }
     }
     assert!(moved, "the axes braked for a while");
@@ -491,12 +491,12 @@ fn bring_into(mut bench: Bench, state: State) -> Bench {
 }
 
 impl Bench {
-    /// A window that ends the program where the machine stands.
+    /// A window that ends the program where the machine is.
     fn offer_end(&mut self) {
         let feedback = self.side.feedback();
-        let mut rows = [WindowRow::zeroed(); 4];
-        for row in &mut rows {
-            row.position = feedback.axes.map(|axis| axis.command_register);
+        let mut setpoints = [Setpoint::zeroed(); 4];
+        for setpoint in &mut setpoints {
+            setpoint.position = feedback.axes.map(|axis| axis.command_position);
         }
         let header = WindowHeader {
             id: WindowId {
@@ -507,12 +507,12 @@ impl Bench {
             predecessor: feedback.window,
             first_scan: (feedback.scan + 2).next_multiple_of(8),
             visible_from: feedback.scan,
-            intended_rows: 1,
-            row_count: 4,
+            intended_setpoints: 1,
+            setpoint_count: 4,
             ends_program: 1,
             ..WindowHeader::zeroed()
         };
-        self.side.offer(&header, &rows, &self.roster);
+        self.side.offer(&header, &setpoints, &self.roster);
         self.pending = header.id;
     }
 }
@@ -587,9 +587,9 @@ fn a_jog_of_nothing_of_no_axis_or_beyond_the_travel_is_refused_with_what_is_allo
         axis: 1,
         value: 200.0,
     });
-    let register_mm = bench.side.feedback().axes[1].command_register as f64 * 1e-6;
-    assert!((answer.allowed_min_mm - (-150.0 - register_mm)).abs() < 1e-9);
-    assert!((answer.allowed_max_mm - (150.0 - register_mm)).abs() < 1e-9);
+    let command_mm = bench.side.feedback().axes[1].command_position as f64 * 1e-6;
+    assert!((answer.allowed_min_mm - (-150.0 - command_mm)).abs() < 1e-9);
+    assert!((answer.allowed_max_mm - (150.0 - command_mm)).abs() < 1e-9);
     assert_eq!(
         order(&mut bench, Order::Jog, 1, answer.allowed_max_mm),
         Refused::Not
@@ -605,8 +605,8 @@ fn a_jog_voids_the_windows_begins_an_epoch_keeps_the_place_and_ends_in_hold() {
     assert_eq!(mode(&feedback), Mode::Jogging);
     assert!(feedback.window.is_none() && feedback.tag.is_off_path());
     assert_eq!(feedback.epoch, before.epoch + 1);
-    assert_eq!(feedback.left_at, before.tag);
-    let target = before.axes[1].command_register + 2_000_000;
+    assert_eq!(feedback.interrupted_at, before.tag);
+    let target = before.axes[1].command_position + 2_000_000;
     let driver = |feedback: &Feedback| feedback.axes.map(|axis| axis.driver);
     assert_eq!((driver(&feedback)[0], driver(&feedback)[1]), (0, 1));
     assert_eq!(feedback.axes[1].jog_target, target);
@@ -659,8 +659,8 @@ enum Stays {
     DrivesOff,
     JogsWithoutProgram,
     TrippedWithoutProgram,
-    /// With a program that was begun.
-    Begun(State),
+    /// With a program that was started.
+    Running(State),
     Ending,
 }
 
@@ -691,7 +691,7 @@ impl Bench {
 }
 
 fn staying(state: Stays) -> Bench {
-    let mut bench = Bench::of(RunEnd::WhenTold);
+    let mut bench = Bench::of(RunEnd::WhenOrdered);
     bench.scans(50);
     match state {
         Stays::Ready(ProgramState::None) => {}
@@ -717,7 +717,7 @@ fn staying(state: Stays) -> Bench {
             bench.roster.participants[1].live = 0;
             bench.scan(|answers| answers.commands[0][0] = None);
         }
-        Stays::Begun(state) => {
+        Stays::Running(state) => {
             bench.load(1);
             assert_eq!(order(&mut bench, Order::Start, 0, 0.0), Refused::Not);
             bench = bring_into(bench, state);
@@ -737,8 +737,8 @@ fn staying(state: Stays) -> Bench {
 #[expect(clippy::too_many_lines, reason = "a table of orders and states")]
 fn in_a_cell_that_stays_every_order_is_judged_by_the_state_it_comes_in() {
     use Refused::{
-        Begun, DrivesOff, Ending, Finished, Jogging, Loading, NoProgram, Not, NotAtRest, NotBegun,
-        NotHeld, NotReady, Tripped,
+        DrivesOff, Ending, Finished, Jogging, Loading, NoProgram, Not, NotAtRest, NotHeld,
+        NotReady, NotRunning, Running, Tripped,
     };
     let orders = [
         (Order::Hold, 0.0),
@@ -752,7 +752,7 @@ fn in_a_cell_that_stays_every_order_is_judged_by_the_state_it_comes_in() {
         (Order::Start, 0.0),
         (Order::Down, 0.0),
     ];
-    let ready = |start| [Not, NotBegun, Not, Not, Not, Not, Not, Not, start, Not];
+    let ready = |start| [Not, NotRunning, Not, Not, Not, Not, Not, Not, start, Not];
     let off = [
         Not, DrivesOff, Not, Not, Not, Not, DrivesOff, Not, DrivesOff, Not,
     ];
@@ -777,23 +777,28 @@ fn in_a_cell_that_stays_every_order_is_judged_by_the_state_it_comes_in() {
         (Stays::JogsWithoutProgram, jogging),
         (Stays::TrippedWithoutProgram, tripped),
         (
-            Stays::Begun(State::Moving),
-            [Not, Not, Not, Not, NotHeld, Not, NotHeld, Begun, Begun, Not],
+            Stays::Running(State::Moving),
+            [
+                Not, Not, Not, Not, NotHeld, Not, NotHeld, Running, Running, Not,
+            ],
         ),
         (
-            Stays::Begun(State::Held),
-            [Not, Not, Not, Not, Not, Not, Not, Begun, Begun, Not],
+            Stays::Running(State::Held),
+            [Not, Not, Not, Not, Not, Not, Not, Running, Running, Not],
         ),
-        (Stays::Begun(State::Stopping), stopping(NotAtRest, Begun)),
         (
-            Stays::Begun(State::Stopped),
-            [Not, Not, Not, Not, Not, Not, Not, Not, Begun, Not],
+            Stays::Running(State::Stopping),
+            stopping(NotAtRest, Running),
         ),
-        (Stays::Begun(State::Jogging), jogging),
-        (Stays::Begun(State::Disabled), off),
-        (Stays::Begun(State::Tripped), tripped),
         (
-            Stays::Begun(State::Finished),
+            Stays::Running(State::Stopped),
+            [Not, Not, Not, Not, Not, Not, Not, Not, Running, Not],
+        ),
+        (Stays::Running(State::Jogging), jogging),
+        (Stays::Running(State::Disabled), off),
+        (Stays::Running(State::Tripped), tripped),
+        (
+            Stays::Running(State::Finished),
             [
                 Finished, Finished, Not, Not, Finished, Finished, Finished, NotAtRest, NotAtRest,
                 Not,
@@ -827,10 +832,10 @@ fn a_program_is_loaded_started_done_and_started_again() {
     assert_eq!(bench.program(), ProgramState::Loaded);
     for run in 1..=2 {
         assert_eq!(order(&mut bench, Order::Start, 0, 0.0), Refused::Not);
-        let begun = bench.side.feedback();
-        assert_eq!((begun.run, begun.load), (run, 3));
-        assert_eq!(mode(&begun), Mode::Enabled);
-        assert!(begun.left_at.is_off_path() && begun.window.is_none());
+        let started = bench.side.feedback();
+        assert_eq!((started.run, started.load), (run, 3));
+        assert_eq!(mode(&started), Mode::Enabled);
+        assert!(started.interrupted_at.is_off_path() && started.window.is_none());
         bench = bring_into(bench, State::Finished);
         let after = bench.scans(200);
         assert_eq!(mode(&after), Mode::Ready);
@@ -846,7 +851,7 @@ fn a_program_that_the_planner_refuses_is_not_loaded_and_another_one_can_be() {
     assert_eq!(
         bench.program(),
         ProgramState::Loading,
-        "said of another one"
+        "published of another one"
     );
     bench.planner_says(1, Cause::Planner);
     assert_eq!(bench.program(), ProgramState::None);
@@ -864,12 +869,12 @@ fn a_program_that_the_planner_refuses_is_not_loaded_and_another_one_can_be() {
 
 #[test]
 fn a_program_that_was_stopped_is_given_up_for_another_and_nothing_of_its_path_is_left() {
-    let mut bench = staying(Stays::Begun(State::Stopped));
-    assert!(!bench.side.feedback().left_at.is_off_path());
+    let mut bench = staying(Stays::Running(State::Stopped));
+    assert!(!bench.side.feedback().interrupted_at.is_off_path());
     bench.load(2);
     let loaded = bench.side.feedback();
     assert_eq!(mode(&loaded), Mode::Ready);
-    assert!(loaded.window.is_none() && loaded.left_at.is_off_path());
+    assert!(loaded.window.is_none() && loaded.interrupted_at.is_off_path());
     assert_eq!(loaded.program_hash, 0);
 }
 
@@ -877,7 +882,7 @@ fn a_program_that_was_stopped_is_given_up_for_another_and_nothing_of_its_path_is
 fn a_trip_without_a_program_ends_in_readiness_and_one_in_a_program_in_hold() {
     for (state, expected, hold) in [
         (Stays::TrippedWithoutProgram, Mode::Ready, 0),
-        (Stays::Begun(State::Tripped), Mode::Enabled, 1),
+        (Stays::Running(State::Tripped), Mode::Enabled, 1),
     ] {
         let mut bench = staying(state);
         bench.roster.participants[1].live = 1;
@@ -889,17 +894,17 @@ fn a_trip_without_a_program_ends_in_readiness_and_one_in_a_program_in_hold() {
 }
 
 #[test]
-fn a_cell_that_is_told_to_end_comes_to_rest_first_in_every_state() {
+fn a_cell_that_is_ordered_to_end_comes_to_rest_first_in_every_state() {
     for state in [
         Stays::Ready(ProgramState::Loaded),
         Stays::DrivesOff,
         Stays::JogsWithoutProgram,
         Stays::TrippedWithoutProgram,
-        Stays::Begun(State::Moving),
-        Stays::Begun(State::Held),
-        Stays::Begun(State::Tripped),
-        Stays::Begun(State::Disabled),
-        Stays::Begun(State::Finished),
+        Stays::Running(State::Moving),
+        Stays::Running(State::Held),
+        Stays::Running(State::Tripped),
+        Stays::Running(State::Disabled),
+        Stays::Running(State::Finished),
     ] {
         let mut bench = staying(state);
         assert_eq!(order(&mut bench, Order::Down, 0, 0.0), Refused::Not);
@@ -923,7 +928,7 @@ fn a_cell_that_is_told_to_end_comes_to_rest_first_in_every_state() {
     }
 }
 
-/// Whoever was told to end ends, whatever else dies, moves or is asked on the way to rest.
+/// Whoever was ordered to end ends, whatever else dies, moves or is asked on the way to rest.
 #[test]
 fn a_cell_that_trips_on_its_way_to_the_end_ends_all_the_same() {
     let mut bench = staying(Stays::Ending);
@@ -938,7 +943,7 @@ fn a_cell_that_trips_on_its_way_to_the_end_ends_all_the_same() {
 
 #[test]
 fn a_stop_of_a_tripped_machine_is_not_forgotten_when_its_servo_comes_back() {
-    let mut bench = staying(Stays::Begun(State::Tripped));
+    let mut bench = staying(Stays::Running(State::Tripped));
     assert_eq!(order(&mut bench, Order::Stop, 0, 0.0), Refused::Not);
     assert_eq!(bench.side.feedback().hold, 1);
 }

@@ -73,7 +73,7 @@ impl Bench {
             answers.commands[axis][place.role as usize] = Some(AxisCommand {
                 scan: feedback.scan,
                 visible_from: feedback.scan + 1,
-                position: feedback.axes[axis].command_register,
+                position: feedback.axes[axis].command_position,
                 velocity_mm_s: 0.001 * feedback.scan as f64,
                 stop_deceleration_mm_s2: 1000.0,
                 axis: place.axis,
@@ -314,7 +314,7 @@ fn an_axis_that_still_moves_is_not_ready() {
 }
 
 #[test]
-fn a_run_that_is_to_end_with_its_servo_ends_and_one_that_waits_ends_when_it_is_told_to() {
+fn a_run_that_is_to_end_with_its_servo_ends_and_one_that_waits_ends_when_it_is_reported_to() {
     let ends_within = |bench: &mut Bench| (0..400).any(|_| bench.scans(1).last == 1);
     assert!(ends_within(&mut Bench::tripped(AfterLoss::End)));
     let mut waiting = Bench::tripped(AfterLoss::Wait);

@@ -1,8 +1,8 @@
 //! The black box: the last seconds before a trip, a stop for a fault or the death of a process, and what followed, saved without
 //! being asked.
 //!
-//! The samples of the last seconds stand in a ring, encoded as in the log. When something happens, a log of its own is begun in the
-//! directory, `black-box-SCAN-WHAT.mcap`, which every reader of logs can open; machine file and program stand in it. The ring is
+//! The samples of the last seconds are in a ring, encoded as in the log. When something happens, a log of its own is started in the
+//! directory, `black-box-SCAN-WHAT.mcap`, which every reader of logs can open; machine file and program are in it. The ring is
 //! written to it a few scans at a time, so that nothing is held up, and what comes goes in behind it. What happens while it
 //! is open makes it longer. All bounds are in [`Settings`].
 //!
@@ -28,7 +28,7 @@ use ring::Ring;
 pub const BLACK_BOX_PREFIX: &str = "black-box-";
 /// Scans that are taken out of the ring in one scan while a box is open, and with it the most that saving adds to a scan.
 const SCANS_PER_SCAN: usize = 4;
-/// A program longer than this does not stand in the boxes, in bytes.
+/// A program longer than this is not in the boxes, in bytes.
 const FILE_BYTES_MAX: usize = 8 << 20;
 
 /// What is kept and saved.
@@ -76,7 +76,7 @@ fn scan_bytes(codec: &Codec, machine: &Machine) -> usize {
     let commands: usize = machine.axes.iter().map(roles).sum();
     let window = Codec::WINDOW_HEAD_BYTES
         + codec.header.bytes
-        + machine.intended_rows() as usize * codec.row.bytes;
+        + machine.intended_setpoints() as usize * codec.setpoint.bytes;
     let of_period = 2 * HEAD_BYTES + window + codec.planner.bytes;
     let period_scans = machine.scan.interpolation_period_scans.max(1) as usize;
     (2 + commands) * HEAD_BYTES
@@ -154,7 +154,7 @@ impl BlackBox {
         black_box
     }
 
-    /// Boxes that are begun from now on go there; one that is open goes on where it is.
+    /// Boxes that are started from now on go there; one that is open goes on where it is.
     pub fn move_to(&mut self, home: Option<Home>) {
         self.home = home.map(|mut home| {
             home.info
@@ -169,7 +169,7 @@ impl BlackBox {
         self.told_full = false;
     }
 
-    /// Takes one sample. A feedback ends what belongs together: the event of a box that was begun or made longer, for the log of
+    /// Takes one sample. A feedback ends what belongs together: the event of a box that was started or made longer, for the log of
     /// the run.
     pub fn take(&mut self, sample: SampleRef<'_>) -> Option<Event> {
         put(&mut self.filling, &self.codec, sample);
@@ -267,9 +267,9 @@ impl BlackBox {
         let mut info = home.info.clone();
         let settings = &mut info.settings;
         settings.insert("black_box".into(), format!("{words}, scan {scan}"));
-        let begun = begin(&home.directory, scan, what, &self.machine, &info);
-        let (path, mut recorder) = match begun {
-            Ok(begun) => begun,
+        let started = begin(&home.directory, scan, what, &self.machine, &info);
+        let (path, mut recorder) = match started {
+            Ok(started) => started,
             Err(error) => {
                 tracing::warn!("black box of {words}, scan {scan}, is not saved: {error}");
                 return None;
@@ -293,7 +293,7 @@ impl BlackBox {
         Some(event)
     }
 
-    /// A box that cannot be written is given up.
+    /// A box that cannot be written is discarded.
     fn warn(&mut self, written: Result<(), LogError>) {
         if let Err(error) = written {
             tracing::warn!("a black box is given up: {error}");
@@ -359,7 +359,7 @@ fn file_name(path: &Path) -> String {
     name.to_string_lossy().into_owned()
 }
 
-/// Boxes that stand in a directory: a recorder that replaces a dead one goes on counting.
+/// Boxes that are in a directory: a recorder that replaces a dead one goes on counting.
 fn boxes_in(directory: &Path) -> usize {
     let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
     let names = entries.map(|entry| entry.file_name());

@@ -1,13 +1,13 @@
 //! The log of a run, `run.mcap`: every sample, self-describing, readable by Foxglove and PlotJuggler.
 //!
-//! The samples are plain old data without padding and every field stands at a multiple of its size, so their
+//! The samples are plain old data without padding and every field is at a multiple of its size, so their
 //! little-endian bytes already are CDR (XCDR1, OMG DDS-XTypes 1.3 §7.4.1). A message is the four bytes of the
 //! encapsulation header and the sample, cut to the axes and subsamples in use; its schema is generated from the same
 //! table of fields ([`layout`]). MCAP: <https://mcap.dev/spec>.
 //!
 //! A recorder that replaces a dead one begins a further part, `run-2.mcap` … ([`RunLog`] reads them as one).
 //!
-//! Times in the log are scan × scan period from the start of the run: no wall clock stands in any message.
+//! Times in the log are scan × scan period from the start of the run: no wall clock is in any message.
 
 mod attached;
 mod behind;
@@ -35,4 +35,4 @@ pub use reader::{Reader, read_only};
 pub use recorder::Recorder;
 pub use run_info::{BEGINS_AT, Event, RunEnd, RunInfo};
 pub use sample::{LoggedWindow, Sample, SampleRef};
-pub use skim::{Foreword, Start, skim};
+pub use skim::{Prescan, Start, skim};

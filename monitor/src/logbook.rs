@@ -1,4 +1,4 @@
-//! Which log samples go into: that of the one run, or, in a cell that stays up, that of the program which was begun.
+//! Which log samples go into: that of the one run, or, in a cell that stays up, that of the program which was started.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -45,7 +45,7 @@ pub fn run_number(folder: &Path) -> Option<u32> {
 }
 
 impl Logbook {
-    /// Opens the log of the one run; in a cell that stays up none is open before a program is begun.
+    /// Opens the log of the one run; in a cell that stays up none is open before a program is running.
     pub fn new(options: &Options, machine: &Machine) -> Result<Logbook, MonitorError> {
         let mut logbook = Logbook {
             options: options.clone(),
@@ -61,14 +61,14 @@ impl Logbook {
     }
 
     /// Before this feedback is recorded: ends the log of a program that is over and begins that of one that was started.
-    /// Whether one was begun.
+    /// Whether one was started.
     pub fn turn(&mut self, feedback: &Feedback, failed: u64) -> Result<bool, MonitorError> {
         if self.options.program.is_none() {
-            let begun = feedback.program == ProgramState::Begun as u32;
-            let run = begun.then_some(feedback.run);
+            let started = feedback.program == ProgramState::Running as u32;
+            let run = started.then_some(feedback.run);
             if self.open.as_ref().map(|open| open.run) != run {
                 self.close(None, failed)?;
-                if begun {
+                if started {
                     self.begin(feedback, failed)?;
                     return Ok(true);
                 }

@@ -2,11 +2,11 @@
 //! log, and the same result however the channels were interleaved ([`align`]).
 //!
 //! Everything about the path is measured on the *table* as the bench's instruments saw it, in the terms of
-//! ISO 230-4:2022 (circular tests) and ISO 230-1 (contour deviations); where an arm stands in for Y, on the part.
+//! ISO 230-4:2022 (circular tests) and ISO 230-1 (contour deviations); where an arm is in for Y, on the part.
 //!
 //! **Scans that are missing** (the recorder was dead, or its queue overflowed) are never bridged. What is judged scan by scan
 //! (contour error, following error, torque) is of the scans that are there. What needs several scans in a row (limits,
-//! reversals, predictions) begins anew behind the gap: no change of direction is seen across it. An arc is measured on what is
+//! reversals, predictions) begins again behind the gap: no change of direction is seen across it. An arc is measured on what is
 //! there of it and says how much is missing ([`arc`]); a quadrant whose window has a gap is not measured, for its peak may be
 //! what is missing.
 
@@ -285,7 +285,7 @@ impl Analysis {
         self.last = Some(*feedback);
     }
 
-    /// The scan's share of the block that its command stands in; off the path it is none's.
+    /// The scan's share of the block that its command is in; off the path it is none's.
     fn take_block(&mut self, set: &ScanSet, feedback: &Feedback, contour_mm: f64) {
         let element = self.path.elements.get(feedback.tag.element as usize);
         let Some(element) = element.filter(|_| !feedback.tag.is_off_path()) else {
@@ -326,7 +326,7 @@ impl Analysis {
         );
         let tool_mm = self.kinematics.tool(&table);
         let left = if feedback.tag.is_off_path() {
-            &feedback.left_at
+            &feedback.interrupted_at
         } else {
             &feedback.tag
         };
@@ -392,7 +392,7 @@ impl Analysis {
             return;
         };
         if feedback.incarnation != last.incarnation {
-            // A master that was started anew goes on at a later scan: nobody knows which there were.
+            // A master that was restarted goes on at a later scan: nobody knows which there were.
             return;
         }
         self.samples_lost += u64::from(!instrumented);

@@ -2,7 +2,7 @@
 //!
 //! The log is measured (`evaluation`), the measurement becomes a typed report (`json`), the report a document (`contents`),
 //! and the document a text (`text`) and a page (`html`). Making it again gives the same bytes; wall time and real-time factor
-//! are the recorder's, and stand in the log.
+//! are the recorder's, and are in the log.
 
 pub mod against;
 mod circle_plot;

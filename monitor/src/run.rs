@@ -78,9 +78,9 @@ impl Ports {
             sinks.take(SampleRef::Planner(&sample))?;
         }
         let mut result = Ok(());
-        self.windows.each(scan, |header, rows| {
+        self.windows.each(scan, |header, setpoints| {
             if result.is_ok() {
-                result = sinks.take(SampleRef::window(header, rows));
+                result = sinks.take(SampleRef::window(header, setpoints));
             }
         });
         result?;

@@ -266,9 +266,9 @@ impl Scope {
         let first = *self.first_scan.get_or_insert(set.scan);
         let kept = (self.settings.before + self.settings.after + LATE_SCANS) as usize;
         let mut row = if self.ring.len() >= kept {
-            self.ring.pop_front().unwrap_or_else(empty_row)
+            self.ring.pop_front().unwrap_or_else(empty_setpoint)
         } else {
-            empty_row()
+            empty_setpoint()
         };
         row.scan = set.scan;
         row.values.clear();
@@ -315,7 +315,7 @@ impl Scope {
     }
 }
 
-fn empty_row() -> Row {
+fn empty_setpoint() -> Row {
     Row {
         scan: 0,
         values: Vec::new(),

@@ -42,11 +42,11 @@ impl Sinks<'_> {
         if let Some(tap) = &mut self.tap {
             tap.feedback(sample);
         }
-        let begun = self.logbook.turn(sample, failed)?;
+        let started = self.logbook.turn(sample, failed)?;
         if let Some(home) = self.logbook.new_home() {
             self.black_box.move_to(Some(home));
         }
-        if begun && let (Some(log), Some(roster)) = (self.logbook.log(), roster) {
+        if started && let (Some(log), Some(roster)) = (self.logbook.log(), roster) {
             // It is published only when it changes.
             log.record(SampleRef::Roster(roster))?;
         }

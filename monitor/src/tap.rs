@@ -5,7 +5,7 @@ use bus::sample::{AxisCommand, Feedback, Instruments, PlannerStatus, Roster};
 use bus::signal_page::SignalPage;
 use machine::Machine;
 
-/// Is told of every sample that the recorder takes, in the order of the log, and must not wait for anybody: the recorder
+/// Is reported of every sample that the recorder takes, in the order of the log, and must not wait for anybody: the recorder
 /// waits for it.
 pub trait Tap {
     /// The recorder is in the cell; scans may begin.

@@ -59,7 +59,7 @@ pub struct Deviation {
     pub lag_scans: f64,
 }
 
-/// A run of a path with exact motion and a table that deviates as told: every element from rest to rest.
+/// A run of a path with exact motion and a table that deviates as given: every element from rest to rest.
 pub struct SyntheticRun {
     path: Path,
     period_s: f64,
@@ -73,9 +73,9 @@ pub struct SyntheticRun {
 
 /// Scans before motion begins.
 const STANDSTILL_SCANS: u64 = 20;
-/// Scans before the reversal at which the synthetic kick begins, and its length.
-pub const KICK_LEAD_SCANS: u64 = 4;
-const KICK_SCANS: u64 = 25;
+/// Scans before the reversal at which the synthetic pulse begins, and its length.
+pub const PULSE_LEAD_SCANS: u64 = 4;
+const PULSE_SCANS: u64 = 25;
 
 impl SyntheticRun {
     pub fn new(path: Path, program_hash: u64, deviation: Deviation) -> Self {
@@ -178,9 +178,32 @@ impl SyntheticRun {
 
     /// Position backlash compensation: 2 µm towards the direction of the command.
     fn backlash_mm(&self, scan: i64, axis: usize) -> f64 {
-        let at_s = scan as f64 * self.period_s;
-        let step_mm = self.command(at_s)[axis] - self.command(at_s - self.period_s)[axis];
+        let step_mm = self.step_mm(scan as f64 * self.period_s, axis);
         if step_mm < 0.0 { -0.002 } else { 0.002 }
+    }
+
+    /// Way of an axis in the scan before this time.
+    fn step_mm(&self, at_s: f64, axis: usize) -> f64 {
+        self.command(at_s)[axis] - self.command(at_s - self.period_s)[axis]
+    }
+
+    /// The feedback of a scan, without what is of its axes.
+    fn feedback(&self, scan: u64) -> Feedback {
+        let finished = scan + 1 == self.scans();
+        let mode = if finished {
+            Mode::Finished
+        } else {
+            Mode::Enabled
+        };
+        Feedback {
+            scan,
+            visible_from: scan,
+            axis_count: 2,
+            mode: mode as u32,
+            incarnation: 1,
+            program_hash: self.program_hash,
+            ..Feedback::zeroed()
+        }
     }
 
     /// All samples of one scan: feedback, commands, instruments.
@@ -198,18 +221,7 @@ impl SyntheticRun {
             sequence: 1,
             incarnation: 1,
         };
-        let finished = scan + 1 == self.scans();
-        let mut feedback = Feedback::zeroed();
-        feedback.scan = scan;
-        feedback.visible_from = scan;
-        feedback.axis_count = 2;
-        feedback.mode = if finished {
-            Mode::Finished
-        } else {
-            Mode::Enabled
-        } as u32;
-        feedback.incarnation = 1;
-        feedback.program_hash = self.program_hash;
+        let mut feedback = self.feedback(scan);
         if started {
             feedback.window = window;
             feedback.tag = tag;
@@ -225,7 +237,7 @@ impl SyntheticRun {
         instruments.axis_count = 2;
         let mut samples = Vec::new();
         for axis in 0..2 {
-            feedback.axes[axis].command_register = before[axis];
+            feedback.axes[axis].command_position = before[axis];
             feedback.axes[axis].command_scan = scan.wrapping_sub(1);
             feedback.axes[axis].motor_position = (table[axis] * 1e6) as i64;
             feedback.axes[axis].torque_nm = 1.0;
@@ -247,12 +259,9 @@ impl SyntheticRun {
             if started {
                 command.held = window;
             }
-            // The kick: wherever the motion turns within the lead, or has turned within its length.
-            let step = |at: u64| {
-                let at_s = at as f64 * self.period_s;
-                self.command(at_s)[axis] - self.command(at_s - self.period_s)[axis]
-            };
-            for turn in scan.saturating_sub(KICK_SCANS)..=scan + KICK_LEAD_SCANS {
+            // The pulse: wherever the motion turns within the lead, or has turned within its length.
+            let step = |at: u64| self.step_mm(at as f64 * self.period_s, axis);
+            for turn in scan.saturating_sub(PULSE_SCANS)..=scan + PULSE_LEAD_SCANS {
                 let (one, two) = (step(turn), step(turn + 1));
                 if turn > STANDSTILL_SCANS && one * two < 0.0 {
                     command.friction_pulse_mm_s = 2.0 * two.signum();

@@ -1,12 +1,12 @@
 //! The course of a run: the program's path with the limits of the machine on it.
 
-use bus::sample::MAX_WINDOW_ROWS;
+use bus::sample::MAX_WINDOW_SETPOINTS;
 use control::kinematics::Kinematics;
 use control::limits::{AxisLimits, LimitsError, MotionLimits};
 use control::path::{AxisVector, Element, Path};
 use control::pivot::OutOfReach;
 use control::positioning::{MotorLoad, Positioning, RatingError};
-use control::row_settings::{RowSettings, StraightLines};
+use control::setpoint_settings::{SetpointSettings, StraightLines};
 use control::window::{PlanError, WindowPlanner, WindowSettings};
 use machine::{self, Machine, RapidProfile};
 use program::kinematics_of;
@@ -36,7 +36,7 @@ pub enum CourseError {
     OutOfReach(#[from] OutOfReach),
 }
 
-/// The limits of a machine's axes, and how rows are made on it.
+/// The limits of a machine's axes, and how setpoints are made on it.
 ///
 /// # Errors
 /// Increments too coarse for the limits at this scan period.
@@ -50,14 +50,14 @@ pub fn motion_limits(machine: &Machine) -> Result<MotionLimits, LimitsError> {
             increment_mm: axis.increment_mm(),
         })
         .collect();
-    let rows = RowSettings {
+    let setpoints = SetpointSettings {
         straight_lines: match machine.interpolation.straight_lines {
             machine::StraightLines::Rounded => StraightLines::Rounded,
             machine::StraightLines::MasterAxis => StraightLines::MasterAxis,
         },
         kinematics: kinematics_of(machine),
     };
-    MotionLimits::with_rows(&axes, machine.scan_period_s(), rows)
+    MotionLimits::with_setpoints(&axes, machine.scan_period_s(), setpoints)
 }
 
 /// What the motors have to move, if rapids are to be travelled at least heat.
@@ -85,7 +85,7 @@ fn positioning(machine: &Machine) -> Result<Option<Positioning>, CourseError> {
     Ok(Some(positioning))
 }
 
-/// A planner of windows along a program's path, from where the tool stands at the start. A program without motion waits
+/// A planner of windows along a program's path, from where the tool is at the start. A program without motion waits
 /// there for no time.
 ///
 /// # Errors
@@ -99,15 +99,16 @@ pub fn window_planner(
         path.elements.push(Element::dwell(1, start, 0.0));
     }
     let limits = motion_limits(machine)?;
-    if let Kinematics::PivotY(pivot) = limits.rows().kinematics
+    if let Kinematics::PivotY(pivot) = limits.setpoints().kinematics
         && let Some(slide) = machine.axes.get(pivot.slide)
     {
         pivot.check(&path, slide.travel_min_mm, slide.travel_max_mm)?;
     }
-    let intended_rows_max = machine.intended_rows();
+    let intended_setpoints_max = machine.intended_setpoints();
     let settings = WindowSettings {
-        intended_rows_max,
-        braking_rows_max: (MAX_WINDOW_ROWS as u32).saturating_sub(intended_rows_max + 1),
+        intended_setpoints_max,
+        braking_setpoints_max: (MAX_WINDOW_SETPOINTS as u32)
+            .saturating_sub(intended_setpoints_max + 1),
         override_max: OVERRIDE_MAX,
     };
     let positioning = positioning(machine)?;

@@ -5,8 +5,8 @@
 mod course;
 mod planner;
 pub mod ports;
+mod return_to_path;
 mod run;
-mod way_back;
 
 pub use course::{CourseError, motion_limits, window_planner};
 pub use planner::{Decision, Planner};

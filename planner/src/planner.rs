@@ -8,39 +8,39 @@
 )]
 
 use bus::sample::{
-    Cause, Feedback, MAX_AXES, Mode, PathTag, PlannerStatus, ProgramState, WindowHeader, WindowId,
-    WindowRow,
+    Cause, Feedback, MAX_AXES, Mode, PathTag, PlannerStatus, ProgramState, Setpoint, WindowHeader,
+    WindowId,
 };
 use bus::window::checksum;
 use bytemuck::Zeroable;
 use control::profile::PathState;
-use control::window::{Row, WindowPlanner, WindowRequest};
+use control::window::{PlannedSetpoint, WindowPlanner, WindowRequest};
 use machine::Machine;
 use program::ResumeError;
 
 use crate::course::{CourseError, window_planner};
-use crate::way_back::WayBack;
+use crate::return_to_path::ReturnToPath;
 
 /// Scans from the feedback a window answers until it can be executed: seen by the servos in the next, admitted by the
 /// master for the one after.
 const COMMIT_SCANS: u64 = 2;
 
-/// A window that was published, with what the next one needs to start from any of its rows.
+/// A window that was published, with what the next one needs to start from any of its setpoints.
 #[derive(Debug)]
 struct Published {
     header: WindowHeader,
     states: Vec<PathState>,
     /// It returns to where the path was left.
     returns: bool,
-    /// The last intended row is the end of its path: of the program, or of the return.
+    /// The last intended setpoint is the end of its path: of the program, or of the return.
     ends_path: bool,
 }
 
 impl Published {
-    fn none(rows_max: usize) -> Published {
+    fn none(setpoints_max: usize) -> Published {
         Published {
             header: WindowHeader::zeroed(),
-            states: Vec::with_capacity(rows_max),
+            states: Vec::with_capacity(setpoints_max),
             returns: false,
             ends_path: false,
         }
@@ -50,7 +50,7 @@ impl Published {
         self.header.id.is_none()
     }
 
-    /// The state of the row executed in `scan`.
+    /// The state of the setpoint executed in `scan`.
     fn state_in(&self, scan: u64) -> Option<PathState> {
         let index = scan.saturating_sub(self.header.first_scan) as usize;
         self.states
@@ -58,10 +58,10 @@ impl Published {
             .copied()
     }
 
-    /// Whether the row executed in `scan` is the end of its path.
+    /// Whether the setpoint executed in `scan` is the end of its path.
     fn is_done_in(&self, scan: u64) -> bool {
-        let row = scan.saturating_sub(self.header.first_scan) + 1;
-        self.ends_path && row >= u64::from(self.header.intended_rows)
+        let setpoint = scan.saturating_sub(self.header.first_scan) + 1;
+        self.ends_path && setpoint >= u64::from(self.header.intended_setpoints)
     }
 }
 
@@ -70,7 +70,7 @@ impl Published {
 struct Course {
     windows: WindowPlanner,
     program_hash: u64,
-    /// Command registers it was expanded from, in increments.
+    /// Command positions it was expanded from, in increments.
     start: [i64; MAX_AXES],
     /// Path length before each element, in mm; one more for the whole.
     length_before_mm: Vec<f64>,
@@ -80,9 +80,9 @@ struct Course {
 #[derive(Debug, Clone, Copy)]
 struct From {
     state: PathState,
-    /// On the way back to where the path was left.
+    /// On the return to where the path was left.
     returns: bool,
-    /// Row 0 is the state itself: the machine stands there, and no window is in force.
+    /// Setpoint 0 is the state itself: the machine is there, and no window is in force.
     starts: bool,
 }
 
@@ -108,10 +108,10 @@ enum StartError {
 /// What the planner answers at a period boundary.
 #[derive(Debug)]
 pub struct Decision<'a> {
-    /// Always said, also with nothing new.
+    /// Always published, also with nothing new.
     pub status: PlannerStatus,
     /// The next window.
-    pub window: Option<(WindowHeader, &'a [WindowRow])>,
+    pub window: Option<(WindowHeader, &'a [Setpoint])>,
 }
 
 /// The planner.
@@ -125,13 +125,13 @@ pub struct Planner {
     incarnation: u32,
     period_scans: u64,
     course: Option<Course>,
-    way_back: Option<WayBack>,
+    return_to_path: Option<ReturnToPath>,
     in_force: Published,
     pending: Published,
     sequence: u32,
     cause: Cause,
-    rows: Vec<Row>,
-    wire: Vec<WindowRow>,
+    setpoints: Vec<PlannedSetpoint>,
+    wire: Vec<Setpoint>,
 }
 
 impl Planner {
@@ -151,7 +151,7 @@ impl Planner {
 
     /// A planner without a program: [`Planner::load`] brings one.
     pub fn idle(machine: &Machine, incarnation: u32) -> Planner {
-        let rows_max = bus::sample::MAX_WINDOW_ROWS + 1;
+        let setpoints_max = bus::sample::MAX_WINDOW_SETPOINTS + 1;
         Planner {
             machine: machine.clone(),
             program_name: String::new(),
@@ -160,13 +160,13 @@ impl Planner {
             incarnation,
             period_scans: u64::from(machine.scan.interpolation_period_scans),
             course: None,
-            way_back: None,
-            in_force: Published::none(rows_max),
-            pending: Published::none(rows_max),
+            return_to_path: None,
+            in_force: Published::none(setpoints_max),
+            pending: Published::none(setpoints_max),
             sequence: 0,
             cause: Cause::None,
-            rows: Vec::with_capacity(rows_max),
-            wire: Vec::with_capacity(rows_max),
+            setpoints: Vec::with_capacity(setpoints_max),
+            wire: Vec::with_capacity(setpoints_max),
         }
     }
 
@@ -176,12 +176,12 @@ impl Planner {
     }
 
     /// Takes the program (name and text) that the feedback names, in place of the one before. One that could not be read, or
-    /// that is new to the cell and cannot be planned from where the axes stand, is refused in the status.
+    /// that is new to the cell and cannot be planned from where the axes are, is refused in the status.
     pub fn load(&mut self, program: Option<(String, String)>, feedback: &Feedback) {
         self.load = feedback.load;
         self.cause = Cause::None;
         self.course = None;
-        self.way_back = None;
+        self.return_to_path = None;
         self.in_force.header = WindowHeader::zeroed();
         self.pending.header = WindowHeader::zeroed();
         let Some((name, text)) = program else {
@@ -192,7 +192,7 @@ impl Planner {
         self.program_name = name;
         self.program_text = Some(text);
         if feedback.program == ProgramState::Loading as u32 {
-            self.expanded_from(registers(feedback));
+            self.expanded_from(command_positions(feedback));
         }
     }
 
@@ -204,7 +204,7 @@ impl Planner {
             self.pending.states.clear();
             self.pending
                 .states
-                .extend(self.rows.iter().map(|row| row.state));
+                .extend(self.setpoints.iter().map(|setpoint| setpoint.state));
         }
         Decision {
             status: self.status(feedback),
@@ -230,7 +230,7 @@ impl Planner {
             self.take_over(feedback)?
         };
         let request = WindowRequest {
-            intended_rows: self.machine.intended_rows(),
+            intended_setpoints: self.machine.intended_setpoints(),
             feed_override: f64::from(feedback.override_percent) / 100.0,
             hold: feedback.hold == 1,
             repeats_start: from.starts,
@@ -238,11 +238,11 @@ impl Planner {
         };
         let course = self.course.as_mut()?;
         let windows = if from.returns {
-            &mut self.way_back.as_mut()?.windows
+            &mut self.return_to_path.as_mut()?.windows
         } else {
             &mut course.windows
         };
-        let outcome = match windows.plan(&from.state, &request, &mut self.rows) {
+        let outcome = match windows.plan(&from.state, &request, &mut self.setpoints) {
             Ok(outcome) => outcome,
             Err(error) => {
                 tracing::error!(%error, "no window can be planned");
@@ -251,14 +251,14 @@ impl Planner {
             }
         };
         self.wire.clear();
-        let rows = self.rows.iter().map(wire_row);
-        self.wire.extend(rows.map(|row| WindowRow {
+        let setpoints = self.setpoints.iter().map(wire_setpoint);
+        self.wire.extend(setpoints.map(|setpoint| Setpoint {
             tag: if from.returns {
                 PathTag::OFF_PATH
             } else {
-                row.tag
+                setpoint.tag
             },
-            ..row
+            ..setpoint
         }));
         self.pending.returns = from.returns;
         self.pending.ends_path = outcome.ends_program;
@@ -274,8 +274,8 @@ impl Planner {
             visible_from: feedback.scan + 1,
             program_hash: course.program_hash,
             epoch: feedback.epoch,
-            intended_rows: outcome.intended_rows,
-            row_count: outcome.row_count,
+            intended_setpoints: outcome.intended_setpoints,
+            setpoint_count: outcome.setpoint_count,
             ends_program: u32::from(outcome.ends_program && !from.returns),
         };
         header.id.checksum = checksum(&header, &self.wire);
@@ -297,13 +297,13 @@ impl Planner {
         }
     }
 
-    /// The state before the first row, once the program is expanded.
+    /// The state before the first setpoint, once the program is expanded.
     ///
-    /// A program that was never begun starts where the machine stands. One that was goes on where its path was left,
+    /// A program that was never started starts where the machine is. One that was goes on where its path was left,
     /// whoever planned it.
     fn start(&mut self, feedback: &Feedback) -> Option<From> {
-        if feedback.left_at.is_off_path() {
-            self.expanded_from(registers(feedback))?;
+        if feedback.interrupted_at.is_off_path() {
+            self.expanded_from(command_positions(feedback))?;
             return Some(From::program(PathState::default(), true));
         }
         self.expanded_from(feedback.program_start)?;
@@ -329,7 +329,7 @@ impl Planner {
         })
     }
 
-    /// Expands the program from these command registers, if it is not yet.
+    /// Expands the program from these command positions, if it is not yet.
     ///
     /// Expanding takes as long as the program is, so the scan that does it has nothing new to say; a window that came to
     /// nothing is planned again.
@@ -347,44 +347,44 @@ impl Planner {
         None
     }
 
-    /// The axes were moved by hand or pushed: the way back to where the path was left, once somebody has resumed. An
+    /// The axes were moved by hand or pushed: the return to where the path was left, once somebody has resumed. An
     /// axis outside its travel is not moved by any plan.
     fn return_to_path(&mut self, feedback: &Feedback) -> Option<From> {
         if feedback.hold == 1 {
             return None;
         }
         let course = self.course.as_ref()?;
-        let left_at = feedback.left_at;
+        let interrupted_at = feedback.interrupted_at;
         let windows = &course.windows;
         let resumed = PathState::resume(
             windows.path(),
-            left_at.element,
-            left_at.distance_mm,
-            left_at.dwell_remaining_scans,
+            interrupted_at.element,
+            interrupted_at.distance_mm,
+            interrupted_at.dwell_remaining_scans,
         );
         if feedback.program_hash != course.program_hash {
             tracing::error!(
-                "{}: changed since the program was begun; it cannot go on in the middle of another one",
+                "{}: changed since the program was started; it cannot go on in the middle of another one",
                 self.program_name
             );
             self.cause = Cause::Planner;
             return None;
         }
         let place =
-            resumed.and_then(|state| Some((state, windows.row(&state)?.position_increments)));
+            resumed.and_then(|state| Some((state, windows.setpoint(&state)?.position_increments)));
         let Some((state, position)) = place else {
             tracing::error!("the place where the path was left is not on the path of this program");
             self.cause = Cause::Planner;
             return None;
         };
-        let here = registers(feedback);
+        let here = command_positions(feedback);
         if here == position {
             return Some(From::program(state, true));
         }
-        let plans = |way: &WayBack| way.from == here && way.to == state;
-        if !self.way_back.as_ref().is_some_and(plans) {
-            match WayBack::new(&self.machine, here, state, windows.path()) {
-                Ok(way_back) => self.way_back = Some(way_back),
+        let plans = |way: &ReturnToPath| way.from == here && way.to == state;
+        if !self.return_to_path.as_ref().is_some_and(plans) {
+            match ReturnToPath::new(&self.machine, here, state, windows.path()) {
+                Ok(return_to_path) => self.return_to_path = Some(return_to_path),
                 Err(error) => {
                     tracing::error!("{error}");
                     self.cause = Cause::Planner;
@@ -399,9 +399,10 @@ impl Planner {
         })
     }
 
-    fn expand(&self, registers: [i64; MAX_AXES]) -> Result<Course, StartError> {
+    fn expand(&self, command_positions: [i64; MAX_AXES]) -> Result<Course, StartError> {
         let text = self.program_text.as_deref().unwrap_or_default();
-        let program = program::resume_from(&self.machine, &registers, &self.program_name, text)?;
+        let program =
+            program::resume_from(&self.machine, &command_positions, &self.program_name, text)?;
         let program_hash = program.source_hash;
         let windows = window_planner(&self.machine, program.path, program.start)?;
         let mut length_mm = 0.0;
@@ -413,7 +414,7 @@ impl Planner {
         Ok(Course {
             windows,
             program_hash,
-            start: registers,
+            start: command_positions,
             length_before_mm,
         })
     }
@@ -426,7 +427,7 @@ impl Planner {
         let state = match (done, returns) {
             (true, false) => return None,
             // Back on the path: the program goes on from the very place.
-            (true, true) => self.way_back.as_ref()?.to,
+            (true, true) => self.return_to_path.as_ref()?.to,
             (false, _) => self.in_force.state_in(before)?,
         };
         let held = feedback.hold == 1 || feedback.override_percent == 0;
@@ -446,7 +447,7 @@ impl Planner {
                 let lengths = &course.length_before_mm;
                 // Off the path, what is done is what was done when it was left.
                 let tag = if feedback.tag.is_off_path() {
-                    feedback.left_at
+                    feedback.interrupted_at
                 } else {
                     feedback.tag
                 };
@@ -480,18 +481,18 @@ impl Planner {
 }
 
 /// Where the axes are commanded to be, in increments.
-fn registers(feedback: &Feedback) -> [i64; MAX_AXES] {
-    feedback.axes.map(|axis| axis.command_register)
+fn command_positions(feedback: &Feedback) -> [i64; MAX_AXES] {
+    feedback.axes.map(|axis| axis.command_position)
 }
 
-fn wire_row(row: &Row) -> WindowRow {
+fn wire_setpoint(setpoint: &PlannedSetpoint) -> Setpoint {
     const _: () = assert!(MAX_AXES == control::path::MAX_AXES);
-    WindowRow {
-        position: row.position_increments,
+    Setpoint {
+        position: setpoint.position_increments,
         tag: PathTag {
-            distance_mm: row.state.distance_mm,
-            element: row.state.element,
-            dwell_remaining_scans: row.state.dwell_remaining_scans,
+            distance_mm: setpoint.state.distance_mm,
+            element: setpoint.state.element,
+            dwell_remaining_scans: setpoint.state.dwell_remaining_scans,
         },
     }
 }

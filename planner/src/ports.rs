@@ -13,7 +13,7 @@ use std::rc::Rc;
 use bus::cell::{CellError, CellPaths};
 use bus::member::{Member, Pace};
 use bus::port::{Reader, WindowWriter, Writer};
-use bus::sample::{Feedback, PlannerStatus, WindowHeader, WindowRow};
+use bus::sample::{Feedback, PlannerStatus, Setpoint, WindowHeader};
 use bus::service::SCAN_DEPTH;
 
 /// What a planner sees of its cell. Shared memory, queues and faulty decorators implement it.
@@ -25,7 +25,7 @@ pub trait PlannerPorts {
     fn program(&mut self, load: u32) -> Option<(String, String)>;
 
     /// Publishes a window, before the status of the same scan.
-    fn publish_window(&mut self, header: &WindowHeader, rows: &[WindowRow]);
+    fn publish_window(&mut self, header: &WindowHeader, setpoints: &[Setpoint]);
 
     /// Publishes what the planner has to report of a scan; every scan that asks gets one.
     fn publish_status(&mut self, status: &PlannerStatus);
@@ -114,8 +114,8 @@ impl PlannerPorts for BusPorts {
             .ok()
     }
 
-    fn publish_window(&mut self, header: &WindowHeader, rows: &[WindowRow]) {
-        if !self.windows.send(header, rows) {
+    fn publish_window(&mut self, header: &WindowHeader, setpoints: &[Setpoint]) {
+        if !self.windows.send(header, setpoints) {
             tracing::warn!(sequence = header.id.sequence, "a window could not be sent");
         }
     }

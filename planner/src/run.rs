@@ -92,8 +92,8 @@ pub fn cycle(planner: &mut Planner, ports: &mut impl PlannerPorts) -> bool {
         planner.load(ports.program(feedback.load), &feedback);
     }
     let decision = planner.scan(&feedback);
-    if let Some((header, rows)) = &decision.window {
-        ports.publish_window(header, rows);
+    if let Some((header, setpoints)) = &decision.window {
+        ports.publish_window(header, setpoints);
     }
     ports.publish_status(&decision.status);
     ports.answered(feedback.scan);

@@ -15,7 +15,7 @@ pub enum SetupError {
     #[error(transparent)]
     Axis(#[from] AxisSettingsError),
     /// The plant has an axis that the machine does not know.
-    #[error("axis {0}: stands in the plant file but not in the machine file")]
+    #[error("axis {0}: is in the plant file but not in the machine file")]
     UnknownAxis(String),
     /// The machine wants a scale that the plant does not have.
     #[error(

@@ -33,7 +33,7 @@ pub struct ArcBlock {
     pub circle: Circle,
     /// G2 rather than G3.
     pub clockwise: bool,
-    /// Turns begun, at least 1.
+    /// Turns, the last included, at least 1.
     pub turns: u32,
     /// How far the radii of start and end may differ.
     pub tolerance_mm: f64,

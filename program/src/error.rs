@@ -2,7 +2,7 @@
 
 use control::pivot::OutOfReach;
 
-/// The most problems told at once; the rest is usually their echo.
+/// The most problems reported at once; the rest is usually their echo.
 pub const PROBLEMS_MAX: usize = 20;
 
 /// One thing that is wrong.

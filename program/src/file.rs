@@ -14,7 +14,7 @@ use crate::reader::column;
 /// The largest program file: 64 MiB, some two million blocks, days of machining.
 pub const FILE_BYTES_MAX: u64 = 64 << 20;
 
-/// Reads and interprets a program file, for a machine that stands at `start` (machine coordinates).
+/// Reads and interprets a program file, for a machine that is at `start` (machine coordinates).
 ///
 /// What is no regular file, too large, not text or not a program is refused; a large file before it is read.
 pub fn load(file: &Path, setup: &Setup, start: AxisVector) -> Result<Program, ProgramError> {

@@ -13,7 +13,7 @@
 //!
 //! - `/` before a block (block delete): there is no such switch, the block runs.
 //! - G61 and G64 both follow the exact path; the tolerance words of G64 (P, Q) are read and not used.
-//! - The end of the file ends a program without M2, M30 or closing `%`. All three leniencies are told in [`Program::notes`].
+//! - The end of the file ends a program without M2, M30 or closing `%`. All three leniencies are reported in [`Program::notes`].
 //! - Text after M2, M30 or the closing `%` is ignored as NIST says; so is the axis offset part of M2, since nothing follows.
 //! - A number may not hold spaces, an axis word needs a motion mode, a comment ends on its line.
 //! - An F word in the very block that changes the unit is refused: NIST reads it in the old unit, people mean the new one.
@@ -43,7 +43,7 @@
 //! # Why a reader of our own
 //!
 //! The `gcode` crate (0.7.0) was judged and not taken. It keeps every number as `f32`: between 128 and 256 mm neighbouring
-//! values are 15 nm apart, fifteen increments of a 1 nm machine, and no error is told. A parenthesis that is not closed
+//! values are 15 nm apart, fifteen increments of a 1 nm machine, and no error is reported. A parenthesis that is not closed
 //! swallows the lines after it up to the next one, without a diagnostic. N numbers lose their decimals in silence. The reader
 //! here is small and strict.
 

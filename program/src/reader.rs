@@ -3,7 +3,7 @@
 /// The largest number a word may have, in whatever unit; far beyond any machine, far within exact arithmetic.
 const NUMBER_MAX: f64 = 1e9;
 
-/// The most words of one block: twice what can stand in one without conflict. Bounds the memory of a hostile line.
+/// The most words of one block: twice what can be in one without conflict. Bounds the memory of a hostile line.
 const WORDS_MAX: usize = 64;
 
 /// A letter with its number.

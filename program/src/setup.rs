@@ -3,14 +3,14 @@
 use control::kinematics::Kinematics;
 use control::path::AxisVector;
 use control::pivot::{self, PivotY};
-use machine::{self, AxisKind, Machine};
+use machine::{self, AxisKind, KinematicsKind, Machine};
 
 use crate::program::{AxisSetup, Setup};
 
 impl Setup {
     /// The machine as the interpreter needs to know it.
     ///
-    /// An arm that stands in for Y is Y here, with its reach for travel. X may go as far beyond the slide's travel as the arm
+    /// An arm that is in for Y is Y here, with its reach for travel. X may go as far beyond the slide's travel as the arm
     /// draws the tool back; what the slide itself can reach is judged along the path ([`PivotY::check`]).
     pub fn of(machine: &Machine) -> Setup {
         let mut work_offset = AxisVector::zeros();
@@ -52,18 +52,21 @@ impl Setup {
 
 /// How the axes of a machine carry the tool that programs move.
 pub fn kinematics_of(machine: &Machine) -> Kinematics {
-    let pivot = machine.kinematics.as_ref().and_then(|kinematics| {
-        Some(PivotY {
-            slide: kinematics.slide_index(&machine.axes)?,
-            arm: kinematics.arm_index(&machine.axes)?,
-            arm_length_mm: kinematics.arm_length_mm,
-            arm_min_deg: kinematics.arm_min_deg,
-            arm_max_deg: kinematics.arm_max_deg,
-            carries: match kinematics.carries {
-                machine::Carries::Arm => pivot::Carries::Arm,
-                machine::Carries::Work => pivot::Carries::Work,
-            },
-        })
-    });
+    let pivot = machine
+        .kinematics
+        .as_ref()
+        .and_then(|kinematics| match kinematics.kind {
+            KinematicsKind::PivotY => Some(PivotY {
+                slide: kinematics.slide_index(&machine.axes)?,
+                arm: kinematics.arm_index(&machine.axes)?,
+                arm_length_mm: kinematics.arm_length_mm,
+                arm_min_deg: kinematics.arm_min_deg,
+                arm_max_deg: kinematics.arm_max_deg,
+                carries: match kinematics.carries {
+                    machine::Carries::Arm => pivot::Carries::Arm,
+                    machine::Carries::Work => pivot::Carries::Work,
+                },
+            }),
+        });
     pivot.map_or(Kinematics::Cartesian, Kinematics::PivotY)
 }

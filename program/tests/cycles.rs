@@ -1,4 +1,4 @@
-//! Drilling cycles: where the tool goes, what stays from block to block, and how mistakes are told.
+//! Drilling cycles: where the tool goes, what stays from block to block, and how mistakes are reported.
 
 mod common;
 
@@ -10,10 +10,10 @@ use program::{Setup, interpret};
 fn moves(text: &str) -> Vec<String> {
     let program = on_mill(text).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(program.path.first_break(), None);
-    program.path.elements.iter().map(said).collect()
+    program.path.elements.iter().map(printed).collect()
 }
 
-fn said(element: &Element) -> String {
+fn printed(element: &Element) -> String {
     if let Shape::Dwell { seconds, .. } = element.shape {
         return format!("W {seconds}");
     }
@@ -72,7 +72,7 @@ fn g98_returns_to_where_z_was_before_the_cycles_and_g99_to_r() {
         last("F300 G0 Z20\nG99 G81 X1 Z-5 R2\nG98 X2\nM2"),
         "R 2 0 20"
     );
-    // Another motion ends the row: the level is read anew.
+    // Another motion ends the series: the level is read again.
     assert_eq!(
         last("F300 G0 Z20\nG99 G81 X1 Z-5 R2\nG0 Z7\nG98 G81 X2 Z-5 R2\nM2"),
         "R 2 0 7"
@@ -201,7 +201,7 @@ fn a_block_without_a_place_leaves_the_cycle_in_force() {
 
 #[test]
 #[expect(clippy::too_many_lines, reason = "a table of mistakes")]
-fn each_mistake_in_a_cycle_is_told_with_its_place_and_what_would_be_right() {
+fn each_mistake_in_a_cycle_is_reported_with_its_place_and_what_would_be_right() {
     for (text, expected) in [
         (
             "G81 X1 Z-5 R2",

@@ -1,4 +1,4 @@
-//! What each word does, and how each mistake is told.
+//! What each word does, and how each mistake is reported.
 
 mod common;
 
@@ -261,7 +261,7 @@ fn what_follows_the_end_is_ignored() {
 }
 
 #[test]
-fn leniency_is_told_in_notes() {
+fn leniency_is_reported_in_notes() {
     let program = on_mill("/G0 X1\nG64 P0.01\nG1 X2 F100\n").unwrap();
     let lines: Vec<_> = program.notes.iter().map(|note| note.line).collect();
     assert_eq!((lines, program.end), (vec![1, 2, 3], ProgramEnd::FileEnd));
@@ -300,7 +300,7 @@ fn the_hash_changes_with_text_machine_offset_and_start() {
 
 #[test]
 #[expect(clippy::too_many_lines, reason = "a table of mistakes")]
-fn each_mistake_is_told_with_its_place_and_what_would_be_right() {
+fn each_mistake_is_reported_with_its_place_and_what_would_be_right() {
     for (text, expected) in [
         (
             "G1 X5",
@@ -412,7 +412,7 @@ G1 X5",
 }
 
 #[test]
-fn travel_is_told_in_both_coordinates_when_they_differ() {
+fn travel_is_reported_in_both_coordinates_when_they_differ() {
     let mut setup = mill(200.0);
     setup.work_offset = at(&[150.0]);
     let error = interpret("part", "G0 X60\nM2", &setup, at(&[]))
@@ -453,7 +453,7 @@ fn arcs_need_both_slides_of_their_plane() {
 }
 
 #[test]
-fn mistakes_are_told_together_and_without_echoes() {
+fn mistakes_are_reported_together_and_without_echoes() {
     let error = interpret(
         "part",
         "G1 X5\nT1\nG2 X9\nG0 X1 X2\nM2\nT2",
@@ -470,13 +470,13 @@ fn mistakes_are_told_together_and_without_echoes() {
 }
 
 #[test]
-fn leaving_the_travel_is_told_for_every_block() {
+fn leaving_the_travel_is_reported_for_every_block() {
     let error = interpret("part", "G0 X10\nX0\nY-10 X10\nM2", &mill(9.0), at(&[])).unwrap_err();
     assert_eq!(error.problems.len(), 3);
 }
 
 #[test]
-fn at_most_twenty_mistakes_are_told() {
+fn at_most_twenty_mistakes_are_reported() {
     let error = interpret("part", &"T1\n".repeat(500), &mill(9.0), at(&[])).unwrap_err();
     assert_eq!((error.problems.len(), error.more), (20, true));
     let error = interpret("part", &"T1\n".repeat(20), &mill(9.0), at(&[])).unwrap_err();

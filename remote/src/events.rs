@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use crate::wire::{EVENTS_MAX, EventHistory, EventSaid, FORMAT};
+use crate::wire::{EVENTS_MAX, EventHistory, EventReport, FORMAT};
 
 /// Events that a server remembers for those who come late or missed some.
 pub const REMEMBERED: usize = 2000;
@@ -13,12 +13,12 @@ const WAITING_MAX: usize = 256;
 #[derive(Debug)]
 pub struct History {
     session: u64,
-    events: VecDeque<EventSaid>,
+    events: VecDeque<EventReport>,
     count: u64,
 }
 
 impl History {
-    /// Of a server that has said nothing yet.
+    /// Of a server that has reported nothing yet.
     pub fn new(session: u64) -> Self {
         History {
             session,
@@ -28,9 +28,9 @@ impl History {
     }
 
     /// Numbers an event and remembers it; the oldest goes.
-    pub fn add(&mut self, scan: u64, warning: bool, text: String) -> EventSaid {
+    pub fn add(&mut self, scan: u64, warning: bool, text: String) -> EventReport {
         self.count += 1;
-        let event = EventSaid {
+        let event = EventReport {
             format: FORMAT,
             session: self.session,
             number: self.count,
@@ -46,7 +46,7 @@ impl History {
     }
 
     /// Gives an event another text; the event if that is news.
-    pub fn amend(&mut self, number: u64, text: &str) -> Option<EventSaid> {
+    pub fn amend(&mut self, number: u64, text: &str) -> Option<EventReport> {
         let oldest = self.oldest();
         let index = usize::try_from(number.checked_sub(oldest)?).ok()?;
         let event = self.events.get_mut(index).filter(|e| e.text != text)?;
@@ -80,11 +80,11 @@ impl History {
 
 /// What a follower hands on.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Told {
+pub enum Reported {
     /// The next event.
-    New(EventSaid),
-    /// One that was told before has another text.
-    Amended(EventSaid),
+    New(EventReport),
+    /// One that was reported before has another text.
+    Amended(EventReport),
     /// So many were forgotten by the server before they could be asked for.
     Lost(u64),
 }
@@ -96,7 +96,7 @@ pub struct Follower {
     next: u64,
     /// The highest number that is known to exist.
     known: u64,
-    waiting: BTreeMap<u64, EventSaid>,
+    waiting: BTreeMap<u64, EventReport>,
 }
 
 impl Default for Follower {
@@ -110,7 +110,7 @@ impl Default for Follower {
 }
 
 impl Follower {
-    /// Learns that the server has said so many.
+    /// Learns that the server has reported so many.
     pub fn there_are(&mut self, count: u64) {
         self.known = self.known.max(count);
     }
@@ -121,18 +121,18 @@ impl Follower {
     }
 
     /// Takes an event in whatever order; hands on what is next now.
-    pub fn take(&mut self, event: EventSaid, told: &mut Vec<Told>) {
+    pub fn take(&mut self, event: EventReport, reported: &mut Vec<Reported>) {
         self.there_are(event.number);
         if event.number < self.next {
-            told.push(Told::Amended(event));
+            reported.push(Reported::Amended(event));
             return;
         }
         if event.number == self.next {
             self.next = self.next.saturating_add(1);
-            told.push(Told::New(event));
+            reported.push(Reported::New(event));
             while let Some(event) = self.waiting.remove(&self.next) {
                 self.next = self.next.saturating_add(1);
-                told.push(Told::New(event));
+                reported.push(Reported::New(event));
             }
         } else if self.waiting.len() < WAITING_MAX {
             self.waiting.insert(event.number, event);
@@ -140,15 +140,15 @@ impl Follower {
     }
 
     /// Takes an answer.
-    pub fn history(&mut self, history: EventHistory, told: &mut Vec<Told>) {
+    pub fn history(&mut self, history: EventHistory, reported: &mut Vec<Reported>) {
         if history.oldest > self.next {
-            told.push(Told::Lost(history.oldest - self.next));
+            reported.push(Reported::Lost(history.oldest - self.next));
             self.next = history.oldest;
             self.waiting.retain(|number, _| *number >= history.oldest);
         }
         for event in history.events {
             if event.number >= self.next {
-                self.take(event, told);
+                self.take(event, reported);
             }
         }
     }
@@ -159,9 +159,9 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn numbers(told: &[Told]) -> Vec<u64> {
-        let new = told.iter().filter_map(|told| match told {
-            Told::New(event) => Some(event.number),
+    fn numbers(reported: &[Reported]) -> Vec<u64> {
+        let new = reported.iter().filter_map(|reported| match reported {
+            Reported::New(event) => Some(event.number),
             _ => None,
         });
         new.collect()
@@ -180,25 +180,28 @@ mod tests {
         let server = history(REMEMBERED as u64 + 50);
         let mut follower = Follower::default();
         follower.there_are(server.count());
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         while let Some(after) = follower.ask_after() {
-            follower.history(server.after(after), &mut told);
+            follower.history(server.after(after), &mut reported);
         }
-        assert_eq!(told.first(), Some(&Told::Lost(50)));
-        assert_eq!(numbers(&told), (51..=server.count()).collect::<Vec<_>>());
+        assert_eq!(reported.first(), Some(&Reported::Lost(50)));
+        assert_eq!(
+            numbers(&reported),
+            (51..=server.count()).collect::<Vec<_>>()
+        );
     }
 
     #[test]
-    fn an_amended_event_is_told_again_without_a_new_number() {
+    fn an_amended_event_is_reported_again_without_a_new_number() {
         let mut server = history(3);
         assert_eq!(server.amend(2, "event 2"), None);
         let amended = server.amend(2, "event 2, twice").expect("news");
         let mut follower = Follower::default();
-        let mut told = Vec::new();
-        follower.history(history(3).after(0), &mut told);
-        told.clear();
-        follower.take(amended.clone(), &mut told);
-        assert_eq!(told, [Told::Amended(amended)]);
+        let mut reported = Vec::new();
+        follower.history(history(3).after(0), &mut reported);
+        reported.clear();
+        follower.take(amended.clone(), &mut reported);
+        assert_eq!(reported, [Reported::Amended(amended)]);
         assert_eq!(server.amend(4, "?"), None);
         assert_eq!(server.amend(0, "?"), None);
     }
@@ -206,35 +209,35 @@ mod tests {
     #[test]
     fn a_server_that_lies_about_its_numbers_costs_bounded_memory() {
         let mut follower = Follower::default();
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         for number in 0..100_000u64 {
             let mut event = history(1).add(1, false, String::new());
             event.number = 5 + number * 2;
-            follower.take(event, &mut told);
+            follower.take(event, &mut reported);
         }
-        assert!(told.is_empty());
+        assert!(reported.is_empty());
         assert_eq!(follower.waiting.len(), WAITING_MAX);
     }
 
     proptest! {
-        /// Whatever is lost, doubled or overtaken on the way: with asking, each event is told once and in order.
+        /// Whatever is lost, doubled or overtaken on the way: with asking, each event is reported once and in order.
         #[test]
-        fn every_event_is_told_once_and_in_order(
+        fn every_event_is_reported_once_and_in_order(
             count in 1u64..300,
             arrivals in prop::collection::vec(1u64..300, 0..400),
         ) {
             let server = history(count);
             let mut follower = Follower::default();
-            let mut told = Vec::new();
+            let mut reported = Vec::new();
             for number in arrivals.into_iter().filter(|number| *number <= count) {
                 let event = server.after(number - 1).events.first().cloned().expect("one");
-                follower.take(event, &mut told);
+                follower.take(event, &mut reported);
             }
             follower.there_are(count);
             while let Some(after) = follower.ask_after() {
-                follower.history(server.after(after), &mut told);
+                follower.history(server.after(after), &mut reported);
             }
-            prop_assert_eq!(numbers(&told), (1..=count).collect::<Vec<_>>());
+            prop_assert_eq!(numbers(&reported), (1..=count).collect::<Vec<_>>());
         }
     }
 }

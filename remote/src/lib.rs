@@ -1,10 +1,10 @@
 //! Seeing a cell from another machine.
 //!
-//! A reader descends so: [`wire`] is what is said, and what of it is believed; [`clock`] is how old it is, without trusting any
+//! A reader descends so: [`wire`] is what is reported, and what of it is believed; [`clock`] is how old it is, without trusting any
 //! clock that somebody sets; [`events`] is how all events arrive in order although messages get lost; `link` (feature `zenoh`) carries it over
 //! zenoh. What is shown is not here: the root package makes snapshots of its live view and fills such a view from them.
 //!
-//! **Invariant**: nothing here is known to the cell. The server is a observer like any other; orders do not travel.
+//! **Invariant**: nothing here is known to the cell. The server is an observer like any other; orders do not travel.
 #![cfg_attr(
     not(test),
     deny(

@@ -4,9 +4,9 @@
 //! |---|---|---|
 //! | `quadrant/<cell>/snapshot` | [`Snapshot`] | published; dropped where the link is slow |
 //! | `quadrant/<cell>/circle` | [`CircleState`] | published, twice a second; dropped where the link is slow |
-//! | `quadrant/<cell>/events` | [`EventSaid`] | published; who misses some asks here with `?after=NUMBER` |
-//! | `quadrant/<cell>/machine` | [`MachineSaid`] | answer |
-//! | `quadrant/<cell>/clock` | [`ClockSaid`] | answer |
+//! | `quadrant/<cell>/events` | [`EventReport`] | published; who misses some asks here with `?after=NUMBER` |
+//! | `quadrant/<cell>/machine` | [`MachineReport`] | answer |
+//! | `quadrant/<cell>/clock` | [`ClockReport`] | answer |
 //!
 //! Everything is bounded: messages in size, zenoh's queues by number of batches, the socket's send buffer (else the kernel would
 //! keep minutes of old snapshots for a slow link), the client's queue by number, answers in length. A server takes nothing in: its
@@ -28,17 +28,17 @@ use zenoh::{Config, Session, Wait};
 use crate::clock::{RoundTrip, now_us};
 use crate::events::History;
 use crate::wire::{
-    CircleState, ClockSaid, EventHistory, EventSaid, FORMAT, MESSAGE_BYTES_MAX, MachineSaid,
+    CircleState, ClockReport, EventHistory, EventReport, FORMAT, MESSAGE_BYTES_MAX, MachineReport,
     Refusal, Snapshot, decode, encode,
 };
 
-/// Where a server listens if nothing else is said: this PC only.
+/// Where a server listens if nothing else is reported: this PC only.
 pub const DEFAULT_LISTEN: &str = "tcp/127.0.0.1:7447";
 /// Messages that wait for a client that does not look; the newest beyond are dropped and counted.
 const HEARD_MAX: usize = 256;
 /// Bytes that the kernel keeps for a slow link.
 const SEND_BUFFER_BYTES: usize = 64 << 10;
-/// A link of which nothing is heard for so long is given up and made anew.
+/// A link of which nothing is heard for so long is given up and made again.
 const LEASE_MS: u64 = 5000;
 /// So long an answer is waited for.
 const ANSWER_LIMIT: Duration = Duration::from_secs(5);
@@ -57,8 +57,8 @@ pub enum LinkError {
         /// Why it failed.
         why: String,
     },
-    /// What was to be said would not be believed.
-    #[error("not said: {0}")]
+    /// What was to be reported would not be believed.
+    #[error("not reported: {0}")]
     Refused(#[from] Refusal),
 }
 
@@ -162,7 +162,7 @@ fn key(cell: &str, what: &str) -> String {
 /// What answers are made from.
 #[derive(Debug)]
 struct Answers {
-    machine: MachineSaid,
+    machine: MachineReport,
     history: History,
 }
 
@@ -185,7 +185,7 @@ impl Server {
     /// # Errors
     /// A place cannot be had.
     pub fn open(
-        machine: MachineSaid,
+        machine: MachineReport,
         listen: &[Endpoint],
         connect: &[Endpoint],
     ) -> Result<Server, LinkError> {
@@ -211,12 +211,12 @@ impl Server {
             session
                 .declare_queryable(key(&cell, name))
                 .callback(move |query| {
-                    let said = {
+                    let message = {
                         let answers = answers.lock().unwrap_or_else(PoisonError::into_inner);
                         answer(&query, &answers)
                     };
                     // Nobody else waits for a client that is slow to take it.
-                    if let Ok(bytes) = said {
+                    if let Ok(bytes) = message {
                         let _ = query.reply(query.key_expr(), bytes).wait();
                     }
                 })
@@ -226,7 +226,7 @@ impl Server {
         let queryables = vec![
             queryable("machine", |_, answers| encode(&answers.machine))?,
             queryable("clock", |_, answers| {
-                encode(&ClockSaid {
+                encode(&ClockReport {
                     format: FORMAT,
                     session: answers.machine.session,
                     clock_us: now_us(),
@@ -248,8 +248,8 @@ impl Server {
         })
     }
 
-    /// Another cell of the same name: numbers begin anew.
-    pub fn begin(&mut self, machine: MachineSaid) {
+    /// Another cell of the same name: numbers begin again.
+    pub fn begin(&mut self, machine: MachineReport) {
         let history = History::new(machine.session);
         *self.answers() = Answers { machine, history };
     }
@@ -281,7 +281,7 @@ impl Server {
         self.answers().history.count()
     }
 
-    fn publish_event(&mut self, event: &EventSaid) -> Result<(), LinkError> {
+    fn publish_event(&mut self, event: &EventReport) -> Result<(), LinkError> {
         let bytes = encode(event)?;
         self.bytes += bytes.len() as u64;
         self.events
@@ -326,11 +326,11 @@ pub enum Heard {
     /// What the circle looks like.
     Circle(Box<CircleState>),
     /// Something happened.
-    Event(EventSaid),
+    Event(EventReport),
     /// What happened before.
     History(EventHistory),
     /// Which machine it is.
-    Machine(MachineSaid),
+    Machine(MachineReport),
     /// The server's clock, by a round trip.
     Clock(u64, RoundTrip),
 }
@@ -502,13 +502,13 @@ fn understood(raw: &Raw) -> Result<Heard, Refusal> {
         What::History => Heard::History(decode(&raw.bytes)?),
         What::Machine => Heard::Machine(decode(&raw.bytes)?),
         What::Clock(asked_us, answered_us) => {
-            let said: ClockSaid = decode(&raw.bytes)?;
+            let message: ClockReport = decode(&raw.bytes)?;
             let trip = RoundTrip {
                 asked_us,
-                server_us: said.clock_us,
+                server_us: message.clock_us,
                 answered_us,
             };
-            Heard::Clock(said.session, trip)
+            Heard::Clock(message.session, trip)
         }
     })
 }

@@ -1,4 +1,4 @@
-//! What is said over the link: JSON with a format number, bounded in size, every field checked by whoever receives it.
+//! What is reported over the link: JSON with a format number, bounded in size, every field checked by whoever receives it.
 //!
 //! A message that is too large, not JSON, of another format, with an unknown or missing field, with a number out of all reason or
 //! with a text that could steer a terminal is refused whole and counted; nothing of it is shown.
@@ -53,7 +53,7 @@ pub enum Refusal {
 pub trait Message: Serialize + DeserializeOwned {
     /// Its format number.
     fn format(&self) -> u32;
-    /// Which server said it: a number that no other has.
+    /// Which server reported it: a number that no other has.
     fn session(&self) -> u64;
     /// Checks every field.
     ///
@@ -176,14 +176,14 @@ pub struct MachineState {
     /// Scans of a dwell that are left.
     pub dwell_remaining_scans: u32,
     /// Element where the path was left, `u32::MAX` if it was not.
-    pub left_at_element: u32,
+    pub interrupted_at_element: u32,
 }
 
 /// One axis: what is commanded, what is, and what was largest in between two snapshots.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AxisState {
-    /// Command register, in mm or degrees.
+    /// Command position, in mm or degrees.
     #[serde(with = "number")]
     pub command_mm: f64,
     /// Encoder or scale, in mm or degrees.
@@ -268,7 +268,7 @@ pub struct ProcessState {
     pub stalled: bool,
     /// Its commands are taken.
     pub drives: Option<bool>,
-    /// Scans since it said something.
+    /// Scans since it reported something.
     pub age_scans: Option<u64>,
     /// Scan and signal of its last death.
     pub death: Option<(u64, i32)>,
@@ -312,7 +312,7 @@ pub struct TimingState {
     pub bars: Vec<u64>,
 }
 
-/// The circle that is travelled: said less often than the rest.
+/// The circle that is travelled: reported less often than the rest.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CircleState {
@@ -338,12 +338,12 @@ pub struct CircleState {
 /// Something that happened.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct EventSaid {
+pub struct EventReport {
     /// [`FORMAT`].
     pub format: u32,
     /// The server.
     pub session: u64,
-    /// Counted by the server from 1. An event that is said again with the same number has got another text: of small things that
+    /// Counted by the server from 1. An event that is reported again with the same number has got another text: of small things that
     /// come often, only the count grows.
     pub number: u64,
     /// Its scan.
@@ -365,13 +365,13 @@ pub struct EventHistory {
     /// Number of the oldest event that is still known.
     pub oldest: u64,
     /// Events after the number that was asked for, in order, at most [`EVENTS_MAX`].
-    pub events: Vec<EventSaid>,
+    pub events: Vec<EventReport>,
 }
 
 /// Answer to the question for the machine: what is needed to understand the rest.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct MachineSaid {
+pub struct MachineReport {
     /// [`FORMAT`].
     pub format: u32,
     /// The server.
@@ -385,7 +385,7 @@ pub struct MachineSaid {
 /// Answer to the question for the server's clock.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct ClockSaid {
+pub struct ClockReport {
     /// [`FORMAT`].
     pub format: u32,
     /// The server.
@@ -493,43 +493,46 @@ macro_rules! message {
     };
 }
 
-message!(Snapshot, |said| {
-    if !matches!(said.pace.as_deref(), None | Some("realtime" | "lockstep")) {
+message!(Snapshot, |message| {
+    if !matches!(
+        message.pace.as_deref(),
+        None | Some("realtime" | "lockstep")
+    ) {
         return Err(refuse("pace", "neither realtime nor lockstep"));
     }
-    check_number("angle_rad", said.angle_rad.unwrap_or(0.0))?;
-    check_count("axes", said.axes.len(), AXES_MAX)?;
-    check_count("processes", said.processes.len(), PROCESSES_MAX)?;
-    check_count("reversals", said.reversals.len(), REVERSALS_MAX)?;
-    if said.reversals.len() as u64 > said.reversals_count {
-        return Err(refuse("reversals_count", said.reversals_count));
+    check_number("angle_rad", message.angle_rad.unwrap_or(0.0))?;
+    check_count("axes", message.axes.len(), AXES_MAX)?;
+    check_count("processes", message.processes.len(), PROCESSES_MAX)?;
+    check_count("reversals", message.reversals.len(), REVERSALS_MAX)?;
+    if message.reversals.len() as u64 > message.reversals_count {
+        return Err(refuse("reversals_count", message.reversals_count));
     }
-    if let Some(machine) = &said.machine {
+    if let Some(machine) = &message.machine {
         check_number("distance_mm", machine.distance_mm)?;
         check_count("override_percent", machine.override_percent as usize, 100)?;
         let axis = machine.cause_axis;
-        if axis != u32::MAX && axis as usize >= said.axes.len() {
+        if axis != u32::MAX && axis as usize >= message.axes.len() {
             return Err(refuse("cause_axis", axis));
         }
     }
-    said.axes.iter().try_for_each(check_axis)?;
+    message.axes.iter().try_for_each(check_axis)?;
     check_numbers(&[
-        ("path_done_mm", said.program.path_done_mm),
-        ("path_length_mm", said.program.path_length_mm),
+        ("path_done_mm", message.program.path_done_mm),
+        ("path_length_mm", message.program.path_length_mm),
     ])?;
     check_texts(&[
-        ("program name", said.program.name.as_deref()),
-        ("block", said.program.block.as_deref()),
+        ("program name", message.program.name.as_deref()),
+        ("block", message.program.block.as_deref()),
     ])?;
-    for process in &said.processes {
+    for process in &message.processes {
         check_text("process", &process.name)?;
         check_text("job", &process.job)?;
     }
-    for reversal in &said.reversals {
+    for reversal in &message.reversals {
         check_count(
             "reversal's axis",
             reversal.axis as usize + 1,
-            said.axes.len(),
+            message.axes.len(),
         )?;
         if !matches!(reversal.direction, -1 | 1) {
             return Err(refuse("direction", reversal.direction));
@@ -540,7 +543,7 @@ message!(Snapshot, |said| {
             ("error_peak_um", Some(reversal.error_peak_um)),
         ])?;
     }
-    if let Some(timing) = &said.timing {
+    if let Some(timing) = &message.timing {
         check_count("bars", timing.bars.len(), BARS_MAX)?;
         check_numbers(&[
             ("p50_us", Some(timing.p50_us)),
@@ -572,18 +575,18 @@ fn check_axis(axis: &AxisState) -> Result<(), Refusal> {
     Ok(())
 }
 
-message!(CircleState, |said| {
-    check_text("plane", &said.plane)?;
+message!(CircleState, |message| {
+    check_text("plane", &message.plane)?;
     check_numbers(&[
-        ("radius_mm", Some(said.radius_mm)),
-        ("feed_mm_s", said.feed_mm_s),
+        ("radius_mm", Some(message.radius_mm)),
+        ("feed_mm_s", message.feed_mm_s),
     ])?;
     // Fewer angles or more would be another plot.
-    if said.deviation_nm.len() != CIRCLE_BINS {
-        return Err(refuse("deviation_nm", said.deviation_nm.len()));
+    if message.deviation_nm.len() != CIRCLE_BINS {
+        return Err(refuse("deviation_nm", message.deviation_nm.len()));
     }
     let reasonable = |nm: i64| nm.unsigned_abs() <= 1_000_000_000_000;
-    let each = said.deviation_nm.iter().flatten();
+    let each = message.deviation_nm.iter().flatten();
     for (mean_nm, low_nm, high_nm) in each {
         if ![*mean_nm, *low_nm, *high_nm].into_iter().all(reasonable) || low_nm > high_nm {
             return Err(refuse("deviation_nm", format!("{low_nm} to {high_nm}")));
@@ -592,21 +595,21 @@ message!(CircleState, |said| {
     Ok(())
 });
 
-message!(EventSaid, |said| {
-    if said.number == 0 {
+message!(EventReport, |message| {
+    if message.number == 0 {
         return Err(refuse("number", 0));
     }
-    check_text("event", &said.text)
+    check_text("event", &message.text)
 });
 
-message!(EventHistory, |said| {
-    check_count("events", said.events.len(), EVENTS_MAX)?;
-    for (index, event) in said.events.iter().enumerate() {
+message!(EventHistory, |message| {
+    check_count("events", message.events.len(), EVENTS_MAX)?;
+    for (index, event) in message.events.iter().enumerate() {
         event.check()?;
-        if event.session != said.session {
+        if event.session != message.session {
             return Err(refuse("session", event.session));
         }
-        let first = said.events.first().map_or(0, |first| first.number);
+        let first = message.events.first().map_or(0, |first| first.number);
         if Some(event.number) != first.checked_add(index as u64) {
             return Err(refuse("number", event.number));
         }
@@ -614,16 +617,16 @@ message!(EventHistory, |said| {
     Ok(())
 });
 
-message!(MachineSaid, |said| {
-    check_text("cell", &said.cell)?;
+message!(MachineReport, |message| {
+    check_text("cell", &message.cell)?;
     let steers = |c: char| c.is_control() && !matches!(c, '\n' | '\r' | '\t');
-    if said.machine_toml.chars().any(steers) {
+    if message.machine_toml.chars().any(steers) {
         return Err(refuse("machine_toml", "a control character"));
     }
     Ok(())
 });
 
-message!(ClockSaid, |_| Ok(()));
+message!(ClockReport, |_| Ok(()));
 
 #[cfg(test)]
 mod tests;

@@ -3,9 +3,9 @@
 use std::net::TcpListener;
 use std::time::{Duration, Instant};
 
-use remote::events::{Follower, REMEMBERED, Told};
+use remote::events::{Follower, REMEMBERED, Reported};
 use remote::link::{Client, Endpoint, Heard, Server};
-use remote::wire::{FORMAT, MESSAGE_BYTES_MAX, MachineSaid, ProgramState, Snapshot};
+use remote::wire::{FORMAT, MESSAGE_BYTES_MAX, MachineReport, ProgramState, Snapshot};
 use zenoh::Wait;
 
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -16,8 +16,8 @@ fn place() -> Endpoint {
     format!("tcp/127.0.0.1:{port}").parse().expect("a place")
 }
 
-fn machine(cell: &str) -> MachineSaid {
-    MachineSaid {
+fn machine(cell: &str) -> MachineReport {
+    MachineReport {
         format: FORMAT,
         session: 42,
         cell: cell.into(),
@@ -78,7 +78,7 @@ fn hear(server: &mut Server, client: &mut Client, snapshots: usize) -> Vec<Heard
     while count(&heard) < snapshots {
         assert!(started.elapsed() < PATIENCE, "only {heard:?}");
         sequence += 1;
-        server.say_snapshot(&snapshot(sequence)).expect("said");
+        server.say_snapshot(&snapshot(sequence)).expect("message");
         while let Some((_, one)) = client.next(Duration::from_millis(10)) {
             heard.push(one);
         }
@@ -94,7 +94,7 @@ fn snapshots_come_and_questions_are_answered() {
     let mut client = Client::open(&place, Some("a")).expect("a client");
     for number in 0..3 {
         let text = format!("event {number}");
-        server.say_event(number, false, text).expect("said");
+        server.say_event(number, false, text).expect("message");
     }
     hear(&mut server, &mut client, 3);
     client.ask_machine("a");
@@ -108,9 +108,9 @@ fn snapshots_come_and_questions_are_answered() {
             "{machine:?} {clock:?} {history:?}"
         );
         match client.next(Duration::from_millis(50)) {
-            Some((_, Heard::Machine(said))) => machine = Some(said),
+            Some((_, Heard::Machine(message))) => machine = Some(message),
             Some((_, Heard::Clock(session, trip))) => clock = Some((session, trip)),
-            Some((_, Heard::History(said))) => history = Some(said),
+            Some((_, Heard::History(message))) => history = Some(message),
             _ => {}
         }
     }
@@ -141,26 +141,26 @@ fn a_client_that_comes_late_asks_for_all_events_that_are_remembered() {
     for number in 1..=all {
         server
             .say_event(number, false, format!("event {number}"))
-            .expect("said");
+            .expect("message");
     }
     let mut client = Client::open(&place, Some("a")).expect("a client");
     hear(&mut server, &mut client, 1);
     let mut follower = Follower::default();
     follower.there_are(all);
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     let started = Instant::now();
     while let Some(after) = follower.ask_after() {
-        assert!(started.elapsed() < PATIENCE, "{} told", told.len());
+        assert!(started.elapsed() < PATIENCE, "{} reported", reported.len());
         client.ask_events("a", after);
         while let Some((_, heard)) = client.next(Duration::from_millis(200)) {
             if let Heard::History(history) = heard {
-                follower.history(history, &mut told);
+                follower.history(history, &mut reported);
                 break;
             }
         }
     }
-    assert_eq!(told.first(), Some(&Told::Lost(100)));
-    assert_eq!(told.len(), REMEMBERED + 1);
+    assert_eq!(reported.first(), Some(&Reported::Lost(100)));
+    assert_eq!(reported.len(), REMEMBERED + 1);
 }
 
 #[test]
@@ -243,9 +243,9 @@ fn a_stranger_cannot_speak_to_other_clients_through_a_server() {
         }
         client.ask_clock("a");
         for heard in hear(&mut server, &mut client, 1) {
-            if let Heard::Snapshot(said) = heard {
+            if let Heard::Snapshot(message) = heard {
                 assert!(
-                    said.sequence < 1_000_000,
+                    message.sequence < 1_000_000,
                     "round {round}: a forged snapshot came through"
                 );
             }

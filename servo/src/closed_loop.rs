@@ -84,12 +84,12 @@ impl ClosedLoop<'_> {
         increments as f64 * self.settings.increment_mm
     }
 
-    /// Where another controller drove, the register came from elsewhere: where it is, is no motion.
+    /// Where another controller drove, the command position came from elsewhere: where it is, is no motion.
     fn take_over(&mut self) {
         if !self.state.manual.program_drove() {
-            let register = self.setpoints.at(0);
-            self.state.program.register = register;
-            self.state.command_position_before = register;
+            let command_position = self.setpoints.at(0);
+            self.state.program.command_position = command_position;
+            self.state.command_position_before = command_position;
         }
     }
 
@@ -100,7 +100,7 @@ impl ClosedLoop<'_> {
         let begins = self.scans_passed > u64::from(scan_in_period);
         if begins {
             if self.scans_passed == 1 {
-                self.state.period.step(self.state.program.register);
+                self.state.period.step(self.state.program.command_position);
             } else {
                 let start = -1 - i64::from(scan_in_period);
                 let length = i64::from(self.settings.scans_per_period);
@@ -116,7 +116,7 @@ impl ClosedLoop<'_> {
         if !self.setpoints.has_window() {
             // No window, no future: nothing is fed forward and no pulse waits for a reversal that will not come.
             self.state.reversal.disarm();
-            self.state.period = PeriodState::at_rest(self.axis.command_register);
+            self.state.period = PeriodState::at_rest(self.axis.command_position);
         }
         MovementCommands::gather(
             self.state.period.start_before,
@@ -134,7 +134,7 @@ impl ClosedLoop<'_> {
         let ahead = (1..=known).map(|i| self.setpoints.at(i));
         self.settings.backlash.update(
             &mut self.state.backlash,
-            self.state.program.register,
+            self.state.program.command_position,
             setpoint,
             ahead,
         )
@@ -156,7 +156,7 @@ impl ClosedLoop<'_> {
             [compensated_before_mm, backlash.compensation_mm],
             |scans| match scans {
                 0.. => self.setpoints.at(scans),
-                -1 => program.register,
+                -1 => program.command_position,
                 _ => *command_position_before,
             },
         );
@@ -244,7 +244,7 @@ impl ClosedLoop<'_> {
         reversed: bool,
         speeds: &Speeds,
     ) -> f64 {
-        let block = &self.settings.kick;
+        let block = &self.settings.pulse;
         let direction = self.state.backlash.direction;
         let state = &mut self.state.reversal;
         if reversed {
@@ -259,7 +259,7 @@ impl ClosedLoop<'_> {
     fn remember(&mut self, setpoint: i64) {
         let moved = self.position.saturating_sub(self.state.program.encoder);
         self.state.velocity_mm_s = moved as f64 * self.speed_per_increment_mm_s();
-        self.state.command_position_before = self.state.program.register;
+        self.state.command_position_before = self.state.program.command_position;
         self.state.program = FollowUpState::closed(setpoint, self.position);
     }
 }

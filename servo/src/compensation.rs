@@ -241,7 +241,7 @@ fn inverse_dynamics(
         table_viscous_n_s_per_m: table.viscous_n_s_per_m,
         stiffness_n_per_m: table.stiffness_n_per_um * 1e6,
         gap_mm: table.gap_um * 1e-3,
-        crossing_s: table.traversal_ms * 1e-3,
+        traversal_s: table.traversal_ms * 1e-3,
         // A command acts a dead time later and is held for a scan; the force follows it by the current loop.
         lead_scans: (1.0 + dead_time_scans + torque.current_loop_ms * 1e-3 / scan_s)
             .min(1.0 + dead_time_scans + CURRENT_LOOP_SCANS_MAX),

@@ -7,7 +7,7 @@
 )]
 
 use bus::sample::{
-    AxisCommand, AxisFeedback, Cause, Driver, Feedback, Mode, WindowHeader, WindowRow,
+    AxisCommand, AxisFeedback, Cause, Driver, Feedback, Mode, Setpoint, WindowHeader,
 };
 use bytemuck::Zeroable;
 use control::feed_forward::PeriodState;
@@ -52,8 +52,8 @@ struct Judged<'a> {
 impl<'a> Judged<'a> {
     /// The position commands around this scan.
     fn setpoints(&self, settings: &'a ServoSettings, windows: &'a Windows) -> Setpoints<'a> {
-        let register = self.axis.command_register;
-        Setpoints::new(settings, &windows.held, self.feedback, register)
+        let command_position = self.axis.command_position;
+        Setpoints::new(settings, &windows.held, self.feedback, command_position)
     }
 }
 
@@ -96,7 +96,7 @@ impl Servo {
     }
 
     /// Goes by what was learned in runs before this one; before its first scan.
-    pub fn recall(&mut self, learned: LearnedTable) {
+    pub fn load_trained(&mut self, learned: LearnedTable) {
         self.learned = Some(Box::new(learned));
     }
 
@@ -133,10 +133,11 @@ impl Servo {
     pub fn offer(
         &mut self,
         header: &WindowHeader,
-        rows: &[WindowRow],
+        setpoints: &[Setpoint],
         feedback: &Feedback,
     ) -> Result<(), Refusal> {
-        self.windows.offer(&self.settings, header, rows, feedback)
+        self.windows
+            .offer(&self.settings, header, setpoints, feedback)
     }
 
     /// One scan: the command that answers this feedback.
@@ -144,7 +145,7 @@ impl Servo {
     /// 1. judge the feedback;
     /// 2. follow it as to windows;
     /// 3. with the drives off or tripped, follow the axis;
-    /// 4. otherwise the axis's active controller: the program's ([`ClosedLoop`]) or the manual one;
+    /// 4. otherwise the axis's active controller: the program's (`ClosedLoop`) or the manual one;
     /// 5. guards; in torque mode, the velocity loop.
     ///
     /// A cause stops the axis and is held until the drives are off or tripped.
@@ -170,10 +171,10 @@ impl Servo {
         command.tag = if held.is_none() {
             feedback.tag
         } else {
-            held.tag(feedback.row)
+            held.tag(feedback.setpoint)
         };
         command.stop_deceleration_mm_s2 =
-            held.stop_deceleration_mm_s2(&self.settings, feedback.row);
+            held.stop_deceleration_mm_s2(&self.settings, feedback.setpoint);
         let wanted = match driver {
             Driver::Program => self.closed_loop(&scan, scans_passed),
             Driver::Manual => self.manual(&scan, false),
@@ -246,33 +247,33 @@ impl Servo {
         self.state = state;
     }
 
-    /// Open loop: the register follows the axis (docs/methods/follow-up.md).
+    /// Open loop: the command position follows the axis (docs/methods/follow-up.md).
     ///
     /// With the drives switched off at rest, direction and backlash compensation stay true with it. After a trip, or
-    /// where the master's register says otherwise, closing it starts from a clean state where that register is.
+    /// where the master's command position says otherwise, closing it starts from a clean state where that command position is.
     fn open_loop(&mut self, scan: &Judged) {
         let before = &mut self.state;
         manual::follow_up(&mut before.manual, &mut before.program, scan.position);
-        let register = scan.axis.command_register;
+        let command_position = scan.axis.command_position;
         let mut state = ServoState {
-            program: FollowUpState::closed(register, scan.position),
-            command_position_before: register,
-            period: PeriodState::at_rest(register),
+            program: FollowUpState::closed(command_position, scan.position),
+            command_position_before: command_position,
+            period: PeriodState::at_rest(command_position),
             velocity_mm_s: scan.axis.velocity_mm_s,
             scan: before.scan,
             initialised: 1,
             ..ServoState::zeroed()
         };
         state.model.motor_position = scan.axis.motor_position;
-        state.reversal.kicks = before.reversal.kicks;
-        if scan.mode == Mode::Disabled && before.program.register == register {
+        state.reversal.pulses = before.reversal.pulses;
+        if scan.mode == Mode::Disabled && before.program.command_position == command_position {
             state.program.steady_deviation = before.program.steady_deviation;
             state.backlash = before.backlash;
             state.model.inverse_dynamics = before.model.inverse_dynamics;
             state.model.inverse_dynamics.leave();
             state.manual = before.manual;
         } else {
-            state.program.steady_deviation = register.saturating_sub(scan.position);
+            state.program.steady_deviation = command_position.saturating_sub(scan.position);
         }
         self.state = state;
     }
@@ -286,7 +287,7 @@ impl Servo {
         if self.windows.misses(feedback) {
             return Err(Cause::WindowMissing);
         }
-        if !self.windows.held.is_none() && !self.windows.held.has_row(feedback.row) {
+        if !self.windows.held.is_none() && !self.windows.held.has_setpoint(feedback.setpoint) {
             return Err(Cause::BadFeedback);
         }
         Ok(driver)
@@ -321,8 +322,8 @@ impl Servo {
             scan.position,
             stop,
         );
-        state.command_position_before = state.program.register;
-        state.period = PeriodState::at_rest(state.program.register);
+        state.command_position_before = state.program.command_position;
+        state.period = PeriodState::at_rest(state.program.command_position);
         state.velocity_mm_s = moved as f64 * (settings.increment_mm / settings.scan_s);
         state.reversal.cancel();
         state.model.leave(scan.axis);
@@ -343,7 +344,7 @@ impl Servo {
         let guards = &self.settings.guards;
         let broken = guards
             .following_error(wanted.following_error_mm)
-            .or(guards.positions(self.state.program.register, scan.position))
+            .or(guards.positions(self.state.program.command_position, scan.position))
             .or(guards.speed(wanted.velocity_mm_s));
         if let Some(broken) = broken {
             return self.stop(command, cause(broken));
@@ -427,11 +428,11 @@ impl Servo {
 
     /// Completes the command by the state after this scan, and what others read of it.
     fn finish(&self, mut command: AxisCommand) -> AxisCommand {
-        command.position = self.state.program.register;
+        command.position = self.state.program.command_position;
         command.refused = self.windows.refused;
         command.cause = self.state.cause;
         command.compensation_mm = self.state.backlash.compensation_mm;
-        command.friction_pulse_mm_s = self.state.reversal.kick_mm_s;
+        command.friction_pulse_mm_s = self.state.reversal.pulse_mm_s;
         command.torque_feed_forward_nm = self.state.model.torque_nm();
         command.state = self.state.words();
         command

@@ -6,7 +6,7 @@
     clippy::indexing_slicing
 )]
 
-use bus::sample::{Feedback, MAX_WINDOW_ROWS, PathTag, WindowHeader, WindowId, WindowRow};
+use bus::sample::{Feedback, MAX_WINDOW_SETPOINTS, PathTag, Setpoint, WindowHeader, WindowId};
 use bytemuck::Zeroable;
 
 use crate::settings::ServoSettings;
@@ -14,11 +14,13 @@ use crate::settings::ServoSettings;
 /// Why a window is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Refusal {
-    /// Its rows do not hash to what its name says.
-    #[error("its checksum does not match its rows")]
+    /// Its setpoints do not hash to what its name says.
+    #[error("its checksum does not match its setpoints")]
     Checksum,
-    /// Row counts outside their bounds or not those of the rows.
-    #[error("its row counts do not fit its rows (2 to {MAX_WINDOW_ROWS}, intended at most all)")]
+    /// Setpoint counts outside their bounds or not those of the setpoints.
+    #[error(
+        "its setpoint counts do not fit its setpoints (2 to {MAX_WINDOW_SETPOINTS}, intended at most all)"
+    )]
     RowCount,
     /// It has no name.
     #[error("it has no sequence or incarnation")]
@@ -26,8 +28,8 @@ pub enum Refusal {
     /// Its first scan is not in the future.
     #[error("its first scan is not in the future")]
     TooLate,
-    /// Its first scan is not the start of a distribution period.
-    #[error("its first scan is not at a boundary of the distribution period")]
+    /// Its first scan is not the start of an interpolation period.
+    #[error("its first scan is not at a boundary of the interpolation period")]
     OffBoundary,
     /// Another window is pending.
     #[error("another window is pending")]
@@ -39,22 +41,22 @@ pub enum Refusal {
     #[error("it belongs to another epoch")]
     Epoch,
     /// It has no predecessor and does not start where the axis is commanded to be.
-    #[error("it does not start at the command register")]
+    #[error("it does not start at the command position")]
     Register,
-    /// A row outside the travel.
-    #[error("a row is outside the travel")]
+    /// A setpoint outside the travel.
+    #[error("a setpoint is outside the travel")]
     Travel,
-    /// Rows, or the step to its first row, faster than the axis may be.
-    #[error("a row is faster than the axis may be")]
+    /// Setpoints, or the step to its first setpoint, faster than the axis may be.
+    #[error("a setpoint is faster than the axis may be")]
     Speed,
-    /// Rows, or the way to its first rows, with more acceleration than the axis may have.
-    #[error("a row asks for more acceleration than the axis may have")]
+    /// Setpoints, or the way to its first setpoints, with more acceleration than the axis may have.
+    #[error("a setpoint asks for more acceleration than the axis may have")]
     Acceleration,
     /// It does not end at rest.
     #[error("it does not end at rest")]
     NotAtRest,
-    /// A row whose place on the path is none.
-    #[error("a row's distance along the path is no number, or below 0")]
+    /// A setpoint whose place on the path is none.
+    #[error("a setpoint's distance along the path is no number, or below 0")]
     Tag,
 }
 
@@ -62,14 +64,14 @@ pub enum Refusal {
 #[derive(Debug, Clone)]
 pub(crate) struct HeldWindow {
     header: WindowHeader,
-    rows: Vec<WindowRow>,
+    setpoints: Vec<Setpoint>,
 }
 
 impl HeldWindow {
     pub(crate) fn none() -> HeldWindow {
         HeldWindow {
             header: WindowHeader::zeroed(),
-            rows: Vec::with_capacity(MAX_WINDOW_ROWS),
+            setpoints: Vec::with_capacity(MAX_WINDOW_SETPOINTS),
         }
     }
 
@@ -85,76 +87,83 @@ impl HeldWindow {
         &self.header
     }
 
-    /// The caller has checked that the rows fit.
-    pub(crate) fn set(&mut self, header: &WindowHeader, rows: &[WindowRow]) {
+    /// The caller has checked that the setpoints fit.
+    pub(crate) fn set(&mut self, header: &WindowHeader, setpoints: &[Setpoint]) {
         self.header = *header;
-        self.rows.clear();
-        self.rows
-            .extend_from_slice(rows.get(..MAX_WINDOW_ROWS).unwrap_or(rows));
+        self.setpoints.clear();
+        self.setpoints
+            .extend_from_slice(setpoints.get(..MAX_WINDOW_SETPOINTS).unwrap_or(setpoints));
     }
 
-    /// What is left of a window whose last row is reached: it stands. So a servo that came late knows all of it.
+    /// What is left of a window whose last setpoint is reached: it stands. So a servo that came late knows all of it.
     pub(crate) fn stand(&mut self, feedback: &Feedback) {
-        let row_count = feedback.row.saturating_add(1).min(MAX_WINDOW_ROWS as u32);
+        let setpoint_count = feedback
+            .setpoint
+            .saturating_add(1)
+            .min(MAX_WINDOW_SETPOINTS as u32);
         self.header = WindowHeader {
             id: feedback.window,
-            first_scan: feedback.scan.saturating_sub(feedback.row.into()),
+            first_scan: feedback.scan.saturating_sub(feedback.setpoint.into()),
             program_hash: feedback.program_hash,
-            intended_rows: row_count,
-            row_count,
+            intended_setpoints: setpoint_count,
+            setpoint_count,
             ..WindowHeader::zeroed()
         };
-        let row = WindowRow {
-            position: feedback.axes.map(|axis| axis.command_register),
+        let setpoint = Setpoint {
+            position: feedback.axes.map(|axis| axis.command_position),
             tag: feedback.tag,
         };
-        self.rows.clear();
-        self.rows.resize(row_count as usize, row);
+        self.setpoints.clear();
+        self.setpoints.resize(setpoint_count as usize, setpoint);
     }
 
     pub(crate) fn clear(&mut self) {
         self.header = WindowHeader::zeroed();
-        self.rows.clear();
+        self.setpoints.clear();
     }
 
-    pub(crate) fn has_row(&self, row: u32) -> bool {
-        (row as usize) < self.rows.len()
+    pub(crate) fn has_setpoint(&self, setpoint: u32) -> bool {
+        (setpoint as usize) < self.setpoints.len()
     }
 
-    /// A row; before the first that one, beyond the last that one: the window ends at rest.
-    fn row(&self, row: i64) -> Option<&WindowRow> {
-        let last = self.rows.len().saturating_sub(1);
-        self.rows.get(usize::try_from(row).unwrap_or(0).min(last))
+    /// A setpoint; before the first that one, beyond the last that one: the window ends at rest.
+    fn setpoint(&self, setpoint: i64) -> Option<&Setpoint> {
+        let last = self.setpoints.len().saturating_sub(1);
+        self.setpoints
+            .get(usize::try_from(setpoint).unwrap_or(0).min(last))
     }
 
-    pub(crate) fn position(&self, axis: usize, row: i64) -> i64 {
-        self.row(row)
+    pub(crate) fn position(&self, axis: usize, setpoint: i64) -> i64 {
+        self.setpoint(setpoint)
             .and_then(|r| r.position.get(axis))
             .copied()
             .unwrap_or(0)
     }
 
-    /// Whether the window comes to its end in this row or had before: it stands there from then on.
-    pub(crate) fn ends_by(&self, row: i64) -> bool {
-        row >= i64::from(self.header.row_count) - 1
+    /// Whether the window comes to its end in this setpoint or had before: it stands there from then on.
+    pub(crate) fn ends_by(&self, setpoint: i64) -> bool {
+        setpoint >= i64::from(self.header.setpoint_count) - 1
     }
 
-    pub(crate) fn tag(&self, row: u32) -> PathTag {
-        self.row(row.into())
+    pub(crate) fn tag(&self, setpoint: u32) -> PathTag {
+        self.setpoint(setpoint.into())
             .map_or_else(PathTag::default, |r| r.tag)
     }
 
     /// Deceleration that brings this axis to rest together with all others, each within its quick stop, in mm/s².
     ///
     /// `T = max |v_i|/q_i`, deceleration `|v|/T`; the axis's own quick stop at rest. Speeds are those commanded from this
-    /// row to the next.
-    pub(crate) fn stop_deceleration_mm_s2(&self, settings: &ServoSettings, row: u32) -> f64 {
+    /// setpoint to the next.
+    pub(crate) fn stop_deceleration_mm_s2(&self, settings: &ServoSettings, setpoint: u32) -> f64 {
         let quick_stop = settings
             .quick_stop_mm_s2
             .get(settings.axis)
             .copied()
             .unwrap_or(0.0);
-        let (Some(here), Some(next)) = (self.row(row.into()), self.row(i64::from(row) + 1)) else {
+        let (Some(here), Some(next)) = (
+            self.setpoint(setpoint.into()),
+            self.setpoint(i64::from(setpoint) + 1),
+        ) else {
             return quick_stop;
         };
         let mut longest_s = 0.0f64;
@@ -186,15 +195,15 @@ impl HeldWindow {
 pub(crate) fn check_itself(
     settings: &ServoSettings,
     header: &WindowHeader,
-    rows: &[WindowRow],
+    setpoints: &[Setpoint],
 ) -> Result<(), Refusal> {
     if header.id.sequence == 0 || header.id.incarnation == 0 {
         return Err(Refusal::Unnamed);
     }
-    let count = header.row_count as usize;
-    if !(2..=MAX_WINDOW_ROWS).contains(&count)
-        || count != rows.len()
-        || header.intended_rows > header.row_count
+    let count = header.setpoint_count as usize;
+    if !(2..=MAX_WINDOW_SETPOINTS).contains(&count)
+        || count != setpoints.len()
+        || header.intended_setpoints > header.setpoint_count
     {
         return Err(Refusal::RowCount);
     }
@@ -204,26 +213,28 @@ pub(crate) fn check_itself(
     {
         return Err(Refusal::OffBoundary);
     }
-    if bus::window::checksum(header, rows) != header.id.checksum {
+    if bus::window::checksum(header, setpoints) != header.id.checksum {
         return Err(Refusal::Checksum);
     }
     // A planner would go on from such a place, should this window be left there.
-    let placed = |row: &WindowRow| row.tag.distance_mm.is_finite() && row.tag.distance_mm >= 0.0;
-    if !rows.iter().all(placed) {
+    let placed = |setpoint: &Setpoint| {
+        setpoint.tag.distance_mm.is_finite() && setpoint.tag.distance_mm >= 0.0
+    };
+    if !setpoints.iter().all(placed) {
         return Err(Refusal::Tag);
     }
-    let first = position(settings, rows.first());
+    let first = position(settings, setpoints.first());
     let mut limits = RowLimits {
         settings,
         before: first,
-        step: position(settings, rows.get(1)).saturating_sub(first),
+        step: position(settings, setpoints.get(1)).saturating_sub(first),
     };
     // The first step is judged against the predecessor, at the seam.
     limits.inside(first)?;
-    for row in rows.iter().skip(1) {
-        limits.take(position(settings, Some(row)))?;
+    for setpoint in setpoints.iter().skip(1) {
+        limits.take(position(settings, Some(setpoint)))?;
     }
-    // It stands at its last row from then on: that, too, must be within the limits.
+    // It is at its last setpoint from then on: that, too, must be within the limits.
     limits.take(limits.before).map_err(|_| Refusal::NotAtRest)
 }
 
@@ -233,7 +244,7 @@ pub(crate) fn check_seam(
     held: &HeldWindow,
     pending: &HeldWindow,
     header: &WindowHeader,
-    rows: &[WindowRow],
+    setpoints: &[Setpoint],
     feedback: &Feedback,
 ) -> Result<(), Refusal> {
     if !pending.is_none() {
@@ -249,14 +260,14 @@ pub(crate) fn check_seam(
         if header.epoch != feedback.epoch {
             return Err(Refusal::Epoch);
         }
-        let register = feedback
+        let command_position = feedback
             .axes
             .get(settings.axis)
-            .map_or(i64::MIN, |axis| axis.command_register);
-        if position(settings, rows.first()) != register {
+            .map_or(i64::MIN, |axis| axis.command_position);
+        if position(settings, setpoints.first()) != command_position {
             return Err(Refusal::Register);
         }
-        RowLimits::starting(settings, register, register)
+        RowLimits::starting(settings, command_position, command_position)
     } else {
         if held.is_none() {
             // It came late and drives nothing: the seam is judged by the servo that does. From this window on it is ready.
@@ -265,26 +276,28 @@ pub(crate) fn check_seam(
         if held.id() != header.predecessor || header.first_scan <= held.header().first_scan {
             return Err(Refusal::Predecessor);
         }
-        let row = i64::try_from(header.first_scan - held.header().first_scan).unwrap_or(i64::MAX);
+        let setpoint =
+            i64::try_from(header.first_scan - held.header().first_scan).unwrap_or(i64::MAX);
         RowLimits::starting(
             settings,
-            held.position(settings.axis, row.saturating_sub(2)),
-            held.position(settings.axis, row - 1),
+            held.position(settings.axis, setpoint.saturating_sub(2)),
+            held.position(settings.axis, setpoint - 1),
         )
     };
-    for row in rows.iter().take(2) {
-        limits.take(position(settings, Some(row)))?;
+    for setpoint in setpoints.iter().take(2) {
+        limits.take(position(settings, Some(setpoint)))?;
     }
     Ok(())
 }
 
-fn position(settings: &ServoSettings, row: Option<&WindowRow>) -> i64 {
-    row.and_then(|r| r.position.get(settings.axis))
+fn position(settings: &ServoSettings, setpoint: Option<&Setpoint>) -> i64 {
+    setpoint
+        .and_then(|r| r.position.get(settings.axis))
         .copied()
         .unwrap_or(i64::MIN)
 }
 
-/// First and second differences of the rows, judged one by one.
+/// First and second differences of the setpoints, judged one by one.
 struct RowLimits<'a> {
     settings: &'a ServoSettings,
     before: i64,

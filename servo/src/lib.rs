@@ -8,8 +8,8 @@
 mod closed_loop;
 mod compensation;
 mod controller;
-mod even_rows;
 mod held;
+mod linear_interpolation;
 mod manual;
 pub mod ports;
 mod run;

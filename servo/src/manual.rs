@@ -1,4 +1,4 @@
-//! The second control device of an axis: it jogs, and it keeps the program controller's register true meanwhile.
+//! The second control device of an axis: it jogs, and it keeps the program controller's command position true meanwhile.
 //!
 //! Everything it remembers is in the servo's state, so that another servo of the axis goes on to the bit.
 #![deny(
@@ -88,7 +88,7 @@ pub(crate) struct ManualOutput {
     pub velocity_mm_s: f64,
     /// Its error, in increments.
     pub error: i64,
-    /// It has come to rest at its goal, or where it was told to stop.
+    /// It has come to rest at its goal, or where it was ordered to stop.
     pub done: bool,
 }
 
@@ -123,7 +123,7 @@ impl ManualController {
         }
     }
 
-    /// One scan in which it drives. `program` is the register of the program's controller, which follows the axis, and the
+    /// One scan in which it drives. `program` is the command position of the program's controller, which follows the axis, and the
     /// encoder of the scan before.
     pub(crate) fn update(
         &self,
@@ -134,7 +134,7 @@ impl ManualController {
         stop: bool,
     ) -> ManualOutput {
         if state.drove != MANUAL {
-            let way = axis.jog_target.saturating_sub(axis.command_register);
+            let way = axis.jog_target.saturating_sub(axis.command_position);
             *state = ManualState {
                 command_position: position,
                 goal: position.saturating_add(way),
@@ -142,7 +142,7 @@ impl ManualController {
                 ..ManualState::default()
             };
             // It begins without an error, where the motor stands; its own speed command is then none.
-            *program = FollowUpState::closed(axis.command_register, position);
+            *program = FollowUpState::closed(axis.command_position, position);
             let before_mm_s = axis.velocity_command_mm_s;
             self.changeover
                 .to_second(&mut state.changeover, 0, before_mm_s, 0.0);
@@ -185,7 +185,7 @@ impl ManualController {
     }
 }
 
-/// The loop is open: the program's register follows the motor from the opening on (docs/methods/follow-up.md).
+/// The loop is open: the program's command position follows the motor from the opening on (docs/methods/follow-up.md).
 pub(crate) fn follow_up(state: &mut ManualState, program: &mut FollowUpState, position: i64) {
     if state.drove != NOBODY {
         program.count(position);

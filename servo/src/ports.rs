@@ -12,7 +12,7 @@ use std::rc::Rc;
 use bus::cell::CellError;
 use bus::member::Member;
 use bus::port::{Reader, WindowReader, Writer};
-use bus::sample::{AxisCommand, Feedback, WindowHeader, WindowRow};
+use bus::sample::{AxisCommand, Feedback, Setpoint, WindowHeader};
 use bus::service::{ROLES, SCAN_DEPTH};
 
 /// What a servo sees of its cell. Shared memory, queues and faulty decorators implement it.
@@ -21,7 +21,7 @@ pub trait ServoPorts {
     fn next_feedback(&mut self) -> Option<Feedback>;
 
     /// Hands every window that has become visible by `scan` to `offer`, in order.
-    fn for_each_window(&mut self, scan: u64, offer: impl FnMut(&WindowHeader, &[WindowRow]));
+    fn for_each_window(&mut self, scan: u64, offer: impl FnMut(&WindowHeader, &[Setpoint]));
 
     /// The newest command of the axis's other servo that is visible in `scan`.
     fn peer_command(&mut self, scan: u64) -> Option<AxisCommand>;
@@ -79,7 +79,7 @@ impl ServoPorts for BusPorts {
         Some(feedback)
     }
 
-    fn for_each_window(&mut self, scan: u64, offer: impl FnMut(&WindowHeader, &[WindowRow])) {
+    fn for_each_window(&mut self, scan: u64, offer: impl FnMut(&WindowHeader, &[Setpoint])) {
         self.windows.each(scan, offer);
     }
 

@@ -80,7 +80,7 @@ pub fn run_over<P: ServoPorts>(
     let mut servo = Servo::new(&machine, axis, options.role, options.slot.incarnation)?;
     let learned = Learned::beside(&options.slot.machine, &machine)?;
     if let Some(learned) = learned.as_ref().and_then(|l| l.of(&machine, settings)) {
-        servo.recall(LearnedTable::from_columns(
+        servo.load_trained(LearnedTable::from_columns(
             learned.friction_scale,
             [&learned.negative_torque_nm, &learned.positive_torque_nm],
             [
@@ -107,9 +107,9 @@ pub fn cycle(servo: &mut Servo, ports: &mut impl ServoPorts) -> bool {
     let Some(feedback) = ports.next_feedback().filter(|feedback| feedback.last == 0) else {
         return false;
     };
-    ports.for_each_window(feedback.scan, |header, rows| {
+    ports.for_each_window(feedback.scan, |header, setpoints| {
         // A refusal is reported in the command.
-        let _ = servo.offer(header, rows, &feedback);
+        let _ = servo.offer(header, setpoints, &feedback);
     });
     if let Some(peer) = ports.peer_command(feedback.scan) {
         servo.follow(&peer, &feedback);

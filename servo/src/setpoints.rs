@@ -10,34 +10,34 @@
 use bus::sample::Feedback;
 use machine::WithinPeriod;
 
-use crate::even_rows::PeriodEnds;
 use crate::held::HeldWindow;
+use crate::linear_interpolation::PeriodEnds;
 use crate::settings::ServoSettings;
 
-/// What the window in force commands, scan by scan; without a window the register.
+/// What the window in force commands, scan by scan; without a window the command position.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Setpoints<'a> {
     settings: &'a ServoSettings,
     held: &'a HeldWindow,
     feedback: &'a Feedback,
-    register: i64,
+    command_position: i64,
     /// Position command at the end of the period before the present one; none before the first scan.
     period_start: Option<i64>,
 }
 
 impl<'a> Setpoints<'a> {
-    /// In the scan of this feedback; `register` is where the master has the axis commanded to be.
+    /// In the scan of this feedback; `command_position` is where the master has the axis commanded to be.
     pub fn new(
         settings: &'a ServoSettings,
         held: &'a HeldWindow,
         feedback: &'a Feedback,
-        register: i64,
+        command_position: i64,
     ) -> Setpoints<'a> {
         Setpoints {
             settings,
             held,
             feedback,
-            register,
+            command_position,
             period_start: None,
         }
     }
@@ -64,27 +64,27 @@ impl<'a> Setpoints<'a> {
     /// The position command `ahead` scans from this one.
     pub fn at(&self, ahead: i64) -> i64 {
         if self.held.is_none() {
-            return self.register;
+            return self.command_position;
         }
-        let row = i64::from(self.feedback.row) + ahead;
+        let setpoint = i64::from(self.feedback.setpoint) + ahead;
         match self.settings.within_period {
-            WithinPeriod::Exact => self.held.position(self.settings.axis, row),
-            WithinPeriod::Linear => self.interpolated(row, ahead),
+            WithinPeriod::Exact => self.held.position(self.settings.axis, setpoint),
+            WithinPeriod::Linear => self.interpolated(setpoint, ahead),
         }
     }
 
     /// By linear interpolation in the period: the windows stay exact, only what this servo makes of them is split.
     ///
     /// The period in which the window ends is not split: the machine counts as at rest from its last setpoint on.
-    fn interpolated(&self, row: i64, ahead: i64) -> i64 {
+    fn interpolated(&self, setpoint: i64, ahead: i64) -> i64 {
         let axis = self.settings.axis;
         let period = self.settings.scans_per_period;
         let scan = i64::try_from(self.feedback.scan).unwrap_or(i64::MAX);
         let scan_in_period = scan.saturating_add(ahead).rem_euclid(period.into());
-        let before = row - scan_in_period - 1;
+        let before = setpoint - scan_in_period - 1;
         let last = before + i64::from(period);
         if self.held.ends_by(last) {
-            return self.held.position(axis, row);
+            return self.held.position(axis, setpoint);
         }
         // The window begins with this period: its predecessor's last setpoint is what was commanded.
         let from_predecessor = before < 0 && ahead >= 0;

@@ -11,7 +11,7 @@ use control::dual_feedback::DualFeedback;
 use control::feed_forward::FeedForward;
 use control::guards::AxisGuards;
 use control::prediction::Prediction;
-use control::reversal::{BacklashAcceleration, KickShape};
+use control::reversal::{BacklashAcceleration, PulseShape};
 use control::trigger::{PositionErrorPart, Trigger};
 use control::velocity_loop::VelocityLoop;
 use machine::{
@@ -22,7 +22,7 @@ use machine::{
 use crate::compensation::ModelSettings;
 use crate::manual::ManualController;
 
-/// Speed commands may be that much above the rapid traverse before they trip: position loop and kicks add to the rows.
+/// Speed commands may be that much above the rapid traverse before they trip: position loop and pulses add to the setpoints.
 const SPEED_MARGIN: f64 = 1.2;
 /// Feedback may be beyond the travel by that part of the following-error limit: a command may end exactly at the travel.
 const TRAVEL_MARGIN: f64 = 0.25;
@@ -75,8 +75,8 @@ pub struct ServoSettings {
     pub feed_forward_enabled: bool,
     /// Position backlash compensation; a step of 0 where it is off.
     pub backlash: Backlash,
-    /// Backlash acceleration; a kick of 0 where it is off.
-    pub kick: BacklashAcceleration,
+    /// Backlash acceleration; a pulse of 0 where it is off.
+    pub pulse: BacklashAcceleration,
     /// Velocity loop of torque mode.
     pub velocity_loop: VelocityLoop,
     /// What the axis's model adds.
@@ -91,9 +91,9 @@ pub struct ServoSettings {
     pub quick_stop_mm_s2: [f64; bus::sample::MAX_AXES],
     /// Axis units per increment of all axes, in mm.
     pub increments_mm: [f64; bus::sample::MAX_AXES],
-    /// Largest difference of two rows, in increments.
+    /// Largest difference of two setpoints, in increments.
     pub step_max: i64,
-    /// Largest second difference of rows, in increments.
+    /// Largest second difference of setpoints, in increments.
     pub step_change_max: i64,
 }
 
@@ -135,7 +135,7 @@ impl ServoSettings {
                     _ => axis.reversal.backlash_um * 1e-3,
                 },
             },
-            kick: friction_pulse(machine, axis),
+            pulse: friction_pulse(machine, axis),
             velocity_loop: VelocityLoop::new(
                 axis.velocity_loop.gain_n_s_per_m,
                 axis.velocity_loop.integral_time_ms * 1e-3,
@@ -190,17 +190,17 @@ fn friction_pulse(machine: &Machine, axis: &Axis) -> BacklashAcceleration {
         scan_s,
         trigger: trigger(reversal),
         shape: match reversal.shape {
-            ShapeSetting::Constant => KickShape::Constant,
-            ShapeSetting::Decaying => KickShape::Decaying {
+            ShapeSetting::Constant => PulseShape::Constant,
+            ShapeSetting::Decaying => PulseShape::Decaying {
                 decay_scans: reversal.pulse_ms * 1e-3 / scan_s,
                 presliding_mm: reversal.presliding_um * 1e-3,
             },
         },
-        kick_mm_s: match reversal.method {
+        pulse_mm_s: match reversal.method {
             ReversalMethod::FrictionPulse => reversal.pulse_mm_s,
             _ => 0.0,
         },
-        kick_scans: libm::round(reversal.pulse_ms * 1e-3 / scan_s) as u32,
+        pulse_scans: libm::round(reversal.pulse_ms * 1e-3 / scan_s) as u32,
     }
 }
 

@@ -28,7 +28,7 @@ use crate::manual::ManualState;
 pub struct ServoState {
     /// Scan this state was left in.
     pub scan: u64,
-    /// Register (position command of the scan before, in increments, without compensation) and encoder of the scan before.
+    /// Command position (position command of the scan before, in increments, without compensation) and encoder of the scan before.
     pub program: FollowUpState,
     /// Position command one scan earlier, in increments.
     pub command_position_before: i64,

@@ -7,7 +7,7 @@
     clippy::indexing_slicing
 )]
 
-use bus::sample::{Feedback, WindowHeader, WindowId, WindowRow};
+use bus::sample::{Feedback, Setpoint, WindowHeader, WindowId};
 
 use crate::held::{HeldWindow, Refusal, check_itself, check_seam};
 use crate::settings::ServoSettings;
@@ -41,7 +41,7 @@ impl Windows {
         &mut self,
         settings: &ServoSettings,
         header: &WindowHeader,
-        rows: &[WindowRow],
+        setpoints: &[Setpoint],
         feedback: &Feedback,
     ) -> Result<(), Refusal> {
         self.follow(feedback);
@@ -49,17 +49,24 @@ impl Windows {
         if !id.is_none() && (id == self.held.id() || id == self.pending.id()) {
             return Ok(());
         }
-        let judged = check_itself(settings, header, rows).and_then(|()| {
+        let judged = check_itself(settings, header, setpoints).and_then(|()| {
             if id == feedback.window {
                 Ok(&mut self.held)
             } else {
-                check_seam(settings, &self.held, &self.pending, header, rows, feedback)
-                    .map(|()| &mut self.pending)
+                check_seam(
+                    settings,
+                    &self.held,
+                    &self.pending,
+                    header,
+                    setpoints,
+                    feedback,
+                )
+                .map(|()| &mut self.pending)
             }
         });
         match judged {
             Ok(slot) => {
-                slot.set(header, rows);
+                slot.set(header, setpoints);
                 Ok(())
             }
             Err(refusal) => {
@@ -90,7 +97,7 @@ impl Windows {
         }
     }
 
-    /// A servo that came late, after the last row of the window in force: it knows all that is left of that window.
+    /// A servo that came late, after the last setpoint of the window in force: it knows all that is left of that window.
     pub fn take_what_is_left(&mut self, feedback: &Feedback) {
         let late = self.held.is_none() && !feedback.window.is_none();
         if late && feedback.at_rest == 1 {

@@ -42,7 +42,7 @@ fn neither_a_window_nor_a_scan_allocates() {
             for axis in 0..2 {
                 assert_eq!(rig.commands[axis].cause, 0);
                 assert!(rig.commands[axis].refused.is_none());
-                rig.register[axis] = rig.commands[axis].position;
+                rig.command_position[axis] = rig.commands[axis].position;
                 rig.position[axis] = rig.commands[axis].position;
             }
             rig.scan += 1;

@@ -25,7 +25,7 @@ fn anonymous(mut command: AxisCommand) -> AxisCommand {
 fn a_standby_that_is_given_the_state_goes_on_to_the_bit_from_any_scan() {
     let (exact, even) = (WithinPeriod::Exact, WithinPeriod::Linear);
     let ahead = Some(Prediction { m: 0.4 });
-    for (name, shape, rows, prediction) in [
+    for (name, shape, setpoints, prediction) in [
         ("xy", PulseShape::Decaying, exact, None),
         ("xy", PulseShape::Constant, exact, None),
         ("xy", PulseShape::Constant, even, ahead),
@@ -33,7 +33,7 @@ fn a_standby_that_is_given_the_state_goes_on_to_the_bit_from_any_scan() {
         ("xy-torque", PulseShape::Decaying, exact, ahead),
     ] {
         let mut machine = machine(name);
-        machine.interpolation.within_period = rows;
+        machine.interpolation.within_period = setpoints;
         for axis in &mut machine.axes {
             axis.reversal.shape = shape;
             axis.prediction = prediction;
@@ -43,13 +43,13 @@ fn a_standby_that_is_given_the_state_goes_on_to_the_bit_from_any_scan() {
         let mut standby = servo(&machine, 1);
         let revolution_s = 2.0 * std::f64::consts::PI * RADIUS_MM / SPEED_MM_S;
         let scans = (1.3 * revolution_s / machine.scan_period_s()) as u64;
-        let (mut states, mut kicking) = (0, 0);
+        let (mut states, mut pulsing) = (0, 0);
         for _ in 0..scans {
             let before = *rig.servos[1].state();
             let mut command = AxisCommand::zeroed();
             rig.step(|feedback, offered| {
-                if let Some((header, rows)) = offered {
-                    standby.offer(header, rows, feedback).expect("good");
+                if let Some((header, setpoints)) = offered {
+                    standby.offer(header, setpoints, feedback).expect("good");
                 }
                 standby.adopt(&before);
                 command = standby.scan(feedback);
@@ -62,11 +62,14 @@ fn a_standby_that_is_given_the_state_goes_on_to_the_bit_from_any_scan() {
             );
             let reversal = reversal(&command);
             states |= 1 << reversal.announcement;
-            kicking += u32::from(reversal.kick_remaining_scans > 0);
+            pulsing += u32::from(reversal.pulse_remaining_scans > 0);
         }
         // The comparison is worth something only if there was something to carry.
-        assert!(reversal(&rig.commands[1]).kicks >= 2, "{name}");
-        assert!(kicking >= 10, "{name}: {kicking} scans with a kick running");
+        assert!(reversal(&rig.commands[1]).pulses >= 2, "{name}");
+        assert!(
+            pulsing >= 10,
+            "{name}: {pulsing} scans with a pulse running"
+        );
         assert_eq!(
             states & 0b111,
             0b111,
@@ -90,8 +93,8 @@ fn a_standby_that_came_late_takes_the_window_in_force_and_goes_on_to_the_bit() {
                 // What the service keeps for those who come late: the window in force since this scan.
                 assert_eq!(late.offer(&last.0, &last.1, feedback), Ok(()));
             }
-            if let Some((header, rows)) = offered.as_ref().filter(|_| joined) {
-                let _ = late.offer(header, rows, feedback);
+            if let Some((header, setpoints)) = offered.as_ref().filter(|_| joined) {
+                let _ = late.offer(header, setpoints, feedback);
             }
             late.adopt(&before);
             command = late.scan(feedback);
@@ -107,7 +110,7 @@ fn a_standby_that_came_late_takes_the_window_in_force_and_goes_on_to_the_bit() {
 }
 
 #[test]
-fn each_kick_starts_its_lead_before_the_rows_reverse() {
+fn each_pulse_starts_its_lead_before_the_setpoints_reverse() {
     for name in ["xy", "xy-fast"] {
         let machine = machine(name);
         let scan_s = machine.scan_period_s();
@@ -121,20 +124,20 @@ fn each_kick_starts_its_lead_before_the_rows_reverse() {
             rig.step(|_, _| ());
             for (axis, (was, is)) in before.iter().zip(&rig.commands).enumerate() {
                 let (was, is) = (ServoState::of(was), ServoState::of(is));
-                if is.reversal.kicks > was.reversal.kicks {
+                if is.reversal.pulses > was.reversal.pulses {
                     started.push((axis, rig.scan - 1));
                 }
                 let (was, is) = (was.backlash.direction, is.backlash.direction);
                 if was != 0 && is != was {
-                    // The command reversed between the row before and this one.
+                    // The command reversed between the setpoint before and this one.
                     reversed.push((axis, rig.scan - 1));
                 }
             }
         }
         assert!(reversed.len() >= 4, "{name}: {reversed:?}");
-        for ((axis, kick), (of, turn)) in started.iter().zip(&reversed) {
+        for ((axis, pulse), (of, turn)) in started.iter().zip(&reversed) {
             assert_eq!(axis, of);
-            let found_s = (*turn as f64 - 1.0 - *kick as f64) * scan_s;
+            let found_s = (*turn as f64 - 1.0 - *pulse as f64) * scan_s;
             assert!(
                 found_s <= lead_s && found_s > lead_s - 3.0 * scan_s,
                 "{name}: {found_s}"
@@ -144,7 +147,7 @@ fn each_kick_starts_its_lead_before_the_rows_reverse() {
 }
 
 #[test]
-fn an_announced_kick_is_forgotten_when_the_windows_no_longer_reverse() {
+fn an_announced_pulse_is_forgotten_when_the_windows_no_longer_reverse() {
     let mut rig = Rig::new(machine("xy"));
     // Until a reversal of either axis is announced, then the planner falls silent: the tail ends before the reversal.
     let announced = loop {
@@ -156,8 +159,8 @@ fn an_announced_kick_is_forgotten_when_the_windows_no_longer_reverse() {
             break axis;
         }
     };
-    let kicks = reversal(&rig.commands[announced]).kicks;
-    // The master drops the future: no window, the register stays.
+    let pulses = reversal(&rig.commands[announced]).pulses;
+    // The master drops the future: no window, the command position stays.
     rig.window = bus::sample::WindowId::NONE;
     rig.pending = None;
     rig.publishing = false;
@@ -167,8 +170,8 @@ fn an_announced_kick_is_forgotten_when_the_windows_no_longer_reverse() {
     }
     let state = reversal(&rig.commands[announced]);
     assert_eq!(
-        (state.announcement(), state.kicks, state.kick_mm_s),
-        (Announcement::None, kicks, 0.0)
+        (state.announcement(), state.pulses, state.pulse_mm_s),
+        (Announcement::None, pulses, 0.0)
     );
     assert_eq!(rig.commands[announced].feed_forward_mm_s, 0.0);
 }
@@ -194,14 +197,14 @@ fn the_axes_would_stop_together() {
     rig.run_to(500);
     for _ in 0..1_000 {
         let was = rig.feedback();
-        let now = was.row as usize;
-        let rows = rig.last_window.1.clone();
+        let now = was.setpoint as usize;
+        let setpoints = rig.last_window.1.clone();
         rig.step(|_, _| ());
-        if rig.last_window.0.id != was.window || now + 1 >= rows.len() {
+        if rig.last_window.0.id != was.window || now + 1 >= setpoints.len() {
             continue;
         }
         let speed = |axis: usize| {
-            (rows[now + 1].position[axis] - rows[now].position[axis]).abs() as f64 * 1e-3
+            (setpoints[now + 1].position[axis] - setpoints[now].position[axis]).abs() as f64 * 1e-3
         };
         let time = |axis: usize| speed(axis) / rig.commands[axis].stop_deceleration_mm_s2;
         if speed(0) > 0.0 && speed(1) > 0.0 {
@@ -236,7 +239,7 @@ fn the_feed_forward_leaves_little_following_error_to_the_position_loop() {
 }
 
 #[test]
-fn even_rows_meet_the_windows_at_every_period_end_and_when_they_come_to_rest() {
+fn interpolated_setpoints_meet_the_windows_at_every_period_end_and_when_they_come_to_rest() {
     let mut machine = machine("xy");
     machine.interpolation.within_period = WithinPeriod::Linear;
     let mut rig = Rig::new(machine);
@@ -245,21 +248,21 @@ fn even_rows_meet_the_windows_at_every_period_end_and_when_they_come_to_rest() {
     for scan in 1..2_000 {
         rig.publishing = scan < 1_200;
         let was = rig.feedback();
-        let before = rig.register[0];
+        let before = rig.command_position[0];
         rig.step(|_, offered| windows.extend(offered.clone()));
         windows.retain(|(header, _)| header.id.sequence + 2 >= was.window.sequence);
-        let Some((header, rows)) = windows.iter().find(|w| w.0.id == was.window) else {
+        let Some((header, setpoints)) = windows.iter().find(|w| w.0.id == was.window) else {
             continue;
         };
-        let row = rows[was.row as usize].position[0];
+        let setpoint = setpoints[was.setpoint as usize].position[0];
         let commanded = rig.commands[0].position;
-        let at_rest = was.row + 1 >= header.row_count;
+        let at_rest = was.setpoint + 1 >= header.setpoint_count;
         if (was.scan + 1).is_multiple_of(period) || at_rest {
             ends += 1;
-            assert_eq!(commanded, row, "scan {}", was.scan);
+            assert_eq!(commanded, setpoint, "scan {}", was.scan);
         }
         if (300..1_200).contains(&scan) {
-            longest = longest.max((commanded - row).abs());
+            longest = longest.max((commanded - setpoint).abs());
         }
         assert!((commanded - before).abs() <= rig.machine.axes[0].rapid_mm_s as i64 * 1_000);
     }

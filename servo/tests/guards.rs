@@ -39,7 +39,7 @@ fn a_following_error_beyond_its_limit() {
 #[test]
 fn a_command_outside_the_travel() {
     stops_with(Cause::SoftLimit, |f| {
-        f.axes[0].command_register = 220_000_001;
+        f.axes[0].command_position = 220_000_001;
         f.axes[0].motor_position = 220_000_000;
     });
 }
@@ -47,7 +47,7 @@ fn a_command_outside_the_travel() {
 #[test]
 fn an_axis_outside_the_travel() {
     stops_with(Cause::SoftLimit, |f| {
-        f.axes[0].command_register = -220_000_000;
+        f.axes[0].command_position = -220_000_000;
         f.axes[0].motor_position = -220_500_001;
     });
 }
@@ -77,7 +77,7 @@ fn positions_at_the_ends_of_their_type() {
     });
     stops_with(Cause::FollowingError, |f| {
         f.axes[0].motor_position = i64::MIN;
-        f.axes[0].command_register = i64::MAX;
+        f.axes[0].command_position = i64::MAX;
     });
 }
 
@@ -94,7 +94,7 @@ fn a_row_the_window_does_not_have() {
     let mut rig = Rig::new(machine("xy"));
     rig.run_to(160);
     let mut feedback = rig.feedback();
-    feedback.row = rig.in_force.row_count;
+    feedback.setpoint = rig.in_force.setpoint_count;
     assert_eq!(
         rig.servos[0].scan(&feedback).cause,
         Cause::BadFeedback as u32
@@ -110,7 +110,7 @@ fn torque_at_its_limit_for_too_long() {
         let mut rig = Rig::new(machine);
         let mut scans = 0;
         let cause = loop {
-            // Blocked 4 mm away (torque mode: 80 N·m wanted); the drive says so in velocity mode.
+            // Blocked 4 mm away (torque mode: 80 N·m wanted); the drive reports it in velocity mode.
             let mut feedback = rig.feedback();
             feedback.axes[0].motor_position = -4_000_000;
             feedback.axes[0].torque_limited = 1;
@@ -153,7 +153,7 @@ fn a_stop_is_held_until_the_master_has_taken_notice() {
 
 #[test]
 fn a_pushed_axis_is_followed_and_closing_the_loop_steps_by_nothing() {
-    // docs/methods/overview.md §6. The register in feedback follows the encoder while the loop is open.
+    // docs/methods/overview.md §6. The command position in feedback follows the encoder while the loop is open.
     for name in ["xy", "xy-torque"] {
         let mut rig = Rig::new(machine(name));
         // Into the circle, so that every part of the state is something.
@@ -166,7 +166,7 @@ fn a_pushed_axis_is_followed_and_closing_the_loop_steps_by_nothing() {
         for push in 0..500 {
             position += (push * 7919) % 20_000 - 7_000;
             rig.position[0] = position;
-            rig.register[0] = position;
+            rig.command_position[0] = position;
             let command = servo.scan(&rig.feedback());
             assert_eq!(
                 (command.position, command.velocity_mm_s, command.torque_nm),

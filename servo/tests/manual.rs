@@ -8,7 +8,7 @@ use control::changeover::Phase;
 use machine::Changeover;
 use servo::{Servo, ServoState};
 
-/// One axis that does what it is told, a scan later.
+/// One axis that does what it is commanded, a scan later.
 struct Axis {
     rig: Rig,
     servo: Servo,
@@ -44,7 +44,7 @@ impl Axis {
         let feedback = self.feedback();
         let before = self.command;
         self.command = self.servo.scan(&feedback);
-        self.rig.register[0] = self.command.position;
+        self.rig.command_position[0] = self.command.position;
         if !self.blocked {
             self.rig.position[0] += libm::round(before.velocity_mm_s * 1e3) as i64;
         }
@@ -55,10 +55,10 @@ impl Axis {
     fn jog(&mut self, distance: i64) {
         self.rig.mode = Mode::Jogging;
         self.driver = Driver::Manual;
-        self.target = self.rig.register[0] + distance;
+        self.target = self.rig.command_position[0] + distance;
     }
 
-    /// Register and encoder agree in every scan in which it follows up.
+    /// Command position and encoder agree in every scan in which it follows up.
     fn until_done(&mut self) {
         for _ in 0..20_000 {
             let seen = self.rig.position[0];
@@ -79,21 +79,21 @@ impl Axis {
 }
 
 #[test]
-fn a_jog_moves_register_and_axis_by_its_distance_and_no_switch_steps() {
+fn a_jog_moves_command_and_axis_by_its_distance_and_no_switch_steps() {
     for changeover in [Changeover::SettledDeviation, Changeover::ReturnToStand] {
         let mut axis = Axis::new(changeover);
         // The motor stands a little off its command, as friction lets it.
         axis.rig.position[0] = 40;
         axis.scan();
         for distance in [3_000_000, -1_234_567, 10, -3_000_000] {
-            let (register, position) = (axis.rig.register[0], axis.rig.position[0]);
+            let (command_position, position) = (axis.rig.command_position[0], axis.rig.position[0]);
             let before = axis.command.velocity_mm_s;
             axis.jog(distance);
             assert!((axis.scan().velocity_mm_s - before).abs() < 1e-12);
             axis.until_done();
             let moved = axis.rig.position[0] - position;
-            let registered = axis.rig.register[0] - register;
-            assert!((registered - distance).abs() <= 100, "{registered}");
+            let commanded = axis.rig.command_position[0] - command_position;
+            assert!((commanded - distance).abs() <= 100, "{commanded}");
             assert!((moved - distance).abs() <= 100, "{distance}: {moved}");
             let before = axis.command.velocity_mm_s;
             assert!((axis.scan().velocity_mm_s - before).abs() < 1e-12);
@@ -105,7 +105,7 @@ fn a_jog_moves_register_and_axis_by_its_distance_and_no_switch_steps() {
 }
 
 #[test]
-fn told_to_stop_it_comes_to_rest_on_the_way() {
+fn ordered_to_stop_it_comes_to_rest_on_the_way() {
     let mut axis = Axis::new(Changeover::SettledDeviation);
     axis.scan();
     axis.jog(50_000_000);
@@ -116,7 +116,7 @@ fn told_to_stop_it_comes_to_rest_on_the_way() {
     axis.until_done();
     let moved = axis.rig.position[0];
     assert!(moved > 1_000_000 && moved < 10_000_000, "{moved}");
-    assert!((axis.rig.register[0] - moved).abs() <= 50);
+    assert!((axis.rig.command_position[0] - moved).abs() <= 50);
 }
 
 #[test]

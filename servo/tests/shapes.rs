@@ -1,7 +1,7 @@
 //! The form of the friction pulse as the machine file asks for it.
 #![allow(missing_docs)]
 
-use control::reversal::KickShape as Shape;
+use control::reversal::PulseShape as Shape;
 use control::trigger::{PositionErrorPart, Trigger};
 use machine::{Machine, PulseShape};
 use servo::ServoSettings;
@@ -23,27 +23,27 @@ fn machine(shape: &str) -> Result<Machine, String> {
 fn a_machine_file_that_names_no_form_gets_the_sources_constant_pulse() {
     let machine = machine("").expect("older files stay good");
     assert_eq!(machine.axes[0].reversal.shape, PulseShape::Constant);
-    let kick = ServoSettings::new(&machine, 0).expect("an axis").kick;
-    assert_eq!((kick.shape, kick.kick_scans), (Shape::Constant, 10));
+    let pulse = ServoSettings::new(&machine, 0).expect("an axis").pulse;
+    assert_eq!((pulse.shape, pulse.pulse_scans), (Shape::Constant, 10));
 }
 
 #[test]
 fn a_decaying_pulse_takes_its_decay_and_its_distance_from_the_machine_file() {
     let machine = machine("shape = \"decaying\"\npresliding_um = 8.0").expect("good");
-    let kick = ServoSettings::new(&machine, 0).expect("an axis").kick;
+    let pulse = ServoSettings::new(&machine, 0).expect("an axis").pulse;
     let Shape::Decaying {
         decay_scans,
         presliding_mm,
-    } = kick.shape
+    } = pulse.shape
     else {
-        panic!("{kick:?}");
+        panic!("{pulse:?}");
     };
     assert!((decay_scans - 10.0).abs() < 1e-9 && (presliding_mm - 0.008).abs() < 1e-12);
 }
 
 #[test]
 fn a_constant_pulse_with_a_presliding_distance_is_refused_with_its_line() {
-    for (lines, said) in [
+    for (lines, published) in [
         (
             "presliding_um = 8.0",
             "axis X reversal.presliding_um = 8 µm: needs shape = \"decaying\"",
@@ -56,7 +56,7 @@ fn a_constant_pulse_with_a_presliding_distance_is_refused_with_its_line() {
     ] {
         let error = machine(lines).expect_err("a broken file");
         assert!(
-            error.starts_with("machine.toml:") && error.contains(said),
+            error.starts_with("machine.toml:") && error.contains(published),
             "{error}"
         );
     }
@@ -89,15 +89,15 @@ fn every_trigger_and_part_of_the_position_error_reaches_the_servo() {
         ),
     ] {
         let machine = changed("\"command-acceleration\"", &format!("\"{word}\"")).expect("good");
-        let kick = ServoSettings::new(&machine, 1).expect("an axis").kick;
-        assert_eq!(kick.trigger, expected);
+        let pulse = ServoSettings::new(&machine, 1).expect("an axis").pulse;
+        assert_eq!(pulse.trigger, expected);
     }
 }
 
 #[test]
 fn settings_that_do_not_belong_together_are_refused_with_their_line() {
     let trigger = "trigger = \"command-acceleration\"";
-    for (what, by, said) in [
+    for (what, by, published) in [
         (
             "[axis.reversal]",
             "[axis.prediction]\nm = 0.1\n\n[axis.reversal]",
@@ -117,7 +117,7 @@ fn settings_that_do_not_belong_together_are_refused_with_their_line() {
     ] {
         let error = changed(what, by).expect_err(by);
         assert!(
-            error.starts_with("machine.toml:") && error.contains(said),
+            error.starts_with("machine.toml:") && error.contains(published),
             "{error}"
         );
     }
@@ -126,7 +126,7 @@ fn settings_that_do_not_belong_together_are_refused_with_their_line() {
     let text = text
         .replace("method = \"contact-force\"", "method = \"friction-pulse\"")
         .replace("friction = true", "friction = false");
-    for (by, said) in [
+    for (by, published) in [
         (
             "trigger = \"feed-forward\"",
             "axis Y reversal.trigger = \"feed-forward\": needs feed_forward.enabled = true",
@@ -137,6 +137,6 @@ fn settings_that_do_not_belong_together_are_refused_with_their_line() {
         ),
     ] {
         let error = Machine::parse("machine.toml", &text.replace(trigger, by)).expect_err(by);
-        assert!(error.to_string().contains(said), "{error}");
+        assert!(error.to_string().contains(published), "{error}");
     }
 }

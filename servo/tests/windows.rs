@@ -2,29 +2,29 @@
 #![allow(missing_docs)]
 mod common;
 
-use bus::sample::{Cause, WindowHeader, WindowId, WindowRow};
+use bus::sample::{Cause, Setpoint, WindowHeader, WindowId};
 use common::{Rig, machine, refusal, seal, servo};
 use servo::Refusal;
 
 /// A good first window and the rig it belongs to.
-fn first() -> (Rig, WindowHeader, Vec<WindowRow>) {
+fn first() -> (Rig, WindowHeader, Vec<Setpoint>) {
     let mut rig = Rig::new(machine("xy"));
-    let (header, rows) = rig.make(32);
-    (rig, header, rows)
+    let (header, setpoints) = rig.make(32);
+    (rig, header, setpoints)
 }
 
-fn refused(change: impl FnOnce(&mut WindowHeader, &mut Vec<WindowRow>)) -> Refusal {
-    let (rig, mut header, mut rows) = first();
-    change(&mut header, &mut rows);
-    seal(&mut header, &rows);
-    refusal(&rig.machine, &header, &rows, &rig.feedback())
+fn refused(change: impl FnOnce(&mut WindowHeader, &mut Vec<Setpoint>)) -> Refusal {
+    let (rig, mut header, mut setpoints) = first();
+    change(&mut header, &mut setpoints);
+    seal(&mut header, &setpoints);
+    refusal(&rig.machine, &header, &setpoints, &rig.feedback())
 }
 
 #[test]
 fn a_good_window_is_pending_until_feedback_names_it() {
-    let (mut rig, header, rows) = first();
+    let (mut rig, header, setpoints) = first();
     let mut servo = servo(&rig.machine, 0);
-    assert_eq!(servo.offer(&header, &rows, &rig.feedback()), Ok(()));
+    assert_eq!(servo.offer(&header, &setpoints, &rig.feedback()), Ok(()));
     let command = servo.scan(&rig.feedback());
     assert_eq!((command.held, command.pending), (WindowId::NONE, header.id));
     rig.scan = 32;
@@ -37,9 +37,11 @@ fn a_good_window_is_pending_until_feedback_names_it() {
 
 #[test]
 fn a_void_window_is_dropped() {
-    let (mut rig, header, rows) = first();
+    let (mut rig, header, setpoints) = first();
     let mut servo = servo(&rig.machine, 0);
-    servo.offer(&header, &rows, &rig.feedback()).expect("good");
+    servo
+        .offer(&header, &setpoints, &rig.feedback())
+        .expect("good");
     rig.scan = 2;
     let mut feedback = rig.feedback();
     feedback.voided = header.id;
@@ -48,53 +50,55 @@ fn a_void_window_is_dropped() {
 
 #[test]
 fn a_window_that_was_not_admitted_in_time_is_dropped() {
-    let (mut rig, header, rows) = first();
+    let (mut rig, header, setpoints) = first();
     let mut servo = servo(&rig.machine, 0);
-    servo.offer(&header, &rows, &rig.feedback()).expect("good");
+    servo
+        .offer(&header, &setpoints, &rig.feedback())
+        .expect("good");
     rig.scan = header.first_scan;
     assert_eq!(servo.scan(&rig.feedback()).pending, WindowId::NONE);
 }
 
 #[test]
 fn the_same_window_twice_is_no_news() {
-    let (rig, header, rows) = first();
+    let (rig, header, setpoints) = first();
     let mut servo = servo(&rig.machine, 0);
     let feedback = rig.feedback();
-    assert_eq!(servo.offer(&header, &rows, &feedback), Ok(()));
-    assert_eq!(servo.offer(&header, &rows, &feedback), Ok(()));
+    assert_eq!(servo.offer(&header, &setpoints, &feedback), Ok(()));
+    assert_eq!(servo.offer(&header, &setpoints, &feedback), Ok(()));
     assert_eq!(servo.scan(&feedback).refused, WindowId::NONE);
 }
 
 #[test]
 fn a_changed_row_is_refused_by_its_checksum() {
-    let (rig, header, mut rows) = first();
-    rows[5].position[1] += 1;
+    let (rig, header, mut setpoints) = first();
+    setpoints[5].position[1] += 1;
     assert_eq!(
-        refusal(&rig.machine, &header, &rows, &rig.feedback()),
+        refusal(&rig.machine, &header, &setpoints, &rig.feedback()),
         Refusal::Checksum
     );
 }
 
 #[test]
-fn row_counts_that_lie_are_refused() {
-    assert_eq!(refused(|h, _| h.row_count += 1), Refusal::RowCount);
+fn setpoint_counts_that_lie_are_refused() {
+    assert_eq!(refused(|h, _| h.setpoint_count += 1), Refusal::RowCount);
     assert_eq!(
-        refused(|h, _| h.intended_rows = h.row_count + 1),
+        refused(|h, _| h.intended_setpoints = h.setpoint_count + 1),
         Refusal::RowCount
     );
     assert_eq!(
         refused(|h, r| {
             r.truncate(1);
-            h.row_count = 1;
-            h.intended_rows = 1
+            h.setpoint_count = 1;
+            h.intended_setpoints = 1
         }),
         Refusal::RowCount
     );
-    let most = bus::sample::MAX_WINDOW_ROWS + 1;
+    let most = bus::sample::MAX_WINDOW_SETPOINTS + 1;
     assert_eq!(
         refused(|h, r| {
             r.resize(most, r[0]);
-            h.row_count = most as u32
+            h.setpoint_count = most as u32
         }),
         Refusal::RowCount
     );
@@ -107,11 +111,11 @@ fn a_window_without_a_name_is_refused() {
 }
 
 #[test]
-fn a_window_that_should_have_begun_is_refused() {
-    let (mut rig, header, rows) = first();
+fn a_window_that_should_have_started_is_refused() {
+    let (mut rig, header, setpoints) = first();
     rig.scan = header.first_scan;
     assert_eq!(
-        refusal(&rig.machine, &header, &rows, &rig.feedback()),
+        refusal(&rig.machine, &header, &setpoints, &rig.feedback()),
         Refusal::TooLate
     );
 }
@@ -123,12 +127,14 @@ fn a_window_between_period_boundaries_is_refused() {
 
 #[test]
 fn a_second_pending_window_is_refused() {
-    let (mut rig, header, rows) = first();
+    let (mut rig, header, setpoints) = first();
     let mut servo = servo(&rig.machine, 0);
-    servo.offer(&header, &rows, &rig.feedback()).expect("good");
-    let (other, rows) = rig.make(40);
+    servo
+        .offer(&header, &setpoints, &rig.feedback())
+        .expect("good");
+    let (other, setpoints) = rig.make(40);
     assert_eq!(
-        servo.offer(&other, &rows, &rig.feedback()),
+        servo.offer(&other, &setpoints, &rig.feedback()),
         Err(Refusal::OnePending)
     );
     assert_eq!(servo.scan(&rig.feedback()).pending, header.id);
@@ -147,9 +153,9 @@ fn a_window_that_continues_another_one_is_refused() {
 fn a_servo_that_came_late_takes_the_window_after_the_one_in_force_and_drives_nothing_until_then() {
     let (mut rig, _, _) = first();
     rig.window.sequence = 7;
-    let (header, rows) = rig.make(32);
+    let (header, setpoints) = rig.make(32);
     let mut servo = servo(&rig.machine, 0);
-    assert_eq!(servo.offer(&header, &rows, &rig.feedback()), Ok(()));
+    assert_eq!(servo.offer(&header, &setpoints, &rig.feedback()), Ok(()));
     let command = servo.scan(&rig.feedback());
     assert_eq!(command.pending, header.id);
     assert_eq!(command.cause, Cause::WindowMissing as u32);
@@ -162,21 +168,24 @@ fn a_window_of_another_epoch_is_refused() {
 }
 
 #[test]
-fn a_first_window_must_start_at_the_register_to_the_increment() {
-    let (mut rig, header, rows) = first();
-    rig.register[0] = 1;
+fn a_first_window_must_start_at_the_command_position_to_the_increment() {
+    let (mut rig, header, setpoints) = first();
+    rig.command_position[0] = 1;
     assert_eq!(
-        refusal(&rig.machine, &header, &rows, &rig.feedback()),
+        refusal(&rig.machine, &header, &setpoints, &rig.feedback()),
         Refusal::Register
     );
 }
 
 #[test]
 fn a_row_outside_the_travel_is_refused() {
-    let far = |r: &mut WindowRow| r.position[0] = i64::MAX;
-    assert_eq!(refused(|_, rows| far(&mut rows[9])), Refusal::Travel);
+    let far = |r: &mut Setpoint| r.position[0] = i64::MAX;
     assert_eq!(
-        refused(|_, rows| rows[9].position[0] = -220_000_001),
+        refused(|_, setpoints| far(&mut setpoints[9])),
+        Refusal::Travel
+    );
+    assert_eq!(
+        refused(|_, setpoints| setpoints[9].position[0] = -220_000_001),
         Refusal::Travel
     );
 }
@@ -184,8 +193,8 @@ fn a_row_outside_the_travel_is_refused() {
 #[test]
 fn a_row_that_jumps_is_refused_as_too_fast() {
     assert_eq!(
-        refused(|_, rows| for row in &mut rows[9..] {
-            row.position[0] += 300_000;
+        refused(|_, setpoints| for setpoint in &mut setpoints[9..] {
+            setpoint.position[0] += 300_000;
         }),
         Refusal::Speed
     );
@@ -195,29 +204,35 @@ fn a_row_that_jumps_is_refused_as_too_fast() {
 fn a_row_that_jerks_is_refused_as_too_much_acceleration() {
     // 5000 mm/s² is 5000 increments per scan².
     assert_eq!(
-        refused(|_, rows| for row in &mut rows[9..] {
-            row.position[0] += 6_000;
+        refused(|_, setpoints| for setpoint in &mut setpoints[9..] {
+            setpoint.position[0] += 6_000;
         }),
         Refusal::Acceleration
     );
-    // At the register, but leaving it with a jerk that the rows among themselves do not show.
+    // At the command position, but leaving it with a jerk that the setpoints among themselves do not show.
     let way = |i: usize| [0, 6_000, 8_000][i.min(2)];
-    let jerk = |rows: &mut Vec<WindowRow>| {
-        for (i, row) in rows.iter_mut().enumerate() {
-            row.position[0] += way(i);
+    let jerk = |setpoints: &mut Vec<Setpoint>| {
+        for (i, setpoint) in setpoints.iter_mut().enumerate() {
+            setpoint.position[0] += way(i);
         }
     };
-    assert_eq!(refused(|_, rows| jerk(rows)), Refusal::Acceleration);
+    assert_eq!(
+        refused(|_, setpoints| jerk(setpoints)),
+        Refusal::Acceleration
+    );
 }
 
 #[test]
 fn a_window_that_does_not_end_at_rest_is_refused() {
-    let accelerate = |rows: &mut Vec<WindowRow>| {
-        for (i, row) in rows.iter_mut().enumerate() {
-            row.position[0] = 2_000 * (i * i) as i64;
+    let accelerate = |setpoints: &mut Vec<Setpoint>| {
+        for (i, setpoint) in setpoints.iter_mut().enumerate() {
+            setpoint.position[0] = 2_000 * (i * i) as i64;
         }
     };
-    assert_eq!(refused(|_, rows| accelerate(rows)), Refusal::NotAtRest);
+    assert_eq!(
+        refused(|_, setpoints| accelerate(setpoints)),
+        Refusal::NotAtRest
+    );
 }
 
 #[test]
@@ -226,13 +241,13 @@ fn the_seam_with_the_predecessor_is_judged_for_speed_and_acceleration() {
         let mut rig = Rig::new(machine("xy"));
         rig.run_to(160);
         let feedback = rig.feedback();
-        let (mut header, mut rows) = rig.make(168);
-        for row in &mut rows {
-            row.position[0] += shift;
+        let (mut header, mut setpoints) = rig.make(168);
+        for setpoint in &mut setpoints {
+            setpoint.position[0] += shift;
         }
-        seal(&mut header, &rows);
+        seal(&mut header, &setpoints);
         assert_eq!(
-            rig.servos[0].offer(&header, &rows, &feedback),
+            rig.servos[0].offer(&header, &setpoints, &feedback),
             Err(expected)
         );
     }

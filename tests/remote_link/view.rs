@@ -29,7 +29,7 @@ pub trait Place {
         let out = child.stdout.take().expect("its output");
         let _ = BufReader::new(out).read_line(&mut line);
         let ends = Ends(RefCell::new(child));
-        assert!(line.contains("read only"), "the server said {line:?}");
+        assert!(line.contains("read only"), "the server printed {line:?}");
         ends
     }
 }

@@ -81,7 +81,7 @@ impl Bench {
         write("machine.toml", &machine.to_string()).environment()?;
         write("motion.ngc", program).environment()?;
         let out = folder.join(format!("run-{}", self.runs));
-        let said = folder.join("said.txt");
+        let printed = folder.join("printed.txt");
         let mut child = Command::new("/proc/self/exe")
             .arg("run")
             .arg(folder)
@@ -90,19 +90,19 @@ impl Bench {
             .arg(&out)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
-            .stderr(fs::File::create(&said).environment()?)
+            .stderr(fs::File::create(&printed).environment()?)
             .spawn()
             .context("starting a run")
             .environment()?;
-        let mut told = 0;
+        let mut reported = 0;
         let status = loop {
             if let Some(status) = child.try_wait().environment()? {
                 break status;
             }
             // From a terminal the child has heard of it already; once more stops it at once, which is as well.
             let interrupted = self.signals.count();
-            if interrupted > told {
-                told = interrupted;
+            if interrupted > reported {
+                reported = interrupted;
                 if let Some(pid) = rustix::process::Pid::from_raw(child.id() as i32) {
                     let _ = rustix::process::kill_process(pid, rustix::process::Signal::TERM);
                 }
@@ -115,8 +115,8 @@ impl Bench {
         if status.success() {
             return Ok(out);
         }
-        let said = fs::read_to_string(&said).unwrap_or_default();
-        let last = said
+        let printed = fs::read_to_string(&printed).unwrap_or_default();
+        let last = printed
             .lines()
             .rev()
             .find_map(|line| line.strip_prefix("quadrant: "))

@@ -6,7 +6,7 @@ use std::path::Path;
 use anyhow::{Context, bail};
 use bus::sample::{AxisCommand, Feedback};
 use control::learned_table::{LearnedTable, LearnedValue};
-use control::learning::{Learner, LessonLimits, Observation};
+use control::learning::{Learner, Observation, TrainingLimits};
 use launcher::exit::{Kind, Outcome};
 use launcher::output::say;
 use launcher::run::Completed;
@@ -220,7 +220,7 @@ fn radius_m(axis: &Axis) -> f64 {
     axis.lead_mm * 1e-3 / std::f64::consts::TAU
 }
 
-/// What one axis knows after this pass, and a line that says so.
+/// What one axis knows after this pass, and a line that reports it.
 fn pass(
     machine: &Machine,
     axis: &Axis,
@@ -231,13 +231,13 @@ fn pass(
     let table = before.as_ref().map(table_of).unwrap_or_default();
     let scaled = axis.model.filter(|_| axis.torque_feed_forward.friction);
     let coulomb_n = scaled.map_or(0.0, |model| model.coulomb_n);
-    let limits = LessonLimits {
+    let limits = TrainingLimits {
         coulomb_nm: coulomb_n * radius_m(axis),
         torque_nm: TORQUE_SHARE * axis.motor.peak_torque_nm,
         lost_motion_mm: LOST_MOTION_MM,
     };
-    let lesson = learner.lesson(&table, &limits);
-    if lesson.samples == 0 {
+    let training = learner.training(&table, &limits);
+    if training.samples == 0 {
         return (
             before,
             format!("{}: no reversal on the path, nothing learned", axis.name),
@@ -246,18 +246,18 @@ fn pass(
     let worse = before.as_ref().is_some_and(|before| {
         let noticed_nm = NOTICED_SHARE * axis.motor.rated_torque_nm;
         before.program == program
-            && lesson.residual_rms_nm > WORSE * before.residual_rms_nm + noticed_nm
+            && training.residual_rms_nm > WORSE * before.residual_rms_nm + noticed_nm
     });
     let next = if worse {
         table.weakened()
     } else {
-        lesson.table
+        training.table
     };
     let passes = before.map_or(0, |before| before.passes) + 1;
     let line = format!(
         "{}: pass {passes}, residual {:.3} N·m rms near reversals, friction × {:.3}{}",
         axis.name,
-        lesson.residual_rms_nm,
+        training.residual_rms_nm,
         next.friction_scale,
         if worse {
             "; worse than the pass before: what was learned is halved"
@@ -278,7 +278,7 @@ fn pass(
         settings: settings_hash(machine, axis),
         passes,
         program: program.to_string(),
-        residual_rms_nm: lesson.residual_rms_nm,
+        residual_rms_nm: training.residual_rms_nm,
         friction_scale: next.friction_scale,
         negative_torque_nm: column(0, |v| v.torque_nm),
         positive_torque_nm: column(1, |v| v.torque_nm),

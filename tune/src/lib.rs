@@ -36,7 +36,7 @@ use launcher::logs;
 use launcher::output::say;
 use launcher::signals::Signals;
 
-/// Part of the gain by law at which the strokes are repeated: what hangs on the gain shows itself so.
+/// Part of the gain by law at which the strokes are repeated: what depends on the gain shows itself so.
 const SOFT_PART: f64 = 0.4;
 /// Means that differ by less, in µm, are the same.
 const SAME_UM: f64 = 0.1;
@@ -46,7 +46,7 @@ pub fn tune(options: &TuneOptions) -> Outcome {
     logs::init_launcher();
     let path = machine_file(&options.machine);
     let machine = Machine::load(&path).input()?;
-    let told_um = lost_motions(&machine, &options.lost_motion_um).input()?;
+    let given_um = lost_motions(&machine, &options.lost_motion_um).input()?;
     let text = fs::read_to_string(&path).input()?;
     let document: DocumentMut = text
         .parse()
@@ -59,9 +59,9 @@ pub fn tune(options: &TuneOptions) -> Outcome {
     refuse_misfits(&machine, &found)?;
     let settings = |pulse: bool| {
         let mut tuned = document.clone();
-        for (index, (found, told_um)) in found.iter().zip(&told_um).enumerate() {
-            let method = method(&machine, index, found, *told_um, pulse);
-            write::settings(&mut tuned, &machine, index, found, *told_um, method);
+        for (index, (found, given_um)) in found.iter().zip(&given_um).enumerate() {
+            let method = method(&machine, index, found, *given_um, pulse);
+            write::settings(&mut tuned, &machine, index, found, *given_um, method);
         }
         tuned
     };
@@ -79,7 +79,7 @@ fn method(
     machine: &Machine,
     index: usize,
     found: &Found,
-    told_um: Option<f64>,
+    given_um: Option<f64>,
     pulse: bool,
 ) -> &'static str {
     let Some(axis) = machine.axes.get(index) else {
@@ -97,13 +97,13 @@ fn method(
         return "friction-pulse";
     }
     if found.table.is_none() {
-        let why = match (axis.model.and_then(|m| m.table), told_um) {
+        let why = match (axis.model.and_then(|m| m.table), given_um) {
             (Some(_), None) => "the table and the gap stay as the machine file has them",
             (Some(_), Some(_)) => {
-                "the table stays as the machine file has it, the gap follows from the lost motion told"
+                "the table stays as the machine file has it, the gap follows from the lost motion reported"
             }
             (None, Some(_)) => {
-                "the lost motion is the one told, and crossed in one step (\"backlash\")"
+                "the lost motion is the one reported, and crossed in one step (\"backlash\")"
             }
             (None, None) => {
                 "backlash_um stays as the machine file has it, and is crossed in one step (\"backlash\"); measure the lost motion with a \
@@ -122,9 +122,9 @@ fn method(
 }
 
 /// Values of `--lost-motion-um`, axis by axis.
-fn lost_motions(machine: &Machine, told: &[String]) -> anyhow::Result<Vec<Option<f64>>> {
+fn lost_motions(machine: &Machine, reported: &[String]) -> anyhow::Result<Vec<Option<f64>>> {
     let mut all = vec![None; machine.axes.len()];
-    for pair in told {
+    for pair in reported {
         let wrong =
             || anyhow!("--lost-motion-um {pair}: must be AXIS=µm, 0 to 1000 µm, like X=8.3");
         let (name, number) = pair.split_once('=').ok_or_else(wrong)?;

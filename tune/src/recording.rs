@@ -49,13 +49,16 @@ pub fn read(log: &Path, machine: &Machine) -> anyhow::Result<Vec<Recording>> {
             ..Recording::default()
         })
         .collect();
-    let mut registers: Vec<Vec<i64>> = vec![Vec::new(); all.len()];
+    let mut command_positions: Vec<Vec<i64>> = vec![Vec::new(); all.len()];
     while let Some(sample) = reader.next_sample()? {
         let Sample::Feedback(feedback) = sample else {
             continue;
         };
-        let places = all.iter_mut().zip(&mut registers).zip(&machine.axes);
-        for (((recording, register), known), axis) in places.zip(feedback.axes()) {
+        let places = all
+            .iter_mut()
+            .zip(&mut command_positions)
+            .zip(&machine.axes);
+        for (((recording, command_position), known), axis) in places.zip(feedback.axes()) {
             let increment_mm = known.increment_mm();
             recording
                 .motor_mm
@@ -67,24 +70,24 @@ pub fn read(log: &Path, machine: &Machine) -> anyhow::Result<Vec<Recording>> {
             recording
                 .velocity_command_mm_s
                 .push(axis.velocity_command_mm_s);
-            register.push(axis.command_register);
+            command_position.push(axis.command_position);
         }
     }
     if let Some(why) = reader.cut() {
         bail!("{}: {why}", log.display());
     }
-    for (recording, register) in all.iter_mut().zip(&registers) {
-        let moves = |i: &usize| register[*i] != register[i - 1];
-        let first = (1..register.len()).find(moves);
-        let last = (1..register.len()).rev().find(moves);
+    for (recording, command_position) in all.iter_mut().zip(&command_positions) {
+        let moves = |i: &usize| command_position[*i] != command_position[i - 1];
+        let first = (1..command_position.len()).find(moves);
+        let last = (1..command_position.len()).rev().find(moves);
         let (first, last) = first.zip(last).context("an axis was never commanded")?;
         let from = first.saturating_sub(MARGIN_SCANS);
-        let to = (last + MARGIN_SCANS).min(register.len());
+        let to = (last + MARGIN_SCANS).min(command_position.len());
         // A command acts by so much later than the scan in which it was handed to the drive.
         let late = (machine.scan.dead_time_scans - 1) as usize;
         let commands = &mut recording.velocity_command_mm_s;
         commands.splice(..0, std::iter::repeat_n(0.0, late));
-        commands.truncate(register.len());
+        commands.truncate(command_position.len());
         for values in [
             &mut recording.motor_mm,
             &mut recording.scale_mm,

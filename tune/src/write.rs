@@ -172,7 +172,7 @@ pub fn settings(
         (None, Some(lost_um), Some(known)) => {
             let wound_um = 2.0 * known.coulomb_n / known.stiffness_n_per_um;
             let gap_um = digits((lost_um - wound_um).max(0.0), 3);
-            let why = "lost motion, as told, less 2·F_table/k";
+            let why = "lost motion, as reported, less 2·F_table/k";
             Keys::of(axis, &["model", "table"]).set("gap_um", gap_um, why);
         }
         _ => {}
@@ -232,7 +232,7 @@ fn reversal(
             "tune: lost motion: gap + 2·F_table/k",
         );
     } else if let Some(lost_um) = lost_motion_um {
-        reversal.set("backlash_um", lost_um, "lost motion, as told");
+        reversal.set("backlash_um", lost_um, "lost motion, as reported");
     }
     reversal.set("shape", "decaying", "");
     let why = format!("tune: 2F/Kv, F = {force_n:.0} N; for method = \"friction-pulse\"");

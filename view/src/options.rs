@@ -34,7 +34,7 @@ pub struct StatusOptions {
     /// Which cell.
     #[command(flatten)]
     pub to: CellOptions,
-    /// Print JSON; units stand in the names
+    /// Print JSON; units are in the names
     #[arg(long)]
     pub json: bool,
 }

@@ -16,7 +16,7 @@ pub struct OperatorRequest {
     pub value: f64,
 }
 
-/// The orders. Numbers stay what they are: they travel on the wire and stand in logs.
+/// The orders. Numbers stay what they are: they travel on the wire and are in logs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Order {
@@ -34,7 +34,7 @@ pub enum Order {
     Enable = 6,
     /// Move one axis by hand.
     Jog = 7,
-    /// Take a program that lies in the cell's folder under this number; one that was begun is given up.
+    /// Take a program that lies in the cell's folder under this number; one that was started is discarded.
     Load = 8,
     /// Begin the program that is loaded.
     Start = 9,
@@ -122,10 +122,10 @@ pub enum Refused {
     NoProgram = 15,
     /// The planner has not read the program yet.
     Loading = 16,
-    /// The program was begun and is not done.
-    Begun = 17,
-    /// No program was begun: there is nothing to go on with.
-    NotBegun = 18,
+    /// The program was started and is not done.
+    Running = 17,
+    /// No program was started: there is nothing to go on with.
+    NotRunning = 18,
     /// The cell is about to end.
     Ending = 19,
     /// An axis has no reference: it must be homed, or its encoder be set.
@@ -152,8 +152,8 @@ impl Refused {
         Refused::OneProgram,
         Refused::NoProgram,
         Refused::Loading,
-        Refused::Begun,
-        Refused::NotBegun,
+        Refused::Running,
+        Refused::NotRunning,
         Refused::Ending,
         Refused::NotReferenced,
     ];
@@ -193,10 +193,10 @@ impl Refused {
             }
             Refused::NoProgram => "no program is loaded: load one first",
             Refused::Loading => "the program is still being read: wait a moment",
-            Refused::Begun => {
-                "a program was begun and is not done: resume goes on with it; once stopped, load gives it up"
+            Refused::Running => {
+                "a program is running: resume goes on with it; once stopped, load discards it"
             }
-            Refused::NotBegun => "no program was begun: start begins the one that is loaded",
+            Refused::NotRunning => "no program is running: start runs the one that is loaded",
             Refused::NotReferenced => "an axis has no reference: home it first",
             Refused::Ending => "the cell is about to end",
         }

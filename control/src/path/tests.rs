@@ -46,7 +46,7 @@ fn any_element() -> impl Strategy<Value = Element> {
 }
 
 #[test]
-fn a_line_is_as_long_as_its_chord_and_ends_where_it_was_told() {
+fn a_line_is_as_long_as_its_chord_and_ends_where_it_was_given() {
     let element = Element::line(7, at(&[0.1, 0.2]), at(&[3.1, 4.2]), FEED);
     assert!((element.length_mm - 5.0).abs() < 1e-14);
     assert_eq!(element.point(element.length_mm), at(&[3.1, 4.2]));

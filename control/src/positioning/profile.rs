@@ -29,7 +29,7 @@
 /// | both | t_r + t_c = 2·v_max/a_max, t_r − t_c = √(12·(v_max/a_max)·(r − b/v_max − v_max/a_max)) |
 ///
 /// At the least time that the limits allow, this is the triangle or trapezoid of constant acceleration. Units: mm (degrees
-/// of rotary axes) and s. At and beyond the ends it stands still.
+/// of rotary axes) and s. At and beyond the ends it is at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Profile {
     distance_mm: f64,

@@ -26,7 +26,7 @@ pub struct Move {
     /// How it is travelled at 100 %.
     pub profile: Profile,
     /// Rest of each axis from its end until that axis' next rapid, or the end of the program, in s: dwells, rapids of
-    /// other axes, and cutting as far as friction leaves of it ([`MotorLoad::rest_share_at`]). 0 for axes that stand still.
+    /// other axes, and cutting as far as friction leaves of it ([`MotorLoad::rest_share_at`]). 0 for axes that are at rest.
     pub rest_s: [f64; MAX_AXES],
     /// Root mean square of each motor's force over the move and that rest, as a share of its rating; 0 without a load.
     pub rms_share: [f64; MAX_AXES],
@@ -54,7 +54,7 @@ pub(crate) fn forces_rest(
 /// Gives each segment that is a whole rapid from rest to rest its profile; the moves in the order of the path.
 ///
 /// From the end of the program backward: the rest after a move is made of what comes after it, up to the next rapid of the
-/// axis, so everything it hangs on is known. Times of feeds are those of the speed map at `override_max` without the time to
+/// axis, so everything it depends on is known. Times of feeds are those of the speed map at `override_max` without the time to
 /// speed up and brake: never longer than they are, so no motor is taken above its rating.
 pub(crate) fn assign(
     path: &Path,

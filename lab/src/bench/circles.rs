@@ -28,7 +28,7 @@ use launcher::signals::Signals;
 struct Bench {
     machine: Machine,
     /// Circles that methods learn from before the grid.
-    lesson: PathBuf,
+    training: PathBuf,
     methods: Vec<(&'static Method, PathBuf)>,
     conditions: Vec<(Condition, PathBuf)>,
 }
@@ -109,12 +109,12 @@ impl Bench {
         for (method, variant) in &methods {
             check::load(variant, None).with_context(|| format!("method {}", method.name))?;
         }
-        let lesson = folder.join("lesson.ngc");
-        fs::write(&lesson, circles_to_learn_from(&conditions, options))
-            .with_context(|| lesson.display().to_string())?;
+        let training = folder.join("training.ngc");
+        fs::write(&training, circles_to_learn_from(&conditions, options))
+            .with_context(|| training.display().to_string())?;
         Ok(Bench {
             machine,
-            lesson,
+            training,
             methods,
             conditions,
         })
@@ -124,7 +124,7 @@ impl Bench {
     fn teach(&self, runs: &Runs) -> Result<(), Failure> {
         for (method, machine) in &self.methods {
             for _ in 0..method.passes {
-                runs.learn(machine, &self.lesson)?;
+                runs.learn(machine, &self.training)?;
             }
         }
         Ok(())

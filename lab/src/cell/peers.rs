@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use bus::sample::{
     AxisCommand, Feedback, Instruments, Job, OperatorRequest, OperatorResponse, Participant,
-    Roster, WindowHeader, WindowRow,
+    Roster, Setpoint, WindowHeader,
 };
 use bus::signal_page::FaultStep;
 use bytemuck::Zeroable;
@@ -320,10 +320,10 @@ impl MasterPorts for Peers {
     fn for_each_window(
         &mut self,
         scan: u64,
-        mut offer: impl FnMut(&WindowHeader, &[WindowRow], &Roster),
+        mut offer: impl FnMut(&WindowHeader, &[Setpoint], &Roster),
     ) {
         while let Some(window) = self.windows_to_master.next(scan) {
-            offer(&window.header, &window.rows, &self.roster);
+            offer(&window.header, &window.setpoints, &self.roster);
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use bus::sample::{AxisCommand, Feedback, PlannerStatus, WindowHeader, WindowRow};
+use bus::sample::{AxisCommand, Feedback, PlannerStatus, Setpoint, WindowHeader};
 use planner::PlannerPorts;
 use servo::ServoPorts;
 
@@ -38,9 +38,9 @@ impl ServoPorts for ServoQueues {
         self.feedback.take()
     }
 
-    fn for_each_window(&mut self, scan: u64, mut offer: impl FnMut(&WindowHeader, &[WindowRow])) {
+    fn for_each_window(&mut self, scan: u64, mut offer: impl FnMut(&WindowHeader, &[Setpoint])) {
         while let Some(window) = self.windows.next(scan) {
-            offer(&window.header, &window.rows);
+            offer(&window.header, &window.setpoints);
         }
     }
 
@@ -78,10 +78,10 @@ impl PlannerPorts for PlannerQueues {
         None
     }
 
-    fn publish_window(&mut self, header: &WindowHeader, rows: &[WindowRow]) {
+    fn publish_window(&mut self, header: &WindowHeader, setpoints: &[Setpoint]) {
         self.windows.push(Arc::new(Window {
             header: *header,
-            rows: rows.to_vec(),
+            setpoints: setpoints.to_vec(),
         }));
     }
 

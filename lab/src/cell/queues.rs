@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use bus::sample::{AxisCommand, WindowHeader, WindowRow};
+use bus::sample::{AxisCommand, Setpoint, WindowHeader};
 use bus::service::SCAN_DEPTH;
 
 /// A window that was sent.
@@ -11,8 +11,8 @@ use bus::service::SCAN_DEPTH;
 pub struct Window {
     /// Its header.
     pub header: WindowHeader,
-    /// Its rows.
-    pub rows: Vec<WindowRow>,
+    /// Its setpoints.
+    pub setpoints: Vec<Setpoint>,
 }
 
 /// What can wait in a queue.

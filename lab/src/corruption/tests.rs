@@ -38,11 +38,11 @@ fn command(scan: u64) -> AxisCommand {
 /// What is sent in scans 8 to 15, each by the scan it is sent in, if every fault fires in scan 10.
 fn commands(actions: &[Action]) -> Vec<(u64, AxisCommand)> {
     let script = script(Process::servo(1, 0), actions);
-    let mut tamper = Corruptor::new(&script, Process::servo(1, 0));
+    let mut corruptor = Corruptor::new(&script, Process::servo(1, 0));
     let mut sent = Vec::new();
     for scan in 8..16 {
         let fired = |_| (scan >= 10).then_some(10);
-        tamper.command(&command(scan), fired, |c| sent.push((scan, *c)));
+        corruptor.command(&command(scan), fired, |c| sent.push((scan, *c)));
     }
     sent
 }
@@ -68,15 +68,15 @@ fn without_faults_of_its_own_a_sender_sends_what_it_made() {
             ..Job::Planner.into()
         },
     ] {
-        let mut tamper = Corruptor::new(&of_another, process);
+        let mut corruptor = Corruptor::new(&of_another, process);
         let mut sent = 0;
-        tamper.command(&command(10), |_| Some(10), |_| sent += 1);
+        corruptor.command(&command(10), |_| Some(10), |_| sent += 1);
         assert_eq!(sent, 1, "{process:?}");
     }
     // A fault that has not fired does nothing.
-    let mut tamper = Corruptor::new(&of_another, Process::servo(1, 0));
+    let mut corruptor = Corruptor::new(&of_another, Process::servo(1, 0));
     let mut sent = 0;
-    tamper.command(&command(10), |_| None, |_| sent += 1);
+    corruptor.command(&command(10), |_| None, |_| sent += 1);
     assert_eq!(sent, 1);
 }
 
@@ -117,15 +117,15 @@ fn the_longest_delay_loses_nothing_and_a_sleeper_sends_all_that_is_due() {
         late_scans: LATE_SCANS_MAX,
     };
     let script = script(Process::servo(1, 0), &[delay]);
-    let mut tamper = Corruptor::new(&script, Process::servo(1, 0));
+    let mut corruptor = Corruptor::new(&script, Process::servo(1, 0));
     let mut sent = Vec::new();
     for scan in 0..40 {
-        tamper.command(&command(scan), |_| Some(0), |c| sent.push((scan, c.scan)));
+        corruptor.command(&command(scan), |_| Some(0), |c| sent.push((scan, c.scan)));
     }
     let late: Vec<_> = (0..32).map(|scan| (scan + 8, scan)).collect();
     assert_eq!(sent, late);
     sent.clear();
-    tamper.command(&command(100), |_| Some(0), |c| sent.push((100, c.scan)));
+    corruptor.command(&command(100), |_| Some(0), |c| sent.push((100, c.scan)));
     let rest: Vec<_> = (32..40).map(|scan| (100, scan)).collect();
     assert_eq!(sent, rest);
 }
@@ -169,10 +169,10 @@ fn a_corruption_changes_what_it_names_and_nothing_else() {
 #[test]
 fn the_first_command_of_all_has_none_before_it_to_be_replayed() {
     let script = script(Process::servo(1, 0), &[corrupt(Corruption::Replay)]);
-    let mut tamper = Corruptor::new(&script, Process::servo(1, 0));
+    let mut corruptor = Corruptor::new(&script, Process::servo(1, 0));
     let mut sent = Vec::new();
     for scan in [10, 11] {
-        tamper.command(&command(scan), |_| Some(10), |c| sent.push(c.scan));
+        corruptor.command(&command(scan), |_| Some(10), |c| sent.push(c.scan));
     }
     assert_eq!(sent, [10]);
 }
@@ -219,39 +219,39 @@ fn lockstep_is_excused_from_waiting_where_no_answer_that_counts_can_come() {
     assert!(!excuses(&script, |_| Some(10), Job::Planner.into(), 10));
 }
 
-fn window(scan: u64) -> (WindowHeader, Vec<WindowRow>) {
-    let row = |n: i64| {
-        let mut row = WindowRow::zeroed();
-        row.position = [n; bus::sample::MAX_AXES];
-        row
+fn window(scan: u64) -> (WindowHeader, Vec<Setpoint>) {
+    let setpoint = |n: i64| {
+        let mut setpoint = Setpoint::zeroed();
+        setpoint.position = [n; bus::sample::MAX_AXES];
+        setpoint
     };
-    let rows: Vec<WindowRow> = (0..10).map(|n| row(n + scan as i64)).collect();
+    let setpoints: Vec<Setpoint> = (0..10).map(|n| setpoint(n + scan as i64)).collect();
     let mut header = WindowHeader {
         first_scan: scan + 8,
         visible_from: scan + 1,
-        intended_rows: 6,
-        row_count: 10,
+        intended_setpoints: 6,
+        setpoint_count: 10,
         ..WindowHeader::zeroed()
     };
     header.id.sequence = scan as u32 / 8;
     header.id.incarnation = 3;
-    header.id.checksum = checksum(&header, &rows);
-    (header, rows)
+    header.id.checksum = checksum(&header, &setpoints);
+    (header, setpoints)
 }
 
-type Sent = (u64, WindowHeader, Vec<WindowRow>);
+type Sent = (u64, WindowHeader, Vec<Setpoint>);
 
 /// What is sent at the period boundaries 8, 16, 24, 32 and 40 if every fault fires in scan 16; none is planned in 32.
 fn windows(actions: &[Action]) -> Vec<Sent> {
     let script = script(Job::Planner.into(), actions);
-    let mut tamper = Corruptor::new(&script, Job::Planner.into());
+    let mut corruptor = Corruptor::new(&script, Job::Planner.into());
     let mut sent = Vec::new();
     for scan in [8, 16, 24, 32, 40] {
-        let (header, rows) = window(scan);
-        let planned = (scan != 32).then_some((&header, rows.as_slice()));
+        let (header, setpoints) = window(scan);
+        let planned = (scan != 32).then_some((&header, setpoints.as_slice()));
         let fired = |_| (scan >= 16).then_some(16);
-        tamper.window(scan, planned, fired, |header, rows| {
-            sent.push((scan, *header, rows.to_vec()));
+        corruptor.window(scan, planned, fired, |header, setpoints| {
+            sent.push((scan, *header, setpoints.to_vec()));
         });
     }
     sent
@@ -260,14 +260,14 @@ fn windows(actions: &[Action]) -> Vec<Sent> {
 fn as_planned() -> Vec<Sent> {
     [8, 16, 24, 40]
         .map(|scan| {
-            let (header, rows) = window(scan);
-            (scan, header, rows)
+            let (header, setpoints) = window(scan);
+            (scan, header, setpoints)
         })
         .into()
 }
 
-fn is_sealed((_, header, rows): &Sent) -> bool {
-    header.id.checksum == checksum(header, rows)
+fn is_sealed((_, header, setpoints): &Sent) -> bool {
+    header.id.checksum == checksum(header, setpoints)
 }
 
 #[test]
@@ -303,32 +303,32 @@ fn a_wrong_window_is_found_out_by_what_is_wrong_with_it_and_not_by_its_checksum(
         (
             Corruption::Infinity,
             true,
-            (|h, rows| {
+            (|h, setpoints| {
                 let _ = h;
-                if let Some(row) = rows.first_mut() {
-                    row.tag.distance_mm = f64::INFINITY;
+                if let Some(setpoint) = setpoints.first_mut() {
+                    setpoint.tag.distance_mm = f64::INFINITY;
                 }
-            }) as fn(&mut WindowHeader, &mut Vec<WindowRow>),
+            }) as fn(&mut WindowHeader, &mut Vec<Setpoint>),
         ),
         (Corruption::OldScan, true, |h, _| h.first_scan -= 3),
         (Corruption::FutureScan, true, |h, _| h.first_scan += 3),
         (Corruption::WrongIncarnation, true, |h, _| {
             h.id.incarnation = 4
         }),
-        (Corruption::RowJump, true, |_, rows| {
-            if let Some(row) = rows.get_mut(3) {
-                row.position[0] += 1_000_000;
+        (Corruption::SetpointJump, true, |_, setpoints| {
+            if let Some(setpoint) = setpoints.get_mut(3) {
+                setpoint.position[0] += 1_000_000;
             }
         }),
         (Corruption::Checksum, false, |h, _| h.id.checksum ^= 1),
-        (Corruption::Cut, false, |_, rows| rows.truncate(5)),
+        (Corruption::Cut, false, |_, setpoints| setpoints.truncate(5)),
     ] {
         let mut expected = as_planned();
         let met = expected.iter_mut().filter(|(scan, ..)| *scan == 16);
-        for (_, header, rows) in met {
-            change(header, rows);
+        for (_, header, setpoints) in met {
+            change(header, setpoints);
             if sealed {
-                header.id.checksum = checksum(header, rows);
+                header.id.checksum = checksum(header, setpoints);
             }
         }
         let found = windows(&[corrupt(what)]);
@@ -336,8 +336,8 @@ fn a_wrong_window_is_found_out_by_what_is_wrong_with_it_and_not_by_its_checksum(
         assert_eq!(found.iter().all(is_sealed), sealed, "{what:?}");
     }
     let sent = windows(&[corrupt(Corruption::NotANumber)]);
-    let nan = |(scan, _, rows): &Sent| {
-        let first = rows.first().expect("a row");
+    let nan = |(scan, _, setpoints): &Sent| {
+        let first = setpoints.first().expect("a setpoint");
         (*scan, first.tag.distance_mm.is_nan())
     };
     let found: Vec<_> = sent.iter().map(nan).collect();
@@ -348,10 +348,10 @@ fn a_wrong_window_is_found_out_by_what_is_wrong_with_it_and_not_by_its_checksum(
 #[test]
 fn a_replayed_window_is_the_one_before_as_it_was() {
     let sent = windows(&[corrupt(Corruption::Replay)]);
-    let (header, rows) = window(8);
+    let (header, setpoints) = window(8);
     let mut expected = as_planned();
     if let Some(second) = expected.get_mut(1) {
-        *second = (16, header, rows);
+        *second = (16, header, setpoints);
     }
     assert_eq!(sent, expected);
 }
@@ -363,15 +363,20 @@ fn the_longest_window_is_kept_whole_and_a_longer_one_breaks_nothing() {
         late_scans: 1,
     };
     let script = script(Job::Planner.into(), &[delay]);
-    let mut tamper = Corruptor::new(&script, Job::Planner.into());
-    for rows in [MAX_WINDOW_ROWS, MAX_WINDOW_ROWS + 1] {
-        let rows = vec![WindowRow::zeroed(); rows];
+    let mut corruptor = Corruptor::new(&script, Job::Planner.into());
+    for setpoints in [MAX_WINDOW_SETPOINTS, MAX_WINDOW_SETPOINTS + 1] {
+        let setpoints = vec![Setpoint::zeroed(); setpoints];
         let header = WindowHeader::zeroed();
         let mut sent = 0;
         for scan in [0, 8] {
-            let planned = (scan == 0).then_some((&header, rows.as_slice()));
-            tamper.window(scan, planned, |_| Some(0), |_, rows| sent = rows.len());
+            let planned = (scan == 0).then_some((&header, setpoints.as_slice()));
+            corruptor.window(
+                scan,
+                planned,
+                |_| Some(0),
+                |_, setpoints| sent = setpoints.len(),
+            );
         }
-        assert_eq!(sent, MAX_WINDOW_ROWS);
+        assert_eq!(sent, MAX_WINDOW_SETPOINTS);
     }
 }

@@ -126,7 +126,7 @@ pub struct Start<'a> {
     pub pace: &'a str,
     pub name: &'a str,
     pub out: &'a Path,
-    pub said: &'a Path,
+    pub published: &'a Path,
 }
 
 impl Cell {
@@ -136,7 +136,7 @@ impl Cell {
     /// It does not come up.
     pub fn start(start: &Start<'_>) -> anyhow::Result<Cell> {
         let place = CellPaths::new(start.name)?;
-        let said = File::create(start.said).context("a file for what the run says")?;
+        let published = File::create(start.published).context("a file for what the run says")?;
         let mut child = Command::new("/proc/self/exe")
             .arg0("quadrant")
             .arg("run")
@@ -146,7 +146,7 @@ impl Cell {
             .arg(start.out)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
-            .stderr(said)
+            .stderr(published)
             // Ctrl-C goes to the soak alone, which hands it on.
             .process_group(0)
             .spawn()
@@ -197,7 +197,7 @@ impl Cell {
 
     /// Takes in all that has come; whether the run still goes on.
     pub fn look(&mut self) -> bool {
-        // What a servo has answered has been said before: read first, so that the comparison cannot be unfair.
+        // What a servo has answered has been published before: read first, so that the comparison cannot be unfair.
         let answered = self.answered();
         while let Some(feedback) = self.feedback.any() {
             self.judge.take(&feedback);

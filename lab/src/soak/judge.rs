@@ -45,13 +45,13 @@ pub struct Reactions {
 #[derive(Debug)]
 pub struct Judge {
     bounds: Vec<Bounds>,
-    /// The program's path, where rows lie on it to the increment.
+    /// The program's path, where setpoints lie on it to the increment.
     path: Option<Path>,
     end: Vec<i64>,
     before: Option<Feedback>,
-    /// Last steps of the registers, in increments per scan, and over how many scans.
+    /// Last steps of the command positions, in increments per scan, and over how many scans.
     steps: Vec<Option<(f64, f64)>>,
-    /// Where on the path the rows of the last scans are.
+    /// Where on the path the setpoints of the last scans are.
     tags: VecDeque<(u64, PathTag)>,
     ends: bool,
     /// Since they were last taken.
@@ -163,20 +163,20 @@ impl Judge {
             return;
         };
         if let Some(before) = self.before.take() {
-            let anew = feedback.incarnation > before.incarnation;
+            let restarted = feedback.incarnation > before.incarnation;
             if scan <= before.scan {
                 self.violated(format!("scan {scan} comes after scan {}", before.scan));
             }
             self.unseen += scan.saturating_sub(before.scan + 1);
             let gap = scan > before.scan + 1;
             if !gap {
-                self.transition(feedback, mode, &before, anew);
+                self.transition(feedback, mode, &before, restarted);
             }
-            self.react(feedback, mode, &before, anew);
-            if gap || anew {
+            self.react(feedback, mode, &before, restarted);
+            if gap || restarted {
                 self.forget();
             } else {
-                self.registers(feedback, mode, &before);
+                self.command_positions(feedback, mode, &before);
             }
         } else if mode != Mode::Enabled && scan == 0 {
             self.violated(format!("the run begins {}", mode.word()));
@@ -194,13 +194,13 @@ impl Judge {
         self.tags.clear();
     }
 
-    fn transition(&mut self, feedback: &Feedback, mode: Mode, before: &Feedback, anew: bool) {
+    fn transition(&mut self, feedback: &Feedback, mode: Mode, before: &Feedback, restarted: bool) {
         let Some(from) = Mode::from_wire(before.mode) else {
             return;
         };
         let allowed = match (from, mode) {
             (a, b) if a == b => true,
-            (_, Mode::Disabled) => anew,
+            (_, Mode::Disabled) => restarted,
             (Mode::Disabled, Mode::Enabled) => feedback.hold == 1,
             (Mode::Enabled, Mode::Finished | Mode::Tripped) => true,
             (Mode::Tripped, Mode::Enabled) => true,
@@ -208,7 +208,7 @@ impl Judge {
             (Mode::Stopping, Mode::Stopped | Mode::Tripped) => self.ends,
             _ => false,
         };
-        if !allowed || anew && mode != Mode::Disabled {
+        if !allowed || restarted && mode != Mode::Disabled {
             self.violated(format!(
                 "scan {}: {} after {}",
                 feedback.scan,
@@ -230,18 +230,18 @@ impl Judge {
         }
     }
 
-    fn react(&mut self, feedback: &Feedback, mode: Mode, before: &Feedback, anew: bool) {
+    fn react(&mut self, feedback: &Feedback, mode: Mode, before: &Feedback, restarted: bool) {
         let reactions = &mut self.reactions;
-        reactions.disabled |= anew;
+        reactions.disabled |= restarted;
         reactions.tripped |= mode == Mode::Tripped;
         reactions.rested |=
             mode == Mode::Enabled && !feedback.window.is_none() && feedback.at_rest == 1;
         let controller = |axis: &AxisFeedback| (axis.taken_role, axis.taken_incarnation);
         let mut pairs = feedback.axes().iter().zip(before.axes());
         reactions.took_over |=
-            !anew && pairs.any(|(now, then)| controller(now) != controller(then));
+            !restarted && pairs.any(|(now, then)| controller(now) != controller(then));
         reactions.overrun_scans += feedback.overrun_scans.saturating_sub(before.overrun_scans);
-        if !anew {
+        if !restarted {
             let pairs = feedback.axes().iter().zip(before.axes());
             reactions.missed_scans += pairs
                 .map(|(now, then)| now.missed_scans.saturating_sub(then.missed_scans))
@@ -249,15 +249,15 @@ impl Judge {
         }
     }
 
-    /// Steps of the registers within what velocity and acceleration allow; commanded points on the path.
-    fn registers(&mut self, feedback: &Feedback, mode: Mode, before: &Feedback) {
+    /// Steps of the command positions within what velocity and acceleration allow; commanded points on the path.
+    fn command_positions(&mut self, feedback: &Feedback, mode: Mode, before: &Feedback) {
         let commanded = |mode| {
             matches!(
                 mode,
                 Mode::Enabled | Mode::Stopping | Mode::Finished | Mode::Stopped
             )
         };
-        // In the scan in which a trip ends the register goes from the encoder's place to the command's.
+        // In the scan in which a trip ends the command position goes from the encoder's place to the command's.
         let judged = commanded(mode) && Mode::from_wire(before.mode).is_some_and(commanded);
         if !judged {
             self.steps.iter_mut().for_each(|step| *step = None);
@@ -270,13 +270,13 @@ impl Judge {
                 continue;
             };
             let scans = now.command_scan.saturating_sub(then.command_scan) as f64;
-            let way = now.command_register.saturating_sub(then.command_register) as f64;
+            let way = now.command_position.saturating_sub(then.command_position) as f64;
             let mut broken = None;
             if scans == 0.0 {
-                // No command: the register must not have moved.
+                // No command: the command position must not have moved.
                 if way != 0.0 {
                     broken = Some(format!(
-                        "its register moved by {way} increments without a command"
+                        "its command position moved by {way} increments without a command"
                     ));
                 }
             } else {
@@ -335,7 +335,7 @@ impl Judge {
             };
             let point = element.point(tag.distance_mm);
             let Some(mm) = point.get(index) else { continue };
-            let off = (axis.command_register as f64 - mm / bounds.increment_mm).abs();
+            let off = (axis.command_position as f64 - mm / bounds.increment_mm).abs();
             self.off_path_increments_max = self.off_path_increments_max.max(off);
             if off > 1.0 {
                 worst = Some((bounds.name.clone(), off));
@@ -352,8 +352,8 @@ impl Judge {
     fn travel(&mut self, feedback: &Feedback, mode: Mode) {
         let mut outside = None;
         for (axis, bounds) in feedback.axes().iter().zip(&self.bounds) {
-            let register = axis.command_register as f64;
-            if mode != Mode::Disabled && !(bounds.low..=bounds.high).contains(&register) {
+            let command_position = axis.command_position as f64;
+            if mode != Mode::Disabled && !(bounds.low..=bounds.high).contains(&command_position) {
                 outside = Some(bounds.name.clone());
             }
         }
@@ -367,17 +367,17 @@ impl Judge {
 
     fn stands_by_encoders(&mut self, feedback: &Feedback) {
         let differs = feedback.axes().iter().any(|axis| {
-            ![axis.motor_position, axis.scale_position].contains(&axis.command_register)
+            ![axis.motor_position, axis.scale_position].contains(&axis.command_position)
         });
         if differs {
             self.violated(format!(
-                "scan {}: drives off, and a register is not where the encoder is",
+                "scan {}: drives off, and a command position is not where the encoder is",
                 feedback.scan
             ));
         }
     }
 
-    /// The run has ended: finished, with every register at the programmed end, to the increment.
+    /// The run has ended: finished, with every command position at the programmed end, to the increment.
     pub fn finish(&mut self) {
         let Some(last) = self.before else {
             self.violated("no feedback was ever seen".into());
@@ -388,11 +388,11 @@ impl Judge {
             self.violated(format!("the run ended {mode} in scan {}", last.scan));
             return;
         }
-        let registers: Vec<i64> = last.axes().iter().map(|a| a.command_register).collect();
-        let end = self.end.get(..registers.len()).unwrap_or_default();
-        if !end.is_empty() && registers != end {
+        let command_positions: Vec<i64> = last.axes().iter().map(|a| a.command_position).collect();
+        let end = self.end.get(..command_positions.len()).unwrap_or_default();
+        if !end.is_empty() && command_positions != end {
             self.violated(format!(
-                "the program ends at {end:?}, the registers at {registers:?}"
+                "the program ends at {end:?}, the command positions at {command_positions:?}"
             ));
         }
     }
@@ -433,7 +433,7 @@ mod tests {
         for axis in &mut feedback.axes {
             axis.command_scan = scan.saturating_sub(1);
         }
-        feedback.axes[0].command_register = scan.saturating_sub(1) as i64 * 10_000;
+        feedback.axes[0].command_position = scan.saturating_sub(1) as i64 * 10_000;
         feedback
     }
 
@@ -453,10 +453,10 @@ mod tests {
     }
 
     #[test]
-    fn a_register_off_the_path_is_seen() {
-        assert!(verdict(|scan, f| f.axes[1].command_register = i64::from(scan > 9) * 3) > 0);
+    fn a_command_position_off_the_path_is_seen() {
+        assert!(verdict(|scan, f| f.axes[1].command_position = i64::from(scan > 9) * 3) > 0);
         assert_eq!(
-            verdict(|scan, f| f.axes[1].command_register = i64::from(scan > 9)),
+            verdict(|scan, f| f.axes[1].command_position = i64::from(scan > 9)),
             0
         );
     }
@@ -469,7 +469,7 @@ mod tests {
             verdict(move |scan, f| {
                 jump(scan, f);
                 f.tag = PathTag::OFF_PATH;
-                f.axes[0].command_register += i64::from(scan > 9) * by;
+                f.axes[0].command_position += i64::from(scan > 9) * by;
             })
         };
         assert!(with(6_000) > 0);
@@ -477,7 +477,7 @@ mod tests {
         let missed = verdict(|scan, f| {
             if (8..12).contains(&scan) {
                 f.axes[0].command_scan = 6;
-                f.axes[0].command_register = 60_000;
+                f.axes[0].command_position = 60_000;
             }
         });
         assert_eq!(missed, 0);
@@ -502,10 +502,10 @@ mod tests {
 
     #[test]
     fn a_run_that_does_not_end_at_the_programmed_point_is_seen() {
-        for (register, count) in [(10_000_000, 0), (10_000_001, 1)] {
+        for (command_position, count) in [(10_000_000, 0), (10_000_001, 1)] {
             let mut judge = judge();
             let mut last = at(0);
-            last.axes[0].command_register = register;
+            last.axes[0].command_position = command_position;
             last.tag.distance_mm = 10.0;
             judge.take(&last);
             last.scan = 1;

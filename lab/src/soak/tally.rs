@@ -124,7 +124,7 @@ impl Tally {
         let _ = writeln!(
             text,
             "floor: {:<27} {:>7}   {:>26}   {}",
-            "told by the kernel",
+            "reported by the kernel",
             self.notification_ms.count(),
             "",
             self.notification_ms.words(2)

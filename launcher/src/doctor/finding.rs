@@ -26,10 +26,10 @@ pub struct Finding {
     pub grade: Grade,
     /// What was found.
     pub found: String,
-    /// Why that matters; empty where nothing is to be said.
+    /// Why that matters; empty where nothing is to be reported.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub why: String,
-    /// What to change: commands as they are typed, lines as they stand in files; remarks begin with `#`.
+    /// What to change: commands as they are typed, lines as they are in files; remarks begin with `#`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub change: Vec<String>,
 }

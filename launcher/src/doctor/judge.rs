@@ -558,8 +558,8 @@ mod tests {
             spoil(&mut facts);
             assert_eq!(grade(what, &facts), expected, "{what}");
             for finding in judge(&facts) {
-                let said = !finding.why.is_empty() && !finding.change.is_empty();
-                assert!(said || finding.grade == Grade::Fine, "{finding:?}");
+                let printed = !finding.why.is_empty() && !finding.change.is_empty();
+                assert!(printed || finding.grade == Grade::Fine, "{finding:?}");
             }
         }
     }

@@ -48,7 +48,7 @@ pub fn text(findings: &[Finding], host: &str) -> String {
     lines.join("\n")
 }
 
-/// A command stands on one line whatever its length, so that it can be copied; a remark is wrapped.
+/// A command is on one line whatever its length, so that it can be copied; a remark is wrapped.
 fn change(name: &str, line: &str) -> Vec<String> {
     if line.starts_with('#') {
         return wrapped(name, line);

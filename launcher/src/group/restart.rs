@@ -143,7 +143,7 @@ impl Group {
         }
     }
 
-    /// Stops the process of a place (SIGSTOP), or lets the cell wait for it again from `scan` on; the roster says so.
+    /// Stops the process of a place (SIGSTOP), or lets the cell wait for it again from `scan` on; the roster reports it.
     pub fn set_stalled(&mut self, place: usize, stalled: bool, scan: u64) {
         if stalled {
             self.signal(place, Signal::STOP);

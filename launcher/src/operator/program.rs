@@ -88,7 +88,7 @@ pub fn load(options: &LoadOptions) -> Outcome {
         }
         std::thread::sleep(LOOK);
     }
-    let given_up = if now.program == ProgramState::Begun as u32 {
+    let given_up = if now.program == ProgramState::Running as u32 {
         format!("; run {} is given up", now.run)
     } else {
         String::new()
@@ -99,12 +99,12 @@ pub fn load(options: &LoadOptions) -> Outcome {
     Ok(())
 }
 
-/// Checks the program against the machine, from where its axes stand; what it is, in words. `shown` stands in messages.
+/// Checks the program against the machine, from where its axes are; what it is, in words. `shown` is in messages.
 fn check(client: &Client, text: &str, shown: &Path, now: &Feedback) -> anyhow::Result<String> {
     let machine = &client.machine;
-    let registers = now.axes.map(|axis| axis.command_register);
+    let command_positions = now.axes.map(|axis| axis.command_position);
     let name = shown.display().to_string();
-    let program = program::resume_from(machine, &registers, &name, text)?;
+    let program = program::resume_from(machine, &command_positions, &name, text)?;
     let elements = program.path.elements.len();
     let lengths_mm = program.path.elements.iter().map(|e| e.length_mm);
     let length_mm = lengths_mm.fold(0.0, |sum, length_mm| sum + length_mm);
@@ -186,14 +186,14 @@ pub fn start(options: &StartOptions) -> Outcome {
     }
     loop {
         let now = eyes.look()?;
-        let begun = now.program == ProgramState::Begun as u32;
+        let started = now.program == ProgramState::Running as u32;
         if now.run > answer.run {
             return Err(Failure::Stopped(anyhow!(
-                "run {} is over and another one has begun: how it ended stands in its report",
+                "run {} is over and another one has started: how it ended stands in its report",
                 answer.run
             )));
         }
-        if now.run == answer.run && !begun {
+        if now.run == answer.run && !started {
             if now.program == ProgramState::Done as u32 {
                 say(&format!("run {} is done", answer.run));
                 return Ok(());
@@ -251,7 +251,7 @@ pub fn down(options: &OperatorOptions) -> Outcome {
     };
     match poll(&mut ended, Some(&limit)) {
         Ok(0) | Err(_) => Err(Failure::Stopped(anyhow!(
-            "cell {cell:?} is told to end, and has not after {} s",
+            "cell {cell:?} is ordered to end, and has not after {} s",
             DOWN_LIMIT.as_secs()
         ))),
         Ok(_) => {

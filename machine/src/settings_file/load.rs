@@ -36,7 +36,7 @@ pub fn load<T: DeserializeOwned + JsonSchema>(
     Ok(settings)
 }
 
-/// Reads TOML text that has no schema into settings whose keys are all known and all there; `name` stands in the message.
+/// Reads TOML text that has no schema into settings whose keys are all known and all there; `name` is in the message.
 ///
 /// # Errors
 /// [`SettingsFileError::Broken`] with the line.

@@ -36,7 +36,7 @@ impl<'a> Rules<'a> {
         }
     }
 
-    /// A rule is broken: says so of the key at `path`.
+    /// A rule is broken: reports it of the key at `path`.
     pub fn say(&mut self, path: &[&str], axis: At, what: &str) {
         let place = match &self.document {
             Some(document) => document.place(axis, path),

@@ -200,7 +200,7 @@ impl<'a> KeySchema<'a> {
         keys.into_iter().flatten().filter_map(Value::as_str)
     }
 
-    /// What stands in a list.
+    /// What is in a list.
     pub fn items(self) -> Option<KeySchema<'a>> {
         self.0.get("items").map(KeySchema)
     }

@@ -22,7 +22,7 @@ pub(super) struct AxisUnit {
     /// The command in force.
     pub command: AxisCommand,
     /// Where the axis is commanded to be, in increments.
-    pub register: i64,
+    pub command_position: i64,
     pub missed: u32,
     pub missed_in_a_row: u32,
     pub cause: Cause,
@@ -35,9 +35,9 @@ pub(super) struct AxisUnit {
     pub followed: bool,
     /// Which of its controllers drives it.
     pub driver: Driver,
-    /// Where a jog is to bring the register.
+    /// Where a jog is to bring the command position.
     pub jog_target: i64,
-    /// Register less feedback position when the drives were switched off: the steady deviation of the open loop.
+    /// Command position less feedback position when the drives were switched off: the steady deviation of the open loop.
     pub deviation: i64,
 }
 
@@ -53,7 +53,7 @@ impl AxisUnit {
             settings: settings.clone(),
             drive: DriveFeedback::default(),
             command: AxisCommand::zeroed(),
-            register: 0,
+            command_position: 0,
             missed: 0,
             missed_in_a_row: 0,
             cause: Cause::None,
@@ -66,7 +66,7 @@ impl AxisUnit {
             deviation: 0,
         };
         unit.take_drive(drive);
-        unit.register = unit.feedback_position();
+        unit.command_position = unit.feedback_position();
         unit
     }
 
@@ -112,7 +112,7 @@ impl AxisUnit {
         }
     }
 
-    /// What the drive is told for this scan.
+    /// What the drive is commanded for this scan.
     pub fn drive_command(&self, mode: Mode, switching_on: bool) -> DriveCommand {
         match mode {
             Mode::Disabled if switching_on => DriveCommand::SwitchOn,

@@ -100,7 +100,7 @@ impl AxisUnit {
     }
 }
 
-/// Whether two commands say the same, whoever said it.
+/// Whether two commands say the same, whoever published it.
 fn is_same(one: &AxisCommand, other: &AxisCommand) -> bool {
     let anonymous = |command: &AxisCommand| AxisCommand {
         role: 0,

@@ -1,4 +1,4 @@
-//! Programs of a cell that stays up: loaded, started, done, given up.
+//! Programs of a cell that stays up: loaded, started, done, discarded.
 
 #![deny(
     clippy::unwrap_used,
@@ -15,12 +15,12 @@ use super::orders::Refusal;
 use super::{Master, RunEnd};
 
 impl<D: Drives> Master<D> {
-    /// Whether the cell ends once the machine stands.
+    /// Whether the cell ends once the machine is.
     pub(super) fn ends(&self) -> bool {
         self.run_end == RunEnd::AfterProgram
     }
 
-    /// The mode with drives on and no program begun.
+    /// The mode with drives on and no program started.
     pub(super) fn idle_mode(&self) -> Mode {
         if self.ends() {
             Mode::Stopped
@@ -29,12 +29,12 @@ impl<D: Drives> Master<D> {
         }
     }
 
-    /// Takes another program; one that was begun and is stopped is given up.
+    /// Takes another program; one that was started and is stopped is discarded.
     pub(super) fn order_load(&mut self, number: f64) -> Result<(), Refusal> {
         self.must_stay()?;
         match self.mode {
             Mode::Ready | Mode::Stopped | Mode::Disabled => {}
-            Mode::Enabled => return Err(Refused::Begun.into()),
+            Mode::Enabled => return Err(Refused::Running.into()),
             Mode::Stopping | Mode::Finished => return Err(Refused::NotAtRest.into()),
             Mode::Jogging => return Err(Refused::Jogging.into()),
             Mode::Tripped => return Err(Refused::Tripped.into()),
@@ -58,13 +58,13 @@ impl<D: Drives> Master<D> {
         Ok(())
     }
 
-    /// Begins the program that is loaded, from where the axes stand. A hold that is latched stays: nothing moves then before
+    /// Begins the program that is loaded, from where the axes are. A hold that is latched stays: nothing moves then before
     /// somebody resumes.
     pub(super) fn order_start(&mut self) -> Result<(), Refusal> {
         self.must_stay()?;
         match self.mode {
             Mode::Ready => {}
-            Mode::Enabled | Mode::Stopping | Mode::Stopped => return Err(Refused::Begun.into()),
+            Mode::Enabled | Mode::Stopping | Mode::Stopped => return Err(Refused::Running.into()),
             Mode::Finished => return Err(Refused::NotAtRest.into()),
             Mode::Disabled => return Err(Refused::DrivesOff.into()),
             Mode::Jogging => return Err(Refused::Jogging.into()),
@@ -73,22 +73,22 @@ impl<D: Drives> Master<D> {
         match self.program.state {
             ProgramState::Loaded | ProgramState::Done => {}
             ProgramState::Loading => return Err(Refused::Loading.into()),
-            ProgramState::Begun => return Err(Refused::Begun.into()),
+            ProgramState::Running => return Err(Refused::Running.into()),
             ProgramState::None => return Err(Refused::NoProgram.into()),
         }
         self.windows.forget_path(self.scan);
-        self.program.state = ProgramState::Begun;
+        self.program.state = ProgramState::Running;
         self.program.run = self.program.run.saturating_add(1);
         self.waited_scans = 0;
         self.mode = Mode::Enabled;
         Ok(())
     }
 
-    /// Comes to rest, on the path or where a jog is, then ends the run, also that of a cell that stays up: it was told to, or the
+    /// Comes to rest, on the path or where a jog is, then ends the run, also that of a cell that stays up: it was ordered to, or the
     /// launcher is gone. Nothing takes that back.
     pub fn end_after_stop(&mut self) {
         self.run_end = RunEnd::AfterProgram;
-        self.told_to_end = true;
+        self.ordered_to_end = true;
         if self.mode == Mode::Ready {
             self.mode = Mode::Stopped;
         }

@@ -50,15 +50,15 @@ impl From<Refused> for Refusal {
 }
 
 impl AxisUnit {
-    /// Distances from its register to the ends of its travel, in increments.
+    /// Distances from its command position to the ends of its travel, in increments.
     fn room(&self) -> (i64, i64) {
         let (low, high) = (
             self.increments(self.settings.travel_min_mm),
             self.increments(self.settings.travel_max_mm),
         );
         (
-            low.saturating_sub(self.register),
-            high.saturating_sub(self.register),
+            low.saturating_sub(self.command_position),
+            high.saturating_sub(self.command_position),
         )
     }
 
@@ -72,7 +72,7 @@ impl<D: Drives> Master<D> {
     /// Judges an order; what is latched shows in the next feedback.
     pub fn order(&mut self, request: &OperatorRequest) -> OperatorResponse {
         let judged = match Order::from_wire(request.order) {
-            Some(order) if self.told_to_end && moves(order) => Err(Refused::Ending.into()),
+            Some(order) if self.ordered_to_end && moves(order) => Err(Refused::Ending.into()),
             Some(Order::Stop) => self.order_stop(),
             Some(Order::Hold) => self.order_hold(),
             Some(Order::Resume) => self.order_resume(),
@@ -132,7 +132,7 @@ impl<D: Drives> Master<D> {
             Mode::Disabled | Mode::Tripped => {
                 self.switching_on = None;
                 self.may_end = self.ends();
-                // A servo that comes back must not set off what was told to stop.
+                // A servo that comes back must not set off what was ordered to stop.
                 self.hold |= !self.ends();
                 true
             }
@@ -160,7 +160,7 @@ impl<D: Drives> Master<D> {
     fn order_resume(&mut self) -> Result<(), Refusal> {
         match self.mode {
             Mode::Enabled => {}
-            Mode::Ready if !self.hold => return Err(Refused::NotBegun.into()),
+            Mode::Ready if !self.hold => return Err(Refused::NotRunning.into()),
             Mode::Ready => {}
             Mode::Stopped if self.cause != Cause::None => return Err(Refused::Faulted.into()),
             Mode::Stopped => self.mode = Mode::Enabled,
@@ -212,7 +212,9 @@ impl<D: Drives> Master<D> {
         self.mode = Mode::Disabled;
         self.may_end = false;
         for axis in &mut self.axes {
-            axis.deviation = axis.register.saturating_sub(axis.feedback_position());
+            axis.deviation = axis
+                .command_position
+                .saturating_sub(axis.feedback_position());
         }
         Ok(())
     }
@@ -280,7 +282,7 @@ impl<D: Drives> Master<D> {
                 allowed_mm: (low as f64 * increment_mm, high as f64 * increment_mm),
             });
         }
-        unit.jog_target = unit.register.saturating_add(distance as i64);
+        unit.jog_target = unit.command_position.saturating_add(distance as i64);
         unit.driver = Driver::Manual;
         let speed_mm_s = self.jog_mm_s.min(unit.settings.rapid_mm_s);
         let patience_s = 1.5 * distance_mm.abs() / speed_mm_s + JOG_PATIENCE_S;

@@ -10,11 +10,11 @@ use bus::sample::{Mode, ProgramState};
 
 use crate::saved::Latches;
 
-/// When a run ends without being told.
+/// When a run ends without an order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RunEnd {
     /// Never by itself: a cell that stays up, in which programs are loaded and started.
-    WhenTold,
+    WhenOrdered,
     /// When its one program is done, or the machine has stopped or tripped, and stands.
     AfterProgram,
 }
@@ -31,11 +31,11 @@ pub(super) struct Loaded {
 }
 
 impl Loaded {
-    /// A cell that ends with its program has begun it; one that stays up has none.
+    /// A cell that ends with its program has started it; one that stays up has none.
     pub fn new(run_end: RunEnd) -> Loaded {
         let (state, run) = match run_end {
-            RunEnd::AfterProgram => (ProgramState::Begun, 1),
-            RunEnd::WhenTold => (ProgramState::None, 0),
+            RunEnd::AfterProgram => (ProgramState::Running, 1),
+            RunEnd::WhenOrdered => (ProgramState::None, 0),
         };
         Loaded {
             load: 0,
@@ -49,15 +49,15 @@ impl Loaded {
         self.load = latches.load;
         self.run = latches.run;
         self.state = match ProgramState::from_wire(latches.program) {
-            // What was begun was counted.
-            Some(ProgramState::Begun) if latches.run == 0 => ProgramState::None,
+            // What was started was counted.
+            Some(ProgramState::Running) if latches.run == 0 => ProgramState::None,
             state => state.unwrap_or(ProgramState::None),
         };
     }
 
     /// Whether it was started and is not done.
-    pub fn is_begun(&self) -> bool {
-        self.state == ProgramState::Begun
+    pub fn is_running(&self) -> bool {
+        self.state == ProgramState::Running
     }
 
     /// The planner has read it, or cannot; one that came back may refuse what the one before had read.

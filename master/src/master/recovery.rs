@@ -41,7 +41,7 @@ impl<D: Drives> Master<D> {
         self.may_end = latches.may_end == 1;
         if latches.ends == 1 {
             self.run_end = RunEnd::AfterProgram;
-            self.told_to_end = true;
+            self.ordered_to_end = true;
             self.may_end = true;
         }
         self.program.resume(latches);
@@ -64,7 +64,7 @@ impl<D: Drives> Master<D> {
             may_end: u32::from(
                 self.may_end || self.ends() && matches!(self.mode, Mode::Stopping | Mode::Stopped),
             ),
-            ends: u32::from(self.told_to_end),
+            ends: u32::from(self.ordered_to_end),
             load: self.program.load,
             program: self.program.state as u32,
             run: self.program.run,
@@ -82,7 +82,7 @@ impl<D: Drives> Master<D> {
         self.lost_a_servo() && self.restart.servo != AfterLoss::End
     }
 
-    /// Whether a tripped machine could be driven again: all axes stand, within their travel, and have a servo that follows
+    /// Whether a tripped machine could be driven again: all axes are, within their travel, and have a servo that follows
     /// them and a drive that follows commands or can be switched on.
     pub(super) fn is_ready_again(&self) -> bool {
         let serves = |axis: &AxisUnit| axis.followed && axis.missed_in_a_row == 0;
@@ -120,7 +120,7 @@ impl<D: Drives> Master<D> {
             // A drive that cannot be driven trips in the first scan, with its cause.
             self.mode = match self.run_end {
                 RunEnd::AfterProgram => Mode::Enabled,
-                RunEnd::WhenTold => Mode::Ready,
+                RunEnd::WhenOrdered => Mode::Ready,
             };
         }
     }
@@ -183,9 +183,9 @@ impl<D: Drives> Master<D> {
         }
     }
 
-    /// Ends a trip: drives on, where the axes stand. Without a program that was begun there is nothing to hold.
+    /// Ends a trip: drives on, where the axes are. Without a program that was started there is nothing to hold.
     pub(super) fn end_trip(&mut self, hold: bool) {
-        if self.program.is_begun() {
+        if self.program.is_running() {
             self.mode = Mode::Enabled;
             self.hold = hold;
         } else {

@@ -2,9 +2,7 @@ use std::fs;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use bus::sample::{
-    AxisCommand, Instruments, Job, PlannerStatus, WindowHeader, WindowId, WindowRow,
-};
+use bus::sample::{AxisCommand, Instruments, Job, PlannerStatus, Setpoint, WindowHeader, WindowId};
 use bytemuck::Zeroable;
 
 use super::*;
@@ -113,14 +111,14 @@ impl Bench {
                     sequence: scan as u32 / 8 + 1,
                     incarnation: 1,
                 };
-                (header.intended_rows, header.row_count) = (3, 5);
-                let mut rows = vec![WindowRow::zeroed(); 5];
-                rows[4].position[0] = scan as i64;
-                self.black_box.take(SampleRef::window(&header, &rows));
+                (header.intended_setpoints, header.setpoint_count) = (3, 5);
+                let mut setpoints = vec![Setpoint::zeroed(); 5];
+                setpoints[4].position[0] = scan as i64;
+                self.black_box.take(SampleRef::window(&header, &setpoints));
                 self.fed.push(Sample::Window(LoggedWindow {
                     header,
-                    rows: rows[..3].to_vec(),
-                    tail_checksum: match SampleRef::window(&header, &rows) {
+                    setpoints: setpoints[..3].to_vec(),
+                    tail_checksum: match SampleRef::window(&header, &setpoints) {
                         SampleRef::Window(_, _, tail_checksum) => tail_checksum,
                         _ => unreachable!(),
                     },
@@ -191,7 +189,7 @@ fn a_trip_saves_what_was_before_and_what_came_after_bit_for_bit() {
     let path = bench.path("black-box-2000-trip.mcap");
     let (samples, first, last) = read(&path);
     assert_eq!((first, last), (1500, 2200));
-    // The roster of the time before stands at the beginning.
+    // The roster of the time before is at the beginning.
     assert_eq!(samples[0], bench.fed[0]);
     let from = bench
         .fed
@@ -200,12 +198,15 @@ fn a_trip_saves_what_was_before_and_what_came_after_bit_for_bit() {
         .expect("scan 1500");
     assert_eq!(samples[1..], bench.fed[from..from + samples.len() - 1]);
     let info = Reader::open(&path).expect("a log").info().clone();
-    let said = &info.settings["black_box"];
-    assert!(said.contains("trip: Y: commands missing"), "{said}");
-    assert!(said.contains("scan 2000"), "{said}");
+    let published = &info.settings["black_box"];
+    assert!(
+        published.contains("trip: Y: commands missing"),
+        "{published}"
+    );
+    assert!(published.contains("scan 2000"), "{published}");
     assert_eq!(bench.events.len(), 1);
     assert!(bench.events[0].text.contains("black-box-2000-trip.mcap"));
-    // What is too long stands in none of them.
+    // What is too long is in none of them.
     let files = crate::log::attached_files(&path).expect("files");
     let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(names, ["machine.toml"]);
@@ -252,7 +253,7 @@ fn causes_in_a_row_share_a_box_up_to_its_longest_and_the_next_begins_another() {
     assert_eq!((first, last), (500, 1300));
     assert_eq!(bench.events.len(), 2);
     // A cause every 100 scans for 2 s: cut at the longest, then the next one.
-    let begun = bench.scan;
+    let started = bench.scan;
     for _ in 0..20 {
         bench.trip();
         bench.run(99);
@@ -260,8 +261,8 @@ fn causes_in_a_row_share_a_box_up_to_its_longest_and_the_next_begins_another() {
     bench.run(1000);
     let files = bench.files();
     assert_eq!(files.len(), 3, "{files:?}");
-    let (_, first, last) = read(&bench.path(&format!("black-box-{begun}-trip.mcap")));
-    assert_eq!((first, last), (begun - 500, begun + 1000));
+    let (_, first, last) = read(&bench.path(&format!("black-box-{started}-trip.mcap")));
+    assert_eq!((first, last), (started - 500, started + 1000));
 }
 
 #[test]
@@ -279,7 +280,7 @@ fn a_directory_gets_no_more_boxes_than_allowed_also_from_the_next_recorder() {
     bench.trip();
     bench.run(1000);
     assert_eq!(bench.files().len(), 3);
-    // Another directory begins anew.
+    // Another directory begins again.
     let other = tempfile::tempdir().expect("a folder");
     bench.black_box.move_to(Some(home(other.path())));
     bench.trip();
@@ -288,7 +289,7 @@ fn a_directory_gets_no_more_boxes_than_allowed_also_from_the_next_recorder() {
 }
 
 #[test]
-fn a_box_that_is_open_when_the_directory_changes_is_written_to_its_end_where_it_was_begun() {
+fn a_box_that_is_open_when_the_directory_changes_is_written_to_its_end_where_it_was_started() {
     let mut bench = Bench::new(SETTINGS);
     bench.run(1000);
     bench.trip();
@@ -396,14 +397,14 @@ fn black_box_cost_per_scan() {
         let (mut feedback, mut instruments) = (Feedback::zeroed(), Instruments::zeroed());
         let mut command = AxisCommand::zeroed();
         let mut header = WindowHeader::zeroed();
-        (header.intended_rows, header.row_count) = (machine.intended_rows(), 132);
-        let rows = vec![WindowRow::zeroed(); 132];
+        (header.intended_setpoints, header.setpoint_count) = (machine.intended_setpoints(), 132);
+        let setpoints = vec![Setpoint::zeroed(); 132];
         feedback.axis_count = axes as u32;
         let mut run = |black_box: &mut BlackBox, from: u64, to: u64| {
             let mut slowest_us = 0.0f64;
             let started = Instant::now();
             for scan in from..to {
-                let begun = Instant::now();
+                let started = Instant::now();
                 (feedback.scan, instruments.scan, command.scan) = (scan, scan, scan);
                 feedback.axes[0].motor_position = scan as i64 * 7919;
                 instruments.table_mm[0][0] = scan as f64 * 1e-3;
@@ -414,7 +415,7 @@ fn black_box_cost_per_scan() {
                     black_box.take(SampleRef::Command(axis, &command));
                 }
                 if scan.is_multiple_of(8) {
-                    black_box.take(SampleRef::window(&header, &rows));
+                    black_box.take(SampleRef::window(&header, &setpoints));
                 }
                 feedback.mode = if scan == 50_000 {
                     Mode::Tripped
@@ -422,7 +423,7 @@ fn black_box_cost_per_scan() {
                     Mode::Enabled
                 } as u32;
                 black_box.take(SampleRef::Feedback(&feedback));
-                slowest_us = slowest_us.max(begun.elapsed().as_secs_f64() * 1e6);
+                slowest_us = slowest_us.max(started.elapsed().as_secs_f64() * 1e6);
             }
             let mean_us = started.elapsed().as_secs_f64() * 1e6 / (to - from) as f64;
             (mean_us, slowest_us)

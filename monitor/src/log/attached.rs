@@ -1,4 +1,4 @@
-//! The files that stand in a log: what it takes to understand it without the folder it was written in.
+//! The files that are in a log: what it takes to understand it without the folder it was written in.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -20,7 +20,7 @@ pub fn attached_files(path: &Path) -> Result<Vec<(String, Vec<u8>)>, LogError> {
         source,
     };
     let not_a_log = |error: mcap::McapError| match error {
-        mcap::McapError::UnexpectedEof => LogError::Unbegun { path: path.into() },
+        mcap::McapError::UnexpectedEof => LogError::Empty { path: path.into() },
         error => LogError::NotALog {
             path: path.into(),
             what: format!("is not an MCAP log: {error}"),

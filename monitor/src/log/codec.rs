@@ -1,10 +1,10 @@
 //! A sample as the bytes of a message, and back: the same for the log and for the black box.
 //!
-//! What stands in a message is not trusted: it is checked against the layout of its type before it becomes a sample.
+//! What is in a message is not trusted: it is checked against the layout of its type before it becomes a sample.
 
 use bus::sample::{
-    AxisCommand, Feedback, Instruments, MAX_WINDOW_ROWS, PlannerStatus, Roster, WindowHeader,
-    WindowRow,
+    AxisCommand, Feedback, Instruments, MAX_WINDOW_SETPOINTS, PlannerStatus, Roster, Setpoint,
+    WindowHeader,
 };
 use bytemuck::{Pod, Zeroable};
 
@@ -78,11 +78,11 @@ pub(crate) struct Codec {
     pub(crate) planner: Layout,
     pub(crate) roster: Layout,
     pub(crate) header: Layout,
-    pub(crate) row: Layout,
+    pub(crate) setpoint: Layout,
 }
 
 impl Codec {
-    /// What stands before the rows of a window, its header excepted, in bytes.
+    /// What stands before the setpoints of a window, its header excepted, in bytes.
     pub(crate) const WINDOW_HEAD_BYTES: usize = 8 + 4 + 4;
 
     pub(crate) fn of(extent: &Extent) -> Codec {
@@ -93,7 +93,7 @@ impl Codec {
             planner: Layout::of::<PlannerStatus>(extent),
             roster: Layout::of::<Roster>(extent),
             header: Layout::of::<WindowHeader>(extent),
-            row: Layout::of::<WindowRow>(extent),
+            setpoint: Layout::of::<Setpoint>(extent),
         }
     }
 
@@ -117,8 +117,8 @@ impl Codec {
                 if !intended.is_empty() {
                     message.extend_from_slice(&[0; 4]);
                 }
-                for row in intended {
-                    self.row.encode(bytemuck::bytes_of(row), message);
+                for setpoint in intended {
+                    self.setpoint.encode(bytemuck::bytes_of(setpoint), message);
                 }
             }
         }
@@ -142,24 +142,24 @@ impl Codec {
         let (checksum, rest) = rest.split_first_chunk::<8>()?;
         let (count, rest) = rest.split_first_chunk::<4>()?;
         let count = u32::from_le_bytes(*count) as usize;
-        if count > MAX_WINDOW_ROWS {
+        if count > MAX_WINDOW_SETPOINTS {
             return None;
         }
-        let rows = if count == 0 {
+        let setpoints = if count == 0 {
             rest
         } else {
             rest.strip_prefix(&[0; 4])?
         };
-        if rows.len() != count * self.row.bytes {
+        if setpoints.len() != count * self.setpoint.bytes {
             return None;
         }
         Some(LoggedWindow {
             header: pod(&self.header, header)?,
             tail_checksum: u64::from_le_bytes(*checksum),
-            rows: rows
-                .chunks_exact(self.row.bytes)
-                .map(|row| pod(&self.row, row))
-                .collect::<Option<Vec<WindowRow>>>()?,
+            setpoints: setpoints
+                .chunks_exact(self.setpoint.bytes)
+                .map(|setpoint| pod(&self.setpoint, setpoint))
+                .collect::<Option<Vec<Setpoint>>>()?,
         })
     }
 }

@@ -38,11 +38,11 @@ pub struct AxisRow {
     /// Winding temperature above ambient, in K.
     pub winding_k: f64,
     /// Backlash acceleration now being output, in mm/s.
-    pub kick_mm_s: f64,
+    pub pulse_mm_s: f64,
 }
 table!(
     AxisRow: time_s, command_mm, feedback_mm, table_mm, following_error_um, velocity_mm_s, torque_nm, winding_k,
-    kick_mm_s,
+    pulse_mm_s,
 );
 
 #[derive(Clone, Copy)]
@@ -164,7 +164,7 @@ impl Rows {
         let set = |row: &mut AxisRow| {
             row.command_mm = sample.position as f64 * increment_mm;
             row.following_error_um = sample.following_error_mm * 1e3;
-            row.kick_mm_s = sample.friction_pulse_mm_s;
+            row.pulse_mm_s = sample.friction_pulse_mm_s;
         };
         self.fill(axis, sample.scan, COMMAND, set, out);
     }
@@ -197,6 +197,6 @@ fn missing_row(time_s: f64) -> AxisRow {
         velocity_mm_s: f64::NAN,
         torque_nm: f64::NAN,
         winding_k: f64::NAN,
-        kick_mm_s: f64::NAN,
+        pulse_mm_s: f64::NAN,
     }
 }

@@ -25,7 +25,7 @@ pub enum LogError {
     },
     /// Its recorder ended before it had written anything.
     #[error("{path}: ends before metadata {}", RUN_RECORD)]
-    Unbegun {
+    Empty {
         /// The log.
         path: PathBuf,
     },

@@ -79,7 +79,7 @@ pub(super) struct Feed {
 }
 
 impl Feed {
-    /// Goes on where `mcap` stands in the file.
+    /// Goes on where `mcap` is in the file.
     ///
     /// # Errors
     /// No thread can be started.

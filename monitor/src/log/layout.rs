@@ -29,7 +29,7 @@ impl Kind {
     }
 }
 
-/// A type that can stand in a sample.
+/// A type that can be in a sample.
 pub trait Wire {
     /// What it is.
     const KIND: Kind;
@@ -64,7 +64,7 @@ pub enum Cut {
 pub struct Field {
     /// Its name.
     pub name: &'static str,
-    /// Where it stands in the struct, in bytes.
+    /// Where it is in the struct, in bytes.
     pub offset: usize,
     /// What it is.
     pub kind: Kind,
@@ -158,7 +158,7 @@ pub struct Layout {
     pub bytes: usize,
     /// Size of the struct in memory, in bytes.
     pub memory_bytes: usize,
-    /// Where the pieces that are in use stand in the struct: (offset, length) in bytes.
+    /// Where the pieces that are in use are in the struct: (offset, length) in bytes.
     pieces: Vec<(usize, usize)>,
 }
 
@@ -422,7 +422,7 @@ mod tests {
         agrees::<PlannerStatus>("PlannerStatus");
         agrees::<Roster>("Roster");
         agrees::<WindowHeader>("WindowHeader");
-        agrees::<WindowRow>("WindowRow");
+        agrees::<Setpoint>("Setpoint");
     }
 
     #[test]

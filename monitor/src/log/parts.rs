@@ -82,7 +82,7 @@ pub(super) fn make_next(run_dir: &Path) -> Result<(u32, PathBuf, File), LogError
 pub struct Part {
     /// File name.
     pub file: String,
-    /// First scan whose feedback stands in it; none if it holds none.
+    /// First scan whose feedback is in it; none if it holds none.
     pub first_scan: Option<u64>,
     /// Last one.
     pub last_scan: Option<u64>,
@@ -125,7 +125,7 @@ impl Newest {
                     _ => true,
                 }
             }
-            // A planner that was started anew in the same scan says something else.
+            // A planner that was restarted in the same scan says something else.
             Sample::Planner(s) => {
                 Self::step(before.planner, &mut self.planner, (s.scan, s.incarnation))
             }
@@ -139,17 +139,17 @@ impl Newest {
     }
 }
 
-/// Windows are counted anew by each planner.
+/// Windows are counted again by each planner.
 fn order_of(id: &WindowId) -> (u32, u32) {
     (id.incarnation, id.sequence)
 }
 
 /// All parts of a run's log, read as one: samples in the order of the parts; what an earlier part already had is left out.
 ///
-/// What was said while no recorder lived is in no part: [`RunLog::parts`] tells from where to where each reaches.
+/// What was published while no recorder lived is in no part: [`RunLog::parts`] tells from where to where each reaches.
 pub struct RunLog {
     rest: std::vec::IntoIter<PathBuf>,
-    /// Read to its end, or begun; the last belongs to `reader`.
+    /// Read to its end, or started; the last belongs to `reader`.
     parts: Vec<Part>,
     reader: Reader,
     reading: bool,
@@ -186,12 +186,12 @@ impl RunLog {
             };
             match Reader::open(&path) {
                 Ok(reader) => {
-                    parts.push(begun(&path));
+                    parts.push(started(&path));
                     break reader;
                 }
-                Err(LogError::Unbegun { path }) => {
-                    parts.push(unbegun(&path));
-                    failure.get_or_insert(LogError::Unbegun { path });
+                Err(LogError::Empty { path }) => {
+                    parts.push(empty(&path));
+                    failure.get_or_insert(LogError::Empty { path });
                 }
                 Err(error) => return Err(error),
             }
@@ -229,7 +229,7 @@ impl RunLog {
         &self.parts
     }
 
-    /// Windows that stand in no part although later ones of the same planner do.
+    /// Windows that are in no part although later ones of the same planner do.
     pub fn windows_lost(&self) -> u64 {
         self.windows_lost
     }
@@ -243,7 +243,7 @@ impl RunLog {
         })
     }
 
-    /// Why the log of the run ends early, if it does: that of an earlier part is told with it.
+    /// Why the log of the run ends early, if it does: that of an earlier part is reported with it.
     pub fn cut(&self) -> Option<&str> {
         self.parts.last()?.cut.as_deref()
     }
@@ -311,14 +311,14 @@ impl RunLog {
             };
             let next = match Reader::open(&path) {
                 Ok(next) => next,
-                Err(LogError::Unbegun { path }) => {
-                    self.parts.push(unbegun(&path));
+                Err(LogError::Empty { path }) => {
+                    self.parts.push(empty(&path));
                     continue;
                 }
                 Err(error) => return Err(error),
             };
             self.same_run(&next, &path)?;
-            self.parts.push(begun(&path));
+            self.parts.push(started(&path));
             self.reader = next;
             return Ok(());
         }
@@ -355,7 +355,7 @@ impl Iterator for RunLog {
     }
 }
 
-fn begun(path: &Path) -> Part {
+fn started(path: &Path) -> Part {
     let name = path.file_name().unwrap_or_default();
     Part {
         file: name.to_string_lossy().into_owned(),
@@ -363,9 +363,9 @@ fn begun(path: &Path) -> Part {
     }
 }
 
-fn unbegun(path: &Path) -> Part {
+fn empty(path: &Path) -> Part {
     Part {
         cut: Some("the recorder ended before it had written anything".into()),
-        ..begun(path)
+        ..started(path)
     }
 }

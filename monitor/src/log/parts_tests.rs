@@ -178,7 +178,7 @@ fn a_cut_part_and_the_next_are_joined_and_the_gap_is_known() {
     let scans: Vec<u64> = (0..=900).chain(931..1000).collect();
     assert_eq!(feedback_scans(&samples), scans);
     let rosters = samples.iter().filter(|s| matches!(s, Sample::Roster(_)));
-    assert_eq!(rosters.count(), 2, "the one heard twice is told once");
+    assert_eq!(rosters.count(), 2, "the one heard twice is reported once");
     let parts = log.parts();
     assert_eq!(
         (parts[0].first_scan, parts[0].last_scan),
@@ -234,7 +234,7 @@ fn a_part_cut_in_the_middle_of_a_chunk_is_read_up_to_its_last_whole_one() {
 }
 
 #[test]
-fn scans_that_an_earlier_part_had_are_not_told_twice() {
+fn scans_that_an_earlier_part_had_are_not_reported_twice() {
     let dir = tempfile::tempdir().unwrap();
     let mut recorder = begin(dir.path());
     (0..=100).for_each(|scan| record(&mut recorder, scan));
@@ -299,12 +299,12 @@ fn parts_of_other_runs_foreign_files_and_missing_logs_are_refused() {
 }
 
 /// What is known of a log beforehand, found by reading all of it.
-fn read_foreword(dir: &Path) -> Foreword {
-    let mut foreword = Foreword::default();
+fn prescan(dir: &Path) -> Prescan {
+    let mut prescan = Prescan::default();
     for sample in RunLog::open(dir).unwrap() {
-        foreword.take(&sample.unwrap());
+        prescan.take(&sample.unwrap());
     }
-    foreword
+    prescan
 }
 
 #[test]
@@ -312,7 +312,7 @@ fn skimming_a_log_in_parts_finds_what_reading_it_finds() {
     let dir = tempfile::tempdir().unwrap();
     assert_eq!(two_parts(dir.path()), two_parts_digest(dir.path()));
     let found = skim(dir.path()).unwrap();
-    assert_eq!(found, read_foreword(dir.path()));
+    assert_eq!(found, prescan(dir.path()));
     let versions: Vec<u64> = found.rosters.iter().map(|r| r.version).collect();
     assert_eq!((versions, found.start), (vec![1, 3], None));
 }
@@ -350,11 +350,11 @@ fn skimming_passes_over_chunks_and_finds_the_programs_start_and_every_roster() {
     let dir = tempfile::tempdir().unwrap();
     many_chunks(dir.path());
     let found = skim(dir.path()).unwrap();
-    assert_eq!(found, read_foreword(dir.path()));
+    assert_eq!(found, prescan(dir.path()));
     let versions: Vec<u64> = found.rosters.iter().map(|r| r.version).collect();
     assert_eq!(versions, [1, 1701, 1702, 3901]);
     let start = found.start.unwrap();
-    assert_eq!((start.registers[0], start.program_hash), (1200, 77));
+    assert_eq!((start.command_positions[0], start.program_hash), (1200, 77));
 }
 
 #[test]
@@ -368,7 +368,7 @@ fn a_log_cut_anywhere_is_skimmed_as_far_as_it_reads() {
         let length = whole.len() * share / 40;
         std::fs::write(cut.path().join(LOG_FILE), &whole[..length]).unwrap();
         if RunLog::open(cut.path()).is_ok() {
-            let (found, read) = (skim(cut.path()).unwrap(), read_foreword(cut.path()));
+            let (found, read) = (skim(cut.path()).unwrap(), prescan(cut.path()));
             assert_eq!(found, read, "cut to {length} bytes");
         }
     }

@@ -1,4 +1,4 @@
-//! Reads a log back, sample by sample, in bounded memory. What stands in the file is not trusted: every message is
+//! Reads a log back, sample by sample, in bounded memory. What is in the file is not trusted: every message is
 //! checked against the layout of its channel before it becomes a sample.
 
 use std::collections::BTreeMap;
@@ -77,10 +77,10 @@ impl Reader {
         };
         let metadata = loop {
             let Some(event) = mcap.next_event() else {
-                return Err(LogError::Unbegun { path: path.into() });
+                return Err(LogError::Empty { path: path.into() });
             };
             let event = event.map_err(|error| match error {
-                mcap::McapError::UnexpectedEof => LogError::Unbegun { path: path.into() },
+                mcap::McapError::UnexpectedEof => LogError::Empty { path: path.into() },
                 error => not_a_log(format!("is not an MCAP log: {error}")),
             });
             match event? {
@@ -167,7 +167,7 @@ impl Reader {
         )
     }
 
-    /// The next sample, none at the end. A log that was cut off ends where it was cut; [`Reader::cut`] says so.
+    /// The next sample, none at the end. A log that was cut off ends where it was cut; [`Reader::cut`] reports it.
     ///
     /// # Errors
     /// A message that does not fit its channel, or a file that can no longer be read.

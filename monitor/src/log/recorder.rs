@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use bus::sample::{
-    AxisCommand, Feedback, Instruments, PlannerStatus, Roster, WindowHeader, WindowRow,
+    AxisCommand, Feedback, Instruments, PlannerStatus, Roster, Setpoint, WindowHeader,
 };
 use machine::Machine;
 use mcap::records::MessageHeader;
@@ -226,16 +226,16 @@ impl Recorder {
         match sample {
             SampleRef::Feedback(feedback) => {
                 self.rows.feedback(feedback, whole);
-                self.put_rows()?;
+                self.put_setpoints()?;
                 self.flush_in_time(feedback.scan)
             }
             SampleRef::Instruments(instruments) => {
                 self.rows.instruments(instruments, whole);
-                self.put_rows()
+                self.put_setpoints()
             }
             SampleRef::Command(axis, command) => {
                 self.rows.command(axis, command, whole);
-                self.put_rows()
+                self.put_setpoints()
             }
             _ => Ok(()),
         }
@@ -331,7 +331,7 @@ impl Recorder {
     /// As [`Recorder::record`].
     pub fn finish(mut self, end: &RunEnd) -> Result<String, LogError> {
         self.rows.rest(&mut self.whole_rows);
-        self.put_rows()?;
+        self.put_setpoints()?;
         let digest = self.digest();
         let ended = self
             .writer
@@ -372,7 +372,7 @@ impl Recorder {
             })
     }
 
-    fn put_rows(&mut self) -> Result<(), LogError> {
+    fn put_setpoints(&mut self) -> Result<(), LogError> {
         while let Some((axis, scan, row)) = self.whole_rows.pop() {
             self.message.truncate(ENCAPSULATION.len());
             if let Some(channel) = self.channels.get(AXES + axis) {
@@ -407,10 +407,10 @@ fn channel(
 /// Layout of the header, schema of the whole message.
 fn window_layout(extent: &Extent) -> Layout {
     let mut layout = Layout::of::<WindowHeader>(extent);
-    let body = "quadrant/WindowHeader header\nuint64 tail_checksum\nquadrant/WindowRow[] rows\n";
+    let body = "quadrant/WindowHeader header\nuint64 tail_checksum\nquadrant/Setpoint[] rows\n";
     let mut definitions = vec![("Window".to_string(), body.to_string())];
     definitions.extend(definitions_of::<WindowHeader>(extent));
-    for definition in definitions_of::<WindowRow>(extent) {
+    for definition in definitions_of::<Setpoint>(extent) {
         if !definitions.contains(&definition) {
             definitions.push(definition);
         }

@@ -25,7 +25,7 @@ pub struct RunInfo {
     pub pace: String,
     /// File name of the program, without folder; its copy stands under this name in the run directory.
     pub program: String,
-    /// Whatever else should stand in the log, by name.
+    /// Whatever else should be in the log, by name.
     pub settings: BTreeMap<String, String>,
     /// Files kept in the log: (name, content). Machine file and program at least.
     pub files: Vec<(String, Vec<u8>)>,

@@ -1,27 +1,27 @@
 //! One sample of a run, whichever channel it came on.
 
 use bus::sample::{
-    AxisCommand, Feedback, Instruments, PlannerStatus, Roster, WindowHeader, WindowRow,
+    AxisCommand, Feedback, Instruments, PlannerStatus, Roster, Setpoint, WindowHeader,
 };
 use xxhash_rust::xxh3::Xxh3;
 
 use super::run_info::Event;
 
-/// What the log says of one window: header, intended rows, and a checksum of the rows that brake to rest.
+/// What the log says of one window: header, intended setpoints, and a checksum of the setpoints that brake to rest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LoggedWindow {
     /// Its header.
     pub header: WindowHeader,
-    /// Its intended rows.
-    pub rows: Vec<WindowRow>,
-    /// XXH3 over the bytes of the other rows, all axes.
+    /// Its intended setpoints.
+    pub setpoints: Vec<Setpoint>,
+    /// XXH3 over the bytes of the other setpoints, all axes.
     pub tail_checksum: u64,
 }
 
 /// One sample of a run, from the wire or from the log.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Sample {
-    /// What the master said.
+    /// What the master published.
     Feedback(Box<Feedback>),
     /// What the bench's instruments saw.
     Instruments(Box<Instruments>),
@@ -37,9 +37,11 @@ pub enum Sample {
     Event(Event),
 }
 
-/// XXH3 over the rows of a window that brake to rest.
-fn tail_checksum(header: &WindowHeader, rows: &[WindowRow]) -> u64 {
-    let tail = rows.get(header.intended_rows as usize..).unwrap_or(&[]);
+/// XXH3 over the setpoints of a window that brake to rest.
+fn tail_checksum(header: &WindowHeader, setpoints: &[Setpoint]) -> u64 {
+    let tail = setpoints
+        .get(header.intended_setpoints as usize..)
+        .unwrap_or(&[]);
     let mut hash = Xxh3::new();
     hash.update(bytemuck::cast_slice(tail));
     hash.digest()
@@ -55,7 +57,7 @@ pub enum SampleRef<'a> {
     /// What a servo of the axis with this index asked for.
     Command(usize, &'a AxisCommand),
     /// What the planner published: header, intended setpoints, and a checksum of those that brake to rest.
-    Window(&'a WindowHeader, &'a [WindowRow], u64),
+    Window(&'a WindowHeader, &'a [Setpoint], u64),
     /// State of the planner.
     Planner(&'a PlannerStatus),
     /// Who takes part.
@@ -65,10 +67,12 @@ pub enum SampleRef<'a> {
 }
 
 impl<'a> SampleRef<'a> {
-    /// A window; `rows` are all its setpoints.
-    pub fn window(header: &'a WindowHeader, rows: &'a [WindowRow]) -> Self {
-        let intended = rows.get(..header.intended_rows as usize).unwrap_or(rows);
-        SampleRef::Window(header, intended, tail_checksum(header, rows))
+    /// A window; `setpoints` are all its setpoints.
+    pub fn window(header: &'a WindowHeader, setpoints: &'a [Setpoint]) -> Self {
+        let intended = setpoints
+            .get(..header.intended_setpoints as usize)
+            .unwrap_or(setpoints);
+        SampleRef::Window(header, intended, tail_checksum(header, setpoints))
     }
 
     /// Scan that it belongs to in the log.
@@ -93,7 +97,7 @@ impl Sample {
             Sample::Instruments(sample) => SampleRef::Instruments(sample),
             Sample::Command(sample) => SampleRef::Command(axis, sample),
             Sample::Window(window) => {
-                SampleRef::Window(&window.header, &window.rows, window.tail_checksum)
+                SampleRef::Window(&window.header, &window.setpoints, window.tail_checksum)
             }
             Sample::Planner(sample) => SampleRef::Planner(sample),
             Sample::Roster(sample) => SampleRef::Roster(sample),

@@ -25,32 +25,32 @@ const RECORD_HEAD_BYTES: u64 = 1 + 8;
 /// What an MCAP file begins with.
 const MAGIC_BYTES: u64 = 8;
 
-/// Where the machine stood when the program was begun, as every feedback names it that executes it.
+/// Where the machine stood when the program was started, as every feedback names it that executes it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Start {
-    /// Command registers, in increments.
-    pub registers: [i64; MAX_AXES],
+    /// Command positions, in increments.
+    pub command_positions: [i64; MAX_AXES],
     /// The program.
     pub program_hash: u64,
 }
 
 /// What has to be known before the samples can be measured.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Foreword {
+pub struct Prescan {
     /// Where the program began; none if it was not.
     pub start: Option<Start>,
-    /// Who took part, every time it was said.
+    /// Who took part, every time it was published.
     pub rosters: Vec<Roster>,
 }
 
-impl Foreword {
+impl Prescan {
     /// Takes what belongs here of a sample.
     pub fn take(&mut self, sample: &Sample) {
         match sample {
             Sample::Roster(roster) => self.rosters.push(**roster),
             Sample::Feedback(feedback) if self.start.is_none() && !feedback.window.is_none() => {
                 self.start = Some(Start {
-                    registers: feedback.program_start,
+                    command_positions: feedback.program_start,
                     program_hash: feedback.program_hash,
                 });
             }
@@ -63,8 +63,8 @@ impl Foreword {
 ///
 /// # Errors
 /// The directory cannot be read. A part that cannot be read any further ends where it does.
-pub fn skim(run_dir: &Path) -> Result<Foreword, LogError> {
-    let mut foreword = Foreword::default();
+pub fn skim(run_dir: &Path) -> Result<Prescan, LogError> {
+    let mut prescan = Prescan::default();
     let mut newest: Option<u64> = None;
     for path in part_files(run_dir)? {
         let Ok(reader) = Reader::open(&path) else {
@@ -79,14 +79,14 @@ pub fn skim(run_dir: &Path) -> Result<Foreword, LogError> {
                     return;
                 }
             }
-            foreword.take(&sample);
+            prescan.take(&sample);
         };
         if let Ok(file) = File::open(&path) {
-            // What cannot be read ends it: reading from end to end will say so.
+            // What cannot be read ends it: reading from end to end will report it.
             let _ = skim_part(BufReader::with_capacity(1 << 12, file), &reader, &mut take);
         }
     }
-    Ok(foreword)
+    Ok(prescan)
 }
 
 fn skim_part(
@@ -148,7 +148,7 @@ struct Look<'a> {
     reader: &'a Reader,
     /// What the channels that were announced carry.
     contents: BTreeMap<u16, Option<Content>>,
-    /// Whether the program has begun.
+    /// Whether the program has started.
     started: bool,
 }
 
@@ -163,7 +163,7 @@ impl Look<'_> {
         }
     }
 
-    /// Looks into the chunk of this length that the file now stands at.
+    /// Looks into the chunk of this length that the file now is at.
     fn read_chunk(
         &mut self,
         file: &mut impl Read,

@@ -2,25 +2,25 @@
 
 use bus::sample::{
     AxisCommand, AxisFeedback, Feedback, Instruments, Participant, PathTag, PlannerStatus, Roster,
-    WindowHeader, WindowId, WindowRow,
+    Setpoint, WindowHeader, WindowId,
 };
 
 use super::layout::table;
 
 table!(WindowId: checksum, sequence, incarnation);
 table!(PathTag: distance_mm, element, dwell_remaining_scans);
-table!(WindowRow: position @ Axes, tag);
+table!(Setpoint: position @ Axes, tag);
 table!(
-    WindowHeader: id, predecessor, first_scan, visible_from, program_hash, epoch, intended_rows, row_count,
+    WindowHeader: id, predecessor, first_scan, visible_from, program_hash, epoch, intended_setpoints, setpoint_count,
     ends_program,
 );
 table!(
-    AxisFeedback: motor_position, scale_position, command_register, jog_target, command_scan, velocity_mm_s,
+    AxisFeedback: motor_position, scale_position, command_position, jog_target, command_scan, velocity_mm_s,
     velocity_command_mm_s, torque_nm, winding_k, missed_scans, missed_in_a_row, taken_incarnation, taken_role, cause,
     torque_limited, driver, drive_code,
 );
 table!(
-    Feedback: scan, visible_from, window, armed, voided, program_hash, tag, left_at, cause_scan, program_start @ Axes, row, at_rest, epoch, incarnation, mode,
+    Feedback: scan, visible_from, window, armed, voided, program_hash, tag, interrupted_at, cause_scan, program_start @ Axes, setpoint, at_rest, epoch, incarnation, mode,
     cause, cause_axis, override_percent, hold, last, overrun_scans, axis_count, load, program, run, reserved, axes @ Axes,
 );
 table!(

@@ -43,8 +43,8 @@ impl Synthetic {
         sample.subsamples = self.subsamples as u32;
         for table in [&mut sample.table_mm, &mut sample.motor_mm] {
             table[self.axes..].fill([0.0; MAX_SUBSAMPLES]);
-            for row in table.iter_mut() {
-                row[self.subsamples..].fill(0.0);
+            for setpoint in table.iter_mut() {
+                setpoint[self.subsamples..].fill(0.0);
             }
         }
         sample
@@ -58,18 +58,18 @@ impl Synthetic {
         sample
     }
 
-    fn window(&self, sequence: u32) -> (WindowHeader, Vec<WindowRow>) {
+    fn window(&self, sequence: u32) -> (WindowHeader, Vec<Setpoint>) {
         let mut header: WindowHeader = scrambled(u64::from(sequence));
-        header.intended_rows = 32;
-        header.row_count = 80;
-        let rows = (0..80)
-            .map(|row| {
-                let mut sample: WindowRow = scrambled(u64::from(sequence) * 1000 + row);
+        header.intended_setpoints = 32;
+        header.setpoint_count = 80;
+        let setpoints = (0..80)
+            .map(|setpoint| {
+                let mut sample: Setpoint = scrambled(u64::from(sequence) * 1000 + setpoint);
                 sample.position[self.axes..].fill(0);
                 sample
             })
             .collect();
-        (header, rows)
+        (header, setpoints)
     }
 
     /// Everything of one scan, in the order it is recorded.
@@ -86,8 +86,10 @@ impl Synthetic {
             .record(SampleRef::Instruments(&self.instruments(scan)))
             .unwrap();
         if scan.is_multiple_of(8) {
-            let (header, rows) = self.window(scan as u32);
-            recorder.record(SampleRef::window(&header, &rows)).unwrap();
+            let (header, setpoints) = self.window(scan as u32);
+            recorder
+                .record(SampleRef::window(&header, &setpoints))
+                .unwrap();
             recorder
                 .record(SampleRef::Planner(&scrambled(scan)))
                 .unwrap();
@@ -106,7 +108,7 @@ fn info() -> RunInfo {
         cell: "test".into(),
         pace: "lockstep".into(),
         program: "circle.ngc".into(),
-        settings: [("method".to_string(), "kick".to_string())].into(),
+        settings: [("method".to_string(), "pulse".to_string())].into(),
         files: vec![("circle.ngc".into(), b"G2 X0\n".to_vec())],
     }
 }
@@ -151,11 +153,11 @@ fn what_is_recorded_is_read_back_to_the_bit() {
         expected.push(Sample::Command(Box::new(TWO.command(scan, 1, 0))));
         expected.push(Sample::Instruments(Box::new(TWO.instruments(scan))));
         if scan.is_multiple_of(8) {
-            let (header, mut rows) = TWO.window(scan as u32);
-            let tail = rows.split_off(32);
+            let (header, mut setpoints) = TWO.window(scan as u32);
+            let tail = setpoints.split_off(32);
             expected.push(Sample::Window(LoggedWindow {
                 header,
-                rows,
+                setpoints,
                 tail_checksum: xxhash_rust::xxh3::xxh3_64(bytemuck::cast_slice(&tail)),
             }));
             expected.push(Sample::Planner(scrambled(scan)));
@@ -178,7 +180,7 @@ fn what_is_recorded_is_read_back_to_the_bit() {
     let end = reader.end().unwrap();
     assert_eq!((end.wall_s, end.queue_losses), (0.25, 3));
     assert_eq!(reader.info().pace, "lockstep");
-    assert_eq!(reader.info().settings["method"], "kick");
+    assert_eq!(reader.info().settings["method"], "pulse");
 }
 
 #[test]

@@ -15,7 +15,7 @@ const WAITING_SCANS_MAX: usize = 4096;
 pub struct ScanSet {
     /// The scan.
     pub scan: u64,
-    /// What the master said.
+    /// What the master published.
     pub feedback: Option<Box<Feedback>>,
     /// What the instruments saw.
     pub instruments: Option<Box<Instruments>>,

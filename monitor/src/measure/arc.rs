@@ -8,7 +8,7 @@
 //! - *Window* of a quadrant, in angles of the table, w the angular speed: from clip(6 ms·w, 2°, 12°) before it to
 //!   clip(50 ms·w, 8°, 40°) after it.
 //! - *Gap*: scans of the run that are missing in the log. The run is measured on what is there: the angle is carried over
-//!   the gap by the path that the setpoints travelled meanwhile; behind it motion must have been steady anew, for nobody
+//!   the gap by the path that the setpoints travelled meanwhile; behind it motion must have been steady again, for nobody
 //!   saw whether it was; a quadrant whose window has a gap is not measured, for its peak may be what is missing; and the
 //!   result says how many scans are. Deviations are then those of the measured part: lower bounds for the whole.
 //! - Centre and radius are fitted to steady samples outside the windows and reported apart; what remains, outward
@@ -203,7 +203,7 @@ impl ArcMeter {
         })
     }
 
-    /// Takes one instrument sample of the scan begun last; time in scans.
+    /// Takes one instrument sample of the scan started last; time in scans.
     pub fn sample(&mut self, time_scans: f64, table: &AxisVector, motor: &AxisVector) {
         if self.off_path {
             return;

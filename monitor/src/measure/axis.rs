@@ -52,7 +52,7 @@ impl AxisMeter {
         command: Option<&AxisCommand>,
         drives_on: bool,
     ) {
-        // A master that was started anew counts from nothing.
+        // A master that was restarted counts from nothing.
         self.missed_before = self.missed_before.min(feedback.missed_scans);
         self.missed_scans = feedback.missed_scans - self.missed_before;
         if feedback.winding_k.is_finite() {
@@ -98,22 +98,22 @@ struct AxisLimit {
     high: f64,
 }
 
-/// Audit of the command registers that the master publishes, while it executes windows.
+/// Audit of the command positions that the master publishes, while it executes windows.
 ///
-/// A register is a rounded position: a step of one scan may be one increment too long by rounding alone, the change
+/// A command position is a rounded position: a step of one scan may be one increment too long by rounding alone, the change
 /// between two steps two increments.
 ///
 /// Where the servos split each interpolation period evenly (`[interpolation] within_period = "linear"`) the speed steps at every period
 /// boundary, by as much as it changes in a whole period: acceleration is judged there on the means of whole periods, that
-/// is on the registers at their ends and the period in place of the scan.
+/// is on the command positions at their ends and the period in place of the scan.
 #[derive(Debug, Clone)]
 pub struct LimitsAudit {
     limits: Vec<AxisLimit>,
-    /// Scans over which acceleration is judged: one, or a distribution period that is split evenly.
+    /// Scans over which acceleration is judged: one, or an interpolation period that is split evenly.
     stride: u64,
-    /// The registers at the last ends of such a stride, newest first, while they were contiguous.
+    /// The command positions at the last ends of such a stride, newest first, while they were contiguous.
     ends: Vec<[i64; MAX_AXES]>,
-    /// The registers of the scan before, if it was contiguous.
+    /// The command positions of the scan before, if it was contiguous.
     before: Option<[i64; MAX_AXES]>,
     last_scan: u64,
     /// What was found.
@@ -157,7 +157,7 @@ impl LimitsAudit {
                 Mode::from_wire(feedback.mode),
                 Some(Mode::Disabled | Mode::Tripped) | None
             );
-        // A register that no command reached stands still and catches up: that is a missed scan, not a setpoint.
+        // A command position that no command reached is at rest and catches up: that is a missed scan, not a setpoint.
         let missed = feedback.axes().iter().any(|axis| axis.missed_in_a_row > 0);
         if !commanded || missed || feedback.scan != self.last_scan + 1 {
             self.before = None;
@@ -167,14 +167,14 @@ impl LimitsAudit {
         if !commanded || missed {
             return;
         }
-        let now = feedback.axes.map(|axis| axis.command_register);
+        let now = feedback.axes.map(|axis| axis.command_position);
         let step = |a: &[i64; MAX_AXES], b: &[i64; MAX_AXES], axis: usize| {
             let value = |row: &[i64; MAX_AXES]| row.get(axis).copied().unwrap_or(0);
             value(a).saturating_sub(value(b)) as f64
         };
         for (axis, limit) in self.limits.iter().enumerate() {
-            let register = now.get(axis).map_or(0.0, |value| *value as f64);
-            self.counts.travel += u64::from(!(limit.low..=limit.high).contains(&register));
+            let command_position = now.get(axis).map_or(0.0, |value| *value as f64);
+            self.counts.travel += u64::from(!(limit.low..=limit.high).contains(&command_position));
             let Some(one) = &self.before else {
                 continue;
             };
@@ -182,7 +182,7 @@ impl LimitsAudit {
             self.counts.velocity += u64::from(last_step.abs() > limit.step);
         }
         self.before = Some(now);
-        // A register is the command of the scan before: at a period's first scan it is the period's end.
+        // A command position is the command of the scan before: at a period's first scan it is the period's end.
         if !feedback.scan.is_multiple_of(self.stride) {
             return;
         }

@@ -1,4 +1,4 @@
-//! Synthetic deaths: what is said of them is what the samples show.
+//! Synthetic deaths: what is published of them is what the samples show.
 
 use bus::sample::*;
 use bytemuck::Zeroable;
@@ -40,7 +40,7 @@ fn killed(participant: Participant, scan: u64) -> Participant {
 }
 
 /// Its successor.
-fn started_anew(participant: Participant) -> Participant {
+fn restarted(participant: Participant) -> Participant {
     Participant {
         incarnation: participant.incarnation + 1,
         live: 1,
@@ -66,7 +66,7 @@ fn one_death(participant: Participant, others: &[Participant], scan: u64) -> Ben
         rosters: vec![
             roster(1, 0, &with(participant)),
             roster(2, scan + 1, &with(dead)),
-            roster(3, scan + 40, &with(started_anew(dead))),
+            roster(3, scan + 40, &with(restarted(dead))),
         ],
         missing: 0..0,
     }
@@ -233,13 +233,13 @@ fn a_standby_that_dies_itself_stops_nothing() {
 }
 
 #[test]
-fn the_roles_change_and_each_death_is_told_for_itself() {
+fn the_roles_change_and_each_death_is_reported_for_itself() {
     // Role a dies, b drives; a's successor stands by and dies; b dies and the next of a takes over.
     let (a, b) = (living(Job::Servo, 0, 0), living(Job::Servo, 0, 1));
     let a1 = killed(a, 100);
-    let a2 = started_anew(a1);
+    let a2 = restarted(a1);
     let a2_dead = killed(a2, 300);
-    let a3 = started_anew(a2_dead);
+    let a3 = restarted(a2_dead);
     let b_dead = killed(b, 500);
     let bench = Bench {
         rosters: vec![
@@ -324,7 +324,7 @@ fn an_axis_without_standby_quick_stops_all_and_resumes_when_the_tool_is_back_on_
 }
 
 #[test]
-fn a_stop_for_another_cause_is_told_with_axis_and_cause() {
+fn a_stop_for_another_cause_is_reported_with_axis_and_cause() {
     let bench = one_death(living(Job::Servo, 1, 0), &[], 300);
     let fault = bench.fault(|scan, feedback, _| {
         if scan >= 305 {
@@ -420,7 +420,7 @@ fn a_killed_recorder_is_no_fault_of_the_machine_whatever_happens_later() {
 #[test]
 fn when_a_death_was_noticed_is_not_guessed_from_a_later_roster() {
     let mut bench = one_death(living(Job::Monitor, 0, 0), &[], 200);
-    // The roster that told it was published while nobody recorded.
+    // The roster that reported it was published while nobody recorded.
     bench.rosters.remove(1);
     let fault = bench.fault(|_, _, _| {});
     assert_eq!(fault.noticed_after_scans, None);

@@ -57,7 +57,7 @@ pub struct FaultResult {
     pub process: String,
     /// How it died.
     pub kind: Loss,
-    /// Scans until the roster said so; none if the roster that said it first is not in the log.
+    /// Scans until the roster showed it; none if the roster that showed it first is not in the log.
     pub noticed_after_scans: Option<u64>,
     /// What the machine did.
     pub reaction: Reaction,

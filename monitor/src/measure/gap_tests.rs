@@ -241,7 +241,7 @@ fn a_gap_invents_no_error_and_exceeds_no_limit() {
 }
 
 #[test]
-fn a_kick_that_already_runs_behind_a_gap_has_no_known_beginning() {
+fn a_pulse_that_already_runs_behind_a_gap_has_no_known_beginning() {
     let whole = measure(&[]);
     let on_arc: Vec<&ReversalResult> = whole.reversals.iter().filter(|r| r.steady).collect();
     let (axis, turn) = (on_arc[2].axis, on_arc[2].scan);

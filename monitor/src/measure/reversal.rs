@@ -198,9 +198,9 @@ fn quadrant_of<'a>(
     let scan = turn.scan as f64;
     // They are in order of travel.
     let over = arcs.partition_point(|arc| arc.scans.1 + 2.0 < scan);
-    let begun = arcs.get(over..)?.iter();
-    let mut begun = begun.take_while(|arc| scan >= arc.scans.0 - 2.0);
-    let arc = begun.find(|arc| (arc.elements.0..=arc.elements.1).contains(&element))?;
+    let started = arcs.get(over..)?.iter();
+    let mut started = started.take_while(|arc| scan >= arc.scans.0 - 2.0);
+    let arc = started.find(|arc| (arc.elements.0..=arc.elements.1).contains(&element))?;
     let before = path.elements.get(arc.elements.0..element)?;
     let sweep_rad = |element: &control::path::Element| match &element.shape {
         Shape::Arc { sweep_rad, .. } => sweep_rad.abs(),

@@ -6,7 +6,7 @@ use bus::sample::*;
 use control::path::{AxisVector, Element, Feed, Path};
 
 use super::*;
-use crate::test_support::{Deviation, KICK_LEAD_SCANS, SyntheticRun, machine};
+use crate::test_support::{Deviation, PULSE_LEAD_SCANS, SyntheticRun, machine};
 
 fn at(x: f64, y: f64) -> AxisVector {
     let mut point = AxisVector::zeros();
@@ -130,7 +130,7 @@ fn centre_radius_and_protrusions_are_measured_apart_within_a_tenth_of_a_micromet
                     );
                     let lead_ms = reversal.pulse_lead_ms.unwrap();
                     assert!(
-                        (lead_ms - KICK_LEAD_SCANS as f64).abs() <= 1.0,
+                        (lead_ms - PULSE_LEAD_SCANS as f64).abs() <= 1.0,
                         "{words}: {lead_ms}"
                     );
                 }
@@ -176,7 +176,7 @@ fn a_full_circle_from_a_quadrant_shows_its_other_three_reversals() {
         .map(|reversal| (reversal.protrusion_um.unwrap() * 10.0).round() as i64)
         .collect();
     assert_eq!(protrusions, [100, 150, 200]);
-    // Where the window is not wholly on the arc nothing is said.
+    // Where the window is not wholly on the arc nothing is published.
     let outside = measured
         .reversals
         .iter()
@@ -319,7 +319,7 @@ fn no_limit_is_exceeded_by_rounding_and_every_true_excess_is_counted() {
         .enumerate()
     {
         feedback.scan = scan as u64;
-        feedback.axes[0].command_register = position;
+        feedback.axes[0].command_position = position;
         audit.take(&feedback);
     }
     let expected = LimitCounts {
@@ -331,7 +331,7 @@ fn no_limit_is_exceeded_by_rounding_and_every_true_excess_is_counted() {
 }
 
 #[test]
-fn rows_that_are_split_evenly_are_judged_on_the_means_of_their_periods() {
+fn setpoints_that_are_split_evenly_are_judged_on_the_means_of_their_periods() {
     let mut machine = machine(&["X", "Y"]);
     let judged = |machine: &machine::Machine, acceleration_mm_s2: f64| {
         let mut audit = LimitsAudit::new(machine);
@@ -340,7 +340,7 @@ fn rows_that_are_split_evenly_are_judged_on_the_means_of_their_periods() {
         feedback.axis_count = 2;
         feedback.window.sequence = 1;
         for scan in 1..80u64 {
-            // Periods of 8 scans end in the register of their successor's first; straight lines between the ends.
+            // Periods of 8 scans end in the command position of their successor's first; straight lines between the ends.
             let end = |period: u64| {
                 let t_s = period as f64 * 8e-3;
                 0.5 * acceleration_mm_s2 * t_s * t_s * 1e6
@@ -348,7 +348,7 @@ fn rows_that_are_split_evenly_are_judged_on_the_means_of_their_periods() {
             let (period, part) = (scan / 8, (scan % 8) as f64 / 8.0);
             let position = end(period) + part * (end(period + 1) - end(period));
             feedback.scan = scan;
-            feedback.axes[0].command_register = libm::round(position) as i64;
+            feedback.axes[0].command_position = libm::round(position) as i64;
             audit.take(&feedback);
         }
         audit.counts.acceleration
@@ -361,14 +361,14 @@ fn rows_that_are_split_evenly_are_judged_on_the_means_of_their_periods() {
 }
 
 #[test]
-fn a_trip_is_told_with_axis_and_cause() {
+fn a_trip_is_reported_with_axis_and_cause() {
     let mut feedback: Feedback = bytemuck::Zeroable::zeroed();
     feedback.mode = Mode::Tripped as u32;
     feedback.cause = Cause::FollowingError as u32;
     feedback.cause_axis = 1;
-    let told = outcome(&machine(&["X", "Y"]), Some(&feedback), &[]);
-    let Outcome::Stopped(reason) = told else {
-        panic!("{told:?}");
+    let reported = outcome(&machine(&["X", "Y"]), Some(&feedback), &[]);
+    let Outcome::Stopped(reason) = reported else {
+        panic!("{reported:?}");
     };
     assert_eq!(
         reason.to_string(),
@@ -425,7 +425,7 @@ fn values_out_of_all_reason_do_not_upset_the_measurement() {
                 sample.tag.element = u32::MAX;
                 sample.axis_count = 99;
                 sample.mode = 99;
-                sample.axes[0].command_register = i64::MIN;
+                sample.axes[0].command_position = i64::MIN;
             }
             Sample::Instruments(sample) if sample.scan.is_multiple_of(70) => {
                 sample.table_mm[0][1] = f64::NAN;

@@ -62,7 +62,7 @@ pub(super) struct Value {
     pub decimals: usize,
 }
 
-/// As it stands in a table whose head names the unit; a dash where it is not known.
+/// As it is in a table whose head names the unit; a dash where it is not known.
 pub(super) fn digits(number: Option<f64>, decimals: usize) -> String {
     let Some(number) = number else {
         return "–".into();

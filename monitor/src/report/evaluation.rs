@@ -6,7 +6,7 @@ use machine::Machine;
 use program::{Program, Setup};
 
 use super::error::ReportError;
-use crate::log::{Foreword, Part, RunEnd, RunInfo, RunLog, Sample, Start, skim};
+use crate::log::{Part, Prescan, RunEnd, RunInfo, RunLog, Sample, Start, skim};
 use crate::measure::{Analysis, Measurements};
 
 /// What the measurement of one log gave.
@@ -21,7 +21,7 @@ pub struct Evaluation {
     pub digest: String,
     /// The parts of the log, in order.
     pub parts: Vec<Part>,
-    /// Windows that stand in no part of it.
+    /// Windows that are in no part of it.
     pub windows_lost: u64,
     /// Why the log ends early, if it does.
     pub cut: Option<String>,
@@ -32,7 +32,7 @@ pub struct Evaluation {
 }
 
 impl Evaluation {
-    /// Letter of a coordinate of the path: the program's, which is not the axis' own where an arm stands in for Y.
+    /// Letter of a coordinate of the path: the program's, which is not the axis' own where an arm is in for Y.
     pub(super) fn coordinate(&self, index: usize) -> String {
         let setup = Setup::of(&self.machine);
         let axis = setup.axes.get(index);
@@ -47,12 +47,12 @@ impl Evaluation {
 pub fn evaluate(run_dir: &Path) -> Result<Evaluation, ReportError> {
     let machine = Machine::load(run_dir)?;
     fits(run_dir, &machine, &RunLog::open(run_dir)?)?;
-    let foreword = skim(run_dir)?;
-    let (evaluation, found) = evaluate_knowing(run_dir, &machine, &foreword)?;
-    if found == foreword {
+    let prescan = skim(run_dir)?;
+    let (evaluation, found) = evaluate_knowing(run_dir, &machine, &prescan)?;
+    if found == prescan {
         return Ok(evaluation);
     }
-    // A damaged log: what stands in it behind the damage is not read, and so does not count.
+    // A damaged log: what is in it behind the damage is not read, and so does not count.
     Ok(evaluate_knowing(run_dir, &machine, &found)?.0)
 }
 
@@ -60,10 +60,10 @@ pub fn evaluate(run_dir: &Path) -> Result<Evaluation, ReportError> {
 fn evaluate_knowing(
     run_dir: &Path,
     machine: &Machine,
-    foreword: &Foreword,
-) -> Result<(Evaluation, Foreword), ReportError> {
+    prescan: &Prescan,
+) -> Result<(Evaluation, Prescan), ReportError> {
     let mut reader = RunLog::open(run_dir)?;
-    let program = match &foreword.start {
+    let program = match &prescan.start {
         Some(start) => Some(load_program(run_dir, machine, reader.info(), start)?),
         None => None,
     };
@@ -71,10 +71,10 @@ fn evaluate_knowing(
     let mut analysis = Analysis::new(machine.clone(), path.unwrap_or_default());
     analysis.begins_at(reader.info().begins_at());
     // Deaths are known before their scans are measured, so that nothing of their consequences is missed.
-    for roster in &foreword.rosters {
+    for roster in &prescan.rosters {
         analysis.take(Sample::Roster(Box::new(*roster)));
     }
-    let mut found = Foreword::default();
+    let mut found = Prescan::default();
     while let Some(sample) = reader.next_sample()? {
         found.take(&sample);
         if !matches!(sample, Sample::Roster(_)) {
@@ -89,7 +89,7 @@ fn evaluate_knowing(
         parts: reader.parts().to_vec(),
         windows_lost: reader.windows_lost(),
         cut: reader.cut().map(str::to_string),
-        program_matches: foreword
+        program_matches: prescan
             .start
             .zip(program)
             .map(|(start, program)| start.program_hash == program.source_hash),
@@ -138,5 +138,9 @@ fn load_program(
     start: &Start,
 ) -> Result<Program, ReportError> {
     let file = program_file(run_dir, info)?;
-    Ok(program::load_from(machine, &start.registers, &file)?)
+    Ok(program::load_from(
+        machine,
+        &start.command_positions,
+        &file,
+    )?)
 }

@@ -10,7 +10,7 @@ const STYLE: &str = include_str!("html.css");
 
 /// Rows of a table that are shown without being asked for.
 const ROWS_OPEN: usize = 24;
-/// Rows of a table and items of a list; what is beyond them stands in report.json.
+/// Rows of a table and items of a list; what is beyond them is in report.json.
 const ROWS_MAX: usize = 400;
 
 /// The document as a page; its plots are read from the folder, where they were drawn just now.
@@ -32,7 +32,7 @@ pub(super) fn render(document: &Document, folder: &Path) -> Result<String, Repor
     ))
 }
 
-/// Text as it stands in a page or between the quotes of an attribute.
+/// Text as it is in a page or between the quotes of an attribute.
 fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for letter in text.chars() {

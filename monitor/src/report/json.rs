@@ -26,7 +26,7 @@ pub struct Report {
     pub pace: String,
     /// Scan period in µs.
     pub scan_period_us: u32,
-    /// Scans in one distribution period.
+    /// Scans in one interpolation period.
     pub distribution_period_scans: u32,
     /// How it ended.
     pub outcome: OutcomeReport,
@@ -289,9 +289,9 @@ pub struct ReversalReport {
     pub radius_mm: Option<f64>,
     /// Programmed feed; null at rapid.
     pub feed_mm_min: Option<f64>,
-    /// What starts the kick; `none` where the axis has none.
+    /// What starts the pulse; `none` where the axis has none.
     pub trigger: &'static str,
-    /// How long before the command's reversal the kick began; null if none began.
+    /// How long before the command's reversal the pulse began; null if none began.
     pub kick_lead_ms: Option<f64>,
     /// Highest residual in the window; null where the window is not wholly on an arc.
     pub protrusion_um: Option<f64>,
@@ -332,7 +332,7 @@ pub struct FaultReport {
     pub process: String,
     /// How it was lost.
     pub kind: Loss,
-    /// Scans until the roster said so; null if the log does not have the roster that said it first.
+    /// Scans until the roster showed it; null if the log does not have the roster that showed it first.
     pub noticed_after_scans: Option<u64>,
     /// What the machine did.
     pub reaction: Reaction,

@@ -405,7 +405,7 @@ fn parts_without_a_gap_give_the_numbers_of_a_whole_log() {
 }
 
 #[test]
-fn a_program_that_was_changed_after_the_run_is_told() {
+fn a_program_that_was_changed_after_the_run_is_reported() {
     let dir = tempfile::tempdir().unwrap();
     run_directory(dir.path());
     std::fs::write(
@@ -454,7 +454,7 @@ fn evaluation_cost_per_scan() {
 
 /// A log damaged in its middle says nothing of what stands behind the damage, also not beforehand.
 #[test]
-fn a_death_told_behind_the_damage_of_a_log_is_not_reported() {
+fn a_death_reported_behind_the_damage_of_a_log_is_not_reported() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("machine.toml"), machine_text(&["X", "Y"])).unwrap();
     let machine = machine(&["X", "Y"]);

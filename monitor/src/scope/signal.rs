@@ -31,7 +31,7 @@ enum Dimension {
 /// A unit as people read and write it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unit {
-    /// As it stands on screens; empty for plain numbers.
+    /// As it is on screens; empty for plain numbers.
     pub shown: &'static str,
     /// As it ends the name of a column.
     pub suffix: &'static str,
@@ -121,7 +121,7 @@ enum OfAxis {
     WindUp,
     Winding,
     MissedScans,
-    Kick,
+    Pulse,
     Role,
 }
 
@@ -150,7 +150,7 @@ const OF_AXIS: [(OfAxis, &str, Dimension, &str); 13] = [
     (OfAxis::WindUp,          "wind_up",          Dimension::Deviation,   "motor minus table at the end of the scan: wind-up and lost motion"),
     (OfAxis::Winding,         "winding",          Dimension::Temperature, "winding temperature above ambient"),
     (OfAxis::MissedScans,     "missed_scans",     Dimension::Number,      "scans without a command in time, in all"),
-    (OfAxis::Kick,            "kick",             Dimension::Speed,       "backlash acceleration now being output"),
+    (OfAxis::Pulse,            "pulse",             Dimension::Speed,       "backlash acceleration now being output"),
     (OfAxis::Role,            "role",             Dimension::Number,      "servo whose command was taken: 0 for a, 1 for its standby"),
 ];
 
@@ -429,7 +429,7 @@ impl Eyes {
             }
             OfAxis::Winding => feedback.winding_k,
             OfAxis::MissedScans => f64::from(feedback.missed_scans),
-            OfAxis::Kick => command?.friction_pulse_mm_s,
+            OfAxis::Pulse => command?.friction_pulse_mm_s,
             OfAxis::Role => f64::from(feedback.taken_role),
         })
     }

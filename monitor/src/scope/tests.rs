@@ -282,7 +282,7 @@ fn earlier_triggers_than_asked_for_do_not_count() {
 }
 
 #[test]
-fn a_gap_is_told_and_nothing_is_found_across_it() {
+fn a_gap_is_reported_and_nothing_is_found_across_it() {
     let gap = |scan: &u64| !(990..1010).contains(scan);
     let captures = captures_of(
         scope(&["X.command"], "reversal X"),
@@ -484,7 +484,7 @@ fn levels_fire_when_they_come_to_hold_and_edges_only_when_they_are_crossed() {
 }
 
 #[test]
-fn what_the_end_cuts_off_is_told() {
+fn what_the_end_cuts_off_is_reported() {
     let captures = captures_of(scope(&["X.command"], "reversal X"), 0..1100, |_, _| {});
     assert_eq!(triggers_of(&captures), [1001]);
     assert_eq!(captures[0].missing(), (0, 0, 101));

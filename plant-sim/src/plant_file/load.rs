@@ -22,7 +22,7 @@ impl PlantFile {
         Self::parse(&file.display().to_string(), &read_text(&file)?)
     }
 
-    /// Checks the text of a plant file; `name` stands in the messages.
+    /// Checks the text of a plant file; `name` is in the messages.
     ///
     /// # Errors
     /// As [`PlantFile::load`].

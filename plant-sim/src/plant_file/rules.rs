@@ -1,4 +1,4 @@
-//! The rules of the plant file that relate several keys. What concerns one key alone stands at the key.
+//! The rules of the plant file that relate several keys. What concerns one key alone is at the key.
 
 use machine::settings_file::{At, Rules};
 

@@ -80,7 +80,7 @@ impl FaultInjector {
         self.fired.get(index).copied().flatten()
     }
 
-    /// Notes which faults fire in the scan of this feedback, before it is said, and hands them to `tell`.
+    /// Notes which faults fire in the scan of this feedback, before it is published, and hands them to `tell`.
     pub fn look(&mut self, feedback: &Feedback, mut tell: impl FnMut(usize)) {
         let (script, agenda) = (&self.script, &mut self.agenda);
         let fired = std::cell::RefCell::new(&mut self.fired);
@@ -97,13 +97,13 @@ impl FaultInjector {
         );
     }
 
-    /// Takes the next thing to be done in `scan`, before its feedback is said or, once it is, after it: a process that
+    /// Takes the next thing to be done in `scan`, before its feedback is published or, once it is, after it: a process that
     /// goes on is to find the newest feedback.
-    pub fn next(&mut self, scan: u64, said: bool) -> Option<(usize, FaultStep)> {
+    pub fn next(&mut self, scan: u64, published: bool) -> Option<(usize, FaultStep)> {
         let place = self
             .agenda
             .iter()
-            .position(|due| due.scan <= scan && (due.step == FaultStep::Continue) == said)?;
+            .position(|due| due.scan <= scan && (due.step == FaultStep::Continue) == published)?;
         let due = self.agenda.remove(place);
         Some((due.index, due.step))
     }
@@ -173,14 +173,15 @@ mod tests {
         }
     }
 
-    /// All that is done in a scan: before its feedback is said, and after.
-    fn done_in(desk: &mut FaultInjector, scan: u64) -> [Vec<(usize, FaultStep)>; 2] {
-        let mut told = Vec::new();
-        desk.look(&feedback(scan), |index| told.push(index));
-        for index in told {
-            assert_eq!(desk.fired(index), Some(scan));
+    /// All that is done in a scan: before its feedback is published, and after.
+    fn done_in(injector: &mut FaultInjector, scan: u64) -> [Vec<(usize, FaultStep)>; 2] {
+        let mut reported = Vec::new();
+        injector.look(&feedback(scan), |index| reported.push(index));
+        for index in reported {
+            assert_eq!(injector.fired(index), Some(scan));
         }
-        [false, true].map(|said| std::iter::from_fn(|| desk.next(scan, said)).collect())
+        [false, true]
+            .map(|published| std::iter::from_fn(|| injector.next(scan, published)).collect())
     }
 
     #[test]
@@ -188,48 +189,58 @@ mod tests {
         let kill = Action::Kill {
             restart_after_scans: 3,
         };
-        let mut desk = FaultInjector::new(script(vec![fault(5, Job::Planner, kill)]), |_| None, 0);
+        let mut injector =
+            FaultInjector::new(script(vec![fault(5, Job::Planner, kill)]), |_| None, 0);
         for scan in 0..20 {
             let expected = match scan {
                 5 => vec![(0, FaultStep::Kill)],
                 8 => vec![(0, FaultStep::Restart)],
                 _ => vec![],
             };
-            assert_eq!(done_in(&mut desk, scan), [expected, vec![]], "scan {scan}");
-            assert_eq!(desk.fired(0), (scan >= 5).then_some(5));
+            assert_eq!(
+                done_in(&mut injector, scan),
+                [expected, vec![]],
+                "scan {scan}"
+            );
+            assert_eq!(injector.fired(0), (scan >= 5).then_some(5));
         }
-        assert_eq!(desk.fired(1), None);
-        assert_eq!(desk.script().faults.len(), 1);
+        assert_eq!(injector.fired(1), None);
+        assert_eq!(injector.script().faults.len(), 1);
     }
 
     #[test]
-    fn who_was_stopped_is_awaited_from_a_scan_on_and_continued_once_its_feedback_is_said() {
+    fn who_was_stopped_is_awaited_from_a_scan_on_and_continued_once_its_feedback_is_published() {
         let stop = Action::Stop { scans: 2 };
-        let mut desk = FaultInjector::new(script(vec![fault(4, Job::Servo, stop)]), |_| None, 0);
-        assert_eq!(done_in(&mut desk, 4), [vec![(0, FaultStep::Stop)], vec![]]);
-        assert_eq!(done_in(&mut desk, 5), [vec![], vec![]]);
+        let mut injector =
+            FaultInjector::new(script(vec![fault(4, Job::Servo, stop)]), |_| None, 0);
         assert_eq!(
-            done_in(&mut desk, 6),
+            done_in(&mut injector, 4),
+            [vec![(0, FaultStep::Stop)], vec![]]
+        );
+        assert_eq!(done_in(&mut injector, 5), [vec![], vec![]]);
+        assert_eq!(
+            done_in(&mut injector, 6),
             [
                 vec![(0, FaultStep::Readmit)],
                 vec![(0, FaultStep::Continue)]
             ]
         );
-        assert_eq!(done_in(&mut desk, 7), [vec![], vec![]]);
+        assert_eq!(done_in(&mut injector, 7), [vec![], vec![]]);
     }
 
     #[test]
     fn only_the_sender_whose_samples_are_lost_is_excused_and_only_while_they_are() {
         let drop = Action::Drop { scans: 2 };
-        let mut desk = FaultInjector::new(script(vec![fault(4, Job::Servo, drop)]), |_| None, 0);
+        let mut injector =
+            FaultInjector::new(script(vec![fault(4, Job::Servo, drop)]), |_| None, 0);
         let servo = |axis, job: u32| Participant {
             job,
             axis,
             ..bytemuck::Zeroable::zeroed()
         };
         for scan in 0..10 {
-            assert_eq!(done_in(&mut desk, scan), [vec![], vec![]]);
-            let excused = |axis, job| desk.excuses(&servo(axis, job), scan);
+            assert_eq!(done_in(&mut injector, scan), [vec![], vec![]]);
+            let excused = |axis, job| injector.excuses(&servo(axis, job), scan);
             assert_eq!(excused(0, Job::Servo as u32), scan == 4 || scan == 5);
             assert!(!excused(1, Job::Servo as u32));
             assert!(!excused(0, 77), "no such job");
@@ -247,13 +258,13 @@ mod tests {
             fault(105, Job::Monitor, kill),
         ];
         let fired = |index: usize| [100, 105, 105].get(index).copied();
-        let mut desk = FaultInjector::new(script(faults), fired, 105);
+        let mut injector = FaultInjector::new(script(faults), fired, 105);
         assert_eq!(
-            done_in(&mut desk, 105),
+            done_in(&mut injector, 105),
             [vec![(2, FaultStep::Kill)], vec![]]
         );
         assert_eq!(
-            done_in(&mut desk, 110),
+            done_in(&mut injector, 110),
             [vec![(0, FaultStep::Restart)], vec![]]
         );
     }
@@ -272,9 +283,9 @@ mod tests {
             ],
         };
         let fired = |index| [100, 130].get(index).copied();
-        let mut desk = FaultInjector::new(script, fired, 130);
+        let mut injector = FaultInjector::new(script, fired, 130);
         // The launcher says in the roster that it takes part, before the kill; it must not be waited for in vain.
-        assert_eq!(desk.next(130, false), None);
-        assert_eq!(desk.next(130, true), Some((0, FaultStep::Continue)));
+        assert_eq!(injector.next(130, false), None);
+        assert_eq!(injector.next(130, true), Some((0, FaultStep::Continue)));
     }
 }

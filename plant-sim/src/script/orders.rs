@@ -55,7 +55,7 @@ pub fn load(path: &Path, machine: &Machine) -> Result<Vec<ScriptedOrder>, Settin
     parse(&path.display().to_string(), &read_text(path)?, machine)
 }
 
-/// Checks the text of such a file; `name` stands in the messages.
+/// Checks the text of such a file; `name` is in the messages.
 ///
 /// # Errors
 /// As [`load`].

@@ -11,7 +11,7 @@
 use bus::member::Pace;
 use bus::sample::{
     Feedback, Instruments, OperatorRequest, OperatorResponse, Order, Participant, Refused, Roster,
-    WindowHeader, WindowRow,
+    Setpoint, WindowHeader,
 };
 use bus::signal_page::FaultStep;
 use master::bus_ports::{BusPorts, WAIT_STEP};
@@ -145,7 +145,7 @@ impl MasterPorts for ScriptedPorts {
     fn for_each_window(
         &mut self,
         scan: u64,
-        offer: impl FnMut(&WindowHeader, &[WindowRow], &Roster),
+        offer: impl FnMut(&WindowHeader, &[Setpoint], &Roster),
     ) {
         self.ports.for_each_window(scan, offer);
     }

@@ -74,7 +74,7 @@ impl Circle {
     fn position_mm(&self, t_s: f64) -> [f64; 2] {
         let a = self.angle(t_s);
         let start = self.start_deg.to_radians();
-        // Relative to the start, where the axes stand.
+        // Relative to the start, where the axes are.
         [
             self.radius_mm * (a.cos() - start.cos()),
             self.radius_mm * (a.sin() - start.sin()),
@@ -97,7 +97,7 @@ impl Circle {
     }
 }
 
-/// Runs the circle on two axes that stand still.
+/// Runs the circle on two axes that are at rest.
 pub fn run(x: AxisSimulation, y: AxisSimulation, circle: &Circle, position: &Loop) -> Record {
     let mut axes = [x, y];
     let zero_mm = [axes[0].motor_position_mm(), axes[1].motor_position_mm()];
@@ -171,18 +171,18 @@ impl Record {
         let mut a = [[0.0; 4]; 3];
         for (angle, x, y) in turn.iter().filter(|s| !inside(s.0)) {
             let e = x.hypot(*y) - circle.radius_mm;
-            let row = [angle.cos(), angle.sin(), 1.0, e];
+            let setpoint = [angle.cos(), angle.sin(), 1.0, e];
             for i in 0..3 {
                 for j in 0..4 {
-                    a[i][j] += row[i] * row[j];
+                    a[i][j] += setpoint[i] * setpoint[j];
                 }
             }
         }
         for pivot in 0..3 {
-            let row = a[pivot].map(|value| value / a[pivot][pivot]);
+            let setpoint = a[pivot].map(|value| value / a[pivot][pivot]);
             for (_, other) in a.iter_mut().enumerate().filter(|(i, _)| *i != pivot) {
                 let factor = other[pivot];
-                for (value, part) in other.iter_mut().zip(row) {
+                for (value, part) in other.iter_mut().zip(setpoint) {
                     *value -= factor * part;
                 }
             }

@@ -30,7 +30,7 @@ pub fn at(values: &[f64]) -> AxisVector {
     vector
 }
 
-/// Interprets a text on a mill with ± 200 mm that stands at zero.
+/// Interprets a text on a mill with ± 200 mm that is at zero.
 pub fn on_mill(text: &str) -> Result<Program, ProgramError> {
     interpret("part.ngc", text, &mill(200.0), AxisVector::zeros())
 }

@@ -51,7 +51,7 @@ fn snapshot() -> Snapshot {
             element: 3,
             distance_mm: 0.1,
             dwell_remaining_scans: 0,
-            left_at_element: u32::MAX,
+            interrupted_at_element: u32::MAX,
         }),
         axes: vec![axis(), axis()],
         program: ProgramState {
@@ -114,7 +114,7 @@ fn what_is_not_a_number_travels_as_such() {
     sent.axes[0].torque_nm = f64::NAN;
     sent.axes[0].velocity_mm_s = f64::INFINITY;
     sent.axes[1].feedback_mm = -1e300;
-    let got: Snapshot = decode(&encode(&sent).expect("said")).expect("believed");
+    let got: Snapshot = decode(&encode(&sent).expect("message")).expect("believed");
     assert!(got.axes[0].torque_nm.is_nan() && got.axes[0].velocity_mm_s.is_nan());
     assert!(got.axes[1].feedback_mm.is_nan());
     assert_eq!(got.axes[1].command_mm, 1.25);
@@ -163,8 +163,8 @@ fn each_field_out_of_range_is_refused_by_its_name() {
             refused(|s| s.axes[0].command.as_mut().expect("one").torque_nm = 7.0),
         ),
     ];
-    for (expected, said) in cases {
-        assert!(said.contains(expected), "{expected}: {said}");
+    for (expected, message) in cases {
+        assert!(message.contains(expected), "{expected}: {message}");
     }
 }
 
@@ -194,7 +194,7 @@ fn unknown_and_missing_fields_too_much_and_too_little_are_refused() {
 
 #[test]
 fn a_history_with_a_hole_or_of_two_servers_is_refused() {
-    let event = |number: u64, session: u64| EventSaid {
+    let event = |number: u64, session: u64| EventReport {
         format: FORMAT,
         session,
         number,
@@ -202,7 +202,7 @@ fn a_history_with_a_hole_or_of_two_servers_is_refused() {
         warning: false,
         text: "hold".into(),
     };
-    let history = |events: Vec<EventSaid>| {
+    let history = |events: Vec<EventReport>| {
         let history = EventHistory {
             format: FORMAT,
             session: 7,
@@ -251,6 +251,6 @@ proptest! {
         if let Ok(believed) = decode::<Snapshot>(&bytes) {
             prop_assert!(believed.check().is_ok());
         }
-        prop_assert!(decode::<EventSaid>(&with).is_err());
+        prop_assert!(decode::<EventReport>(&with).is_err());
     }
 }

@@ -1,9 +1,9 @@
-//! A circle driven by servos against axes that do what they are told: no friction, no mass, one scan of transport.
+//! A circle driven by servos against axes that do what they are commanded: no friction, no mass, one scan of transport.
 #![allow(dead_code, missing_docs)]
 
 use std::path::Path;
 
-use bus::sample::{AxisCommand, Feedback, Mode, WindowHeader, WindowId, WindowRow};
+use bus::sample::{AxisCommand, Feedback, Mode, Setpoint, WindowHeader, WindowId};
 use bytemuck::Zeroable;
 use machine::Machine;
 use servo::{Refusal, Servo, ServoPorts};
@@ -36,14 +36,14 @@ pub fn servo(machine: &Machine, axis: usize) -> Servo {
 }
 
 /// Sets the checksum, so that only what the test broke is wrong.
-pub fn seal(header: &mut WindowHeader, rows: &[WindowRow]) {
-    header.id.checksum = bus::window::checksum(header, rows);
+pub fn seal(header: &mut WindowHeader, setpoints: &[Setpoint]) {
+    header.id.checksum = bus::window::checksum(header, setpoints);
 }
 
 /// Ports of one scan.
 struct ScanPorts<'a> {
     feedback: Option<Feedback>,
-    offered: &'a Option<(WindowHeader, Vec<WindowRow>)>,
+    offered: &'a Option<(WindowHeader, Vec<Setpoint>)>,
     command: AxisCommand,
 }
 
@@ -52,9 +52,9 @@ impl ServoPorts for ScanPorts<'_> {
         self.feedback.take()
     }
 
-    fn for_each_window(&mut self, _scan: u64, mut offer: impl FnMut(&WindowHeader, &[WindowRow])) {
-        if let Some((header, rows)) = self.offered {
-            offer(header, rows);
+    fn for_each_window(&mut self, _scan: u64, mut offer: impl FnMut(&WindowHeader, &[Setpoint])) {
+        if let Some((header, setpoints)) = self.offered {
+            offer(header, setpoints);
         }
     }
 
@@ -73,7 +73,7 @@ impl ServoPorts for ScanPorts<'_> {
 pub fn answer(
     servo: &mut Servo,
     feedback: &Feedback,
-    offered: &Option<(WindowHeader, Vec<WindowRow>)>,
+    offered: &Option<(WindowHeader, Vec<Setpoint>)>,
 ) -> AxisCommand {
     let mut ports = ScanPorts {
         feedback: Some(*feedback),
@@ -96,10 +96,10 @@ pub struct Rig {
     pub sequence: u32,
     pub mode: Mode,
     pub position: [i64; 2],
-    pub register: [i64; 2],
+    pub command_position: [i64; 2],
     pub commands: [AxisCommand; 2],
     pub publishing: bool,
-    pub last_window: (WindowHeader, Vec<WindowRow>),
+    pub last_window: (WindowHeader, Vec<Setpoint>),
 }
 
 impl Rig {
@@ -117,7 +117,7 @@ impl Rig {
             sequence: 0,
             mode: Mode::Enabled,
             position: [0; 2],
-            register: [0; 2],
+            command_position: [0; 2],
             commands: [AxisCommand::zeroed(); 2],
             publishing: true,
             last_window: (WindowHeader::zeroed(), Vec::new()),
@@ -148,29 +148,29 @@ impl Rig {
         }
     }
 
-    /// A whole window: intended rows on the circle, then braking along it.
-    pub fn make(&mut self, first_scan: u64) -> (WindowHeader, Vec<WindowRow>) {
+    /// A whole window: intended setpoints on the circle, then braking along it.
+    pub fn make(&mut self, first_scan: u64) -> (WindowHeader, Vec<Setpoint>) {
         let scan_s = self.machine.scan_period_s();
-        let intended = u64::from(self.machine.intended_rows());
-        let row = |distance: f64| {
-            let mut row = WindowRow::zeroed();
+        let intended = u64::from(self.machine.intended_setpoints());
+        let setpoint = |distance: f64| {
+            let mut setpoint = Setpoint::zeroed();
             let [x, y] = Self::at(distance);
-            row.position[0] = x;
-            row.position[1] = y;
-            row.tag.distance_mm = distance;
-            row
+            setpoint.position[0] = x;
+            setpoint.position[1] = y;
+            setpoint.tag.distance_mm = distance;
+            setpoint
         };
-        let mut rows: Vec<_> = (0..intended)
-            .map(|i| row(self.profile(first_scan + i).0))
+        let mut setpoints: Vec<_> = (0..intended)
+            .map(|i| setpoint(self.profile(first_scan + i).0))
             .collect();
         let (mut distance, mut speed) = self.profile(first_scan + intended - 1);
         while speed > 0.0 {
             let less = speed.min(3000.0 * scan_s);
             distance += (speed - less / 2.0) * scan_s;
             speed -= less;
-            rows.push(row(distance));
+            setpoints.push(setpoint(distance));
         }
-        rows.push(row(distance));
+        setpoints.push(setpoint(distance));
         self.sequence += 1;
         let mut header = WindowHeader::zeroed();
         header.id.sequence = self.sequence;
@@ -179,10 +179,10 @@ impl Rig {
         header.first_scan = first_scan;
         header.visible_from = self.scan;
         header.epoch = 1;
-        header.intended_rows = intended as u32;
-        header.row_count = rows.len() as u32;
-        seal(&mut header, &rows);
-        (header, rows)
+        header.intended_setpoints = intended as u32;
+        header.setpoint_count = setpoints.len() as u32;
+        seal(&mut header, &setpoints);
+        (header, setpoints)
     }
 
     pub fn feedback(&self) -> Feedback {
@@ -195,19 +195,19 @@ impl Rig {
         feedback.cause_axis = u32::MAX;
         feedback.axis_count = 2;
         if !self.window.is_none() {
-            let row = self.scan - self.in_force.first_scan;
-            feedback.row = (row as u32).min(self.in_force.row_count - 1);
+            let setpoint = self.scan - self.in_force.first_scan;
+            feedback.setpoint = (setpoint as u32).min(self.in_force.setpoint_count - 1);
         }
         for (axis, out) in feedback.axes.iter_mut().take(2).enumerate() {
             out.motor_position = self.position[axis];
             out.scale_position = self.position[axis];
-            out.command_register = self.register[axis];
+            out.command_position = self.command_position[axis];
         }
         feedback
     }
 
     /// What became visible in this scan, if the planner has something.
-    pub fn offers(&mut self) -> Option<(WindowHeader, Vec<WindowRow>)> {
+    pub fn offers(&mut self) -> Option<(WindowHeader, Vec<Setpoint>)> {
         if let Some(next) = self.pending
             && next.first_scan == self.scan
         {
@@ -225,7 +225,7 @@ impl Rig {
     }
 
     /// One scan; the feedback and window it saw are handed to `also` before the commands act.
-    pub fn step(&mut self, also: impl FnOnce(&Feedback, &Option<(WindowHeader, Vec<WindowRow>)>)) {
+    pub fn step(&mut self, also: impl FnOnce(&Feedback, &Option<(WindowHeader, Vec<Setpoint>)>)) {
         let offered = self.offers();
         let feedback = self.feedback();
         also(&feedback, &offered);
@@ -235,7 +235,7 @@ impl Rig {
             let command = &self.commands[axis];
             let fine = (command.cause, command.refused) == (0, WindowId::NONE);
             assert!(fine, "scan {} axis {axis}", self.scan);
-            self.register[axis] = self.commands[axis].position;
+            self.command_position[axis] = self.commands[axis].position;
             // The command of the scan before acts now; in torque mode the axis gets that speed as well.
             let moved = before[axis].velocity_mm_s * self.machine.scan_period_s() * 1e6;
             self.position[axis] += libm::round(moved) as i64;
@@ -254,12 +254,12 @@ impl Rig {
 pub fn refusal(
     machine: &Machine,
     header: &WindowHeader,
-    rows: &[WindowRow],
+    setpoints: &[Setpoint],
     feedback: &Feedback,
 ) -> Refusal {
     let mut servo = servo(machine, 0);
     let refusal = servo
-        .offer(header, rows, feedback)
+        .offer(header, setpoints, feedback)
         .expect_err("the window should be refused");
     assert_eq!(servo.scan(feedback).refused, header.id);
     refusal

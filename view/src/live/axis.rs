@@ -1,4 +1,4 @@
-//! One axis, as a observer sees it.
+//! One axis, as an observer sees it.
 
 use std::collections::VecDeque;
 
@@ -17,7 +17,7 @@ pub struct AxisView {
     pub name: String,
     /// Unit of its positions.
     pub unit: &'static str,
-    /// Command register, in mm (degrees).
+    /// Command position, in mm (degrees).
     pub command_mm: f64,
     /// Motor encoder, or scale where the servo uses it, in mm (degrees).
     pub feedback_mm: f64,
@@ -92,7 +92,7 @@ impl AxisView {
 
     /// Takes the feedback of one scan; a reversal, if its command has gone far enough in a new direction.
     pub fn feedback(&mut self, scan: u64, sample: &AxisFeedback, driven: bool) -> Option<Turn> {
-        self.command_mm = sample.command_register as f64 * self.increment_mm;
+        self.command_mm = sample.command_position as f64 * self.increment_mm;
         let position = if self.by_scale {
             sample.scale_position
         } else {
@@ -111,7 +111,7 @@ impl AxisView {
             self.turns.interrupt();
             return None;
         }
-        self.turns.take(scan, sample.command_register)
+        self.turns.take(scan, sample.command_position)
     }
 
     /// Takes the command of the servo that drives; its following error in µm, if it is a number.
@@ -146,21 +146,21 @@ impl AxisView {
 #[cfg(any(feature = "remote", test))]
 impl AxisView {
     /// Takes what somebody on the spot has seen of this axis.
-    pub fn told(&mut self, said: &remote::wire::AxisState) {
-        self.command_mm = said.command_mm;
-        self.feedback_mm = said.feedback_mm;
-        self.velocity_mm_s = said.velocity_mm_s;
-        self.torque_nm = said.torque_nm;
-        self.torque_share = said.torque_nm / self.rated_nm;
-        self.torque_limited = said.torque_limited;
-        self.winding_k = said.winding_k;
-        self.missed_scans = said.missed_scans;
-        self.missed_in_a_row = said.missed_in_a_row;
-        self.role = said.role;
-        self.error_um = said.error_um;
-        self.error_peak_um = said.error_peak_um;
-        self.commanded = said.command;
-        if let Some(peak_um) = said.error_peak_since_um {
+    pub fn reported(&mut self, message: &remote::wire::AxisState) {
+        self.command_mm = message.command_mm;
+        self.feedback_mm = message.feedback_mm;
+        self.velocity_mm_s = message.velocity_mm_s;
+        self.torque_nm = message.torque_nm;
+        self.torque_share = message.torque_nm / self.rated_nm;
+        self.torque_limited = message.torque_limited;
+        self.winding_k = message.winding_k;
+        self.missed_scans = message.missed_scans;
+        self.missed_in_a_row = message.missed_in_a_row;
+        self.role = message.role;
+        self.error_um = message.error_um;
+        self.error_peak_um = message.error_peak_um;
+        self.commanded = message.command;
+        if let Some(peak_um) = message.error_peak_since_um {
             self.frame_peak_um = Some(self.frame_peak_um.unwrap_or(0.0).max(peak_um));
         }
     }

@@ -36,7 +36,7 @@ pub struct Bin {
 }
 
 impl Bin {
-    /// Takes one more sample of the same passage; one of a later passage begins anew.
+    /// Takes one more sample of the same passage; one of a later passage begins again.
     fn with(before: Option<Bin>, scan: u64, um: f64) -> Bin {
         match before.filter(|bin| bin.last_scan + 1 == scan) {
             Some(bin) => {
@@ -79,7 +79,7 @@ pub struct Circle {
 #[cfg(any(feature = "remote", test))]
 impl Bin {
     /// As somebody on the spot has seen it.
-    pub fn told(mean_um: f64, low_um: f64, high_um: f64) -> Bin {
+    pub fn reported(mean_um: f64, low_um: f64, high_um: f64) -> Bin {
         Bin {
             mean_um,
             low_um,
@@ -93,7 +93,7 @@ impl Bin {
 #[cfg(any(feature = "remote", test))]
 impl Circle {
     /// As somebody on the spot has seen it: for showing, not for measuring.
-    pub fn told(plane: &str, radius_mm: f64, feed_mm_s: Option<f64>, line: u32) -> Circle {
+    pub fn reported(plane: &str, radius_mm: f64, feed_mm_s: Option<f64>, line: u32) -> Circle {
         Circle {
             plane: plane.into(),
             radius_mm,

@@ -26,7 +26,7 @@ pub enum Weight {
 pub struct Event {
     /// Counted from 1; of a view from another machine, by its server.
     pub number: u64,
-    /// Scan in which it was seen, or is said to have happened.
+    /// Scan in which it was seen, or is reported to have happened.
     pub scan: u64,
     /// In words.
     pub text: String,
@@ -117,7 +117,7 @@ impl Events {
             return;
         };
         if now.incarnation != before.incarnation {
-            let text = "the master was started anew".into();
+            let text = "the master was restarted".into();
             self.note(now.scan, Weight::Warning, text);
         }
         if now.mode != before.mode {
@@ -153,7 +153,7 @@ impl Events {
                 );
                 self.note(now.scan, Weight::Warning, text);
             }
-            // Told when it is over, so that one loss is one event.
+            // Reported when it is over, so that one loss is one event.
             if axis.missed_in_a_row == 0 && earlier.missed_in_a_row > 0 {
                 let kind = Often::Missed { axis: index as u32 };
                 self.note_often(now.scan, kind, earlier.missed_in_a_row, machine);
@@ -205,7 +205,7 @@ impl Events {
                 self.note(process.death_scan, Weight::Warning, format!("{name} {how}"));
             }
             if process.live == 1 && process.incarnation != earlier.incarnation {
-                let text = format!("{name} started anew (start {})", process.incarnation);
+                let text = format!("{name} restarted (start {})", process.incarnation);
                 self.note(scan, Weight::Note, text);
             }
             if process.live == 1 && process.stalled != earlier.stalled && earlier.live == 1 {
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn a_death_its_restart_and_the_takeover_are_told_once_each() {
+    fn a_death_its_restart_and_the_takeover_are_reported_once_each() {
         let machine = machine();
         let mut events = Events::default();
         let mut roster = Roster::zeroed();
@@ -264,13 +264,13 @@ mod tests {
         let expected = [
             (905, "servo-Y killed by signal 9"),
             (911, "Y: servo b took over from a"),
-            (930, "servo-Y started anew (start 2)"),
+            (930, "servo-Y restarted (start 2)"),
         ];
         assert_eq!(texts(&events), expected);
     }
 
     #[test]
-    fn a_death_and_restart_between_two_looks_are_both_told() {
+    fn a_death_and_restart_between_two_looks_are_both_reported() {
         let machine = machine();
         let mut events = Events::default();
         let mut roster = Roster::zeroed();
@@ -284,7 +284,7 @@ mod tests {
         events.roster(&roster, 60, &machine);
         let expected = [
             (55, "planner killed by signal 9"),
-            (60, "planner started anew (start 2)"),
+            (60, "planner restarted (start 2)"),
         ];
         assert_eq!(texts(&events), expected);
     }
@@ -307,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn a_trip_is_told_with_axis_and_cause_at_its_own_scan() {
+    fn a_trip_is_reported_with_axis_and_cause_at_its_own_scan() {
         let machine = machine();
         let mut events = Events::default();
         let mut feedback = running(1000);

@@ -57,7 +57,7 @@ struct CauseOf {
 
 #[derive(Serialize)]
 struct ProgramOf<'a> {
-    /// none, loading, loaded, begun, done.
+    /// none, loading, loaded, started, done.
     state: Option<&'static str>,
     /// Counts the programs started.
     run: Option<u32>,
@@ -167,9 +167,9 @@ struct PeriodOf {
     max: f64,
 }
 
-/// How far a reader of lines is: what came before is not told again.
+/// How far a reader of lines is: what came before is not reported again.
 #[derive(Debug, Default, Clone, Copy)]
-pub struct Told {
+pub struct Reported {
     reversals: u64,
     events: u64,
 }
@@ -302,16 +302,20 @@ pub fn status(model: &Model) -> String {
 }
 
 /// One line of the monitor, with the reversals and events since the line before.
-pub fn line(model: &Model, told: &mut Told) -> String {
+pub fn line(model: &Model, reported: &mut Reported) -> String {
     let fresh = |count: u64, before: &mut u64, kept: usize| {
         let new = usize::try_from(count - std::mem::replace(before, count)).unwrap_or(kept);
         kept.saturating_sub(new)
     };
     let reversals = &model.reversals;
-    let first = fresh(reversals.count, &mut told.reversals, reversals.last.len());
+    let first = fresh(
+        reversals.count,
+        &mut reported.reversals,
+        reversals.last.len(),
+    );
     let fresh_reversals = reversals.last.iter().skip(first);
     let events = &model.events;
-    let first = fresh(events.count, &mut told.events, events.last.len());
+    let first = fresh(events.count, &mut reported.events, events.last.len());
     let fresh_events = events.last.iter().skip(first);
     let circle = &model.circle;
     written(&Line {
@@ -367,7 +371,7 @@ mod tests {
     #[test]
     fn every_line_tells_only_what_is_new() {
         let mut model = Model::new("t", machine());
-        let mut told = Told::default();
+        let mut reported = Reported::default();
         model.feedback(&running(1));
         let mut held = running(2);
         held.hold = 1;
@@ -376,12 +380,12 @@ mod tests {
             let value: serde_json::Value = serde_json::from_str(line).expect("JSON");
             value["events"].as_array().expect("events").len()
         };
-        assert_eq!(events(&line(&model, &mut told)), 1);
-        assert_eq!(events(&line(&model, &mut told)), 0);
+        assert_eq!(events(&line(&model, &mut reported)), 1);
+        assert_eq!(events(&line(&model, &mut reported)), 0);
         held.scan = 3;
         held.hold = 0;
         model.feedback(&held);
-        assert_eq!(events(&line(&model, &mut told)), 1);
+        assert_eq!(events(&line(&model, &mut reported)), 1);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 
 use super::draw::{Screen, draw};
-use super::json::{self, Told};
+use super::json::{self, Reported};
 use super::looks::{FRAME, heard};
 use super::source::Source;
 use crate::drawing::text_of;
@@ -34,7 +34,7 @@ pub fn once(mut feed: Box<dyn Source>, as_json: bool) -> Outcome {
     }
     heard(feed.as_ref())?;
     if as_json {
-        say(&json::line(feed.model(), &mut Told::default()));
+        say(&json::line(feed.model(), &mut Reported::default()));
         return Ok(());
     }
     let size = ratatui::crossterm::terminal::size();
@@ -53,13 +53,13 @@ fn plain(screen: &Screen<'_>, width: u16, height: u16) -> anyhow::Result<String>
 /// A line of JSON every 100 ms until the run ends or nobody reads any more.
 pub fn run(mut feed: Box<dyn Source>) -> Outcome {
     let signals = Signals::catch().environment()?;
-    let mut told = Told::default();
+    let mut reported = Reported::default();
     let mut due = Instant::now();
     loop {
         feed.look();
         if feed.model().feedback.is_some() {
             let mut out = std::io::stdout().lock();
-            let line = json::line(feed.model(), &mut told);
+            let line = json::line(feed.model(), &mut reported);
             let written = writeln!(out, "{line}").and_then(|()| out.flush());
             if written.is_err() {
                 return Ok(());

@@ -11,9 +11,9 @@ use super::source::Source;
 pub const FRAME: Duration = Duration::from_millis(100);
 /// Share of a look that is spent at the signal of the scan, for the timing.
 pub const LISTEN: Duration = Duration::from_millis(20);
-/// A cell that has said nothing by then is silent.
+/// A cell that has reported nothing by then is silent.
 pub const SILENCE: Duration = Duration::from_secs(2);
-/// So long `status` waits for what is said only now and then (commands, roster), once there is a feedback.
+/// So long `status` waits for what is reported only now and then (commands, roster), once there is a feedback.
 pub const ONE_LOOK: Duration = Duration::from_millis(1500);
 
 /// A cell of which nothing was heard has nothing to show.

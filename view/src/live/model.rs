@@ -56,9 +56,9 @@ impl LinkView {
     }
 }
 
-/// What a view from another machine is told.
+/// What a view from another machine gets.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct ToldView {
+pub struct ReportedView {
     /// Name of the program's file.
     pub program_name: Option<String>,
     /// Line and text of the block.
@@ -67,7 +67,7 @@ pub struct ToldView {
     pub processes: Vec<ProcessState>,
 }
 
-/// A running cell as a observer knows it.
+/// A running cell as an observer knows it.
 #[derive(Debug)]
 pub struct Model {
     /// Its name.
@@ -103,7 +103,7 @@ pub struct Model {
     /// Of a view from another machine: the link.
     pub link: Option<LinkView>,
     /// Of a view from another machine: what can only be known on the spot.
-    pub told: Option<ToldView>,
+    pub reported: Option<ReportedView>,
     kinematics: Kinematics,
     roster: Option<Roster>,
     children: Vec<Child>,
@@ -133,7 +133,7 @@ impl Model {
             ended: false,
             seen_scans: (0, 0),
             link: None,
-            told: None,
+            reported: None,
             kinematics: program::kinematics_of(&machine),
             roster: None,
             children: Vec::new(),
@@ -162,7 +162,7 @@ impl Model {
         self.seen_scans.0 += 1;
         self.track.begin(now.scan, now.tag);
         self.events.feedback(now, &self.machine);
-        // Else the command register follows the axes.
+        // Else the command position follows the axes.
         let driven = matches!(
             Mode::from_wire(now.mode),
             Some(Mode::Enabled | Mode::Stopping | Mode::Jogging)
@@ -273,8 +273,8 @@ impl Model {
 
     /// The processes, in the order of the roster; empty before a roster was heard.
     pub fn processes(&self) -> Vec<ProcessState> {
-        if let Some(told) = &self.told {
-            return told.processes.clone();
+        if let Some(reported) = &self.reported {
+            return reported.processes.clone();
         }
         let Some(roster) = &self.roster else {
             return Vec::new();
@@ -324,8 +324,8 @@ impl Model {
 
     /// Name of the program's file.
     pub fn program_name(&self) -> Option<&str> {
-        if let Some(told) = &self.told {
-            return told.program_name.as_deref();
+        if let Some(reported) = &self.reported {
+            return reported.program_name.as_deref();
         }
         if let Some(loaded) = &self.loaded {
             return Some(loaded);
@@ -339,7 +339,7 @@ impl Model {
         ProgramState::from_wire(self.feedback.as_ref()?.program)
     }
 
-    /// Share of the program's path that is done, if the planner has told.
+    /// Share of the program's path that is done, if the planner has reported.
     pub fn share_done(&self) -> Option<f64> {
         if self.program_state() == Some(ProgramState::Done) {
             return Some(1.0);
@@ -351,14 +351,14 @@ impl Model {
 
     /// Line and text of the block being executed, or of the one where the path was left.
     pub fn block(&self) -> Option<(u32, &str)> {
-        if let Some(told) = &self.told {
-            let (line, text) = told.block.as_ref()?;
+        if let Some(reported) = &self.reported {
+            let (line, text) = reported.block.as_ref()?;
             return Some((*line, text.as_str()));
         }
         let feedback = self.feedback.as_ref()?;
         let program = self.program.as_ref()?;
         let tag = if feedback.tag.is_off_path() {
-            &feedback.left_at
+            &feedback.interrupted_at
         } else {
             &feedback.tag
         };

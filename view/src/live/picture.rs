@@ -10,7 +10,7 @@ use remote::wire::{
 
 use super::axis::AxisView;
 use super::circle::{Bin, Circle};
-use super::model::{Model, ToldView};
+use super::model::{Model, ReportedView};
 use super::timing::Summary;
 
 /// A model as a snapshot; sequence, clock and events' count are the server's.
@@ -80,7 +80,7 @@ fn machine_state(feedback: &Feedback, axes: usize) -> MachineState {
         element: feedback.tag.element,
         distance_mm: feedback.tag.distance_mm,
         dwell_remaining_scans: feedback.tag.dwell_remaining_scans,
-        left_at_element: feedback.left_at.element,
+        interrupted_at_element: feedback.interrupted_at.element,
     }
 }
 
@@ -123,8 +123,8 @@ pub fn circle(model: &Model, session: u64) -> Option<CircleState> {
     let shape = view.circle.as_ref()?;
     let nm = |um: f64| (um * 1e3).round() as i64;
     let bins = view.deviation.iter().map(|bin| {
-        let said = |bin: &Bin| (nm(bin.mean_um), nm(bin.low_um), nm(bin.high_um));
-        bin.as_ref().map(said)
+        let message = |bin: &Bin| (nm(bin.mean_um), nm(bin.low_um), nm(bin.high_um));
+        bin.as_ref().map(message)
     });
     let mut deviation_nm: Vec<_> = bins.collect();
     deviation_nm.resize(CIRCLE_BINS, None);
@@ -141,47 +141,47 @@ pub fn circle(model: &Model, session: u64) -> Option<CircleState> {
 }
 
 /// Fills a model with a snapshot; false if it is of another machine.
-pub fn fill(model: &mut Model, said: &Snapshot) -> bool {
-    if said.axes.len() != model.axes.len() {
+pub fn fill(model: &mut Model, message: &Snapshot) -> bool {
+    if message.axes.len() != model.axes.len() {
         return false;
     }
-    model.pace = said
+    model.pace = message
         .pace
         .as_deref()
         .and_then(|pace| pace.parse::<Pace>().ok());
-    model.ended = said.ended;
-    model.feedback_age_s = said.feedback_age_us as f64 * 1e-6;
-    model.seen_scans = (said.scans_seen, said.scans_not_seen);
-    let axis_count = said.axes.len() as u32;
-    model.feedback = said
+    model.ended = message.ended;
+    model.feedback_age_s = message.feedback_age_us as f64 * 1e-6;
+    model.seen_scans = (message.scans_seen, message.scans_not_seen);
+    let axis_count = message.axes.len() as u32;
+    model.feedback = message
         .machine
         .as_ref()
         .map(|state| feedback(state, axis_count));
-    for (axis, state) in model.axes.iter_mut().zip(&said.axes) {
-        axis.told(state);
+    for (axis, state) in model.axes.iter_mut().zip(&message.axes) {
+        axis.reported(state);
     }
-    let program = &said.program;
+    let program = &message.program;
     let lengths = program.path_done_mm.zip(program.path_length_mm);
     model.planner = lengths.map(|(path_done_mm, path_length_mm)| PlannerStatus {
         path_done_mm,
         path_length_mm,
         ..PlannerStatus::default()
     });
-    model.told = Some(ToldView {
+    model.reported = Some(ReportedView {
         program_name: program.name.clone(),
         block: program.line.zip(program.block.clone()),
-        processes: said.processes.iter().map(process_view).collect(),
+        processes: message.processes.iter().map(process_view).collect(),
     });
-    model.reversals.last = said.reversals.iter().copied().collect();
-    model.reversals.count = said.reversals_count;
-    model.circle.angle_rad = said.angle_rad;
-    model.timing.told = said.timing.as_ref().map(|timing| Summary {
+    model.reversals.last = message.reversals.iter().copied().collect();
+    model.reversals.count = message.reversals_count;
+    model.circle.angle_rad = message.angle_rad;
+    model.timing.reported = message.timing.as_ref().map(|timing| Summary {
         count: timing.count,
         p50_us: timing.p50_us,
         p99_us: timing.p99_us,
         max_us: timing.max_us,
     });
-    let bars = said.timing.iter().flat_map(|timing| &timing.bars);
+    let bars = message.timing.iter().flat_map(|timing| &timing.bars);
     for (to, from) in model.timing.bars.iter_mut().zip(bars) {
         *to = *from;
     }
@@ -193,7 +193,7 @@ fn feedback(state: &MachineState, axis_count: u32) -> Feedback {
     Feedback {
         scan: state.scan,
         visible_from: state.scan,
-        // Which one is not said: only whether there is one.
+        // Which one is not reported: only whether there is one.
         window: WindowId {
             sequence: mark(state.window),
             ..WindowId::NONE
@@ -203,8 +203,8 @@ fn feedback(state: &MachineState, axis_count: u32) -> Feedback {
             element: state.element,
             dwell_remaining_scans: state.dwell_remaining_scans,
         },
-        left_at: PathTag {
-            element: state.left_at_element,
+        interrupted_at: PathTag {
+            element: state.interrupted_at_element,
             ..PathTag::default()
         },
         cause_scan: state.cause_scan,
@@ -224,8 +224,8 @@ fn feedback(state: &MachineState, axis_count: u32) -> Feedback {
     }
 }
 
-fn process_view(said: &ProcessState) -> ProcessState {
-    let mut view = said.clone();
+fn process_view(message: &ProcessState) -> ProcessState {
+    let mut view = message.clone();
     if !Job::ALL.iter().any(|job| job.word() == view.job) {
         view.job = "process".into();
     }
@@ -233,26 +233,26 @@ fn process_view(said: &ProcessState) -> ProcessState {
 }
 
 /// Fills a model's circle.
-pub fn fill_circle(model: &mut Model, said: &CircleState) {
+pub fn fill_circle(model: &mut Model, message: &CircleState) {
     let um = |nm: i64| nm as f64 * 1e-3;
-    let bins = said.deviation_nm.iter().map(|bin| {
-        let seen = |(mean, low, high): (i64, i64, i64)| Bin::told(um(mean), um(low), um(high));
+    let bins = message.deviation_nm.iter().map(|bin| {
+        let seen = |(mean, low, high): (i64, i64, i64)| Bin::reported(um(mean), um(low), um(high));
         bin.map(seen)
     });
     model.circle.deviation = bins.collect();
-    model.circle.running = said.running;
-    model.circle.circle = Some(Circle::told(
-        &said.plane,
-        said.radius_mm,
-        said.feed_mm_s,
-        said.line,
+    model.circle.running = message.running;
+    model.circle.circle = Some(Circle::reported(
+        &message.plane,
+        message.radius_mm,
+        message.feed_mm_s,
+        message.line,
     ));
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::live::json::{self, Told};
+    use crate::live::json::{self, Reported};
     use crate::live::test_support::{machine, running};
     use bus::sample::{AxisCommand, Cause, Job, Mode, Participant, Roster};
 
@@ -273,7 +273,7 @@ mod tests {
         model.roster(&roster);
         for scan in 100..110u64 {
             let mut feedback = running(scan);
-            feedback.axes[0].command_register = 1_250_000;
+            feedback.axes[0].command_position = 1_250_000;
             feedback.axes[0].velocity_mm_s = 49.5;
             feedback.axes[1].torque_nm = 0.5;
             feedback.program = 3;
@@ -310,8 +310,8 @@ mod tests {
             error_peak_um: 3.0,
         });
         model.timing.take(1_000_000);
-        model.circle.circle = Some(Circle::told("XY", 25.0, Some(50.0), 3));
-        model.circle.deviation = vec![Some(Bin::told(1.0, -0.5, 2.25)); CIRCLE_BINS];
+        model.circle.circle = Some(Circle::reported("XY", 25.0, Some(50.0), 3));
+        model.circle.deviation = vec![Some(Bin::reported(1.0, -0.5, 2.25)); CIRCLE_BINS];
         model.circle.running = true;
         model.circle.angle_rad = Some(0.5);
         model.end_of_look();
@@ -322,16 +322,16 @@ mod tests {
     fn the_picture_on_another_machine_says_the_same_as_on_the_spot() {
         let here = seen();
         let mut there = Model::new("mill-3", machine());
-        let said = snapshot(&here, 5);
-        let said = remote::wire::decode(&remote::wire::encode(&said).expect("said"));
-        assert!(fill(&mut there, &said.expect("believed")));
+        let message = snapshot(&here, 5);
+        let message = remote::wire::decode(&remote::wire::encode(&message).expect("message"));
+        assert!(fill(&mut there, &message.expect("believed")));
         fill_circle(&mut there, &circle(&here, 5).expect("one"));
         there.end_of_look();
         assert_eq!(json::status(&there), json::status(&here));
         // Reversals and events come by their own numbers.
         let line = |model: &Model| -> serde_json::Value {
             let mut line: serde_json::Value =
-                serde_json::from_str(&json::line(model, &mut Told::default())).expect("JSON");
+                serde_json::from_str(&json::line(model, &mut Reported::default())).expect("JSON");
             line["events"] = serde_json::Value::Null;
             line
         };
@@ -356,15 +356,15 @@ mod tests {
         here.feedback(&wild);
         here.axes[0].error_um = Some(1e40);
         here.planner.as_mut().expect("one").path_done_mm = f64::NAN;
-        remote::wire::encode(&snapshot(&here, 5)).expect("it can be said");
+        remote::wire::encode(&snapshot(&here, 5)).expect("it can be message");
     }
 
     #[test]
     fn a_snapshot_of_another_machine_changes_nothing() {
         let mut there = Model::new("mill-3", machine());
-        let mut said = snapshot(&seen(), 5);
-        said.axes.pop();
-        assert!(!fill(&mut there, &said));
+        let mut message = snapshot(&seen(), 5);
+        message.axes.pop();
+        assert!(!fill(&mut there, &message));
         assert!(there.feedback.is_none());
     }
 }

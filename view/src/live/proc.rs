@@ -16,7 +16,7 @@ pub struct Child {
     pub incarnation: u32,
     /// Pace of the cell.
     pub pace: Option<Pace>,
-    /// Part program, of those who are told.
+    /// Part program, of those who hear of it.
     pub program: Option<PathBuf>,
 }
 

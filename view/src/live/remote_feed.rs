@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use anyhow::anyhow;
 use machine::Machine;
 use remote::clock::{Clocks, now_us};
-use remote::events::{Follower, Told};
+use remote::events::{Follower, Reported};
 use remote::link::{Client, Endpoint, Heard};
 use remote::wire::Snapshot;
 
@@ -86,43 +86,43 @@ impl RemoteFeed {
 
     fn take(&mut self, heard: Heard) {
         let session = match &heard {
-            Heard::Snapshot(said) => said.session,
-            Heard::Circle(said) => said.session,
-            Heard::Event(said) => said.session,
-            Heard::History(said) => said.session,
-            Heard::Machine(said) => said.session,
+            Heard::Snapshot(message) => message.session,
+            Heard::Circle(message) => message.session,
+            Heard::Event(message) => message.session,
+            Heard::History(message) => message.session,
+            Heard::Machine(message) => message.session,
             Heard::Clock(session, _) => *session,
         };
         if session != self.session {
             self.another_server(session, &heard);
             return;
         }
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         match heard {
-            Heard::Snapshot(said) => {
+            Heard::Snapshot(message) => {
                 // The server that was thought lost speaks again.
                 self.next_session = None;
-                self.snapshot(&said);
+                self.snapshot(&message);
             }
-            Heard::Circle(said) => picture::fill_circle(&mut self.model, &said),
-            Heard::Event(event) => self.follower.take(event, &mut told),
-            Heard::History(history) => self.follower.history(history, &mut told),
+            Heard::Circle(message) => picture::fill_circle(&mut self.model, &message),
+            Heard::Event(event) => self.follower.take(event, &mut reported),
+            Heard::History(history) => self.follower.history(history, &mut reported),
             Heard::Machine(_) => {}
             Heard::Clock(_, trip) => self.clocks.take(trip),
         }
-        for told in told {
-            self.event(told);
+        for reported in reported {
+            self.event(reported);
         }
     }
 
-    /// What another server says counts once this one is silent: the cell was started anew, or its server was.
+    /// What another server says counts once this one is silent: the cell was restarted, or its server was.
     fn another_server(&mut self, session: u64, heard: &Heard) {
         if self.heard.elapsed() < LOST && !self.model.ended {
             return;
         }
         match heard {
-            Heard::Machine(said) if self.next_session == Some(session) => {
-                let Ok(machine) = Machine::parse("machine.toml", &said.machine_toml) else {
+            Heard::Machine(message) if self.next_session == Some(session) => {
+                let Ok(machine) = Machine::parse("machine.toml", &message.machine_toml) else {
                     return;
                 };
                 self.model = Model::new(&self.cell, machine);
@@ -139,22 +139,22 @@ impl RemoteFeed {
         }
     }
 
-    fn snapshot(&mut self, said: &Snapshot) {
-        if said.sequence <= self.sequence || !picture::fill(&mut self.model, said) {
+    fn snapshot(&mut self, message: &Snapshot) {
+        if message.sequence <= self.sequence || !picture::fill(&mut self.model, message) {
             return;
         }
         if self.sequence > 0 {
-            let lost = said.sequence - self.sequence - 1;
+            let lost = message.sequence - self.sequence - 1;
             self.link.snapshots_lost = self.link.snapshots_lost.saturating_add(lost);
         }
         self.link.snapshots += 1;
-        self.sequence = said.sequence;
-        self.made_us = said.made_us.saturating_sub(said.feedback_age_us);
+        self.sequence = message.sequence;
+        self.made_us = message.made_us.saturating_sub(message.feedback_age_us);
         self.heard = Instant::now();
-        self.follower.there_are(said.events_count);
+        self.follower.there_are(message.events_count);
     }
 
-    fn event(&mut self, told: Told) {
+    fn event(&mut self, reported: Reported) {
         let weight = |warning: bool| {
             if warning {
                 Weight::Warning
@@ -163,13 +163,13 @@ impl RemoteFeed {
             }
         };
         let events = &mut self.model.events;
-        match told {
-            Told::New(event) => {
+        match reported {
+            Reported::New(event) => {
                 let weight = weight(event.warning);
                 events.note_as(event.number, event.scan, weight, event.text);
             }
-            Told::Amended(event) => events.amend(event.number, event.text),
-            Told::Lost(count) => {
+            Reported::Amended(event) => events.amend(event.number, event.text),
+            Reported::Lost(count) => {
                 self.link.events_lost = self.link.events_lost.saturating_add(count);
             }
         }
@@ -230,7 +230,7 @@ impl Source for RemoteFeed {
         self.link.age_s.is_some() && self.model.feedback.is_some() && errors && events
     }
 
-    /// A server that is gone may come back; the end of a run is said.
+    /// A server that is gone may come back; the end of a run is reported.
     fn has_ended(&self) -> bool {
         self.model.ended
     }
@@ -257,7 +257,7 @@ fn first_heard(
     let mut found: Vec<(String, u64)> = Vec::new();
     let mut limit = PATIENCE;
     while started.elapsed() < limit {
-        let Some((name, Heard::Snapshot(said))) = client.next(Duration::from_millis(50)) else {
+        let Some((name, Heard::Snapshot(message))) = client.next(Duration::from_millis(50)) else {
             continue;
         };
         if bus::cell::CellPaths::new(&name).is_err() {
@@ -267,7 +267,7 @@ fn first_heard(
             limit = limit.min(started.elapsed() + GATHER);
         }
         found.retain(|(known, _)| *known != name);
-        found.push((name, said.session));
+        found.push((name, message.session));
         if cell.is_some() {
             break;
         }
@@ -308,11 +308,11 @@ fn machine_of(
             asked = Some(Instant::now());
             client.ask_machine(cell);
         }
-        if let Some((name, Heard::Machine(said))) = client.next(Duration::from_millis(50))
+        if let Some((name, Heard::Machine(message))) = client.next(Duration::from_millis(50))
             && name == cell
-            && said.session == session
+            && message.session == session
         {
-            let parsed = Machine::parse("machine.toml", &said.machine_toml);
+            let parsed = Machine::parse("machine.toml", &message.machine_toml);
             return parsed.map_err(|error| {
                 Failure::Stopped(anyhow!(
                     "{to} sends a machine file this program does not take: {error}"

@@ -128,7 +128,7 @@ mod tests {
         let mut track = Track::default();
         for scan in 500..1500u64 {
             track.begin(scan, PathTag::default());
-            let note = track.of_mut(scan).expect("just begun");
+            let note = track.of_mut(scan).expect("just started");
             note.error_um[1] = if scan == 1010 { -7.0 } else { 1.0 };
             if Some(scan) != missing {
                 let distance = (scan as f64 - 1020.0) / 8.0;

@@ -1,4 +1,4 @@
-//! `quadrant remote serve`: a observer beside the cell that tells other machines what it sees.
+//! `quadrant remote serve`: an observer beside the cell that tells other machines what it sees.
 //!
 //! To the cell it is a monitor like any other: it reads copies from queues that overwrite their oldest, and nobody waits for it. To
 //! those who listen it owes nothing either: what the link does not take is dropped. It takes no orders.
@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, anyhow};
 use remote::clock::now_us;
 use remote::link::{DEFAULT_LISTEN, Endpoint, Server};
-use remote::wire::{FORMAT, MachineSaid, plain_text};
+use remote::wire::{FORMAT, MachineReport, plain_text};
 
 use super::events::Weight;
 use super::feed::Feed;
@@ -62,14 +62,14 @@ pub fn serve(options: &ServeOptions) -> Outcome {
             "anybody who reaches this place sees the machine: there is no password (docs/howto/remote.md)",
         );
     }
-    let desk = Desk {
+    let injector = Desk {
         feed,
         server,
         session: machine.session,
         sequence: 0,
-        said_event: 0,
+        reported_event: 0,
     };
-    desk.run(
+    injector.run(
         Duration::from_secs(1) / u32::try_from(options.rate).unwrap_or(20),
         &signals,
     )
@@ -80,13 +80,13 @@ fn new_session() -> u64 {
     (now_us() << 10) | u64::from(std::process::id() & 1023)
 }
 
-fn machine_of(feed: &Feed) -> Result<MachineSaid, Failure> {
+fn machine_of(feed: &Feed) -> Result<MachineReport, Failure> {
     let text = feed.machine_text().context("the cell's machine file");
     let machine_toml = text.map_err(|error| match feed.is_gone() {
         true => Failure::Stopped(anyhow!("cell {:?} has just ended", feed.model.cell)),
         false => Failure::Environment(error),
     })?;
-    Ok(MachineSaid {
+    Ok(MachineReport {
         format: FORMAT,
         session: new_session(),
         cell: feed.model.cell.clone(),
@@ -99,8 +99,8 @@ struct Desk {
     server: Server,
     session: u64,
     sequence: u64,
-    /// Events of the model that were said.
-    said_event: u64,
+    /// Events of the model that were reported.
+    reported_event: u64,
 }
 
 impl Desk {
@@ -124,7 +124,7 @@ impl Desk {
             if Instant::now() >= circle_due {
                 circle_due = Instant::now() + CIRCLE_EVERY;
                 if let Some(circle) = picture::circle(&self.feed.model, self.session) {
-                    told(self.server.say_circle(&circle));
+                    reported(self.server.say_circle(&circle));
                 }
             }
             self.feed.watch_periods(period / LISTEN_SHARE);
@@ -147,24 +147,24 @@ impl Desk {
         };
         self.session = machine.session;
         self.sequence = 0;
-        self.said_event = 0;
+        self.reported_event = 0;
         self.server.begin(machine);
     }
 
     fn say_events(&mut self) {
         let events = &self.feed.model.events;
-        let before = self.said_event;
+        let before = self.reported_event;
         let new = events.last.iter().filter(|e| e.number > before);
         for event in new {
             // More than the list holds in one look: numbers stay the same on both sides all the same.
-            while self.said_event + 1 < event.number {
-                self.said_event += 1;
+            while self.reported_event + 1 < event.number {
+                self.reported_event += 1;
                 let text = "an event that was not kept".into();
-                told(self.server.say_event(event.scan, false, text));
+                reported(self.server.say_event(event.scan, false, text));
             }
-            self.said_event = event.number;
+            self.reported_event = event.number;
             let warning = event.weight == Weight::Warning;
-            told(
+            reported(
                 self.server
                     .say_event(event.scan, warning, plain_text(&event.text)),
             );
@@ -174,7 +174,7 @@ impl Desk {
     /// What comes often is one event, whose count grows.
     fn amend_events(&mut self) {
         for event in &self.feed.model.events.last {
-            told(
+            reported(
                 self.server
                     .amend_event(event.number, &plain_text(&event.text)),
             );
@@ -187,13 +187,13 @@ impl Desk {
         snapshot.sequence = self.sequence;
         snapshot.events_count = self.server.events_count();
         snapshot.made_us = now_us();
-        told(self.server.say_snapshot(&snapshot));
+        reported(self.server.say_snapshot(&snapshot));
     }
 }
 
-/// What cannot be said is missing to those who listen, who count it; the cell is not concerned.
-fn told(said: Result<(), remote::link::LinkError>) {
-    if let Err(error) = said {
+/// What cannot be reported is missing to those who listen, who count it; the cell is not concerned.
+fn reported(message: Result<(), remote::link::LinkError>) {
+    if let Err(error) = message {
         tracing::debug!("{error}");
     }
 }

@@ -20,7 +20,7 @@ use launcher::signals::Signals;
 
 /// So long an answer stays in the bottom line.
 const ANSWER_SHOWN: Duration = Duration::from_secs(8);
-/// So long a view that was told to leave may take.
+/// So long a view that was ordered to leave may take.
 const LEAVE_LIMIT: Duration = Duration::from_millis(500);
 /// Step of the override, in percent.
 const OVERRIDE_STEP: u32 = 10;
@@ -39,7 +39,7 @@ pub fn run(feed: Box<dyn Source>) -> Outcome {
 }
 
 /// Where the terminal has gone, waiting for a key never ends (crossterm 0.29 reads its end for ever, at full speed): a view that has
-/// been told to leave and does not is ended from here.
+/// been ordered to leave and does not is ended from here.
 fn leave_for_certain(signals: Arc<Signals>, left: Arc<AtomicBool>) {
     std::thread::spawn(move || {
         while !left.load(Ordering::Acquire) {

@@ -21,7 +21,7 @@ pub fn running(scan: u64) -> Feedback {
             incarnation: 1,
         },
         mode: Mode::Enabled as u32,
-        program: ProgramState::Begun as u32,
+        program: ProgramState::Running as u32,
         cause_axis: u32::MAX,
         override_percent: 100,
         axis_count: 2,

@@ -83,7 +83,7 @@ pub fn progress(model: &Model) -> Option<String> {
         Some(ProgramState::Loading) => return Some(format!("{named}, being read")),
         Some(ProgramState::Loaded) => return Some(format!("{named}, loaded")),
         Some(ProgramState::Done) => return Some(format!("{named}, done")),
-        Some(ProgramState::Begun) | None => {}
+        Some(ProgramState::Running) | None => {}
     }
     let percent = model.share_done().map(|share| share * 100.0);
     let block = model.block();

@@ -38,7 +38,7 @@ pub const BARS_US: [f64; 7] = [5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0];
 pub struct Timing {
     histogram: Option<Histogram<u64>>,
     /// As somebody on the spot has seen it.
-    pub told: Option<Summary>,
+    pub reported: Option<Summary>,
     period_us: f64,
     /// Periods in each bar of [`BARS_US`], and beyond.
     pub bars: [u64; BARS_US.len() + 1],
@@ -62,7 +62,7 @@ impl Timing {
     pub fn new(period_us: f64) -> Self {
         Timing {
             histogram: Histogram::new_with_bounds(1, 60_000_000_000, 3).ok(),
-            told: None,
+            reported: None,
             period_us,
             bars: [0; BARS_US.len() + 1],
         }
@@ -82,8 +82,8 @@ impl Timing {
 
     /// What was seen; none before the first period.
     pub fn summary(&self) -> Option<Summary> {
-        if self.told.is_some() {
-            return self.told;
+        if self.reported.is_some() {
+            return self.reported;
         }
         let histogram = self.histogram.as_ref().filter(|h| !h.is_empty())?;
         let us = |ns: u64| ns as f64 * 1e-3;

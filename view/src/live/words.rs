@@ -15,7 +15,7 @@ pub enum Tone {
     Bad,
 }
 
-/// A state, said.
+/// A state, reported.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Says {
     /// A sign that tells the states apart without colour.
@@ -70,7 +70,7 @@ pub fn says(feedback: &Feedback, machine: &Machine) -> Says {
     match mode {
         Mode::Enabled => enabled(feedback, machine),
         Mode::Stopping => {
-            let detail = cause.unwrap_or("told to stop");
+            let detail = cause.unwrap_or("reported to stop");
             let next = "comes to rest on the path by itself";
             Says::new("■", "STOPPING", bad_with(cause), detail, next)
         }
@@ -123,7 +123,7 @@ fn stopped(feedback: &Feedback, cause: Option<&str>) -> Says {
 fn disabled(feedback: &Feedback, cause: Option<&str>) -> Says {
     let detail = cause.unwrap_or("positions follow the axes");
     let next = match ProgramState::from_wire(feedback.program) {
-        Some(ProgramState::Begun) => "`quadrant enable`, then r",
+        Some(ProgramState::Running) => "`quadrant enable`, then r",
         Some(ProgramState::None) => "`quadrant enable`; `quadrant load PROGRAM`; `quadrant start`",
         _ => "`quadrant enable`; `quadrant start`",
     };
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn a_trip_is_told_with_its_axis_and_the_way_out_of_it() {
+    fn a_trip_is_reported_with_its_axis_and_the_way_out_of_it() {
         let machine = machine();
         let mut feedback = running(10);
         feedback.mode = Mode::Tripped as u32;
@@ -224,8 +224,8 @@ mod tests {
                 .starts_with("r, or `quadrant enable`")
         );
         feedback.cause = Cause::FollowingError as u32;
-        let said = says(&feedback, &machine);
-        assert!(said.next.contains("quadrant enable"));
-        assert!(said.detail.contains("axis Y: following error"));
+        let message = says(&feedback, &machine);
+        assert!(message.next.contains("quadrant enable"));
+        assert!(message.detail.contains("axis Y: following error"));
     }
 }

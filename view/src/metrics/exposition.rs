@@ -1,5 +1,5 @@
 //! The numbers as text: OpenMetrics 1.0 (<https://prometheus.io/docs/specs/om/open_metrics_spec/>), or the older text format of
-//! Prometheus for those who do not ask for it. Base units stand in the names; every metric is described in docs/howto/metrics.md.
+//! Prometheus for those who do not ask for it. Base units are in the names; every metric is described in docs/howto/metrics.md.
 
 use std::fmt::Error;
 use std::path::Path;
@@ -435,7 +435,7 @@ impl Snapshot {
         let processes = &self.numbers.processes;
         let labels = |process: &ProcessNumbers| {
             let role = match process.process.job {
-                Job::Master => "machine-side",
+                Job::Master => "master",
                 job => job.word(),
             };
             [

@@ -259,7 +259,7 @@ mod tests {
         let marks = lines.iter().filter(|line| line.contains('┊')).count();
         assert!(marks >= 14, "{marks} lines with the trigger:\n{text}");
         assert!(lines[lines.len() - 1].contains("150 ms"), "{text}");
-        // The peak of the command stands in the column of the trigger, at the top.
+        // The peak of the command is in the column of the trigger, at the top.
         let column = |line: &str, letter: char| line.chars().position(|c| c == letter);
         let at = column(lines[5], '┊').expect("the trigger");
         let top: Vec<char> = lines[2].chars().collect();

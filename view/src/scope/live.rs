@@ -1,5 +1,5 @@
 //! Samples of a running cell, taken in the order in which the recorder writes them. Nobody in the cell waits: queues that are not
-//! emptied in time lose their oldest samples, here alone, and the capture says so.
+//! emptied in time lose their oldest samples, here alone, and the capture reports it.
 
 use std::rc::Rc;
 use std::time::{Duration, Instant};
@@ -19,7 +19,7 @@ use launcher::operator::{Client, held};
 
 /// Time between two looks: queues hold a thousand scans.
 const LOOK: Duration = Duration::from_millis(3);
-/// A cell is gone once it has said nothing for so long and its launcher is not to be seen.
+/// A cell is gone once it has reported nothing for so long and its launcher is not to be seen.
 const GONE: Duration = Duration::from_millis(200);
 
 /// A foot in a cell.

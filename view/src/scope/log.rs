@@ -51,7 +51,7 @@ impl LogSource {
         }
         let (log, first) = if path.is_dir() {
             let log = RunLog::open(path).input()?;
-            let first = begun_part(path).input()?;
+            let first = started_part(path).input()?;
             (Log::Run(Box::new(log)), first)
         } else {
             (
@@ -86,10 +86,10 @@ impl LogSource {
 }
 
 /// The first part that holds anything.
-fn begun_part(run_dir: &Path) -> Result<PathBuf, LogError> {
+fn started_part(run_dir: &Path) -> Result<PathBuf, LogError> {
     let files = part_files(run_dir)?;
-    let begun = files.iter().find(|file| Reader::open(file).is_ok());
-    let first = begun.or(files.first()).cloned();
+    let started = files.iter().find(|file| Reader::open(file).is_ok());
+    let first = started.or(files.first()).cloned();
     Ok(first.unwrap_or_else(|| run_dir.into()))
 }
 

@@ -30,7 +30,7 @@ use source::Source;
 
 /// Columns where there is no terminal that says how many it has.
 const COLUMNS: usize = 80;
-/// So long a capture that has begun is waited for beyond the time limit and its own length.
+/// So long a capture that has started is waited for beyond the time limit and its own length.
 const GRACE: Duration = Duration::from_secs(5);
 
 /// `quadrant scope`.
@@ -133,7 +133,7 @@ fn ended(sink: &Sink, options: &ScopeOptions, scope: &Scope, why: &str) -> Outco
     if sink.count > 0 && options.every {
         return Ok(());
     }
-    let said = if sink.count > 0 {
+    let message = if sink.count > 0 {
         format!(
             "{why} after {} of {} captures of {asked:?}",
             sink.count, options.count
@@ -141,7 +141,7 @@ fn ended(sink: &Sink, options: &ScopeOptions, scope: &Scope, why: &str) -> Outco
     } else {
         format!("{why} without trigger {asked:?}: {}", scope.seen_instead())
     };
-    Err(Failure::Stopped(anyhow!(said)))
+    Err(Failure::Stopped(anyhow!(message)))
 }
 
 /// All signals of a machine, as a table.
@@ -231,7 +231,7 @@ impl<'a> Sink<'a> {
             };
             text += &csv::rows(capture);
             if file == Path::new("-") {
-                // Nothing else may stand in it.
+                // Nothing else may be in it.
                 let mut out = std::io::stdout().lock();
                 let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
             } else {

@@ -110,7 +110,7 @@ const LEARNING_PASSES: u32 = 3;
 /// Bandwidth of the disturbance observer where it is compared, in rad/s: 0.1 rad a scan of 1 ms.
 const OBSERVER_RAD_S: f64 = 100.0;
 
-/// What every method has that is not said otherwise.
+/// What every method has that is not published otherwise.
 const PLAIN: Method = Method {
     name: "",
     needs_model: false,

@@ -19,7 +19,7 @@ const SCANS_MAX: u64 = 20_000;
 const READY_SCANS: u64 = 12;
 /// Places of a program in which a feed hold is measured, at most.
 const HOLDS_MAX: u64 = 160;
-/// How long the tool stands in them or, in the shorter ones, does not come to stand, in distribution periods.
+/// How long the tool is in them or, in the shorter ones, does not come to stand, in interpolation periods.
 const STANDING_PERIODS: [u64; 5] = [1, 2, 5, 12, 64];
 /// So many stops in a row may add up in one contour error.
 const STOPS_TOGETHER: usize = 2;
@@ -153,9 +153,9 @@ pub fn run(
     let mut fired: Vec<Option<u64>> = vec![None; faults.len()];
     let mut cover = Cover::new(machine.axes.iter().all(|axis| axis.standby));
     let mut endless = None;
-    while let Some(said) = cell.scan() {
-        let scan = said.feedback.scan;
-        judge.take(&said, |missed, axis| {
+    while let Some(published) = cell.scan() {
+        let scan = published.feedback.scan;
+        judge.take(&published, |missed, axis| {
             let explains = |(fault, at): (&Fault, &Option<u64>)| {
                 fault.process.job == Job::Servo
                     && fault.process.axis as usize == axis
@@ -163,8 +163,8 @@ pub fn run(
             };
             cover.lost[axis] && faults.iter().zip(&fired).any(explains)
         });
-        let sent = !said.windows.is_empty();
-        let feedback = *said.feedback;
+        let sent = !published.windows.is_empty();
+        let feedback = *published.feedback;
         for (index, fault) in faults.iter().enumerate() {
             if fired[index].is_some() {
                 continue;
@@ -221,7 +221,7 @@ fn where_it_is(feedback: &Feedback) -> String {
         feedback.epoch,
         feedback.tag.element,
         feedback.tag.distance_mm,
-        feedback.left_at.element,
+        feedback.interrupted_at.element,
         feedback.cause,
     )
 }
@@ -251,7 +251,7 @@ impl Machines {
     /// Runs and judges one seed.
     ///
     /// # Errors
-    /// The cell cannot be rehearsed.
+    /// The cell cannot run in one process.
     pub fn judge(&self, scenario: &Scenario, prepared: &Prepared) -> anyhow::Result<Verdict> {
         let script = Script {
             faults: Some(scenario.faults.clone()),
@@ -348,7 +348,7 @@ impl Machines {
     }
 }
 
-/// The orders of a scenario, with feed holds that take effect in the rows in which its faults brought the machine to rest.
+/// The orders of a scenario, with feed holds that take effect in the setpoints in which its faults brought the machine to rest.
 /// A window that came late, but before the one before it braked, costs what a hold there costs: one set of orders for
 /// each of these, and one for all stops.
 fn held_instead(shown: &Shown, scenario: &Scenario) -> Vec<Vec<ScriptedOrder>> {
@@ -359,7 +359,7 @@ fn held_instead(shown: &Shown, scenario: &Scenario) -> Vec<Vec<ScriptedOrder>> {
             ..OperatorRequest::default()
         },
     };
-    // Seen at the boundary a period before the row, in effect from the row on.
+    // Seen at the boundary a period before the setpoint, in effect from the setpoint on.
     let seen = |scan: u64| scan.saturating_sub(9);
     let overrides: Vec<ScriptedOrder> = scenario
         .orders

@@ -31,7 +31,7 @@ fn setting(a: Option<&str>) -> Setting {
         file: "machine.toml".into(),
         key: "axis X.reversal.<method>".into(),
         a: a.map(str::to_string),
-        b: Some("\"kick\"".repeat(40)),
+        b: Some("\"pulse\"".repeat(40)),
     }
 }
 

@@ -43,7 +43,7 @@ fn model() -> Model {
     model.roster(&roster);
     for scan in 100_000..100_010u64 {
         let mut feedback = running(scan);
-        feedback.axes[0].command_register = -299_123_456;
+        feedback.axes[0].command_position = -299_123_456;
         feedback.axes[0].motor_position = -299_123_956;
         feedback.axes[1].missed_scans = 12_345;
         feedback.axes[1].torque_limited = 1;
@@ -98,14 +98,14 @@ fn the_screen_has_everything_at_80_by_24_and_at_160_by_50() {
                 "no {part:?} at {width}×{height}:\n{all}"
             );
         }
-        // Whatever stands at the right edge ends there: the active servo, last of its row.
+        // Whatever is at the right edge ends there: the active servo, last of its row.
         let row = lines.iter().find(|line| line.starts_with(" Y")).expect("Y");
         assert!(row.trim_end().ends_with(" a"), "{row:?}");
     }
 }
 
 #[test]
-fn a_trip_is_told_with_axis_and_cause_and_what_to_do() {
+fn a_trip_is_reported_with_axis_and_cause_and_what_to_do() {
     let mut model = model();
     let mut feedback = running(100_020);
     feedback.mode = Mode::Tripped as u32;

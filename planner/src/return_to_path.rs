@@ -1,4 +1,4 @@
-//! The way back to where the path was left: a straight line at a reduced feed to a point shortly before it, the last
+//! The return to where the path was left: a straight line at a reduced feed to a point shortly before it, the last
 //! piece along the path, then a moment to settle.
 
 #![deny(
@@ -16,7 +16,7 @@ use machine::{AxisKind, Machine};
 
 use crate::course::{CourseError, window_planner};
 
-/// The machine stands so long at the place, in s, before the program goes on: ten time constants of a position loop of
+/// The machine is so long at the place, in s, before the program goes on: ten time constants of a position loop of
 /// 50/s, so that what the return left is gone before the path is measured again.
 const SETTLE_S: f64 = 0.2;
 
@@ -28,8 +28,8 @@ const RUN_UP_CHORDS: u32 = 10;
 
 /// A planned return.
 #[derive(Debug)]
-pub(crate) struct WayBack {
-    /// Command registers it starts from, in increments.
+pub(crate) struct ReturnToPath {
+    /// Command positions it starts from, in increments.
     pub from: [i64; MAX_AXES],
     /// State of the program it leads to.
     pub to: PathState,
@@ -37,15 +37,15 @@ pub(crate) struct WayBack {
     pub windows: WindowPlanner,
 }
 
-impl WayBack {
-    /// From the registers to the place of `to` on the path of the program. Both ends are within the travel, so is the line
+impl ReturnToPath {
+    /// From the command positions to the place of `to` on the path of the program. Both ends are within the travel, so is the line
     /// between them; the run-up is on the path, where the tool has been.
     pub fn new(
         machine: &Machine,
         from: [i64; MAX_AXES],
         to: PathState,
         program: &Path,
-    ) -> Result<WayBack, CourseError> {
+    ) -> Result<ReturnToPath, CourseError> {
         let mut rotary = ALL_LINEAR;
         for (is_rotary, axis) in rotary.iter_mut().zip(&machine.axes) {
             *is_rotary = axis.kind == AxisKind::Rotary;
@@ -69,7 +69,7 @@ impl WayBack {
             }
         }
         elements.push(Element::dwell(0, here, SETTLE_S));
-        Ok(WayBack {
+        Ok(ReturnToPath {
             from,
             to,
             windows: window_planner(machine, Path { elements }, start)?,

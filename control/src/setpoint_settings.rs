@@ -9,7 +9,7 @@
 use crate::kinematics::Kinematics;
 use crate::path::{Element, Shape};
 
-/// How rows of straight elements are made.
+/// How setpoints of straight elements are made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum StraightLines {
     /// Every axis is rounded from the exact place by itself: at most half an increment off.
@@ -20,23 +20,23 @@ pub enum StraightLines {
     MasterAxis,
 }
 
-/// How rows are made.
+/// How setpoints are made.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct RowSettings {
+pub struct SetpointSettings {
     /// Of lines.
     pub straight_lines: StraightLines,
     /// How the axes carry the tool.
     pub kinematics: Kinematics,
 }
 
-impl RowSettings {
-    /// Whether the rows of an element follow a master axis.
+impl SetpointSettings {
+    /// Whether the setpoints of an element follow a master axis.
     pub(crate) fn follow_master(&self, element: &Element) -> bool {
         self.straight_lines == StraightLines::MasterAxis
             && matches!(element.shape, Shape::Line { .. })
     }
 
-    /// Furthest that a row can be from the exact place of its tag, in increments.
+    /// Furthest that a setpoint can be from the exact place of its tag, in increments.
     ///
     /// Rounded: a half. With a master axis, at worst: a half by rounding the ends of the line, one because the master is
     /// rounded against them (a half each, times a slope of at most 1), and one by which slaves lag.

@@ -1,4 +1,4 @@
-//! How a place of the path becomes a row of whole increments: the one border between the two.
+//! How a place of the path becomes a setpoint of whole increments: the one border between the two.
 #![deny(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -11,13 +11,13 @@ use crate::line::StraightLine;
 use crate::path::{Element, MAX_AXES};
 
 impl MotionLimits {
-    /// The row of the place `distance_mm` along an element, in increments; 0 for unused axes. A pure function of both: any
-    /// planner makes the same row there.
-    pub fn row(&self, element: &Element, distance_mm: f64) -> [i64; MAX_AXES] {
-        let rows = self.rows();
-        let axes = rows.kinematics.axes(&element.point(distance_mm));
+    /// The setpoint of the place `distance_mm` along an element, in increments; 0 for unused axes. A pure function of both: any
+    /// planner makes the same setpoint there.
+    pub fn setpoint(&self, element: &Element, distance_mm: f64) -> [i64; MAX_AXES] {
+        let setpoints = self.setpoints();
+        let axes = setpoints.kinematics.axes(&element.point(distance_mm));
         let rounded = self.increments(&axes);
-        if !rows.follow_master(element) {
+        if !setpoints.follow_master(element) {
             return rounded;
         }
         let line = self.line(element);

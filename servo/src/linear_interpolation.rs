@@ -1,4 +1,4 @@
-//! The source's even splitting of a distribution period over its scans, as a selectable historical mode.
+//! The source's even splitting of an interpolation period over its scans, as a selectable historical mode.
 #![deny(
     clippy::unwrap_used,
     clippy::expect_used,
