@@ -17,6 +17,7 @@ mod house;
 mod in_process;
 mod interruption;
 mod leftovers;
+mod liveness;
 mod metrics;
 mod monitor_live;
 mod operator;

@@ -1,7 +1,8 @@
 //! Exit statuses, the same for every command.
 
-use std::io::Write;
 use std::process::ExitCode;
+
+use crate::output::{self, Stream};
 
 /// Exit status of [`Failure::Interrupted`].
 pub const INTERRUPTED: u8 = 130;
@@ -57,12 +58,16 @@ pub fn words(error: &anyhow::Error) -> String {
 /// Prints what went wrong, if anything, and gives the status.
 pub fn code(outcome: Outcome) -> ExitCode {
     let (status, error) = match outcome {
-        Ok(()) => return ExitCode::SUCCESS,
-        Err(Failure::Interrupted) => return ExitCode::from(INTERRUPTED),
-        Err(Failure::Stopped(error)) => (1, error),
-        Err(Failure::Input(error)) => (2, error),
-        Err(Failure::Environment(error)) => (3, error),
+        Ok(()) => (0, None),
+        Err(Failure::Interrupted) => (INTERRUPTED, None),
+        Err(Failure::Stopped(error)) => (1, Some(error)),
+        Err(Failure::Input(error)) => (2, Some(error)),
+        Err(Failure::Environment(error)) => (3, Some(error)),
     };
-    let _ = writeln!(std::io::stderr(), "quadrant: {}", words(&error));
+    if let Some(error) = error {
+        let line = format!("quadrant: {}\n", words(&error));
+        output::print(Stream::Err, line.as_bytes());
+    }
+    output::flush();
     ExitCode::from(status)
 }

@@ -1,12 +1,13 @@
 //! Logs: every process writes lines to its standard error; the launcher forwards its children's with their names.
 
-use std::io::{BufRead, BufReader, IsTerminal, Write};
+use std::io::{BufRead, BufReader, IsTerminal, Read, Write};
 use std::process::ChildStderr;
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::OnceLock;
 
 use indicatif::ProgressBar;
-
 use tracing_subscriber::EnvFilter;
+
+use crate::output::{self, Stream};
 
 /// Variable with the filter of all processes, in the syntax of `tracing` (info, debug, servo=trace, …).
 pub const FILTER_VARIABLE: &str = "QUADRANT_LOG";
@@ -23,47 +24,20 @@ pub fn write_above(bar: &ProgressBar) {
     let _ = BAR.set(bar.clone());
 }
 
-/// Lines that wait until the terminal is free again.
-static HELD: Mutex<Option<Vec<u8>>> = Mutex::new(None);
-/// The most bytes that wait; of more, the first are kept.
-const HELD_BYTES_MAX: usize = 256 << 10;
-
-/// Keeps log lines back: the terminal shows something else.
-pub fn hold_back() {
-    let mut held = HELD.lock().unwrap_or_else(PoisonError::into_inner);
-    held.get_or_insert_with(Vec::new);
-}
-
-/// Writes what was kept back, and all else as it comes.
-pub fn release() {
-    let held = HELD.lock().unwrap_or_else(PoisonError::into_inner).take();
-    if let Some(lines) = held {
-        let _ = std::io::stderr().write_all(&lines);
-    }
-}
-
 /// Standard error, with the progress bar taken away while a line is written.
 struct AboveTheBar;
 
 impl Write for AboveTheBar {
     fn write(&mut self, buffer: &[u8]) -> std::io::Result<usize> {
-        if let Some(held) = &mut *HELD.lock().unwrap_or_else(PoisonError::into_inner) {
-            if held.len() + buffer.len() <= HELD_BYTES_MAX {
-                held.extend_from_slice(buffer);
-            }
-            return Ok(buffer.len());
-        }
         // A terminal that is gone is no reason to lose the run: what cannot be written is dropped.
-        let written = match BAR.get() {
-            Some(bar) => bar.suspend(|| std::io::stderr().write_all(buffer)),
-            None => std::io::stderr().write_all(buffer),
-        };
-        drop(written);
+        match BAR.get() {
+            Some(bar) => bar.suspend(|| output::print(Stream::Err, buffer)),
+            None => output::print(Stream::Err, buffer),
+        }
         Ok(buffer.len())
     }
 
     fn flush(&mut self) -> std::io::Result<()> {
-        let _ = std::io::stderr().flush();
         Ok(())
     }
 }
@@ -90,12 +64,16 @@ pub fn init_role() {
         .try_init();
 }
 
-/// Passes a child's lines on until it closes its standard error.
+/// Bytes of a child's line; a longer one is passed on in pieces.
+const LINE_MAX: u64 = 4 << 10;
+
+/// Passes a child's lines on until it closes its standard error. It is read whether anybody takes the lines or not: a child
+/// that prints never waits for a terminal.
 pub fn forward(process: String, stderr: ChildStderr) -> std::thread::JoinHandle<()> {
     std::thread::spawn(move || {
         let mut lines = BufReader::new(stderr);
         let mut line = Vec::new();
-        while let Ok(1..) = lines.read_until(b'\n', &mut line) {
+        while let Ok(1..) = (&mut lines).take(LINE_MAX).read_until(b'\n', &mut line) {
             let text = String::from_utf8_lossy(&line);
             let text = text.trim();
             match text.split_once(' ') {

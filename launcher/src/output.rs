@@ -1,9 +1,76 @@
-//! Standard output for people and pipes: a reader that closes its end is no error.
+//! What the commands print. A reader that closes its end is no error. The launcher of a cell prints through a queue, so that
+//! a terminal that takes no more (Ctrl-S, a hung ssh link) never keeps it from its processes.
 
 use std::io::Write;
+use std::sync::OnceLock;
+use std::time::Duration;
+
+mod queue;
+
+use queue::Queue;
+pub use queue::Stream;
+
+/// So long the end of a process waits for a terminal that takes nothing.
+const FLUSH_LIMIT: Duration = Duration::from_secs(1);
+
+/// Of a process that supervises a cell.
+static QUEUE: OnceLock<&'static Queue> = OnceLock::new();
+
+/// From now on nothing that is printed is waited for: what a terminal or pipe does not take in time is dropped and counted.
+pub fn never_wait() {
+    if QUEUE.get().is_none() {
+        let to = [rustix::stdio::stdout(), rustix::stdio::stderr()];
+        if let Ok(queue) = Queue::start(to) {
+            let _ = QUEUE.set(queue);
+        }
+    }
+}
 
 /// Writes one text and a line end to standard output.
 pub fn say(text: &str) {
-    let mut out = std::io::stdout().lock();
-    let _ = writeln!(out, "{text}").and_then(|()| out.flush());
+    print(Stream::Out, format!("{text}\n").as_bytes());
+}
+
+/// Writes these bytes, which are whole lines.
+pub fn print(stream: Stream, bytes: &[u8]) {
+    if let Some(queue) = QUEUE.get() {
+        return queue.print(stream, bytes);
+    }
+    let _ = match stream {
+        Stream::Out => {
+            let mut out = std::io::stdout().lock();
+            out.write_all(bytes).and_then(|()| out.flush())
+        }
+        Stream::Err => std::io::stderr().write_all(bytes),
+    };
+}
+
+/// Draws on standard error, unless lines wait there: the next picture shows more.
+pub fn draw(bytes: &[u8]) {
+    match QUEUE.get() {
+        Some(queue) => queue.draw(bytes),
+        None => print(Stream::Err, bytes),
+    }
+}
+
+/// Keeps everything back: the terminal shows something else.
+pub fn hold_back() {
+    if let Some(queue) = QUEUE.get() {
+        queue.hold_back(true);
+    }
+}
+
+/// Writes what was kept back, and all else as it comes.
+pub fn release() {
+    if let Some(queue) = QUEUE.get() {
+        queue.hold_back(false);
+    }
+}
+
+/// Waits until all is written, as long as the terminal takes something: the process is about to end.
+pub fn flush() {
+    if let Some(queue) = QUEUE.get() {
+        queue.hold_back(false);
+        queue.flush(FLUSH_LIMIT);
+    }
 }

@@ -1,12 +1,15 @@
 //! Progress of a run on a terminal: program line, percent, real-time factor. Silent when not a terminal.
 
-use std::io::IsTerminal;
+use std::io::{self, IsTerminal};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use bus::port::Reader;
 use bus::sample::{Feedback, PlannerStatus};
 use control::path::Path;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
+
+use crate::output;
 
 /// Looks at the cell now and then.
 pub struct Progress {
@@ -27,7 +30,7 @@ impl Progress {
         bar: bool,
     ) -> Progress {
         let target = if bar && std::io::stderr().is_terminal() {
-            ProgressDrawTarget::stderr_with_hz(10)
+            ProgressDrawTarget::term_like_with_hz(Box::new(BarTerminal::default()), 10)
         } else {
             ProgressDrawTarget::hidden()
         };
@@ -83,3 +86,71 @@ impl Progress {
 
 /// How often the launcher looks.
 pub const LOOK_EVERY: Duration = Duration::from_millis(100);
+
+/// The bar's standard error: what is drawn at once is handed on as one picture, and nobody waits for it.
+#[derive(Debug, Default)]
+struct BarTerminal {
+    picture: Mutex<String>,
+}
+
+impl BarTerminal {
+    fn add(&self, text: &str) -> io::Result<()> {
+        let mut picture = self.picture.lock().unwrap_or_else(PoisonError::into_inner);
+        picture.push_str(text);
+        Ok(())
+    }
+
+    /// Moves the cursor: so many, in this direction of ECMA-48.
+    fn go(&self, count: usize, direction: char) -> io::Result<()> {
+        match count {
+            0 => Ok(()),
+            _ => self.add(&format!("\x1b[{count}{direction}")),
+        }
+    }
+}
+
+impl TermLike for BarTerminal {
+    fn width(&self) -> u16 {
+        let size = rustix::termios::tcgetwinsize(rustix::stdio::stderr());
+        size.ok()
+            .map(|size| size.ws_col)
+            .filter(|width| *width > 0)
+            .unwrap_or(80)
+    }
+
+    fn move_cursor_up(&self, n: usize) -> io::Result<()> {
+        self.go(n, 'A')
+    }
+
+    fn move_cursor_down(&self, n: usize) -> io::Result<()> {
+        self.go(n, 'B')
+    }
+
+    fn move_cursor_right(&self, n: usize) -> io::Result<()> {
+        self.go(n, 'C')
+    }
+
+    fn move_cursor_left(&self, n: usize) -> io::Result<()> {
+        self.go(n, 'D')
+    }
+
+    fn write_line(&self, s: &str) -> io::Result<()> {
+        self.add(s)?;
+        self.add("\n")
+    }
+
+    fn write_str(&self, s: &str) -> io::Result<()> {
+        self.add(s)
+    }
+
+    fn clear_line(&self) -> io::Result<()> {
+        self.add("\r\x1b[2K")
+    }
+
+    fn flush(&self) -> io::Result<()> {
+        let mut picture = self.picture.lock().unwrap_or_else(PoisonError::into_inner);
+        output::draw(picture.as_bytes());
+        picture.clear();
+        Ok(())
+    }
+}

@@ -16,7 +16,7 @@ use crate::events::{Event, Events};
 use crate::exit::{Failure, Kind, Outcome};
 use crate::group::{Group, Plan};
 use crate::options::{CleanOptions, RunOptions};
-use crate::output::say;
+use crate::output::{self, say};
 use crate::run_dir::{RunDir, Sources, default_folder, program_name};
 use crate::signals::Signals;
 use crate::supervise::{Ending, Subject, Watch, supervise};
@@ -52,6 +52,7 @@ pub struct Completed {
 /// Nothing was started, or the run did not complete.
 pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Failure> {
     logs::init_launcher();
+    output::never_wait();
     let (checked, faults) = check_all(options, injection)?;
     let cell_name = options.cell.as_deref().unwrap_or(&checked.machine.name);
     let place = CellPaths::new(cell_name).input()?;

@@ -12,6 +12,7 @@ use bus::sample::{Cause, Feedback, Mode, ProgramState};
 use serde_json::Value;
 
 use crate::events::{Event, Events};
+use crate::logs;
 use crate::signals::Signals;
 
 /// So long the reports that are still being made may hold up the end of the cell.
@@ -190,11 +191,15 @@ impl Session {
                 .arg("--background")
                 .stdin(Stdio::null())
                 .stdout(Stdio::null())
+                .stderr(Stdio::piped())
                 // Ctrl-C goes to the launcher alone.
                 .process_group(0)
                 .spawn();
             match child {
-                Ok(child) => {
+                Ok(mut child) => {
+                    if let Some(stderr) = child.stderr.take() {
+                        logs::forward(format!("report of run {}", self.reported), stderr);
+                    }
                     self.report = Some(Report {
                         run: self.reported,
                         folder,

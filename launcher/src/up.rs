@@ -10,7 +10,7 @@ use crate::events::Events;
 use crate::exit::{Failure, Kind, Outcome};
 use crate::group::Plan;
 use crate::options::UpOptions;
-use crate::output::say;
+use crate::output::{self, say};
 use crate::run::{make_checked, note_started, own, start};
 use crate::run_dir::{Sources, dated_folder};
 use crate::session::Session;
@@ -22,6 +22,7 @@ use crate::{check, doctor, logs, metrics_socket, service_manager, training};
 /// Starts the group of a machine and stays until it is ordered to end.
 pub fn up(options: &UpOptions) -> Outcome {
     logs::init_launcher();
+    output::never_wait();
     if options.view {
         view::check().input()?;
     }

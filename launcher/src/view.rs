@@ -8,10 +8,10 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::logs;
+use crate::output;
 
-/// So long the view may take to give the terminal back.
-const CLOSE_LIMIT: Duration = Duration::from_secs(2);
+/// So long the view may take to give the terminal back; one that takes nothing more cannot be given back.
+const CLOSE_LIMIT: Duration = Duration::from_secs(1);
 const LOOK: Duration = Duration::from_millis(10);
 
 /// The view, as long as it is open.
@@ -44,7 +44,7 @@ impl View {
             .args(["monitor", "--cell", cell])
             .spawn()
             .context("starting the view")?;
-        logs::hold_back();
+        output::hold_back();
         Ok(Some(View { child: Some(child) }))
     }
 
@@ -53,7 +53,7 @@ impl View {
         let closed = |child: &mut Child| !matches!(child.try_wait(), Ok(None));
         if self.child.as_mut().is_some_and(closed) {
             self.child = None;
-            logs::release();
+            output::release();
         }
     }
 }
@@ -75,6 +75,6 @@ impl Drop for View {
             }
             std::thread::sleep(LOOK);
         }
-        logs::release();
+        output::release();
     }
 }

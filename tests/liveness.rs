@@ -1,0 +1,79 @@
+//! Nothing hangs: whatever is killed, stopped or stuck, and however late, the machine comes to rest, the run ends within
+//! moments, and what it says of its end is true. At no particular instant of a scan, in realtime.
+
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::os::fd::{AsFd, AsRawFd};
+use std::os::unix::fs::OpenOptionsExt;
+use std::time::{Duration, Instant};
+
+use crate::support::{Bench, LiveCell, circle_program, long_program, send};
+
+/// Moments, on a PC that does other things as well.
+const MOMENTS: Duration = Duration::from_secs(8);
+
+/// A watchdog that a busy PC does not set off: what is tested is not what happens then.
+const PATIENT: (&str, &str) = ("watchdog_scans = 50 ", "watchdog_scans = 1000 ");
+
+fn cell_with(program: &str) -> (Bench, LiveCell) {
+    let bench = Bench::of("xy", &[PATIENT]);
+    let program = bench.file("circle.ngc", program);
+    let cell = LiveCell::start(bench.path(), &program, "realtime");
+    (bench, cell)
+}
+
+/// Fills a pipe, made as small as pipes can be, of which this is the reading end.
+fn stuff(pipe: &impl AsFd) {
+    rustix::pipe::fcntl_setpipe_size(pipe, 4096).expect("a small pipe");
+    let path = format!("/proc/self/fd/{}", pipe.as_fd().as_raw_fd());
+    let mut writing: File = OpenOptions::new()
+        .write(true)
+        .custom_flags(libc::O_NONBLOCK)
+        .open(path)
+        .expect("its writing end");
+    while writing.write(b"x").is_ok() {}
+}
+
+/// Waits until the launcher has ended, without reading what it prints; how long it took.
+fn ends(cell: &mut LiveCell) -> (i32, Duration) {
+    let since = Instant::now();
+    loop {
+        if let Some(status) = cell.child.try_wait().expect("the launcher") {
+            return (status.code().unwrap_or(-1), since.elapsed());
+        }
+        assert!(since.elapsed() < MOMENTS, "the run does not end");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+fn wait_until(what: &str, mut reached: impl FnMut() -> bool) {
+    let since = Instant::now();
+    while !reached() {
+        assert!(since.elapsed() < MOMENTS, "{what}: it never came to that");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// Ctrl-S, a hung ssh link: whoever reads what the launcher prints takes no more.
+#[test]
+fn output_that_nobody_takes_keeps_nobody_from_being_replaced_and_no_stop_from_being_obeyed() {
+    let (_bench, mut cell) = cell_with(&long_program());
+    stuff(cell.child.stdout.as_ref().expect("its output"));
+    stuff(cell.child.stderr.as_ref().expect("its log"));
+    cell.wait_for(|f| f.tag.element >= 2 && f.tag.distance_mm > 10.0);
+    send(cell.pid_of("quadrant planner"), libc::SIGKILL);
+    wait_until("another planner", || {
+        let children = cell.children();
+        let mut planners = children.iter().filter(|(_, l)| l.contains("quadrant planner"));
+        planners.any(|(_, line)| line.contains("--incarnation 2"))
+    });
+    // It works: the window that the first one left would have ended by then.
+    let stands = cell.wait_for_scan(1).scan;
+    let moves = cell.wait_for(|f| f.scan > stands + 1000 && f.at_rest == 0);
+    assert_eq!(moves.hold, 0);
+    cell.signal_launcher(libc::SIGTERM);
+    let (status, took) = ends(&mut cell);
+    assert_eq!(status, 130, "after {took:?}");
+    let report = std::fs::read_to_string(cell.out.join("report.json")).expect("a report");
+    assert!(report.contains("\"interrupted\""), "{report}");
+}
