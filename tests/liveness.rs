@@ -7,7 +7,7 @@ use std::os::fd::{AsFd, AsRawFd};
 use std::os::unix::fs::OpenOptionsExt;
 use std::time::{Duration, Instant};
 
-use crate::support::{Bench, LiveCell, circle_program, long_program, send};
+use crate::support::{Bench, LiveCell, circle_program, long_program, send, text, traces_of};
 
 /// Moments, on a PC that does other things as well.
 const MOMENTS: Duration = Duration::from_secs(8);
@@ -76,4 +76,29 @@ fn output_that_nobody_takes_keeps_nobody_from_being_replaced_and_no_stop_from_be
     assert_eq!(status, 130, "after {took:?}");
     let report = std::fs::read_to_string(cell.out.join("report.json")).expect("a report");
     assert!(report.contains("\"interrupted\""), "{report}");
+}
+
+/// Circles for 3 s.
+fn short_program() -> String {
+    circle_program(5.0, 3000.0, (0.0, 0.0), 0.0)
+}
+
+/// The master stays after its last feedback until the recorder has it: a recorder that is stopped for a moment keeps it there.
+#[test]
+fn a_master_killed_after_its_last_feedback_is_not_missed() {
+    let (_bench, mut cell) = cell_with(&short_program());
+    let moves = cell.wait_for(|f| f.tag.element >= 5);
+    let recorder = cell.pid_of("quadrant recorder");
+    send(recorder, libc::SIGSTOP);
+    let last = cell.wait_for(|f| f.last == 1);
+    assert!(last.scan > moves.scan);
+    send(cell.pid_of("quadrant plant-sim"), libc::SIGKILL);
+    let since = Instant::now();
+    send(recorder, libc::SIGCONT);
+    let run = cell.finish();
+    assert!(since.elapsed() < MOMENTS, "{}", run.stderr());
+    let report = run.good_report();
+    assert_eq!(text(&report, "/outcome/kind"), "completed");
+    assert!(!run.stderr().contains("restarted"), "{}", run.stderr());
+    assert!(traces_of(&run.cell).is_empty(), "{:?}", traces_of(&run.cell));
 }

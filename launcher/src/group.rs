@@ -191,6 +191,8 @@ pub struct Death {
     pub place: usize,
     /// Another process has taken its place, or is to.
     pub replaced: bool,
+    /// It had nothing left to do: the last feedback had been published.
+    pub after_end: bool,
 }
 
 impl Death {
@@ -201,12 +203,18 @@ impl Death {
             status,
             place,
             replaced: false,
+            after_end: false,
         }
     }
 
-    /// Whether the process doing this job ended otherwise than it was ordered to.
-    pub fn is_untimely(&self, job: Job) -> bool {
-        self.job == job && !self.status.success()
+    /// Whether something is missing since: nobody took its place, and it was needed.
+    pub fn is_loss(&self) -> bool {
+        !self.status.success() && !self.replaced && !self.after_end
+    }
+
+    /// Notes that it died when the run was over. A log is whole only once the recorder has left in order.
+    pub fn note_after_end(&mut self) {
+        self.after_end = self.job != Job::Monitor;
     }
 
     /// How it ended, in words.
@@ -470,6 +478,11 @@ impl Group {
 
     /// Reaps whoever has ended, cleans up what they left in shared memory and tells the cell.
     pub fn reap(&mut self) -> Vec<Death> {
+        self.reap_after(|| {})
+    }
+
+    /// The same; takes a last look before what they left, samples that nobody has taken among it, is cleaned up.
+    pub fn reap_after(&mut self, last_look: impl FnOnce()) -> Vec<Death> {
         let mut deaths = Vec::new();
         for (index, member) in self.members.iter_mut().enumerate() {
             if member.status.is_some() {
@@ -489,6 +502,7 @@ impl Group {
             deaths.push(Death::of(member, index, status));
         }
         if !deaths.is_empty() {
+            last_look();
             self.bus.clean_dead();
         }
         if deaths.iter().any(|death| !death.status.success()) {

@@ -238,11 +238,7 @@ fn conclude(ending: Ending, made: anyhow::Result<String>, folder: &Path) -> Outc
             "the machine did not come to rest in order"
         )));
     }
-    if let Some(death) = ending
-        .deaths
-        .iter()
-        .find(|d| !d.status.success() && !d.replaced)
-    {
+    if let Some(death) = ending.deaths.iter().find(|d| d.is_loss()) {
         if death.status.code() == Some(3) {
             return Err(Failure::Environment(anyhow!(
                 "{} could not go on",

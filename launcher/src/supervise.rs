@@ -177,8 +177,18 @@ impl<'a> Supervision<'a> {
         if let Some(view) = &mut self.view {
             view.look();
         }
-        self.newest = self.watch.progress.look(self.path).copied();
+        self.watch.progress.look(self.path);
+        self.take_newest();
+    }
+
+    fn take_newest(&mut self) {
+        self.newest = self.watch.progress.newest().copied();
         self.group.newest_scan = self.newest.map_or(0, |feedback| feedback.scan);
+    }
+
+    /// The last feedback has been published: there is nothing left to do for anybody, and nobody is replaced.
+    fn is_over(&self) -> bool {
+        self.newest.is_some_and(|feedback| feedback.last == 1)
     }
 
     fn report_trip(&mut self) {
@@ -223,9 +233,18 @@ impl<'a> Supervision<'a> {
     }
 
     fn judge_deaths(&mut self) {
-        let mut died = self.group.reap();
+        let (progress, path) = (&mut self.watch.progress, self.path);
+        let mut died = self.group.reap_after(|| {
+            progress.look(path);
+        });
+        self.take_newest();
         note_deaths(&died, self.group.newest_scan, self.events);
+        let over = self.is_over();
         for death in died.iter_mut().filter(|d| !d.status.success()) {
+            if over {
+                death.note_after_end();
+                continue;
+            }
             match self.supervisor.judge(self.group, death) {
                 Verdict::Restarts => death.replaced = true,
                 Verdict::GoesOn => {}
@@ -236,6 +255,9 @@ impl<'a> Supervision<'a> {
     }
 
     fn start_replacements(&mut self) {
+        if self.is_over() {
+            return;
+        }
         self.supervisor.start_due(self.group);
         for (process, pid) in self.group.admit_ready() {
             tracing::info!("{process} restarted");
@@ -358,7 +380,7 @@ impl<'a> Supervision<'a> {
     }
 
     fn wait_until_left(&mut self) {
-        let master_lost = |d: &Death| d.is_untimely(Job::Master) && !d.replaced;
+        let master_lost = |d: &Death| d.job == Job::Master && d.is_loss();
         let limit = if self.deaths.iter().any(master_lost) {
             self.group.page.set_phase(CellPhase::Ending);
             LEAVE_LIMIT_AFTER_MACHINE
@@ -366,9 +388,12 @@ impl<'a> Supervision<'a> {
             LEAVE_LIMIT
         };
         let before = self.signals.count();
-        let left = self
+        let mut left = self
             .group
             .wait_until_left(limit, &|| self.signals.count() > before);
+        if self.is_over() {
+            left.iter_mut().for_each(Death::note_after_end);
+        }
         note_deaths(&left, self.group.newest_scan, self.events);
         self.deaths.extend(left);
     }

@@ -88,7 +88,7 @@ fn conclude(ending: &Ending, cell: &str) -> Outcome {
     }
     let needed = |job| matches!(job, Job::Master | Job::Planner);
     let mut lost = ending.deaths.iter().filter(|d| needed(d.job));
-    if let Some(death) = lost.find(|d| !d.status.success() && !d.replaced) {
+    if let Some(death) = lost.find(|d| d.is_loss()) {
         return Err(Failure::Stopped(anyhow!(
             "{} {}",
             death.name,
