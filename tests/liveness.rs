@@ -102,3 +102,23 @@ fn a_master_killed_after_its_last_feedback_is_not_missed() {
     assert!(!run.stderr().contains("restarted"), "{}", run.stderr());
     assert!(traces_of(&run.cell).is_empty(), "{:?}", traces_of(&run.cell));
 }
+
+/// A launcher that is stopped for a moment finds both when it goes on: the master dead, and the order to stop.
+#[test]
+fn a_stop_that_comes_while_the_master_is_being_replaced_is_obeyed() {
+    let (_bench, mut cell) = cell_with(&long_program());
+    cell.wait_for(|f| f.tag.element >= 2 && f.tag.distance_mm > 10.0);
+    cell.signal_launcher(libc::SIGSTOP);
+    send(cell.pid_of("quadrant plant-sim"), libc::SIGKILL);
+    cell.signal_launcher(libc::SIGTERM);
+    cell.signal_launcher(libc::SIGCONT);
+    let since = Instant::now();
+    let run = cell.finish();
+    let stderr = run.stderr();
+    assert!(since.elapsed() < MOMENTS, "{stderr}");
+    assert!(!stderr.contains("not at rest"), "{stderr}");
+    assert!(stderr.contains("plant-sim restarted"), "{stderr}");
+    // The machine was without a master for a moment: that is how it ended, and not as the stop alone would have.
+    assert_eq!(run.status(), 1, "{stderr}");
+    assert!(traces_of(&run.cell).is_empty(), "{:?}", traces_of(&run.cell));
+}

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use bus::member::Pace;
-use bus::port::OperatorClient;
+use bus::port::{OperatorClient, PendingOrder};
 use bus::sample::{Cause, Feedback, Job, Mode, OperatorRequest, Order, ProgramState};
 use bus::signal_page::CellPhase;
 use control::path::Path;
@@ -24,6 +24,8 @@ use crate::view::View;
 
 /// So long the machine may take to come to rest once it was ordered to.
 const STOP_LIMIT: Duration = Duration::from_secs(15);
+/// A stop that has no answer by then is ordered again.
+const ANSWER_LIMIT: Duration = Duration::from_millis(500);
 /// The longest wait while somebody is being started, or a fault script may ask for something.
 const LOOK_OFTEN: Duration = Duration::from_millis(1);
 
@@ -128,6 +130,25 @@ struct Supervision<'a> {
     ends: bool,
     hinted: Option<String>,
     stop_since: Option<Instant>,
+    asked: Option<Asked>,
+}
+
+/// The stop that was ordered last.
+struct Asked {
+    /// Incarnation of the master that was to obey: another one knows nothing of it.
+    incarnation: u32,
+    since: Instant,
+    order: PendingOrder,
+    answered: bool,
+}
+
+impl Asked {
+    /// Whether this master has obeyed, or still may.
+    fn holds(&mut self, incarnation: u32) -> bool {
+        self.answered |= self.order.answer().is_some();
+        let in_time = self.answered || self.since.elapsed() < ANSWER_LIMIT;
+        self.incarnation == incarnation && in_time
+    }
 }
 
 impl<'a> Supervision<'a> {
@@ -159,6 +180,7 @@ impl<'a> Supervision<'a> {
             ends: false,
             hinted: None,
             stop_since: None,
+            asked: None,
         }
     }
 
@@ -313,7 +335,8 @@ impl<'a> Supervision<'a> {
         }
     }
 
-    /// Asks the master to come to rest on the path, and a cell that stays up to end then; again if the order could not be sent.
+    /// Asks the master to come to rest on the path, and a cell that stays up to end then. The order stands until it is obeyed: it is
+    /// given again where it could not be sent or finds no answer, and to a master that takes the place of the one that was asked.
     fn stop_if_needed(&mut self) {
         let interrupted = self.signals.count() > 0;
         let (why, again) = match (interrupted, self.ends) {
@@ -321,8 +344,21 @@ impl<'a> Supervision<'a> {
             (false, true) => ("a process is lost for good", "twice"),
             (false, false) => return,
         };
+        let incarnation = self.newest.map_or(0, |feedback| feedback.incarnation);
+        if self.asked.as_mut().is_some_and(|a| a.holds(incarnation)) {
+            return;
+        }
         let stays = self.session.is_some();
-        if self.stop_since.is_some() || !stop(self.group, &self.watch.operator, stays) {
+        let Some(order) = stop(self.group, &self.watch.operator, stays) else {
+            return;
+        };
+        self.asked = Some(Asked {
+            incarnation,
+            since: Instant::now(),
+            order,
+            answered: false,
+        });
+        if self.stop_since.is_some() {
             return;
         }
         self.stop_since = Some(Instant::now());
@@ -449,14 +485,14 @@ fn note_deaths(deaths: &[Death], scan: u64, events: &mut Events) {
     }
 }
 
-/// Sends that order; false if it could not be sent.
-fn stop(group: &Group, operator: &OperatorClient, stays: bool) -> bool {
+/// Sends that order; none if it could not be sent.
+fn stop(group: &Group, operator: &OperatorClient, stays: bool) -> Option<PendingOrder> {
     let order = if stays { Order::Down } else { Order::Stop };
     let order = OperatorRequest {
         order: order as u32,
         ..OperatorRequest::default()
     };
-    let sent = operator.send(order).is_some();
+    let sent = operator.send(order);
     group.page.master_signal().raise();
     sent
 }
