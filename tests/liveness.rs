@@ -7,7 +7,9 @@ use std::os::fd::{AsFd, AsRawFd};
 use std::os::unix::fs::OpenOptionsExt;
 use std::time::{Duration, Instant};
 
-use crate::support::{Bench, LiveCell, circle_program, long_program, send, text, traces_of};
+use crate::support::{
+    Bench, LiveCell, Run, circle_program, long_program, number, send, text, traces_of,
+};
 
 /// Moments, on a PC that does other things as well.
 const MOMENTS: Duration = Duration::from_secs(8);
@@ -15,8 +17,11 @@ const MOMENTS: Duration = Duration::from_secs(8);
 /// A watchdog that a busy PC does not set off: what is tested is not what happens then.
 const PATIENT: (&str, &str) = ("watchdog_scans = 50 ", "watchdog_scans = 1000 ");
 
+/// A master that is killed is replaced.
+const REPLACED: (&str, &str) = ("[scan]\n", "[restart]\nmaster = \"wait\"\n\n[scan]\n");
+
 fn cell_with(program: &str) -> (Bench, LiveCell) {
-    let bench = Bench::of("xy", &[PATIENT]);
+    let bench = Bench::of("xy", &[PATIENT, REPLACED]);
     let program = bench.file("circle.ngc", program);
     let cell = LiveCell::start(bench.path(), &program, "realtime");
     (bench, cell)
@@ -64,7 +69,9 @@ fn output_that_nobody_takes_keeps_nobody_from_being_replaced_and_no_stop_from_be
     send(cell.pid_of("quadrant planner"), libc::SIGKILL);
     wait_until("another planner", || {
         let children = cell.children();
-        let mut planners = children.iter().filter(|(_, l)| l.contains("quadrant planner"));
+        let mut planners = children
+            .iter()
+            .filter(|(_, l)| l.contains("quadrant planner"));
         planners.any(|(_, line)| line.contains("--incarnation 2"))
     });
     // It works: the window that the first one left would have ended by then.
@@ -100,7 +107,11 @@ fn a_master_killed_after_its_last_feedback_is_not_missed() {
     let report = run.good_report();
     assert_eq!(text(&report, "/outcome/kind"), "completed");
     assert!(!run.stderr().contains("restarted"), "{}", run.stderr());
-    assert!(traces_of(&run.cell).is_empty(), "{:?}", traces_of(&run.cell));
+    assert!(
+        traces_of(&run.cell).is_empty(),
+        "{:?}",
+        traces_of(&run.cell)
+    );
 }
 
 /// A launcher that is stopped for a moment finds both when it goes on: the master dead, and the order to stop.
@@ -120,5 +131,71 @@ fn a_stop_that_comes_while_the_master_is_being_replaced_is_obeyed() {
     assert!(stderr.contains("plant-sim restarted"), "{stderr}");
     // The machine was without a master for a moment: that is how it ended, and not as the stop alone would have.
     assert_eq!(run.status(), 1, "{stderr}");
-    assert!(traces_of(&run.cell).is_empty(), "{:?}", traces_of(&run.cell));
+    assert!(
+        traces_of(&run.cell).is_empty(),
+        "{:?}",
+        traces_of(&run.cell)
+    );
+}
+
+/// What the report says is missing at the end of the log, which has this last scan.
+fn missing_at_the_end(run: &Run) -> (f64, f64, f64) {
+    let report = run.report();
+    let parts = report.pointer("/parts").and_then(|p| p.as_array());
+    let parts = parts.expect("parts").iter();
+    let reached = parts.filter_map(|part| part["last_scan"].as_f64());
+    let gaps = report.pointer("/missing_scans").and_then(|p| p.as_array());
+    let last = gaps.and_then(|gaps| gaps.last()).expect("a gap");
+    assert!(number(&report, "/samples_lost") > 0.0);
+    let scan = |key: &str| last[key].as_f64().expect("a scan");
+    (reached.fold(-1.0, f64::max), scan("first"), scan("last"))
+}
+
+/// A launcher that is stopped for a moment replaces nobody before the run is over.
+#[test]
+fn a_recorder_killed_in_the_last_moments_holds_up_nothing_and_the_report_says_what_is_missing() {
+    let (_bench, mut cell) = cell_with(&short_program());
+    cell.wait_for(|f| f.tag.element >= 5);
+    cell.signal_launcher(libc::SIGSTOP);
+    send(cell.pid_of("quadrant recorder"), libc::SIGKILL);
+    let last = cell.wait_for(|f| f.last == 1).scan as f64;
+    cell.signal_launcher(libc::SIGCONT);
+    let since = Instant::now();
+    let run = cell.finish();
+    assert!(since.elapsed() < MOMENTS, "{}", run.stderr());
+    let (reached, first, to) = missing_at_the_end(&run);
+    assert_eq!((first, to), (reached + 1.0, last), "{}", run.stderr());
+}
+
+/// It comes when there is nothing left to record: the last feedback, for which it would wait, has been.
+#[test]
+fn a_recorder_that_comes_too_late_for_the_last_feedback_is_not_waited_for() {
+    let (_bench, mut cell) = cell_with(&short_program());
+    cell.wait_for(|f| f.tag.element >= 5);
+    send(cell.pid_of("quadrant recorder"), libc::SIGKILL);
+    let mut second = None;
+    wait_until("another recorder", || {
+        let children = cell.children();
+        second = children
+            .iter()
+            .find(|(_, l)| l.contains("quadrant recorder") && l.contains("--incarnation 2"))
+            .map(|(pid, _)| *pid);
+        second.is_some()
+    });
+    let second = second.expect("it was seen");
+    send(second, libc::SIGSTOP);
+    let last = cell.wait_for(|f| f.last == 1).scan as f64;
+    wait_until("the master leaves", || {
+        let children = cell.children();
+        !children
+            .iter()
+            .any(|(_, l)| l.contains("quadrant plant-sim"))
+    });
+    send(second, libc::SIGCONT);
+    let since = Instant::now();
+    let run = cell.finish();
+    assert!(since.elapsed() < MOMENTS, "{}", run.stderr());
+    assert_eq!(run.status(), 0, "{}", run.stderr());
+    let (reached, first, to) = missing_at_the_end(&run);
+    assert_eq!((first, to), (reached + 1.0, last), "{}", run.stderr());
 }

@@ -35,6 +35,9 @@ const IDLE_LEAVE_LIMIT: Duration = Duration::from_secs(5);
 /// The same where the master is gone and nothing is left to wait for.
 pub const LEAVE_LIMIT_AFTER_MACHINE: Duration = Duration::from_secs(2);
 
+/// So long a recorder may come no further without having taken the last scan: it has missed that, and waits for nothing.
+const RECORDER_IDLE_LIMIT: Duration = Duration::from_secs(1);
+
 /// The longest wait without looking who has left.
 const LEAVE_LOOK: Duration = Duration::from_millis(100);
 
@@ -516,12 +519,22 @@ impl Group {
     pub fn wait_until_left(&mut self, limit: Duration, hurry: &dyn Fn() -> bool) -> Vec<Death> {
         let started = Instant::now();
         let mut deaths = Vec::new();
+        let mut recorded = (self.page.recorded_scans(), started);
+        // They were to replace somebody who is not needed any more.
+        let late = |m: &Member| m.joining.is_some() && m.status.is_none();
+        self.end(&|m| late(m) && m.role.process.job != Job::Monitor);
         while started.elapsed() < limit && !hurry() {
             deaths.extend(self.reap());
             if self.living().next().is_none() {
                 return deaths;
             }
-            if started.elapsed() > limit / 2 && self.page.phase() != CellPhase::Ending {
+            let scans = self.page.recorded_scans();
+            if scans != recorded.0 {
+                recorded = (scans, Instant::now());
+            }
+            let missed = scans <= self.newest_scan && recorded.1.elapsed() > RECORDER_IDLE_LIMIT;
+            let in_vain = missed || started.elapsed() > limit / 2;
+            if in_vain && self.page.phase() != CellPhase::Ending {
                 // Whoever still waits for a last feedback waits in vain.
                 self.page.set_phase(CellPhase::Ending);
             }

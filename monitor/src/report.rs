@@ -12,6 +12,7 @@ mod document;
 mod error;
 mod evaluation;
 mod files;
+mod gaps;
 mod html;
 mod json;
 mod match_up;

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use machine::Machine;
 use program::{Program, Setup};
+use serde_json::Value;
 
 use super::error::ReportError;
 use crate::log::{Part, Prescan, RunEnd, RunInfo, RunLog, Sample, Start, skim};
@@ -21,6 +22,8 @@ pub struct Evaluation {
     pub digest: String,
     /// The parts of the log, in order.
     pub parts: Vec<Part>,
+    /// The last scan that the launcher saw; none if it did not see the end of the run, or noted it elsewhere.
+    pub last_scan: Option<u64>,
     /// Windows that are in no part of it.
     pub windows_lost: u64,
     /// Why the log ends early, if it does.
@@ -87,6 +90,7 @@ fn evaluate_knowing(
         end: reader.end(),
         digest: reader.digest(),
         parts: reader.parts().to_vec(),
+        last_scan: last_scan(run_dir),
         windows_lost: reader.windows_lost(),
         cut: reader.cut().map(str::to_string),
         program_matches: prescan
@@ -96,6 +100,15 @@ fn evaluate_knowing(
         machine: machine.clone(),
     };
     Ok((evaluation, found))
+}
+
+/// The scan with which the run ended, as the launcher noted it among the events.
+fn last_scan(run_dir: &Path) -> Option<u64> {
+    let events = std::fs::read_to_string(run_dir.join("events.jsonl")).ok()?;
+    let events = events.lines().rev();
+    let mut events = events.filter_map(|line| serde_json::from_str::<Value>(line).ok());
+    let ended = events.find(|event| event["event"] == "ended")?;
+    ended["scan"].as_u64()
 }
 
 fn fits(run_dir: &Path, machine: &Machine, reader: &RunLog) -> Result<(), ReportError> {

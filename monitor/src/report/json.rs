@@ -6,6 +6,7 @@ use machine::DriveMode;
 use serde::Serialize;
 
 use super::evaluation::Evaluation;
+use super::gaps::{missing_scans, samples_lost};
 use crate::measure::arc::{ArcResult, Deviations};
 use crate::measure::axis::{AMBIENT_C, AxisMeter, LimitCounts};
 use crate::measure::fit::FitKind;
@@ -451,54 +452,6 @@ fn parts(evaluation: &Evaluation) -> Vec<PartReport> {
             cut: part.cut.is_some(),
         })
         .collect()
-}
-
-fn samples_lost(evaluation: &Evaluation) -> u64 {
-    // Feedback, instruments and each axis' command.
-    let of_a_scan = 2 + evaluation.machine.axes.len() as u64;
-    let before_first = beginning_missing(evaluation).map_or(0, |(from, first)| first - from);
-    let before_first = before_first * of_a_scan;
-    before_first + evaluation.measurements.samples_lost + evaluation.windows_lost
-}
-
-/// Of a log whose first recorder left nothing: the scan in which the run began, and the first that is known.
-fn beginning_missing(evaluation: &Evaluation) -> Option<(u64, u64)> {
-    let begins_at = evaluation.info.begins_at();
-    let (first, others) = evaluation.parts.split_first()?;
-    let of_others = others.iter().find_map(|part| part.first_scan);
-    of_others
-        .filter(|scan| first.first_scan.is_none() && *scan > begins_at)
-        .map(|scan| (begins_at, scan))
-}
-
-/// Gaps that the measurement saw, and those between parts: over a restart of the master it could not tell that the scans
-/// between had been.
-fn missing_scans(evaluation: &Evaluation) -> Vec<ScanRange> {
-    let seen = evaluation.measurements.missing_scans.iter();
-    let mut missing: Vec<ScanRange> = seen
-        .map(|&(first, last)| ScanRange { first, last })
-        .collect();
-    if let Some((from, first)) = beginning_missing(evaluation) {
-        missing.push(ScanRange {
-            first: from,
-            last: first - 1,
-        });
-    }
-    let mut reached: Option<u64> = None;
-    for part in &evaluation.parts {
-        if let (Some(last), Some(first)) = (reached, part.first_scan)
-            && first > last + 1
-        {
-            missing.push(ScanRange {
-                first: last + 1,
-                last: first - 1,
-            });
-        }
-        reached = reached.max(part.last_scan);
-    }
-    missing.sort_unstable();
-    missing.dedup();
-    missing
 }
 
 fn axes(evaluation: &Evaluation) -> Vec<AxisReport> {
