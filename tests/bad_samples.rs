@@ -76,6 +76,7 @@ fn an_answer_that_is_lost_late_or_somebody_elses_is_a_missed_scan_and_the_drive_
         "do = \"delay\"\nlate_scans = 2",
         "do = \"corrupt\"\nwhat = \"old-scan\"",
         "do = \"corrupt\"\nwhat = \"future-scan\"",
+        "do = \"corrupt\"\nwhat = \"never-visible\"",
         "do = \"corrupt\"\nwhat = \"wrong-axis\"",
         "do = \"corrupt\"\nwhat = \"wrong-incarnation\"",
         "do = \"corrupt\"\nwhat = \"replay\"",
@@ -85,6 +86,23 @@ fn an_answer_that_is_lost_late_or_somebody_elses_is_a_missed_scan_and_the_drive_
         assert_eq!(number(&report, "/axes/1/missed_scans"), 0.0, "{fault}");
         assert_eq!(number(&report, "/limits/acceleration_exceeded"), 0.0);
     }
+}
+
+/// Its reader would wait for it, and for all behind it, without end.
+#[test]
+fn one_sample_that_is_never_visible_loses_one_scan_or_one_window_and_a_standby_goes_on_standing_by()
+{
+    let never = "do = \"corrupt\"\nwhat = \"never-visible\"";
+    let bench = Bench::of("xy", &[]);
+    let report = with_fault(&bench, "servo-X", never).good_report();
+    assert_eq!(number(&report, "/axes/0/missed_scans"), 1.0);
+    let report = with_fault(&bench, "planner", never).good_report();
+    assert!(number(&report, "/contour_error_um/peak") < 25.0);
+    let with_standby = Bench::of("xy", &[STANDBY]);
+    let before = undisturbed(&with_standby);
+    let report = with_fault(&with_standby, "servo-X", never).good_report();
+    assert_eq!(text(&report, "/motion_digest"), before);
+    assert_eq!(number(&report, "/axes/0/missed_scans"), 0.0);
 }
 
 #[test]

@@ -12,7 +12,7 @@ use crate::support::{
 };
 
 /// Moments, on a PC that does other things as well.
-const MOMENTS: Duration = Duration::from_secs(8);
+const MOMENTS: Duration = Duration::from_secs(13);
 
 /// A watchdog that a busy PC does not set off: what is tested is not what happens then.
 const PATIENT: (&str, &str) = ("watchdog_scans = 50 ", "watchdog_scans = 1000 ");

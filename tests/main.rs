@@ -16,6 +16,7 @@ mod faults_in_process;
 mod house;
 mod in_process;
 mod interruption;
+mod killed_clients;
 mod leftovers;
 mod liveness;
 mod metrics;

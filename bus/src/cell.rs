@@ -8,12 +8,12 @@
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use iceoryx2::config::Config;
 use iceoryx2::prelude::{FileName, Path as IoxPath, SemanticString};
-use rustix::fs::{FlockOperation, flock};
+use rustix::fs::{FlockOperation, OFlags, flock};
 
 use crate::process::watch;
 
@@ -69,13 +69,13 @@ pub enum CellError {
         cell: String,
     },
     /// What is in its place is not ours.
-    #[error("cell {cell:?}: {folder} {found}: name another cell with --cell")]
+    #[error("cell {cell:?}: {path} {found}: name another cell with --cell")]
     Foreign {
         /// The cell.
         cell: String,
-        /// Its place.
-        folder: String,
-        /// What stands there.
+        /// Its place, or a segment of its name.
+        path: String,
+        /// What is there.
         found: String,
     },
     /// The operating system refused something.
@@ -338,19 +338,20 @@ impl CellPaths {
     fn must_be_ours(&self) -> Result<(), CellError> {
         let folder = self.folder();
         let found = match fs::symlink_metadata(&folder) {
-            // It went meanwhile: opening a lock in it will tell.
-            Err(_) => return Ok(()),
-            Ok(metadata) if !metadata.is_dir() => "is not a folder".to_string(),
-            Ok(metadata) if metadata.uid() != rustix::process::geteuid().as_raw() => {
-                format!("belongs to user {}", metadata.uid())
-            }
-            Ok(_) => return Ok(()),
+            // It went meanwhile: opening a lock in it will fail.
+            Err(_) => None,
+            Ok(metadata) if !metadata.is_dir() => Some("is not a folder".to_string()),
+            Ok(metadata) => others(&metadata),
         };
-        Err(CellError::Foreign {
+        found.map_or(Ok(()), |found| Err(self.foreign(&folder, found)))
+    }
+
+    fn foreign(&self, path: &Path, found: String) -> CellError {
+        CellError::Foreign {
             cell: self.name.clone(),
-            folder: folder.display().to_string(),
+            path: path.display().to_string(),
             found,
-        })
+        }
     }
 
     /// Holds the members' lock as one of them, for as long as the result lives.
@@ -374,9 +375,28 @@ impl CellPaths {
         let prefix = self.segment_prefix();
         let entries = fs::read_dir(SHARED_MEMORY).map_err(|e| self.error("listing /dev/shm", e))?;
         for entry in entries.flatten() {
-            if entry.file_name().to_string_lossy().starts_with(&prefix) {
-                fs::set_permissions(entry.path(), fs::Permissions::from_mode(0o600))
-                    .map_err(|e| self.error("closing a segment to others", e))?;
+            let path = entry.path();
+            if !entry.file_name().to_string_lossy().starts_with(&prefix) {
+                continue;
+            }
+            // Through the open file, and never through a link: its name may be another thing's by now.
+            let file = OpenOptions::new()
+                .read(true)
+                .custom_flags((OFlags::NOFOLLOW | OFlags::NONBLOCK).bits() as i32)
+                .open(&path)
+                .map_err(|e| self.error(&format!("closing {} to others", path.display()), e))?;
+            let closed = file.metadata().and_then(|found| match foreign(&found) {
+                Some(found) => Ok(Some(found)),
+                None => file
+                    .set_permissions(fs::Permissions::from_mode(0o600))
+                    .map(|()| None),
+            });
+            match closed {
+                Ok(None) => {}
+                Ok(Some(found)) => return Err(self.foreign(&path, found)),
+                Err(e) => {
+                    return Err(self.error(&format!("closing {} to others", path.display()), e));
+                }
             }
         }
         fs::set_permissions(self.folder(), fs::Permissions::from_mode(0o700))
@@ -390,7 +410,7 @@ impl CellPaths {
         entries
             .filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix))
             .filter_map(|entry| Some((entry.path(), entry.metadata().ok()?)))
-            .filter(|(_, found)| found.is_file() && found.len() == 0)
+            .filter(|(_, found)| foreign(found).is_none() && found.len() == 0)
             .map(|(path, found)| (path, found.ino()))
             .collect()
     }
@@ -425,16 +445,22 @@ impl CellPaths {
         for entry in entries.flatten() {
             let name = entry.file_name();
             let name = name.to_string_lossy();
-            let result = if name.starts_with(&prefix) {
-                fs::remove_file(entry.path())
-            } else if name.starts_with(&left_folder) {
-                fs::remove_dir_all(entry.path())
-            } else {
+            let is_segment = name.starts_with(&prefix);
+            if !is_segment && !name.starts_with(&left_folder) {
                 continue;
+            }
+            let path = entry.path();
+            if let Some(user) = entry.metadata().ok().and_then(|found| others(&found)) {
+                return Err(self.foreign(&path, user));
+            }
+            let result = if is_segment {
+                fs::remove_file(&path)
+            } else {
+                fs::remove_dir_all(&path)
             };
             result
                 .or_else(gone)
-                .map_err(|e| self.error("removing a segment", e))?;
+                .map_err(|e| self.error(&format!("removing {}", path.display()), e))?;
             removed += 1;
         }
         let folder =
@@ -459,8 +485,23 @@ impl CellPaths {
     }
 }
 
+/// Whose it is, if it is another user's.
+fn others(found: &fs::Metadata) -> Option<String> {
+    let user = found.uid();
+    (user != rustix::process::geteuid().as_raw()).then(|| format!("belongs to user {user}"))
+}
+
+/// Why it is no segment of ours, if so.
+fn foreign(found: &fs::Metadata) -> Option<String> {
+    if found.is_file() {
+        others(found)
+    } else {
+        Some("is not a plain file".into())
+    }
+}
+
 /// Removes a folder into which somebody who does not know yet that its cell has gone may still be writing.
-fn remove_folder(path: &std::path::Path) -> io::Result<()> {
+fn remove_folder(path: &Path) -> io::Result<()> {
     for _ in 0..REMOVALS_MAX {
         match fs::remove_dir_all(path) {
             Err(error) if error.kind() == io::ErrorKind::DirectoryNotEmpty => {

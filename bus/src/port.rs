@@ -25,7 +25,35 @@ use crate::sample::{
     AxisCommand, Feedback, Instruments, OperatorRequest, OperatorResponse, PlannerStatus, Roster,
     Setpoint, WindowHeader,
 };
-use crate::service::{Bus, PubSub, ROLES, Sample, Topic, WINDOW_SETPOINTS};
+use crate::service::{Bus, PubSub, RECORDER_DEPTH_SCANS, ROLES, Sample, Topic, WINDOW_SETPOINTS};
+
+/// A reader lags behind the writers by its own queue of feedbacks at most: no sample is visible later than so many scans after the
+/// one a recorder is at.
+const HORIZON_SCANS: u64 = RECORDER_DEPTH_SCANS as u64 + 1;
+
+/// When a sample that is visible from one scan on may be acted on by a reader in another.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Visibility {
+    /// In the reader's scan.
+    Now,
+    /// In a later one, at most the reader's horizon ahead: it waits, and all behind it.
+    Later,
+    /// Later than any sample can be: it is nonsense, and must not keep those behind it waiting.
+    Never,
+}
+
+impl Visibility {
+    /// Of a sample visible from `visible_from` on, for a reader in `scan` that looks `horizon_scans` ahead.
+    pub fn of(visible_from: u64, scan: u64, horizon_scans: u64) -> Visibility {
+        if visible_from <= scan {
+            Visibility::Now
+        } else if visible_from - scan <= horizon_scans {
+            Visibility::Later
+        } else {
+            Visibility::Never
+        }
+    }
+}
 
 /// How old the newest sample of a reader is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -117,6 +145,7 @@ pub struct Reader<T: Sample> {
     subscriber: Subscriber<ipc::Service, T, ()>,
     set_aside: Option<T>,
     newest_scan: Option<u64>,
+    horizon_scans: u64,
     failed: u64,
 }
 
@@ -132,8 +161,17 @@ impl<T: Sample> Reader<T> {
             subscriber,
             set_aside: None,
             newest_scan: None,
+            horizon_scans: HORIZON_SCANS,
             failed: 0,
         })
+    }
+
+    /// For a reader that lags behind the writers by less than a recorder may: so many scans ahead a sample may be visible.
+    pub fn with_horizon(self, horizon_scans: u64) -> Reader<T> {
+        Reader {
+            horizon_scans,
+            ..self
+        }
     }
 
     /// How old the newest sample handed out is in scan `now`.
@@ -154,15 +192,23 @@ impl<T: Sample> Reader<T> {
         }
     }
 
-    /// The next sample in order that may be acted on in `scan`.
+    /// The next sample in order that may be acted on in `scan`. One that is visible later than any can be is dropped and
+    /// counted in [`Reader::failed`].
     pub fn next(&mut self, scan: u64) -> Option<T> {
-        let sample = self.receive()?;
-        if sample.visible_from() > scan {
-            self.set_aside = Some(sample);
-            return None;
+        loop {
+            let sample = self.receive()?;
+            match Visibility::of(sample.visible_from(), scan, self.horizon_scans) {
+                Visibility::Now => {
+                    self.newest_scan = Some(sample.scan());
+                    return Some(sample);
+                }
+                Visibility::Later => {
+                    self.set_aside = Some(sample);
+                    return None;
+                }
+                Visibility::Never => self.failed += 1,
+            }
         }
-        self.newest_scan = Some(sample.scan());
-        Some(sample)
     }
 
     /// The newest sample that may be acted on in `scan`; older ones are dropped.
@@ -179,7 +225,7 @@ impl<T: Sample> Reader<T> {
         self.receive()
     }
 
-    /// Receptions that iceoryx2 refused.
+    /// Receptions that iceoryx2 refused, and samples that could never have become visible.
     pub fn failed(&self) -> u64 {
         self.failed
     }
@@ -209,10 +255,20 @@ impl WindowWriter {
 pub struct WindowReader {
     subscriber: Subscriber<ipc::Service, [Setpoint], WindowHeader>,
     set_aside: Option<iceoryx2::sample::Sample<ipc::Service, [Setpoint], WindowHeader>>,
+    horizon_scans: u64,
 }
 
 impl WindowReader {
-    /// Hands each window that may be acted on in `scan` to `take`, in order.
+    /// As [`Reader::with_horizon`].
+    pub fn with_horizon(self, horizon_scans: u64) -> WindowReader {
+        WindowReader {
+            horizon_scans,
+            ..self
+        }
+    }
+
+    /// Hands each window that may be acted on in `scan` to `take`, in order. One that is visible later than any can be is
+    /// dropped.
     pub fn each(&mut self, scan: u64, mut take: impl FnMut(&WindowHeader, &[Setpoint])) {
         loop {
             let sample = match self.set_aside.take() {
@@ -222,11 +278,15 @@ impl WindowReader {
                     _ => return,
                 },
             };
-            if sample.user_header().visible_from > scan {
-                self.set_aside = Some(sample);
-                return;
+            let visible_from = sample.user_header().visible_from;
+            match Visibility::of(visible_from, scan, self.horizon_scans) {
+                Visibility::Now => take(sample.user_header(), sample.payload()),
+                Visibility::Later => {
+                    self.set_aside = Some(sample);
+                    return;
+                }
+                Visibility::Never => {}
             }
-            take(sample.user_header(), sample.payload());
         }
     }
 }
@@ -400,6 +460,7 @@ impl Bus {
         Ok(WindowReader {
             subscriber,
             set_aside: None,
+            horizon_scans: HORIZON_SCANS,
         })
     }
 

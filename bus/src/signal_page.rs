@@ -20,9 +20,9 @@ use rustix::mm::{MapFlags, ProtFlags};
 use rustix::thread::futex;
 
 use crate::cell::{CellError, CellPaths};
-use crate::sample::MAX_PARTICIPANTS;
+use crate::sample::{MAX_PARTICIPANTS, OperatorRequest, OperatorResponse, Order};
 
-const MAGIC: u64 = u64::from_le_bytes(*b"QUADRAN2");
+const MAGIC: u64 = u64::from_le_bytes(*b"QUADRAN3");
 /// Most faults a script of one run can have.
 pub const FAULTS_MAX: usize = 1024;
 /// Bytes kept for one saved state of the master.
@@ -121,6 +121,7 @@ struct Layout {
     monitor: Signal,
     launcher: Signal,
     recorded: Recorded,
+    urgent: [UrgentWords; URGENT.len()],
     requests: Requests,
     places: [PlaceWords; MAX_PARTICIPANTS],
     saved: [SavedState; 2],
@@ -137,6 +138,19 @@ struct Answers {
 #[repr(C, align(64))]
 struct Recorded {
     scans: AtomicU64,
+}
+
+/// Orders that must always come through: they need no place in a service, and wait here for a master that is being replaced.
+const URGENT: [Order; 3] = [Order::Stop, Order::Hold, Order::Down];
+
+/// One such order, and the last answer to it. All who have asked by the time it is judged have the same answer.
+#[repr(C, align(64))]
+struct UrgentWords {
+    /// Times it was asked for.
+    asked: AtomicU32,
+    /// Of these, those that are answered.
+    answered: AtomicU32,
+    answer: [AtomicU64; size_of::<OperatorResponse>() / 8],
 }
 
 /// What the master asks of the launcher: one request at a time.
@@ -278,6 +292,54 @@ impl SignalPage {
     fn layout(&self) -> &Layout {
         // SAFETY: mapped for the life of `self`, aligned to a page, atomics only.
         unsafe { self.layout.as_ref() }
+    }
+
+    fn urgent(&self, order: Order) -> Option<&UrgentWords> {
+        let index = URGENT.iter().position(|urgent| *urgent == order)?;
+        self.layout().urgent.get(index)
+    }
+
+    /// Gives an order that must always come through: stop, hold, down. Its number, for [`SignalPage::urgent_answer`]; none for
+    /// any other order.
+    pub fn order_urgently(&self, order: Order) -> Option<u32> {
+        let number = self.urgent(order)?.asked.fetch_add(1, Ordering::AcqRel);
+        self.master_signal().raise();
+        Some(number.wrapping_add(1))
+    }
+
+    /// The answer to an order of that number, once it is there.
+    pub fn urgent_answer(&self, order: Order, number: u32) -> Option<OperatorResponse> {
+        let words = self.urgent(order)?;
+        let is_answered =
+            || words.answered.load(Ordering::Acquire).wrapping_sub(number) as i32 >= 0;
+        if !is_answered() {
+            return None;
+        }
+        let mut answer = [0u64; size_of::<OperatorResponse>() / 8];
+        for (value, word) in answer.iter_mut().zip(&words.answer) {
+            *value = word.load(Ordering::Acquire);
+        }
+        Some(bytemuck::cast(answer))
+    }
+
+    /// Judges the urgent orders that are there; for the master. One that dies between judging and answering leaves the order to
+    /// the next: each of them may be given twice.
+    pub fn serve_urgent(&self, mut judge: impl FnMut(&OperatorRequest) -> OperatorResponse) {
+        for (order, words) in URGENT.iter().zip(&self.layout().urgent) {
+            let asked = words.asked.load(Ordering::Acquire);
+            if asked == words.answered.load(Ordering::Acquire) {
+                continue;
+            }
+            let response = judge(&OperatorRequest {
+                order: *order as u32,
+                ..OperatorRequest::default()
+            });
+            let answer: [u64; size_of::<OperatorResponse>() / 8] = bytemuck::cast(response);
+            for (word, value) in words.answer.iter().zip(answer) {
+                word.store(value, Ordering::Release);
+            }
+            words.answered.store(asked, Ordering::Release);
+        }
     }
 
     /// Process id of the launcher that made the page.

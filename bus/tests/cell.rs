@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use bus::cell::{CellError, CellPaths};
 use bus::port::Age;
-use bus::sample::{Feedback, PlannerStatus};
+use bus::sample::{Feedback, PlannerStatus, Setpoint, WindowHeader};
 use bus::service::{Bus, SCAN_DEPTH, Shape};
 use bus::signal_page::{CellPhase, MACHINE_STATE_BYTES, SignalPage};
 use bytemuck::Zeroable;
@@ -121,6 +121,41 @@ fn a_reader_sets_aside_what_is_visible_only_later_and_keeps_the_order() {
 }
 
 #[test]
+fn a_sample_that_is_never_visible_keeps_nobody_waiting() {
+    let place = place("never");
+    let owner = place.own(Duration::ZERO).expect("the cell");
+    let bus = Bus::enter(&place, &shape(), "launcher", true).expect("shared memory");
+    let _services = bus.create_all().expect("services");
+    let mut writer = bus.planner_writer().expect("a writer");
+    let reader = bus.planner_reader(SCAN_DEPTH).expect("a reader");
+    let mut reader = reader.with_horizon(1);
+    let mut windows_out = bus.window_writer().expect("a writer");
+    let mut windows = bus.window_reader(SCAN_DEPTH).expect("a reader");
+    for (scan, visible_from) in [(4, 5), (5, u64::MAX), (6, 9), (7, 8)] {
+        writer.send(&PlannerStatus {
+            scan,
+            visible_from,
+            ..PlannerStatus::zeroed()
+        });
+        let header = WindowHeader {
+            first_scan: scan,
+            visible_from,
+            ..WindowHeader::zeroed()
+        };
+        assert!(windows_out.send(&header, &[Setpoint::zeroed()]));
+    }
+    assert_eq!(reader.next(8).map(|s| s.scan), Some(4));
+    assert!(reader.next(8).is_none(), "one scan ahead it waits");
+    assert_eq!(reader.failed(), 1);
+    assert_eq!(reader.next(9).map(|s| s.scan), Some(6));
+    assert_eq!(reader.next(9).map(|s| s.scan), Some(7));
+    let mut seen = Vec::new();
+    windows.each(9, |header, _| seen.push(header.first_scan));
+    assert_eq!(seen, [4, 6, 7]);
+    drop(owner);
+}
+
+#[test]
 fn a_second_writer_of_a_service_is_refused() {
     let place = place("one");
     let owner = place.own(Duration::ZERO).expect("the cell");
@@ -177,4 +212,27 @@ fn a_segment_that_was_never_finished_goes_when_the_dead_are_cleaned_up_after() {
     drop((writer, reader, services));
     drop(launcher);
     drop(owned);
+}
+
+/// Anybody may put something of a segment's name into /dev/shm.
+#[test]
+fn a_link_of_a_segments_name_is_refused_and_what_it_leads_to_stays_as_it_is() {
+    use std::os::unix::fs::{PermissionsExt, symlink};
+    let place = place("link");
+    let owned = place.own(Duration::ZERO).expect("the cell");
+    let launcher = Bus::enter(&place, &shape(), "launcher", true).expect("shared memory");
+    let folder = tempfile::tempdir().expect("a folder");
+    let victim = folder.path().join("victim");
+    std::fs::write(&victim, "text").expect("a file");
+    std::fs::set_permissions(&victim, std::fs::Permissions::from_mode(0o644)).expect("a mode");
+    let link = format!("/dev/shm/qd-{}_x", place.name());
+    symlink(&victim, &link).expect("a link");
+    let refused = launcher.create_all().expect_err("a link is in the way");
+    assert!(refused.to_string().contains(&link), "{refused}");
+    let mode = std::fs::metadata(&victim).expect("the file").permissions();
+    assert_eq!(mode.mode() & 0o777, 0o644);
+    drop(launcher);
+    drop(owned);
+    assert!(victim.exists(), "the link went, not what it led to");
+    assert!(std::fs::symlink_metadata(&link).is_err());
 }

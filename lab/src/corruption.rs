@@ -282,6 +282,7 @@ fn corrupt_command(command: &mut AxisCommand, what: Corruption) {
         }
         Corruption::OldScan => command.scan = command.scan.saturating_sub(WRONG_SCANS),
         Corruption::FutureScan => command.scan = command.scan.saturating_add(WRONG_SCANS),
+        Corruption::NeverVisible => command.visible_from = u64::MAX,
         Corruption::WrongAxis => command.axis = command.axis.wrapping_add(1),
         Corruption::WrongIncarnation => command.incarnation = command.incarnation.wrapping_add(1),
         Corruption::Replay | Corruption::Checksum | Corruption::SetpointJump | Corruption::Cut => {}
@@ -299,6 +300,7 @@ fn corrupt_window(window: &mut Window, what: Corruption) {
         }
         Corruption::OldScan => header.first_scan = header.first_scan.saturating_sub(WRONG_SCANS),
         Corruption::FutureScan => header.first_scan = header.first_scan.saturating_add(WRONG_SCANS),
+        Corruption::NeverVisible => header.visible_from = u64::MAX,
         Corruption::WrongIncarnation => {
             header.id.incarnation = header.id.incarnation.wrapping_add(1);
         }

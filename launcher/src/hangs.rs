@@ -4,6 +4,7 @@
 use std::time::{Duration, Instant};
 
 use bus::sample::Job;
+use bus::service::RECORDER_DEPTH_SCANS;
 use rustix::process::Signal;
 
 use crate::group::Group;
@@ -60,8 +61,12 @@ impl Hangs {
             if seen.scans != scans {
                 *seen = Seen { scans, since: now };
             }
-            // Who has answered the newest scan has nothing to do.
-            let idle = role.process.job != Job::Master && scans >= group.newest_scan;
+            // Who has answered the newest scan has nothing to do. The launcher may not have seen that one yet; what is further
+            // ahead is no scan that anybody has answered.
+            let ahead_max = RECORDER_DEPTH_SCANS as u64;
+            let idle = role.process.job != Job::Master
+                && (group.newest_scan..=group.newest_scan.saturating_add(ahead_max))
+                    .contains(&scans);
             if idle {
                 seen.since = now;
             }

@@ -10,7 +10,7 @@ mod program;
 pub use client::{Client, held};
 pub use program::{down, load, start};
 
-use client::running;
+use client::{order_urgently, running};
 use eyes::Eyes;
 
 use crate::exit::{Failure, Outcome};
@@ -19,9 +19,15 @@ use crate::output::say;
 
 /// `hold`, `resume`, `stop`, `enable`, `disable`.
 pub fn simple(order: Order, options: &OperatorOptions) -> Outcome {
-    let client = Client::find(options.cell.as_deref(), "operator")?;
-    say(&client.order(order, 0.0)?);
+    say(&given(options.cell.as_deref(), order, 0.0)?);
     Ok(())
+}
+
+fn given(cell: Option<&str>, order: Order, value: f64) -> Result<String, Failure> {
+    match order {
+        Order::Stop | Order::Hold => order_urgently(cell, order),
+        _ => Client::find(cell, "operator")?.order(order, value),
+    }
 }
 
 /// An order without an axis to the cell of this name; what came of it, in words.
@@ -29,7 +35,7 @@ pub fn simple(order: Order, options: &OperatorOptions) -> Outcome {
 /// # Errors
 /// It is refused, or nobody answers.
 pub fn order(cell: &str, order: Order, value: f64) -> Result<String, Failure> {
-    Client::find(Some(cell), "operator")?.order(order, value)
+    given(Some(cell), order, value)
 }
 
 /// `override`.

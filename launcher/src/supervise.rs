@@ -24,6 +24,8 @@ use crate::view::View;
 
 /// So long the machine may take to come to rest once it was ordered to.
 const STOP_LIMIT: Duration = Duration::from_secs(15);
+/// Time between two cleanings after clients that were killed.
+const CLEAN_EVERY: Duration = Duration::from_secs(1);
 /// A stop that has no answer by then is ordered again.
 const ANSWER_LIMIT: Duration = Duration::from_millis(500);
 /// The longest wait while somebody is being started, or a fault script may ask for something.
@@ -97,6 +99,7 @@ pub fn supervise(
         supervision.follow_session();
         supervision.end_hangs();
         supervision.judge_deaths();
+        supervision.clean_after_clients();
         supervision.start_replacements();
         supervision.hint();
         supervision.serve_faults();
@@ -130,6 +133,7 @@ struct Supervision<'a> {
     ends: bool,
     hinted: Option<String>,
     stop_since: Option<Instant>,
+    cleaned: Instant,
     asked: Option<Asked>,
 }
 
@@ -180,6 +184,7 @@ impl<'a> Supervision<'a> {
             ends: false,
             hinted: None,
             stop_since: None,
+            cleaned: Instant::now(),
             asked: None,
         }
     }
@@ -238,6 +243,15 @@ impl<'a> Supervision<'a> {
         if session.is_another(feedback) && lost {
             // Whatever kept it from writing may have passed.
             self.supervisor.try_again(recorder);
+        }
+    }
+
+    /// Clients and observers that were killed keep their places in the services until somebody cleans up after them. A fault
+    /// script repeats itself only if nothing but the script decides when that is done.
+    fn clean_after_clients(&mut self) {
+        if self.faults.is_none() && self.cleaned.elapsed() >= CLEAN_EVERY {
+            self.group.bus.clean_dead();
+            self.cleaned = Instant::now();
         }
     }
 

@@ -32,6 +32,9 @@ use crate::saved::{Latches, SavedState};
 const LOOK_AROUND_SCANS: u64 = 64;
 /// Scans between two looks whether an operator asks for something.
 const OPERATOR_SCANS: u64 = 4;
+/// Answers are visible in the scan after the feedback that they answer, and nobody has a later feedback than the master has
+/// published.
+const HORIZON_SCANS: u64 = 1;
 /// So long the recorder may take for what is in its queue at the end.
 const LAST_RECORD_LIMIT: Duration = Duration::from_secs(5);
 /// The longest wait at a signal without a look at the ports.
@@ -53,9 +56,13 @@ impl Ports {
         Ok(Ports {
             feedback: bus.feedback_writer()?,
             instruments: bus.instruments_writer()?,
-            commands: bus.command_readers(SCAN_DEPTH)?,
-            windows: bus.window_reader(SCAN_DEPTH)?,
-            planner: bus.planner_reader(SCAN_DEPTH)?,
+            commands: bus
+                .command_readers(SCAN_DEPTH)?
+                .into_iter()
+                .map(|roles| roles.map(|reader| reader.with_horizon(HORIZON_SCANS)))
+                .collect(),
+            windows: bus.window_reader(SCAN_DEPTH)?.with_horizon(HORIZON_SCANS),
+            planner: bus.planner_reader(SCAN_DEPTH)?.with_horizon(HORIZON_SCANS),
             roster: bus.roster_reader(SCAN_DEPTH)?,
             operator: bus.operator_server()?,
         })
@@ -477,6 +484,7 @@ impl MasterPorts for BusPorts {
         mut judge: impl FnMut(&OperatorRequest) -> OperatorResponse,
     ) {
         if scan.is_multiple_of(OPERATOR_SCANS) {
+            self.member.page.serve_urgent(&mut judge);
             while self.ports.operator.serve(&mut judge) {}
         }
     }

@@ -27,12 +27,13 @@ mod orders;
 mod program;
 mod recovery;
 mod switch;
+mod switching_on;
 
 use axis_unit::AxisUnit;
 use program::Loaded;
 pub use program::RunEnd;
-use recovery::SwitchingOn;
 use switch::Taken;
+use switching_on::SwitchingOn;
 
 /// Speed below which a braked axis counts as standing, in mm/s.
 const STANDSTILL_MM_S: f64 = 0.5;

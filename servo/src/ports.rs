@@ -15,6 +15,9 @@ use bus::port::{Reader, WindowReader, Writer};
 use bus::sample::{AxisCommand, Feedback, Setpoint, WindowHeader};
 use bus::service::{ROLES, SCAN_DEPTH};
 
+/// A servo lags by its queue of feedbacks at most; what others make from the newest one is visible a scan later.
+const HORIZON_SCANS: u64 = SCAN_DEPTH as u64 + 1;
+
 /// What a servo sees of its cell. Shared memory, queues and faulty decorators implement it.
 pub trait ServoPorts {
     /// Waits for the newest feedback after the one before; none when it is time to leave.
@@ -57,10 +60,13 @@ impl BusPorts {
     ) -> Result<BusPorts, CellError> {
         let bus = &member.bus;
         let peer = ROLES.len().saturating_sub(1 + role);
-        let peer = standby.then(|| bus.command_reader(axis, peer, SCAN_DEPTH));
+        let peer = standby.then(|| {
+            let reader = bus.command_reader(axis, peer, SCAN_DEPTH)?;
+            Ok(reader.with_horizon(HORIZON_SCANS))
+        });
         Ok(BusPorts {
             feedback: bus.feedback_reader(SCAN_DEPTH)?,
-            windows: bus.window_reader(SCAN_DEPTH)?,
+            windows: bus.window_reader(SCAN_DEPTH)?.with_horizon(HORIZON_SCANS),
             command: bus.command_writer(axis, role)?,
             peer: peer.transpose()?,
             last: member.slot().after_scan,

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use bus::port::Visibility;
 use bus::sample::{
     AxisCommand, Feedback, Instruments, Job, OperatorRequest, OperatorResponse, Participant,
     Roster, Setpoint, WindowHeader,
@@ -130,7 +131,10 @@ impl Peers {
             let sent = std::mem::take(&mut member.ports.inner().sent);
             let answer = answers.commands.get_mut(axis).and_then(|a| a.get_mut(role));
             if let Some(answer) = answer {
-                *answer = sent.last().copied();
+                let next = self.feedback.scan + 1;
+                let is_seen =
+                    |c: &&AxisCommand| Visibility::of(c.visible_from, next, 1) == Visibility::Now;
+                *answer = sent.iter().rev().find(is_seen).copied();
             }
             let mut others = self.members.iter_mut();
             let peer = others.find(|other| other.axis == axis && other.role != role);

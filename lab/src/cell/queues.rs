@@ -3,8 +3,12 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use bus::port::Visibility;
 use bus::sample::{AxisCommand, Setpoint, WindowHeader};
 use bus::service::SCAN_DEPTH;
+
+/// As over shared memory: nobody lags by more than a queue.
+const HORIZON_SCANS: u64 = SCAN_DEPTH as u64 + 1;
 
 /// A window that was sent.
 #[derive(Debug)]
@@ -57,12 +61,17 @@ impl<T: Sent> Queue<T> {
 
     /// The next one in order that may be acted on in `scan`.
     pub fn next(&mut self, scan: u64) -> Option<T> {
-        let sample = self.set_aside.take().or_else(|| self.waiting.pop_front())?;
-        if sample.visible_from() > scan {
-            self.set_aside = Some(sample);
-            return None;
+        loop {
+            let sample = self.set_aside.take().or_else(|| self.waiting.pop_front())?;
+            match Visibility::of(sample.visible_from(), scan, HORIZON_SCANS) {
+                Visibility::Now => return Some(sample),
+                Visibility::Later => {
+                    self.set_aside = Some(sample);
+                    return None;
+                }
+                Visibility::Never => {}
+            }
         }
-        Some(sample)
     }
 
     /// The newest one that may be acted on in `scan`; older ones are dropped.

@@ -146,6 +146,7 @@ fn a_corruption_changes_what_it_names_and_nothing_else() {
         }),
         (Corruption::OldScan, |c| c.scan -= 3),
         (Corruption::FutureScan, |c| c.scan += 3),
+        (Corruption::NeverVisible, |c| c.visible_from = u64::MAX),
         (Corruption::WrongAxis, |c| c.axis = 2),
         (Corruption::WrongIncarnation, |c| c.incarnation = 4),
         (Corruption::Replay, |c| *c = command(c.scan - 1)),
@@ -187,6 +188,7 @@ fn lockstep_is_excused_from_waiting_where_no_answer_that_counts_can_come() {
         (Action::Drop { scans: 2 }, true),
         (late, true),
         (corrupt(Corruption::OldScan), true),
+        (corrupt(Corruption::NeverVisible), true),
         (corrupt(Corruption::WrongIncarnation), true),
         (corrupt(Corruption::Replay), true),
         (corrupt(Corruption::WrongAxis), true),
@@ -210,7 +212,8 @@ fn lockstep_is_excused_from_waiting_where_no_answer_that_counts_can_come() {
         if !matches!(action, Action::Stop { .. }) {
             let sent = commands(&[action]);
             let answer = |(at, c): &&(u64, AxisCommand)| {
-                *at == 10 && c.scan >= 10 && c.incarnation == 3 && c.axis == 1
+                let counts = c.incarnation == 3 && c.axis == 1 && c.visible_from == 11;
+                *at == 10 && c.scan >= 10 && counts
             };
             assert_eq!(sent.iter().find(answer).is_none(), excused, "{action:?}");
         }
@@ -312,6 +315,9 @@ fn a_wrong_window_is_found_out_by_what_is_wrong_with_it_and_not_by_its_checksum(
         ),
         (Corruption::OldScan, true, |h, _| h.first_scan -= 3),
         (Corruption::FutureScan, true, |h, _| h.first_scan += 3),
+        (Corruption::NeverVisible, true, |h, _| {
+            h.visible_from = u64::MAX
+        }),
         (Corruption::WrongIncarnation, true, |h, _| {
             h.id.incarnation = 4
         }),

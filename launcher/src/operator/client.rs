@@ -15,6 +15,10 @@ use crate::exit::{Failure, Kind};
 
 /// A cell that has not answered by then is silent.
 const ANSWER_LIMIT: Duration = Duration::from_secs(5);
+/// Places of clients that were killed are free again by then.
+const PLACE_LIMIT: Duration = Duration::from_millis(2500);
+/// Time between two tries to get one.
+const PLACE_LOOK: Duration = Duration::from_millis(20);
 /// Time between two looks for the answer.
 const LOOK: Duration = Duration::from_millis(2);
 
@@ -105,11 +109,7 @@ impl Client {
     ) -> Result<OperatorResponse, Failure> {
         match Refused::from_wire(answer.reason) {
             Some(Refused::Not) => Ok(answer),
-            reason => Err(Failure::Stopped(anyhow!(
-                "{} refused: {}",
-                order.word(),
-                self.words(reason, order, request, &answer)
-            ))),
+            reason => Err(refused(order, &self.words(reason, order, request, &answer))),
         }
     }
 
@@ -119,24 +119,12 @@ impl Client {
         order: Order,
         request: OperatorRequest,
     ) -> Result<OperatorResponse, Failure> {
-        let operator = held(&self.cell, self.bus.operator_client())?;
+        let operator = soon_held(&self.cell, || self.bus.operator_client())?;
         let cell = self.cell.place.name();
         let pending = operator
             .send(request)
             .ok_or_else(|| Failure::Stopped(anyhow!("cell {cell:?} takes no orders")))?;
-        let asked = Instant::now();
-        loop {
-            if let Some(answer) = pending.answer() {
-                return Ok(answer);
-            }
-            if self.cell.page.phase() == CellPhase::Ending || asked.elapsed() > ANSWER_LIMIT {
-                return Err(Failure::Stopped(anyhow!(
-                    "cell {cell:?} does not answer: {} may or may not have been obeyed",
-                    order.word()
-                )));
-            }
-            std::thread::sleep(LOOK);
-        }
+        wait_for_answer(&self.cell, order, || pending.answer())
     }
 
     fn words(
@@ -147,9 +135,8 @@ impl Client {
         answer: &OperatorResponse,
     ) -> String {
         let Some(reason) = reason else {
-            return "for a reason this program does not know".into();
+            return plain_words(None, answer);
         };
-        let mode = Mode::from_wire(answer.mode).map_or("in an unknown mode", Mode::word);
         match reason {
             Refused::BadValue if order == Order::Load => {
                 "another program was loaded meanwhile: load it again".into()
@@ -163,11 +150,81 @@ impl Client {
                 answer.allowed_max_mm,
                 self.unit(request.axis)
             ),
-            _ => format!(
-                "{} (the machine is {mode} in scan {})",
-                reason.words(),
-                answer.scan
-            ),
+            _ => plain_words(Some(reason), answer),
+        }
+    }
+}
+
+fn refused(order: Order, why: &str) -> Failure {
+    Failure::Stopped(anyhow!("{} refused: {why}", order.word()))
+}
+
+/// Why an order was refused, where no value of its own is the reason.
+fn plain_words(reason: Option<Refused>, answer: &OperatorResponse) -> String {
+    let Some(reason) = reason else {
+        return "for a reason this program does not know".into();
+    };
+    let mode = Mode::from_wire(answer.mode).map_or("in an unknown mode", Mode::word);
+    format!(
+        "{} (the machine is {mode} in scan {})",
+        reason.words(),
+        answer.scan
+    )
+}
+
+/// Gives an order that must always come through: stop or hold. It takes no place in the cell, and waits for a master that is being
+/// replaced. What came of it, in words.
+///
+/// # Errors
+/// No such cell runs, the order is refused, or nobody answers.
+pub fn order_urgently(cell: Option<&str>, order: Order) -> Result<String, Failure> {
+    let cell = running(cell)?;
+    let number = cell.page.order_urgently(order).unwrap_or_default();
+    let answer = wait_for_answer(&cell, order, || cell.page.urgent_answer(order, number))?;
+    match Refused::from_wire(answer.reason) {
+        Some(Refused::Not) => Ok(obeyed(order, &answer)),
+        reason => Err(refused(order, &plain_words(reason, &answer))),
+    }
+}
+
+/// Waits for the answer to an order, as long as the cell runs and is not silent.
+fn wait_for_answer(
+    cell: &Observer,
+    order: Order,
+    answer: impl Fn() -> Option<OperatorResponse>,
+) -> Result<OperatorResponse, Failure> {
+    let asked = Instant::now();
+    loop {
+        if let Some(answer) = answer() {
+            return Ok(answer);
+        }
+        if cell.page.phase() == CellPhase::Ending || asked.elapsed() > ANSWER_LIMIT {
+            return Err(Failure::Stopped(anyhow!(
+                "cell {:?} does not answer: {} may or may not have been obeyed",
+                cell.place.name(),
+                order.word()
+            )));
+        }
+        std::thread::sleep(LOOK);
+    }
+}
+
+/// Ports of a client, held while its cell runs. Clients that were killed leave their places taken until the launcher cleans up
+/// after them, once in a second: so long it is tried again.
+///
+/// # Errors
+/// The cell has ended, or has no place.
+pub fn soon_held<T>(
+    cell: &Rc<Observer>,
+    open: impl Fn() -> Result<T, CellError>,
+) -> Result<Held<T>, Failure> {
+    let asked = Instant::now();
+    loop {
+        match open() {
+            Err(_) if !cell.is_gone() && asked.elapsed() < PLACE_LIMIT => {
+                std::thread::sleep(PLACE_LOOK);
+            }
+            done => return held(cell, done),
         }
     }
 }

@@ -7,7 +7,8 @@ use bus::observer::Held;
 use bus::port::Reader;
 use bus::sample::{Feedback, Mode};
 
-use super::{Client, held};
+use super::Client;
+use super::client::soon_held;
 use crate::exit::{Failure, Outcome};
 use crate::output::say;
 
@@ -31,7 +32,7 @@ impl Eyes<'_> {
     /// It cannot be entered.
     pub fn open(client: &Client) -> Result<Eyes<'_>, Failure> {
         Ok(Eyes {
-            reader: held(&client.cell, client.bus.feedback_reader(1))?,
+            reader: soon_held(&client.cell, || client.bus.feedback_reader(1))?,
             newest: None,
             heard: Instant::now(),
             client,

@@ -13,22 +13,12 @@ use machine::AfterLoss;
 use crate::drives::{DriveState, Drives};
 
 use super::axis_unit::AxisUnit;
+use super::switching_on::SwitchingOn;
 use super::{Master, RunEnd};
 use crate::saved::Latches;
 
 /// Longest wait for drives that are being switched on, in s.
 const SWITCH_ON_PATIENCE_S: f64 = 5.0;
-
-/// Drives that are being switched on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct SwitchingOn {
-    /// Scans that they may still take.
-    scans: u64,
-    /// Whether the machine is in hold once they are on.
-    hold: bool,
-    /// The master has started with it: nobody has ordered it.
-    at_start: bool,
-}
 
 impl<D: Drives> Master<D> {
     /// Goes on where a master before this one left: drives off, positions as the encoders say, the place on the path

@@ -1,7 +1,17 @@
 //! What a log does not have of its run: at its beginning, between its parts, inside them, at its end.
 
+use serde::Serialize;
+
 use super::evaluation::Evaluation;
-use super::json::ScanRange;
+
+/// Scans in a row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+pub struct ScanRange {
+    /// First of them.
+    pub first: u64,
+    /// Last of them.
+    pub last: u64,
+}
 
 /// Samples that are missing, as far as anybody can tell.
 pub(super) fn samples_lost(evaluation: &Evaluation) -> u64 {

@@ -6,6 +6,7 @@ use machine::DriveMode;
 use serde::Serialize;
 
 use super::evaluation::Evaluation;
+pub use super::gaps::ScanRange;
 use super::gaps::{missing_scans, samples_lost};
 use crate::measure::arc::{ArcResult, Deviations};
 use crate::measure::axis::{AMBIENT_C, AxisMeter, LimitCounts};
@@ -105,15 +106,6 @@ pub struct PartReport {
     pub last_scan: Option<u64>,
     /// Whether it ends early: its recorder died, or the file was damaged.
     pub cut: bool,
-}
-
-/// Scans in a row.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-pub struct ScanRange {
-    /// First of them.
-    pub first: u64,
-    /// Last of them.
-    pub last: u64,
 }
 
 /// The log.

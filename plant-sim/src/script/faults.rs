@@ -181,6 +181,8 @@ pub enum Corruption {
     OldScan,
     /// The scan is 3 more; of a window, its first.
     FutureScan,
+    /// It is never visible: its `visible_from` is far ahead.
+    NeverVisible,
     /// The axis is the next one.
     WrongAxis,
     /// The incarnation is one more.
@@ -197,12 +199,13 @@ pub enum Corruption {
 
 impl Corruption {
     /// All of them.
-    pub const ALL: [Corruption; 11] = [
+    pub const ALL: [Corruption; 12] = [
         Corruption::NotANumber,
         Corruption::Infinity,
         Corruption::Jump,
         Corruption::OldScan,
         Corruption::FutureScan,
+        Corruption::NeverVisible,
         Corruption::WrongAxis,
         Corruption::WrongIncarnation,
         Corruption::Replay,
@@ -219,6 +222,7 @@ impl Corruption {
             Corruption::Jump => "jump",
             Corruption::OldScan => "old-scan",
             Corruption::FutureScan => "future-scan",
+            Corruption::NeverVisible => "never-visible",
             Corruption::WrongAxis => "wrong-axis",
             Corruption::WrongIncarnation => "wrong-incarnation",
             Corruption::Replay => "replay",

@@ -49,6 +49,7 @@ fn does_not_count(action: &Action) -> bool {
         Action::Corrupt { what, .. } => matches!(
             what,
             Corruption::OldScan
+                | Corruption::NeverVisible
                 | Corruption::WrongIncarnation
                 | Corruption::Replay
                 | Corruption::WrongAxis

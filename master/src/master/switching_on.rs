@@ -1,0 +1,12 @@
+//! Drives that are being switched on: over many scans, with a limit.
+
+/// Drives that are being switched on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SwitchingOn {
+    /// Scans that they may still take.
+    pub scans: u64,
+    /// Whether the machine is in hold once they are on.
+    pub hold: bool,
+    /// The master has started with it: nobody has ordered it.
+    pub at_start: bool,
+}
