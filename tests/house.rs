@@ -13,7 +13,7 @@ const CRATES: [(&str, &[&str]); 14] = [
     ("program", &["bus", "machine", "control"]),
     ("planner", &["bus", "machine", "control", "program"]),
     ("servo", &["bus", "machine", "control"]),
-    ("master", &["bus", "machine"]),
+    ("master", &["bus", "machine", "control"]),
     ("plant-sim", &["bus", "machine", "master"]),
     ("monitor", &["bus", "machine", "control", "program"]),
     (

@@ -38,4 +38,5 @@ mod support;
 mod tools;
 mod triggers;
 mod tune;
+mod unexpected_motion;
 mod up;

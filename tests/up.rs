@@ -13,12 +13,12 @@ use crate::support::{
 };
 
 /// What an order printed, and its exit status.
-struct Said {
-    status: i32,
-    text: String,
+pub(crate) struct Said {
+    pub status: i32,
+    pub text: String,
 }
 
-fn ask(cell: &LiveCell, words: &[&str]) -> Said {
+pub(crate) fn ask(cell: &LiveCell, words: &[&str]) -> Said {
     let Output {
         status,
         stdout,
@@ -35,21 +35,21 @@ fn ask(cell: &LiveCell, words: &[&str]) -> Said {
 }
 
 /// An order that must be obeyed.
-fn obeyed(cell: &LiveCell, words: &[&str]) -> String {
+pub(crate) fn obeyed(cell: &LiveCell, words: &[&str]) -> String {
     let printed = ask(cell, words);
     assert_eq!(printed.status, 0, "{words:?}: {}", printed.text);
     printed.text
 }
 
 /// An order that must be refused with these words, by the cell.
-fn refused(cell: &LiveCell, words: &[&str], why: &str) {
+pub(crate) fn refused(cell: &LiveCell, words: &[&str], why: &str) {
     let printed = ask(cell, words);
     assert_eq!(printed.status, 1, "{words:?}: {}", printed.text);
     assert!(printed.text.contains(why), "{words:?}: {}", printed.text);
 }
 
 /// A cell that is up, and two programs: circles for 6 s, and for minutes.
-fn up(pace: &str) -> (Bench, LiveCell, String, String) {
+pub(crate) fn up(pace: &str) -> (Bench, LiveCell, String, String) {
     let bench = Bench::of("xy", &[]);
     let short = circle_program(10.0, 3000.0, (0.0, 0.0), 0.0);
     let short = bench.file("short.ngc", &short).display().to_string();
@@ -64,7 +64,7 @@ fn up(pace: &str) -> (Bench, LiveCell, String, String) {
     (bench, cell, short, long)
 }
 
-fn is(feedback: &Feedback, mode: Mode, program: ProgramState) -> bool {
+pub(crate) fn is(feedback: &Feedback, mode: Mode, program: ProgramState) -> bool {
     feedback.mode == mode as u32 && feedback.program == program as u32
 }
 
@@ -108,7 +108,7 @@ fn programs_of(cell: &LiveCell) -> Vec<PathBuf> {
 }
 
 /// Ends the cell by `quadrant down`: nothing of it is left; its folder, alive until the result is dropped.
-fn down(cell: LiveCell) -> crate::support::Run {
+pub(crate) fn down(cell: LiveCell) -> crate::support::Run {
     assert!(obeyed(&cell, &["down"]).contains("is down"));
     let run = cell.finish();
     assert_eq!(run.status(), 0, "{}", run.stderr());

@@ -250,11 +250,13 @@ pub enum Cause {
     DriveOff = 16,
     /// The axis has no reference: nobody knows where it is.
     NotReferenced = 17,
+    /// The master itself did not run for longer than the watchdog: the drives have braked by themselves and are off.
+    Stalled = 18,
 }
 
 impl Cause {
     /// All of them. A number is never given to another cause: logs keep them.
-    pub const ALL: [Cause; 17] = [
+    pub const ALL: [Cause; 18] = [
         Cause::None,
         Cause::FollowingError,
         Cause::SoftLimit,
@@ -272,6 +274,7 @@ impl Cause {
         Cause::DriveLost,
         Cause::DriveOff,
         Cause::NotReferenced,
+        Cause::Stalled,
     ];
 
     /// Decodes what came over the wire.
@@ -299,6 +302,7 @@ impl Cause {
             Cause::DriveOff => "drive is off, or did not come on in time",
             Cause::NotReferenced => "axis has no reference: home it first",
             Cause::MasterLost => "master lost and restarted, drives off",
+            Cause::Stalled => "master stalled for longer than the watchdog, drives off",
         }
     }
 }

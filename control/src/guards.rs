@@ -37,13 +37,32 @@ pub enum Broken {
 }
 
 impl AxisGuards {
-    /// Judges positions in increments.
-    pub fn positions(&self, command: i64, feedback: i64) -> Option<Broken> {
-        let inside = |p: i64, margin: i64| {
-            p >= self.travel_min.saturating_sub(margin)
-                && p <= self.travel_max.saturating_add(margin)
-        };
-        (!inside(command, 0) || !inside(feedback, self.travel_margin)).then_some(Broken::Travel)
+    /// Judges positions in increments; the axis was commanded to be at `before`. One whose loop was closed outside its travel
+    /// may be there and come back, and not go farther out than by the margin.
+    pub fn positions(&self, before: i64, command: i64, feedback: i64) -> Option<Broken> {
+        let low = self.travel_min.min(before);
+        let high = self.travel_max.max(before);
+        let margin = |outside: bool| if outside { self.travel_margin } else { 0 };
+        let lowest = low.saturating_sub(margin(low < self.travel_min));
+        let highest = high.saturating_add(margin(high > self.travel_max));
+        if (lowest..=highest).contains(&command) {
+            self.feedback(before, feedback)
+        } else {
+            Some(Broken::Travel)
+        }
+    }
+
+    /// Judges the feedback alone, in increments, of an axis that is commanded to be at `command`.
+    pub fn feedback(&self, command: i64, feedback: i64) -> Option<Broken> {
+        let lowest = self
+            .travel_min
+            .min(command)
+            .saturating_sub(self.travel_margin);
+        let highest = self
+            .travel_max
+            .max(command)
+            .saturating_add(self.travel_margin);
+        (!(lowest..=highest).contains(&feedback)).then_some(Broken::Travel)
     }
 
     /// Judges the following error.
@@ -83,8 +102,8 @@ mod tests {
 
     #[test]
     fn the_command_may_reach_the_travel_and_the_feedback_pass_it_by_the_margin() {
-        assert_eq!(GUARDS.positions(200, 205), None);
-        assert_eq!(GUARDS.positions(-100, -105), None);
+        assert_eq!(GUARDS.positions(0, 200, 205), None);
+        assert_eq!(GUARDS.positions(0, -100, -105), None);
         for (command, feedback) in [
             (201, 200),
             (-101, 0),
@@ -93,8 +112,22 @@ mod tests {
             (i64::MIN, 0),
             (0, i64::MAX),
         ] {
-            assert_eq!(GUARDS.positions(command, feedback), Some(Broken::Travel));
+            assert_eq!(GUARDS.positions(0, command, feedback), Some(Broken::Travel));
         }
+    }
+
+    #[test]
+    fn an_axis_that_is_outside_may_be_there_and_come_back_and_not_go_farther_out() {
+        assert_eq!(GUARDS.positions(300, 300, 302), None);
+        assert_eq!(GUARDS.positions(300, 280, 281), None);
+        assert_eq!(GUARDS.positions(-150, -149, -150), None);
+        for (before, command, feedback) in [(300, 306, 300), (300, 300, 306), (-150, -156, -150)] {
+            assert_eq!(
+                GUARDS.positions(before, command, feedback),
+                Some(Broken::Travel)
+            );
+        }
+        assert_eq!(GUARDS.positions(300, -101, 0), Some(Broken::Travel));
     }
 
     #[test]

@@ -5,6 +5,7 @@
 pub mod audit;
 pub mod axis_rates;
 pub mod backlash;
+pub mod braking;
 pub mod changeover;
 mod course;
 pub mod disturbance_observer;

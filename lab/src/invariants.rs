@@ -29,6 +29,8 @@ const OVERSHOOT: (f64, f64) = (0.05, 5.0);
 const BRAKING_SLACK_S: f64 = 0.06;
 /// Speed below which an axis stands, in mm/s.
 const STANDS_MM_S: f64 = 0.5;
+/// A silent servo's drive holds its last command for so many scans before the master commands it.
+const BLIND_SCANS: u32 = 3;
 /// Beyond the way until the stop: lag of the axes behind their commands, in s of way.
 const LAG_S: f64 = 0.02;
 /// And what the screw springs back, in mm.
@@ -359,15 +361,16 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Without a servo, a driven axis trips the machine in the same scan.
+    /// Without a servo, a driven axis comes to rest along the window in force, and trips the machine there.
     fn losses(&mut self, before: &Feedback, feedback: &Feedback, unserved: bool) {
         let mode = Mode::from_wire(before.mode);
         let same_side = before.incarnation == feedback.incarnation;
         let driven = !matches!(mode, Some(Mode::Disabled | Mode::Tripped));
-        if unserved && driven && same_side && feedback.mode != Mode::Tripped as u32 {
+        let rests = before.at_rest == 1;
+        if unserved && driven && rests && same_side && feedback.mode != Mode::Tripped as u32 {
             self.say(
                 feedback.scan,
-                "an axis lost its servo and the machine has not tripped".into(),
+                "an axis has no servo, and the machine has not tripped at rest".into(),
             );
         }
     }
@@ -561,8 +564,8 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// What a trip may cost: the way at the speeds of the trip until the slowest quick stop is over, the way before it
-    /// of an axis whose servo was silent, and the lag.
+    /// What a trip may cost: the way at the speeds of the trip until the slowest quick stop is over, the way of an axis whose
+    /// servo was silent until the master commanded it, and the lag.
     fn trip_of(&self, before: &Feedback, feedback: &Feedback, tool: &AxisVector) -> Trip {
         let scan_s = self.machine.scan_period_s();
         let (mut longest_s, mut speed_squared) = (0.0f64, 0.0);
@@ -576,7 +579,7 @@ impl<'a> Judge<'a> {
             speed_squared += speed * speed;
         }
         for axis in before.axes() {
-            silent_scans = silent_scans.max(axis.missed_in_a_row + 1);
+            silent_scans = silent_scans.max(axis.missed_in_a_row.min(BLIND_SCANS) + 1);
         }
         let speed = libm::sqrt(speed_squared);
         // On its way back, it was off the path already.

@@ -56,7 +56,8 @@ pub struct Scan {
     /// on a fieldbus ([dead time](../methods/dead-time.md)). The setpoints of a scan more must be known ahead.
     #[schemars(extend("unit" = "scans", "minimum" = 1, "maximum" = DEAD_TIME_SCANS_MAX, "default" = 1))]
     pub dead_time_scans: u32,
-    /// Scans in a row without a command after which a drive brakes by itself.
+    /// Scans in a row without a command after which an axis trips. In the first three its drive holds the last command; from then
+    /// on the master commands it along the window to rest, and the trip waits until it is there.
     #[schemars(extend("unit" = "scans", "minimum" = 1, "maximum" = 1000, "default" = 4))]
     pub watchdog_scans: u32,
     /// Interpolation periods of intended motion that a window carries beyond its own and the commit delay.

@@ -43,8 +43,8 @@ pub struct Restart {
     /// The planner: the tool has come to rest on the path.
     #[schemars(extend("default" = "resume"))]
     pub planner: AfterLoss,
-    /// A servo without a standby: the axes have braked together and left the path. (With one, nothing stops; a new standby is started
-    /// unless this is `end`.)
+    /// A servo without a standby: the master has brought the axes to rest on the path. (With one, nothing stops, and a new
+    /// standby is started.)
     #[schemars(extend("default" = "end"))]
     pub servo: AfterLoss,
     /// The master.

@@ -132,6 +132,10 @@ pub trait Drives {
     /// Gives each drive its command of this scan and takes what they show at its end.
     fn exchange(&mut self, commands: &[DriveCommand]);
 
+    /// The master has exchanged nothing for longer than its watchdog. Drives on a bus know it by a watchdog of their own and
+    /// need no word; simulated ones have no other clock: they brake to rest and switch off.
+    fn stalled(&mut self) {}
+
     /// What bench instruments read of `axis` in the last exchange; nothing on a real machine.
     fn instruments(&self, axis: usize) -> &[InstrumentSample];
 

@@ -26,12 +26,15 @@ mod loaded;
 mod orders;
 mod program;
 mod recovery;
+mod silence;
+mod substitute;
 mod switch;
 mod switching_on;
 
 use axis_unit::AxisUnit;
 use program::Loaded;
 pub use program::RunEnd;
+use silence::NextScan;
 use switch::Taken;
 use switching_on::SwitchingOn;
 
@@ -80,6 +83,8 @@ pub struct Master<D> {
     ordered_to_end: bool,
     /// What follows when a process is lost.
     restart: Restart,
+    /// Scans since the planner answered last.
+    planner_silent_scans: u64,
     /// Command positions the program was started from.
     program_start: [i64; MAX_AXES],
     last: bool,
@@ -103,7 +108,7 @@ impl<D: Drives> Master<D> {
             .iter()
             .take(drives.count())
             .enumerate()
-            .map(|(index, settings)| AxisUnit::new(settings, drives.feedback(index)))
+            .map(|(index, settings)| AxisUnit::new(machine, settings, drives.feedback(index)))
             .collect();
         let mut master = Master {
             drive_commands: vec![DriveCommand::Disabled; axes.len()],
@@ -139,6 +144,7 @@ impl<D: Drives> Master<D> {
                 RunEnd::AfterProgram => machine.restart,
                 RunEnd::WhenOrdered => machine.restart.of_staying(),
             },
+            planner_silent_scans: 0,
             program_start: [0; MAX_AXES],
             last: false,
             overrun_scans: 0,
@@ -258,7 +264,7 @@ impl<D: Drives> Master<D> {
     pub fn close_scan(&mut self, answers: &Answers, roster: &Roster) {
         let jog_done = self.take_commands(answers, roster);
         self.heed_planner(answers, roster);
-        self.hold_without_planner(roster);
+        self.hold_without_planner(answers, roster);
         self.judge_axes();
         self.decide_window();
         self.follow_up();
@@ -294,34 +300,19 @@ impl<D: Drives> Master<D> {
         let driven = self.mode != Mode::Disabled;
         let closed = driven && self.mode != Mode::Tripped;
         let (in_force, _) = self.windows.in_force(self.scan);
+        let next = NextScan::after(self.scan, self.scan_period_s, &self.windows);
         for (index, (axis, commands)) in self.axes.iter_mut().zip(&answers.commands).enumerate() {
             let taken = axis.decide_command(self.scan, index, commands, roster, in_force, closed);
             if axis.driver != Driver::Program {
                 by_hand = true;
                 done &= matches!(taken, Taken::Command(c) if c.jog_done == 1);
             }
-            let mut fault = Cause::None;
-            axis.followed = false;
-            match taken {
-                Taken::Command(command) => {
-                    axis.missed_in_a_row = 0;
-                    axis.command = command;
-                    axis.taken_incarnation = command.incarnation;
-                    axis.command_position = command.position;
-                    axis.followed = true;
-                }
-                Taken::Bad(cause) => {
-                    axis.missed_in_a_row = 0;
-                    fault = cause;
-                }
-                Taken::Lost => fault = Cause::ServoLost,
-                Taken::Missed => {
-                    axis.missed = axis.missed.saturating_add(1);
-                    axis.missed_in_a_row = axis.missed_in_a_row.saturating_add(1);
-                    if axis.missed_in_a_row >= self.watchdog_scans {
-                        fault = Cause::Watchdog;
-                    }
-                }
+            let mut fault = axis.take(&taken, self.watchdog_scans);
+            if closed {
+                fault = match axis.bridge_silence(&taken, fault, &next, index) {
+                    Cause::None => next.broken_guard(axis, index),
+                    cause => cause,
+                };
             }
             if driven && axis.cause == Cause::None {
                 axis.cause = match axis.drive_cause() {
@@ -358,6 +349,7 @@ impl<D: Drives> Master<D> {
         self.cause_axis = axis;
         self.cause_scan = self.scan + 1;
         self.settled_scans = 0;
+        self.brake_silent_axes();
         self.windows.drop_all(self.scan, Dropped::Tripped);
         for axis in &mut self.axes {
             axis.driver = Driver::Program;
@@ -477,9 +469,18 @@ impl<D: Drives> Master<D> {
         }
     }
 
-    /// Scans that were skipped because this side was late itself.
+    /// Scans that were skipped because this side was late itself. After more than the watchdog allows the drives have braked by
+    /// themselves, and nothing moves before somebody says so.
     pub fn skip(&mut self, scans: u32) {
-        self.overrun_scans += scans;
+        self.overrun_scans = self.overrun_scans.saturating_add(scans);
+        if scans < self.watchdog_scans || self.mode == Mode::Disabled {
+            return;
+        }
+        self.drives.stalled();
+        for (index, axis) in self.axes.iter_mut().enumerate() {
+            axis.take_drive(self.drives.feedback(index));
+        }
+        self.trip(Cause::Stalled, u32::MAX);
     }
 
     /// The drives, for saving their state.

@@ -7,21 +7,23 @@
     clippy::indexing_slicing
 )]
 
-use bus::sample::{Feedback, MAX_WINDOW_SETPOINTS, PathTag, Setpoint, WindowHeader, WindowId};
+use bus::sample::{
+    Feedback, MAX_AXES, MAX_WINDOW_SETPOINTS, PathTag, Setpoint, WindowHeader, WindowId,
+};
 use bytemuck::{Pod, Zeroable};
 
-/// A window as the master keeps it: its header and the tags of its setpoints.
+/// A window as the master keeps it, in a buffer that is allocated once.
 #[derive(Debug)]
 struct Kept {
     header: WindowHeader,
-    tags: Vec<PathTag>,
+    setpoints: Vec<Setpoint>,
 }
 
 impl Kept {
     fn none() -> Kept {
         Kept {
             header: WindowHeader::zeroed(),
-            tags: Vec::with_capacity(MAX_WINDOW_SETPOINTS),
+            setpoints: Vec::with_capacity(MAX_WINDOW_SETPOINTS),
         }
     }
 
@@ -31,23 +33,23 @@ impl Kept {
 
     fn set(&mut self, header: &WindowHeader, setpoints: &[Setpoint]) {
         self.header = *header;
-        self.tags.clear();
-        self.tags.extend(
-            setpoints
-                .iter()
-                .take(MAX_WINDOW_SETPOINTS)
-                .map(|setpoint| setpoint.tag),
-        );
+        self.setpoints.clear();
+        self.setpoints
+            .extend(setpoints.iter().take(MAX_WINDOW_SETPOINTS).copied());
     }
 
     fn clear(&mut self) {
         self.header = WindowHeader::zeroed();
-        self.tags.clear();
+        self.setpoints.clear();
     }
 
     fn setpoint(&self, scan: u64) -> u32 {
         let last = u64::from(self.header.setpoint_count.max(1) - 1);
         scan.saturating_sub(self.header.first_scan).min(last) as u32
+    }
+
+    fn tag(&self, setpoint: u32) -> Option<PathTag> {
+        self.setpoints.get(setpoint as usize).map(|s| s.tag)
     }
 }
 
@@ -165,6 +167,13 @@ impl WindowArbiter {
             || self.in_force.setpoint(scan) + 1 >= self.in_force.header.setpoint_count
     }
 
+    /// Where the window in force has the axes in this scan, in increments; none without a window.
+    pub fn positions(&self, scan: u64) -> Option<&[i64; MAX_AXES]> {
+        let setpoint = self.in_force.setpoint(scan);
+        let setpoint = self.in_force.setpoints.get(setpoint as usize)?;
+        Some(&setpoint.position)
+    }
+
     /// Whether the window in force brings the program to its end.
     pub fn ends_program(&self) -> bool {
         self.in_force.header.ends_program == 1
@@ -175,7 +184,7 @@ impl WindowArbiter {
         let (window, setpoint) = self.in_force(scan);
         feedback.window = window;
         feedback.setpoint = setpoint;
-        let tag = self.in_force.tags.get(setpoint as usize).copied();
+        let tag = self.in_force.tag(setpoint);
         feedback.tag = tag.unwrap_or(self.shown);
         feedback.interrupted_at = match tag {
             Some(tag) if !tag.is_off_path() => tag,
@@ -251,11 +260,8 @@ impl WindowArbiter {
             self.void();
         }
         if !self.in_force.is_none() {
-            let tag = self
-                .in_force
-                .tags
-                .get(self.in_force.setpoint(scan) as usize);
-            self.shown = tag.copied().unwrap_or_default();
+            let tag = self.in_force.tag(self.in_force.setpoint(scan));
+            self.shown = tag.unwrap_or_default();
             if !self.shown.is_off_path() {
                 self.interrupted_at = self.shown;
             }

@@ -1,8 +1,8 @@
 //! The master's judgement: commands, windows, modes. Each guard has a test that goes red without it.
 
 use bus::sample::{
-    AxisCommand, Cause, Driver, Feedback, Job, Mode, OperatorRequest, Order, Participant,
-    PlannerStatus, ProgramState, Refused, Roster, Setpoint, WindowHeader, WindowId,
+    AxisCommand, Cause, Driver, Feedback, Job, MAX_WINDOW_SETPOINTS, Mode, OperatorRequest, Order,
+    Participant, PlannerStatus, ProgramState, Refused, Roster, Setpoint, WindowHeader, WindowId,
 };
 use bytemuck::Zeroable;
 use machine::Machine;
@@ -933,8 +933,8 @@ fn a_cell_that_is_ordered_to_end_comes_to_rest_first_in_every_state() {
 fn a_cell_that_trips_on_its_way_to_the_end_ends_all_the_same() {
     let mut bench = staying(Stays::Ending);
     bench.roster.participants[1].live = 0;
-    let tripped = bench.scan(|answers| answers.commands[0][0] = None);
-    assert_eq!(mode(&tripped), Mode::Tripped);
+    let trips = |_| mode(&bench.scan(|answers| answers.commands[0][0] = None)) == Mode::Tripped;
+    assert!((0..MAX_WINDOW_SETPOINTS).any(trips));
     bench.roster.participants[1].live = 1;
     assert_eq!(order(&mut bench, Order::Enable, 0, 0.0), Refused::Ending);
     let ended = (0..5000).any(|_| bench.scan(|_| {}).last == 1);

@@ -1,8 +1,8 @@
 //! The switch between the two servos of an axis, and the way out of a trip: each guard has a test that goes red without it.
 
 use bus::sample::{
-    AxisCommand, Cause, Feedback, Job, Mode, OperatorRequest, Order, Participant, Refused, Roster,
-    WindowId,
+    AxisCommand, Cause, Feedback, Job, Mode, OperatorRequest, OperatorResponse, Order, Participant,
+    Refused, Roster, WindowId,
 };
 use bytemuck::Zeroable;
 use machine::{AfterLoss, Machine};
@@ -102,6 +102,14 @@ impl Bench {
             ..OperatorRequest::default()
         });
         Refused::from_wire(answer.reason).expect("a known reason")
+    }
+
+    fn jog(&mut self, distance_mm: f64) -> OperatorResponse {
+        self.side.order(&OperatorRequest {
+            order: Order::Jog as u32,
+            value: distance_mm,
+            ..OperatorRequest::default()
+        })
     }
 
     /// Both servos of the first axis are lost while it moves a little; ten scans later it stands.
@@ -293,8 +301,10 @@ fn enable_acknowledges_a_trip_into_hold() {
 fn an_axis_that_still_moves_is_not_ready() {
     let mut bench = Bench::new();
     for _ in 0..100 {
+        let axes = bench.side.feedback().axes;
         bench.scan(|answers| {
             for command in answers.commands.iter_mut().flatten().flatten() {
+                command.position = axes[command.axis as usize].motor_position;
                 command.velocity_mm_s = 100.0;
                 command.stop_deceleration_mm_s2 = 2000.0;
             }
@@ -440,11 +450,11 @@ fn a_master_goes_on_from_what_another_one_left_with_its_drives_off() {
 }
 
 #[test]
-fn an_axis_outside_its_travel_on_either_side_keeps_the_drives_off() {
-    for (min_mm, max_mm, refused) in [
-        (-10.0, 10.0, Refused::Not),
-        (1.0, 10.0, Refused::OutsideTravel),
-        (-10.0, -1.0, Refused::OutsideTravel),
+fn an_axis_outside_its_travel_is_jogged_inwards_and_no_program_moves_it() {
+    for (min_mm, max_mm, refused, inwards) in [
+        (-10.0, 10.0, Refused::Not, None),
+        (1.0, 10.0, Refused::OutsideTravel, Some(0.5)),
+        (-10.0, -1.0, Refused::OutsideTravel, Some(-0.5)),
     ] {
         let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
         let mut machine = Machine::load(&folder).expect("the machine");
@@ -462,11 +472,24 @@ fn an_axis_outside_its_travel_on_either_side_keeps_the_drives_off() {
             RunEnd::AfterProgram,
         );
         bench.scans(2);
-        assert_eq!(
-            bench.order(Order::Enable),
-            refused,
-            "{min_mm} to {max_mm} mm"
-        );
+        let what = format!("{min_mm} to {max_mm} mm");
+        assert_eq!(bench.order(Order::Enable), Refused::Not, "{what}");
+        bench.scans(100);
+        let Some(inwards_mm) = inwards else {
+            assert_eq!(bench.order(Order::Resume), refused, "{what}");
+            continue;
+        };
+        assert_eq!(bench.order(Order::Resume), refused, "{what}");
+        let outwards = bench.jog(-inwards_mm);
+        assert_eq!(outwards.reason, Refused::BeyondTravel as u32, "{what}");
+        let room = (outwards.allowed_min_mm, outwards.allowed_max_mm);
+        let allowed = if inwards_mm > 0.0 {
+            (0.0, 10.0)
+        } else {
+            (-10.0, 0.0)
+        };
+        assert_eq!(room, allowed, "{what}");
+        assert_eq!(bench.jog(inwards_mm).accepted, 1, "{what}");
     }
 }
 

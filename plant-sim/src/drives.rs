@@ -23,6 +23,8 @@ pub struct SimulatedDrives {
 struct SimulatedAxis {
     simulation: AxisSimulation,
     samples: [InstrumentSample; MAX_SUBSAMPLES],
+    /// It has braked by itself for want of commands, and is off until it is switched on.
+    off: bool,
     /// Commands on their way to the drive, the next one first: as many as the dead time is longer than one scan.
     on_the_way: Vec<DriveCommand>,
 }
@@ -94,6 +96,7 @@ impl SimulatedDrives {
         let axis = |simulation| SimulatedAxis {
             simulation,
             samples: [InstrumentSample::default(); MAX_SUBSAMPLES],
+            off: false,
             on_the_way: vec![DriveCommand::Disabled; scans.saturating_sub(1) as usize],
         };
         SimulatedDrives {
@@ -123,14 +126,27 @@ impl Drives for SimulatedDrives {
             winding_rise_k: simulation.winding_rise_k(),
             torque_limited: simulation.torque_limited(),
             referenced: true,
-            state: DriveState::Ready,
+            state: if axis.off {
+                DriveState::Off
+            } else {
+                DriveState::Ready
+            },
         }
     }
 
     fn exchange(&mut self, commands: &[DriveCommand]) {
         for (axis, command) in self.axes.iter_mut().zip(commands) {
             let acting = axis.acting(*command);
+            axis.off &= *command != DriveCommand::SwitchOn;
             axis.simulation.scan(&acting, &mut axis.samples);
+        }
+    }
+
+    fn stalled(&mut self) {
+        for axis in &mut self.axes {
+            axis.simulation.run_down(0.0);
+            axis.on_the_way.fill(DriveCommand::Disabled);
+            axis.off = true;
         }
     }
 

@@ -175,12 +175,13 @@ impl Servo {
         };
         command.stop_deceleration_mm_s2 =
             held.stop_deceleration_mm_s2(&self.settings, feedback.setpoint);
+        let before = self.state.program.command_position;
         let wanted = match driver {
             Driver::Program => self.closed_loop(&scan, scans_passed),
             Driver::Manual => self.manual(&scan, false),
             Driver::ManualStop => self.manual(&scan, true),
         };
-        self.drive(&scan, &wanted, command)
+        self.drive(&scan, before, &wanted, command)
     }
 
     /// A feedback that makes sense, or what is wrong with it.
@@ -336,15 +337,22 @@ impl Servo {
         }
     }
 
-    /// Guards, then the velocity command for the drive or, in torque mode, through the velocity loop the torque.
-    fn drive(&mut self, scan: &Judged, wanted: &Wanted, mut command: AxisCommand) -> AxisCommand {
+    /// Guards, then the velocity command for the drive or, in torque mode, through the velocity loop the torque. The axis was
+    /// commanded to be at `before` in the scan before.
+    fn drive(
+        &mut self,
+        scan: &Judged,
+        before: i64,
+        wanted: &Wanted,
+        mut command: AxisCommand,
+    ) -> AxisCommand {
         command.following_error_mm = wanted.following_error_mm;
         command.feed_forward_mm_s = wanted.feed_forward_mm_s;
         command.jog_done = u32::from(wanted.jog_done);
         let guards = &self.settings.guards;
         let broken = guards
             .following_error(wanted.following_error_mm)
-            .or(guards.positions(self.state.program.command_position, scan.position))
+            .or(guards.positions(before, self.state.program.command_position, scan.position))
             .or(guards.speed(wanted.velocity_mm_s));
         if let Some(broken) = broken {
             return self.stop(command, cause(broken));

@@ -8,6 +8,7 @@
 
 use bus::sample::{Feedback, MAX_WINDOW_SETPOINTS, PathTag, Setpoint, WindowHeader, WindowId};
 use bytemuck::Zeroable;
+use control::braking;
 
 use crate::settings::ServoSettings;
 
@@ -150,9 +151,7 @@ impl HeldWindow {
             .map_or_else(PathTag::default, |r| r.tag)
     }
 
-    /// Deceleration that brings this axis to rest together with all others, each within its quick stop, in mm/s².
-    ///
-    /// `T = max |v_i|/q_i`, deceleration `|v|/T`; the axis's own quick stop at rest. Speeds are those commanded from this
+    /// Deceleration that brings this axis to rest together with all others, in mm/s²; speeds are those commanded from this
     /// setpoint to the next.
     pub(crate) fn stop_deceleration_mm_s2(&self, settings: &ServoSettings, setpoint: u32) -> f64 {
         let quick_stop = settings
@@ -166,28 +165,20 @@ impl HeldWindow {
         ) else {
             return quick_stop;
         };
-        let mut longest_s = 0.0f64;
-        let mut own_mm_s = 0.0;
-        let positions = here.position.iter().zip(&next.position);
-        let axes = settings
+        let steps = here.position.iter().zip(&next.position);
+        let scales = settings
             .increments_mm
             .iter()
             .zip(&settings.quick_stop_mm_s2);
-        for (index, ((from, to), (increment, most))) in
-            positions.zip(axes).take(settings.axis_count).enumerate()
-        {
-            let speed =
-                to.saturating_sub(*from).saturating_abs() as f64 * increment / settings.scan_s;
-            longest_s = longest_s.max(speed / most);
-            if index == settings.axis {
-                own_mm_s = speed;
-            }
-        }
-        if own_mm_s > 0.0 && longest_s > 0.0 {
-            own_mm_s / longest_s
-        } else {
-            quick_stop
-        }
+        let axes =
+            steps
+                .zip(scales)
+                .take(settings.axis_count)
+                .map(|((from, to), (increment, most))| {
+                    let step = to.saturating_sub(*from).saturating_abs() as f64;
+                    (step * increment / settings.scan_s, *most)
+                });
+        braking::deceleration_mm_s2(axes, settings.axis)
     }
 }
 

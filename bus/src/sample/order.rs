@@ -110,7 +110,7 @@ pub enum Refused {
     Jogging = 9,
     /// The target is outside the travel; the answer carries the distances that are allowed.
     BeyondTravel = 10,
-    /// An axis stands outside its travel.
+    /// An axis is outside its travel: only a jog inwards moves it.
     OutsideTravel = 11,
     /// The machine was stopped by a fault that lasts.
     Faulted = 12,
@@ -183,7 +183,7 @@ impl Refused {
             Refused::Finished => "the program is done",
             Refused::Jogging => "an axis is being jogged: wait until it stands, or hold it",
             Refused::BeyondTravel => "the target is outside the travel",
-            Refused::OutsideTravel => "an axis stands outside its travel: push it back by hand",
+            Refused::OutsideTravel => "an axis is outside its travel: jog it inwards",
             Refused::Faulted => "the machine was stopped by a fault that lasts",
             Refused::NotReady => {
                 "an axis is not at rest yet or a servo is missing (wait a moment), or a drive has a fault or does not answer (see to it first)"

@@ -8,8 +8,10 @@
 
 use bus::sample::{AxisCommand, Cause, Driver, Mode};
 use bytemuck::Zeroable;
-use machine::{Axis, DriveMode, PositionFeedback};
+use control::guards::AxisGuards;
+use machine::{Axis, DriveMode, Machine, PositionFeedback};
 
+use super::substitute::Substitute;
 use super::switch::Switch;
 use crate::drives::{DriveCommand, DriveFeedback, DriveState};
 
@@ -33,6 +35,12 @@ pub(super) struct AxisUnit {
     pub switch: Switch,
     /// Its servo answered the last scan, with nothing to complain of.
     pub followed: bool,
+    /// Its servo is silent or lost: the master commands it.
+    pub silent: bool,
+    /// How the master does.
+    pub substitute: Substitute,
+    /// What the master guards itself, whatever the servo says.
+    pub guards: AxisGuards,
     /// Which of its controllers drives it.
     pub driver: Driver,
     /// Where a jog is to bring the command position.
@@ -46,9 +54,26 @@ const SPEED_SANITY: f64 = 2.0;
 /// A position command further outside the travel than this is no command.
 const POSITION_SANITY_MM: f64 = 10.0;
 
+/// The servo's own guards go first: the master's let this much more pass.
+const SECOND_GUARD: f64 = 1.25;
+/// Of the following error's limit, so much may the feedback be beyond the travel.
+const TRAVEL_MARGIN: f64 = 0.25;
+
+fn guards(axis: &Axis) -> AxisGuards {
+    let increments = |mm: f64| libm::round(mm / axis.increment_mm()) as i64;
+    let following_error_mm = SECOND_GUARD * axis.following_error_limit_mm;
+    AxisGuards {
+        travel_min: increments(axis.travel_min_mm),
+        travel_max: increments(axis.travel_max_mm),
+        travel_margin: increments(TRAVEL_MARGIN * following_error_mm),
+        following_error_mm,
+        speed_mm_s: SPEED_SANITY * axis.rapid_mm_s,
+    }
+}
+
 impl AxisUnit {
     /// An axis that is commanded to be where its drive shows it.
-    pub fn new(settings: &Axis, drive: DriveFeedback) -> AxisUnit {
+    pub fn new(machine: &Machine, settings: &Axis, drive: DriveFeedback) -> AxisUnit {
         let mut unit = AxisUnit {
             settings: settings.clone(),
             drive: DriveFeedback::default(),
@@ -61,6 +86,9 @@ impl AxisUnit {
             taken_incarnation: 0,
             switch: Switch::default(),
             followed: false,
+            silent: false,
+            substitute: Substitute::new(machine, settings),
+            guards: guards(settings),
             driver: Driver::Program,
             jog_target: 0,
             deviation: 0,
@@ -164,8 +192,11 @@ impl AxisUnit {
             && command.torque_nm.is_finite()
             && command.stop_deceleration_mm_s2.is_finite();
         let position_mm = command.position as f64 * self.settings.increment_mm();
-        let reachable = position_mm >= self.settings.travel_min_mm - POSITION_SANITY_MM
-            && position_mm <= self.settings.travel_max_mm + POSITION_SANITY_MM;
+        let before_mm = self.command_position as f64 * self.settings.increment_mm();
+        let low_mm = self.settings.travel_min_mm.min(before_mm);
+        let high_mm = self.settings.travel_max_mm.max(before_mm);
+        let reachable = position_mm >= low_mm - POSITION_SANITY_MM
+            && position_mm <= high_mm + POSITION_SANITY_MM;
         let torque_fits = command.torque_nm.abs() <= self.settings.motor.peak_torque_nm;
         if !finite || !reachable || !torque_fits {
             return Cause::BadValue;

@@ -50,21 +50,21 @@ impl From<Refused> for Refusal {
 }
 
 impl AxisUnit {
-    /// Distances from its command position to the ends of its travel, in increments.
+    /// Distances from its command position to the ends of its travel, in increments; from outside, to the far end and no farther
+    /// out.
     fn room(&self) -> (i64, i64) {
+        let to = |mm: f64| self.increments(mm).saturating_sub(self.command_position);
         let (low, high) = (
-            self.increments(self.settings.travel_min_mm),
-            self.increments(self.settings.travel_max_mm),
+            to(self.settings.travel_min_mm),
+            to(self.settings.travel_max_mm),
         );
-        (
-            low.saturating_sub(self.command_position),
-            high.saturating_sub(self.command_position),
-        )
+        (low.min(0), high.max(0))
     }
 
     pub(super) fn is_within_travel(&self) -> bool {
-        let (low, high) = self.room();
-        low <= 0 && high >= 0
+        let low = self.increments(self.settings.travel_min_mm);
+        let high = self.increments(self.settings.travel_max_mm);
+        (low..=high).contains(&self.command_position)
     }
 }
 
@@ -158,7 +158,11 @@ impl<D: Drives> Master<D> {
     }
 
     fn order_resume(&mut self) -> Result<(), Refusal> {
+        let outside = !self.is_within_travel();
         match self.mode {
+            Mode::Enabled | Mode::Ready | Mode::Stopped | Mode::Tripped if outside => {
+                return Err(Refused::OutsideTravel.into());
+            }
             Mode::Enabled => {}
             Mode::Ready if !self.hold => return Err(Refused::NotRunning.into()),
             Mode::Ready => {}
@@ -229,13 +233,15 @@ impl<D: Drives> Master<D> {
             Mode::Finished => return Err(Refused::Finished.into()),
             Mode::Disabled => {}
         }
-        if !self.axes.iter().all(AxisUnit::is_within_travel) {
-            return Err(Refused::OutsideTravel.into());
-        }
         self.must_be_drivable()?;
         self.may_end = false;
         self.switch_on(true);
         Ok(())
+    }
+
+    /// Whether a program may move the axes: outside the travel only a jog does, inwards.
+    pub(super) fn is_within_travel(&self) -> bool {
+        self.axes.iter().all(AxisUnit::is_within_travel)
     }
 
     /// Every drive can follow commands, and knows where its axis is.

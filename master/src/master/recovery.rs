@@ -15,6 +15,7 @@ use crate::drives::{DriveState, Drives};
 use super::axis_unit::AxisUnit;
 use super::switching_on::SwitchingOn;
 use super::{Master, RunEnd};
+use crate::answers::Answers;
 use crate::saved::Latches;
 
 /// Longest wait for drives that are being switched on, in s.
@@ -72,16 +73,11 @@ impl<D: Drives> Master<D> {
         self.lost_a_servo() && self.restart.servo != AfterLoss::End
     }
 
-    /// Whether a tripped machine could be driven again: all axes are, within their travel, and have a servo that follows
-    /// them and a drive that follows commands or can be switched on.
+    /// Whether a tripped machine could be driven again: all axes stand, and have a servo that follows them and a drive that
+    /// follows commands or can be switched on.
     pub(super) fn is_ready_again(&self) -> bool {
         let serves = |axis: &AxisUnit| axis.followed && axis.missed_in_a_row == 0;
-        self.stands()
-            && self.drives_can_follow()
-            && self
-                .axes
-                .iter()
-                .all(|axis| serves(axis) && axis.is_within_travel())
+        self.stands() && self.drives_can_follow() && self.axes.iter().all(serves)
     }
 
     /// Whether no drive has a fault or does not answer.
@@ -200,16 +196,27 @@ impl<D: Drives> Master<D> {
     /// Where the machine file lets it: goes on by itself once a lost servo is back.
     pub(super) fn go_on_by_itself(&mut self) {
         let resumes = self.restart.servo == AfterLoss::Resume && !self.may_end;
-        if self.lost_a_servo() && resumes && self.is_ready_again() && self.is_referenced() {
+        let ready = self.is_ready_again() && self.is_referenced() && self.is_within_travel();
+        if self.lost_a_servo() && resumes && ready {
             self.switch_on(self.hold);
         }
     }
 
-    /// A lost planner that is to wait when it is back finds the machine in hold.
-    pub(super) fn hold_without_planner(&mut self, roster: &Roster) {
-        let lost = roster
-            .find(Job::Planner, 0, 0)
-            .is_some_and(|planner| planner.live == 0);
+    /// A planner that is to wait when it is back finds the machine in hold: one that was lost, and one that was silent for longer
+    /// than the watchdog.
+    pub(super) fn hold_without_planner(&mut self, answers: &Answers, roster: &Roster) {
+        let answered = answers.planner.is_some_and(|said| said.scan >= self.scan);
+        if answered {
+            self.planner_silent_scans = 0;
+        } else {
+            self.planner_silent_scans = self.planner_silent_scans.saturating_add(1);
+        }
+        // It is asked once a period.
+        let patience = u64::from(self.watchdog_scans) + self.period_scans;
+        let lost = self.planner_silent_scans >= patience
+            || roster
+                .find(Job::Planner, 0, 0)
+                .is_some_and(|planner| planner.live == 0);
         if lost && self.restart.planner == AfterLoss::Wait && self.mode == Mode::Enabled {
             self.hold = true;
         }

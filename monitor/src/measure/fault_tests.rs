@@ -324,6 +324,26 @@ fn an_axis_without_standby_quick_stops_all_and_resumes_when_the_tool_is_back_on_
 }
 
 #[test]
+fn an_axis_that_the_master_brings_to_rest_on_the_path_is_said_to_be_there() {
+    let bench = one_death(living(Job::Servo, 1, 0), &[living(Job::Servo, 0, 0)], 300);
+    let fault = bench.fault(|scan, feedback, _| match scan {
+        340 => feedback.at_rest = 1,
+        341..600 => {
+            feedback.mode = Mode::Tripped as u32;
+            feedback.cause = Cause::ServoLost as u32;
+            feedback.cause_axis = 1;
+            feedback.window = WindowId::NONE;
+        }
+        _ => {}
+    });
+    assert_eq!(
+        fault.reaction.to_string(),
+        "master brought it to rest on the path"
+    );
+    assert_eq!(fault.resumed_at_scan, Some(600));
+}
+
+#[test]
 fn a_stop_for_another_cause_is_reported_with_axis_and_cause() {
     let bench = one_death(living(Job::Servo, 1, 0), &[], 300);
     let fault = bench.fault(|scan, feedback, _| {

@@ -6,7 +6,8 @@
 //! |---|---|
 //! | planner | `braked to rest on the path` |
 //! | servo that drove, with a standby | `standby took over`, in the scan in which the other's command was taken |
-//! | servo that drove, without | `all axes quick-stopped together`, with braking distance and deviation from the path |
+//! | servo that drove, without, in motion | `master brought it to rest on the path` |
+//! | servo that drove, without, in a jog or at rest | `all axes quick-stopped together`, with braking distance and deviation from the path |
 //! | servo that stood by | `none: …`; its axis has no standby until another one is there |
 //! | master | `drives braked, disabled; positions kept`, once another one speaks; `the cell ended` until then |
 //! | recorder | `none` |
@@ -404,7 +405,11 @@ impl Watched {
             && self
                 .servo
                 .is_some_and(|(axis, _)| axis as u32 == feedback.cause_axis);
-        self.result.reaction = Reaction::QuickStopped((!of_this_servo).then_some(cause));
+        let other = (!of_this_servo).then_some(cause);
+        self.result.reaction = match self.result.reaction {
+            Reaction::BrakedOnPath => Reaction::RestedOnPath(other),
+            _ => Reaction::QuickStopped(other),
+        };
         self.phase = Phase::Braking { standing_scans: 0 };
         self.brake(moment, 0);
     }

@@ -93,6 +93,9 @@ pub enum Reaction {
     BrakedOnPath,
     /// The standby of the servo's axis took over.
     TookOver,
+    /// The master commanded the axis along the window to its end, at rest on the path; tripped for this cause, if it is another
+    /// one than the loss of the servo.
+    RestedOnPath(Option<StopCause>),
     /// All axes braked together off the path; for this cause, if it is another one than the loss of the servo.
     QuickStopped(Option<StopCause>),
     /// The master was lost: each drive braked by itself.
@@ -155,6 +158,10 @@ impl fmt::Display for Reaction {
             },
             Reaction::BrakedOnPath => f.write_str("braked to rest on the path"),
             Reaction::TookOver => f.write_str("standby took over"),
+            Reaction::RestedOnPath(None) => f.write_str("master brought it to rest on the path"),
+            Reaction::RestedOnPath(Some(cause)) => {
+                write!(f, "master brought it to rest on the path ({cause})")
+            }
             Reaction::QuickStopped(None) => f.write_str("all axes quick-stopped together"),
             Reaction::QuickStopped(Some(cause)) => {
                 write!(f, "all axes quick-stopped together ({cause})")

@@ -241,6 +241,7 @@ fn cause_label(cause: Cause) -> &'static str {
         Cause::Planner => "planner",
         Cause::NotInPosition => "not-in-position",
         Cause::MasterLost => "master-lost",
+        Cause::Stalled => "stalled",
         Cause::DriveFault => "drive-fault",
         Cause::DriveLost => "drive-lost",
         Cause::DriveOff => "drive-off",
