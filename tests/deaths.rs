@@ -4,7 +4,7 @@
 use bus::sample::Mode;
 
 use crate::support::{
-    Bench, LiveCell, Run, circle_program, long_program, number, send, text, traces_of,
+    Bench, LiveCell, Run, circle_program, long_program, number, run_with, send, text, traces_of,
 };
 
 /// Kills one process of a lockstep cell in the middle of an arc; the run and its report.
@@ -166,4 +166,28 @@ fn a_process_that_hangs_in_lockstep_ends_the_run_as_an_environment_failure_that_
         "{:?}",
         traces_of(&run.cell)
     );
+}
+
+/// An axis that has been without its standby for a second is an alarm: in the events, on the screen.
+#[test]
+fn a_standby_that_does_not_come_back_is_an_alarm() {
+    let bench = Bench::of(
+        "xy",
+        &[(
+            "drive_mode = \"velocity\"",
+            "drive_mode = \"velocity\"\nstandby = true",
+        )],
+    );
+    let program = bench.file("circle.ngc", &circle_program(10.0, 3000.0, (0.0, 0.0), 0.0));
+    let faults = bench.file(
+        "faults.toml",
+        "[[fault]]\nat = { scan = 500 }\nprocess = \"servo-X/b\"\ndo = \"kill\"\nrestart_after_scans = 3000\n",
+    );
+    let faults = faults.display().to_string();
+    let run = run_with(bench.path(), &program, &["--faults", &faults]);
+    run.good_report();
+    let events = std::fs::read_to_string(run.out.join("events.jsonl")).expect("events");
+    assert_eq!(events.matches("\"standby-alarm\"").count(), 1, "{events}");
+    assert_eq!(events.matches("\"standby-back\"").count(), 1, "{events}");
+    assert!(!events.contains("standby-differs"), "{events}");
 }

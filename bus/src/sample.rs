@@ -309,7 +309,7 @@ impl Cause {
 
 /// What the master says of one axis in one scan.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/AxisFeedback/2")]
+#[type_name("quadrant/AxisFeedback/3")]
 #[repr(C)]
 pub struct AxisFeedback {
     /// Motor encoder, in increments of the axis (already through the position factor of the drive).
@@ -346,6 +346,57 @@ pub struct AxisFeedback {
     pub driver: u32,
     /// The drive's own error code while it reports a fault, else 0 (CiA 402 object 603Fh).
     pub drive_code: u32,
+    /// [`Redundancy`] of the axis.
+    pub redundancy: u32,
+    /// Scans in a row in which its standby could not have taken over; 0 where it has none.
+    pub unsynchronised_scans: u32,
+    /// How often its two servos have commanded different things after they had commanded the same.
+    pub differences: u32,
+    /// Kept zero.
+    pub reserved: u32,
+}
+
+/// So long an axis may be without its standby before it is an alarm, in s: a replacement is there sooner.
+pub const STANDBY_ALARM_S: f64 = 1.0;
+
+/// Whether the other servo of an axis could take it over.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[repr(u32)]
+pub enum Redundancy {
+    /// The axis has one servo.
+    #[default]
+    Alone = 0,
+    /// The standby has commanded the same in the last scans, and takes over in the scan in which the other is silent.
+    Synchronised = 1,
+    /// A standby is there and could not take over yet.
+    CatchingUp = 2,
+    /// There is no standby.
+    Lost = 3,
+}
+
+impl Redundancy {
+    /// All of them.
+    pub const ALL: [Redundancy; 4] = [
+        Redundancy::Alone,
+        Redundancy::Synchronised,
+        Redundancy::CatchingUp,
+        Redundancy::Lost,
+    ];
+
+    /// Decodes what came over the wire.
+    pub fn from_wire(value: u32) -> Option<Redundancy> {
+        Self::ALL.into_iter().find(|state| *state as u32 == value)
+    }
+
+    /// In a word or two.
+    pub fn words(self) -> &'static str {
+        match self {
+            Redundancy::Alone => "alone",
+            Redundancy::Synchronised => "synchronised",
+            Redundancy::CatchingUp => "catching up",
+            Redundancy::Lost => "lost",
+        }
+    }
 }
 
 /// Which of an axis's two controllers drives it: the switch between them, set by the master, obeyed by the servo.
@@ -374,7 +425,7 @@ impl Driver {
 
 /// What the master says each scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Feedback/4")]
+#[type_name("quadrant/Feedback/5")]
 #[repr(C)]
 pub struct Feedback {
     /// Number of the scan that begins with this sample.

@@ -105,6 +105,10 @@ structure!(
         torque_limited,
         driver,
         drive_code,
+        redundancy,
+        unsynchronised_scans,
+        differences,
+        reserved,
     }
 );
 structure!(

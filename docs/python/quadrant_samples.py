@@ -43,7 +43,7 @@ assert ctypes.sizeof(PathTag) == 16
 
 
 class AxisFeedback(ctypes.Structure):
-    """104 bytes."""
+    """120 bytes."""
 
     _fields_ = [
         ("motor_position", c_int64),  # at 0
@@ -63,18 +63,22 @@ class AxisFeedback(ctypes.Structure):
         ("torque_limited", c_uint32),  # at 92
         ("driver", c_uint32),  # at 96
         ("drive_code", c_uint32),  # at 100
+        ("redundancy", c_uint32),  # at 104
+        ("unsynchronised_scans", c_uint32),  # at 108
+        ("differences", c_uint32),  # at 112
+        ("reserved", c_uint32),  # at 116
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/AxisFeedback/2"
+        return "quadrant/AxisFeedback/3"
 
 
-assert ctypes.sizeof(AxisFeedback) == 104
+assert ctypes.sizeof(AxisFeedback) == 120
 
 
 class Feedback(ctypes.Structure):
-    """1072 bytes."""
+    """1200 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -108,10 +112,10 @@ class Feedback(ctypes.Structure):
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Feedback/4"
+        return "quadrant/Feedback/5"
 
 
-assert ctypes.sizeof(Feedback) == 1072
+assert ctypes.sizeof(Feedback) == 1200
 
 
 class Instruments(ctypes.Structure):

@@ -20,6 +20,7 @@ mod service_manager;
 mod session;
 mod settings_difference;
 pub mod signals;
+mod standby_alarm;
 pub mod supervise;
 mod supervisor;
 mod training;

@@ -19,6 +19,7 @@ use crate::progress::{LOOK_EVERY, Progress};
 use crate::service_manager;
 use crate::session::Session;
 use crate::signals::Signals;
+use crate::standby_alarm::StandbyAlarm;
 use crate::supervisor::{Supervisor, Verdict};
 use crate::view::View;
 
@@ -99,6 +100,7 @@ pub fn supervise(
         supervision.follow_session();
         supervision.end_hangs();
         supervision.judge_deaths();
+        supervision.raise_alarms();
         supervision.clean_after_clients();
         supervision.start_replacements();
         supervision.hint();
@@ -127,6 +129,7 @@ struct Supervision<'a> {
     cell: String,
     master_slot: usize,
     newest: Option<Feedback>,
+    standby_alarm: StandbyAlarm,
     tripped: bool,
     deaths: Vec<Death>,
     /// A process is lost for good without which the run cannot go on.
@@ -179,6 +182,7 @@ impl<'a> Supervision<'a> {
             master_slot: group.place_of(Job::Master.into()).unwrap_or_default(),
             group,
             newest: None,
+            standby_alarm: StandbyAlarm::default(),
             tripped: false,
             deaths: Vec::new(),
             ends: false,
@@ -211,6 +215,22 @@ impl<'a> Supervision<'a> {
     fn take_newest(&mut self) {
         self.newest = self.watch.progress.newest().copied();
         self.group.newest_scan = self.newest.map_or(0, |feedback| feedback.scan);
+    }
+
+    /// Says which axes have been without their standby for too long.
+    fn raise_alarms(&mut self) {
+        let Some(feedback) = &self.newest else {
+            return;
+        };
+        for alarm in self.standby_alarm.look(feedback, self.machine) {
+            if alarm.over {
+                tracing::info!("{}", alarm.words);
+            } else {
+                tracing::warn!("{}", alarm.words);
+            }
+            let event = Event::of_cell(feedback.scan, alarm.event, Some(alarm.words));
+            self.events.write(&event);
+        }
     }
 
     /// The last feedback has been published: there is nothing left to do for anybody, and nobody is replaced.

@@ -34,5 +34,5 @@ pub use machine::{DEAD_TIME_SCANS_MAX, Machine, Manual, ProgramSettings, Scan};
 pub use model::{AxisModel, DisturbanceObserver, TorqueFeedForward};
 pub use positioning::{Positioning, RapidProfile};
 pub use process::Process;
-pub use restart::{AfterLoss, AfterMaster, AfterMonitor, Restart};
+pub use restart::{AfterLoss, AfterMaster, AfterMonitor, AfterStandby, Restart};
 pub use reversal::{PositionErrorPart, PulseShape, Reversal, ReversalMethod, Trigger};

@@ -16,6 +16,16 @@ pub enum AfterLoss {
     End,
 }
 
+/// After the loss of an axis's standby.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum AfterStandby {
+    /// The program goes on; an alarm says so after a second.
+    GoOn,
+    /// The machine comes to rest on the path, in hold, once for each loss; `resume` goes on.
+    Hold,
+}
+
 /// After the loss of the master: its drives are off, so nothing ever moves by itself.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
@@ -47,6 +57,9 @@ pub struct Restart {
     /// standby is started.)
     #[schemars(extend("default" = "end"))]
     pub servo: AfterLoss,
+    /// A standby: nothing stops, but the next loss would.
+    #[schemars(extend("default" = "go-on"))]
+    pub standby: AfterStandby,
     /// The master.
     #[schemars(extend("default" = "end"))]
     pub master: AfterMaster,

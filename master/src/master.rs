@@ -9,8 +9,8 @@
 )]
 
 use bus::sample::{
-    AxisFeedback, Cause, Driver, Feedback, Instruments, Job, MAX_AXES, Mode, Roster, Setpoint,
-    WindowHeader, WindowId,
+    AxisFeedback, Cause, Driver, Feedback, Instruments, Job, MAX_AXES, Mode, Roster,
+    STANDBY_ALARM_S, Setpoint, WindowHeader, WindowId,
 };
 use bytemuck::Zeroable;
 use machine::{Machine, Restart};
@@ -26,6 +26,7 @@ mod loaded;
 mod orders;
 mod program;
 mod recovery;
+mod redundancy;
 mod silence;
 mod substitute;
 mod switch;
@@ -83,6 +84,8 @@ pub struct Master<D> {
     ordered_to_end: bool,
     /// What follows when a process is lost.
     restart: Restart,
+    /// Scans without a standby that are an alarm.
+    standby_alarm_scans: u32,
     /// Scans since the planner answered last.
     planner_silent_scans: u64,
     /// Command positions the program was started from.
@@ -144,6 +147,7 @@ impl<D: Drives> Master<D> {
                 RunEnd::AfterProgram => machine.restart,
                 RunEnd::WhenOrdered => machine.restart.of_staying(),
             },
+            standby_alarm_scans: (STANDBY_ALARM_S / machine.scan_period_s()) as u32,
             planner_silent_scans: 0,
             program_start: [0; MAX_AXES],
             last: false,
@@ -211,6 +215,10 @@ impl<D: Drives> Master<D> {
                 torque_limited: u32::from(axis.drive.torque_limited),
                 driver: axis.driver as u32,
                 drive_code: axis.fault_code,
+                redundancy: axis.standby.state as u32,
+                unsynchronised_scans: axis.standby.unsynchronised_scans,
+                differences: axis.standby.differences,
+                reserved: 0,
             };
         }
         feedback
@@ -265,6 +273,7 @@ impl<D: Drives> Master<D> {
         let jog_done = self.take_commands(answers, roster);
         self.heed_planner(answers, roster);
         self.hold_without_planner(answers, roster);
+        self.hold_without_standby();
         self.judge_axes();
         self.decide_window();
         self.follow_up();
@@ -307,6 +316,7 @@ impl<D: Drives> Master<D> {
                 by_hand = true;
                 done &= matches!(taken, Taken::Command(c) if c.jog_done == 1);
             }
+            axis.judge_standby(index, roster);
             let mut fault = axis.take(&taken, self.watchdog_scans);
             if closed {
                 fault = match axis.bridge_silence(&taken, fault, &next, index) {

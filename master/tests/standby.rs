@@ -2,10 +2,10 @@
 
 use bus::sample::{
     AxisCommand, Cause, Feedback, Job, Mode, OperatorRequest, OperatorResponse, Order, Participant,
-    Refused, Roster, WindowId,
+    Redundancy, Refused, Roster, WindowId,
 };
 use bytemuck::Zeroable;
-use machine::{AfterLoss, Machine};
+use machine::{AfterLoss, AfterStandby, Machine};
 use master::{Answers, Master, RunEnd};
 use plant_sim::SimulatedDrives;
 use plant_sim::plant_file::PlantFile;
@@ -22,9 +22,15 @@ const OTHER_AXIS: usize = 3;
 
 impl Bench {
     fn after(servo: AfterLoss) -> Bench {
+        Self::after_losses(servo, AfterStandby::GoOn)
+    }
+
+    fn after_losses(servo: AfterLoss, standby: AfterStandby) -> Bench {
         let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
         let mut machine = Machine::load(&folder).expect("the machine");
         machine.restart.servo = servo;
+        machine.restart.standby = standby;
+        machine.axes[0].standby = true;
         let plant = PlantFile::load(&folder).expect("the plant");
         let simulations = plant.simulations(&machine).expect("axes");
         let mut roster = Roster::zeroed();
@@ -515,4 +521,74 @@ fn a_servo_that_was_replaced_unseen_is_lost_all_the_same() {
     bench.bring_back(A);
     bench.bring_back(B);
     assert_eq!(bench.scans(5).mode, Mode::Enabled as u32);
+}
+
+fn redundancy(feedback: &Feedback) -> (Redundancy, u32) {
+    let axis = &feedback.axes[0];
+    let state = Redundancy::from_wire(axis.redundancy).expect("a known state");
+    (state, axis.unsynchronised_scans)
+}
+
+#[test]
+fn how_the_standby_is_shows_in_every_scan() {
+    let mut bench = Bench::new();
+    assert_eq!(redundancy(&bench.scans(1)).0, Redundancy::CatchingUp);
+    let feedback = bench.scans(5);
+    assert_eq!(redundancy(&feedback), (Redundancy::Synchronised, 0));
+    assert_eq!(feedback.axes[1].redundancy, Redundancy::Alone as u32);
+    bench.roster.participants[B].live = 0;
+    assert_eq!(redundancy(&bench.scans(7)), (Redundancy::Lost, 7));
+    bench.bring_back(B);
+    assert_eq!(redundancy(&bench.scans(1)), (Redundancy::CatchingUp, 8));
+    assert_eq!(redundancy(&bench.scans(4)), (Redundancy::Synchronised, 0));
+    // The one that drives dies: the other one has nobody behind it.
+    bench.roster.participants[A].live = 0;
+    assert_eq!(redundancy(&bench.scans(1)), (Redundancy::Lost, 1));
+}
+
+#[test]
+fn a_standby_that_says_something_else_after_the_same_is_counted_once_until_it_says_the_same_again()
+{
+    let mut bench = Bench::new();
+    bench.scans(5);
+    let differ = |answers: &mut Answers| {
+        spoil(&mut answers.commands[0][1], |command| {
+            command.velocity_mm_s += 1e-9
+        });
+    };
+    let mut feedback = bench.scan(differ);
+    assert_eq!(feedback.axes[0].differences, 1);
+    for _ in 0..3 {
+        feedback = bench.scan(differ);
+    }
+    assert_eq!(feedback.axes[0].differences, 1);
+    assert_eq!(redundancy(&feedback), (Redundancy::CatchingUp, 4));
+    bench.scans(5);
+    assert_eq!(bench.scan(differ).axes[0].differences, 2);
+    assert_eq!(feedback.mode, Mode::Enabled as u32, "the machine goes on");
+}
+
+#[test]
+fn where_the_machine_file_says_so_the_loss_of_a_standby_holds_once_and_may_be_resumed() {
+    let mut bench = Bench::after_losses(AfterLoss::Wait, AfterStandby::Hold);
+    assert_eq!(bench.scans(10).hold, 0);
+    bench.roster.participants[B].live = 0;
+    assert_eq!(bench.scans(1).hold, 1);
+    assert_eq!(bench.order(Order::Resume), Refused::Not);
+    assert_eq!(bench.scans(1200).hold, 0, "it has been said");
+    // One that lives and never comes into step is no standby either, after a second.
+    let mut bench = Bench::after_losses(AfterLoss::Wait, AfterStandby::Hold);
+    bench.scans(10);
+    let apart = |answers: &mut Answers| {
+        spoil(&mut answers.commands[0][1], |command| {
+            command.velocity_mm_s += 1e-9
+        });
+    };
+    let held = (0..1100).position(|_| bench.scan(apart).hold == 1);
+    assert!(matches!(held, Some(990..=1010)), "{held:?}");
+    // By default the program goes on.
+    let mut bench = Bench::new();
+    bench.scans(10);
+    bench.roster.participants[B].live = 0;
+    assert_eq!(bench.scans(1200).hold, 0);
 }

@@ -204,6 +204,12 @@ pub struct AxisState {
     pub missed_scans: u32,
     /// The same, in a row until now.
     pub missed_in_a_row: u32,
+    /// Whether its standby could take over, as in the samples.
+    pub redundancy: u32,
+    /// Scans in a row in which it could not.
+    pub unsynchronised_scans: u32,
+    /// How often its two servos have commanded different things.
+    pub differences: u32,
     /// Role that drives.
     pub role: u32,
     /// The newest command of the servo that drives.
@@ -268,6 +274,8 @@ pub struct ProcessState {
     pub stalled: bool,
     /// Its commands are taken.
     pub drives: Option<bool>,
+    /// Of a servo whose commands are not taken: whether it could take over, as in the samples.
+    pub redundancy: Option<u32>,
     /// Scans since it reported something.
     pub age_scans: Option<u64>,
     /// Scan and signal of its last death.

@@ -11,6 +11,7 @@ use bytemuck::Zeroable;
 use control::guards::AxisGuards;
 use machine::{Axis, DriveMode, Machine, PositionFeedback};
 
+use super::redundancy::Standby;
 use super::substitute::Substitute;
 use super::switch::Switch;
 use crate::drives::{DriveCommand, DriveFeedback, DriveState};
@@ -35,6 +36,8 @@ pub(super) struct AxisUnit {
     pub switch: Switch,
     /// Its servo answered the last scan, with nothing to complain of.
     pub followed: bool,
+    /// How the one that is not is.
+    pub standby: Standby,
     /// Its servo is silent or lost: the master commands it.
     pub silent: bool,
     /// How the master does.
@@ -86,6 +89,7 @@ impl AxisUnit {
             taken_incarnation: 0,
             switch: Switch::default(),
             followed: false,
+            standby: Standby::default(),
             silent: false,
             substitute: Substitute::new(machine, settings),
             guards: guards(settings),

@@ -18,7 +18,7 @@ use super::axis_unit::AxisUnit;
 use super::switch::{Switch, Taken};
 
 /// Scans in a row in which a standby must have been the same before it may take over.
-const SAME_SCANS: u32 = 2;
+pub(super) const SAME_SCANS: u32 = 2;
 
 impl AxisUnit {
     /// The commands that answer this scan, by role, from the servos in the roster.
@@ -75,6 +75,10 @@ impl AxisUnit {
         let active_cause = active.map(|command| self.judge(&command));
         if let (Some(command), Some(Cause::None)) = (active, active_cause) {
             let same = other_good.is_some_and(|o| is_same(&command, &o) && o.held == in_force);
+            let was_synchronised = self.switch.same_scans >= SAME_SCANS;
+            if !same && was_synchronised && other.is_some_and(|o| o.held == in_force) {
+                self.standby.differences = self.standby.differences.saturating_add(1);
+            }
             self.switch.same_scans = if same {
                 self.switch.same_scans.saturating_add(1)
             } else {

@@ -11,6 +11,9 @@ fn axis() -> AxisState {
         torque_limited: false,
         missed_scans: 3,
         missed_in_a_row: 0,
+        redundancy: 1,
+        unsynchronised_scans: 0,
+        differences: 0,
         role: 0,
         command: Some(CommandState {
             scan: 99,
@@ -65,6 +68,7 @@ fn snapshot() -> Snapshot {
             starts: 1,
             live: true,
             stalled: false,
+            redundancy: None,
             drives: Some(true),
             age_scans: Some(1),
             death: None,

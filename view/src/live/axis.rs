@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use bus::sample::{AxisCommand, AxisFeedback};
+use bus::sample::{AxisCommand, AxisFeedback, Redundancy};
 use machine::{Axis, AxisKind};
 use monitor::turns::Turns;
 use remote::wire::CommandState;
@@ -45,6 +45,12 @@ pub struct AxisView {
     pub missed_scans: u32,
     /// The same, in a row until now.
     pub missed_in_a_row: u32,
+    /// Whether its standby could take over.
+    pub redundancy: Redundancy,
+    /// Scans in a row in which it could not.
+    pub unsynchronised_scans: u32,
+    /// How often the two servos have commanded different things.
+    pub differences: u32,
     /// Role of the servo that drives: 0 for a, 1 for b.
     pub role: u32,
     increment_mm: f64,
@@ -80,6 +86,9 @@ impl AxisView {
             winding_k: 0.0,
             missed_scans: 0,
             missed_in_a_row: 0,
+            redundancy: Redundancy::Alone,
+            unsynchronised_scans: 0,
+            differences: 0,
             role: 0,
             increment_mm,
             rated_nm: axis.motor.rated_torque_nm,
@@ -106,6 +115,9 @@ impl AxisView {
         self.winding_k = sample.winding_k;
         self.missed_scans = sample.missed_scans;
         self.missed_in_a_row = sample.missed_in_a_row;
+        self.redundancy = Redundancy::from_wire(sample.redundancy).unwrap_or(Redundancy::Lost);
+        self.unsynchronised_scans = sample.unsynchronised_scans;
+        self.differences = sample.differences;
         self.role = sample.taken_role;
         if !driven {
             self.turns.interrupt();
@@ -156,6 +168,9 @@ impl AxisView {
         self.winding_k = message.winding_k;
         self.missed_scans = message.missed_scans;
         self.missed_in_a_row = message.missed_in_a_row;
+        self.redundancy = Redundancy::from_wire(message.redundancy).unwrap_or(Redundancy::Lost);
+        self.unsynchronised_scans = message.unsynchronised_scans;
+        self.differences = message.differences;
         self.role = message.role;
         self.error_um = message.error_um;
         self.error_peak_um = message.error_peak_um;

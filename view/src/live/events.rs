@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use bus::sample::{Feedback, Mode, Roster};
+use bus::sample::{AxisFeedback, Feedback, Mode, Redundancy, Roster};
 use bus::service::ROLES;
 use machine::{Machine, Process};
 use monitor::words::StopCause;
@@ -153,11 +153,28 @@ impl Events {
                 );
                 self.note(now.scan, Weight::Warning, text);
             }
+            self.standby(now.scan, name, axis, earlier);
             // Reported when it is over, so that one loss is one event.
             if axis.missed_in_a_row == 0 && earlier.missed_in_a_row > 0 {
                 let kind = Often::Missed { axis: index as u32 };
                 self.note_often(now.scan, kind, earlier.missed_in_a_row, machine);
             }
+        }
+    }
+
+    /// Compares what there is of an axis's standby.
+    fn standby(&mut self, scan: u64, name: &str, axis: &AxisFeedback, earlier: &AxisFeedback) {
+        let state = Redundancy::from_wire(axis.redundancy).unwrap_or_default();
+        if axis.redundancy != earlier.redundancy && state != Redundancy::CatchingUp {
+            let weight = match state {
+                Redundancy::Lost => Weight::Warning,
+                _ => Weight::Note,
+            };
+            self.note(scan, weight, format!("{name}: standby {}", state.words()));
+        }
+        if axis.differences > earlier.differences {
+            let text = format!("{name}: its two servos command different things");
+            self.note(scan, Weight::Warning, text);
         }
     }
 

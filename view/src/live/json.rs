@@ -1,6 +1,6 @@
 //! A model as JSON: names end in units and stay what they are. Positions of rotary axes are in degrees (`unit`), under the same names.
 
-use bus::sample::{Cause, Mode, ProgramState};
+use bus::sample::{Cause, Mode, ProgramState, Redundancy};
 use bus::service::ROLES;
 use serde::Serialize;
 
@@ -87,6 +87,9 @@ struct AxisOf<'a> {
     winding_k: f64,
     missed_scans: u32,
     servo: &'static str,
+    standby: &'static str,
+    standby_differences: u32,
+    alarm: Option<String>,
 }
 
 #[derive(Serialize)]
@@ -98,6 +101,7 @@ struct ProcessOf {
     live: bool,
     stalled: bool,
     drives: Option<bool>,
+    standby: Option<&'static str>,
     age_scans: Option<u64>,
     last_death: Option<Death>,
 }
@@ -272,6 +276,9 @@ fn axes(model: &Model) -> Vec<AxisOf<'_>> {
         winding_k: rounded(axis.winding_k, 3),
         missed_scans: axis.missed_scans,
         servo: ROLES.get(axis.role as usize).copied().unwrap_or("?"),
+        standby: axis.redundancy.words(),
+        standby_differences: axis.differences,
+        alarm: model.standby_alarm(axis),
     })
     .collect()
 }
@@ -286,6 +293,10 @@ fn processes(model: &Model) -> Vec<ProcessOf> {
         live: process.live,
         stalled: process.stalled,
         drives: process.drives,
+        standby: process
+            .redundancy
+            .and_then(Redundancy::from_wire)
+            .map(Redundancy::words),
         age_scans: process.age_scans,
         last_death: process.death.map(|(scan, signal)| Death { scan, signal }),
     })

@@ -3,7 +3,7 @@
 use bus::member::Pace;
 use bus::sample::{
     AxisCommand, Feedback, Instruments, Job, MAX_SUBSAMPLES, Mode, PlannerStatus, ProgramState,
-    Roster,
+    Roster, STANDBY_ALARM_S,
 };
 use control::kinematics::Kinematics;
 use control::path::{AxisVector, Element, Feed, Shape};
@@ -308,12 +308,24 @@ impl Model {
                     stalled: participant.stalled == 1,
                     drives: (job == Job::Servo)
                         .then(|| live && axis.is_some_and(|axis| axis.role == participant.role)),
+                    redundancy: axis
+                        .filter(|axis| job == Job::Servo && axis.role != participant.role)
+                        .map(|axis| axis.redundancy as u32),
                     age_scans: age,
                     death: (participant.death_scan != u64::MAX && participant.death_scan != 0)
                         .then_some((participant.death_scan, participant.death_signal)),
                 })
             })
             .collect()
+    }
+
+    /// What there is to say of an axis that has been without its standby for too long.
+    pub fn standby_alarm(&self, axis: &AxisView) -> Option<String> {
+        let since_s = f64::from(axis.unsynchronised_scans) * self.machine.scan_period_s();
+        (since_s > STANDBY_ALARM_S).then(|| {
+            let (name, state) = (&axis.name, axis.redundancy.words());
+            format!("axis {name} without its standby for {since_s:.0} s ({state})")
+        })
     }
 
     /// Place of a process in the roster, once one was heard.

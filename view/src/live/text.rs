@@ -1,6 +1,6 @@
 //! One look at a cell, as text.
 
-use bus::sample::ProgramState;
+use bus::sample::{ProgramState, Redundancy};
 use std::fmt::Write;
 
 use bus::service::ROLES;
@@ -57,6 +57,13 @@ pub fn status(model: &Model) -> String {
             ROLES.get(axis.role as usize).copied().unwrap_or("?"),
         );
     }
+    for alarm in model
+        .axes
+        .iter()
+        .filter_map(|axis| model.standby_alarm(axis))
+    {
+        let _ = write!(text, "\n  ! {alarm}");
+    }
     let processes = model.processes();
     if !processes.is_empty() {
         text.push_str("\n\n  process      does             pid  starts  state");
@@ -98,12 +105,21 @@ pub fn progress(model: &Model) -> Option<String> {
     }
 }
 
+/// How a servo is whose commands are not taken.
+pub fn standby_words(process: &ProcessState) -> &'static str {
+    match process.redundancy.and_then(Redundancy::from_wire) {
+        Some(Redundancy::Synchronised) => "stands by",
+        Some(Redundancy::CatchingUp) => "catches up",
+        Some(Redundancy::Alone | Redundancy::Lost) | None => "lives",
+    }
+}
+
 /// How a process is, in words.
 pub fn state_of(process: &ProcessState) -> String {
     let mut words = match (process.live, process.stalled, process.drives) {
         (false, _, _) => "✖ dead".to_string(),
         (true, true, _) => "stopped".into(),
-        (true, false, Some(false)) => "stands by".into(),
+        (true, false, Some(false)) => standby_words(process).into(),
         (true, false, Some(true)) => "drives".into(),
         (true, false, None) => "lives".into(),
     };

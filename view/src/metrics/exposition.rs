@@ -4,7 +4,7 @@
 use std::fmt::Error;
 use std::path::Path;
 
-use bus::sample::{Cause, Job, Mode, ProgramState};
+use bus::sample::{Cause, Job, Mode, ProgramState, Redundancy};
 use machine::AxisKind;
 use prometheus_client::collector::Collector;
 use prometheus_client::encoding::text::encode;
@@ -398,6 +398,28 @@ impl Snapshot {
             "Scans in which no command came in time.",
             axes,
             |axis| axis.missed_scans.get(),
+        )?;
+        families.family(
+            "axis_standby",
+            None,
+            MetricType::Gauge,
+            "1 for how the standby of the axis is.",
+            |e| {
+                axes.iter().try_for_each(|axis| {
+                    let now = axis.redundancy.get();
+                    Redundancy::ALL.iter().try_for_each(|state| {
+                        let is = u32::from(now == Some(f64::from(*state as u32)));
+                        let labels = [("axis", axis.name.as_str()), ("state", state.words())];
+                        e.encode_family(&labels)?.encode_gauge(&is)
+                    })
+                })
+            },
+        )?;
+        families.counter_per_axis(
+            "axis_standby_differences",
+            "How often the two servos of the axis have commanded different things after the same.",
+            axes,
+            |axis| axis.differences.get(),
         )?;
         families.counter_per_axis(
             "axis_torque_limited_scans",

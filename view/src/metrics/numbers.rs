@@ -147,6 +147,10 @@ pub struct AxisNumbers {
     pub winding_k: Number,
     /// Scans without a command in time.
     pub missed_scans: Count,
+    /// Redundancy on the wire.
+    pub redundancy: Number,
+    /// How often its two servos have commanded different things.
+    pub differences: Count,
     /// Reversals.
     pub reversals: Count,
     /// Height of the last one on an arc.
@@ -233,6 +237,8 @@ impl Numbers {
             torque_limited_scans: Count::default(),
             winding_k: Number::default(),
             missed_scans: Count::default(),
+            redundancy: Number::default(),
+            differences: Count::default(),
             reversals: Count::default(),
             protrusion_m: Number::default(),
             reversal_error_m: Number::default(),

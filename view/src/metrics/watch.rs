@@ -203,6 +203,8 @@ impl Cell {
             axis.torque_peak_nm.raise_to(now.torque_nm.abs());
             axis.winding_k.set(now.winding_k);
             axis.missed_scans.set(u64::from(now.missed_scans));
+            axis.redundancy.set(f64::from(now.redundancy));
+            axis.differences.set(u64::from(now.differences));
             if now.torque_limited == 1 {
                 axis.torque_limited_scans.add_one();
             }

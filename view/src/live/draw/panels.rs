@@ -8,6 +8,7 @@ use remote::wire::ProcessState;
 
 use super::screen::{Screen, panel};
 use crate::live::events::Weight;
+use crate::live::text::standby_words;
 use crate::live::timing::BARS_US;
 
 /// The last reversals, newest first.
@@ -89,7 +90,7 @@ fn short_state(process: &ProcessState) -> &str {
         (false, _, _) => "✖ dead",
         (true, true, _) => "‖ stopped",
         (true, false, Some(true)) => "drives",
-        (true, false, Some(false)) => "standby",
+        (true, false, Some(false)) => standby_words(process),
         (true, false, None) => match process.job.as_str() {
             "planner" => "plans",
             "recorder" => "records",
