@@ -19,7 +19,7 @@ pub const FILE_BYTES_MAX: u64 = 64 << 20;
 /// What is no regular file, too large, not text or not a program is refused; a large file before it is read.
 pub fn load(file: &Path, setup: &Setup, start: AxisVector) -> Result<Program, ProgramError> {
     let name = file.display().to_string();
-    let text = read_text(file, &name)?;
+    let text = read_text(file)?;
     // Editors on Windows put a byte order mark before UTF-8 text.
     interpret(
         &name,
@@ -29,7 +29,9 @@ pub fn load(file: &Path, setup: &Setup, start: AxisVector) -> Result<Program, Pr
     )
 }
 
-fn read_text(file: &Path, name: &str) -> Result<String, ProgramError> {
+/// The text of a program file; what is no regular file, too large or not text is refused, a large file before it is read.
+pub fn read_text(file: &Path) -> Result<String, ProgramError> {
+    let name = &file.display().to_string();
     let unreadable = |error: std::io::Error| {
         let right = "a program is a file that can be read";
         ProgramError::of_file(name, format!("cannot be read ({error})"), right)

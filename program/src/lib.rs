@@ -60,7 +60,7 @@ mod setup;
 mod words;
 
 pub use error::{Problem, ProgramError, ResumeError};
-pub use file::{FILE_BYTES_MAX, load};
+pub use file::{FILE_BYTES_MAX, load, read_text};
 pub use interpreter::{BLOCKS_MAX, interpret};
 pub use program::{AxisSetup, Block, Event, EventKind, Note, Program, ProgramEnd, Setup};
 pub use resume::{load_from, resume_from, tool_at};

@@ -34,9 +34,7 @@ const LOOK: Duration = Duration::from_millis(5);
 pub fn load(options: &LoadOptions) -> Outcome {
     let file = &options.program;
     let name = program_name(file).input()?.to_string();
-    let text = fs::read_to_string(file)
-        .with_context(|| format!("{}: cannot be read", file.display()))
-        .input()?;
+    let text = program::read_text(file).input()?;
     let client = Client::find(options.to.cell.as_deref(), "operator")?;
     let mut eyes = Eyes::open(&client)?;
     let now = eyes.look()?;
