@@ -1,9 +1,8 @@
 //! `quadrant run --learn`: what a run that went well teaches for the next one.
 
-use std::fs;
 use std::path::Path;
 
-use anyhow::{Context, bail};
+use anyhow::bail;
 use bus::sample::{AxisCommand, Feedback};
 use control::learned_table::{LearnedTable, LearnedValue};
 use control::learning::{Learner, Observation, TrainingLimits};
@@ -13,6 +12,8 @@ use launcher::run::Completed;
 use machine::learned::{Learned, LearnedAxis, learned_file, settings_hash};
 use machine::{Axis, Machine};
 use monitor::log::{LOG_FILE, Reader, Sample, part_files};
+
+use crate::keep::replace;
 
 /// Largest learned torque, as a share of the peak torque.
 const TORQUE_SHARE: f64 = 0.1;
@@ -78,9 +79,7 @@ pub fn learn(
         learned.axes.extend(entry);
     }
     let path = learned_file(machine_path);
-    let part = path.with_extension("toml.part");
-    fs::write(&part, learned.text()).with_context(|| part.display().to_string())?;
-    fs::rename(&part, &path).with_context(|| path.display().to_string())?;
+    replace(&path, &learned.text())?;
     Ok(lines)
 }
 
