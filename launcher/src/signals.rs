@@ -4,6 +4,7 @@ use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use anyhow::Context;
 use rustix::event::{EventfdFlags, eventfd};
 
 /// Interruptions so far.
@@ -14,15 +15,23 @@ pub struct Signals {
 }
 
 impl Signals {
-    /// Catches SIGINT, SIGTERM and SIGHUP from now on.
+    /// Catches SIGINT, SIGTERM and SIGHUP from now on. Whoever starts it with SIGHUP ignored (`nohup`) wants it to outlive his
+    /// terminal: that stays so.
     pub fn catch() -> anyhow::Result<Signals> {
         let count = Arc::new(AtomicU32::new(0));
         let wake = Arc::new(eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)?);
         let (counted, woken) = (Arc::clone(&count), Arc::clone(&wake));
+        let ignored = Ignored::look();
         ctrlc::set_handler(move || {
             counted.fetch_add(1, Ordering::Release);
             let _ = rustix::io::write(&*woken, &1u64.to_ne_bytes());
-        })?;
+        })
+        .map_err(|error| match error {
+            ctrlc::Error::System(error) => anyhow::Error::from(error),
+            error => error.into(),
+        })
+        .context("catching signals")?;
+        ignored.keep();
         Ok(Signals { count, wake })
     }
 
@@ -36,5 +45,27 @@ impl Signals {
     /// Readable once one has come.
     pub fn descriptor(&self) -> BorrowedFd<'_> {
         self.wake.as_fd()
+    }
+}
+
+/// Whether SIGHUP was ignored when the program was started.
+struct Ignored(bool);
+
+impl Ignored {
+    fn look() -> Ignored {
+        // SAFETY: only reads the disposition of a signal, into a variable that lives over the call.
+        let handler = unsafe {
+            let mut action: libc::sigaction = std::mem::zeroed();
+            libc::sigaction(libc::SIGHUP, std::ptr::null(), &raw mut action);
+            action.sa_sigaction
+        };
+        Ignored(handler == libc::SIG_IGN)
+    }
+
+    fn keep(&self) {
+        if self.0 {
+            // SAFETY: a plain system call; ignoring a signal runs no code.
+            unsafe { libc::signal(libc::SIGHUP, libc::SIG_IGN) };
+        }
     }
 }
