@@ -32,6 +32,7 @@ mod recorder;
 mod robust;
 mod scope;
 mod setpoints;
+mod shared_memory;
 mod soak;
 mod straight_lines;
 mod support;

@@ -3,7 +3,8 @@
 //! Everything a cell owns lies in `/dev/shm/quadrant-<cell>/` and in segments `/dev/shm/qd-<cell>_*`. Cell names have no
 //! underscore, so no cell's prefix is the beginning of another's: two cells never meet. Two locks say who lives: the
 //! launcher holds `owner.lock` exclusively, every member holds `members.lock` shared. The kernel lets go of both when
-//! the holder dies, however it dies.
+//! the holder dies, however it dies. Locks are files, which anybody of this user can remove: the launcher also holds the
+//! cell's name as a socket's address, which nobody can take from it.
 
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, Write};
@@ -15,13 +16,16 @@ use iceoryx2::config::Config;
 use iceoryx2::prelude::{FileName, Path as IoxPath, SemanticString};
 use rustix::fs::{FlockOperation, OFlags, flock};
 
+use crate::name::{Holder, Name, Taken};
+pub use crate::ownership::Ownership;
 use crate::process::watch;
 
-const SHARED_MEMORY: &str = "/dev/shm";
+/// Where all shared memory of this PC has its names.
+pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
 /// A segment without a size for so long is of a process that was killed over it.
 const UNFINISHED_FOR: Duration = Duration::from_millis(5);
-const OWNER_LOCK: &str = "owner.lock";
-const MEMBERS_LOCK: &str = "members.lock";
+pub(crate) const OWNER_LOCK: &str = "owner.lock";
+pub(crate) const MEMBERS_LOCK: &str = "members.lock";
 /// Longest cell name: the socket path limit of iceoryx2 (68 characters for prefix and root) leaves no more.
 pub const CELL_NAME_LENGTH_MAX: usize = 20;
 
@@ -77,6 +81,33 @@ pub enum CellError {
         path: String,
         /// What is there.
         found: String,
+    },
+    /// Shared memory is full, or too small.
+    #[error(
+        "cell {cell:?}: {SHARED_MEMORY} has no room for {needed}: {free} of {total} are free. Make it larger (`mount -o remount,size=64m \
+         {SHARED_MEMORY}`; for a container `--shm-size=64m`), or remove what fills it"
+    )]
+    NoRoom {
+        /// The cell.
+        cell: String,
+        /// What is needed, with its unit.
+        needed: String,
+        /// What is free.
+        free: String,
+        /// What there is in all.
+        total: String,
+    },
+    /// The operating system grants too little of something.
+    #[error("cell {cell:?}: {needed} {what} are needed, {granted} are granted")]
+    Limit {
+        /// The cell.
+        cell: String,
+        /// Of what, and how that is changed.
+        what: &'static str,
+        /// So much is granted.
+        granted: u64,
+        /// So much is needed.
+        needed: u64,
     },
     /// The operating system refused something.
     #[error("cell {cell:?}: {what}: {source}")]
@@ -176,7 +207,7 @@ impl CellPaths {
         format!("{SHARED_MEMORY}/quadrant-{}/iox", self.name)
     }
 
-    fn segment_prefix(&self) -> String {
+    pub(crate) fn segment_prefix(&self) -> String {
         format!("qd-{}_", self.name)
     }
 
@@ -229,6 +260,7 @@ impl CellPaths {
     /// [`CellError::Running`], [`CellError::MembersLive`] or [`CellError::System`].
     pub fn own(&self, patience: Duration) -> Result<Ownership, CellError> {
         let started = Instant::now();
+        let name = self.take_name()?;
         loop {
             // An owner who leaves takes the folder away: locks of a folder that is gone are worth nothing.
             let Some(owner) = self.lock_owner()? else {
@@ -244,12 +276,43 @@ impl CellPaths {
             let leftovers = self.remove_leftovers()?;
             flock(&members, FlockOperation::Unlock)
                 .map_err(|e| self.error("unlocking members.lock", e.into()))?;
-            return Ok(Ownership {
-                place: self.clone(),
-                _owner: owner,
-                members,
-                leftovers,
-            });
+            return Ok(Ownership::new(self, (owner, members), name, leftovers));
+        }
+    }
+
+    /// The cell's name, which nobody else on this PC can hold in the same shared memory.
+    fn take_name(&self) -> Result<Name, CellError> {
+        let memory =
+            fs::metadata(SHARED_MEMORY).map_err(|e| self.error("looking at /dev/shm", e))?;
+        let user = rustix::process::geteuid().as_raw();
+        let name = format!("quadrant/{user}/{}/{}", memory.dev(), self.name);
+        let started = Instant::now();
+        loop {
+            let holder = match Name::take(&name) {
+                Ok(name) => return Ok(name),
+                Err(Taken::System(error)) => return Err(self.error("taking its name", error)),
+                Err(Taken::By(holder)) => holder,
+            };
+            match holder {
+                Some(holder) if holder.user != user => {
+                    let found =
+                        format!("is held by process {} of user {}", holder.pid, holder.user);
+                    return Err(self.foreign(Path::new(&format!("@{name}")), found));
+                }
+                // As with its lock: a child that was about to be started holds it until it runs.
+                Some(Holder { pid, .. })
+                    if watch(pid).is_err() && started.elapsed() < HALF_STARTED =>
+                {
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+                holder => {
+                    let by = holder.map(|holder| format!(" (launcher pid {})", holder.pid));
+                    return Err(CellError::Running {
+                        cell: self.name.clone(),
+                        by: by.unwrap_or_default(),
+                    });
+                }
+            }
         }
     }
 
@@ -305,11 +368,17 @@ impl CellPaths {
 
     /// The file, if it is the one of this name in the folder of today.
     fn still_there(&self, file: File, name: &str) -> Result<Option<File>, CellError> {
-        let held = file
-            .metadata()
+        let is_it = self
+            .is_in_place(&file, name)
             .map_err(|e| self.error(&format!("reading {name}"), e))?;
-        let on_disk = fs::metadata(self.folder().join(name));
-        Ok(on_disk.is_ok_and(|m| m.ino() == held.ino()).then_some(file))
+        Ok(is_it.then_some(file))
+    }
+
+    /// Whether this file is the one of this name in the folder of today.
+    pub(crate) fn is_in_place(&self, file: &File, name: &str) -> io::Result<bool> {
+        let held = file.metadata()?;
+        let found = fs::metadata(self.folder().join(name));
+        Ok(found.is_ok_and(|found| found.ino() == held.ino()))
     }
 
     /// A lock file of the cell's folder, made if need be, or nothing if the folder went meanwhile.
@@ -432,12 +501,13 @@ impl CellPaths {
     }
 
     /// Removes all of the cell but its locks; to be called only while nobody lives. Returns how many files went.
-    fn remove_leftovers(&self) -> Result<usize, CellError> {
+    pub(crate) fn remove_leftovers(&self) -> Result<usize, CellError> {
+        Ok(self.remove_segments()? + self.remove_files()?)
+    }
+
+    /// Removes the cell's segments, and folders that an owner was about to remove when it was killed.
+    pub(crate) fn remove_segments(&self) -> Result<usize, CellError> {
         let mut removed = 0;
-        let gone = |e: io::Error| match e.kind() {
-            io::ErrorKind::NotFound => Ok(()),
-            _ => Err(e),
-        };
         let prefix = self.segment_prefix();
         // A folder that an owner was about to remove when it was killed.
         let left_folder = format!("quadrant-{}.", self.name);
@@ -463,6 +533,12 @@ impl CellPaths {
                 .map_err(|e| self.error(&format!("removing {}", path.display()), e))?;
             removed += 1;
         }
+        Ok(removed)
+    }
+
+    /// Removes what is in the cell's folder, but its locks.
+    fn remove_files(&self) -> Result<usize, CellError> {
+        let mut removed = 0;
         let folder =
             fs::read_dir(self.folder()).map_err(|e| self.error("listing its folder", e))?;
         for entry in folder.flatten() {
@@ -482,6 +558,14 @@ impl CellPaths {
             removed += 1;
         }
         Ok(removed)
+    }
+}
+
+/// What is gone already need not be removed.
+fn gone(error: io::Error) -> io::Result<()> {
+    match error.kind() {
+        io::ErrorKind::NotFound => Ok(()),
+        _ => Err(error),
     }
 }
 
@@ -517,37 +601,4 @@ fn remove_folder(path: &Path) -> io::Result<()> {
 #[derive(Debug)]
 pub struct Membership {
     _file: File,
-}
-
-/// The launcher's hold on its cell. Dropping it removes the cell's files if nobody of it lives any more.
-#[derive(Debug)]
-pub struct Ownership {
-    place: CellPaths,
-    _owner: File,
-    members: File,
-    /// Files of a crashed run that were removed.
-    pub leftovers: usize,
-}
-
-impl Ownership {
-    /// The cell's place.
-    pub fn place(&self) -> &CellPaths {
-        &self.place
-    }
-}
-
-impl Drop for Ownership {
-    fn drop(&mut self) {
-        if flock(&self.members, FlockOperation::NonBlockingLockExclusive).is_err() {
-            tracing::warn!(cell = %self.place.name, "members still live: their files stay until the next start");
-            return;
-        }
-        if let Err(error) = self.place.remove_leftovers() {
-            tracing::warn!(%error, "the cell's files could not all be removed");
-        }
-        // The folder goes at once, by its name, while both locks are held: whoever comes next finds none and makes a new one.
-        let folder = self.place.folder();
-        let gone = folder.with_extension(format!("{}.gone", std::process::id()));
-        let _ = fs::rename(&folder, &gone).and_then(|()| fs::remove_dir_all(&gone));
-    }
 }

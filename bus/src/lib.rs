@@ -3,11 +3,15 @@
 //! **Invariant**: this is the only crate that names iceoryx2 (a test in `tests/` holds it).
 
 pub mod cell;
+pub mod limits;
 pub mod member;
+mod name;
 pub mod observer;
+mod ownership;
 pub mod port;
 pub mod process;
 pub mod realtime;
+pub mod room;
 pub mod sample;
 pub mod service;
 pub mod signal_page;

@@ -19,7 +19,7 @@ use crate::port::Reader;
 use crate::process::watch;
 use crate::realtime;
 use crate::sample::Feedback;
-use crate::service::{Bus, Shape};
+use crate::service::{Bus, PLACE_LIMIT, PLACE_LOOK, Shape};
 use crate::signal_page::{CellPhase, Signal, SignalPage};
 
 /// How the cell's scans follow each other.
@@ -107,9 +107,22 @@ pub struct Member {
 }
 
 /// Without any feedback for this long after the launcher's death, a member leaves.
-const ORPHAN_PATIENCE: Duration = Duration::from_secs(1);
+pub const ORPHAN_PATIENCE: Duration = Duration::from_millis(500);
 /// The longest wait without looking whether the cell still exists.
 const LOOK_AROUND: Duration = Duration::from_millis(100);
+
+/// Enters as soon as there is room: a process that has died leaves it in a moment.
+fn patiently(enter: impl Fn() -> Result<Bus, CellError>) -> Result<Bus, CellError> {
+    let started = Instant::now();
+    loop {
+        match enter() {
+            Err(CellError::NoRoom { .. }) if started.elapsed() < PLACE_LIMIT => {
+                std::thread::sleep(PLACE_LOOK);
+            }
+            done => return done,
+        }
+    }
+}
 
 impl Member {
     /// Enters the cell as `who`. Ports are made by the caller, then [`Member::ready`].
@@ -130,7 +143,7 @@ impl Member {
             });
         }
         let launcher = watch(page.launcher_pid()).map_err(MemberError::LauncherGone)?;
-        let bus = Bus::enter(&place, shape, who, false)?;
+        let bus = patiently(|| Bus::enter(&place, shape, who, false))?.patient();
         Ok(Member {
             page,
             bus,

@@ -13,12 +13,13 @@
 
 use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::port::client::Client;
-use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::server::Server;
-use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{AllocationStrategy, BackpressureStrategy};
 use iceoryx2::service::ipc;
+use iceoryx2::service::port_factory::server::ServerCreateError;
 
 use crate::cell::CellError;
 use crate::sample::{
@@ -93,6 +94,15 @@ impl Age {
     }
 }
 
+/// Every service has one writer: it may be one that is dead.
+fn has_writer(error: &PublisherCreateError) -> bool {
+    *error == PublisherCreateError::ExceedsMaxSupportedPublishers
+}
+
+fn has_all_readers(error: &SubscriberCreateError) -> bool {
+    *error == SubscriberCreateError::ExceedsMaxSupportedSubscribers
+}
+
 /// The writing end of a service.
 #[derive(Debug)]
 pub struct Writer<T: Sample> {
@@ -102,15 +112,15 @@ pub struct Writer<T: Sample> {
 
 impl<T: Sample> Writer<T> {
     fn new(bus: &Bus, factory: &PubSub<T>, topic: &Topic) -> Result<Self, CellError> {
-        // All readers hold the same samples, so the deepest queue bounds what is in use, not the sum of all queues.
-        let most = topic.depth + topic.history + 64;
-        let publisher = factory
-            .publisher_builder()
-            .max_loaned_samples(2)
-            .backpressure_strategy(BackpressureStrategy::DiscardData)
-            .override_sample_preallocation(move |all| all.min(most))
-            .create()
-            .map_err(|e| bus.refuse(format!("writing {}: {e:?}", topic.name)))?;
+        let most = topic.samples_max();
+        let publisher = bus.port(&format!("writing {}", topic.name), has_writer, || {
+            factory
+                .publisher_builder()
+                .max_loaned_samples(2)
+                .backpressure_strategy(BackpressureStrategy::DiscardData)
+                .override_sample_preallocation(move |all| all.min(most))
+                .create()
+        })?;
         Ok(Writer {
             publisher,
             failed: 0,
@@ -152,11 +162,12 @@ pub struct Reader<T: Sample> {
 impl<T: Sample> Reader<T> {
     fn new(bus: &Bus, topic: &Topic, depth: usize) -> Result<Self, CellError> {
         let factory = bus.open::<T>(topic)?;
-        let subscriber = factory
-            .subscriber_builder()
-            .buffer_size(depth.min(topic.depth))
-            .create()
-            .map_err(|e| bus.refuse(format!("reading {}: {e:?}", topic.name)))?;
+        let subscriber = bus.port(&format!("reading {}", topic.name), has_all_readers, || {
+            factory
+                .subscriber_builder()
+                .buffer_size(depth.min(topic.depth))
+                .create()
+        })?;
         Ok(Reader {
             subscriber,
             set_aside: None,
@@ -431,17 +442,18 @@ impl Bus {
     /// [`CellError::Transport`], also if there is a writer already.
     pub fn window_writer(&self) -> Result<WindowWriter, CellError> {
         let topic = &self.services.setpoint;
-        let most = topic.depth + topic.history + 32;
-        let publisher = self
-            .open_windows()?
-            .publisher_builder()
-            .initial_max_slice_len(WINDOW_SETPOINTS)
-            .allocation_strategy(AllocationStrategy::Static)
-            .max_loaned_samples(2)
-            .backpressure_strategy(BackpressureStrategy::DiscardData)
-            .override_sample_preallocation(move |all| all.min(most))
-            .create()
-            .map_err(|e| self.refuse(format!("writing {}: {e:?}", topic.name)))?;
+        let most = topic.windows_max();
+        let factory = self.open_windows()?;
+        let publisher = self.port(&format!("writing {}", topic.name), has_writer, || {
+            factory
+                .publisher_builder()
+                .initial_max_slice_len(WINDOW_SETPOINTS)
+                .allocation_strategy(AllocationStrategy::Static)
+                .max_loaned_samples(2)
+                .backpressure_strategy(BackpressureStrategy::DiscardData)
+                .override_sample_preallocation(move |all| all.min(most))
+                .create()
+        })?;
         Ok(WindowWriter { publisher })
     }
 
@@ -451,12 +463,13 @@ impl Bus {
     /// [`CellError::Transport`].
     pub fn window_reader(&self, depth: usize) -> Result<WindowReader, CellError> {
         let topic = &self.services.setpoint;
-        let subscriber = self
-            .open_windows()?
-            .subscriber_builder()
-            .buffer_size(depth.min(topic.depth))
-            .create()
-            .map_err(|e| self.refuse(format!("reading {}: {e:?}", topic.name)))?;
+        let factory = self.open_windows()?;
+        let subscriber = self.port(&format!("reading {}", topic.name), has_all_readers, || {
+            factory
+                .subscriber_builder()
+                .buffer_size(depth.min(topic.depth))
+                .create()
+        })?;
         Ok(WindowReader {
             subscriber,
             set_aside: None,
@@ -469,11 +482,10 @@ impl Bus {
     /// # Errors
     /// [`CellError::Transport`].
     pub fn operator_client(&self) -> Result<OperatorClient, CellError> {
-        let client = self
-            .open_operator()?
-            .client_builder()
-            .create()
-            .map_err(|e| self.refuse(format!("asking at {}: {e:?}", self.services.operator)))?;
+        let factory = self.open_operator()?;
+        let name = format!("asking at {}", self.services.operator);
+        // Who waits for a place here does so in its own way.
+        let client = self.port(&name, |_| false, || factory.client_builder().create())?;
         Ok(OperatorClient { client })
     }
 
@@ -482,11 +494,11 @@ impl Bus {
     /// # Errors
     /// [`CellError::Transport`].
     pub fn operator_server(&self) -> Result<OperatorServer, CellError> {
-        let server = self
-            .open_operator()?
-            .server_builder()
-            .create()
-            .map_err(|e| self.refuse(format!("serving {}: {e:?}", self.services.operator)))?;
+        let factory = self.open_operator()?;
+        let name = format!("serving {}", self.services.operator);
+        let is_taken =
+            |error: &ServerCreateError| *error == ServerCreateError::ExceedsMaxSupportedServers;
+        let server = self.port(&name, is_taken, || factory.server_builder().create())?;
         Ok(OperatorServer { server })
     }
 }

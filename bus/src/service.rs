@@ -5,16 +5,19 @@
 
 use std::fmt::Debug;
 use std::sync::mpsc::{self, RecvTimeoutError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use bytemuck::Pod;
-use iceoryx2::node::{Node, NodeBuilder};
-use iceoryx2::prelude::{NodeName, ServiceName, SignalHandlingMode, ZeroCopySend};
+use iceoryx2::node::{Node, NodeBuilder, NodeState};
+use iceoryx2::prelude::{
+    CallbackProgression, NodeName, ServiceName, SignalHandlingMode, ZeroCopySend,
+};
 use iceoryx2::service::ipc;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use iceoryx2::service::port_factory::request_response;
 
 use crate::cell::{CellError, CellPaths};
+use crate::room;
 use crate::sample::{
     AxisCommand, Feedback, Instruments, MAX_WINDOW_SETPOINTS, OperatorRequest, OperatorResponse,
     PlannerStatus, Roster, Setpoint, WindowHeader,
@@ -31,6 +34,11 @@ pub const ROLES: [&str; 2] = ["a", "b"];
 
 /// Time between two looks for unfinished segments while dead processes are cleaned up after.
 const UNFINISHED_LOOK: Duration = Duration::from_millis(20);
+/// So long a place in a service may be that of a process that is dead: the launcher cleans up every second, if it runs.
+pub(crate) const PLACE_LIMIT: Duration = Duration::from_secs(2);
+pub(crate) const PLACE_LOOK: Duration = Duration::from_millis(5);
+/// Cleanings after the dead in one go, where one has failed.
+const CLEANINGS_MAX: u32 = 3;
 const VIEWERS_MAX: usize = 8;
 const NODES_SLACK: usize = 24;
 const READERS_MAX: usize = 20 + VIEWERS_MAX;
@@ -45,6 +53,30 @@ pub struct Topic {
     /// Samples a late reader gets at once.
     pub history: usize,
 }
+
+impl Topic {
+    /// Samples for which its writer has room: those in the deepest queue, since all readers hold the same, and those that readers
+    /// and writer have in hand.
+    pub(crate) fn samples_max(&self) -> usize {
+        self.depth + self.history + 64
+    }
+
+    /// The same of windows, which have fewer readers.
+    pub(crate) fn windows_max(&self) -> usize {
+        self.depth + self.history + 32
+    }
+}
+
+/// Bytes that iceoryx2 puts before each sample, at most.
+const CHUNK_HEADER: usize = 64;
+/// Feedback, instruments, setpoint, planner, roster and operator.
+const CELL_SERVICES: usize = 6;
+/// Launcher, recorder, planner and master.
+const CELL_PROCESSES: usize = 4;
+/// Bytes for the connections and files of one process.
+const PROCESS_ROOM: usize = 160 << 10;
+/// Bytes for page, service files and clients.
+const CELL_ROOM: usize = 512 << 10;
 
 /// Names and depths of the services; all processes make the same table from the machine file.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -104,6 +136,31 @@ impl Services {
             operator: format!("{}/operator", place.name()),
         }
     }
+
+    /// How many there are.
+    pub(crate) fn count(&self) -> usize {
+        CELL_SERVICES + ROLES.len() * self.commands.len()
+    }
+
+    /// Shared memory that a cell with these services takes, at most: its segments, the files of iceoryx2, the page, and some
+    /// for its clients.
+    pub fn room_bytes(&self) -> u64 {
+        let of = |topic: &Topic, sample: usize| topic.samples_max() * (sample + CHUNK_HEADER);
+        let setpoints = WINDOW_SETPOINTS * size_of::<Setpoint>();
+        let window = size_of::<WindowHeader>() + setpoints + CHUNK_HEADER;
+        let commands = self.commands.iter().flatten();
+        let commands: usize = commands
+            .map(|topic| of(topic, size_of::<AxisCommand>()))
+            .sum();
+        let segments = of(&self.feedback, size_of::<Feedback>())
+            + of(&self.instruments, size_of::<Instruments>())
+            + self.setpoint.windows_max() * window
+            + of(&self.planner, size_of::<PlannerStatus>())
+            + of(&self.roster, size_of::<Roster>())
+            + commands;
+        let processes = CELL_PROCESSES + ROLES.len() * self.commands.len();
+        (segments + processes * PROCESS_ROOM + CELL_ROOM) as u64
+    }
 }
 
 pub(crate) type PubSub<T> = PortFactory<ipc::Service, T, ()>;
@@ -145,6 +202,8 @@ samples!(
 pub struct Bus {
     node: Node<ipc::Service>,
     place: CellPaths,
+    /// A place that is taken may be free in a moment.
+    patient: bool,
     /// The service table.
     pub services: Services,
 }
@@ -160,12 +219,11 @@ impl Bus {
         who: &str,
         cleaner: bool,
     ) -> Result<Bus, CellError> {
+        room::is_in_force();
+        room::forget_refused();
         iceoryx2::prelude::set_log_level(iceoryx2::prelude::LogLevel::Error);
         let config = place.config(cleaner)?;
-        let refuse = |what: String| CellError::Transport {
-            cell: place.name().into(),
-            what,
-        };
+        let refuse = |what| refusal(place, what);
         let name = NodeName::new(who).map_err(|e| refuse(format!("node name {who:?}: {e:?}")))?;
         let node = NodeBuilder::new()
             .name(&name)
@@ -176,15 +234,61 @@ impl Bus {
         Ok(Bus {
             node,
             place: place.clone(),
+            patient: false,
             services: Services::of(place, shape),
         })
     }
 
-    pub(crate) fn refuse(&self, what: String) -> CellError {
-        CellError::Transport {
-            cell: self.place.name().into(),
-            what,
+    /// For who takes part in the cell: a place that is taken is waited for, since it may be that of somebody who is dead, or of a
+    /// foreign process that tries it.
+    pub(crate) fn patient(self) -> Bus {
+        Bus {
+            patient: true,
+            ..self
         }
+    }
+
+    pub(crate) fn refuse(&self, what: String) -> CellError {
+        refusal(&self.place, what)
+    }
+
+    /// A port, with all the shared memory that it has asked for. It is made again for as long as its place, or room, may still
+    /// become free: what a process leaves that has died goes once the launcher has cleaned up and its readers have let go.
+    pub(crate) fn port<P, E: Debug>(
+        &self,
+        name: &str,
+        is_taken: impl Fn(&E) -> bool,
+        make: impl Fn() -> Result<P, E>,
+    ) -> Result<P, CellError> {
+        let started = Instant::now();
+        loop {
+            room::forget_refused();
+            let made = make();
+            let taken = made.as_ref().is_err_and(&is_taken);
+            let made = made.map_err(|error| self.refuse(format!("{name}: {error:?}")));
+            // A port that finds no room for its connections is there, and stays deaf.
+            let shortage = room::shortage_of_thread(self.place.name());
+            let made = made.and_then(|port| shortage.map_or(Ok(port), Err));
+            let may_be_had = match &made {
+                Ok(_) => false,
+                Err(CellError::NoRoom { .. }) => self.patient,
+                Err(_) => taken && (self.patient || self.somebody_is_dead()),
+            };
+            if !may_be_had || started.elapsed() > PLACE_LIMIT {
+                return made;
+            }
+            std::thread::sleep(PLACE_LOOK);
+        }
+    }
+
+    /// Whether a process has died and its places are not free yet.
+    fn somebody_is_dead(&self) -> bool {
+        let mut found = false;
+        let _ = Node::<ipc::Service>::list(self.node.config(), |state| {
+            found |= matches!(state, NodeState::Dead(_));
+            CallbackProgression::Continue
+        });
+        found
     }
 
     fn service_name(&self, name: &str) -> Result<ServiceName, CellError> {
@@ -290,16 +394,34 @@ impl Bus {
         self.place.remove_unfinished();
         let (done, is_done) = mpsc::channel::<()>();
         std::thread::scope(|scope| {
-            scope.spawn(move || {
+            let thread = std::thread::Builder::new().name("qd-cleaner".into());
+            let watching = thread.spawn_scoped(scope, move || {
                 while is_done.recv_timeout(UNFINISHED_LOOK) == Err(RecvTimeoutError::Timeout) {
                     self.place.remove_unfinished();
                 }
             });
-            let state = self.node.try_cleanup_dead_nodes();
-            tracing::debug!(?state, "dead nodes cleaned");
+            if let Err(error) = watching {
+                tracing::warn!(%error, "dead processes are cleaned up after without a watch");
+            }
+            for _ in 0..CLEANINGS_MAX {
+                let state = self.node.try_cleanup_dead_nodes();
+                tracing::debug!(?state, "dead nodes cleaned");
+                if state.failed_cleanups == 0 {
+                    break;
+                }
+                std::thread::sleep(Duration::from_millis(1));
+            }
             drop(done);
         });
     }
+}
+
+/// The error for what iceoryx2 refuses, where it is not for want of room.
+fn refusal(place: &CellPaths, what: String) -> CellError {
+    room::shortage(place.name()).unwrap_or_else(|| CellError::Transport {
+        cell: place.name().into(),
+        what,
+    })
 }
 
 /// The services, held open by the launcher.
@@ -316,3 +438,6 @@ pub struct Created {
 
 /// Setpoints for which the planner's segment has room.
 pub(crate) const WINDOW_SETPOINTS: usize = MAX_WINDOW_SETPOINTS;
+
+#[cfg(test)]
+mod tests;

@@ -11,6 +11,7 @@
 )]
 
 use std::fs::OpenOptions;
+use std::os::fd::AsFd;
 use std::os::unix::fs::OpenOptionsExt;
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
@@ -20,24 +21,35 @@ use rustix::mm::{MapFlags, ProtFlags};
 use rustix::thread::futex;
 
 use crate::cell::{CellError, CellPaths};
+use crate::room;
 use crate::sample::{MAX_PARTICIPANTS, OperatorRequest, OperatorResponse, Order};
 
-const MAGIC: u64 = u64::from_le_bytes(*b"QUADRAN3");
+const MAGIC: u64 = u64::from_le_bytes(*b"QUADRAN4");
 /// Most faults a script of one run can have.
 pub const FAULTS_MAX: usize = 1024;
 /// Bytes kept for one saved state of the master.
 pub const MACHINE_STATE_BYTES: usize = 8192;
 
-/// What the cell is doing, as the launcher sees it.
+/// What the cell is doing, as the launcher sees it. The words are far apart: no slip of a foreign process makes one of another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum CellPhase {
     /// Processes are being started.
-    Starting = 0,
+    Starting = u32::from_le_bytes(*b"Strt"),
     /// Scans run.
-    Running = 1,
+    Running = u32::from_le_bytes(*b"Runs"),
     /// Everybody is to leave at once.
-    Ending = 2,
+    Ending = u32::from_le_bytes(*b"Ends"),
+}
+
+impl CellPhase {
+    /// A word that is none of them ends nothing.
+    fn from_word(word: u32) -> CellPhase {
+        [CellPhase::Starting, CellPhase::Ending]
+            .into_iter()
+            .find(|phase| *phase as u32 == word)
+            .unwrap_or(CellPhase::Running)
+    }
 }
 
 /// What the master asks of the launcher to carry out a fault.
@@ -221,6 +233,9 @@ impl SignalPage {
         layout
             .launcher_pid
             .store(std::process::id(), Ordering::Release);
+        layout
+            .phase
+            .store(CellPhase::Starting as u32, Ordering::Release);
         layout.magic.store(MAGIC, Ordering::Release);
         Ok(page)
     }
@@ -255,8 +270,9 @@ impl SignalPage {
             .map_err(|e| system("opening its page (does it run?)", e))?;
         let length = size_of::<Layout>();
         if create {
-            file.set_len(length as u64)
-                .map_err(|e| system("sizing its page", e))?;
+            room::resize(file.as_fd(), length as u64).map_err(|e| {
+                room::shortage(place.name()).unwrap_or_else(|| system("sizing its page", e.into()))
+            })?;
         }
         let found = file
             .metadata()
@@ -374,11 +390,7 @@ impl SignalPage {
 
     /// What the cell is doing.
     pub fn phase(&self) -> CellPhase {
-        match self.layout().phase.load(Ordering::Acquire) {
-            0 => CellPhase::Starting,
-            1 => CellPhase::Running,
-            _ => CellPhase::Ending,
-        }
+        CellPhase::from_word(self.layout().phase.load(Ordering::Acquire))
     }
 
     /// Sets it and wakes everybody; for the launcher.

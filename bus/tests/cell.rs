@@ -236,3 +236,74 @@ fn a_link_of_a_segments_name_is_refused_and_what_it_leads_to_stays_as_it_is() {
     assert!(victim.exists(), "the link went, not what it led to");
     assert!(std::fs::symlink_metadata(&link).is_err());
 }
+
+/// Anybody of this user can remove a cell's files: the cell is still taken, and its owner takes nothing of others away.
+#[test]
+fn a_cell_whose_files_were_removed_is_still_its_owners() {
+    let place = place("gone");
+    let mut owned = place.own(Duration::ZERO).expect("the cell");
+    let launcher = Bus::enter(&place, &shape(), "launcher", true).expect("shared memory");
+    let services = launcher.create_all().expect("services");
+    owned.note_made();
+    assert_eq!(owned.removed(), None);
+    let segment = |entry: &std::fs::DirEntry| {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        name.starts_with(&format!("qd-{}_", place.name())) && name.ends_with(".dynamic")
+    };
+    let entries = std::fs::read_dir("/dev/shm").expect("/dev/shm").flatten();
+    let segment = entries.into_iter().find(segment).expect("a segment").path();
+    std::fs::remove_file(&segment).expect("removing it");
+    assert_eq!(owned.removed(), Some(segment.as_path()));
+    std::fs::remove_dir_all(place.folder()).expect("removing the folder");
+    assert!(matches!(
+        place.own(Duration::ZERO),
+        Err(CellError::Running { .. })
+    ));
+    // What somebody else has put there meanwhile is not this owner's.
+    std::fs::create_dir(place.folder()).expect("another folder");
+    std::fs::write(place.folder().join("file"), "text").expect("a file in it");
+    drop((services, launcher, owned));
+    assert!(place.folder().join("file").exists());
+    let again = place.own(Duration::ZERO).expect("the cell is free");
+    assert_eq!(again.leftovers, 1);
+    drop(again);
+    assert!(!place.folder().exists());
+}
+
+/// A page that has no memory yet kills whoever touches it when there is none left.
+#[test]
+fn every_segment_has_all_its_memory_from_the_start() {
+    use std::os::unix::fs::MetadataExt;
+    let place = place("memory");
+    let owned = place.own(Duration::ZERO).expect("the cell");
+    let bus = Bus::enter(&place, &shape(), "launcher", true).expect("shared memory");
+    let services = bus.create_all().expect("services");
+    let page = SignalPage::create(&place).expect("the page");
+    let writers = (
+        bus.feedback_writer().expect("a writer"),
+        bus.window_writer().expect("a writer"),
+        bus.command_writer(0, 0).expect("a writer"),
+    );
+    let readers = (
+        bus.feedback_reader(SCAN_DEPTH).expect("a reader"),
+        bus.window_reader(SCAN_DEPTH).expect("a reader"),
+        bus.operator_server().expect("a server"),
+        bus.operator_client().expect("a client"),
+    );
+    let entries = std::fs::read_dir("/dev/shm").expect("/dev/shm").flatten();
+    let prefix = format!("qd-{}_", place.name());
+    let mut files: Vec<_> = entries
+        .filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix))
+        .map(|entry| entry.path())
+        .collect();
+    files.push(place.page());
+    assert!(files.len() > 20, "{files:?}");
+    for file in files {
+        let found = std::fs::metadata(&file).expect("a segment");
+        let has = found.blocks() * 512;
+        assert!(has >= found.len(), "{file:?} has {has} of {}", found.len());
+    }
+    drop((readers, writers, page, services));
+    drop(bus);
+    drop(owned);
+}

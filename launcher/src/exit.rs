@@ -55,6 +55,14 @@ pub fn words(error: &anyhow::Error) -> String {
     words
 }
 
+/// The same with the limit that it comes from, if it does.
+fn words_and_hint(error: &anyhow::Error) -> String {
+    let mut causes = error.chain();
+    let hint = causes.find_map(|cause| bus::limits::hint(cause.downcast_ref()?));
+    let words = words(error);
+    hint.map_or(words.clone(), |hint| format!("{words}: {hint}"))
+}
+
 /// Prints what went wrong, if anything, and gives the status.
 pub fn code(outcome: Outcome) -> ExitCode {
     let (status, error) = match outcome {
@@ -65,7 +73,7 @@ pub fn code(outcome: Outcome) -> ExitCode {
         Err(Failure::Environment(error)) => (3, Some(error)),
     };
     if let Some(error) = error {
-        let line = format!("quadrant: {}\n", words(&error));
+        let line = format!("quadrant: {}\n", words_and_hint(&error));
         output::print(Stream::Err, line.as_bytes());
     }
     output::flush();

@@ -13,7 +13,7 @@ use bus::member::Pace;
 use bus::port::Writer;
 use bus::process::watch;
 use bus::sample::{Job, Roster};
-use bus::service::{Bus, Created, ROLES};
+use bus::service::{Bus, Created, ROLES, Services};
 use bus::signal_page::{CellPhase, SignalPage};
 use bytemuck::Zeroable;
 use machine::{Machine, Process};
@@ -196,6 +196,8 @@ pub struct Death {
     pub replaced: bool,
     /// It had nothing left to do: the last feedback had been published.
     pub after_end: bool,
+    /// It took part; it did not die on its way into the cell.
+    pub took_part: bool,
 }
 
 impl Death {
@@ -207,6 +209,7 @@ impl Death {
             place,
             replaced: false,
             after_end: false,
+            took_part: member.joining.is_none(),
         }
     }
 
@@ -278,12 +281,15 @@ impl Group {
     /// # Errors
     /// The cell is taken, the environment refuses, a process ends or does not get ready. Nothing is left running.
     pub fn start(
-        cell: Ownership,
+        mut cell: Ownership,
         machine: &Machine,
         plan: &Plan,
         interrupted: &dyn Fn() -> bool,
     ) -> anyhow::Result<Group> {
         let place: CellPaths = cell.place().clone();
+        let services = Services::of(&place, &machine.shape());
+        bus::limits::check(&place, &services)?;
+        bus::room::check(&place, &services)?;
         // Its clients know the machine from here.
         std::fs::copy(&plan.machine_file, place.machine_file())
             .context("copying the machine file into the cell")?;
@@ -291,6 +297,8 @@ impl Group {
         let services = bus.create_all()?;
         let page = SignalPage::create(&place)?;
         let roster_writer = bus.roster_writer()?;
+        cell.keep_spare_room();
+        cell.note_made();
         let core = lockstep_core(plan.pace);
         let mut group = Group {
             members: Vec::new(),
@@ -323,6 +331,18 @@ impl Group {
     /// The cell's pace.
     pub fn pace(&self) -> Pace {
         self.plan.pace
+    }
+
+    /// Keeps room for who takes the place of a dead process, unless somebody is about to.
+    pub fn keep_spare_room(&mut self) {
+        if !self.somebody_joins() {
+            self.cell.keep_spare_room();
+        }
+    }
+
+    /// A file of the cell that somebody has removed while it runs, if so.
+    pub fn removed_file(&self) -> Option<String> {
+        self.cell.removed().map(|path| path.display().to_string())
     }
 
     /// Lets the scans begin.
@@ -397,7 +417,13 @@ impl Group {
         let log = child
             .stderr
             .take()
-            .map(|stderr| logs::forward(role.name.clone(), stderr));
+            .map(|stderr| logs::forward(role.name.clone(), stderr))
+            .transpose()
+            .or_else(|error| {
+                let _ = child.kill();
+                let _ = child.wait();
+                Err(error).with_context(|| format!("reading what {} prints", role.name))
+            })?;
         tracing::debug!(process = role.name, pid = child.id(), "started");
         Ok(Member {
             role,

@@ -69,8 +69,15 @@ const LINE_MAX: u64 = 4 << 10;
 
 /// Passes a child's lines on until it closes its standard error. It is read whether anybody takes the lines or not: a child
 /// that prints never waits for a terminal.
-pub fn forward(process: String, stderr: ChildStderr) -> std::thread::JoinHandle<()> {
-    std::thread::spawn(move || {
+///
+/// # Errors
+/// There can be no thread for it.
+pub fn forward(
+    process: String,
+    stderr: ChildStderr,
+) -> std::io::Result<std::thread::JoinHandle<()>> {
+    let thread = std::thread::Builder::new().name("qd-lines".into());
+    thread.spawn(move || {
         let mut lines = BufReader::new(stderr);
         let mut line = Vec::new();
         while let Ok(1..) = (&mut lines).take(LINE_MAX).read_until(b'\n', &mut line) {

@@ -253,6 +253,12 @@ fn conclude(ending: Ending, made: anyhow::Result<String>, folder: &Path) -> Outc
             death.words()
         )));
     }
+    if ending.files_removed {
+        return Err(Failure::Stopped(anyhow!(
+            "files of the cell were removed: {}",
+            ending.stop
+        )));
+    }
     let last = ending
         .last
         .ok_or_else(|| Failure::Environment(anyhow!("no scan ever ran")))?;

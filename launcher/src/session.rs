@@ -198,7 +198,8 @@ impl Session {
             match child {
                 Ok(mut child) => {
                     if let Some(stderr) = child.stderr.take() {
-                        logs::forward(format!("report of run {}", self.reported), stderr);
+                        // Without a thread nobody reads them, and the report is made nevertheless.
+                        let _ = logs::forward(format!("report of run {}", self.reported), stderr);
                     }
                     self.report = Some(Report {
                         run: self.reported,

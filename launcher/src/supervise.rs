@@ -25,6 +25,8 @@ use crate::view::View;
 
 /// So long the machine may take to come to rest once it was ordered to.
 const STOP_LIMIT: Duration = Duration::from_secs(15);
+/// Why a run ends that has lost a process which it needs.
+const LOST: &str = "a process is lost for good";
 /// Time between two cleanings after clients that were killed.
 const CLEAN_EVERY: Duration = Duration::from_secs(1);
 /// A stop that has no answer by then is ordered again.
@@ -45,6 +47,8 @@ pub struct Ending {
     pub in_order: bool,
     /// Why and where the machine stopped, in words; empty if no scan ran.
     pub stop: String,
+    /// Somebody removed files of the cell while it ran.
+    pub files_removed: bool,
 }
 
 /// The launcher's own looks into the cell; made before the scans begin, so that it sees also the shortest run.
@@ -101,7 +105,7 @@ pub fn supervise(
         supervision.end_hangs();
         supervision.judge_deaths();
         supervision.raise_alarms();
-        supervision.clean_after_clients();
+        supervision.look_after_files();
         supervision.start_replacements();
         supervision.hint();
         supervision.serve_faults();
@@ -132,11 +136,12 @@ struct Supervision<'a> {
     standby_alarm: StandbyAlarm,
     tripped: bool,
     deaths: Vec<Death>,
-    /// A process is lost for good without which the run cannot go on.
-    ends: bool,
+    /// Why the run cannot go on, if so.
+    ends: Option<&'static str>,
+    files_removed: bool,
     hinted: Option<String>,
     stop_since: Option<Instant>,
-    cleaned: Instant,
+    looked_after_files: Instant,
     asked: Option<Asked>,
 }
 
@@ -185,10 +190,11 @@ impl<'a> Supervision<'a> {
             standby_alarm: StandbyAlarm::default(),
             tripped: false,
             deaths: Vec::new(),
-            ends: false,
+            ends: None,
+            files_removed: false,
             hinted: None,
             stop_since: None,
-            cleaned: Instant::now(),
+            looked_after_files: Instant::now(),
             asked: None,
         }
     }
@@ -268,10 +274,25 @@ impl<'a> Supervision<'a> {
 
     /// Clients and observers that were killed keep their places in the services until somebody cleans up after them. A fault
     /// script repeats itself only if nothing but the script decides when that is done.
-    fn clean_after_clients(&mut self) {
-        if self.faults.is_none() && self.cleaned.elapsed() >= CLEAN_EVERY {
+    ///
+    /// Where somebody has removed files of the cell, no order comes through and nobody is replaced: the run ends.
+    fn look_after_files(&mut self) {
+        if self.looked_after_files.elapsed() < CLEAN_EVERY || self.files_removed {
+            return;
+        }
+        self.looked_after_files = Instant::now();
+        if let Some(path) = self.group.removed_file() {
+            let text = format!("{path} was removed");
+            tracing::error!(
+                "{text}: nobody reaches the cell any more, and nobody who is lost is replaced"
+            );
+            let event = Event::of_cell(self.group.newest_scan, "files removed", Some(text));
+            self.events.write(&event);
+            self.files_removed = true;
+            self.ends = Some("files of the cell were removed");
+        } else if self.faults.is_none() {
             self.group.bus.clean_dead();
-            self.cleaned = Instant::now();
+            self.group.keep_spare_room();
         }
     }
 
@@ -304,7 +325,7 @@ impl<'a> Supervision<'a> {
             match self.supervisor.judge(self.group, death) {
                 Verdict::Restarts => death.replaced = true,
                 Verdict::GoesOn => {}
-                Verdict::Ends => self.ends = true,
+                Verdict::Ends => self.ends = Some(LOST),
             }
         }
         self.deaths.extend(died);
@@ -356,13 +377,15 @@ impl<'a> Supervision<'a> {
                         });
                     }
                     let for_good = |d: &Death| d.job == Job::Planner && !d.replaced;
-                    self.ends |= served.death.as_ref().is_some_and(for_good);
+                    if served.death.as_ref().is_some_and(for_good) {
+                        self.ends = Some(LOST);
+                    }
                     self.deaths.extend(served.death);
                 }
                 Ok(None) => return,
                 Err(error) => {
                     tracing::error!("{}", exit::words(&error));
-                    self.ends = true;
+                    self.ends = Some(LOST);
                     return;
                 }
             }
@@ -375,8 +398,8 @@ impl<'a> Supervision<'a> {
         let interrupted = self.signals.count() > 0;
         let (why, again) = match (interrupted, self.ends) {
             (true, _) => ("interrupted", "again"),
-            (false, true) => ("a process is lost for good", "twice"),
-            (false, false) => return,
+            (false, Some(why)) => (why, "twice"),
+            (false, None) => return,
         };
         let incarnation = self.newest.map_or(0, |feedback| feedback.incarnation);
         if self.asked.as_mut().is_some_and(|a| a.holds(incarnation)) {
@@ -446,6 +469,7 @@ impl<'a> Supervision<'a> {
             interruptions: self.signals.count(),
             in_order,
             stop,
+            files_removed: self.files_removed,
         }
     }
 

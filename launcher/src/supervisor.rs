@@ -67,8 +67,10 @@ impl Supervisor {
             Job::Planner | Job::Master => Verdict::Ends,
             Job::Servo | Job::Monitor => Verdict::GoesOn,
         };
-        // A master that gave up by itself has reported why: another one would fare no better.
-        let gave_up = role.process.job == Job::Master && death.status.code().is_some();
+        // A master that gave up by itself has reported why: another one would fare no better. One that could not take its place
+        // may find it free in a moment.
+        let gave_up =
+            role.process.job == Job::Master && death.status.code().is_some() && death.took_part;
         if gave_up || !self.replaces(role.process) {
             return without;
         }

@@ -95,6 +95,18 @@ fn conclude(ending: &Ending, cell: &str) -> Outcome {
             death.words()
         )));
     }
+    if ending.files_removed {
+        return Err(Failure::Stopped(anyhow!(
+            "files of the cell were removed: {}",
+            ending.stop
+        )));
+    }
+    if ending.last.is_none_or(|last| last.last == 0) {
+        return Err(Failure::Stopped(anyhow!(
+            "the master left before it was told to: {}",
+            ending.stop
+        )));
+    }
     say(&format!("Cell {cell} is down"));
     if ending.interruptions > 0 {
         return Err(Failure::Interrupted);

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use bus::cell::CellError;
-use bus::member::{Member, MemberError, Pace};
+use bus::member::{Member, MemberError, ORPHAN_PATIENCE, Pace};
 use bus::port::{Reader, WindowReader};
 use bus::realtime::Priority;
 use bus::sample::{AxisCommand, Feedback, Instruments, PlannerStatus, Roster};
@@ -120,9 +120,12 @@ pub fn run(options: &Options, tap: Option<&mut dyn Tap>) -> Result<(), MonitorEr
                 ended = feedback.last == 1;
                 continue;
             }
+            alone_since = None;
             ports.record(&feedback, &mut sinks)?;
             ended = feedback.last == 1;
-            member.page.set_recorded_scans(feedback.scan + 1);
+            member
+                .page
+                .set_recorded_scans(feedback.scan.saturating_add(1));
             if ended || (lockstep && feedback.scan.is_multiple_of(CREDIT_STEP_SCANS)) {
                 member.page.master_signal().raise();
             }
@@ -141,7 +144,7 @@ pub fn run(options: &Options, tap: Option<&mut dyn Tap>) -> Result<(), MonitorEr
         if member.page.recorder_signal().count() == seen && !member.launcher_lives() {
             // The master still brings the tool to rest: its last feedback ends the log, or this patience.
             let since = alone_since.get_or_insert_with(Instant::now);
-            if since.elapsed() > Duration::from_secs(2) {
+            if since.elapsed() > ORPHAN_PATIENCE {
                 break;
             }
         }

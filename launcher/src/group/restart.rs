@@ -38,6 +38,7 @@ impl Group {
     pub fn respawn(&mut self, place: usize, after_scan: Option<u64>) -> anyhow::Result<()> {
         let member = self.members.get(place).context("no such place")?;
         let (role, incarnation) = (member.role.clone(), member.incarnation + 1);
+        self.cell.give_spare_room();
         let member = self.spawn(place, role, incarnation, after_scan)?;
         if let Some(slot) = self.members.get_mut(place) {
             *slot = member;
