@@ -194,8 +194,8 @@ pub struct BusPorts {
     recorder_dropped: bool,
     /// Who took part when this scan was published.
     asked_in_scan: Asked,
-    /// Signals to the master before anybody was signalled in this scan.
-    seen_before_waking: u32,
+    /// Signals to the master before anybody was signalled in this scan; none where nobody is to answer it.
+    seen_before_waking: Option<u32>,
     saved: Option<SavedState>,
 }
 
@@ -222,7 +222,7 @@ impl BusPorts {
             launcher_gone: false,
             recorder_dropped: false,
             asked_in_scan: [0; MAX_PARTICIPANTS],
-            seen_before_waking: 0,
+            seen_before_waking: None,
             saved: None,
             member,
         })
@@ -283,7 +283,7 @@ impl BusPorts {
         let everybody = (&self.roster, &self.asked_in_scan);
         let asked = missing(scan, ask_planner, &Answers::NONE, everybody, |_, _| false);
         let page = &self.member.page;
-        self.seen_before_waking = page.master_signal().count();
+        self.seen_before_waking = (asked.count > 0).then(|| page.master_signal().count());
         page.expect_answers(asked.count as u32);
         page.set_answered(self.member.slot().index, scan);
         self.ports.feedback.send(feedback);
@@ -305,10 +305,9 @@ impl BusPorts {
     ) -> Result<Option<Answers>, MasterError> {
         let mut answers = Answers::NONE;
         // Nearly always the last to answer has rung or will, and all answers are there after one wait.
-        self.member
-            .page
-            .master_signal()
-            .wait(self.seen_before_waking, WAIT_STEP);
+        if let Some(seen) = self.seen_before_waking {
+            self.member.page.master_signal().wait(seen, WAIT_STEP);
+        }
         let mut late_since: Option<Instant> = None;
         loop {
             let seen = self.member.page.master_signal().count();

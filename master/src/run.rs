@@ -86,7 +86,9 @@ pub fn run<D: Drives, P: MasterPorts<Error = MasterError>>(
 /// was published and not saved is not published again: who has answered it would not answer another of that number, and in lockstep
 /// everybody would wait for ever.
 fn first_scan(saved: Option<u64>, published: Option<u64>) -> u64 {
-    saved.max(published).map_or(0, |scan| scan + 1)
+    saved
+        .max(published)
+        .map_or(0, |scan| scan.saturating_add(1))
 }
 
 /// Takes over what a master before this one left.

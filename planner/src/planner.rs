@@ -221,7 +221,10 @@ impl Planner {
         {
             return None;
         }
-        let first_scan = (feedback.scan + COMMIT_SCANS).next_multiple_of(self.period_scans);
+        let first_scan = feedback
+            .scan
+            .saturating_add(COMMIT_SCANS)
+            .checked_next_multiple_of(self.period_scans)?;
         let from = if feedback.window.is_none() {
             self.start(feedback)?
         } else if feedback.window == self.in_force.header.id {
@@ -271,7 +274,7 @@ impl Planner {
             },
             predecessor: feedback.window,
             first_scan,
-            visible_from: feedback.scan + 1,
+            visible_from: feedback.scan.saturating_add(1),
             program_hash: course.program_hash,
             epoch: feedback.epoch,
             intended_setpoints: outcome.intended_setpoints,
@@ -465,7 +468,7 @@ impl Planner {
         };
         PlannerStatus {
             scan: feedback.scan,
-            visible_from: feedback.scan + 1,
+            visible_from: feedback.scan.saturating_add(1),
             program_hash,
             published: last.header.id,
             path_length_mm,
