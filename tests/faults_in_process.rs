@@ -46,6 +46,7 @@ fn same(edits: &[(&str, &str)], scripts: &[(&str, &str, &str)]) {
         let script = Script {
             faults: Some(faults::load(&faults_file, &machine).expect("faults.toml")),
             orders: orders::load(&orders_file, &machine).expect("orders.toml"),
+            ..Script::default()
         };
         let (digest, scans) = in_process(&bench, &program.display().to_string(), script);
         let [faults_file, orders_file] =

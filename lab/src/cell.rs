@@ -3,19 +3,23 @@
 //! It calls the same `cycle` functions as the real processes do, over queues in memory, and each sample is visible in the scan
 //! that the real one is visible in; so the motion digest is the same to the bit (docs/developers/architecture.md). Also with faults: a
 //! script kills, stops and restarts processes and makes their samples wrong as it does to real ones, and what a process
-//! remembers goes with it. It leaves out what lies between processes: shared memory, signals, the launcher.
+//! remembers goes with it. Who is replaced, and when the machine is ordered to stop, is decided by the launcher's rules. It
+//! leaves out what lies between processes: shared memory and signals.
 //!
 //! [`invariants`](crate::invariants) judges what is published, scan by scan.
 
 use std::sync::Arc;
 
-use bus::sample::{AxisCommand, Feedback, Instruments, OperatorRequest, OperatorResponse, Roster};
-use machine::Machine;
+use bus::sample::{
+    AxisCommand, Feedback, Instruments, OperatorRequest, OperatorResponse, PlannerStatus, Roster,
+};
+use machine::{Machine, Process};
 use master::{Flow, Master, RunEnd, cycle::cycle};
 use plant_sim::SimulatedDrives;
 use plant_sim::plant_file::PlantFile;
 use servo::Servo;
 
+mod launcher;
 mod members;
 mod peers;
 mod ports;
@@ -37,6 +41,8 @@ pub struct Published<'a> {
     /// By the servos that were asked: those that drive in the order of the axes, then the standbys. What a fault makes of
     /// a command on its way to the others does not show here.
     pub commands: &'a [AxisCommand],
+    /// What the planner has last reported.
+    pub status: Option<&'a PlannerStatus>,
     /// Windows that were sent in this scan.
     pub windows: &'a [Arc<Window>],
     /// Who takes part.
@@ -115,6 +121,7 @@ impl InProcessCell {
                     feedback: &peers.feedback,
                     instruments: &peers.instruments,
                     commands: &peers.commands,
+                    status: peers.status.as_ref(),
                     windows: &peers.windows,
                     roster: &peers.roster,
                 });
@@ -139,6 +146,11 @@ impl InProcessCell {
     /// Scan in which a fault of the script fired.
     pub fn fired(&self, index: usize) -> Option<u64> {
         self.peers.fired(index)
+    }
+
+    /// Who was lost and is not replaced.
+    pub fn lost_for_good(&self) -> &[Process] {
+        self.peers.lost_for_good()
     }
 
     /// The master that takes the place of a killed one goes on from what that one has saved.

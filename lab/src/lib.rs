@@ -6,5 +6,6 @@ pub mod cell;
 mod corruption;
 pub mod faulty;
 pub mod invariants;
+pub mod liveness;
 pub mod options;
 pub mod soak;

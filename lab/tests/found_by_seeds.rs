@@ -20,6 +20,7 @@ fn judged(faults: &str) -> (Shown, Vec<Violation>) {
     let script = Script {
         faults: Some(faults::parse("faults.toml", faults, &machine).expect("a script")),
         orders: Vec::new(),
+        ..Script::default()
     };
     let mut cell = InProcessCell::with_script(&machine, &plant, ("short.ngc", PROGRAM), script)
         .expect("a cell");

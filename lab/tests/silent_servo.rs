@@ -111,7 +111,7 @@ fn run(
 ) -> (Feedback, Shown, Vec<Violation>, f64) {
     let script = Script {
         faults: script.map(|text| faults::parse("faults.toml", text, machine).expect("a script")),
-        orders: Vec::new(),
+        ..Script::default()
     };
     let mut cell =
         InProcessCell::with_script(machine, plant, ("any.ngc", text), script).expect("a cell");

@@ -4,10 +4,10 @@ use std::time::{Duration, Instant};
 
 use bus::member::Pace;
 use bus::port::{OperatorClient, PendingOrder};
-use bus::sample::{Cause, Feedback, Job, Mode, OperatorRequest, Order, ProgramState};
+use bus::sample::{Cause, Feedback, Job, Mode, OperatorRequest, Order};
 use bus::signal_page::CellPhase;
 use control::path::Path;
-use machine::{AfterLoss, Machine, Restart};
+use machine::Machine;
 use plant_sim::script::faults::FaultScript;
 
 use crate::events::{Event, Events};
@@ -15,12 +15,13 @@ use crate::exit;
 use crate::fault_injector::FaultInjector;
 use crate::group::{Death, Group, LEAVE_LIMIT, LEAVE_LIMIT_AFTER_MACHINE};
 use crate::hangs::Hangs;
+use crate::hints;
 use crate::progress::{LOOK_EVERY, Progress};
 use crate::service_manager;
 use crate::session::Session;
 use crate::signals::Signals;
 use crate::standby_alarm::StandbyAlarm;
-use crate::supervisor::{Supervisor, Verdict};
+use crate::supervisor::{Supervisor, Verdict, goes_on_after_stop};
 use crate::view::View;
 
 /// So long the machine may take to come to rest once it was ordered to.
@@ -151,15 +152,23 @@ struct Asked {
     incarnation: u32,
     since: Instant,
     order: PendingOrder,
-    answered: bool,
+    /// Scan of the answer.
+    answered: Option<u64>,
 }
 
 impl Asked {
-    /// Whether this master has obeyed, or still may.
-    fn holds(&mut self, incarnation: u32) -> bool {
-        self.answered |= self.order.answer().is_some();
-        let in_time = self.answered || self.since.elapsed() < ANSWER_LIMIT;
-        self.incarnation == incarnation && in_time
+    /// Whether the master of this feedback has obeyed, or still may.
+    fn holds(&mut self, newest: Option<&Feedback>) -> bool {
+        if self.answered.is_none() {
+            self.answered = self.order.answer().map(|answer| answer.scan);
+        }
+        let same = self.incarnation == newest.map_or(0, |feedback| feedback.incarnation);
+        let obeyed = match (self.answered, newest) {
+            (Some(answered), Some(newest)) => !goes_on_after_stop(answered, newest),
+            (Some(_), None) => true,
+            (None, _) => self.since.elapsed() < ANSWER_LIMIT,
+        };
+        same && obeyed
     }
 }
 
@@ -351,9 +360,10 @@ impl<'a> Supervision<'a> {
         let replaced = self.deaths.iter().any(|death| death.replaced);
         let waits = self.newest.filter(|_| replaced);
         let hint = waits.and_then(|feedback| match self.session {
-            None => waits_for(&feedback, &self.machine.restart, &self.cell),
-            Some(_) => lost_in(&feedback, &self.cell),
+            None => hints::waits_for(&feedback, &self.machine.restart),
+            Some(_) => hints::lost_in(&feedback),
         });
+        let hint = hint.map(|hint| hint.words(&self.cell, self.session.is_none()));
         if hint != self.hinted && !self.supervisor.is_busy(self.group) {
             if let Some(hint) = &hint {
                 tracing::warn!("{hint}");
@@ -393,7 +403,8 @@ impl<'a> Supervision<'a> {
     }
 
     /// Asks the master to come to rest on the path, and a cell that stays up to end then. The order stands until it is obeyed: it is
-    /// given again where it could not be sent or finds no answer, and to a master that takes the place of the one that was asked.
+    /// given again where it could not be sent or finds no answer, where somebody has resumed the machine since, and to a master that
+    /// takes the place of the one that was asked.
     fn stop_if_needed(&mut self) {
         let interrupted = self.signals.count() > 0;
         let (why, again) = match (interrupted, self.ends) {
@@ -401,10 +412,11 @@ impl<'a> Supervision<'a> {
             (false, Some(why)) => (why, "twice"),
             (false, None) => return,
         };
-        let incarnation = self.newest.map_or(0, |feedback| feedback.incarnation);
-        if self.asked.as_mut().is_some_and(|a| a.holds(incarnation)) {
+        let newest = self.newest.as_ref();
+        if self.asked.as_mut().is_some_and(|a| a.holds(newest)) {
             return;
         }
+        let incarnation = newest.map_or(0, |feedback| feedback.incarnation);
         let stays = self.session.is_some();
         let Some(order) = stop(self.group, &self.watch.operator, stays) else {
             return;
@@ -413,7 +425,7 @@ impl<'a> Supervision<'a> {
             incarnation,
             since: Instant::now(),
             order,
-            answered: false,
+            answered: None,
         });
         if self.stop_since.is_some() {
             return;
@@ -490,45 +502,6 @@ impl<'a> Supervision<'a> {
         }
         note_deaths(&left, self.group.newest_scan, self.events);
         self.deaths.extend(left);
-    }
-}
-
-/// What a machine that does not go on by itself waits for, in words.
-fn waits_for(feedback: &Feedback, restart: &Restart, cell: &str) -> Option<String> {
-    let orders = match Mode::from_wire(feedback.mode)? {
-        Mode::Tripped if restart.servo == AfterLoss::Wait => {
-            format!("`quadrant resume --cell {cell}` returns to the path and goes on")
-        }
-        Mode::Disabled if feedback.program != ProgramState::Running as u32 => {
-            format!("the drives are off: `quadrant enable --cell {cell}`")
-        }
-        Mode::Disabled => format!(
-            "the drives are off: `quadrant enable --cell {cell}`, then `quadrant resume --cell {cell}`"
-        ),
-        Mode::Enabled if feedback.hold == 1 => {
-            format!("the machine is in hold: `quadrant resume --cell {cell}` goes on")
-        }
-        _ => return None,
-    };
-    Some(format!("{orders}; Ctrl-C ends the run"))
-}
-
-/// The same of a cell that stays up, where a process was lost; what an operator waits for he knows himself.
-fn lost_in(feedback: &Feedback, cell: &str) -> Option<String> {
-    let cause = Cause::from_wire(feedback.cause)?;
-    let started = feedback.program == ProgramState::Running as u32;
-    let then = if started {
-        format!("`quadrant resume --cell {cell}` returns to the path and goes on")
-    } else {
-        format!("`quadrant enable --cell {cell}` makes it ready")
-    };
-    match (Mode::from_wire(feedback.mode)?, cause) {
-        (Mode::Tripped, Cause::ServoLost | Cause::Watchdog) => Some(then),
-        (Mode::Disabled, Cause::MasterLost) if started => Some(format!(
-            "the drives are off: `quadrant enable --cell {cell}`, then {then}"
-        )),
-        (Mode::Disabled, Cause::MasterLost) => Some(then),
-        _ => None,
     }
 }
 

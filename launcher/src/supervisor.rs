@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use bus::sample::Job;
+use bus::sample::{Feedback, Job, Mode};
 use machine::{Machine, Process, Restart};
 
 use crate::group::{Death, Group};
@@ -24,27 +24,33 @@ pub enum Verdict {
     Ends,
 }
 
-/// The restarts of one place.
+/// Whether a machine that has answered a stop in this scan goes on all the same: somebody has resumed it since.
+pub fn goes_on_after_stop(answered: u64, newest: &Feedback) -> bool {
+    let mode = Mode::from_wire(newest.mode);
+    newest.scan > answered && matches!(mode, Some(Mode::Enabled | Mode::Jogging))
+}
+
+/// The restarts of one place; instants are times since the cell was started.
 #[derive(Debug, Default)]
 struct Place {
     /// When it was restarted, of late.
-    restarts: VecDeque<Instant>,
+    restarts: VecDeque<Duration>,
     back_off: Duration,
-    due: Option<Instant>,
+    due: Option<Duration>,
 }
 
-/// Decides about restarts and sees to them.
+/// Decides who is restarted and when. Pure: time is an argument, so that a simulation decides as the launcher does.
 #[derive(Debug)]
-pub struct Supervisor {
+pub struct RestartRules {
     policy: Restart,
     standby: Vec<bool>,
     places: Vec<Place>,
 }
 
-impl Supervisor {
+impl RestartRules {
     /// For a cell of this machine.
-    pub fn new(machine: &Machine) -> Supervisor {
-        Supervisor {
+    pub fn new(machine: &Machine) -> RestartRules {
+        RestartRules {
             policy: machine.restart,
             standby: machine.axes.iter().map(|axis| axis.standby).collect(),
             places: Vec::new(),
@@ -58,43 +64,37 @@ impl Supervisor {
             .replaces(process.job, standby.is_some_and(|s| *s))
     }
 
-    /// Judges an untimely death and plans the restart.
-    pub fn judge(&mut self, group: &Group, death: &Death) -> Verdict {
-        let Some(role) = group.role_of(death.place) else {
-            return Verdict::GoesOn;
-        };
-        let without = match role.process.job {
+    /// Judges an untimely death in this place and plans the restart. Who `gave_up` has reported why: another process would fare
+    /// no better. `covered` where another process of the axis goes on.
+    pub fn judge(
+        &mut self,
+        index: usize,
+        process: Process,
+        gave_up: bool,
+        covered: bool,
+        now: Duration,
+    ) -> Verdict {
+        let replaces = self.replaces(process);
+        let without = match process.job {
             Job::Planner | Job::Master => Verdict::Ends,
+            // The master waits for one that is to be replaced: nobody else ends that.
+            Job::Servo if replaces && !covered => Verdict::Ends,
             Job::Servo | Job::Monitor => Verdict::GoesOn,
         };
-        // A master that gave up by itself has reported why: another one would fare no better. One that could not take its place
-        // may find it free in a moment.
-        let gave_up =
-            role.process.job == Job::Master && death.status.code().is_some() && death.took_part;
-        if gave_up || !self.replaces(role.process) {
+        if gave_up || !replaces {
             return without;
         }
         let policy = self.policy;
-        let place = self.place(death.place);
-        let now = Instant::now();
+        let place = self.place(index);
         let within = Duration::from_secs_f64(policy.within_s);
-        while place
-            .restarts
-            .front()
-            .is_some_and(|at| now.duration_since(*at) > within)
-        {
+        let since = |at: &Duration| now.saturating_sub(*at);
+        while place.restarts.front().is_some_and(|at| since(at) > within) {
             place.restarts.pop_front();
         }
         if place.restarts.len() as u64 >= u64::from(policy.restarts_max) {
-            tracing::error!(
-                "{} was restarted {} times within {} s: not again",
-                death.name,
-                place.restarts.len(),
-                policy.within_s
-            );
             return without;
         }
-        let lived = place.restarts.back().map(|at| now.duration_since(*at));
+        let lived = place.restarts.back().map(since);
         place.back_off = match lived {
             Some(lived) if lived < STEADY => (place.back_off * 2).clamp(BACK_OFF, BACK_OFF_MAX),
             _ => Duration::ZERO,
@@ -110,18 +110,92 @@ impl Supervisor {
         &mut self.places[index]
     }
 
-    /// Starts whoever is due; says when the next one is.
+    /// The next place whose process is to be started now; it counts as started.
+    pub fn take_due(&mut self, now: Duration) -> Option<usize> {
+        let is_due = |place: &Place| place.due.is_some_and(|due| due <= now);
+        let index = self.places.iter().position(is_due)?;
+        let place = &mut self.places[index];
+        place.due = None;
+        place.restarts.push_back(now);
+        Some(index)
+    }
+
+    /// It could not be started: once more, later.
+    pub fn put_off(&mut self, index: usize, now: Duration) {
+        self.place(index).due = Some(now + BACK_OFF_MAX);
+    }
+
+    /// Forgets that the process of this place was given up.
+    pub fn try_again(&mut self, index: usize, now: Duration) {
+        let place = self.place(index);
+        place.restarts.clear();
+        place.back_off = Duration::ZERO;
+        place.due = Some(now);
+    }
+
+    /// Whether the process of this place is about to be started.
+    pub fn is_due(&self, index: usize) -> bool {
+        self.places.get(index).is_some_and(|p| p.due.is_some())
+    }
+
+    /// Whether any is.
+    pub fn is_any_due(&self) -> bool {
+        self.places.iter().any(|place| place.due.is_some())
+    }
+}
+
+/// Decides about restarts and sees to them.
+#[derive(Debug)]
+pub struct Supervisor {
+    rules: RestartRules,
+    begun: Instant,
+}
+
+impl Supervisor {
+    /// For a cell of this machine.
+    pub fn new(machine: &Machine) -> Supervisor {
+        Supervisor {
+            rules: RestartRules::new(machine),
+            begun: Instant::now(),
+        }
+    }
+
+    /// Whether a lost process of this job is to be replaced.
+    pub fn replaces(&self, process: Process) -> bool {
+        self.rules.replaces(process)
+    }
+
+    /// Judges an untimely death and plans the restart.
+    pub fn judge(&mut self, group: &Group, death: &Death) -> Verdict {
+        let Some(role) = group.role_of(death.place) else {
+            return Verdict::GoesOn;
+        };
+        // A master that gave up by itself has reported why. One that could not take its place may find it free in a moment.
+        let gave_up =
+            role.process.job == Job::Master && death.status.code().is_some() && death.took_part;
+        let now = self.begun.elapsed();
+        let covered = group.has_other_servo(role.process);
+        let rules = &mut self.rules;
+        let verdict = rules.judge(death.place, role.process, gave_up, covered, now);
+        if verdict != Verdict::Restarts && !gave_up && self.replaces(role.process) {
+            let policy = &self.rules.policy;
+            tracing::error!(
+                "{} was restarted {} times within {} s: not again",
+                death.name,
+                policy.restarts_max,
+                policy.within_s
+            );
+        }
+        verdict
+    }
+
+    /// Starts whoever is due.
     pub fn start_due(&mut self, group: &mut Group) {
-        let now = Instant::now();
-        for (index, place) in self.places.iter_mut().enumerate() {
-            if place.due.is_none_or(|due| due > now) {
-                continue;
-            }
-            place.due = None;
-            place.restarts.push_back(now);
-            if let Err(error) = group.respawn(index, None) {
+        let now = self.begun.elapsed();
+        while let Some(place) = self.rules.take_due(now) {
+            if let Err(error) = group.respawn(place, None) {
                 tracing::error!("{}", crate::exit::words(&error));
-                place.due = Some(now + BACK_OFF_MAX);
+                self.rules.put_off(place, now);
             }
         }
         group.end_unready();
@@ -129,19 +203,103 @@ impl Supervisor {
 
     /// Whether a process is about to be started, or on its way into the roster: the launcher looks more often then.
     pub fn is_busy(&self, group: &Group) -> bool {
-        self.places.iter().any(|place| place.due.is_some()) || group.somebody_joins()
+        self.rules.is_any_due() || group.somebody_joins()
     }
 
     /// Forgets that the process of this place was given up.
     pub fn try_again(&mut self, place: usize) {
-        let place = self.place(place);
-        place.restarts.clear();
-        place.back_off = Duration::ZERO;
-        place.due = Some(Instant::now());
+        self.rules.try_again(place, self.begun.elapsed());
     }
 
     /// Whether the process of this place is about to be started.
     pub fn is_due(&self, place: usize) -> bool {
-        self.places.get(place).is_some_and(|p| p.due.is_some())
+        self.rules.is_due(place)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rules(restarts_max: u32) -> RestartRules {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
+        let mut machine = Machine::load(&folder).expect("machine.toml");
+        machine.restart.restarts_max = restarts_max;
+        machine.restart.within_s = 10.0;
+        RestartRules::new(&machine)
+    }
+
+    fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    #[test]
+    fn who_dies_again_and_again_is_started_later_and_later_and_then_given_up() {
+        let mut rules = rules(4);
+        let planner: Process = Job::Planner.into();
+        let mut now = ms(1000);
+        let mut waits = Vec::new();
+        loop {
+            if rules.judge(2, planner, false, false, now) == Verdict::Ends {
+                break;
+            }
+            assert!(rules.is_due(2) && !rules.is_due(1));
+            let died = now;
+            while rules.take_due(now).is_none() {
+                now += ms(1);
+            }
+            waits.push((now - died).as_millis());
+            now += ms(20);
+        }
+        assert_eq!(waits, [0, 10, 20, 40]);
+        assert!(!rules.is_any_due());
+        // What is long ago does not count.
+        let later = now + ms(20_000);
+        assert_eq!(rules.judge(2, planner, false, false, later), Verdict::Restarts);
+    }
+
+    /// The machine would wait for it for ever.
+    #[test]
+    fn a_servo_that_is_given_up_ends_the_run_unless_the_other_one_of_its_axis_goes_on() {
+        let servo = Process::servo(0, 0);
+        for (covered, verdict) in [(false, Verdict::Ends), (true, Verdict::GoesOn)] {
+            let mut rules = rules(1);
+            rules.policy.servo = machine::AfterLoss::Wait;
+            let first = rules.judge(0, servo, false, covered, ms(0));
+            assert_eq!(first, Verdict::Restarts);
+            assert_eq!(rules.take_due(ms(0)), Some(0));
+            assert_eq!(rules.judge(0, servo, false, covered, ms(9)), verdict);
+        }
+    }
+
+    #[test]
+    fn a_stop_that_somebody_takes_back_is_ordered_again() {
+        let in_mode = |scan: u64, mode: Mode| Feedback {
+            scan,
+            mode: mode as u32,
+            ..bytemuck::Zeroable::zeroed()
+        };
+        for (scan, mode, again) in [
+            (10, Mode::Enabled, false),
+            (11, Mode::Stopping, false),
+            (40, Mode::Stopped, false),
+            (40, Mode::Enabled, true),
+            (40, Mode::Tripped, false),
+        ] {
+            let newest = in_mode(scan, mode);
+            assert_eq!(goes_on_after_stop(10, &newest), again, "{scan} {mode:?}");
+        }
+    }
+
+    #[test]
+    fn who_gave_up_is_not_replaced_and_who_was_given_up_may_get_another_chance() {
+        let mut rules = rules(1);
+        let (master, recorder) = (Job::Master.into(), Job::Monitor.into());
+        assert_eq!(rules.judge(0, master, true, false, ms(0)), Verdict::Ends);
+        assert_eq!(rules.judge(1, recorder, false, false, ms(0)), Verdict::Restarts);
+        assert_eq!(rules.take_due(ms(0)), Some(1));
+        assert_eq!(rules.judge(1, recorder, false, false, ms(5)), Verdict::GoesOn);
+        rules.try_again(1, ms(6));
+        assert_eq!(rules.take_due(ms(6)), Some(1));
     }
 }

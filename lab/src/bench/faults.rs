@@ -1,5 +1,6 @@
 //! `quadrant bench faults`: whole cells in this one process, with faults drawn from seeds; every scan of every run is judged.
 
+mod operator;
 mod programs;
 mod seed;
 mod trial;
@@ -35,6 +36,7 @@ struct Tally {
     stops: u64,
     missed: u64,
     finished: u64,
+    obeyed: u64,
     kinds: BTreeMap<(&'static str, &'static str), u64>,
     deviation_mm: f64,
     failures: BTreeMap<u64, Vec<String>>,
@@ -49,6 +51,7 @@ impl Tally {
         self.trips += u64::from(shown.trips);
         self.stops += shown.stops.len() as u64;
         self.missed += u64::from(shown.missed);
+        self.obeyed += verdict.obeyed.len() as u64;
         self.finished += u64::from(shown.mode == Some(bus::sample::Mode::Finished));
         self.deviation_mm = self.deviation_mm.max(shown.deviation_mm);
         for (fault, fired) in scenario.faults.faults.iter().zip(&verdict.fired) {
@@ -77,9 +80,10 @@ struct Stock {
 impl Stock {
     fn run(&self, seed: u64) -> anyhow::Result<(Scenario, Verdict)> {
         let scenario = draw(seed, &self.machines.standby, &self.shapes)?;
-        let verdict = self
-            .machines
-            .judge(&scenario, &self.programs[scenario.program])?;
+        let prepared = &self.programs[scenario.program];
+        let judged = || self.machines.judge(&scenario, prepared);
+        let verdict = std::panic::catch_unwind(std::panic::AssertUnwindSafe(judged));
+        let verdict = verdict.unwrap_or_else(|_| Ok(Verdict::panicked()))?;
         Ok((scenario, verdict))
     }
 }
@@ -200,9 +204,14 @@ fn tell(stock: &Stock, seed: u64, scenario: &Scenario, verdict: &Verdict) {
     } else {
         "\n# standby = false in every [[axis]] of the machine file"
     };
+    let supervised = if scenario.supervised {
+        "\n# killed processes are replaced by the launcher's rules, not by restart_after_scans"
+    } else {
+        ""
+    };
     let mode = shown.mode.map_or("nothing", bus::sample::Mode::word);
     let mut text = format!(
-        "# seed {seed}, faults.toml for `quadrant run --no-learned --faults`{standby}\n{}",
+        "# seed {seed}, faults.toml for `quadrant run --no-learned --faults`{standby}{supervised}\n{}",
         scenario.faults_text
     );
     if !scenario.orders_text.is_empty() {
@@ -224,6 +233,9 @@ fn tell(stock: &Stock, seed: u64, scenario: &Scenario, verdict: &Verdict) {
         shown.digest.0,
         shown.digest.1,
     );
+    for (scan, order) in &verdict.obeyed {
+        text += &format!("\n# ordered as it asked: {} in scan {scan}", order.word());
+    }
     for stop in &shown.stops {
         let how = if stop.foreseen { "foreseen" } else { "braked" };
         let until = stop
@@ -258,8 +270,8 @@ fn conclude(tally: &Tally, options: &FaultsOptions, started: Instant) -> Outcome
         tally.scans as f64 * 1e-6,
     ));
     say(&format!(
-        "{} finished; {} stops on the path; {} trips, at most {:.3} mm from the path; {} missed scans",
-        tally.finished, tally.stops, tally.trips, tally.deviation_mm, tally.missed
+        "{} finished; {} stops on the path; {} trips, at most {:.3} mm from the path; {} missed scans; {} orders that the machine asked for",
+        tally.finished, tally.stops, tally.trips, tally.deviation_mm, tally.missed, tally.obeyed
     ));
     for ((whose, what), count) in &tally.kinds {
         say(&format!("  {whose:<13}{what:<8}{count:>7}"));

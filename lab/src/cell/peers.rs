@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use bus::port::Visibility;
 use bus::sample::{
-    AxisCommand, Feedback, Instruments, Job, OperatorRequest, OperatorResponse, Participant,
-    Roster, Setpoint, WindowHeader,
+    AxisCommand, Feedback, Instruments, Job, OperatorRequest, OperatorResponse, Order, Participant,
+    PlannerStatus, Roster, Setpoint, WindowHeader,
 };
 use bus::signal_page::FaultStep;
 use bytemuck::Zeroable;
@@ -15,6 +15,7 @@ use master::{Answered, Answers, Drives, Flow, MasterPorts};
 use plant_sim::script::injector::FaultInjector;
 use servo::Servo;
 
+use super::launcher::Launcher;
 use super::members::{Fired, Life, PlannerMember, ServoMember};
 use super::queues::{Queue, Window};
 use super::script::{CellError, Script};
@@ -34,6 +35,7 @@ pub(crate) struct Peers {
     orders_done: usize,
     injector: Option<FaultInjector>,
     fired: Fired,
+    launcher: Launcher,
     planner: PlannerMember,
     members: Vec<ServoMember>,
     pub servos: Vec<Servo>,
@@ -45,6 +47,7 @@ pub(crate) struct Peers {
     pub feedback: Feedback,
     pub instruments: Instruments,
     pub commands: Vec<AxisCommand>,
+    pub status: Option<PlannerStatus>,
     pub windows: Vec<Arc<Window>>,
 }
 
@@ -85,6 +88,8 @@ impl Peers {
             windows_to_master: Queue::new(),
             saved: None,
             master_killed: None,
+            launcher: Launcher::new(&machine),
+            status: None,
             feedback: Feedback::zeroed(),
             instruments: Instruments::zeroed(),
             windows: Vec::new(),
@@ -96,6 +101,11 @@ impl Peers {
     /// Scan in which a fault of the script fired.
     pub fn fired(&self, index: usize) -> Option<u64> {
         self.fired.get(index)
+    }
+
+    /// Who was lost and is not replaced.
+    pub fn lost_for_good(&self) -> &[Process] {
+        self.launcher.lost()
     }
 
     /// Another master begins in this scan.
@@ -157,6 +167,7 @@ impl Peers {
         member.ports.inner().feedback = Some(self.feedback);
         planner::cycle(&mut member.planner, &mut member.ports);
         answers.planner = member.ports.inner().status;
+        self.status = answers.planner.or(self.status);
         self.windows.append(&mut member.ports.inner().windows);
         for window in &self.windows {
             self.windows_to_master.push(Arc::clone(window));
@@ -187,9 +198,56 @@ impl Peers {
             return Flow::GoOn;
         };
         let process = fault.process;
-        let (axis, role) = (process.axis as usize, process.role as usize);
+        let axis = process.axis as usize;
         let standby = self.machine.axes.get(axis).is_some_and(|a| a.standby);
-        let replaced = self.machine.restart.replaces(process.job, standby);
+        let mut replaced = self.machine.restart.replaces(process.job, standby);
+        if self.script.supervised {
+            match step {
+                FaultStep::Kill => replaced = self.dies(process, scan),
+                // The rules say when.
+                FaultStep::Restart => return Flow::GoOn,
+                FaultStep::Stop | FaultStep::Readmit | FaultStep::Continue => {}
+            }
+        } else if step == FaultStep::Kill && process.job == Job::Planner && !replaced {
+            self.launcher.lose(process);
+        }
+        self.suffer(process, step, replaced, scan)
+    }
+
+    /// A process dies by itself: whether it is replaced.
+    fn dies(&mut self, process: Process, scan: u64) -> bool {
+        let participants = &self.roster.participants;
+        let is_it = |p: &Participant| Process::of(p) == Some(process);
+        let Some(place) = participants.iter().position(is_it) else {
+            return false;
+        };
+        // It is dead already, or another one is on its way.
+        if participants.get(place).is_some_and(|p| p.live == 0) {
+            return false;
+        }
+        let (axis, role) = (process.axis as usize, 1 - process.role.min(1));
+        let covered = process.job == Job::Servo && self.roster.living(Job::Servo, axis, role).is_some();
+        let replaced = self.launcher.judge(place, process, covered, scan);
+        if process.job == Job::Master {
+            self.launcher.take_master(place, scan);
+        }
+        replaced
+    }
+
+    /// Who was being started takes part from this scan on.
+    fn admit(&mut self, scan: u64) {
+        while let Some(place) = self.launcher.take_joined(scan) {
+            let process = self.roster.participants.get(place).and_then(Process::of);
+            if let Some(process) = process {
+                let _ = self.suffer(process, FaultStep::Restart, true, scan);
+            }
+        }
+    }
+
+    /// What a step does to a process; the master leaves where it is killed.
+    fn suffer(&mut self, process: Process, step: FaultStep, replaced: bool, scan: u64) -> Flow {
+        let script = self.script.faults.as_ref();
+        let (axis, role) = (process.axis as usize, process.role as usize);
         match process.job {
             Job::Monitor => {}
             Job::Master if step == FaultStep::Kill => {
@@ -270,6 +328,7 @@ impl MasterPorts for Peers {
 
     fn begin_scan(&mut self, feedback: &Feedback, _ask_planner: bool) -> Flow {
         let scan = feedback.scan;
+        self.admit(scan);
         if let Some(injector) = &mut self.injector {
             injector.look(feedback, |index| self.fired.set(index, scan));
         }
@@ -314,6 +373,12 @@ impl MasterPorts for Peers {
         {
             self.orders_done += 1;
             judge(&order.request);
+        }
+        if self.launcher.is_stop_due(&self.feedback) {
+            judge(&OperatorRequest {
+                order: Order::Stop as u32,
+                ..OperatorRequest::default()
+            });
         }
     }
 

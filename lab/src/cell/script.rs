@@ -27,4 +27,6 @@ pub struct Script {
     pub faults: Option<FaultScript>,
     /// What the operator asks, in the order of the scans.
     pub orders: Vec<ScriptedOrder>,
+    /// Kills are deaths that nobody has ordered: the launcher's rules say who is replaced and when, not the script.
+    pub supervised: bool,
 }

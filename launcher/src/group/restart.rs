@@ -24,6 +24,16 @@ impl Group {
         self.members.get(place).map(|m| &m.role)
     }
 
+    /// Whether another servo of the same axis lives and takes part.
+    pub fn has_other_servo(&self, process: Process) -> bool {
+        let other = |role: &super::Role| {
+            let is = role.process;
+            is.job == process.job && is.axis == process.axis && is.role != process.role
+        };
+        let servo = process.job == bus::sample::Job::Servo;
+        servo && (0..self.places()).any(|place| self.role_of(place).is_some_and(other) && self.takes_part(place))
+    }
+
     /// Whether the process of this place lives and takes part.
     pub fn takes_part(&self, place: usize) -> bool {
         self.members

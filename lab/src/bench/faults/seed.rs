@@ -11,8 +11,8 @@ use plant_sim::script::rng::Rng;
 
 /// Scans from the last event to the first attempt to go on, and from one attempt to the next.
 const RECOVERY_SCANS: (u64, u64) = (120, 260);
-/// So often the operator tries.
-const RECOVERIES: u64 = 7;
+/// So often an operator tries at most who does not wait for what the machine says.
+const RECOVERIES: u64 = 3;
 /// From `enable` to `resume`.
 const ENABLE_SCANS: u64 = 30;
 
@@ -47,6 +47,8 @@ pub struct Scenario {
     pub orders: Vec<ScriptedOrder>,
     /// The operator stops the machine: the run may end before the program does.
     pub stops: bool,
+    /// Processes die by themselves: the launcher's rules decide what follows.
+    pub supervised: bool,
 }
 
 /// Draws what a seed stands for.
@@ -59,12 +61,16 @@ pub fn draw(seed: u64, machine: &Machine, shapes: &[Shape]) -> Result<Scenario, 
     let program = rng.within(0, shapes.len() as u64 - 1) as usize;
     let shape = shapes[program];
     let standby = !rng.one_in(3);
-    let planner = *one_of(&mut rng, &["resume", "resume", "wait"]);
+    let supervised = rng.one_in(4);
+    let planner = *one_of(&mut rng, &["resume", "resume", "resume", "wait", "wait", "end"]);
     let servo = *one_of(&mut rng, &["resume", "wait", "end"]);
     let master = *one_of(&mut rng, &["wait", "wait", "wait", "end"]);
     let mut text =
         format!("[restart]\nplanner = \"{planner}\"\nservo = \"{servo}\"\nmaster = \"{master}\"\n");
     let last_scan = shape.scans.saturating_sub(20).max(20);
+    if supervised {
+        let _ = writeln!(text, "restarts_max = {}", rng.within(1, 6));
+    }
     for _ in 0..rng.within(1, 4) {
         fault(&mut rng, &mut text, machine, standby, shape, last_scan);
     }
@@ -90,6 +96,7 @@ pub fn draw(seed: u64, machine: &Machine, shapes: &[Shape]) -> Result<Scenario, 
         faults_text: text,
         faults,
         stops: orders.stops,
+        supervised,
     })
 }
 
@@ -136,14 +143,8 @@ impl Orders {
     /// Enables and resumes, again and again, as an operator does who waits for the machine.
     fn draw_recoveries(&mut self, rng: &mut Rng, shape: Shape) {
         let mut scan = rng.within(40, shape.scans);
-        for _ in 0..RECOVERIES {
+        for _ in 0..rng.within(0, RECOVERIES) {
             scan += RECOVERY_SCANS.0 + rng.within(0, RECOVERY_SCANS.1);
-            self.recover(scan);
-        }
-        // Whatever came late: nobody leaves before the machine goes on.
-        scan = scan.max(shape.scans + 3000);
-        for _ in 0..3 {
-            scan += 1200;
             self.recover(scan);
         }
     }
@@ -178,7 +179,15 @@ fn fault(
         _ => (Job::Monitor, "monitor".to_owned()),
     };
     let bad_samples = matches!(job, Job::Planner | Job::Servo);
+    let by_scan = at.contains("scan");
     let what = match rng.within(0, if bad_samples { 6 } else { 0 }) {
+        // Again and again: who dies too often is given up.
+        0 if by_scan && rng.one_in(2) => format!(
+            "do = \"kill\"\nrestart_after_scans = {}\nrepeat = {{ times = {}, every_scans = {} }}",
+            rng.within(1, 20),
+            rng.within(2, 7),
+            rng.within(15, 120)
+        ),
         0..=2 => format!("do = \"kill\"\nrestart_after_scans = {}", rng.within(1, 60)),
         3 => {
             // Long enough for a drive's watchdog now and then, and for queues to overflow.

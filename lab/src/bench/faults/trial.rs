@@ -4,17 +4,21 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::cell::{InProcessCell, Script};
 use crate::invariants::{Course, Judge, Shown, Stop, Violation};
-use bus::sample::{Cause, Feedback, Job, MAX_AXES, Mode, OperatorRequest, Order};
-use machine::{AfterLoss, AfterMaster, Machine};
+use crate::liveness::Liveness;
+use bus::sample::{Cause, Job, MAX_AXES, Mode, OperatorRequest, Order};
+use machine::{AfterLoss, AfterMaster, Machine, Process};
 use plant_sim::plant_file::PlantFile;
-use plant_sim::script::faults::{Action, Corruption, Fault};
+use plant_sim::script::faults::{Action, Corruption, Fault, Trigger};
 use plant_sim::script::orders::ScriptedOrder;
 
+use super::operator::{Operator, state};
 use super::programs::ShortProgram;
 use super::seed::{Scenario, lasts, policy};
 
 /// A run that takes longer does not end.
 const SCANS_MAX: u64 = 20_000;
+/// A process that died by itself takes part again within so many scans, or was given up: the longest back-off and its start.
+const RESTARTS_SCANS: u64 = 1100;
 /// After a fault is over, and with a window sent since, a servo needs so many scans to be a standby again.
 const READY_SCANS: u64 = 12;
 /// Places of a program in which a feed hold is measured, at most.
@@ -85,6 +89,27 @@ pub struct Verdict {
     pub runs: u64,
     /// Which faults fired.
     pub fired: Vec<bool>,
+    /// What the machine asked for, and was ordered, beside the script: each with its scan.
+    pub obeyed: Vec<(u64, Order)>,
+    /// Who was lost for good.
+    pub lost: Vec<Process>,
+}
+
+impl Verdict {
+    /// Of a run that panicked.
+    pub fn panicked() -> Verdict {
+        Verdict {
+            shown: Shown::default(),
+            violations: vec![Violation {
+                scan: 0,
+                what: "a panic".into(),
+            }],
+            runs: 1,
+            fired: Vec::new(),
+            obeyed: Vec::new(),
+            lost: Vec::new(),
+        }
+    }
 }
 
 /// When a servo's fault is over, and the scan of the first window sent since.
@@ -93,6 +118,7 @@ type Recovery = (u64, Option<u64>);
 /// Which axes go on as if nothing had happened.
 struct Cover {
     standby: bool,
+    supervised: bool,
     /// Since when each servo is right again: a fault's end, and whether a window was sent since.
     recovers: [[Option<Recovery>; 2]; MAX_AXES],
     /// From then on the axis has been without a servo that could go on.
@@ -100,9 +126,10 @@ struct Cover {
 }
 
 impl Cover {
-    fn new(standby: bool) -> Cover {
+    fn new(standby: bool, supervised: bool) -> Cover {
         Cover {
             standby,
+            supervised,
             recovers: [[None; 2]; MAX_AXES],
             lost: [false; MAX_AXES],
         }
@@ -121,7 +148,9 @@ impl Cover {
         if !self.standby || !peer_is_well || scan < READY_SCANS {
             self.lost[axis] = true;
         }
-        let over = scan + lasts(&fault.action);
+        let dies = self.supervised && matches!(fault.action, Action::Kill { .. });
+        // When it is replaced, and whether, the rules say.
+        let over = if dies { u64::MAX } else { scan + lasts(&fault.action) };
         let before = self.recovers[axis][role].map_or(0, |(over, _)| over);
         self.recovers[axis][role] = Some((over.max(before), None));
     }
@@ -135,6 +164,73 @@ impl Cover {
     }
 }
 
+/// What disturbs a run, as far as it is known.
+struct Disturbances<'a> {
+    faults: &'a [Fault],
+    fired: Vec<Option<u64>>,
+    supervised: bool,
+    last_order: u64,
+}
+
+impl<'a> Disturbances<'a> {
+    fn new(faults: &'a [Fault], script: &Script) -> Disturbances<'a> {
+        Disturbances {
+            faults,
+            fired: vec![None; faults.len()],
+            supervised: script.supervised,
+            last_order: script.orders.last().map_or(0, |order| order.scan),
+        }
+    }
+
+    /// Notes what has fired meanwhile.
+    fn look(&mut self, cell: &InProcessCell, mut strikes: impl FnMut(&Fault, u64)) {
+        for (index, fault) in self.faults.iter().enumerate() {
+            if self.fired[index].is_some() {
+                continue;
+            }
+            self.fired[index] = cell.fired(index);
+            if let (Some(at), Job::Servo) = (self.fired[index], fault.process.job) {
+                strikes(fault, at);
+            }
+        }
+    }
+
+    /// The last scan that is disturbed: by what fired, by what is to fire in a scan of its own, by an order.
+    fn until(&self) -> u64 {
+        let all = self.faults.iter().zip(&self.fired);
+        let ends = all.filter_map(|(fault, fired)| {
+            let at = match (fired, fault.at) {
+                (Some(at), _) => *at,
+                (None, Trigger::Scan(at)) => at,
+                (None, _) => return None,
+            };
+            let dies = self.supervised && matches!(fault.action, Action::Kill { .. });
+            Some(at + if dies { RESTARTS_SCANS } else { lasts(&fault.action) })
+        });
+        ends.max().unwrap_or(0).max(self.last_order)
+    }
+
+    fn has_lied(&self, axis: usize) -> bool {
+        let of_axis = |fault: &Fault| {
+            let process = fault.process;
+            process.job == Job::Servo && process.axis as usize == axis
+        };
+        let corrupts = |fault: &Fault| matches!(fault.action, Action::Corrupt { .. });
+        let mut all = self.faults.iter().zip(&self.fired);
+        all.any(|(fault, fired)| fired.is_some() && of_axis(fault) && corrupts(fault))
+    }
+
+    /// Whether a fault is why this axis had no command in a scan.
+    fn explains(&self, missed: u64, axis: usize) -> bool {
+        let mut all = self.faults.iter().zip(&self.fired);
+        all.any(|(fault, at)| {
+            fault.process.job == Job::Servo
+                && fault.process.axis as usize == axis
+                && at.is_some_and(|at| (at..=at + lasts(&fault.action)).contains(&missed))
+        })
+    }
+}
+
 /// Runs a script to its end; the machine file without its restart policies counts.
 pub fn run(
     machine: &Machine,
@@ -143,59 +239,51 @@ pub fn run(
     course: &Course,
     script: Script,
 ) -> anyhow::Result<Verdict> {
-    let faults: Vec<Fault> = script
-        .faults
-        .as_ref()
-        .map_or_else(Vec::new, |s| s.faults.clone());
+    let mut restart = machine.restart;
+    let faults: Vec<Fault> = script.faults.as_ref().map_or_else(Vec::new, |s| {
+        s.restart.apply(&mut restart);
+        s.faults.clone()
+    });
+    let mut disturbances = Disturbances::new(&faults, &script);
+    let standby = machine.axes.iter().all(|axis| axis.standby);
+    let mut cover = Cover::new(standby, script.supervised);
     let mut cell =
         InProcessCell::with_script(machine, plant, (&program.name, &program.text), script)?;
     let mut judge = Judge::new(machine, course);
-    let mut fired: Vec<Option<u64>> = vec![None; faults.len()];
-    let mut cover = Cover::new(machine.axes.iter().all(|axis| axis.standby));
-    let mut endless = None;
+    let mut liveness = Liveness::new(machine);
+    let mut operator = Operator::new(restart);
+    let mut hangs = None;
     while let Some(published) = cell.scan() {
-        let scan = published.feedback.scan;
-        judge.take(&published, |missed, axis| {
-            let explains = |(fault, at): (&Fault, &Option<u64>)| {
-                fault.process.job == Job::Servo
-                    && fault.process.axis as usize == axis
-                    && at.is_some_and(|at| (at..=at + lasts(&fault.action)).contains(&missed))
-            };
-            cover.lost[axis] && faults.iter().zip(&fired).any(explains)
-        });
-        let sent = !published.windows.is_empty();
         let feedback = *published.feedback;
-        for (index, fault) in faults.iter().enumerate() {
-            if fired[index].is_some() {
-                continue;
-            }
-            fired[index] = cell.fired(index);
-            if let (Some(at), Job::Servo) = (fired[index], fault.process.job) {
-                cover.strike(fault, at);
-            }
-        }
+        judge.take(&published, |missed, axis| {
+            cover.lost[axis] && disturbances.explains(missed, axis)
+        });
+        liveness.take(&published, disturbances.until(), |axis| disturbances.has_lied(axis));
+        let sent = !published.windows.is_empty();
+        disturbances.look(&cell, |fault, at| cover.strike(fault, at));
         if sent {
-            cover.window_sent(scan);
+            cover.window_sent(feedback.scan);
         }
-        if scan > SCANS_MAX {
-            endless = Some(format!("{SCANS_MAX} scans: {}", where_it_is(&feedback)));
+        if feedback.last == 0 && liveness.rests(disturbances.until()) {
+            liveness.disturb();
+            hangs = operator.obey(&mut cell, &feedback).err();
+        }
+        if feedback.scan > SCANS_MAX {
+            hangs = Some(format!("does not end within {SCANS_MAX} scans: {}", state(&feedback)));
+        }
+        if hangs.is_some() {
             break;
         }
     }
     // What killed the master for good fired in a scan that nobody was asked in.
-    for (index, fired) in fired.iter_mut().enumerate() {
-        *fired = fired.or_else(|| cell.fired(index));
-    }
+    disturbances.look(&cell, |_, _| {});
     let (shown, mut violations) = judge.end();
-    if let Some(what) = endless {
-        violations.push(Violation {
-            scan: shown.scans,
-            what: format!("the run does not end within {what}"),
-        });
-    }
+    violations.extend(liveness.end());
+    let scan = shown.scans;
+    violations.extend(hangs.map(|what| Violation { scan, what: format!("the run {what}") }));
     if shown.trips > 0 && !cover.lost.iter().any(|lost| *lost) {
         violations.push(Violation {
-            scan: shown.scans,
+            scan,
             what: "the machine tripped although every fault was covered".into(),
         });
     }
@@ -203,27 +291,10 @@ pub fn run(
         shown,
         violations,
         runs: 1,
-        fired: fired.iter().map(Option::is_some).collect(),
+        fired: disturbances.fired.iter().map(Option::is_some).collect(),
+        obeyed: operator.given(),
+        lost: cell.lost_for_good().to_vec(),
     })
-}
-
-/// Where a run stands that does not end.
-fn where_it_is(feedback: &Feedback) -> String {
-    format!(
-        "hold {}, at rest {}, {} in epoch {}, element {} at {} mm, left at element {}, cause {}",
-        feedback.hold,
-        feedback.at_rest,
-        if feedback.window.is_none() {
-            "no window"
-        } else {
-            "a window"
-        },
-        feedback.epoch,
-        feedback.tag.element,
-        feedback.tag.distance_mm,
-        feedback.interrupted_at.element,
-        feedback.cause,
-    )
 }
 
 impl Machines {
@@ -256,6 +327,7 @@ impl Machines {
         let script = Script {
             faults: Some(scenario.faults.clone()),
             orders: scenario.orders.clone(),
+            supervised: scenario.supervised,
         };
         let mut verdict = self.run(scenario, prepared, script)?;
         let faults = scenario.faults.faults.iter().zip(&verdict.fired);
@@ -264,7 +336,7 @@ impl Machines {
             .collect();
         let machine = self.of(scenario.standby);
         let wrong = [
-            unexpected_end(machine, scenario, &struck, &verdict.shown),
+            unexpected_end(machine, scenario, &struck, &verdict),
             self.changed_motion(scenario, prepared, &struck, &mut verdict)?,
             self.off_path(scenario, prepared, &struck, &mut verdict)?,
         ];
@@ -299,6 +371,7 @@ impl Machines {
             let orders_alone = Script {
                 faults: None,
                 orders: scenario.orders.clone(),
+                ..Script::default()
             };
             self.run(scenario, prepared, orders_alone)?.shown.digest
         };
@@ -335,6 +408,7 @@ impl Machines {
             let holds_alone = Script {
                 faults: None,
                 orders,
+                ..Script::default()
             };
             let twin = self.run(scenario, prepared, holds_alone)?;
             held_mm = held_mm.max(twin.shown.contour_mm.0);
@@ -397,8 +471,12 @@ fn unexpected_end(
     machine: &Machine,
     scenario: &Scenario,
     struck: &[&Fault],
-    shown: &Shown,
+    verdict: &Verdict,
 ) -> Option<String> {
+    let shown = &verdict.shown;
+    // Who is lost for good has the launcher order a stop.
+    let lost = |job: Job| verdict.lost.iter().any(|process| process.job == job);
+    let stops = scenario.stops || lost(Job::Planner) || lost(Job::Servo) || lost(Job::Master);
     let restart = policy(machine, &scenario.faults);
     let any = |wanted: &dyn Fn(&Fault) -> bool| struck.iter().any(|fault| wanted(fault));
     let bad_command = |fault: &Fault| {
@@ -413,17 +491,17 @@ fn unexpected_end(
     };
     let servo_for_good = any(&bad_command)
         || (restart.servo == AfterLoss::End && any(&|fault| fault.process.job == Job::Servo));
-    let side_for_good =
-        restart.master == AfterMaster::End && any(&|fault| fault.process.job == Job::Master);
+    let side_for_good = lost(Job::Master)
+        || (restart.master == AfterMaster::End && any(&|fault| fault.process.job == Job::Master));
     // An axis that ran on without commands may be too far off when they come again.
     let ran_off = shown.missed > 0 && shown.cause == Some(Cause::FollowingError);
     let fine = match shown.mode {
         Some(Mode::Finished) => true,
         Some(Mode::Tripped) => {
-            servo_for_good || ran_off || side_for_good || (scenario.stops && shown.trips > 0)
+            servo_for_good || ran_off || side_for_good || (stops && shown.trips > 0)
         }
-        Some(Mode::Stopped) => scenario.stops,
-        Some(Mode::Disabled) => scenario.stops || side_for_good,
+        Some(Mode::Stopped) => stops,
+        Some(Mode::Disabled) => stops || side_for_good,
         Some(Mode::Enabled | Mode::Stopping | Mode::Jogging | Mode::Ready) => side_for_good,
         None => side_for_good,
     };
@@ -487,6 +565,7 @@ fn held_contour_mm(machines: &Machines, prepared: &Prepared) -> anyhow::Result<f
             let script = Script {
                 faults: None,
                 orders,
+                ..Script::default()
             };
             let held = run(&machines.alone, &machines.plant, program, course, script)?;
             anyhow::ensure!(
