@@ -3,6 +3,7 @@
 use bus::cell::CellPaths;
 use bus::service::Bus;
 use machine::Machine;
+use plant_sim::script::faults::Sent;
 
 use crate::support::{
     Bench, LiveCell, Run, long_program, number, root, run, run_in_lab, run_with, send, text,
@@ -161,6 +162,68 @@ fn windows_that_lie_are_refused_and_the_planner_plans_again_on_the_path() {
 }
 
 /// Whoever may open the cell's shared memory, its owner, still finds every writer's place taken.
+/// One fault for each of these numbers, so many scans apart, by the processes in turn.
+fn spoilt(sent: Sent, processes: &[&str], (every, scans): (u64, u64), leave: &[&str]) -> String {
+    let names = sent.leaves().iter().map(|leaf| leaf.name.as_str());
+    let names = names.filter(|name| !leave.iter().any(|left| name.starts_with(left)));
+    let mut text = String::new();
+    let mut at = 200;
+    for name in names {
+        for (process, what) in processes.iter().zip(["all-bits", "most"].iter().cycle()) {
+            text += &format!(
+                "[[fault]]\nat = {{ scan = {at} }}\nprocess = \"{process}\"\ndo = \"corrupt\"\nscans = {scans}\nfield = \"{}.{name}\"\nwhat = \"{what}\"\n",
+                sent.word()
+            );
+            at += every;
+        }
+    }
+    text
+}
+
+fn with_faults(bench: &Bench, faults: &str) -> Run {
+    let program = bench.file("arc.ngc", PROGRAM);
+    let faults = bench.file("faults.toml", faults);
+    let faults = faults.display().to_string();
+    run_in_lab(bench.path(), &program, &["--faults", &faults])
+}
+
+/// One number after the other, of either servo in turn: nobody waits for an answer that is none, and the other servo goes on.
+#[test]
+fn any_number_of_a_command_wrong_changes_no_bit_where_a_standby_takes_over() {
+    let bench = Bench::of("xy", &[STANDBY]);
+    let undisturbed = undisturbed(&bench);
+    // Where the drive is to go is believed; the window that waits is said by whoever drives.
+    let leave = ["position", "velocity_mm_s", "torque_nm", "pending"];
+    let servos = ["servo-X/a", "servo-X/b"];
+    let leave_all: Vec<&str> = leave.into_iter().chain(["state"]).collect();
+    let faults = spoilt(Sent::Command, &servos, (20, 1), &leave_all);
+    let report = with_faults(&bench, &faults).good_report();
+    assert_eq!(text(&report, "/motion_digest"), undisturbed);
+    assert_eq!(number(&report, "/axes/0/missed_scans"), 0.0);
+}
+
+#[test]
+fn any_number_of_a_window_or_a_status_wrong_ends_no_run_and_keeps_the_path() {
+    let bench = Bench::of("xy", &[]);
+    for sent in [Sent::Window, Sent::Status] {
+        let leave = ["program_hash", "ends_program"];
+        let leave = if sent == Sent::Window {
+            &leave[..]
+        } else {
+            &[]
+        };
+        let faults = spoilt(sent, &["planner"], (60, 8), leave);
+        let report = with_faults(&bench, &faults).good_report();
+        for limit in ["velocity", "acceleration", "travel"] {
+            assert_eq!(number(&report, &format!("/limits/{limit}_exceeded")), 0.0);
+        }
+        assert!(
+            number(&report, "/contour_error_um/peak") < 40.0,
+            "{sent:?}: {report}"
+        );
+    }
+}
+
 #[test]
 fn a_foreign_process_gets_no_writer_of_a_service_whose_own_lives() {
     let bench = Bench::of("xy", &[]);

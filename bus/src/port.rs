@@ -194,11 +194,15 @@ impl<T: Sample> Reader<T> {
         if let Some(sample) = self.set_aside.take() {
             return Some(sample);
         }
-        match self.subscriber.receive() {
-            Ok(sample) => sample.map(|s| *s.payload()),
-            Err(_) => {
-                self.failed += 1;
-                None
+        loop {
+            match self.subscriber.receive() {
+                Ok(Some(sample)) if sample.payload().is_sound() => return Some(*sample.payload()),
+                Ok(None) => return None,
+                Ok(Some(_)) => self.failed += 1,
+                Err(_) => {
+                    self.failed += 1;
+                    return None;
+                }
             }
         }
     }
@@ -236,7 +240,7 @@ impl<T: Sample> Reader<T> {
         self.receive()
     }
 
-    /// Receptions that iceoryx2 refused, and samples that could never have become visible.
+    /// Receptions that iceoryx2 refused, samples that contradict themselves, and those that could never have become visible.
     pub fn failed(&self) -> u64 {
         self.failed
     }

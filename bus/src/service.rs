@@ -174,10 +174,14 @@ pub trait Sample: Pod + ZeroCopySend + Debug {
     fn scan(&self) -> u64;
     /// The first scan in which a reader may act on it.
     fn visible_from(&self) -> u64;
+    /// Whether it does not contradict itself; what does was never sent so.
+    fn is_sound(&self) -> bool {
+        true
+    }
 }
 
 macro_rules! samples {
-    ($($type:ty: $scan:ident),*) => {$(
+    ($($type:ty: $scan:ident $(if $sound:expr)?),*) => {$(
         impl Sample for $type {
             fn scan(&self) -> u64 {
                 self.$scan
@@ -186,11 +190,16 @@ macro_rules! samples {
             fn visible_from(&self) -> u64 {
                 self.visible_from
             }
+            $(fn is_sound(&self) -> bool {
+                let is_sound: fn(&Self) -> bool = $sound;
+                is_sound(self)
+            })?
         }
     )*};
 }
 samples!(
-    Feedback: scan,
+    // It counts in its own scan.
+    Feedback: scan if |feedback| feedback.scan == feedback.visible_from,
     Instruments: scan,
     AxisCommand: scan,
     PlannerStatus: scan,

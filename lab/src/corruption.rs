@@ -13,10 +13,13 @@
 
 use bytemuck::Zeroable;
 
-use bus::sample::{AxisCommand, Job, MAX_WINDOW_SETPOINTS, Setpoint, WindowHeader};
+use bus::layout::Leaf;
+use bus::sample::{AxisCommand, Job, MAX_WINDOW_SETPOINTS, PlannerStatus, Setpoint, WindowHeader};
 use bus::window::checksum;
 use machine::Process;
-use plant_sim::script::faults::{Action, Corruption, FaultScript, LATE_SCANS_MAX};
+use plant_sim::script::faults::{
+    Action, Corruption, FaultScript, Field, LATE_SCANS_MAX, Sent, Spoil,
+};
 use plant_sim::script::reach::meets;
 
 /// How far off a wrong position of a command is, in increments.
@@ -176,6 +179,11 @@ impl Corruptor {
                         corrupt_command(sent, what);
                     }
                 }
+                Action::Spoil { field, how, .. } => {
+                    if let Some(sent) = &mut sent {
+                        spoil(sent, field, how);
+                    }
+                }
                 Action::Delay { late_scans, .. } => due = due.max(now.checked_add(late_scans)),
                 _ => dropped = true,
             }
@@ -236,6 +244,7 @@ impl Corruptor {
                     self.sent.set(&before.header, &before.setpoints);
                 }
                 Action::Corrupt { what, .. } => corrupt_window(&mut self.sent, what),
+                Action::Spoil { field, how, .. } => spoil_window(&mut self.sent, field, how),
                 Action::Delay { late_scans, .. } => due = due.max(scan.checked_add(late_scans)),
                 _ => dropped = true,
             }
@@ -253,6 +262,65 @@ impl Corruptor {
                 }
             }
         }
+    }
+}
+
+impl Corruptor {
+    /// What is sent in the place of a status.
+    pub fn status(
+        &self,
+        status: &PlannerStatus,
+        fired: impl Fn(usize) -> Option<u64>,
+    ) -> PlannerStatus {
+        let mut sent = *status;
+        for action in active(&self.faults, status.scan, &fired) {
+            if let Action::Spoil { field, how, .. } = action
+                && field.sent == Sent::Status
+            {
+                spoil(&mut sent, field, how);
+            }
+        }
+        sent
+    }
+}
+
+fn spoil<T: bytemuck::Pod>(sample: &mut T, field: Field, how: Spoil) {
+    if let Some(leaf) = field.leaf() {
+        spoil_number(sample, leaf, how);
+    }
+}
+
+/// Makes one number of a sample wrong.
+pub fn spoil_number<T: bytemuck::Pod>(sample: &mut T, leaf: &Leaf, how: Spoil) {
+    let place = leaf.offset..leaf.offset.saturating_add(leaf.bytes);
+    let Some(bytes) = bytemuck::bytes_of_mut(sample).get_mut(place) else {
+        return;
+    };
+    let mut whole = [0; 8];
+    for (to, from) in whole.iter_mut().zip(bytes.iter()) {
+        *to = *from;
+    }
+    let spoilt = how.of(u64::from_le_bytes(whole), leaf).to_le_bytes();
+    for (to, from) in bytes.iter_mut().zip(spoilt) {
+        *to = from;
+    }
+}
+
+/// A number of the header, or of a setpoint in the middle.
+fn spoil_window(window: &mut Window, field: Field, how: Spoil) {
+    match field.sent {
+        Sent::Window => spoil(&mut window.header, field, how),
+        Sent::Setpoint => {
+            let middle = window.header.intended_setpoints as usize / 2;
+            if let Some(setpoint) = window.setpoints.get_mut(middle) {
+                spoil(setpoint, field, how);
+            }
+        }
+        Sent::Command | Sent::Status => return,
+    }
+    let is_checksum = field.leaf().is_some_and(|leaf| leaf.name == "id.checksum");
+    if field.sealed && !is_checksum {
+        window.seal();
     }
 }
 

@@ -120,7 +120,11 @@ impl<P: PlannerPorts, F: Fn(usize) -> Option<u64>> PlannerPorts for Faulty<P, F>
             // A window that was held back may be due.
             self.window(None);
         }
-        self.ports.publish_status(status);
+        let sent = match &self.corruptor {
+            Some(corruptor) => corruptor.status(status, &self.fired),
+            None => *status,
+        };
+        self.ports.publish_status(&sent);
     }
 
     fn answered(&mut self, scan: u64) {

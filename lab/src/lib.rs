@@ -3,7 +3,7 @@
 
 pub mod bench;
 pub mod cell;
-mod corruption;
+pub mod corruption;
 pub mod faulty;
 pub mod invariants;
 pub mod liveness;

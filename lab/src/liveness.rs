@@ -132,8 +132,16 @@ impl<'a> Liveness<'a> {
 
     fn has_progressed(&mut self, before: Option<&Feedback>, feedback: &Feedback) -> bool {
         let Some(before) = before else { return true };
-        let latched =
-            |f: &Feedback| (f.mode, f.hold, f.override_percent, f.last, f.incarnation, f.cause);
+        let latched = |f: &Feedback| {
+            (
+                f.mode,
+                f.hold,
+                f.override_percent,
+                f.last,
+                f.incarnation,
+                f.cause,
+            )
+        };
         if latched(before) != latched(feedback) {
             return true;
         }
@@ -169,7 +177,9 @@ impl<'a> Liveness<'a> {
                 let mut commands = published.commands.iter();
                 commands.find(|c| c.axis as usize == index && c.role == role)
             };
-            let both = driven && is_there(published.roster, index, 0) && is_there(published.roster, index, 1);
+            let both = driven
+                && is_there(published.roster, index, 0)
+                && is_there(published.roster, index, 1);
             let same = match (of(0), of(1)) {
                 (Some(a), Some(b)) => is_same(a, b),
                 _ => false,
@@ -181,15 +191,23 @@ impl<'a> Liveness<'a> {
             let since = self.in_step[index].max(disturbed_until);
             if feedback.scan == since + self.patience_scans + 1 {
                 let axis = self.machine.axis_name(index);
-                let words = format!("the standby of axis {axis} is there and has not come into step since scan {since}");
+                let words = format!(
+                    "the standby of axis {axis} is there and has not come into step since scan {since}"
+                );
                 self.say(feedback.scan, words);
             }
         }
     }
 
     /// A cause that is new has really happened.
-    fn cause(&mut self, before: Option<&Feedback>, feedback: &Feedback, lies: impl Fn(usize) -> bool) {
-        let known = before.is_some_and(|b| (b.cause, b.cause_scan) == (feedback.cause, feedback.cause_scan));
+    fn cause(
+        &mut self,
+        before: Option<&Feedback>,
+        feedback: &Feedback,
+        lies: impl Fn(usize) -> bool,
+    ) {
+        let known = before
+            .is_some_and(|b| (b.cause, b.cause_scan) == (feedback.cause, feedback.cause_scan));
         if known || feedback.cause == 0 {
             return;
         }
@@ -222,7 +240,10 @@ impl<'a> Liveness<'a> {
             | Cause::Stalled => false,
         };
         if !true_word {
-            let words = format!("the machine says: {}, which has not happened", cause.words());
+            let words = format!(
+                "the machine says: {}, which has not happened",
+                cause.words()
+            );
             self.say(feedback.scan, words);
         }
     }

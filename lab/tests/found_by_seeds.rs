@@ -5,34 +5,44 @@ use std::path::Path;
 use bus::sample::Mode;
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::{Course, Judge, Shown, Violation};
+use lab::liveness::Liveness;
 use machine::Machine;
 use plant_sim::plant_file::PlantFile;
-use plant_sim::script::faults;
+use plant_sim::script::{faults, orders};
 
 const PROGRAM: &str = "G21 G17 G90 G94\nG1 X3 Y0 F3000\nG3 X3 Y4 I0 J2\nG4 P0.05\nG0 X1 Y7\nM2\n";
 
 /// A run of the program with this fault script, judged.
 fn judged(faults: &str) -> (Shown, Vec<Violation>) {
+    judged_with(faults, "", false)
+}
+
+/// The same with orders; `supervised` where the launcher's rules say who is replaced.
+fn judged_with(faults: &str, orders: &str, supervised: bool) -> (Shown, Vec<Violation>) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
     let machine = Machine::load(&folder).expect("machine.toml");
     let plant = PlantFile::load(&folder.join("plant.toml")).expect("plant.toml");
     let course = Course::of(&machine, &plant, "short.ngc", PROGRAM).expect("a course");
     let script = Script {
         faults: Some(faults::parse("faults.toml", faults, &machine).expect("a script")),
-        orders: Vec::new(),
-        ..Script::default()
+        orders: orders::parse("orders.toml", orders, &machine).expect("orders"),
+        supervised,
     };
     let mut cell = InProcessCell::with_script(&machine, &plant, ("short.ngc", PROGRAM), script)
         .expect("a cell");
     let mut judge = Judge::new(&machine, &course);
+    let mut liveness = Liveness::new(&machine);
     while let Some(published) = cell.scan() {
         let scan = published.feedback.scan;
         judge.take(&published, |_, _| false);
+        liveness.take(&published, scan, |_| false);
         if scan > 5000 {
             break;
         }
     }
-    judge.end()
+    let (shown, mut violations) = judge.end();
+    violations.extend(liveness.end());
+    (shown, violations)
 }
 
 /// Killed shortly before the end, a planner leaves a window that comes to rest at the program's end by braking: the next
@@ -60,5 +70,44 @@ fn a_window_whose_tags_are_no_numbers_never_comes_into_force() {
             assert_eq!(violations, [], "{what} in scan {scan}");
             assert_eq!(shown.mode, Some(Mode::Finished), "{what} in scan {scan}");
         }
+    }
+}
+
+/// A planner's status that names a cause which is none of a planner's is taken for nonsense: the machine stopped, and said that a
+/// following error or a bad value was why.
+#[test]
+fn a_status_with_a_cause_that_no_planner_has_stops_nothing() {
+    for what in ["bit-0", "all-bits", "most", "one-more"] {
+        let (shown, violations) = judged(&format!(
+            "[[fault]]\nat = {{ scan = 64 }}\nprocess = \"planner\"\ndo = \"corrupt\"\nscans = 9\nfield = \"status.cause\"\nwhat = \"{what}\"\n"
+        ));
+        assert_eq!(violations, [], "{what}");
+        assert_eq!(shown.mode, Some(Mode::Finished), "{what}");
+    }
+}
+
+/// The launcher orders a stop for a planner that is lost for good; an operator who resumes takes it back, and the run hung.
+#[test]
+fn a_resume_does_not_take_back_the_stop_for_a_planner_that_is_lost_for_good() {
+    let faults = "[restart]\nplanner = \"end\"\n[[fault]]\nat = { scan = 100 }\nprocess = \"planner\"\ndo = \"kill\"\n";
+    for scan in [101, 130, 200] {
+        let orders = format!("[[order]]\nscan = {scan}\norder = \"resume\"\n");
+        let (shown, violations) = judged_with(faults, &orders, false);
+        assert_eq!(violations, [], "resumed in scan {scan}");
+        assert_eq!(shown.mode, Some(Mode::Stopped), "resumed in scan {scan}");
+    }
+}
+
+/// A servo that dies too often is given up: the run waited for it for ever.
+#[test]
+fn a_servo_that_is_given_up_ends_the_run() {
+    for servo in ["wait", "resume"] {
+        let faults = format!(
+            "[restart]\nservo = \"{servo}\"\nrestarts_max = 2\n[[fault]]\nat = {{ scan = 100 }}\nprocess = \"servo-X\"\ndo = \"kill\"\nrepeat = {{ times = 5, every_scans = 60 }}\n"
+        );
+        let (shown, violations) = judged_with(&faults, "", true);
+        assert_eq!(violations, [], "{servo}");
+        assert_eq!(shown.mode, Some(Mode::Tripped), "{servo}");
+        assert!(shown.scans < 1000, "{servo}: {} scans", shown.scans);
     }
 }

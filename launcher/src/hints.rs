@@ -22,7 +22,9 @@ impl Hint {
     pub fn words(&self, cell: &str, ends: bool) -> String {
         let command = |order: &Order| format!("`quadrant {} --cell {cell}`", order.word());
         let commands: Vec<String> = self.orders.iter().map(command).collect();
-        let mut words = self.state.map_or(String::new(), |state| format!("{state}: "));
+        let mut words = self
+            .state
+            .map_or(String::new(), |state| format!("{state}: "));
         words += &commands.join(", then ");
         if let Some(then) = self.then {
             words += " ";
@@ -71,9 +73,7 @@ pub fn lost_in(feedback: &Feedback) -> Option<Hint> {
         Mode::Tripped if lost_a_servo(feedback) && started => {
             (None, &[Order::Resume], Some(RETURNS))
         }
-        Mode::Tripped if lost_a_servo(feedback) => {
-            (None, &[Order::Enable], Some("makes it ready"))
-        }
+        Mode::Tripped if lost_a_servo(feedback) => (None, &[Order::Enable], Some("makes it ready")),
         Mode::Disabled if feedback.cause == Cause::MasterLost as u32 && started => {
             (OFF, &[Order::Enable, Order::Resume], Some(RETURNS))
         }
@@ -118,9 +118,7 @@ mod tests {
         let words = |feedback: &Feedback| waits_for(feedback, &waits).map(|h| h.words("c", true));
         assert_eq!(
             words(&feedback(Mode::Tripped, Cause::ServoLost)).as_deref(),
-            Some(
-                "`quadrant resume --cell c` returns to the path and goes on; Ctrl-C ends the run"
-            )
+            Some("`quadrant resume --cell c` returns to the path and goes on; Ctrl-C ends the run")
         );
         assert_eq!(
             words(&feedback(Mode::Disabled, Cause::MasterLost)).as_deref(),
@@ -138,7 +136,9 @@ mod tests {
         );
         let after_master = feedback(Mode::Disabled, Cause::MasterLost);
         assert_eq!(
-            lost_in(&after_master).map(|h| h.words("c", false)).as_deref(),
+            lost_in(&after_master)
+                .map(|h| h.words("c", false))
+                .as_deref(),
             Some(
                 "the drives are off: `quadrant enable --cell c`, then `quadrant resume --cell c` returns to the path and goes on"
             )

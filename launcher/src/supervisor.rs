@@ -255,7 +255,10 @@ mod tests {
         assert!(!rules.is_any_due());
         // What is long ago does not count.
         let later = now + ms(20_000);
-        assert_eq!(rules.judge(2, planner, false, false, later), Verdict::Restarts);
+        assert_eq!(
+            rules.judge(2, planner, false, false, later),
+            Verdict::Restarts
+        );
     }
 
     /// The machine would wait for it for ever.
@@ -296,9 +299,15 @@ mod tests {
         let mut rules = rules(1);
         let (master, recorder) = (Job::Master.into(), Job::Monitor.into());
         assert_eq!(rules.judge(0, master, true, false, ms(0)), Verdict::Ends);
-        assert_eq!(rules.judge(1, recorder, false, false, ms(0)), Verdict::Restarts);
+        assert_eq!(
+            rules.judge(1, recorder, false, false, ms(0)),
+            Verdict::Restarts
+        );
         assert_eq!(rules.take_due(ms(0)), Some(1));
-        assert_eq!(rules.judge(1, recorder, false, false, ms(5)), Verdict::GoesOn);
+        assert_eq!(
+            rules.judge(1, recorder, false, false, ms(5)),
+            Verdict::GoesOn
+        );
         rules.try_again(1, ms(6));
         assert_eq!(rules.take_due(ms(6)), Some(1));
     }

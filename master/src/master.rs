@@ -291,13 +291,16 @@ impl<D: Drives> Master<D> {
             return;
         };
         let of_program = status.load == self.program.load;
-        let genuine = status.incarnation == planner.incarnation && status.scan <= self.scan;
+        // A planner knows no other reason to stop than its own.
+        let knows = status.cause == 0 || status.cause == Cause::Planner as u32;
+        let genuine =
+            knows && status.incarnation == planner.incarnation && status.scan <= self.scan;
         if !genuine || !of_program {
             return;
         }
         self.program.read(status.cause == 0, self.mode);
         if status.cause != 0 && self.cause == Cause::None {
-            self.cause = Cause::from_wire(status.cause).unwrap_or(Cause::BadValue);
+            self.cause = Cause::Planner;
             self.cause_scan = self.scan + 1;
             self.stop();
         }

@@ -24,7 +24,6 @@ mod recorder;
 mod run_info;
 mod sample;
 mod skim;
-mod tables;
 #[cfg(test)]
 mod tests;
 

@@ -12,6 +12,9 @@ use control::braking;
 
 use crate::settings::ServoSettings;
 
+/// A window begins at most so many interpolation periods ahead: a farther one would keep all that follow it waiting.
+const AHEAD_PERIODS: u32 = 8;
+
 /// Why a window is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum Refusal {
@@ -29,6 +32,15 @@ pub enum Refusal {
     /// Its first scan is not in the future.
     #[error("its first scan is not in the future")]
     TooLate,
+    /// Its first scan is further in the future than a planner plans.
+    #[error("its first scan is too far in the future")]
+    TooFar,
+    /// A flag that is neither 0 nor 1.
+    #[error("a flag of it is neither 0 nor 1")]
+    Flag,
+    /// It is of another program than the window being executed, or the path that was left.
+    #[error("it is of another program")]
+    Program,
     /// Its first scan is not the start of an interpolation period.
     #[error("its first scan is not at a boundary of the interpolation period")]
     OffBoundary,
@@ -204,6 +216,9 @@ pub(crate) fn check_itself(
     {
         return Err(Refusal::OffBoundary);
     }
+    if header.ends_program > 1 {
+        return Err(Refusal::Flag);
+    }
     if bus::window::checksum(header, setpoints) != header.id.checksum {
         return Err(Refusal::Checksum);
     }
@@ -244,8 +259,17 @@ pub(crate) fn check_seam(
     if header.first_scan <= feedback.scan {
         return Err(Refusal::TooLate);
     }
+    // A planner plans for the next period; with some to spare.
+    let ahead = header.first_scan.saturating_sub(feedback.scan);
+    let most = settings.scans_per_period.saturating_mul(AHEAD_PERIODS);
+    if ahead > u64::from(most) {
+        return Err(Refusal::TooFar);
+    }
     if header.predecessor != feedback.window {
         return Err(Refusal::Predecessor);
+    }
+    if ![0, header.program_hash].contains(&feedback.program_hash) {
+        return Err(Refusal::Program);
     }
     let mut limits = if header.predecessor.is_none() {
         if header.epoch != feedback.epoch {

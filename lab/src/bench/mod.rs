@@ -10,6 +10,7 @@ use crate::options::{BenchCommand, BenchOptions};
 use launcher::exit::Outcome;
 use launcher::logs;
 
+pub use faults::faults;
 pub use lockstep::pong;
 
 /// Runs the measurement asked for.

@@ -166,8 +166,11 @@ impl Peers {
         }
         member.ports.inner().feedback = Some(self.feedback);
         planner::cycle(&mut member.planner, &mut member.ports);
-        answers.planner = member.ports.inner().status;
-        self.status = answers.planner.or(self.status);
+        let status = member.ports.inner().status;
+        self.status = status.or(self.status);
+        let next = self.feedback.scan + 1;
+        answers.planner =
+            status.filter(|status| Visibility::of(status.visible_from, next, 1) == Visibility::Now);
         self.windows.append(&mut member.ports.inner().windows);
         for window in &self.windows {
             self.windows_to_master.push(Arc::clone(window));
@@ -226,7 +229,8 @@ impl Peers {
             return false;
         }
         let (axis, role) = (process.axis as usize, 1 - process.role.min(1));
-        let covered = process.job == Job::Servo && self.roster.living(Job::Servo, axis, role).is_some();
+        let covered =
+            process.job == Job::Servo && self.roster.living(Job::Servo, axis, role).is_some();
         let replaced = self.launcher.judge(place, process, covered, scan);
         if process.job == Job::Master {
             self.launcher.take_master(place, scan);

@@ -31,7 +31,9 @@ impl Group {
             is.job == process.job && is.axis == process.axis && is.role != process.role
         };
         let servo = process.job == bus::sample::Job::Servo;
-        servo && (0..self.places()).any(|place| self.role_of(place).is_some_and(other) && self.takes_part(place))
+        servo
+            && (0..self.places())
+                .any(|place| self.role_of(place).is_some_and(other) && self.takes_part(place))
     }
 
     /// Whether the process of this place lives and takes part.

@@ -4,10 +4,9 @@
 //! until they are whole. A row that is pushed out earlier is written with NaN for what is missing.
 
 use bus::sample::{AxisCommand, Feedback, Instruments};
+use bus::table;
 use bytemuck::{Pod, Zeroable};
 use machine::{Machine, PositionFeedback};
-
-use super::layout::table;
 
 /// Scans a row waits for its missing parts.
 const RING_SCANS: usize = 1024;

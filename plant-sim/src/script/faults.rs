@@ -43,7 +43,8 @@
 //! what = "not-a-number"
 //! ```
 //!
-//! What can be corrupted, see [`Corruption`]: `not-a-number`, `infinity`, `old-scan`, `future-scan`, `wrong-incarnation` and
+//! With `field = "command.held.sequence"`, `corrupt` spoils one number of a sample: see [`Field`] and [`Spoil`]. Without, what can be
+//! corrupted, see [`Corruption`]: `not-a-number`, `infinity`, `old-scan`, `future-scan`, `wrong-incarnation` and
 //! `replay` of servo commands and of the planner's windows; `jump` and `wrong-axis` of servo commands; `checksum`,
 //! `setpoint-jump` and `cut` of windows. The planner's windows are planned once an interpolation period: a fault of theirs that
 //! is shorter may meet none.
@@ -57,6 +58,7 @@
     clippy::indexing_slicing
 )]
 
+mod field;
 mod reading;
 #[cfg(test)]
 mod tests;
@@ -67,6 +69,7 @@ use machine::settings_file::SettingsFileError;
 use machine::{AfterLoss, AfterMaster, AfterMonitor, Process, Restart};
 use serde::Deserialize;
 
+pub use field::{Field, Sent, Spoil};
 pub use reading::{load, parse};
 pub use trigger_state::TriggerState;
 
@@ -156,6 +159,15 @@ pub enum Action {
         /// How.
         what: Corruption,
     },
+    /// One number of its samples is wrong.
+    Spoil {
+        /// For so many scans.
+        scans: u64,
+        /// Which.
+        field: Field,
+        /// How.
+        how: Spoil,
+    },
 }
 
 impl Action {
@@ -163,7 +175,10 @@ impl Action {
     pub fn is_of_samples(self) -> bool {
         match self {
             Action::Kill { .. } | Action::Stop { .. } => false,
-            Action::Drop { .. } | Action::Delay { .. } | Action::Corrupt { .. } => true,
+            Action::Drop { .. }
+            | Action::Delay { .. }
+            | Action::Corrupt { .. }
+            | Action::Spoil { .. } => true,
         }
     }
 }

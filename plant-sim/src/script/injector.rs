@@ -139,7 +139,10 @@ fn plan(script: &FaultScript, agenda: &mut Vec<Due>, index: usize, fired: u64) {
             later(FaultStep::Readmit, scans);
             later(FaultStep::Continue, scans);
         }
-        Action::Drop { .. } | Action::Delay { .. } | Action::Corrupt { .. } => {}
+        Action::Drop { .. }
+        | Action::Delay { .. }
+        | Action::Corrupt { .. }
+        | Action::Spoil { .. } => {}
     }
 }
 

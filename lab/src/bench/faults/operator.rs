@@ -40,19 +40,30 @@ impl Operator {
     /// It says nothing, or refuses what it asks for: in words.
     pub fn obey(&mut self, cell: &mut InProcessCell, feedback: &Feedback) -> Result<(), String> {
         let state = state(feedback);
-        let held_by_override =
-            feedback.mode == Mode::Enabled as u32 && feedback.hold == 0 && feedback.override_percent == 0;
+        let held_by_override = feedback.mode == Mode::Enabled as u32
+            && feedback.hold == 0
+            && feedback.override_percent == 0;
         let (order, value) = if held_by_override {
             (Order::Override, 100.0)
         } else {
             let hint = hints::waits_for(feedback, &self.restart);
             let order = hint.and_then(|hint| hint.orders.first().copied());
-            let order = order.ok_or_else(|| format!("hangs, and nothing says what to do: {state}"))?;
+            let order =
+                order.ok_or_else(|| format!("hangs, and nothing says what to do: {state}"))?;
             (order, 0.0)
         };
         if self.given.len() >= ORDERS_MAX {
-            let last: Vec<&str> = self.given.iter().rev().take(3).map(|(_, o)| o.word()).collect();
-            return Err(format!("does not go on, whatever it is ordered ({}): {state}", last.join(", ")));
+            let last: Vec<&str> = self
+                .given
+                .iter()
+                .rev()
+                .take(3)
+                .map(|(_, o)| o.word())
+                .collect();
+            return Err(format!(
+                "does not go on, whatever it is ordered ({}): {state}",
+                last.join(", ")
+            ));
         }
         self.given.push((feedback.scan, order));
         let answer = cell.order(&OperatorRequest {
@@ -62,7 +73,9 @@ impl Operator {
         });
         match Refused::from_wire(answer.reason) {
             Some(Refused::Not) => self.refusals = 0,
-            Some(Refused::NotReady | Refused::NotAtRest) if self.refusals < REFUSALS_MAX => self.refusals += 1,
+            Some(Refused::NotReady | Refused::NotAtRest) if self.refusals < REFUSALS_MAX => {
+                self.refusals += 1
+            }
             reason => {
                 let why = reason.map_or("for an unknown reason", Refused::words);
                 let word = order.word();
@@ -76,7 +89,11 @@ impl Operator {
 /// Where a run stands that does not go on.
 pub fn state(feedback: &Feedback) -> String {
     let mode = Mode::from_wire(feedback.mode).map_or("in no mode", Mode::word);
-    let window = if feedback.window.is_none() { "no window" } else { "a window" };
+    let window = if feedback.window.is_none() {
+        "no window"
+    } else {
+        "a window"
+    };
     format!(
         "{mode}, hold {}, at rest {}, {window} in epoch {}, element {} at {} mm, left at element {}, cause {}",
         feedback.hold,

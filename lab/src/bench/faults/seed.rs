@@ -2,10 +2,11 @@
 
 use std::fmt::Write;
 
+use bus::layout::Leaf;
 use bus::sample::Job;
 use machine::settings_file::SettingsFileError;
 use machine::{Machine, Restart};
-use plant_sim::script::faults::{self, Action, Corruption, FaultScript};
+use plant_sim::script::faults::{self, Action, Corruption, FaultScript, Sent, Spoil};
 use plant_sim::script::orders::{self, ScriptedOrder};
 use plant_sim::script::rng::Rng;
 
@@ -62,7 +63,10 @@ pub fn draw(seed: u64, machine: &Machine, shapes: &[Shape]) -> Result<Scenario, 
     let shape = shapes[program];
     let standby = !rng.one_in(3);
     let supervised = rng.one_in(4);
-    let planner = *one_of(&mut rng, &["resume", "resume", "resume", "wait", "wait", "end"]);
+    let planner = *one_of(
+        &mut rng,
+        &["resume", "resume", "resume", "wait", "wait", "end"],
+    );
     let servo = *one_of(&mut rng, &["resume", "wait", "end"]);
     let master = *one_of(&mut rng, &["wait", "wait", "wait", "end"]);
     let mut text =
@@ -180,7 +184,7 @@ fn fault(
     };
     let bad_samples = matches!(job, Job::Planner | Job::Servo);
     let by_scan = at.contains("scan");
-    let what = match rng.within(0, if bad_samples { 6 } else { 0 }) {
+    let what = match rng.within(0, if bad_samples { 8 } else { 0 }) {
         // Again and again: who dies too often is given up.
         0 if by_scan && rng.one_in(2) => format!(
             "do = \"kill\"\nrestart_after_scans = {}\nrepeat = {{ times = {}, every_scans = {} }}",
@@ -200,6 +204,7 @@ fn fault(
             rng.within(1, 20),
             rng.within(1, faults::LATE_SCANS_MAX)
         ),
+        7 | 8 => spoil(rng, job),
         _ => {
             let kinds: Vec<Corruption> = Corruption::ALL
                 .into_iter()
@@ -218,6 +223,48 @@ fn fault(
     );
 }
 
+/// What only a checksum would find out, or nobody: where a drive is to be moved to, which the master believes.
+const BELIEVED: [&str; 3] = ["position", "velocity_mm_s", "torque_nm"];
+/// What a planner that seals it is believed, because nobody else knows the program.
+const KNOWN_TO_PLANNER: [&str; 2] = ["program_hash", "ends_program"];
+
+/// One number of a sample, wrong in one way.
+fn spoil(rng: &mut Rng, job: Job) -> String {
+    let sent: Vec<Sent> = Sent::ALL
+        .into_iter()
+        .filter(|sent| sent.job() == job)
+        .collect();
+    let sent = *one_of(rng, &sent);
+    // Most numbers of a command are its servo's state.
+    let of_state = rng.one_in(6);
+    let leaves: Vec<&Leaf> = sent
+        .leaves()
+        .iter()
+        .filter(|leaf| !BELIEVED.contains(&leaf.name.as_str()))
+        .filter(|leaf| sent != Sent::Command || leaf.name.starts_with("state.") == of_state)
+        .collect();
+    let leaf = *one_of(rng, &leaves);
+    let float = leaf.number == "float64";
+    let how = match rng.within(0, if float { 6 } else { 5 }) {
+        0 => Spoil::AllBits,
+        1 => Spoil::Most,
+        2 => Spoil::Zero,
+        3 => Spoil::OneMore,
+        4 => Spoil::OneLess,
+        5 => Spoil::Bit(rng.within(0, 8 * leaf.bytes as u64 - 1) as u8),
+        _ => Spoil::NotANumber,
+    };
+    let believed = sent == Sent::Setpoint || KNOWN_TO_PLANNER.contains(&leaf.name.as_str());
+    let sealed = if believed { "\nsealed = false" } else { "" };
+    let scans = if rng.one_in(2) { 1 } else { rng.within(2, 40) };
+    format!(
+        "do = \"corrupt\"\nscans = {scans}\nfield = \"{}.{}\"\nwhat = \"{}\"{sealed}",
+        sent.word(),
+        leaf.name,
+        how.word()
+    )
+}
+
 /// What is meant by each kind of fault in the summary.
 pub fn kind_of(job: Job, action: &Action) -> (&'static str, &'static str) {
     let whose = match job {
@@ -232,6 +279,7 @@ pub fn kind_of(job: Job, action: &Action) -> (&'static str, &'static str) {
         Action::Drop { .. } => "drop",
         Action::Delay { .. } => "delay",
         Action::Corrupt { .. } => "corrupt",
+        Action::Spoil { field, .. } => field.sent.word(),
     };
     (whose, what)
 }
@@ -243,7 +291,10 @@ pub fn lasts(action: &Action) -> u64 {
         Action::Kill {
             restart_after_scans,
         } => restart_after_scans,
-        Action::Stop { scans } | Action::Drop { scans } | Action::Corrupt { scans, .. } => scans,
+        Action::Stop { scans }
+        | Action::Drop { scans }
+        | Action::Corrupt { scans, .. }
+        | Action::Spoil { scans, .. } => scans,
         Action::Delay { scans, late_scans } => scans + late_scans,
     }
 }

@@ -150,9 +150,19 @@ impl Cover {
         }
         let dies = self.supervised && matches!(fault.action, Action::Kill { .. });
         // When it is replaced, and whether, the rules say.
-        let over = if dies { u64::MAX } else { scan + lasts(&fault.action) };
+        let over = if dies {
+            u64::MAX
+        } else {
+            scan + lasts(&fault.action)
+        };
         let before = self.recovers[axis][role].map_or(0, |(over, _)| over);
         self.recovers[axis][role] = Some((over.max(before), None));
+        // The other one may have gone on from what it said.
+        if matches!(fault.action, Action::Spoil { .. }) {
+            let peer = &mut self.recovers[axis][1 - role];
+            let before = peer.map_or(0, |(over, _)| over);
+            *peer = Some((over.max(before), None));
+        }
     }
 
     fn window_sent(&mut self, scan: u64) {
@@ -205,7 +215,13 @@ impl<'a> Disturbances<'a> {
                 (None, _) => return None,
             };
             let dies = self.supervised && matches!(fault.action, Action::Kill { .. });
-            Some(at + if dies { RESTARTS_SCANS } else { lasts(&fault.action) })
+            Some(
+                at + if dies {
+                    RESTARTS_SCANS
+                } else {
+                    lasts(&fault.action)
+                },
+            )
         });
         ends.max().unwrap_or(0).max(self.last_order)
     }
@@ -215,7 +231,8 @@ impl<'a> Disturbances<'a> {
             let process = fault.process;
             process.job == Job::Servo && process.axis as usize == axis
         };
-        let corrupts = |fault: &Fault| matches!(fault.action, Action::Corrupt { .. });
+        let corrupts =
+            |fault: &Fault| matches!(fault.action, Action::Corrupt { .. } | Action::Spoil { .. });
         let mut all = self.faults.iter().zip(&self.fired);
         all.any(|(fault, fired)| fired.is_some() && of_axis(fault) && corrupts(fault))
     }
@@ -258,7 +275,9 @@ pub fn run(
         judge.take(&published, |missed, axis| {
             cover.lost[axis] && disturbances.explains(missed, axis)
         });
-        liveness.take(&published, disturbances.until(), |axis| disturbances.has_lied(axis));
+        liveness.take(&published, disturbances.until(), |axis| {
+            disturbances.has_lied(axis)
+        });
         let sent = !published.windows.is_empty();
         disturbances.look(&cell, |fault, at| cover.strike(fault, at));
         if sent {
@@ -269,7 +288,10 @@ pub fn run(
             hangs = operator.obey(&mut cell, &feedback).err();
         }
         if feedback.scan > SCANS_MAX {
-            hangs = Some(format!("does not end within {SCANS_MAX} scans: {}", state(&feedback)));
+            hangs = Some(format!(
+                "does not end within {SCANS_MAX} scans: {}",
+                state(&feedback)
+            ));
         }
         if hangs.is_some() {
             break;
@@ -280,7 +302,10 @@ pub fn run(
     let (shown, mut violations) = judge.end();
     violations.extend(liveness.end());
     let scan = shown.scans;
-    violations.extend(hangs.map(|what| Violation { scan, what: format!("the run {what}") }));
+    violations.extend(hangs.map(|what| Violation {
+        scan,
+        what: format!("the run {what}"),
+    }));
     if shown.trips > 0 && !cover.lost.iter().any(|lost| *lost) {
         violations.push(Violation {
             scan,
@@ -357,9 +382,11 @@ impl Machines {
         verdict: &mut Verdict,
     ) -> anyhow::Result<Option<String>> {
         let shown = &verdict.shown;
-        let covered = struck
-            .iter()
-            .all(|fault| matches!(fault.process.job, Job::Servo | Job::Monitor));
+        let covered = struck.iter().all(|fault| match fault.action {
+            // Whose command is taken says which window its axis holds.
+            Action::Spoil { field, .. } if field.name().starts_with("command.pending") => false,
+            _ => matches!(fault.process.job, Job::Servo | Job::Monitor),
+        });
         if shown.trips > 0 || shown.missed > 0 || !covered {
             return Ok(None);
         }
@@ -486,7 +513,7 @@ fn unexpected_end(
                 Action::Corrupt {
                     what: Corruption::NotANumber | Corruption::Infinity | Corruption::Jump,
                     ..
-                }
+                } | Action::Spoil { .. }
             )
     };
     let servo_for_good = any(&bad_command)

@@ -32,6 +32,8 @@ struct Entry {
     scans: Option<Spanned<u64>>,
     late_scans: Option<Spanned<u64>>,
     what: Option<Spanned<String>>,
+    field: Option<Spanned<String>>,
+    sealed: Option<Spanned<bool>>,
     repeat: Option<Spanned<Repeat>>,
 }
 
@@ -260,6 +262,10 @@ impl Reading<'_> {
             LATE_SCANS_MAX,
         )?;
         self.has_it("what", entry, &entry.what, what)?;
+        let field = if word == "corrupt" { May } else { MustNot };
+        self.has_it("field", entry, &entry.field, field)?;
+        let sealed = if entry.field.is_some() { May } else { MustNot };
+        self.has_it("sealed", entry, &entry.sealed, sealed)?;
         if !matches!(word, "kill" | "stop") && !matches!(job, Job::Servo | Job::Planner) {
             let process = entry.process.get_ref();
             let what = format!(
@@ -282,6 +288,7 @@ impl Reading<'_> {
                 scans,
                 late_scans: late_scans.unwrap_or(1),
             },
+            _ if entry.field.is_some() => self.spoil(entry, job, scans)?,
             _ => Action::Corrupt {
                 scans,
                 what: self.corruption(entry, job)?,
@@ -304,6 +311,37 @@ impl Reading<'_> {
                 None => self.wrong(&entry.action, &what),
             }
         })
+    }
+
+    /// One number of a sample, and how it is wrong.
+    fn spoil(&self, entry: &Entry, job: Job, scans: u64) -> Result<Action, String> {
+        let name = entry.field.as_ref().map_or("", |field| field.get_ref());
+        let word = entry.what.as_ref().map_or("", |what| what.get_ref());
+        let sealed = entry.sealed.as_ref().is_none_or(|sealed| *sealed.get_ref());
+        let found = Field::parse(job, name, sealed).and_then(|field| Some((field, field.leaf()?)));
+        let Some((field, leaf)) = found else {
+            let samples = Sent::ALL.into_iter().filter(|sent| sent.job() == job);
+            let samples: Vec<&str> = samples.map(Sent::word).collect();
+            let what = format!(
+                "field = {name:?}: {} sends {}; must be a number of it, as in {:?}",
+                entry.process.get_ref(),
+                samples.join(", "),
+                if job == Job::Servo {
+                    "command.held.sequence"
+                } else {
+                    "window.first_scan"
+                }
+            );
+            return Err(self.wrong(&entry.action, &what));
+        };
+        let how = Spoil::parse(word, leaf).ok_or_else(|| {
+            let bits = 8 * leaf.bytes - 1;
+            let what = format!(
+                "what = {word:?}: of {name} it must be one of all-bits, bit-0 to bit-{bits}, most, zero, one-more, one-less, or of a number with a point not-a-number"
+            );
+            self.wrong(&entry.action, &what)
+        })?;
+        Ok(Action::Spoil { scans, field, how })
     }
 
     fn has_it<T>(

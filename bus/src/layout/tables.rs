@@ -1,11 +1,10 @@
 //! The fields of every sample, by name. A field that is added to a sample and not here does not compile.
 
-use bus::sample::{
-    AxisCommand, AxisFeedback, Feedback, Instruments, Participant, PathTag, PlannerStatus, Roster,
-    Setpoint, WindowHeader, WindowId,
+use crate::sample::{
+    AxisCommand, AxisFeedback, Feedback, Instruments, OperatorRequest, Participant, PathTag,
+    PlannerStatus, Roster, Setpoint, WindowHeader, WindowId,
 };
-
-use super::layout::table;
+use crate::table;
 
 table!(WindowId: checksum, sequence, incarnation);
 table!(PathTag: distance_mm, element, dwell_remaining_scans);
@@ -39,3 +38,4 @@ table!(
     Participant: death_scan, job, axis, role, incarnation, live, death_signal, death_status, stalled,
 );
 table!(Roster: version, visible_from, participants);
+table!(OperatorRequest: order, axis, value);
