@@ -249,22 +249,34 @@ fn a_foreign_process_gets_no_writer_of_a_service_whose_own_lives() {
 fn a_foreign_process_in_a_dead_servos_place_drives_nothing() {
     let bench = Bench::of(
         "xy",
-        &[(
-            "[scan]\n",
-            "[restart]\nservo = \"wait\"\nrestarts_max = 1\n\n[scan]\n",
-        )],
+        &[
+            STANDBY,
+            (
+                "[scan]\n",
+                "[restart]\nservo = \"wait\"\nrestarts_max = 1\n\n[scan]\n",
+            ),
+        ],
     );
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(600);
-    // One restart is allowed, so the second death leaves the place empty.
+    // One restart is allowed, so the second death leaves the place empty; the other servo of the axis goes on until it dies too.
     for _ in 0..2 {
-        send(cell.pid_of("quadrant servo --axis X"), libc::SIGKILL);
-        let scan = cell
-            .wait_for(|f| f.mode == bus::sample::Mode::Tripped as u32)
-            .scan;
-        cell.wait_for_scan(scan + 100);
+        send(
+            cell.pid_of("quadrant servo --axis X --role a"),
+            libc::SIGKILL,
+        );
+        let scan = cell.wait_for_scan(0).scan;
+        cell.wait_for_scan(scan + 300);
     }
+    send(
+        cell.pid_of("quadrant servo --axis X --role b"),
+        libc::SIGKILL,
+    );
+    let scan = cell
+        .wait_for(|f| f.mode == bus::sample::Mode::Tripped as u32)
+        .scan;
+    cell.wait_for_scan(scan + 100);
     let machine = Machine::load(bench.path()).expect("the machine");
     let place = CellPaths::new(&cell.cell).expect("a name");
     let bus =

@@ -180,7 +180,27 @@ fn place(name: &str, kind: &Kind, offset: usize, found: &mut Vec<Leaf>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample::{Feedback, WindowHeader};
+    use crate::sample::{Feedback, PathTag, WindowHeader};
+
+    #[test]
+    fn a_table_that_forgets_or_swaps_a_field_is_not_whole() {
+        let Kind::Struct(table) = PathTag::KIND else {
+            panic!()
+        };
+        assert!(table.is_whole());
+        let without_last = Table {
+            name: "PathTag",
+            bytes: table.bytes,
+            fields: &table.fields[..2],
+        };
+        assert!(!without_last.is_whole());
+        let first_missing = Table {
+            name: "PathTag",
+            bytes: table.bytes,
+            fields: &table.fields[1..],
+        };
+        assert!(!first_missing.is_whole());
+    }
 
     #[test]
     fn every_number_of_a_sample_has_a_name_and_a_place() {

@@ -334,6 +334,8 @@ impl<'a> Supervision<'a> {
             match self.supervisor.judge(self.group, death) {
                 Verdict::Restarts => death.replaced = true,
                 Verdict::GoesOn => {}
+                // A cell that stays up waits for its operator, also without a servo.
+                Verdict::Ends if self.session.is_some() && death.job == Job::Servo => {}
                 Verdict::Ends => self.ends = Some(LOST),
             }
         }

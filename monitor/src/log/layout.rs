@@ -303,26 +303,6 @@ mod tests {
     }
 
     #[test]
-    fn a_table_that_forgets_or_swaps_a_field_is_not_whole() {
-        let Kind::Struct(table) = PathTag::KIND else {
-            panic!()
-        };
-        assert!(table.is_whole());
-        let without_last = Table {
-            name: "PathTag",
-            bytes: table.bytes,
-            fields: &table.fields[..2],
-        };
-        assert!(!without_last.is_whole());
-        let first_missing = Table {
-            name: "PathTag",
-            bytes: table.bytes,
-            fields: &table.fields[1..],
-        };
-        assert!(!first_missing.is_whole());
-    }
-
-    #[test]
     fn axes_have_their_letters_in_the_schema() {
         let layout = Layout::of::<Feedback>(&extent(2, 4));
         assert!(
