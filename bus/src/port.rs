@@ -127,12 +127,14 @@ impl<T: Sample> Writer<T> {
         })
     }
 
-    /// Sends one sample; what cannot be sent is counted in [`Writer::failed`].
+    /// Seals and sends one sample; what cannot be sent is counted in [`Writer::failed`].
     pub fn send(&mut self, sample: &T) {
+        let mut sealed = *sample;
+        sealed.seal();
         let sent = self
             .publisher
             .loan_uninit()
-            .map(|loan| loan.write_payload(*sample).send().is_ok());
+            .map(|loan| loan.write_payload(sealed).send().is_ok());
         if !matches!(sent, Ok(true)) {
             self.failed += 1;
         }
@@ -196,7 +198,9 @@ impl<T: Sample> Reader<T> {
         }
         loop {
             match self.subscriber.receive() {
-                Ok(Some(sample)) if sample.payload().is_sound() => return Some(*sample.payload()),
+                Ok(Some(sample)) if sample.is_whole() && sample.is_sound() => {
+                    return Some(*sample);
+                }
                 Ok(None) => return None,
                 Ok(Some(_)) => self.failed += 1,
                 Err(_) => {
@@ -240,7 +244,8 @@ impl<T: Sample> Reader<T> {
         self.receive()
     }
 
-    /// Receptions that iceoryx2 refused, samples that contradict themselves, and those that could never have become visible.
+    /// Receptions that iceoryx2 refused, samples that are not what was sent (by their checksum), contradict themselves, or could
+    /// never have become visible.
     pub fn failed(&self) -> u64 {
         self.failed
     }

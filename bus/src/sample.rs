@@ -10,6 +10,7 @@
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
+pub(crate) mod checksum;
 mod order;
 
 /// The most axes one cell can have.
@@ -482,6 +483,8 @@ pub struct Feedback {
     pub reserved: u32,
     /// Per axis.
     pub axes: [AxisFeedback; MAX_AXES],
+    /// Of all that stands before it (XXH3-64); written when it is sent, checked by every reader.
+    pub checksum: u64,
 }
 
 /// What only an instrument could see: the bench's ball-bar and grid encoder, not for any controller.
@@ -509,7 +512,7 @@ pub struct Instruments {
 
 /// What one servo asks of its drive for one scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/AxisCommand/4")]
+#[type_name("quadrant/AxisCommand/5")]
 #[repr(C)]
 pub struct AxisCommand {
     /// Scan whose feedback this answers; takes effect one scan later.
@@ -557,6 +560,8 @@ pub struct AxisCommand {
     pub cause: u32,
     /// 1 while the manual controller drives and has come to rest: at its target, or where it was ordered to stop.
     pub jog_done: u32,
+    /// Of all that stands before it (XXH3-64); written when it is sent, checked by every reader.
+    pub checksum: u64,
 }
 
 impl Default for AxisCommand {
@@ -567,7 +572,7 @@ impl Default for AxisCommand {
 
 /// What the planner says at each period boundary, also when it has nothing new.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/PlannerStatus/2")]
+#[type_name("quadrant/PlannerStatus/3")]
 #[repr(C)]
 pub struct PlannerStatus {
     /// Scan whose feedback this answers.
@@ -594,6 +599,8 @@ pub struct PlannerStatus {
     pub load: u32,
     /// Kept zero.
     pub reserved: u32,
+    /// Of all that stands before it (XXH3-64); written when it is sent, checked by every reader.
+    pub checksum: u64,
 }
 
 /// Job of a participant.
@@ -657,7 +664,7 @@ pub struct Participant {
 
 /// Who takes part: published by the launcher, which learns of deaths from the kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Roster/2")]
+#[type_name("quadrant/Roster/3")]
 #[repr(C)]
 pub struct Roster {
     /// Counted from 1.
@@ -666,6 +673,8 @@ pub struct Roster {
     pub visible_from: u64,
     /// The processes.
     pub participants: [Participant; MAX_PARTICIPANTS],
+    /// Of all that stands before it (XXH3-64); written when it is sent, checked by every reader.
+    pub checksum: u64,
 }
 
 impl Roster {

@@ -4,6 +4,7 @@
 //! others only open them (a kill during creation would brick a service for good).
 
 use std::fmt::Debug;
+use std::mem::offset_of;
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
@@ -18,6 +19,7 @@ use iceoryx2::service::port_factory::request_response;
 
 use crate::cell::{CellError, CellPaths};
 use crate::room;
+use crate::sample::checksum;
 use crate::sample::{
     AxisCommand, Feedback, Instruments, MAX_WINDOW_SETPOINTS, OperatorRequest, OperatorResponse,
     PlannerStatus, Roster, Setpoint, WindowHeader,
@@ -174,6 +176,12 @@ pub trait Sample: Pod + ZeroCopySend + Debug {
     fn scan(&self) -> u64;
     /// The first scan in which a reader may act on it.
     fn visible_from(&self) -> u64;
+    /// Writes its checksum, if it has one.
+    fn seal(&mut self) {}
+    /// Whether it is what was sent, as far as its checksum tells.
+    fn is_whole(&self) -> bool {
+        true
+    }
     /// Whether it does not contradict itself; what does was never sent so.
     fn is_sound(&self) -> bool {
         true
@@ -181,7 +189,7 @@ pub trait Sample: Pod + ZeroCopySend + Debug {
 }
 
 macro_rules! samples {
-    ($($type:ty: $scan:ident $(if $sound:expr)?),*) => {$(
+    ($($type:ident: $scan:ident $([$checksum:ident])? $(if $sound:expr)?),*) => {$(
         impl Sample for $type {
             fn scan(&self) -> u64 {
                 self.$scan
@@ -190,6 +198,15 @@ macro_rules! samples {
             fn visible_from(&self) -> u64 {
                 self.visible_from
             }
+            $(fn seal(&mut self) {
+                const { assert!(offset_of!($type, $checksum) + size_of::<u64>() == size_of::<$type>()) };
+                self.$checksum = checksum::of(self);
+            }
+
+            fn is_whole(&self) -> bool {
+                self.$checksum == checksum::of(self)
+            })?
+
             $(fn is_sound(&self) -> bool {
                 let is_sound: fn(&Self) -> bool = $sound;
                 is_sound(self)
@@ -199,11 +216,11 @@ macro_rules! samples {
 }
 samples!(
     // It counts in its own scan.
-    Feedback: scan if |feedback| feedback.scan == feedback.visible_from,
+    Feedback: scan [checksum] if |feedback| feedback.scan == feedback.visible_from,
     Instruments: scan,
-    AxisCommand: scan,
-    PlannerStatus: scan,
-    Roster: visible_from
+    AxisCommand: scan [checksum],
+    PlannerStatus: scan [checksum],
+    Roster: visible_from [checksum]
 );
 
 /// A process's foot in the cell's shared memory.

@@ -141,6 +141,7 @@ structure!(
         run,
         reserved,
         axes,
+        checksum,
     }
 );
 structure!(
@@ -181,6 +182,7 @@ structure!(
         drive_mode,
         cause,
         jog_done,
+        checksum,
     }
 );
 structure!(
@@ -198,6 +200,7 @@ structure!(
         windows,
         load,
         reserved,
+        checksum,
     }
 );
 structure!(
@@ -219,7 +222,8 @@ structure!(
     Roster {
         version,
         visible_from,
-        participants
+        participants,
+        checksum,
     }
 );
 

@@ -78,7 +78,7 @@ assert ctypes.sizeof(AxisFeedback) == 120
 
 
 class Feedback(ctypes.Structure):
-    """1200 bytes."""
+    """1208 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -108,6 +108,7 @@ class Feedback(ctypes.Structure):
         ("run", c_uint32),  # at 232
         ("reserved", c_uint32),  # at 236
         ("axes", AxisFeedback * 8),  # at 240
+        ("checksum", c_uint64),  # at 1200
     ]
 
     @staticmethod
@@ -115,7 +116,7 @@ class Feedback(ctypes.Structure):
         return "quadrant/Feedback/5"
 
 
-assert ctypes.sizeof(Feedback) == 1200
+assert ctypes.sizeof(Feedback) == 1208
 
 
 class Instruments(ctypes.Structure):
@@ -141,7 +142,7 @@ assert ctypes.sizeof(Instruments) == 1064
 
 
 class AxisCommand(ctypes.Structure):
-    """944 bytes."""
+    """952 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -166,18 +167,19 @@ class AxisCommand(ctypes.Structure):
         ("drive_mode", c_uint32),  # at 932
         ("cause", c_uint32),  # at 936
         ("jog_done", c_uint32),  # at 940
+        ("checksum", c_uint64),  # at 944
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/AxisCommand/4"
+        return "quadrant/AxisCommand/5"
 
 
-assert ctypes.sizeof(AxisCommand) == 944
+assert ctypes.sizeof(AxisCommand) == 952
 
 
 class PlannerStatus(ctypes.Structure):
-    """80 bytes."""
+    """88 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -192,14 +194,15 @@ class PlannerStatus(ctypes.Structure):
         ("windows", c_uint32),  # at 68
         ("load", c_uint32),  # at 72
         ("reserved", c_uint32),  # at 76
+        ("checksum", c_uint64),  # at 80
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/PlannerStatus/2"
+        return "quadrant/PlannerStatus/3"
 
 
-assert ctypes.sizeof(PlannerStatus) == 80
+assert ctypes.sizeof(PlannerStatus) == 88
 
 
 class Participant(ctypes.Structure):
@@ -226,17 +229,18 @@ assert ctypes.sizeof(Participant) == 40
 
 
 class Roster(ctypes.Structure):
-    """976 bytes."""
+    """984 bytes."""
 
     _fields_ = [
         ("version", c_uint64),  # at 0
         ("visible_from", c_uint64),  # at 8
         ("participants", Participant * 24),  # at 16
+        ("checksum", c_uint64),  # at 976
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Roster/2"
+        return "quadrant/Roster/3"
 
 
-assert ctypes.sizeof(Roster) == 976
+assert ctypes.sizeof(Roster) == 984

@@ -74,10 +74,12 @@ fn keeps_nobody_waiting<T: Sample + Wire + PartialEq>(
             let mut wrong = of_scan(scan);
             spoil_number(&mut wrong, &leaf, how);
             writer.send(&wrong);
-            writer.send(&of_scan(scan + 1));
+            let mut right = of_scan(scan + 1);
+            writer.send(&right);
+            right.seal();
             let newest = reader.newest(scan + 2);
             assert!(
-                newest == Some(of_scan(scan + 1)),
+                newest == Some(right),
                 "{how:?} of {}: not the newest sample",
                 leaf.name
             );

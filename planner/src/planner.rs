@@ -478,7 +478,7 @@ impl Planner {
             cause: self.cause as u32,
             windows: self.sequence,
             load: self.load,
-            reserved: 0,
+            ..PlannerStatus::default()
         }
     }
 }

@@ -20,7 +20,7 @@ table!(
 );
 table!(
     Feedback: scan, visible_from, window, armed, voided, program_hash, tag, interrupted_at, cause_scan, program_start @ Axes, setpoint, at_rest, epoch, incarnation, mode,
-    cause, cause_axis, override_percent, hold, last, overrun_scans, axis_count, load, program, run, reserved, axes @ Axes,
+    cause, cause_axis, override_percent, hold, last, overrun_scans, axis_count, load, program, run, reserved, axes @ Axes, checksum,
 );
 table!(
     Instruments: scan, visible_from, motion_digest_high, motion_digest_low, subsamples, axis_count,
@@ -28,14 +28,14 @@ table!(
 );
 table!(
     AxisCommand: scan, visible_from, position, velocity_mm_s, torque_nm, feed_forward_mm_s, following_error_mm,
-    stop_deceleration_mm_s2, compensation_mm, friction_pulse_mm_s, torque_feed_forward_nm, held, pending, refused, tag, state, axis, role, incarnation, drive_mode, cause, jog_done,
+    stop_deceleration_mm_s2, compensation_mm, friction_pulse_mm_s, torque_feed_forward_nm, held, pending, refused, tag, state, axis, role, incarnation, drive_mode, cause, jog_done, checksum,
 );
 table!(
     PlannerStatus: scan, visible_from, program_hash, published, path_length_mm, path_done_mm, incarnation, finished,
-    cause, windows, load, reserved,
+    cause, windows, load, reserved, checksum,
 );
 table!(
     Participant: death_scan, job, axis, role, incarnation, live, death_signal, death_status, stalled,
 );
-table!(Roster: version, visible_from, participants);
+table!(Roster: version, visible_from, participants, checksum);
 table!(OperatorRequest: order, axis, value);

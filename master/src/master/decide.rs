@@ -112,6 +112,7 @@ fn is_same(one: &AxisCommand, other: &AxisCommand) -> bool {
         // A window that one of them refused or does not hold yet is no part of what it drives.
         refused: WindowId::NONE,
         pending: WindowId::NONE,
+        checksum: 0,
         ..*command
     };
     bytemuck::bytes_of(&anonymous(one)) == bytemuck::bytes_of(&anonymous(other))

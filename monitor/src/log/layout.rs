@@ -306,9 +306,9 @@ mod tests {
     fn axes_have_their_letters_in_the_schema() {
         let layout = Layout::of::<Feedback>(&extent(2, 4));
         assert!(
-            layout
-                .schema
-                .contains("quadrant/AxisFeedback x\nquadrant/AxisFeedback y\n=====")
+            layout.schema.contains(
+                "quadrant/AxisFeedback x\nquadrant/AxisFeedback y\nuint64 checksum\n====="
+            )
         );
         assert!(layout.schema.contains("MSG: quadrant/AxisFeedback\n"));
         let layout = Layout::of::<Instruments>(&extent(3, 4));
@@ -330,7 +330,9 @@ mod tests {
         assert!(layout.decode(&message, &mut back));
         let used = std::mem::offset_of!(Feedback, axes) + 3 * size_of::<AxisFeedback>();
         assert_eq!(back[..used], sample[..used]);
-        assert!(back[used..].iter().all(|b| *b == 0));
+        let checksum = std::mem::offset_of!(Feedback, checksum);
+        assert!(back[used..checksum].iter().all(|b| *b == 0));
+        assert_eq!(back[checksum..], sample[checksum..]);
         assert!(!layout.decode(&message[1..], &mut back));
     }
 }
