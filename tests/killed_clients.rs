@@ -34,7 +34,8 @@ fn obeyed(cell: &LiveCell, order: &str) {
 }
 
 fn running_cell() -> (Bench, LiveCell) {
-    let bench = Bench::of("xy", &[]);
+    // A master that is stopped for a moment is not to trip.
+    let bench = Bench::of("xy", &[("watchdog_scans = 50 ", "watchdog_scans = 1000 ")]);
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(100);
