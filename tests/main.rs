@@ -39,5 +39,6 @@ mod support;
 mod tools;
 mod triggers;
 mod tune;
+mod two_users;
 mod unexpected_motion;
 mod up;

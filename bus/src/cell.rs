@@ -73,7 +73,9 @@ pub enum CellError {
         cell: String,
     },
     /// What is in its place is not ours.
-    #[error("cell {cell:?}: {path} {found}: name another cell with --cell")]
+    #[error(
+        "cell {cell:?}: {path} {found}: a cell is used as its own user only, and another one can be named with --cell"
+    )]
     Foreign {
         /// The cell.
         cell: String,
@@ -273,10 +275,13 @@ impl CellPaths {
             // For the message to whoever wants the cell meanwhile.
             let _ = owner.set_len(0);
             let _ = (&owner).write_all(std::process::id().to_string().as_bytes());
-            let leftovers = self.remove_leftovers()?;
+            let leftovers = self.remove_leftovers();
             flock(&members, FlockOperation::Unlock)
                 .map_err(|e| self.error("unlocking members.lock", e.into()))?;
-            return Ok(Ownership::new(self, (owner, members), name, leftovers));
+            let removed = *leftovers.as_ref().unwrap_or(&0);
+            let owned = Ownership::new(self, (owner, members), name, removed);
+            // What cannot be had is not kept: the folder of a cell that is refused goes again.
+            return leftovers.map(|_| owned);
         }
     }
 
@@ -403,8 +408,12 @@ impl CellPaths {
         }
     }
 
-    /// Anybody can put something of this name into /dev/shm: only a folder of this user is the cell's.
-    fn must_be_ours(&self) -> Result<(), CellError> {
+    /// Anybody can put something of this name into /dev/shm: only a folder of this user is the cell's. Nobody enters another user's
+    /// cell, the superuser neither: what he opened there could stay in its owner's way.
+    ///
+    /// # Errors
+    /// [`CellError::Foreign`].
+    pub fn must_be_ours(&self) -> Result<(), CellError> {
         let folder = self.folder();
         let found = match fs::symlink_metadata(&folder) {
             // It went meanwhile: opening a lock in it will fail.
@@ -502,12 +511,16 @@ impl CellPaths {
 
     /// Removes all of the cell but its locks; to be called only while nobody lives. Returns how many files went.
     pub(crate) fn remove_leftovers(&self) -> Result<usize, CellError> {
-        Ok(self.remove_segments()? + self.remove_files()?)
+        let segments = self.remove_segments();
+        let files = self.remove_files()?;
+        Ok(segments? + files)
     }
 
-    /// Removes the cell's segments, and folders that an owner was about to remove when it was killed.
+    /// Removes the cell's segments, and folders that an owner was about to remove when it was killed. What is another user's stays,
+    /// and is named once all else has gone.
     pub(crate) fn remove_segments(&self) -> Result<usize, CellError> {
         let mut removed = 0;
+        let mut foreign = None;
         let prefix = self.segment_prefix();
         // A folder that an owner was about to remove when it was killed.
         let left_folder = format!("quadrant-{}.", self.name);
@@ -521,7 +534,8 @@ impl CellPaths {
             }
             let path = entry.path();
             if let Some(user) = entry.metadata().ok().and_then(|found| others(&found)) {
-                return Err(self.foreign(&path, user));
+                foreign.get_or_insert(self.foreign(&path, user));
+                continue;
             }
             let result = if is_segment {
                 fs::remove_file(&path)
@@ -533,7 +547,7 @@ impl CellPaths {
                 .map_err(|e| self.error(&format!("removing {}", path.display()), e))?;
             removed += 1;
         }
-        Ok(removed)
+        foreign.map_or(Ok(removed), Err)
     }
 
     /// Removes what is in the cell's folder, but its locks.

@@ -20,8 +20,9 @@ pub struct Observer {
 }
 
 impl Observer {
-    /// The cell at this place; none unless its launcher lives and it is not about to end.
+    /// The cell at this place; none unless it is this user's, its launcher lives and it is not about to end.
     pub fn of(place: CellPaths) -> Option<Observer> {
+        place.must_be_ours().ok()?;
         let page = SignalPage::open(&place).ok()?;
         let runs = page.phase() == CellPhase::Running && watch(page.launcher_pid()).is_ok();
         runs.then_some(Observer {

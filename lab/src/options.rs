@@ -31,13 +31,17 @@ pub struct SoakOptions {
     /// Folder with machine.toml and plant.toml, or the path of a machine.toml; axes X and Y with 30 mm to either side of 0
     #[arg(default_value = BENCH_MACHINE)]
     pub machine: PathBuf,
-    /// Processes to kill in all
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
-    pub kills: u64,
+    /// Processes to kill in all, launchers among them
+    #[arg(long, value_name = "N", required_unless_present = "hours", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    pub kills: Option<u64>,
+    /// Ends after so many hours (0.1 is six minutes), or when all kills are spent
+    #[arg(long, value_name = "H", value_parser = hours)]
+    pub hours: Option<f64>,
     /// realtime: scans at absolute times; lockstep: as fast as the machine goes
     #[arg(long, default_value = "realtime", value_parser = ["realtime", "lockstep"])]
     pub pace: String,
-    /// Kill these alone [default: everybody, and stop everybody too]
+    /// Kill these alone [default: everybody, also launcher and clients; stop and freeze everybody, hold and stop the machine,
+    /// keep the processors busy]
     #[arg(long, value_name = "WHO", value_parser = ["planner", "servo", "monitor", "plant-sim"])]
     pub only: Option<String>,
     /// Shortest pause between a cell that is whole and the next fault; some random 0 to 300 ms come on top. A process that
@@ -47,6 +51,14 @@ pub struct SoakOptions {
     /// Repeats the choices of program and faults; the instants are the PC's [default: another one every time]
     #[arg(long, value_name = "S")]
     pub seed: Option<u64>,
+}
+
+fn hours(text: &str) -> Result<f64, String> {
+    let hours: f64 = text.parse().map_err(|_| "not a number".to_string())?;
+    match hours > 0.0 && hours <= 1000.0 {
+        true => Ok(hours),
+        false => Err("more than 0 and at most 1000 hours".into()),
+    }
 }
 
 /// What `quadrant bench` takes.

@@ -1,12 +1,16 @@
-//! `quadrant soak`: a real cell whose processes are killed and stopped at random instants, again and again, and what must hold
-//! all the while.
+//! `quadrant soak`: a real cell whose processes, launcher and clients are killed and stopped at random instants, again and again,
+//! and what must hold all the while.
 //!
 //! One loop: look on (`cell::Cell::look`, every feedback judged by `judge::Judge`), inject a fault, wait until the cell is whole
 //! again, note what came of it.
 
 mod cell;
+mod disturb;
+mod ending;
 mod fault;
+mod freezer;
 mod judge;
+mod places;
 mod program;
 mod tally;
 
@@ -18,7 +22,6 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow};
-use bus::cell::CellPaths;
 use bus::process::watch;
 use bus::sample::{Mode, Participant};
 use machine::machine_file;
@@ -30,25 +33,28 @@ use toml_edit::{DocumentMut, value};
 
 use crate::options::SoakOptions;
 use cell::{Cell, Process, Start};
+use ending::Left;
 use fault::Injection;
+use freezer::Freezer;
 use launcher::check::{self, Checked};
-use launcher::exit::{Failure, Kind, Outcome, words};
+use launcher::exit::{Failure, Kind, Outcome};
 use launcher::logs;
 use launcher::output::say;
 use launcher::signals::Signals;
+use places::Places;
 use tally::{Came, Tally};
 
 /// A cell that is not whole again so long after a fault counts as broken.
 const WHOLE_LIMIT: Duration = Duration::from_secs(30);
 /// Scans that the cell must have gone on for, whole.
 const GOES_ON_SCANS: u64 = 2;
-/// A run that goes on so long after its last fault, nominal time of its program aside, hangs.
-const END_LIMIT: Duration = Duration::from_secs(120);
 /// Longest wait between a cell that is whole and the next fault, in µs.
 const PAUSE_US: u64 = 300_000;
 /// Undisturbed length of a program in s, in realtime and in lockstep, at most; and for each kill that is still to come.
 const PROGRAM_S: [f64; 2] = [60.0, 240.0];
 const PROGRAM_S_PER_KILL: [f64; 2] = [0.6, 5.0];
+/// Of so many faults one is none of a member of the cell.
+const DISTURBED_ONE_IN: u64 = 4;
 /// Dead children of the launcher are reaped within this.
 const REAP_LIMIT: Duration = Duration::from_secs(2);
 /// A process may take so much more memory than when it was first seen, in kB: the first part of a program has not used all.
@@ -68,12 +74,17 @@ struct Held {
 struct Soak<'a> {
     options: &'a SoakOptions,
     signals: Signals,
+    /// Unmounted before its folder goes.
+    places: Option<Places>,
     scratch: TempDir,
     cell_name: String,
     rng: Rng,
     tally: Tally,
     kills: u64,
     faults: u64,
+    clients: u64,
+    freezer: Option<Freezer>,
+    left: Left,
     /// The last fault was not waited out.
     early: bool,
     runs: u64,
@@ -96,6 +107,9 @@ struct Soak<'a> {
 /// Runs a soak.
 pub fn soak(options: &SoakOptions) -> Outcome {
     logs::init_launcher();
+    if options.only.is_none() {
+        places::enter_namespace();
+    }
     let seed = options.seed.unwrap_or_else(|| {
         // Hash maps begin with a random number of the system's.
         RandomState::new().build_hasher().finish() % 1_000_000_000
@@ -108,12 +122,15 @@ pub fn soak(options: &SoakOptions) -> Outcome {
     let mut soak = Soak {
         options,
         signals,
+        places: Places::make(scratch.path()),
         scratch,
-        cell_name: name,
         rng: Rng::new(seed),
         tally: Tally::default(),
         kills: 0,
         faults: 0,
+        clients: 0,
+        freezer: Freezer::make(&format!("quadrant-{name}")),
+        left: Left::default(),
         early: false,
         runs: 0,
         violations: Vec::new(),
@@ -129,14 +146,21 @@ pub fn soak(options: &SoakOptions) -> Outcome {
         status_age_max: 0,
         status_looks: 0,
         began: Instant::now(),
+        cell_name: name,
     };
     say(&format!(
-        "soak of {}, {}, {} kills, seed {seed}",
+        "soak of {}, {}, {}, seed {seed}",
         options.machine.display(),
         options.pace,
-        options.kills
+        soak.length()
     ));
-    while soak.kills < options.kills && soak.signals.count() == 0 {
+    if soak.freezer.is_none() {
+        say("no cgroup can be made here: none is frozen");
+    }
+    if soak.places.is_none() && options.only.is_none() {
+        say("no file system can be mounted here: /dev/shm and the disk are not filled");
+    }
+    while !soak.is_over() {
         soak.run()?;
     }
     soak.conclude(seed)
@@ -145,6 +169,33 @@ pub fn soak(options: &SoakOptions) -> Outcome {
 impl Soak<'_> {
     fn realtime(&self) -> bool {
         self.options.pace == "realtime"
+    }
+
+    /// How long it is, in words.
+    fn length(&self) -> String {
+        let kills = self.options.kills.map(|kills| format!("{kills} kills"));
+        let hours = self.options.hours.map(|hours| format!("{hours} h"));
+        let both: Vec<String> = kills.into_iter().chain(hours).collect();
+        both.join(" or ")
+    }
+
+    /// All kills are spent, or all time, or somebody has had enough.
+    fn is_over(&self) -> bool {
+        let hours = self.began.elapsed().as_secs_f64() / 3600.0;
+        self.options.kills.is_some_and(|kills| self.kills >= kills)
+            || self.options.hours.is_some_and(|most| hours >= most)
+            || self.signals.count() > 0
+    }
+
+    /// Undisturbed length of the next program in s.
+    fn program_s(&self) -> f64 {
+        let pace = usize::from(!self.realtime());
+        let pause_s = self.options.pause_ms as f64 * 1e-3;
+        let per_kill = PROGRAM_S_PER_KILL[pace] + pause_s;
+        let left = self.options.kills.map_or(f64::INFINITY, |kills| {
+            kills.saturating_sub(self.kills) as f64 * per_kill
+        });
+        left.clamp(2.0, PROGRAM_S[pace])
     }
 
     fn violated(&mut self, text: String) {
@@ -190,10 +241,7 @@ impl Soak<'_> {
     fn run(&mut self) -> Result<(), Failure> {
         self.runs += 1;
         self.write_machine().environment()?;
-        let pace = usize::from(!self.realtime());
-        let pause_s = self.options.pause_ms as f64 * 1e-3;
-        let left = (self.options.kills - self.kills) as f64 * (PROGRAM_S_PER_KILL[pace] + pause_s);
-        let seconds = left.clamp(2.0, PROGRAM_S[pace]);
+        let seconds = self.program_s();
         let program = self.scratch.path().join("soak.ngc");
         fs::write(&program, program::generate(&mut self.rng, seconds)).environment()?;
         let Checked {
@@ -202,8 +250,12 @@ impl Soak<'_> {
             ..
         } = check::load(self.scratch.path(), Some(&program)).input()?;
         let path = checked.map(|p| p.path).context("a program").environment()?;
-        let out = self.scratch.path().join(format!("run-{}", self.runs));
+        let folder = self.places.as_ref().map(|places| places.disk.as_path());
+        let folder = folder.unwrap_or_else(|| self.scratch.path());
+        let out = folder.join(format!("run-{}", self.runs));
+        let kept = self.scratch.path().join(format!("run-{}", self.runs));
         let published = self.scratch.path().join(format!("run-{}.txt", self.runs));
+        let since = Instant::now();
         let mut cell = Cell::start(&Start {
             machine_folder: self.scratch.path(),
             machine: &machine,
@@ -217,37 +269,46 @@ impl Soak<'_> {
         .environment()?;
         let violations_before = self.violation_count;
         let faults_before = self.faults;
-        self.inject_until_done(&mut cell);
-        self.end(&mut cell, seconds, &out);
+        self.left.started(since, &mut self.tally);
+        let (ending, after) = self.draw_ending();
+        self.inject_until_done(&mut cell, after);
+        let ending = self.end(&mut cell, ending, seconds, &out);
         let broken = self.violation_count > violations_before;
         say(&format!(
-            "run {:>3}: {:>4} faults, {:>5} kills in all, {:>6} scans, {:>4.0} s{}",
+            "run {:>3}: {:<15} {:>4} faults, {:>5} kills in all, {:>6} scans, {:>4.0} s{}",
             self.runs,
+            ending.word(),
             self.faults - faults_before,
             self.kills,
             cell.scan(),
             self.began.elapsed().as_secs_f64(),
             if broken {
-                format!(", see {}", out.display())
+                format!(", see {}", kept.display())
             } else {
                 String::new()
             }
         ));
         drop(cell);
+        self.judge_left(ending);
         if !broken {
-            let _ = fs::remove_dir_all(&out);
             let _ = fs::remove_file(&published);
+        } else if self.places.is_some() {
+            keep(&out, &kept);
+        }
+        if !broken || self.places.is_some() {
+            let _ = fs::remove_dir_all(&out);
         }
         Ok(())
     }
 
-    fn inject_until_done(&mut self, cell: &mut Cell) {
+    fn inject_until_done(&mut self, cell: &mut Cell, faults: u64) {
         if !self.await_whole(cell) {
             return;
         }
         let shared_at_first = cell.files();
         let mut held: HashMap<i32, Held> = HashMap::new();
-        while self.kills < self.options.kills && self.signals.count() == 0 {
+        let until = self.faults.saturating_add(faults);
+        while !self.is_over() && self.faults < until {
             let pause_us = self.options.pause_ms * 1000 + self.rng.below(PAUSE_US);
             let pause = Duration::from_micros(pause_us);
             if !cell.look_until(Instant::now() + pause) {
@@ -258,8 +319,13 @@ impl Soak<'_> {
                 return;
             }
             let only = self.options.only.as_deref();
-            let injection = fault::next(&mut self.rng, cell, only);
-            if !self.inject(cell, &injection) {
+            let goes_on = if only.is_none() && self.rng.below(DISTURBED_ONE_IN) == 0 {
+                self.disturb(cell)
+            } else {
+                let injection = fault::next(&mut self.rng, cell, only);
+                self.inject(cell, &injection)
+            };
+            if !goes_on {
                 return;
             }
             self.measure_floor();
@@ -477,104 +543,20 @@ impl Soak<'_> {
         }
     }
 
-    /// Waits for the end of a run and judges what it leaves.
-    fn end(&mut self, cell: &mut Cell, seconds: f64, out: &Path) {
-        let interrupted = self.signals.count() > 0;
-        if interrupted {
-            cell.interrupt();
-        }
-        let limit = END_LIMIT + Duration::from_secs_f64(seconds * 2.0);
-        let since = Instant::now();
-        while cell.look() {
-            cell.operate();
-            if since.elapsed() > limit {
-                self.violated(format!("the run does not end, scan {}", cell.scan()));
-                return;
-            }
-            if self.signals.count() > 0 && !interrupted {
-                cell.interrupt();
-                break;
-            }
-            cell.look_until(Instant::now() + Duration::from_millis(2));
-        }
-        while cell.look() && since.elapsed() < limit {
-            cell.look_until(Instant::now() + Duration::from_millis(2));
-        }
-        if self.signals.count() == 0 {
-            cell.judge.finish();
-            let code = cell.status.and_then(|status| status.code());
-            if code != Some(0) {
-                self.violated(format!("the run ended with {:?}", cell.status));
-            }
-            self.judge_report(out);
-        }
-        for words in std::mem::take(&mut cell.judge.violations) {
-            self.violated(words);
-        }
-        self.judged += cell.judge.judged;
-        self.unseen += cell.judge.unseen;
-        self.off_path_max = self.off_path_max.max(cell.judge.off_path_increments_max);
-        self.status_age_max = self.status_age_max.max(cell.status_age_scans_max);
-        self.status_looks += cell.status_looks;
-        self.orders.0 += cell.orders.0;
-        self.orders.1 += cell.orders.1;
-        let orphans = cell::processes_of(&self.cell_name);
-        if !orphans.is_empty() {
-            self.violated(format!("processes that outlive their run: {orphans:?}"));
-        }
-        if let Ok(place) = CellPaths::new(&self.cell_name) {
-            // The soak's own ports are open still: what counts is who holds nothing.
-            self.shared_after(&place);
-        }
-    }
-
-    fn shared_after(&mut self, place: &CellPaths) {
-        let files = cell::files_of(place);
-        if files > 0 {
-            self.violated(format!(
-                "{files} files of the cell in /dev/shm after its run"
-            ));
-        }
-    }
-
-    /// What the log says: limits, samples, how it ended.
-    fn judge_report(&mut self, out: &Path) {
-        let report = fs::read_to_string(out.join("report.json"))
-            .map_err(anyhow::Error::from)
-            .and_then(|text| Ok(serde_json::from_str::<serde_json::Value>(&text)?));
-        let report = match report {
-            Ok(report) => report,
-            Err(error) => {
-                self.violated(format!("no report: {}", words(&error)));
-                return;
-            }
-        };
-        for limit in ["velocity", "acceleration", "travel"] {
-            let pointer = format!("/limits/{limit}_exceeded");
-            match report.pointer(&pointer).and_then(serde_json::Value::as_u64) {
-                Some(0) => {}
-                count => self.violated(format!("{limit} limit exceeded in the log: {count:?}")),
-            }
-        }
-        if report.pointer("/outcome/kind").and_then(|k| k.as_str()) != Some("completed") {
-            let outcome = report.pointer("/outcome").map(ToString::to_string);
-            self.violated(format!("the report says {outcome:?}"));
-        }
-    }
-
     fn conclude(mut self, seed: u64) -> Outcome {
         say("");
         say(&self.tally.words());
         let growth = self.growth_kb_max.iter();
         let growth: Vec<String> = growth.map(|(role, kb)| format!("{role} {kb}")).collect();
         say(&format!(
-            "{} kills, {} faults, {} runs, {:.0} s; {} scans judged, {} not seen\n\
+            "{} kills, {} faults, {} clients killed or stopped, {} runs, {:.0} s; {} scans judged, {} not seen\n\
              commanded points off the path: at most {:.2} increments; scans overrun and counted: {}\n\
              operator: {} orders obeyed, {} refused until the machine was ready for them\n\
              growth of a process, in kB at most: {}; at most {} open files; of the cell's shared memory: {} files\n\
              status: of {} looks none saw the machine older than {} scans before a servo's last answer",
             self.kills,
             self.faults,
+            self.clients,
             self.runs,
             self.began.elapsed().as_secs_f64(),
             self.judged,
@@ -603,5 +585,13 @@ impl Soak<'_> {
             )));
         }
         Ok(())
+    }
+}
+
+/// Copies the files of a folder that goes with the soak.
+fn keep(folder: &Path, to: &Path) {
+    let _ = fs::create_dir(to);
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let _ = fs::copy(entry.path(), to.join(entry.file_name()));
     }
 }

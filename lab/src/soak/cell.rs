@@ -11,7 +11,9 @@ use anyhow::{Context, bail};
 use bus::cell::CellPaths;
 use bus::port::{OperatorClient, PendingOrder, Reader};
 use bus::process::watch;
-use bus::sample::{Feedback, Job, Mode, OperatorRequest, Order, Participant, Refused, Roster};
+use bus::sample::{
+    Cause, Feedback, Job, Mode, OperatorRequest, Order, Participant, Refused, Roster,
+};
 use bus::service::{Bus, RECORDER_DEPTH_SCANS};
 use bus::signal_page::SignalPage;
 use control::path::Path as ProgramPath;
@@ -303,6 +305,8 @@ impl Cell {
         };
         let order = match Mode::from_wire(feedback.mode) {
             Some(Mode::Disabled) => Order::Enable,
+            // From every other trip of a soak the machine goes on by itself.
+            Some(Mode::Tripped) if feedback.cause == Cause::Stalled as u32 => Order::Enable,
             Some(Mode::Enabled) if feedback.hold == 1 => Order::Resume,
             _ => return,
         };
@@ -345,18 +349,33 @@ impl Cell {
         .collect()
     }
 
+    /// Starts a command of an operator's to the cell.
+    pub fn client(&self, words: &[&str]) -> Option<Child> {
+        Command::new("/proc/self/exe")
+            .arg0("quadrant")
+            .args(words)
+            .args(["--cell", self.place.name()])
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .process_group(0)
+            .spawn()
+            .ok()
+    }
+
+    /// Sends a signal to the launcher, unless it has ended.
+    pub fn signal_launcher(&self, signal: Signal) {
+        if let Some(pid) = Pid::from_raw(self.launcher)
+            && self.status.is_none()
+        {
+            let _ = kill_process(pid, signal);
+        }
+    }
+
     /// Dead children that nobody has reaped.
     pub fn zombies(&self) -> Vec<i32> {
         let dead = |pid: &i32| stat(*pid) == Some((self.launcher, 'Z'));
         all_pids().filter(dead).collect()
-    }
-
-    /// Hands an interruption on to the run.
-    pub fn interrupt(&mut self) {
-        self.judge.may_stop();
-        if let Some(pid) = Pid::from_raw(self.launcher) {
-            let _ = kill_process(pid, Signal::INT);
-        }
     }
 
     /// What of the cell is in shared memory.

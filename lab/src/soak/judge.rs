@@ -31,6 +31,8 @@ pub struct Reactions {
     pub disabled: bool,
     /// All axes braked together.
     pub tripped: bool,
+    /// The master was stalled itself, and waited for its operator.
+    pub stalled: bool,
     /// The tool came to rest on the path, a window in force.
     pub rested: bool,
     /// Another controller's command was taken.
@@ -74,6 +76,7 @@ impl Reactions {
         match self {
             _ if early => "(another fault before it was over)",
             r if r.disabled => "drives off, enabled and resumed by the operator",
+            r if r.stalled => "drives braked by themselves, enabled and resumed by the operator",
             r if r.tripped => "all axes braked together, went back to the path and on",
             r if r.rested && !ended => "rested on the path and went on",
             r if r.took_over => "standby took over, motion undisturbed",
@@ -217,7 +220,9 @@ impl Judge {
             ));
         }
         if mode == Mode::Tripped && from != Mode::Tripped {
-            let lost = [Cause::ServoLost as u32, Cause::Watchdog as u32];
+            // A machine that was stalled itself waits for its operator.
+            let lost =
+                [Cause::ServoLost, Cause::Watchdog, Cause::Stalled].map(|cause| cause as u32);
             if !lost.contains(&feedback.cause) {
                 let why = Cause::from_wire(feedback.cause).map_or("an unknown cause", Cause::words);
                 let axis = self.bounds.get(feedback.cause_axis as usize);
@@ -234,6 +239,7 @@ impl Judge {
         let reactions = &mut self.reactions;
         reactions.disabled |= restarted;
         reactions.tripped |= mode == Mode::Tripped;
+        reactions.stalled |= mode == Mode::Tripped && feedback.cause == Cause::Stalled as u32;
         reactions.rested |=
             mode == Mode::Enabled && !feedback.window.is_none() && feedback.at_rest == 1;
         let controller = |axis: &AxisFeedback| (axis.taken_role, axis.taken_incarnation);

@@ -53,6 +53,8 @@ struct Row {
 #[derive(Debug, Clone, Default)]
 pub struct Tally {
     rows: BTreeMap<&'static str, Row>,
+    /// From their cause until commands had returned, in ms.
+    returned: BTreeMap<&'static str, Spread>,
     /// From a kill until the kernel tells of it, in ms.
     pub notification_ms: Spread,
     /// A process that does nothing, from its start until it is reaped, in ms.
@@ -85,6 +87,11 @@ impl Tally {
         if let Some(scans) = came.whole_scans {
             row.whole_scans.add(scans);
         }
+    }
+
+    /// A command returned so long after its cause.
+    pub fn returned(&mut self, what: &'static str, ms: f64) {
+        self.returned.entry(what).or_default().add(ms);
     }
 
     /// The table.
@@ -120,6 +127,15 @@ impl Tally {
             for (reaction, times) in &row.reactions {
                 let _ = writeln!(text, "    {times:>5} × {reaction}");
             }
+        }
+        for (what, ms) in &self.returned {
+            let _ = writeln!(
+                text,
+                "{what:<34} {:>7}   {:>26}   {}",
+                ms.count(),
+                "",
+                ms.words(1)
+            );
         }
         let _ = writeln!(
             text,

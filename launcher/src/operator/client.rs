@@ -249,6 +249,10 @@ fn not_running(place: &CellPaths) -> Failure {
 pub(super) fn running(cell: Option<&str>) -> Result<Observer, Failure> {
     if let Some(name) = cell {
         let place = CellPaths::new(name).input()?;
+        // Another user's cell may well run.
+        if let Err(error) = place.must_be_ours() {
+            return Err(Failure::Stopped(error.into()));
+        }
         return Observer::of(place.clone()).ok_or_else(|| not_running(&place));
     }
     let mut running = Vec::new();
