@@ -14,6 +14,19 @@ fn a_dozen_live_kills_break_nothing() {
     assert!(printed.contains("violations: 0"), "{printed}");
 }
 
+/// Clients, orders, frozen and starved cells, full places and launchers that are killed, as many as there is time for.
+#[test]
+fn half_a_minute_of_everything_breaks_and_leaves_nothing() {
+    let soak = quadrant()
+        .args(["soak", "machines/xy", "--hours", "0.008", "--seed", "5"])
+        .output()
+        .expect("a soak");
+    let printed = String::from_utf8_lossy(&soak.stdout);
+    let stderr = String::from_utf8_lossy(&soak.stderr);
+    assert_eq!(soak.status.code(), Some(0), "{printed}{stderr}");
+    assert!(printed.contains("violations: 0"), "{printed}");
+}
+
 /// A master that is killed between saying a scan and saving it: whoever comes after it must not say that scan again.
 #[test]
 fn in_lockstep_the_master_is_killed_at_any_instant_and_the_next_one_is_answered() {
@@ -27,10 +40,11 @@ fn in_lockstep_the_master_is_killed_at_any_instant_and_the_next_one_is_answered(
 }
 
 #[test]
-fn a_soak_without_a_number_of_kills_or_of_no_machine_is_refused() {
+fn a_soak_without_an_end_or_of_no_machine_is_refused() {
     for arguments in [
         ["soak", "machines/xy"].as_slice(),
         &["soak", "nowhere", "--kills", "3"],
+        &["soak", "machines/xy", "--hours", "0"],
     ] {
         let soak = quadrant().args(arguments).output().expect("a soak");
         assert_eq!(soak.status.code(), Some(2), "{arguments:?}");

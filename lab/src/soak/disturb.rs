@@ -152,7 +152,7 @@ impl Soak<'_> {
         }
     }
 
-    /// Gives an order that must be obeyed unless the run ends meanwhile.
+    /// Gives an order that must be obeyed unless the machine trips or the run ends meanwhile.
     fn must_obey(&mut self, cell: &mut Cell, what: &'static str, words: &[&str]) {
         let cause = Instant::now();
         let Some(child) = cell.client(words) else {
@@ -160,8 +160,10 @@ impl Soak<'_> {
         };
         let status = self.await_return(cell, what, child, cause);
         let refused = status.is_some_and(|status| !status.success());
-        let goes_on = cell.look() && cell.mode() != Some(Mode::Finished);
-        if refused && goes_on {
+        let goes_on = cell.look() && cell.mode() == Some(Mode::Enabled);
+        // On a busy PC a machine can be stalled at any time, and trips.
+        let reactions = cell.judge.reactions;
+        if refused && goes_on && !reactions.tripped && !reactions.disabled {
             let mode = cell.mode().map_or("without a mode", Mode::word);
             self.violated(format!(
                 "{what} is refused: {mode}, scan {}: {status:?}",
