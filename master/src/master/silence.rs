@@ -22,6 +22,7 @@ use super::switch::Taken;
 /// Where the window in force has the axes in the scan that ends, in the one that comes next and in the one after it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NextScan<'a> {
+    scan: u64,
     positions: Option<[&'a [i64; MAX_AXES]; 3]>,
     at_rest: bool,
     scan_s: f64,
@@ -32,6 +33,7 @@ impl<'a> NextScan<'a> {
     pub fn after(scan: u64, scan_s: f64, windows: &'a WindowArbiter) -> NextScan<'a> {
         let [now, next, after] = [0, 1, 2].map(|ahead| windows.positions(scan + ahead));
         NextScan {
+            scan,
             positions: now.zip(next).zip(after).map(|((a, b), c)| [a, b, c]),
             at_rest: windows.at_rest(scan),
             scan_s,
@@ -118,10 +120,12 @@ impl AxisUnit {
         let lost = matches!(taken, Taken::Lost);
         let missed = matches!(taken, Taken::Missed) && self.missed_in_a_row >= SILENT_SCANS;
         let by_hand = self.driver != Driver::Program;
-        if !(lost || missed) || lost && by_hand {
+        let never_commanded = self.command.incarnation == 0;
+        if !(lost || missed) || lost && by_hand || never_commanded {
             return fault;
         }
         self.silent = true;
+        self.command.scan = next.scan;
         let wanted = if by_hand {
             Wanted::Slow
         } else {
