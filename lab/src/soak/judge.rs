@@ -24,6 +24,14 @@ struct Bounds {
     high: f64,
 }
 
+/// The last command of an axis.
+#[derive(Debug, Clone, Copy, Default)]
+struct Commanded {
+    /// It was the master's own.
+    is_own: bool,
+    scan: u64,
+}
+
 /// What the machine did since it was last asked ([`Judge::reactions`]).
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Reactions {
@@ -53,6 +61,8 @@ pub struct Judge {
     before: Option<Feedback>,
     /// Last steps of the command positions, in increments per scan, and over how many scans.
     steps: Vec<Option<(f64, f64)>>,
+    /// Who has commanded the axes last, and for which scan.
+    commanded: Vec<Commanded>,
     /// Where on the path the setpoints of the last scans are.
     tags: VecDeque<(u64, PathTag)>,
     ends: bool,
@@ -118,6 +128,7 @@ impl Judge {
             end: if straight { end.collect() } else { Vec::new() },
             path: straight.then(|| path.clone()),
             steps: vec![None; bounds.len()],
+            commanded: vec![Commanded::default(); bounds.len()],
             bounds,
             before: None,
             tags: VecDeque::new(),
@@ -194,6 +205,7 @@ impl Judge {
 
     fn forget(&mut self) {
         self.steps.iter_mut().for_each(|step| *step = None);
+        self.commanded.fill(Commanded::default());
         self.tags.clear();
     }
 
@@ -203,6 +215,8 @@ impl Judge {
         };
         let allowed = match (from, mode) {
             (a, b) if a == b => true,
+            // Drives that have braked by themselves take a while to come on again.
+            (Mode::Tripped, Mode::Disabled) if before.cause == Cause::Stalled as u32 => true,
             (_, Mode::Disabled) => restarted,
             (Mode::Disabled, Mode::Enabled) => feedback.hold == 1,
             (Mode::Enabled, Mode::Finished | Mode::Tripped) => true,
@@ -275,17 +289,30 @@ impl Judge {
             else {
                 continue;
             };
-            let scans = now.command_scan.saturating_sub(then.command_scan) as f64;
+            let Some(commanded) = self.commanded.get_mut(index) else {
+                continue;
+            };
             let way = now.command_position.saturating_sub(then.command_position) as f64;
+            let since = commanded.scan.max(then.command_scan);
+            *commanded = Commanded {
+                is_own: now.command_scan == then.command_scan && (way != 0.0 || commanded.is_own),
+                scan: since,
+            };
+            // An axis whose servo is silent is brought to rest along the window by the master itself.
+            let at = match commanded.is_own && way != 0.0 {
+                true => feedback.scan.saturating_sub(1),
+                false => now.command_scan,
+            };
+            let scans = at.saturating_sub(since) as f64;
             let mut broken = None;
             if scans == 0.0 {
-                // No command: the command position must not have moved.
                 if way != 0.0 {
                     broken = Some(format!(
                         "its command position moved by {way} increments without a command"
                     ));
                 }
             } else {
+                commanded.scan = at;
                 let step = way / scans;
                 if step.abs() > bounds.step {
                     broken = Some(format!(
@@ -330,6 +357,10 @@ impl Judge {
         let Some(path) = &self.path else { return };
         let mut worst = None;
         for (index, (axis, bounds)) in feedback.axes().iter().zip(&self.bounds).enumerate() {
+            // The tag tells where the servo's command lies, not the master's own.
+            if self.commanded.get(index).is_some_and(|axis| axis.is_own) {
+                continue;
+            }
             let tag = self
                 .tags
                 .iter()

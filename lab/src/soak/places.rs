@@ -12,8 +12,8 @@ use rustix::fs::{FallocateFlags, fallocate};
 const MARK: &str = "QUADRANT_SOAK_NAMESPACE";
 /// Becomes the soak once it has a small shared memory.
 const ENTER: &str = "mount -t tmpfs -o size=64m,mode=1777 soak /dev/shm && exec \"$@\"";
-/// Options of the small disk.
-const DISK: &str = "size=64m,mode=700";
+/// Options of the small disk: the logs of a run with many recorders fit.
+const DISK: &str = "size=512m,mode=700";
 /// Sizes in which room is taken, in bytes, until not even the last one fits.
 const TAKEN: [u64; 4] = [16 << 20, 1 << 20, 64 << 10, 4 << 10];
 
