@@ -29,6 +29,20 @@ pub(crate) const MEMBERS_LOCK: &str = "members.lock";
 /// Longest cell name: the socket path limit of iceoryx2 (68 characters for prefix and root) leaves no more.
 pub const CELL_NAME_LENGTH_MAX: usize = 20;
 
+/// Whether every process that a segment's name names lives. iceoryx2 0.10 names segments by the ports at their ends, as numbers of
+/// 128 bits that hold the process id in bits 64 to 95. A name without such a number names nobody.
+fn all_makers_live(segment: &Path) -> bool {
+    let name = segment.file_name().unwrap_or_default().to_string_lossy();
+    let mut makers = name
+        .split(['_', '.'])
+        .filter_map(|part| part.parse::<u128>().ok())
+        .filter(|id| *id > u128::from(u64::MAX))
+        .map(|id| (id >> 64) as u32)
+        .peekable();
+    let lives = |pid: u32| Path::new("/proc").join(pid.to_string()).exists();
+    makers.peek().is_some() && makers.all(lives)
+}
+
 /// Whether this can name a cell: lower-case letters, digits and hyphens.
 pub fn is_cell_name(name: &str) -> bool {
     !name.is_empty()
@@ -493,8 +507,8 @@ impl CellPaths {
             .collect()
     }
 
-    /// Removes segments that still have no size after [`UNFINISHED_FOR`]: whoever made them was killed over it, and whoever opens
-    /// one would wait for its size without end (iceoryx2 0.10).
+    /// Removes segments that still have no size after [`UNFINISHED_FOR`] and whose maker is dead: it was killed over it, and
+    /// whoever opens one would wait for its size without end (iceoryx2 0.10).
     pub(crate) fn remove_unfinished(&self) {
         let before = self.unfinished();
         if before.is_empty() {
@@ -502,7 +516,7 @@ impl CellPaths {
         }
         std::thread::sleep(UNFINISHED_FOR);
         for (path, inode) in self.unfinished() {
-            if before.contains(&(path.clone(), inode)) {
+            if before.contains(&(path.clone(), inode)) && !all_makers_live(&path) {
                 let removed = fs::remove_file(&path);
                 tracing::warn!(path = %path.display(), ?removed, "a segment that was never finished");
             }

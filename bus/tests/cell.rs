@@ -205,8 +205,27 @@ fn a_segment_that_was_never_finished_goes_when_the_dead_are_cleaned_up_after() {
     let mut reader = launcher.feedback_reader(SCAN_DEPTH).expect("a reader");
     let unfinished = format!("/dev/shm/qd-{}_unfinished.connection", place.name());
     std::fs::write(&unfinished, "").expect("a segment without a size");
+    // Whoever lives and was only stopped over it will finish it; whoever is dead will not.
+    let of = |pid: u32| {
+        format!(
+            "/dev/shm/qd-{}_{}.data",
+            place.name(),
+            u128::from(pid) << 64 | 7
+        )
+    };
+    let mut dead = std::process::Command::new("true")
+        .spawn()
+        .expect("a process");
+    let (living, of_dead) = (of(std::process::id()), of(dead.id()));
+    dead.wait().expect("its end");
+    for segment in [&living, &of_dead] {
+        std::fs::write(segment, "").expect("a segment without a size");
+    }
     launcher.clean_dead();
-    assert!(!std::path::Path::new(&unfinished).exists());
+    let is_there = |path: &str| std::path::Path::new(path).exists();
+    assert!(!is_there(&unfinished) && !is_there(&of_dead));
+    assert!(is_there(&living), "its maker is about to give it its size");
+    std::fs::remove_file(&living).expect("removing it");
     writer.send(&Feedback::zeroed());
     assert!(reader.any().is_some(), "the segments of the living stay");
     drop((writer, reader, services));
