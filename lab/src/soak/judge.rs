@@ -222,7 +222,9 @@ impl Judge {
             (Mode::Enabled, Mode::Finished | Mode::Tripped) => true,
             (Mode::Tripped, Mode::Enabled) => true,
             (Mode::Enabled, Mode::Stopping | Mode::Stopped) => self.ends,
+            // Also a machine at rest trips when a servo is lost or the master stalls.
             (Mode::Stopping, Mode::Stopped | Mode::Tripped) => self.ends,
+            (Mode::Stopped, Mode::Tripped) => self.ends,
             _ => false,
         };
         if !allowed || restarted && mode != Mode::Disabled {
