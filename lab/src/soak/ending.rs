@@ -192,8 +192,8 @@ impl Soak<'_> {
             self.violated(format!("{words}, its report says {kind}"));
         }
         let events = fs::read_to_string(out.join("events.jsonl")).unwrap_or_default();
-        let last = events.lines().filter(|line| line.contains("\"ended\""));
-        let last = last.last().unwrap_or("nothing").to_string();
+        let mut last = events.lines().filter(|line| line.contains("\"ended\""));
+        let last = last.next_back().unwrap_or("nothing").to_string();
         let is_finished = last.contains("the machine is finished");
         if is_finished != (kind == "completed") || last == "nothing" {
             self.violated(format!(
