@@ -149,7 +149,11 @@ impl MasterPorts for Counted {
         self.ports.await_answers(scan, ask_planner)
     }
 
-    fn serve_orders(&mut self, scan: u64, judge: impl FnMut(&OperatorRequest) -> OperatorResponse) {
+    fn serve_orders(
+        &mut self,
+        scan: u64,
+        judge: impl FnMut(&OperatorRequest) -> (OperatorResponse, Latches),
+    ) {
         self.ports.serve_orders(scan, judge);
     }
 

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::support::root;
 
 /// The crates in the order of the map in docs: each may use those before it in the list, and not all of them.
-const CRATES: [(&str, &[&str]); 14] = [
+const CRATES: [(&str, &[&str]); 15] = [
     ("bus", &[]),
     ("machine", &["bus"]),
     ("control", &[]),
@@ -55,6 +55,7 @@ const CRATES: [(&str, &[&str]); 14] = [
             "launcher",
         ],
     ),
+    ("model", &["bus", "machine", "planner", "servo", "master"]),
 ];
 
 /// Names in the `[dependencies]` table of a crate.
@@ -113,7 +114,12 @@ fn each_crate_uses_only_what_the_map_allows_it() {
     let folders = fs::read_dir(root()).expect("the workspace").flatten();
     for folder in folders.filter(|f| f.path().join("Cargo.toml").exists()) {
         let name = folder.file_name().to_string_lossy().into_owned();
-        assert!(names.contains(&name.as_str()), "{name} is not in the map");
+        // A workspace of its own.
+        let apart = name == "fuzz";
+        assert!(
+            apart || names.contains(&name.as_str()),
+            "{name} is not in the map"
+        );
     }
 }
 
@@ -311,6 +317,7 @@ fn code_that_runs_in_a_scan_refuses_to_panic_by_lint() {
     for file in [
         "bus/src/member.rs",
         "bus/src/signal_page.rs",
+        "bus/src/signal_page/words.rs",
         "bus/src/port.rs",
         "bus/src/window.rs",
         "control/src/backlash.rs",

@@ -7,8 +7,10 @@ use std::os::fd::{AsFd, AsRawFd};
 use std::os::unix::fs::OpenOptionsExt;
 use std::time::{Duration, Instant};
 
+use bus::sample::Mode;
+
 use crate::support::{
-    Bench, LiveCell, Run, circle_program, long_program, number, send, text, traces_of,
+    Bench, LiveCell, Run, circle_program, long_program, number, quadrant, send, text, traces_of,
 };
 
 /// Moments, on a PC that does other things as well.
@@ -112,6 +114,30 @@ fn a_master_killed_after_its_last_feedback_is_not_missed() {
         "{:?}",
         traces_of(&run.cell)
     );
+}
+
+/// Who has ordered a run to end is told that it comes to rest. One that was brought on again would be ended in motion, 15 s later.
+#[test]
+fn a_run_that_is_ended_by_ctrl_c_is_not_brought_on_by_another_terminal() {
+    // It rests for 3 s before it ends.
+    let rests = ("[scan]\n", "[scan]\nsettle_scans = 3000\n");
+    let bench = Bench::of("xy", &[PATIENT, rests]);
+    let program = bench.file("circle.ngc", &long_program());
+    let mut cell = LiveCell::start(bench.path(), &program, "realtime");
+    cell.wait_for(|f| f.tag.element >= 2 && f.tag.distance_mm > 10.0);
+    cell.signal_launcher(libc::SIGINT);
+    cell.wait_for(|f| f.mode == Mode::Stopped as u32);
+    for order in ["resume", "enable"] {
+        let refused = quadrant()
+            .args([order, "--cell", &cell.cell])
+            .output()
+            .expect("quadrant");
+        let why = String::from_utf8_lossy(&refused.stderr);
+        assert_eq!(refused.status.code(), Some(1), "{order}: {why}");
+        assert!(why.contains("about to end"), "{order}: {why}");
+    }
+    let run = cell.finish();
+    assert_eq!(run.status(), 130, "{}", run.stderr());
 }
 
 /// A launcher that is stopped for a moment finds both when it goes on: the master dead, and the order to stop.

@@ -18,6 +18,7 @@ mod in_process;
 mod interruption;
 mod killed_clients;
 mod leftovers;
+mod linearizable;
 mod liveness;
 mod metrics;
 mod monitor_live;

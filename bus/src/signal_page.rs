@@ -14,7 +14,6 @@ use std::fs::OpenOptions;
 use std::os::fd::AsFd;
 use std::os::unix::fs::OpenOptionsExt;
 use std::ptr::NonNull;
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
 
 use rustix::mm::{MapFlags, ProtFlags};
@@ -24,7 +23,15 @@ use crate::cell::{CellError, CellPaths};
 use crate::room;
 use crate::sample::{MAX_PARTICIPANTS, OperatorRequest, OperatorResponse, Order};
 
-const MAGIC: u64 = u64::from_le_bytes(*b"QUADRAN4");
+use atomic::{AtomicU32, AtomicU64, Ordering};
+use words::{Outstanding, Requests, Saved, Urgent};
+
+mod atomic {
+    pub use std::sync::atomic::{AtomicU32, AtomicU64, Ordering, fence};
+}
+mod words;
+
+const MAGIC: u64 = u64::from_le_bytes(*b"QUADRAN5");
 /// Most faults a script of one run can have.
 pub const FAULTS_MAX: usize = 1024;
 /// Bytes kept for one saved state of the master.
@@ -126,25 +133,19 @@ struct Layout {
     magic: AtomicU64,
     launcher_pid: AtomicU32,
     phase: AtomicU32,
-    answers: Answers,
+    answers: Outstanding,
     scan: Signal,
     planner: Signal,
     machine: Signal,
     monitor: Signal,
     launcher: Signal,
     recorded: Recorded,
-    urgent: [UrgentWords; URGENT.len()],
+    urgent: [Urgent<ANSWER_WORDS, ANSWERS_KEPT>; URGENT.len()],
     requests: Requests,
     places: [PlaceWords; MAX_PARTICIPANTS],
-    saved: [SavedState; 2],
+    saved: Saved<{ MACHINE_STATE_BYTES / 8 }>,
     /// Per fault of the script: 0 until it fires, then its scan + 1.
     fired: [AtomicU64; FAULTS_MAX],
-}
-
-#[repr(C, align(64))]
-struct Answers {
-    outstanding: AtomicU32,
-    eager: AtomicU32,
 }
 
 #[repr(C, align(64))]
@@ -152,42 +153,11 @@ struct Recorded {
     scans: AtomicU64,
 }
 
-/// Orders that must always come through: they need no place in a service, and wait here for a master that is being replaced.
+/// Orders that must always come through.
 const URGENT: [Order; 3] = [Order::Stop, Order::Hold, Order::Down];
-
-/// One such order, and the last answer to it. All who have asked by the time it is judged have the same answer.
-#[repr(C, align(64))]
-struct UrgentWords {
-    /// Times it was asked for.
-    asked: AtomicU32,
-    /// Of these, those that are answered.
-    answered: AtomicU32,
-    answer: [AtomicU64; size_of::<OperatorResponse>() / 8],
-}
-
-/// What the master asks of the launcher: one request at a time.
-#[repr(C, align(64))]
-struct Requests {
-    /// Requests made; the newest is in the slot of its parity, so that the one before is never torn by it.
-    asked: AtomicU64,
-    /// The last one that was answered.
-    done: AtomicU64,
-    slots: [RequestWords; 2],
-}
-
-#[repr(C)]
-struct RequestWords {
-    scan: AtomicU64,
-    index: AtomicU32,
-    step: AtomicU32,
-}
-
-impl Requests {
-    fn slot(&self, ticket: u64) -> &RequestWords {
-        let [even, odd] = &self.slots;
-        if ticket.is_multiple_of(2) { even } else { odd }
-    }
-}
+const ANSWER_WORDS: usize = size_of::<OperatorResponse>() / 8;
+/// Answers to orders of one kind that are kept for who looks late.
+const ANSWERS_KEPT: usize = 4;
 
 /// A line of its own for each: it is written in every scan.
 #[repr(C, align(64))]
@@ -195,13 +165,6 @@ struct PlaceWords {
     ready_incarnation: AtomicU32,
     /// The last scan it was done with, + 1; 0 before the first.
     answered_scan: AtomicU64,
-}
-
-#[repr(C, align(64))]
-struct SavedState {
-    /// Odd while it is being written; the higher even one is the newer whole one.
-    version: AtomicU64,
-    words: [AtomicU64; MACHINE_STATE_BYTES / 8],
 }
 
 /// The mapped page.
@@ -310,7 +273,7 @@ impl SignalPage {
         unsafe { self.layout.as_ref() }
     }
 
-    fn urgent(&self, order: Order) -> Option<&UrgentWords> {
+    fn urgent(&self, order: Order) -> Option<&Urgent<ANSWER_WORDS, ANSWERS_KEPT>> {
         let index = URGENT.iter().position(|urgent| *urgent == order)?;
         self.layout().urgent.get(index)
     }
@@ -318,43 +281,26 @@ impl SignalPage {
     /// Gives an order that must always come through: stop, hold, down. Its number, for [`SignalPage::urgent_answer`]; none for
     /// any other order.
     pub fn order_urgently(&self, order: Order) -> Option<u32> {
-        let number = self.urgent(order)?.asked.fetch_add(1, Ordering::AcqRel);
+        let number = self.urgent(order)?.ask();
         self.master_signal().raise();
-        Some(number.wrapping_add(1))
+        Some(number)
     }
 
     /// The answer to an order of that number, once it is there.
     pub fn urgent_answer(&self, order: Order, number: u32) -> Option<OperatorResponse> {
-        let words = self.urgent(order)?;
-        let is_answered =
-            || words.answered.load(Ordering::Acquire).wrapping_sub(number) as i32 >= 0;
-        if !is_answered() {
-            return None;
-        }
-        let mut answer = [0u64; size_of::<OperatorResponse>() / 8];
-        for (value, word) in answer.iter_mut().zip(&words.answer) {
-            *value = word.load(Ordering::Acquire);
-        }
-        Some(bytemuck::cast(answer))
+        self.urgent(order)?.answer(number).map(bytemuck::cast)
     }
 
     /// Judges the urgent orders that are there; for the master. One that dies between judging and answering leaves the order to
     /// the next: each of them may be given twice.
     pub fn serve_urgent(&self, mut judge: impl FnMut(&OperatorRequest) -> OperatorResponse) {
         for (order, words) in URGENT.iter().zip(&self.layout().urgent) {
-            let asked = words.asked.load(Ordering::Acquire);
-            if asked == words.answered.load(Ordering::Acquire) {
-                continue;
-            }
-            let response = judge(&OperatorRequest {
-                order: *order as u32,
-                ..OperatorRequest::default()
+            words.serve(|| {
+                bytemuck::cast(judge(&OperatorRequest {
+                    order: *order as u32,
+                    ..OperatorRequest::default()
+                }))
             });
-            let answer: [u64; size_of::<OperatorResponse>() / 8] = bytemuck::cast(response);
-            for (word, value) in words.answer.iter().zip(answer) {
-                word.store(value, Ordering::Release);
-            }
-            words.answered.store(asked, Ordering::Release);
         }
     }
 
@@ -415,22 +361,17 @@ impl SignalPage {
 
     /// Says how many answers this scan waits for: the last to answer rings. For the master.
     pub fn expect_answers(&self, count: u32) {
-        let answers = &self.layout().answers;
-        answers.eager.store(0, Ordering::Relaxed);
-        answers.outstanding.store(count, Ordering::Release);
+        self.layout().answers.expect(count);
     }
 
     /// From now on in this scan every answer rings: someone died or came back and the count no longer holds.
     pub fn expect_eagerly(&self) {
-        // Ordered before the look at the ports that follows: an answer is seen there, or its ring is.
-        self.layout().answers.eager.swap(1, Ordering::SeqCst);
+        self.layout().answers.expect_eagerly();
     }
 
     /// Says that this process has answered the scan.
     pub fn answered(&self) {
-        let answers = &self.layout().answers;
-        let before = answers.outstanding.fetch_sub(1, Ordering::SeqCst);
-        if before == 1 || answers.eager.load(Ordering::SeqCst) != 0 {
+        if self.layout().answers.answered() {
             self.layout().machine.raise();
         }
     }
@@ -496,95 +437,57 @@ impl SignalPage {
     /// For the master, one request after the other.
     pub fn ask_launcher(&self, index: usize, step: FaultStep, scan: u64) -> u64 {
         let layout = self.layout();
-        let requests = &layout.requests;
-        let ticket = requests.asked.load(Ordering::Relaxed) + 1;
-        let slot = requests.slot(ticket);
-        slot.scan.store(scan, Ordering::Relaxed);
-        slot.index.store(index as u32, Ordering::Relaxed);
-        slot.step.store(step as u32, Ordering::Relaxed);
-        requests.asked.store(ticket, Ordering::Release);
+        let ticket = layout.requests.ask(index as u32, step as u32, scan);
         layout.launcher.raise();
         ticket
     }
 
     /// What the master asks for and has no answer to; for the launcher.
     pub fn launcher_request(&self) -> Option<FaultRequest> {
-        let requests = &self.layout().requests;
-        let ticket = requests.asked.load(Ordering::Acquire);
-        if ticket <= requests.done.load(Ordering::Acquire) {
-            return None;
-        }
-        let slot = requests.slot(ticket);
+        let (ticket, index, step, scan) = self.layout().requests.open()?;
         Some(FaultRequest {
             ticket,
-            index: slot.index.load(Ordering::Relaxed) as usize,
-            step: FaultStep::from_word(slot.step.load(Ordering::Relaxed))?,
-            scan: slot.scan.load(Ordering::Relaxed),
+            index: index as usize,
+            step: FaultStep::from_word(step)?,
+            scan,
         })
     }
 
     /// Says that what this ticket asked for is done; for the launcher.
     pub fn launcher_done(&self, ticket: u64) {
         let layout = self.layout();
-        layout.requests.done.fetch_max(ticket, Ordering::Release);
+        layout.requests.answer(ticket);
         layout.machine.raise();
     }
 
     /// Whether the launcher has done what this ticket asked for.
     pub fn is_done(&self, ticket: u64) -> bool {
-        self.layout().requests.done.load(Ordering::Acquire) >= ticket
+        self.layout().requests.is_done(ticket)
     }
 
     /// Saves the master's mechanical state into the older of two slots, so that a kill in the middle of it leaves
     /// the other one whole. Bytes beyond [`MACHINE_STATE_BYTES`] are not kept: the caller's state must fit.
     pub fn save_machine_state(&self, bytes: &[u8]) {
-        let [a, b] = &self.layout().saved;
-        let (a_version, b_version) = (even(a), even(b));
-        let (slot, newer) = if a_version <= b_version {
-            (a, b_version)
-        } else {
-            (b, a_version)
-        };
-        slot.version.store(newer + 1, Ordering::SeqCst);
-        let mut chunks = bytes.chunks(8);
-        for word in &slot.words {
+        self.layout().saved.save(bytes.chunks(8).map(|chunk| {
             let mut value = [0; 8];
-            if let Some(chunk) = chunks.next() {
-                for (to, from) in value.iter_mut().zip(chunk) {
-                    *to = *from;
-                }
-            } else {
-                break;
+            for (to, from) in value.iter_mut().zip(chunk) {
+                *to = *from;
             }
-            word.store(u64::from_le_bytes(value), Ordering::Relaxed);
-        }
-        slot.version.store(newer + 2, Ordering::SeqCst);
+            u64::from_le_bytes(value)
+        }));
     }
 
     /// The last whole state that was saved, if any: `bytes` is filled from its start.
     pub fn load_machine_state(&self, bytes: &mut [u8]) -> bool {
-        let [a, b] = &self.layout().saved;
-        let slot = if even(a) >= even(b) { a } else { b };
-        if even(slot) == 0 {
+        let Some(words) = self.layout().saved.load() else {
             return false;
-        }
-        for (chunk, word) in bytes.chunks_mut(8).zip(&slot.words) {
-            let value = word.load(Ordering::Relaxed).to_le_bytes();
-            for (to, from) in chunk.iter_mut().zip(value) {
+        };
+        for (chunk, word) in bytes.chunks_mut(8).zip(words) {
+            for (to, from) in chunk.iter_mut().zip(word.to_le_bytes()) {
                 *to = from;
             }
         }
         true
-    }
-}
-
-/// Version of a slot if it is whole, 0 if it never was or is torn.
-fn even(slot: &SavedState) -> u64 {
-    let version = slot.version.load(Ordering::SeqCst);
-    if version.is_multiple_of(2) {
-        version
-    } else {
-        0
     }
 }
 

@@ -419,8 +419,7 @@ impl<'a> Supervision<'a> {
             return;
         }
         let incarnation = newest.map_or(0, |feedback| feedback.incarnation);
-        let stays = self.session.is_some();
-        let Some(order) = stop(self.group, &self.watch.operator, stays) else {
+        let Some(order) = stop(self.group, &self.watch.operator) else {
             return;
         };
         self.asked = Some(Asked {
@@ -518,11 +517,11 @@ fn note_deaths(deaths: &[Death], scan: u64, events: &mut Events) {
     }
 }
 
-/// Sends that order; none if it could not be sent.
-fn stop(group: &Group, operator: &OperatorClient, stays: bool) -> Option<PendingOrder> {
-    let order = if stays { Order::Down } else { Order::Stop };
+/// Sends that order, which nobody takes back: a run that was brought on again would be ended in motion when its time to come to rest
+/// is over. None if it could not be sent.
+fn stop(group: &Group, operator: &OperatorClient) -> Option<PendingOrder> {
     let order = OperatorRequest {
-        order: order as u32,
+        order: Order::Down as u32,
         ..OperatorRequest::default()
     };
     let sent = operator.send(order);

@@ -480,12 +480,21 @@ impl MasterPorts for BusPorts {
     fn serve_orders(
         &mut self,
         scan: u64,
-        mut judge: impl FnMut(&OperatorRequest) -> OperatorResponse,
+        mut judge: impl FnMut(&OperatorRequest) -> (OperatorResponse, Latches),
     ) {
-        if scan.is_multiple_of(OPERATOR_SCANS) {
-            self.member.page.serve_urgent(&mut judge);
-            while self.ports.operator.serve(&mut judge) {}
+        if !scan.is_multiple_of(OPERATOR_SCANS) {
+            return;
         }
+        let (page, saved) = (&self.member.page, &mut self.saved);
+        let mut judge = |request: &OperatorRequest| {
+            let (answer, latches) = judge(request);
+            if let Some(saved) = saved.as_mut().filter(|_| answer.accepted == 1) {
+                page.save_machine_state(saved.latch(&latches));
+            }
+            answer
+        };
+        page.serve_urgent(&mut judge);
+        while self.ports.operator.serve(&mut judge) {}
     }
 
     fn launcher_lives(&mut self, scan: u64) -> Option<bool> {

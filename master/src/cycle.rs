@@ -39,7 +39,10 @@ pub fn cycle<D: Drives, P: MasterPorts>(
         return Ok(Flow::Leave);
     };
     master.skip(overrun_scans);
-    ports.serve_orders(scan, |request| master.order(request));
+    ports.serve_orders(scan, |request| {
+        let answer = master.order(request);
+        (answer, master.latches())
+    });
     match ports.launcher_lives(scan) {
         None => return Ok(Flow::Leave),
         Some(false) => master.end_after_stop(),

@@ -17,6 +17,6 @@ pub mod window_arbiter;
 pub use answers::Answers;
 pub use drives::{DriveCommand, DriveFeedback, DriveState, Drives, InstrumentSample, StateRefused};
 pub use error::MasterError;
-pub use master::{Master, RunEnd};
+pub use master::{Inner, InnerAxis, Master, RunEnd};
 pub use ports::{Answered, Flow, MasterPorts};
 pub use run::{Options, run};

@@ -22,6 +22,7 @@ use crate::window_arbiter::{Dropped, WindowArbiter};
 
 mod axis_unit;
 mod decide;
+mod inner;
 mod loaded;
 mod orders;
 mod program;
@@ -33,6 +34,7 @@ mod switch;
 mod switching_on;
 
 use axis_unit::AxisUnit;
+pub use inner::{Inner, InnerAxis};
 use program::Loaded;
 pub use program::RunEnd;
 use silence::NextScan;
@@ -44,7 +46,7 @@ const STANDSTILL_MM_S: f64 = 0.5;
 /// Longest wait for the in-position window at the programmed end, in s.
 const IN_POSITION_PATIENCE_S: f64 = 5.0;
 /// The master of a cell, over its drives.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Master<D> {
     axes: Vec<AxisUnit>,
     drives: D,

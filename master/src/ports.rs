@@ -61,8 +61,13 @@ pub trait MasterPorts {
     /// Somebody who takes part does not answer.
     fn await_answers(&mut self, scan: u64, ask_planner: bool) -> Result<Answered, Self::Error>;
 
-    /// Hands the operator's orders of this scan to `judge`, one after the other.
-    fn serve_orders(&mut self, scan: u64, judge: impl FnMut(&OperatorRequest) -> OperatorResponse);
+    /// Hands the operator's orders of this scan to `judge`, one after the other. What was latched by an order outlives the master
+    /// before the order is answered, so that the answer is true whoever is the master by the time it is read.
+    fn serve_orders(
+        &mut self,
+        scan: u64,
+        judge: impl FnMut(&OperatorRequest) -> (OperatorResponse, Latches),
+    );
 
     /// Whether the launcher is still there; none if the cell is to end at once.
     fn launcher_lives(&mut self, scan: u64) -> Option<bool>;

@@ -40,8 +40,8 @@ pub struct Latches {
     pub program: u32,
     /// Programs started so far.
     pub run: u32,
-    /// Kept zero.
-    pub reserved: u32,
+    /// 1 while feed hold is latched.
+    pub hold: u32,
 }
 
 /// One saved state: the latches, then the drives.
@@ -63,6 +63,14 @@ impl SavedState {
         if let Some((head, tail)) = self.bytes.split_at_mut_checked(size_of::<Latches>()) {
             head.copy_from_slice(bytemuck::bytes_of(latches));
             drives.save(tail);
+        }
+        &self.bytes
+    }
+
+    /// Takes what was latched since; the drives are as they were saved last. Its bytes.
+    pub fn latch(&mut self, latches: &Latches) -> &[u8] {
+        if let Some((head, _)) = self.bytes.split_at_mut_checked(size_of::<Latches>()) {
+            head.copy_from_slice(bytemuck::bytes_of(latches));
         }
         &self.bytes
     }

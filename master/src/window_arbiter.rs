@@ -13,7 +13,7 @@ use bus::sample::{
 use bytemuck::{Pod, Zeroable};
 
 /// A window as the master keeps it, in a buffer that is allocated once.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Kept {
     header: WindowHeader,
     setpoints: Vec<Setpoint>,
@@ -68,7 +68,7 @@ pub struct Left {
 }
 
 /// The windows in force and pending.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct WindowArbiter {
     in_force: Kept,
     pending: Kept,
@@ -154,6 +154,11 @@ impl WindowArbiter {
     /// Whether the path has been started: a window of it was in force once.
     pub fn has_started(&self) -> bool {
         !self.in_force.is_none() || !self.interrupted_at.is_off_path()
+    }
+
+    /// The window that waits to be decided about; none without one.
+    pub fn pending(&self) -> WindowId {
+        self.pending.header.id
     }
 
     /// Whether a window is in force.

@@ -9,6 +9,6 @@ mod return_to_path;
 mod run;
 
 pub use course::{CourseError, motion_limits, window_planner};
-pub use planner::{Decision, Planner};
+pub use planner::{Decision, Inner, Planner};
 pub use ports::{BusPorts, PlannerPorts};
 pub use run::{Options, PlannerError, cycle, run, run_over};

@@ -26,7 +26,7 @@ use crate::return_to_path::ReturnToPath;
 const COMMIT_SCANS: u64 = 2;
 
 /// A window that was published, with what the next one needs to start from any of its setpoints.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Published {
     header: WindowHeader,
     states: Vec<PathState>,
@@ -66,7 +66,7 @@ impl Published {
 }
 
 /// The path of a program, ready to plan along.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct Course {
     windows: WindowPlanner,
     program_hash: u64,
@@ -114,8 +114,21 @@ pub struct Decision<'a> {
     pub window: Option<(WindowHeader, &'a [Setpoint])>,
 }
 
+/// What a planner remembers beside what it has published.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Inner {
+    /// Its window in force and the one that it waits for, and whether each of them returns to the path.
+    pub windows: [(WindowId, bool); 2],
+    /// Command positions that the program is expanded from.
+    pub expanded_from: Option<[i64; MAX_AXES]>,
+    /// Command positions that a return to the path was planned from.
+    pub returns_from: Option<[i64; MAX_AXES]>,
+    /// Why it cannot go on.
+    pub cause: Cause,
+}
+
 /// The planner.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Planner {
     machine: Machine,
     program_name: String,
@@ -167,6 +180,17 @@ impl Planner {
             cause: Cause::None,
             setpoints: Vec::with_capacity(setpoints_max),
             wire: Vec::with_capacity(setpoints_max),
+        }
+    }
+
+    /// What it remembers beside what it has published: for a model that asks whether two planners will do the same from now on.
+    pub fn inner(&self) -> Inner {
+        let window = |window: &Published| (window.header.id, window.returns);
+        Inner {
+            windows: [window(&self.in_force), window(&self.pending)],
+            expanded_from: self.course.as_ref().map(|course| course.start),
+            returns_from: self.return_to_path.as_ref().map(|way| way.from),
+            cause: self.cause,
         }
     }
 

@@ -27,7 +27,7 @@ const RUN_UP_MM: f64 = 0.5;
 const RUN_UP_CHORDS: u32 = 10;
 
 /// A planned return.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct ReturnToPath {
     /// Command positions it starts from, in increments.
     pub from: [i64; MAX_AXES],

@@ -90,6 +90,11 @@ impl Servo {
         }
     }
 
+    /// Headers of the windows it holds: the one being executed and the one that waits.
+    pub fn windows(&self) -> [&WindowHeader; 2] {
+        [self.windows.held.header(), self.windows.pending.header()]
+    }
+
     /// Its settings.
     pub fn settings(&self) -> &ServoSettings {
         &self.settings

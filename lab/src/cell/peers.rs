@@ -370,7 +370,7 @@ impl MasterPorts for Peers {
     fn serve_orders(
         &mut self,
         scan: u64,
-        mut judge: impl FnMut(&OperatorRequest) -> OperatorResponse,
+        mut judge: impl FnMut(&OperatorRequest) -> (OperatorResponse, Latches),
     ) {
         while let Some(order) = self.script.orders.get(self.orders_done)
             && order.scan <= scan
@@ -380,7 +380,7 @@ impl MasterPorts for Peers {
         }
         if self.launcher.is_stop_due(&self.feedback) {
             judge(&OperatorRequest {
-                order: Order::Stop as u32,
+                order: Order::Down as u32,
                 ..OperatorRequest::default()
             });
         }

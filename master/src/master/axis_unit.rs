@@ -17,7 +17,7 @@ use super::switch::Switch;
 use crate::drives::{DriveCommand, DriveFeedback, DriveState};
 
 /// One axis as the master sees it.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct AxisUnit {
     pub settings: Axis,
     /// What its drive shows.

@@ -28,6 +28,7 @@ impl<D: Drives> Master<D> {
         self.windows.restore(&latches.left);
         self.program_start = latches.program_start;
         self.override_percent = latches.override_percent.min(100);
+        self.hold = latches.hold == 1;
         self.overrun_scans = latches.overrun_scans;
         self.may_end = latches.may_end == 1;
         if latches.ends == 1 {
@@ -59,7 +60,7 @@ impl<D: Drives> Master<D> {
             load: self.program.load,
             program: self.program.state as u32,
             run: self.program.run,
-            reserved: 0,
+            hold: u32::from(self.hold),
         }
     }
 
@@ -202,6 +203,11 @@ impl<D: Drives> Master<D> {
         }
     }
 
+    /// After so many scans without an answer a planner is lost; it is asked once a period.
+    pub(super) fn planner_patience_scans(&self) -> u64 {
+        u64::from(self.watchdog_scans) + self.period_scans
+    }
+
     /// A planner that is to wait when it is back finds the machine in hold: one that was lost, and one that was silent for longer
     /// than the watchdog.
     pub(super) fn hold_without_planner(&mut self, answers: &Answers, roster: &Roster) {
@@ -211,9 +217,7 @@ impl<D: Drives> Master<D> {
         } else {
             self.planner_silent_scans = self.planner_silent_scans.saturating_add(1);
         }
-        // It is asked once a period.
-        let patience = u64::from(self.watchdog_scans) + self.period_scans;
-        let lost = self.planner_silent_scans >= patience
+        let lost = self.planner_silent_scans >= self.planner_patience_scans()
             || roster
                 .find(Job::Planner, 0, 0)
                 .is_some_and(|planner| planner.live == 0);

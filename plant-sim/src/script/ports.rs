@@ -129,10 +129,10 @@ impl MasterPorts for ScriptedPorts {
     fn serve_orders(
         &mut self,
         scan: u64,
-        mut judge: impl FnMut(&OperatorRequest) -> OperatorResponse,
+        mut judge: impl FnMut(&OperatorRequest) -> (OperatorResponse, Latches),
     ) {
         while let Some(order) = self.orders.as_slice().first().filter(|o| o.scan <= scan) {
-            report(order, &judge(&order.request));
+            report(order, &judge(&order.request).0);
             self.orders.next();
         }
         self.ports.serve_orders(scan, judge);

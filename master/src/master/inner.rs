@@ -1,0 +1,76 @@
+//! What a master remembers beside what it shows: for a model that asks whether two masters will do the same from now on.
+
+use bus::sample::{Driver, Mode, WindowId};
+
+use super::decide::SAME_SCANS;
+use super::{Master, RunEnd};
+use crate::drives::Drives;
+
+/// What a later scan depends on beside the feedback, the latches and the drives. Counts that only report are left out, and a count
+/// stops where more of it changes nothing.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Inner {
+    /// The window that waits to be decided about.
+    pub pending: WindowId,
+    /// Scans at rest at the end of a run, and those spent on the way into position.
+    pub settled_scans: [u32; 2],
+    /// Scans at rest.
+    pub rest_scans: u32,
+    /// Drives that are being switched on: scans left, whether in hold, whether at the start.
+    pub switching_on: Option<(u64, bool, bool)>,
+    /// A jog: the mode it goes back to, and the scans left.
+    pub jog: Option<(Mode, u64)>,
+    /// Whether the run may end, was ordered to, ends with its program, and shows its last feedback.
+    pub ends: [bool; 4],
+    /// Scans since the planner answered last, up to what makes it lost.
+    pub planner_silent_scans: u64,
+    /// Each axis.
+    pub axes: Vec<InnerAxis>,
+}
+
+/// The same of one axis.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct InnerAxis {
+    /// The active role, and the scans in which the other was the same.
+    pub switch: (usize, u32),
+    /// Whether its servo answered the last scan well.
+    pub followed: bool,
+    /// Whether the master commands it.
+    pub silent: bool,
+    /// Deviation of the open loop.
+    pub deviation: i64,
+    /// The window that its command in force holds as pending.
+    pub pending: WindowId,
+}
+
+impl<D: Drives> Master<D> {
+    /// What it remembers beside what it shows.
+    pub fn inner(&self) -> Inner {
+        let by_hand = self.axes.iter().any(|axis| axis.driver != Driver::Program);
+        Inner {
+            pending: self.windows.pending(),
+            settled_scans: [self.settled_scans, self.waited_scans],
+            rest_scans: self.rest_scans.min(self.rest_scans_min),
+            switching_on: self.switching_on.map(|on| (on.scans, on.hold, on.at_start)),
+            jog: by_hand.then_some((self.jog_from, self.jog_patience_scans)),
+            ends: [
+                self.may_end,
+                self.ordered_to_end,
+                self.run_end == RunEnd::AfterProgram,
+                self.last,
+            ],
+            planner_silent_scans: self.planner_silent_scans.min(self.planner_patience_scans()),
+            axes: self
+                .axes
+                .iter()
+                .map(|axis| InnerAxis {
+                    switch: (axis.switch.role, axis.switch.same_scans.min(SAME_SCANS)),
+                    followed: axis.followed,
+                    silent: axis.silent,
+                    deviation: axis.deviation,
+                    pending: axis.command.pending,
+                })
+                .collect(),
+        }
+    }
+}
