@@ -13,6 +13,7 @@ mod docs;
 mod doctor;
 mod faults;
 mod faults_in_process;
+mod fuzz_seeds;
 mod house;
 mod in_process;
 mod interruption;
