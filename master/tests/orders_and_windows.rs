@@ -307,6 +307,29 @@ fn a_window_is_executed_only_when_every_axis_holds_it() {
     assert_eq!(bench.side.feedback().at_rest, 1);
 }
 
+/// A servo that had reported the next window and is lost before it begins holds it no more: the window in force is the last one.
+#[test]
+fn a_window_that_a_lost_servo_had_held_is_void() {
+    let mut bench = Bench::new();
+    bench.scans(8);
+    let first = bench.offer(1, 16, 32, WindowId::NONE);
+    bench.pending = first;
+    let feedback = bench.scans(9);
+    assert_eq!(feedback.window, first);
+    let next = bench.offer(2, 24, 32, first);
+    bench.pending = next;
+    assert_eq!(bench.scans(2).armed, next);
+    // Another process has the place of axis Y's servo, and knows of nothing.
+    let lost = |answers: &mut Answers| answers.commands[1][0] = None;
+    bench.roster.participants[2].live = 0;
+    let mut feedback = bench.scan(lost);
+    while feedback.scan <= 24 {
+        assert_ne!(feedback.window, next, "scan {}", feedback.scan);
+        feedback = bench.scan(lost);
+    }
+    assert_eq!((feedback.window, feedback.voided), (first, next));
+}
+
 #[test]
 fn a_window_with_the_wrong_predecessor_epoch_planner_or_size_is_void() {
     let stranger = WindowId {
