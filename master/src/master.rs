@@ -373,7 +373,9 @@ impl<D: Drives> Master<D> {
 
     fn decide_window(&mut self) {
         let axes = &self.axes;
-        let held_by_all = |id: WindowId| axes.iter().all(|axis| axis.command.pending == id);
+        // What a servo held that says nothing any more went with it.
+        let holds = |axis: &AxisUnit, id| !axis.silent && axis.command.pending == id;
+        let held_by_all = |id: WindowId| axes.iter().all(|axis| holds(axis, id));
         let started = self.windows.has_started();
         self.windows
             .decide(self.scan + 1, self.mode == Mode::Enabled, held_by_all);
