@@ -128,11 +128,12 @@ impl Cell {
         }
     }
 
-    /// Judges what was taken in the scan of `feedback`, which `next` shows.
+    /// Judges what was taken in the scan of `feedback`, which `next` shows, on the axes that followed a servo.
     pub fn judge_taken(
         &mut self,
         feedback: &Feedback,
         next: &Feedback,
+        followed: [bool; 2],
         commands: &[Option<AxisCommand>; 4],
     ) {
         let takes_over = next.window != feedback.window && !next.window.is_none();
@@ -141,7 +142,8 @@ impl Cell {
             if takes_over && !self.holds(axis, shown.taken_role, next.window) {
                 self.broken(Broken::Window);
             }
-            if shown.command_scan != feedback.scan || shown.taken_incarnation == 0 {
+            // Nobody's was: the drive holds the last one, or the master commands the axis.
+            if !followed[axis] {
                 continue;
             }
             let place = axis * 2 + shown.taken_role as usize;

@@ -79,9 +79,10 @@ impl Cell {
         let commands = scan.commands;
         if flow == Flow::GoOn {
             if let Some(feedback) = self.feedback {
-                let next = master.feedback();
-                self.judge_windows(known, [next.window, master.inner().pending]);
-                self.judge_taken(&feedback, &next, &commands);
+                let (next, inner) = (master.feedback(), master.inner());
+                let followed = [0, 1].map(|axis: usize| inner.axes[axis].followed);
+                self.judge_windows(known, [next.window, inner.pending]);
+                self.judge_taken(&feedback, &next, followed, &commands);
             }
             self.master = Some(master);
         } else if master.is_last() && !matches!(fate, Fate::MasterKilled(_)) {
