@@ -29,6 +29,7 @@ mod packaging;
 mod pivot;
 mod positioning;
 mod quality;
+mod random_runs;
 mod realtime_faults;
 mod recorder;
 mod robust;
