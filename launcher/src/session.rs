@@ -48,8 +48,10 @@ pub struct Session {
     printed: Option<(u32, u32, u32)>,
     /// A run that is over, and the scan whose samples its log must have.
     over: Option<(u32, u64)>,
-    /// One at a time, beside a machine that moves.
+    /// One at a time.
     report: Option<Report>,
+    /// The cell has ended.
+    ended: bool,
 }
 
 impl Drop for Session {
@@ -76,6 +78,7 @@ impl Session {
             printed: None,
             over: None,
             report: None,
+            ended: false,
         }
     }
 
@@ -112,6 +115,8 @@ impl Session {
     /// The cell has ended: the reports that are missing are made, unless somebody is in a hurry.
     pub fn finish(&mut self, last: &Feedback, signals: &Signals, events: &mut Events) {
         self.logged = last.run;
+        self.reap(last.scan, events);
+        self.hurry();
         let (started, before) = (Instant::now(), signals.count());
         loop {
             self.make_reports(last.scan, events);
@@ -185,30 +190,43 @@ impl Session {
                 tracing::warn!("run {} has left no log", self.reported);
                 continue;
             };
-            let child = Command::new("/proc/self/exe")
-                .arg("report")
-                .arg(&folder)
-                .arg("--background")
-                .stdin(Stdio::null())
-                .stdout(Stdio::null())
-                .stderr(Stdio::piped())
-                // Ctrl-C goes to the launcher alone.
-                .process_group(0)
-                .spawn();
-            match child {
-                Ok(mut child) => {
-                    if let Some(stderr) = child.stderr.take() {
-                        // Without a thread nobody reads them, and the report is made nevertheless.
-                        let _ = logs::forward(format!("report of run {}", self.reported), stderr);
-                    }
-                    self.report = Some(Report {
-                        run: self.reported,
-                        folder,
-                        child,
-                    });
+            self.make_report(self.reported, folder);
+        }
+    }
+
+    fn make_report(&mut self, run: u32, folder: PathBuf) {
+        let mut command = Command::new("/proc/self/exe");
+        command.arg("report").arg(&folder);
+        if !self.ended {
+            command.arg("--background");
+        }
+        let child = command
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            // Ctrl-C goes to the launcher alone.
+            .process_group(0)
+            .spawn();
+        match child {
+            Ok(mut child) => {
+                if let Some(stderr) = child.stderr.take() {
+                    // Without a thread nobody reads them, and the report is made nevertheless.
+                    let _ = logs::forward(format!("report of run {run}"), stderr);
                 }
-                Err(error) => tracing::warn!("no report of {}: {error}", folder.display()),
+                self.report = Some(Report { run, folder, child });
             }
+            Err(error) => tracing::warn!("no report of {}: {error}", folder.display()),
+        }
+    }
+
+    /// From now on somebody waits for the reports, and no machine moves beside them: one that was begun in the background, where
+    /// a busy PC has no time for it, is made anew.
+    fn hurry(&mut self) {
+        self.ended = true;
+        if let Some(mut report) = self.report.take() {
+            let _ = report.child.kill();
+            let _ = report.child.wait();
+            self.make_report(report.run, report.folder);
         }
     }
 

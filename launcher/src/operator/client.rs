@@ -8,7 +8,6 @@ use bus::cell::{CellError, CellPaths};
 use bus::observer::{Held, Observer};
 use bus::sample::{Mode, OperatorRequest, OperatorResponse, Order, Refused};
 use bus::service::Bus;
-use bus::signal_page::CellPhase;
 use machine::Machine;
 
 use crate::exit::{Failure, Kind};
@@ -195,12 +194,15 @@ fn wait_for_answer(
 ) -> Result<OperatorResponse, Failure> {
     let asked = Instant::now();
     loop {
+        // Looked at first: what was answered before the end is there after it.
+        let gone = cell.is_gone();
         if let Some(answer) = answer() {
             return Ok(answer);
         }
-        if cell.page.phase() == CellPhase::Ending || asked.elapsed() > ANSWER_LIMIT {
+        if gone || asked.elapsed() > ANSWER_LIMIT {
+            let how = if gone { "has ended" } else { "does not answer" };
             return Err(Failure::Stopped(anyhow!(
-                "cell {:?} does not answer: {} may or may not have been obeyed",
+                "cell {:?} {how}: {} may or may not have been obeyed",
                 cell.place.name(),
                 order.word()
             )));
