@@ -57,6 +57,9 @@ pub fn is_cell_name(name: &str) -> bool {
 const REMOVALS_MAX: u32 = 20;
 /// So long a child that is being started may hold the lock of a launcher that is dead.
 const HALF_STARTED: Duration = Duration::from_millis(500);
+/// So long somebody may have a cell's name who only removes what is left of it.
+const CLEANING: Duration = Duration::from_millis(200);
+const CLEANING_LOOK: Duration = Duration::from_millis(5);
 const MEMBERS_LOOK: Duration = Duration::from_millis(20);
 
 /// Why a cell cannot be had.
@@ -276,7 +279,15 @@ impl CellPaths {
     /// [`CellError::Running`], [`CellError::MembersLive`] or [`CellError::System`].
     pub fn own(&self, patience: Duration) -> Result<Ownership, CellError> {
         let started = Instant::now();
-        let name = self.take_name()?;
+        let name = loop {
+            match self.take_name() {
+                // An observer may be removing what it has left of a cell that is gone.
+                Err(CellError::Running { .. }) if started.elapsed() < patience.min(CLEANING) => {
+                    std::thread::sleep(CLEANING_LOOK);
+                }
+                taken => break taken?,
+            }
+        };
         loop {
             // An owner who leaves takes the folder away: locks of a folder that is gone are worth nothing.
             let Some(owner) = self.lock_owner()? else {
@@ -493,6 +504,15 @@ impl CellPaths {
         }
         fs::set_permissions(self.folder(), fs::Permissions::from_mode(0o700))
             .map_err(|e| self.error("closing its folder to others", e))
+    }
+
+    /// Whether anything of the cell is in shared memory.
+    pub(crate) fn has_traces(&self) -> bool {
+        let prefix = self.segment_prefix();
+        let mut entries = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
+        let is_segment =
+            |entry: fs::DirEntry| entry.file_name().to_string_lossy().starts_with(&prefix);
+        self.folder().exists() || entries.any(is_segment)
     }
 
     /// Segments without a size, by inode. A process makes a segment and gives it its size in one go, within microseconds.

@@ -4,10 +4,15 @@ use std::cell::Cell;
 use std::mem::ManuallyDrop;
 use std::ops::{Deref, DerefMut};
 use std::rc::Rc;
+use std::time::{Duration, Instant};
 
 use crate::cell::CellPaths;
 use crate::process::watch;
 use crate::signal_page::{CellPhase, SignalPage};
+
+/// The launcher of a cell that has ended may be at removing its files for so long.
+const REMOVAL_LIMIT: Duration = Duration::from_millis(200);
+const REMOVAL_LOOK: Duration = Duration::from_millis(2);
 
 /// A running cell, seen from outside.
 #[derive(Debug)]
@@ -17,6 +22,7 @@ pub struct Observer {
     /// Its signal page.
     pub page: SignalPage,
     last_seen: Cell<bool>,
+    entered: Cell<bool>,
 }
 
 impl Observer {
@@ -29,6 +35,7 @@ impl Observer {
             place,
             page,
             last_seen: Cell::new(false),
+            entered: Cell::new(false),
         })
     }
 
@@ -50,11 +57,41 @@ impl Observer {
         self.last_seen.get() || self.is_gone()
     }
 
+    /// From now on this process has something in the cell's shared memory.
+    pub fn note_entered(&self) {
+        self.entered.set(true);
+    }
+
+    /// Removes what was made here while the launcher removed all that it found: nobody else does any more. What a launcher that
+    /// was killed has left stays, and what another cell of the name has.
+    fn clean_up(&self) {
+        let since = Instant::now();
+        while since.elapsed() < REMOVAL_LIMIT && Observer::of(self.place.clone()).is_none() {
+            let removed = SignalPage::open(&self.place).is_err();
+            if removed && (!self.place.has_traces() || self.place.own(Duration::ZERO).is_ok()) {
+                return;
+            }
+            if !removed && watch(self.page.launcher_pid()).is_err() {
+                return;
+            }
+            std::thread::sleep(REMOVAL_LOOK);
+        }
+    }
+
     /// Ports of this cell, closed in order only while it runs.
     pub fn hold<T>(self: &Rc<Self>, ports: T) -> Held<T> {
+        self.note_entered();
         Held {
             ports: ManuallyDrop::new(ports),
             cell: Rc::clone(self),
+        }
+    }
+}
+
+impl Drop for Observer {
+    fn drop(&mut self) {
+        if self.entered.get() && self.is_gone() {
+            self.clean_up();
         }
     }
 }

@@ -337,6 +337,16 @@ impl PendingOrder {
             _ => None,
         }
     }
+
+    /// Whether there was a master to send it to.
+    pub fn is_sent(&self) -> bool {
+        self.pending.number_of_server_connections() > 0
+    }
+
+    /// Whether nobody answers any more: it has been answered, or the master that had it is dead. To be asked before the answer.
+    pub fn is_closed(&self) -> bool {
+        !self.pending.is_connected()
+    }
 }
 
 impl OperatorClient {

@@ -26,6 +26,9 @@ use crate::{doctor, exit, logs, metrics_socket, report, service_manager, trainin
 /// Members of a dead launcher get so long to stop on the path and leave.
 const MEMBERS_PATIENCE: Duration = Duration::from_secs(10);
 
+/// A process that has ended holds its lock for a moment.
+const CLEAN_PATIENCE: Duration = Duration::from_millis(500);
+
 /// What a fault script may do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Injection {
@@ -278,7 +281,7 @@ fn conclude(ending: Ending, made: anyhow::Result<String>, folder: &Path) -> Outc
 pub fn clean(options: &CleanOptions) -> Outcome {
     logs::init_launcher();
     let place = CellPaths::new(&options.cell).input()?;
-    let cell = place.own(Duration::ZERO).environment()?;
+    let cell = place.own(CLEAN_PATIENCE).environment()?;
     say(&format!(
         "cell {}: {} files removed",
         options.cell, cell.leftovers

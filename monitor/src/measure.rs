@@ -200,7 +200,7 @@ impl Analysis {
         let last_scan = self.last.as_ref().map(|feedback| feedback.scan);
         let (processes, faults) = self.faults.finish();
         Measurements {
-            outcome: outcome(&self.machine, self.last.as_ref(), &faults),
+            outcome: outcome(&self.machine, self.last.as_ref(), &processes, &faults),
             scans: match (self.first_scan, last_scan) {
                 (Some(first), Some(last)) => last - first + 1,
                 _ => 0,
@@ -428,9 +428,22 @@ fn row_of(
     })
 }
 
-fn outcome(machine: &Machine, last: Option<&Feedback>, faults: &[FaultResult]) -> Outcome {
+fn outcome(
+    machine: &Machine,
+    last: Option<&Feedback>,
+    processes: &[ProcessResult],
+    faults: &[FaultResult],
+) -> Outcome {
     let Some(last) = last else {
         return Outcome::Stopped(StopReason::NoFeedback);
+    };
+    // One that was replaced ends nothing, also where it waits for somebody to go on.
+    let is_lost = |process: &ProcessResult| {
+        process.process == "planner" && process.deaths.len() as u64 >= u64::from(process.starts)
+    };
+    let planner_is_lost = processes.iter().any(is_lost);
+    let is_loss = |fault: &&FaultResult| {
+        planner_is_lost && fault.process == "planner" && fault.resumed_at_scan.is_none()
     };
     let mode = Mode::from_wire(last.mode);
     let mut cause = StopCause::of(machine, last);
@@ -438,10 +451,7 @@ fn outcome(machine: &Machine, last: Option<&Feedback>, faults: &[FaultResult]) -
     match mode {
         Some(Mode::Finished) => Outcome::Completed,
         // An operator stops a machine, and so does the launcher when the planner is gone.
-        Some(Mode::Stopped) => match faults
-            .iter()
-            .find(|fault| fault.process == "planner" && fault.resumed_at_scan.is_none())
-        {
+        Some(Mode::Stopped) => match faults.iter().find(is_loss) {
             Some(fault) => Outcome::Stopped(StopReason::PlannerLost {
                 loss: fault.kind,
                 scan: fault.scan,

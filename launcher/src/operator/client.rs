@@ -49,12 +49,12 @@ pub(super) fn obeyed(order: Order, answer: &OperatorResponse) -> String {
 
 /// A running cell, entered.
 pub struct Client {
-    /// The cell.
-    pub cell: Rc<Observer>,
     /// Its machine file.
     pub machine: Machine,
     /// A foot in its shared memory.
     pub bus: Bus,
+    /// The cell. It goes last: then nothing is made there any more.
+    pub cell: Rc<Observer>,
 }
 
 impl Client {
@@ -66,7 +66,9 @@ impl Client {
         let cell = Rc::new(running(cell)?);
         let place = &cell.place;
         let machine = Machine::load(&place.machine_file()).map_err(|_| not_running(place))?;
-        let bus = Bus::enter(place, &machine.shape(), who, false).environment()?;
+        cell.note_entered();
+        let entered = Bus::enter(place, &machine.shape(), who, false);
+        let bus = entered.map_err(|error| not_entered(&cell, error))?;
         Ok(Client { cell, machine, bus })
     }
 
@@ -120,10 +122,18 @@ impl Client {
     ) -> Result<OperatorResponse, Failure> {
         let operator = soon_held(&self.cell, || self.bus.operator_client())?;
         let cell = self.cell.place.name();
-        let pending = operator
-            .send(request)
-            .ok_or_else(|| Failure::Stopped(anyhow!("cell {cell:?} takes no orders")))?;
-        wait_for_answer(&self.cell, order, || pending.answer())
+        let asked = Instant::now();
+        loop {
+            let pending = operator
+                .send(request)
+                .ok_or_else(|| Failure::Stopped(anyhow!("cell {cell:?} takes no orders")))?;
+            if pending.is_sent() || self.cell.is_gone() || asked.elapsed() > ANSWER_LIMIT {
+                let is_closed = || pending.is_closed();
+                return wait_for_answer(&self.cell, order, || pending.answer(), is_closed);
+            }
+            // The master is being replaced: nobody has the order.
+            std::thread::sleep(PLACE_LOOK);
+        }
     }
 
     fn words(
@@ -179,28 +189,34 @@ fn plain_words(reason: Option<Refused>, answer: &OperatorResponse) -> String {
 pub fn order_urgently(cell: Option<&str>, order: Order) -> Result<String, Failure> {
     let cell = running(cell)?;
     let number = cell.page.order_urgently(order).unwrap_or_default();
-    let answer = wait_for_answer(&cell, order, || cell.page.urgent_answer(order, number))?;
+    let answer = || cell.page.urgent_answer(order, number);
+    let answer = wait_for_answer(&cell, order, answer, || false)?;
     match Refused::from_wire(answer.reason) {
         Some(Refused::Not) => Ok(obeyed(order, &answer)),
         reason => Err(refused(order, &plain_words(reason, &answer))),
     }
 }
 
-/// Waits for the answer to an order, as long as the cell runs and is not silent.
+/// Waits for the answer to an order, as long as the cell runs and is not silent, and whoever has the order lives.
 fn wait_for_answer(
     cell: &Observer,
     order: Order,
     answer: impl Fn() -> Option<OperatorResponse>,
+    is_closed: impl Fn() -> bool,
 ) -> Result<OperatorResponse, Failure> {
     let asked = Instant::now();
     loop {
         // Looked at first: what was answered before the end is there after it.
-        let gone = cell.is_gone();
+        let (gone, closed) = (cell.is_gone(), is_closed());
         if let Some(answer) = answer() {
             return Ok(answer);
         }
-        if gone || asked.elapsed() > ANSWER_LIMIT {
-            let how = if gone { "has ended" } else { "does not answer" };
+        if gone || closed || asked.elapsed() > ANSWER_LIMIT {
+            let how = match (gone, closed) {
+                (true, _) => "has ended",
+                (false, true) => "has lost its master, which had the order",
+                (false, false) => "does not answer",
+            };
             return Err(Failure::Stopped(anyhow!(
                 "cell {:?} {how}: {} may or may not have been obeyed",
                 cell.place.name(),
@@ -237,10 +253,14 @@ pub fn soon_held<T>(
 /// They cannot be opened, or the cell has just ended.
 pub fn held<T>(cell: &Rc<Observer>, ports: Result<T, CellError>) -> Result<Held<T>, Failure> {
     let held = ports.map(|ports| cell.hold(ports));
-    held.map_err(|error| match cell.is_gone() {
+    held.map_err(|error| not_entered(cell, error))
+}
+
+fn not_entered(cell: &Observer, error: CellError) -> Failure {
+    match cell.is_gone() {
         true => Failure::Stopped(anyhow!("cell {:?} has just ended", cell.place.name())),
         false => Failure::Environment(error.into()),
-    })
+    }
 }
 
 fn not_running(place: &CellPaths) -> Failure {

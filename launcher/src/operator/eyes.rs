@@ -44,15 +44,21 @@ impl Eyes<'_> {
     /// # Errors
     /// The cell is silent.
     pub fn look(&mut self) -> Result<Feedback, Failure> {
+        let place = &self.client.cell.place;
         loop {
+            // Looked at first: what was said before the end is there after it.
+            let gone = self.client.cell.is_gone();
             if let Some(feedback) = self.reader.newest(u64::MAX) {
                 self.newest = Some(feedback);
                 self.heard = Instant::now();
+            } else if gone {
+                let cell = place.name();
+                return Err(Failure::Stopped(anyhow!("cell {cell:?} has ended")));
             }
             if self.heard.elapsed() > SILENCE {
                 return Err(Failure::Stopped(anyhow!(
                     "cell {:?} says nothing any more: its master is lost, or the cell has ended",
-                    self.client.cell.place.name()
+                    place.name()
                 )));
             }
             if let Some(feedback) = self.newest {
