@@ -116,6 +116,73 @@ fn a_master_killed_after_its_last_feedback_is_not_missed() {
     );
 }
 
+/// The master waits for a recorder whose queue is full, and does not see that it dies and another one comes: that one never gets
+/// what was published before.
+#[test]
+fn in_lockstep_a_master_waits_for_no_recorder_that_has_been_replaced_meanwhile() {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("circle.ngc", &short_program());
+    let mut cell = LiveCell::start(bench.path(), &program, "lockstep");
+    cell.wait_for_scan(50);
+    let (recorder, master) = (
+        cell.pid_of("quadrant recorder"),
+        cell.pid_of("quadrant plant-sim"),
+    );
+    send(recorder, libc::SIGSTOP);
+    std::thread::sleep(Duration::from_millis(500));
+    send(master, libc::SIGSTOP);
+    send(recorder, libc::SIGKILL);
+    wait_until("another recorder", || {
+        let mut lines = cell.children().into_iter().map(|(_, line)| line);
+        lines.any(|line| line.contains("quadrant recorder") && line.contains("--incarnation 2"))
+    });
+    // It has its ports, and is in the roster.
+    std::thread::sleep(Duration::from_millis(500));
+    send(master, libc::SIGCONT);
+    let since = Instant::now();
+    let run = cell.finish();
+    assert!(since.elapsed() < MOMENTS, "{}", run.stderr());
+    assert_eq!(run.status(), 0, "{}", run.stderr());
+}
+
+/// A servo that is stopped before it has connected to the master never gets its last feedback.
+#[test]
+fn a_process_that_misses_the_last_feedback_holds_up_no_run() {
+    let (_bench, mut cell) = cell_with(&long_program());
+    let servo = loop {
+        let mut children = cell.children().into_iter();
+        if let Some((pid, _)) = children.find(|(_, line)| line.contains("quadrant servo --axis X"))
+        {
+            break pid;
+        }
+        std::thread::sleep(Duration::from_millis(1));
+    };
+    let first = cell.wait_for(|_| true).scan;
+    send(servo, libc::SIGSTOP);
+    cell.signal_launcher(libc::SIGTERM);
+    let last = cell.wait_for(|f| f.last == 1).scan;
+    assert!(last > first);
+    let since = Instant::now();
+    let (status, took) = ends(&mut cell);
+    send(servo, libc::SIGCONT);
+    assert!(since.elapsed() < Duration::from_millis(4500), "{took:?}");
+    assert!(matches!(status, 1 | 130), "{status}");
+}
+
+/// Whoever drops a roster because it was not what was sent, gets it again.
+#[test]
+fn the_roster_is_said_again_and_again() {
+    let (_bench, mut cell) = cell_with(&long_program());
+    let (bus, _feedback) = cell.feedback();
+    let mut rosters = bus.roster_reader(16).expect("a reader");
+    let mut versions = Vec::new();
+    wait_until("a roster that says the same", || {
+        versions.extend(rosters.any().map(|roster| roster.version));
+        let said = |version: &u64| versions.iter().filter(|v| *v == version).count();
+        versions.iter().any(|version| said(version) > 2)
+    });
+}
+
 /// Who has ordered a run to end is told that it comes to rest. One that was brought on again would be ended in motion, 15 s later.
 #[test]
 fn a_run_that_is_ended_by_ctrl_c_is_not_brought_on_by_another_terminal() {

@@ -30,13 +30,19 @@ mod restart;
 const READY_LIMIT: Duration = Duration::from_secs(30);
 /// So long a process may take to leave in order, the recorder with its queue to empty among them.
 pub const LEAVE_LIMIT: Duration = Duration::from_secs(60);
-/// The same for those who have nothing left to do once the master has left in order.
-const IDLE_LEAVE_LIMIT: Duration = Duration::from_secs(5);
+/// Those who have nothing left to do once the master has left in order, and still live by then, have missed the last feedback: a
+/// process that was stopped, or was slow to come. They are told.
+const MISSED_LAST_LIMIT: Duration = Duration::from_millis(500);
+/// Whoever of them has not left by then is ended.
+const IDLE_LEAVE_LIMIT: Duration = Duration::from_secs(2);
 /// The same where the master is gone and nothing is left to wait for.
 pub const LEAVE_LIMIT_AFTER_MACHINE: Duration = Duration::from_secs(2);
 
 /// So long a recorder may come no further without having taken the last scan: it has missed that, and waits for nothing.
 const RECORDER_IDLE_LIMIT: Duration = Duration::from_secs(1);
+
+/// Time between two rosters that say the same.
+const ROSTER_EVERY: Duration = Duration::from_secs(1);
 
 /// The longest wait without looking who has left.
 const LEAVE_LOOK: Duration = Duration::from_millis(100);
@@ -243,6 +249,7 @@ pub struct Group {
     pub newest_scan: u64,
     roster: Roster,
     roster_writer: Writer<Roster>,
+    roster_said: Instant,
     /// The launcher's foot in the cell.
     pub bus: Bus,
     /// The signal page.
@@ -307,6 +314,7 @@ impl Group {
             newest_scan: 0,
             roster: Roster::zeroed(),
             roster_writer,
+            roster_said: Instant::now(),
             bus,
             page,
             _services: services,
@@ -356,6 +364,14 @@ impl Group {
     pub fn publish_roster_to_newcomers(&self) {
         if !self.somebody_joins() {
             self.roster_writer.connect_readers();
+        }
+    }
+
+    /// Says the roster again now and then, for whoever has dropped it because it was not what was sent. Not while a process is on
+    /// its way into it.
+    pub fn repeat_roster(&mut self) {
+        if self.roster_said.elapsed() > ROSTER_EVERY && !self.somebody_joins() {
+            self.say_roster();
         }
     }
 
@@ -472,6 +488,11 @@ impl Group {
     fn publish_roster(&mut self) {
         self.roster.version += 1;
         self.roster.visible_from = self.newest_scan;
+        self.say_roster();
+    }
+
+    fn say_roster(&mut self) {
+        self.roster_said = Instant::now();
         self.roster_writer.send(&self.roster);
         self.page.raise_all();
     }
@@ -559,13 +580,15 @@ impl Group {
                 recorded = (scans, Instant::now());
             }
             let missed = scans <= self.newest_scan && recorded.1.elapsed() > RECORDER_IDLE_LIMIT;
+            let idle = |m: &Member| m.status.is_none() && m.role.process.job != Job::Monitor;
+            let idles = self.members.iter().any(idle);
+            let missed = missed || idles && started.elapsed() > MISSED_LAST_LIMIT;
             let in_vain = missed || started.elapsed() > limit / 2;
             if in_vain && self.page.phase() != CellPhase::Ending {
                 // Whoever still waits for a last feedback waits in vain.
                 self.page.set_phase(CellPhase::Ending);
             }
-            let idle = |m: &Member| m.status.is_none() && m.role.process.job != Job::Monitor;
-            if started.elapsed() > IDLE_LEAVE_LIMIT && self.members.iter().any(idle) {
+            if started.elapsed() > IDLE_LEAVE_LIMIT && idles {
                 self.page.set_phase(CellPhase::Ending);
                 self.end_late(&idle);
             }

@@ -220,6 +220,7 @@ impl<'a> Supervision<'a> {
         let limit = if often { LOOK_OFTEN } else { LOOK_EVERY };
         self.group.wait(Some(self.signals.descriptor()), limit);
         self.group.publish_roster_to_newcomers();
+        self.group.repeat_roster();
         if let Some(view) = &mut self.view {
             view.look();
         }

@@ -356,6 +356,11 @@ impl BusPorts {
         }
     }
 
+    fn recorder_incarnation(&self) -> Option<u32> {
+        let recorder = self.roster.find(Job::Monitor, 0, 0);
+        recorder.map(|recorder| recorder.incarnation)
+    }
+
     /// In lockstep the recorder loses nothing: waits until it has taken the first scan (from then on it is connected to
     /// everybody) and then while its queue is half full.
     fn await_recorder(&mut self, scan: u64) {
@@ -372,9 +377,14 @@ impl BusPorts {
     /// for again, and its log shows what it lost.
     fn await_recorded(&mut self, scans: u64, limit: Duration) {
         let mut since: Option<Instant> = None;
+        let awaited = self.recorder_incarnation();
         while !self.recorder_dropped && self.member.page.recorded_scans() < scans {
             let recorder = self.roster.living(Job::Monitor, 0, 0);
             if recorder.is_none_or(|r| r.stalled == 1) {
+                return;
+            }
+            // Another one has its place, and its death was not seen here: what has been published before it came it never gets.
+            if self.recorder_incarnation() != awaited {
                 return;
             }
             let seen = self.member.page.master_signal().count();
@@ -449,11 +459,11 @@ impl MasterPorts for BusPorts {
     }
 
     fn read_roster(&mut self) {
-        let recorder = |roster: &Roster| roster.find(Job::Monitor, 0, 0).map(|p| p.incarnation);
         if let Some(roster) = self.ports.roster.newest(u64::MAX) {
-            // Another recorder than the one that stalled is worth waiting for again.
-            self.recorder_dropped &= recorder(&roster) == recorder(&self.roster);
+            let before = self.recorder_incarnation();
             self.roster = roster;
+            // Another recorder than the one that stalled is worth waiting for again.
+            self.recorder_dropped &= self.recorder_incarnation() == before;
         }
     }
 

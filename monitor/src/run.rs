@@ -61,7 +61,11 @@ impl Ports {
     fn record(&mut self, feedback: &Feedback, sinks: &mut Sinks<'_>) -> Result<(), MonitorError> {
         let scan = feedback.scan;
         while let Some(sample) = self.roster.next(scan) {
-            self.newest_roster = Some(sample);
+            // It is said again and again.
+            let before = self.newest_roster.replace(sample);
+            if before.is_some_and(|before| before.version == sample.version) {
+                continue;
+            }
             sinks.take(SampleRef::Roster(&sample))?;
         }
         while let Some(sample) = self.instruments.next(scan) {

@@ -54,6 +54,12 @@ pub struct Killed {
     pub amid: bool,
 }
 
+impl Killed {
+    pub fn is(&self, role: &str) -> bool {
+        self.line.contains(&format!("quadrant {role}"))
+    }
+}
+
 /// A run.
 pub struct Trial {
     pub draw: Draw,
