@@ -200,7 +200,12 @@ impl Analysis {
         let last_scan = self.last.as_ref().map(|feedback| feedback.scan);
         let (processes, faults) = self.faults.finish();
         Measurements {
-            outcome: outcome(&self.machine, self.last.as_ref(), &processes, &faults),
+            outcome: outcome(
+                &self.machine,
+                self.last.as_ref(),
+                processes.iter().any(is_lost_planner),
+                &faults,
+            ),
             scans: match (self.first_scan, last_scan) {
                 (Some(first), Some(last)) => last - first + 1,
                 _ => 0,
@@ -428,20 +433,21 @@ fn row_of(
     })
 }
 
+/// Whether it is the planner, and nobody has its place any more. One that was replaced ends nothing, also where its successor waits
+/// for somebody to go on.
+fn is_lost_planner(process: &ProcessResult) -> bool {
+    process.process == "planner" && process.deaths.len() as u64 >= u64::from(process.starts)
+}
+
 fn outcome(
     machine: &Machine,
     last: Option<&Feedback>,
-    processes: &[ProcessResult],
+    planner_is_lost: bool,
     faults: &[FaultResult],
 ) -> Outcome {
     let Some(last) = last else {
         return Outcome::Stopped(StopReason::NoFeedback);
     };
-    // One that was replaced ends nothing, also where it waits for somebody to go on.
-    let is_lost = |process: &ProcessResult| {
-        process.process == "planner" && process.deaths.len() as u64 >= u64::from(process.starts)
-    };
-    let planner_is_lost = processes.iter().any(is_lost);
     let is_loss = |fault: &&FaultResult| {
         planner_is_lost && fault.process == "planner" && fault.resumed_at_scan.is_none()
     };

@@ -229,7 +229,8 @@ fn folder_of(client: &Client, run: u32) -> Option<PathBuf> {
 pub fn down(options: &OperatorOptions) -> Outcome {
     let client = Client::find(options.cell.as_deref(), "operator")?;
     let cell = client.cell.place.name().to_string();
-    let launcher = watch(client.cell.page.launcher_pid()).environment()?;
+    let launcher = watch(client.cell.page.launcher_pid())
+        .map_err(|_| Failure::Stopped(anyhow!("cell {cell:?} has just ended")))?;
     let request = OperatorRequest {
         order: Order::Down as u32,
         ..OperatorRequest::default()

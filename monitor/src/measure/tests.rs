@@ -366,7 +366,7 @@ fn a_trip_is_reported_with_axis_and_cause() {
     feedback.mode = Mode::Tripped as u32;
     feedback.cause = Cause::FollowingError as u32;
     feedback.cause_axis = 1;
-    let reported = outcome(&machine(&["X", "Y"]), Some(&feedback), &[]);
+    let reported = outcome(&machine(&["X", "Y"]), Some(&feedback), false, &[]);
     let Outcome::Stopped(reason) = reported else {
         panic!("{reported:?}");
     };
@@ -377,7 +377,7 @@ fn a_trip_is_reported_with_axis_and_cause() {
     feedback.mode = Mode::Stopped as u32;
     feedback.cause = Cause::None as u32;
     assert_eq!(
-        outcome(&machine(&["X", "Y"]), Some(&feedback), &[]),
+        outcome(&machine(&["X", "Y"]), Some(&feedback), false, &[]),
         Outcome::Interrupted
     );
     let fault = faults::FaultResult {
@@ -396,20 +396,25 @@ fn a_trip_is_reported_with_axis_and_cause() {
         ..fault.clone()
     };
     assert_eq!(
-        outcome(&machine(&["X", "Y"]), Some(&feedback), &[resumed]),
+        outcome(&machine(&["X", "Y"]), Some(&feedback), true, &[resumed]),
         Outcome::Interrupted,
         "a planner that was replaced did not end the run"
     );
     assert!(
         matches!(
-            outcome(&machine(&["X", "Y"]), Some(&feedback), &[fault]),
+            outcome(&machine(&["X", "Y"]), Some(&feedback), true, std::slice::from_ref(&fault)),
             Outcome::Stopped(reason) if reason.to_string().contains("planner killed in scan 900")
         ),
         "a machine stopped because its planner is gone was not interrupted"
     );
+    assert_eq!(
+        outcome(&machine(&["X", "Y"]), Some(&feedback), false, &[fault]),
+        Outcome::Interrupted,
+        "a planner that was replaced and waits did not end the run"
+    );
     feedback.mode = 77;
     assert!(matches!(
-        outcome(&machine(&["X"]), Some(&feedback), &[]),
+        outcome(&machine(&["X"]), Some(&feedback), false, &[]),
         Outcome::Stopped(_)
     ));
 }
