@@ -125,8 +125,6 @@ impl AxisUnit {
             return fault;
         }
         self.silent = true;
-        // In the feedback it counts as a scan without a command, which it is: no log misses one that nobody sent.
-        self.missed = self.missed.saturating_add(u32::from(lost));
         self.command.scan = next.scan;
         let wanted = if by_hand {
             Wanted::Slow
