@@ -7,7 +7,8 @@ use clap::{Args, Parser, Subcommand};
 use lab::options::{BenchOptions, BenchPongOptions, SoakOptions};
 use launcher::options::{
     CheckOptions, CleanOptions, DoctorOptions, JogOptions, LoadOptions, OperatorOptions,
-    OverrideOptions, PlanOptions, ReportOptions, RunOptions, StartOptions, UpOptions,
+    OptionalStopOptions, OverrideOptions, PlanOptions, ReportOptions, RunOptions, StartOptions,
+    UpOptions,
 };
 use tune::options::TuneOptions;
 #[cfg(feature = "remote")]
@@ -58,6 +59,8 @@ pub enum Command {
     Stop(OperatorOptions),
     /// Set the feed override of a running cell, 0 to 100 percent; 0 stands like a hold
     Override(OverrideOptions),
+    /// Let M1 stop the program of a running cell, or pass it
+    OptionalStop(OptionalStopOptions),
     /// Move one axis of a running cell by hand, at the machine file's reduced jog speed: ready, stopped, or at rest in hold
     Jog(JogOptions),
     /// Drives on: ready for a program, or in hold, where nothing moves before `resume`

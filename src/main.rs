@@ -35,6 +35,7 @@ fn obey(command: Command) -> Outcome {
         Command::Resume(options) => operator::simple(Order::Resume, &options),
         Command::Stop(options) => operator::simple(Order::Stop, &options),
         Command::Override(options) => operator::set_override(&options),
+        Command::OptionalStop(options) => operator::optional_stop(&options),
         Command::Jog(options) => operator::jog(&options),
         Command::Enable(options) => operator::simple(Order::Enable, &options),
         Command::Disable(options) => operator::simple(Order::Disable, &options),

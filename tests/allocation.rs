@@ -131,6 +131,10 @@ impl MasterPorts for Counted {
         self.ports.save(latches, drives);
     }
 
+    fn latch(&mut self, latches: &Latches) {
+        self.ports.latch(latches);
+    }
+
     fn await_answers(&mut self, scan: u64, ask_planner: bool) -> Result<Answered, MasterError> {
         for index in 0..self.servos.len() {
             let (servo, ports) = &mut self.servos[index];

@@ -136,7 +136,7 @@ fn an_unsupported_word_is_refused_with_line_column_and_what_is_supported() {
         b"G21 G90\nG0 X10\nG1 X20 F500 Q7\nM2\n",
         &["bad.ngc:3:", "Q"],
     );
-    refused_program(b"G21 G90\nG96 S200\nM2\n", &["bad.ngc:2:", "G96"]);
+    refused_program(b"G21 G90\nG51 X2\nM2\n", &["bad.ngc:2:", "G51", "scaling"]);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! The whole machine, as its users meet it: through the `quadrant` command, with real processes and real shared memory.
 
 mod against;
+mod auxiliary;
 mod bad_input;
 mod bad_samples;
 mod bench;

@@ -10,6 +10,7 @@
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
+mod auxiliary;
 pub(crate) mod checksum;
 mod order;
 
@@ -253,11 +254,15 @@ pub enum Cause {
     NotReferenced = 17,
     /// The master itself did not run for longer than the watchdog: the drives have braked by themselves and are off.
     Stalled = 18,
+    /// The spindle has a fault, or did not reach its speed, angle or standstill in time.
+    Spindle = 19,
+    /// The tool changer did not confirm the tool in time.
+    ToolChange = 20,
 }
 
 impl Cause {
     /// All of them. A number is never given to another cause: logs keep them.
-    pub const ALL: [Cause; 18] = [
+    pub const ALL: [Cause; 20] = [
         Cause::None,
         Cause::FollowingError,
         Cause::SoftLimit,
@@ -276,6 +281,8 @@ impl Cause {
         Cause::DriveOff,
         Cause::NotReferenced,
         Cause::Stalled,
+        Cause::Spindle,
+        Cause::ToolChange,
     ];
 
     /// Decodes what came over the wire.
@@ -303,6 +310,8 @@ impl Cause {
             Cause::DriveOff => "drive is off, or did not come on in time",
             Cause::NotReferenced => "axis has no reference: home it first",
             Cause::MasterLost => "master lost and restarted, drives off",
+            Cause::Spindle => "spindle fault, or not where it was ordered in time",
+            Cause::ToolChange => "tool change not confirmed in time",
             Cause::Stalled => "master stalled for longer than the watchdog, drives off",
         }
     }
@@ -426,7 +435,7 @@ impl Driver {
 
 /// What the master says each scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Feedback/5")]
+#[type_name("quadrant/Feedback/6")]
 #[repr(C)]
 pub struct Feedback {
     /// Number of the scan that begins with this sample.
@@ -481,6 +490,8 @@ pub struct Feedback {
     pub run: u32,
     /// Kept zero.
     pub reserved: u32,
+    /// Spindle, coolant, outputs, tool and stops.
+    pub auxiliary: Auxiliaries,
     /// Per axis.
     pub axes: [AxisFeedback; MAX_AXES],
     /// Of all that stands before it (XXH3-64); written when it is sent, checked by every reader.
@@ -572,7 +583,7 @@ impl Default for AxisCommand {
 
 /// What the planner says at each period boundary, also when it has nothing new.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/PlannerStatus/3")]
+#[type_name("quadrant/PlannerStatus/4")]
 #[repr(C)]
 pub struct PlannerStatus {
     /// Scan whose feedback this answers.
@@ -599,6 +610,10 @@ pub struct PlannerStatus {
     pub load: u32,
     /// Kept zero.
     pub reserved: u32,
+    /// The event that the program asks for where the machine rests now; its number is 0 for none.
+    pub event: ProgramEvent,
+    /// The next outputs to be set in motion, each in the scan in which its element begins; number 0 for none.
+    pub outputs_ahead: [ProgramEvent; OUTPUTS_AHEAD],
     /// Of all that stands before it (XXH3-64); written when it is sent, checked by every reader.
     pub checksum: u64,
 }
@@ -691,6 +706,10 @@ impl Roster {
     }
 }
 
+pub use auxiliary::{
+    ANALOG_OUTPUTS, Auxiliaries, DIGITAL_OUTPUTS, EventCode, FLOOD, Levels, MIST, OUTPUTS_AHEAD,
+    ProgramEvent, SpindleCommand, Waiting,
+};
 pub use order::{OperatorRequest, OperatorResponse, Order, Refused};
 
 impl Feedback {

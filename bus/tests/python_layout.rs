@@ -4,8 +4,8 @@ use std::fmt::Write;
 use std::mem::offset_of;
 
 use bus::sample::{
-    AxisCommand, AxisFeedback, Feedback, Instruments, Participant, PathTag, PlannerStatus, Roster,
-    WindowId,
+    Auxiliaries, AxisCommand, AxisFeedback, Feedback, Instruments, Levels, Participant, PathTag,
+    PlannerStatus, ProgramEvent, Roster, WindowId,
 };
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -112,6 +112,46 @@ structure!(
     }
 );
 structure!(
+    levels,
+    Levels {
+        spindle_rpm,
+        orientation_deg,
+        analog,
+        digital,
+        spindle,
+        coolant,
+        tool,
+        tool_prepared,
+    }
+);
+structure!(
+    auxiliaries,
+    Auxiliaries {
+        levels,
+        spindle_rpm,
+        events_done,
+        line,
+        waiting,
+        blocked,
+        at_speed,
+        optional_stop,
+        override_disabled,
+        tool,
+    }
+);
+structure!(
+    program_event,
+    ProgramEvent {
+        value,
+        number,
+        code,
+        index,
+        line,
+        element,
+        reserved,
+    }
+);
+structure!(
     feedback,
     Feedback {
         scan,
@@ -140,6 +180,7 @@ structure!(
         program,
         run,
         reserved,
+        auxiliary,
         axes,
         checksum,
     }
@@ -200,6 +241,8 @@ structure!(
         windows,
         load,
         reserved,
+        event,
+        outputs_ahead,
         checksum,
     }
 );
@@ -244,9 +287,12 @@ fn the_python_structures_have_the_layout_and_the_names_of_the_samples() {
         window_id,
         path_tag,
         axis_feedback,
+        levels,
+        auxiliaries,
         feedback,
         instruments,
         axis_command,
+        program_event,
         planner_status,
         participant,
         roster,

@@ -194,10 +194,23 @@ pub(crate) struct Course {
 /// The element after this one, if motion can go on to it without a stop.
 fn next_without_stop(path: &Path, index: usize) -> Option<&Element> {
     let rest = path.elements.iter().skip(index + 1);
-    let next = |after: &&Element| after.is_dwell() || after.length_mm > 0.0;
+    let next = |after: &&Element| after.rests_before || after.is_dwell() || after.length_mm > 0.0;
     rest.into_iter()
         .find(next)
-        .filter(|after| !after.is_dwell())
+        .filter(|after| !after.rests_before && !after.is_dwell())
+}
+
+/// Marks the pieces that the tool rests before: the first piece of an element that says so, or after it where it has no length.
+fn mark_rests(path: &Path, segments: &mut [Segment]) {
+    let mut index = 0;
+    let rests = path.elements.iter().enumerate();
+    for (element, _) in rests.filter(|(_, element)| element.rests_before) {
+        let ahead = segments.get(index..).unwrap_or(&[]);
+        index += ahead.partition_point(|segment| (segment.element as usize) < element);
+        if let Some(segment) = segments.get_mut(index) {
+            segment.rests_at_start = true;
+        }
+    }
 }
 
 impl Course {
@@ -214,7 +227,7 @@ impl Course {
         // The element before, if motion can go on from it without a stop.
         let mut before: Option<&Element> = None;
         for (index, element) in path.elements.iter().enumerate() {
-            if element.is_dwell() {
+            if element.is_dwell() || element.rests_before {
                 before = None;
             }
             if element.is_dwell() || element.length_mm <= 0.0 {
@@ -490,6 +503,7 @@ impl Course {
                     .acceleration_mm_s2(&left_mm_s2, fastest_mm_s),
                 ends_block: false,
                 from_rest_to_rest: stretch.from_rest_to_rest,
+                rests_at_start: false,
                 of_move: None,
             });
         });
@@ -498,6 +512,7 @@ impl Course {
             next_element..path.elements.len() as u32,
             &mut segments,
         );
+        mark_rests(path, &mut segments);
         let line_of = |segment: &Segment| path.line_of(segment.element as usize);
         for index in 1..segments.len() {
             let next_line = segments.get(index).and_then(line_of);
@@ -527,6 +542,7 @@ impl Course {
                     acceleration_mm_s2: 0.0,
                     ends_block: false,
                     from_rest_to_rest: false,
+                    rests_at_start: false,
                     of_move: None,
                 });
             }

@@ -89,6 +89,8 @@ pub struct Element {
     pub feed: Feed,
     /// Length along the curve in mm (degrees if only rotary axes move); 0 for a dwell.
     pub length_mm: f64,
+    /// The tool comes to rest before it, whatever stands before: something happens there first.
+    pub rests_before: bool,
 }
 
 /// The whole path of a program.
@@ -174,6 +176,7 @@ impl Element {
             shape,
             feed,
             length_mm,
+            rests_before: false,
         }
     }
 
@@ -237,6 +240,7 @@ impl Element {
             shape: Shape::Dwell { at, seconds },
             feed: Feed::Rapid,
             length_mm: 0.0,
+            rests_before: false,
         }
     }
 

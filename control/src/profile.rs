@@ -104,16 +104,35 @@ pub(crate) struct Traveller<'a> {
     scan_period_s: f64,
     pub state: PathState,
     segment: usize,
+    /// The first element that is not begun yet.
+    until_element: u32,
 }
 
 impl<'a> Traveller<'a> {
-    pub fn new(map: &'a SpeedMap, scan_period_s: f64, state: PathState) -> Self {
+    pub fn new(
+        map: &'a SpeedMap,
+        scan_period_s: f64,
+        state: PathState,
+        until_element: u32,
+    ) -> Self {
         Self {
             map,
             scan_period_s,
             state,
             segment: map.segment_at(state.element, state.distance_mm),
+            until_element,
         }
+    }
+
+    /// Whether it is at the place that it is not to go beyond. The map rests there.
+    pub fn is_held_back(&self) -> bool {
+        let mut segment = self.map.segments.get(self.segment);
+        let waited = |on: &&Segment| on.is_dwell && on.element == self.state.element;
+        if segment.filter(waited).is_some() && self.state.dwell_remaining_scans == 0 {
+            segment = self.map.segments.get(self.segment + 1);
+        }
+        let next = segment.map_or(self.map.element_count, |segment| segment.element);
+        next >= self.until_element
     }
 
     /// Whether everything is done.
@@ -123,7 +142,7 @@ impl<'a> Traveller<'a> {
 
     /// One scan of intended motion.
     pub fn go(&mut self, envelope: &mut Envelope) {
-        if self.state.waits_for_start {
+        if self.state.waits_for_start || self.is_held_back() {
             return;
         }
         let EnvelopeKey {
@@ -170,6 +189,11 @@ impl<'a> Traveller<'a> {
             };
             if to_the_end {
                 self.enter_next();
+                if self.is_held_back() {
+                    self.stay_at_the_end_of(segment);
+                    self.state.speed_mm_s = 0.0;
+                    return;
+                }
                 if single_block && segment.ends_block && self.state.is_at_rest() {
                     self.stay_at_the_end_of(segment);
                     self.state.waits_for_start = true;

@@ -75,6 +75,8 @@ pub(crate) struct Segment {
     pub ends_block: bool,
     /// Whether its element begins and ends at rest whatever comes before and after (`positioning`).
     pub from_rest_to_rest: bool,
+    /// The tool rests before it: it is the first piece after a place where something happens.
+    pub rests_at_start: bool,
     /// Its profile among the moves of the map, if it is travelled at least heat.
     pub of_move: Option<u32>,
 }
@@ -85,8 +87,10 @@ impl Segment {
         self.speed_mm_s.min(self.feed_mm_s * feed_override)
     }
 
-    /// Whether the motion rests between this segment and the next because one of them is on a rapid from rest to rest.
+    /// Whether the motion rests between this segment and the next: something happens between them, or one of them is on a rapid
+    /// from rest to rest.
     pub fn rests_before(&self, next: &Segment) -> bool {
-        (self.from_rest_to_rest || next.from_rest_to_rest) && self.element != next.element
+        next.rests_at_start
+            || (self.from_rest_to_rest || next.from_rest_to_rest) && self.element != next.element
     }
 }

@@ -46,6 +46,8 @@ pub struct SpeedMap {
     moves: Vec<Move>,
     limited_by_window_mm_s: Option<f64>,
     override_max: f64,
+    /// Elements of the path.
+    pub(crate) element_count: u32,
 }
 
 impl SpeedMap {
@@ -68,9 +70,9 @@ impl SpeedMap {
         if path.elements.is_empty() {
             return Err(MapError::Empty);
         }
-        if u32::try_from(path.elements.len()).is_err() {
+        let Ok(element_count) = u32::try_from(path.elements.len()) else {
             return Err(MapError::TooLong(path.elements.len()));
-        }
+        };
         let override_max = if settings.override_max > 0.0 {
             settings.override_max.min(1e3)
         } else {
@@ -93,6 +95,7 @@ impl SpeedMap {
             moves,
             limited_by_window_mm_s,
             override_max,
+            element_count,
         })
     }
 

@@ -3,7 +3,6 @@
 use std::ops::ControlFlow;
 
 use crate::audit::{LimitShares, SetpointAudit, SetpointFault};
-use crate::profile::PathState;
 use crate::window::{PlanError, PlannedSetpoint, WindowPlanner, WindowRequest};
 
 /// How a program is planned in advance.
@@ -42,7 +41,7 @@ impl ProgramWalk {
         mut each: impl FnMut(&PlannedSetpoint) -> ControlFlow<()>,
     ) -> Result<Totals, PlanError> {
         let mut window = Vec::with_capacity(planner.setpoints_max());
-        let mut from = PathState::default();
+        let mut from = planner.start_state();
         let mut request = WindowRequest {
             intended_setpoints: self.setpoints_per_window.max(1),
             feed_override: self.feed_override,

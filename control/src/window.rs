@@ -56,6 +56,9 @@ pub struct WindowRequest {
     pub start: bool,
     /// Setpoint 0 is `from` itself, which is at rest: the first window after *no window*.
     pub repeats_start: bool,
+    /// The first element that is not begun yet: motion rests before it. It, or the next one that has a length or waits, is one
+    /// that [rests before](crate::path::Element::rests_before) it; the number of elements holds back at the end of the path.
+    pub until_element: u32,
 }
 
 impl Default for WindowRequest {
@@ -67,6 +70,7 @@ impl Default for WindowRequest {
             single_block: false,
             start: false,
             repeats_start: false,
+            until_element: u32::MAX,
         }
     }
 }
@@ -204,6 +208,23 @@ impl WindowPlanner {
         })
     }
 
+    /// The state at rest at the start of the path.
+    pub fn start_state(&self) -> PathState {
+        let first = self.map.segments.first();
+        let waits = first.filter(|segment| segment.is_dwell && segment.element == 0);
+        PathState {
+            dwell_remaining_scans: waits.map_or(0, |segment| segment.dwell_scans),
+            ..PathState::default()
+        }
+    }
+
+    /// Whether motion from this state goes no further before this element is [begun](WindowRequest::until_element).
+    pub fn is_held_back(&self, state: &PathState, until_element: u32) -> bool {
+        let scan_period_s = self.limits.scan_period_s();
+        let at = Traveller::new(&self.map, scan_period_s, *state, until_element);
+        state.is_at_rest() && at.is_held_back()
+    }
+
     /// Whether this state is the end of the path: nothing is left to do there.
     pub fn is_end(&self, state: &PathState) -> bool {
         let last = self.path.elements.len().saturating_sub(1);
@@ -237,7 +258,12 @@ impl WindowPlanner {
             feed_override,
             single_block: request.single_block,
         });
-        let mut traveller = Traveller::new(&self.map, self.limits.scan_period_s(), before.state);
+        let mut traveller = Traveller::new(
+            &self.map,
+            self.limits.scan_period_s(),
+            before.state,
+            request.until_element,
+        );
         let mut ends_program = false;
         let intended_setpoints_max = request
             .intended_setpoints
@@ -249,7 +275,7 @@ impl WindowPlanner {
             }
             before = setpoint_at(&self.path, &self.limits, &traveller.state);
             setpoints.push(before);
-            ends_program = traveller.is_at_end();
+            ends_program = traveller.is_at_end() && !traveller.is_held_back();
             if ends_program {
                 break;
             }

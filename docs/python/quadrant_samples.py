@@ -77,8 +77,54 @@ class AxisFeedback(ctypes.Structure):
 assert ctypes.sizeof(AxisFeedback) == 120
 
 
+class Levels(ctypes.Structure):
+    """104 bytes."""
+
+    _fields_ = [
+        ("spindle_rpm", c_double),  # at 0
+        ("orientation_deg", c_double),  # at 8
+        ("analog", c_double * 8),  # at 16
+        ("digital", c_uint64),  # at 80
+        ("spindle", c_uint32),  # at 88
+        ("coolant", c_uint32),  # at 92
+        ("tool", c_uint32),  # at 96
+        ("tool_prepared", c_uint32),  # at 100
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "quadrant/Levels/1"
+
+
+assert ctypes.sizeof(Levels) == 104
+
+
+class Auxiliaries(ctypes.Structure):
+    """144 bytes."""
+
+    _fields_ = [
+        ("levels", Levels),  # at 0
+        ("spindle_rpm", c_double),  # at 104
+        ("events_done", c_uint32),  # at 112
+        ("line", c_uint32),  # at 116
+        ("waiting", c_uint32),  # at 120
+        ("blocked", c_uint32),  # at 124
+        ("at_speed", c_uint32),  # at 128
+        ("optional_stop", c_uint32),  # at 132
+        ("override_disabled", c_uint32),  # at 136
+        ("tool", c_uint32),  # at 140
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "quadrant/Auxiliaries/1"
+
+
+assert ctypes.sizeof(Auxiliaries) == 144
+
+
 class Feedback(ctypes.Structure):
-    """1208 bytes."""
+    """1352 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -107,16 +153,17 @@ class Feedback(ctypes.Structure):
         ("program", c_uint32),  # at 228
         ("run", c_uint32),  # at 232
         ("reserved", c_uint32),  # at 236
-        ("axes", AxisFeedback * 8),  # at 240
-        ("checksum", c_uint64),  # at 1200
+        ("auxiliary", Auxiliaries),  # at 240
+        ("axes", AxisFeedback * 8),  # at 384
+        ("checksum", c_uint64),  # at 1344
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Feedback/5"
+        return "quadrant/Feedback/6"
 
 
-assert ctypes.sizeof(Feedback) == 1208
+assert ctypes.sizeof(Feedback) == 1352
 
 
 class Instruments(ctypes.Structure):
@@ -178,8 +225,29 @@ class AxisCommand(ctypes.Structure):
 assert ctypes.sizeof(AxisCommand) == 952
 
 
+class ProgramEvent(ctypes.Structure):
+    """32 bytes."""
+
+    _fields_ = [
+        ("value", c_double),  # at 0
+        ("number", c_uint32),  # at 8
+        ("code", c_uint32),  # at 12
+        ("index", c_uint32),  # at 16
+        ("line", c_uint32),  # at 20
+        ("element", c_uint32),  # at 24
+        ("reserved", c_uint32),  # at 28
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "quadrant/ProgramEvent/1"
+
+
+assert ctypes.sizeof(ProgramEvent) == 32
+
+
 class PlannerStatus(ctypes.Structure):
-    """88 bytes."""
+    """376 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -194,15 +262,17 @@ class PlannerStatus(ctypes.Structure):
         ("windows", c_uint32),  # at 68
         ("load", c_uint32),  # at 72
         ("reserved", c_uint32),  # at 76
-        ("checksum", c_uint64),  # at 80
+        ("event", ProgramEvent),  # at 80
+        ("outputs_ahead", ProgramEvent * 8),  # at 112
+        ("checksum", c_uint64),  # at 368
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/PlannerStatus/3"
+        return "quadrant/PlannerStatus/4"
 
 
-assert ctypes.sizeof(PlannerStatus) == 88
+assert ctypes.sizeof(PlannerStatus) == 376
 
 
 class Participant(ctypes.Structure):

@@ -286,7 +286,7 @@ fn tampered_window(cell: &mut Cell, bytes: &mut Bytes<'_>, feedback: &Feedback) 
             header.predecessor = feedback.window;
         }
     }
-    if bytes.byte() % 2 == 0 {
+    if bytes.byte().is_multiple_of(2) {
         header.setpoint_count = setpoints.len() as u32;
         header.id.checksum = checksum(header, setpoints);
     }

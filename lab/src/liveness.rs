@@ -237,7 +237,9 @@ impl<'a> Liveness<'a> {
             | Cause::DriveLost
             | Cause::DriveOff
             | Cause::NotReferenced
-            | Cause::Stalled => false,
+            | Cause::Stalled
+            | Cause::Spindle
+            | Cause::ToolChange => false,
         };
         if !true_word {
             let words = format!(

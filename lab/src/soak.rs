@@ -210,7 +210,7 @@ impl Soak<'_> {
     /// Writes the machine of the next run: everything restarts; every axis has a standby, or in every other run every second.
     fn write_machine(&self) -> anyhow::Result<()> {
         let file = machine_file(&self.options.machine);
-        let text = fs::read_to_string(&file).with_context(|| file.display().to_string())?;
+        let text = machine::snapshot(&file)?;
         let mut machine: DocumentMut = text.parse()?;
         for (key, word) in [
             ("planner", "resume"),

@@ -66,8 +66,9 @@ impl Checked {
         let Some(program) = &self.program else {
             bail!("no program was named");
         };
-        planner::window_planner(&self.machine, program.path.clone(), program.start)
-            .with_context(|| program.name.clone())
+        let course = planner::course(&self.machine, program.clone());
+        let (windows, _) = course.with_context(|| program.name.clone())?;
+        Ok(windows)
     }
 
     /// Plans the whole program as the planner process would, window by window.
@@ -220,14 +221,15 @@ fn print_totals(checked: &Checked, totals: &Totals) {
             "  path speed limited to {speed_mm_s:.1} mm/s: braking from more does not fit a window"
         ));
     }
-    if let Some(event) = program.events.first() {
+    let acts = |event: &&program::Event| planner::acts_on(&checked.machine, &event.kind);
+    if let Some(event) = program.events.iter().find(|event| !acts(event)) {
         say(&format!(
             "  line {}: S and M3 to M5 are read and not acted on: no spindle is driven",
             event.line
         ));
     }
     for note in &program.notes {
-        say(&format!("  line {}: {}", note.line, note.text));
+        say(&format!("  {}", note.shown()));
     }
 }
 

@@ -298,7 +298,8 @@ impl Group {
         bus::limits::check(&place, &services)?;
         bus::room::check(&place, &services)?;
         // Its clients know the machine from here.
-        std::fs::copy(&plan.machine_file, place.machine_file())
+        let machine_file = machine::snapshot(&plan.machine_file)?;
+        std::fs::write(place.machine_file(), machine_file)
             .context("copying the machine file into the cell")?;
         let bus = Bus::enter(&place, &machine.shape(), "launcher", true)?;
         let services = bus.create_all()?;

@@ -14,7 +14,7 @@ use client::{order_urgently, running};
 use eyes::Eyes;
 
 use crate::exit::{Failure, Outcome};
-use crate::options::{JogOptions, OperatorOptions, OverrideOptions};
+use crate::options::{JogOptions, OperatorOptions, OptionalStopOptions, OverrideOptions};
 use crate::output::say;
 
 /// `hold`, `resume`, `stop`, `enable`, `disable`.
@@ -42,6 +42,15 @@ pub fn order(cell: &str, order: Order, value: f64) -> Result<String, Failure> {
 pub fn set_override(options: &OverrideOptions) -> Outcome {
     let client = Client::find(options.to.cell.as_deref(), "operator")?;
     say(&client.order(Order::Override, options.percent)?);
+    Ok(())
+}
+
+/// `optional-stop`.
+pub fn optional_stop(options: &OptionalStopOptions) -> Outcome {
+    let client = Client::find(options.to.cell.as_deref(), "operator")?;
+    let on = options.state == "on";
+    client.order(Order::OptionalStop, f64::from(u8::from(on)))?;
+    say(&format!("optional stop {}", options.state));
     Ok(())
 }
 

@@ -152,6 +152,20 @@ pub struct OverrideOptions {
     pub to: OperatorOptions,
 }
 
+/// What `quadrant optional-stop` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Prints what happened, or why it was refused, and exits with 0 or 1; also with 1 if\nno cell runs or it does not answer within 5 s; with 2 on bad usage.\n\nStop at every M1 of the program that runs:\n  quadrant optional-stop on\n  quadrant resume"
+)]
+pub struct OptionalStopOptions {
+    /// Whether M1 stops the program
+    #[arg(value_parser = ["on", "off"])]
+    pub state: String,
+    /// Which cell.
+    #[command(flatten)]
+    pub to: OperatorOptions,
+}
+
 /// What `quadrant jog` takes.
 #[derive(Debug, Clone, Args)]
 pub struct JogOptions {

@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use bus::port::Reader;
-use bus::sample::{Feedback, PlannerStatus};
+use bus::sample::{Feedback, PlannerStatus, Waiting};
 use control::path::Path;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
 
@@ -19,6 +19,8 @@ pub struct Progress {
     scan_period_s: f64,
     started: Instant,
     newest: Option<Feedback>,
+    /// Stop for the operator that was told of: what for, and how many events were done by then.
+    told_of: Option<(u32, u32)>,
 }
 
 impl Progress {
@@ -46,6 +48,7 @@ impl Progress {
             scan_period_s,
             started: Instant::now(),
             newest: None,
+            told_of: None,
         }
     }
 
@@ -54,6 +57,7 @@ impl Progress {
         if let Some(feedback) = self.feedback.newest(u64::MAX) {
             self.newest = Some(feedback);
         }
+        self.tell_of_stop();
         let status = self.planner.newest(u64::MAX);
         if let (Some(feedback), Some(status)) = (&self.newest, status)
             && status.path_length_mm > 0.0
@@ -71,6 +75,22 @@ impl Progress {
             ));
         }
         self.newest.as_ref()
+    }
+
+    /// Says once that the program waits for its operator.
+    fn tell_of_stop(&mut self) {
+        let Some(auxiliary) = self.newest.map(|feedback| feedback.auxiliary) else {
+            return;
+        };
+        let waiting = Waiting::from_wire(auxiliary.waiting).unwrap_or_default();
+        let stop = waiting
+            .is_for_operator()
+            .then_some((auxiliary.waiting, auxiliary.events_done));
+        let new = stop.is_some() && stop != self.told_of;
+        if let Some(what) = monitor::auxiliary::waiting(&auxiliary).filter(|_| new) {
+            tracing::warn!("the program waits for {what}: `quadrant resume` goes on");
+        }
+        self.told_of = stop;
     }
 
     /// The newest feedback that was seen.

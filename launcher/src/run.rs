@@ -116,6 +116,9 @@ fn check_all(
         view::check().input()?;
     }
     let checked = check::load(&options.machine, Some(&options.program)).input()?;
+    for note in checked.program.iter().flat_map(|program| &program.notes) {
+        tracing::warn!("{}: {}", options.program.display(), note.shown());
+    }
     if let Some(orders) = &options.orders {
         orders::load(orders, &checked.machine).input()?;
     }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use chrono::{DateTime, Utc};
+use machine::Machine;
 use machine::learned::LEARNED_FILE;
 
 /// A run directory with its copies.
@@ -138,14 +139,26 @@ impl RunDir {
         let copy_if = |from: Option<&Path>, name: &str| {
             from.map(|from| copy(from, Path::new(name))).transpose()
         };
+        let write = |text: &str, name: &Path| -> anyhow::Result<PathBuf> {
+            let to = folder.join(name);
+            fs::write(&to, text).with_context(|| format!("{}: cannot be written", to.display()))?;
+            Ok(to)
+        };
+        let subroutines = Machine::load(sources.machine)?.subroutine_folders;
         let program = sources
             .program
-            .map(|program| copy(program, Path::new(program_name(program)?)))
+            .map(|program| {
+                let text = program::read_program(program, &subroutines)?;
+                write(&text, Path::new(program_name(program)?))
+            })
             .transpose()?;
         copy_if(sources.learned, LEARNED_FILE)?;
         Ok(RunDir {
             folder: folder.to_path_buf(),
-            machine: copy(sources.machine, Path::new("machine.toml"))?,
+            machine: write(
+                &machine::snapshot(sources.machine)?,
+                Path::new("machine.toml"),
+            )?,
             plant: copy(sources.plant, Path::new("plant.toml"))?,
             program,
             orders: copy_if(sources.orders, "orders.toml")?,

@@ -9,6 +9,7 @@
 //! Slides are in mm. Rotary axes use the same keys with degrees in place of millimetres (`rapid_mm_s` is degrees per
 //! second there): they share the code of slides. What forces and masses mean there: docs/methods/pivot-axis.md.
 
+mod auxiliary;
 mod axis;
 mod interpolation;
 mod kinematics;
@@ -24,11 +25,13 @@ mod restart;
 mod reversal;
 mod rules;
 pub mod settings_file;
+mod tool_table;
 
+pub use auxiliary::{Spindle, ToolChange, ToolChanger};
 pub use axis::{Axis, AxisKind, Changeover, DriveMode, Motor, PositionFeedback};
 pub use interpolation::{Interpolation, StraightLines, WithinPeriod};
 pub use kinematics::{Carries, Kinematics, KinematicsKind};
-pub use load::{machine_file, reference, schema};
+pub use load::{copy_tool_table, machine_file, reference, schema, snapshot};
 pub use loops::{FeedForward, PREDICTION_M_MIN, PositionLoop, Prediction, VelocityLoop};
 pub use machine::{DEAD_TIME_SCANS_MAX, Machine, Manual, ProgramSettings, Scan};
 pub use model::{AxisModel, DisturbanceObserver, TorqueFeedForward};
@@ -36,3 +39,4 @@ pub use positioning::{Positioning, RapidProfile};
 pub use process::Process;
 pub use restart::{AfterLoss, AfterMaster, AfterMonitor, AfterStandby, Restart};
 pub use reversal::{PositionErrorPart, PulseShape, Reversal, ReversalMethod, Trigger};
+pub use tool_table::{Tool, parse_tools};

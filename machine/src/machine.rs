@@ -1,17 +1,20 @@
 //! The whole machine file, its clocks, and what concerns no single axis.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 use bus::sample::{MAX_AXES, MAX_SUBSAMPLES};
 use bus::service::Shape;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use crate::auxiliary::{Spindle, ToolChange};
 use crate::axis::Axis;
 use crate::interpolation::Interpolation;
 use crate::kinematics::Kinematics;
 use crate::positioning::Positioning;
 use crate::restart::Restart;
+use crate::tool_table::Tool;
 
 /// The whole machine file.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
@@ -33,10 +36,21 @@ pub struct Machine {
     pub manual: Manual,
     /// What follows when a process is lost ([all cases](faults.md)).
     pub restart: Restart,
+    /// The spindle ([spindle, coolant, outputs and stops](../howto/spindle.md)). Without this table S, M3, M4, M5 and M19 are read and
+    /// not acted on.
+    pub spindle: Option<Spindle>,
+    /// Who changes tools (M6).
+    pub tool_change: ToolChange,
     /// An axis: a machine has 1 to 8, each with a letter of its own.
     #[serde(rename = "axis")]
     #[schemars(length(min = 1, max = MAX_AXES))]
     pub axes: Vec<Axis>,
+    /// The tools that `program.tool_table` or `program.tools` names.
+    #[serde(skip)]
+    pub tools: Vec<Tool>,
+    /// `program.subroutine_folders`, from the folder of the file.
+    #[serde(skip)]
+    pub subroutine_folders: Vec<PathBuf>,
 }
 
 /// Longest dead time of the drives, in scans.
@@ -78,6 +92,23 @@ pub struct ProgramSettings {
         "unit": "mm", "minimum": -100_000, "maximum": 100_000, "default": 0.0
     }))]
     pub work_offset_mm: BTreeMap<String, f64>,
+    /// File of the tools, in the form of LinuxCNC (a line for each, such as `T1 P1 D6 Z12.5 ;end mill`), in mm; a path counts from
+    /// the folder of this file. Without it and `tools` every tool can be called, and none has a length.
+    #[schemars(extend("default" = ""))]
+    pub tool_table: String,
+    /// The tools themselves, as the text of such a file. Copies of a machine file hold the table so.
+    #[schemars(extend("default" = ""))]
+    pub tools: String,
+    /// Folders in which subroutines are looked for that a program calls and does not hold, after the program's own; paths count
+    /// from the folder of this file.
+    #[schemars(extend("default" = []))]
+    pub subroutine_folders: Vec<String>,
+    /// Whether blocks that begin with `/` are left out (block delete).
+    #[schemars(extend("default" = false))]
+    pub block_delete: bool,
+    /// Whether optional stops (M1) are switched on when the cell starts; the order `optional-stop` changes it.
+    #[schemars(extend("default" = false))]
+    pub optional_stop: bool,
 }
 
 /// Motion off the path.

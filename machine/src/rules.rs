@@ -16,8 +16,14 @@ mod reversal;
 pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
     cell(rules, machine);
     dead_time(rules, machine);
+    tools(rules, machine);
     work_offsets(rules, machine);
     minimum_heat(rules, machine);
+    if let Some(spindle) = &machine.spindle {
+        let (low, high) = (spindle.speed_min_rpm, spindle.speed_max_rpm);
+        let path = ["spindle", "speed_max_rpm"];
+        rules.at_least(&path, None, high, "rev/min", "speed_min_rpm", low);
+    }
     kinematics::judge(rules, machine);
     for (index, axis) in machine.axes.iter().enumerate() {
         let at = Some((index, axis.name.as_str()));
@@ -64,6 +70,17 @@ fn dead_time(rules: &mut Rules<'_>, machine: &Machine) {
             scan.dead_time_scans
         );
         rules.say(&["scan", "dead_time_scans"], None, &what);
+    }
+}
+
+/// Tools are in a file or in the machine file.
+fn tools(rules: &mut Rules<'_>, machine: &Machine) {
+    if !machine.program.tool_table.is_empty() && !machine.program.tools.is_empty() {
+        rules.say(
+            &["program", "tool_table"],
+            None,
+            "goes without `tools`: the tools are in a file of their own, or here",
+        );
     }
 }
 

@@ -273,8 +273,8 @@ fn every_key_has_a_meaning_and_every_number_a_range() {
             Kind::List => {
                 let items = of_key.items().unwrap();
                 let range = items.range();
-                let has =
-                    items.kind() == Kind::Table || (range.from.is_some() && range.high.is_some());
+                let has = matches!(items.kind(), Kind::Table | Kind::Text)
+                    || (range.from.is_some() && range.high.is_some());
                 assert!(has, "{path} has no range");
                 items
                     .keys()

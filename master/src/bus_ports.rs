@@ -483,6 +483,12 @@ impl MasterPorts for BusPorts {
             .save_machine_state(saved.save(latches, drives));
     }
 
+    fn latch(&mut self, latches: &Latches) {
+        if let Some(saved) = self.saved.as_mut() {
+            self.member.page.save_machine_state(saved.latch(latches));
+        }
+    }
+
     fn await_answers(&mut self, scan: u64, ask_planner: bool) -> Result<Answered, MasterError> {
         self.await_answers_except(scan, ask_planner, &|_| false)
     }

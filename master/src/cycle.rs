@@ -52,5 +52,8 @@ pub fn cycle<D: Drives, P: MasterPorts>(
         master.offer(header, setpoints, roster);
     });
     master.close_scan(&answers, ports.roster());
+    if master.take_latched() {
+        ports.latch(&master.latches());
+    }
     Ok(Flow::GoOn)
 }

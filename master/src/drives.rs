@@ -1,5 +1,6 @@
 //! The seam to the iron: what a master asks of drives, simulated or on a fieldbus. It cannot tell which they are.
 
+use bus::sample::Levels;
 use bytemuck::{Pod, Zeroable};
 
 /// What a drive is asked to do for one scan.
@@ -101,6 +102,19 @@ pub struct DriveFeedback {
     pub state: DriveState,
 }
 
+/// What the machine beside its axes shows at the start of a scan.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct AuxiliaryFeedback {
+    /// Speed of the spindle, in rev/min, clockwise positive.
+    pub spindle_rpm: f64,
+    /// The spindle stands at the angle that was commanded.
+    pub oriented: bool,
+    /// The error code of the spindle's drive while it has a fault, else 0.
+    pub spindle_code: u32,
+    /// Number of the tool in the spindle, as a changer knows it.
+    pub tool: u32,
+}
+
 /// What bench instruments read at one instant. Real machines have none.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
@@ -135,6 +149,16 @@ pub trait Drives {
     /// The master has exchanged nothing for longer than its watchdog. Drives on a bus know it by a watchdog of their own and
     /// need no word; simulated ones have no other clock: they brake to rest and switch off.
     fn stalled(&mut self) {}
+
+    /// What spindle, coolant, outputs and tool changer are to be in this scan; called once a scan, before
+    /// [`exchange`](Drives::exchange). Levels stay until they change. A master that dies says nothing more: the spindle then stops by
+    /// itself and coolant goes off, outputs stay.
+    fn command_levels(&mut self, _levels: &Levels) {}
+
+    /// What spindle and tool changer show now; nothing where there are none.
+    fn auxiliary(&self) -> AuxiliaryFeedback {
+        AuxiliaryFeedback::default()
+    }
 
     /// What bench instruments read of `axis` in the last exchange; nothing on a real machine.
     fn instruments(&self, axis: usize) -> &[InstrumentSample];

@@ -15,8 +15,11 @@ pub mod saved;
 pub mod window_arbiter;
 
 pub use answers::Answers;
-pub use drives::{DriveCommand, DriveFeedback, DriveState, Drives, InstrumentSample, StateRefused};
+pub use drives::{
+    AuxiliaryFeedback, DriveCommand, DriveFeedback, DriveState, Drives, InstrumentSample,
+    StateRefused,
+};
 pub use error::MasterError;
-pub use master::{Inner, InnerAxis, Master, RunEnd};
+pub use master::{AuxiliaryLatches, Inner, InnerAxis, Master, RunEnd};
 pub use ports::{Answered, Flow, MasterPorts};
 pub use run::{Options, run};

@@ -20,6 +20,7 @@ use crate::digest::MotionDigest;
 use crate::drives::{DriveCommand, DriveState, Drives};
 use crate::window_arbiter::{Dropped, WindowArbiter};
 
+mod auxiliary;
 mod axis_unit;
 mod decide;
 mod inner;
@@ -33,6 +34,8 @@ mod substitute;
 mod switch;
 mod switching_on;
 
+use auxiliary::Auxiliary;
+pub use auxiliary::AuxiliaryLatches;
 use axis_unit::AxisUnit;
 pub use inner::{Inner, InnerAxis};
 use program::Loaded;
@@ -63,6 +66,7 @@ pub struct Master<D> {
     run_end: RunEnd,
     mode: Mode,
     program: Loaded,
+    auxiliary: Auxiliary,
     cause: Cause,
     cause_axis: u32,
     cause_scan: u64,
@@ -129,6 +133,7 @@ impl<D: Drives> Master<D> {
             run_end,
             mode: Mode::Disabled,
             program: Loaded::new(run_end),
+            auxiliary: Auxiliary::new(machine),
             cause: Cause::None,
             cause_axis: u32::MAX,
             cause_scan: 0,
@@ -198,6 +203,7 @@ impl<D: Drives> Master<D> {
         feedback.load = self.program.load;
         feedback.program = self.program.state as u32;
         feedback.run = self.program.run;
+        feedback.auxiliary = self.auxiliary.tell();
         for (out, axis) in feedback.axes.iter_mut().zip(&self.axes) {
             *out = AxisFeedback {
                 motor_position: axis.motor_position(),
@@ -240,7 +246,9 @@ impl<D: Drives> Master<D> {
         for (command, axis) in self.drive_commands.iter_mut().zip(&self.axes) {
             *command = axis.drive_command(self.mode, switching_on);
         }
+        self.drives.command_levels(&self.auxiliary.levels());
         self.drives.exchange(&self.drive_commands);
+        self.auxiliary.take(self.drives.auxiliary());
         let taken = self.subsamples as usize;
         let setpoints = out.table_mm.iter_mut().zip(&mut out.motor_mm);
         let axes = self.axes.iter_mut().zip(&self.drive_commands).enumerate();
@@ -277,6 +285,7 @@ impl<D: Drives> Master<D> {
         self.hold_without_planner(answers, roster);
         self.hold_without_standby();
         self.judge_axes();
+        self.step_auxiliary();
         self.decide_window();
         self.follow_up();
         if jog_done {
@@ -301,6 +310,7 @@ impl<D: Drives> Master<D> {
             return;
         }
         self.program.read(status.cause == 0, self.mode);
+        self.heed_events(status);
         if status.cause != 0 && self.cause == Cause::None {
             self.cause = Cause::Planner;
             self.cause_scan = self.scan + 1;

@@ -55,6 +55,9 @@ pub trait MasterPorts {
     /// Keeps what must outlive the master.
     fn save(&mut self, latches: &Latches, drives: &impl Drives);
 
+    /// Keeps what was latched since; the drives are as they were saved last.
+    fn latch(&mut self, latches: &Latches);
+
     /// Waits for the answers to a scan as the pace wants it.
     ///
     /// # Errors

@@ -12,6 +12,7 @@ use bus::sample::MAX_AXES;
 use bytemuck::{Pod, Zeroable};
 
 use crate::drives::{Drives, StateRefused};
+use crate::master::AuxiliaryLatches;
 use crate::window_arbiter::Left;
 
 /// What the master had latched.
@@ -42,6 +43,8 @@ pub struct Latches {
     pub run: u32,
     /// 1 while feed hold is latched.
     pub hold: u32,
+    /// Spindle, coolant, outputs, tool and the events that are done.
+    pub auxiliary: AuxiliaryLatches,
 }
 
 /// One saved state: the latches, then the drives.

@@ -179,6 +179,11 @@ impl WindowArbiter {
         Some(&setpoint.position)
     }
 
+    /// Where on the path the setpoint executed in this scan is; none without a window.
+    pub fn tag_in(&self, scan: u64) -> Option<PathTag> {
+        self.in_force.tag(self.in_force.setpoint(scan))
+    }
+
     /// Whether the window in force brings the program to its end.
     pub fn ends_program(&self) -> bool {
         self.in_force.header.ends_program == 1

@@ -137,13 +137,13 @@ impl Cell {
         commands: &[Option<AxisCommand>; 4],
     ) {
         let takes_over = next.window != feedback.window && !next.window.is_none();
-        for axis in 0..2 {
+        for (axis, followed) in followed.into_iter().enumerate() {
             let shown = next.axes[axis];
             if takes_over && !self.holds(axis, shown.taken_role, next.window) {
                 self.broken(Broken::Window);
             }
             // Nobody's was: the drive holds the last one, or the master commands the axis.
-            if !followed[axis] {
+            if !followed {
                 continue;
             }
             let place = axis * 2 + shown.taken_role as usize;

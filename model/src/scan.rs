@@ -209,6 +209,8 @@ impl MasterPorts for Scan<'_> {
         self.cell.page.saved = Some(Arc::new(saved));
     }
 
+    fn latch(&mut self, _latches: &Latches) {}
+
     fn await_answers(&mut self, _scan: u64, _ask: bool) -> Result<Answered, Infallible> {
         if self.fate == Fate::MasterKilled(Moment::AfterSaving) {
             return Ok(Answered::Leave);

@@ -7,6 +7,7 @@
 //! **Invariant**: nothing here looks at a clock to decide a number. Only the recorder does, to flush once a second, and
 //! the wall time of a run is handed in.
 
+pub mod auxiliary;
 pub mod black_box;
 pub mod deaths;
 pub mod digest;

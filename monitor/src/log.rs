@@ -20,6 +20,7 @@ mod parts;
 #[cfg(test)]
 mod parts_tests;
 mod reader;
+mod record;
 mod recorder;
 mod run_info;
 mod sample;

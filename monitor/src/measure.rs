@@ -12,6 +12,7 @@
 
 pub mod align;
 pub mod arc;
+pub mod auxiliary;
 pub mod axis;
 pub mod contour;
 pub mod faults;
@@ -37,6 +38,7 @@ use crate::log::Sample;
 use crate::words::StopCause;
 use align::{Aligner, ScanSet};
 use arc::{ArcMeter, ArcResult};
+use auxiliary::{AuxiliaryEvent, AuxiliaryMeter};
 use axis::blocks::{BlockMeter, BlockPeaks};
 use axis::{AxisMeter, LimitCounts, LimitsAudit};
 use faults::{FaultResult, Faults, ProcessResult, Seen};
@@ -85,6 +87,8 @@ pub struct Measurements {
     pub processes: Vec<ProcessResult>,
     /// What befell them.
     pub faults: Vec<FaultResult>,
+    /// What happened beside the axes.
+    pub auxiliary: Vec<AuxiliaryEvent>,
 }
 
 /// The measurement of one run, fed sample by sample.
@@ -100,6 +104,7 @@ pub struct Analysis {
     arcs: ArcMeter,
     reversals: Vec<ReversalMeter>,
     faults: Faults,
+    auxiliary: AuxiliaryMeter,
     /// Backlash compensation asked for in the scan before, in mm: in force in this one.
     backlash_mm: AxisVector,
     /// Axes whose command of the scan before is in the stream.
@@ -141,6 +146,7 @@ impl Analysis {
                 .map(|increment_mm| ReversalMeter::new(*increment_mm))
                 .collect(),
             faults: Faults::new(&machine),
+            auxiliary: AuxiliaryMeter::default(),
             backlash_mm: AxisVector::zeros(),
             commanded: [false; MAX_AXES],
             instrumented: false,
@@ -227,6 +233,7 @@ impl Analysis {
             motion_digest: self.motion_digest.map(crate::digest::hex),
             processes,
             faults,
+            auxiliary: self.auxiliary.finish(),
         }
     }
 
@@ -277,6 +284,7 @@ impl Analysis {
             }
         }
         self.audit.take(feedback);
+        self.auxiliary.take(feedback);
         let contour_mm = self.path_deviation(set, feedback, drives_on, follows);
         if self.on_path && drives_on {
             self.take_block(set, feedback, contour_mm);

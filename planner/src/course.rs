@@ -9,7 +9,9 @@ use control::positioning::{MotorLoad, Positioning, RatingError};
 use control::setpoint_settings::{SetpointSettings, StraightLines};
 use control::window::{PlanError, WindowPlanner, WindowSettings};
 use machine::{self, Machine, RapidProfile};
-use program::kinematics_of;
+use program::{Program, kinematics_of};
+
+use crate::events::{EventError, Events};
 
 /// Highest override, as a share of the programmed feed.
 const OVERRIDE_MAX: f64 = 1.0;
@@ -31,6 +33,9 @@ pub enum CourseError {
         /// Why.
         source: RatingError,
     },
+    /// The machine cannot do what happens on the way.
+    #[error(transparent)]
+    Event(#[from] EventError),
     /// The axes cannot bring the tool there.
     #[error(transparent)]
     OutOfReach(#[from] OutOfReach),
@@ -83,6 +88,22 @@ fn positioning(machine: &Machine) -> Result<Option<Positioning>, CourseError> {
         })?);
     }
     Ok(Some(positioning))
+}
+
+/// A planner of windows along the path of a program that rests where events want it, and the events.
+///
+/// # Errors
+/// [`CourseError`].
+pub fn course(machine: &Machine, program: Program) -> Result<(WindowPlanner, Events), CourseError> {
+    let Program {
+        mut path,
+        start,
+        events,
+        ..
+    } = program;
+    let events = Events::of(machine, &events, &path)?;
+    events.mark(&mut path);
+    Ok((window_planner(machine, path, start)?, events))
 }
 
 /// A planner of windows along a program's path, from where the tool is at the start. A program without motion waits

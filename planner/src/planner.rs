@@ -8,17 +8,18 @@
 )]
 
 use bus::sample::{
-    Cause, Feedback, MAX_AXES, Mode, PathTag, PlannerStatus, ProgramState, Setpoint, WindowHeader,
-    WindowId,
+    Cause, Feedback, MAX_AXES, Mode, PathTag, PlannerStatus, ProgramEvent, ProgramState, Setpoint,
+    WindowHeader, WindowId,
 };
 use bus::window::checksum;
 use bytemuck::Zeroable;
 use control::profile::PathState;
-use control::window::{PlannedSetpoint, WindowPlanner, WindowRequest};
+use control::window::{PlanError, PlannedSetpoint, WindowOutcome, WindowPlanner, WindowRequest};
 use machine::Machine;
 use program::ResumeError;
 
-use crate::course::{CourseError, window_planner};
+use crate::course::{CourseError, course};
+use crate::events::Events;
 use crate::return_to_path::ReturnToPath;
 
 /// Scans from the feedback a window answers until it can be executed: seen by the servos in the next, admitted by the
@@ -69,6 +70,7 @@ impl Published {
 #[derive(Debug, Clone)]
 struct Course {
     windows: WindowPlanner,
+    events: Events,
     program_hash: u64,
     /// Command positions it was expanded from, in increments.
     start: [i64; MAX_AXES],
@@ -238,11 +240,7 @@ impl Planner {
 
     fn next_window(&mut self, feedback: &Feedback) -> Option<WindowHeader> {
         self.settle_pending(feedback);
-        if Mode::from_wire(feedback.mode) != Some(Mode::Enabled)
-            || self.cause != Cause::None
-            || self.program_text.is_none()
-            || !self.pending.is_none()
-        {
+        if !self.may_plan(feedback) {
             return None;
         }
         let first_scan = feedback
@@ -258,18 +256,20 @@ impl Planner {
         };
         let request = WindowRequest {
             intended_setpoints: self.machine.intended_setpoints(),
-            feed_override: f64::from(feedback.override_percent) / 100.0,
-            hold: feedback.hold == 1,
+            feed_override: f64::from(override_percent(feedback)) / 100.0,
+            hold: feedback.hold == 1 || feedback.auxiliary.blocked == 1,
             repeats_start: from.starts,
             ..WindowRequest::default()
         };
         let course = self.course.as_mut()?;
-        let windows = if from.returns {
-            &mut self.return_to_path.as_mut()?.windows
+        let program_hash = course.program_hash;
+        let planned = if from.returns {
+            let windows = &mut self.return_to_path.as_mut()?.windows;
+            windows.plan(&from.state, &request, &mut self.setpoints)
         } else {
-            &mut course.windows
+            course.plan(&from, request, feedback, &mut self.setpoints)
         };
-        let outcome = match windows.plan(&from.state, &request, &mut self.setpoints) {
+        let outcome = match planned {
             Ok(outcome) => outcome,
             Err(error) => {
                 tracing::error!(%error, "no window can be planned");
@@ -299,7 +299,7 @@ impl Planner {
             predecessor: feedback.window,
             first_scan,
             visible_from: feedback.scan.saturating_add(1),
-            program_hash: course.program_hash,
+            program_hash,
             epoch: feedback.epoch,
             intended_setpoints: outcome.intended_setpoints,
             setpoint_count: outcome.setpoint_count,
@@ -307,6 +307,15 @@ impl Planner {
         };
         header.id.checksum = checksum(&header, &self.wire);
         Some(header)
+    }
+
+    /// Whether a window is due: the machine is enabled and blocked by nothing, and no window waits to be taken.
+    fn may_plan(&self, feedback: &Feedback) -> bool {
+        Mode::from_wire(feedback.mode) == Some(Mode::Enabled)
+            && self.cause == Cause::None
+            && self.program_text.is_some()
+            && self.pending.is_none()
+            && !is_blocked(feedback)
     }
 
     /// Learns from the feedback what became of the window that was published last.
@@ -331,7 +340,8 @@ impl Planner {
     fn start(&mut self, feedback: &Feedback) -> Option<From> {
         if feedback.interrupted_at.is_off_path() {
             self.expanded_from(command_positions(feedback))?;
-            return Some(From::program(PathState::default(), true));
+            let start = self.course.as_ref()?.windows.start_state();
+            return Some(From::program(start, true));
         }
         self.expanded_from(feedback.program_start)?;
         self.return_to_path(feedback)
@@ -344,7 +354,7 @@ impl Planner {
         if feedback.at_rest == 0 || !feedback.armed.is_none() {
             return None;
         }
-        if feedback.hold == 1 || feedback.override_percent == 0 {
+        if feedback.hold == 1 || override_percent(feedback) == 0 {
             return None;
         }
         let from = self.return_to_path(feedback)?;
@@ -419,8 +429,9 @@ impl Planner {
                 }
             }
         }
+        let state = self.return_to_path.as_ref()?.windows.start_state();
         Some(From {
-            state: PathState::default(),
+            state,
             returns: true,
             starts: true,
         })
@@ -431,7 +442,7 @@ impl Planner {
         let program =
             program::resume_from(&self.machine, &command_positions, &self.program_name, text)?;
         let program_hash = program.source_hash;
-        let windows = window_planner(&self.machine, program.path, program.start)?;
+        let (windows, events) = course(&self.machine, program)?;
         let mut length_mm = 0.0;
         let mut length_before_mm = vec![0.0];
         for element in &windows.path().elements {
@@ -440,6 +451,7 @@ impl Planner {
         }
         Ok(Course {
             windows,
+            events,
             program_hash,
             start: command_positions,
             length_before_mm,
@@ -457,8 +469,12 @@ impl Planner {
             (true, true) => self.return_to_path.as_ref()?.to,
             (false, _) => self.in_force.state_in(before)?,
         };
-        let held = feedback.hold == 1 || feedback.override_percent == 0;
+        let held = feedback.hold == 1 || override_percent(feedback) == 0;
         if held && state.is_at_rest() {
+            return None;
+        }
+        let course = self.course.as_ref()?;
+        if !returns && course.is_held_back(&state, feedback) {
             return None;
         }
         Some(From {
@@ -466,6 +482,27 @@ impl Planner {
             returns: returns && !done,
             starts: false,
         })
+    }
+
+    /// The event that the path rests for now, on the program's path and with nothing on the way.
+    fn event(&self, feedback: &Feedback) -> Option<ProgramEvent> {
+        let course = self.course.as_ref()?;
+        let in_force = &self.in_force;
+        let rests = feedback.at_rest == 1
+            && feedback.hold == 0
+            && !feedback.window.is_none()
+            && feedback.window == in_force.header.id
+            && !in_force.returns
+            && self.pending.is_none();
+        if !rests || self.cause != Cause::None {
+            return None;
+        }
+        let state = in_force.state_in(feedback.scan)?;
+        let next = course.events.at_rest(feedback.auxiliary.events_done)?;
+        course
+            .windows
+            .is_held_back(&state, next.element)
+            .then_some(*next)
     }
 
     fn status(&self, feedback: &Feedback) -> PlannerStatus {
@@ -502,9 +539,60 @@ impl Planner {
             cause: self.cause as u32,
             windows: self.sequence,
             load: self.load,
+            event: self.event(feedback).unwrap_or_default(),
+            outputs_ahead: self
+                .course
+                .as_ref()
+                .map_or_else(Default::default, |course| {
+                    course.events.ahead(feedback.auxiliary.events_done)
+                }),
             ..PlannerStatus::default()
         }
     }
+}
+
+impl Course {
+    /// Whether motion from this state waits for an event that is not done.
+    fn is_held_back(&self, state: &PathState, feedback: &Feedback) -> bool {
+        let until_element = self.events.until_element(feedback.auxiliary.events_done);
+        self.windows.is_held_back(state, until_element)
+    }
+
+    /// A window along the program, up to where an event is done at rest, and no further than the outputs go that the master knows.
+    fn plan(
+        &mut self,
+        from: &From,
+        mut request: WindowRequest,
+        feedback: &Feedback,
+        setpoints: &mut Vec<PlannedSetpoint>,
+    ) -> Result<WindowOutcome, PlanError> {
+        let done = feedback.auxiliary.events_done;
+        request.until_element = self.events.until_element(done);
+        let first_untold = self.events.first_untold(done);
+        loop {
+            let outcome = self.windows.plan(&from.state, &request, setpoints)?;
+            let last = setpoints.last();
+            if request.hold || last.is_none_or(|last| last.state.element < first_untold) {
+                return Ok(outcome);
+            }
+            request.hold = request.intended_setpoints <= 1;
+            request.intended_setpoints = (request.intended_setpoints / 2).max(1);
+        }
+    }
+}
+
+/// Override that counts now, in percent.
+fn override_percent(feedback: &Feedback) -> u32 {
+    if feedback.auxiliary.override_disabled == 1 {
+        100
+    } else {
+        feedback.override_percent
+    }
+}
+
+/// Whether the master wants no motion yet. Whoever moves comes to rest first.
+fn is_blocked(feedback: &Feedback) -> bool {
+    feedback.auxiliary.blocked == 1 && feedback.at_rest == 1
 }
 
 /// Where the axes are commanded to be, in increments.

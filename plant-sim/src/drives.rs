@@ -7,16 +7,21 @@
     clippy::indexing_slicing
 )]
 
-use bus::sample::MAX_SUBSAMPLES;
+use bus::sample::{Levels, MAX_SUBSAMPLES};
 use bytemuck::{Pod, Zeroable};
-use master::{DriveCommand, DriveFeedback, DriveState, Drives, InstrumentSample, StateRefused};
+use master::{
+    AuxiliaryFeedback, DriveCommand, DriveFeedback, DriveState, Drives, InstrumentSample,
+    StateRefused,
+};
 
+use crate::auxiliary::{AuxiliaryState, SimulatedAuxiliaries};
 use crate::axis::{AxisSimulation, AxisState};
 
 /// Drives, motors and mechanics of all axes.
 #[derive(Debug, Clone)]
 pub struct SimulatedDrives {
     axes: Vec<SimulatedAxis>,
+    auxiliaries: SimulatedAuxiliaries,
 }
 
 #[derive(Debug, Clone)]
@@ -101,7 +106,21 @@ impl SimulatedDrives {
         };
         SimulatedDrives {
             axes: simulations.into_iter().map(axis).collect(),
+            auxiliaries: SimulatedAuxiliaries::new(None, None, 1e-3),
         }
+    }
+
+    /// The same with spindle, tool changer and outputs.
+    pub fn with(self, auxiliaries: SimulatedAuxiliaries) -> SimulatedDrives {
+        SimulatedDrives {
+            auxiliaries,
+            ..self
+        }
+    }
+
+    /// Spindle, tool changer and outputs.
+    pub fn auxiliaries(&self) -> &SimulatedAuxiliaries {
+        &self.auxiliaries
     }
 }
 
@@ -142,7 +161,16 @@ impl Drives for SimulatedDrives {
         }
     }
 
+    fn command_levels(&mut self, levels: &Levels) {
+        self.auxiliaries.scan(levels);
+    }
+
+    fn auxiliary(&self) -> AuxiliaryFeedback {
+        self.auxiliaries.feedback()
+    }
+
     fn stalled(&mut self) {
+        self.auxiliaries.run_down();
         for axis in &mut self.axes {
             axis.simulation.run_down(0.0);
             axis.on_the_way.fill(DriveCommand::Disabled);
@@ -158,10 +186,16 @@ impl Drives for SimulatedDrives {
     }
 
     fn state_bytes(&self) -> usize {
-        self.axes.iter().map(SimulatedAxis::state_bytes).sum()
+        let axes: usize = self.axes.iter().map(SimulatedAxis::state_bytes).sum();
+        size_of::<AuxiliaryState>() + axes
     }
 
-    fn save(&self, mut bytes: &mut [u8]) {
+    fn save(&self, bytes: &mut [u8]) {
+        let Some((state, mut bytes)) = bytes.split_at_mut_checked(size_of::<AuxiliaryState>())
+        else {
+            return;
+        };
+        state.copy_from_slice(bytemuck::bytes_of(self.auxiliaries.state()));
         for axis in &self.axes {
             let Some((slot, rest)) = bytes.split_at_mut_checked(axis.state_bytes()) else {
                 return;
@@ -171,7 +205,14 @@ impl Drives for SimulatedDrives {
         }
     }
 
-    fn restore(&mut self, mut bytes: &[u8]) -> Result<(), StateRefused> {
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), StateRefused> {
+        let (state, mut bytes) = bytes
+            .split_at_checked(size_of::<AuxiliaryState>())
+            .ok_or(StateRefused)?;
+        let state: AuxiliaryState = bytemuck::pod_read_unaligned(state);
+        if !self.auxiliaries.restore(&state) {
+            return Err(StateRefused);
+        }
         for axis in &mut self.axes {
             let (slot, rest) = bytes
                 .split_at_checked(axis.state_bytes())

@@ -1,5 +1,6 @@
 //! Simulated drives, motors, mechanics and friction, and the process that runs a master over them.
 
+pub mod auxiliary;
 pub mod axis;
 pub mod drive;
 pub mod drives;

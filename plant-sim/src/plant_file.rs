@@ -11,6 +11,6 @@ mod tests;
 
 pub use keys::{
     MotorFriction, PlantAxis, PlantDrive, PlantFile, PlantMotor, PlantScale, PlantScrew,
-    PlantTable, TableFriction,
+    PlantSpindle, PlantTable, PlantToolChanger, TableFriction,
 };
 pub use load::{reference, schema};

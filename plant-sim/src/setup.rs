@@ -1,8 +1,9 @@
 //! The simulated axes of a machine: machine file and plant file put together, and checked against each other.
 
 use bus::sample::MAX_AXES;
-use machine::{Axis, Machine, PositionFeedback};
+use machine::{Axis, Machine, PositionFeedback, ToolChanger};
 
+use crate::auxiliary::SimulatedAuxiliaries;
 use crate::axis::{AxisSettings, AxisSettingsError, AxisSimulation};
 use crate::drive::DriveParameters;
 use crate::drives::SimulatedDrives;
@@ -22,6 +23,9 @@ pub enum SetupError {
         "axis {0}: feedback = \"scale\" in the machine file, but the plant file has no [axis.scale]"
     )]
     NoScale(String),
+    /// The machine has a spindle, or a tool changer, and the plant has none.
+    #[error("the machine file has {0}, but the plant file has no [{1}]")]
+    Missing(&'static str, &'static str),
 }
 
 fn drive_parameters(axis: &Axis) -> DriveParameters {
@@ -42,10 +46,16 @@ impl PlantFile {
     pub fn drives(&self, machine: &Machine) -> Result<SimulatedDrives, SetupError> {
         let simulations = self.simulations(machine)?;
         let dead_time_scans = self.drive.dead_time_scans;
-        Ok(SimulatedDrives::with_dead_time(
-            simulations,
-            dead_time_scans,
-        ))
+        let scan_s = machine.scan_period_s();
+        let auxiliary = SimulatedAuxiliaries::new(self.spindle, self.tool_changer, scan_s);
+        if machine.spindle.is_some() && self.spindle.is_none() {
+            return Err(SetupError::Missing("[spindle]", "spindle"));
+        }
+        if machine.tool_change.by == ToolChanger::Changer && self.tool_changer.is_none() {
+            let changer = "tool_change.by = \"changer\"";
+            return Err(SetupError::Missing(changer, "tool_changer"));
+        }
+        Ok(SimulatedDrives::with_dead_time(simulations, dead_time_scans).with(auxiliary))
     }
 
     /// Command positions with which the simulated machine starts, in increments: where its encoders are.

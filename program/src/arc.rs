@@ -45,10 +45,7 @@ pub type ArcRefusal = (String, String);
 impl ArcBlock {
     /// The one or two shapes the block becomes; see the crate's page for when it is two.
     pub fn shapes(&self) -> Result<Vec<Shape>, ArcRefusal> {
-        let centre = match self.circle {
-            Circle::Centre(centre) => centre,
-            Circle::RadiusMm(radius_mm) => self.centre_of_radius(radius_mm)?,
-        };
+        let centre = self.centre()?;
         let (start, end) = (self.in_plane(&self.from), self.in_plane(&self.to));
         let [start_radius_mm, end_radius_mm] =
             [start, end].map(|point| libm::hypot(point[0] - centre[0], point[1] - centre[1]));
@@ -78,6 +75,14 @@ impl ArcBlock {
         }
         let mean_mm = (start_radius_mm + end_radius_mm) / 2.0;
         Ok(self.pieces(&centre, mean_mm))
+    }
+
+    /// Where the centre is, before rounding is taken out.
+    pub fn centre(&self) -> Result<[f64; 2], ArcRefusal> {
+        match self.circle {
+            Circle::Centre(centre) => Ok(centre),
+            Circle::RadiusMm(radius_mm) => self.centre_of_radius(radius_mm),
+        }
     }
 
     fn sweep_rad(

@@ -8,12 +8,27 @@ pub const PROBLEMS_MAX: usize = 20;
 /// One thing that is wrong.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Problem {
+    /// The file, if it is another one than the program's own.
+    pub file: Option<String>,
     /// Line and column, both counted from 1 (columns in characters); none if it concerns the file as a whole.
     pub place: Option<(u32, u32)>,
     /// What was found.
     pub found: String,
     /// What would be right.
     pub right: String,
+    /// The line as it stands, and how execution came to it: subroutines, from the innermost.
+    pub shown: Option<Shown>,
+}
+
+/// The line of a problem, for showing it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Shown {
+    /// Its text.
+    pub text: String,
+    /// How many characters from the column on belong to the problem.
+    pub length: u32,
+    /// Where the subroutine that it is in was called, innermost first.
+    pub trace: Vec<String>,
 }
 
 /// Why a program is refused: all its problems in the order of its lines, at most twenty.
@@ -43,6 +58,8 @@ impl ProgramError {
     /// One problem of the file as a whole.
     pub(crate) fn of_file(name: &str, found: impl Into<String>, right: impl Into<String>) -> Self {
         let problem = Problem {
+            file: None,
+            shown: None,
             place: None,
             found: found.into(),
             right: right.into(),
@@ -72,14 +89,28 @@ impl ProgramError {
 
 impl Problem {
     fn text(&self, name: &str) -> String {
-        let Problem {
-            place,
-            found,
-            right,
-        } = self;
-        match place {
-            Some((line, column)) => format!("{name}:{line}:{column}: {found}: {right}"),
-            None => format!("{name}: {found}: {right}"),
+        let Problem { found, right, .. } = self;
+        let name = self.file.as_deref().unwrap_or(name);
+        let Some((line, column)) = self.place else {
+            return format!("{name}: {found}: {right}");
+        };
+        let mut text = format!("{name}:{line}:{column}: {found}: {right}");
+        if let Some(shown) = &self.shown {
+            let number = line.to_string();
+            // Tabs before the place stay tabs, so that the mark stands below it.
+            let before: String = shown
+                .text
+                .chars()
+                .take(column.saturating_sub(1) as usize)
+                .map(|character| if character == '\t' { '\t' } else { ' ' })
+                .collect();
+            let mark = "^".repeat(shown.length.max(1) as usize);
+            text += &format!("\n {number} | {}", shown.text);
+            text += &format!("\n {} | {before}{mark}", " ".repeat(number.len()));
+            for call in &shown.trace {
+                text += &format!("\n {}   in {call}", " ".repeat(number.len()));
+            }
         }
+        text
     }
 }

@@ -3,11 +3,13 @@
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
+use std::string::FromUtf8Error;
 
 use control::path::AxisVector;
 
+use crate::bundle::read_program;
 use crate::error::{Problem, ProgramError};
-use crate::interpreter::interpret;
+use crate::execution::interpret;
 use crate::program::{Program, Setup};
 use crate::reader::column;
 
@@ -18,15 +20,8 @@ pub const FILE_BYTES_MAX: u64 = 64 << 20;
 ///
 /// What is no regular file, too large, not text or not a program is refused; a large file before it is read.
 pub fn load(file: &Path, setup: &Setup, start: AxisVector) -> Result<Program, ProgramError> {
-    let name = file.display().to_string();
-    let text = read_text(file)?;
-    // Editors on Windows put a byte order mark before UTF-8 text.
-    interpret(
-        &name,
-        text.strip_prefix('\u{feff}').unwrap_or(&text),
-        setup,
-        start,
-    )
+    let text = read_program(file, &[])?;
+    interpret(&file.display().to_string(), &text, setup, start)
 }
 
 /// The text of a program file; what is no regular file, too large or not text is refused, a large file before it is read.
@@ -80,25 +75,35 @@ pub fn read_text(file: &Path) -> Result<String, ProgramError> {
             "a program is plain text, UTF-8",
         ));
     }
-    String::from_utf8(bytes).map_err(|error| {
-        let valid_bytes = error.utf8_error().valid_up_to();
-        let bytes = error.into_bytes();
-        let (valid, rest) = bytes.split_at(valid_bytes);
-        let valid = String::from_utf8_lossy(valid);
-        let line = u32::try_from(valid.matches('\n').count()).unwrap_or(u32::MAX - 1) + 1;
-        let last = valid.rsplit('\n').next().unwrap_or_default();
-        let byte = rest.first().copied().unwrap_or_default();
-        let problem = Problem {
-            place: Some((line, column(last, last.len()))),
-            found: format!("byte 0x{byte:02X} is not UTF-8 text"),
-            right: "save the program as plain text, UTF-8".to_owned(),
-        };
-        ProgramError {
-            name: name.to_owned(),
-            problems: vec![problem],
-            more: false,
-        }
+    let text = String::from_utf8(bytes).map_err(|error| not_text(name, error))?;
+    // Editors on Windows put a byte order mark before UTF-8 text.
+    Ok(match text.strip_prefix('\u{feff}') {
+        Some(rest) => rest.to_owned(),
+        None => text,
     })
+}
+
+/// Where bytes are no text.
+fn not_text(name: &str, error: FromUtf8Error) -> ProgramError {
+    let valid_bytes = error.utf8_error().valid_up_to();
+    let bytes = error.into_bytes();
+    let (valid, rest) = bytes.split_at(valid_bytes);
+    let valid = String::from_utf8_lossy(valid);
+    let line = u32::try_from(valid.matches('\n').count()).unwrap_or(u32::MAX - 1) + 1;
+    let last = valid.rsplit('\n').next().unwrap_or_default();
+    let byte = rest.first().copied().unwrap_or_default();
+    let problem = Problem {
+        file: None,
+        shown: None,
+        place: Some((line, column(last, last.len()))),
+        found: format!("byte 0x{byte:02X} is not UTF-8 text"),
+        right: "save the program as plain text, UTF-8".to_owned(),
+    };
+    ProgramError {
+        name: name.to_owned(),
+        problems: vec![problem],
+        more: false,
+    }
 }
 
 #[cfg(test)]
@@ -122,7 +127,7 @@ mod tests {
         };
         let setup = Setup {
             axes: vec![axis('X'), axis('Y')],
-            work_offset: AxisVector::zeros(),
+            ..Setup::default()
         };
         load(file, &setup, AxisVector::zeros())
     }

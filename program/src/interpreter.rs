@@ -1,27 +1,50 @@
-//! The modal interpreter: blocks of words become path elements.
+//! The modal interpreter: blocks of words become path elements and events.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use control::path::{
     AxisVector, Element, Feed, MAX_AXES, Path, RotaryAxes, Shape, displacement_length_mm,
 };
 
+use machine::Tool;
+
 use crate::arc::{ArcBlock, Circle};
+use crate::compensation::Compensation;
 use crate::cycles::{Cycle, CycleBlock, PECKS_MAX, Series, Step};
-use crate::error::{PROBLEMS_MAX, Problem, ProgramError};
+use crate::execution::BLOCKS_MAX;
+use crate::expression::{Lookup, Target};
+use crate::frames::{Frame, Frames};
 use crate::letters::AXIS_LETTERS;
-use crate::program::{
-    Block, Event, EventKind, Note, Program, ProgramEnd, Setup, check_setup, source_hash,
-};
-use crate::reader::{Line, column, read_line};
+use crate::parameters::{Parameters, base};
+use crate::program::{Event, EventKind, Message, Note, ProgramEnd, Setup};
+use crate::reader::{CommentKind, Line};
 use crate::words::{Group, Refusal, Words};
+use beside::{Carried, Happening};
+use offsets::Offsets;
+use splines::{Spline, SplineState};
+use threads::InStep;
 
 mod arcs;
+mod beside;
 mod drilling;
+mod machine_words;
+mod modes;
+mod names;
+mod offsets;
+mod once;
+mod output;
+mod say;
+mod splines;
+mod threads;
+mod tool_words;
 mod travel;
+mod turning;
+mod use_of_words;
 
-/// The most blocks of one program; their geometry fits the memory of a small PC (about 1 GB).
-pub const BLOCKS_MAX: usize = 2_000_000;
+pub use modes::SavedModes;
+pub use output::Output;
+pub use turning::is_turning;
 
 const MM_PER_INCH: f64 = 25.4;
 
@@ -43,178 +66,9 @@ const REPEATS_MAX: f64 = 10_000.0;
 /// The most turns of one arc.
 const TURNS_MAX: f64 = 10_000.0;
 
-/// Interprets a program text, for a machine that is at rest at `start` (machine coordinates). `name` is shown in errors.
-///
-/// All mistakes of single blocks are found in one go, at most twenty; those that depend on where the tool is (arcs,
-/// travel, feed) as far as that is still known.
-pub fn interpret(
-    name: &str,
-    text: &str,
-    setup: &Setup,
-    start: AxisVector,
-) -> Result<Program, ProgramError> {
-    check_setup(name, setup, &start)?;
-    let mut reading = Reading::new(setup, start);
-    reading.read(text);
-    let Reading {
-        mut interpreter,
-        problems,
-        more,
-        blocks,
-        end,
-        ..
-    } = reading;
-    if !problems.is_empty() {
-        return Err(ProgramError {
-            name: name.to_owned(),
-            problems,
-            more,
-        });
-    }
-    let Some(last) = blocks.last() else {
-        return Err(ProgramError::of_file(
-            name,
-            "has no blocks",
-            "a program has at least one, such as M2",
-        ));
-    };
-    if end == ProgramEnd::FileEnd {
-        interpreter.note(
-            last.line,
-            "the file ends without M2, M30 or %: taken as the end of the program",
-        );
-    }
-    if !interpreter.path.is_finite() {
-        let right = "coordinates must stay in the range of ordinary numbers";
-        return Err(ProgramError::of_file(
-            name,
-            "makes a path that is not finite",
-            right,
-        ));
-    }
-    Ok(Program {
-        name: name.to_owned(),
-        source_hash: source_hash(text, setup, &start),
-        start,
-        blocks,
-        end,
-        notes: interpreter.notes_by_line(),
-        path: interpreter.path,
-        events: interpreter.events,
-        straight_feeds: interpreter.straight_feeds,
-        arc_feeds: interpreter.arc_feeds,
-    })
-}
-
-/// What is known of a program while its lines are read.
-struct Reading<'a> {
-    interpreter: Interpreter<'a>,
-    problems: Vec<Problem>,
-    /// There were more problems than are kept.
-    more: bool,
-    blocks: Vec<Block>,
-    end: ProgramEnd,
-    opened_by_percent: bool,
-}
-
-impl<'a> Reading<'a> {
-    fn new(setup: &'a Setup, start: AxisVector) -> Self {
-        Self {
-            interpreter: Interpreter::new(setup, start),
-            problems: Vec::new(),
-            more: false,
-            blocks: Vec::new(),
-            end: ProgramEnd::FileEnd,
-            opened_by_percent: false,
-        }
-    }
-
-    /// Reads the lines up to the end of the program, or until there are enough problems.
-    fn read(&mut self, text: &str) {
-        let mut lines = (1u32..).zip(text.split('\n'));
-        while let Some((number, raw)) = lines.next() {
-            let raw = raw.strip_suffix('\r').unwrap_or(raw);
-            let refusals = match read_line(raw) {
-                Err(unreadable) => vec![Refusal::new(
-                    unreadable.offset,
-                    unreadable.found,
-                    unreadable.right,
-                )],
-                Ok(line) if line.percent => {
-                    if self.opens() {
-                        continue;
-                    }
-                    self.close(number, lines.all(|(_, rest)| rest.trim().is_empty()));
-                    return;
-                }
-                Ok(line) if line.words.is_empty() => vec![],
-                Ok(_) if self.blocks.len() >= BLOCKS_MAX => {
-                    let found = format!("more than {BLOCKS_MAX} blocks");
-                    self.refuse_line(number, found, "split the program");
-                    return;
-                }
-                Ok(line) => {
-                    self.blocks.push(Block {
-                        line: number,
-                        text: raw.trim().to_owned(),
-                    });
-                    self.interpreter.run_block(number, &line)
-                }
-            };
-            self.refuse(number, raw, refusals);
-            if self.problems.len() >= PROBLEMS_MAX {
-                self.more = self.problems.len() > PROBLEMS_MAX
-                    || lines.any(|(_, rest)| !rest.trim().is_empty());
-                self.problems.truncate(PROBLEMS_MAX);
-                return;
-            }
-            if let Some(ended) = self.interpreter.ended {
-                self.end = ended;
-                return;
-            }
-        }
-    }
-
-    /// A % line before everything else opens the program.
-    fn opens(&mut self) -> bool {
-        let opens = self.blocks.is_empty() && !self.opened_by_percent && self.problems.is_empty();
-        self.opened_by_percent |= opens;
-        opens
-    }
-
-    /// Any other % line ends it.
-    fn close(&mut self, number: u32, rest_is_blank: bool) {
-        if self.opened_by_percent || rest_is_blank {
-            self.end = ProgramEnd::Percent(number);
-        } else {
-            let right = "% ends only a program that also began with %";
-            self.refuse_line(number, "% between blocks".into(), right);
-        }
-    }
-
-    fn refuse_line(&mut self, number: u32, found: String, right: &str) {
-        self.problems.push(Problem {
-            place: Some((number, 1)),
-            found,
-            right: right.into(),
-        });
-    }
-
-    /// Keeps what a block was refused for.
-    fn refuse(&mut self, number: u32, raw: &str, refusals: Vec<Refusal>) {
-        self.interpreter.state_known &= refusals.iter().all(|refusal| refusal.state_stays_known);
-        self.problems
-            .extend(refusals.into_iter().map(|refusal| Problem {
-                place: Some((number, column(raw, refusal.offset))),
-                found: refusal.found,
-                right: refusal.right,
-            }));
-    }
-}
-
 /// Motion mode (modal group 1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Motion {
+pub enum Motion {
     /// G80, and before the first motion word.
     None,
     Rapid,
@@ -222,11 +76,53 @@ enum Motion {
     Arc {
         clockwise: bool,
     },
+    /// G38.2 to G38.5.
+    Probe,
     Cycle(Cycle),
+    Spline(Spline),
+    InStep(InStep),
 }
 
-struct Interpreter<'a> {
-    setup: &'a Setup,
+/// What F means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FeedMode {
+    /// G94: length per minute.
+    PerMinute,
+    /// G93: blocks per minute.
+    InverseTime,
+    /// G95: length per revolution of the spindle.
+    PerRevolution,
+}
+
+/// An F word: its value, and the length of its unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FeedWord {
+    pub value: f64,
+    pub unit_mm: f64,
+}
+
+/// What is known of the spindle.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Spindle {
+    pub speed_rpm: f64,
+    /// 1 clockwise, −1 counter-clockwise, 0 stopped.
+    pub direction: i32,
+}
+
+/// Which tool is where, and the length that is taken off it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct InSpindle {
+    /// T: the next one.
+    pub prepared: Option<u32>,
+    /// The one in the spindle; 0 for none.
+    pub number: u32,
+}
+
+/// The state of a program at a block, and what it made so far. All that later blocks depend on is in here; a copy goes on from the
+/// same place.
+#[derive(Debug, Clone)]
+pub struct Interpreter<'a> {
+    pub setup: &'a Setup,
     rotary: RotaryAxes,
     motion: Motion,
     /// Axis letters of the plane: first, second; with the offset letters that belong to them.
@@ -234,28 +130,49 @@ struct Interpreter<'a> {
     inches: bool,
     incremental: bool,
     arc_absolute: bool,
+    /// X words are diameters (G7).
+    diameters: bool,
+    feed_mode: FeedMode,
+    feed: Option<FeedWord>,
+    spindle: Spindle,
+    /// G96: the speed is that of the surface.
+    surface_speed: bool,
+    coolant: [bool; 2],
+    overrides: bool,
     /// What drilling cycles in a row keep; none between them.
     series: Option<Series>,
+    splines: SplineState,
     returns_to_r: bool,
-    /// (in mm/s, in degrees/s)
-    feed_per_s: Option<(f64, f64)>,
+    /// G98 or G99 was said.
+    return_was_said: bool,
+    path_control: u32,
+    tool: InSpindle,
+    tools: Arc<Vec<Tool>>,
+    /// What the table says of a tool was made use of.
+    table_was_used: bool,
+    offsets: Offsets,
+    /// Where the program is, in machine coordinates; the tool too, unless it stands beside.
     position: AxisVector,
-    state_known: bool,
-    path: Path,
-    events: Vec<Event>,
-    notes: BTreeMap<&'static str, u32>,
-    ended: Option<ProgramEnd>,
-    straight_feeds: u32,
-    arc_feeds: u32,
+    /// Where the tool stands if it is beside that.
+    stands: Option<AxisVector>,
+    /// The radius compensation that is on.
+    beside: Option<Box<Compensation<Carried, Happening>>>,
+    parameters: Parameters,
+    /// #<_value>, and whether the last subroutine returned one.
+    returned: (f64, bool),
+    pub frames: Frames,
+    pub state_known: bool,
+    pub ended: Option<ProgramEnd>,
+    output: Output,
 }
 
 impl<'a> Interpreter<'a> {
-    fn new(setup: &'a Setup, start: AxisVector) -> Self {
+    pub fn new(setup: &'a Setup, start: AxisVector) -> Self {
         let mut rotary = [false; MAX_AXES];
         for (flag, axis) in rotary.iter_mut().zip(&setup.axes) {
             *flag = axis.rotary;
         }
-        Self {
+        let mut interpreter = Self {
             setup,
             rotary,
             motion: Motion::None,
@@ -263,36 +180,67 @@ impl<'a> Interpreter<'a> {
             inches: false,
             incremental: false,
             arc_absolute: false,
+            diameters: false,
+            feed_mode: FeedMode::PerMinute,
+            feed: None,
+            spindle: Spindle::default(),
+            surface_speed: false,
+            coolant: [false; 2],
+            overrides: true,
             series: None,
+            splines: SplineState::default(),
             returns_to_r: false,
-            feed_per_s: None,
+            return_was_said: false,
+            path_control: 610,
+            tool: InSpindle::default(),
+            tools: Arc::new(setup.tools.clone()),
+            table_was_used: false,
+            offsets: Offsets::default(),
             position: start,
+            stands: None,
+            beside: None,
+            parameters: Parameters::default(),
+            returned: (0.0, false),
+            frames: Frames::default(),
             state_known: true,
-            path: Path::default(),
-            events: Vec::new(),
-            notes: BTreeMap::new(),
             ended: None,
-            straight_feeds: 0,
-            arc_feeds: 0,
+            output: Output::default(),
+        };
+        interpreter.set_first_offsets();
+        interpreter
+    }
+
+    /// What was made so far, as a number that grows with it.
+    pub fn made(&self) -> usize {
+        self.output.path.elements.len() + self.output.events.len() + self.output.messages.len()
+    }
+
+    /// The tool table, if anything of it was made use of.
+    pub fn tools_used(&self) -> &'a [Tool] {
+        if self.table_was_used {
+            &self.setup.tools
+        } else {
+            &[]
         }
     }
 
-    fn note(&mut self, line: u32, text: &'static str) {
-        self.notes.entry(text).or_insert(line);
+    /// What the program made, and its parameters at the end.
+    pub fn finish(mut self) -> (Parameters, Output) {
+        if let Some(line) = self.splines.open_since() {
+            let text = "the spline that G5.2 begins has no G5.3: it is not made";
+            self.note(line, text);
+        }
+        self.show_position_parameters();
+        (self.parameters, self.output)
     }
 
-    /// The notes in the order of their lines.
-    fn notes_by_line(&self) -> Vec<Note> {
-        let mut notes: Vec<Note> = self
-            .notes
-            .iter()
-            .map(|(&text, &line)| Note {
-                line,
-                text: text.to_owned(),
-            })
-            .collect();
-        notes.sort_by_key(|note| note.line);
-        notes
+    /// Keeps a remark, once of a kind, for its first line.
+    pub fn note(&mut self, line: u32, text: &'static str) {
+        self.output.notes.keep(line, text);
+    }
+
+    fn event(&mut self, line: u32, kind: EventKind) {
+        self.happen(Happening::Event(line, kind));
     }
 
     /// Program units to mm.
@@ -300,203 +248,94 @@ impl<'a> Interpreter<'a> {
         if self.inches { MM_PER_INCH } else { 1.0 }
     }
 
-    /// Does one block in the order of NIST §3.8; its refusals, none if it is done.
-    fn run_block(&mut self, line: u32, block: &Line) -> Vec<Refusal> {
-        if block.block_delete {
-            self.note(line, "block delete (/) is not switched on: such blocks run");
-        }
-        let words = match Words::sort(block, self.setup) {
-            Ok(words) => words,
-            Err(refusals) => return refusals,
-        };
+    /// Does one block in the order of NIST §3.8 and LinuxCNC's manual (*Order of Execution*); its refusals, none if it is done.
+    pub fn run_block(
+        &mut self,
+        line: u32,
+        block: &Line,
+        words: &mut Words,
+    ) -> Result<(), Vec<Refusal>> {
+        words.sort(block, self.setup)?;
         if !self.state_known {
             // A block before was refused: what this one would do is not known, only where the program ends.
-            self.end_by(line, &words);
-            return vec![];
+            self.end_by(line, words);
+            return Ok(());
         }
-        match self.execute(line, &words) {
-            Ok(()) => vec![],
-            Err(refusals) => refusals,
-        }
+        self.execute(line, words)
     }
 
-    fn execute(&mut self, line: u32, words: &Words) -> Result<(), Vec<Refusal>> {
+    fn execute(&mut self, line: u32, words: &mut Words) -> Result<(), Vec<Refusal>> {
         let one = |refusal| vec![refusal];
-        self.set_units_and_feed(words).map_err(one)?;
-        self.spindle(line, words);
-        let dwell_s = self.dwell_seconds(words).map_err(one)?;
-        if let Some((number, _)) = words.code(Group::Plane) {
-            self.plane = match number {
-                180 => (18, ['Z', 'X'], ['K', 'I']),
-                190 => (19, ['Y', 'Z'], ['J', 'K']),
-                _ => (17, ['X', 'Y'], ['I', 'J']),
-            };
-        }
-        if let Some((number, _)) = words.code(Group::Distance) {
-            self.incremental = number == 910;
-        }
-        if let Some((number, _)) = words.code(Group::ArcDistance) {
-            self.arc_absolute = number == 901;
-        }
-        if let Some((640, _)) = words.code(Group::PathControl) {
-            self.note(
-                line,
-                "G64 follows the exact path, as G61 does; its tolerance is not used",
-            );
-        }
-        let motion_word = words.code(Group::Motion);
-        if let Some((number, _)) = motion_word {
-            self.motion = match number {
-                0 => Motion::Rapid,
-                10 => Motion::Line,
-                20 => Motion::Arc { clockwise: true },
-                30 => Motion::Arc { clockwise: false },
-                other => Cycle::of_code(other).map_or(Motion::None, Motion::Cycle),
-            };
-        }
-        if let Some((number, _)) = words.code(Group::CycleReturn) {
-            self.returns_to_r = number == 990;
-        }
-        if !matches!(self.motion, Motion::Cycle(_)) {
-            self.series = None;
-        }
-        if let Some(seconds) = dwell_s.filter(|&seconds| seconds > 0.0) {
-            self.path
-                .elements
-                .push(Element::dwell(line, self.position, seconds));
-        }
         self.check_words_used(words).map_err(one)?;
+        self.table_was_used |= words.first_of("THD").is_some()
+            || words.code(Group::ToolChange).is_some()
+            || words.code(Group::ToolLength).is_some();
+        self.check_beside(words).map_err(one)?;
+        self.feed_words(line, words).map_err(one)?;
+        self.machine_words(line, words).map_err(one)?;
+        if let Some(seconds) = self.dwell_seconds(line, words).map_err(one)?
+            && seconds > 0.0
+        {
+            self.happen(Happening::Dwell(line, seconds));
+        }
+        self.modes(line, words).map_err(one)?;
+        self.compensation_words(line, words)?;
+        self.tool_length(line, words).map_err(one)?;
+        self.work_offset_words(words);
+        self.once(line, words)?;
         self.travel(line, words)?;
+        self.stop_words(line, words);
+        if let Some((20 | 300, word)) = words.code(Group::Stop) {
+            self.leave_contour(words, word.offset)?;
+        }
         self.end_by(line, words);
         Ok(())
     }
 
     /// Ends the program if the block says so.
     fn end_by(&mut self, line: u32, words: &Words) {
-        if let Some((number, _)) = words.code(Group::Stop) {
-            self.ended = Some(if number == 20 {
-                ProgramEnd::M2(line)
-            } else {
-                ProgramEnd::M30(line)
-            });
+        match words.code(Group::Stop) {
+            Some((20, _)) => self.ended = Some(ProgramEnd::M2(line)),
+            Some((300, _)) => self.ended = Some(ProgramEnd::M30(line)),
+            _ => {}
         }
     }
 
-    fn set_units_and_feed(&mut self, words: &Words) -> Result<(), Refusal> {
-        let feed = words.value('F');
-        if let Some((number, _)) = words.code(Group::Units) {
-            let inches = number == 200;
-            if let Some(feed) = feed.filter(|_| inches != self.inches) {
-                let right = "in which unit? put the change of unit into a block before it";
-                return Err(Refusal::new(
-                    feed.offset,
-                    "F in the block that changes the unit",
-                    right,
-                ));
-            }
-            self.inches = inches;
-        }
-        if let Some(feed) = feed {
-            // F0 takes the feed away: the next feed motion needs another.
-            self.feed_per_s =
-                (feed.value > 0.0).then(|| (feed.value * self.unit_mm() / 60.0, feed.value / 60.0));
-        }
-        Ok(())
-    }
-
-    fn spindle(&mut self, line: u32, words: &Words) {
-        let speed = words
-            .value('S')
-            .map(|word| EventKind::SpindleSpeedRpm(word.value));
-        let direction = words.code(Group::Spindle).map(|(number, _)| match number {
-            30 => EventKind::SpindleClockwise,
-            40 => EventKind::SpindleCounterClockwise,
-            _ => EventKind::SpindleStop,
-        });
-        let before_element = self.path.elements.len();
-        for kind in speed.into_iter().chain(direction) {
-            self.events.push(Event {
-                line,
-                before_element,
-                kind,
-            });
-        }
-    }
-
-    fn dwell_seconds(&self, words: &Words) -> Result<Option<f64>, Refusal> {
-        let Some((_, dwell)) = words.code(Group::Dwell) else {
-            return Ok(None);
-        };
-        match words.value('P') {
-            None => Err(Refusal::new(
-                dwell.offset,
-                "G4 without P",
-                "the time in seconds, such as G4 P0.5",
-            )),
-            Some(p) if p.value < 0.0 => Err(Refusal::new(
-                p.offset,
-                format!("P{}", p.value),
-                "a time is 0 s or more",
-            )),
-            Some(p) => Ok(Some(p.value)),
-        }
-    }
-
-    /// Refuses words that nothing in the block makes use of.
-    fn check_words_used(&self, words: &Words) -> Result<(), Refusal> {
-        let arc = matches!(self.motion, Motion::Arc { .. });
-        let cycle = match self.motion {
-            Motion::Cycle(cycle) if words.first_of(AXIS_LETTERS).is_some() => Some(cycle),
-            _ => None,
-        };
-        if let Some(word) = words.first_of("IJK").filter(|_| !arc) {
-            return Err(Refusal::new(
-                word.offset,
-                format!("{} without an arc", word.letter),
-                "I J K belong to G2 and G3",
-            ));
-        }
-        if let Some(word) = words.value('R').filter(|_| !arc && cycle.is_none()) {
-            return Err(Refusal::new(
-                word.offset,
-                "R without an arc or a hole",
-                "R belongs to G2 and G3 (radius) and to G81, G82 and G83 with X, Y or Z (level)",
-            ));
-        }
-        if let Some(word) = words.value('L').filter(|_| cycle.is_none()) {
-            return Err(Refusal::new(
-                word.offset,
-                format!("L{}", word.value),
-                "L belongs to G81, G82 and G83 with X, Y or Z (holes)",
-            ));
-        }
-        let g64 = matches!(words.code(Group::PathControl), Some((640, _)));
-        let dwell = words.code(Group::Dwell).is_some();
-        let arc_words = arc && words.first_of("IJKR").is_some();
-        let dwells_in_hole = cycle == Some(Cycle::DrillAndDwell);
-        if let Some(word) = words.value('P') {
-            let users = [dwell, g64, arc_words, dwells_in_hole]
-                .into_iter()
-                .filter(|&uses| uses)
-                .count();
-            let right = match users {
-                0 => "P belongs to G4 (seconds), G64 (tolerance), G2 and G3 (turns), G82 (seconds)",
-                1 => "",
-                _ => "only one of G4, G64, G2/G3, G82 in a block with P: which is it for?",
-            };
-            if users != 1 {
-                return Err(Refusal::new(word.offset, format!("P{}", word.value), right));
+    /// Sets a parameter.
+    pub fn assign(&mut self, target: Target, value: f64) {
+        match target {
+            Target::Numbered(number) => self.parameters.set(number, value),
+            Target::Named(name) if name.starts_with('_') => self.parameters.set_named(name, value),
+            Target::Named(name) => {
+                self.frames.here().named.insert(name, value);
             }
         }
-        let pecks = cycle == Some(Cycle::Peck);
-        if let Some(word) = words.value('Q').filter(|_| g64 == pecks) {
-            let right = if g64 {
-                "only one of G64 and G83 in a block with Q: which is it for?"
-            } else {
-                "Q belongs to G64 (tolerance) and G83 (peck)"
-            };
-            return Err(Refusal::new(word.offset, format!("Q{}", word.value), right));
+    }
+
+    /// Passes the arguments of a call: #1 to #30 are its own from here on.
+    pub fn pass(&mut self, arguments: &[f64]) {
+        let mut kept = [0.0; crate::flow::ARGUMENTS_MAX];
+        for (index, slot) in kept.iter_mut().enumerate() {
+            let number = index as u32 + 1;
+            *slot = self.parameters.get(number);
+            let argument = arguments.get(index).copied().unwrap_or(0.0);
+            self.parameters.set(number, argument);
         }
-        Ok(())
+        self.frames.here().kept = kept;
+    }
+
+    /// Leaves the subroutine in force; none if there is none.
+    pub fn leave(&mut self, returned: Option<f64>) -> Option<Frame> {
+        let mut frame = self.frames.pop()?;
+        self.returned = (returned.unwrap_or(0.0), returned.is_some());
+        if frame.arguments {
+            for (number, value) in (1u32..).zip(frame.kept) {
+                self.parameters.set(number, value);
+            }
+        }
+        if let Some((saved, true)) = frame.saved.take() {
+            self.restore_modes(frame.called_from as u32 + 1, &saved);
+        }
+        Some(frame)
     }
 }

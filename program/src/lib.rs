@@ -5,19 +5,26 @@
 //! [`Program`] or say, with line and column, everything that is wrong with it. Nothing is skipped in silence: a word that is
 //! not understood refuses the program, because a machine that guesses breaks tools.
 //!
-//! # Supported
+//! # How it is read
 //!
-//! G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G49 G54 G61 G64 G80 G81 G82 G83 G90 G91 G90.1 G91.1 G94 G98 G99,
-//! M2 M3 M4 M5 M30, the axis letters the machine has, I J K L R P Q F S N, comments, `%`. A program starts in G17 G21 G40
-//! G49 G54 G61 G90 G91.1 G94 G98 with no motion mode and no feed. Where this differs from NIST or needs choosing:
+//! `bundle` puts the subroutines of other files behind a program's text. `source` knows its lines and labels; `execution` goes from
+//! line to line as the O-words say (`flow`, `frames`); `reader` makes a block of a line, its expressions evaluated (`expression`);
+//! `interpreter` does the block in the order of NIST §3.8 and LinuxCNC's manual (*Order of Execution*). All that later blocks depend
+//! on is in the interpreter, which can be copied. `cycles`, `splines`, `threading`, `compensation`, `roughing` and `polar` are pure.
 //!
-//! - `/` before a block (block delete): there is no such switch, the block runs.
+//! The language is that of LinuxCNC 2.9; docs/reference/g-code.md and program-flow.md list its words. A program starts in G17 G21 G40
+//! G49 G54 G61 G90 G91.1 G94 G98 with no motion mode and no feed. `examples/linuxcnc` compares programs with what LinuxCNC's
+//! interpreter makes of them. Where this differs, or needs choosing:
+//!
+//! - `/` before a block runs unless [`Setup::block_delete`] says otherwise.
 //! - G61 and G64 both follow the exact path; the tolerance words of G64 (P, Q) are read and not used.
-//! - The end of the file ends a program without M2, M30 or closing `%`. All three leniencies are reported in [`Program::notes`].
+//! - The end of the file ends a program without M2, M30 or closing `%`.
 //! - Text after M2, M30 or the closing `%` is ignored as NIST says; so is the axis offset part of M2, since nothing follows.
-//! - A number may not hold spaces, an axis word needs a motion mode, a comment ends on its line.
-//! - An F word in the very block that changes the unit is refused: NIST reads it in the old unit, people mean the new one.
+//! - An F word in the block that changes the unit is read in the unit of before, as LinuxCNC does.
 //! - Rotary axes are in degrees in G20 too. A move of rotary axes alone is fed in degrees per minute.
+//! - A subroutine may stand behind its calls.
+//!
+//! What is lenient is reported in [`Program::notes`].
 //!
 //! # Arcs
 //!
@@ -26,19 +33,26 @@
 //! meets both ends exactly with a true radius. Where a small gap would move the centre far (sweeps over half a turn)
 //! the arc becomes two elements that meet half-way.
 //!
-//! # Drilling cycles
+//! # Canned cycles
 //!
-//! `G81 X Y Z R L` drills, `G82` with `P` (seconds) waits at the bottom, `G83` with `Q` pecks; G80 and every other motion
-//! word ends them (NIST §3.5.16). Each block that names X, Y or Z drills `L` holes (1 if absent). Z, R, P and Q stay from
-//! block to block of the same cycle. In G91 X and Y are steps from hole to hole, R counts from where Z is and Z from R.
-//! After a hole the tool returns to R (G99), or to where Z was before the first cycle in a row (G98), if that is higher.
-//! Where NIST leaves a choice, or is not followed:
+//! G73, G74 and G81 to G89 along the axis across the plane (NIST §3.5.16); G80 and every other motion word ends them. Words
+//! stay from block to block of the same cycle, levels as they were given: those of G90 in the coordinates of the program,
+//! those of G91 from the level that they count from (R: before the first cycle in a row; bottom: R; K of G87: bottom).
+//! Where NIST leaves a choice, or LinuxCNC 2.9 is not followed:
 //!
-//! - Between pecks the tool rises to R, also in G98, as LinuxCNC and Fanuc do; back down it stops 0.254 mm (0.01 inch)
-//!   above the bottom.
-//! - Levels that stay are kept as places: a later G91 block without R and Z drills between the same levels.
-//! - Cycles run along Z: G18 and G19 are refused, and so are words of other axes in a cycle.
+//! - A program starts in G98, LinuxCNC in G99; where that makes a difference a note says so.
+//! - A hole is reached at the level where the tool is or at R, whichever is higher; LinuxCNC goes there on a slant where R
+//!   or the return height changes in a series.
+//! - Between pecks of G83 the tool rises to R, also in G98, as LinuxCNC and Fanuc do.
+//! - G88: what the operator leaves of the way out, the program makes before the spindle starts again.
+//! - G74 and G84 in G18 and G19: LinuxCNC exchanges the axes; here they tap along the axis of the cycle. Without P, they
+//!   never wait; LinuxCNC takes the P of any cycle before.
 //! - A word that the cycle makes no use of (P in G81, Q in G82) is refused.
+//!
+//! # Splines and threads
+//!
+//! G5, G5.1 and G5.2/G5.3 as LinuxCNC reads them; arcs follow the curves to 0.5 µm. G33, G33.1 and G76 make moves whose
+//! events say how far they go for each turn of the spindle; what LinuxCNC's manual calls an error of G76 is refused.
 //!
 //! # Why a reader of our own
 //!
@@ -48,20 +62,36 @@
 //! here is small and strict.
 
 mod arc;
+mod bundle;
+mod compensation;
 mod cycles;
 mod error;
+mod execution;
+mod expression;
 mod file;
+mod flat;
+mod flow;
+mod frames;
 mod interpreter;
 mod letters;
+mod parameters;
+mod polar;
 mod program;
 mod reader;
 mod resume;
+mod roughing;
 mod setup;
+mod source;
+mod splines;
+mod threading;
 mod words;
 
-pub use error::{Problem, ProgramError, ResumeError};
+pub use bundle::read_program;
+pub use error::{Problem, ProgramError, ResumeError, Shown};
+pub use execution::{BLOCKS_MAX, interpret};
 pub use file::{FILE_BYTES_MAX, load, read_text};
-pub use interpreter::{BLOCKS_MAX, interpret};
-pub use program::{AxisSetup, Block, Event, EventKind, Note, Program, ProgramEnd, Setup};
+pub use machine::{Tool, parse_tools};
+pub use parameters::Parameters;
+pub use program::{AxisSetup, Block, Event, EventKind, Message, Note, Program, ProgramEnd, Setup};
 pub use resume::{load_from, resume_from, tool_at};
 pub use setup::kinematics_of;

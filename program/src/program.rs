@@ -1,10 +1,12 @@
 //! What goes into the interpreter and what comes out.
 
 use control::path::{AxisVector, MAX_AXES, Path};
+use machine::Tool;
 use xxhash_rust::xxh3::Xxh3;
 
 use crate::error::ProgramError;
 use crate::letters::AXIS_LETTERS;
+use crate::parameters::Parameters;
 
 /// One axis as the interpreter needs to know it.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,12 +22,19 @@ pub struct AxisSetup {
 }
 
 /// The machine as the interpreter needs to know it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Setup {
     /// The axes, in the order of the components of an [`AxisVector`]; at most [`MAX_AXES`].
     pub axes: Vec<AxisSetup>,
     /// Where the zero of the program (G54) lies in machine coordinates.
     pub work_offset: AxisVector,
+    /// The tools that there are; without any, every tool can be called, and none has a length.
+    pub tools: Vec<Tool>,
+    /// Whether blocks with `/` before them are left out (block delete).
+    pub block_delete: bool,
+    /// What a machine would answer is assumed, for comparing and showing programs: a probe trips at the end of its motion, an input
+    /// is 0. Without it such words are refused.
+    pub answers_assumed: bool,
 }
 
 /// The text of one block, for showing it while it runs.
@@ -48,7 +57,7 @@ pub struct Event {
     pub kind: EventKind,
 }
 
-/// What can happen between two elements.
+/// What can happen between two elements. Numbers of outputs count from 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum EventKind {
     /// S: the spindle's speed in rev/min.
@@ -59,6 +68,61 @@ pub enum EventKind {
     SpindleCounterClockwise,
     /// M5.
     SpindleStop,
+    /// M19: the spindle turns to this angle, in degrees, and holds it.
+    SpindleOrient(f64),
+    /// G33, G33.1, G76: the motion behind it follows the spindle, so many mm along the path for each turn.
+    SpindleFollowed(f64),
+    /// The motion behind it does not.
+    SpindleReleased,
+    /// M7 on, M9 off.
+    Mist(bool),
+    /// M8 on, M9 off.
+    Flood(bool),
+    /// T: the next tool, by its number.
+    ToolPrepare(u32),
+    /// M6: this tool comes into the spindle.
+    ToolChange(u32),
+    /// M61: this tool is in the spindle already.
+    ToolIs(u32),
+    /// M0: waits for the operator.
+    ProgramStop,
+    /// M1: the same, if he asked for it.
+    OptionalStop,
+    /// M60: a pallet is changed, then he is waited for.
+    PalletStop,
+    /// M48, M49: whether feed and spindle overrides count.
+    OverridesEnabled(bool),
+    /// M62 to M65.
+    DigitalOutput {
+        /// Which.
+        index: u32,
+        /// Its level.
+        on: bool,
+        /// With the motion that follows (M62, M63) rather than at once.
+        synchronised: bool,
+    },
+    /// M67, M68.
+    AnalogOutput {
+        /// Which.
+        index: u32,
+        /// Its value.
+        value: f64,
+        /// With the motion that follows (M67) rather than at once.
+        synchronised: bool,
+    },
+}
+
+/// A comment that says something.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Message {
+    /// Line in the file, counted from 1.
+    pub line: u32,
+    /// It is said before the element of this index.
+    pub before_element: usize,
+    /// For the log only (LOG), rather than for the operator (MSG, DEBUG, PRINT).
+    pub log_only: bool,
+    /// The text, parameters replaced by their values.
+    pub text: String,
 }
 
 /// How a program ends.
@@ -68,6 +132,8 @@ pub enum ProgramEnd {
     M2(u32),
     /// By M30 on this line.
     M30(u32),
+    /// By M99 outside a subroutine, on this line.
+    M99(u32),
     /// By the closing `%` on this line.
     Percent(u32),
     /// With the file, by no word of its own.
@@ -77,8 +143,10 @@ pub enum ProgramEnd {
 /// Something accepted that its author should know of.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Note {
-    /// Line in the file, counted from 1.
+    /// The first line that it concerns, counted from 1.
     pub line: u32,
+    /// How often it was met.
+    pub count: u32,
     /// What was done with it.
     pub text: String,
 }
@@ -96,8 +164,12 @@ pub struct Program {
     pub start: AxisVector,
     /// The blocks that hold words, in order.
     pub blocks: Vec<Block>,
-    /// Spindle words, in order.
+    /// Spindle, coolant, tools, stops and outputs, in order.
     pub events: Vec<Event>,
+    /// Comments that say something, in order.
+    pub messages: Vec<Message>,
+    /// The parameters at its end.
+    pub parameters: Parameters,
     /// What was accepted with a remark; one per kind, for its first line.
     pub notes: Vec<Note>,
     /// How it ends.
@@ -106,6 +178,16 @@ pub struct Program {
     pub straight_feeds: u32,
     /// Blocks that made an arc feed (G2, G3).
     pub arc_feeds: u32,
+}
+
+impl Note {
+    /// As people read it.
+    pub fn shown(&self) -> String {
+        match self.count {
+            1 => format!("line {}: {}", self.line, self.text),
+            count => format!("line {}, {count} times: {}", self.line, self.text),
+        }
+    }
 }
 
 impl Program {
@@ -158,7 +240,8 @@ pub fn check_setup(name: &str, setup: &Setup, start: &AxisVector) -> Result<(), 
     Ok(())
 }
 
-pub fn source_hash(text: &str, setup: &Setup, start: &AxisVector) -> u64 {
+/// `tools`: the table, if anything of it was made use of.
+pub fn source_hash(text: &str, setup: &Setup, start: &AxisVector, tools: &[Tool]) -> u64 {
     let mut hash = Xxh3::new();
     hash.update(&(text.len() as u64).to_le_bytes());
     hash.update(text.as_bytes());
@@ -170,6 +253,15 @@ pub fn source_hash(text: &str, setup: &Setup, start: &AxisVector) -> u64 {
     }
     for component in setup.work_offset.iter().chain(start.iter()) {
         hash.update(&component.to_bits().to_le_bytes());
+    }
+    for tool in tools {
+        hash.update(&tool.number.to_le_bytes());
+        for value in tool.offset.iter().chain([&tool.diameter]) {
+            hash.update(&value.to_bits().to_le_bytes());
+        }
+    }
+    if setup.block_delete {
+        hash.update(b"/");
     }
     hash.digest()
 }

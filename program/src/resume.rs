@@ -9,7 +9,7 @@ use machine::Machine;
 
 use crate::error::ResumeError;
 use crate::program::{Program, Setup};
-use crate::{interpret, kinematics_of, load};
+use crate::{interpret, kinematics_of, read_program};
 
 /// Where the tool is, in the coordinates of programs, with the command positions at these increments.
 ///
@@ -50,6 +50,6 @@ pub fn load_from(
     increments: &[i64],
     file: &Path,
 ) -> Result<Program, ResumeError> {
-    let start = tool_at(machine, increments)?;
-    Ok(load(file, &Setup::of(machine), start)?)
+    let text = read_program(file, &machine.subroutine_folders)?;
+    resume_from(machine, increments, &file.display().to_string(), &text)
 }

@@ -46,7 +46,13 @@ impl Setup {
                 .copied()
                 .unwrap_or(0.0);
         }
-        Setup { axes, work_offset }
+        Setup {
+            axes,
+            work_offset,
+            tools: machine.tools.clone(),
+            block_delete: machine.program.block_delete,
+            ..Setup::default()
+        }
     }
 }
 

@@ -5,10 +5,8 @@ use crate::letters::AXIS_LETTERS;
 use crate::program::Setup;
 use crate::reader::{Line, Word};
 
-const SUPPORTED_G: &str = "supported are G0 G1 G2 G3 G4 G17 G18 G19 G20 G21 G40 G49 G54 G61 G64 G80 G81 G82 G83 G90 G90.1 G91 G91.1 G94 G98 G99";
-const SUPPORTED_M: &str = "supported are M2 M3 M4 M5 M30";
-
 /// One reason to refuse a block.
+#[derive(Debug)]
 pub struct Refusal {
     pub offset: usize,
     pub found: String,
@@ -28,11 +26,14 @@ impl Refusal {
     }
 }
 
-/// Modal groups (NIST table 4); group 0 is not modal. G40, G49, G54, G94 are the only members of their groups here and
-/// G61/G64 behave alike, so these keep no state.
+/// Modal groups (NIST table 4; LinuxCNC manual, *G Code Modal Groups*). One code of each may be in a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(usize)]
 pub enum Group {
-    Dwell,
+    /// G4, G10, G28, G30, G52, G92: done once.
+    Once,
+    /// G53, which goes with G0 or G1.
+    MachineCoordinates,
     Motion,
     Plane,
     Distance,
@@ -44,49 +45,141 @@ pub enum Group {
     WorkOffset,
     PathControl,
     CycleReturn,
+    SpindleMode,
+    Diameter,
     Stop,
+    InputOutput,
+    ToolChange,
     Spindle,
+    Coolant,
+    Overrides,
+    ModalState,
+    User,
 }
 
+const GROUPS: usize = Group::User as usize + 1;
+
+/// A to Z, then `@`, `^`, `$`.
+const LETTERS: usize = 29;
+
 /// The words of one block, each letter at most once, codes by group.
-#[derive(Default)]
+#[derive(Debug, Clone)]
 pub struct Words {
-    pub codes: Vec<(Group, u32, Word)>,
-    pub values: Vec<Word>,
+    codes: [Option<(u32, Word)>; GROUPS],
+    values: [Word; LETTERS],
+    /// Which of the values are there, by their index.
+    present: u32,
+}
+
+impl Default for Words {
+    fn default() -> Self {
+        let none = Word {
+            letter: ' ',
+            value: 0.0,
+            offset: 0,
+            end: 0,
+        };
+        Self {
+            codes: [None; GROUPS],
+            values: [none; LETTERS],
+            present: 0,
+        }
+    }
+}
+
+/// Where the value of a letter is kept.
+fn index_of(letter: char) -> usize {
+    match letter {
+        'A'..='Z' => letter as usize - 'A' as usize,
+        '@' => 26,
+        '^' => 27,
+        _ => 28,
+    }
+}
+
+/// Letters as bits.
+pub const fn mask_of(letters: &str) -> u32 {
+    let bytes = letters.as_bytes();
+    let (mut mask, mut at) = (0, 0);
+    while at < bytes.len() {
+        let index = match bytes[at] {
+            byte @ b'A'..=b'Z' => byte - b'A',
+            b'@' => 26,
+            b'^' => 27,
+            _ => 28,
+        };
+        mask |= 1 << index;
+        at += 1;
+    }
+    mask
 }
 
 impl Words {
     /// Number of the code of a group, ten times (G91.1 is 911), and its word.
     pub fn code(&self, group: Group) -> Option<(u32, Word)> {
-        self.codes
-            .iter()
-            .find(|code| code.0 == group)
-            .map(|&(_, number, word)| (number, word))
+        self.codes.get(group as usize).copied().flatten()
+    }
+
+    /// Every code, in the order of the groups.
+    pub fn codes(&self) -> impl Iterator<Item = (u32, Word)> + '_ {
+        self.codes.iter().copied().flatten()
     }
 
     pub fn value(&self, letter: char) -> Option<Word> {
-        self.values
-            .iter()
-            .find(|word| word.letter == letter)
-            .copied()
+        let index = index_of(letter);
+        if self.present & (1 << index) == 0 {
+            return None;
+        }
+        self.values.get(index).copied()
     }
 
     /// The first word of any of these letters.
     pub fn first_of(&self, letters: &str) -> Option<Word> {
-        self.values
-            .iter()
-            .find(|word| letters.contains(word.letter))
-            .copied()
+        self.first_in(mask_of(letters))
     }
-}
 
-impl Words {
+    /// The first word of letters given as bits.
+    pub fn first_in(&self, mask: u32) -> Option<Word> {
+        let mut present = self.present & mask;
+        let mut first: Option<Word> = None;
+        while present != 0 {
+            let word = self
+                .values
+                .get(present.trailing_zeros() as usize)
+                .copied()?;
+            if first.is_none_or(|first| word.offset < first.offset) {
+                first = Some(word);
+            }
+            present &= present - 1;
+        }
+        first
+    }
+
+    /// Takes a value away: somebody has made use of it.
+    pub fn remove(&mut self, letter: char) {
+        self.present &= !(1 << index_of(letter));
+    }
+
+    /// Puts a value in, in place of the one that is there.
+    pub fn insert(&mut self, word: Word) {
+        let index = index_of(word.letter);
+        if let Some(slot) = self.values.get_mut(index) {
+            *slot = word;
+            self.present |= 1 << index;
+        }
+    }
+
+    fn clear(&mut self) {
+        self.codes = [None; GROUPS];
+        self.present = 0;
+    }
+
     /// Puts the words into groups; refuses what is unknown, repeated or in conflict.
-    pub fn sort(block: &Line, setup: &Setup) -> Result<Words, Vec<Refusal>> {
-        let mut words = Words::default();
+    pub fn sort(&mut self, block: &Line, setup: &Setup) -> Result<(), Vec<Refusal>> {
+        self.clear();
         let mut refusals = Vec::new();
         for (index, &word) in block.words.iter().enumerate() {
-            match words.sort_word(index, word, setup) {
+            match self.sort_word(index, word, setup) {
                 Ok(()) => {}
                 Err(refusal) => refusals.push(refusal),
             }
@@ -94,36 +187,62 @@ impl Words {
                 break;
             }
         }
+        if let Some(word) = self.stray_axis(setup) {
+            refusals.push(no_axis(word, setup));
+        }
         if refusals.is_empty() {
-            Ok(words)
+            Ok(())
         } else {
             Err(refusals)
         }
     }
 
+    /// U or W on a machine without such an axis, but for G71 and G72, where they shift the profile.
+    fn stray_axis(&self, setup: &Setup) -> Option<Word> {
+        let in_profile = matches!(self.code(Group::Motion), Some((710..=722, _)));
+        let mut words = ['U', 'W']
+            .into_iter()
+            .filter_map(|letter| self.value(letter));
+        words.find(|word| !in_profile && setup.axis_index(word.letter).is_none())
+    }
+
     /// Puts a G or M word into its modal group.
     fn sort_code(&mut self, word: Word) -> Result<(), Refusal> {
         let Word { letter, value, .. } = word;
-        let refuse = |found: String, right: &str| Err(Refusal::new(word.offset, found, right));
-        let group = code_number(value).and_then(|number| Some((group_of(letter, number)?, number)));
-        let Some((group, number)) = group else {
-            let right = if letter == 'G' {
-                SUPPORTED_G
-            } else {
-                SUPPORTED_M
-            };
-            return refuse(format!("{letter}{value}"), right);
+        let refuse = |found: String, right: String| Err(Refusal::new(word.offset, found, right));
+        let shown = format_args!("{letter}{value}");
+        let number = code_number(value);
+        let group = number.and_then(|number| group_of(letter, number));
+        let (Some(group), Some(number)) = (group, number) else {
+            let right = number
+                .and_then(|number| why_not(letter, number))
+                .unwrap_or("no such code is known: see the table of words in the manual");
+            return refuse(shown.to_string(), right.to_owned());
         };
-        if let Some((other, _)) = self.code(group) {
+        if let Some((other, of_other)) = self.code(group) {
+            // G80 beside another motion: that motion ends the cycles by itself (NIST §3.5.16).
+            if group == Group::Motion && (number == 800 || other == 800) {
+                if other == 800 {
+                    self.set_code(group, number, word);
+                }
+                return Ok(());
+            }
             let found = format!(
-                "{letter}{} and {letter}{value} in one block",
+                "{}{} and {letter}{value} in one block",
+                of_other.letter,
                 shown_code(other)
             );
             let right = "these exclude each other: one of them, once, in a block";
-            return refuse(found, right);
+            return refuse(found, right.to_owned());
         }
-        self.codes.push((group, number, word));
+        self.set_code(group, number, word);
         Ok(())
+    }
+
+    fn set_code(&mut self, group: Group, number: u32, word: Word) {
+        if let Some(slot) = self.codes.get_mut(group as usize) {
+            *slot = Some((number, word));
+        }
     }
 
     fn sort_word(&mut self, index: usize, word: Word, setup: &Setup) -> Result<(), Refusal> {
@@ -141,30 +260,25 @@ impl Words {
             'S' if value < 0.0 => {
                 return refuse(format!("S{value}"), "a spindle speed is 0 or more");
             }
-            'F' | 'S' | 'I' | 'J' | 'K' | 'L' | 'R' | 'P' | 'Q' => {}
-            axis if AXIS_LETTERS.contains(axis) => {
-                if setup.axis_index(axis).is_none() {
-                    let has: Vec<String> = setup
-                        .axes
-                        .iter()
-                        .map(|axis| axis.letter.to_string())
-                        .collect();
-                    return refuse(
-                        format!("{axis}{value}"),
-                        &format!("this machine has the axes {}", has.join(" ")),
-                    );
-                }
-            }
-            'T' => {
+            'T' | 'H' | 'D' if value < 0.0 || (letter != 'D' && value.fract() != 0.0) => {
                 return refuse(
-                    format!("T{value}"),
-                    "tool changes are not supported; one tool per program",
+                    format!("{letter}{value}"),
+                    "the number of a tool is a whole number from 0",
                 );
             }
-            _ => {
-                let right = "supported are G M N F S P Q I J K L R and the letters of the axes";
-                return refuse(format!("{letter}{value}"), right);
+            axis if AXIS_LETTERS.contains(axis)
+                && !"UW".contains(axis)
+                && setup.axis_index(axis).is_none() =>
+            {
+                return Err(no_axis(word, setup));
             }
+            'O' => {
+                return refuse(
+                    "O behind other words".into(),
+                    "an O-word stands alone in its block",
+                );
+            }
+            _ => {}
         }
         if self.value(letter).is_some() {
             return refuse(
@@ -172,9 +286,22 @@ impl Words {
                 "each of these letters once in a block",
             );
         }
-        self.values.push(word);
+        self.insert(word);
         Ok(())
     }
+}
+
+fn no_axis(word: Word, setup: &Setup) -> Refusal {
+    let has: Vec<String> = setup
+        .axes
+        .iter()
+        .map(|axis| axis.letter.to_string())
+        .collect();
+    Refusal::new(
+        word.offset,
+        format!("{}{}", word.letter, word.value),
+        format!("this machine has the axes {}", has.join(" ")),
+    )
 }
 
 /// N may be there, in its place; nothing uses it.
@@ -184,8 +311,8 @@ fn check_line_number(index: usize, word: Word) -> Result<(), Refusal> {
         let right = "a line number is the first word of its block";
         return Err(Refusal::new(word.offset, "N after other words", right));
     }
-    if value < 0.0 || value.fract() != 0.0 {
-        let right = "a line number is a whole number from 0";
+    if value < 0.0 {
+        let right = "a line number is 0 or more";
         return Err(Refusal::new(word.offset, format!("N{value}"), right));
     }
     Ok(())
@@ -198,7 +325,7 @@ fn code_number(value: f64) -> Option<u32> {
     exact.then_some(tenfold as u32)
 }
 
-fn shown_code(number: u32) -> String {
+pub fn shown_code(number: u32) -> String {
     if number.is_multiple_of(10) {
         (number / 10).to_string()
     } else {
@@ -209,20 +336,46 @@ fn shown_code(number: u32) -> String {
 /// Modal group of a supported code, given ten times its number.
 fn group_of(letter: char, number: u32) -> Option<Group> {
     Some(match (letter, number) {
-        ('G', 40) => Group::Dwell,
-        ('G', 0 | 10 | 20 | 30 | 800 | 810 | 820 | 830) => Group::Motion,
+        ('G', 40 | 100 | 280 | 281 | 300 | 301 | 520 | 920..=923) => Group::Once,
+        ('G', 530) => Group::MachineCoordinates,
+        ('G', 0 | 10 | 20 | 30 | 50..=53 | 330 | 331 | 382..=385 | 730 | 740 | 760) => {
+            Group::Motion
+        }
+        ('G', 800..=890) if number.is_multiple_of(10) => Group::Motion,
+        ('G', 700 | 710..=712 | 720..=722) => Group::Motion,
         ('G', 170 | 180 | 190) => Group::Plane,
         ('G', 900 | 910) => Group::Distance,
         ('G', 901 | 911) => Group::ArcDistance,
-        ('G', 940) => Group::FeedMode,
+        ('G', 930 | 940 | 950) => Group::FeedMode,
         ('G', 200 | 210) => Group::Units,
-        ('G', 400) => Group::CutterCompensation,
-        ('G', 490) => Group::ToolLength,
-        ('G', 540) => Group::WorkOffset,
-        ('G', 610 | 640) => Group::PathControl,
+        ('G', 400 | 410 | 411 | 420 | 421) => Group::CutterCompensation,
+        ('G', 430 | 431 | 432 | 490) => Group::ToolLength,
+        ('G', 540 | 550 | 560 | 570 | 580 | 590..=593) => Group::WorkOffset,
+        ('G', 610 | 611 | 640) => Group::PathControl,
         ('G', 980 | 990) => Group::CycleReturn,
-        ('M', 20 | 300) => Group::Stop,
-        ('M', 30 | 40 | 50) => Group::Spindle,
+        ('G', 960 | 970) => Group::SpindleMode,
+        ('G', 70 | 80) => Group::Diameter,
+        ('M', 0 | 10 | 20 | 300 | 600 | 980 | 990) => Group::Stop,
+        ('M', 620..=680) if number.is_multiple_of(10) => Group::InputOutput,
+        ('M', 60 | 610) => Group::ToolChange,
+        ('M', 30 | 40 | 50 | 190) => Group::Spindle,
+        ('M', 70 | 80 | 90) => Group::Coolant,
+        ('M', 480..=530) if number.is_multiple_of(10) => Group::Overrides,
+        ('M', 700..=730) if number.is_multiple_of(10) => Group::ModalState,
+        _ => return None,
+    })
+}
+
+/// Why a code that machinists know is refused, and what to do instead.
+fn why_not(letter: char, number: u32) -> Option<&'static str> {
+    Some(match (letter, number) {
+        ('G', 171 | 181 | 191) => "the planes UV, WU and VW are not supported: use G17, G18 or G19",
+        ('M', 1000..=1990) => {
+            "user M-codes run a program of the machine builder: they are not switched on"
+        }
+        ('G', 150 | 160) => "polar coordinates are written with @ and ^, as in LinuxCNC",
+        ('G', 500 | 510) => "scaling is not supported: write the scaled values, or use parameters",
+        ('G', 680 | 690) => "rotation is set with G10 L2 P1 R30, as in LinuxCNC",
         _ => return None,
     })
 }

@@ -57,7 +57,9 @@ fn word() -> impl Strategy<Value = String> {
     let code = prop::sample::select(vec![
         "G0", "G1", "G2", "G3", "g4 P.1", "G17", "G18", "G19", "G20", "G21", "G40", "G49", "G54",
         "G61", "G64", "G80", "G90", "G91", "G90.1", "G91.1", "G94", "G81", "G82", "G83", "G98",
-        "G99", "M3", "M4", "M5", "F500", "S100", "/", "(c)",
+        "G99", "M3", "M4", "M5", "F500", "S100", "/", "(c)", "G5", "G5.1", "G5.2", "G5.3", "G33",
+        "G33.1", "G73", "G74", "G76", "G84", "G85", "G86", "G87", "G88", "G89", "G93", "G95", "G7",
+        "G8", "H2", "E1",
     ]);
     let value = prop_oneof![-40i32..40, Just(0), Just(10)];
     let letter = prop::sample::select(vec![
@@ -88,6 +90,45 @@ fn good_block() -> impl Strategy<Value = String> {
         (number(), 1..4u32)
             .prop_map(|(x, l)| format!("G17 G98 G91 G83 X{} Z-7 R-2 Q3 L{l} G90", x / 20.0)),
         Just("G4 P0.5".to_owned()),
+        curve_or_thread(),
+    ]
+}
+
+/// Splines, threads, and cycles that do something with the spindle.
+fn curve_or_thread() -> impl Strategy<Value = String> {
+    let number = || (-80i32..80).prop_map(|value| f64::from(value) / 2.0);
+    let cycle = prop::sample::select(vec!["84", "85", "86", "87", "88", "89", "73"]);
+    let cycle_block = (cycle, 17..20u32, number()).prop_map(|(cycle, plane, at)| {
+        let extra = match cycle {
+            "86" | "88" | "89" => "P0.1",
+            "87" => "I1 J2 K3",
+            "73" => "Q2",
+            _ => "",
+        };
+        format!("M3 S100 G94 F600 G{plane} G98 G91 G{cycle} X-3 Y-4 Z-5 R1 {extra} L2 G90\nG80\nG0 X{at}")
+    });
+    prop_oneof![
+        (number(), number(), number(), number()).prop_map(|(x, y, i, j)| format!(
+            "G17 G5 X{x} Y{y} I{i} J{j} P{j} Q{i}\nG5 X{y} Y{x} P{x} Q{j}"
+        )),
+        (number(), number(), number())
+            .prop_map(|(x, y, i)| format!("G17 G5.1 X{x} Y{y} I{i} J{x}")),
+        (
+            prop::collection::vec((number(), number(), 1..5u32), 4..9),
+            3..5u32
+        )
+            .prop_map(|(points, order)| {
+                let points = points.iter().map(|(x, y, p)| format!("X{x} Y{y} P{p}\n"));
+                format!("G17 G5.2 P2 L{order}\n{}G5.3", points.collect::<String>())
+            }),
+        (number(), 1..4u32, number()).prop_map(|(z, taper, q)| format!(
+            "M3 S100 G18 G0 X20 Z{z}\nG76 P1 Z{} I-2 J0.3 K1.1 R1.3 H1 Q{} E1 L{taper}\nG17",
+            z - 20.0,
+            q / 2.0
+        )),
+        (number(), number())
+            .prop_map(|(x, z)| format!("M4 S200 G33 X{x} Z{z} K1.5\nG33.1 Z{x} K0.7 I2")),
+        cycle_block,
     ]
 }
 

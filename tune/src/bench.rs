@@ -43,6 +43,7 @@ impl Bench {
         fs::copy(&plant, bench.folder.path().join("plant.toml"))
             .with_context(|| plant.display().to_string())
             .input()?;
+        machine::copy_tool_table(machine, bench.folder.path()).input()?;
         Ok(bench)
     }
 

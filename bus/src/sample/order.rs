@@ -40,11 +40,13 @@ pub enum Order {
     Start = 9,
     /// Come to rest and end the cell.
     Down = 10,
+    /// Optional stops (M1) are obeyed (value 1) or passed (value 0).
+    OptionalStop = 11,
 }
 
 impl Order {
     /// All of them.
-    pub const ALL: [Order; 10] = [
+    pub const ALL: [Order; 11] = [
         Order::Stop,
         Order::Hold,
         Order::Resume,
@@ -55,6 +57,7 @@ impl Order {
         Order::Load,
         Order::Start,
         Order::Down,
+        Order::OptionalStop,
     ];
 
     /// Decodes what came over the wire.
@@ -75,6 +78,7 @@ impl Order {
             Order::Load => "load",
             Order::Start => "start",
             Order::Down => "down",
+            Order::OptionalStop => "optional-stop",
         }
     }
 
@@ -169,7 +173,7 @@ impl Refused {
             Refused::Not => "not refused",
             Refused::UnknownOrder => "there is no such order",
             Refused::BadValue => {
-                "its value is out of range: an override is 0 to 100 %, a jog any distance but 0"
+                "its value is out of range: an override is 0 to 100 %, a jog any distance but 0, optional stops on or off"
             }
             Refused::UnknownAxis => "the machine has no such axis",
             Refused::NotAtRest => {
@@ -244,7 +248,7 @@ mod tests {
             assert_eq!(Refused::from_wire(reason as u32), Some(reason));
         }
         assert_eq!(Order::from_wire(0), None);
-        assert_eq!(Order::from_wire(11), None);
+        assert_eq!(Order::from_wire(12), None);
         assert_eq!(Refused::from_wire(21), None);
     }
 }

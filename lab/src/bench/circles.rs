@@ -429,7 +429,7 @@ fn within_limits(machine: &Machine, condition: Condition) -> anyhow::Result<()> 
 fn variant(machine: &Path, folder: &Path, method: &Method) -> anyhow::Result<PathBuf> {
     let file = machine_file(machine);
     let named = || file.display().to_string();
-    let text = fs::read_to_string(&file).with_context(named)?;
+    let text = machine::snapshot(&file).with_context(named)?;
     let changed = method
         .apply(&text)
         .with_context(|| format!("{}: method {}", file.display(), method.name))?;

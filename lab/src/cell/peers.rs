@@ -355,6 +355,12 @@ impl MasterPorts for Peers {
         }
     }
 
+    fn latch(&mut self, latches: &Latches) {
+        if let Some(saved) = self.saved.as_mut() {
+            saved.latch(latches);
+        }
+    }
+
     fn await_answers(&mut self, _scan: u64, ask_planner: bool) -> Result<Answered, Self::Error> {
         let mut answers = Answers::NONE;
         self.ask_servos(&mut answers);

@@ -34,8 +34,8 @@ const LOOK: Duration = Duration::from_millis(5);
 pub fn load(options: &LoadOptions) -> Outcome {
     let file = &options.program;
     let name = program_name(file).input()?.to_string();
-    let text = program::read_text(file).input()?;
     let client = Client::find(options.to.cell.as_deref(), "operator")?;
+    let text = program::read_program(file, &client.machine.subroutine_folders).input()?;
     let mut eyes = Eyes::open(&client)?;
     let now = eyes.look()?;
     let started = Instant::now();
@@ -103,10 +103,13 @@ fn check(client: &Client, text: &str, shown: &Path, now: &Feedback) -> anyhow::R
     let command_positions = now.axes.map(|axis| axis.command_position);
     let name = shown.display().to_string();
     let program = program::resume_from(machine, &command_positions, &name, text)?;
+    for note in &program.notes {
+        say(&note.shown());
+    }
     let elements = program.path.elements.len();
     let lengths_mm = program.path.elements.iter().map(|e| e.length_mm);
     let length_mm = lengths_mm.fold(0.0, |sum, length_mm| sum + length_mm);
-    planner::window_planner(machine, program.path, program.start).with_context(|| name)?;
+    planner::course(machine, program).with_context(|| name)?;
     Ok(format!("{elements} elements, {length_mm:.1} mm"))
 }
 

@@ -99,6 +99,12 @@ fn range(of_key: KeySchema<'_>) -> String {
             words.join(", ")
         }
         Kind::List => {
+            if of_key
+                .items()
+                .is_some_and(|items| items.kind() == Kind::Text)
+            {
+                return "texts".into();
+            }
             let (fewest, _) = of_key.length();
             let each = of_key
                 .items()

@@ -29,7 +29,7 @@ fn moves(order: Order) -> bool {
         | Order::Jog
         | Order::Load
         | Order::Start => true,
-        Order::Stop | Order::Hold | Order::Override | Order::Down => false,
+        Order::Stop | Order::Hold | Order::Override | Order::Down | Order::OptionalStop => false,
     }
 }
 
@@ -82,6 +82,7 @@ impl<D: Drives> Master<D> {
             Some(Order::Jog) => self.order_jog(request.axis, request.value),
             Some(Order::Load) => self.order_load(request.value),
             Some(Order::Start) => self.order_start(),
+            Some(Order::OptionalStop) => self.order_optional_stop(request.value),
             Some(Order::Down) => {
                 self.end_after_stop();
                 Ok(())
@@ -178,6 +179,15 @@ impl<D: Drives> Master<D> {
             Mode::Finished => return Err(Refused::Finished.into()),
         }
         self.hold = false;
+        self.auxiliary.end_stop();
+        Ok(())
+    }
+
+    fn order_optional_stop(&mut self, value: f64) -> Result<(), Refusal> {
+        if value != 0.0 && value != 1.0 {
+            return Err(Refused::BadValue.into());
+        }
+        self.auxiliary.latches.optional_stop = u32::from(value == 1.0);
         Ok(())
     }
 

@@ -37,6 +37,7 @@ impl<D: Drives> Master<D> {
             self.may_end = true;
         }
         self.program.resume(latches);
+        self.auxiliary.resume(&latches.auxiliary);
         self.digest.resume(latches.digest);
         self.mode = Mode::Disabled;
         self.switching_on = None;
@@ -61,7 +62,13 @@ impl<D: Drives> Master<D> {
             program: self.program.state as u32,
             run: self.program.run,
             hold: u32::from(self.hold),
+            auxiliary: self.auxiliary.latches,
         }
+    }
+
+    /// Whether an event of the program was done since this was asked last: it outlives this master before anybody sees it.
+    pub fn take_latched(&mut self) -> bool {
+        self.auxiliary.take_changed()
     }
 
     /// Whether the trip was the loss of a process, which another one may replace.

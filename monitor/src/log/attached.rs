@@ -36,7 +36,7 @@ pub fn attached_files(path: &Path) -> Result<Vec<(String, Vec<u8>)>, LogError> {
                 fill(&mut file, &mut mcap, bytes).map_err(failed)?;
             }
             Ok(LinearReadEvent::Record { opcode, data }) => {
-                match mcap::parse_record(opcode, data).map_err(not_a_log)? {
+                match crate::log::record::parse_record(opcode, data).map_err(not_a_log)? {
                     Record::Attachment { header, data, .. } => {
                         files.push((header.name, data.into_owned()));
                     }

@@ -194,7 +194,7 @@ fn wanted(opcode: u8, data: &[u8], unread: &mut BTreeSet<u16>) -> bool {
             channel.is_none_or(|channel| !unread.contains(&channel))
         }
         op::CHANNEL => {
-            if let Ok(Record::Channel(channel)) = mcap::parse_record(opcode, data)
+            if let Ok(Record::Channel(channel)) = crate::log::record::parse_record(opcode, data)
                 && Content::of_topic(&channel.topic).is_none()
             {
                 unread.insert(channel.id);

@@ -54,6 +54,10 @@ enum Source {
 }
 
 /// One record that matters here.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "one at a time, on the stack: no pointer per sample"
+)]
 enum Step {
     Sample(Sample),
     Skip,
@@ -91,7 +95,7 @@ impl Reader {
                     })?;
                 }
                 LinearReadEvent::Record { opcode, data } => {
-                    match mcap::parse_record(opcode, data) {
+                    match crate::log::record::parse_record(opcode, data) {
                         Ok(Record::Metadata(record)) if record.name == RUN_RECORD => {
                             break record.metadata;
                         }
@@ -287,7 +291,8 @@ pub fn read_only(path: &Path) -> Result<(u64, u64), LogError> {
 /// A record; of a message only what is needed of it, because that is what a log consists of.
 fn record_of(opcode: u8, data: &[u8]) -> Result<Parsed<'_>, String> {
     if opcode != op::MESSAGE {
-        let record = mcap::parse_record(opcode, data).map_err(|error| error.to_string())?;
+        let record =
+            crate::log::record::parse_record(opcode, data).map_err(|error| error.to_string())?;
         return Ok(Parsed::Other(record));
     }
     let message = data.split_at_checked(MESSAGE_HEADER_BYTES);

@@ -20,6 +20,10 @@ pub struct LoggedWindow {
 
 /// One sample of a run, from the wire or from the log.
 #[derive(Debug, Clone, PartialEq)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "the planner's status comes once a period: what comes every scan is in boxes already"
+)]
 pub enum Sample {
     /// What the master published.
     Feedback(Box<Feedback>),

@@ -179,7 +179,7 @@ impl Look<'_> {
             match event.ok()? {
                 LinearReadEvent::ReadRequest(bytes) => fill(&mut chunk, &mut mcap, bytes).ok()?,
                 LinearReadEvent::Record { opcode, data } => {
-                    let record = mcap::parse_record(opcode, data).ok()?;
+                    let record = crate::log::record::parse_record(opcode, data).ok()?;
                     self.take_record(record, take)?;
                 }
             }

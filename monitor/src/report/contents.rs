@@ -4,13 +4,16 @@ use serde_json::Value as Json;
 
 use super::document::{Block, Columns, Document, Fact, Outcome, Section, digits};
 use super::json::{
-    ArcReport, AxisReport, FaultReport, OutcomeKind, Report, ReversalReport, ScanRange,
+    ArcReport, AuxiliaryReport, AxisReport, FaultReport, OutcomeKind, Report, ReversalReport,
+    ScanRange,
 };
 use super::match_up::orders;
 use crate::measure::outcome::Reaction;
 
 /// Blocks that the text shows: those with the largest contour error.
 const BLOCKS_IN_TEXT: usize = 16;
+/// Events beside the axes that are listed before it says how many more there are.
+const AUXILIARY_EVENTS_MAX: usize = 40;
 /// Gaps of the log that are named in a line before it says how many more there are.
 const GAPS_MAX: usize = 5;
 
@@ -25,6 +28,10 @@ pub(super) fn document(report: &Report, circles: &[String]) -> Document {
         sections: vec![
             head(report),
             section("Faults", vec![Block::List(faults(report))]),
+            section(
+                "Spindle, coolant, outputs and stops",
+                vec![Block::List(auxiliary_events(report))],
+            ),
             following_error(report),
             blocks(report),
             arcs(report, circles),
@@ -40,6 +47,21 @@ pub(super) fn section(heading: impl Into<String>, blocks: Vec<Block>) -> Section
         heading: heading.into(),
         blocks,
     }
+}
+
+/// What happened beside the axes; what comes after the first events is in report.json.
+fn auxiliary_events(report: &Report) -> Vec<String> {
+    let events = report.auxiliary_events.iter();
+    let line = |event: &AuxiliaryReport| {
+        let at_s = time_s(report, event.scan);
+        format!("{at_s:.3} s: {}", event.event)
+    };
+    let mut lines: Vec<String> = events.take(AUXILIARY_EVENTS_MAX).map(line).collect();
+    let more = report.auxiliary_events.len().saturating_sub(lines.len());
+    if more > 0 {
+        lines.push(format!("and {more} more, in report.json"));
+    }
+    lines
 }
 
 /// Time of a scan in s.

@@ -72,6 +72,18 @@ pub struct Report {
     pub processes: Vec<ProcessReport>,
     /// What befell them.
     pub faults: Vec<FaultReport>,
+    /// What happened to spindle, coolant, outputs and tool, and what was waited for; left out where nothing did.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub auxiliary_events: Vec<AuxiliaryReport>,
+}
+
+/// Something that happened beside the axes.
+#[derive(Debug, Clone, Serialize)]
+pub struct AuxiliaryReport {
+    /// Scan.
+    pub scan: u64,
+    /// What happened, in words.
+    pub event: String,
 }
 
 /// How a run ended, in one word.
@@ -409,6 +421,7 @@ impl Report {
             limits: measurements.limits,
             processes: processes(measurements),
             faults: faults(measurements),
+            auxiliary_events: auxiliary_events(measurements),
         }
     }
 
@@ -579,6 +592,16 @@ fn processes(measurements: &Measurements) -> Vec<ProcessReport> {
                 .iter()
                 .map(|&(scan, signal)| Death { scan, signal })
                 .collect(),
+        })
+        .collect()
+}
+
+fn auxiliary_events(measurements: &Measurements) -> Vec<AuxiliaryReport> {
+    let events = measurements.auxiliary.iter();
+    events
+        .map(|event| AuxiliaryReport {
+            scan: event.scan,
+            event: event.words.clone(),
         })
         .collect()
 }

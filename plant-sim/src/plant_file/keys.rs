@@ -20,6 +20,10 @@ pub struct PlantFile {
     pub ambient_c: f64,
     /// What all drives have in common.
     pub drive: PlantDrive,
+    /// The spindle, where the machine file has one.
+    pub spindle: Option<PlantSpindle>,
+    /// The tool changer, where the machine file has one (`tool_change.by = "changer"`).
+    pub tool_changer: Option<PlantToolChanger>,
     /// An axis: each axis of the machine file has one here.
     #[serde(rename = "axis")]
     #[schemars(length(min = 1, max = MAX_AXES))]
@@ -34,6 +38,27 @@ pub struct PlantDrive {
     /// with is `scan.dead_time_scans` of the [machine file](machine-file.md) ([dead time](../methods/dead-time.md)).
     #[schemars(extend("unit" = "scans", "minimum" = 1, "maximum" = DEAD_TIME_SCANS_MAX, "default" = 1))]
     pub dead_time_scans: u32,
+}
+
+/// The spindle with its drive.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantSpindle {
+    /// How fast it speeds up and brakes.
+    #[schemars(extend("unit" = "rev/min/s", "minimum" = 1, "maximum" = 1_000_000))]
+    pub acceleration_rpm_s: f64,
+    /// Speed at which it turns to an angle (M19).
+    #[schemars(extend("unit" = "rev/min", "minimum" = 1, "maximum" = 1000, "default" = 60.0))]
+    pub orientation_rpm: f64,
+}
+
+/// The tool changer.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantToolChanger {
+    /// Time of one change.
+    #[schemars(extend("unit" = "s", "minimum" = 0, "maximum" = 600, "default" = 3.0))]
+    pub change_s: f64,
 }
 
 /// One axis.

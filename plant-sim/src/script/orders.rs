@@ -91,7 +91,7 @@ fn request(entry: &Entry, machine: &Machine) -> Result<OperatorRequest, String> 
     }
     let (wants_axis, wants_value) = match order {
         Order::Jog => (true, true),
-        Order::Override => (false, true),
+        Order::Override | Order::OptionalStop => (false, true),
         _ => (false, false),
     };
     for (key, given, wanted) in [

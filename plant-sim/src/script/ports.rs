@@ -120,6 +120,10 @@ impl MasterPorts for ScriptedPorts {
         self.ports.save(latches, drives);
     }
 
+    fn latch(&mut self, latches: &Latches) {
+        self.ports.latch(latches);
+    }
+
     fn await_answers(&mut self, scan: u64, ask_planner: bool) -> Result<Answered, MasterError> {
         let injector = self.injector.as_ref();
         let excused = |who: &Participant| injector.is_some_and(|i| i.excuses(who, scan));

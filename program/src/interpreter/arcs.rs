@@ -1,6 +1,7 @@
 //! The words of an arc block.
 
 use super::*;
+use crate::arc::ArcRefusal;
 
 impl Interpreter<'_> {
     /// Understands the words of an arc.
@@ -19,8 +20,13 @@ impl Interpreter<'_> {
         } else {
             ARC_TOLERANCE_MM
         };
+        let (from, to) = if self.arc_is_tilted() {
+            (self.in_program(&self.position), self.in_program(&to))
+        } else {
+            (self.position, to)
+        };
         Ok(ArcBlock {
-            from: self.position,
+            from,
             to,
             plane,
             circle,
@@ -30,8 +36,53 @@ impl Interpreter<'_> {
         })
     }
 
+    /// Whether the plane of an arc stands askew in the machine: the work offset is turned about Z, and the plane is not XY. Such an arc is
+    /// made in the coordinates of the program.
+    fn arc_is_tilted(&self) -> bool {
+        self.offsets.turn.is_some() && self.plane.0 != 17
+    }
+
+    /// The shapes of an arc in the machine, from where the tool is to `target`.
+    pub(super) fn arc_shapes(
+        &self,
+        block: &ArcBlock,
+        target: AxisVector,
+    ) -> Result<Vec<Shape>, ArcRefusal> {
+        let mut shapes = block.shapes()?;
+        if !self.arc_is_tilted() {
+            return Ok(shapes);
+        }
+        let mut here = self.position;
+        let last = shapes.len().saturating_sub(1);
+        for (index, shape) in shapes.iter_mut().enumerate() {
+            if let Shape::Arc {
+                from,
+                to,
+                centre,
+                u,
+                v,
+                axial,
+                ..
+            } = shape
+            {
+                *from = here;
+                *to = if index == last {
+                    target
+                } else {
+                    self.in_machine(to)
+                };
+                *centre = self.in_machine(centre);
+                for direction in [u, v, axial] {
+                    *direction = self.turned(*direction);
+                }
+                here = *to;
+            }
+        }
+        Ok(shapes)
+    }
+
     /// The axes of the plane: both slides.
-    fn plane_axes(&self, offset: usize) -> Result<[usize; 2], Refusal> {
+    pub(super) fn plane_axes(&self, offset: usize) -> Result<[usize; 2], Refusal> {
         let (plane, letters, _) = self.plane;
         let mut axes = [0; 2];
         for (axis, letter) in axes.iter_mut().zip(letters) {
@@ -57,11 +108,10 @@ impl Interpreter<'_> {
     /// The circle, by its radius or by its centre.
     fn circle(&self, words: &Words, axes: [usize; 2], offset: usize) -> Result<Circle, Refusal> {
         let (plane, _, letters) = self.plane;
-        if let Some(stray) = words
-            .values
-            .iter()
-            .find(|word| "IJK".contains(word.letter) && !letters.contains(&word.letter))
-        {
+        let strays = ["I", "J", "K"]
+            .into_iter()
+            .filter(|letter| !letters.iter().any(|of_plane| letter.contains(*of_plane)));
+        if let Some(stray) = strays.filter_map(|letter| words.first_of(letter)).next() {
             let found = format!("{} in an arc in G{plane}", stray.letter);
             let right = format!("arcs in G{plane} take {} and {}", letters[0], letters[1]);
             return Err(Refusal::new(stray.offset, found, right));
@@ -90,22 +140,25 @@ impl Interpreter<'_> {
     /// The centre that I, J, K name, in machine coordinates.
     fn centre(&self, words: &Words, axes: [usize; 2], offset: usize) -> Result<[f64; 2], Refusal> {
         let (_, _, letters) = self.plane;
-        let origin = if self.arc_absolute {
-            &self.setup.work_offset
-        } else {
-            &self.position
-        };
-        let mut centre = [0.0; 2];
-        for ((component, axis), letter) in centre.iter_mut().zip(axes).zip(letters) {
+        let mut arm = AxisVector::zeros();
+        for (axis, letter) in axes.into_iter().zip(letters) {
             let word = words.value(letter);
             if self.arc_absolute && word.is_none() {
                 let right = "in G90.1 both coordinates of the centre are needed";
                 let found = format!("an arc without {letter}");
                 return Err(Refusal::new(offset, found, right));
             }
-            let value_mm = word.map_or(0.0, |word| word.value) * self.unit_mm();
-            *component = origin.get(axis).copied().unwrap_or(0.0) + value_mm;
+            if let Some(component) = arm.get_mut(axis) {
+                *component = word.map_or(0.0, |word| word.value) * self.unit_mm();
+            }
         }
+        let place = match (self.arc_is_tilted(), self.arc_absolute) {
+            (true, true) => arm,
+            (true, false) => self.in_program(&self.position) + arm,
+            (false, true) => self.in_machine(&arm),
+            (false, false) => self.position + self.turned(arm),
+        };
+        let centre = axes.map(|axis| place.get(axis).copied().unwrap_or(0.0));
         Ok(centre)
     }
 }

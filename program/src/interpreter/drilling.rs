@@ -1,9 +1,32 @@
-//! The drilling cycles G81, G82 and G83: the words of their blocks, and the moves that these become.
+//! The canned cycles: the words of their blocks, and the moves that these become.
 
 use super::*;
+use crate::cycles::{Level, Levels, Turning, Wait};
+
+/// What is said where the return height is LinuxCNC's other one.
+const RETURN_HEIGHT: &str = "neither G98 nor G99 is said: holes return to the level before the cycles (G98), not to R as in LinuxCNC";
 
 impl Interpreter<'_> {
-    /// The holes of a drilling block.
+    /// Holes of which each is a step of distance and angle from the one before.
+    fn drill_circle(
+        &mut self,
+        line: u32,
+        words: &Words,
+        repeats: u32,
+        offset: usize,
+    ) -> Result<(), Vec<Refusal>> {
+        let Motion::Cycle(cycle) = self.motion else {
+            return Ok(());
+        };
+        let mut single = words.clone();
+        single.remove('L');
+        for _ in 0..repeats {
+            self.drill(line, &single, cycle, offset)?;
+        }
+        Ok(())
+    }
+
+    /// The holes of a block of a cycle.
     pub(super) fn drill(
         &mut self,
         line: u32,
@@ -12,39 +35,62 @@ impl Interpreter<'_> {
         offset: usize,
     ) -> Result<(), Vec<Refusal>> {
         let one = |refusal| vec![refusal];
+        let repeats = holes(words).map_err(one)?;
+        if repeats > 1 && self.incremental && words.first_of("@^").is_some() {
+            return self.drill_circle(line, words, repeats, offset);
+        }
         let block = self.cycle_block(words, cycle, offset).map_err(one)?;
         self.series = Some(block.series);
         let feed = self.feed(&self.position, offset).map_err(one)?;
-        if self.path.elements.len() as f64 + block.steps_max() > ELEMENTS_MAX as f64 {
+        if self.output.path.elements.len() as f64 + block.steps_max() > ELEMENTS_MAX as f64 {
             let found = format!("holes that take the path beyond {ELEMENTS_MAX} elements");
             return Err(one(Refusal::new(offset, found, "split the program")));
         }
+        if !self.return_was_said && block.series.initial_mm > block.levels.r_mm {
+            self.note(line, RETURN_HEIGHT);
+        }
         let mut shapes = Vec::new();
-        let mut elements = Vec::new();
-        let mut here = self.position;
+        let mut here = self.tool_place();
+        let mut tapping = false;
         for step in block.steps() {
+            // The overrides count again where the tap is out of the hole.
+            let taps = matches!(step, Step::Tap(_));
+            if taps && !tapping {
+                self.cycle_overrides(line, false);
+            } else if tapping && matches!(step, Step::Rapid(_)) {
+                self.cycle_overrides(line, true);
+            }
+            tapping = taps || (tapping && !matches!(step, Step::Rapid(_)));
             let (to, feed) = match step {
+                Step::Rapid(to) => (to, Feed::Rapid),
+                Step::Feed(to) | Step::Tap(to) => {
+                    self.output.straight_feeds += 1;
+                    (to, feed)
+                }
                 Step::Dwell(seconds) => {
-                    elements.push(Element::dwell(line, here, seconds));
+                    let dwell = Element::dwell(line, here, seconds);
+                    self.output.path.elements.push(dwell);
                     continue;
                 }
-                Step::Rapid(to) => (to, Feed::Rapid),
-                Step::Feed(to) => {
-                    self.straight_feeds += 1;
-                    (to, feed)
+                event => {
+                    self.cycle_event(line, event);
+                    continue;
                 }
             };
             let shape = Shape::Line { from: here, to };
             let element = Element::new(line, shape.clone(), feed, &self.rotary);
             if element.length_mm > 0.0 {
-                elements.push(element);
+                self.output.path.elements.push(element);
             }
             shapes.push(shape);
             here = to;
         }
-        let outside = self.outside(words, &shapes, offset);
-        self.path.elements.extend(elements);
+        if tapping {
+            self.cycle_overrides(line, true);
+        }
         self.position = here;
+        self.stands = None;
+        let outside = self.outside(words, &shapes, offset);
         if outside.is_empty() {
             Ok(())
         } else {
@@ -52,20 +98,52 @@ impl Interpreter<'_> {
         }
     }
 
-    /// Understands the words of a drilling block.
+    /// What a cycle does with the spindle and the program.
+    fn cycle_event(&mut self, line: u32, step: Step) {
+        match step {
+            Step::SpindleStop => self.turn_spindle(line, 0),
+            Step::SpindleStart(Turning::Clockwise) => self.turn_spindle(line, 1),
+            Step::SpindleStart(Turning::CounterClockwise) => self.turn_spindle(line, -1),
+            Step::SpindleOrient => self.event(line, EventKind::SpindleOrient(0.0)),
+            Step::ProgramStop => self.event(line, EventKind::ProgramStop),
+            Step::Rapid(_) | Step::Feed(_) | Step::Tap(_) | Step::Dwell(_) => {}
+        }
+    }
+
+    /// Whether feed and spindle overrides count, as a cycle has it.
+    fn cycle_overrides(&mut self, line: u32, count: bool) {
+        if self.overrides {
+            self.event(line, EventKind::OverridesEnabled(count));
+        }
+    }
+
+    /// How the spindle turns.
+    fn turning(&self) -> Option<Turning> {
+        match self.spindle.direction {
+            0 => None,
+            1 => Some(Turning::Clockwise),
+            _ => Some(Turning::CounterClockwise),
+        }
+    }
+
+    /// Understands the words of a block of a cycle.
     pub(super) fn cycle_block(
         &self,
         words: &Words,
         cycle: Cycle,
         offset: usize,
     ) -> Result<CycleBlock, Refusal> {
-        let drill_axis = self.drill_axis(words, cycle, offset)?;
-        let series = self.cycle_series(words, cycle, drill_axis, offset)?;
+        let axes = self.cycle_axes(words, cycle, offset)?;
+        let turning = self.turning();
+        self.allows_cycle(cycle, &axes, turning, offset)?;
+        let series = self.cycle_series(words, cycle, &axes, offset)?;
+        let levels = self.cycle_levels(words, &series, offset)?;
         let repeats = holes(words)?;
-        let mut hole = self.target(words);
-        if let (Some(of_hole), Some(here)) =
-            (hole.get_mut(drill_axis), self.position.get(drill_axis))
-        {
+        let mut hole = self.target(words)?;
+        if let (Some(of_hole), Some(here)) = (
+            hole.get_mut(axes.drill_axis),
+            self.position.get(axes.drill_axis),
+        ) {
             *of_hole = *here;
         }
         let pitch = if self.incremental {
@@ -73,16 +151,25 @@ impl Interpreter<'_> {
         } else {
             AxisVector::zeros()
         };
+        let mut aside = AxisVector::zeros();
+        for (axis, step_mm) in axes.plane.iter().zip(series.aside_mm) {
+            if let Some(component) = aside.get_mut(*axis) {
+                *component += step_mm;
+            }
+        }
+        let aside = self.turned(aside);
         let block = CycleBlock {
             from: self.position,
             hole,
             pitch,
             repeats,
-            drill_axis,
+            aside,
             series,
+            levels,
             returns_to_r: self.returns_to_r,
+            turning,
         };
-        if cycle == Cycle::Peck && block.pecks() >= PECKS_MAX {
+        if cycle.pecks() && block.pecks() >= PECKS_MAX {
             let place = words.value('Q').map_or(offset, |q| q.offset);
             let found = format!(
                 "Q{} with {} pecks a hole",
@@ -98,38 +185,73 @@ impl Interpreter<'_> {
         Ok(block)
     }
 
-    /// The axis that drills; refuses a block that is none of a drilling cycle.
-    fn drill_axis(&self, words: &Words, cycle: Cycle, offset: usize) -> Result<usize, Refusal> {
-        let code = cycle.code();
-        let (plane, letters, _) = self.plane;
-        if plane != 17 {
-            let found = format!(
-                "{code} in the plane {}{} (G{plane})",
-                letters[0], letters[1]
-            );
-            let right = "drilling cycles are supported along Z: choose the plane XY with G17";
-            return Err(Refusal::new(offset, found, right));
+    /// Refuses a cycle that the modes in force or the spindle do not allow.
+    fn allows_cycle(
+        &self,
+        cycle: Cycle,
+        axes: &CycleAxes,
+        turning: Option<Turning>,
+        offset: usize,
+    ) -> Result<(), Refusal> {
+        if self.feed_mode == FeedMode::InverseTime {
+            let found = format!("{} in G93", cycle.code());
+            return Err(Refusal::new(
+                offset,
+                found,
+                "a cycle has no time of its own: G94 before it",
+            ));
         }
-        let slide = |letter| {
+        if axes.plane_number != 17 && self.offsets.turn.is_some() {
+            let found = format!(
+                "{} in G{} where X and Y are turned",
+                cycle.code(),
+                axes.plane_number
+            );
+            return Err(Refusal::new(
+                offset,
+                found,
+                "a cycle runs along an axis: only Z is one there, in G17",
+            ));
+        }
+        if let Some((found, right)) = cycle.refused_spindle(turning) {
+            return Err(Refusal::new(
+                offset,
+                format!("{} with {found}", cycle.code()),
+                right,
+            ));
+        }
+        Ok(())
+    }
+
+    /// The axes of a cycle; refuses a block that is none of it.
+    fn cycle_axes(&self, words: &Words, cycle: Cycle, offset: usize) -> Result<CycleAxes, Refusal> {
+        let code = cycle.code();
+        let (number, letters, offset_letters) = self.plane;
+        let (drill_letter, level_letter) = match number {
+            18 => ('Y', 'J'),
+            19 => ('X', 'I'),
+            _ => ('Z', 'K'),
+        };
+        let slide = |letter: char| {
             let index = self.setup.axis_index(letter)?;
             self.rotary
                 .get(index)
                 .is_some_and(|rotary| !rotary)
                 .then_some(index)
         };
-        let Some(drill_axis) = slide('Z') else {
-            let right = "drilling cycles run along Z: this machine has no slide Z";
-            return Err(Refusal::new(offset, code, right));
+        let [first, second] = letters.map(slide);
+        let Some(drill_axis) = slide(drill_letter) else {
+            let found = format!("{code} in G{number}");
+            let right = format!(
+                "a cycle runs along {drill_letter} there: this machine has no slide {drill_letter}"
+            );
+            return Err(Refusal::new(offset, found, right));
         };
         if let Some(word) = words.first_of("ABCUVW") {
             let found = format!("{}{} in {code}", word.letter, word.value);
-            return Err(Refusal::new(
-                word.offset,
-                found,
-                "a drilling cycle moves X, Y and Z",
-            ));
+            return Err(Refusal::new(word.offset, found, "a cycle moves X, Y and Z"));
         }
-        if words.first_of("XYZ").is_none() {
+        if words.first_of("XYZ@^").is_none() {
             let right = "say where: X, Y or Z";
             return Err(Refusal::new(
                 offset,
@@ -137,19 +259,31 @@ impl Interpreter<'_> {
                 right,
             ));
         }
-        Ok(drill_axis)
+        // A machine without one of the plane's axes drills all the same; only G87 steps aside along them.
+        Ok(CycleAxes {
+            plane_number: number,
+            plane: [first, second].map(|axis| axis.unwrap_or(drill_axis)),
+            complete: first.is_some() && second.is_some(),
+            drill_axis,
+            drill_letter,
+            offset_letters,
+            level_letter,
+        })
     }
 
-    /// The levels, the wait and the peck of a drilling block: its own words, else those that stay from the block before.
-    pub(super) fn cycle_series(
+    /// The words of a block of a cycle that stay: its own, else those from the block before.
+    fn cycle_series(
         &self,
         words: &Words,
         cycle: Cycle,
-        drill_axis: usize,
+        axes: &CycleAxes,
         offset: usize,
     ) -> Result<Series, Refusal> {
         let code = cycle.code();
-        let kept = self.series.filter(|series| series.cycle == cycle);
+        let in_a_row = self
+            .series
+            .filter(|series| series.drill_axis == axes.drill_axis);
+        let kept = in_a_row.filter(|series| series.cycle == cycle);
         let missing = |letter: char, what: &str| {
             let found = format!("{code} without {letter}");
             Refusal::new(
@@ -158,35 +292,121 @@ impl Interpreter<'_> {
                 format!("{what} in the first block of a cycle"),
             )
         };
-        let here_mm = self.position.get(drill_axis).copied().unwrap_or(0.0);
+        let drill_letter = axes.drill_letter;
+        let r = self
+            .level(words, 'R')
+            .or(kept.map(|kept| kept.r))
+            .ok_or_else(|| missing('R', "the level to feed from"))?;
+        let bottom = self
+            .level(words, drill_letter)
+            .or(kept.map(|kept| kept.bottom))
+            .ok_or_else(|| missing(drill_letter, "the bottom of the hole"))?;
+        let given_s = seconds_at_the_bottom(words)?.or(kept.map(|kept| kept.dwell_s));
+        let dwell_s = match cycle.wait() {
+            Wait::None => 0.0,
+            Wait::Optional => given_s.unwrap_or(0.0),
+            Wait::Needed => {
+                given_s.ok_or_else(|| missing('P', "the seconds to wait at the bottom"))?
+            }
+        };
+        let peck_mm = if cycle.pecks() {
+            self.peck_mm(words)?
+                .or(kept.map(|kept| kept.peck_mm))
+                .ok_or_else(|| missing('Q', "the depth of one peck"))?
+        } else {
+            0.0
+        };
+        let mut series = Series {
+            cycle,
+            drill_axis: axes.drill_axis,
+            initial_mm: in_a_row.map_or_else(
+                || self.position.get(axes.drill_axis).copied().unwrap_or(0.0),
+                |series| series.initial_mm,
+            ),
+            r,
+            bottom,
+            dwell_s,
+            peck_mm,
+            aside_mm: kept.map_or([0.0; 2], |kept| kept.aside_mm),
+            top: kept.map_or(Level::From(0.0), |kept| kept.top),
+        };
+        if cycle == Cycle::BackBore {
+            self.back_bore_words(words, axes, &mut series, kept.is_some(), offset)?;
+        }
+        Ok(series)
+    }
+
+    /// The words that only G87 has: I, J and K, two of them steps aside, the third a level.
+    fn back_bore_words(
+        &self,
+        words: &Words,
+        axes: &CycleAxes,
+        series: &mut Series,
+        stays: bool,
+        offset: usize,
+    ) -> Result<(), Refusal> {
+        let missing = |letter: char, what: &str| {
+            let right = format!("{what} in the first block of a cycle");
+            Refusal::new(offset, format!("G87 without {letter}"), right)
+        };
+        if !axes.complete {
+            let right = "back boring steps aside in the plane: both its axes must be slides";
+            return Err(Refusal::new(offset, "G87", right));
+        }
+        for (step_mm, letter) in series.aside_mm.iter_mut().zip(axes.offset_letters) {
+            match words.value(letter) {
+                Some(word) => *step_mm = word.value * self.unit_mm(),
+                None if stays => {}
+                None => return Err(missing(letter, "the step aside, to pass the hole,")),
+            }
+        }
+        match self.level(words, axes.level_letter) {
+            Some(level) => series.top = level,
+            None if stays => {}
+            None => return Err(missing(axes.level_letter, "the level to bore up to")),
+        }
+        Ok(())
+    }
+
+    /// A level that the block gives.
+    fn level(&self, words: &Words, letter: char) -> Option<Level> {
+        words.value(letter).map(|word| {
+            let mm = word.value * self.unit_mm();
+            if self.incremental {
+                Level::From(mm)
+            } else {
+                Level::At(mm)
+            }
+        })
+    }
+
+    /// The levels of a block, in machine coordinates.
+    fn cycle_levels(
+        &self,
+        words: &Words,
+        series: &Series,
+        offset: usize,
+    ) -> Result<Levels, Refusal> {
         let zero_mm = self
-            .setup
-            .work_offset
-            .get(drill_axis)
+            .offsets
+            .zero
+            .get(series.drill_axis)
             .copied()
             .unwrap_or(0.0);
-        let level = |letter: char, counts_from_mm: f64| {
-            words.value(letter).map(|word| {
-                let from_mm = if self.incremental {
-                    counts_from_mm
-                } else {
-                    zero_mm
-                };
-                from_mm + word.value * self.unit_mm()
-            })
-        };
-        let r_mm = level('R', here_mm)
-            .or(kept.map(|kept| kept.r_mm))
-            .ok_or_else(|| missing('R', "the level to feed from"))?;
-        let bottom_mm = level('Z', r_mm)
-            .or(kept.map(|kept| kept.bottom_mm))
-            .ok_or_else(|| missing('Z', "the bottom of the hole"))?;
-        if r_mm < bottom_mm {
-            let place = words.value('R').or(words.value('Z'));
-            let (r, z) = [r_mm, bottom_mm]
-                .map(|mm| (mm - zero_mm) / self.unit_mm())
-                .into();
-            let found = format!("{code} with R at {r:.4} below Z at {z:.4}");
+        let levels = series.levels(zero_mm);
+        if levels.r_mm < levels.bottom_mm {
+            let letter = self
+                .setup
+                .axes
+                .get(series.drill_axis)
+                .map_or('Z', |axis| axis.letter);
+            let place = words.value('R').or(words.value(letter));
+            let [r, bottom] =
+                [levels.r_mm, levels.bottom_mm].map(|mm| (mm - zero_mm) / self.unit_mm());
+            let found = format!(
+                "{} with R at {r:.4} below {letter} at {bottom:.4}",
+                series.cycle.code()
+            );
             let place = place.map_or(offset, |word| word.offset);
             return Err(Refusal::new(
                 place,
@@ -194,27 +414,7 @@ impl Interpreter<'_> {
                 "R lies above the bottom of the hole",
             ));
         }
-        let dwell_s = match cycle {
-            Cycle::DrillAndDwell => seconds_at_the_bottom(words)?
-                .or(kept.map(|kept| kept.dwell_s))
-                .ok_or_else(|| missing('P', "the seconds to wait at the bottom"))?,
-            _ => 0.0,
-        };
-        let peck_mm = match cycle {
-            Cycle::Peck => self
-                .peck_mm(words)?
-                .or(kept.map(|kept| kept.peck_mm))
-                .ok_or_else(|| missing('Q', "the depth of one peck"))?,
-            _ => 0.0,
-        };
-        Ok(Series {
-            cycle,
-            initial_mm: self.series.map_or(here_mm, |series| series.initial_mm),
-            r_mm,
-            bottom_mm,
-            dwell_s,
-            peck_mm,
-        })
+        Ok(levels)
     }
 
     /// Depth of a peck that the block gives, in mm.
@@ -227,6 +427,23 @@ impl Interpreter<'_> {
             given => Ok(given.map(|q| q.value * self.unit_mm())),
         }
     }
+}
+
+/// The axes that a cycle moves, with the letters of its words.
+struct CycleAxes {
+    /// 17, 18 or 19.
+    plane_number: u32,
+    /// Of the plane, first and second.
+    plane: [usize; 2],
+    /// The machine has both.
+    complete: bool,
+    drill_axis: usize,
+    /// Its bottom.
+    drill_letter: char,
+    /// Of G87: the steps aside along the axes of the plane.
+    offset_letters: [char; 2],
+    /// Of G87: the level to bore up to.
+    level_letter: char,
 }
 
 /// Seconds to wait in the hole that the block gives.

@@ -1,71 +1,146 @@
 //! The motion of a block: where it leads, at which feed, and whether the axes may go there.
 
 use super::*;
+use crate::compensation::Way;
+use crate::flat::Flat;
+use crate::polar::Polar;
+use crate::reader::Word;
+use crate::words::mask_of;
+
+/// Words that say where.
+const PLACES: u32 = mask_of(AXIS_LETTERS) | mask_of("@^");
 
 impl Interpreter<'_> {
     /// The motion of a block, if it has one.
     pub(super) fn travel(&mut self, line: u32, words: &Words) -> Result<(), Vec<Refusal>> {
         let one = |refusal| vec![refusal];
-        let axis_word = words.first_of(AXIS_LETTERS);
+        let axis_word = words.first_in(PLACES);
+        // The R of M19 is an angle of the spindle.
+        let orients = words.code(Group::Motion).is_none()
+            && words
+                .code(Group::Spindle)
+                .is_some_and(|(number, _)| number == 190);
+        let circle_word = words.first_of(if orients { "IJK" } else { "IJKR" });
         let offset = words
             .code(Group::Motion)
             .map(|(_, word)| word)
             .or(axis_word)
-            .or(words.first_of("IJKR"));
+            .or(circle_word);
         let Some(offset) = offset.map(|word| word.offset) else {
             return Ok(());
         };
-        if let Motion::Cycle(cycle) = self.motion {
-            return self.drill(line, words, cycle, offset);
+        if let Some((number, _)) = words.code(Group::Motion)
+            && is_turning(number)
+        {
+            // Done behind the block, by the lines of its profile.
+            return Ok(());
         }
-        let target = self.target(words);
+        self.check_motion_beside(offset).map_err(one)?;
+        if let Some(done) = self.long_motion(line, words, offset) {
+            return done;
+        }
+        if axis_word.is_none() && circle_word.is_none() {
+            return Ok(());
+        }
+        let target = self.target(words).map_err(one)?;
         let straight = || {
             vec![Shape::Line {
-                from: self.position,
+                from: self.tool_place(),
                 to: target,
             }]
         };
-        let (shapes, feed) = match self.motion {
-            _ if axis_word.is_none() && words.first_of("IJKR").is_none() => return Ok(()),
-            Motion::None | Motion::Cycle(_) => {
-                let found = format!(
-                    "{} without a motion mode",
-                    axis_word.map_or('?', |word| word.letter)
-                );
-                return Err(one(Refusal::new(
-                    offset,
-                    found,
-                    "say how to move: G0, G1, G2 or G3",
-                )));
+        let (shapes, way, feed) = match self.motion {
+            Motion::None | Motion::Cycle(_) | Motion::Spline(_) | Motion::InStep(_) => {
+                let letter = axis_word.map_or('?', |word| word.letter);
+                let found = format!("{letter} without a motion mode");
+                let right = "say how to move: G0, G1, G2 or G3";
+                return Err(one(Refusal::new(offset, found, right)));
             }
-            Motion::Rapid => (straight(), Feed::Rapid),
-            Motion::Line => {
-                let feed = self.feed(&target, offset).map_err(one)?;
+            Motion::Rapid => (straight(), Way::Rapid, Feed::Rapid),
+            Motion::Line | Motion::Probe => {
                 let shapes = straight();
-                self.straight_feeds += 1;
-                (shapes, feed)
+                let feed = self
+                    .feed_along(words, &shapes, &target, offset)
+                    .map_err(one)?;
+                self.output.straight_feeds += 1;
+                (shapes, Way::Line, feed)
             }
             Motion::Arc { clockwise } => {
-                let feed = self.feed(&target, offset).map_err(one)?;
-                self.arc_feeds += 1;
-                let block = self
-                    .arc_block(words, target, clockwise, offset)
+                // A missing feed is told before a wrong arc.
+                self.feed(&target, offset).map_err(one)?;
+                self.output.arc_feeds += 1;
+                let (shapes, way) = self
+                    .arc_way(words, target, clockwise, offset)
                     .map_err(one)?;
-                let shapes = block.shapes();
-                (
-                    shapes.map_err(|(found, right)| one(Refusal::new(offset, found, right)))?,
-                    feed,
-                )
+                let feed = self
+                    .feed_along(words, &shapes, &target, offset)
+                    .map_err(one)?;
+                (shapes, way, feed)
             }
         };
+        self.run_move(line, words, target, (shapes, way, feed), offset)?;
+        if self.motion == Motion::Probe {
+            self.probed();
+        }
+        Ok(())
+    }
+
+    /// The shapes and the way of an arc block.
+    fn arc_way(
+        &self,
+        words: &Words,
+        target: AxisVector,
+        clockwise: bool,
+        offset: usize,
+    ) -> Result<(Vec<Shape>, Way), Refusal> {
+        let block = self.arc_block(words, target, clockwise, offset)?;
+        let wrong = |(found, right)| Refusal::new(offset, found, right);
+        let shapes = self.arc_shapes(&block, target).map_err(wrong)?;
+        Ok((shapes, Self::way_of(&block).map_err(wrong)?))
+    }
+
+    /// The motion of a block that makes many moves of its own: of a cycle, a spline or a thread; none for others.
+    fn long_motion(
+        &mut self,
+        line: u32,
+        words: &Words,
+        offset: usize,
+    ) -> Option<Result<(), Vec<Refusal>>> {
+        if matches!(words.code(Group::Motion), Some((53, _))) {
+            return Some(self.close_spline(line, words, offset));
+        }
+        match self.motion {
+            Motion::Cycle(cycle) => Some(self.drill(line, words, cycle, offset)),
+            Motion::Spline(spline) => Some(self.spline(line, words, spline, offset)),
+            Motion::InStep(motion) => Some(self.in_step(line, words, motion, offset)),
+            _ => None,
+        }
+    }
+
+    /// Adds shapes to the path; refuses those that leave the travel.
+    pub(super) fn go(
+        &mut self,
+        line: u32,
+        words: &Words,
+        shapes: Vec<Shape>,
+        feed: Feed,
+        offset: usize,
+    ) -> Result<(), Vec<Refusal>> {
         let outside = self.outside(words, &shapes, offset);
+        if let Some(last) = shapes.last() {
+            self.position = last.end();
+            self.stands = None;
+        }
         for shape in shapes {
             let element = Element::new(line, shape, feed, &self.rotary);
             if element.length_mm > 0.0 {
-                self.path.elements.push(element);
+                self.output.path.elements.push(element);
             }
         }
-        self.position = target;
+        if self.output.path.elements.len() > ELEMENTS_MAX {
+            let found = format!("more than {ELEMENTS_MAX} moves");
+            return Err(vec![Refusal::new(offset, found, "split the program")]);
+        }
         if outside.is_empty() {
             Ok(())
         } else {
@@ -74,34 +149,134 @@ impl Interpreter<'_> {
     }
 
     /// Where the block's axis words lead, in machine coordinates.
-    pub(super) fn target(&self, words: &Words) -> AxisVector {
+    pub(super) fn target(&self, words: &Words) -> Result<AxisVector, Refusal> {
+        if let Some((_, word)) = words.code(Group::MachineCoordinates) {
+            return self.machine_target(words, word.offset);
+        }
+        if let Some(word) = words.first_of("@^") {
+            return self.polar_target(words, word);
+        }
+        Ok(self.plain_target(words))
+    }
+
+    /// The same of plain axis words.
+    fn plain_target(&self, words: &Words) -> AxisVector {
+        if self.offsets.turn.is_some() {
+            return self.turned_target(words);
+        }
         let mut target = self.position;
-        let axes = target
-            .iter_mut()
-            .zip(&self.setup.axes)
-            .zip(self.setup.work_offset.iter());
-        for ((component, axis), work_offset) in axes {
-            if let Some(word) = words.value(axis.letter) {
-                let value = if axis.rotary {
-                    word.value
-                } else {
-                    word.value * self.unit_mm()
-                };
+        for (index, component) in target.iter_mut().enumerate().take(self.setup.axes.len()) {
+            if let Some(value) = self.axis_value(words, index) {
+                let zero = self.offsets.zero.get(index).copied().unwrap_or(0.0);
                 *component = if self.incremental {
                     *component + value
                 } else {
-                    work_offset + value
+                    zero + value
                 };
             }
         }
         target
     }
 
+    /// Where polar words lead: X and Y by them, the other axes by their own words.
+    fn polar_target(&self, words: &Words, word: Word) -> Result<AxisVector, Refusal> {
+        let slide = |letter| {
+            let index = self.setup.axis_index(letter);
+            index.filter(|&index| !self.rotary.get(index).copied().unwrap_or(true))
+        };
+        let Some(plane) = slide('X').zip(slide('Y')) else {
+            let right = "@ and ^ are places in X and Y: this machine has no such slides";
+            return Err(Refusal::new(word.offset, "a polar word", right));
+        };
+        let plane = [plane.0, plane.1];
+        if let Some(other) = words.first_of("XY") {
+            let found = format!("{} beside a polar word", other.letter);
+            let right = "X and Y, or @ and ^: one of the two in a block";
+            return Err(Refusal::new(other.offset, found, right));
+        }
+        let polar = Polar {
+            radius_mm: words.value('@').map(|word| word.value * self.unit_mm()),
+            angle_deg: words.value('^').map(|word| word.value),
+        };
+        let from = Flat::of(&self.in_program(&self.position), plane);
+        let place = polar
+            .place(from, self.incremental)
+            .map_err(|(found, right)| Refusal::new(word.offset, found, right))?;
+        let target = self.plain_target(words);
+        let place = self.in_machine(&place.put_into(self.in_program(&target), plane));
+        Ok(Flat::of(&place, plane).put_into(target, plane))
+    }
+
+    /// The same where the work offset is turned.
+    fn turned_target(&self, words: &Words) -> AxisVector {
+        let mut place = if self.incremental {
+            AxisVector::zeros()
+        } else {
+            self.in_program(&self.position)
+        };
+        for (index, component) in place.iter_mut().enumerate().take(self.setup.axes.len()) {
+            if let Some(value) = self.axis_value(words, index) {
+                *component = value;
+            }
+        }
+        if self.incremental {
+            self.position + self.turned(place)
+        } else {
+            self.in_machine(&place)
+        }
+    }
+
+    /// G53: the words are machine coordinates.
+    fn machine_target(&self, words: &Words, offset: usize) -> Result<AxisVector, Refusal> {
+        if !matches!(self.motion, Motion::Rapid | Motion::Line) {
+            return Err(Refusal::new(
+                offset,
+                "G53 without G0 or G1",
+                "G53 goes with G0 or G1",
+            ));
+        }
+        if self.incremental {
+            let right = "machine coordinates are absolute: G90 before it";
+            return Err(Refusal::new(offset, "G53 in G91", right));
+        }
+        if let Some(word) = words.first_of("@^") {
+            let right = "machine coordinates are X, Y and the other axes";
+            return Err(Refusal::new(word.offset, "a polar word with G53", right));
+        }
+        let mut target = self.position;
+        for (index, component) in target.iter_mut().enumerate().take(self.setup.axes.len()) {
+            if let Some(value) = self.axis_value(words, index) {
+                *component = value;
+            }
+        }
+        Ok(target)
+    }
+
+    /// The feed of a motion to `target`, by the feed that is in force.
     pub(super) fn feed(&self, target: &AxisVector, offset: usize) -> Result<Feed, Refusal> {
-        let Some((feed_mm_s, feed_deg_s)) = self.feed_per_s else {
-            let right = "give an F word (mm/min) in or before the first G1, G2 or G3";
+        let Some(FeedWord { value, unit_mm }) = self.feed else {
+            let right = match self.feed_mode {
+                FeedMode::PerMinute => {
+                    "give an F word (mm/min) in or before the first G1, G2 or G3"
+                }
+                FeedMode::PerRevolution => "give an F word (mm per revolution) behind G95",
+                FeedMode::InverseTime => "in G93 each feed motion has an F word of its own",
+            };
             return Err(Refusal::new(offset, "a feed motion without a feed", right));
         };
+        if self.feed_mode == FeedMode::PerRevolution {
+            if self.spindle.speed_rpm <= 0.0 {
+                let right = "in G95 the feed follows the spindle: S and M3 or M4 before it";
+                return Err(Refusal::new(
+                    offset,
+                    "a feed per revolution without S",
+                    right,
+                ));
+            }
+            return Ok(Feed::PathMmS(
+                value * unit_mm * self.spindle.speed_rpm / 60.0,
+            ));
+        }
         let travel = target - self.position;
         let slides_move = travel
             .iter()
@@ -109,10 +284,44 @@ impl Interpreter<'_> {
             .any(|(component, rotary)| !rotary && *component != 0.0);
         let rotary_only = !slides_move && displacement_length_mm(&travel, &self.rotary) > 0.0;
         Ok(Feed::PathMmS(if rotary_only {
-            feed_deg_s
+            value / 60.0
         } else {
-            feed_mm_s
+            value * unit_mm / 60.0
         }))
+    }
+
+    /// The same along shapes, whose length counts in G93.
+    pub(super) fn feed_along(
+        &self,
+        words: &Words,
+        shapes: &[Shape],
+        target: &AxisVector,
+        offset: usize,
+    ) -> Result<Feed, Refusal> {
+        if self.feed_mode != FeedMode::InverseTime {
+            return self.feed(target, offset);
+        }
+        let Some(f) = words.value('F').filter(|f| f.value > 0.0) else {
+            let right = "in G93 each feed motion has an F word of its own";
+            return Err(Refusal::new(offset, "a feed motion without a feed", right));
+        };
+        let length: f64 = shapes
+            .iter()
+            .map(|shape| shape.length_with_rotary_mm(&self.rotary))
+            .sum();
+        Ok(Feed::PathMmS(length * f.value / 60.0))
+    }
+
+    /// The probe is taken to trip at the end of its motion.
+    fn probed(&mut self) {
+        let place = self.in_program(&self.position);
+        for index in 0..self.setup.axes.len() {
+            if let Some(number) = self.number_of(base::PROBED, index) {
+                let value = place.get(index).copied().unwrap_or(0.0) / self.unit_of(index);
+                self.parameters.set(number, value);
+            }
+        }
+        self.parameters.set(base::PROBED + 9, 1.0);
     }
 
     /// The axes that would leave their travel, and where.
@@ -142,12 +351,12 @@ impl Interpreter<'_> {
                 continue;
             };
             let unit = if axis.rotary { "degrees" } else { "mm" };
-            let work_offset = self.setup.work_offset.get(index).copied().unwrap_or(0.0);
+            let zero = self.offsets.zero.get(index).copied().unwrap_or(0.0);
             let mut found = format!("axis {} would reach {value:.4} {unit}", axis.letter);
-            if work_offset != 0.0 {
+            if zero != 0.0 {
                 found += &format!(
                     " in machine coordinates ({:.4} in the program's)",
-                    value - work_offset
+                    value - zero
                 );
             }
             let right = format!(

@@ -18,7 +18,7 @@ pub fn mill(travel_mm: f64) -> Setup {
     let axes = ['X', 'Y', 'Z'].map(|letter| slide(letter, -travel_mm, travel_mm));
     Setup {
         axes: axes.into(),
-        work_offset: AxisVector::zeros(),
+        ..Setup::default()
     }
 }
 

@@ -138,6 +138,9 @@ impl Events {
             );
             self.note(now.scan, Weight::Note, text);
         }
+        for change in monitor::auxiliary::changes(&before.auxiliary, &now.auxiliary) {
+            self.note(now.scan, Weight::Note, change);
+        }
         if now.overrun_scans > before.overrun_scans {
             let count = now.overrun_scans - before.overrun_scans;
             self.note_often(now.scan, Often::Overrun, count, machine);

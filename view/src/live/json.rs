@@ -1,6 +1,8 @@
 //! A model as JSON: names end in units and stay what they are. Positions of rotary axes are in degrees (`unit`), under the same names.
 
-use bus::sample::{Cause, Mode, ProgramState, Redundancy};
+use bus::sample::{
+    ANALOG_OUTPUTS, Auxiliaries, Cause, FLOOD, MIST, Mode, ProgramState, Redundancy,
+};
 use bus::service::ROLES;
 use serde::Serialize;
 
@@ -24,6 +26,7 @@ struct State<'a> {
     overrun_scans: Option<u32>,
     feedback_age_s: f64,
     program: ProgramOf<'a>,
+    auxiliary: Option<AuxiliaryOf>,
     axes: Vec<AxisOf<'a>>,
     processes: Vec<ProcessOf>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -68,6 +71,27 @@ struct ProgramOf<'a> {
     percent: Option<f64>,
     path_done_mm: Option<f64>,
     path_length_mm: Option<f64>,
+}
+
+/// Spindle, coolant, outputs, tool and stops.
+#[derive(Serialize)]
+struct AuxiliaryOf {
+    /// In words: stopped, a speed and a direction, or an angle.
+    spindle: String,
+    spindle_command_rpm: f64,
+    spindle_rpm: f64,
+    at_speed: bool,
+    mist: bool,
+    flood: bool,
+    tool: u32,
+    tool_prepared: u32,
+    digital_outputs: Vec<u32>,
+    analog_outputs: [f64; ANALOG_OUTPUTS],
+    /// What is waited for, in words, and its line.
+    waiting: Option<String>,
+    events_done: u32,
+    optional_stop: bool,
+    override_enabled: bool,
 }
 
 #[derive(Serialize)]
@@ -213,9 +237,30 @@ fn state(model: &Model) -> State<'_> {
         overrun_scans: feedback.map(|feedback| feedback.overrun_scans),
         feedback_age_s: rounded(model.feedback_age_s, 3),
         program: program(model),
+        auxiliary: feedback.map(|feedback| auxiliary(&feedback.auxiliary)),
         axes: axes(model),
         processes: processes(model),
         remote: remote(model),
+    }
+}
+
+fn auxiliary(now: &Auxiliaries) -> AuxiliaryOf {
+    let levels = &now.levels;
+    AuxiliaryOf {
+        spindle: monitor::auxiliary::spindle(levels),
+        spindle_command_rpm: rounded(levels.spindle_rpm, 3),
+        spindle_rpm: rounded(now.spindle_rpm, 3),
+        at_speed: now.at_speed == 1,
+        mist: levels.coolant & MIST != 0,
+        flood: levels.coolant & FLOOD != 0,
+        tool: now.tool,
+        tool_prepared: levels.tool_prepared,
+        digital_outputs: monitor::auxiliary::digital_outputs(levels),
+        analog_outputs: levels.analog,
+        waiting: monitor::auxiliary::waiting(now),
+        events_done: now.events_done,
+        optional_stop: now.optional_stop == 1,
+        override_enabled: now.override_disabled == 0,
     }
 }
 

@@ -24,6 +24,10 @@ pub fn status(model: &Model) -> String {
             feedback.overrun_scans,
         );
     }
+    let auxiliary = model.feedback.as_ref().map(|feedback| feedback.auxiliary);
+    if let Some(words) = auxiliary.and_then(|now| monitor::auxiliary::summary(&now)) {
+        let _ = write!(text, "\n  {words}");
+    }
     if let Some(link) = &model.link {
         let _ = write!(
             text,
@@ -36,27 +40,7 @@ pub fn status(model: &Model) -> String {
     if let Some(words) = progress(model) {
         let _ = write!(text, "\n  {words}");
     }
-    let _ = write!(
-        text,
-        "\n\n  axis      command     feedback  following error  torque  winding  missed  servo"
-    );
-    for axis in &model.axes {
-        let error = axis
-            .error_um
-            .map_or("-".into(), |error_um| format!("{error_um:+.1} µm"));
-        let _ = write!(
-            text,
-            "\n  {:<2} {:<3} {:>+10.4}  {:>+11.4}  {error:>15}  {:>4.0} %  {:>+5.1} K  {:>6}  {}",
-            axis.name,
-            axis.unit,
-            axis.command_mm,
-            axis.feedback_mm,
-            axis.torque_share * 100.0,
-            axis.winding_k,
-            axis.missed_scans,
-            ROLES.get(axis.role as usize).copied().unwrap_or("?"),
-        );
-    }
+    axes(&mut text, model);
     for alarm in model
         .axes
         .iter()
@@ -80,6 +64,31 @@ pub fn status(model: &Model) -> String {
         );
     }
     text
+}
+
+/// A line for each axis.
+fn axes(text: &mut String, model: &Model) {
+    let _ = write!(
+        text,
+        "\n\n  axis      command     feedback  following error  torque  winding  missed  servo"
+    );
+    for axis in &model.axes {
+        let error = axis
+            .error_um
+            .map_or("-".into(), |error_um| format!("{error_um:+.1} µm"));
+        let _ = write!(
+            text,
+            "\n  {:<2} {:<3} {:>+10.4}  {:>+11.4}  {error:>15}  {:>4.0} %  {:>+5.1} K  {:>6}  {}",
+            axis.name,
+            axis.unit,
+            axis.command_mm,
+            axis.feedback_mm,
+            axis.torque_share * 100.0,
+            axis.winding_k,
+            axis.missed_scans,
+            ROLES.get(axis.role as usize).copied().unwrap_or("?"),
+        );
+    }
 }
 
 /// How far the program is, in words.

@@ -1,6 +1,6 @@
 //! The state of a cell in plain words, with what can be done next.
 
-use bus::sample::{Cause, Feedback, Mode, ProgramState};
+use bus::sample::{Auxiliaries, Cause, Feedback, Mode, ProgramState, Waiting};
 use machine::Machine;
 use monitor::words::StopCause;
 
@@ -143,7 +143,29 @@ fn ready(feedback: &Feedback, cause: Option<&str>) -> Says {
     Says::new("●", "READY", Tone::Good, cause.unwrap_or(detail), next)
 }
 
+/// A machine that waits for its operator because the program says so.
+fn program_stop(auxiliary: &Auxiliaries) -> Option<Says> {
+    let waiting = Waiting::from_wire(auxiliary.waiting).filter(|w| w.is_for_operator())?;
+    let (state, next) = match waiting {
+        Waiting::ToolByOperator => ("TOOL CHANGE", "put the tool in, then r resumes"),
+        Waiting::PalletStop => ("PALLET CHANGE", "change the pallet, then r resumes"),
+        _ => ("PROGRAM STOP", "r resumes"),
+    };
+    let detail = monitor::auxiliary::waiting(auxiliary).unwrap_or_default();
+    let detail = format!("waits for {detail}");
+    Some(Says::new("‖", state, Tone::Waits, &detail, next))
+}
+
 fn enabled(feedback: &Feedback, machine: &Machine) -> Says {
+    let waiting = monitor::auxiliary::waiting(&feedback.auxiliary);
+    if let Some(stop) = program_stop(&feedback.auxiliary).filter(|_| feedback.hold == 1) {
+        return stop;
+    }
+    if let Some(waiting) = waiting.filter(|_| feedback.hold == 0 && at_rest(feedback)) {
+        let detail = format!("for {waiting}");
+        let next = "goes on by itself; h holds, s stops";
+        return Says::new("…", "WAITS", Tone::Waits, &detail, next);
+    }
     let (symbol, state, tone, detail, next) = if feedback.hold == 1 && at_rest(feedback) {
         let next = "r resumes; an axis may be moved now (`quadrant jog X 5`)";
         ("‖", "IN HOLD", Tone::Waits, "at rest".to_string(), next)
@@ -209,6 +231,34 @@ mod tests {
             "DRIVES OFF",
         ];
         assert!(words.iter().all(|word| seen.contains(word)), "{seen:?}");
+    }
+
+    #[test]
+    fn what_the_program_waits_for_is_said_with_its_line() {
+        let machine = machine();
+        let mut feedback = running(10);
+        feedback.at_rest = 1;
+        feedback.auxiliary.waiting = Waiting::SpindleSpeed as u32;
+        feedback.auxiliary.line = 12;
+        feedback.auxiliary.levels.spindle_rpm = 3000.0;
+        feedback.auxiliary.spindle_rpm = 1200.0;
+        let waits = says(&feedback, &machine);
+        assert_eq!(waits.state, "WAITS");
+        assert!(
+            waits.detail.contains("1200 of 3000 rev/min, line 12"),
+            "{waits:?}"
+        );
+        feedback.hold = 1;
+        feedback.auxiliary.waiting = Waiting::ProgramStop as u32;
+        let stop = says(&feedback, &machine);
+        assert_eq!(
+            (stop.state, stop.next.as_str()),
+            ("PROGRAM STOP", "r resumes")
+        );
+        feedback.auxiliary.waiting = Waiting::ToolByOperator as u32;
+        feedback.auxiliary.levels.tool = 4;
+        let tool = says(&feedback, &machine);
+        assert!(tool.detail.contains("tool 4, line 12"), "{tool:?}");
     }
 
     #[test]

@@ -246,6 +246,8 @@ fn cause_label(cause: Cause) -> &'static str {
         Cause::DriveLost => "drive-lost",
         Cause::DriveOff => "drive-off",
         Cause::NotReferenced => "not-referenced",
+        Cause::Spindle => "spindle",
+        Cause::ToolChange => "tool-change",
     }
 }
 

@@ -31,6 +31,9 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
                 palette.warn(),
             ));
         }
+        if let Some(words) = monitor::auxiliary::summary(&feedback.auxiliary) {
+            first.push(Span::styled(format!("  {words}"), palette.quiet()));
+        }
         if feedback.overrun_scans > 0 {
             let overrun = format!("  ▲ {} scans overrun", feedback.overrun_scans);
             first.push(Span::styled(overrun, palette.warn()));

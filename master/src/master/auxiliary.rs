@@ -1,0 +1,489 @@
+//! Spindle, coolant, outputs, tool changes and stops: events of the program, done one after the other where the path rests for
+//! them. An event sets levels, so that one whose end is not known is done again without harm; how many are done is latched
+//! (docs/developers/architecture.md, "Events").
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::{
+    Auxiliaries, Cause, DIGITAL_OUTPUTS, EventCode, FLOOD, Levels, MIST, Mode, OUTPUTS_AHEAD,
+    PathTag, PlannerStatus, ProgramEvent, SpindleCommand, Waiting,
+};
+use bytemuck::{Pod, Zeroable};
+use machine::{Machine, ToolChanger};
+
+use super::Master;
+use crate::drives::{AuxiliaryFeedback, Drives};
+
+/// Below this the spindle stands, in rev/min.
+const STANDSTILL_RPM: f64 = 1.0;
+
+/// What outlives the master.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct AuxiliaryLatches {
+    /// As the program has commanded them, whether or not they act now.
+    pub levels: Levels,
+    /// S, in rev/min.
+    pub speed_rpm: f64,
+    /// Events of the program that are done.
+    pub events_done: u32,
+    /// 1 clockwise, 2 counter-clockwise, 0 at rest.
+    pub direction: u32,
+    /// [`Waiting`]: the stop that the operator ends.
+    pub stopped_for: u32,
+    /// Its line.
+    pub line: u32,
+    /// 1 while optional stops are obeyed.
+    pub optional_stop: u32,
+    /// 1 while the override does not count.
+    pub override_disabled: u32,
+    /// Tool in the spindle, where the operator changes it.
+    pub tool: u32,
+    /// Kept zero.
+    pub reserved: u32,
+}
+
+impl AuxiliaryLatches {
+    /// The levels of a spindle at its speed and direction.
+    fn set_spindle(&mut self) {
+        let sign = match self.direction {
+            1 => 1.0,
+            2 => -1.0,
+            _ => 0.0,
+        };
+        self.levels.spindle_rpm = sign * self.speed_rpm;
+        self.levels.spindle = if sign == 0.0 {
+            SpindleCommand::Stop as u32
+        } else {
+            SpindleCommand::Turn as u32
+        };
+    }
+
+    fn stop_spindle(&mut self) {
+        self.direction = 0;
+        self.set_spindle();
+    }
+
+    fn switch_coolant(&mut self, bit: u32, on: bool) {
+        if on {
+            self.levels.coolant |= bit;
+        } else {
+            self.levels.coolant &= !bit;
+        }
+    }
+
+    fn switch_output(&mut self, index: u32, on: bool) {
+        let Some(bit) = 1u64
+            .checked_shl(index)
+            .filter(|_| index < DIGITAL_OUTPUTS as u32)
+        else {
+            return;
+        };
+        if on {
+            self.levels.digital |= bit;
+        } else {
+            self.levels.digital &= !bit;
+        }
+    }
+
+    /// The program is done, or another one is to begin: spindle at rest, coolant off. Outputs and tool stay.
+    fn end_program(&mut self) {
+        self.stop_spindle();
+        self.levels.coolant = 0;
+        self.override_disabled = 0;
+        self.stopped_for = Waiting::None as u32;
+        self.line = 0;
+    }
+}
+
+/// Spindle, coolant, outputs, tool and stops of a machine.
+#[derive(Debug, Clone)]
+pub(super) struct Auxiliary {
+    pub latches: AuxiliaryLatches,
+    at_speed_share: f64,
+    speed_max_rpm: f64,
+    changer: bool,
+    spindle_patience_scans: u64,
+    change_patience_scans: u64,
+    shown: AuxiliaryFeedback,
+    /// What the planner asks for where the machine rests; number 0 for nothing.
+    asked: ProgramEvent,
+    /// Number of the event that was begun and is not done.
+    begun: u32,
+    ahead: [ProgramEvent; OUTPUTS_AHEAD],
+    waiting: Waiting,
+    waited_scans: u64,
+    /// Spindle and coolant act: the program runs, or is held.
+    released: bool,
+    /// The spindle is on its way back to its speed, after it was stopped in the middle of the program.
+    comes_back: bool,
+    /// Something latched has changed since it was last asked.
+    changed: bool,
+}
+
+impl Auxiliary {
+    pub fn new(machine: &Machine) -> Auxiliary {
+        let spindle = machine.spindle.as_ref();
+        let scans = |seconds: f64| libm::ceil(seconds / machine.scan_period_s()) as u64;
+        Auxiliary {
+            latches: AuxiliaryLatches {
+                optional_stop: u32::from(machine.program.optional_stop),
+                ..AuxiliaryLatches::default()
+            },
+            at_speed_share: spindle.map_or(0.0, |spindle| spindle.at_speed_percent / 100.0),
+            speed_max_rpm: spindle.map_or(0.0, |spindle| spindle.speed_max_rpm),
+            changer: machine.tool_change.by == ToolChanger::Changer,
+            spindle_patience_scans: scans(spindle.map_or(0.0, |spindle| spindle.patience_s)),
+            change_patience_scans: scans(machine.tool_change.patience_s),
+            shown: AuxiliaryFeedback::default(),
+            asked: ProgramEvent::default(),
+            begun: 0,
+            ahead: [ProgramEvent::default(); OUTPUTS_AHEAD],
+            waiting: Waiting::None,
+            waited_scans: 0,
+            released: false,
+            comes_back: false,
+            changed: false,
+        }
+    }
+
+    /// What is commanded in this scan.
+    pub fn levels(&self) -> Levels {
+        let mut levels = self.latches.levels;
+        if !self.released {
+            levels.spindle = SpindleCommand::Stop as u32;
+            levels.spindle_rpm = 0.0;
+            levels.coolant = 0;
+        }
+        levels.spindle_rpm = levels
+            .spindle_rpm
+            .clamp(-self.speed_max_rpm, self.speed_max_rpm);
+        levels
+    }
+
+    fn turns(&self) -> bool {
+        self.latches.levels.spindle == SpindleCommand::Turn as u32
+    }
+
+    fn is_at_speed(&self) -> bool {
+        let wanted_rpm = self.levels().spindle_rpm;
+        let most_rpm = (self.at_speed_share * wanted_rpm.abs()).max(STANDSTILL_RPM);
+        self.released && self.turns() && (self.shown.spindle_rpm - wanted_rpm).abs() <= most_rpm
+    }
+
+    fn stands(&self) -> bool {
+        self.shown.spindle_rpm.abs() < STANDSTILL_RPM
+    }
+
+    fn tool(&self) -> u32 {
+        if self.changer {
+            self.shown.tool
+        } else {
+            self.latches.tool
+        }
+    }
+
+    /// The spindle is on its way back to its speed.
+    fn is_coming_back(&self) -> bool {
+        self.comes_back && self.turns()
+    }
+
+    /// Whether no motion may be planned: also in the scan in which somebody has resumed and the spindle knows nothing of it yet.
+    fn is_blocked(&self) -> bool {
+        self.turns() && (self.comes_back || !self.released)
+    }
+
+    /// What the feedback says.
+    pub fn tell(&self) -> Auxiliaries {
+        let stopped_for = Waiting::from_wire(self.latches.stopped_for).unwrap_or_default();
+        let (waiting, line) = match stopped_for {
+            Waiting::None => (self.waiting, self.asked.line),
+            stop => (stop, self.latches.line),
+        };
+        Auxiliaries {
+            levels: self.levels(),
+            spindle_rpm: self.shown.spindle_rpm,
+            events_done: self.latches.events_done,
+            line: if waiting == Waiting::None { 0 } else { line },
+            waiting: waiting as u32,
+            blocked: u32::from(self.is_blocked()),
+            at_speed: u32::from(self.is_at_speed()),
+            optional_stop: self.latches.optional_stop,
+            override_disabled: self.latches.override_disabled,
+            tool: self.tool(),
+        }
+    }
+
+    /// What machine and changer show at the end of the scan.
+    pub fn take(&mut self, shown: AuxiliaryFeedback) {
+        self.shown = shown;
+    }
+
+    /// Goes on where a master before this one left; nothing acts before somebody resumes.
+    pub fn resume(&mut self, latches: &AuxiliaryLatches) {
+        let sound = |value: &f64| value.is_finite();
+        let levels = &latches.levels;
+        let values = [
+            latches.speed_rpm,
+            levels.spindle_rpm,
+            levels.orientation_deg,
+        ];
+        if values.iter().chain(&levels.analog).all(sound) {
+            self.latches = *latches;
+        }
+    }
+
+    /// Another program, or the same from its start, is to begin.
+    pub fn forget_program(&mut self) {
+        self.latches.end_program();
+        self.latches.events_done = 0;
+        self.forget_asked();
+        self.ahead = [ProgramEvent::default(); OUTPUTS_AHEAD];
+    }
+
+    /// The operator resumes: what he was waited for is done.
+    pub fn end_stop(&mut self) {
+        if self.latches.stopped_for == Waiting::ToolByOperator as u32 {
+            self.latches.tool = self.latches.levels.tool;
+        }
+        self.latches.stopped_for = Waiting::None as u32;
+        self.latches.line = 0;
+    }
+
+    fn forget_asked(&mut self) {
+        self.asked = ProgramEvent::default();
+        self.begun = 0;
+        self.waiting = Waiting::None;
+        self.waited_scans = 0;
+    }
+
+    /// Whether something was latched since this was asked last.
+    pub fn take_changed(&mut self) -> bool {
+        std::mem::take(&mut self.changed)
+    }
+
+    /// Whether it is the next event, and one that there is.
+    fn is_next(&self, event: &ProgramEvent) -> bool {
+        let known = EventCode::from_wire(event.code).is_some() && event.value.is_finite();
+        known && event.number != 0 && event.number == self.latches.events_done.saturating_add(1)
+    }
+
+    fn count(&mut self, event: &ProgramEvent) {
+        self.latches.events_done = event.number;
+        self.changed = true;
+    }
+
+    /// Outputs whose element begins in this scan.
+    fn set_outputs_ahead(&mut self, tag: &PathTag) {
+        if tag.is_off_path() {
+            return;
+        }
+        for index in 0..self.ahead.len() {
+            let next = self.ahead.get(index).copied();
+            let Some(event) = next.filter(|event| self.is_next(event)) else {
+                continue;
+            };
+            let within = tag.distance_mm > 0.0 || tag.dwell_remaining_scans > 0;
+            let begins = tag.element > event.element || tag.element == event.element && within;
+            if !begins {
+                return;
+            }
+            self.begin(&event);
+            self.count(&event);
+        }
+    }
+
+    /// Sets the levels of an event; the same as often as it is done.
+    fn begin(&mut self, event: &ProgramEvent) {
+        let tool = self.tool();
+        let latches = &mut self.latches;
+        let on = event.value != 0.0;
+        match EventCode::from_wire(event.code) {
+            Some(EventCode::SpindleSpeed) => {
+                latches.speed_rpm = event.value.max(0.0);
+                if latches.levels.spindle == SpindleCommand::Turn as u32 {
+                    latches.set_spindle();
+                }
+            }
+            Some(EventCode::SpindleClockwise) => {
+                latches.direction = 1;
+                latches.set_spindle();
+            }
+            Some(EventCode::SpindleCounterClockwise) => {
+                latches.direction = 2;
+                latches.set_spindle();
+            }
+            Some(EventCode::SpindleStop) => latches.stop_spindle(),
+            Some(EventCode::SpindleOrient) => {
+                latches.stop_spindle();
+                latches.levels.spindle = SpindleCommand::Orient as u32;
+                latches.levels.orientation_deg = event.value;
+            }
+            Some(EventCode::Mist) => latches.switch_coolant(MIST, on),
+            Some(EventCode::Flood) => latches.switch_coolant(FLOOD, on),
+            Some(EventCode::ToolPrepare) => latches.levels.tool_prepared = event.index,
+            Some(EventCode::ToolChange) if tool != event.index => latches.stop_spindle(),
+            Some(EventCode::DigitalOutput) => latches.switch_output(event.index, on),
+            Some(EventCode::AnalogOutput) => {
+                if let Some(output) = latches.levels.analog.get_mut(event.index as usize) {
+                    *output = event.value;
+                }
+            }
+            Some(EventCode::Overrides) => latches.override_disabled = u32::from(!on),
+            _ => {}
+        }
+    }
+
+    /// What the event that was begun waits for.
+    fn awaits(&mut self, event: &ProgramEvent) -> Waiting {
+        match EventCode::from_wire(event.code) {
+            Some(EventCode::AwaitSpindle) if self.turns() && !self.is_at_speed() => {
+                Waiting::SpindleSpeed
+            }
+            Some(EventCode::SpindleOrient) if !self.shown.oriented => Waiting::SpindleOrientation,
+            Some(EventCode::ToolChange) if self.tool() != event.index => {
+                if !self.stands() {
+                    return Waiting::SpindleStandstill;
+                }
+                self.latches.levels.tool = event.index;
+                if self.changer {
+                    Waiting::ToolChange
+                } else {
+                    Waiting::None
+                }
+            }
+            _ => Waiting::None,
+        }
+    }
+
+    /// The stop for the operator that an event is.
+    fn stop_of(&self, event: &ProgramEvent) -> Waiting {
+        match EventCode::from_wire(event.code) {
+            Some(EventCode::ProgramStop) => Waiting::ProgramStop,
+            Some(EventCode::PalletStop) => Waiting::PalletStop,
+            Some(EventCode::OptionalStop) if self.latches.optional_stop == 1 => {
+                Waiting::OptionalStop
+            }
+            Some(EventCode::ToolChange) if !self.changer && self.tool() != event.index => {
+                Waiting::ToolByOperator
+            }
+            _ => Waiting::None,
+        }
+    }
+
+    /// Waits one scan more; the cause of a trip once it has lasted too long.
+    fn wait(&mut self, for_what: Waiting) -> Cause {
+        self.waiting = for_what;
+        self.waited_scans = self.waited_scans.saturating_add(1);
+        let (patience, cause) = match for_what {
+            Waiting::ToolChange => (self.change_patience_scans, Cause::ToolChange),
+            _ => (self.spindle_patience_scans, Cause::Spindle),
+        };
+        if self.waited_scans > patience {
+            cause
+        } else {
+            Cause::None
+        }
+    }
+
+    /// Whether spindle and coolant act in this mode; a spindle that was stopped in the middle of a program comes back first.
+    fn release(&mut self, mode: Mode, hold: bool) {
+        match mode {
+            Mode::Enabled if !hold => {
+                self.comes_back |= !self.released && self.turns();
+                self.released = true;
+            }
+            Mode::Enabled | Mode::Stopping | Mode::Jogging => {}
+            Mode::Disabled | Mode::Stopped | Mode::Tripped | Mode::Finished | Mode::Ready => {
+                self.released = false;
+                self.comes_back = false;
+            }
+        }
+        if mode == Mode::Finished {
+            self.latches.end_program();
+        }
+        self.comes_back &= !self.is_at_speed();
+    }
+}
+
+impl<D: Drives> Master<D> {
+    /// What the planner asks for: judged against where the machine is now, done by [`step_auxiliary`](Master::step_auxiliary).
+    pub(super) fn heed_events(&mut self, status: &PlannerStatus) {
+        self.auxiliary.ahead = status.outputs_ahead;
+        let recent = status.scan.saturating_add(2 * self.period_scans) >= self.scan;
+        if self.auxiliary.begun == 0 || status.event.number == 0 {
+            let asked = Some(status.event).filter(|_| recent);
+            self.auxiliary.asked = asked.unwrap_or_default();
+        }
+    }
+
+    /// One scan of events: outputs in motion, then the event that the path rests for.
+    pub(super) fn step_auxiliary(&mut self) {
+        let tag = self.windows.tag_in(self.scan);
+        let on_path = tag.is_some_and(|tag| !tag.is_off_path());
+        let spindle_fails = self.auxiliary.shown.spindle_code != 0
+            && self.auxiliary.levels().spindle != SpindleCommand::Stop as u32;
+        if spindle_fails {
+            self.trip(Cause::Spindle, u32::MAX);
+        }
+        self.auxiliary.release(self.mode, self.hold);
+        if self.mode != Mode::Enabled {
+            self.auxiliary.forget_asked();
+            return;
+        }
+        if let Some(tag) = tag {
+            self.auxiliary.set_outputs_ahead(&tag);
+        }
+        if self.auxiliary.is_coming_back() {
+            let cause = self.auxiliary.wait(Waiting::SpindleSpeed);
+            self.end_wait(cause);
+            return;
+        }
+        let rests = on_path && self.windows.at_rest(self.scan) && self.stands();
+        let next = self.auxiliary.is_next(&self.auxiliary.asked);
+        let held = self.hold && self.auxiliary.begun == 0;
+        if !rests || !next || held {
+            self.auxiliary.forget_asked();
+            return;
+        }
+        self.do_event();
+    }
+
+    /// The event that was asked for, one scan of it.
+    fn do_event(&mut self) {
+        let auxiliary = &mut self.auxiliary;
+        let event = auxiliary.asked;
+        if auxiliary.begun != event.number {
+            auxiliary.begun = event.number;
+            auxiliary.waited_scans = 0;
+            auxiliary.begin(&event);
+        }
+        let waiting = auxiliary.awaits(&event);
+        if waiting != Waiting::None {
+            let cause = auxiliary.wait(waiting);
+            self.end_wait(cause);
+            return;
+        }
+        let stop = auxiliary.stop_of(&event);
+        auxiliary.count(&event);
+        auxiliary.forget_asked();
+        if stop != Waiting::None {
+            auxiliary.latches.stopped_for = stop as u32;
+            auxiliary.latches.line = event.line;
+            self.hold = true;
+        }
+    }
+
+    /// What has lasted too long stops the machine.
+    fn end_wait(&mut self, cause: Cause) {
+        if cause != Cause::None {
+            self.trip(cause, u32::MAX);
+            self.auxiliary.forget_asked();
+        }
+    }
+}

@@ -1,0 +1,179 @@
+//! Spindle, coolant, outputs, tool and stops in words: for the report, the live view and one look at a cell.
+
+use bus::sample::{
+    ANALOG_OUTPUTS, Auxiliaries, DIGITAL_OUTPUTS, FLOOD, Levels, MIST, SpindleCommand, Waiting,
+};
+
+/// The coolant that is on.
+pub fn coolant(levels: &Levels) -> &'static str {
+    match (levels.coolant & MIST != 0, levels.coolant & FLOOD != 0) {
+        (false, false) => "off",
+        (true, false) => "mist",
+        (false, true) => "flood",
+        (true, true) => "mist and flood",
+    }
+}
+
+/// Numbers of the digital outputs that are on.
+pub fn digital_outputs(levels: &Levels) -> Vec<u32> {
+    let all = 0..DIGITAL_OUTPUTS as u32;
+    all.filter(|output| levels.digital >> output & 1 == 1)
+        .collect()
+}
+
+/// What the spindle is commanded to do.
+pub fn spindle(levels: &Levels) -> String {
+    match SpindleCommand::from_wire(levels.spindle) {
+        SpindleCommand::Stop => "stopped".into(),
+        SpindleCommand::Orient => format!("at {}°", levels.orientation_deg),
+        SpindleCommand::Turn => {
+            let way = if levels.spindle_rpm < 0.0 {
+                "counter-clockwise"
+            } else {
+                "clockwise"
+            };
+            format!("{} rev/min {way}", levels.spindle_rpm.abs())
+        }
+    }
+}
+
+/// What is waited for and for which line; none if nothing is.
+pub fn waiting(auxiliary: &Auxiliaries) -> Option<String> {
+    let waiting = Waiting::from_wire(auxiliary.waiting)?;
+    let tool = auxiliary.levels.tool;
+    let what = match waiting {
+        Waiting::None => return None,
+        Waiting::SpindleSpeed => format!(
+            "{}: {:.0} of {} rev/min",
+            waiting.words(),
+            auxiliary.spindle_rpm.abs(),
+            auxiliary.levels.spindle_rpm.abs()
+        ),
+        Waiting::ToolChange => format!("{}: tool {tool}", waiting.words()),
+        Waiting::ToolByOperator => format!("the operator to put in tool {tool}"),
+        _ => waiting.words().into(),
+    };
+    Some(match auxiliary.line {
+        0 => what,
+        line => format!("{what}, line {line}"),
+    })
+}
+
+/// What is on, in a few words; none if nothing is and nothing was.
+pub fn summary(auxiliary: &Auxiliaries) -> Option<String> {
+    let levels = &auxiliary.levels;
+    let mut words = Vec::new();
+    if levels.spindle != SpindleCommand::Stop as u32 || auxiliary.spindle_rpm.abs() >= 1.0 {
+        words.push(format!(
+            "spindle {} ({:.0} rev/min)",
+            spindle(levels),
+            auxiliary.spindle_rpm.abs()
+        ));
+    }
+    if levels.coolant != 0 {
+        words.push(format!("coolant {}", coolant(levels)));
+    }
+    if auxiliary.tool != 0 {
+        words.push(format!("tool {}", auxiliary.tool));
+    }
+    let outputs = digital_outputs(levels);
+    if !outputs.is_empty() {
+        let outputs: Vec<String> = outputs.iter().map(u32::to_string).collect();
+        words.push(format!("outputs {}", outputs.join(" ")));
+    }
+    if auxiliary.optional_stop == 1 {
+        words.push("optional stop on".into());
+    }
+    (!words.is_empty()).then(|| words.join(", "))
+}
+
+/// What differs from one scan to a later one, in the order of cause and effect.
+pub fn changes(before: &Auxiliaries, now: &Auxiliaries) -> Vec<String> {
+    let mut changes = Vec::new();
+    let (was, is) = (&before.levels, &now.levels);
+    if spindle(was) != spindle(is) {
+        changes.push(format!("spindle {}", spindle(is)));
+    }
+    if was.coolant != is.coolant {
+        changes.push(format!("coolant {}", coolant(is)));
+    }
+    for output in 0..DIGITAL_OUTPUTS {
+        let [old, new] = [was, is].map(|levels| levels.digital >> output & 1);
+        if old != new {
+            let word = if new == 1 { "on" } else { "off" };
+            changes.push(format!("output {output} {word}"));
+        }
+    }
+    for output in 0..ANALOG_OUTPUTS {
+        let [old, new] = [was, is].map(|levels| levels.analog.get(output).copied());
+        if let (true, Some(value)) = (old != new, new) {
+            changes.push(format!("analogue output {output} at {value}"));
+        }
+    }
+    if was.tool_prepared != is.tool_prepared {
+        changes.push(format!("tool {} made ready", is.tool_prepared));
+    }
+    if before.tool != now.tool {
+        changes.push(format!("tool {} in the spindle", now.tool));
+    }
+    if before.override_disabled != now.override_disabled {
+        let word = if now.override_disabled == 1 {
+            "off"
+        } else {
+            "on"
+        };
+        changes.push(format!("override switched {word} by the program"));
+    }
+    if before.optional_stop != now.optional_stop {
+        let word = if now.optional_stop == 1 { "on" } else { "off" };
+        changes.push(format!("optional stop {word}"));
+    }
+    if (before.waiting, before.line) != (now.waiting, now.line) {
+        match waiting(now) {
+            Some(what) => changes.push(format!("waits for {what}")),
+            None => changes.push("waits no longer".into()),
+        }
+    }
+    changes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_changes_is_said_once_and_what_does_not_is_not() {
+        let before = Auxiliaries::default();
+        assert_eq!(changes(&before, &before), [] as [String; 0]);
+        assert_eq!(summary(&before), None);
+        let mut now = before;
+        now.levels.spindle = SpindleCommand::Turn as u32;
+        now.levels.spindle_rpm = -1500.0;
+        now.levels.coolant = FLOOD;
+        now.levels.digital = 1 << 3 | 1 << 63;
+        now.waiting = Waiting::SpindleSpeed as u32;
+        now.line = 7;
+        now.spindle_rpm = -600.0;
+        assert_eq!(
+            changes(&before, &now),
+            [
+                "spindle 1500 rev/min counter-clockwise",
+                "coolant flood",
+                "output 3 on",
+                "output 63 on",
+                "waits for the spindle to reach its speed: 600 of 1500 rev/min, line 7",
+            ]
+        );
+        assert_eq!(
+            summary(&now).as_deref(),
+            Some(
+                "spindle 1500 rev/min counter-clockwise (600 rev/min), coolant flood, outputs 3 63"
+            )
+        );
+        let mut later = now;
+        later.spindle_rpm = -900.0;
+        assert_eq!(changes(&now, &later), [] as [String; 0]);
+        later.waiting = 0;
+        assert_eq!(changes(&now, &later), ["waits no longer"]);
+    }
+}

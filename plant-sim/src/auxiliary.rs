@@ -1,0 +1,238 @@
+//! The simulated spindle, tool changer and outputs.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::{Levels, SpindleCommand};
+use bytemuck::{Pod, Zeroable};
+use master::AuxiliaryFeedback;
+
+use crate::plant_file::{PlantSpindle, PlantToolChanger};
+
+/// Degrees in one scan at 1 rev/min, per second of scan.
+const DEG_PER_S_AT_1_RPM: f64 = 6.0;
+
+/// What outlives the process.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct AuxiliaryState {
+    /// Speed of the spindle, in rev/min, clockwise positive.
+    pub spindle_rpm: f64,
+    /// Its angle, in degrees from 0 to 360.
+    pub spindle_deg: f64,
+    /// Time that the change in progress has taken, in s.
+    pub changing_s: f64,
+    /// Outputs as the terminals show them.
+    pub outputs: Levels,
+    /// Tool in the spindle.
+    pub tool: u32,
+    /// 1 where the spindle stands at the angle that was commanded.
+    pub oriented: u32,
+}
+
+/// Spindle, tool changer and outputs.
+#[derive(Debug, Clone)]
+pub struct SimulatedAuxiliaries {
+    spindle: Option<PlantSpindle>,
+    changer: Option<PlantToolChanger>,
+    scan_s: f64,
+    state: AuxiliaryState,
+}
+
+impl SimulatedAuxiliaries {
+    /// At rest, without a tool and with all outputs off.
+    pub fn new(
+        spindle: Option<PlantSpindle>,
+        changer: Option<PlantToolChanger>,
+        scan_s: f64,
+    ) -> SimulatedAuxiliaries {
+        SimulatedAuxiliaries {
+            spindle,
+            changer,
+            scan_s,
+            state: AuxiliaryState::default(),
+        }
+    }
+
+    /// One scan under these levels.
+    pub fn scan(&mut self, levels: &Levels) {
+        let before = self.state.outputs.tool;
+        self.state.outputs = *levels;
+        if let Some(spindle) = self.spindle {
+            self.turn(&spindle, levels);
+        }
+        if let Some(changer) = self.changer
+            && levels.tool != self.state.tool
+        {
+            // Another tool than the one on its way: the change begins anew.
+            if levels.tool != before {
+                self.state.changing_s = 0.0;
+            }
+            self.state.changing_s += self.scan_s;
+            if self.state.changing_s >= changer.change_s {
+                self.state.tool = levels.tool;
+                self.state.changing_s = 0.0;
+            }
+        }
+    }
+
+    /// The drive ramps its speed; to an angle it turns slowly, and stands there.
+    fn turn(&mut self, spindle: &PlantSpindle, levels: &Levels) {
+        let state = &mut self.state;
+        let command = SpindleCommand::from_wire(levels.spindle);
+        let wanted_deg = libm::fmod(libm::fmod(levels.orientation_deg, 360.0) + 360.0, 360.0);
+        let slow = state.spindle_rpm.abs() <= spindle.orientation_rpm;
+        if command == SpindleCommand::Orient && slow {
+            let step_deg = spindle.orientation_rpm * DEG_PER_S_AT_1_RPM * self.scan_s;
+            let left_deg = libm::fmod(wanted_deg - state.spindle_deg + 360.0, 360.0);
+            if left_deg <= step_deg {
+                (state.spindle_deg, state.spindle_rpm) = (wanted_deg, 0.0);
+                state.oriented = 1;
+                return;
+            }
+            state.oriented = 0;
+            state.spindle_deg = libm::fmod(state.spindle_deg + step_deg, 360.0);
+            state.spindle_rpm = spindle.orientation_rpm;
+            return;
+        }
+        state.oriented = 0;
+        let wanted_rpm = match command {
+            SpindleCommand::Turn => levels.spindle_rpm,
+            SpindleCommand::Stop | SpindleCommand::Orient => 0.0,
+        };
+        let step_rpm = spindle.acceleration_rpm_s * self.scan_s;
+        let off_rpm = wanted_rpm - state.spindle_rpm;
+        state.spindle_rpm += off_rpm.clamp(-step_rpm, step_rpm);
+        let turned_deg = state.spindle_rpm * DEG_PER_S_AT_1_RPM * self.scan_s;
+        state.spindle_deg = libm::fmod(
+            libm::fmod(state.spindle_deg + turned_deg, 360.0) + 360.0,
+            360.0,
+        );
+    }
+
+    /// Nobody commands any more: the spindle has braked to rest by itself, and coolant is off. Outputs stay as they are.
+    pub fn run_down(&mut self) {
+        self.state.spindle_rpm = 0.0;
+        self.state.oriented = 0;
+        self.state.outputs.spindle = SpindleCommand::Stop as u32;
+        self.state.outputs.spindle_rpm = 0.0;
+        self.state.outputs.coolant = 0;
+    }
+
+    /// What they show.
+    pub fn feedback(&self) -> AuxiliaryFeedback {
+        AuxiliaryFeedback {
+            spindle_rpm: self.state.spindle_rpm,
+            oriented: self.state.oriented == 1,
+            spindle_code: 0,
+            tool: self.state.tool,
+        }
+    }
+
+    /// The state, for saving it.
+    pub fn state(&self) -> &AuxiliaryState {
+        &self.state
+    }
+
+    /// Goes on from a saved state, with everything run down. False for a state that none can have.
+    pub fn restore(&mut self, state: &AuxiliaryState) -> bool {
+        let sound = [state.spindle_rpm, state.spindle_deg, state.changing_s];
+        if !sound.iter().all(|value| value.is_finite()) {
+            return false;
+        }
+        self.state = *state;
+        self.run_down();
+        true
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::expect_used)]
+mod tests {
+    use super::*;
+
+    fn auxiliaries() -> SimulatedAuxiliaries {
+        let spindle = PlantSpindle {
+            acceleration_rpm_s: 1000.0,
+            orientation_rpm: 60.0,
+        };
+        let changer = PlantToolChanger { change_s: 0.5 };
+        SimulatedAuxiliaries::new(Some(spindle), Some(changer), 1e-3)
+    }
+
+    fn turning(rpm: f64) -> Levels {
+        Levels {
+            spindle_rpm: rpm,
+            spindle: SpindleCommand::Turn as u32,
+            ..Levels::default()
+        }
+    }
+
+    fn scans_until(
+        sim: &mut SimulatedAuxiliaries,
+        levels: &Levels,
+        is_there: impl Fn(&AuxiliaryFeedback) -> bool,
+    ) -> u32 {
+        (1..100_000)
+            .find(|_| {
+                sim.scan(levels);
+                is_there(&sim.feedback())
+            })
+            .expect("it gets there")
+    }
+
+    #[test]
+    fn the_spindle_ramps_reverses_and_stops() {
+        let mut sim = auxiliaries();
+        assert_eq!(
+            scans_until(&mut sim, &turning(2000.0), |f| f.spindle_rpm >= 2000.0),
+            2000
+        );
+        assert_eq!(
+            scans_until(&mut sim, &turning(-500.0), |f| f.spindle_rpm <= -500.0),
+            2500
+        );
+        assert_eq!(
+            scans_until(&mut sim, &Levels::default(), |f| f.spindle_rpm == 0.0),
+            500
+        );
+    }
+
+    #[test]
+    fn it_stands_at_the_angle_that_was_asked_for() {
+        let mut sim = auxiliaries();
+        scans_until(&mut sim, &turning(700.0), |f| f.spindle_rpm >= 700.0);
+        for angle_deg in [0.0, 90.5, -90.0] {
+            let levels = Levels {
+                orientation_deg: angle_deg,
+                spindle: SpindleCommand::Orient as u32,
+                ..Levels::default()
+            };
+            scans_until(&mut sim, &levels, |f| f.oriented);
+            assert!((sim.state().spindle_deg - (angle_deg + 360.0) % 360.0).abs() < 1e-9);
+            assert_eq!(sim.feedback().spindle_rpm, 0.0);
+            scans_until(&mut sim, &turning(100.0), |f| f.spindle_rpm >= 100.0);
+        }
+    }
+
+    #[test]
+    fn a_tool_takes_its_time_and_stays_over_a_restart() {
+        let mut sim = auxiliaries();
+        let levels = Levels {
+            tool: 7,
+            ..turning(300.0)
+        };
+        let scans = scans_until(&mut sim, &levels, |f| f.tool == 7);
+        assert!((500..=501).contains(&scans), "{scans}");
+        let mut other = auxiliaries();
+        assert!(other.restore(sim.state()));
+        assert_eq!(
+            (other.feedback().tool, other.feedback().spindle_rpm),
+            (7, 0.0)
+        );
+    }
+}

@@ -1,0 +1,333 @@
+//! Program flow: what an O-word does to the line that comes next.
+
+use super::Execution;
+use crate::flow::{FlowWord, Keyword, label_of, shown_flow};
+use crate::frames::{Frame, Loop, LoopKind};
+use crate::program::ProgramEnd;
+use crate::reader::Word;
+use crate::words::{Refusal, Words};
+
+/// Subroutines may call each other this deep.
+const DEPTH_MAX: usize = 100;
+/// The most repetitions of M98.
+const REPEATS_MAX: f64 = 1e6;
+
+impl Execution<'_> {
+    /// Does an O-word. `not_yet`: the line before was an `if` of which no branch was done so far.
+    pub(super) fn flow(
+        &mut self,
+        index: usize,
+        flow: &FlowWord,
+        not_yet: bool,
+    ) -> Result<(), Refusal> {
+        let value = flow.values.first().copied().unwrap_or(0.0);
+        let refuse = |found: String, right: String| Refusal::new(flow.offset, found, right);
+        let without = |keyword: Keyword| {
+            refuse(
+                format!(
+                    "{} without {}",
+                    flow.shown(),
+                    shown_flow(&flow.label, keyword)
+                ),
+                "both have the same label, in the same file".into(),
+            )
+        };
+        match flow.keyword {
+            Keyword::Number => {}
+            Keyword::Sub => {
+                let ends = [Keyword::EndSub];
+                self.next = self
+                    .find(&flow.label, index, &ends, || without(Keyword::EndSub))?
+                    .0
+                    + 1;
+            }
+            Keyword::EndSub | Keyword::Return => {
+                let returned = flow.values.first().copied();
+                if !self.leave(returned) {
+                    let right = "it belongs into a subroutine that is called".to_owned();
+                    return Err(refuse(format!("{} outside a call", flow.shown()), right));
+                }
+            }
+            Keyword::Call => self.call(index, flow)?,
+            Keyword::If | Keyword::ElseIf
+                if value != 0.0 && (flow.keyword == Keyword::If || not_yet) => {}
+            Keyword::Else if not_yet => {}
+            Keyword::If => self.next_branch(index, flow, without(Keyword::EndIf))?,
+            Keyword::ElseIf if not_yet => self.next_branch(index, flow, without(Keyword::EndIf))?,
+            Keyword::ElseIf | Keyword::Else => {
+                let ends = [Keyword::EndIf];
+                self.next = self
+                    .find(&flow.label, index, &ends, || without(Keyword::EndIf))?
+                    .0
+                    + 1;
+            }
+            Keyword::EndIf => {}
+            Keyword::Do => self.begin(flow, index, LoopKind::Do),
+            Keyword::While => self.test(index, flow, value, without(Keyword::EndWhile))?,
+            Keyword::Repeat => {
+                let count = libm::round(value);
+                let ends = [Keyword::EndRepeat];
+                let end = self
+                    .find(&flow.label, index, &ends, || without(Keyword::EndRepeat))?
+                    .0;
+                if count < 1.0 {
+                    self.next = end + 1;
+                } else {
+                    self.begin(flow, index, LoopKind::Repeat(count as u64));
+                }
+            }
+            Keyword::EndWhile => match self.innermost(&flow.label) {
+                Some(Loop {
+                    kind: LoopKind::While,
+                    line,
+                    ..
+                }) => self.next = line,
+                _ => return Err(without(Keyword::While)),
+            },
+            Keyword::EndRepeat => self.count_down(flow, without(Keyword::Repeat))?,
+            Keyword::Break | Keyword::Continue => self.leave_loop(index, flow)?,
+        }
+        Ok(())
+    }
+
+    /// The condition of an `if` does not hold: on to the next branch.
+    fn next_branch(
+        &mut self,
+        index: usize,
+        flow: &FlowWord,
+        refusal: Refusal,
+    ) -> Result<(), Refusal> {
+        let branches = [Keyword::ElseIf, Keyword::Else, Keyword::EndIf];
+        let (line, _) = self.find(&flow.label, index, &branches, || refusal)?;
+        self.next = line;
+        self.not_yet = true;
+        Ok(())
+    }
+
+    fn begin(&mut self, flow: &FlowWord, line: usize, kind: LoopKind) {
+        self.interpreter.frames.here().loops.push(Loop {
+            label: flow.label.clone(),
+            line,
+            kind,
+        });
+    }
+
+    /// The loop of this label, those inside it left.
+    fn innermost(&mut self, label: &str) -> Option<Loop> {
+        let loops = &mut self.interpreter.frames.here().loops;
+        let at = loops.iter().rposition(|of| of.label == label)?;
+        loops.truncate(at + 1);
+        loops.last().cloned()
+    }
+
+    /// `while`: of a loop that begins with it, or that ends with it.
+    fn test(
+        &mut self,
+        index: usize,
+        flow: &FlowWord,
+        value: f64,
+        refusal: Refusal,
+    ) -> Result<(), Refusal> {
+        let holds = value != 0.0;
+        match self.innermost(&flow.label) {
+            Some(Loop {
+                kind: LoopKind::Do,
+                line,
+                ..
+            }) => {
+                if holds {
+                    self.next = line + 1;
+                } else {
+                    self.interpreter.frames.here().loops.pop();
+                }
+            }
+            Some(Loop {
+                kind: LoopKind::While,
+                line,
+                ..
+            }) if line == index => {
+                if !holds {
+                    self.interpreter.frames.here().loops.pop();
+                    self.next = self
+                        .find(&flow.label, index, &[Keyword::EndWhile], || refusal)?
+                        .0
+                        + 1;
+                }
+            }
+            _ => {
+                let end = self
+                    .find(&flow.label, index, &[Keyword::EndWhile], || refusal)?
+                    .0;
+                if holds {
+                    self.begin(flow, index, LoopKind::While);
+                } else {
+                    self.next = end + 1;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn count_down(&mut self, flow: &FlowWord, refusal: Refusal) -> Result<(), Refusal> {
+        let Some(Loop {
+            kind: LoopKind::Repeat(left),
+            line,
+            ..
+        }) = self.innermost(&flow.label)
+        else {
+            return Err(refusal);
+        };
+        let loops = &mut self.interpreter.frames.here().loops;
+        if left > 1 {
+            if let Some(of) = loops.last_mut() {
+                of.kind = LoopKind::Repeat(left - 1);
+            }
+            self.next = line + 1;
+        } else {
+            loops.pop();
+        }
+        Ok(())
+    }
+
+    /// `break` and `continue`.
+    fn leave_loop(&mut self, index: usize, flow: &FlowWord) -> Result<(), Refusal> {
+        let Some(of) = self.innermost(&flow.label) else {
+            let found = format!("{} outside the loop", flow.shown());
+            let right = "it has the label of the loop that it is in";
+            return Err(Refusal::new(flow.offset, found, right));
+        };
+        let end = match of.kind {
+            LoopKind::While => Keyword::EndWhile,
+            LoopKind::Do => Keyword::While,
+            LoopKind::Repeat(_) => Keyword::EndRepeat,
+        };
+        let (line, _) = self.find(&flow.label, index, &[end], || {
+            let found = format!("{} without {}", flow.shown(), shown_flow(&flow.label, end));
+            Refusal::new(
+                flow.offset,
+                found,
+                "both have the same label, in the same file",
+            )
+        })?;
+        if flow.keyword == Keyword::Break {
+            self.interpreter.frames.here().loops.pop();
+            self.next = line + 1;
+        } else {
+            self.next = if of.kind == LoopKind::While {
+                of.line
+            } else {
+                line
+            };
+        }
+        Ok(())
+    }
+
+    /// `call`.
+    fn call(&mut self, index: usize, flow: &FlowWord) -> Result<(), Refusal> {
+        let Some((line, _)) = self.source.subroutine(&flow.label) else {
+            let found = format!("{}: there is no such subroutine", flow.shown());
+            let right = format!(
+                "{} in the program, or a file {}.ngc beside it",
+                shown_flow(&flow.label, Keyword::Sub),
+                flow.label
+            );
+            return Err(Refusal::new(flow.offset, found, right));
+        };
+        self.enter(index, &flow.label, line, flow.offset)?;
+        self.interpreter.frames.here().arguments = true;
+        self.interpreter.pass(&flow.values);
+        Ok(())
+    }
+
+    fn enter(
+        &mut self,
+        index: usize,
+        label: &str,
+        line: usize,
+        offset: usize,
+    ) -> Result<(), Refusal> {
+        if self.interpreter.frames.depth() >= DEPTH_MAX {
+            let found = format!("subroutines called {DEPTH_MAX} deep");
+            let right = "a subroutine that calls itself must come to an end";
+            return Err(Refusal::new(offset, found, right));
+        }
+        self.interpreter.frames.push(Frame {
+            label: label.to_owned(),
+            return_to: self.next,
+            called_from: index,
+            ..Frame::default()
+        });
+        self.next = line + 1;
+        Ok(())
+    }
+
+    /// Returns from a subroutine; false if none was called.
+    fn leave(&mut self, returned: Option<f64>) -> bool {
+        let Some(frame) = self.interpreter.leave(returned) else {
+            return false;
+        };
+        if frame.repeats > 1 {
+            let begin = self.next_of_number(&frame.label);
+            self.next = begin.unwrap_or(frame.return_to);
+            if begin.is_some() {
+                self.interpreter.frames.push(Frame {
+                    repeats: frame.repeats - 1,
+                    loops: vec![],
+                    ..frame
+                });
+            }
+        } else {
+            self.next = frame.return_to;
+        }
+        true
+    }
+
+    fn next_of_number(&self, label: &str) -> Option<usize> {
+        Some(self.source.subroutine(label)?.0 + 1)
+    }
+
+    /// M98 P calls a subroutine by its number, L times; M99 returns, or ends the program where none was called.
+    pub(super) fn call_by_number(
+        &mut self,
+        index: usize,
+        words: &Words,
+        word: Word,
+    ) -> Result<(), Refusal> {
+        if word.value == 99.0 {
+            if !self.leave(None) {
+                let note = "M99 outside a subroutine ends the program: it does not begin again";
+                self.interpreter.note(index as u32 + 1, note);
+                self.interpreter.ended = Some(ProgramEnd::M99(index as u32 + 1));
+            }
+            return Ok(());
+        }
+        let Some(p) = words.value('P') else {
+            let right = "the number of the subroutine, such as M98 P1000 for O1000";
+            return Err(Refusal::new(word.offset, "M98 without P", right));
+        };
+        let label = label_of(p.value).ok_or_else(|| {
+            Refusal::new(p.offset, format!("P{}", p.value), "a whole number from 0")
+        })?;
+        let Some((line, _)) = self.source.subroutine(&label) else {
+            let found = format!("M98 P{label}: there is no such subroutine");
+            let right = format!("O{label} … M99 in the program, or a file {label}.ngc beside it");
+            return Err(Refusal::new(p.offset, found, right));
+        };
+        let repeats = words.value('L').map_or(1.0, |l| l.value);
+        if !(0.0..=REPEATS_MAX).contains(&repeats) || repeats.fract() != 0.0 {
+            let found = format!("L{repeats}");
+            let place = words.value('L').map_or(word.offset, |l| l.offset);
+            return Err(Refusal::new(
+                place,
+                found,
+                format!("a whole number from 0 to {REPEATS_MAX}"),
+            ));
+        }
+        if repeats == 0.0 {
+            return Ok(());
+        }
+        self.enter(index, &label, line, p.offset)?;
+        self.interpreter.frames.here().repeats = repeats as u64;
+        Ok(())
+    }
+}

@@ -1,0 +1,488 @@
+//! Numbers, parameters and expressions (LinuxCNC manual, *G Code Overview*: parameters, expressions, functions; NIST §3.3.2).
+//!
+//! An expression is evaluated while it is read: no tree is built. Operators bind in this order, those of a row from left to right:
+//! `**`; `*` `/` `MOD`; `+` `-`; `EQ` `NE` `GT` `GE` `LT` `LE`; `AND` `OR` `XOR`.
+
+use crate::reader::{Unreadable, shown};
+
+/// Expressions may be nested this deep.
+const DEPTH_MAX: u32 = 32;
+/// Numbers nearer than this are equal for EQ and NE, as LinuxCNC reads them.
+const EQUAL_WITHIN: f64 = 1e-4;
+/// A parameter's number may be off a whole number by as much.
+const WHOLE_WITHIN: f64 = 1e-4;
+/// The largest number a word may have, in whatever unit; far beyond any machine, far within exact arithmetic.
+const NUMBER_MAX: f64 = 1e9;
+
+/// Where parameters have their values.
+pub trait Lookup {
+    /// The value of `#number`.
+    ///
+    /// # Errors
+    /// Why there is none, and what would be right.
+    fn numbered(&self, number: u32) -> Result<f64, (String, String)>;
+    /// The value of `#<name>`, if it is defined; lower case, without blanks.
+    fn named(&self, name: &str) -> Option<f64>;
+}
+
+/// Which parameter is named, such as for setting it.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Target {
+    /// `#5`.
+    Numbered(u32),
+    /// `#<name>`, lower case, without blanks.
+    Named(String),
+}
+
+/// A place in a line from which things are read.
+pub struct Cursor<'a> {
+    pub text: &'a str,
+    pub offset: usize,
+    /// A number was written with blanks in it.
+    pub blanks_in_number: bool,
+}
+
+impl<'a> Cursor<'a> {
+    pub fn new(text: &'a str, offset: usize) -> Self {
+        Self {
+            text,
+            offset,
+            blanks_in_number: false,
+        }
+    }
+
+    fn byte(&self, offset: usize) -> u8 {
+        self.text.as_bytes().get(offset).copied().unwrap_or(0)
+    }
+
+    /// The byte at the cursor in lower case; 0 at the end.
+    pub fn peek(&self) -> u8 {
+        self.byte(self.offset).to_ascii_lowercase()
+    }
+
+    pub fn skip_blanks(&mut self) {
+        while matches!(self.byte(self.offset), b' ' | b'\t') {
+            self.offset += 1;
+        }
+    }
+
+    /// The next byte that is no blank, in lower case.
+    pub fn next_byte(&mut self) -> u8 {
+        self.skip_blanks();
+        self.peek()
+    }
+
+    /// Passes this byte if it comes next.
+    pub fn take(&mut self, byte: u8) -> bool {
+        let is_next = self.next_byte() == byte;
+        if is_next {
+            self.offset += 1;
+        }
+        is_next
+    }
+
+    /// Passes this word if it comes next, whatever its case and the blanks in it.
+    pub fn take_word(&mut self, word: &str) -> bool {
+        let mut at = self.offset;
+        for expected in word.bytes() {
+            while matches!(self.byte(at), b' ' | b'\t') {
+                at += 1;
+            }
+            if self.byte(at).to_ascii_lowercase() != expected {
+                return false;
+            }
+            at += 1;
+        }
+        self.offset = at;
+        true
+    }
+
+    fn error<T>(&self, found: impl Into<String>, right: &str) -> Result<T, Unreadable> {
+        self.error_at(self.offset, found, right)
+    }
+
+    fn error_at<T>(
+        &self,
+        offset: usize,
+        found: impl Into<String>,
+        right: &str,
+    ) -> Result<T, Unreadable> {
+        Err(Unreadable {
+            offset,
+            found: found.into(),
+            right: right.to_owned(),
+        })
+    }
+
+    /// A value after a letter: a number, a parameter, an expression or a function, each with a sign before it or without.
+    pub fn value(&mut self, lookup: &impl Lookup) -> Result<f64, Unreadable> {
+        self.value_at(lookup, 0)
+    }
+
+    fn value_at(&mut self, lookup: &impl Lookup, depth: u32) -> Result<f64, Unreadable> {
+        if depth > DEPTH_MAX {
+            return self.error("an expression nested too deep", "at most 32 levels");
+        }
+        self.skip_blanks();
+        match self.peek() {
+            b'[' => self.expression_at(lookup, depth + 1),
+            b'#' => self.parameter(lookup, depth + 1),
+            sign @ (b'+' | b'-') => {
+                let mut at = self.offset + 1;
+                while matches!(self.byte(at), b' ' | b'\t') {
+                    at += 1;
+                }
+                if matches!(self.byte(at), b'0'..=b'9' | b'.') {
+                    return self.number();
+                }
+                self.offset = at;
+                if matches!(self.peek(), b'+' | b'-') {
+                    return self.error(shown(self.text, self.offset), "one sign before a value");
+                }
+                let value = self.value_at(lookup, depth + 1)?;
+                Ok(if sign == b'-' { -value } else { value })
+            }
+            letter if letter.is_ascii_alphabetic() => self.function(lookup, depth + 1),
+            _ => self.number(),
+        }
+    }
+
+    /// A plain number.
+    fn number(&mut self) -> Result<f64, Unreadable> {
+        let start = self.offset;
+        let mut end = start;
+        let signs = usize::from(matches!(self.byte(end), b'+' | b'-'));
+        end += signs;
+        let (mut digits, mut points) = (0, 0);
+        let mut last = end;
+        loop {
+            match self.byte(end) {
+                b'0'..=b'9' => digits += 1,
+                b'.' if points == 0 => points += 1,
+                // A number goes on behind a blank if a digit or its point follows (NIST §3.3.2: blanks mean nothing).
+                b' ' | b'\t' => {
+                    end += 1;
+                    continue;
+                }
+                _ => break,
+            }
+            end += 1;
+            last = end;
+        }
+        if digits == 0 {
+            let right = "a number, such as 12.5 or -.5, #parameter or [expression]";
+            return self.error(shown(self.text, start), right);
+        }
+        if self.byte(last) == b'.' {
+            return self.error_at(last, "a second point", "a number has one point");
+        }
+        let text = self.text.get(start..last).unwrap_or_default();
+        let value = if signs + digits + points < last - start {
+            self.blanks_in_number = true;
+            text.replace([' ', '\t'], "").parse::<f64>()
+        } else {
+            text.parse::<f64>()
+        };
+        self.offset = last;
+        match value {
+            Ok(value) if value.abs() <= NUMBER_MAX => Ok(value),
+            _ => self.error_at(
+                start,
+                format!("a number of {} characters", last - start),
+                "at most 1e9",
+            ),
+        }
+    }
+
+    /// The parameter that `#…` names.
+    pub fn target(&mut self, lookup: &impl Lookup) -> Result<Target, Unreadable> {
+        self.target_at(lookup, 0)
+    }
+
+    fn target_at(&mut self, lookup: &impl Lookup, depth: u32) -> Result<Target, Unreadable> {
+        let start = self.offset;
+        self.offset += 1;
+        if self.next_byte() == b'<' {
+            return Ok(Target::Named(self.name()?));
+        }
+        let number = self.value_at(lookup, depth + 1)?;
+        let whole = number.round();
+        if (number - whole).abs() > WHOLE_WITHIN || !(1.0..=5602.0).contains(&whole) {
+            let found = format!("parameter #{number}");
+            return self.error_at(
+                start,
+                found,
+                "a whole number from 1 to 5602, or a name such as #<depth>",
+            );
+        }
+        Ok(Target::Numbered(whole as u32))
+    }
+
+    /// `<name>`: lower case, without blanks.
+    pub fn name(&mut self) -> Result<String, Unreadable> {
+        let inside = self.text.get(self.offset + 1..).unwrap_or_default();
+        let Some(length) = inside.find('>') else {
+            return self.error("a name without >", "close the name: #<depth>");
+        };
+        let name: String = inside
+            .get(..length)
+            .unwrap_or_default()
+            .chars()
+            .filter(|character| !character.is_whitespace())
+            .flat_map(char::to_lowercase)
+            .collect();
+        if name.is_empty() {
+            return self.error("an empty name", "a name such as #<depth>");
+        }
+        self.offset += length + 2;
+        Ok(name)
+    }
+
+    fn parameter(&mut self, lookup: &impl Lookup, depth: u32) -> Result<f64, Unreadable> {
+        let start = self.offset;
+        match self.target_at(lookup, depth)? {
+            Target::Numbered(number) => lookup
+                .numbered(number)
+                .or_else(|(found, right)| self.error_at(start, found, &right)),
+            Target::Named(name) => lookup.named(&name).ok_or(()).or_else(|()| {
+                let found = format!("#<{name}> has no value");
+                self.error_at(
+                    start,
+                    found,
+                    "set it before it is used; EXISTS[#<name>] asks whether it is set",
+                )
+            }),
+        }
+    }
+
+    /// `[…]`.
+    pub fn expression(&mut self, lookup: &impl Lookup) -> Result<f64, Unreadable> {
+        self.expression_at(lookup, 0)
+    }
+
+    fn expression_at(&mut self, lookup: &impl Lookup, depth: u32) -> Result<f64, Unreadable> {
+        let start = self.offset;
+        self.offset += 1;
+        let value = self.operation(lookup, depth, 0)?;
+        if !self.take(b']') {
+            if self.peek() == 0 {
+                return self.error_at(start, "[ that is not closed", "close it with ]");
+            }
+            let right = "an operator (+ - * / ** MOD EQ NE GT GE LT LE AND OR XOR) or ]";
+            return self.error(shown(self.text, self.offset), right);
+        }
+        Ok(value)
+    }
+
+    /// A chain of operators that bind tighter than `bound`.
+    fn operation(
+        &mut self,
+        lookup: &impl Lookup,
+        depth: u32,
+        bound: u32,
+    ) -> Result<f64, Unreadable> {
+        let mut left = self.value_at(lookup, depth)?;
+        loop {
+            self.skip_blanks();
+            let start = self.offset;
+            let Some(operator) = self.operator() else {
+                return Ok(left);
+            };
+            if operator.level() <= bound {
+                self.offset = start;
+                return Ok(left);
+            }
+            let right = self.operation(lookup, depth + 1, operator.level())?;
+            left = match operator.apply(left, right) {
+                Ok(value) if value.is_finite() => value,
+                Ok(_) => {
+                    return self.error_at(
+                        start,
+                        "a result that is no number",
+                        "values within range",
+                    );
+                }
+                Err(found) => return self.error_at(start, found, "values that have a result"),
+            };
+        }
+    }
+
+    fn operator(&mut self) -> Option<Operator> {
+        let operator = match self.peek() {
+            b'+' => Operator::Plus,
+            b'-' => Operator::Minus,
+            b'/' => Operator::Divide,
+            b'*' => {
+                self.offset += 1;
+                if self.peek() == b'*' {
+                    self.offset += 1;
+                    return Some(Operator::Power);
+                }
+                return Some(Operator::Times);
+            }
+            _ => {
+                return WORD_OPERATORS
+                    .iter()
+                    .find(|(word, _)| self.take_word(word))
+                    .map(|&(_, operator)| operator);
+            }
+        };
+        self.offset += 1;
+        Some(operator)
+    }
+
+    /// A function with its argument; ATAN has two.
+    fn function(&mut self, lookup: &impl Lookup, depth: u32) -> Result<f64, Unreadable> {
+        let start = self.offset;
+        let Some(function) = FUNCTIONS.iter().find(|function| self.take_word(function)) else {
+            let right = "a number, #parameter, [expression] or one of the functions ABS ACOS ASIN ATAN COS EXP FIX FUP LN ROUND SIN SQRT TAN EXISTS";
+            return self.error(shown(self.text, start), right);
+        };
+        if self.next_byte() != b'[' {
+            return self.error(
+                shown(self.text, self.offset),
+                "an argument in brackets, such as SIN[30]",
+            );
+        }
+        if *function == "exists" {
+            return self.exists(lookup);
+        }
+        let argument = self.expression_at(lookup, depth)?;
+        let value = match *function {
+            "abs" => argument.abs(),
+            "acos" => libm::acos(argument).to_degrees(),
+            "asin" => libm::asin(argument).to_degrees(),
+            "cos" => libm::cos(argument.to_radians()),
+            "exp" => libm::exp(argument),
+            "fix" => libm::floor(argument),
+            "fup" => libm::ceil(argument),
+            "ln" => libm::log(argument),
+            "round" => libm::round(argument),
+            "sin" => libm::sin(argument.to_radians()),
+            "sqrt" => argument.sqrt(),
+            "tan" => libm::tan(argument.to_radians()),
+            _ => {
+                if !self.take(b'/') || self.next_byte() != b'[' {
+                    return self.error(
+                        shown(self.text, self.offset),
+                        "ATAN has two arguments: ATAN[1]/[2]",
+                    );
+                }
+                let second = self.expression_at(lookup, depth)?;
+                libm::atan2(argument, second).to_degrees()
+            }
+        };
+        if !value.is_finite() {
+            let found = format!("{} of {argument}", function.to_uppercase());
+            return self.error_at(
+                start,
+                found,
+                "an argument for which the function has a value",
+            );
+        }
+        Ok(value)
+    }
+}
+
+impl Cursor<'_> {
+    /// The argument of EXISTS: `[#<name>]`.
+    fn exists(&mut self, lookup: &impl Lookup) -> Result<f64, Unreadable> {
+        let right = "a parameter, such as EXISTS[#<depth>]";
+        self.offset += 1;
+        if self.next_byte() != b'#' {
+            return self.error(shown(self.text, self.offset), right);
+        }
+        let exists = match self.target(lookup)? {
+            Target::Numbered(number) => lookup.numbered(number).is_ok(),
+            Target::Named(name) => lookup.named(&name).is_some(),
+        };
+        if !self.take(b']') {
+            return self.error(shown(self.text, self.offset), "]");
+        }
+        Ok(f64::from(u8::from(exists)))
+    }
+}
+
+const FUNCTIONS: [&str; 14] = [
+    "abs", "acos", "asin", "atan", "cos", "exp", "fix", "fup", "ln", "round", "sin", "sqrt", "tan",
+    "exists",
+];
+
+const WORD_OPERATORS: [(&str, Operator); 10] = [
+    ("mod", Operator::Modulo),
+    ("eq", Operator::Equal),
+    ("ne", Operator::NotEqual),
+    ("gt", Operator::Greater),
+    ("ge", Operator::GreaterEqual),
+    ("lt", Operator::Less),
+    ("le", Operator::LessEqual),
+    ("and", Operator::And),
+    ("or", Operator::Or),
+    ("xor", Operator::ExclusiveOr),
+];
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Operator {
+    Power,
+    Times,
+    Divide,
+    Modulo,
+    Plus,
+    Minus,
+    Equal,
+    NotEqual,
+    Greater,
+    GreaterEqual,
+    Less,
+    LessEqual,
+    And,
+    Or,
+    ExclusiveOr,
+}
+
+impl Operator {
+    /// How tight it binds.
+    fn level(self) -> u32 {
+        match self {
+            Operator::And | Operator::Or | Operator::ExclusiveOr => 1,
+            Operator::Equal
+            | Operator::NotEqual
+            | Operator::Greater
+            | Operator::GreaterEqual
+            | Operator::Less
+            | Operator::LessEqual => 2,
+            Operator::Plus | Operator::Minus => 3,
+            Operator::Times | Operator::Divide | Operator::Modulo => 4,
+            Operator::Power => 5,
+        }
+    }
+
+    fn apply(self, left: f64, right: f64) -> Result<f64, &'static str> {
+        let truth = |value: bool| Ok(if value { 1.0 } else { 0.0 });
+        match self {
+            Operator::Power if left < 0.0 && right.fract() != 0.0 => {
+                Err("a negative number to a power that is not whole")
+            }
+            Operator::Power => Ok(libm::pow(left, right)),
+            Operator::Times => Ok(left * right),
+            Operator::Divide if right == 0.0 => Err("a division by zero"),
+            Operator::Divide => Ok(left / right),
+            Operator::Modulo if right == 0.0 => Err("MOD 0"),
+            Operator::Modulo => {
+                let rest = libm::fmod(left, right);
+                Ok(if rest < 0.0 { rest + right.abs() } else { rest })
+            }
+            Operator::Plus => Ok(left + right),
+            Operator::Minus => Ok(left - right),
+            Operator::Equal => truth((left - right).abs() < EQUAL_WITHIN),
+            Operator::NotEqual => truth((left - right).abs() >= EQUAL_WITHIN),
+            Operator::Greater => truth(left > right),
+            Operator::GreaterEqual => truth(left >= right),
+            Operator::Less => truth(left < right),
+            Operator::LessEqual => truth(left <= right),
+            Operator::And => truth(left != 0.0 && right != 0.0),
+            Operator::Or => truth(left != 0.0 || right != 0.0),
+            Operator::ExclusiveOr => truth((left != 0.0) != (right != 0.0)),
+        }
+    }
+}

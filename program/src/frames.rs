@@ -1,0 +1,98 @@
+//! What a subroutine has of its own: where it was called, its loops, its names.
+
+use std::collections::HashMap;
+
+use crate::flow::{ARGUMENTS_MAX, Keyword, shown_flow};
+use crate::interpreter::SavedModes;
+
+/// What a loop does at its end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LoopKind {
+    /// `while` … `endwhile`.
+    While,
+    /// `do` … `while`.
+    Do,
+    /// `repeat` … `endrepeat`, with the passes left.
+    Repeat(u64),
+}
+
+/// A loop that is being done.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Loop {
+    pub label: String,
+    /// The line that it begins with.
+    pub line: usize,
+    pub kind: LoopKind,
+}
+
+/// A subroutine that was called; the first is the program itself.
+#[derive(Debug, Clone, Default)]
+pub struct Frame {
+    /// Its label; empty for the program.
+    pub label: String,
+    /// The line to return to.
+    pub return_to: usize,
+    /// The line of the call.
+    pub called_from: usize,
+    /// Loops that are being done, the innermost last.
+    pub loops: Vec<Loop>,
+    /// Names that only it knows.
+    pub named: HashMap<String, f64>,
+    /// #1 to #30 of the caller, restored at the end if the call had arguments of its own.
+    pub kept: [f64; ARGUMENTS_MAX],
+    /// Called by an O-word, whose arguments are #1 to #30.
+    pub arguments: bool,
+    /// Passes of M98 with L, this one included.
+    pub repeats: u64,
+    /// What M70 or M73 saved, and whether it is restored at the end by itself.
+    pub saved: Option<(SavedModes, bool)>,
+}
+
+impl Frame {
+    /// As a person writes it.
+    pub fn shown(&self) -> String {
+        shown_flow(&self.label, Keyword::Sub)
+    }
+}
+
+/// The program and the subroutines that are called, the innermost last.
+#[derive(Debug, Clone, Default)]
+pub struct Frames {
+    program: Frame,
+    called: Vec<Frame>,
+}
+
+impl Frames {
+    /// The one in force.
+    pub fn here(&mut self) -> &mut Frame {
+        self.called.last_mut().unwrap_or(&mut self.program)
+    }
+
+    /// The one in force, to look at.
+    pub fn current(&self) -> &Frame {
+        self.called.last().unwrap_or(&self.program)
+    }
+
+    /// The subroutine in force, if one is.
+    pub fn called(&self) -> Option<&Frame> {
+        self.called.last()
+    }
+
+    /// Subroutines in force, innermost first.
+    pub fn called_frames(&self) -> impl Iterator<Item = &Frame> {
+        self.called.iter().rev()
+    }
+
+    /// How many subroutines are in force.
+    pub fn depth(&self) -> usize {
+        self.called.len()
+    }
+
+    pub fn push(&mut self, frame: Frame) {
+        self.called.push(frame);
+    }
+
+    pub fn pop(&mut self) -> Option<Frame> {
+        self.called.pop()
+    }
+}

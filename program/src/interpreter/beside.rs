@@ -1,0 +1,388 @@
+//! Moves beside a contour: the codes of cutter radius compensation, and what becomes of moves while it is on.
+
+use super::*;
+use crate::compensation::{Compensation, Gouge, Move, Side, Start, Step as BesideStep, Way};
+use crate::flat::Flat;
+use crate::words::shown_code;
+
+/// How far the radii of an arc of the tool's centre may differ: more than tangent joints make of it.
+const BESIDE_ARC_TOLERANCE_MM: f64 = 0.1;
+
+/// What a move carries.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Carried {
+    line: u32,
+    feed: Feed,
+}
+
+/// What happens between moves.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Happening {
+    Event(u32, EventKind),
+    Dwell(u32, f64),
+}
+
+type Beside = Compensation<Carried, Happening>;
+type BesideSteps = Vec<BesideStep<Carried, Happening>>;
+
+fn refused(offset: usize, gouge: Gouge) -> Vec<Refusal> {
+    vec![Refusal::new(offset, gouge.found, gouge.right)]
+}
+
+impl Interpreter<'_> {
+    /// Where the tool stands: beside the programmed place while a compensation is on, and until the first move behind it.
+    pub(super) fn tool_place(&self) -> AxisVector {
+        self.stands.unwrap_or(self.position)
+    }
+
+    /// The code of the compensation in force, ten times.
+    pub(super) fn compensation_code(&self) -> u32 {
+        match self.beside.as_ref().map(|beside| beside.side()) {
+            None => 400,
+            Some(Side::Left) => 410,
+            Some(Side::Right) => 420,
+        }
+    }
+
+    /// G40, G41, G42, G41.1 and G42.1.
+    pub(super) fn compensation_words(
+        &mut self,
+        line: u32,
+        words: &Words,
+    ) -> Result<(), Vec<Refusal>> {
+        let Some((number, word)) = words.code(Group::CutterCompensation) else {
+            return Ok(());
+        };
+        if number == 400 {
+            return self.leave_contour(words, word.offset);
+        }
+        let one = |refusal| vec![refusal];
+        if self.beside.is_some() {
+            let found = format!(
+                "G{} while the radius compensation is on",
+                shown_code(number)
+            );
+            return Err(one(Refusal::new(word.offset, found, "G40 before it")));
+        }
+        let Some((radius_mm, orientation)) = self.tool_radius(line, words, number).map_err(one)?
+        else {
+            return Ok(());
+        };
+        let (plane, _, _) = self.plane;
+        if plane == 19 {
+            let right = "the radius compensation works in G17 and G18";
+            let found = format!("G{} in G19", shown_code(number));
+            return Err(one(Refusal::new(word.offset, found, right)));
+        }
+        if plane != 18 && !matches!(orientation, 0 | 9) {
+            let found = format!("G{} with a turning tool in G17", shown_code(number));
+            let right = "a tool with an orientation (Q in the tool table) cuts in G18";
+            return Err(one(Refusal::new(word.offset, found, right)));
+        }
+        if plane == 18 && self.offsets.turn.is_some() {
+            let found = format!("G{} in G18 with a turned work offset", shown_code(number));
+            let right = "a work offset without R: G10 L2 P1 R0";
+            return Err(one(Refusal::new(word.offset, found, right)));
+        }
+        let axes = self.plane_axes(word.offset).map_err(one)?;
+        let left = matches!(number, 410 | 411);
+        let start = Start {
+            side: if left { Side::Left } else { Side::Right },
+            radius_mm,
+            plane: axes,
+            across: self.setup.axis_index(if plane == 18 { 'Y' } else { 'Z' }),
+            tip: Start::tip_of_orientation(orientation),
+        };
+        if radius_mm != 0.0 {
+            // From here on the program is ahead of the tool.
+            self.stands = Some(self.tool_place());
+            self.beside = Some(Box::new(Beside::start(start, self.position)));
+        }
+        Ok(())
+    }
+
+    /// Radius in mm and orientation of the tool that the block names; none where no tool has a radius.
+    fn tool_radius(
+        &mut self,
+        line: u32,
+        words: &Words,
+        number: u32,
+    ) -> Result<Option<(f64, u32)>, Refusal> {
+        let code = shown_code(number);
+        let offset = words
+            .code(Group::CutterCompensation)
+            .map_or(0, |(_, word)| word.offset);
+        let d = words.value('D');
+        if matches!(number, 411 | 421) {
+            let Some(d) = d else {
+                let right = "the diameter of the tool, such as G41.1 D6";
+                return Err(Refusal::new(offset, format!("G{code} without D"), right));
+            };
+            let orientation = match words.value('L') {
+                None => 0,
+                Some(l) if self.plane.0 == 18 && (0.0..=9.0).contains(&l.value) => l.value as u32,
+                Some(l) => {
+                    let right = "L is the orientation of a turning tool, 0 to 9, in G18";
+                    return Err(Refusal::new(
+                        l.offset,
+                        format!("G{code} L{}", l.value),
+                        right,
+                    ));
+                }
+            };
+            return Ok(Some((d.value * self.unit_mm() / 2.0, orientation)));
+        }
+        if let Some(d) = d.filter(|d| d.value < 0.0 || d.value.fract() != 0.0) {
+            let found = format!("G{code} D{}", d.value);
+            let right = "D is the number of a tool; G41.1 and G42.1 take a diameter";
+            return Err(Refusal::new(d.offset, found, right));
+        }
+        let named = d.map_or(0.0, |d| d.value) as u32;
+        let number = if named == 0 { self.tool.number } else { named };
+        if let Some(tool) = self.tool_of(number) {
+            return Ok(Some((tool.diameter / 2.0, tool.orientation)));
+        }
+        if named == 0 && self.setup.answers_assumed {
+            let text = "G41 or G42 without a tool that has a radius: the tool's centre follows the programmed path";
+            self.note(line, text);
+            return Ok(None);
+        }
+        let found = format!("G{code} with a tool whose radius nobody knows");
+        let right = "name a tool table in the machine file ([program] tool_table), or write the diameter: G41.1 D6";
+        Err(Refusal::new(d.map_or(offset, |d| d.offset), found, right))
+    }
+
+    /// Refuses codes that change what coordinates mean while the compensation is on.
+    pub(super) fn check_beside(&self, words: &Words) -> Result<(), Refusal> {
+        if self.beside.is_none() {
+            return Ok(());
+        }
+        let refuse = |letter: char, number: u32, offset: usize| {
+            let found = format!(
+                "{letter}{} while the radius compensation is on",
+                shown_code(number)
+            );
+            Err(Refusal::new(
+                offset,
+                found,
+                "end the compensation before it: G40",
+            ))
+        };
+        let ends = matches!(words.code(Group::CutterCompensation), Some((400, _)));
+        for (group, while_ending) in [
+            (Group::Plane, true),
+            (Group::ToolChange, true),
+            (Group::Once, false),
+            (Group::MachineCoordinates, false),
+            (Group::ToolLength, false),
+            (Group::WorkOffset, false),
+            (Group::Motion, false),
+        ] {
+            let Some((number, word)) = words.code(group).filter(|_| while_ending || !ends) else {
+                continue;
+            };
+            let is_harmless = match group {
+                Group::Plane => number == self.plane.0 * 10,
+                Group::Once => number == 40,
+                Group::Motion => matches!(number, 0..=30 | 700 | 800),
+                _ => false,
+            };
+            if !is_harmless {
+                return refuse(word.letter, number, word.offset);
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses motions that cannot be beside a contour, or cannot lead back from there.
+    pub(super) fn check_motion_beside(&self, offset: usize) -> Result<(), Refusal> {
+        let is_long = matches!(self.motion, Motion::Spline(_) | Motion::InStep(_));
+        let is_elsewhere = matches!(self.motion, Motion::Cycle(_) | Motion::Probe);
+        if self.beside.is_some() && (is_long || is_elsewhere) {
+            let found = "a cycle, spline, thread or probing while the radius compensation is on";
+            let right = "end the compensation before it: G40";
+            return Err(Refusal::new(offset, found, right));
+        }
+        if self.stands.is_some() && is_long {
+            let found = "a spline or thread behind the radius compensation";
+            let right = "the first move behind G40 is straight: G0 or G1";
+            return Err(Refusal::new(offset, found, right));
+        }
+        Ok(())
+    }
+
+    /// Sends a programmed move on: as it is, or beside itself.
+    pub(super) fn run_move(
+        &mut self,
+        line: u32,
+        words: &Words,
+        target: AxisVector,
+        (shapes, way, feed): (Vec<Shape>, Way, Feed),
+        offset: usize,
+    ) -> Result<(), Vec<Refusal>> {
+        let Some(mut beside) = self.beside.take() else {
+            if self.stands.is_some() && matches!(way, Way::Arc { .. }) {
+                let right = "the first move behind G40 is straight: G0 or G1";
+                let refusal = Refusal::new(offset, "an arc behind the radius compensation", right);
+                return Err(vec![refusal]);
+            }
+            self.go(line, words, shapes, feed, offset)?;
+            self.position = target;
+            return Ok(());
+        };
+        let next = Move {
+            to: target,
+            way,
+            payload: Carried { line, feed },
+        };
+        let mut steps = Vec::new();
+        let result = beside.push(next, &mut steps);
+        let plane = beside.plane();
+        self.beside = Some(beside);
+        result.map_err(|gouge| refused(offset, gouge))?;
+        self.position = target;
+        self.send(words, plane, steps, offset)
+    }
+
+    /// Ends the compensation, if one is on.
+    pub(super) fn leave_contour(
+        &mut self,
+        words: &Words,
+        offset: usize,
+    ) -> Result<(), Vec<Refusal>> {
+        let Some(beside) = self.beside.take() else {
+            return Ok(());
+        };
+        let plane = beside.plane();
+        let mut steps = Vec::new();
+        beside
+            .finish(&mut steps)
+            .map_err(|gouge| refused(offset, gouge))?;
+        let sent = self.send(words, plane, steps, offset);
+        self.stands = self.stands.filter(|place| *place != self.position);
+        sent
+    }
+
+    /// The same at the end of a program that does not say so.
+    pub fn end_contour(&mut self) -> Result<(), Vec<Refusal>> {
+        self.leave_contour(&Words::default(), 0)
+    }
+
+    /// Something that happens at this place of the path: now, or behind the moves that still wait.
+    pub(super) fn happen(&mut self, happening: Happening) {
+        let mut steps = Vec::new();
+        match &mut self.beside {
+            Some(beside) => beside.push_event(happening, &mut steps),
+            None => steps.push(BesideStep::Event(happening)),
+        }
+        for step in steps {
+            if let BesideStep::Event(happening) = step {
+                self.happened(happening);
+            }
+        }
+    }
+
+    fn happened(&mut self, happening: Happening) {
+        match happening {
+            Happening::Event(line, kind) => {
+                let before_element = self.output.path.elements.len();
+                self.output.events.push(Event {
+                    line,
+                    before_element,
+                    kind,
+                });
+            }
+            Happening::Dwell(line, seconds) => {
+                let dwell = Element::dwell(line, self.tool_place(), seconds);
+                self.output.path.elements.push(dwell);
+            }
+        }
+    }
+
+    /// Adds moves of the tool's centre to the path; refuses those that leave the travel.
+    fn send(
+        &mut self,
+        words: &Words,
+        plane: [usize; 2],
+        steps: BesideSteps,
+        offset: usize,
+    ) -> Result<(), Vec<Refusal>> {
+        let mut outside = vec![];
+        for step in steps {
+            let step = match step {
+                BesideStep::Event(happening) => {
+                    self.happened(happening);
+                    continue;
+                }
+                BesideStep::Move(step) => step,
+            };
+            let shapes = self.centre_shapes(&step, plane, offset)?;
+            if outside.is_empty() {
+                outside = self.outside(words, &shapes, offset);
+                for refusal in &mut outside {
+                    let line = step.payload.line;
+                    refusal.found += &format!(" with the tool beside the contour of line {line}");
+                }
+            }
+            for shape in shapes {
+                let Carried { line, feed } = step.payload;
+                let element = Element::new(line, shape, feed, &self.rotary);
+                if element.length_mm > 0.0 {
+                    self.output.path.elements.push(element);
+                }
+            }
+            self.stands =
+                Some(step.to).filter(|place| *place != self.position || self.beside.is_some());
+        }
+        if self.output.path.elements.len() > ELEMENTS_MAX {
+            let found = format!("more than {ELEMENTS_MAX} moves");
+            return Err(vec![Refusal::new(offset, found, "split the program")]);
+        }
+        if outside.is_empty() {
+            Ok(())
+        } else {
+            Err(outside)
+        }
+    }
+
+    /// The shapes of a move of the tool's centre.
+    fn centre_shapes(
+        &self,
+        step: &Move<Carried>,
+        plane: [usize; 2],
+        offset: usize,
+    ) -> Result<Vec<Shape>, Vec<Refusal>> {
+        let (from, to) = (self.tool_place(), step.to);
+        let Way::Arc {
+            centre,
+            clockwise,
+            turns,
+        } = step.way
+        else {
+            return Ok(vec![Shape::Line { from, to }]);
+        };
+        let arc = ArcBlock {
+            from,
+            to,
+            plane,
+            circle: Circle::Centre([centre.u, centre.v]),
+            clockwise,
+            turns,
+            tolerance_mm: BESIDE_ARC_TOLERANCE_MM,
+        };
+        arc.shapes().map_err(|(found, right)| {
+            let found = format!("{found}, with the tool beside it");
+            vec![Refusal::new(offset, found, right)]
+        })
+    }
+
+    /// The way of an arc block.
+    pub(super) fn way_of(block: &ArcBlock) -> Result<Way, (String, String)> {
+        let [u, v] = block.centre()?;
+        Ok(Way::Arc {
+            centre: Flat::new(u, v),
+            clockwise: block.clockwise,
+            turns: block.turns,
+        })
+    }
+}

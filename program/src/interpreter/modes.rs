@@ -1,0 +1,232 @@
+//! The modes that a block sets, and those that M70 to M73 save and restore.
+
+use super::*;
+
+/// What M70 and M73 save (LinuxCNC manual, *M70 Save Modal State*).
+#[derive(Debug, Clone, PartialEq)]
+pub struct SavedModes {
+    plane: (u32, [char; 2], [char; 2]),
+    inches: bool,
+    incremental: bool,
+    arc_absolute: bool,
+    diameters: bool,
+    feed_mode: FeedMode,
+    feed: Option<FeedWord>,
+    spindle: Spindle,
+    surface_speed: bool,
+    coolant: [bool; 2],
+    overrides: bool,
+    returns_to_r: bool,
+    path_control: u32,
+    work_offset: f64,
+}
+
+impl Interpreter<'_> {
+    /// The modes of a block, in their order.
+    pub(super) fn modes(&mut self, line: u32, words: &Words) -> Result<(), Refusal> {
+        if let Some((number, _)) = words.code(Group::Plane) {
+            self.plane = match number {
+                180 => (18, ['Z', 'X'], ['K', 'I']),
+                190 => (19, ['Y', 'Z'], ['J', 'K']),
+                _ => (17, ['X', 'Y'], ['I', 'J']),
+            };
+        }
+        if let Some((number, _)) = words.code(Group::Units) {
+            self.inches = number == 200;
+        }
+        if let Some((number, word)) = words.code(Group::Diameter) {
+            if number == 70 && self.setup.axis_index('X').is_none() {
+                let right = "G7 reads X as a diameter: this machine has no X";
+                return Err(Refusal::new(word.offset, "G7", right));
+            }
+            self.diameters = number == 70;
+        }
+        if let Some((number, _)) = words.code(Group::PathControl) {
+            self.path_control = number;
+            if number == 640 {
+                let text = "G64 follows the exact path, as G61 does; its tolerance is not used";
+                self.note(line, text);
+            }
+        }
+        if let Some((number, _)) = words.code(Group::Distance) {
+            self.incremental = number == 910;
+        }
+        if let Some((number, _)) = words.code(Group::ArcDistance) {
+            self.arc_absolute = number == 901;
+        }
+        if let Some((number, word)) = words.code(Group::Motion) {
+            self.motion = match number {
+                0 => Motion::Rapid,
+                10 => Motion::Line,
+                20 => Motion::Arc { clockwise: true },
+                30 => Motion::Arc { clockwise: false },
+                382..=385 if self.setup.answers_assumed => Motion::Probe,
+                382..=385 => {
+                    let found = format!("G{}", word.value);
+                    let right = "probing is not supported on this machine: it has no probe";
+                    return Err(Refusal::new(word.offset, found, right));
+                }
+                // G5.3 ends what G5.2 began.
+                53 => self.motion,
+                other if is_turning(other) => self.motion,
+                other => motion_of_code(other),
+            };
+        }
+        self.leave_splines(words)?;
+        if let Some((number, _)) = words.code(Group::CycleReturn) {
+            self.returns_to_r = number == 990;
+            self.return_was_said = true;
+        }
+        if !matches!(self.motion, Motion::Cycle(_)) {
+            self.series = None;
+        }
+        Ok(())
+    }
+
+    /// G93 to G95, and F.
+    pub(super) fn feed_words(&mut self, line: u32, words: &Words) -> Result<(), Refusal> {
+        if let Some((number, _)) = words.code(Group::FeedMode) {
+            let mode = match number {
+                930 => FeedMode::InverseTime,
+                950 => FeedMode::PerRevolution,
+                _ => FeedMode::PerMinute,
+            };
+            if mode != self.feed_mode {
+                // A feed of another kind is none.
+                self.feed = None;
+            }
+            self.feed_mode = mode;
+        }
+        let Some(feed) = words.value('F') else {
+            return Ok(());
+        };
+        let changes_to = words.code(Group::Units).map(|(number, _)| number == 200);
+        if changes_to.is_some_and(|inches| inches != self.inches) {
+            let text = if self.inches {
+                "F in the block that changes to mm is read in inches: put G21 into a block before it"
+            } else {
+                "F in the block that changes to inches is read in mm: put G20 into a block before it"
+            };
+            self.note(line, text);
+        }
+        // F0 takes the feed away: the next feed motion needs another.
+        self.feed = (feed.value > 0.0).then_some(FeedWord {
+            value: feed.value,
+            unit_mm: self.unit_mm(),
+        });
+        Ok(())
+    }
+
+    /// Seconds that G4 waits.
+    pub(super) fn dwell_seconds(
+        &mut self,
+        line: u32,
+        words: &Words,
+    ) -> Result<Option<f64>, Refusal> {
+        let Some((40, dwell)) = words.code(Group::Once) else {
+            return Ok(None);
+        };
+        match words.value('P') {
+            None => Err(Refusal::new(
+                dwell.offset,
+                "G4 without P",
+                "the time in seconds, such as G4 P0.5",
+            )),
+            Some(p) if p.value < 0.0 => Err(Refusal::new(
+                p.offset,
+                format!("P{}", p.value),
+                "a time is 0 s or more",
+            )),
+            Some(p) => {
+                if p.value >= 100.0 && p.value.fract() == 0.0 {
+                    let text = "G4 P is in seconds; Fanuc's P without a point is in milliseconds";
+                    self.note(line, text);
+                }
+                Ok(Some(p.value))
+            }
+        }
+    }
+
+    /// M70, M72, M73: the modes are saved, restored, or both around a subroutine; M71 forgets them.
+    pub(super) fn saved_mode_words(&mut self, line: u32, words: &Words) -> Result<(), Refusal> {
+        let Some((number, word)) = words.code(Group::ModalState) else {
+            return Ok(());
+        };
+        match number {
+            700 => self.frames.here().saved = Some((self.saved_modes(), false)),
+            710 => self.frames.here().saved = None,
+            720 => {
+                let Some((saved, _)) = self.frames.here().saved.clone() else {
+                    let right = "M70 or M73 before it, in the same subroutine";
+                    return Err(Refusal::new(word.offset, "M72 without saved modes", right));
+                };
+                self.restore_modes(line, &saved);
+            }
+            _ => {
+                if self.frames.called().is_none() {
+                    let right = "it restores the modes at the end of a subroutine: use M70 and M72";
+                    return Err(Refusal::new(word.offset, "M73 outside a subroutine", right));
+                }
+                self.frames.here().saved = Some((self.saved_modes(), true));
+            }
+        }
+        Ok(())
+    }
+
+    fn saved_modes(&self) -> SavedModes {
+        SavedModes {
+            plane: self.plane,
+            inches: self.inches,
+            incremental: self.incremental,
+            arc_absolute: self.arc_absolute,
+            diameters: self.diameters,
+            feed_mode: self.feed_mode,
+            feed: self.feed,
+            spindle: self.spindle,
+            surface_speed: self.surface_speed,
+            coolant: self.coolant,
+            overrides: self.overrides,
+            returns_to_r: self.returns_to_r,
+            path_control: self.path_control,
+            work_offset: self.parameters.get(base::WORK_OFFSET),
+        }
+    }
+
+    /// Restores modes; what the machine must do for them happens in this line.
+    pub(super) fn restore_modes(&mut self, line: u32, saved: &SavedModes) {
+        self.plane = saved.plane;
+        self.inches = saved.inches;
+        self.incremental = saved.incremental;
+        self.arc_absolute = saved.arc_absolute;
+        self.diameters = saved.diameters;
+        self.feed_mode = saved.feed_mode;
+        self.feed = saved.feed;
+        self.surface_speed = saved.surface_speed;
+        self.returns_to_r = saved.returns_to_r;
+        self.path_control = saved.path_control;
+        self.parameters.set(base::WORK_OFFSET, saved.work_offset);
+        self.take_offsets();
+        if saved.spindle.speed_rpm != self.spindle.speed_rpm {
+            self.set_speed(line, saved.spindle.speed_rpm);
+        }
+        if saved.spindle.direction != self.spindle.direction {
+            self.turn_spindle(line, saved.spindle.direction);
+        }
+        if saved.coolant != self.coolant {
+            self.set_coolant(line, saved.coolant);
+        }
+        if saved.overrides != self.overrides {
+            self.overrides = saved.overrides;
+            self.event(line, EventKind::OverridesEnabled(saved.overrides));
+        }
+    }
+}
+
+/// The motion of a code of cycles, splines or threads, given ten times its number; none of G80.
+pub(super) fn motion_of_code(number: u32) -> Motion {
+    Cycle::of_code(number)
+        .map(Motion::Cycle)
+        .or_else(|| Spline::of_code(number).map(Motion::Spline))
+        .or_else(|| InStep::of_code(number).map(Motion::InStep))
+        .unwrap_or(Motion::None)
+}

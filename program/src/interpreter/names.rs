@@ -1,0 +1,125 @@
+//! What parameters are worth: those that were set, and those that tell of the state (LinuxCNC manual, *Predefined Named
+//! Parameters*, *System Parameters*).
+
+use super::*;
+use crate::parameters::POSITION_LETTERS;
+
+impl Lookup for Interpreter<'_> {
+    fn numbered(&self, number: u32) -> Result<f64, (String, String)> {
+        if (base::POSITION..base::POSITION + 9).contains(&number) {
+            return Ok(self.position_of((number - base::POSITION) as usize));
+        }
+        Ok(self.parameters.get(number))
+    }
+
+    fn named(&self, name: &str) -> Option<f64> {
+        let value = if name.starts_with('_') {
+            self.parameters
+                .named(name)
+                .or_else(|| self.predefined(name))
+        } else {
+            self.frames.current().named.get(name).copied()
+        };
+        // Where the state is not known, no name is missing.
+        value.or((!self.state_known).then_some(0.0))
+    }
+}
+
+impl Interpreter<'_> {
+    /// Where the tool is along a letter of [`POSITION_LETTERS`], in the coordinates and unit of the program.
+    fn position_of(&self, letter: usize) -> f64 {
+        let index = POSITION_LETTERS
+            .chars()
+            .nth(letter)
+            .and_then(|letter| self.setup.axis_index(letter));
+        let Some(index) = index else { return 0.0 };
+        let value = self
+            .in_program(&self.position)
+            .get(index)
+            .copied()
+            .unwrap_or(0.0);
+        value / self.unit_of(index)
+    }
+
+    /// Writes the position into its parameters.
+    pub(super) fn show_position_parameters(&mut self) {
+        for letter in 0..9 {
+            let value = self.position_of(letter);
+            self.parameters.set(base::POSITION + letter as u32, value);
+        }
+    }
+
+    fn predefined(&self, name: &str) -> Option<f64> {
+        let is = |truth: bool| f64::from(u8::from(truth));
+        let code = |number: u32| f64::from(number) / 10.0;
+        Some(match name {
+            "_x" | "_y" | "_z" | "_a" | "_b" | "_c" | "_u" | "_v" | "_w" => {
+                let letter = name.chars().nth(1)?.to_ascii_uppercase();
+                self.position_of(POSITION_LETTERS.find(letter)?)
+            }
+            "_metric" => is(!self.inches),
+            "_imperial" => is(self.inches),
+            "_absolute" => is(!self.incremental),
+            "_incremental" => is(self.incremental),
+            "_inverse_time" => is(self.feed_mode == FeedMode::InverseTime),
+            "_units_per_minute" => is(self.feed_mode == FeedMode::PerMinute),
+            "_units_per_rev" => is(self.feed_mode == FeedMode::PerRevolution),
+            "_lathe_diameter_mode" => is(self.diameters),
+            "_lathe_radius_mode" => is(!self.diameters),
+            "_feed" => self
+                .feed
+                .map_or(0.0, |feed| feed.value * feed.unit_mm / self.unit_mm()),
+            "_rpm" => self.spindle.speed_rpm,
+            "_spindle_on" => is(self.spindle.direction != 0),
+            "_spindle_cw" => is(self.spindle.direction > 0),
+            "_spindle_css_mode" => is(self.surface_speed),
+            "_spindle_rpm_mode" => is(!self.surface_speed),
+            "_mist" => is(self.coolant[0]),
+            "_flood" => is(self.coolant[1]),
+            "_speed_override" | "_feed_override" => is(self.overrides),
+            "_current_tool" => f64::from(self.tool.number),
+            "_selected_tool" => self.tool.prepared.map_or(-1.0, f64::from),
+            "_selected_pocket" => {
+                let tool = self.tool.prepared.and_then(|number| self.tool_of(number));
+                tool.map_or(-1.0, |tool| f64::from(tool.pocket))
+            }
+            "_current_pocket" => self
+                .tool_of(self.tool.number)
+                .map_or(0.0, |tool| f64::from(tool.pocket)),
+            "_coord_system" => match self.parameters.get(base::WORK_OFFSET) {
+                system if system <= 6.0 => 530.0 + 10.0 * system,
+                system => 590.0 + (system - 6.0),
+            },
+            "_plane" => f64::from(self.plane.0) * 10.0,
+            "_motion_mode" => match self.motion {
+                Motion::None => 800.0,
+                Motion::Rapid => 0.0,
+                Motion::Line => 10.0,
+                Motion::Arc { clockwise: true } => 20.0,
+                Motion::Arc { clockwise: false } => 30.0,
+                Motion::Probe => 382.0,
+                Motion::Cycle(cycle) => tenfold(cycle.code()),
+                Motion::Spline(spline) => tenfold(spline.code()),
+                Motion::InStep(motion) => tenfold(motion.code()),
+            },
+            "_ccomp" => f64::from(self.compensation_code()),
+            "_tool_offset" => is(self.offsets.tool != AxisVector::zeros()),
+            "_retract_r_plane" => is(self.returns_to_r),
+            "_retract_old_z" => is(!self.returns_to_r),
+            "_call_level" => self.frames.depth() as f64,
+            "_remap_level" | "_task" => 0.0,
+            "_value" => self.returned.0,
+            "_value_returned" => is(self.returned.1),
+            "_vmajor" => 2.9,
+            "_vminor" => 0.0,
+            "_control_mode" | "_path_control" => code(self.path_control),
+            _ => return None,
+        })
+    }
+}
+
+/// Ten times the number of a code.
+fn tenfold(code: &str) -> f64 {
+    let number = code.trim_start_matches('G').parse::<f64>();
+    number.map_or(0.0, |number| (number * 10.0).round())
+}

@@ -1,0 +1,219 @@
+//! Tools: T, M6, M61, and the length that G43 takes off.
+
+use super::*;
+use crate::parameters::POSITION_LETTERS;
+use crate::reader::Word;
+
+impl Interpreter<'_> {
+    pub(super) fn tool_of(&self, number: u32) -> Option<&Tool> {
+        self.tools.iter().find(|tool| tool.number == number)
+    }
+
+    /// Refuses a tool that the table does not have.
+    fn check_tool(&self, number: u32, offset: usize, found: String) -> Result<(), Refusal> {
+        if number == 0 || self.tools.is_empty() || self.tool_of(number).is_some() {
+            return Ok(());
+        }
+        let known: Vec<String> = self
+            .tools
+            .iter()
+            .map(|tool| tool.number.to_string())
+            .collect();
+        let right = format!("the tool table has {}", known.join(" "));
+        Err(Refusal::new(offset, found, right))
+    }
+
+    pub(super) fn prepare_tool(&mut self, line: u32, word: Word) -> Result<(), Refusal> {
+        let number = word.value as u32;
+        self.check_tool(number, word.offset, format!("T{number}"))?;
+        self.tool.prepared = Some(number);
+        self.event(line, EventKind::ToolPrepare(number));
+        Ok(())
+    }
+
+    /// M6 and M61.
+    pub(super) fn change_tool(&mut self, line: u32, words: &Words) -> Result<(), Refusal> {
+        let Some((number, word)) = words.code(Group::ToolChange) else {
+            return Ok(());
+        };
+        if number == 60 {
+            let Some(tool) = self.tool.prepared else {
+                return Err(Refusal::new(
+                    word.offset,
+                    "M6 without T",
+                    "the tool, such as T1 M6",
+                ));
+            };
+            self.tool.number = tool;
+            self.event(line, EventKind::ToolChange(tool));
+        } else {
+            let Some(q) = words
+                .value('Q')
+                .filter(|q| q.value >= 0.0 && q.value.fract() == 0.0)
+            else {
+                let right = "the tool that is in the spindle, such as M61 Q3";
+                return Err(Refusal::new(word.offset, "M61 without Q", right));
+            };
+            self.check_tool(q.value as u32, q.offset, format!("Q{}", q.value))?;
+            self.tool.number = q.value as u32;
+            self.event(line, EventKind::ToolIs(self.tool.number));
+        }
+        self.show_tool_parameters();
+        Ok(())
+    }
+
+    /// The parameters that tell of the tool in the spindle.
+    fn show_tool_parameters(&mut self) {
+        let tool = self.tool_of(self.tool.number).cloned().unwrap_or_default();
+        let angles = [
+            tool.diameter,
+            tool.front_angle_deg,
+            tool.back_angle_deg,
+            f64::from(tool.orientation),
+        ];
+        let values = [f64::from(self.tool.number)]
+            .into_iter()
+            .chain(tool.offset)
+            .chain(angles);
+        for (number, value) in (base::TOOL..).zip(values) {
+            self.parameters.set(number, value);
+        }
+    }
+
+    /// The offsets of a tool, by axis.
+    fn tool_vector(&self, tool: &Tool) -> AxisVector {
+        let mut vector = AxisVector::zeros();
+        for (component, axis) in vector.iter_mut().zip(&self.setup.axes) {
+            let at = POSITION_LETTERS.find(axis.letter);
+            *component = at
+                .and_then(|at| tool.offset.get(at))
+                .copied()
+                .unwrap_or(0.0);
+        }
+        vector
+    }
+
+    /// G43, G43.1, G43.2, G49.
+    pub(super) fn tool_length(&mut self, line: u32, words: &mut Words) -> Result<(), Refusal> {
+        let Some((number, word)) = words.code(Group::ToolLength) else {
+            return Ok(());
+        };
+        match number {
+            490 => self.offsets.tool = AxisVector::zeros(),
+            431 => {
+                for index in 0..self.setup.axes.len() {
+                    let value = self.axis_value(words, index);
+                    if let (Some(value), Some(component)) =
+                        (value, self.offsets.tool.get_mut(index))
+                    {
+                        *component = value;
+                    }
+                }
+                AXIS_LETTERS.chars().for_each(|letter| words.remove(letter));
+            }
+            _ => {
+                let length = self.tool_of_h(line, words, word.offset)?;
+                self.offsets.tool = if number == 430 {
+                    length
+                } else {
+                    self.offsets.tool + length
+                };
+            }
+        }
+        self.refresh_zero();
+        Ok(())
+    }
+
+    /// The length of the tool that H names, or of the one in the spindle.
+    fn tool_of_h(
+        &mut self,
+        line: u32,
+        words: &Words,
+        offset: usize,
+    ) -> Result<AxisVector, Refusal> {
+        let (number, place) = match words.value('H') {
+            Some(h) if h.value > 0.0 => (h.value as u32, h.offset),
+            _ => (self.tool.number, offset),
+        };
+        if let Some(tool) = self.tool_of(number) {
+            return Ok(self.tool_vector(tool));
+        }
+        if self.tools.is_empty() {
+            self.note(line, "G43: there is no tool table, so tools have no length; name one in the machine file: [program] tool_table");
+            return Ok(AxisVector::zeros());
+        }
+        if number == 0 {
+            return Ok(AxisVector::zeros());
+        }
+        self.check_tool(number, place, format!("G43 H{number}"))?;
+        Ok(AxisVector::zeros())
+    }
+
+    /// G10 L1, L10 and L11: changes what the table says of a tool.
+    pub(super) fn set_tool(
+        &mut self,
+        words: &Words,
+        how: u32,
+        offset: usize,
+    ) -> Result<(), Refusal> {
+        let number = words.value('P').map_or(-1.0, |p| p.value);
+        let known = number >= 0.0 && number.fract() == 0.0 && self.tool_of(number as u32).is_some();
+        if !known {
+            let place = words.value('P').map_or(offset, |p| p.offset);
+            let found = format!("G10 L{how} P{number}");
+            return Err(Refusal::new(
+                place,
+                found,
+                "the number of a tool of the tool table",
+            ));
+        }
+        let place = self.place_without_tool(how);
+        let mut changed = self.tool_of(number as u32).cloned().unwrap_or_default();
+        for index in 0..self.setup.axes.len() {
+            let Some(value) = self.axis_value(words, index) else {
+                continue;
+            };
+            let letter = self.setup.axes.get(index).map_or('?', |axis| axis.letter);
+            let here = place.get(index).copied().unwrap_or(0.0);
+            if let Some(slot) = POSITION_LETTERS
+                .find(letter)
+                .and_then(|at| changed.offset.get_mut(at))
+            {
+                *slot = if how == 1 { value } else { here - value };
+            }
+        }
+        if let Some(r) = words.value('R') {
+            changed.diameter = 2.0 * r.value * self.unit_mm();
+        }
+        for (letter, slot) in [
+            ('I', &mut changed.front_angle_deg),
+            ('J', &mut changed.back_angle_deg),
+        ] {
+            if let Some(word) = words.value(letter) {
+                *slot = word.value;
+            }
+        }
+        if let Some(q) = words.value('Q') {
+            changed.orientation = q.value.clamp(0.0, 9.0) as u32;
+        }
+        let is_in_spindle = changed.number == self.tool.number;
+        for tool in Arc::make_mut(&mut self.tools) {
+            if tool.number == changed.number {
+                *tool = changed.clone();
+            }
+        }
+        if is_in_spindle {
+            self.show_tool_parameters();
+        }
+        Ok(())
+    }
+
+    /// Where the machine is, counted from the work offset in force (L10) or from G59.3 (L11), as if no tool had a length.
+    fn place_without_tool(&self, how: u32) -> AxisVector {
+        if how == 11 {
+            return self.position - self.vector_of(base::G54 + 160);
+        }
+        let offsets = &self.offsets;
+        offsets.turned_back(self.position - offsets.work) - offsets.g92
+    }
+}

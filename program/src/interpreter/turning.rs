@@ -1,0 +1,273 @@
+//! The lathe cycles G70, G71 and G72: their words, the lines of their profile, and the moves that these become.
+
+use super::*;
+use crate::compensation::Way;
+use crate::flat::Flat;
+use crate::reader::Word;
+use crate::roughing::{Cut, Finishing, Piece, Pockets, Roughing, finishing, roughing};
+use crate::words::shown_code;
+
+/// The most passes of G70.
+const PASSES_MAX: f64 = 1_000.0;
+
+/// A profile while its lines are read.
+#[derive(Debug, Clone)]
+pub struct ProfileReading {
+    /// Its pieces so far, in the coordinates of the program.
+    pub pieces: Vec<Piece>,
+    start: Flat,
+    at: Flat,
+    motion: Motion,
+}
+
+/// Whether a motion code is a lathe cycle that has a profile.
+pub fn is_turning(number: u32) -> bool {
+    matches!(number, 700 | 710..=712 | 720..=722)
+}
+
+impl Interpreter<'_> {
+    /// A profile that begins where the block says, or where the tool is.
+    pub fn begin_profile(&self, words: &Words, word: Word) -> Result<ProfileReading, Refusal> {
+        let code = shown_code((word.value * 10.0).round() as u32);
+        let refuse = |what: &str, right: &str| {
+            Err(Refusal::new(word.offset, format!("G{code} {what}"), right))
+        };
+        if self.plane.0 != 18 {
+            return refuse("outside G18", "turning is in the plane ZX: G18 before it");
+        }
+        if self.incremental {
+            return refuse("in G91", "its profile is absolute: G90 before it");
+        }
+        let plane = self.plane_axes(word.offset)?;
+        let start = self.profile_place(words, Flat::of(&self.in_program(&self.position), plane))?;
+        Ok(ProfileReading {
+            pieces: vec![],
+            start,
+            at: start,
+            motion: self.motion,
+        })
+    }
+
+    /// Z and X of a block, in mm; what it does not say stays.
+    fn profile_place(&self, words: &Words, from: Flat) -> Result<Flat, Refusal> {
+        let value = |letter| {
+            let index = self.setup.axis_index(letter)?;
+            self.axis_value(words, index)
+        };
+        Ok(Flat::new(
+            value('Z').unwrap_or(from.u),
+            value('X').unwrap_or(from.v),
+        ))
+    }
+
+    /// One line of a profile.
+    pub fn add_to_profile(
+        &self,
+        reading: &mut ProfileReading,
+        words: &Words,
+    ) -> Result<(), Refusal> {
+        for (number, word) in words.codes() {
+            match (word.letter, number) {
+                ('G', 0) => reading.motion = Motion::Rapid,
+                ('G', 10) => reading.motion = Motion::Line,
+                ('G', 20) => reading.motion = Motion::Arc { clockwise: true },
+                ('G', 30) => reading.motion = Motion::Arc { clockwise: false },
+                _ => {
+                    let found = format!("{}{} in a profile", word.letter, word.value);
+                    let right = "a profile holds G0, G1, G2 and G3 with X, Z, I, K and R";
+                    return Err(Refusal::new(word.offset, found, right));
+                }
+            }
+        }
+        if let Some(word) = words.first_of("YABCUVW@^") {
+            let found = format!("{}{} in a profile", word.letter, word.value);
+            return Err(Refusal::new(
+                word.offset,
+                found,
+                "a profile lies in X and Z",
+            ));
+        }
+        let (from, to) = (reading.at, self.profile_place(words, reading.at)?);
+        if from == to {
+            return Ok(());
+        }
+        let arc = match reading.motion {
+            Motion::Arc { clockwise } => {
+                Some((self.profile_centre(words, from, to, clockwise)?, !clockwise))
+            }
+            Motion::Rapid | Motion::Line => None,
+            _ => {
+                let offset = words.first_of("XZ").map_or(0, |word| word.offset);
+                let right = "say how the profile goes on: G1, G2 or G3";
+                return Err(Refusal::new(
+                    offset,
+                    "a profile without a motion mode",
+                    right,
+                ));
+            }
+        };
+        reading.pieces.push(Piece { to, arc });
+        reading.at = to;
+        Ok(())
+    }
+
+    /// The centre of an arc of a profile.
+    fn profile_centre(
+        &self,
+        words: &Words,
+        from: Flat,
+        to: Flat,
+        clockwise: bool,
+    ) -> Result<Flat, Refusal> {
+        let offset = words.first_of("XZIKR").map_or(0, |word| word.offset);
+        if words.value('R').is_none() {
+            if words.first_of("IK").is_none() {
+                let right = "its centre by I and K or its radius by R";
+                return Err(Refusal::new(offset, "an arc without a centre", right));
+            }
+            let arm = Flat::new(
+                words.value('K').map_or(0.0, |word| word.value),
+                words.value('I').map_or(0.0, |word| word.value),
+            ) * self.unit_mm();
+            return Ok(if self.arc_absolute { arm } else { from + arm });
+        }
+        let radius_mm = words.value('R').map_or(0.0, |word| word.value) * self.unit_mm();
+        let chord = to - from;
+        let squared = radius_mm * radius_mm / chord.dot(chord) - 0.25;
+        if radius_mm < 0.0 || squared < -1e-9 {
+            let found = format!("R of {radius_mm:.4} mm in a profile");
+            let right = "a radius above 0 that reaches both ends";
+            return Err(Refusal::new(offset, found, right));
+        }
+        let height = chord.left() * squared.max(0.0).sqrt();
+        let middle = (from + to) * 0.5;
+        Ok(if clockwise {
+            middle - height
+        } else {
+            middle + height
+        })
+    }
+
+    /// The moves of a cycle along a profile.
+    pub fn turn(
+        &mut self,
+        line: u32,
+        words: &Words,
+        word: Word,
+        reading: &ProfileReading,
+    ) -> Result<(), Vec<Refusal>> {
+        let offset = word.offset;
+        let one = |refusal| vec![refusal];
+        let number = words.code(Group::Motion).map_or(0, |(number, _)| number);
+        let code = shown_code(number);
+        let wrong = |(found, right): (String, String)| {
+            one(Refusal::new(offset, format!("G{code}: {found}"), right))
+        };
+        let length = |letter: char, default_mm: f64| {
+            words
+                .value(letter)
+                .map_or(default_mm, |word| word.value * self.unit_mm())
+        };
+        let cuts = if number == 700 {
+            let passes = words.value('P').map_or(1.0, |word| word.value);
+            if !(1.0..=PASSES_MAX).contains(&passes) || passes.fract() != 0.0 {
+                let right = format!("passes are a whole number from 1 to {PASSES_MAX}");
+                return Err(one(Refusal::new(offset, format!("P{passes}"), right)));
+            }
+            finishing(
+                &reading.pieces,
+                &Finishing {
+                    start: reading.start,
+                    from_mm: length('D', 0.0),
+                    to_mm: length('E', 0.0),
+                    passes: passes as u32,
+                },
+            )
+        } else {
+            let words = Roughing {
+                start: reading.start,
+                leave_mm: length('D', 0.0),
+                depth_mm: length('I', self.unit_mm()),
+                retract_mm: length('R', 0.5 * self.unit_mm()),
+                shift: Flat::new(length('W', 0.0), length('U', 0.0)),
+                pockets: match number % 10 {
+                    1 => Pockets::Leave,
+                    2 => Pockets::Only,
+                    _ => Pockets::Cut,
+                },
+                facing: number >= 720,
+            };
+            roughing(&reading.pieces, &words)
+        };
+        let cuts = cuts.map_err(wrong)?;
+        let plane = self.plane_axes(offset).map_err(one)?;
+        // The words of the cycle are no places of single moves.
+        let plain = Words::default();
+        for cut in std::iter::once(Cut::Rapid(reading.start)).chain(cuts) {
+            self.turn_along(line, &plain, cut, plane, offset)?;
+        }
+        Ok(())
+    }
+
+    fn turn_along(
+        &mut self,
+        line: u32,
+        words: &Words,
+        cut: Cut,
+        plane: [usize; 2],
+        offset: usize,
+    ) -> Result<(), Vec<Refusal>> {
+        let one = |refusal| vec![refusal];
+        let program = self.in_program(&self.position);
+        let in_machine =
+            |place: Flat| Flat::of(&self.in_machine(&place.put_into(program, plane)), plane);
+        let (Cut::Rapid(to) | Cut::Feed(to) | Cut::Arc { to, .. }) = cut;
+        let target = in_machine(to).put_into(self.position, plane);
+        let straight = || {
+            vec![Shape::Line {
+                from: self.tool_place(),
+                to: target,
+            }]
+        };
+        let (moved, motion) = match cut {
+            Cut::Rapid(_) => ((straight(), Way::Rapid, Feed::Rapid), Motion::Rapid),
+            Cut::Feed(_) => {
+                let feed = self.feed(&target, offset).map_err(one)?;
+                ((straight(), Way::Line, feed), Motion::Line)
+            }
+            Cut::Arc {
+                centre,
+                counter_clockwise,
+                ..
+            } => {
+                let clockwise = !counter_clockwise;
+                let centre = in_machine(centre);
+                let feed = self.feed(&target, offset).map_err(one)?;
+                let block = ArcBlock {
+                    from: self.position,
+                    to: target,
+                    plane,
+                    circle: Circle::Centre([centre.u, centre.v]),
+                    clockwise,
+                    turns: 1,
+                    tolerance_mm: ARC_TOLERANCE_MM,
+                };
+                let wrong = |(found, right)| one(Refusal::new(offset, found, right));
+                let shapes = block.shapes().map_err(wrong)?;
+                let way = Way::Arc {
+                    centre,
+                    clockwise,
+                    turns: 1,
+                };
+                ((shapes, way, feed), Motion::Arc { clockwise })
+            }
+        };
+        match cut {
+            Cut::Rapid(_) => {}
+            Cut::Feed(_) => self.output.straight_feeds += 1,
+            Cut::Arc { .. } => self.output.arc_feeds += 1,
+        }
+        self.motion = motion;
+        self.run_move(line, words, target, moved, offset)
+    }
+}

@@ -1,0 +1,113 @@
+//! Our interpreter against LinuxCNC's, where that is installed (Debian's linuxcnc-uspace).
+
+#[path = "../examples/linuxcnc/fuzz.rs"]
+#[allow(dead_code, reason = "shared with the example")]
+mod fuzz;
+#[path = "../examples/linuxcnc/generate.rs"]
+mod generate;
+#[path = "../examples/linuxcnc/known.rs"]
+mod known;
+#[path = "../examples/linuxcnc/ours.rs"]
+mod ours;
+#[path = "../examples/linuxcnc/theirs.rs"]
+#[allow(dead_code, reason = "shared with the example")]
+mod theirs;
+#[path = "../examples/linuxcnc/trace.rs"]
+mod trace;
+#[path = "../examples/linuxcnc/verdict.rs"]
+mod verdict;
+
+use std::path::Path;
+
+use control::path::AxisVector;
+use machine::Machine;
+use program::Setup;
+use verdict::Verdict;
+
+/// Programs of ours in the style of three CAM posts.
+const POSTS: [&str; 3] = ["plate-fusion.ngc", "plate-freecad.ngc", "plate-fanuc.nc"];
+
+fn mill() -> std::path::PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xyz-mill")
+}
+
+fn skipped() -> bool {
+    let missing = theirs::missing();
+    if let Some(missing) = &missing {
+        eprintln!("skipped: {missing}");
+    }
+    missing.is_some()
+}
+
+#[test]
+fn programs_in_the_style_of_cam_posts_run_on_the_mill() {
+    let machine = Machine::load(&mill().join("machine.toml")).expect("the mill");
+    let setup = Setup::of(&machine);
+    // At its place of reference: the middle of X and Y, Z up.
+    let start = setup.work_offset;
+    for name in POSTS {
+        let program = program::load(&mill().join("programs").join(name), &setup, start);
+        let program = program.unwrap_or_else(|error| panic!("{error}"));
+        assert!(program.straight_feeds + program.arc_feeds > 8, "{name}");
+    }
+}
+
+#[test]
+fn the_mills_programs_make_the_same_motions_as_linuxcnc() {
+    if skipped() {
+        return;
+    }
+    let mut theirs = theirs::Theirs::start();
+    for name in POSTS
+        .iter()
+        .chain(&["drilling-pattern.ngc", "helix.ngc", "pocket-3d.ngc"])
+    {
+        let judged = verdict::judge(&mut theirs, &mill().join("programs").join(name));
+        assert_eq!(judged.verdict, Verdict::Same, "{name}");
+        assert!(judged.moving, "{name}");
+    }
+}
+
+#[test]
+fn programs_of_the_grammar_make_the_same_motions_as_linuxcnc() {
+    if skipped() {
+        return;
+    }
+    let programs: u64 =
+        std::env::var("PROGRAMS").map_or(400, |text| text.parse().expect("a whole number"));
+    let from: u64 = std::env::var("FROM").map_or(0, |text| text.parse().expect("a whole number"));
+    let kinds = generate::Kinds {
+        splines: true,
+        spindle_motion: true,
+        polar: true,
+        mutations: false,
+    };
+    let round = fuzz::round(from..from + programs, kinds, false);
+    assert!(round.found.is_empty(), "{round}");
+    // Programs that neither takes show little.
+    assert!(round.tally.moving[0] as u64 > programs / 3, "{round}");
+}
+
+#[test]
+fn a_difference_is_seen() {
+    let of = |x: f64| {
+        let mut to = [0.0; 9];
+        to[0] = x;
+        let way = trace::Way::Feed;
+        vec![trace::Step::Move {
+            way,
+            line: 1,
+            from: [0.0; 9],
+            to,
+            feed: 100.0,
+            circle: None,
+        }]
+    };
+    assert_eq!(
+        verdict::compared(Ok(of(1.0)), Ok(of(1.0))).verdict,
+        Verdict::Same
+    );
+    let judged = verdict::compared(Ok(of(1.0)), Ok(of(1.000_01))).verdict;
+    assert!(matches!(judged, Verdict::Differs(_)), "{judged}");
+    assert_eq!(AxisVector::zeros().len(), control::path::MAX_AXES);
+}
