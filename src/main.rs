@@ -4,12 +4,13 @@ use bus::sample::Order;
 use clap::Parser;
 use launcher::exit::{self, Outcome};
 use launcher::run::Injection;
-use launcher::{check, doctor, operator, report, run, up};
+use launcher::{check, doctor, operator, report, run, signals, up};
 use quadrant::cli::{Cli, Command};
 use quadrant::{manual, roles};
 use view::{live, scope};
 
 fn main() -> std::process::ExitCode {
+    signals::survive_file_size_limit();
     exit::code(obey(Cli::parse().command))
 }
 

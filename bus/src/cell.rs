@@ -197,6 +197,16 @@ impl CellPaths {
         self.folder().join("programs")
     }
 
+    /// Where planners keep the places of a program that those after them go on from.
+    pub fn places(&self) -> PathBuf {
+        self.folder().join("places")
+    }
+
+    /// What the machine has answered in a run of a program.
+    pub fn answers(&self, load: u32, run: u32) -> PathBuf {
+        self.folder().join(format!("answers-{load}-{run}"))
+    }
+
     /// The program that was loaded under this number.
     pub fn program(&self, load: u32) -> Option<PathBuf> {
         let mut entries = fs::read_dir(self.program_folder(load)).ok()?.flatten();

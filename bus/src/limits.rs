@@ -29,6 +29,14 @@ pub fn check(place: &CellPaths, services: &Services) -> Result<(), CellError> {
         let what = "open files (`ulimit -n`, LimitNOFILE= of a service)";
         return Err(refuse(what, granted, files));
     }
+    // Segments in shared memory are files.
+    let file = services.room_bytes() >> 20;
+    if let Some(granted) = getrlimit(Resource::Fsize).current
+        && granted >> 20 < file
+    {
+        let what = "MB of file size (`ulimit -f`, LimitFSIZE= of a service)";
+        return Err(refuse(what, granted >> 20, file));
+    }
     let space = (services.room_bytes() + PROCESS_BYTES) >> 20;
     match getrlimit(Resource::As).current {
         Some(granted) if granted >> 20 < space => Err(refuse(
@@ -62,6 +70,9 @@ pub fn hint(error: &io::Error) -> Option<&'static str> {
         ),
         rustix::io::Errno::MFILE => {
             Some("no more open files are granted (`ulimit -n`; LimitNOFILE= of a service)")
+        }
+        rustix::io::Errno::FBIG => {
+            Some("files may not be larger (`ulimit -f`; LimitFSIZE= of a service)")
         }
         rustix::io::Errno::NFILE => Some("this PC has no more open files (fs.file-max)"),
         rustix::io::Errno::NOMEM => {

@@ -12,6 +12,7 @@ use iceoryx2::prelude::ZeroCopySend;
 
 mod auxiliary;
 pub(crate) mod checksum;
+mod inputs;
 mod order;
 
 /// The most axes one cell can have.
@@ -258,11 +259,17 @@ pub enum Cause {
     Spindle = 19,
     /// The tool changer did not confirm the tool in time.
     ToolChange = 20,
+    /// A probing motion (G38.2, G38.4) came to its end and the contact did not change.
+    ProbeMissed = 24,
+    /// A probing motion was to begin and the contact was already as it is to be at its end.
+    ProbeEarly = 25,
+    /// The contact changed in a probing motion while nobody watched it.
+    ProbeLost = 26,
 }
 
 impl Cause {
     /// All of them. A number is never given to another cause: logs keep them.
-    pub const ALL: [Cause; 20] = [
+    pub const ALL: [Cause; 23] = [
         Cause::None,
         Cause::FollowingError,
         Cause::SoftLimit,
@@ -283,6 +290,9 @@ impl Cause {
         Cause::Stalled,
         Cause::Spindle,
         Cause::ToolChange,
+        Cause::ProbeMissed,
+        Cause::ProbeEarly,
+        Cause::ProbeLost,
     ];
 
     /// Decodes what came over the wire.
@@ -312,6 +322,13 @@ impl Cause {
             Cause::MasterLost => "master lost and restarted, drives off",
             Cause::Spindle => "spindle fault, or not where it was ordered in time",
             Cause::ToolChange => "tool change not confirmed in time",
+            Cause::ProbeMissed => {
+                "the probe made no contact (G38.2) or kept it (G38.4) to the end of its motion"
+            }
+            Cause::ProbeEarly => {
+                "the probe was in contact (G38.2, G38.3) or free (G38.4, G38.5) before its motion began"
+            }
+            Cause::ProbeLost => "the probe's contact changed while nobody watched it: probe again",
             Cause::Stalled => "master stalled for longer than the watchdog, drives off",
         }
     }
@@ -435,7 +452,7 @@ impl Driver {
 
 /// What the master says each scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Feedback/6")]
+#[type_name("quadrant/Feedback/7")]
 #[repr(C)]
 pub struct Feedback {
     /// Number of the scan that begins with this sample.
@@ -488,10 +505,14 @@ pub struct Feedback {
     pub program: u32,
     /// Counts the programs that were started.
     pub run: u32,
-    /// Kept zero.
-    pub reserved: u32,
+    /// Messages of the program that the path has come to: each is to be shown once.
+    pub messages: u32,
     /// Spindle, coolant, outputs, tool and stops.
     pub auxiliary: Auxiliaries,
+    /// The answer to what the program asked last.
+    pub answer: Answer,
+    /// What the inputs show.
+    pub inputs: Inputs,
     /// Per axis.
     pub axes: [AxisFeedback; MAX_AXES],
     /// Of all that stands before it (XXH3-64); written when it is sent, checked by every reader.
@@ -583,7 +604,7 @@ impl Default for AxisCommand {
 
 /// What the planner says at each period boundary, also when it has nothing new.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/PlannerStatus/4")]
+#[type_name("quadrant/PlannerStatus/5")]
 #[repr(C)]
 pub struct PlannerStatus {
     /// Scan whose feedback this answers.
@@ -594,7 +615,7 @@ pub struct PlannerStatus {
     pub program_hash: u64,
     /// Last window published, none if none yet.
     pub published: WindowId,
-    /// Path length of the program, in mm.
+    /// Path length of the program, in mm; 0 while its end is not read.
     pub path_length_mm: f64,
     /// Path travelled up to the window in force, in mm.
     pub path_done_mm: f64,
@@ -608,6 +629,10 @@ pub struct PlannerStatus {
     pub windows: u32,
     /// Number of the program that it has read, as in the feedback.
     pub load: u32,
+    /// Line of the program that the tool is in, or was when the path was left; 0 if it is not known.
+    pub line: u32,
+    /// Number of the event whose answer it has taken last.
+    pub answered: u32,
     /// Kept zero.
     pub reserved: u32,
     /// The event that the program asks for where the machine rests now; its number is 0 for none.
@@ -709,6 +734,10 @@ impl Roster {
 pub use auxiliary::{
     ANALOG_OUTPUTS, Auxiliaries, DIGITAL_OUTPUTS, EventCode, FLOOD, Levels, MIST, OUTPUTS_AHEAD,
     ProgramEvent, SpindleCommand, Waiting,
+};
+pub use inputs::{
+    ANALOG_INPUTS, Answer, AnswerOutcome, AskedInput, DIGITAL_INPUTS, InputWait, Inputs,
+    PROBE_AWAY, PROBE_MUST,
 };
 pub use order::{OperatorRequest, OperatorResponse, Order, Refused};
 

@@ -21,8 +21,8 @@ use crate::cell::{CellError, CellPaths};
 use crate::room;
 use crate::sample::checksum;
 use crate::sample::{
-    AxisCommand, Feedback, Instruments, MAX_WINDOW_SETPOINTS, OperatorRequest, OperatorResponse,
-    PlannerStatus, Roster, Setpoint, WindowHeader,
+    AxisCommand, Feedback, Instruments, MAX_AXES, MAX_WINDOW_SETPOINTS, OperatorRequest,
+    OperatorResponse, PlannerStatus, Roster, Setpoint, WindowHeader,
 };
 
 /// Scans the recorder's queues hold; in lockstep the master waits at half of it.
@@ -170,6 +170,9 @@ pub(crate) type Windows = PortFactory<ipc::Service, [Setpoint], WindowHeader>;
 pub(crate) type Operator =
     request_response::PortFactory<ipc::Service, OperatorRequest, (), OperatorResponse, ()>;
 
+/// No cell comes to a later scan: 285,000 years of 1 ms. Whoever counts from it overflows nowhere.
+pub const SCAN_MAX: u64 = 1 << 53;
+
 /// What can travel in a publish–subscribe service of fixed size.
 pub trait Sample: Pod + ZeroCopySend + Debug {
     /// The scan it was made in.
@@ -216,12 +219,20 @@ macro_rules! samples {
 }
 samples!(
     // It counts in its own scan.
-    Feedback: scan [checksum] if |feedback| feedback.scan == feedback.visible_from,
-    Instruments: scan,
-    AxisCommand: scan [checksum],
-    PlannerStatus: scan [checksum],
-    Roster: visible_from [checksum]
+    Feedback: scan [checksum] if |feedback| {
+        let counts = feedback.scan <= SCAN_MAX && feedback.scan == feedback.visible_from;
+        counts && feedback.axis_count as usize <= MAX_AXES
+    },
+    Instruments: scan if |instruments| is_possible(instruments.scan, instruments.visible_from),
+    AxisCommand: scan [checksum] if |command| is_possible(command.scan, command.visible_from),
+    PlannerStatus: scan [checksum] if |status| is_possible(status.scan, status.visible_from),
+    Roster: visible_from [checksum] if |roster| roster.visible_from <= SCAN_MAX
 );
+
+/// Whether a cell can have come to these scans.
+fn is_possible(scan: u64, visible_from: u64) -> bool {
+    scan.max(visible_from) <= SCAN_MAX
+}
 
 /// A process's foot in the cell's shared memory.
 #[derive(Debug)]

@@ -4,8 +4,8 @@ use std::fmt::Write;
 use std::mem::offset_of;
 
 use bus::sample::{
-    Auxiliaries, AxisCommand, AxisFeedback, Feedback, Instruments, Levels, Participant, PathTag,
-    PlannerStatus, ProgramEvent, Roster, WindowId,
+    Answer, Auxiliaries, AxisCommand, AxisFeedback, Feedback, Inputs, Instruments, Levels,
+    Participant, PathTag, PlannerStatus, ProgramEvent, Roster, WindowId,
 };
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -122,6 +122,8 @@ structure!(
         coolant,
         tool,
         tool_prepared,
+        followed_axis,
+        reserved,
     }
 );
 structure!(
@@ -129,6 +131,8 @@ structure!(
     Auxiliaries {
         levels,
         spindle_rpm,
+        spindle_turns,
+        spindle_lag_turns,
         events_done,
         line,
         waiting,
@@ -137,6 +141,8 @@ structure!(
         optional_stop,
         override_disabled,
         tool,
+        coupled,
+        reserved,
     }
 );
 structure!(
@@ -179,8 +185,10 @@ structure!(
         load,
         program,
         run,
-        reserved,
+        messages,
         auxiliary,
+        answer,
+        inputs,
         axes,
         checksum,
     }
@@ -196,6 +204,26 @@ structure!(
         axis_count,
         table_mm,
         motor_mm,
+    }
+);
+structure!(
+    answer,
+    Answer {
+        value,
+        scan,
+        tripped,
+        rests,
+        number,
+        outcome,
+    }
+);
+structure!(
+    inputs,
+    Inputs {
+        analog,
+        digital,
+        contact,
+        reserved,
     }
 );
 structure!(
@@ -240,6 +268,8 @@ structure!(
         cause,
         windows,
         load,
+        line,
+        answered,
         reserved,
         event,
         outputs_ahead,
@@ -289,6 +319,8 @@ fn the_python_structures_have_the_layout_and_the_names_of_the_samples() {
         axis_feedback,
         levels,
         auxiliaries,
+        answer,
+        inputs,
         feedback,
         instruments,
         axis_command,

@@ -10,7 +10,8 @@
 use thiserror::Error;
 
 use crate::limits::MotionLimits;
-use crate::path::{Element, MAX_AXES, Path};
+use crate::path::{Element, MAX_AXES};
+use crate::path_part::PathPart;
 
 /// What is wrong with a setpoint.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
@@ -168,11 +169,15 @@ impl SetpointAudit {
 
     /// Judges whether the setpoint judged last lies within one increment of the place its tag names. Where axes follow a master
     /// axis, that one does, and the others lie within one increment of the line at the master's place.
-    pub fn place(&self, path: &Path, element: u32, distance_mm: f64) -> Result<(), SetpointFault> {
+    pub fn place(
+        &self,
+        path: &PathPart,
+        element: u32,
+        distance_mm: f64,
+    ) -> Result<(), SetpointFault> {
         let setpoint = self.setpoints.saturating_sub(1);
         let on = path
-            .elements
-            .get(element as usize)
+            .get(element)
             .filter(|on| (0.0..=on.length_mm).contains(&distance_mm))
             .ok_or(SetpointFault::NoSuchPlace {
                 setpoint,

@@ -10,15 +10,17 @@
 //! **Arcs** use at most `CENTRIPETAL_SHARE` of the acceleration across the path; what remains of the vector is for
 //! changing speed: `a = sqrt(a_lim² − (κv²)²)`, constant on the element.
 
-use crate::axis_rates::AxisRates;
-use crate::kinematics::Kinematics;
-use crate::limits::MotionLimits;
-use crate::path::{AxisVector, Element, Feed, MAX_AXES, Path, Shape};
-use crate::positioning::rapids as positioning;
-use crate::segment::{MapError, Segment};
+use std::ops::Range;
 
-/// Share of an axis' acceleration that travelling an arc may use across the path; 60 % remains along it.
-const CENTRIPETAL_SHARE: f64 = 0.8;
+use crate::path::{AxisVector, Element, Feed, MAX_AXES, Shape};
+use crate::path_part::{Laid, PathPart};
+use crate::positioning::rapids as positioning;
+use crate::segment::Segment;
+
+use sharing::PlanLimits;
+
+pub(crate) mod sharing;
+
 /// Share of an axis' acceleration that crossings of junctions may use; the rest changes the speed meanwhile.
 const JUNCTION_SHARE: f64 = 0.7;
 /// Share that junctions on or beside an arc and the arc itself may use together.
@@ -37,125 +39,18 @@ const SHARING_ROUNDS: usize = 6;
 /// Excess over a share that is none.
 const SHARE_TOLERANCE: f64 = 1e-2;
 
-/// How the axes share the motion along one element, as bounds over its whole length.
-#[derive(Debug, Clone, Copy)]
-struct Sharing {
-    /// Part of the tangent that turns in the plane of an arc.
-    swing: [f64; MAX_AXES],
-    /// Part of the tangent that is constant, or a bound of it all where the axes are not the program's.
-    straight: [f64; MAX_AXES],
-    /// Curvature, in 1/mm.
-    curvature_per_mm: [f64; MAX_AXES],
-}
-
-impl Sharing {
-    fn of(element: &Element, kinematics: &Kinematics) -> Self {
-        if let Some(AxisRates { first, second }) = kinematics.axes_rates(element) {
-            return Self {
-                swing: [0.0; MAX_AXES],
-                straight: first,
-                curvature_per_mm: second,
-            };
-        }
-        let mut sharing = Self {
-            swing: [0.0; MAX_AXES],
-            straight: [0.0; MAX_AXES],
-            curvature_per_mm: [0.0; MAX_AXES],
-        };
-        let constant = match &element.shape {
-            Shape::Arc {
-                radius_mm,
-                u,
-                v,
-                sweep_rad,
-                axial,
-                ..
-            } => {
-                let around = (radius_mm * sweep_rad / element.length_mm).abs();
-                let turn_per_mm = element.curvature_magnitude_per_mm();
-                let in_plane = u.iter().zip(v.iter());
-                let of_axes = sharing.swing.iter_mut().zip(&mut sharing.curvature_per_mm);
-                for ((swing, curvature), (u, v)) in of_axes.zip(in_plane) {
-                    let amplitude = libm::hypot(*u, *v);
-                    *swing = amplitude * around;
-                    *curvature = amplitude * turn_per_mm;
-                }
-                axial / element.length_mm
-            }
-            _ => element.tangent(0.0),
-        };
-        for (straight, component) in sharing.straight.iter_mut().zip(&constant) {
-            *straight = component.abs();
-        }
-        sharing
-    }
-
-    fn is_curved(&self) -> bool {
-        self.curvature_per_mm.iter().any(|per_mm| *per_mm > 0.0)
-    }
-
-    /// Highest path speed within the axes' speeds and the share of their accelerations that an arc may use.
-    fn speed_mm_s(&self, limits: &PlanLimits) -> f64 {
-        let mut speed_mm_s = f64::INFINITY;
-        for axis in 0..MAX_AXES {
-            let (along, across) = (
-                self.swing[axis] + self.straight[axis],
-                self.curvature_per_mm[axis],
-            );
-            if along > 0.0 {
-                speed_mm_s = speed_mm_s.min(limits.velocity_mm_s[axis] / along);
-            }
-            if across > 0.0 {
-                let across_mm_s2 = CENTRIPETAL_SHARE * limits.acceleration_mm_s2[axis];
-                speed_mm_s = speed_mm_s.min((across_mm_s2 / across).sqrt());
-            }
-        }
-        speed_mm_s
-    }
-
-    /// Acceleration along the path that keeps every axis within what is left of its acceleration.
-    fn acceleration_mm_s2(&self, left_mm_s2: &[f64; MAX_AXES], speed_mm_s: f64) -> f64 {
-        let mut acceleration_mm_s2 = f64::INFINITY;
-        for (axis, left) in left_mm_s2.iter().enumerate() {
-            let (swing, straight) = (self.swing[axis], self.straight[axis]);
-            let across = self.curvature_per_mm[axis] * speed_mm_s * speed_mm_s;
-            let along = if swing > 0.0 && straight > 0.0 {
-                (left - across) / (swing + straight)
-            } else if swing > 0.0 {
-                // |across·cos φ| + |a·swing·sin φ| is at most the length of the vector, at every angle.
-                (left * left - across * across).max(0.0).sqrt() / swing
-            } else if straight > 0.0 {
-                // Lines of axes that are the program's have nothing across.
-                (left - across) / straight
-            } else {
-                continue;
-            };
-            acceleration_mm_s2 = acceleration_mm_s2.min(along);
-        }
-        acceleration_mm_s2
-    }
-}
-
-/// The limits less the rounding of setpoints.
-struct PlanLimits {
-    velocity_mm_s: [f64; MAX_AXES],
-    acceleration_mm_s2: [f64; MAX_AXES],
-}
-
-/// One element that moves, and where it lies on the whole path.
-struct Stretch {
+/// One element that moves.
+struct Stretch<'a> {
     element: u32,
-    start_mm: f64,
-    length_mm: f64,
-    sharing: Sharing,
-    /// What the axes bear.
-    speed_mm_s: f64,
-    /// What is asked for at 100 %.
-    feed_mm_s: f64,
-    /// The lower of both at the highest override.
-    fastest_mm_s: f64,
+    laid: &'a Laid,
     /// A rapid between places where it has to stop or nearly so: it begins and ends at rest.
     from_rest_to_rest: bool,
+}
+
+impl Stretch<'_> {
+    fn length_mm(&self) -> f64 {
+        self.laid.element.length_mm
+    }
 }
 
 /// Two elements that meet in motion, with different directions.
@@ -179,133 +74,115 @@ impl Junction {
     }
 }
 
-/// A path laid out in one line, with its junctions.
-pub(crate) struct Course {
-    limits: PlanLimits,
+/// Elements of a path laid out in one line, with their junctions.
+///
+/// What it makes of an element depends on the elements around it, as far as zones that overlap reach. So a part of a path is laid out with a
+/// [margin](ZONES_TOGETHER) to either side, of which nothing is used.
+pub(crate) struct Course<'a> {
+    part: &'a PathPart,
+    range: Range<u32>,
+    limits: &'a PlanLimits,
     axis_count: usize,
     scan_period_s: f64,
-    stretches: Vec<Stretch>,
+    stretches: Vec<Stretch<'a>>,
     junctions: Vec<Junction>,
     /// Where zones start and end, with their junctions, each in order of place.
     zone_starts: Vec<(f64, u32)>,
     zone_ends: Vec<(f64, u32)>,
 }
 
+/// So many half zones, one behind the other, one junction can have a part in: in each round of sharing those of two zones that overlap, and at last
+/// its own. As a distance at `v` mm/s: [`margin_mm`].
+const ZONES_TOGETHER: f64 = 2.0 * (SHARING_ROUNDS as f64 + 1.0) + 2.0;
+
+/// How far the elements of a path have a part in what is made of one, in mm, where none is faster than this.
+pub(crate) fn margin_mm(fastest_mm_s: f64, scan_period_s: f64) -> f64 {
+    ZONES_TOGETHER * ZONE_SCANS * fastest_mm_s * scan_period_s
+}
+
 /// The element after this one, if motion can go on to it without a stop.
-fn next_without_stop(path: &Path, index: usize) -> Option<&Element> {
-    let rest = path.elements.iter().skip(index + 1);
+fn next_without_stop<'a>(
+    part: &'a PathPart,
+    range: &Range<u32>,
+    element: u32,
+) -> Option<&'a Element> {
+    let mut rest = (element + 1..range.end).filter_map(|element| part.get(element));
     let next = |after: &&Element| after.rests_before || after.is_dwell() || after.length_mm > 0.0;
-    rest.into_iter()
-        .find(next)
+    rest.find(next)
         .filter(|after| !after.rests_before && !after.is_dwell())
 }
 
-/// Marks the pieces that the tool rests before: the first piece of an element that says so, or after it where it has no length.
-fn mark_rests(path: &Path, segments: &mut [Segment]) {
-    let mut index = 0;
-    let rests = path.elements.iter().enumerate();
-    for (element, _) in rests.filter(|(_, element)| element.rests_before) {
-        let ahead = segments.get(index..).unwrap_or(&[]);
-        index += ahead.partition_point(|segment| (segment.element as usize) < element);
-        if let Some(segment) = segments.get_mut(index) {
-            segment.rests_at_start = true;
-        }
-    }
-}
-
-impl Course {
+impl<'a> Course<'a> {
     /// With `single_rapids` a rapid that its neighbours force to rest at both ends stops there altogether.
     pub fn new(
-        path: &Path,
-        limits: &MotionLimits,
+        part: &'a PathPart,
+        range: Range<u32>,
         override_max: f64,
         single_rapids: bool,
-    ) -> Result<Self, MapError> {
-        let mut course = Self::empty(limits);
-        let kinematics = &limits.setpoints().kinematics;
-        let mut start_mm = 0.0;
-        // The element before, if motion can go on from it without a stop.
-        let mut before: Option<&Element> = None;
-        for (index, element) in path.elements.iter().enumerate() {
-            if element.is_dwell() || element.rests_before {
-                before = None;
-            }
-            if element.is_dwell() || element.length_mm <= 0.0 {
-                continue;
-            }
-            let sharing = Sharing::of(element, kinematics);
-            let speed_mm_s = sharing.speed_mm_s(&course.limits);
-            if !speed_mm_s.is_finite() {
-                return Err(MapError::NoSuchAxis { line: element.line });
-            }
-            let feed_mm_s = match element.feed {
-                Feed::Rapid => speed_mm_s,
-                Feed::PathMmS(feed_mm_s) => feed_mm_s,
-            };
-            let fastest_mm_s = speed_mm_s.min(feed_mm_s * override_max);
-            let from_rest_to_rest = single_rapids
-                && positioning::is_straight_rapid(element)
-                && course.stands_alone(
-                    before,
-                    (element, &sharing, speed_mm_s),
-                    next_without_stop(path, index),
-                    override_max,
-                );
-            let stops = from_rest_to_rest
-                || course
-                    .stretches
-                    .last()
-                    .is_some_and(|last| last.from_rest_to_rest);
-            if stops {
-                before = None;
-            }
-            if let (Some(before), Some(last)) = (before, course.stretches.last()) {
-                let kink = element.tangent(0.0) - before.tangent(before.length_mm);
-                let kink = kinematics.axes_tangent(&element.start(), &kink);
-                let fastest_mm_s = fastest_mm_s.min(last.fastest_mm_s);
-                course.add_junction(start_mm, &kink, fastest_mm_s);
-            }
-            course.stretches.push(Stretch {
-                element: index as u32,
-                start_mm,
-                length_mm: element.length_mm,
-                sharing,
-                speed_mm_s,
-                feed_mm_s,
-                fastest_mm_s,
-                from_rest_to_rest,
-            });
-            start_mm += element.length_mm;
-            before = Some(element);
-        }
-        Ok(course)
-    }
-
-    fn empty(limits: &MotionLimits) -> Self {
-        Self {
-            limits: PlanLimits {
-                velocity_mm_s: limits.plan_velocity_mm_s(),
-                acceleration_mm_s2: limits.plan_acceleration_mm_s2(),
-            },
-            axis_count: limits.axes().len(),
-            scan_period_s: limits.scan_period_s(),
+    ) -> Self {
+        let mut course = Self {
+            part,
+            range: range.clone(),
+            limits: part.plan_limits(),
+            axis_count: part.limits().axes().len(),
+            scan_period_s: part.limits().scan_period_s(),
             stretches: Vec::new(),
             junctions: Vec::new(),
             zone_starts: Vec::new(),
             zone_ends: Vec::new(),
+        };
+        let kinematics = &part.limits().setpoints().kinematics;
+        // The element before, if motion can go on from it without a stop.
+        let mut before: Option<&Element> = None;
+        for index in range.clone() {
+            let Some(laid) = part.laid(index) else { break };
+            let element = &laid.element;
+            if element.is_dwell() || element.rests_before {
+                before = None;
+            }
+            if element.is_dwell() || !laid.moves() {
+                continue;
+            }
+            let from_rest_to_rest = single_rapids
+                && positioning::is_straight_rapid(element)
+                && course.stands_alone(
+                    before,
+                    laid,
+                    next_without_stop(part, &range, index),
+                    override_max,
+                );
+            let last = course.stretches.last();
+            if from_rest_to_rest || last.is_some_and(|last| last.from_rest_to_rest) {
+                before = None;
+            }
+            if let (Some(before), Some(last)) = (before, last) {
+                let kink = element.tangent(0.0) - before.tangent(before.length_mm);
+                let kink = kinematics.axes_tangent(&element.start(), &kink);
+                let fastest_mm_s = laid.fastest_mm_s.min(last.laid.fastest_mm_s);
+                course.add_junction(laid.start_mm, &kink, fastest_mm_s);
+            }
+            course.stretches.push(Stretch {
+                element: index,
+                laid,
+                from_rest_to_rest,
+            });
+            before = Some(element);
         }
+        course
     }
 
     /// Whether a straight rapid has to stop, or nearly so, at both of its ends: in a kink, or for a feed that is far slower.
     fn stands_alone(
         &self,
         before: Option<&Element>,
-        (element, sharing, speed_mm_s): (&Element, &Sharing, f64),
+        laid: &Laid,
         after: Option<&Element>,
         override_max: f64,
     ) -> bool {
-        let acceleration_mm_s2 =
-            sharing.acceleration_mm_s2(&self.limits.acceleration_mm_s2, speed_mm_s);
+        let (element, speed_mm_s) = (&laid.element, laid.speed_mm_s);
+        let acceleration_mm_s2 = laid
+            .sharing
+            .acceleration_mm_s2(&self.limits.acceleration_mm_s2, speed_mm_s);
         let direction = element.tangent(0.0);
         let stops = |kink: AxisVector, neighbour: &Element| {
             let of_neighbour_mm_s = match neighbour.feed {
@@ -363,7 +240,7 @@ impl Course {
             let mut excesses = vec![1.0f64; self.junctions.len()];
             self.lay_out_zones();
             self.sweep(|stretch, _, _, active| {
-                let excess = self.excess(stretch, active);
+                let excess = self.excess(stretch, active, round == SHARING_ROUNDS);
                 for &junction in active {
                     if let Some(of_junction) = excesses.get_mut(junction as usize) {
                         *of_junction = of_junction.max(excess);
@@ -389,15 +266,22 @@ impl Course {
         self.lay_out_zones();
     }
 
-    /// How far the junctions active together on a stretch exceed their share; at most 1 is fine.
-    fn excess(&self, stretch: &Stretch, active: &[u32]) -> f64 {
+    /// How far the junctions active together on a stretch exceed their share; at most 1 is fine. In the last round, so far that dividing their
+    /// speeds by it suffices.
+    fn excess(&self, stretch: &Stretch<'_>, active: &[u32], in_last_round: bool) -> f64 {
         // A junction alone was given no more than its share.
-        if active.is_empty() || (active.len() == 1 && !stretch.sharing.is_curved()) {
+        if active.is_empty() || (active.len() == 1 && !stretch.laid.sharing.is_curved()) {
             return 0.0;
         }
         let (reserved, speed_mm_s) = self.reserved(stretch, active);
+        let speeds = active
+            .iter()
+            .filter_map(|index| self.junctions.get(*index as usize));
+        let slowest = speeds.map(|junction| junction.speed_mm_s);
+        // Where the arc itself is slower than the junctions that reach onto it, it stays as fast when they are slowed down.
+        let arc_stays = in_last_round && slowest.fold(f64::INFINITY, f64::min) > speed_mm_s;
         let mut excess = 0.0f64;
-        let curvature = &stretch.sharing.curvature_per_mm;
+        let curvature = &stretch.laid.sharing.curvature_per_mm;
         let of_axes = reserved
             .iter()
             .zip(curvature)
@@ -408,15 +292,18 @@ impl Course {
             if *curvature > 0.0 && share > NEGLIGIBLE_SHARE {
                 let across = curvature * speed_mm_s * speed_mm_s / limit;
                 excess = excess.max((share + across) / JUNCTION_AND_ARC_SHARE);
+                if arc_stays && excess > 1.0 {
+                    excess = excess.max(share / (JUNCTION_AND_ARC_SHARE - across));
+                }
             }
         }
         excess
     }
 
     /// What the active junctions reserve of each axis, in mm/s², and the highest speed within all of their zones.
-    fn reserved(&self, stretch: &Stretch, active: &[u32]) -> ([f64; MAX_AXES], f64) {
+    fn reserved(&self, stretch: &Stretch<'_>, active: &[u32]) -> ([f64; MAX_AXES], f64) {
         let mut reserved_mm_s2 = [0.0; MAX_AXES];
-        let mut speed_mm_s = stretch.fastest_mm_s;
+        let mut speed_mm_s = stretch.laid.fastest_mm_s;
         for &index in active {
             if let Some(junction) = self.junctions.get(index as usize) {
                 junction.reserve(&mut reserved_mm_s2, self.scan_period_s);
@@ -443,27 +330,27 @@ impl Course {
     }
 
     /// Visits all pieces of all stretches between borders, in order, with the junctions whose zones cover them.
-    fn sweep(&self, mut visit: impl FnMut(&Stretch, f64, f64, &[u32])) {
+    fn sweep(&self, mut visit: impl FnMut(&Stretch<'_>, f64, f64, &[u32])) {
         let mut active: Vec<u32> = Vec::new();
         let mut starts = self.zone_starts.iter().peekable();
         let mut ends = self.zone_ends.iter().peekable();
         for stretch in &self.stretches {
             let mut from_mm = 0.0;
-            while from_mm < stretch.length_mm {
+            while from_mm < stretch.length_mm() {
                 // Every zone starts before it ends, so all starts so far may be taken before the ends.
                 while let Some((_, junction)) =
-                    starts.next_if(|(at_mm, _)| at_mm - stretch.start_mm <= from_mm)
+                    starts.next_if(|(at_mm, _)| at_mm - stretch.laid.start_mm <= from_mm)
                 {
                     active.push(*junction);
                 }
                 while let Some((_, junction)) =
-                    ends.next_if(|(at_mm, _)| at_mm - stretch.start_mm <= from_mm)
+                    ends.next_if(|(at_mm, _)| at_mm - stretch.laid.start_mm <= from_mm)
                 {
                     active.retain(|other| other != junction);
                 }
-                let mut to_mm = stretch.length_mm;
+                let mut to_mm = stretch.length_mm();
                 for border in [starts.peek(), ends.peek()].into_iter().flatten() {
-                    to_mm = to_mm.min(border.0 - stretch.start_mm);
+                    to_mm = to_mm.min(border.0 - stretch.laid.start_mm);
                 }
                 visit(stretch, from_mm, to_mm, &active);
                 from_mm = to_mm;
@@ -472,11 +359,11 @@ impl Course {
     }
 
     /// The pieces of constant limits, dwells among them.
-    pub fn segments(&self, path: &Path) -> Vec<Segment> {
+    pub fn segments(&self) -> Vec<Segment> {
         let mut segments: Vec<Segment> = Vec::with_capacity(self.stretches.len());
-        let mut next_element = 0;
+        let mut next_element = self.range.start;
         self.sweep(|stretch, from_mm, to_mm, active| {
-            self.add_dwells(path, next_element..stretch.element, &mut segments);
+            self.add_dwells(next_element..stretch.element, &mut segments);
             next_element = stretch.element + 1;
             let (reserved, fastest_mm_s) = self.reserved(stretch, active);
             let mut left_mm_s2 = self.limits.acceleration_mm_s2;
@@ -492,58 +379,55 @@ impl Course {
             };
             segments.push(Segment {
                 element: stretch.element,
-                is_dwell: false,
-                dwell_scans: 0,
                 from_mm,
                 to_mm,
-                speed_mm_s: within(stretch.speed_mm_s),
-                feed_mm_s: stretch.feed_mm_s,
+                speed_mm_s: within(stretch.laid.speed_mm_s),
+                feed_mm_s: stretch.laid.feed_mm_s,
                 acceleration_mm_s2: stretch
+                    .laid
                     .sharing
                     .acceleration_mm_s2(&left_mm_s2, fastest_mm_s),
-                ends_block: false,
                 from_rest_to_rest: stretch.from_rest_to_rest,
-                rests_at_start: false,
-                of_move: None,
+                ..Segment::default()
             });
         });
-        self.add_dwells(
-            path,
-            next_element..path.elements.len() as u32,
-            &mut segments,
-        );
-        mark_rests(path, &mut segments);
-        let line_of = |segment: &Segment| path.line_of(segment.element as usize);
+        self.add_dwells(next_element..self.range.end, &mut segments);
+        self.mark_rests(&mut segments);
+        let line_of = |segment: &Segment| Some(self.part.get(segment.element)?.line);
         for index in 1..segments.len() {
             let next_line = segments.get(index).and_then(line_of);
             if let Some(segment) = segments.get_mut(index - 1) {
-                segment.ends_block = path.line_of(segment.element as usize) != next_line;
+                segment.ends_block = line_of(segment) != next_line;
             }
         }
         segments
     }
 
-    fn add_dwells(&self, path: &Path, range: std::ops::Range<u32>, segments: &mut Vec<Segment>) {
+    /// Marks the pieces that the tool rests before: the first piece of an element that says so, or after it where it has no length.
+    fn mark_rests(&self, segments: &mut [Segment]) {
+        let mut index = 0;
+        for element in self.range.clone() {
+            if self.part.get(element).is_none_or(|of| !of.rests_before) {
+                continue;
+            }
+            let ahead = segments.get(index..).unwrap_or(&[]);
+            index += ahead.partition_point(|segment| segment.element < element);
+            if let Some(segment) = segments.get_mut(index) {
+                segment.rests_at_start = true;
+            }
+        }
+    }
+
+    fn add_dwells(&self, range: Range<u32>, segments: &mut Vec<Segment>) {
         for index in range {
-            let shape = path
-                .elements
-                .get(index as usize)
-                .map(|element| &element.shape);
+            let shape = self.part.get(index).map(|element| &element.shape);
             if let Some(Shape::Dwell { seconds, .. }) = shape {
                 segments.push(Segment {
                     element: index,
                     is_dwell: true,
                     // At least as long as asked for; a hair above a whole number of scans is that number.
                     dwell_scans: libm::ceil(seconds / self.scan_period_s - 1e-6) as u32,
-                    from_mm: 0.0,
-                    to_mm: 0.0,
-                    speed_mm_s: 0.0,
-                    feed_mm_s: 0.0,
-                    acceleration_mm_s2: 0.0,
-                    ends_block: false,
-                    from_rest_to_rest: false,
-                    rests_at_start: false,
-                    of_move: None,
+                    ..Segment::default()
                 });
             }
         }

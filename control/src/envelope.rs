@@ -11,11 +11,15 @@
     clippy::panic
 )]
 
+use std::collections::VecDeque;
+
 use crate::segment::Segment;
 use crate::speed_map::SpeedMap;
 
 /// Segments computed at a time at first; more when the motion needs to look further.
 const PIECE: usize = 64;
+/// The most at a time, where no cap asks for more.
+const PIECE_MAX: usize = 1 << 20;
 
 /// What the envelope was computed for.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -29,26 +33,47 @@ pub(crate) struct EnvelopeKey {
 #[derive(Debug, Clone)]
 pub(crate) struct Envelope {
     key: EnvelopeKey,
-    squared_mm2_s2: Vec<f64>,
+    squared_mm2_s2: VecDeque<f64>,
+    /// Border of the first of them.
+    first: usize,
     /// Borders known: from … to, not including `to`.
     from: usize,
     to: usize,
     piece: usize,
+    /// A border was asked for that the map does not reach far enough to know.
+    ran_short: bool,
 }
 
 impl Envelope {
-    pub fn new(map: &SpeedMap) -> Self {
+    pub fn new() -> Self {
         Self {
             key: EnvelopeKey::default(),
-            squared_mm2_s2: vec![0.0; map.segments.len() + 1],
+            squared_mm2_s2: VecDeque::new(),
+            first: 0,
             from: 0,
             to: 0,
             piece: PIECE,
+            ran_short: false,
         }
+    }
+
+    /// Makes room for the borders of a map that has grown or let go of its start.
+    pub fn follow(&mut self, map: &SpeedMap) {
+        let gone = map.first_segment().saturating_sub(self.first);
+        self.squared_mm2_s2
+            .drain(..gone.min(self.squared_mm2_s2.len()));
+        self.first = map.first_segment();
+        self.from = self.from.max(self.first);
+        if self.to < self.from {
+            self.to = self.from;
+        }
+        self.squared_mm2_s2
+            .resize(map.segment_end() + 1 - self.first, 0.0);
     }
 
     /// Forgets everything if what is asked for has changed.
     pub fn select(&mut self, key: EnvelopeKey) {
+        self.ran_short = false;
         if self.key != key {
             self.key = key;
             (self.from, self.to) = (0, 0);
@@ -59,33 +84,38 @@ impl Envelope {
         self.key
     }
 
+    /// Whether something was asked since the last [`Envelope::select`] that is not known yet.
+    pub fn ran_short(&self) -> bool {
+        self.ran_short
+    }
+
     /// Square of the highest speed at the start of segment `border`, in mm²/s².
     pub fn squared_mm2_s2(&mut self, map: &SpeedMap, border: usize) -> f64 {
         if !(self.from..self.to).contains(&border) {
             self.extend(map, border);
         }
-        self.squared_mm2_s2.get(border).copied().unwrap_or(0.0)
+        let at = border
+            .checked_sub(self.first)
+            .and_then(|index| self.squared_mm2_s2.get(index));
+        at.copied().unwrap_or(0.0)
     }
 
     fn extend(&mut self, map: &SpeedMap, border: usize) {
-        let count = map.segments.len();
+        let count = map.segment_end();
         if border != self.to || self.from == self.to {
             (self.from, self.to) = (border, border);
         }
         loop {
             let end = (border + self.piece).min(count);
+            let is_last = end == count && map.is_complete();
             // Known for good: the end of the path, else the last border where a cap decides.
-            let mut known_to = if end == count { count + 1 } else { 0 };
+            let mut known_to = if is_last { count + 1 } else { 0 };
             let mut ahead = 0.0;
-            if let Some(of_end) = self.squared_mm2_s2.get_mut(end) {
-                *of_end = 0.0;
-            }
+            self.set(end, 0.0);
             for index in (border..end).rev() {
                 let (before, after) = (
-                    index
-                        .checked_sub(1)
-                        .and_then(|index| map.segments.get(index)),
-                    map.segments.get(index),
+                    index.checked_sub(1).and_then(|index| map.segment(index)),
+                    map.segment(index),
                 );
                 let Some(after) = after else { break };
                 let reachable =
@@ -95,18 +125,29 @@ impl Envelope {
                 if known_to == 0 && cap <= reachable {
                     known_to = index + 1;
                 }
-                if let Some(of_border) = self.squared_mm2_s2.get_mut(index) {
-                    *of_border = ahead;
-                }
+                self.set(index, ahead);
             }
             if known_to > border {
                 self.to = known_to;
-                if known_to - border < self.piece / 2 && end < count {
-                    self.piece *= 2;
+                if known_to - border < self.piece / 2 && !is_last {
+                    self.piece = (self.piece * 2).min(PIECE_MAX);
                 }
                 return;
             }
+            if end == count && !is_last {
+                self.ran_short = true;
+                (self.from, self.to) = (border, border);
+                self.set(border, 0.0);
+                return;
+            }
             self.piece *= 2;
+        }
+    }
+
+    fn set(&mut self, border: usize, squared_mm2_s2: f64) {
+        let index = border.checked_sub(self.first);
+        if let Some(of_border) = index.and_then(|index| self.squared_mm2_s2.get_mut(index)) {
+            *of_border = squared_mm2_s2;
         }
     }
 

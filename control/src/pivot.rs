@@ -260,18 +260,27 @@ impl PivotY {
     /// Whether the machine can follow a path with its slide between `low_mm` and `high_mm`. Of paths that touch the end of
     /// the travel in a curve the last 0.1 µm are refused too.
     pub fn check(&self, path: &Path, low_mm: f64, high_mm: f64) -> Result<(), OutOfReach> {
-        for element in &path.elements {
-            self.check_reach(element)?;
-            if let Some(found_mm) = self.slide_outside(element, low_mm, high_mm) {
-                return Err(OutOfReach::Slide {
-                    line: element.line,
-                    found_mm,
-                    low_mm,
-                    high_mm,
-                });
-            }
+        let mut elements = path.elements.iter();
+        elements.try_for_each(|element| self.check_element(element, low_mm, high_mm))
+    }
+
+    /// The same of one element.
+    pub fn check_element(
+        &self,
+        element: &Element,
+        low_mm: f64,
+        high_mm: f64,
+    ) -> Result<(), OutOfReach> {
+        self.check_reach(element)?;
+        match self.slide_outside(element, low_mm, high_mm) {
+            Some(found_mm) => Err(OutOfReach::Slide {
+                line: element.line,
+                found_mm,
+                low_mm,
+                high_mm,
+            }),
+            None => Ok(()),
         }
-        Ok(())
     }
 
     fn slide_mm(&self, element: &Element, distance_mm: f64) -> f64 {

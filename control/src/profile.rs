@@ -12,7 +12,7 @@
 )]
 
 use crate::envelope::{Envelope, EnvelopeKey};
-use crate::path::Path;
+use crate::path_part::PathPart;
 use crate::positioning::Profile;
 use crate::segment::Segment;
 use crate::speed_map::SpeedMap;
@@ -36,12 +36,12 @@ impl PathState {
     /// The state at rest at a path tag, as a restarted planner finds it in the feedback. `None` for a tag that is not on
     /// the path.
     pub fn resume(
-        path: &Path,
+        path: &PathPart,
         element: u32,
         distance_mm: f64,
         dwell_remaining_scans: u32,
     ) -> Option<Self> {
-        let on = path.elements.get(element as usize)?;
+        let on = path.get(element)?;
         if !(0.0..=on.length_mm).contains(&distance_mm) {
             return None;
         }
@@ -73,6 +73,8 @@ const NEGLIGIBLE_EXCESS: f64 = 1e-12;
 /// Ends of moves this near in time are reached: some millionths of a scan. The impulse of stopping that much early is within
 /// the rounding allowance of the limits.
 const ARRIVAL_S: f64 = 1e-9;
+/// Longer than any motion takes between two waits: three years, in s.
+const FOR_EVER_S: f64 = 1e8;
 /// Halvings of a scan until a meeting of two motions is known to the last bits.
 const MEETING_STEPS: u32 = 48;
 
@@ -106,6 +108,8 @@ pub(crate) struct Traveller<'a> {
     segment: usize,
     /// The first element that is not begun yet.
     until_element: u32,
+    /// It has come to a place that is not mapped yet.
+    ran_short: bool,
 }
 
 impl<'a> Traveller<'a> {
@@ -121,23 +125,31 @@ impl<'a> Traveller<'a> {
             state,
             segment: map.segment_at(state.element, state.distance_mm),
             until_element,
+            ran_short: false,
         }
+    }
+
+    /// Whether the map does not reach as far as the motion.
+    pub fn ran_short(&self) -> bool {
+        self.ran_short
     }
 
     /// Whether it is at the place that it is not to go beyond. The map rests there.
     pub fn is_held_back(&self) -> bool {
-        let mut segment = self.map.segments.get(self.segment);
+        let mut segment = self.map.segment(self.segment);
         let waited = |on: &&Segment| on.is_dwell && on.element == self.state.element;
         if segment.filter(waited).is_some() && self.state.dwell_remaining_scans == 0 {
-            segment = self.map.segments.get(self.segment + 1);
+            segment = self.map.segment(self.segment + 1);
         }
-        let next = segment.map_or(self.map.element_count, |segment| segment.element);
-        next >= self.until_element
+        match segment {
+            Some(segment) => segment.element >= self.until_element,
+            None => self.map.is_complete() && self.until_element != u32::MAX,
+        }
     }
 
     /// Whether everything is done.
     pub fn is_at_end(&self) -> bool {
-        self.segment >= self.map.segments.len() && self.state.is_at_rest()
+        self.map.is_complete() && self.segment >= self.map.segment_end() && self.state.is_at_rest()
     }
 
     /// One scan of intended motion.
@@ -155,34 +167,56 @@ impl<'a> Traveller<'a> {
         if self.wait(single_block) {
             return;
         }
-        if let Some(segment) = self.map.segments.get(self.segment) {
-            // At rest at the end of an element, the motion goes on at the start of the next.
-            if !segment.is_dwell && segment.element != self.state.element {
-                self.state.element = segment.element;
-                self.state.distance_mm = segment.from_mm;
+        self.begin_next();
+        let mut left_s = self.scan_period_s;
+        self.travel(envelope, &mut left_s);
+    }
+
+    /// Time to the end of the path, in s, as fast as [`Traveller::go`] goes but not scan by scan.
+    pub fn time_to_end_s(&mut self, envelope: &mut Envelope) -> f64 {
+        let mut time_s = 0.0;
+        while !(self.is_at_end() || self.ran_short || self.state.waits_for_start) {
+            let waits = self.state.dwell_remaining_scans;
+            time_s += f64::from(waits) * self.scan_period_s;
+            self.state.dwell_remaining_scans = 0;
+            let before = (self.segment, self.state);
+            if !self.wait(false) {
+                self.begin_next();
+                let mut left_s = FOR_EVER_S;
+                self.travel(envelope, &mut left_s);
+                time_s += FOR_EVER_S - left_s;
+            }
+            if waits == 0 && before == (self.segment, self.state) {
+                break;
             }
         }
-        let mut left_s = self.scan_period_s;
+        time_s
+    }
+
+    /// Moves on for so long, up to the next wait; what is left of the time then.
+    fn travel(&mut self, envelope: &mut Envelope, left_s: &mut f64) {
+        let EnvelopeKey {
+            feed_override,
+            single_block,
+        } = envelope.key();
         // At most four phases on a segment, and each segment once.
-        let phases_max =
-            4 * (self.map.segments.len() - self.segment.min(self.map.segments.len())) + 4;
+        let phases_max = 4 * self.map.segment_end().saturating_sub(self.segment) + 4;
         for _ in 0..phases_max {
-            let Some(segment) = self.map.segments.get(self.segment) else {
-                self.state.speed_mm_s = 0.0;
-                return;
+            let Some(segment) = self.map.segment(self.segment) else {
+                return self.stop_at_the_end();
             };
             if segment.is_dwell {
                 return self.arrive_at_dwell(segment);
             }
             let to_the_end = if let Some(profile) = self.map.profile_of(segment) {
-                if !self.follow_move(segment, profile, feed_override, &mut left_s) {
+                if !self.follow_move(segment, profile, feed_override, left_s) {
                     return;
                 }
                 true
             } else {
                 let end_squared = envelope.squared_mm2_s2(self.map, self.segment + 1);
                 let phase = self.phase(segment, end_squared, segment.cap_mm_s(feed_override));
-                if !self.follow(segment, &phase, &mut left_s) {
+                if !self.follow(segment, &phase, left_s) {
                     return;
                 }
                 phase.to_the_end
@@ -203,13 +237,23 @@ impl<'a> Traveller<'a> {
         }
     }
 
+    /// At rest at the end of an element, the motion goes on at the start of the next.
+    fn begin_next(&mut self) {
+        if let Some(segment) = self.map.segment(self.segment)
+            && !segment.is_dwell
+            && segment.element != self.state.element
+        {
+            self.state.element = segment.element;
+            self.state.distance_mm = segment.from_mm;
+        }
+    }
+
     /// One scan of braking, within the limits and along the path, to rest.
     pub fn brake(&mut self) {
         let mut left_s = self.scan_period_s;
         while self.state.speed_mm_s > 0.0 {
-            let Some(segment) = self.map.segments.get(self.segment) else {
-                self.state.speed_mm_s = 0.0;
-                return;
+            let Some(segment) = self.map.segment(self.segment) else {
+                return self.stop_at_the_end();
             };
             if segment.is_dwell {
                 // Arrived without a speed but for rounding. The wait begins when the motion goes on.
@@ -222,7 +266,7 @@ impl<'a> Traveller<'a> {
             }
             if phase.to_the_end {
                 self.enter_next();
-                let next = self.map.segments.get(self.segment);
+                let next = self.map.segment(self.segment);
                 if next.is_none_or(|next| next.is_dwell || segment.rests_before(next)) {
                     self.stay_at_the_end_of(segment);
                     self.state.speed_mm_s = 0.0;
@@ -233,7 +277,7 @@ impl<'a> Traveller<'a> {
 
     /// Waits a scan if a dwell is not over. Whether the scan is used up.
     fn wait(&mut self, single_block: bool) -> bool {
-        let Some(segment) = self.map.segments.get(self.segment) else {
+        let Some(segment) = self.map.segment(self.segment) else {
             return false;
         };
         if !segment.is_dwell || self.state.element != segment.element {
@@ -259,14 +303,20 @@ impl<'a> Traveller<'a> {
     /// Puts the state at the start of the next segment; at the end of the path it stays where it is.
     fn enter_next(&mut self) {
         self.segment += 1;
-        match self.map.segments.get(self.segment) {
+        match self.map.segment(self.segment) {
             Some(next) if !next.is_dwell => {
                 self.state.element = next.element;
                 self.state.distance_mm = next.from_mm;
             }
             Some(_) => {}
-            None => self.state.speed_mm_s = 0.0,
+            None => self.stop_at_the_end(),
         }
+    }
+
+    /// Nothing more is mapped: the path ends here, or is not known yet.
+    fn stop_at_the_end(&mut self) {
+        self.ran_short |= !self.map.is_complete();
+        self.state.speed_mm_s = 0.0;
     }
 
     fn stay_at_the_end_of(&mut self, segment: &Segment) {

@@ -53,7 +53,7 @@ pub enum MapError {
 }
 
 /// A piece of one element on which the limits are constant.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Segment {
     /// Element it lies on.
     pub element: u32,

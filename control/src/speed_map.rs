@@ -17,18 +17,32 @@
 //!
 //! The map depends on path and limits only. Override scales the feed of its segments (rapids too), never what the axes
 //! can bear.
+//!
+//! # In blocks
+//!
+//! A path may be longer than what is at hand of it. The map is made in blocks of elements, each when as much of the path is known as has a part
+//! in it: the zones that reach into it from both sides (`course`), and what is passed while braking from it. Blocks begin at fixed
+//! numbers of elements, so a map that is begun in the middle of the path is the same as one that was begun at its start, to the bit.
 
-use crate::course::Course;
+use std::collections::VecDeque;
+use std::ops::Range;
+
+use crate::braking_limit::braking_limit_mm_s;
+use crate::course::{Course, margin_mm};
 use crate::limits::MotionLimits;
-use crate::path::{AxisVector, Feed, Path, Shape};
+use crate::path::Path;
+use crate::path_part::{Laid, PathPart};
 use crate::positioning::{Move, Positioning, Profile, rapids};
 pub use crate::segment::MapError;
 use crate::segment::Segment;
 
-/// Gap between elements that the rounding allowance of the limits covers, in increments.
-const GAP_INCREMENTS_MAX: f64 = 0.25;
-/// Steps of speed in which the time to brake is added up.
-const BRAKING_STEPS: usize = 64;
+/// Elements of a block.
+pub const BLOCK_ELEMENTS: u32 = 1024;
+/// The most elements to either side that are looked at for zones that reach into a block: chords of less than a thousandth of the way of a
+/// scan are not told from smooth curves.
+pub const MARGIN_ELEMENTS: u32 = 4096;
+/// The most elements ahead of a block that are looked at for what is passed while braking from it.
+const BRAKING_ELEMENTS_MAX: u32 = 65_536;
 
 /// What the map must provide for, besides the axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,206 +53,300 @@ pub struct MapSettings {
     pub braking_setpoints_max: u32,
 }
 
-/// Speed limits all along a path.
+impl MapSettings {
+    /// The override as it is obeyed.
+    pub(crate) fn override_max(&self) -> f64 {
+        if self.override_max > 0.0 {
+            self.override_max.min(1e3)
+        } else {
+            1.0
+        }
+    }
+}
+
+/// A block as its own elements and their neighbours leave it: what is ahead may lower its speeds yet.
+#[derive(Debug, Clone, PartialEq)]
+struct Block {
+    /// The element behind it.
+    end: u32,
+    /// Where the path is at its end, in mm.
+    end_mm: f64,
+    segments: Vec<Segment>,
+}
+
+/// Speed limits along a path, as far as it is mapped.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SpeedMap {
-    pub(crate) segments: Vec<Segment>,
+    settings: MapSettings,
+    positioning: Option<Positioning>,
+    /// Blocks that are not done.
+    blocks: VecDeque<Block>,
+    /// The first element of the next block.
+    next_block: u32,
+    segments: VecDeque<Segment>,
+    /// Segments that were let go.
+    first_segment: usize,
     moves: Vec<Move>,
+    /// Moves that were let go.
+    first_move: usize,
     limited_by_window_mm_s: Option<f64>,
-    override_max: f64,
-    /// Elements of the path.
-    pub(crate) element_count: u32,
+    complete: bool,
 }
 
 impl SpeedMap {
-    /// Maps a path; takes time and memory in proportion to its elements.
+    /// Maps a whole path; takes time and memory in proportion to its elements.
     pub fn new(
         path: &Path,
         limits: &MotionLimits,
         settings: &MapSettings,
     ) -> Result<Self, MapError> {
-        Self::with_positioning(path, limits, settings, None)
+        let part = PathPart::whole(path, limits, settings.override_max())?;
+        let mut map = Self::empty(settings, None, 0);
+        map.extend(&part);
+        Ok(map)
     }
 
-    /// The same with single rapids from rest to rest at least heat, where `positioning` is given.
-    pub fn with_positioning(
-        path: &Path,
-        limits: &MotionLimits,
+    /// A map of nothing yet, for a part of a path that begins with the element `first`. It can be mapped from the first block on that has all of
+    /// its margin; single rapids from rest to rest at least heat, where `positioning` is given.
+    pub(crate) fn empty(
         settings: &MapSettings,
         positioning: Option<&Positioning>,
-    ) -> Result<Self, MapError> {
-        if path.elements.is_empty() {
-            return Err(MapError::Empty);
+        first: u32,
+    ) -> Self {
+        Self {
+            settings: *settings,
+            positioning: positioning.copied(),
+            blocks: VecDeque::new(),
+            next_block: first_mapped(first),
+            segments: VecDeque::new(),
+            first_segment: 0,
+            moves: Vec::new(),
+            first_move: 0,
+            limited_by_window_mm_s: None,
+            complete: false,
         }
-        let Ok(element_count) = u32::try_from(path.elements.len()) else {
-            return Err(MapError::TooLong(path.elements.len()));
-        };
-        let override_max = if settings.override_max > 0.0 {
-            settings.override_max.min(1e3)
-        } else {
-            1.0
-        };
-        check_geometry(path, limits)?;
-        let mut course = Course::new(path, limits, override_max, positioning.is_some())?;
-        course.share_among_junctions();
-        let mut segments = course.segments(path);
-        let limited_by_window_mm_s = limit_to_window(
-            &mut segments,
-            override_max,
-            f64::from(settings.braking_setpoints_max) * limits.scan_period_s(),
-        );
-        let moves = positioning.map_or_else(Vec::new, |positioning| {
-            rapids::assign(path, limits, positioning, override_max, &mut segments)
-        });
-        Ok(Self {
-            segments,
-            moves,
-            limited_by_window_mm_s,
-            override_max,
-            element_count,
-        })
     }
 
-    /// The path speed above which braking would not fit a window, if the path would have gone faster somewhere.
+    /// Maps what can be mapped now.
+    pub(crate) fn extend(&mut self, part: &PathPart) {
+        while self.lay_out_block(part) {}
+        while self.finish_block(part) {}
+        self.complete =
+            part.is_complete() && self.next_block >= part.end() && self.blocks.is_empty();
+    }
+
+    /// Lays out the next block, if all that has a part in it is at hand.
+    fn lay_out_block(&mut self, part: &PathPart) -> bool {
+        let from = self.next_block;
+        let to = from.saturating_add(BLOCK_ELEMENTS).min(part.end());
+        if from >= to || (to - from < BLOCK_ELEMENTS && !part.is_complete()) {
+            return false;
+        }
+        let scan_period_s = part.limits().scan_period_s();
+        let Some(range) = with_margins(part, from..to, scan_period_s) else {
+            return false;
+        };
+        let mut course = Course::new(part, range, self.override_max(), self.positioning.is_some());
+        course.share_among_junctions();
+        let mut segments = course.segments();
+        let behind = segments.partition_point(|segment| segment.element < to);
+        segments.truncate(behind);
+        let before = segments.partition_point(|segment| segment.element < from);
+        segments.drain(..before);
+        self.blocks.push_back(Block {
+            end: to,
+            end_mm: part.length_before_mm(to),
+            segments,
+        });
+        self.next_block = to;
+        true
+    }
+
+    /// Gives the first block its last limits, if all is laid out that is passed while braking from it.
+    fn finish_block(&mut self, part: &PathPart) -> bool {
+        let override_max = self.override_max();
+        let Some(block) = self.blocks.front() else {
+            return false;
+        };
+        let cap = |segment: &Segment| segment.cap_mm_s(override_max);
+        let fastest_mm_s = block.segments.iter().map(cap).fold(0.0, f64::max);
+        let braking_time_s =
+            f64::from(self.settings.braking_setpoints_max) * part.limits().scan_period_s();
+        let (first_end, until_mm) = (block.end, block.end_mm + fastest_mm_s * braking_time_s);
+        let reaches = |block: &Block| {
+            block.end_mm >= until_mm || block.end - first_end >= BRAKING_ELEMENTS_MAX
+        };
+        let all = part.is_complete() && self.next_block >= part.end();
+        let count = match self.blocks.iter().position(reaches) {
+            Some(index) => index + 1,
+            None if all => self.blocks.len(),
+            None => return false,
+        };
+        let ahead = || self.blocks.iter().take(count).flat_map(|of| &of.segments);
+        let limit_mm_s = braking_limit_mm_s(ahead(), fastest_mm_s, override_max, braking_time_s);
+        let own = block.segments.len();
+        let mut segments: Vec<Segment> = match self.positioning {
+            Some(_) => ahead().copied().collect(),
+            None => block.segments.clone(),
+        };
+        if let Some(limit_mm_s) = limit_mm_s {
+            for segment in &mut segments {
+                segment.speed_mm_s = segment.speed_mm_s.min(limit_mm_s);
+            }
+            let before_mm_s = self.limited_by_window_mm_s.unwrap_or(f64::INFINITY);
+            self.limited_by_window_mm_s = Some(before_mm_s.min(limit_mm_s));
+        }
+        if let Some(positioning) = &self.positioning {
+            let moves = rapids::assign(
+                part,
+                positioning,
+                override_max,
+                &mut segments,
+                self.first_move + self.moves.len(),
+            );
+            let of_block = moves.into_iter().filter(|of| of.element < first_end);
+            self.moves.extend(of_block);
+        }
+        self.segments.extend(segments.into_iter().take(own));
+        self.blocks.pop_front();
+        true
+    }
+
+    /// Lets go of what lies before this element.
+    pub(crate) fn forget_before(&mut self, element: u32) {
+        let count = self.segments.partition_point(|of| of.element < element);
+        self.segments.drain(..count);
+        self.first_segment += count;
+        let count = self.moves.partition_point(|of| of.element < element);
+        self.moves.drain(..count);
+        self.first_move += count;
+    }
+
+    /// The first element that is needed to go on with the map.
+    pub(crate) fn needs_from(&self) -> u32 {
+        self.next_block.saturating_sub(MARGIN_ELEMENTS)
+    }
+
+    /// The lowest path speed above which braking would not fit a window, of the places where the path would have gone faster.
     pub fn speed_limited_by_window_mm_s(&self) -> Option<f64> {
         self.limited_by_window_mm_s
     }
 
     /// Highest override it provides for.
     pub fn override_max(&self) -> f64 {
-        self.override_max
+        self.settings.override_max()
     }
 
-    /// The rapids that are travelled at least heat, in the order of the path.
+    /// The rapids at hand that are travelled at least heat, in the order of the path.
     pub fn moves(&self) -> &[Move] {
         &self.moves
     }
 
     /// The profile that a segment is travelled by, if it is a move of its own.
     pub(crate) fn profile_of(&self, segment: &Segment) -> Option<&Profile> {
-        let of_move = self.moves.get(segment.of_move? as usize)?;
-        Some(&of_move.profile)
+        let index = (segment.of_move? as usize).checked_sub(self.first_move)?;
+        Some(&self.moves.get(index)?.profile)
     }
 
-    /// How many pieces of constant limits it has.
+    /// How many pieces of constant limits are at hand.
     pub fn segment_count(&self) -> usize {
         self.segments.len()
     }
 
+    /// Whether it goes to the end of the path.
+    pub fn is_complete(&self) -> bool {
+        self.complete
+    }
+
+    /// Whether the segments of an element are all there, and those that are not are behind it.
+    pub(crate) fn reaches(&self, element: u32) -> bool {
+        self.segments
+            .back()
+            .is_some_and(|last| last.element > element)
+    }
+
+    /// Index of the first segment at hand.
+    pub(crate) fn first_segment(&self) -> usize {
+        self.first_segment
+    }
+
+    /// Index behind the last segment at hand.
+    pub(crate) fn segment_end(&self) -> usize {
+        self.first_segment + self.segments.len()
+    }
+
+    pub(crate) fn segment(&self, index: usize) -> Option<&Segment> {
+        self.segments.get(index.checked_sub(self.first_segment)?)
+    }
+
     /// The segment on which the motion from a place goes on: the one that holds the place, the next one at its end.
-    /// The number of segments at the end of the path.
+    /// The one behind the last at the end of the path.
     pub(crate) fn segment_at(&self, element: u32, distance_mm: f64) -> usize {
         let before = |segment: &Segment| {
             segment.element < element
                 || (segment.element == element && !segment.is_dwell && segment.to_mm <= distance_mm)
         };
-        self.segments.partition_point(before)
+        self.first_segment + self.segments.partition_point(before)
     }
 }
 
-fn check_geometry(path: &Path, limits: &MotionLimits) -> Result<(), MapError> {
-    let mut previous_end: Option<AxisVector> = None;
-    for element in &path.elements {
-        let line = element.line;
-        let feed_is_finite = match element.feed {
-            Feed::Rapid => true,
-            Feed::PathMmS(feed_mm_s) if feed_mm_s <= 0.0 => {
-                return Err(MapError::Feed { line, feed_mm_s });
-            }
-            Feed::PathMmS(feed_mm_s) => feed_mm_s.is_finite(),
-        };
-        if !(element.shape.is_finite() && element.length_mm.is_finite() && feed_is_finite) {
-            return Err(MapError::NotFinite { line });
-        }
-        let travels = element.end() - element.start();
-        if travels
-            .iter()
-            .skip(limits.axes().len())
-            .any(|mm| *mm != 0.0)
-        {
-            return Err(MapError::NoSuchAxis { line });
-        }
-        limits.setpoints().kinematics.check_reach(element)?;
-        let own_gap = match &element.shape {
-            Shape::Arc { .. } => {
-                // The circle itself at both ends, not the stored end points that `point` gives there.
-                let near = 1e-9 * element.length_mm;
-                let inner = |at_mm: f64| element.point(at_mm) - element.tangent(at_mm) * near;
-                let start_gap = (inner(near) - element.start()).abs();
-                let far_mm = element.length_mm - near;
-                let end = element.point(far_mm) + element.tangent(far_mm) * near;
-                start_gap.sup(&(end - element.end()).abs())
-            }
-            _ if element.length_mm <= 0.0 => travels.abs(),
-            _ => AxisVector::zeros(),
-        };
-        let between = previous_end.map_or(own_gap, |end| (element.start() - end).abs());
-        for gap in [own_gap, between] {
-            let gap = limits.setpoints().kinematics.axes_gap(element, &gap);
-            for (gap_mm, axis) in gap.iter().zip(limits.axes()) {
-                if *gap_mm > GAP_INCREMENTS_MAX * axis.increment_mm {
-                    return Err(MapError::Gap {
-                        line,
-                        gap_mm: gap.norm(),
-                    });
-                }
-            }
-        }
-        previous_end = Some(element.end());
+/// The first element that can be mapped where elements from `first` on are at hand.
+pub fn first_mapped(first: u32) -> u32 {
+    if first == 0 {
+        return 0;
     }
-    Ok(())
+    let with_margin = first.saturating_add(MARGIN_ELEMENTS);
+    with_margin
+        .checked_next_multiple_of(BLOCK_ELEMENTS)
+        .unwrap_or(u32::MAX)
 }
 
-/// Caps speeds so that braking to rest takes at most `braking_time_s` from anywhere. Gives the cap if it bites.
-///
-/// While braking, the speed `w` is passed on a segment whose cap is at least `w`; so with `A(w)` the least acceleration of
-/// all those, braking from `v` takes at most ∫₀ᵛ dw/A(w).
-fn limit_to_window(
-    segments: &mut [Segment],
-    override_max: f64,
-    braking_time_s: f64,
-) -> Option<f64> {
-    let fastest_mm_s = segments
-        .iter()
-        .map(|segment| segment.cap_mm_s(override_max))
-        .fold(0.0, f64::max);
-    if fastest_mm_s <= 0.0 {
-        return None;
-    }
-    let step_mm_s = fastest_mm_s / BRAKING_STEPS as f64;
-    let mut least_mm_s2 = [f64::INFINITY; BRAKING_STEPS];
-    for segment in segments.iter().filter(|segment| !segment.is_dwell) {
-        let top_step = libm::floor(segment.cap_mm_s(override_max) / step_mm_s) as usize;
-        if let Some(least) = least_mm_s2.get_mut(top_step.min(BRAKING_STEPS - 1)) {
-            *least = least.min(segment.acceleration_mm_s2);
+/// Elements with all those beside them whose zones may reach them; none if not all of these are at hand yet.
+fn with_margins(part: &PathPart, block: Range<u32>, scan_period_s: f64) -> Option<Range<u32>> {
+    let fastest = |element: u32| part.laid(element).map_or(0.0, |laid| laid.fastest_mm_s);
+    let mut margin = Margin {
+        fastest_mm_s: block.clone().map(fastest).fold(0.0, f64::max),
+        way_mm: 0.0,
+        scan_period_s,
+    };
+    let mut to = block.end;
+    while to - block.end < MARGIN_ELEMENTS && !(to == part.end() && part.is_complete()) {
+        to += 1;
+        if margin.is_enough_with(part.laid(to - 1)?) {
+            break;
         }
     }
-    let mut least_above = f64::INFINITY;
-    for least in least_mm_s2.iter_mut().rev() {
-        least_above = least_above.min(*least);
-        *least = least_above;
-    }
-    let (mut time_s, mut speed_mm_s) = (0.0, 0.0);
-    for least in least_mm_s2 {
-        let step_time_s = step_mm_s / least;
-        if time_s + step_time_s > braking_time_s {
-            speed_mm_s += (braking_time_s - time_s) * least;
-            for segment in segments.iter_mut() {
-                segment.speed_mm_s = segment.speed_mm_s.min(speed_mm_s);
-            }
-            return Some(speed_mm_s);
+    margin.way_mm = 0.0;
+    let mut from = block.start;
+    while from > part.first() && block.start - from < MARGIN_ELEMENTS {
+        from -= 1;
+        if margin.is_enough_with(part.laid(from)?) {
+            break;
         }
-        time_s += step_time_s;
-        speed_mm_s += step_mm_s;
     }
-    None
+    Some(from..to)
+}
+
+/// Elements beside a block, counted up until their zones reach it no more.
+struct Margin {
+    fastest_mm_s: f64,
+    way_mm: f64,
+    scan_period_s: f64,
+}
+
+impl Margin {
+    fn is_enough_with(&mut self, laid: &Laid) -> bool {
+        self.fastest_mm_s = self.fastest_mm_s.max(laid.fastest_mm_s);
+        self.way_mm += laid.element.length_mm;
+        laid.moves() && self.way_mm > margin_mm(self.fastest_mm_s, self.scan_period_s)
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::limits::AxisLimits;
-    use crate::path::Element;
+    use crate::path::{AxisVector, Element, Feed};
 
     const FEED: Feed = Feed::PathMmS(1000.0);
     const SETTINGS: MapSettings = MapSettings {
@@ -269,7 +377,7 @@ mod tests {
     #[test]
     fn an_arc_leaves_three_fifths_of_the_acceleration_for_changes_of_speed() {
         let turn_rad = std::f64::consts::TAU;
-        let map = map(vec![Element::arc(
+        let mut map = map(vec![Element::arc(
             1,
             at(10.0, 0.0),
             at(10.0, 0.0),
@@ -279,7 +387,7 @@ mod tests {
             FEED,
         )])
         .unwrap();
-        let [segment] = map.segments.as_slice() else {
+        let [segment] = map.segments.make_contiguous() else {
             panic!("{map:?}")
         };
         assert!((segment.speed_mm_s - 126.49).abs() < 0.01, "{segment:?}");

@@ -12,6 +12,8 @@ pub struct ProgramWalk {
     pub feed_override: f64,
     /// Setpoints of intended motion in each window. All of them are executed; any number gives the same setpoints.
     pub setpoints_per_window: u32,
+    /// So many setpoints are planned and judged one by one; the time of the rest is known without them.
+    pub setpoints_max: u64,
 }
 
 /// What a program comes to.
@@ -23,7 +25,9 @@ pub struct Totals {
     pub time_s: f64,
     /// Distance along the path, in mm.
     pub distance_mm: f64,
-    /// How much of the limits it uses.
+    /// Setpoints that were planned and judged one by one; the others follow from the speed map alone.
+    pub judged_setpoints: u64,
+    /// How much of the limits these use.
     pub shares: LimitShares,
     /// The first setpoint over a limit or off the path: none, or the planner is wrong.
     pub fault: Option<SetpointFault>,
@@ -51,7 +55,7 @@ impl ProgramWalk {
         let mut audit: Option<SetpointAudit> = None;
         let (mut setpoints, mut fault, mut complete) = (0u64, None, false);
         // At no speed there is no end to come to.
-        'windows: while self.feed_override > 0.0 && !complete {
+        'windows: while self.feed_override > 0.0 && !complete && setpoints < self.setpoints_max {
             let outcome = planner.plan(&from, &request, &mut window)?;
             request.repeats_start = false;
             for setpoint in window.iter().take(outcome.intended_setpoints as usize) {
@@ -74,12 +78,17 @@ impl ProgramWalk {
         if let (true, Some(audit)) = (complete, &mut audit) {
             fault = fault.or(audit.end().err());
         }
-        let path = planner.path();
-        let behind = path.elements.iter().take(from.element as usize);
+        let judged_setpoints = setpoints;
+        if !complete && setpoints >= self.setpoints_max {
+            let rest_s = planner.time_to_end_s(&from, self.feed_override)?;
+            setpoints += libm::ceil(rest_s / planner.limits().scan_period_s()) as u64;
+            (from, complete) = (planner.end_state(), true);
+        }
         Ok(Totals {
             setpoints,
+            judged_setpoints,
             time_s: setpoints.saturating_sub(1) as f64 * planner.limits().scan_period_s(),
-            distance_mm: behind.map(|element| element.length_mm).sum::<f64>() + from.distance_mm,
+            distance_mm: planner.path().length_before_mm(from.element) + from.distance_mm,
             shares: audit.map_or_else(LimitShares::default, |audit| *audit.shares()),
             fault,
             complete,

@@ -15,7 +15,8 @@ use thiserror::Error;
 
 use crate::envelope::{Envelope, EnvelopeKey};
 use crate::limits::MotionLimits;
-use crate::path::{MAX_AXES, Path};
+use crate::path::{Element, MAX_AXES, Path};
+use crate::path_part::PathPart;
 use crate::positioning::Positioning;
 use crate::profile::{PathState, Traveller};
 use crate::speed_map::{MapError, MapSettings, SpeedMap};
@@ -110,6 +111,9 @@ pub enum PlanError {
         /// Speed, in mm/s.
         speed_mm_s: f64,
     },
+    /// The path is not known far enough ahead: more of it has to be added first.
+    #[error("the path is not known far enough ahead")]
+    NotAtHand,
     /// A state too fast for the path, which no window of this planner ever had.
     #[error("braking from element {element} takes more than {braking_setpoints_max} setpoints")]
     DoesNotStop {
@@ -125,18 +129,20 @@ const BRAKING_ROWS_MIN: u32 = 8;
 /// Of the braking setpoints: one for the scan in which braking ends, one that repeats it, one for rounding.
 const REST_ROWS: u32 = 3;
 
-/// Plans windows along one path. Owns all it needs; planning does not allocate.
+/// Plans windows along one path, as far as it is at hand. Owns all it needs; planning does not allocate.
 #[derive(Debug, Clone)]
 pub struct WindowPlanner {
-    path: Arc<Path>,
-    limits: MotionLimits,
+    part: PathPart,
     settings: WindowSettings,
     map: SpeedMap,
     envelope: Envelope,
 }
 
+/// Elements that stay at hand behind the tool.
+const BEHIND_ELEMENTS: u32 = 1024;
+
 impl WindowPlanner {
-    /// Makes the speed map of a path.
+    /// Maps a whole path.
     pub fn new(
         path: impl Into<Arc<Path>>,
         limits: MotionLimits,
@@ -152,39 +158,79 @@ impl WindowPlanner {
         settings: WindowSettings,
         positioning: Option<&Positioning>,
     ) -> Result<Self, PlanError> {
-        let path = path.into();
+        let mut planner = Self::of_part(limits, settings, positioning, 0, 0.0)?;
+        let override_max = planner.map.override_max();
+        planner.part = PathPart::whole(&path.into(), planner.limits(), override_max)?;
+        planner.map_on();
+        Ok(planner)
+    }
+
+    /// A planner along a path of which nothing is at hand yet, that goes on with the element `first`; `start_mm` of the path lie before it.
+    ///
+    /// # Errors
+    /// [`PlanError::BrakingSetpoints`].
+    pub fn of_part(
+        limits: MotionLimits,
+        settings: WindowSettings,
+        positioning: Option<&Positioning>,
+        first: u32,
+        start_mm: f64,
+    ) -> Result<Self, PlanError> {
         let braking_setpoints_max = settings.braking_setpoints_max;
         if braking_setpoints_max < BRAKING_ROWS_MIN {
             return Err(PlanError::BrakingSetpoints {
                 braking_setpoints_max,
             });
         }
-        let map = SpeedMap::with_positioning(
-            &path,
-            &limits,
-            &MapSettings {
-                override_max: settings.override_max,
-                braking_setpoints_max: braking_setpoints_max - REST_ROWS,
-            },
-            positioning,
-        )?;
+        let of_map = MapSettings {
+            override_max: settings.override_max,
+            braking_setpoints_max: braking_setpoints_max - REST_ROWS,
+        };
+        let map = SpeedMap::empty(&of_map, positioning, first);
         Ok(Self {
-            envelope: Envelope::new(&map),
-            path,
-            limits,
+            envelope: Envelope::new(),
+            part: PathPart::new(&limits, map.override_max(), first, start_mm),
             settings,
             map,
         })
     }
 
-    /// The path it plans along.
-    pub fn path(&self) -> &Path {
-        &self.path
+    /// Adds the next element of the path. It counts once [`WindowPlanner::map_on`] has been called.
+    ///
+    /// # Errors
+    /// [`PlanError::Map`]: it cannot be travelled, and is not added.
+    pub fn push(&mut self, element: Element) -> Result<(), PlanError> {
+        Ok(self.part.push(element)?)
+    }
+
+    /// Nothing comes after what was added.
+    pub fn finish(&mut self) {
+        self.part.finish();
+    }
+
+    /// Maps what was added, as far as what is known of the path allows.
+    pub fn map_on(&mut self) {
+        self.map.extend(&self.part);
+        self.envelope.follow(&self.map);
+    }
+
+    /// Lets go of what the tool has behind it on its way through this element, but for a little.
+    pub fn forget_behind(&mut self, element: u32) {
+        let keep_from = element.saturating_sub(BEHIND_ELEMENTS);
+        self.map.forget_before(keep_from);
+        self.envelope.follow(&self.map);
+        self.part
+            .forget_before(keep_from.min(self.map.needs_from()));
+    }
+
+    /// The path it plans along, as far as it is at hand.
+    pub fn path(&self) -> &PathPart {
+        &self.part
     }
 
     /// The limits it keeps.
     pub fn limits(&self) -> &MotionLimits {
-        &self.limits
+        self.part.limits()
     }
 
     /// Where the path is slow, and why.
@@ -201,16 +247,16 @@ impl WindowPlanner {
 
     /// The setpoint of a state: what the machine's command position should hold there.
     pub fn setpoint(&self, state: &PathState) -> Option<PlannedSetpoint> {
-        let element = self.path.elements.get(state.element as usize)?;
+        let element = self.part.get(state.element)?;
         Some(PlannedSetpoint {
-            position_increments: self.limits.setpoint(element, state.distance_mm),
+            position_increments: self.limits().setpoint(element, state.distance_mm),
             state: *state,
         })
     }
 
     /// The state at rest at the start of the path.
     pub fn start_state(&self) -> PathState {
-        let first = self.map.segments.first();
+        let first = self.map.segment(0);
         let waits = first.filter(|segment| segment.is_dwell && segment.element == 0);
         PathState {
             dwell_remaining_scans: waits.map_or(0, |segment| segment.dwell_scans),
@@ -218,22 +264,28 @@ impl WindowPlanner {
         }
     }
 
+    /// The state at rest at the end of what is at hand of the path.
+    pub fn end_state(&self) -> PathState {
+        PathState {
+            element: self.part.end().saturating_sub(1),
+            distance_mm: self.part.last().map_or(0.0, |last| last.length_mm),
+            ..PathState::default()
+        }
+    }
+
     /// Whether motion from this state goes no further before this element is [begun](WindowRequest::until_element).
     pub fn is_held_back(&self, state: &PathState, until_element: u32) -> bool {
-        let scan_period_s = self.limits.scan_period_s();
+        let scan_period_s = self.limits().scan_period_s();
         let at = Traveller::new(&self.map, scan_period_s, *state, until_element);
         state.is_at_rest() && at.is_held_back()
     }
 
     /// Whether this state is the end of the path: nothing is left to do there.
     pub fn is_end(&self, state: &PathState) -> bool {
-        let last = self.path.elements.len().saturating_sub(1);
-        let at_length = self
-            .path
-            .elements
-            .last()
-            .is_some_and(|element| state.distance_mm >= element.length_mm);
-        state.element as usize == last
+        let (end, last) = (self.part.end(), self.part.last());
+        let at_length = last.is_some_and(|element| state.distance_mm >= element.length_mm);
+        self.part.is_complete()
+            && state.element == end.saturating_sub(1)
             && at_length
             && state.dwell_remaining_scans == 0
             && state.is_at_rest()
@@ -248,6 +300,9 @@ impl WindowPlanner {
         setpoints: &mut Vec<PlannedSetpoint>,
     ) -> Result<WindowOutcome, PlanError> {
         setpoints.clear();
+        if !self.is_mapped(from.element) {
+            return Err(PlanError::NotAtHand);
+        }
         let mut before = self.start(from, request)?;
         let feed_override = if request.hold || request.feed_override.is_nan() {
             0.0
@@ -260,7 +315,7 @@ impl WindowPlanner {
         });
         let mut traveller = Traveller::new(
             &self.map,
-            self.limits.scan_period_s(),
+            self.part.limits().scan_period_s(),
             before.state,
             request.until_element,
         );
@@ -273,40 +328,87 @@ impl WindowPlanner {
             if !(request.repeats_start && setpoints.is_empty()) {
                 traveller.go(&mut self.envelope);
             }
-            before = setpoint_at(&self.path, &self.limits, &traveller.state);
+            before = setpoint_at(&self.part, &traveller.state);
             setpoints.push(before);
             ends_program = traveller.is_at_end() && !traveller.is_held_back();
             if ends_program {
                 break;
             }
         }
+        if traveller.ran_short() || self.envelope.ran_short() {
+            setpoints.clear();
+            return Err(PlanError::NotAtHand);
+        }
         let intended_setpoints = setpoints.len() as u32;
-        let braking_from = traveller.state.element;
-        loop {
-            traveller.brake();
-            let setpoint = setpoint_at(&self.path, &self.limits, &traveller.state);
-            setpoints.push(setpoint);
-            if traveller.state.is_at_rest()
-                && setpoint.position_increments == before.position_increments
-            {
-                break;
-            }
-            before = setpoint;
-            if setpoints.len()
-                >= intended_setpoints as usize + self.settings.braking_setpoints_max as usize
-            {
-                setpoints.clear();
-                return Err(PlanError::DoesNotStop {
-                    element: braking_from,
-                    braking_setpoints_max: self.settings.braking_setpoints_max,
-                });
-            }
+        let braked = self.brake(&mut traveller, before, setpoints);
+        if let Err(error) = braked {
+            setpoints.clear();
+            return Err(error);
         }
         Ok(WindowOutcome {
             intended_setpoints,
             setpoint_count: setpoints.len() as u32,
             ends_program,
         })
+    }
+
+    /// Adds the setpoints that brake to rest, the last of them twice.
+    fn brake(
+        &self,
+        traveller: &mut Traveller<'_>,
+        mut before: PlannedSetpoint,
+        setpoints: &mut Vec<PlannedSetpoint>,
+    ) -> Result<(), PlanError> {
+        let element = traveller.state.element;
+        let braking_setpoints_max = self.settings.braking_setpoints_max;
+        let setpoints_max = setpoints.len() + braking_setpoints_max as usize;
+        while setpoints.len() < setpoints_max {
+            traveller.brake();
+            if traveller.ran_short() {
+                return Err(PlanError::NotAtHand);
+            }
+            let setpoint = setpoint_at(&self.part, &traveller.state);
+            setpoints.push(setpoint);
+            if traveller.state.is_at_rest()
+                && setpoint.position_increments == before.position_increments
+            {
+                return Ok(());
+            }
+            before = setpoint;
+        }
+        Err(PlanError::DoesNotStop {
+            element,
+            braking_setpoints_max,
+        })
+    }
+
+    /// Time from a state to the end of a path that is at hand as a whole, in s. It is not planned scan by scan, so its length takes no time.
+    ///
+    /// # Errors
+    /// [`PlanError::State`], and [`PlanError::NotAtHand`] where the end is not at hand.
+    pub fn time_to_end_s(
+        &mut self,
+        from: &PathState,
+        feed_override: f64,
+    ) -> Result<f64, PlanError> {
+        let start = self.start(from, &WindowRequest::default())?;
+        self.envelope.select(EnvelopeKey {
+            feed_override: feed_override.clamp(0.0, self.map.override_max()),
+            single_block: false,
+        });
+        let scan_period_s = self.part.limits().scan_period_s();
+        let mut traveller = Traveller::new(&self.map, scan_period_s, start.state, u32::MAX);
+        let time_s = traveller.time_to_end_s(&mut self.envelope);
+        if traveller.is_at_end() {
+            Ok(time_s)
+        } else {
+            Err(PlanError::NotAtHand)
+        }
+    }
+
+    /// Whether the speed map holds an element, or the path has none of this number.
+    pub fn is_mapped(&self, element: u32) -> bool {
+        self.map.is_complete() || self.map.reaches(element)
     }
 
     /// The setpoint of a state that a window can start from.
@@ -316,9 +418,8 @@ impl WindowPlanner {
         request: &WindowRequest,
     ) -> Result<PlannedSetpoint, PlanError> {
         let on_path = self
-            .path
-            .elements
-            .get(from.element as usize)
+            .part
+            .get(from.element)
             .is_some_and(|element| (0.0..=element.length_mm).contains(&from.distance_mm));
         let speed_fits = from.speed_mm_s >= 0.0
             && from.speed_mm_s.is_finite()
@@ -338,9 +439,9 @@ impl WindowPlanner {
     }
 }
 
-fn setpoint_at(path: &Path, limits: &MotionLimits, state: &PathState) -> PlannedSetpoint {
-    let position_increments = match path.elements.get(state.element as usize) {
-        Some(element) => limits.setpoint(element, state.distance_mm),
+fn setpoint_at(part: &PathPart, state: &PathState) -> PlannedSetpoint {
+    let position_increments = match part.get(state.element) {
+        Some(element) => part.limits().setpoint(element, state.distance_mm),
         None => [0; MAX_AXES],
     };
     PlannedSetpoint {

@@ -62,6 +62,7 @@ fn planner(
 fn setpoints(planner: &mut WindowPlanner, setpoints_per_window: u32) -> Vec<PlannedSetpoint> {
     let mut setpoints = Vec::new();
     let walk = ProgramWalk {
+        setpoints_max: u64::MAX,
         feed_override: 1.0,
         setpoints_per_window,
     };
@@ -329,7 +330,7 @@ impl Run {
     fn finish(&mut self) {
         for _ in 0..2000 {
             if self.period() {
-                let end = self.planner.path().end().unwrap();
+                let end = self.planner.path().last().unwrap().end();
                 assert_eq!(
                     self.last.position_increments,
                     self.planner.limits().increments(&end)
@@ -371,6 +372,7 @@ fn the_override_slows_a_parabola_down_in_proportion_and_may_change_within_it() {
     let scans_at = |feed_override: f64| {
         let mut setpoints_on_move = 0;
         let walk = ProgramWalk {
+            setpoints_max: u64::MAX,
             feed_override,
             setpoints_per_window: 8,
         };
@@ -502,7 +504,7 @@ fn single_block_waits_at_the_end_of_each_rapid() {
         }
         let state = run.last.state;
         assert!(state.waits_for_start, "block {block}: {state:?}");
-        let on = &run.planner.path().elements[state.element as usize];
+        let on = run.planner.path().get(state.element).unwrap();
         assert_eq!(state.distance_mm, on.length_mm);
         run.request.start = true;
     }

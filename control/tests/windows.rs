@@ -6,6 +6,7 @@ use control::audit::SetpointAudit;
 use control::kinematics::Kinematics;
 use control::limits::{AxisLimits, MotionLimits};
 use control::path::{AxisVector, Element, Feed, Path};
+use control::path_part::PathPart;
 use control::pivot::{Carries, PivotY};
 use control::positioning::{MotorLoad, Positioning};
 use control::profile::PathState;
@@ -83,6 +84,7 @@ fn planner(
 fn walk(planner: &mut WindowPlanner, setpoints_per_window: u32) -> (Totals, Vec<PlannedSetpoint>) {
     let mut setpoints = Vec::new();
     let walk = ProgramWalk {
+        setpoints_max: u64::MAX,
         feed_override: 1.0,
         setpoints_per_window,
     };
@@ -551,6 +553,34 @@ proptest! {
     }
 }
 
+#[test]
+fn an_arm_goes_there_and_back_on_an_arc_of_a_micrometre() {
+    let arc = Block::TangentArc {
+        radius_mm: 0.0014440074103410324,
+        sweep_rad: 2.5352639218610435,
+    };
+    let kinks = Block::Kinks {
+        count: 1,
+        step_mm: 1.0,
+        turn_rad: -0.10811223450500149,
+    };
+    let blocks = [arc, Block::Back, kinks].map(|block| (block, Feed::Rapid));
+    let pivot = PivotY {
+        slide: 0,
+        arm: 1,
+        arm_length_mm: 63.55527576305522,
+        arm_min_deg: -75.0,
+        arm_max_deg: 75.0,
+        carries: Carries::Arm,
+    };
+    let setpoints = SetpointSettings {
+        kinematics: Kinematics::PivotY(pivot),
+        ..SetpointSettings::default()
+    };
+    let limits = limits_of_setpoints(1e-3, setpoints, WITH_ARM);
+    any_run(&blocks, &[], limits, 8, 900, None).unwrap();
+}
+
 fn increments_of(position: &AxisVector) -> [i64; 8] {
     limits(1e-3).increments(position)
 }
@@ -878,7 +908,9 @@ fn the_audit_sees_a_row_one_increment_over_a_limit() {
     let path = Path {
         elements: vec![Element::line(1, at(&[]), at(&[10.0]), FEED)],
     };
-    let mut audit = SetpointAudit::at_rest(MotionLimits::new(&[slide], 1e-3).unwrap(), [500; 8]);
+    let limits = MotionLimits::new(&[slide], 1e-3).unwrap();
+    let path = PathPart::whole(&path, &limits, 1.0).unwrap();
+    let mut audit = SetpointAudit::at_rest(limits, [500; 8]);
     audit.setpoint(&[500; 8]).unwrap();
     assert!(audit.place(&path, 0, 500.9e-6).is_ok());
     assert!(audit.place(&path, 0, 501.1e-6).is_err());
@@ -942,4 +974,47 @@ fn time_of_planning_one_window() {
             );
         }
     }
+}
+
+#[test]
+fn the_time_to_the_end_is_known_without_planning_every_scan() {
+    let slow = Feed::PathMmS(1e-5);
+    let elements = vec![
+        Element::line(1, at(&[]), at(&[30.0, 10.0]), Feed::Rapid),
+        Element::dwell(2, at(&[30.0, 10.0]), 0.3),
+        arc(
+            3,
+            at(&[30.0, 10.0]),
+            5.0,
+            2.0,
+            1.0,
+            [0, 1],
+            0.0,
+            Feed::PathMmS(50.0),
+        ),
+    ];
+    let end = elements[2].end();
+    let mut quick = planner(elements.clone(), 1e-3, 64);
+    let scan_by_scan = walk(&mut quick, 8).0;
+    let time_s = quick.time_to_end_s(&quick.start_state(), 1.0).unwrap();
+    let off_s = (time_s - scan_by_scan.time_s).abs();
+    assert!(off_s < 4e-3, "{time_s} {}", scan_by_scan.time_s);
+    let mut long = elements;
+    long.push(Element::dwell(4, end, 4e6));
+    long.push(Element::line(5, end, end + at(&[10.0]), slow));
+    let mut planner = planner(long, 1e-3, 64);
+    let walk = ProgramWalk {
+        setpoints_max: 1000,
+        feed_override: 1.0,
+        setpoints_per_window: 8,
+    };
+    let totals = walk
+        .walk(&mut planner, |_| ControlFlow::Continue(()))
+        .unwrap();
+    assert!(
+        (totals.time_s - 5e6 - time_s).abs() < 1.0,
+        "{}",
+        totals.time_s
+    );
+    assert!(totals.complete && totals.judged_setpoints < 1100);
 }

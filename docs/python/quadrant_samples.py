@@ -78,7 +78,7 @@ assert ctypes.sizeof(AxisFeedback) == 120
 
 
 class Levels(ctypes.Structure):
-    """104 bytes."""
+    """112 bytes."""
 
     _fields_ = [
         ("spindle_rpm", c_double),  # at 0
@@ -89,42 +89,86 @@ class Levels(ctypes.Structure):
         ("coolant", c_uint32),  # at 92
         ("tool", c_uint32),  # at 96
         ("tool_prepared", c_uint32),  # at 100
+        ("followed_axis", c_uint32),  # at 104
+        ("reserved", c_uint32),  # at 108
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Levels/1"
+        return "quadrant/Levels/2"
 
 
-assert ctypes.sizeof(Levels) == 104
+assert ctypes.sizeof(Levels) == 112
 
 
 class Auxiliaries(ctypes.Structure):
-    """144 bytes."""
+    """176 bytes."""
 
     _fields_ = [
         ("levels", Levels),  # at 0
-        ("spindle_rpm", c_double),  # at 104
-        ("events_done", c_uint32),  # at 112
-        ("line", c_uint32),  # at 116
-        ("waiting", c_uint32),  # at 120
-        ("blocked", c_uint32),  # at 124
-        ("at_speed", c_uint32),  # at 128
-        ("optional_stop", c_uint32),  # at 132
-        ("override_disabled", c_uint32),  # at 136
-        ("tool", c_uint32),  # at 140
+        ("spindle_rpm", c_double),  # at 112
+        ("spindle_turns", c_double),  # at 120
+        ("spindle_lag_turns", c_double),  # at 128
+        ("events_done", c_uint32),  # at 136
+        ("line", c_uint32),  # at 140
+        ("waiting", c_uint32),  # at 144
+        ("blocked", c_uint32),  # at 148
+        ("at_speed", c_uint32),  # at 152
+        ("optional_stop", c_uint32),  # at 156
+        ("override_disabled", c_uint32),  # at 160
+        ("tool", c_uint32),  # at 164
+        ("coupled", c_uint32),  # at 168
+        ("reserved", c_uint32),  # at 172
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Auxiliaries/1"
+        return "quadrant/Auxiliaries/2"
 
 
-assert ctypes.sizeof(Auxiliaries) == 144
+assert ctypes.sizeof(Auxiliaries) == 176
+
+
+class Answer(ctypes.Structure):
+    """152 bytes."""
+
+    _fields_ = [
+        ("value", c_double),  # at 0
+        ("scan", c_uint64),  # at 8
+        ("tripped", c_int64 * 8),  # at 16
+        ("rests", c_int64 * 8),  # at 80
+        ("number", c_uint32),  # at 144
+        ("outcome", c_uint32),  # at 148
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "quadrant/Answer/1"
+
+
+assert ctypes.sizeof(Answer) == 152
+
+
+class Inputs(ctypes.Structure):
+    """80 bytes."""
+
+    _fields_ = [
+        ("analog", c_double * 8),  # at 0
+        ("digital", c_uint64),  # at 64
+        ("contact", c_uint32),  # at 72
+        ("reserved", c_uint32),  # at 76
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "quadrant/Inputs/1"
+
+
+assert ctypes.sizeof(Inputs) == 80
 
 
 class Feedback(ctypes.Structure):
-    """1352 bytes."""
+    """1616 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -152,18 +196,20 @@ class Feedback(ctypes.Structure):
         ("load", c_uint32),  # at 224
         ("program", c_uint32),  # at 228
         ("run", c_uint32),  # at 232
-        ("reserved", c_uint32),  # at 236
+        ("messages", c_uint32),  # at 236
         ("auxiliary", Auxiliaries),  # at 240
-        ("axes", AxisFeedback * 8),  # at 384
-        ("checksum", c_uint64),  # at 1344
+        ("answer", Answer),  # at 416
+        ("inputs", Inputs),  # at 568
+        ("axes", AxisFeedback * 8),  # at 648
+        ("checksum", c_uint64),  # at 1608
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Feedback/6"
+        return "quadrant/Feedback/7"
 
 
-assert ctypes.sizeof(Feedback) == 1352
+assert ctypes.sizeof(Feedback) == 1616
 
 
 class Instruments(ctypes.Structure):
@@ -247,7 +293,7 @@ assert ctypes.sizeof(ProgramEvent) == 32
 
 
 class PlannerStatus(ctypes.Structure):
-    """376 bytes."""
+    """384 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -261,18 +307,20 @@ class PlannerStatus(ctypes.Structure):
         ("cause", c_uint32),  # at 64
         ("windows", c_uint32),  # at 68
         ("load", c_uint32),  # at 72
-        ("reserved", c_uint32),  # at 76
-        ("event", ProgramEvent),  # at 80
-        ("outputs_ahead", ProgramEvent * 8),  # at 112
-        ("checksum", c_uint64),  # at 368
+        ("line", c_uint32),  # at 76
+        ("answered", c_uint32),  # at 80
+        ("reserved", c_uint32),  # at 84
+        ("event", ProgramEvent),  # at 88
+        ("outputs_ahead", ProgramEvent * 8),  # at 120
+        ("checksum", c_uint64),  # at 376
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/PlannerStatus/4"
+        return "quadrant/PlannerStatus/5"
 
 
-assert ctypes.sizeof(PlannerStatus) == 376
+assert ctypes.sizeof(PlannerStatus) == 384
 
 
 class Participant(ctypes.Structure):

@@ -11,7 +11,8 @@
 use std::sync::Arc;
 
 use bus::sample::{
-    AxisCommand, Feedback, Instruments, OperatorRequest, OperatorResponse, PlannerStatus, Roster,
+    AxisCommand, Feedback, Instruments, OperatorRequest, OperatorResponse, Order, PlannerStatus,
+    Roster,
 };
 use machine::{Machine, Process};
 use master::{Flow, Master, RunEnd, cycle::cycle};
@@ -47,6 +48,8 @@ pub struct Published<'a> {
     pub windows: &'a [Arc<Window>],
     /// Who takes part.
     pub roster: &'a Roster,
+    /// Orders of the script that were obeyed in this scan.
+    pub obeyed: &'a [Order],
 }
 
 /// A cell and its program.
@@ -124,6 +127,7 @@ impl InProcessCell {
                     status: peers.status.as_ref(),
                     windows: &peers.windows,
                     roster: &peers.roster,
+                    obeyed: &peers.obeyed,
                 });
             }
             let killed = self.peers.master_killed.take();
@@ -136,6 +140,11 @@ impl InProcessCell {
     /// The servos, before the first scan: those that drive in the order of the axes, then the standbys.
     pub fn servos(&mut self) -> &mut [Servo] {
         &mut self.peers.servos
+    }
+
+    /// The simulated drives, with the truth that no controller sees.
+    pub fn drives(&self) -> &SimulatedDrives {
+        self.master.drives()
     }
 
     /// An order of the operator, between two scans.

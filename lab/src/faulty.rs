@@ -6,7 +6,8 @@ use std::path::Path;
 use bus::sample::{AxisCommand, Feedback, Job, PlannerStatus, Setpoint, WindowHeader};
 use machine::Process;
 use machine::settings_file::SettingsFileError;
-use planner::{PlannerError, PlannerPorts};
+use planner::questions::KeptAnswer;
+use planner::{Place, PlannerError, PlannerPorts, ProgramText};
 use plant_sim::script::faults::{self, FaultScript};
 use servo::{ServoError, ServoPorts};
 
@@ -106,8 +107,24 @@ impl<P: PlannerPorts, F: Fn(usize) -> Option<u64>> PlannerPorts for Faulty<P, F>
         Some(feedback)
     }
 
-    fn program(&mut self, load: u32) -> Option<(String, String)> {
+    fn program(&mut self, load: u32) -> Option<ProgramText> {
         self.ports.program(load)
+    }
+
+    fn place_before(&mut self, program_hash: u64, element: u32) -> Option<Place> {
+        self.ports.place_before(program_hash, element)
+    }
+
+    fn keep_place(&mut self, place: &Place, tool: u32) {
+        self.ports.keep_place(place, tool);
+    }
+
+    fn answers(&mut self, load: u32, run: u32) -> Vec<KeptAnswer> {
+        self.ports.answers(load, run)
+    }
+
+    fn keep_answer(&mut self, load: u32, run: u32, answer: &KeptAnswer) -> bool {
+        self.ports.keep_answer(load, run, answer)
     }
 
     fn publish_window(&mut self, header: &WindowHeader, setpoints: &[Setpoint]) {

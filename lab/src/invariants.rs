@@ -6,14 +6,15 @@
 //! - In hold at rest nothing moves, whoever comes back.
 //! - An axis without any servo trips the machine in the same scan; the axes come to rest together, no later than their
 //!   quick stops take, and no further from the path than they travel until then.
-//! - Scans are missed only where a fault says why.
+//! - Scans are missed only where a fault says why, or where an axis has no servo.
 
 use std::sync::Arc;
 
-use bus::sample::{Cause, Feedback, Instruments, Job, MAX_AXES, Mode, Roster};
+use bus::sample::{AxisFeedback, Cause, Feedback, Instruments, Job, MAX_AXES, Mode, Roster};
 use control::audit::SetpointAudit;
 use control::limits::MotionLimits;
-use control::path::{AxisVector, Path};
+use control::path::{AxisVector, Element};
+use control::path_part::PathPart;
 use machine::{Machine, PositionFeedback, WithinPeriod};
 use plant_sim::plant_file::PlantFile;
 
@@ -44,7 +45,7 @@ const AROUND: u32 = 2;
 #[derive(Debug)]
 pub struct Course {
     /// The path, from where the simulated machine is at the start.
-    pub path: Path,
+    pub path: PathPart,
     /// The limits of the axes.
     pub limits: MotionLimits,
     /// Where the command positions are to end, in increments.
@@ -67,7 +68,7 @@ impl Course {
         let windows = planner::window_planner(machine, program.path, start)?;
         let limits = windows.limits().clone();
         let path = windows.path().clone();
-        let end = path.end().unwrap_or(start);
+        let end = path.last().map_or(start, Element::end);
         let end = limits.increments(&limits.setpoints().kinematics.axes(&end));
         Ok(Course { path, limits, end })
     }
@@ -116,6 +117,12 @@ pub struct Shown {
     pub cause: Option<Cause>,
 }
 
+/// Whether the servo whose command an axis took last is no more.
+pub fn is_driver_dead(roster: &Roster, index: usize, axis: &AxisFeedback) -> bool {
+    let in_place = roster.living(Job::Servo, index, axis.taken_role);
+    in_place.is_none_or(|servo| servo.incarnation != axis.taken_incarnation)
+}
+
 /// A trip under way.
 #[derive(Debug, Clone, Copy)]
 struct Trip {
@@ -136,6 +143,8 @@ pub struct Judge<'a> {
     in_force: Option<Arc<Window>>,
     /// The setpoint that was executed in the scan before.
     executed: Option<[i64; MAX_AXES]>,
+    /// Axes whose servo has died, and that have no other one: whoever comes is no driver before its first command is taken.
+    unserved: [bool; MAX_AXES],
     before: Option<(Feedback, Instruments, bool)>,
     held_scans: u32,
     trip: Option<Trip>,
@@ -164,6 +173,7 @@ impl<'a> Judge<'a> {
             known: Vec::new(),
             in_force: None,
             executed: None,
+            unserved: [false; MAX_AXES],
             before: None,
             held_scans: 0,
             trip: None,
@@ -194,6 +204,7 @@ impl<'a> Judge<'a> {
             self.missed(before, feedback, explained);
             self.losses(before, feedback, *unserved);
         }
+        self.serve(published);
         self.setpoints(before.as_ref().map(|(f, _, _)| f), feedback);
         self.open_loops(before.as_ref().map(|(f, _, _)| f), feedback);
         self.speeds(feedback);
@@ -342,6 +353,16 @@ impl<'a> Judge<'a> {
         }
     }
 
+    /// Notes which axes nobody serves.
+    fn serve(&mut self, published: &Published<'_>) {
+        let axes = self.unserved.iter_mut().zip(published.feedback.axes());
+        for (index, (unserved, axis)) in axes.enumerate() {
+            let other = 1 - axis.taken_role.min(1);
+            let other = published.roster.living(Job::Servo, index, other);
+            *unserved = other.is_none() && is_driver_dead(published.roster, index, axis);
+        }
+    }
+
     fn missed(
         &mut self,
         before: &Feedback,
@@ -351,7 +372,7 @@ impl<'a> Judge<'a> {
         for (index, (was, is)) in before.axes().iter().zip(feedback.axes()).enumerate() {
             if is.missed_scans > was.missed_scans {
                 self.shown.missed += 1;
-                if !explained(before.scan, index) {
+                if !self.unserved[index] && !explained(before.scan, index) {
                     self.say(
                         before.scan,
                         format!("axis {index}: a missed scan that no fault explains"),
@@ -493,12 +514,9 @@ impl<'a> Judge<'a> {
     }
 
     fn distance_mm(&self, tool: &AxisVector, element: u32, around: u32) -> f64 {
-        let from = element.saturating_sub(around) as usize;
-        let to = element.saturating_add(around) as usize;
-        let elements = self.course.path.elements.iter();
-        elements
-            .skip(from)
-            .take(to - from + 1)
+        let around = element.saturating_sub(around)..=element.saturating_add(around);
+        around
+            .map_while(|element| self.course.path.get(element))
             .map(|element| element.closest_distance(tool).1)
             .fold(f64::INFINITY, f64::min)
     }

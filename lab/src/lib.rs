@@ -8,4 +8,7 @@ pub mod faulty;
 pub mod invariants;
 pub mod liveness;
 pub mod options;
+pub mod promises;
+pub mod recording;
 pub mod soak;
+pub mod tampering;

@@ -6,7 +6,9 @@
 //! - By then the standby of an axis is in step: its command is that of the other servo to the bit.
 //! - A cause that the feedback names has really happened ([`Liveness::take`]).
 
-use bus::sample::{AxisCommand, Cause, Feedback, Job, MAX_AXES, Mode, Roster, WindowId};
+use bus::sample::{
+    AnswerOutcome, AxisCommand, Cause, Feedback, Job, MAX_AXES, Mode, Roster, WindowId,
+};
 use machine::Machine;
 
 use crate::cell::Published;
@@ -240,6 +242,9 @@ impl<'a> Liveness<'a> {
             | Cause::Stalled
             | Cause::Spindle
             | Cause::ToolChange => false,
+            Cause::ProbeMissed => feedback.answer.outcome == AnswerOutcome::Missed as u32,
+            Cause::ProbeEarly => feedback.answer.outcome == AnswerOutcome::Early as u32,
+            Cause::ProbeLost => feedback.answer.outcome == AnswerOutcome::Lost as u32,
         };
         if !true_word {
             let words = format!(

@@ -9,12 +9,13 @@ mod disturb;
 mod ending;
 mod fault;
 mod freezer;
+mod growth;
 mod judge;
 mod places;
 mod program;
 mod tally;
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::fs;
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::path::Path;
@@ -37,6 +38,7 @@ use disturb::RETURN_LIMIT;
 use ending::Left;
 use fault::Injection;
 use freezer::Freezer;
+use growth::{FILES_MAX, Growth, Held};
 use launcher::check::{self, Checked};
 use launcher::exit::{Failure, Kind, Outcome};
 use launcher::logs;
@@ -62,16 +64,8 @@ const REAP_LIMIT: Duration = Duration::from_secs(2);
 const GROWTH_MAX_KB: u64 = 4096;
 /// The same where clients come and go, whose connections stay mapped for a while.
 const GROWTH_WITH_CLIENTS_MAX_KB: u64 = 8192;
-/// So many more files may be open, or in shared memory, while the cell is whole, than when it first was: a connection is on
-/// its way here and there.
-const FILES_MAX: usize = 16;
-
-/// What a process held when it was first seen.
-#[derive(Debug, Clone, Copy)]
-struct Held {
-    first_kb: u64,
-    first_files: usize,
-}
+/// So many more files may be in shared memory while the cell is whole, than when it first was.
+const SHARED_FILES_MAX: usize = 8 * FILES_MAX;
 
 /// A soak.
 struct Soak<'a> {
@@ -95,6 +89,10 @@ struct Soak<'a> {
     violation_count: u64,
     judged: u64,
     unseen: u64,
+    /// Runs that ended in the trip of a starved master.
+    starved: u64,
+    /// Files that clients had left who were killed while their cell ended.
+    left_by_clients: u64,
     off_path_max: f64,
     /// By what a process is.
     growth_kb_max: BTreeMap<String, u64>,
@@ -117,7 +115,7 @@ pub fn soak(options: &SoakOptions) -> Outcome {
         // Hash maps begin with a random number of the system's.
         RandomState::new().build_hasher().finish() % 1_000_000_000
     });
-    check::load(&options.machine, None).input()?;
+    check::load(&options.machine, None, check::Depth::Whole).input()?;
     let signals = Signals::catch().environment()?;
     let name = format!("soak-{}", std::process::id());
     let scratch = tempfile::Builder::new().prefix("quadrant-soak-").tempdir();
@@ -140,6 +138,8 @@ pub fn soak(options: &SoakOptions) -> Outcome {
         violation_count: 0,
         judged: 0,
         unseen: 0,
+        starved: 0,
+        left_by_clients: 0,
         off_path_max: 0.0,
         growth_kb_max: BTreeMap::new(),
         files_growth_max: 0,
@@ -251,7 +251,7 @@ impl Soak<'_> {
             machine,
             program: checked,
             ..
-        } = check::load(self.scratch.path(), Some(&program)).input()?;
+        } = check::load(self.scratch.path(), Some(&program), check::Depth::Whole).input()?;
         let path = checked.map(|p| p.path).context("a program").environment()?;
         let folder = self.places.as_ref().map(|places| places.disk.as_path());
         let folder = folder.unwrap_or_else(|| self.scratch.path());
@@ -276,6 +276,9 @@ impl Soak<'_> {
         let (ending, after) = self.draw_ending();
         self.inject_until_done(&mut cell, after);
         let ending = self.end(&mut cell, ending, seconds, &out);
+        let (scan, clients_killed) = (cell.scan(), cell.clients_killed_at_end());
+        drop(cell);
+        self.judge_left(ending, clients_killed);
         let broken = self.violation_count > violations_before;
         say(&format!(
             "run {:>3}: {:<15} {:>4} faults, {:>5} kills in all, {:>6} scans, {:>4.0} s{}",
@@ -283,7 +286,7 @@ impl Soak<'_> {
             ending.word(),
             self.faults - faults_before,
             self.kills,
-            cell.scan(),
+            scan,
             self.began.elapsed().as_secs_f64(),
             if broken {
                 format!(", see {}", kept.display())
@@ -291,8 +294,6 @@ impl Soak<'_> {
                 String::new()
             }
         ));
-        drop(cell);
-        self.judge_left(ending);
         if !broken {
             let _ = fs::remove_file(&published);
         } else if self.places.is_some() {
@@ -309,12 +310,12 @@ impl Soak<'_> {
             return;
         }
         let shared_at_first = cell.files();
-        let mut held: HashMap<i32, Held> = HashMap::new();
+        let mut growth = Growth::default();
         let until = self.faults.saturating_add(faults);
         while !self.is_over() && self.faults < until {
             let pause_us = self.options.pause_ms * 1000 + self.rng.below(PAUSE_US);
             let pause = Duration::from_micros(pause_us);
-            if !cell.look_until(Instant::now() + pause) {
+            if !cell.operate_until(Instant::now() + pause) {
                 return;
             }
             // What dies while the processes leave is not replaced: the run reports it and ends otherwise than well.
@@ -335,7 +336,7 @@ impl Soak<'_> {
             if !cell.look() {
                 return;
             }
-            self.judge_processes(cell, &mut held, shared_at_first);
+            self.judge_processes(cell, &mut growth, shared_at_first);
         }
     }
 
@@ -469,49 +470,36 @@ impl Soak<'_> {
     }
 
     /// Nobody grows, nobody stays dead, and what is in shared memory does not pile up.
-    fn judge_processes(
-        &mut self,
-        cell: &mut Cell,
-        held: &mut HashMap<i32, Held>,
-        shared_at_first: usize,
-    ) {
-        let all = cell.processes().into_iter().map(|p| (p.pid, p.role));
-        let launcher = (cell.launcher, "launcher".to_string());
-        for (pid, role) in all.chain([launcher]) {
+    fn judge_processes(&mut self, cell: &mut Cell, growth: &mut Growth, shared_at_first: usize) {
+        for (pid, role) in cell.settled() {
             let now = cell::resident_kb(pid).zip(cell::open_files(pid));
             let Some((kb, files)) = now.filter(|(kb, _)| *kb > 0) else {
                 continue;
             };
-            let first = *held.entry(pid).or_insert(Held {
-                first_kb: kb,
-                first_files: files,
-            });
-            let grew_kb = kb.saturating_sub(first.first_kb);
-            let grew_files = files.saturating_sub(first.first_files);
-            let most = self.growth_kb_max.entry(role.clone()).or_default();
-            *most = grew_kb.max(*most);
-            self.files_growth_max = self.files_growth_max.max(grew_files);
             let most_kb = match self.clients {
                 0 => GROWTH_MAX_KB,
                 _ => GROWTH_WITH_CLIENTS_MAX_KB,
             };
-            if grew_kb > most_kb {
-                self.violated(format!("{role}, process {pid}, has grown by {grew_kb} kB"));
-            }
-            if grew_files > FILES_MAX {
+            let held = Held { kb, files };
+            let (grown, is_too_much) = growth.take(pid, held, most_kb, Instant::now());
+            let most = self.growth_kb_max.entry(role.clone()).or_default();
+            *most = grown.kb.max(*most);
+            self.files_growth_max = self.files_growth_max.max(grown.files);
+            if is_too_much {
                 self.violated(format!(
-                    "{role}, process {pid}, holds {grew_files} more files open"
+                    "{role}, process {pid}, has grown by {} kB and {} open files",
+                    grown.kb, grown.files
                 ));
             }
         }
         // What clients that were killed have left goes once in a second.
         let since = Instant::now();
-        while cell.files() > shared_at_first + 8 * FILES_MAX && since.elapsed() < RETURN_LIMIT {
+        while cell.files() > shared_at_first + SHARED_FILES_MAX && since.elapsed() < RETURN_LIMIT {
             cell.look_until(Instant::now() + Duration::from_millis(20));
         }
         let shared = cell.files().saturating_sub(shared_at_first);
         self.shared_growth_max = self.shared_growth_max.max(shared);
-        if shared > 8 * FILES_MAX {
+        if shared > SHARED_FILES_MAX {
             self.violated(format!("{shared} more files of the cell in /dev/shm"));
         }
         let dead = cell.zombies();
@@ -565,7 +553,8 @@ impl Soak<'_> {
              commanded points off the path: at most {:.2} increments; scans overrun and counted: {}\n\
              operator: {} orders obeyed, {} refused until the machine was ready for them\n\
              growth of a process, in kB at most: {}; at most {} open files; of the cell's shared memory: {} files\n\
-             status: of {} looks none saw the machine older than {} scans before a servo's last answer",
+             status: of {} looks none saw the machine older than {} scans before a servo's last answer\n\
+             runs that ended in the trip of a starved master: {}; files of clients killed at the end, cleaned up: {}",
             self.kills,
             self.faults,
             self.clients,
@@ -582,6 +571,8 @@ impl Soak<'_> {
             self.shared_growth_max,
             self.status_looks,
             self.status_age_max,
+            self.starved,
+            self.left_by_clients,
         ));
         say(&format!("violations: {}", self.violation_count));
         // Files of a run that violated something stay for whoever looks for the cause.

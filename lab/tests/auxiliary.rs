@@ -42,6 +42,7 @@ fn mill() -> (Machine, PlantFile) {
         speed_max_rpm: 8000.0,
         at_speed_percent: 100.0 * AT_SPEED_SHARE,
         patience_s: 4.0,
+        ..Spindle::default()
     });
     machine.tool_change = ToolChange {
         by: ToolChanger::Changer,
@@ -50,6 +51,7 @@ fn mill() -> (Machine, PlantFile) {
     plant.spindle = Some(PlantSpindle {
         acceleration_rpm_s: 6000.0,
         orientation_rpm: 120.0,
+        ..PlantSpindle::default()
     });
     plant.tool_changer = Some(PlantToolChanger { change_s: 0.25 });
     (machine, plant)
@@ -272,6 +274,7 @@ fn a_spindle_that_does_not_come_to_its_speed_trips_with_its_cause() {
     plant.spindle = Some(PlantSpindle {
         acceleration_rpm_s: 100.0,
         orientation_rpm: 60.0,
+        ..PlantSpindle::default()
     });
     let all = feedbacks(&machine, &plant, "G91 S3000 M3\nG1 X5 F3000\nM2\n");
     let last = all.last().expect("a scan");
@@ -399,7 +402,7 @@ fn run(machine: &Machine, plant: &PlantFile, course: &Course, script: Option<&st
         ..Script::default()
     };
     let mut cell = cell(machine, plant, &text, script);
-    let elements = course.path.elements.iter();
+    let elements = (0..course.path.end()).filter_map(|element| course.path.get(element));
     let feeds: Vec<bool> = elements
         .map(|element| !element.is_dwell() && element.feed != Feed::Rapid)
         .collect();

@@ -27,6 +27,7 @@ fn judged_with(faults: &str, orders: &str, supervised: bool) -> (Shown, Vec<Viol
         faults: Some(faults::parse("faults.toml", faults, &machine).expect("a script")),
         orders: orders::parse("orders.toml", orders, &machine).expect("orders"),
         supervised,
+        ..Script::default()
     };
     let mut cell = InProcessCell::with_script(&machine, &plant, ("short.ngc", PROGRAM), script)
         .expect("a cell");

@@ -1,4 +1,5 @@
-//! Seeds of `quadrant bench faults`, a few in each run of the tests; more with `SEEDS=5000 cargo test -p lab --test seeds`.
+//! Seeds of `quadrant bench faults`, a few in each run of the tests; more with `SEEDS=5000 cargo test -p lab --test seeds`, one and
+//! all of it with `FROM=17 SEEDS=1 VERBOSE=1`.
 
 use std::path::PathBuf;
 
@@ -14,7 +15,7 @@ fn no_seed_violates_an_invariant_or_hangs() {
         from: from.unwrap_or(1),
         program: None,
         jobs: 2,
-        verbose: false,
+        verbose: std::env::var_os("VERBOSE").is_some(),
     };
     let outcome = lab::bench::faults(&options);
     assert!(outcome.is_ok(), "{outcome:?}");

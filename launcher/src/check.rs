@@ -4,18 +4,26 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::ops::ControlFlow;
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
+use bus::sample::MAX_AXES;
 use control::totals::{ProgramWalk, Totals};
 use control::window::{PlannedSetpoint, WindowPlanner};
 use machine::{Machine, machine_file};
+use planner::{ProgramText, Survey};
 use plant_sim::plant_file::PlantFile;
-use program::Program;
+use program::{Note, Program, SHORT_ELEMENTS};
 
 use crate::exit::{Failure, Kind, Outcome};
 use crate::logs;
 use crate::options::{CheckOptions, PlanOptions};
 use crate::output::say;
+
+/// `check` plans so many setpoints one by one, in some tenths of a second; the time of what comes behind them follows from the speed map.
+const JUDGED_SETPOINTS: u64 = 300_000;
+/// Time between two words on a long check.
+const TELL_EVERY: Duration = Duration::from_secs(5);
 
 /// What was checked.
 #[derive(Debug)]
@@ -24,15 +32,36 @@ pub struct Checked {
     pub machine: Machine,
     /// The simulated machine.
     pub plant: PlantFile,
-    /// The program, expanded from where the simulated machine is at the start.
+    /// The program, expanded from where the simulated machine is at the start; none of a long one.
     pub program: Option<Program>,
+    /// What a program comes to that is too long to be held whole.
+    pub long: Option<Survey>,
+}
+
+/// How much of a long program is looked at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Depth {
+    /// Its beginning: the rest is judged while it runs.
+    Beginning,
+    /// All of it.
+    Whole,
+}
+
+impl Depth {
+    /// So many elements take a second at most.
+    fn elements_max(self) -> u64 {
+        match self {
+            Depth::Beginning => 100_000,
+            Depth::Whole => u64::MAX,
+        }
+    }
 }
 
 /// Reads and checks machine, plant and program.
 ///
 /// # Errors
 /// Whatever is wrong with them, for people.
-pub fn load(machine: &Path, program: Option<&Path>) -> anyhow::Result<Checked> {
+pub fn load(machine: &Path, program: Option<&Path>, depth: Depth) -> anyhow::Result<Checked> {
     let path = machine_file(machine);
     let machine = Machine::load(&path)?;
     let plant_path = path.with_file_name("plant.toml");
@@ -43,13 +72,18 @@ pub fn load(machine: &Path, program: Option<&Path>) -> anyhow::Result<Checked> {
     let limits = planner::motion_limits(&machine);
     limits.with_context(|| path.display().to_string())?;
     program::tool_at(&machine, &start).with_context(|| plant_path.display().to_string())?;
-    let program = program
-        .map(|file| program::load_from(&machine, &start, file))
-        .transpose()?;
+    let (mut short, mut long) = (None, None);
+    if let Some(file) = program {
+        short = program::load_if_short(&machine, &start, file, SHORT_ELEMENTS)?;
+        if short.is_none() {
+            long = Some(survey_file(&machine, file, start, depth)?);
+        }
+    }
     let checked = Checked {
         machine,
         plant,
-        program,
+        program: short,
+        long,
     };
     if checked.program.is_some() {
         checked.planner()?;
@@ -57,31 +91,63 @@ pub fn load(machine: &Path, program: Option<&Path>) -> anyhow::Result<Checked> {
     Ok(checked)
 }
 
+/// Reads a long program as far as is asked for, and says how far it is on the way.
+fn survey_file(
+    machine: &Machine,
+    file: &Path,
+    start: [i64; MAX_AXES],
+    depth: Depth,
+) -> anyhow::Result<Survey> {
+    let text = ProgramText::File(file.to_path_buf());
+    let mut told = Instant::now();
+    let survey = planner::survey(machine, &text, start, depth.elements_max(), |elements| {
+        if told.elapsed() > TELL_EVERY {
+            told = Instant::now();
+            tracing::info!("{}: {elements} elements are good so far", file.display());
+        }
+    })?;
+    Ok(survey)
+}
+
 impl Checked {
+    /// What was accepted with a remark.
+    pub fn notes(&self) -> impl Iterator<Item = &Note> {
+        let short = self.program.iter().flat_map(|program| &program.notes);
+        short.chain(self.long.iter().flat_map(|survey| &survey.notes))
+    }
+
     /// A planner of windows along the program.
     ///
     /// # Errors
     /// The path cannot be planned within the limits.
     pub fn planner(&self) -> anyhow::Result<WindowPlanner> {
         let Some(program) = &self.program else {
-            bail!("no program was named");
+            match &self.long {
+                Some(survey) => bail!(
+                    "{}: has more than {SHORT_ELEMENTS} elements: too long to be planned in advance",
+                    survey.name
+                ),
+                None => bail!("no program was named"),
+            }
         };
         let course = planner::course(&self.machine, program.clone());
         let (windows, _) = course.with_context(|| program.name.clone())?;
         Ok(windows)
     }
 
-    /// Plans the whole program as the planner process would, window by window.
+    /// Plans the program as the planner process would, window by window, up to so many setpoints.
     ///
     /// # Errors
     /// As [`Checked::planner`].
     pub fn walk(
         &self,
+        setpoints_max: u64,
         each: impl FnMut(&PlannedSetpoint) -> ControlFlow<()>,
     ) -> anyhow::Result<Totals> {
         let walk = ProgramWalk {
             feed_override: 1.0,
             setpoints_per_window: self.machine.scan.interpolation_period_scans,
+            setpoints_max,
         };
         let totals = walk.walk(&mut self.planner()?, each)?;
         if let Some(fault) = &totals.fault {
@@ -94,7 +160,7 @@ impl Checked {
 /// `quadrant check`.
 pub fn check(options: &CheckOptions) -> Outcome {
     logs::init_launcher();
-    let checked = load(&options.machine, options.program.as_deref()).input()?;
+    let checked = load(&options.machine, options.program.as_deref(), Depth::Whole).input()?;
     let machine = &checked.machine;
     say(&format!(
         "machine {}: {} axes ({}), scan {} µs, interpolation period {} scans: good",
@@ -111,8 +177,18 @@ pub fn check(options: &CheckOptions) -> Outcome {
     ));
     note_dead_time(&checked);
     if checked.program.is_some() {
-        let totals = checked.walk(|_| ControlFlow::Continue(())).input()?;
+        let each = |_: &PlannedSetpoint| ControlFlow::Continue(());
+        let totals = checked.walk(JUDGED_SETPOINTS, each).input()?;
         print_totals(&checked, &totals);
+    }
+    if let Some(survey) = &checked.long {
+        say(&format!(
+            "program {}: {} elements, {:.3} mm: good",
+            survey.name, survey.elements, survey.length_mm
+        ));
+        for note in &survey.notes {
+            say(&format!("  {}", note.shown()));
+        }
     }
     Ok(())
 }
@@ -132,10 +208,12 @@ fn note_dead_time(checked: &Checked) {
 /// `quadrant plan`.
 pub fn plan(options: &PlanOptions) -> Outcome {
     logs::init_launcher();
-    let checked = load(&options.machine, Some(&options.program)).input()?;
+    let checked = load(&options.machine, Some(&options.program), Depth::Beginning).input()?;
     let totals = match &options.csv {
         Some(file) => write_csv(&checked, file)?,
-        None => checked.walk(|_| ControlFlow::Continue(())).input()?,
+        None => checked
+            .walk(u64::MAX, |_| ControlFlow::Continue(()))
+            .input()?,
     };
     print_totals(&checked, &totals);
     Ok(())
@@ -160,7 +238,7 @@ fn write_csv(checked: &Checked, file: &Path) -> Result<Totals, Failure> {
     let mut scan = 0u64;
     let mut result = Ok(());
     let totals = checked
-        .walk(|setpoint| {
+        .walk(u64::MAX, |setpoint| {
             let state = &setpoint.state;
             let line = program
                 .and_then(|p| p.path.line_of(state.element as usize))
@@ -215,6 +293,12 @@ fn print_totals(checked: &Checked, totals: &Totals) {
             axis.acceleration_mm_s2
         ));
     }
+    if totals.judged_setpoints < totals.setpoints {
+        say(&format!(
+            "  (of the first {} setpoints; `quadrant plan` judges all)",
+            totals.judged_setpoints
+        ));
+    }
     print_rapids(checked);
     if let Some(speed_mm_s) = totals.speed_limited_by_window_mm_s {
         say(&format!(
@@ -228,8 +312,19 @@ fn print_totals(checked: &Checked, totals: &Totals) {
             event.line
         ));
     }
+    print_in_step(checked, program);
     for note in &program.notes {
         say(&format!("  {}", note.shown()));
+    }
+}
+
+/// What threads and taps need of their path and their speed.
+fn print_in_step(checked: &Checked, program: &Program) {
+    let Ok((windows, events)) = planner::course(&checked.machine, program.clone()) else {
+        return;
+    };
+    for need in planner::needs_in_step(&checked.machine, &windows, events.passes()) {
+        say(&format!("  {need}"));
     }
 }
 

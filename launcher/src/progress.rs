@@ -6,7 +6,6 @@ use std::time::{Duration, Instant};
 
 use bus::port::Reader;
 use bus::sample::{Feedback, PlannerStatus, Waiting};
-use control::path::Path;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
 
 use crate::output;
@@ -53,22 +52,22 @@ impl Progress {
     }
 
     /// Looks and draws; the newest feedback, if there has been one.
-    pub fn look(&mut self, path: Option<&Path>) -> Option<&Feedback> {
+    pub fn look(&mut self) -> Option<&Feedback> {
         if let Some(feedback) = self.feedback.newest(u64::MAX) {
             self.newest = Some(feedback);
         }
         self.tell_of_stop();
         let status = self.planner.newest(u64::MAX);
         if let (Some(feedback), Some(status)) = (&self.newest, status)
-            && status.path_length_mm > 0.0
+            && (status.path_length_mm > 0.0 || status.line > 0)
         {
-            let done = status.path_done_mm / status.path_length_mm;
-            self.bar.set_position((done * 1000.0) as u64);
+            if status.path_length_mm > 0.0 {
+                let done = status.path_done_mm / status.path_length_mm;
+                self.bar.set_position((done * 1000.0) as u64);
+            }
             let wall_s = self.started.elapsed().as_secs_f64().max(1e-9);
             let machine_s = feedback.scan as f64 * self.scan_period_s;
-            let line = path
-                .and_then(|path| path.line_of(feedback.tag.element as usize))
-                .unwrap_or(0);
+            let line = status.line;
             self.bar.set_message(format!(
                 "line {line}  {machine_s:.1} s  {:.1}x real time",
                 machine_s / wall_s

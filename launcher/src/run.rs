@@ -11,7 +11,7 @@ use machine::{Machine, machine_file};
 use plant_sim::script::faults::{self, Fault, FaultScript};
 use plant_sim::script::orders;
 
-use crate::check::{self, Checked};
+use crate::check::{self, Checked, Depth};
 use crate::events::{Event, Events};
 use crate::exit::{Failure, Kind, Outcome};
 use crate::group::{Group, Plan};
@@ -87,7 +87,6 @@ pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Fail
     service_manager::status(&format!("cell {} runs {shown}", place.name()));
     let subject = Subject {
         machine: &checked.machine,
-        path: checked.program.as_ref().map(|program| &program.path),
         faults,
         session: None,
         view: View::open_if(options.view, place.name()).environment()?,
@@ -115,8 +114,9 @@ fn check_all(
     if options.view {
         view::check().input()?;
     }
-    let checked = check::load(&options.machine, Some(&options.program)).input()?;
-    for note in checked.program.iter().flat_map(|program| &program.notes) {
+    let checked =
+        check::load(&options.machine, Some(&options.program), Depth::Beginning).input()?;
+    for note in checked.notes() {
         tracing::warn!("{}: {}", options.program.display(), note.shown());
     }
     if let Some(orders) = &options.orders {
@@ -152,7 +152,11 @@ fn make_run_dir(
 /// It cannot be made, or what was copied is not right.
 pub fn make_checked(folder: &Path, sources: &Sources<'_>) -> Result<(RunDir, Checked), Failure> {
     let run_dir = RunDir::make(folder, sources).environment()?;
-    match check::load(&run_dir.machine, run_dir.program.as_deref()) {
+    match check::load(
+        &run_dir.machine,
+        run_dir.program.as_deref(),
+        Depth::Beginning,
+    ) {
         Ok(checked) => Ok((run_dir, checked)),
         Err(error) => {
             let _ = std::fs::remove_dir_all(&run_dir.folder);

@@ -1,7 +1,8 @@
 //! The run directory: made new, with copies of everything the run depends on, so that nobody's edits reach a running cell
 //! and the report can be made again.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
@@ -112,6 +113,9 @@ pub fn program_name(program: &Path) -> anyhow::Result<&str> {
     Ok(name)
 }
 
+/// The hash of a smaller program is taken anew by whoever reads it. None of these is loaded into a cell: nothing stands beside those.
+const HASHED_BYTES: u64 = program::FILE_BYTES_MAX;
+
 impl RunDir {
     /// Makes it and copies the sources.
     ///
@@ -148,8 +152,9 @@ impl RunDir {
         let program = sources
             .program
             .map(|program| {
-                let text = program::read_program(program, &subroutines)?;
-                write(&text, Path::new(program_name(program)?))
+                let to = folder.join(program_name(program)?);
+                copy_program(program, &subroutines, &to)?;
+                Ok::<_, anyhow::Error>(to)
             })
             .transpose()?;
         copy_if(sources.learned, LEARNED_FILE)?;
@@ -165,6 +170,22 @@ impl RunDir {
             faults: copy_if(sources.faults, "faults.toml")?,
         })
     }
+}
+
+/// Copies a program with the subroutines of other files that it calls, and notes the hash of a large one: nobody has to read all of it to
+/// know it.
+///
+/// # Errors
+/// It cannot be read or written.
+pub fn copy_program(program: &Path, subroutines: &[PathBuf], to: &Path) -> anyhow::Result<()> {
+    let named = || format!("{}: cannot be written", to.display());
+    let mut copy = BufWriter::new(File::create(to).with_context(named)?);
+    program::bundle_to(program, subroutines, &mut copy)?;
+    let copy = copy.into_inner().with_context(named)?;
+    if copy.metadata().with_context(named)?.len() > HASHED_BYTES {
+        program::write_text_hash(to)?;
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -48,6 +48,12 @@ impl Signals {
     }
 }
 
+/// Where a file may not be larger, writing to it fails and says so; it does not end the process, nor one that this one starts.
+pub fn survive_file_size_limit() {
+    // SAFETY: a plain system call; ignoring a signal runs no code.
+    unsafe { libc::signal(libc::SIGXFSZ, libc::SIG_IGN) };
+}
+
 /// Whether SIGHUP was ignored when the program was started.
 struct Ignored(bool);
 

@@ -6,7 +6,6 @@ use bus::member::Pace;
 use bus::port::{OperatorClient, PendingOrder};
 use bus::sample::{Cause, Feedback, Job, Mode, OperatorRequest, Order};
 use bus::signal_page::CellPhase;
-use control::path::Path;
 use machine::Machine;
 use plant_sim::script::faults::FaultScript;
 
@@ -68,7 +67,7 @@ impl Watch {
             bar,
         );
         // A reader is connected from its first look on.
-        progress.look(None);
+        progress.look();
         Ok(Watch {
             progress,
             operator: group.bus.operator_client()?,
@@ -80,8 +79,6 @@ impl Watch {
 pub struct Subject<'a> {
     /// The machine.
     pub machine: &'a Machine,
-    /// The path of the one program of a run, for the progress bar.
-    pub path: Option<&'a Path>,
     /// What is to go wrong.
     pub faults: Option<FaultScript>,
     /// The programs of a cell that stays up.
@@ -122,7 +119,6 @@ pub fn supervise(
 struct Supervision<'a> {
     group: &'a mut Group,
     machine: &'a Machine,
-    path: Option<&'a Path>,
     session: Option<Session>,
     view: Option<View>,
     faults: Option<FaultInjector>,
@@ -183,7 +179,6 @@ impl<'a> Supervision<'a> {
         let machine = subject.machine;
         Supervision {
             machine,
-            path: subject.path,
             session: subject.session,
             view: subject.view,
             faults: subject.faults.map(FaultInjector::new),
@@ -224,7 +219,7 @@ impl<'a> Supervision<'a> {
         if let Some(view) = &mut self.view {
             view.look();
         }
-        self.watch.progress.look(self.path);
+        self.watch.progress.look();
         self.take_newest();
     }
 
@@ -320,9 +315,9 @@ impl<'a> Supervision<'a> {
     }
 
     fn judge_deaths(&mut self) {
-        let (progress, path) = (&mut self.watch.progress, self.path);
+        let progress = &mut self.watch.progress;
         let mut died = self.group.reap_after(|| {
-            progress.look(path);
+            progress.look();
         });
         self.take_newest();
         note_deaths(&died, self.group.newest_scan, self.events);
@@ -461,7 +456,7 @@ impl<'a> Supervision<'a> {
             tracing::warn!("stopped at once");
             self.group.kill();
         }
-        self.watch.progress.look(self.path);
+        self.watch.progress.look();
         self.watch.progress.finish();
         let last = self.watch.progress.newest().copied();
         if let (Some(session), Some(last)) = (&mut self.session, &last) {
@@ -474,8 +469,11 @@ impl<'a> Supervision<'a> {
         let mut stop = String::new();
         if let Some(last) = &last {
             stop = stop_words(last, self.machine);
-            self.events
-                .write(&Event::of_cell(last.scan, "ended", Some(stop.clone())));
+            let kind = self.outcome(last, in_order);
+            self.events.write(&Event {
+                outcome: self.session.is_none().then_some(kind),
+                ..Event::of_cell(last.scan, "ended", Some(stop.clone()))
+            });
         }
         Ending {
             last,
@@ -484,6 +482,19 @@ impl<'a> Supervision<'a> {
             in_order,
             stop,
             files_removed: self.files_removed,
+        }
+    }
+
+    /// The word for how the run ended, as its exit status says it.
+    fn outcome(&self, last: &Feedback, in_order: bool) -> &'static str {
+        let mode = Mode::from_wire(last.mode);
+        let rests = matches!(mode, Some(Mode::Stopped | Mode::Disabled)) && last.cause == 0;
+        let whole = in_order && !self.deaths.iter().any(Death::is_loss);
+        match (mode, self.signals.count()) {
+            (Some(Mode::Finished), _) => "completed",
+            (_, 2..) => "interrupted",
+            (_, 1) if rests && whole => "interrupted",
+            _ => "stopped",
         }
     }
 

@@ -26,7 +26,7 @@ pub fn up(options: &UpOptions) -> Outcome {
     if options.view {
         view::check().input()?;
     }
-    let checked = check::load(&options.machine, None).input()?;
+    let checked = check::load(&options.machine, None, check::Depth::Whole).input()?;
     let cell_name = options.cell.as_deref().unwrap_or(&checked.machine.name);
     let place = CellPaths::new(cell_name).input()?;
     let signals = Signals::catch().environment()?;
@@ -68,7 +68,6 @@ pub fn up(options: &UpOptions) -> Outcome {
     ));
     let subject = Subject {
         machine: &checked.machine,
-        path: None,
         faults: None,
         session: Some(Session::new(&folder, &place)),
         view: View::open_if(options.view, cell_name).environment()?,

@@ -3,8 +3,11 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+/// Of [`Spindle::ramp_rpm_s`], what rapid changes of speed in step ask for; the rest makes up for loads.
+pub const SPINDLE_RAMP_SHARE: f64 = 0.75;
+
 /// The spindle.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Spindle {
     /// Lowest speed that it turns at; a program with an S below it, but for S0, is refused.
@@ -19,6 +22,19 @@ pub struct Spindle {
     /// Longest wait for its speed, its angle or its standstill; after it the machine trips.
     #[schemars(extend("unit" = "s", "exclusiveMinimum" = 0, "maximum" = 600, "default" = 15.0))]
     pub patience_s: f64,
+    /// Counts of its encoder in one turn, with an index; 0 without an encoder. Threads (G33, G76) and rigid tapping (G33.1, G84, G74)
+    /// need one ([threads and taps](../howto/spindle.md#threads-and-taps)).
+    #[schemars(extend("unit" = "counts", "minimum" = 0, "maximum" = 1_000_000_000, "default" = 0))]
+    pub encoder_counts_per_turn: u32,
+    /// How fast it surely speeds up and brakes. While it taps, it is asked for three quarters of it.
+    #[schemars(extend("unit" = "rev/min/s", "minimum" = 1, "maximum" = 1_000_000, "default" = 1000.0))]
+    pub ramp_rpm_s: f64,
+    /// While it taps: speed at which it makes up for a turn that it lags behind the axis, per turn.
+    #[schemars(extend("unit" = "1/s", "exclusiveMinimum" = 0, "maximum" = 1000, "default" = 50.0))]
+    pub follow_gain_per_s: f64,
+    /// While it taps: lag behind the axis, or lead, at which the machine trips.
+    #[schemars(extend("unit" = "°", "exclusiveMinimum" = 0, "maximum" = 360, "default" = 45.0))]
+    pub follow_limit_deg: f64,
 }
 
 /// Who changes tools.

@@ -27,7 +27,7 @@ mod rules;
 pub mod settings_file;
 mod tool_table;
 
-pub use auxiliary::{Spindle, ToolChange, ToolChanger};
+pub use auxiliary::{SPINDLE_RAMP_SHARE, Spindle, ToolChange, ToolChanger};
 pub use axis::{Axis, AxisKind, Changeover, DriveMode, Motor, PositionFeedback};
 pub use interpolation::{Interpolation, StraightLines, WithinPeriod};
 pub use kinematics::{Carries, Kinematics, KinematicsKind};

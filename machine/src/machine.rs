@@ -106,6 +106,9 @@ pub struct ProgramSettings {
     /// Whether blocks that begin with `/` are left out (block delete).
     #[schemars(extend("default" = false))]
     pub block_delete: bool,
+    /// Whether there is a touch probe: G38.2 to G38.5 are refused without ([probing](../howto/probe.md)).
+    #[schemars(extend("default" = false))]
+    pub probe: bool,
     /// Whether optional stops (M1) are switched on when the cell starts; the order `optional-stop` changes it.
     #[schemars(extend("default" = false))]
     pub optional_stop: bool,

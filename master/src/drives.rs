@@ -1,6 +1,6 @@
 //! The seam to the iron: what a master asks of drives, simulated or on a fieldbus. It cannot tell which they are.
 
-use bus::sample::Levels;
+use bus::sample::{ANALOG_INPUTS, Levels};
 use bytemuck::{Pod, Zeroable};
 
 /// What a drive is asked to do for one scan.
@@ -107,12 +107,31 @@ pub struct DriveFeedback {
 pub struct AuxiliaryFeedback {
     /// Speed of the spindle, in rev/min, clockwise positive.
     pub spindle_rpm: f64,
+    /// Angle that its encoder shows, in turns, clockwise positive, whole at the index; 0 without an encoder. As the positions of the
+    /// axes, it must be known over a loss of the master (a multi-turn encoder).
+    pub spindle_turns: f64,
     /// The spindle stands at the angle that was commanded.
     pub oriented: bool,
     /// The error code of the spindle's drive while it has a fault, else 0.
     pub spindle_code: u32,
     /// Number of the tool in the spindle, as a changer knows it.
     pub tool: u32,
+}
+
+/// What inputs and probe show at the end of a scan.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct InputFeedback {
+    /// Digital inputs, a bit each.
+    pub digital: u64,
+    /// Analogue inputs.
+    pub analog: [f64; ANALOG_INPUTS],
+    /// The probe is in contact.
+    pub contact: bool,
+    /// When contact was made first in the scan that ends, as a share of it from 0 to 1; none if it was not. It is the time stamp
+    /// that the touch-probe unit of a drive latches (CiA 402 objects 60B8h, 60D1h).
+    pub made_at: Option<f64>,
+    /// The same of contact that was lost (60D2h).
+    pub lost_at: Option<f64>,
 }
 
 /// What bench instruments read at one instant. Real machines have none.
@@ -152,12 +171,18 @@ pub trait Drives {
 
     /// What spindle, coolant, outputs and tool changer are to be in this scan; called once a scan, before
     /// [`exchange`](Drives::exchange). Levels stay until they change. A master that dies says nothing more: the spindle then stops by
-    /// itself and coolant goes off, outputs stay.
+    /// itself and coolant goes off, outputs stay. A spindle that is in step with an axis stops together with it: both drives brake
+    /// evenly over the time that the spindle takes.
     fn command_levels(&mut self, _levels: &Levels) {}
 
     /// What spindle and tool changer show now; nothing where there are none.
     fn auxiliary(&self) -> AuxiliaryFeedback {
         AuxiliaryFeedback::default()
+    }
+
+    /// What inputs and probe show now; nothing where there are none.
+    fn inputs(&self) -> InputFeedback {
+        InputFeedback::default()
     }
 
     /// What bench instruments read of `axis` in the last exchange; nothing on a real machine.

@@ -16,8 +16,8 @@ pub mod window_arbiter;
 
 pub use answers::Answers;
 pub use drives::{
-    AuxiliaryFeedback, DriveCommand, DriveFeedback, DriveState, Drives, InstrumentSample,
-    StateRefused,
+    AuxiliaryFeedback, DriveCommand, DriveFeedback, DriveState, Drives, InputFeedback,
+    InstrumentSample, StateRefused,
 };
 pub use error::MasterError;
 pub use master::{AuxiliaryLatches, Inner, InnerAxis, Master, RunEnd};

@@ -22,11 +22,13 @@ use crate::window_arbiter::{Dropped, WindowArbiter};
 
 mod auxiliary;
 mod axis_unit;
+mod coupling;
 mod decide;
 mod inner;
 mod loaded;
 mod orders;
 mod program;
+mod questions;
 mod recovery;
 mod redundancy;
 mod silence;
@@ -40,6 +42,8 @@ use axis_unit::AxisUnit;
 pub use inner::{Inner, InnerAxis};
 use program::Loaded;
 pub use program::RunEnd;
+pub use questions::QuestionLatches;
+use questions::program_positions;
 use silence::NextScan;
 use switch::Taken;
 use switching_on::SwitchingOn;
@@ -204,6 +208,9 @@ impl<D: Drives> Master<D> {
         feedback.program = self.program.state as u32;
         feedback.run = self.program.run;
         feedback.auxiliary = self.auxiliary.tell();
+        feedback.messages = self.auxiliary.latches.messages;
+        feedback.answer = self.auxiliary.questions.latches.answer;
+        feedback.inputs = self.auxiliary.questions.tell();
         for (out, axis) in feedback.axes.iter_mut().zip(&self.axes) {
             *out = AxisFeedback {
                 motor_position: axis.motor_position(),
@@ -246,9 +253,17 @@ impl<D: Drives> Master<D> {
         for (command, axis) in self.drive_commands.iter_mut().zip(&self.axes) {
             *command = axis.drive_command(self.mode, switching_on);
         }
+        let together = self.auxiliary.brakes_together();
+        if let Some((axis, most_mm_s2)) = together
+            && let Some(DriveCommand::Brake { deceleration_mm_s2 }) =
+                self.drive_commands.get_mut(axis)
+        {
+            *deceleration_mm_s2 = deceleration_mm_s2.min(most_mm_s2);
+        }
         self.drives.command_levels(&self.auxiliary.levels());
         self.drives.exchange(&self.drive_commands);
         self.auxiliary.take(self.drives.auxiliary());
+        let from = program_positions(&self.axes);
         let taken = self.subsamples as usize;
         let setpoints = out.table_mm.iter_mut().zip(&mut out.motor_mm);
         let axes = self.axes.iter_mut().zip(&self.drive_commands).enumerate();
@@ -266,6 +281,9 @@ impl<D: Drives> Master<D> {
                 samples.last().map_or(0.0, |s| s.table_mm),
             );
         }
+        let to = program_positions(&self.axes);
+        let inputs = self.drives.inputs();
+        self.auxiliary.questions.take(inputs, &from, &to);
         (out.motion_digest_high, out.motion_digest_low) = self.digest.end();
         out
     }
@@ -288,6 +306,7 @@ impl<D: Drives> Master<D> {
         self.step_auxiliary();
         self.decide_window();
         self.follow_up();
+        self.follow_with_spindle();
         if jog_done {
             self.end_jog();
         }
@@ -310,6 +329,7 @@ impl<D: Drives> Master<D> {
             return;
         }
         self.program.read(status.cause == 0, self.mode);
+        self.auxiliary.questions.taken(status.answered);
         self.heed_events(status);
         if status.cause != 0 && self.cause == Cause::None {
             self.cause = Cause::Planner;
@@ -387,8 +407,11 @@ impl<D: Drives> Master<D> {
         let holds = |axis: &AxisUnit, id| !axis.silent && axis.command.pending == id;
         let held_by_all = |id: WindowId| axes.iter().all(|axis| holds(axis, id));
         let started = self.windows.has_started();
-        self.windows
-            .decide(self.scan + 1, self.mode == Mode::Enabled, held_by_all);
+        // After the trip of a probe, no window goes further along the path than the one in force does.
+        let brakes = self.auxiliary.questions.brakes();
+        let allowed =
+            self.mode == Mode::Enabled && (!brakes || self.windows.pending_rests_no_later());
+        self.windows.decide(self.scan + 1, allowed, held_by_all);
         if !started && self.windows.has_started() {
             for (start, axis) in self.program_start.iter_mut().zip(&self.axes) {
                 *start = axis.command_position;

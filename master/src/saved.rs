@@ -12,7 +12,7 @@ use bus::sample::MAX_AXES;
 use bytemuck::{Pod, Zeroable};
 
 use crate::drives::{Drives, StateRefused};
-use crate::master::AuxiliaryLatches;
+use crate::master::{AuxiliaryLatches, QuestionLatches};
 use crate::window_arbiter::Left;
 
 /// What the master had latched.
@@ -45,6 +45,8 @@ pub struct Latches {
     pub hold: u32,
     /// Spindle, coolant, outputs, tool and the events that are done.
     pub auxiliary: AuxiliaryLatches,
+    /// What the program asked last, and the answer.
+    pub questions: QuestionLatches,
 }
 
 /// One saved state: the latches, then the drives.

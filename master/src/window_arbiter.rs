@@ -258,6 +258,16 @@ impl WindowArbiter {
         }
     }
 
+    /// Whether the window that waits comes to rest on the path no later than the one in force.
+    pub fn pending_rests_no_later(&self) -> bool {
+        let rests = |kept: &Kept| kept.setpoints.last().map(|last| last.tag);
+        let (Some(pending), Some(in_force)) = (rests(&self.pending), rests(&self.in_force)) else {
+            return false;
+        };
+        pending.element < in_force.element
+            || pending.element == in_force.element && pending.distance_mm <= in_force.distance_mm
+    }
+
     fn void(&mut self) {
         self.voided = self.pending.header.id;
         self.pending.clear();

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use bus::sample::{AxisCommand, Feedback, PlannerStatus, Setpoint, WindowHeader};
-use planner::{Planner, PlannerPorts};
+use planner::{Planner, PlannerPorts, ProgramText};
 use servo::{Servo, ServoPorts};
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -159,7 +159,7 @@ impl PlannerPorts for PlannerScan {
         self.feedback.take()
     }
 
-    fn program(&mut self, _load: u32) -> Option<(String, String)> {
+    fn program(&mut self, _load: u32) -> Option<ProgramText> {
         None
     }
 

@@ -26,6 +26,7 @@ pub fn spindle(levels: &Levels) -> String {
     match SpindleCommand::from_wire(levels.spindle) {
         SpindleCommand::Stop => "stopped".into(),
         SpindleCommand::Orient => format!("at {}°", levels.orientation_deg),
+        SpindleCommand::Follow => "in step with the tap".into(),
         SpindleCommand::Turn => {
             let way = if levels.spindle_rpm < 0.0 {
                 "counter-clockwise"
@@ -70,6 +71,9 @@ pub fn summary(auxiliary: &Auxiliaries) -> Option<String> {
             auxiliary.spindle_rpm.abs()
         ));
     }
+    if auxiliary.coupled != 0 && levels.spindle != SpindleCommand::Follow as u32 {
+        words.push("the tap is in its thread".into());
+    }
     if levels.coolant != 0 {
         words.push(format!("coolant {}", coolant(levels)));
     }
@@ -93,6 +97,13 @@ pub fn changes(before: &Auxiliaries, now: &Auxiliaries) -> Vec<String> {
     let (was, is) = (&before.levels, &now.levels);
     if spindle(was) != spindle(is) {
         changes.push(format!("spindle {}", spindle(is)));
+    }
+    if before.coupled != 0 && now.coupled != 0 {
+        let [followed, follows] =
+            [was, is].map(|levels| levels.spindle == SpindleCommand::Follow as u32);
+        if followed && !follows {
+            changes.push("stopped with the tap in its thread: `resume` goes on in step".into());
+        }
     }
     if was.coolant != is.coolant {
         changes.push(format!("coolant {}", coolant(is)));

@@ -172,6 +172,9 @@ impl Logbook {
 }
 
 /// What is known of a run; without a program, of what is between two.
+/// The largest program that is put into the log too.
+const ATTACHED_BYTES_MAX: u64 = 8 << 20;
+
 fn run_info(options: &Options, program: Option<&Path>) -> Result<RunInfo, MonitorError> {
     let read = |path: &Path| {
         fs::read(path).map_err(|source| MonitorError::File {
@@ -187,7 +190,10 @@ fn run_info(options: &Options, program: Option<&Path>) -> Result<RunInfo, Monito
             || "program.ngc".into(),
             |name| name.to_string_lossy().into_owned(),
         );
-        files.push((name.clone(), read(program)?));
+        // A larger one lies in the run's folder alone: an attachment is written from memory.
+        if fs::metadata(program).is_ok_and(|of| of.len() <= ATTACHED_BYTES_MAX) {
+            files.push((name.clone(), read(program)?));
+        }
     }
     Ok(RunInfo {
         quadrant: env!("CARGO_PKG_VERSION").into(),

@@ -20,6 +20,7 @@ pub mod fit;
 pub mod outcome;
 pub mod prediction;
 pub mod reversal;
+mod run_path;
 pub mod series;
 
 #[cfg(test)]
@@ -31,7 +32,7 @@ mod tests;
 
 use bus::sample::{Cause, Feedback, Mode, WindowId};
 use control::kinematics::Kinematics;
-use control::path::{AxisVector, MAX_AXES, Path};
+use control::path::{AxisVector, MAX_AXES};
 use machine::Machine;
 
 use crate::log::Sample;
@@ -45,6 +46,7 @@ use faults::{FaultResult, Faults, ProcessResult, Seen};
 pub use outcome::Outcome;
 use outcome::StopReason;
 use reversal::{ReversalMeter, ReversalResult};
+pub use run_path::RunPath;
 use series::Statistics;
 
 /// Gaps that are listed; what is missing beyond them is counted only.
@@ -94,7 +96,7 @@ pub struct Measurements {
 /// The measurement of one run, fed sample by sample.
 pub struct Analysis {
     machine: Machine,
-    path: Path,
+    path: RunPath,
     kinematics: Kinematics,
     aligner: Aligner,
     axes: Vec<AxisMeter>,
@@ -130,7 +132,8 @@ pub struct Analysis {
 
 impl Analysis {
     /// Begins the measurement of a run of `path` on `machine`.
-    pub fn new(machine: Machine, path: Path) -> Self {
+    pub fn new(machine: Machine, path: impl Into<RunPath>) -> Self {
+        let path = path.into();
         let period_s = machine.scan_period_s();
         let kinematics = program::kinematics_of(&machine);
         let increments_mm: Vec<f64> = machine.axes.iter().map(|a| a.increment_mm()).collect();
@@ -140,7 +143,7 @@ impl Analysis {
             audit: LimitsAudit::new(&machine),
             contour_mm: Statistics::default(),
             blocks: BlockMeter::default(),
-            arcs: ArcMeter::new(&path, &kinematics, period_s),
+            arcs: ArcMeter::new(path.whole(), &kinematics, period_s),
             reversals: increments_mm
                 .iter()
                 .map(|increment_mm| ReversalMeter::new(*increment_mm))
@@ -200,7 +203,7 @@ impl Analysis {
             .reversals
             .into_iter()
             .enumerate()
-            .flat_map(|(axis, meter)| meter.finish(axis, &self.machine, &self.path, &arcs))
+            .flat_map(|(axis, meter)| meter.finish(axis, &self.machine, self.path.whole(), &arcs))
             .collect();
         reversals.sort_by_key(|reversal| (reversal.scan, reversal.axis));
         let last_scan = self.last.as_ref().map(|feedback| feedback.scan);
@@ -300,15 +303,17 @@ impl Analysis {
 
     /// The scan's share of the block that its command is in; off the path it is none's.
     fn take_block(&mut self, set: &ScanSet, feedback: &Feedback, contour_mm: f64) {
-        let element = self.path.elements.get(feedback.tag.element as usize);
-        let Some(element) = element.filter(|_| !feedback.tag.is_off_path()) else {
+        if feedback.tag.is_off_path() {
+            return;
+        }
+        let Some(line) = self.path.line_to_list(feedback.tag.element) else {
             return;
         };
         let errors = (0..self.axes.len()).map(|axis| {
             let command = set.command(axis);
             command.map_or(0.0, |command| command.following_error_mm)
         });
-        self.blocks.take(element.line, contour_mm, errors);
+        self.blocks.take(line, contour_mm, errors);
     }
 
     /// The backlash compensation that is in force in the next scan.
@@ -324,7 +329,7 @@ impl Analysis {
     }
 
     /// What the instruments saw of the tool at the end of this scan, for whoever follows a fault.
-    fn seen(&self, set: &ScanSet, feedback: &Feedback, contour_mm: f64) -> Seen {
+    fn seen(&mut self, set: &ScanSet, feedback: &Feedback, contour_mm: f64) -> Seen {
         let Some(instruments) = set.instruments.as_deref() else {
             return Seen {
                 contour_mm,
@@ -346,7 +351,7 @@ impl Analysis {
         Seen {
             contour_mm,
             tool_mm: Some(tool_mm),
-            from_path_mm: contour::error_mm(&self.path, left, &tool_mm).filter(|_| self.on_path),
+            from_path_mm: self.path.error_mm(left, &tool_mm).filter(|_| self.on_path),
         }
     }
 
@@ -383,7 +388,7 @@ impl Analysis {
                 .tool(&row_of(&instruments.table_mm, sub, axes));
             let motor = row_of(&instruments.motor_mm, sub, axes) - self.backlash_mm;
             let motor = self.kinematics.tool(&motor);
-            if let Some(error_mm) = contour::error_mm(&self.path, &feedback.tag, &table) {
+            if let Some(error_mm) = self.path.error_mm(&feedback.tag, &table) {
                 self.contour_mm.take(error_mm);
                 largest_mm = largest_mm.max(error_mm);
             }

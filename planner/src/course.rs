@@ -4,7 +4,7 @@ use bus::sample::MAX_WINDOW_SETPOINTS;
 use control::kinematics::Kinematics;
 use control::limits::{AxisLimits, LimitsError, MotionLimits};
 use control::path::{AxisVector, Element, Path};
-use control::pivot::OutOfReach;
+use control::pivot::{OutOfReach, PivotY};
 use control::positioning::{MotorLoad, Positioning, RatingError};
 use control::setpoint_settings::{SetpointSettings, StraightLines};
 use control::window::{PlanError, WindowPlanner, WindowSettings};
@@ -101,8 +101,7 @@ pub fn course(machine: &Machine, program: Program) -> Result<(WindowPlanner, Eve
         events,
         ..
     } = program;
-    let events = Events::of(machine, &events, &path)?;
-    events.mark(&mut path);
+    let events = Events::of(machine, &events, &mut path)?;
     Ok((window_planner(machine, path, start)?, events))
 }
 
@@ -120,23 +119,70 @@ pub fn window_planner(
         path.elements.push(Element::dwell(1, start, 0.0));
     }
     let limits = motion_limits(machine)?;
-    if let Kinematics::PivotY(pivot) = limits.setpoints().kinematics
-        && let Some(slide) = machine.axes.get(pivot.slide)
-    {
-        pivot.check(&path, slide.travel_min_mm, slide.travel_max_mm)?;
+    let reach = Reach::of(machine, &limits);
+    for element in &path.elements {
+        reach.check(element)?;
     }
-    let intended_setpoints_max = machine.intended_setpoints();
-    let settings = WindowSettings {
-        intended_setpoints_max,
-        braking_setpoints_max: (MAX_WINDOW_SETPOINTS as u32)
-            .saturating_sub(intended_setpoints_max + 1),
-        override_max: OVERRIDE_MAX,
-    };
     let positioning = positioning(machine)?;
     Ok(WindowPlanner::with_positioning(
         path,
         limits,
-        settings,
+        window_settings(machine),
         positioning.as_ref(),
     )?)
+}
+
+/// A planner of windows along a path that is read as it is travelled, from the element `first` on, of which `start_mm` lie before it.
+///
+/// # Errors
+/// [`CourseError`].
+pub(crate) fn window_planner_ahead(
+    machine: &Machine,
+    first: u32,
+    start_mm: f64,
+) -> Result<WindowPlanner, CourseError> {
+    let positioning = positioning(machine)?;
+    Ok(WindowPlanner::of_part(
+        motion_limits(machine)?,
+        window_settings(machine),
+        positioning.as_ref(),
+        first,
+        start_mm,
+    )?)
+}
+
+fn window_settings(machine: &Machine) -> WindowSettings {
+    let intended_setpoints_max = machine.intended_setpoints();
+    WindowSettings {
+        intended_setpoints_max,
+        braking_setpoints_max: (MAX_WINDOW_SETPOINTS as u32)
+            .saturating_sub(intended_setpoints_max + 1),
+        override_max: OVERRIDE_MAX,
+    }
+}
+
+/// Where an arm and the slide under it can bring the tool.
+#[derive(Debug, Clone)]
+pub(crate) struct Reach {
+    pivot: Option<(PivotY, f64, f64)>,
+}
+
+impl Reach {
+    pub fn of(machine: &Machine, limits: &MotionLimits) -> Reach {
+        let Kinematics::PivotY(pivot) = limits.setpoints().kinematics else {
+            return Reach { pivot: None };
+        };
+        let slide = machine.axes.get(pivot.slide);
+        Reach {
+            pivot: slide.map(|slide| (pivot, slide.travel_min_mm, slide.travel_max_mm)),
+        }
+    }
+
+    /// Whether the machine can bring its tool along an element.
+    pub fn check(&self, element: &Element) -> Result<(), OutOfReach> {
+        match &self.pivot {
+            Some((pivot, low_mm, high_mm)) => pivot.check_element(element, *low_mm, *high_mm),
+            None => Ok(()),
+        }
+    }
 }

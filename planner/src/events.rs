@@ -8,10 +8,16 @@
     clippy::indexing_slicing
 )]
 
-use bus::sample::{ANALOG_OUTPUTS, DIGITAL_OUTPUTS, EventCode, OUTPUTS_AHEAD, ProgramEvent};
-use control::path::{Feed, Path};
+use std::collections::VecDeque;
+
+use bus::sample::{
+    ANALOG_OUTPUTS, DIGITAL_OUTPUTS, EventCode, OUTPUTS_AHEAD, PROBE_AWAY, PROBE_MUST, ProgramEvent,
+};
+use control::path::{Element, Feed, Path};
 use machine::{Machine, Spindle};
 use program::{Event, EventKind};
+
+use crate::in_step::{InStepError, Pass, Steps};
 
 /// An event that this machine cannot do.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -32,12 +38,39 @@ struct Planned {
     in_motion: bool,
 }
 
-/// The events of a program, in the order in which they are done.
+/// The events of a program in the order in which they are done, as far as it is read.
 #[derive(Debug, Clone, Default)]
 pub struct Events {
-    planned: Vec<Planned>,
-    /// For each of them, the first from it on that is done at rest; one more.
-    stop_from: Vec<u32>,
+    spindle: Option<Spindle>,
+    /// Read, and done before an element that is not read yet.
+    waiting: Vec<Planned>,
+    spindle_ahead: SpindleAhead,
+    /// Those that are not known to be done.
+    planned: VecDeque<Planned>,
+    /// Number of the last one.
+    last: u32,
+    /// Numbers and elements of those that are done at rest.
+    stops: VecDeque<(u32, u32)>,
+    /// Elements that are not read yet and rest before they begin: a question, or its end, comes before them.
+    rests_at: Vec<u32>,
+    /// The question that was read last: its number, and whether it is a probe's.
+    question: Option<(u32, bool)>,
+    /// The element that the last probe ended in that is done.
+    probed: Option<u32>,
+    /// What is in step with the spindle.
+    steps: Steps,
+    passes: VecDeque<Pass>,
+}
+
+/// What the events of the elements ahead depend on, where none waits for its element.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct EventsBehind {
+    /// Number of the last event.
+    pub last: u32,
+    /// Whether the spindle has been told to turn.
+    pub spindle_turns: bool,
+    /// Line in which it was given a speed or direction that no feed has waited for; 0 for none.
+    pub spindle_changed_in_line: u32,
 }
 
 /// What an event is on the wire; none if the master has no part in it.
@@ -67,10 +100,20 @@ fn wire(kind: &EventKind) -> Option<(EventCode, u32, f64, bool)> {
             synchronised,
         } => (EventCode::AnalogOutput, index, value, synchronised),
         EventKind::OverridesEnabled(on) => (EventCode::Overrides, 0, switch(on), false),
-        // M61 tells the program alone; motion in step with the spindle is refused before.
-        EventKind::ToolIs(_) | EventKind::SpindleFollowed(_) | EventKind::SpindleReleased => {
-            return None;
+        EventKind::SpindleCoupled(mm_per_turn) => (EventCode::SpindleCouple, 0, mm_per_turn, false),
+        EventKind::SpindleUncoupled => (EventCode::SpindleUncouple, 0, 0.0, false),
+        EventKind::ToolIs(tool) => (EventCode::ToolIs, tool, 0.0, false),
+        EventKind::Probe { away, must } => {
+            let away = if away { PROBE_AWAY } else { 0 };
+            let must = if must { PROBE_MUST } else { 0 };
+            (EventCode::Probe, away | must, 0.0, false)
         }
+        EventKind::ProbeEnd => (EventCode::ProbeEnd, 0, 0.0, false),
+        EventKind::AwaitInput { asked, timeout_s } => {
+            (EventCode::AwaitInput, asked.wire(), timeout_s, false)
+        }
+        // What follows the spindle is the planner's.
+        EventKind::SpindleFollowed(_) | EventKind::SpindleReleased => return None,
     })
 }
 
@@ -87,7 +130,19 @@ fn is_of_spindle(kind: &EventKind) -> bool {
 
 /// Whether the events of a program do nothing on this machine: it has no spindle, and they are of the spindle alone.
 pub fn acts_on(machine: &Machine, kind: &EventKind) -> bool {
-    machine.spindle.is_some() || !is_of_spindle(kind)
+    has_part(machine.spindle.as_ref(), kind)
+}
+
+/// Whether a spindle has a part in it, or none is needed.
+fn has_part(spindle: Option<&Spindle>, kind: &EventKind) -> bool {
+    let of_tap = matches!(
+        kind,
+        EventKind::SpindleCoupled(_) | EventKind::SpindleUncoupled
+    );
+    match spindle {
+        Some(spindle) => spindle.encoder_counts_per_turn > 0 || !of_tap,
+        None => !of_tap && !is_of_spindle(kind),
+    }
 }
 
 fn judge(line: u32, kind: &EventKind, spindle: Option<&Spindle>) -> Result<(), EventError> {
@@ -106,9 +161,9 @@ fn judge(line: u32, kind: &EventKind, spindle: Option<&Spindle>) -> Result<(), E
                 format!("the spindle of this machine turns at {low} to {high} rev/min"),
             )
         }
-        EventKind::SpindleFollowed(_) => refuse(
+        EventKind::SpindleFollowed(_) if spindle.is_none_or(|s| s.encoder_counts_per_turn == 0) => refuse(
             "a motion in step with the spindle (G33, G33.1, G76)".into(),
-            "no axis of this machine follows its spindle: G84 taps with a holder that gives way"
+            "no axis of this machine follows its spindle, which has no encoder: G84 taps with a holder that gives way"
                 .into(),
         ),
         EventKind::DigitalOutput { index, .. } if index as usize >= DIGITAL_OUTPUTS => refuse(
@@ -123,25 +178,12 @@ fn judge(line: u32, kind: &EventKind, spindle: Option<&Spindle>) -> Result<(), E
     }
 }
 
-/// The first element from this one on that moves or waits; the number of elements for none.
-fn next_that_acts(path: &Path, element: usize) -> usize {
-    let ahead = path.elements.iter().enumerate().skip(element);
-    let mut acts = ahead.filter(|(_, element)| element.is_dwell() || element.length_mm > 0.0);
-    acts.next().map_or(path.elements.len(), |(index, _)| index)
-}
-
-/// The first feed from this element on, and before that one.
-fn first_feed(path: &Path, from: usize, before: usize) -> Option<usize> {
-    let ahead = path.elements.iter().enumerate().take(before).skip(from);
-    let mut feeds =
-        ahead.filter(|(_, element)| element.length_mm > 0.0 && element.feed != Feed::Rapid);
-    feeds.next().map(|(index, _)| index)
-}
-
 /// Whether the spindle has been given a speed or direction that no feed has waited for yet.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Copy, Default)]
 struct SpindleAhead {
     turns: bool,
+    /// It follows an axis, and turns by itself only afterwards.
+    coupled: bool,
     changed_in_line: Option<u32>,
 }
 
@@ -157,135 +199,277 @@ impl SpindleAhead {
                 self.turns = false;
                 self.changed_in_line = None;
             }
+            EventKind::SpindleCoupled(_) => self.coupled = true,
+            EventKind::SpindleUncoupled => {
+                self.coupled = false;
+                self.changed_in_line = self.turns.then_some(line);
+            }
             _ => {}
+        }
+        if self.coupled {
+            self.changed_in_line = None;
         }
     }
 }
 
 impl Events {
-    /// Those of a program on a machine.
+    /// None yet, of a program on a machine.
+    pub fn new(machine: &Machine) -> Events {
+        Events {
+            spindle: machine.spindle,
+            steps: Steps::new(machine),
+            ..Events::default()
+        }
+    }
+
+    /// Those that come after what is behind.
+    pub fn after(machine: &Machine, behind: &EventsBehind) -> Events {
+        let line = behind.spindle_changed_in_line;
+        Events {
+            last: behind.last,
+            spindle_ahead: SpindleAhead {
+                turns: behind.spindle_turns,
+                coupled: false,
+                changed_in_line: (line > 0).then_some(line),
+            },
+            ..Events::new(machine)
+        }
+    }
+
+    /// All of a whole program, which makes its path rest where they are done at rest.
     ///
     /// # Errors
     /// The machine cannot do one of them.
-    pub fn of(machine: &Machine, events: &[Event], path: &Path) -> Result<Events, EventError> {
-        let mut planned: Vec<Planned> = Vec::with_capacity(events.len());
-        let mut spindle = SpindleAhead::default();
-        let push = |planned: &mut Vec<Planned>, line, at: usize, of_wire| {
-            let (code, index, value, in_motion): (EventCode, u32, f64, bool) = of_wire;
-            let element = next_that_acts(path, at);
-            planned.push(Planned {
-                // Without a motion to begin it is done at the end.
-                in_motion: in_motion && element < path.elements.len(),
-                event: ProgramEvent {
-                    value,
-                    code: code as u32,
-                    index,
-                    line,
-                    element: element as u32,
-                    ..ProgramEvent::default()
-                },
+    pub fn of(machine: &Machine, events: &[Event], path: &mut Path) -> Result<Events, EventError> {
+        let mut all = Events::new(machine);
+        let mut events = events.iter().peekable();
+        for (number, element) in (0u32..).zip(path.elements.iter_mut()) {
+            while let Some(event) = events.next_if(|event| event.before_element <= number as usize)
+            {
+                all.read(event)?;
+            }
+            all.meet(number, element)?;
+        }
+        for event in events {
+            all.read(event)?;
+        }
+        all.end(path.elements.len() as u32);
+        Ok(all)
+    }
+
+    /// What the rest depends on; none while events wait for their element.
+    pub fn behind(&self) -> Option<EventsBehind> {
+        let nothing =
+            self.waiting.is_empty() && self.rests_at.is_empty() && !self.steps.is_under_way();
+        nothing.then(|| EventsBehind {
+            last: self.last,
+            spindle_turns: self.spindle_ahead.turns,
+            spindle_changed_in_line: self.spindle_ahead.changed_in_line.unwrap_or(0),
+        })
+    }
+
+    /// The next event, before the element that it is done before.
+    ///
+    /// # Errors
+    /// The machine cannot do it.
+    pub fn read(&mut self, event: &Event) -> Result<(), EventError> {
+        if !has_part(self.spindle.as_ref(), &event.kind) {
+            return Ok(());
+        }
+        judge(event.line, &event.kind, self.spindle.as_ref())?;
+        let probes = matches!(event.kind, EventKind::Probe { .. });
+        if probes && let Some(line) = self.spindle_ahead.changed_in_line.take() {
+            self.wait(line, (EventCode::AwaitSpindle, 0, 0.0, false));
+        }
+        self.steps.read(event)?;
+        if let Some(of_wire) = wire(&event.kind) {
+            self.wait(event.line, of_wire);
+        }
+        if self.spindle.is_some() {
+            self.spindle_ahead.heed(event.line, &event.kind);
+        }
+        let asks = probes || matches!(event.kind, EventKind::AwaitInput { .. });
+        if asks || event.kind == EventKind::ProbeEnd {
+            // Nothing behind it is known before the answer is: what waits is done here, whoever reads on when.
+            let element = event.before_element as u32;
+            self.end(element);
+            self.rests_at.push(element);
+        }
+        if asks {
+            self.question = Some((self.last, probes));
+        }
+        Ok(())
+    }
+
+    /// The question that was read last: its number, and whether it is a probe's.
+    pub fn question(&self) -> Option<(u32, bool)> {
+        self.question
+    }
+
+    /// The element in which the last probing motion ended that is done: its tool is at the element's end, wherever that was seen.
+    pub fn probed(&self) -> Option<u32> {
+        self.probed
+    }
+
+    fn wait(&mut self, line: u32, of_wire: (EventCode, u32, f64, bool)) {
+        let (code, index, value, in_motion) = of_wire;
+        self.waiting.push(Planned {
+            in_motion,
+            event: ProgramEvent {
+                value,
+                code: code as u32,
+                index,
+                line,
+                ..ProgramEvent::default()
+            },
+        });
+    }
+
+    /// The next element: what waits is done before it if it moves or waits, and makes it rest before it unless that is done in motion.
+    ///
+    /// # Errors
+    /// More outputs before one motion than the master can be told of.
+    pub fn meet(&mut self, number: u32, element: &mut Element) -> Result<(), EventError> {
+        if !element.is_dwell() && element.length_mm <= 0.0 {
+            return Ok(());
+        }
+        let before = self.rests_at.len();
+        self.rests_at.retain(|at| *at > number);
+        element.rests_before |= self.rests_at.len() < before;
+        let feeds = element.length_mm > 0.0 && element.feed != Feed::Rapid;
+        if feeds && let Some(line) = self.spindle_ahead.changed_in_line.take() {
+            self.wait(line, (EventCode::AwaitSpindle, 0, 0.0, false));
+        }
+        let in_motion = self.waiting.iter().filter(|planned| planned.in_motion);
+        if let Some(one_too_many) = in_motion.clone().nth(OUTPUTS_AHEAD) {
+            return Err(EventError {
+                line: one_too_many.event.line,
+                found: format!("more than {OUTPUTS_AHEAD} outputs before one motion"),
+                right: "M62, M63 and M67 set at most so many where a motion begins".into(),
             });
-        };
-        let acting = events.iter().filter(|event| acts_on(machine, &event.kind));
-        let mut acting = acting.peekable();
-        while let Some(event) = acting.next() {
-            judge(event.line, &event.kind, machine.spindle.as_ref())?;
-            if let Some(of_wire) = wire(&event.kind) {
-                push(&mut planned, event.line, event.before_element, of_wire);
-            }
-            if machine.spindle.is_some() {
-                spindle.heed(event.line, &event.kind);
-            }
-            let next = acting.peek().map_or(usize::MAX, |next| next.before_element);
-            if let Some(line) = spindle.changed_in_line
-                && let Some(feed) = first_feed(path, event.before_element, next)
-            {
-                spindle.changed_in_line = None;
-                let of_wire = (EventCode::AwaitSpindle, 0, 0.0, false);
-                push(&mut planned, line, feed, of_wire);
-            }
         }
-        Self::numbered(planned)
+        element.rests_before |= in_motion.count() < self.waiting.len();
+        let pass = self.steps.meet(number, element)?;
+        let ended = self.steps.take_ended();
+        element.rests_before |= pass.is_some() || ended;
+        self.passes.extend(pass);
+        self.couple_along(element)?;
+        self.plan_waiting(number);
+        Ok(())
     }
 
-    /// In order: at one element those at rest first, then those of its motion.
-    fn numbered(mut planned: Vec<Planned>) -> Result<Events, EventError> {
-        planned.sort_by_key(|planned| (planned.event.element, planned.in_motion));
-        for (number, planned) in (1u32..).zip(planned.iter_mut()) {
-            planned.event.number = number;
+    /// A tap goes along the axis of its first motion.
+    fn couple_along(&mut self, element: &Element) -> Result<(), EventError> {
+        let couples =
+            |planned: &&mut Planned| planned.event.code == EventCode::SpindleCouple as u32;
+        for planned in self.waiting.iter_mut().filter(couples) {
+            if let Some((axis, sign)) = self.steps.axis_of(element)? {
+                planned.event.index = axis;
+                planned.event.value *= sign;
+            }
         }
-        let mut stop_from = vec![planned.len() as u32; planned.len() + 1];
-        let mut next = planned.len() as u32;
-        for (index, (slot, planned)) in stop_from.iter_mut().zip(&planned).enumerate().rev() {
+        Ok(())
+    }
+
+    /// The program ends behind so many elements: what waits is done there, at rest.
+    pub fn end(&mut self, elements: u32) {
+        for planned in &mut self.waiting {
+            planned.in_motion = false;
+        }
+        self.plan_waiting(elements);
+    }
+
+    /// Numbers what waits: first those at rest, then those of the motion.
+    fn plan_waiting(&mut self, element: u32) {
+        self.waiting.sort_by_key(|planned| planned.in_motion);
+        for mut planned in self.waiting.drain(..) {
+            self.last += 1;
+            planned.event.number = self.last;
+            planned.event.element = element;
             if !planned.in_motion {
-                next = index as u32;
+                self.stops.push_back((self.last, element));
             }
-            *slot = next;
-        }
-        for many in planned.windows(OUTPUTS_AHEAD + 1) {
-            if let [first, .., last] = many
-                && first.in_motion
-                && last.in_motion
-                && first.event.element == last.event.element
-            {
-                return Err(EventError {
-                    line: last.event.line,
-                    found: format!("more than {OUTPUTS_AHEAD} outputs before one motion"),
-                    right: "M62, M63 and M67 set at most so many where a motion begins".into(),
-                });
-            }
-        }
-        Ok(Events { planned, stop_from })
-    }
-
-    /// Makes the path rest where they are done at rest.
-    pub fn mark(&self, path: &mut Path) {
-        for planned in self.planned.iter().filter(|planned| !planned.in_motion) {
-            if let Some(element) = path.elements.get_mut(planned.event.element as usize) {
-                element.rests_before = true;
-            }
+            self.planned.push_back(planned);
         }
     }
 
-    /// The next event that is done at rest.
-    pub fn next_stop(&self, done: u32) -> Option<&ProgramEvent> {
-        let index = *self.stop_from.get(done as usize)?;
-        let planned = self.planned.get(index as usize)?;
-        Some(&planned.event)
+    /// What is travelled in step with the spindle, in order.
+    pub fn passes(&self) -> &VecDeque<Pass> {
+        &self.passes
+    }
+
+    /// Lets go of the passes before an element.
+    pub fn forget_passes(&mut self, element: u32) {
+        while self
+            .passes
+            .front()
+            .is_some_and(|pass| pass.element < element)
+        {
+            self.passes.pop_front();
+        }
+    }
+
+    /// Lets go of those that are done.
+    pub fn forget(&mut self, done: u32) {
+        let is_done = |planned: &Planned| planned.event.number <= done;
+        while self.planned.front().is_some_and(is_done) {
+            let Some(planned) = self.planned.pop_front() else {
+                break;
+            };
+            if planned.event.code == EventCode::ProbeEnd as u32 {
+                self.probed = planned.event.element.checked_sub(1);
+            }
+        }
+        while self.stops.front().is_some_and(|stop| stop.0 <= done) {
+            self.stops.pop_front();
+        }
+    }
+
+    /// The one of this number.
+    fn planned(&self, number: u32) -> Option<&Planned> {
+        let first = self.planned.front()?.event.number;
+        self.planned.get(number.checked_sub(first)? as usize)
     }
 
     /// The first element that is not begun before something is done at rest.
     pub fn until_element(&self, done: u32) -> u32 {
-        self.next_stop(done).map_or(u32::MAX, |event| event.element)
+        let next = self.stops.partition_point(|stop| stop.0 <= done);
+        self.stops.get(next).map_or(u32::MAX, |stop| stop.1)
     }
 
     /// The next event, if it is done at rest.
     pub fn at_rest(&self, done: u32) -> Option<&ProgramEvent> {
-        let planned = self.planned.get(done as usize)?;
+        let planned = self.planned(done.checked_add(1)?)?;
         (!planned.in_motion).then_some(&planned.event)
     }
 
     /// The next outputs that are set in motion.
     pub fn ahead(&self, done: u32) -> [ProgramEvent; OUTPUTS_AHEAD] {
         let mut ahead = [ProgramEvent::default(); OUTPUTS_AHEAD];
-        let next = self.planned.iter().skip(done as usize);
-        let next = next.take_while(|planned| planned.in_motion);
-        for (slot, planned) in ahead.iter_mut().zip(next) {
-            *slot = planned.event;
+        for (slot, number) in ahead.iter_mut().zip(done.saturating_add(1)..) {
+            match self.planned(number) {
+                Some(planned) if planned.in_motion => *slot = planned.event,
+                _ => break,
+            }
         }
         ahead
     }
 
     /// The element of the first output in motion that the master is not told of yet: no window goes so far.
     pub fn first_untold(&self, done: u32) -> u32 {
-        let index = (done as usize).saturating_add(OUTPUTS_AHEAD);
-        let untold = self.planned.get(index);
+        let untold = self.planned(done.saturating_add(OUTPUTS_AHEAD as u32 + 1));
         untold.map_or(u32::MAX, |planned| planned.event.element)
     }
 
-    /// Whether there are none.
+    /// Whether nothing is left to be done.
     pub fn is_empty(&self) -> bool {
         self.planned.is_empty()
+    }
+}
+
+impl From<InStepError> for EventError {
+    fn from(InStepError { line, found, right }: InStepError) -> EventError {
+        EventError { line, found, right }
     }
 }
 

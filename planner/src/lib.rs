@@ -2,15 +2,27 @@
 //!
 //! [`run()`] is the process; [`Planner`] its pure part: feedback in, window out.
 
+mod ahead;
 mod course;
 mod events;
+mod in_step;
+mod kept_places;
+mod place;
 mod planner;
 pub mod ports;
+mod program_text;
+pub mod questions;
 mod return_to_path;
 mod run;
+mod survey;
 
+pub use ahead::AheadError;
 pub use course::{CourseError, course, motion_limits, window_planner};
 pub use events::{EventError, Events, acts_on};
+pub use in_step::needs as needs_in_step;
+pub use place::Place;
 pub use planner::{Decision, Inner, Planner};
 pub use ports::{BusPorts, PlannerPorts};
+pub use program_text::ProgramText;
 pub use run::{Options, PlannerError, cycle, run, run_over};
+pub use survey::{Survey, survey};

@@ -14,12 +14,16 @@ use bus::sample::{
 use bus::window::checksum;
 use bytemuck::Zeroable;
 use control::profile::PathState;
-use control::window::{PlanError, PlannedSetpoint, WindowOutcome, WindowPlanner, WindowRequest};
+use control::speed_map::first_mapped;
+use control::window::{PlanError, PlannedSetpoint, WindowRequest};
 use machine::Machine;
-use program::ResumeError;
+use program::Setup;
 
-use crate::course::{CourseError, course};
-use crate::events::Events;
+use crate::ahead::{AheadError, Course};
+use crate::in_step;
+use crate::place::{PLACE_ELEMENTS, Place};
+use crate::program_text::ProgramText;
+use crate::questions::KeptAnswer;
 use crate::return_to_path::ReturnToPath;
 
 /// Scans from the feedback a window answers until it can be executed: seen by the servos in the next, admitted by the
@@ -66,18 +70,6 @@ impl Published {
     }
 }
 
-/// The path of a program, ready to plan along.
-#[derive(Debug, Clone)]
-struct Course {
-    windows: WindowPlanner,
-    events: Events,
-    program_hash: u64,
-    /// Command positions it was expanded from, in increments.
-    start: [i64; MAX_AXES],
-    /// Path length before each element, in mm; one more for the whole.
-    length_before_mm: Vec<f64>,
-}
-
 /// Where the next window starts, and on which path.
 #[derive(Debug, Clone, Copy)]
 struct From {
@@ -96,15 +88,6 @@ impl From {
             starts,
         }
     }
-}
-
-/// Why a program cannot be planned.
-#[derive(Debug, thiserror::Error)]
-enum StartError {
-    #[error(transparent)]
-    Program(#[from] ResumeError),
-    #[error(transparent)]
-    Course(#[from] CourseError),
 }
 
 /// What the planner answers at a period boundary.
@@ -133,13 +116,17 @@ pub struct Inner {
 #[derive(Debug, Clone)]
 pub struct Planner {
     machine: Machine,
-    program_name: String,
-    program_text: Option<String>,
+    program: Option<ProgramText>,
     /// Its number, as in the feedback.
     load: u32,
     incarnation: u32,
     period_scans: u64,
     course: Option<Course>,
+    /// A place that a planner before this one has kept.
+    place: Option<Place>,
+    /// What the machine has answered in this run, and which run it is.
+    answers: Vec<KeptAnswer>,
+    run: Option<(u32, u32)>,
     return_to_path: Option<ReturnToPath>,
     in_force: Published,
     pending: Published,
@@ -150,16 +137,21 @@ pub struct Planner {
 }
 
 impl Planner {
-    /// A planner of one program; the path is expanded when the machine is first seen enabled, from where it then stands.
+    /// A planner of one program; its path is read when the machine is first seen enabled, from where it then stands.
     pub fn new(
         machine: &Machine,
         program_name: &str,
         program_text: String,
         incarnation: u32,
     ) -> Planner {
+        let program = ProgramText::Here(program_name.into(), program_text.into());
+        Planner::of(machine, program, incarnation)
+    }
+
+    /// The same of a program that may lie in a file.
+    pub fn of(machine: &Machine, program: ProgramText, incarnation: u32) -> Planner {
         Planner {
-            program_name: program_name.into(),
-            program_text: Some(program_text),
+            program: Some(program),
             ..Planner::idle(machine, incarnation)
         }
     }
@@ -169,12 +161,14 @@ impl Planner {
         let setpoints_max = bus::sample::MAX_WINDOW_SETPOINTS + 1;
         Planner {
             machine: machine.clone(),
-            program_name: String::new(),
-            program_text: None,
+            program: None,
             load: 0,
             incarnation,
             period_scans: u64::from(machine.scan.interpolation_period_scans),
             course: None,
+            place: None,
+            answers: Vec::new(),
+            run: None,
             return_to_path: None,
             in_force: Published::none(setpoints_max),
             pending: Published::none(setpoints_max),
@@ -201,29 +195,90 @@ impl Planner {
         self.load
     }
 
-    /// Takes the program (name and text) that the feedback names, in place of the one before. One that could not be read, or
+    /// Takes the program that the feedback names, in place of the one before. One that could not be read, or
     /// that is new to the cell and cannot be planned from where the axes are, is refused in the status.
-    pub fn load(&mut self, program: Option<(String, String)>, feedback: &Feedback) {
+    pub fn load(&mut self, program: Option<ProgramText>, feedback: &Feedback) {
         self.load = feedback.load;
         self.cause = Cause::None;
         self.course = None;
+        self.place = None;
         self.return_to_path = None;
         self.in_force.header = WindowHeader::zeroed();
         self.pending.header = WindowHeader::zeroed();
-        let Some((name, text)) = program else {
-            self.program_text = None;
+        self.program = program;
+        if self.program.is_none() {
             self.cause = Cause::Planner;
-            return;
-        };
-        self.program_name = name;
-        self.program_text = Some(text);
-        if feedback.program == ProgramState::Loading as u32 {
-            self.expanded_from(command_positions(feedback));
+        } else if feedback.program == ProgramState::Loading as u32 {
+            self.expanded_from(command_positions(feedback), feedback);
         }
+    }
+
+    /// Whether this feedback is of another run than the answers that the planner knows.
+    pub fn is_other_run(&self, feedback: &Feedback) -> bool {
+        self.run != Some((feedback.load, feedback.run))
+    }
+
+    /// Takes what the machine has answered so far in the run of this feedback.
+    pub fn begin_run(&mut self, answers: Vec<KeptAnswer>, feedback: &Feedback) {
+        self.run = Some((feedback.load, feedback.run));
+        if answers != self.answers {
+            self.answers = answers;
+            self.read_anew();
+        }
+    }
+
+    fn read_anew(&mut self) {
+        self.course = None;
+        self.place = None;
+        self.return_to_path = None;
+        self.in_force.header = WindowHeader::zeroed();
+        self.pending.header = WindowHeader::zeroed();
+    }
+
+    /// The answer to what the program asks now, if the feedback has it: to be kept before it is [taken](Planner::take_answer).
+    pub fn new_answer(&self, feedback: &Feedback) -> Option<KeptAnswer> {
+        let (number, probes) = self.course.as_ref()?.asks()?;
+        KeptAnswer::of(feedback, number, probes, self.answers.len() as u32)
+    }
+
+    /// Goes on with an answer, as a planner that has come after it would: from where the axes rest.
+    pub fn take_answer(&mut self, answer: KeptAnswer) {
+        let of_program = answer.for_program(&self.machine);
+        self.answers.push(answer);
+        self.in_force.header = WindowHeader::zeroed();
+        self.pending.header = WindowHeader::zeroed();
+        match (of_program, &mut self.course) {
+            (Ok(answer), Some(course)) => course.answer(answer),
+            (Err(error), _) => {
+                tracing::error!("{error}");
+                self.cause = Cause::Planner;
+            }
+            _ => {}
+        }
+    }
+
+    /// The element up to which the program has come, if a place before it that was kept would save this planner from reading it all.
+    pub fn wants_place(&self, feedback: &Feedback) -> Option<u32> {
+        let element = feedback.interrupted_at.element;
+        let is_new = self.course.is_none() && self.place.is_none() && self.program.is_some();
+        let is_far = !feedback.interrupted_at.is_off_path() && element > PLACE_ELEMENTS;
+        (is_new && is_far && self.cause == Cause::None).then_some(element)
+    }
+
+    /// A place that was kept, to read on from.
+    pub fn take_place(&mut self, place: Place) {
+        self.place = Some(place);
+    }
+
+    /// Places that are to be kept for planners after this one.
+    pub fn new_places(&mut self) -> Vec<Place> {
+        let course = self.course.as_mut();
+        course.map_or_else(Vec::new, |course| std::mem::take(&mut course.places))
     }
 
     /// Answers the feedback of a period boundary (or of a later scan, if it woke late).
     pub fn scan(&mut self, feedback: &Feedback) -> Decision<'_> {
+        self.read_on(feedback);
         let header = self.next_window(feedback);
         if let Some(header) = header {
             self.pending.header = header;
@@ -240,6 +295,10 @@ impl Planner {
 
     fn next_window(&mut self, feedback: &Feedback) -> Option<WindowHeader> {
         self.settle_pending(feedback);
+        if self.course.is_none() && self.is_waited_for(feedback) {
+            // Only who has read the program knows what was asked.
+            self.expanded_from(feedback.program_start, feedback);
+        }
         if !self.may_plan(feedback) {
             return None;
         }
@@ -254,6 +313,16 @@ impl Planner {
         } else {
             self.take_over(feedback)?
         };
+        self.window_from(&from, feedback, first_scan)
+    }
+
+    /// The window that begins in `first_scan`.
+    fn window_from(
+        &mut self,
+        from: &From,
+        feedback: &Feedback,
+        first_scan: u64,
+    ) -> Option<WindowHeader> {
         let request = WindowRequest {
             intended_setpoints: self.machine.intended_setpoints(),
             feed_override: f64::from(override_percent(feedback)) / 100.0,
@@ -267,10 +336,13 @@ impl Planner {
             let windows = &mut self.return_to_path.as_mut()?.windows;
             windows.plan(&from.state, &request, &mut self.setpoints)
         } else {
-            course.plan(&from, request, feedback, &mut self.setpoints)
+            let when = (&self.machine, first_scan);
+            course.plan(&from.state, request, feedback, when, &mut self.setpoints)
         };
+        let is_whole = course.is_whole();
         let outcome = match planned {
             Ok(outcome) => outcome,
+            Err(PlanError::NotAtHand) if !is_whole => return None,
             Err(error) => {
                 tracing::error!(%error, "no window can be planned");
                 self.cause = Cause::Planner;
@@ -303,7 +375,7 @@ impl Planner {
             epoch: feedback.epoch,
             intended_setpoints: outcome.intended_setpoints,
             setpoint_count: outcome.setpoint_count,
-            ends_program: u32::from(outcome.ends_program && !from.returns),
+            ends_program: u32::from(outcome.ends_program && !from.returns && is_whole),
         };
         header.id.checksum = checksum(&header, &self.wire);
         Some(header)
@@ -313,9 +385,19 @@ impl Planner {
     fn may_plan(&self, feedback: &Feedback) -> bool {
         Mode::from_wire(feedback.mode) == Some(Mode::Enabled)
             && self.cause == Cause::None
-            && self.program_text.is_some()
+            && self.program.is_some()
             && self.pending.is_none()
             && !is_blocked(feedback)
+    }
+
+    /// Whether the master wants no motion before this planner has told what it knows.
+    fn is_waited_for(&self, feedback: &Feedback) -> bool {
+        feedback.auxiliary.blocked == 1
+            && feedback.answer.number > 0
+            && Mode::from_wire(feedback.mode) == Some(Mode::Enabled)
+            && !feedback.interrupted_at.is_off_path()
+            && self.cause == Cause::None
+            && self.program.is_some()
     }
 
     /// Learns from the feedback what became of the window that was published last.
@@ -339,18 +421,18 @@ impl Planner {
     /// whoever planned it.
     fn start(&mut self, feedback: &Feedback) -> Option<From> {
         if feedback.interrupted_at.is_off_path() {
-            self.expanded_from(command_positions(feedback))?;
+            self.expanded_from(command_positions(feedback), feedback)?;
             let start = self.course.as_ref()?.windows.start_state();
             return Some(From::program(start, true));
         }
-        self.expanded_from(feedback.program_start)?;
+        self.expanded_from(feedback.program_start, feedback)?;
         self.return_to_path(feedback)
     }
 
     /// The window in force is that of a planner before this one: it brings the machine to rest on the path, and from there
     /// the program goes on.
     fn take_over(&mut self, feedback: &Feedback) -> Option<From> {
-        self.expanded_from(feedback.program_start)?;
+        self.expanded_from(feedback.program_start, feedback)?;
         if feedback.at_rest == 0 || !feedback.armed.is_none() {
             return None;
         }
@@ -366,22 +448,77 @@ impl Planner {
         })
     }
 
-    /// Expands the program from these command positions, if it is not yet.
+    /// Begins to read the program from these command positions, if that is not done yet.
     ///
-    /// Expanding takes as long as the program is, so the scan that does it has nothing new to say; a window that came to
-    /// nothing is planned again.
-    fn expanded_from(&mut self, start: [i64; MAX_AXES]) -> Option<()> {
+    /// The scan that does it has nothing new to say; a window that came to nothing is planned again.
+    fn expanded_from(&mut self, start: [i64; MAX_AXES], feedback: &Feedback) -> Option<()> {
         if self.course.as_ref().is_some_and(|c| c.start == start) {
             return Some(());
         }
-        match self.expand(start) {
-            Ok(course) => self.course = Some(course),
-            Err(error) => {
-                tracing::error!("{error}");
-                self.cause = Cause::Planner;
-            }
+        self.course = self.begin(start, feedback);
+        if self.course.is_none() {
+            self.cause = Cause::Planner;
         }
         None
+    }
+
+    /// The program from these command positions, read so far that it can begin, or as far as one scan allows.
+    fn begin(&self, start: [i64; MAX_AXES], feedback: &Feedback) -> Option<Course> {
+        let program = self.program.as_ref()?;
+        let element = match feedback.interrupted_at {
+            at if at.is_off_path() => 0,
+            at => at.element,
+        };
+        let reaches = |place: &&Place| first_mapped(place.element) <= element;
+        let place = self.place.as_ref().filter(reaches);
+        let answers = self.answers.iter();
+        let answers: Result<Vec<_>, _> = answers
+            .map(|kept| kept.for_program(&self.machine))
+            .collect();
+        let course = answers.map_err(|error| AheadError::Program(error.into()));
+        let course = course.and_then(|answers| {
+            let setup = Setup {
+                answers,
+                ..Setup::of(&self.machine)
+            };
+            Course::new(&self.machine, program, start, place, setup)
+        });
+        let mut course = match course {
+            Ok(course) => course,
+            Err(error) => {
+                tracing::error!("{error}");
+                return None;
+            }
+        };
+        course.read_on(element, false);
+        // A mistake that is met before anything moves refuses the program; a later one stops it where it stands.
+        if let (Some(refused), None) = (course.refused(), place) {
+            tracing::error!("{refused}");
+            return None;
+        }
+        Some(course)
+    }
+
+    /// Reads on ahead of the tool. What was refused is told once the tool rests before it.
+    fn read_on(&mut self, feedback: &Feedback) {
+        let element = tool_element(feedback);
+        let Some(course) = &mut self.course else {
+            return;
+        };
+        course.read_on(element, feedback.at_rest == 0);
+        course.events.forget(feedback.auxiliary.events_done);
+        course.events.forget_passes(element);
+        if let Some(refused) = course.refused()
+            && self.cause == Cause::None
+            && feedback.at_rest == 1
+            && self.in_force.header.id == feedback.window
+            && self.in_force.ends_path
+            && !self.in_force.returns
+            && self.in_force.is_done_in(feedback.scan)
+        {
+            tracing::error!("{refused}");
+            self.cause = Cause::Planner;
+        }
     }
 
     /// The axes were moved by hand or pushed: the return to where the path was left, once somebody has resumed. An
@@ -393,16 +530,27 @@ impl Planner {
         let course = self.course.as_ref()?;
         let interrupted_at = feedback.interrupted_at;
         let windows = &course.windows;
+        if !course.is_ready(interrupted_at.element) {
+            return None;
+        }
+        let probed = Some(interrupted_at.element) == course.events.probed();
+        let end_mm = windows.path().get(interrupted_at.element);
+        let end_mm = end_mm.map_or(0.0, |element| element.length_mm);
         let resumed = PathState::resume(
             windows.path(),
             interrupted_at.element,
-            interrupted_at.distance_mm,
+            if probed {
+                // It ends where the axes have come to rest behind the trip.
+                end_mm
+            } else {
+                interrupted_at.distance_mm
+            },
             interrupted_at.dwell_remaining_scans,
         );
         if feedback.program_hash != course.program_hash {
             tracing::error!(
                 "{}: changed since the program was started; it cannot go on in the middle of another one",
-                self.program_name
+                self.program_name()
             );
             self.cause = Cause::Planner;
             return None;
@@ -418,9 +566,19 @@ impl Planner {
         if here == position {
             return Some(From::program(state, true));
         }
+        // A tap in its thread goes on from where it stands; what it is off its line is made up for so slowly that the spindle follows.
+        let mut state = state;
+        let coupled = feedback.auxiliary.coupled != 0;
+        let tap = in_step::pass_of(course.events.passes(), state.element);
+        if let Some(tap) = tap.filter(|pass| pass.tap && coupled) {
+            state.distance_mm = in_step::distance_on(windows, &tap, &here)?;
+            if windows.setpoint(&state)?.position_increments == here {
+                return Some(From::program(state, true));
+            }
+        }
         let plans = |way: &ReturnToPath| way.from == here && way.to == state;
         if !self.return_to_path.as_ref().is_some_and(plans) {
-            match ReturnToPath::new(&self.machine, here, state, windows.path()) {
+            match ReturnToPath::new(&self.machine, here, state, windows.path(), coupled) {
                 Ok(return_to_path) => self.return_to_path = Some(return_to_path),
                 Err(error) => {
                     tracing::error!("{error}");
@@ -437,25 +595,9 @@ impl Planner {
         })
     }
 
-    fn expand(&self, command_positions: [i64; MAX_AXES]) -> Result<Course, StartError> {
-        let text = self.program_text.as_deref().unwrap_or_default();
-        let program =
-            program::resume_from(&self.machine, &command_positions, &self.program_name, text)?;
-        let program_hash = program.source_hash;
-        let (windows, events) = course(&self.machine, program)?;
-        let mut length_mm = 0.0;
-        let mut length_before_mm = vec![0.0];
-        for element in &windows.path().elements {
-            length_mm += element.length_mm;
-            length_before_mm.push(length_mm);
-        }
-        Ok(Course {
-            windows,
-            events,
-            program_hash,
-            start: command_positions,
-            length_before_mm,
-        })
+    fn program_name(&self) -> String {
+        let program = self.program.as_ref();
+        program.map_or_else(String::new, ProgramText::name)
     }
 
     /// The state before `first_scan` in the window in force; none where nothing is left to plan.
@@ -469,7 +611,8 @@ impl Planner {
             (true, true) => self.return_to_path.as_ref()?.to,
             (false, _) => self.in_force.state_in(before)?,
         };
-        let held = feedback.hold == 1 || override_percent(feedback) == 0;
+        let held = feedback.hold == 1 || feedback.auxiliary.blocked == 1;
+        let held = held || override_percent(feedback) == 0;
         if held && state.is_at_rest() {
             return None;
         }
@@ -505,22 +648,30 @@ impl Planner {
             .then_some(*next)
     }
 
+    /// The line that the tool is in.
+    fn line(&self, feedback: &Feedback) -> u32 {
+        let path = self.course.as_ref().map(|course| course.windows.path());
+        let element = path.and_then(|path| path.get(tool_element(feedback)));
+        element.map_or(0, |element| element.line)
+    }
+
     fn status(&self, feedback: &Feedback) -> PlannerStatus {
         let (path_length_mm, path_done_mm, program_hash) =
             self.course.as_ref().map_or((0.0, 0.0, 0), |course| {
-                let lengths = &course.length_before_mm;
+                let path = course.windows.path();
                 // Off the path, what is done is what was done when it was left.
                 let tag = if feedback.tag.is_off_path() {
                     feedback.interrupted_at
                 } else {
                     feedback.tag
                 };
-                let before = lengths.get(tag.element as usize);
-                (
-                    lengths.last().copied().unwrap_or(0.0),
-                    before.copied().unwrap_or(0.0) + tag.distance_mm,
-                    course.program_hash,
-                )
+                let behind = path.get(tag.element);
+                let before_mm = behind.map_or(0.0, |_| path.length_before_mm(tag.element));
+                let whole_mm = match course.is_over() {
+                    true => path.length_mm(),
+                    false => 0.0,
+                };
+                (whole_mm, before_mm + tag.distance_mm, course.program_hash)
             });
         let last = if self.pending.is_none() {
             &self.in_force
@@ -539,6 +690,8 @@ impl Planner {
             cause: self.cause as u32,
             windows: self.sequence,
             load: self.load,
+            line: self.line(feedback),
+            answered: self.answers.last().map_or(0, |kept| kept.answer.number),
             event: self.event(feedback).unwrap_or_default(),
             outputs_ahead: self
                 .course
@@ -551,34 +704,14 @@ impl Planner {
     }
 }
 
-impl Course {
-    /// Whether motion from this state waits for an event that is not done.
-    fn is_held_back(&self, state: &PathState, feedback: &Feedback) -> bool {
-        let until_element = self.events.until_element(feedback.auxiliary.events_done);
-        self.windows.is_held_back(state, until_element)
-    }
-
-    /// A window along the program, up to where an event is done at rest, and no further than the outputs go that the master knows.
-    fn plan(
-        &mut self,
-        from: &From,
-        mut request: WindowRequest,
-        feedback: &Feedback,
-        setpoints: &mut Vec<PlannedSetpoint>,
-    ) -> Result<WindowOutcome, PlanError> {
-        let done = feedback.auxiliary.events_done;
-        request.until_element = self.events.until_element(done);
-        let first_untold = self.events.first_untold(done);
-        loop {
-            let outcome = self.windows.plan(&from.state, &request, setpoints)?;
-            let last = setpoints.last();
-            if request.hold || last.is_none_or(|last| last.state.element < first_untold) {
-                return Ok(outcome);
-            }
-            request.hold = request.intended_setpoints <= 1;
-            request.intended_setpoints = (request.intended_setpoints / 2).max(1);
-        }
-    }
+/// The element that the tool is at, or was when the path was left; the first before the program begins.
+pub(crate) fn tool_element(feedback: &Feedback) -> u32 {
+    let tag = if feedback.tag.is_off_path() {
+        feedback.interrupted_at
+    } else {
+        feedback.tag
+    };
+    if tag.is_off_path() { 0 } else { tag.element }
 }
 
 /// Override that counts now, in percent.

@@ -7,7 +7,10 @@
     clippy::indexing_slicing
 )]
 
-use std::path::Path;
+use std::fs::{self, OpenOptions};
+use std::io;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
 use bus::cell::{CellError, CellPaths};
@@ -16,13 +19,41 @@ use bus::port::{Reader, WindowWriter, Writer};
 use bus::sample::{Feedback, PlannerStatus, Setpoint, WindowHeader};
 use bus::service::SCAN_DEPTH;
 
+use crate::kept_places::KeptPlaces;
+use crate::place::Place;
+use crate::program_text::ProgramText;
+use crate::questions::{KEPT_BYTES, KeptAnswer, kept_in};
+
 /// What a planner sees of its cell. Shared memory, queues and faulty decorators implement it.
 pub trait PlannerPorts {
     /// Waits for the newest feedback that asks the planner; none when it is time to leave.
     fn next_feedback(&mut self) -> Option<Feedback>;
 
-    /// Name and text of the program that was loaded into the cell under this number; none if it cannot be read.
-    fn program(&mut self, load: u32) -> Option<(String, String)>;
+    /// The program that was loaded into the cell under this number; none if there is none.
+    fn program(&mut self, load: u32) -> Option<ProgramText>;
+
+    /// The last place of a program from which a planner can map this element, of those that were kept; none without one.
+    fn place_before(&mut self, program_hash: u64, element: u32) -> Option<Place> {
+        let _ = (program_hash, element);
+        None
+    }
+
+    /// Keeps a place for planners after this one. The tool is at the element `tool`.
+    fn keep_place(&mut self, place: &Place, tool: u32) {
+        let _ = (place, tool);
+    }
+
+    /// What the machine has answered in this run of this program, as planners before this one have kept it.
+    fn answers(&mut self, load: u32, run: u32) -> Vec<KeptAnswer> {
+        let _ = (load, run);
+        Vec::new()
+    }
+
+    /// Keeps an answer for planners after this one; false if it could not.
+    fn keep_answer(&mut self, load: u32, run: u32, answer: &KeptAnswer) -> bool {
+        let _ = (load, run, answer);
+        false
+    }
 
     /// Publishes a window, before the status of the same scan.
     fn publish_window(&mut self, header: &WindowHeader, setpoints: &[Setpoint]);
@@ -65,6 +96,7 @@ pub struct BusPorts {
     status: Writer<PlannerStatus>,
     boundaries: Boundaries,
     last: Option<u64>,
+    places: KeptPlaces,
 }
 
 impl BusPorts {
@@ -84,9 +116,26 @@ impl BusPorts {
                 answered: None,
             },
             last: member.slot().after_scan,
+            places: KeptPlaces::of_cell(&member.slot().cell),
             member,
         })
     }
+}
+
+impl BusPorts {
+    /// Where the answers of a run are kept.
+    fn answer_file(&self, load: u32, run: u32) -> Option<PathBuf> {
+        let paths = CellPaths::new(&self.member.slot().cell).ok()?;
+        Some(paths.answers(load, run))
+    }
+}
+
+/// Writes an answer at its place, over one that was not written whole.
+fn write_answer(file: &Path, answer: &KeptAnswer) -> io::Result<()> {
+    let mut open = OpenOptions::new();
+    let open = open.create(true).write(true).truncate(false).open(file)?;
+    let at = u64::from(answer.index) * KEPT_BYTES as u64;
+    open.write_all_at(bytemuck::bytes_of(answer), at)
 }
 
 impl PlannerPorts for BusPorts {
@@ -103,15 +152,37 @@ impl PlannerPorts for BusPorts {
         }
     }
 
-    fn program(&mut self, load: u32) -> Option<(String, String)> {
+    fn program(&mut self, load: u32) -> Option<ProgramText> {
         let paths = CellPaths::new(&self.member.slot().cell).ok();
         let Some(path) = paths.and_then(|paths| paths.program(load)) else {
             tracing::error!("the cell has no program of number {load}");
             return None;
         };
-        read(&path)
-            .map_err(|error| tracing::error!("{}: {error}", path.display()))
-            .ok()
+        Some(ProgramText::File(path))
+    }
+
+    fn place_before(&mut self, program_hash: u64, element: u32) -> Option<Place> {
+        self.places.before(program_hash, element)
+    }
+
+    fn keep_place(&mut self, place: &Place, tool: u32) {
+        self.places.keep(place, tool);
+    }
+
+    fn answers(&mut self, load: u32, run: u32) -> Vec<KeptAnswer> {
+        let bytes = self
+            .answer_file(load, run)
+            .and_then(|file| fs::read(file).ok());
+        kept_in(&bytes.unwrap_or_default())
+    }
+
+    fn keep_answer(&mut self, load: u32, run: u32, answer: &KeptAnswer) -> bool {
+        let Some(file) = self.answer_file(load, run) else {
+            return false;
+        };
+        write_answer(&file, answer)
+            .inspect_err(|error| tracing::error!("{}: {error}", file.display()))
+            .is_ok()
     }
 
     fn publish_window(&mut self, header: &WindowHeader, setpoints: &[Setpoint]) {
@@ -127,11 +198,6 @@ impl PlannerPorts for BusPorts {
     fn answered(&mut self, scan: u64) {
         self.member.answered(scan);
     }
-}
-
-/// Name and text of a program.
-pub(crate) fn read(path: &Path) -> std::io::Result<(String, String)> {
-    Ok((path.display().to_string(), std::fs::read_to_string(path)?))
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@
 
 use bus::sample::MAX_AXES;
 use control::path::{ALL_LINEAR, AxisVector, Element, Feed, Path, Shape};
+use control::path_part::PathPart;
 use control::profile::PathState;
 use control::window::WindowPlanner;
 use machine::{AxisKind, Machine};
@@ -26,6 +27,9 @@ const RUN_UP_MM: f64 = 0.5;
 /// Chords that stand for the path there: 50 µm long, within 0.3 µm of an arc of 1 mm radius.
 const RUN_UP_CHORDS: u32 = 10;
 
+/// Speed of the return with a tap in its thread, in mm/s: some ten turns a minute, which a spindle has at once.
+const IN_THREAD_MM_S: f64 = 0.2;
+
 /// A planned return.
 #[derive(Debug, Clone)]
 pub(crate) struct ReturnToPath {
@@ -39,22 +43,28 @@ pub(crate) struct ReturnToPath {
 
 impl ReturnToPath {
     /// From the command positions to the place of `to` on the path of the program. Both ends are within the travel, so is the line
-    /// between them; the run-up is on the path, where the tool has been.
+    /// between them; the run-up is on the path, where the tool has been. A tap in its thread goes straight and slowly.
     pub fn new(
         machine: &Machine,
         from: [i64; MAX_AXES],
         to: PathState,
-        program: &Path,
+        program: &PathPart,
+        in_thread: bool,
     ) -> Result<ReturnToPath, CourseError> {
         let mut rotary = ALL_LINEAR;
         for (is_rotary, axis) in rotary.iter_mut().zip(&machine.axes) {
             *is_rotary = axis.kind == AxisKind::Rotary;
         }
-        let feed = Feed::PathMmS(machine.manual.return_mm_s);
+        let (speed_mm_s, chords) = if in_thread {
+            (IN_THREAD_MM_S.min(machine.manual.return_mm_s), 0)
+        } else {
+            (machine.manual.return_mm_s, RUN_UP_CHORDS)
+        };
+        let feed = Feed::PathMmS(speed_mm_s);
         let start = program::tool_at(machine, &from)?;
         let mut here = start;
         let mut elements = Vec::with_capacity(RUN_UP_CHORDS as usize + 2);
-        for chord in (0..=RUN_UP_CHORDS).rev() {
+        for chord in (0..=chords).rev() {
             let back_mm = RUN_UP_MM * f64::from(chord) / f64::from(RUN_UP_CHORDS);
             let there = point_before(program, &to, back_mm).unwrap_or(start);
             let line = Shape::Line {
@@ -78,13 +88,13 @@ impl ReturnToPath {
 }
 
 /// The point that lies this far before a place along the path; the start of the path at most.
-fn point_before(path: &Path, place: &PathState, back_mm: f64) -> Option<AxisVector> {
+fn point_before(path: &PathPart, place: &PathState, back_mm: f64) -> Option<AxisVector> {
     let mut left_mm = back_mm;
     let mut at_mm = place.distance_mm;
-    let before = path.elements.get(..=place.element as usize)?;
     let mut point = None;
-    for (index, element) in before.iter().enumerate().rev() {
-        if index < place.element as usize {
+    for index in (path.first()..=place.element).rev() {
+        let element = path.get(index)?;
+        if index < place.element {
             at_mm = element.length_mm;
         }
         point = Some(element.point((at_mm - left_mm).max(0.0)));
@@ -100,6 +110,7 @@ fn point_before(path: &Path, place: &PathState, back_mm: f64) -> Option<AxisVect
 #[allow(clippy::indexing_slicing, clippy::expect_used)]
 mod tests {
     use super::*;
+    use control::limits::{AxisLimits, MotionLimits};
 
     #[test]
     fn the_run_up_goes_back_over_element_ends_and_no_farther_than_the_start() {
@@ -116,6 +127,13 @@ mod tests {
                 Element::line(3, corner(0.2, 0.0), corner(0.2, 5.0), feed),
             ],
         };
+        let slide = AxisLimits {
+            velocity_mm_s: 100.0,
+            acceleration_mm_s2: 1000.0,
+            increment_mm: 1e-6,
+        };
+        let limits = MotionLimits::new(&[slide; 2], 1e-3).expect("limits");
+        let path = PathPart::whole(&path, &limits, 1.0).expect("a path");
         let at = |element, distance_mm| PathState {
             element,
             distance_mm,

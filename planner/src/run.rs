@@ -15,8 +15,9 @@ use bus::realtime::Priority;
 use machine::Machine;
 use machine::settings_file::SettingsFileError;
 
-use crate::planner::Planner;
-use crate::ports::{BusPorts, PlannerPorts, read};
+use crate::planner::{Planner, tool_element};
+use crate::ports::{BusPorts, PlannerPorts};
+use crate::program_text::ProgramText;
 
 /// How a planner is started.
 #[derive(Debug, Clone)]
@@ -33,14 +34,6 @@ pub enum PlannerError {
     /// The cell refuses it.
     #[error(transparent)]
     Member(#[from] MemberError),
-    /// The program cannot be read.
-    #[error("{path}: {source}")]
-    Program {
-        /// The file.
-        path: String,
-        /// Why.
-        source: std::io::Error,
-    },
     /// The machine file, or a script, cannot be read.
     #[error(transparent)]
     File(#[from] SettingsFileError),
@@ -69,11 +62,8 @@ pub fn run_over<P: PlannerPorts>(
     let ports = BusPorts::open(Rc::clone(&member), period_scans).map_err(MemberError::Cell)?;
     let mut planner = match &options.program {
         Some(path) => {
-            let (name, text) = read(path).map_err(|source| PlannerError::Program {
-                path: path.display().to_string(),
-                source,
-            })?;
-            Planner::new(&machine, &name, text, options.slot.incarnation)
+            let program = ProgramText::File(path.clone());
+            Planner::of(&machine, program, options.slot.incarnation)
         }
         None => Planner::idle(&machine, options.slot.incarnation),
     };
@@ -91,11 +81,28 @@ pub fn cycle(planner: &mut Planner, ports: &mut impl PlannerPorts) -> bool {
     if feedback.load != planner.loaded() {
         planner.load(ports.program(feedback.load), &feedback);
     }
+    if planner.is_other_run(&feedback) {
+        planner.begin_run(ports.answers(feedback.load, feedback.run), &feedback);
+    }
+    if let Some(answer) = planner.new_answer(&feedback)
+        && ports.keep_answer(feedback.load, feedback.run, &answer)
+    {
+        planner.take_answer(answer);
+    }
+    if let Some(element) = planner.wants_place(&feedback)
+        && let Some(place) = ports.place_before(feedback.program_hash, element)
+    {
+        planner.take_place(place);
+    }
     let decision = planner.scan(&feedback);
     if let Some((header, setpoints)) = &decision.window {
         ports.publish_window(header, setpoints);
     }
     ports.publish_status(&decision.status);
     ports.answered(feedback.scan);
+    let tool = tool_element(&feedback);
+    for place in planner.new_places() {
+        ports.keep_place(&place, tool);
+    }
     true
 }

@@ -12,26 +12,22 @@ use bytemuck::{Pod, Zeroable};
 use master::AuxiliaryFeedback;
 
 use crate::plant_file::{PlantSpindle, PlantToolChanger};
-
-/// Degrees in one scan at 1 rev/min, per second of scan.
-const DEG_PER_S_AT_1_RPM: f64 = 6.0;
+use crate::spindle::SpindleState;
 
 /// What outlives the process.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct AuxiliaryState {
-    /// Speed of the spindle, in rev/min, clockwise positive.
-    pub spindle_rpm: f64,
-    /// Its angle, in degrees from 0 to 360.
-    pub spindle_deg: f64,
+    /// The spindle.
+    pub spindle: SpindleState,
     /// Time that the change in progress has taken, in s.
     pub changing_s: f64,
     /// Outputs as the terminals show them.
     pub outputs: Levels,
     /// Tool in the spindle.
     pub tool: u32,
-    /// 1 where the spindle stands at the angle that was commanded.
-    pub oriented: u32,
+    /// Kept zero.
+    pub reserved: u32,
 }
 
 /// Spindle, tool changer and outputs.
@@ -63,7 +59,7 @@ impl SimulatedAuxiliaries {
         let before = self.state.outputs.tool;
         self.state.outputs = *levels;
         if let Some(spindle) = self.spindle {
-            self.turn(&spindle, levels);
+            spindle.scan(&mut self.state.spindle, levels, self.scan_s);
         }
         if let Some(changer) = self.changer
             && levels.tool != self.state.tool
@@ -80,44 +76,12 @@ impl SimulatedAuxiliaries {
         }
     }
 
-    /// The drive ramps its speed; to an angle it turns slowly, and stands there.
-    fn turn(&mut self, spindle: &PlantSpindle, levels: &Levels) {
-        let state = &mut self.state;
-        let command = SpindleCommand::from_wire(levels.spindle);
-        let wanted_deg = libm::fmod(libm::fmod(levels.orientation_deg, 360.0) + 360.0, 360.0);
-        let slow = state.spindle_rpm.abs() <= spindle.orientation_rpm;
-        if command == SpindleCommand::Orient && slow {
-            let step_deg = spindle.orientation_rpm * DEG_PER_S_AT_1_RPM * self.scan_s;
-            let left_deg = libm::fmod(wanted_deg - state.spindle_deg + 360.0, 360.0);
-            if left_deg <= step_deg {
-                (state.spindle_deg, state.spindle_rpm) = (wanted_deg, 0.0);
-                state.oriented = 1;
-                return;
-            }
-            state.oriented = 0;
-            state.spindle_deg = libm::fmod(state.spindle_deg + step_deg, 360.0);
-            state.spindle_rpm = spindle.orientation_rpm;
-            return;
-        }
-        state.oriented = 0;
-        let wanted_rpm = match command {
-            SpindleCommand::Turn => levels.spindle_rpm,
-            SpindleCommand::Stop | SpindleCommand::Orient => 0.0,
-        };
-        let step_rpm = spindle.acceleration_rpm_s * self.scan_s;
-        let off_rpm = wanted_rpm - state.spindle_rpm;
-        state.spindle_rpm += off_rpm.clamp(-step_rpm, step_rpm);
-        let turned_deg = state.spindle_rpm * DEG_PER_S_AT_1_RPM * self.scan_s;
-        state.spindle_deg = libm::fmod(
-            libm::fmod(state.spindle_deg + turned_deg, 360.0) + 360.0,
-            360.0,
-        );
-    }
-
     /// Nobody commands any more: the spindle has braked to rest by itself, and coolant is off. Outputs stay as they are.
     pub fn run_down(&mut self) {
-        self.state.spindle_rpm = 0.0;
-        self.state.oriented = 0;
+        match self.spindle {
+            Some(spindle) => spindle.run_down(&mut self.state.spindle),
+            None => self.state.spindle.rpm = 0.0,
+        }
         self.state.outputs.spindle = SpindleCommand::Stop as u32;
         self.state.outputs.spindle_rpm = 0.0;
         self.state.outputs.coolant = 0;
@@ -126,8 +90,11 @@ impl SimulatedAuxiliaries {
     /// What they show.
     pub fn feedback(&self) -> AuxiliaryFeedback {
         AuxiliaryFeedback {
-            spindle_rpm: self.state.spindle_rpm,
-            oriented: self.state.oriented == 1,
+            spindle_rpm: self.state.spindle.rpm,
+            spindle_turns: self
+                .spindle
+                .map_or(0.0, |spindle| spindle.measured_turns(&self.state.spindle)),
+            oriented: self.state.spindle.oriented == 1,
             spindle_code: 0,
             tool: self.state.tool,
         }
@@ -138,15 +105,22 @@ impl SimulatedAuxiliaries {
         &self.state
     }
 
-    /// Goes on from a saved state, with everything run down. False for a state that none can have.
+    /// Goes on from a saved state; [`run_down`](Self::run_down) is next. False for a state that none can have.
     pub fn restore(&mut self, state: &AuxiliaryState) -> bool {
-        let sound = [state.spindle_rpm, state.spindle_deg, state.changing_s];
-        if !sound.iter().all(|value| value.is_finite()) {
+        if !state.spindle.is_sound() || !state.changing_s.is_finite() {
             return false;
         }
         self.state = *state;
-        self.run_down();
         true
+    }
+
+    /// While the spindle is in step with an axis: the axis, and the time in s over which both brake if nobody commands any more.
+    pub fn brakes_together(&self) -> Option<(usize, f64)> {
+        let outputs = &self.state.outputs;
+        let follows = SpindleCommand::from_wire(outputs.spindle) == SpindleCommand::Follow;
+        let spindle = self.spindle.filter(|_| follows)?;
+        let braking_s = spindle.braking_s(&self.state.spindle);
+        Some((outputs.followed_axis as usize, braking_s))
     }
 }
 
@@ -159,6 +133,7 @@ mod tests {
         let spindle = PlantSpindle {
             acceleration_rpm_s: 1000.0,
             orientation_rpm: 60.0,
+            ..PlantSpindle::default()
         };
         let changer = PlantToolChanger { change_s: 0.5 };
         SimulatedAuxiliaries::new(Some(spindle), Some(changer), 1e-3)
@@ -213,7 +188,7 @@ mod tests {
                 ..Levels::default()
             };
             scans_until(&mut sim, &levels, |f| f.oriented);
-            assert!((sim.state().spindle_deg - (angle_deg + 360.0) % 360.0).abs() < 1e-9);
+            assert!((sim.state().spindle.deg() - (angle_deg + 360.0) % 360.0).abs() < 1e-9);
             assert_eq!(sim.feedback().spindle_rpm, 0.0);
             scans_until(&mut sim, &turning(100.0), |f| f.spindle_rpm >= 100.0);
         }
@@ -230,6 +205,7 @@ mod tests {
         assert!((500..=501).contains(&scans), "{scans}");
         let mut other = auxiliaries();
         assert!(other.restore(sim.state()));
+        other.run_down();
         assert_eq!(
             (other.feedback().tool, other.feedback().spindle_rpm),
             (7, 0.0)

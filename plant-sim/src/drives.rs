@@ -10,18 +10,22 @@
 use bus::sample::{Levels, MAX_SUBSAMPLES};
 use bytemuck::{Pod, Zeroable};
 use master::{
-    AuxiliaryFeedback, DriveCommand, DriveFeedback, DriveState, Drives, InstrumentSample,
-    StateRefused,
+    AuxiliaryFeedback, DriveCommand, DriveFeedback, DriveState, Drives, InputFeedback,
+    InstrumentSample, StateRefused,
 };
 
 use crate::auxiliary::{AuxiliaryState, SimulatedAuxiliaries};
 use crate::axis::{AxisSimulation, AxisState};
+use crate::inputs::{InputsState, SimulatedInputs};
+use crate::probe::{ProbeState, SimulatedProbe};
 
 /// Drives, motors and mechanics of all axes.
 #[derive(Debug, Clone)]
 pub struct SimulatedDrives {
     axes: Vec<SimulatedAxis>,
     auxiliaries: SimulatedAuxiliaries,
+    probe: Option<SimulatedProbe>,
+    inputs: SimulatedInputs,
 }
 
 #[derive(Debug, Clone)]
@@ -71,7 +75,7 @@ impl SimulatedAxis {
         }
     }
 
-    fn restore(&mut self, bytes: &[u8]) -> Result<(), StateRefused> {
+    fn restore(&mut self, bytes: &[u8], braking_s: Option<f64>) -> Result<(), StateRefused> {
         let (state, commands) = bytes
             .split_at_checked(size_of::<AxisState>())
             .ok_or(StateRefused)?;
@@ -83,10 +87,19 @@ impl SimulatedAxis {
             let command = DriveCommand::of_parts(saved.kind, saved.values).ok_or(StateRefused)?;
             self.simulation.scan(&command, &mut self.samples);
         }
-        // No command names a deceleration any more: the drive's own quick stop counts.
-        self.simulation.run_down(0.0);
-        self.on_the_way.fill(DriveCommand::Disabled);
+        self.run_down(braking_s);
         Ok(())
+    }
+
+    /// No command names a deceleration any more: the drive's own quick stop counts, or the time in which a spindle stops that the
+    /// axis is in step with.
+    fn run_down(&mut self, braking_s: Option<f64>) {
+        let speed_mm_s = self.simulation.velocity_mm_s().abs();
+        let together_mm_s2 = braking_s.map_or(0.0, |braking_s| speed_mm_s / braking_s);
+        let finite = together_mm_s2.is_finite();
+        self.simulation
+            .run_down(if finite { together_mm_s2 } else { 0.0 });
+        self.on_the_way.fill(DriveCommand::Disabled);
     }
 }
 
@@ -107,7 +120,23 @@ impl SimulatedDrives {
         SimulatedDrives {
             axes: simulations.into_iter().map(axis).collect(),
             auxiliaries: SimulatedAuxiliaries::new(None, None, 1e-3),
+            probe: None,
+            inputs: SimulatedInputs::default(),
         }
+    }
+
+    /// The same with a touch probe, if there is one, and inputs.
+    pub fn with_inputs(self, probe: Option<SimulatedProbe>, inputs: SimulatedInputs) -> Self {
+        let mut drives = SimulatedDrives {
+            probe,
+            inputs,
+            ..self
+        };
+        let axes = &drives.axes;
+        if let Some(probe) = &mut drives.probe {
+            probe.stand(|axis| table_mm(axes, axis));
+        }
+        drives
     }
 
     /// The same with spindle, tool changer and outputs.
@@ -122,6 +151,19 @@ impl SimulatedDrives {
     pub fn auxiliaries(&self) -> &SimulatedAuxiliaries {
         &self.auxiliaries
     }
+}
+
+/// Where the table of an axis is now; 0 of one that there is not.
+fn table_mm(axes: &[SimulatedAxis], axis: usize) -> f64 {
+    let axis = axes.get(axis);
+    axis.map_or(0.0, |axis| axis.simulation.instruments().table_mm)
+}
+
+/// The time over which an axis brakes with the spindle, if it is the one that does.
+fn of_axis(together: Option<(usize, f64)>, index: usize) -> Option<f64> {
+    together
+        .filter(|(axis, _)| *axis == index)
+        .map(|(_, braking_s)| braking_s)
 }
 
 impl Drives for SimulatedDrives {
@@ -159,10 +201,30 @@ impl Drives for SimulatedDrives {
             axis.off &= *command != DriveCommand::SwitchOn;
             axis.simulation.scan(&acting, &mut axis.samples);
         }
+        let axes = &self.axes;
+        if let Some(probe) = &mut self.probe {
+            let samples = axes.first().map_or(1, |axis| {
+                axis.simulation.settings().samples_per_scan().max(1)
+            });
+            probe.scan(samples, |axis, sample| {
+                let samples = axes.get(axis).map(|axis| &axis.samples);
+                let sample = samples.and_then(|samples| samples.get(sample));
+                sample.map_or(0.0, |sample| sample.table_mm)
+            });
+        }
     }
 
     fn command_levels(&mut self, levels: &Levels) {
         self.auxiliaries.scan(levels);
+        self.inputs.scan(levels.digital);
+    }
+
+    fn inputs(&self) -> InputFeedback {
+        let mut shown = self.inputs.feedback();
+        if let Some(probe) = &self.probe {
+            probe.show(&mut shown);
+        }
+        shown
     }
 
     fn auxiliary(&self) -> AuxiliaryFeedback {
@@ -170,10 +232,10 @@ impl Drives for SimulatedDrives {
     }
 
     fn stalled(&mut self) {
+        let together = self.auxiliaries.brakes_together();
         self.auxiliaries.run_down();
-        for axis in &mut self.axes {
-            axis.simulation.run_down(0.0);
-            axis.on_the_way.fill(DriveCommand::Disabled);
+        for (index, axis) in self.axes.iter_mut().enumerate() {
+            axis.run_down(of_axis(together, index));
             axis.off = true;
         }
     }
@@ -187,7 +249,7 @@ impl Drives for SimulatedDrives {
 
     fn state_bytes(&self) -> usize {
         let axes: usize = self.axes.iter().map(SimulatedAxis::state_bytes).sum();
-        size_of::<AuxiliaryState>() + axes
+        size_of::<AuxiliaryState>() + size_of::<ProbeState>() + size_of::<InputsState>() + axes
     }
 
     fn save(&self, bytes: &mut [u8]) {
@@ -196,6 +258,20 @@ impl Drives for SimulatedDrives {
             return;
         };
         state.copy_from_slice(bytemuck::bytes_of(self.auxiliaries.state()));
+        let probe = self
+            .probe
+            .as_ref()
+            .map_or_else(ProbeState::default, SimulatedProbe::state);
+        for state in [
+            bytemuck::bytes_of(&probe),
+            bytemuck::bytes_of(self.inputs.state()),
+        ] {
+            let Some((slot, rest)) = bytes.split_at_mut_checked(state.len()) else {
+                return;
+            };
+            slot.copy_from_slice(state);
+            bytes = rest;
+        }
         for axis in &self.axes {
             let Some((slot, rest)) = bytes.split_at_mut_checked(axis.state_bytes()) else {
                 return;
@@ -213,12 +289,27 @@ impl Drives for SimulatedDrives {
         if !self.auxiliaries.restore(&state) {
             return Err(StateRefused);
         }
-        for axis in &mut self.axes {
+        let (probe, rest) = bytes
+            .split_at_checked(size_of::<ProbeState>())
+            .ok_or(StateRefused)?;
+        let (inputs, rest) = rest
+            .split_at_checked(size_of::<InputsState>())
+            .ok_or(StateRefused)?;
+        bytes = rest;
+        self.inputs.restore(&bytemuck::pod_read_unaligned(inputs));
+        let together = self.auxiliaries.brakes_together();
+        self.auxiliaries.run_down();
+        for (index, axis) in self.axes.iter_mut().enumerate() {
             let (slot, rest) = bytes
                 .split_at_checked(axis.state_bytes())
                 .ok_or(StateRefused)?;
-            axis.restore(slot)?;
+            axis.restore(slot, of_axis(together, index))?;
             bytes = rest;
+        }
+        let axes = &self.axes;
+        if let Some(of_this) = &mut self.probe {
+            of_this.restore(&bytemuck::pod_read_unaligned(probe));
+            of_this.stand(|axis| table_mm(axes, axis));
         }
         Ok(())
     }

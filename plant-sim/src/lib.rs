@@ -5,11 +5,14 @@ pub mod axis;
 pub mod drive;
 pub mod drives;
 pub mod friction;
+pub mod inputs;
 pub mod mechanics;
 pub mod plant_file;
+pub mod probe;
 pub mod run;
 pub mod script;
 pub mod setup;
+pub mod spindle;
 pub mod winding;
 
 pub use drives::SimulatedDrives;

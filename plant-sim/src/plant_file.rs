@@ -10,7 +10,8 @@ mod rules;
 mod tests;
 
 pub use keys::{
-    MotorFriction, PlantAxis, PlantDrive, PlantFile, PlantMotor, PlantScale, PlantScrew,
+    BODIES_MAX, INPUT_LINES_MAX, MotorFriction, PlantAxis, PlantBox, PlantCylinder, PlantDrive,
+    PlantFile, PlantInput, PlantMotor, PlantPlane, PlantProbe, PlantScale, PlantScrew, PlantSphere,
     PlantSpindle, PlantTable, PlantToolChanger, TableFriction,
 };
 pub use load::{reference, schema};

@@ -7,7 +7,9 @@ use crate::auxiliary::SimulatedAuxiliaries;
 use crate::axis::{AxisSettings, AxisSettingsError, AxisSimulation};
 use crate::drive::DriveParameters;
 use crate::drives::SimulatedDrives;
+use crate::inputs::SimulatedInputs;
 use crate::plant_file::PlantFile;
+use crate::probe::SimulatedProbe;
 
 /// Machine file and plant file do not fit each other.
 #[derive(Debug, thiserror::Error)]
@@ -23,9 +25,19 @@ pub enum SetupError {
         "axis {0}: feedback = \"scale\" in the machine file, but the plant file has no [axis.scale]"
     )]
     NoScale(String),
-    /// The machine has a spindle, or a tool changer, and the plant has none.
+    /// The machine has a spindle, a tool changer or a probe, and the plant has none.
     #[error("the machine file has {0}, but the plant file has no [{1}]")]
     Missing(&'static str, &'static str),
+    /// The machine counts on an encoder of the spindle that the plant does not have.
+    #[error(
+        "[spindle] encoder_counts_per_turn is {of_machine} in the machine file, but {of_plant} in the plant file"
+    )]
+    SpindleEncoder {
+        /// Counts in the machine file.
+        of_machine: u32,
+        /// Counts in the plant file.
+        of_plant: u32,
+    },
 }
 
 fn drive_parameters(axis: &Axis) -> DriveParameters {
@@ -51,11 +63,29 @@ impl PlantFile {
         if machine.spindle.is_some() && self.spindle.is_none() {
             return Err(SetupError::Missing("[spindle]", "spindle"));
         }
+        if let (Some(of_machine), Some(of_plant)) = (&machine.spindle, &self.spindle)
+            && of_machine.encoder_counts_per_turn != 0
+            && of_machine.encoder_counts_per_turn != of_plant.encoder_counts_per_turn
+        {
+            return Err(SetupError::SpindleEncoder {
+                of_machine: of_machine.encoder_counts_per_turn,
+                of_plant: of_plant.encoder_counts_per_turn,
+            });
+        }
         if machine.tool_change.by == ToolChanger::Changer && self.tool_changer.is_none() {
             let changer = "tool_change.by = \"changer\"";
             return Err(SetupError::Missing(changer, "tool_changer"));
         }
-        Ok(SimulatedDrives::with_dead_time(simulations, dead_time_scans).with(auxiliary))
+        if machine.program.probe && self.probe.is_none() {
+            return Err(SetupError::Missing("program.probe = true", "probe"));
+        }
+        let slide = |letter: &str| machine.axes.iter().position(|axis| axis.name == letter);
+        let slides = ["X", "Y", "Z"].map(slide);
+        let probe = self.probe.as_ref();
+        let probe = probe.map(|probe| SimulatedProbe::new(probe.clone(), slides));
+        let inputs = SimulatedInputs::new(self.inputs.clone(), scan_s);
+        let drives = SimulatedDrives::with_dead_time(simulations, dead_time_scans);
+        Ok(drives.with(auxiliary).with_inputs(probe, inputs))
     }
 
     /// Command positions with which the simulated machine starts, in increments: where its encoders are.

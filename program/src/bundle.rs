@@ -1,13 +1,15 @@
 //! A program with the subroutines of other files that it calls: one text, so that nobody's edits reach a run.
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use crate::error::ProgramError;
 use crate::expression::{Cursor, Lookup};
-use crate::file::{FILE_BYTES_MAX, read_text};
+use crate::file::{FILE_BYTES_MAX, open_text, read_text};
 use crate::flow::{Keyword, flow_at, label_of};
-use crate::source::FILE_MARK;
+use crate::source::{FILE_MARK, LABELS_MAX};
+use crate::text::{TextError, text_of};
 
 /// The most files of one program.
 const FILES_MAX: usize = 1000;
@@ -20,96 +22,216 @@ const FILES_MAX: usize = 1000;
 /// # Errors
 /// A file that cannot be read, or all together larger than 64 MiB.
 pub fn read_program(file: &Path, folders: &[PathBuf]) -> Result<String, ProgramError> {
+    let name = &file.display().to_string();
     let mut text = read_text(file)?;
-    let beside = file.parent().unwrap_or(Path::new("")).to_path_buf();
-    let folders: Vec<&PathBuf> = [&beside].into_iter().chain(folders).collect();
-    let mut known = HashSet::new();
-    let mut called = vec![];
-    collect(&text, &mut known, &mut called);
-    let mut files = 0;
-    while let Some(label) = called.pop() {
-        if !known.insert(label.clone()) {
-            continue;
-        }
-        let Some(path) = find(&label, &folders) else {
-            continue;
-        };
+    let mut calls = Calls::default();
+    text.lines().for_each(|line| calls.read(line));
+    let folders = Folders::of(file, folders);
+    while let Some(path) = calls.next_file(name, &folders)? {
         let of_file = read_text(&path)?;
-        files += 1;
-        if files > FILES_MAX || (text.len() + of_file.len()) as u64 > FILE_BYTES_MAX {
-            let found = format!(
-                "with its subroutines is larger than {} MiB, or more than {FILES_MAX} files",
-                FILE_BYTES_MAX >> 20
-            );
-            return Err(ProgramError::of_file(
-                &file.display().to_string(),
-                found,
-                "fewer, or smaller ones",
-            ));
+        if (text.len() + of_file.len()) as u64 > FILE_BYTES_MAX {
+            let mib = FILE_BYTES_MAX >> 20;
+            let found = format!("with its subroutines is larger than {mib} MiB");
+            return Err(ProgramError::of_file(name, found, "fewer, or smaller ones"));
         }
-        collect(&of_file, &mut known, &mut called);
+        of_file.lines().for_each(|line| calls.read(line));
         if !text.ends_with('\n') {
             text.push('\n');
         }
-        text.push(FILE_MARK);
-        text += &path.file_name().unwrap_or_default().to_string_lossy();
-        text.push('\n');
+        text += &mark_of(&path);
         text += &of_file;
     }
     Ok(text)
 }
 
-/// Collects the subroutines that a text defines, and those that it calls.
-fn collect(text: &str, known: &mut HashSet<String>, called: &mut Vec<String>) {
-    for line in text.lines() {
+/// Writes what [`read_program`] gives, of any length: a small part of it is in memory at a time.
+///
+/// # Errors
+/// A file that cannot be read or is not text, or what is written to.
+pub fn bundle_to(
+    file: &Path,
+    folders: &[PathBuf],
+    to: &mut impl Write,
+) -> Result<(), ProgramError> {
+    let name = &file.display().to_string();
+    let unwritten = |error: std::io::Error| {
+        let found = format!("cannot be copied ({error})");
+        ProgramError::of_file(name, found, "room for a copy")
+    };
+    let mut calls = Calls::default();
+    let mut ended = copy(file, &mut calls, to)?.map_err(unwritten)?;
+    let folders = Folders::of(file, folders);
+    while let Some(path) = calls.next_file(name, &folders)? {
+        if !ended {
+            to.write_all(b"\n").map_err(unwritten)?;
+        }
+        let mark = mark_of(&path);
+        to.write_all(mark.as_bytes()).map_err(unwritten)?;
+        ended = copy(&path, &mut calls, to)?.map_err(unwritten)?;
+    }
+    to.flush().map_err(unwritten)
+}
+
+/// The line that begins another file.
+fn mark_of(path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default();
+    format!("{FILE_MARK}{}\n", name.to_string_lossy())
+}
+
+/// Copies a file by its lines; whether it ends with a line end.
+fn copy(
+    file: &Path,
+    calls: &mut Calls,
+    to: &mut impl Write,
+) -> Result<std::io::Result<bool>, ProgramError> {
+    let mut text = open_text(file)?;
+    let (mut byte, mut number) = (0, 0);
+    let mut ended = false;
+    loop {
+        number += 1;
+        let refused = |error: TextError| of_line(file, number, error);
+        let Some((line, behind)) = text.bytes(byte).map_err(refused)? else {
+            return Ok(Ok(ended));
+        };
+        let as_text = text_of(line).map_err(refused)?;
+        calls.read(as_text);
+        let before = if byte == 0 { &b""[..] } else { b"\n" };
+        if let Err(error) = to.write_all(before).and_then(|()| to.write_all(line)) {
+            return Ok(Err(error));
+        }
+        ended = byte > 0 && line.is_empty();
+        byte = behind;
+    }
+}
+
+/// What is wrong with a line of a file.
+fn of_line(file: &Path, number: u32, error: TextError) -> ProgramError {
+    let mut refused = ProgramError::of_file(&file.display().to_string(), error.found, error.right);
+    for problem in &mut refused.problems {
+        problem.place = Some((number, error.offset as u32 + 1));
+    }
+    refused
+}
+
+/// The subroutines that texts define, and those that they call.
+#[derive(Default)]
+struct Calls {
+    known: HashSet<String>,
+    /// Those that are called, by when that was said last.
+    called: BTreeMap<u64, String>,
+    said: HashMap<String, u64>,
+    count: u64,
+    files: usize,
+}
+
+impl Calls {
+    /// Collects what a line defines or calls, up to more than there may be.
+    fn read(&mut self, line: &str) {
+        if self.known.len() + self.said.len() > LABELS_MAX {
+            return;
+        }
         match flow_at(line) {
             Some((label, Keyword::Sub | Keyword::Number)) => {
-                known.insert(label);
+                self.known.insert(label);
             }
-            Some((label, Keyword::Call)) => called.push(label),
+            Some((label, Keyword::Call)) => self.call(label),
             Some(_) => {}
-            None => called.extend(called_by_number(line)),
+            None => {
+                if let Some(label) = called_by_number(line) {
+                    self.call(label);
+                }
+            }
         }
+    }
+
+    fn call(&mut self, label: String) {
+        self.count += 1;
+        if let Some(before) = self.said.insert(label.clone(), self.count) {
+            self.called.remove(&before);
+        }
+        self.called.insert(self.count, label);
+    }
+
+    /// The file of the next subroutine that no text so far defines.
+    fn next_file(
+        &mut self,
+        name: &str,
+        folders: &Folders,
+    ) -> Result<Option<PathBuf>, ProgramError> {
+        if self.known.len() + self.said.len() > LABELS_MAX {
+            let found = format!("has or calls more than {LABELS_MAX} subroutines");
+            return Err(ProgramError::of_file(name, found, "split the program"));
+        }
+        while let Some((_, label)) = self.called.pop_last() {
+            self.said.remove(&label);
+            if !self.known.insert(label.clone()) {
+                continue;
+            }
+            let Some(path) = folders.find(&label) else {
+                continue;
+            };
+            self.files += 1;
+            if self.files > FILES_MAX {
+                let found = format!("calls subroutines of more than {FILES_MAX} files");
+                return Err(ProgramError::of_file(name, found, "fewer ones"));
+            }
+            return Ok(Some(path));
+        }
+        Ok(None)
     }
 }
 
 /// The number in `M98 P…`.
 fn called_by_number(line: &str) -> Option<String> {
+    if !line.contains(['m', 'M']) {
+        return None;
+    }
     let lower = line.to_ascii_lowercase();
     let behind = lower.split_once("m98")?.1;
     let at = line.len() - behind.len() + behind.find('p')? + 1;
     label_of(Cursor::new(line, at).value(&Plain).ok()?)
 }
 
-/// The file of a subroutine. Names are compared in lower case, since labels are.
-fn find(label: &str, folders: &[&PathBuf]) -> Option<PathBuf> {
-    let wanted = format!("{label}.ngc");
-    for folder in folders {
-        let folder = if folder.as_os_str().is_empty() {
-            Path::new(".")
-        } else {
-            folder.as_path()
-        };
-        let direct = folder.join(&wanted);
-        if direct.is_file() {
-            return Some(direct);
-        }
-        let Ok(entries) = std::fs::read_dir(folder) else {
-            continue;
-        };
-        let mut same: Vec<PathBuf> = entries
-            .filter_map(|entry| Some(entry.ok()?.path()))
-            .filter(|path| {
-                let name = path.file_name().unwrap_or_default().to_string_lossy();
-                name.to_lowercase() == wanted && path.is_file()
-            })
-            .collect();
-        same.sort();
-        if let Some(path) = same.into_iter().next() {
-            return Some(path);
-        }
+/// Where subroutines are looked for.
+struct Folders(Vec<PathBuf>);
+
+impl Folders {
+    /// The folder of a program, then others.
+    fn of(file: &Path, others: &[PathBuf]) -> Self {
+        let beside = file.parent().unwrap_or(Path::new("")).to_path_buf();
+        Self([beside].into_iter().chain(others.iter().cloned()).collect())
     }
-    None
+
+    /// The file of a subroutine. Names are compared in lower case, since labels are.
+    fn find(&self, label: &str) -> Option<PathBuf> {
+        let wanted = format!("{label}.ngc");
+        for folder in &self.0 {
+            let folder = if folder.as_os_str().is_empty() {
+                Path::new(".")
+            } else {
+                folder.as_path()
+            };
+            let direct = folder.join(&wanted);
+            if direct.is_file() {
+                return Some(direct);
+            }
+            let Ok(entries) = std::fs::read_dir(folder) else {
+                continue;
+            };
+            let mut same: Vec<PathBuf> = entries
+                .filter_map(|entry| Some(entry.ok()?.path()))
+                .filter(|path| {
+                    let name = path.file_name().unwrap_or_default().to_string_lossy();
+                    name.to_lowercase() == wanted && path.is_file()
+                })
+                .collect();
+            same.sort();
+            if let Some(path) = same.into_iter().next() {
+                return Some(path);
+            }
+        }
+        None
+    }
 }
 
 /// A call that is looked for before anything runs: parameters have no value yet.
@@ -153,6 +275,10 @@ mod tests {
             &[folder.path().join("subs")],
         )
         .unwrap();
+        let mut streamed = vec![];
+        let folders = [folder.path().join("subs")];
+        bundle_to(&folder.path().join("main.ngc"), &folders, &mut streamed).unwrap();
+        assert_eq!(String::from_utf8(streamed).unwrap(), text);
         let setup = Setup {
             axes: vec![AxisSetup {
                 letter: 'X',

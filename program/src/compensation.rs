@@ -21,6 +21,7 @@ mod corner;
 mod tests;
 
 use control::path::AxisVector;
+use serde::{Deserialize, Serialize};
 
 use crate::flat::{Flat, sweep_rad};
 
@@ -43,7 +44,7 @@ const FARTHEST_MM: f64 = 1e12;
 const WAITING_MAX: usize = 1_000;
 
 /// Where the tool is, seen along the contour.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Side {
     /// G41.
     Left,
@@ -62,7 +63,7 @@ impl Side {
 }
 
 /// How a move leads to its end.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Way {
     /// Straight, in rapid.
     Rapid,
@@ -80,9 +81,10 @@ pub enum Way {
 }
 
 /// A move: of the program into the compensation, of the tool's centre out of it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Move<T> {
     /// End of all axes, machine coordinates.
+    #[serde(with = "crate::snapshot::vector")]
     pub to: AxisVector,
     /// How it gets there.
     pub way: Way,
@@ -149,14 +151,14 @@ impl Start {
 }
 
 /// A move that is known but for its end.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 enum Waiting<T, E> {
     Move(Move<T>),
     Event(E),
 }
 
 /// The last move in the plane, whose end may still be drawn back.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Last {
     /// Where the tool's centre starts it.
     start: Flat,
@@ -174,7 +176,7 @@ struct Last {
 }
 
 /// A compensation that is on.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Compensation<T, E> {
     side: Side,
     radius_mm: f64,
@@ -182,8 +184,10 @@ pub struct Compensation<T, E> {
     across: Option<usize>,
     tip: Flat,
     /// End of the last programmed move.
+    #[serde(with = "crate::snapshot::vector")]
     programmed: AxisVector,
     /// Centre of the tool behind all that waits.
+    #[serde(with = "crate::snapshot::vector")]
     centre: AxisVector,
     last: Option<Last>,
     waiting: Vec<Waiting<T, E>>,

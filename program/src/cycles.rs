@@ -2,6 +2,7 @@
 //! what they keep from block to block, and the steps of one block.
 
 use control::path::AxisVector;
+use serde::{Deserialize, Serialize};
 
 use crate::words::mask_of;
 
@@ -19,7 +20,7 @@ const DEPTH_ROUNDING_MM: f64 = 1e-6;
 pub const PECKS_MAX: f64 = 10_000.0;
 
 /// Which cycle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Cycle {
     /// G73: in pecks of Q, backing off a little after each to break the chip.
     ChipBreak,
@@ -164,7 +165,7 @@ impl Cycle {
 }
 
 /// A level as a block gave it, along the axis that drills.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Level {
     /// In G90: in the coordinates of the program.
     At(f64),
@@ -183,7 +184,7 @@ impl Level {
 }
 
 /// What stays in force over blocks of cycles in a row.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Series {
     /// The cycle whose words these are.
     pub cycle: Cycle,

@@ -1,12 +1,13 @@
 //! What is wrong with a program, for the person who wrote it.
 
 use control::pivot::OutOfReach;
+use serde::{Deserialize, Serialize};
 
 /// The most problems reported at once; the rest is usually their echo.
 pub const PROBLEMS_MAX: usize = 20;
 
 /// One thing that is wrong.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Problem {
     /// The file, if it is another one than the program's own.
     pub file: Option<String>,
@@ -21,7 +22,7 @@ pub struct Problem {
 }
 
 /// The line of a problem, for showing it.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Shown {
     /// Its text.
     pub text: String,
@@ -32,7 +33,7 @@ pub struct Shown {
 }
 
 /// Why a program is refused: all its problems in the order of its lines, at most twenty.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error, Serialize, Deserialize)]
 #[error("{}", self.text())]
 pub struct ProgramError {
     /// Name of the program, as it was given.

@@ -1,23 +1,35 @@
 //! From the lines of a program to its end: which block comes next, what is wrong with it, what was said of it.
 
-use control::path::AxisVector;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+
+use control::path::{AxisVector, Path};
 
 use crate::error::{PROBLEMS_MAX, Problem, ProgramError, Shown};
-use crate::flow::Keyword;
-use crate::interpreter::{Interpreter, Output, is_turning};
+use crate::flow::{FlowWord, Keyword};
+use crate::interpreter::{Interpreter, is_turning};
 use crate::program::{Block, Program, ProgramEnd, Setup, check_setup, source_hash};
+use crate::question::Answer;
 use crate::reader::{Line, column, read_line};
-use crate::source::Source;
+use crate::source::{Label, Source, Spot};
+use crate::straight::Straight;
+use crate::text::{Text, TextError, hash_of};
 use crate::words::{Group, Refusal, Words};
 
 mod profile;
 mod steps;
 
-/// The most blocks of one program; their geometry fits the memory of a small PC (about 1 GB).
+/// The most blocks of one program that is interpreted as a whole; their geometry fits the memory of a small PC (about 1 GB).
 pub const BLOCKS_MAX: usize = 2_000_000;
 
 /// So many blocks in a row that make nothing are a loop that does not end.
 const IDLE_BLOCKS_MAX: u64 = 2_000_000;
+
+/// The most names of parameters at a time.
+const NAMES_MAX: usize = 20_000;
+
+/// The most lines of one program.
+const LINES_MAX: usize = u32::MAX as usize - 1;
 
 /// Interprets a program text, for a machine that is at rest at `start` (machine coordinates). `name` is shown in errors.
 ///
@@ -30,162 +42,285 @@ pub fn interpret(
     start: AxisVector,
 ) -> Result<Program, ProgramError> {
     check_setup(name, setup, &start)?;
-    let source = Source::new(text);
-    let mut execution = Execution::new(&source, setup, start);
-    execution.run();
+    let source = Source::of_whole(Text::of(text));
+    let mut execution = Execution::new(source.clone(), &Arc::new(setup.clone()), start);
+    execution.executed = Some(Executed::default());
+    while !execution.checks_line() {}
+    execution.finish(name)?;
     let Execution {
-        mut interpreter,
-        problems,
-        more,
+        interpreter,
         executed,
         end,
         ..
     } = execution;
-    if !problems.is_empty() {
-        return Err(ProgramError {
-            name: name.to_owned(),
-            problems,
-            more,
-        });
-    }
-    let blocks = blocks_of(&source, &executed);
-    let Some(last) = blocks.last() else {
-        return Err(ProgramError::of_file(
-            name,
-            "has no blocks",
-            "a program has at least one, such as M2",
-        ));
-    };
-    if end == ProgramEnd::FileEnd {
-        interpreter.note(
-            last.line,
-            "the file ends without M2, M30 or %: taken as the end of the program",
-        );
-    }
-    let tools = interpreter.tools_used();
     let (parameters, output) = interpreter.finish();
-    let Output {
-        path,
-        events,
-        messages,
-        straight_feeds,
-        arc_feeds,
-        ..
-    } = output;
-    let notes = output.notes.by_line();
-    if !path.is_finite() {
-        let right = "coordinates must stay in the range of ordinary numbers";
-        return Err(ProgramError::of_file(
-            name,
-            "makes a path that is not finite",
-            right,
-        ));
+    if output.is_infinite {
+        return Err(not_finite(name));
     }
+    let path = Path {
+        elements: output.piece.elements,
+    };
     Ok(Program {
         name: name.to_owned(),
-        source_hash: source_hash(text, setup, &start, tools),
+        source_hash: source_hash(hash_of(text.as_bytes()), setup, &start),
         start,
-        blocks,
+        blocks: blocks_of(source, &executed.unwrap_or_default().lines),
         end,
-        notes,
+        notes: output.notes.by_line(),
         path,
-        events,
-        messages,
+        events: output.piece.events,
+        messages: output.piece.messages,
         parameters,
-        straight_feeds,
-        arc_feeds,
+        straight_feeds: output.straight_feeds,
+        arc_feeds: output.arc_feeds,
     })
+}
+
+fn not_finite(name: &str) -> ProgramError {
+    let right = "coordinates must stay in the range of ordinary numbers";
+    ProgramError::of_file(name, "makes a path that is not finite", right)
 }
 
 /// The lines that were done, with their text.
-fn blocks_of(source: &Source<'_>, executed: &[bool]) -> Vec<Block> {
-    let done = (1u32..).zip(executed).filter(|&(_, done)| *done);
-    let text = |line: u32| source.line(line as usize - 1).unwrap_or_default().trim();
-    done.map(|(line, _)| Block {
-        line,
-        text: text(line).to_owned(),
-    })
-    .collect()
+fn blocks_of(mut source: Source, executed: &[bool]) -> Vec<Block> {
+    let mut blocks = Vec::new();
+    let mut at = Spot::default();
+    for done in executed {
+        let Ok(Some((text, behind))) = source.line(at) else {
+            break;
+        };
+        if *done {
+            blocks.push(Block {
+                line: at.line as u32 + 1,
+                text: text.trim().to_owned(),
+            });
+        }
+        at = behind;
+    }
+    blocks
+}
+
+/// A line that cannot be read, as a refusal of a word that leads there.
+fn refused_text(offset: usize, error: TextError) -> Refusal {
+    Refusal::new(offset, error.found, error.right)
+}
+
+/// The lines that were done at least once.
+#[derive(Debug, Clone, Default)]
+struct Executed {
+    lines: Vec<bool>,
+    count: usize,
+}
+
+impl Executed {
+    /// Keeps that a line was done; false if there are too many.
+    fn mark(&mut self, index: usize) -> bool {
+        if self.lines.len() <= index {
+            self.lines.resize(index + 1, false);
+        }
+        if let Some(done) = self.lines.get_mut(index)
+            && !*done
+        {
+            *done = true;
+            self.count += 1;
+        }
+        self.count <= BLOCKS_MAX
+    }
 }
 
 /// What is known of a program while it is executed.
-struct Execution<'a> {
-    source: &'a Source<'a>,
-    interpreter: Interpreter<'a>,
-    /// The line that comes next, counted from 0.
-    next: usize,
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Execution {
+    #[serde(skip)]
+    source: Source,
+    pub interpreter: Interpreter,
+    /// The line that comes next.
+    next: Spot,
+    /// The line that is done.
+    here: Spot,
+    /// The line before the next one in the text.
+    within: Spot,
     /// The line before was an `if` or `elseif` that did not hold.
     not_yet: bool,
-    /// Lines that were done at least once.
-    executed: Vec<bool>,
-    executed_count: usize,
+    /// Lines that were done, where they are kept.
+    #[serde(skip)]
+    executed: Option<Executed>,
+    /// The last line in the text that was done, counted from 1; 0 before the first.
+    last_line: u32,
     /// Blocks since one made something, and how much there was then.
-    idle: (u64, usize),
+    idle: (u64, u64),
+    #[serde(skip)]
     problems: Vec<Problem>,
     /// There were more problems than are kept.
+    #[serde(skip)]
     more: bool,
     end: ProgramEnd,
     opened_by_percent: bool,
-    line: Line,
-    words: Words,
+    #[serde(skip)]
+    raw: String,
+    #[serde(skip)]
+    line: Option<Box<Line>>,
+    #[serde(skip)]
+    words: Option<Box<Words>>,
+    #[serde(skip)]
+    straight: Box<Straight>,
 }
 
-impl<'a> Execution<'a> {
-    fn new(source: &'a Source<'a>, setup: &'a Setup, start: AxisVector) -> Self {
+impl Execution {
+    pub fn new(source: Source, setup: &Arc<Setup>, start: AxisVector) -> Self {
         Self {
             source,
             interpreter: Interpreter::new(setup, start),
-            next: 0,
+            next: Spot::default(),
+            here: Spot::default(),
+            within: Spot::default(),
             not_yet: false,
-            executed: vec![],
-            executed_count: 0,
+            executed: None,
+            last_line: 0,
             idle: (0, 0),
             problems: Vec::new(),
             more: false,
             end: ProgramEnd::FileEnd,
             opened_by_percent: false,
-            line: Line::default(),
-            words: Words::default(),
+            raw: String::new(),
+            line: None,
+            words: None,
+            straight: Box::default(),
         }
     }
 
-    /// Executes up to the end of the program, or until there are enough problems.
-    fn run(&mut self) {
-        let mut within = 0;
-        loop {
-            let index = self.next;
-            if self.source.is_beyond(index, within) || self.source.line(index).is_none() {
-                self.end_of_file(within);
-                return;
-            }
-            within = index;
-            let raw = self.source.line(index).unwrap_or_default();
-            self.next = index + 1;
-            let mut line = std::mem::take(&mut self.line);
-            let ends = self.step(index, raw, &mut line);
-            self.line = line;
-            if self.problems.len() >= PROBLEMS_MAX {
-                self.more = self.problems.len() > PROBLEMS_MAX || !self.rest_is_blank();
-                self.problems.truncate(PROBLEMS_MAX);
-                return;
-            }
-            if ends {
-                return;
-            }
-            if self.next != index + 1 {
-                within = self.next.saturating_sub(1);
-            }
+    /// Takes what a snapshot leaves out from a fresh one of the same program.
+    pub fn complete(&mut self, fresh: &Self) -> Result<(), TextError> {
+        self.source = fresh.source.clone();
+        self.interpreter.complete(&fresh.interpreter);
+        if self.interpreter.frames.depth() > 0 {
+            self.source.find_files()?;
         }
+        Ok(())
+    }
+
+    /// How the program ended.
+    pub fn end(&self) -> ProgramEnd {
+        self.end
+    }
+
+    /// Does the next line, and goes on behind mistakes; true at the end of the program, or where there are enough problems.
+    pub fn checks_line(&mut self) -> bool {
+        let ends = self.does_line();
+        self.refuse_question();
+        if self.problems.len() < PROBLEMS_MAX {
+            return ends;
+        }
+        self.more = self.problems.len() > PROBLEMS_MAX || !self.rest_is_blank();
+        self.problems.truncate(PROBLEMS_MAX);
+        true
+    }
+
+    /// Does the next line; true if the program ends with it.
+    pub fn does_line(&mut self) -> bool {
+        let at = self.next;
+        if self.does_straight(at) {
+            return self.interpreter.ended.is_some();
+        }
+        match self.source.line(at) {
+            Ok(Some((line, _))) if Source::begins_file(line, at) => self.end_of_file(),
+            Ok(Some(_)) if at.line >= LINES_MAX => {
+                self.refuse_line(
+                    at,
+                    format!("more than {LINES_MAX} lines"),
+                    "split the program",
+                );
+            }
+            Ok(Some((line, behind))) => {
+                self.raw.clear();
+                self.raw.push_str(line);
+                self.here = at;
+                self.within = at;
+                self.next = behind;
+                let raw = std::mem::take(&mut self.raw);
+                let mut line = self.line.take().unwrap_or_default();
+                let ends = self.step(at.line, &raw, &mut line);
+                self.line = Some(line);
+                self.raw = raw;
+                return ends;
+            }
+            Ok(None) => self.end_of_file(),
+            Err(error) => self.refuse(at, vec![refused_text(error.offset, error)]),
+        }
+        true
+    }
+
+    /// Does a line of straight motion; false, and nothing done, for others.
+    fn does_straight(&mut self, at: Spot) -> bool {
+        let behind = match self.source.bytes(at) {
+            Ok(Some((line, behind))) if self.straight.read(line) => behind,
+            _ => return false,
+        };
+        // What is refused, and the last of too many blocks, is told by the way of all blocks.
+        if at.line >= LINES_MAX
+            || !self.mark(at.line)
+            || !self
+                .interpreter
+                .straight(at.line as u32 + 1, &self.straight)
+        {
+            return false;
+        }
+        self.here = at;
+        self.within = at;
+        self.next = behind;
+        self.not_yet = false;
+        self.watch();
+        true
+    }
+
+    /// The answer to what the line that was done last asks.
+    pub fn answer(&mut self, name: &str, answer: Answer) -> Result<(), ProgramError> {
+        if let Err(refusal) = self.interpreter.answer(answer) {
+            self.refuse(self.here, vec![refusal]);
+        }
+        self.refused(name)
+    }
+
+    /// What is wrong with the program, once it is at its end; notes how it ends.
+    pub fn finish(&mut self, name: &str) -> Result<(), ProgramError> {
+        self.refused(name)?;
+        if self.last_line == 0 {
+            return Err(ProgramError::of_file(
+                name,
+                "has no blocks",
+                "a program has at least one, such as M2",
+            ));
+        }
+        if self.end == ProgramEnd::FileEnd {
+            self.interpreter.note(
+                self.last_line,
+                "the file ends without M2, M30 or %: taken as the end of the program",
+            );
+        }
+        Ok(())
+    }
+
+    /// What is wrong with the program so far.
+    pub fn refused(&mut self, name: &str) -> Result<(), ProgramError> {
+        if self.problems.is_empty() {
+            return Ok(());
+        }
+        Err(ProgramError {
+            name: name.to_owned(),
+            problems: std::mem::take(&mut self.problems),
+            more: self.more,
+        })
     }
 
     /// One line; true if the program ends with it.
     fn step(&mut self, index: usize, raw: &str, line: &mut Line) -> bool {
         let known = self.interpreter.state_known;
+        self.interpreter.line = index as u32 + 1;
         if let Err(unreadable) = read_line(raw, &self.interpreter, line) {
             // Values that nobody knows make no mistakes.
             if known || !raw.contains(['#', '[']) {
                 let refusal = Refusal::new(unreadable.offset, unreadable.found, unreadable.right);
-                self.refuse(index, raw, vec![refusal]);
+                self.refuse(self.here, vec![refusal]);
             }
             return false;
         }
@@ -204,11 +339,7 @@ impl<'a> Execution<'a> {
         }
         if !self.mark(index) {
             let found = format!("more than {BLOCKS_MAX} blocks");
-            self.refuse(
-                index,
-                raw,
-                vec![Refusal::new(0, found, "split the program")],
-            );
+            self.refuse_line(self.here, found, "split the program");
             return true;
         }
         let number = index as u32 + 1;
@@ -223,6 +354,11 @@ impl<'a> Execution<'a> {
         for (target, value) in line.assignments.drain(..) {
             self.interpreter.assign(target, value);
         }
+        if self.interpreter.names() > NAMES_MAX {
+            let found = format!("more than {NAMES_MAX} names of parameters");
+            self.refuse_line(self.here, found, "fewer names, or numbered parameters");
+            return true;
+        }
         let result = match &line.flow {
             Some(flow) if known => self
                 .flow(index, flow, not_yet)
@@ -232,12 +368,12 @@ impl<'a> Execution<'a> {
             None => self.block(index, line),
         };
         if let Err(refusals) = result {
-            self.refuse(index, raw, refusals);
+            self.refuse(self.here, refusals);
         }
-        self.watch(index, raw);
+        self.watch();
         match self.interpreter.ended {
             Some(ended) => {
-                self.end_contour(index);
+                self.end_contour(self.here);
                 self.end = ended;
                 true
             }
@@ -247,7 +383,12 @@ impl<'a> Execution<'a> {
 
     /// A block of words.
     fn block(&mut self, index: usize, line: &Line) -> Result<(), Vec<Refusal>> {
-        let mut words = std::mem::take(&mut self.words);
+        if self.straight.of_words(&line.words)
+            && self.interpreter.straight(index as u32 + 1, &self.straight)
+        {
+            return Ok(());
+        }
+        let mut words = self.words.take().unwrap_or_default();
         let result = self
             .interpreter
             .run_block(index as u32 + 1, line, &mut words);
@@ -265,7 +406,7 @@ impl<'a> Execution<'a> {
             }
             _ => Ok(()),
         };
-        self.words = words;
+        self.words = Some(words);
         result
             .and(turned)
             .and(called.map_err(|refusal| vec![refusal]))
@@ -273,20 +414,13 @@ impl<'a> Execution<'a> {
 
     /// Keeps that a line was done; false if there are too many.
     fn mark(&mut self, index: usize) -> bool {
-        if self.executed.len() <= index {
-            self.executed.resize(index + 1, false);
-        }
-        if let Some(done) = self.executed.get_mut(index)
-            && !*done
-        {
-            *done = true;
-            self.executed_count += 1;
-        }
-        self.executed_count <= BLOCKS_MAX
+        self.last_line = self.last_line.max(index as u32 + 1);
+        let executed = self.executed.as_mut();
+        executed.is_none_or(|executed| executed.mark(index))
     }
 
     /// Refuses a program that goes on for ever without making anything.
-    fn watch(&mut self, index: usize, raw: &str) {
+    fn watch(&mut self) {
         let made = self.interpreter.made();
         if made != self.idle.1 {
             self.idle = (0, made);
@@ -296,40 +430,52 @@ impl<'a> Execution<'a> {
         if self.idle.0 > IDLE_BLOCKS_MAX {
             let found = format!("{IDLE_BLOCKS_MAX} blocks in a row without a motion");
             let right = "a loop that ends: does its condition ever change?";
-            self.refuse(index, raw, vec![Refusal::new(0, found, right)]);
+            self.refuse_line(self.here, found, right);
             self.interpreter.ended = Some(ProgramEnd::FileEnd);
         }
     }
 
     /// A % line before everything else opens the program.
     fn opens(&mut self) -> bool {
-        let opens = self.executed.is_empty() && !self.opened_by_percent && self.problems.is_empty();
+        let opens = self.last_line == 0 && !self.opened_by_percent && self.problems.is_empty();
         self.opened_by_percent |= opens;
         opens
     }
 
     /// Any other % line ends it, a subroutine file's own too.
     fn close(&mut self, index: usize) -> bool {
-        if index >= self.source.main_end() {
+        if !self.source.is_main(index) {
             return false;
         }
         if self.opened_by_percent || self.rest_is_blank() {
-            self.end_contour(index);
+            self.end_contour(self.here);
             self.end = ProgramEnd::Percent(index as u32 + 1);
         } else {
             let right = "% ends only a program that also began with %";
-            self.refuse_line(index, "% between blocks".into(), right);
+            self.refuse_line(self.here, "% between blocks".into(), right);
         }
         true
     }
 
-    fn rest_is_blank(&self) -> bool {
-        (self.next..self.source.main_end())
-            .all(|line| self.source.line(line).unwrap_or_default().trim().is_empty())
+    fn rest_is_blank(&mut self) -> bool {
+        let mut at = self.next;
+        if !self.source.is_main(at.line) {
+            return true;
+        }
+        while let Ok(line) = self.source.line(at) {
+            match line {
+                Some((line, _)) if Source::begins_file(line, at) => return true,
+                Some((line, behind)) if line.trim().is_empty() => at = behind,
+                Some(_) => return false,
+                None => return true,
+            }
+        }
+        false
     }
 
     /// The file ends without a word of its own: fine for the program, a mistake in a subroutine.
-    fn end_of_file(&mut self, within: usize) {
+    fn end_of_file(&mut self) {
+        let within = self.within;
         if self.interpreter.state_known
             && let Some(frame) = self.interpreter.frames.called()
         {
@@ -344,26 +490,61 @@ impl<'a> Execution<'a> {
     }
 
     /// Ends a radius compensation with the program.
-    fn end_contour(&mut self, index: usize) {
+    fn end_contour(&mut self, at: Spot) {
         if self.interpreter.state_known
             && let Err(refusals) = self.interpreter.end_contour()
         {
-            self.refuse(index, self.source.line(index).unwrap_or_default(), refusals);
+            self.refuse(at, refusals);
         }
     }
 
-    fn refuse_line(&mut self, index: usize, found: String, right: &str) {
-        let raw = self.source.line(index).unwrap_or_default();
-        self.refuse(index, raw, vec![Refusal::new(0, found, right)]);
+    fn refuse_line(&mut self, at: Spot, found: String, right: &str) {
+        self.refuse(at, vec![Refusal::new(0, found, right)]);
+    }
+
+    /// Refuses what the line that was done asks the machine.
+    fn refuse_question(&mut self) {
+        let Some(question) = self.interpreter.asked().cloned() else {
+            return;
+        };
+        let right = "only a run has an answer";
+        self.refuse_line(self.here, "a question to the machine".into(), right);
+        if let Err(refusal) = self.interpreter.answer(question.assumed()) {
+            self.refuse(self.here, vec![refusal]);
+        }
+    }
+
+    /// Refuses the line that was done if it made elements that are not finite.
+    pub fn check_made(&mut self) {
+        if std::mem::take(&mut self.interpreter.output().is_infinite) {
+            let found = "a path that is not finite".to_owned();
+            let right = "coordinates must stay in the range of ordinary numbers";
+            self.refuse_line(self.here, found, right);
+        }
+    }
+
+    /// Whether nothing is wrong with the program so far.
+    pub fn is_sound(&self) -> bool {
+        self.problems.is_empty()
+    }
+
+    /// The text of a line, and where the next begins.
+    fn raw_line(&mut self, at: Spot) -> Result<(String, Spot), Refusal> {
+        match self.source.line(at) {
+            Ok(Some((line, behind))) => Ok((line.to_owned(), behind)),
+            Ok(None) => Ok((String::new(), at)),
+            Err(error) => Err(refused_text(error.offset, error)),
+        }
     }
 
     /// Keeps what a line was refused for, once for each place.
-    fn refuse(&mut self, index: usize, raw: &str, refusals: Vec<Refusal>) {
-        let (file, line) = self.source.place(index as u32 + 1);
+    fn refuse(&mut self, at: Spot, refusals: Vec<Refusal>) {
+        let raw = self.raw_line(at).map_or(String::new(), |(raw, _)| raw);
+        let (file, line) = self.source.place(at.line as u32 + 1);
+        let file = file.map(str::to_owned);
         for refusal in refusals {
             self.interpreter.state_known &= refusal.state_stays_known;
-            let place = Some((line, column(raw, refusal.offset)));
-            let file = file.map(str::to_owned);
+            let place = Some((line, column(&raw, refusal.offset)));
             let is_told = |told: &&Problem| told.place == place && told.file == file;
             if self.problems.iter().rev().take(8).find(is_told).is_some() {
                 continue;
@@ -374,12 +555,12 @@ impl<'a> Execution<'a> {
                 .take_while(|character| !character.is_whitespace())
                 .count();
             self.problems.push(Problem {
-                file,
+                file: file.clone(),
                 place,
                 found: refusal.found,
                 right: refusal.right,
                 shown: Some(Shown {
-                    text: raw.to_owned(),
+                    text: raw.clone(),
                     length: length.min(40) as u32,
                     trace: self.trace(),
                 }),
@@ -392,7 +573,7 @@ impl<'a> Execution<'a> {
         let frames = self.interpreter.frames.called_frames();
         frames
             .map(|frame| {
-                let (file, line) = self.source.place(frame.called_from as u32 + 1);
+                let (file, line) = self.source.place(frame.called_from.line as u32 + 1);
                 let place = file.map_or(String::new(), |file| format!(" of {file}"));
                 format!("{}, called in line {line}{place}", frame.shown())
             })
@@ -402,12 +583,14 @@ impl<'a> Execution<'a> {
 
     /// The line that an O-word with this label leads to.
     fn find(
-        &self,
-        label: &str,
+        &mut self,
+        flow: &FlowWord,
         from: usize,
         keywords: &[Keyword],
         refusal: impl FnOnce() -> Refusal,
-    ) -> Result<(usize, Keyword), Refusal> {
-        self.source.next(label, from, keywords).ok_or_else(refusal)
+    ) -> Result<Label, Refusal> {
+        let found = self.source.next(&flow.label, from, keywords);
+        let found = found.map_err(|error| refused_text(flow.offset, error))?;
+        found.ok_or_else(refusal)
     }
 }

@@ -4,6 +4,7 @@
 //! `**`; `*` `/` `MOD`; `+` `-`; `EQ` `NE` `GT` `GE` `LT` `LE`; `AND` `OR` `XOR`.
 
 use crate::reader::{Unreadable, shown};
+use crate::straight;
 
 /// Expressions may be nested this deep.
 const DEPTH_MAX: u32 = 32;
@@ -150,6 +151,10 @@ impl<'a> Cursor<'a> {
     /// A plain number.
     fn number(&mut self) -> Result<f64, Unreadable> {
         let start = self.offset;
+        if let Some((value, end)) = straight::number(self.text.as_bytes(), start) {
+            self.offset = end;
+            return Ok(value);
+        }
         let mut end = start;
         let signs = usize::from(matches!(self.byte(end), b'+' | b'-'));
         end += signs;
@@ -320,12 +325,13 @@ impl<'a> Cursor<'a> {
                 }
                 return Some(Operator::Times);
             }
-            _ => {
+            b'm' | b'e' | b'n' | b'g' | b'l' | b'a' | b'o' | b'x' => {
                 return WORD_OPERATORS
                     .iter()
                     .find(|(word, _)| self.take_word(word))
                     .map(|&(_, operator)| operator);
             }
+            _ => return None,
         };
         self.offset += 1;
         Some(operator)

@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::string::FromUtf8Error;
 
 use control::path::AxisVector;
@@ -12,6 +12,7 @@ use crate::error::{Problem, ProgramError};
 use crate::execution::interpret;
 use crate::program::{Program, Setup};
 use crate::reader::column;
+use crate::text::{Text, TextHash};
 
 /// The largest program file: 64 MiB, some two million blocks, days of machining.
 pub const FILE_BYTES_MAX: u64 = 64 << 20;
@@ -24,13 +25,10 @@ pub fn load(file: &Path, setup: &Setup, start: AxisVector) -> Result<Program, Pr
     interpret(&file.display().to_string(), &text, setup, start)
 }
 
-/// The text of a program file; what is no regular file, too large or not text is refused, a large file before it is read.
-pub fn read_text(file: &Path) -> Result<String, ProgramError> {
+/// Opens a program file; what is no regular file is refused.
+pub fn open_file(file: &Path) -> Result<File, ProgramError> {
     let name = &file.display().to_string();
-    let unreadable = |error: std::io::Error| {
-        let right = "a program is a file that can be read";
-        ProgramError::of_file(name, format!("cannot be read ({error})"), right)
-    };
+    let unreadable = |error: std::io::Error| unreadable(name, &error);
     // Before it is opened: opening a pipe would wait for its writer.
     let metadata = std::fs::metadata(file).map_err(unreadable)?;
     if metadata.is_dir() {
@@ -47,6 +45,20 @@ pub fn read_text(file: &Path) -> Result<String, ProgramError> {
             "name a program file",
         ));
     }
+    File::open(file).map_err(unreadable)
+}
+
+/// A file that the operating system does not let us read.
+pub fn unreadable(name: &str, error: &std::io::Error) -> ProgramError {
+    let right = bus::limits::hint(error).unwrap_or("a program is a file that can be read");
+    ProgramError::of_file(name, format!("cannot be read ({error})"), right)
+}
+
+/// The text of a program file; what is no regular file, too large or not text is refused, a large file before it is read.
+pub fn read_text(file: &Path) -> Result<String, ProgramError> {
+    let name = &file.display().to_string();
+    let unreadable = |error: std::io::Error| unreadable(name, &error);
+    let opened = open_file(file)?;
     let too_large = |bytes: u64| {
         let found = format!("has {:.1} MiB", bytes as f64 / f64::from(1 << 20));
         ProgramError::of_file(
@@ -55,11 +67,11 @@ pub fn read_text(file: &Path) -> Result<String, ProgramError> {
             format!("a program file has at most {} MiB", FILE_BYTES_MAX >> 20),
         )
     };
-    if metadata.len() > FILE_BYTES_MAX {
-        return Err(too_large(metadata.len()));
+    let length = opened.metadata().map_err(unreadable)?.len();
+    if length > FILE_BYTES_MAX {
+        return Err(too_large(length));
     }
     let mut bytes = Vec::new();
-    let opened = File::open(file).map_err(unreadable)?;
     opened
         .take(FILE_BYTES_MAX + 1)
         .read_to_end(&mut bytes)
@@ -80,6 +92,61 @@ pub fn read_text(file: &Path) -> Result<String, ProgramError> {
     Ok(match text.strip_prefix('\u{feff}') {
         Some(rest) => rest.to_owned(),
         None => text,
+    })
+}
+
+/// The file beside a program file that tells length and hash of its text.
+fn hash_file(file: &Path) -> PathBuf {
+    let mut name = file.as_os_str().to_owned();
+    name.push(".hash");
+    name.into()
+}
+
+/// Writes length and hash of a program's text beside it, into `FILE.hash`: whoever reads the file from there on need not read all of
+/// it first.
+///
+/// # Errors
+/// A file that cannot be read, or a folder that cannot be written.
+pub fn write_text_hash(file: &Path) -> Result<(), ProgramError> {
+    let name = &file.display().to_string();
+    let TextHash { bytes, xxh3 } = open_text(file)?
+        .hash()
+        .map_err(|error| ProgramError::of_file(name, error.found, error.right))?;
+    let text = format!("{bytes} bytes, xxh3 {xxh3:016x}\n");
+    std::fs::write(hash_file(file), text).map_err(|error| {
+        let found = format!("its hash cannot be written beside it ({error})");
+        ProgramError::of_file(name, found, "a folder that can be written")
+    })
+}
+
+/// The text of a program file, read as it is needed.
+pub fn open_text(file: &Path) -> Result<Text, ProgramError> {
+    let opened = Text::of_file(open_file(file)?);
+    opened.map_err(|error| unreadable(&file.display().to_string(), &error))
+}
+
+/// Length and hash of a file's text: as they stand beside it, if they were written behind its last change and have its length; else all
+/// of it is read.
+pub fn text_hash(file: &Path, text: &Text) -> Result<TextHash, ProgramError> {
+    if let Some(hash) = written_hash(file).filter(|hash| hash.bytes == text.length()) {
+        return Ok(hash);
+    }
+    let name = file.display().to_string();
+    text.hash()
+        .map_err(|error| ProgramError::of_file(&name, error.found, error.right))
+}
+
+fn written_hash(file: &Path) -> Option<TextHash> {
+    let beside = hash_file(file);
+    let changed = |path: &Path| std::fs::metadata(path).ok()?.modified().ok();
+    if changed(&beside)? < changed(file)? {
+        return None;
+    }
+    let text = std::fs::read_to_string(beside).ok()?;
+    let (bytes, xxh3) = text.trim().split_once(" bytes, xxh3 ")?;
+    Some(TextHash {
+        bytes: bytes.parse().ok()?,
+        xxh3: u64::from_str_radix(xxh3, 16).ok()?,
     })
 }
 

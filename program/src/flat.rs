@@ -1,5 +1,6 @@
 //! Points and directions of a plane, for geometry that knows no other axes.
 
+use serde::{Deserialize, Serialize};
 use std::ops::{Add, Mul, Neg, Sub};
 
 use control::path::AxisVector;
@@ -8,7 +9,7 @@ use control::path::AxisVector;
 const SAME_POINT_MM: f64 = 1e-6;
 
 /// A point of a plane, or a direction in it: first and second axis, in mm.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Flat {
     /// Along the first axis.
     pub u: f64,

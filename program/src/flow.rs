@@ -130,7 +130,15 @@ pub fn read_flow_word(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<FlowW
 
 /// The text of a label that is a number.
 pub fn label_of(value: f64) -> Option<String> {
-    (value >= 0.0 && value.fract() == 0.0).then(|| format!("{value:.0}"))
+    if !(value >= 0.0 && value.fract() == 0.0) {
+        return None;
+    }
+    // Every whole number up to here is one of both kinds.
+    Some(if value <= 1e15 {
+        (value as u64).to_string()
+    } else {
+        format!("{value:.0}")
+    })
 }
 
 fn keyword(cursor: &mut Cursor) -> Result<Keyword, Unreadable> {

@@ -1,12 +1,14 @@
 //! What a subroutine has of its own: where it was called, its loops, its names.
 
-use std::collections::HashMap;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 use crate::flow::{ARGUMENTS_MAX, Keyword, shown_flow};
 use crate::interpreter::SavedModes;
+use crate::source::Spot;
 
 /// What a loop does at its end.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum LoopKind {
     /// `while` … `endwhile`.
     While,
@@ -17,27 +19,35 @@ pub enum LoopKind {
 }
 
 /// A loop that is being done.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Loop {
     pub label: String,
+    pub pass: Pass,
+}
+
+/// Where a loop begins and what it does at its end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Pass {
     /// The line that it begins with.
-    pub line: usize,
+    pub at: Spot,
+    /// The next one.
+    pub behind: Spot,
     pub kind: LoopKind,
 }
 
 /// A subroutine that was called; the first is the program itself.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Frame {
     /// Its label; empty for the program.
     pub label: String,
     /// The line to return to.
-    pub return_to: usize,
+    pub return_to: Spot,
     /// The line of the call.
-    pub called_from: usize,
+    pub called_from: Spot,
     /// Loops that are being done, the innermost last.
     pub loops: Vec<Loop>,
     /// Names that only it knows.
-    pub named: HashMap<String, f64>,
+    pub named: BTreeMap<String, f64>,
     /// #1 to #30 of the caller, restored at the end if the call had arguments of its own.
     pub kept: [f64; ARGUMENTS_MAX],
     /// Called by an O-word, whose arguments are #1 to #30.
@@ -56,7 +66,7 @@ impl Frame {
 }
 
 /// The program and the subroutines that are called, the innermost last.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Frames {
     program: Frame,
     called: Vec<Frame>,

@@ -1,10 +1,11 @@
 //! The modal interpreter: blocks of words become path elements and events.
 
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use control::path::{
-    AxisVector, Element, Feed, MAX_AXES, Path, RotaryAxes, Shape, displacement_length_mm,
+    AxisVector, Element, Feed, MAX_AXES, RotaryAxes, Shape, displacement_length_mm,
 };
 
 use machine::Tool;
@@ -18,11 +19,14 @@ use crate::frames::{Frame, Frames};
 use crate::letters::AXIS_LETTERS;
 use crate::parameters::{Parameters, base};
 use crate::program::{Event, EventKind, Message, Note, ProgramEnd, Setup};
+use crate::question::Question;
 use crate::reader::{CommentKind, Line};
+use crate::snapshot;
 use crate::words::{Group, Refusal, Words};
 use beside::{Carried, Happening};
 use offsets::Offsets;
 use splines::{Spline, SplineState};
+use straight::Axes;
 use threads::InStep;
 
 mod arcs;
@@ -34,8 +38,10 @@ mod names;
 mod offsets;
 mod once;
 mod output;
+mod questions;
 mod say;
 mod splines;
+mod straight;
 mod threads;
 mod tool_words;
 mod travel;
@@ -43,7 +49,7 @@ mod turning;
 mod use_of_words;
 
 pub use modes::SavedModes;
-pub use output::Output;
+pub use output::{Bound, Output};
 pub use turning::is_turning;
 
 const MM_PER_INCH: f64 = 25.4;
@@ -58,7 +64,7 @@ const ARC_TOLERANCE_INCH_MM: f64 = 0.0002 * MM_PER_INCH;
 const TRAVEL_ROUNDING: f64 = 1e-6;
 
 /// The most elements of one path; an arc block makes up to two, a drilling block as many as it has moves.
-const ELEMENTS_MAX: usize = 2 * BLOCKS_MAX;
+pub const ELEMENTS_MAX: u64 = 2 * BLOCKS_MAX as u64;
 
 /// The most holes of one drilling block.
 const REPEATS_MAX: f64 = 10_000.0;
@@ -67,7 +73,7 @@ const REPEATS_MAX: f64 = 10_000.0;
 const TURNS_MAX: f64 = 10_000.0;
 
 /// Motion mode (modal group 1).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Motion {
     /// G80, and before the first motion word.
     None,
@@ -76,15 +82,15 @@ pub enum Motion {
     Arc {
         clockwise: bool,
     },
-    /// G38.2 to G38.5.
-    Probe,
+    /// G38.2 to G38.5: ten times its number.
+    Probe(u32),
     Cycle(Cycle),
     Spline(Spline),
     InStep(InStep),
 }
 
 /// What F means.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum FeedMode {
     /// G94: length per minute.
     PerMinute,
@@ -95,14 +101,14 @@ pub enum FeedMode {
 }
 
 /// An F word: its value, and the length of its unit.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct FeedWord {
     pub value: f64,
     pub unit_mm: f64,
 }
 
 /// What is known of the spindle.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Spindle {
     pub speed_rpm: f64,
     /// 1 clockwise, −1 counter-clockwise, 0 stopped.
@@ -110,7 +116,7 @@ pub struct Spindle {
 }
 
 /// Which tool is where, and the length that is taken off it.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct InSpindle {
     /// T: the next one.
     pub prepared: Option<u32>,
@@ -120,10 +126,14 @@ pub struct InSpindle {
 
 /// The state of a program at a block, and what it made so far. All that later blocks depend on is in here; a copy goes on from the
 /// same place.
-#[derive(Debug, Clone)]
-pub struct Interpreter<'a> {
-    pub setup: &'a Setup,
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Interpreter {
+    #[serde(skip)]
+    pub setup: Arc<Setup>,
+    #[serde(skip)]
     rotary: RotaryAxes,
+    #[serde(skip)]
+    axes: Axes,
     motion: Motion,
     /// Axis letters of the plane: first, second; with the offset letters that belong to them.
     plane: (u32, [char; 2], [char; 2]),
@@ -147,34 +157,43 @@ pub struct Interpreter<'a> {
     return_was_said: bool,
     path_control: u32,
     tool: InSpindle,
+    #[serde(with = "snapshot::tools")]
     tools: Arc<Vec<Tool>>,
-    /// What the table says of a tool was made use of.
-    table_was_used: bool,
     offsets: Offsets,
     /// Where the program is, in machine coordinates; the tool too, unless it stands beside.
+    #[serde(with = "snapshot::vector")]
     position: AxisVector,
     /// Where the tool stands if it is beside that.
+    #[serde(with = "snapshot::maybe_vector")]
     stands: Option<AxisVector>,
     /// The radius compensation that is on.
     beside: Option<Box<Compensation<Carried, Happening>>>,
     parameters: Parameters,
+    /// What the program asks the machine, and how many answers it has had.
+    #[serde(skip)]
+    asked: Option<Question>,
+    answers_taken: usize,
     /// #<_value>, and whether the last subroutine returned one.
     returned: (f64, bool),
     pub frames: Frames,
     pub state_known: bool,
+    /// The line that is read, counted from 1.
+    #[serde(skip)]
+    pub line: u32,
     pub ended: Option<ProgramEnd>,
     output: Output,
 }
 
-impl<'a> Interpreter<'a> {
-    pub fn new(setup: &'a Setup, start: AxisVector) -> Self {
+impl Interpreter {
+    pub fn new(setup: &Arc<Setup>, start: AxisVector) -> Self {
         let mut rotary = [false; MAX_AXES];
         for (flag, axis) in rotary.iter_mut().zip(&setup.axes) {
             *flag = axis.rotary;
         }
         let mut interpreter = Self {
-            setup,
+            setup: setup.clone(),
             rotary,
+            axes: Axes::of(setup),
             motion: Motion::None,
             plane: (17, ['X', 'Y'], ['I', 'J']),
             inches: false,
@@ -194,15 +213,17 @@ impl<'a> Interpreter<'a> {
             path_control: 610,
             tool: InSpindle::default(),
             tools: Arc::new(setup.tools.clone()),
-            table_was_used: false,
             offsets: Offsets::default(),
             position: start,
             stands: None,
             beside: None,
             parameters: Parameters::default(),
+            asked: None,
+            answers_taken: 0,
             returned: (0.0, false),
             frames: Frames::default(),
             state_known: true,
+            line: 0,
             ended: None,
             output: Output::default(),
         };
@@ -210,26 +231,47 @@ impl<'a> Interpreter<'a> {
         interpreter
     }
 
-    /// What was made so far, as a number that grows with it.
-    pub fn made(&self) -> usize {
-        self.output.path.elements.len() + self.output.events.len() + self.output.messages.len()
+    /// Takes what a snapshot leaves out from a fresh one.
+    pub fn complete(&mut self, fresh: &Self) {
+        self.setup = fresh.setup.clone();
+        self.rotary = fresh.rotary;
+        self.axes = fresh.axes.clone();
+        if self.tools == fresh.tools {
+            self.tools = fresh.tools.clone();
+        }
     }
 
-    /// The tool table, if anything of it was made use of.
-    pub fn tools_used(&self) -> &'a [Tool] {
-        if self.table_was_used {
-            &self.setup.tools
-        } else {
-            &[]
+    /// What was made so far, as a number that grows with it.
+    pub fn made(&self) -> u64 {
+        self.output.made()
+    }
+
+    /// Everything that was made, for whoever takes it away.
+    pub fn output(&mut self) -> &mut Output {
+        &mut self.output
+    }
+
+    /// The remarks so far.
+    pub fn notes(&self) -> Vec<Note> {
+        self.output.notes.by_line()
+    }
+
+    /// How many elements were made.
+    pub fn elements_made(&self) -> u64 {
+        self.output.elements_made()
+    }
+
+    /// Notes what a program left open at its end.
+    pub fn note_open(&mut self) {
+        if let Some(line) = self.splines.open_since() {
+            let text = "the spline that G5.2 begins has no G5.3: it is not made";
+            self.note(line, text);
         }
     }
 
     /// What the program made, and its parameters at the end.
     pub fn finish(mut self) -> (Parameters, Output) {
-        if let Some(line) = self.splines.open_since() {
-            let text = "the spline that G5.2 begins has no G5.3: it is not made";
-            self.note(line, text);
-        }
+        self.note_open();
         self.show_position_parameters();
         (self.parameters, self.output)
     }
@@ -255,7 +297,7 @@ impl<'a> Interpreter<'a> {
         block: &Line,
         words: &mut Words,
     ) -> Result<(), Vec<Refusal>> {
-        words.sort(block, self.setup)?;
+        words.sort(block, &self.setup)?;
         if !self.state_known {
             // A block before was refused: what this one would do is not known, only where the program ends.
             self.end_by(line, words);
@@ -267,9 +309,6 @@ impl<'a> Interpreter<'a> {
     fn execute(&mut self, line: u32, words: &mut Words) -> Result<(), Vec<Refusal>> {
         let one = |refusal| vec![refusal];
         self.check_words_used(words).map_err(one)?;
-        self.table_was_used |= words.first_of("THD").is_some()
-            || words.code(Group::ToolChange).is_some()
-            || words.code(Group::ToolLength).is_some();
         self.check_beside(words).map_err(one)?;
         self.feed_words(line, words).map_err(one)?;
         self.machine_words(line, words).map_err(one)?;
@@ -299,6 +338,11 @@ impl<'a> Interpreter<'a> {
             Some((300, _)) => self.ended = Some(ProgramEnd::M30(line)),
             _ => {}
         }
+    }
+
+    /// How many names have a value here.
+    pub fn names(&self) -> usize {
+        self.parameters.names() + self.frames.current().named.len()
     }
 
     /// Sets a parameter.
@@ -334,7 +378,7 @@ impl<'a> Interpreter<'a> {
             }
         }
         if let Some((saved, true)) = frame.saved.take() {
-            self.restore_modes(frame.called_from as u32 + 1, &saved);
+            self.restore_modes(frame.called_from.line as u32 + 1, &saved);
         }
         Some(frame)
     }

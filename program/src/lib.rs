@@ -5,7 +5,13 @@
 //! [`Program`] or say, with line and column, everything that is wrong with it. Nothing is skipped in silence: a word that is
 //! not understood refuses the program, because a machine that guesses breaks tools.
 //!
+//! A program of any length is read block by block by a [`Reading`]: what its blocks make comes in [`Piece`]s and is not kept. Its first
+//! mistake ends it. [`check_file`] finds all mistakes of a file of any length; [`Reading::snapshot`] is the state between two blocks.
+//!
 //! # How it is read
+//!
+//! `text` is a text in memory or a file, of which 256 kB are kept. `straight` reads the blocks of which most programs are made, in one
+//! pass from the bytes of a line to an element; all others take the way that follows.
 //!
 //! `bundle` puts the subroutines of other files behind a program's text. `source` knows its lines and labels; `execution` goes from
 //! line to line as the O-words say (`flow`, `frames`); `reader` makes a block of a line, its expressions evaluated (`expression`);
@@ -61,8 +67,10 @@
 //! swallows the lines after it up to the next one, without a diagnostic. N numbers lose their decimals in silence. The reader
 //! here is small and strict.
 
+mod along;
 mod arc;
 mod bundle;
+mod check;
 mod compensation;
 mod cycles;
 mod error;
@@ -77,21 +85,30 @@ mod letters;
 mod parameters;
 mod polar;
 mod program;
+mod question;
 mod reader;
+mod reading;
 mod resume;
 mod roughing;
 mod setup;
+mod snapshot;
 mod source;
 mod splines;
+mod straight;
+mod text;
 mod threading;
 mod words;
 
-pub use bundle::read_program;
+pub use along::{Along, SHORT_ELEMENTS, load_if_short};
+pub use bundle::{bundle_to, read_program};
+pub use check::{Summary, check_file};
 pub use error::{Problem, ProgramError, ResumeError, Shown};
 pub use execution::{BLOCKS_MAX, interpret};
-pub use file::{FILE_BYTES_MAX, load, read_text};
+pub use file::{FILE_BYTES_MAX, load, read_text, write_text_hash};
 pub use machine::{Tool, parse_tools};
 pub use parameters::Parameters;
 pub use program::{AxisSetup, Block, Event, EventKind, Message, Note, Program, ProgramEnd, Setup};
+pub use question::{Answer, Question};
+pub use reading::{Piece, Progress, Reading};
 pub use resume::{load_from, resume_from, tool_at};
 pub use setup::kinematics_of;

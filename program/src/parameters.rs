@@ -1,6 +1,7 @@
 //! The numbered and named parameters of a program (LinuxCNC manual, *G Code Overview*: parameters).
 
-use std::collections::HashMap;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// The highest number of a parameter.
@@ -32,10 +33,12 @@ pub mod base {
 }
 
 /// Parameters and their values: #1 to #5602 and the global names. A copy costs little until one of the two is changed.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Parameters {
+    #[serde(with = "crate::snapshot::numbered")]
     numbered: Arc<Vec<f64>>,
-    global: Arc<HashMap<String, f64>>,
+    #[serde(with = "crate::snapshot::named")]
+    global: Arc<BTreeMap<String, f64>>,
 }
 
 impl Default for Parameters {
@@ -63,6 +66,11 @@ impl Parameters {
     /// The value of a global name (`#<_name>`), if it is set.
     pub fn named(&self, name: &str) -> Option<f64> {
         self.global.get(name).copied()
+    }
+
+    /// How many global names are set.
+    pub fn names(&self) -> usize {
+        self.global.len()
     }
 
     /// Sets a global name.

@@ -1,12 +1,16 @@
 //! What goes into the interpreter and what comes out.
 
+use bus::sample::AskedInput;
 use control::path::{AxisVector, MAX_AXES, Path};
 use machine::Tool;
+use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::Xxh3;
 
 use crate::error::ProgramError;
 use crate::letters::AXIS_LETTERS;
 use crate::parameters::Parameters;
+use crate::question::Answer;
+use crate::text::TextHash;
 
 /// One axis as the interpreter needs to know it.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,8 +37,14 @@ pub struct Setup {
     /// Whether blocks with `/` before them are left out (block delete).
     pub block_delete: bool,
     /// What a machine would answer is assumed, for comparing and showing programs: a probe trips at the end of its motion, an input
-    /// is 0. Without it such words are refused.
+    /// is 0.
     pub answers_assumed: bool,
+    /// There is a probe: G38.2 to G38.5 are read.
+    pub probe: bool,
+    /// What the machine has answered so far to what the program asks, in order.
+    pub answers: Vec<Answer>,
+    /// What it will answer is assumed, with a note: for checking and showing a program that has not run yet.
+    pub rehearsed: bool,
 }
 
 /// The text of one block, for showing it while it runs.
@@ -58,7 +68,7 @@ pub struct Event {
 }
 
 /// What can happen between two elements. Numbers of outputs count from 0.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum EventKind {
     /// S: the spindle's speed in rev/min.
     SpindleSpeedRpm(f64),
@@ -74,6 +84,11 @@ pub enum EventKind {
     SpindleFollowed(f64),
     /// The motion behind it does not.
     SpindleReleased,
+    /// G33.1, G74, G84: a tap, with so many mm along the path for each turn. Into the hole and out of it, a spindle with encoder keeps
+    /// step with the axis.
+    SpindleCoupled(f64),
+    /// The tap is out of the hole.
+    SpindleUncoupled,
     /// M7 on, M9 off.
     Mist(bool),
     /// M8 on, M9 off.
@@ -90,6 +105,23 @@ pub enum EventKind {
     OptionalStop,
     /// M60: a pallet is changed, then he is waited for.
     PalletStop,
+    /// G38.2 to G38.5: the motion behind it ends where contact is made, or lost.
+    Probe {
+        /// Lost (G38.4, G38.5).
+        away: bool,
+        /// The program stops where that does not happen (G38.2, G38.4).
+        must: bool,
+    },
+    /// Behind such a motion.
+    ProbeEnd,
+    /// M66: an input is read, after a wait.
+    AwaitInput {
+        /// Which, and what is waited for.
+        #[serde(with = "crate::snapshot::asked_input")]
+        asked: AskedInput,
+        /// Longest wait, in s.
+        timeout_s: f64,
+    },
     /// M48, M49: whether feed and spindle overrides count.
     OverridesEnabled(bool),
     /// M62 to M65.
@@ -126,7 +158,7 @@ pub struct Message {
 }
 
 /// How a program ends.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum ProgramEnd {
     /// By M2 on this line.
     M2(u32),
@@ -240,11 +272,11 @@ pub fn check_setup(name: &str, setup: &Setup, start: &AxisVector) -> Result<(), 
     Ok(())
 }
 
-/// `tools`: the table, if anything of it was made use of.
-pub fn source_hash(text: &str, setup: &Setup, start: &AxisVector, tools: &[Tool]) -> u64 {
+/// Names a program on a machine: its text, by length and hash, and everything else that its geometry depends on.
+pub fn source_hash(text: TextHash, setup: &Setup, start: &AxisVector) -> u64 {
     let mut hash = Xxh3::new();
-    hash.update(&(text.len() as u64).to_le_bytes());
-    hash.update(text.as_bytes());
+    hash.update(&text.bytes.to_le_bytes());
+    hash.update(&text.xxh3.to_le_bytes());
     for axis in &setup.axes {
         hash.update(&u32::from(axis.letter).to_le_bytes());
         hash.update(&axis.travel_min.to_bits().to_le_bytes());
@@ -254,9 +286,12 @@ pub fn source_hash(text: &str, setup: &Setup, start: &AxisVector, tools: &[Tool]
     for component in setup.work_offset.iter().chain(start.iter()) {
         hash.update(&component.to_bits().to_le_bytes());
     }
-    for tool in tools {
+    for tool in &setup.tools {
         hash.update(&tool.number.to_le_bytes());
-        for value in tool.offset.iter().chain([&tool.diameter]) {
+        hash.update(&tool.pocket.to_le_bytes());
+        hash.update(&tool.orientation.to_le_bytes());
+        let angles = [tool.front_angle_deg, tool.back_angle_deg];
+        for value in tool.offset.iter().chain([&tool.diameter]).chain(&angles) {
             hash.update(&value.to_bits().to_le_bytes());
         }
     }

@@ -38,7 +38,11 @@ pub fn resume_from(
     text: &str,
 ) -> Result<Program, ResumeError> {
     let start = tool_at(machine, increments)?;
-    Ok(interpret(name, text, &Setup::of(machine), start)?)
+    let setup = Setup {
+        rehearsed: true,
+        ..Setup::of(machine)
+    };
+    Ok(interpret(name, text, &setup, start)?)
 }
 
 /// The same of a program file.

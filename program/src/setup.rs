@@ -51,6 +51,7 @@ impl Setup {
             work_offset,
             tools: machine.tools.clone(),
             block_delete: machine.program.block_delete,
+            probe: machine.program.probe,
             ..Setup::default()
         }
     }

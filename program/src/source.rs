@@ -1,120 +1,243 @@
 //! The text of a program: its lines, its files and where its labels are.
 
+use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use crate::flow::{Keyword, flow_at};
+use crate::text::{Text, TextError, text_of};
 
 /// A line that begins with it begins another file, whose name follows: what [`crate::bundle`] appends to a program that calls
 /// subroutines of other files.
 pub const FILE_MARK: char = '\u{1c}';
 
-/// A program text by lines, with an index of its labels.
-pub struct Source<'a> {
-    text: &'a str,
-    /// Byte offset of each line.
-    lines: Vec<usize>,
-    /// Lines with O-words of each label, in order.
-    labels: HashMap<String, Vec<(usize, Keyword)>>,
-    /// Where each file that is appended begins: the line of its mark, and its name.
-    files: Vec<(usize, &'a str)>,
+/// The most lines with O-words that others lead to.
+pub const LABELS_MAX: usize = 100_000;
+
+/// Where a line begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Spot {
+    /// Its number over all files, counted from 0.
+    pub line: usize,
+    /// Its first byte.
+    pub byte: u64,
 }
 
-impl<'a> Source<'a> {
-    pub fn new(text: &'a str) -> Self {
-        let mut source = Self {
+/// A line with an O-word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Label {
+    /// The line.
+    pub at: Spot,
+    /// The next one.
+    pub behind: Spot,
+    /// What the O-word does.
+    pub keyword: Keyword,
+}
+
+/// A program text by lines. Its labels are looked for when the first of them is asked for.
+#[derive(Debug, Clone)]
+pub struct Source {
+    text: Text,
+    index: Option<Arc<Index>>,
+    labels_max: usize,
+}
+
+/// Where the labels and the files of a text are.
+#[derive(Debug, Default)]
+struct Index {
+    /// Lines with O-words of each label, in order.
+    labels: HashMap<String, Vec<Label>>,
+    /// Where each file that is appended begins: the line of its mark, and its name.
+    files: Vec<(usize, String)>,
+}
+
+/// Whether others lead to a line with this word.
+fn is_led_to(keyword: Keyword) -> bool {
+    !matches!(
+        keyword,
+        Keyword::Call
+            | Keyword::Return
+            | Keyword::Break
+            | Keyword::Continue
+            | Keyword::If
+            | Keyword::Do
+            | Keyword::Repeat
+    )
+}
+
+/// Whether a line may hold an O-word, or begin a file.
+fn may_lead(line: &[u8]) -> bool {
+    let first = line.iter().find(|byte| !matches!(byte, b' ' | b'\t'));
+    matches!(first, Some(b'o' | b'O' | b'n' | b'N' | b'/' | 0x1c))
+}
+
+impl Default for Source {
+    fn default() -> Self {
+        Self::new(Text::of(""))
+    }
+}
+
+impl Source {
+    pub fn new(text: Text) -> Self {
+        Self {
             text,
-            lines: Vec::with_capacity(text.len() / 16),
-            labels: HashMap::new(),
-            files: vec![],
-        };
-        let mut offset = 0;
-        for line in text.split('\n') {
-            let index = source.lines.len();
-            source.lines.push(offset);
-            offset += line.len() + 1;
-            if let Some(name) = line.strip_prefix(FILE_MARK) {
-                source.files.push((index, name.trim()));
-            } else if let Some((label, keyword)) = flow_at(line) {
-                source
-                    .labels
-                    .entry(label)
-                    .or_default()
-                    .push((index, keyword));
-            }
+            index: None,
+            labels_max: LABELS_MAX,
         }
-        source
     }
 
-    /// The text of a line, counted from 0, without its end.
-    pub fn line(&self, index: usize) -> Option<&'a str> {
-        let start = *self.lines.get(index)?;
-        let end = self
-            .lines
-            .get(index + 1)
-            .map_or(self.text.len(), |next| next - 1);
-        let line = self.text.get(start..end)?;
-        Some(line.strip_suffix('\r').unwrap_or(line))
+    /// The same with as many labels as there are.
+    pub fn of_whole(text: Text) -> Self {
+        Self {
+            labels_max: usize::MAX,
+            ..Self::new(text)
+        }
     }
 
-    /// How many lines the program's own file has.
-    pub fn main_end(&self) -> usize {
-        self.files
-            .first()
-            .map_or(self.lines.len(), |&(index, _)| index)
+    /// The line that begins at a place, without its end, and where the next begins; none behind the last.
+    pub fn line(&mut self, at: Spot) -> Result<Option<(&str, Spot)>, TextError> {
+        let line = self.text.line(at.byte)?;
+        Ok(line.map(|(line, byte)| {
+            let behind = Spot {
+                line: at.line + 1,
+                byte,
+            };
+            (line, behind)
+        }))
     }
 
-    /// The lines of the file that a line is in: from, to behind the last.
-    fn file_of(&self, line: usize) -> (usize, usize) {
-        let next = self.files.partition_point(|&(index, _)| index <= line);
-        let start = next
-            .checked_sub(1)
-            .and_then(|file| self.files.get(file))
-            .map_or(0, |&(index, _)| index);
-        let end = self
-            .files
-            .get(next)
-            .map_or(self.lines.len(), |&(index, _)| index);
-        (start, end)
+    /// The bytes of the same line, with a carriage return if it ends with one.
+    pub fn bytes(&mut self, at: Spot) -> Result<Option<(&[u8], Spot)>, TextError> {
+        let line = self.text.bytes(at.byte)?;
+        Ok(line.map(|(line, byte)| {
+            let behind = Spot {
+                line: at.line + 1,
+                byte,
+            };
+            (line, behind)
+        }))
     }
 
-    /// Whether the line is behind the end of the file that `within` is in.
-    pub fn is_beyond(&self, line: usize, within: usize) -> bool {
-        let (start, end) = self.file_of(within);
-        line < start || line >= end
+    /// Whether a line begins another file.
+    pub fn begins_file(line: &str, at: Spot) -> bool {
+        at.line > 0 && line.starts_with(FILE_MARK)
+    }
+
+    fn index(&mut self) -> Result<&Index, TextError> {
+        if self.index.is_none() {
+            self.index = Some(Arc::new(Index::of(self.text.clone(), self.labels_max)?));
+        }
+        self.index.as_deref().ok_or_else(|| TextError {
+            offset: 0,
+            found: "no index of the labels".into(),
+            right: String::new(),
+        })
+    }
+
+    /// Looks where the files of the text are.
+    pub fn find_files(&mut self) -> Result<(), TextError> {
+        self.index().map(|_| ())
+    }
+
+    /// Whether a line belongs to the program's own file. Others are only reached by labels.
+    pub fn is_main(&self, line: usize) -> bool {
+        let files = self.index.as_ref().and_then(|index| index.files.first());
+        files.is_none_or(|&(first, _)| line < first)
     }
 
     /// Name of the file and line in it, counted from 1, of a line counted from 1 over all files; no name for the program itself.
-    pub fn place(&self, line: u32) -> (Option<&'a str>, u32) {
-        let index = (line as usize).saturating_sub(1);
-        let next = self.files.partition_point(|&(start, _)| start < index);
-        match next.checked_sub(1).and_then(|file| self.files.get(file)) {
-            Some(&(start, name)) => (Some(name), (index - start) as u32),
+    pub fn place(&self, line: u32) -> (Option<&str>, u32) {
+        let Some(index) = &self.index else {
+            return (None, line);
+        };
+        let at = (line as usize).saturating_sub(1);
+        let next = index.files.partition_point(|&(start, _)| start < at);
+        match next.checked_sub(1).and_then(|file| index.files.get(file)) {
+            Some((start, name)) => (Some(name), (at - start) as u32),
             None => (None, line),
         }
     }
 
     /// The next line behind `from`, in the same file, with one of these words and this label.
-    pub fn next(&self, label: &str, from: usize, keywords: &[Keyword]) -> Option<(usize, Keyword)> {
-        let (_, end) = self.file_of(from);
-        let lines = self.labels.get(label)?;
-        let behind = lines.partition_point(|&(line, _)| line <= from);
-        lines
-            .get(behind..)?
-            .iter()
-            .take_while(|&&(line, _)| line < end)
-            .find(|(_, keyword)| keywords.contains(keyword))
-            .copied()
+    pub fn next(
+        &mut self,
+        label: &str,
+        from: usize,
+        keywords: &[Keyword],
+    ) -> Result<Option<Label>, TextError> {
+        Ok(self.index()?.next(label, from, keywords))
     }
 
     /// Where a subroutine begins: its `sub`, or its number for M98.
-    pub fn subroutine(&self, label: &str) -> Option<(usize, Keyword)> {
+    pub fn subroutine(&mut self, label: &str) -> Result<Option<Label>, TextError> {
+        Ok(self.index()?.subroutine(label))
+    }
+}
+
+impl Index {
+    /// Reads a text to its end.
+    fn of(mut text: Text, labels_max: usize) -> Result<Self, TextError> {
+        let mut index = Self::default();
+        let mut at = Spot::default();
+        let mut count = 0;
+        while let Some((line, byte)) = text.bytes(at.byte)? {
+            let behind = Spot {
+                line: at.line + 1,
+                byte,
+            };
+            // What is no text is told when it is read.
+            let line = if may_lead(line) {
+                text_of(line).unwrap_or_default()
+            } else {
+                ""
+            };
+            if let Some(name) = line.strip_prefix(FILE_MARK) {
+                index.files.push((at.line, name.trim().to_owned()));
+            } else if let Some((label, keyword)) = flow_at(line).filter(|found| is_led_to(found.1))
+            {
+                let place = Label {
+                    at,
+                    behind,
+                    keyword,
+                };
+                index.labels.entry(label).or_default().push(place);
+                count += 1;
+                if count > labels_max {
+                    return Err(TextError {
+                        offset: 0,
+                        found: format!(
+                            "more than {labels_max} lines with O-words that others lead to"
+                        ),
+                        right: "split the program, or put what repeats into subroutines".into(),
+                    });
+                }
+            }
+            at = behind;
+        }
+        Ok(index)
+    }
+
+    /// The line behind the file that a line is in.
+    fn end_of_file(&self, line: usize) -> usize {
+        let next = self.files.partition_point(|&(index, _)| index <= line);
+        self.files.get(next).map_or(usize::MAX, |&(index, _)| index)
+    }
+
+    fn next(&self, label: &str, from: usize, keywords: &[Keyword]) -> Option<Label> {
+        let end = self.end_of_file(from);
         let lines = self.labels.get(label)?;
-        let of = |wanted: Keyword| {
-            lines
-                .iter()
-                .find(|&&(_, keyword)| keyword == wanted)
-                .copied()
-        };
+        let behind = lines.partition_point(|label| label.at.line <= from);
+        lines
+            .get(behind..)?
+            .iter()
+            .take_while(|label| label.at.line < end)
+            .find(|label| keywords.contains(&label.keyword))
+            .copied()
+    }
+
+    fn subroutine(&self, label: &str) -> Option<Label> {
+        let lines = self.labels.get(label)?;
+        let of = |wanted: Keyword| lines.iter().find(|label| label.keyword == wanted).copied();
         of(Keyword::Sub).or_else(|| of(Keyword::Number))
     }
 }
@@ -123,29 +246,39 @@ impl<'a> Source<'a> {
 mod tests {
     use super::*;
 
+    fn source(text: &str) -> Source {
+        Source::new(Text::of(text))
+    }
+
+    fn found(label: Result<Option<Label>, TextError>) -> Option<(usize, Keyword)> {
+        label.unwrap().map(|label| (label.at.line, label.keyword))
+    }
+
     #[test]
     fn labels_are_found_whatever_their_writing() {
-        let source = Source::new(
-            "N10 o0100 SUB\n  / O<My Pocket>  sub (x)\no100 end sub\no100\nG0 o1 sub\n",
-        );
-        assert_eq!(source.subroutine("100"), Some((0, Keyword::Sub)));
-        assert_eq!(source.subroutine("mypocket"), Some((1, Keyword::Sub)));
+        let mut source =
+            source("N10 o0100 SUB\n  / O<My Pocket>  sub (x)\no100 end sub\no100\nG0 o1 sub\n");
+        assert_eq!(found(source.subroutine("100")), Some((0, Keyword::Sub)));
         assert_eq!(
-            source.next("100", 0, &[Keyword::EndSub]),
+            found(source.subroutine("mypocket")),
+            Some((1, Keyword::Sub))
+        );
+        assert_eq!(
+            found(source.next("100", 0, &[Keyword::EndSub])),
             Some((2, Keyword::EndSub))
         );
-        assert_eq!(source.subroutine("1"), None);
+        assert_eq!(found(source.subroutine("1")), None);
     }
 
     #[test]
     fn files_that_are_appended_keep_their_own_lines() {
-        let source = Source::new(
+        let mut source = source(
             "G0 X1\no<a> call\nM2\n\u{1c}a.ngc\no<a> sub\no1 if [1]\no1 endif\no<a> endsub\n\u{1c}b.ngc\no1 endif\n",
         );
-        assert_eq!(source.main_end(), 3);
+        assert_eq!(found(source.next("1", 6, &[Keyword::EndIf])), None);
+        assert!(source.is_main(2) && !source.is_main(3));
         assert_eq!(source.place(2), (None, 2));
         assert_eq!(source.place(5), (Some("a.ngc"), 1));
         assert_eq!(source.place(10), (Some("b.ngc"), 1));
-        assert_eq!(source.next("1", 6, &[Keyword::EndIf]), None);
     }
 }

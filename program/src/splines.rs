@@ -10,6 +10,7 @@
 //! by more than [`TOLERANCE_MM`], the step is halved.
 
 use control::path::{AxisVector, Element, Shape};
+use serde::{Deserialize, Serialize};
 
 #[cfg(test)]
 mod tests;
@@ -51,7 +52,7 @@ const SWEEP_MAX_RAD: f64 = std::f64::consts::FRAC_PI_2;
 pub type Place = [f64; 2];
 
 /// A control point of a curve.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ControlPoint {
     /// Where it is, in machine coordinates.
     pub at_mm: Place,

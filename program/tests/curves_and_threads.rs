@@ -159,6 +159,8 @@ fn told(text: &str) -> Vec<String> {
             told.push(match event.kind {
                 EventKind::SpindleFollowed(mm) => format!("follow {}", round(mm)),
                 EventKind::SpindleReleased => "release".into(),
+                EventKind::SpindleCoupled(mm) => format!("couple {}", round(mm)),
+                EventKind::SpindleUncoupled => "uncouple".into(),
                 EventKind::SpindleClockwise => "cw".into(),
                 EventKind::SpindleCounterClockwise => "ccw".into(),
                 EventKind::SpindleSpeedRpm(rpm) => format!("S{rpm}"),
@@ -233,6 +235,7 @@ fn g33_follows_the_spindle_and_rigid_tapping_comes_back() {
         [
             "S120",
             "cw",
+            "couple 0.5",
             "follow 0.5",
             "F1 0 -5",
             "release",
@@ -243,6 +246,7 @@ fn g33_follows_the_spindle_and_rigid_tapping_comes_back() {
             "release",
             "S120",
             "cw",
+            "uncouple",
             "R 1 0"
         ]
     );

@@ -373,6 +373,8 @@ fn told(text: &str) -> String {
         EventKind::OverridesEnabled(count) => format!("overrides {count}"),
         EventKind::SpindleFollowed(mm) => format!("follow {}", (mm * 1e6).round() / 1e6),
         EventKind::SpindleReleased => "release".to_owned(),
+        EventKind::SpindleCoupled(mm) => format!("couple {}", (mm * 1e6).round() / 1e6),
+        EventKind::SpindleUncoupled => "uncouple".to_owned(),
         EventKind::SpindleSpeedRpm(rpm) => format!("S{rpm}"),
         other => format!("{other:?}"),
     };
@@ -391,14 +393,14 @@ fn boring_and_tapping_say_what_the_spindle_does() {
     for (text, expected) in [
         (
             "M3 S100 F300 G0 Z10\nG98 G84 X1 Z-10 R2 P0.5\nM2",
-            "S100 | cw | R 0 0 10 | R 1 0 10 | R 1 0 2 | overrides false | F 1 0 -10 | stop | ccw | W 0.5 | F 1 0 10 | \
-             stop | cw | overrides true",
+            "S100 | cw | R 0 0 10 | R 1 0 10 | R 1 0 2 | overrides false | couple 3 | F 1 0 -10 | stop | ccw | W 0.5 | F 1 0 10 | \
+             stop | cw | uncouple | overrides true",
         ),
         (
             "M4 S100 F300 G0 Z10\nG99 G74 X1 Z-10 R2\nX2\nM2",
-            "S100 | ccw | R 0 0 10 | R 1 0 10 | R 1 0 2 | overrides false | F 1 0 -10 | stop | cw | F 1 0 2 | stop | \
-             ccw | overrides true | R 2 0 2 | overrides false | F 2 0 -10 | stop | cw | F 2 0 2 | stop | ccw | \
-             overrides true",
+            "S100 | ccw | R 0 0 10 | R 1 0 10 | R 1 0 2 | overrides false | couple 3 | F 1 0 -10 | stop | cw | F 1 0 2 | stop | \
+             ccw | uncouple | overrides true | R 2 0 2 | overrides false | couple 3 | F 2 0 -10 | stop | cw | F 2 0 2 | stop | ccw | \
+             uncouple | overrides true",
         ),
         (
             "M3 S100 F300 G0 Z10\nG98 G86 X1 Z-10 R2 P0.5\nM2",

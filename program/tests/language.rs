@@ -296,6 +296,31 @@ fn comments_speak_with_the_values_of_parameters() {
 }
 
 #[test]
+fn names_tell_of_the_state_and_those_without_a_value_are_shown_as_such() {
+    let text = "G21 G92 X3\nG90.1 G0 X5\n(debug, #<_line> #<_ijk_absolute_mode> #<_abs_x> #<_x>)\n(debug, a #<not_there> b # c #[-[+0]])\nM2";
+    let said: Vec<String> = program(text)
+        .messages
+        .into_iter()
+        .map(|message| message.text)
+        .collect();
+    assert_eq!(
+        said,
+        [
+            "3.000000 1.000000 2.000000 5.000000",
+            "a ###### b # c #[-[+0]]"
+        ]
+    );
+}
+
+#[test]
+fn the_parameters_of_an_offset_take_force_with_it() {
+    let other = "#5221=7\nG10 L2 P2 X1\nG0 X1\nG54 X2\nM2";
+    assert_eq!(xs(other), [1.0, 9.0]);
+    let same = "#5221=7\nG10 L2 P1 Y1\nG0 X1\nM2";
+    assert_eq!(xs(same), [8.0]);
+}
+
+#[test]
 fn feeds_follow_their_mode() {
     let text = "G93\nG1 X10 F2\nG94 F600\nX0\nS300 M3 G95 F0.1\nX5\nM2";
     let feeds: Vec<Feed> = program(text)

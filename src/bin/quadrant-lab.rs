@@ -8,6 +8,7 @@ use launcher::exit::{self, Kind, Outcome};
 use launcher::logs;
 use launcher::options::RunOptions;
 use launcher::run::{self, Injection};
+use launcher::signals;
 use quadrant::cli::{PlannerOptions, PlantSimOptions, RecorderOptions, ServoOptions};
 use quadrant::roles;
 use view::live;
@@ -51,6 +52,7 @@ struct FaultyOptions<O: Args> {
 }
 
 fn main() -> std::process::ExitCode {
+    signals::survive_file_size_limit();
     exit::code(obey(Cli::parse().command))
 }
 

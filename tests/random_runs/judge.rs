@@ -57,15 +57,6 @@ fn sockets_of(cell: &str) -> usize {
     sockets.lines().filter(|line| line.ends_with(&end)).count()
 }
 
-/// A planner that is not back yet when the run is interrupted: the report names its death.
-fn is_planner_missing(events: &[Event]) -> bool {
-    let count = |name: &str| {
-        let of = events.iter().filter(|event| event.process == "planner");
-        of.filter(|event| event.name == name).count()
-    };
-    count("died") > count("restarted")
-}
-
 impl Trial {
     fn expect(&mut self, holds: bool, text: &str) {
         if !holds {
@@ -242,10 +233,9 @@ impl Trial {
             .clients
             .iter()
             .any(|c| c.is_accepted() && ["stop", "down", "disable"].iter().any(|word| c.is(word)));
-        let no_planner = kind == "stopped" && is_planner_missing(events);
         let agree = match code {
             Some(0) => kind == "completed",
-            Some(130) => self.signals > 0 && (kind == "interrupted" || no_planner),
+            Some(130) => self.signals > 0 && kind == "interrupted",
             // Who died when all was done is a loss all the same.
             Some(1) if kind == "completed" => died,
             Some(1) => {
@@ -280,9 +270,7 @@ impl Trial {
                     last.mode
                 ),
             );
-            // The report counts a scan in which the master commands an axis without its servo as a lost command.
-            let substituted = self.killed.iter().any(|k| k.is("servo"));
-            if !self.recorder_was_hit && !substituted {
+            if !self.recorder_was_hit {
                 // Who is killed over a sample has told it to one and not to the other.
                 let most = self.killed.len() as u64;
                 let lost = report["samples_lost"].as_u64();

@@ -1,8 +1,9 @@
 //! The fields of every sample, by name. A field that is added to a sample and not here does not compile.
 
 use crate::sample::{
-    Auxiliaries, AxisCommand, AxisFeedback, Feedback, Instruments, Levels, OperatorRequest,
-    Participant, PathTag, PlannerStatus, ProgramEvent, Roster, Setpoint, WindowHeader, WindowId,
+    Answer, Auxiliaries, AxisCommand, AxisFeedback, Feedback, Inputs, Instruments, Levels,
+    OperatorRequest, Participant, PathTag, PlannerStatus, ProgramEvent, Roster, Setpoint,
+    WindowHeader, WindowId,
 };
 use crate::table;
 
@@ -20,7 +21,7 @@ table!(
 );
 table!(
     Feedback: scan, visible_from, window, armed, voided, program_hash, tag, interrupted_at, cause_scan, program_start @ Axes, setpoint, at_rest, epoch, incarnation, mode,
-    cause, cause_axis, override_percent, hold, last, overrun_scans, axis_count, load, program, run, reserved, auxiliary, axes @ Axes, checksum,
+    cause, cause_axis, override_percent, hold, last, overrun_scans, axis_count, load, program, run, messages, auxiliary, answer, inputs, axes @ Axes, checksum,
 );
 table!(
     Instruments: scan, visible_from, motion_digest_high, motion_digest_low, subsamples, axis_count,
@@ -32,15 +33,19 @@ table!(
 );
 table!(
     PlannerStatus: scan, visible_from, program_hash, published, path_length_mm, path_done_mm, incarnation, finished,
-    cause, windows, load, reserved, event, outputs_ahead, checksum,
+    cause, windows, load, line, answered, reserved, event, outputs_ahead, checksum,
 );
 table!(ProgramEvent: value, number, code, index, line, element, reserved);
 table!(
-    Levels: spindle_rpm, orientation_deg, analog, digital, spindle, coolant, tool, tool_prepared,
+    Levels: spindle_rpm, orientation_deg, analog, digital, spindle, coolant, tool, tool_prepared, followed_axis,
+    reserved,
 );
 table!(
-    Auxiliaries: levels, spindle_rpm, events_done, line, waiting, blocked, at_speed, optional_stop, override_disabled, tool,
+    Auxiliaries: levels, spindle_rpm, spindle_turns, spindle_lag_turns, events_done, line, waiting, blocked, at_speed,
+    optional_stop, override_disabled, tool, coupled, reserved,
 );
+table!(Answer: value, scan, tripped @ Axes, rests @ Axes, number, outcome);
+table!(Inputs: analog, digital, contact, reserved);
 table!(
     Participant: death_scan, job, axis, role, incarnation, live, death_signal, death_status, stalled,
 );

@@ -47,11 +47,27 @@ pub enum EventCode {
     AnalogOutput = 15,
     /// M48, M49: value 1 or 0.
     Overrides = 16,
+    /// G38.2 to G38.5: from here on contact ends the motion; `index` holds [`PROBE_AWAY`](super::PROBE_AWAY) and
+    /// [`PROBE_MUST`](super::PROBE_MUST).
+    Probe = 21,
+    /// The end of a probing motion: asked for only where it came to its end without contact.
+    ProbeEnd = 22,
+    /// M66: an input is read, after a wait of at most `value` s; `index` is an [`AskedInput`](super::AskedInput).
+    AwaitInput = 23,
+    /// MSG, DEBUG, PRINT, LOG: the path is at the message of number `index`, in the order of the program, and past those before.
+    Message = 24,
+    /// M61: tool number `index` is in the spindle.
+    ToolIs = 25,
+    /// Rigid tapping begins: the spindle comes to rest, and from then on follows axis `index`: a turn in the direction that the program
+    /// gave it for each `value` mm (below 0 where the axis goes in against its sense).
+    SpindleCouple = 17,
+    /// It ends: the spindle turns by itself again, as the program has it.
+    SpindleUncouple = 18,
 }
 
 impl EventCode {
     /// All of them.
-    pub const ALL: [EventCode; 16] = [
+    pub const ALL: [EventCode; 23] = [
         EventCode::SpindleSpeed,
         EventCode::SpindleClockwise,
         EventCode::SpindleCounterClockwise,
@@ -68,6 +84,13 @@ impl EventCode {
         EventCode::DigitalOutput,
         EventCode::AnalogOutput,
         EventCode::Overrides,
+        EventCode::Probe,
+        EventCode::ProbeEnd,
+        EventCode::AwaitInput,
+        EventCode::Message,
+        EventCode::ToolIs,
+        EventCode::SpindleCouple,
+        EventCode::SpindleUncouple,
     ];
 
     /// Decodes what came over the wire.
@@ -108,6 +131,9 @@ pub enum SpindleCommand {
     Turn = 1,
     /// Stand at [`Levels::orientation_deg`].
     Orient = 2,
+    /// Turn at [`Levels::spindle_rpm`], another speed in each scan, in step with an axis; left alone, brake with that axis so that
+    /// both come to rest together ([`Levels::followed_axis`]).
+    Follow = 3,
 }
 
 impl SpindleCommand {
@@ -116,6 +142,7 @@ impl SpindleCommand {
         match value {
             1 => SpindleCommand::Turn,
             2 => SpindleCommand::Orient,
+            3 => SpindleCommand::Follow,
             _ => SpindleCommand::Stop,
         }
     }
@@ -129,7 +156,7 @@ pub const FLOOD: u32 = 2;
 /// What the machine beside its axes is commanded to be: levels, the same in each scan until they change, so that commanding them
 /// again does no harm.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Levels/1")]
+#[type_name("quadrant/Levels/2")]
 #[repr(C)]
 pub struct Levels {
     /// Speed of the spindle, in rev/min, clockwise positive.
@@ -148,6 +175,10 @@ pub struct Levels {
     pub tool: u32,
     /// Number of the tool that is to be ready for the next change.
     pub tool_prepared: u32,
+    /// Index of the axis that a [following](SpindleCommand::Follow) spindle is in step with.
+    pub followed_axis: u32,
+    /// Kept zero.
+    pub reserved: u32,
 }
 
 /// What the program, or the machine, waits for at rest.
@@ -173,11 +204,13 @@ pub enum Waiting {
     OptionalStop = 7,
     /// M60: the operator changes the pallet and resumes.
     PalletStop = 8,
+    /// An input shows what M66 waits for, or the wait has lasted too long.
+    Input = 9,
 }
 
 impl Waiting {
     /// All of them, each at its number.
-    pub const ALL: [Waiting; 9] = [
+    pub const ALL: [Waiting; 10] = [
         Waiting::None,
         Waiting::SpindleSpeed,
         Waiting::SpindleStandstill,
@@ -187,6 +220,7 @@ impl Waiting {
         Waiting::ProgramStop,
         Waiting::OptionalStop,
         Waiting::PalletStop,
+        Waiting::Input,
     ];
 
     /// Decodes what came over the wire.
@@ -208,6 +242,7 @@ impl Waiting {
             Waiting::ProgramStop => "the operator (program stop, M0)",
             Waiting::OptionalStop => "the operator (optional stop, M1)",
             Waiting::PalletStop => "the operator (pallet change, M60)",
+            Waiting::Input => "an input (M66)",
         }
     }
 
@@ -225,13 +260,17 @@ impl Waiting {
 
 /// What the master says of spindle, coolant, outputs, tool and stops.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Auxiliaries/1")]
+#[type_name("quadrant/Auxiliaries/2")]
 #[repr(C)]
 pub struct Auxiliaries {
     /// Commanded in this scan.
     pub levels: Levels,
     /// Speed that the spindle shows, in rev/min, clockwise positive.
     pub spindle_rpm: f64,
+    /// Angle that the spindle's encoder shows, in turns, clockwise positive; whole at the index. 0 without an encoder.
+    pub spindle_turns: f64,
+    /// What the spindle lags behind the axis that it is in step with, in turns; 0 where it is not.
+    pub spindle_lag_turns: f64,
     /// Events of the program that are done; the next one has the next number.
     pub events_done: u32,
     /// Line of the event that is waited for, or of the stop; 0 for none.
@@ -248,6 +287,10 @@ pub struct Auxiliaries {
     pub override_disabled: u32,
     /// Number of the tool in the spindle.
     pub tool: u32,
+    /// Of the axis that the spindle is in step with, its index and 1; 0 for none.
+    pub coupled: u32,
+    /// Kept zero.
+    pub reserved: u32,
 }
 
 #[cfg(test)]
@@ -264,8 +307,8 @@ mod tests {
             assert_eq!(Waiting::from_wire(index as u32), Some(waiting));
         }
         assert_eq!(EventCode::from_wire(0), None);
-        assert_eq!(EventCode::from_wire(17), None);
-        assert_eq!(Waiting::from_wire(9), None);
+        assert_eq!(EventCode::from_wire(19), None);
+        assert_eq!(Waiting::from_wire(10), None);
         assert_eq!(SpindleCommand::from_wire(9), SpindleCommand::Stop);
     }
 }

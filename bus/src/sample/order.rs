@@ -134,11 +134,13 @@ pub enum Refused {
     Ending = 19,
     /// An axis has no reference: it must be homed, or its encoder be set.
     NotReferenced = 20,
+    /// A tap is in its thread.
+    InThread = 21,
 }
 
 impl Refused {
     /// All of them.
-    pub const ALL: [Refused; 21] = [
+    pub const ALL: [Refused; 22] = [
         Refused::Not,
         Refused::UnknownOrder,
         Refused::BadValue,
@@ -160,6 +162,7 @@ impl Refused {
         Refused::NotRunning,
         Refused::Ending,
         Refused::NotReferenced,
+        Refused::InThread,
     ];
 
     /// Decodes what came over the wire.
@@ -202,6 +205,9 @@ impl Refused {
             }
             Refused::NotRunning => "no program is running: start runs the one that is loaded",
             Refused::NotReferenced => "an axis has no reference: home it first",
+            Refused::InThread => {
+                "a tap is in its thread: resume goes on in step; after another program is loaded the axes are free"
+            }
             Refused::Ending => "the cell is about to end",
         }
     }
@@ -249,6 +255,6 @@ mod tests {
         }
         assert_eq!(Order::from_wire(0), None);
         assert_eq!(Order::from_wire(12), None);
-        assert_eq!(Refused::from_wire(21), None);
+        assert_eq!(Refused::from_wire(22), None);
     }
 }

@@ -1,7 +1,7 @@
 //! The rapids of a program that run from rest to rest, each with its profile and the rest its axes have after it.
 
-use crate::limits::MotionLimits;
-use crate::path::{Element, Feed, MAX_AXES, Path, Shape};
+use crate::path::{Element, Feed, MAX_AXES, Shape};
+use crate::path_part::PathPart;
 use crate::segment::Segment;
 
 use super::profile::Profile;
@@ -51,23 +51,24 @@ pub(crate) fn forces_rest(
     left_mm_s <= STANDSTILL_SHARE * reached_mm_s
 }
 
-/// Gives each segment that is a whole rapid from rest to rest its profile; the moves in the order of the path.
+/// Gives each segment that is a whole rapid from rest to rest its profile; the moves in the order of the path, counted from
+/// `first_move`.
 ///
-/// From the end of the program backward: the rest after a move is made of what comes after it, up to the next rapid of the
+/// From the end of the segments backward, as if the program ended there at rest for no time: the rest after a move is made of what comes after it, up to the next rapid of the
 /// axis, so everything it depends on is known. Times of feeds are those of the speed map at `override_max` without the time to
 /// speed up and brake: never longer than they are, so no motor is taken above its rating.
 pub(crate) fn assign(
-    path: &Path,
-    limits: &MotionLimits,
+    part: &PathPart,
     positioning: &Positioning,
     override_max: f64,
     segments: &mut [Segment],
+    first_move: usize,
 ) -> Vec<Move> {
-    let scan_period_s = limits.scan_period_s();
+    let scan_period_s = part.limits().scan_period_s();
     let mut rest_s = [0.0; MAX_AXES];
     let mut moves = Vec::new();
     for segment in segments.iter_mut().rev() {
-        let Some(element) = path.elements.get(segment.element as usize) else {
+        let Some(element) = part.get(segment.element) else {
             continue;
         };
         if segment.is_dwell {
@@ -115,7 +116,7 @@ pub(crate) fn assign(
         }
     }
     moves.reverse();
-    refer_to(&moves, segments);
+    refer_to(&moves, first_move, segments);
     moves
 }
 
@@ -148,13 +149,13 @@ fn profile_of(
     )
 }
 
-/// Writes into each segment that is a move which one it is; `moves` in the order of the path.
-fn refer_to(moves: &[Move], segments: &mut [Segment]) {
+/// Writes into each segment that is a move which one it is; `moves` in the order of the path, counted from `first_move`.
+fn refer_to(moves: &[Move], first_move: usize, segments: &mut [Segment]) {
     let mut next = 0;
     for segment in segments.iter_mut() {
         let of_segment = moves.get(next).filter(|of| of.element == segment.element);
         if of_segment.is_some() {
-            segment.of_move = Some(next as u32);
+            segment.of_move = Some((first_move + next) as u32);
             next += 1;
         }
     }

@@ -101,13 +101,14 @@ impl Bench {
                 let program = folder.join(format!("r{radius_mm}-f{feed_mm_min}.ngc"));
                 fs::write(&program, circle(condition, options))
                     .with_context(|| program.display().to_string())?;
-                check::load(&options.machine, Some(&program))
+                check::load(&options.machine, Some(&program), check::Depth::Whole)
                     .with_context(|| format!("R{radius_mm} F{feed_mm_min}"))?;
                 conditions.push((condition, program));
             }
         }
         for (method, variant) in &methods {
-            check::load(variant, None).with_context(|| format!("method {}", method.name))?;
+            check::load(variant, None, check::Depth::Whole)
+                .with_context(|| format!("method {}", method.name))?;
         }
         let training = folder.join("training.ngc");
         fs::write(&training, circles_to_learn_from(&conditions, options))

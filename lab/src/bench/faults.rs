@@ -1,5 +1,6 @@
 //! `quadrant bench faults`: whole cells in this one process, with faults drawn from seeds; every scan of every run is judged.
 
+mod judges;
 mod operator;
 mod programs;
 mod seed;
@@ -149,7 +150,11 @@ pub fn faults(options: &FaultsOptions) -> Outcome {
 }
 
 fn stock(options: &FaultsOptions) -> anyhow::Result<Stock> {
-    let checked = check::load(&options.machine, options.program.as_deref())?;
+    let checked = check::load(
+        &options.machine,
+        options.program.as_deref(),
+        check::Depth::Whole,
+    )?;
     let mut alone = checked.machine;
     for axis in &mut alone.axes {
         axis.standby = false;
@@ -185,7 +190,7 @@ fn stock(options: &FaultsOptions) -> anyhow::Result<Stock> {
         .iter()
         .map(|prepared| Shape {
             scans: prepared.undisturbed.scans,
-            elements: prepared.course.path.elements.len() as u64,
+            elements: u64::from(prepared.course.path.end()),
         })
         .collect();
     Ok(Stock {
@@ -209,9 +214,12 @@ fn tell(stock: &Stock, seed: u64, scenario: &Scenario, verdict: &Verdict) {
     } else {
         ""
     };
+    let tampering = scenario.tampering.map_or_else(String::new, |tampering| {
+        format!("\n# damaged on its way: {}", tampering.words())
+    });
     let mode = shown.mode.map_or("nothing", bus::sample::Mode::word);
     let mut text = format!(
-        "# seed {seed}, faults.toml for `quadrant run --no-learned --faults`{standby}{supervised}\n{}",
+        "# seed {seed}, faults.toml for `quadrant run --no-learned --faults`{standby}{supervised}{tampering}\n{}",
         scenario.faults_text
     );
     if !scenario.orders_text.is_empty() {

@@ -43,7 +43,7 @@ struct Round {
 /// A run fails, or the other side of the ping-pong cannot be had.
 pub fn lockstep(options: &LockstepOptions) -> Outcome {
     let program = options.machine.join("programs/circle-r25-f3000.ngc");
-    let checked = check::load(&options.machine, Some(&program)).input()?;
+    let checked = check::load(&options.machine, Some(&program), check::Depth::Whole).input()?;
     let signals = Signals::catch().environment()?;
     let scratch = runs::scratch().environment()?;
     let runs = Runs {

@@ -19,6 +19,7 @@ use super::launcher::Launcher;
 use super::members::{Fired, Life, PlannerMember, ServoMember};
 use super::queues::{Queue, Window};
 use super::script::{CellError, Script};
+use crate::tampering::Kind;
 
 /// The master has been killed.
 #[derive(Debug, Clone, Copy)]
@@ -45,10 +46,17 @@ pub(crate) struct Peers {
     pub master_killed: Option<MasterKilled>,
     master_may_die: bool,
     pub feedback: Feedback,
+    /// As its readers take it, if they do.
+    received: Option<Feedback>,
+    /// As the master has taken it last, where somebody tampers with it.
+    taken_roster: Option<Roster>,
     pub instruments: Instruments,
     pub commands: Vec<AxisCommand>,
     pub status: Option<PlannerStatus>,
     pub windows: Vec<Arc<Window>>,
+    /// Orders that were obeyed in this scan.
+    pub obeyed: Vec<Order>,
+    recorder: Life,
 }
 
 impl Peers {
@@ -91,8 +99,12 @@ impl Peers {
             launcher: Launcher::new(&machine),
             status: None,
             feedback: Feedback::zeroed(),
+            received: None,
+            taken_roster: None,
             instruments: Instruments::zeroed(),
             windows: Vec::new(),
+            obeyed: Vec::new(),
+            recorder: Life::FIRST,
             machine,
             script,
         })
@@ -125,6 +137,10 @@ impl Peers {
 
     fn ask_servos(&mut self, answers: &mut Answers) {
         self.commands.clear();
+        let Some(feedback) = self.received else {
+            return;
+        };
+        let tampering = self.script.tampering;
         for index in 0..self.members.len() {
             let (Some(member), Some(servo)) =
                 (self.members.get_mut(index), self.servos.get_mut(index))
@@ -135,10 +151,15 @@ impl Peers {
                 continue;
             }
             let (axis, role) = (member.axis, member.role);
-            member.ports.inner().feedback = Some(self.feedback);
+            member.ports.inner().feedback = Some(feedback);
             servo::cycle(servo, &mut member.ports);
             self.commands.extend(member.ports.made());
-            let sent = std::mem::take(&mut member.ports.inner().sent);
+            let mut sent = std::mem::take(&mut member.ports.inner().sent);
+            if let Some(tampering) = tampering {
+                let scan = self.feedback.scan;
+                let taken = |c: &AxisCommand| tampering.received(Kind::Command, scan, c);
+                sent = sent.iter().filter_map(taken).collect();
+            }
             let answer = answers.commands.get_mut(axis).and_then(|a| a.get_mut(role));
             if let Some(answer) = answer {
                 let next = self.feedback.scan + 1;
@@ -164,9 +185,16 @@ impl Peers {
         if !member.life.answers() {
             return;
         }
-        member.ports.inner().feedback = Some(self.feedback);
+        let Some(feedback) = self.received else {
+            return;
+        };
+        member.ports.inner().feedback = Some(feedback);
         planner::cycle(&mut member.planner, &mut member.ports);
-        let status = member.ports.inner().status;
+        let mut status = member.ports.inner().status;
+        if let Some(tampering) = self.script.tampering {
+            let scan = self.feedback.scan;
+            status = status.and_then(|s| tampering.received(Kind::Status, scan, &s));
+        }
         self.status = status.or(self.status);
         let next = self.feedback.scan + 1;
         answers.planner =
@@ -253,7 +281,14 @@ impl Peers {
         let script = self.script.faults.as_ref();
         let (axis, role) = (process.axis as usize, process.role as usize);
         match process.job {
-            Job::Monitor => {}
+            Job::Monitor => {
+                if is_replaced(step, self.recorder, replaced) {
+                    self.recorder = self.recorder.next();
+                } else {
+                    suffer(&mut self.recorder, step);
+                }
+                self.publish_roster(process, step, self.recorder, scan);
+            }
             Job::Master if step == FaultStep::Kill => {
                 self.master_killed = Some(MasterKilled { replaced });
                 return Flow::Leave;
@@ -264,7 +299,11 @@ impl Peers {
                     let (name, text) = &self.program;
                     let life = self.planner.life.next();
                     let (machine, fired) = (&self.machine, &self.fired);
+                    let places = std::mem::take(&mut self.planner.ports.inner().places);
+                    let answers = std::mem::take(&mut self.planner.ports.inner().answers);
                     self.planner = PlannerMember::new(machine, (name, text), life, script, fired);
+                    self.planner.ports.inner().places = places;
+                    self.planner.ports.inner().answers = answers;
                 } else {
                     suffer(&mut self.planner.life, step);
                 }
@@ -325,7 +364,7 @@ impl MasterPorts for Peers {
     type Error = std::convert::Infallible;
 
     fn roster(&self) -> &Roster {
-        &self.roster
+        self.taken_roster.as_ref().unwrap_or(&self.roster)
     }
 
     fn read_roster(&mut self) {}
@@ -340,8 +379,15 @@ impl MasterPorts for Peers {
             return Flow::Leave;
         }
         self.feedback = *feedback;
+        self.received = Some(*feedback);
         self.windows.clear();
-        self.inject(scan, true)
+        let flow = self.inject(scan, true);
+        if let Some(tampering) = self.script.tampering {
+            self.received = tampering.received(Kind::Feedback, scan, feedback);
+            let taken = tampering.received(Kind::Roster, scan, &self.roster);
+            self.taken_roster = taken.or(self.taken_roster);
+        }
+        flow
     }
 
     fn publish_instruments(&mut self, instruments: &Instruments) {
@@ -378,17 +424,29 @@ impl MasterPorts for Peers {
         scan: u64,
         mut judge: impl FnMut(&OperatorRequest) -> (OperatorResponse, Latches),
     ) {
+        self.obeyed.clear();
+        let mut due = Vec::new();
         while let Some(order) = self.script.orders.get(self.orders_done)
             && order.scan <= scan
         {
             self.orders_done += 1;
-            judge(&order.request);
+            due.push(order.request);
         }
         if self.launcher.is_stop_due(&self.feedback) {
-            judge(&OperatorRequest {
+            due.push(OperatorRequest {
                 order: Order::Down as u32,
                 ..OperatorRequest::default()
             });
+        }
+        for request in due {
+            let (answer, latches) = judge(&request);
+            // Whoever has an answer can rely on it, also if this master dies now.
+            if let Some(saved) = self.saved.as_mut().filter(|_| answer.accepted == 1) {
+                saved.latch(&latches);
+            }
+            if answer.accepted == 1 {
+                self.obeyed.extend(Order::from_wire(request.order));
+            }
         }
     }
 
@@ -401,8 +459,9 @@ impl MasterPorts for Peers {
         scan: u64,
         mut offer: impl FnMut(&WindowHeader, &[Setpoint], &Roster),
     ) {
+        let roster = *self.roster();
         while let Some(window) = self.windows_to_master.next(scan) {
-            offer(&window.header, &window.setpoints, &self.roster);
+            offer(&window.header, &window.setpoints, &roster);
         }
     }
 
@@ -432,7 +491,7 @@ fn roster(members: &[ServoMember]) -> Roster {
         version: 1,
         ..Roster::zeroed()
     };
-    let everybody = [Job::Master.into(), Job::Planner.into()];
+    let everybody = [Job::Master, Job::Planner, Job::Monitor].map(Process::from);
     let servos = members.iter().map(|m| Process::servo(m.axis, m.role));
     let all = everybody.into_iter().chain(servos);
     for (to, process) in roster.participants.iter_mut().zip(all) {

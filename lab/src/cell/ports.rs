@@ -3,7 +3,9 @@
 use std::sync::Arc;
 
 use bus::sample::{AxisCommand, Feedback, PlannerStatus, Setpoint, WindowHeader};
-use planner::PlannerPorts;
+use control::speed_map::first_mapped;
+use planner::questions::{KeptAnswer, kept_in};
+use planner::{Place, PlannerPorts, ProgramText};
 use servo::ServoPorts;
 
 use super::queues::{Queue, Window};
@@ -64,6 +66,10 @@ pub(crate) struct PlannerQueues {
     pub windows: Vec<Arc<Window>>,
     /// What it has reported of this scan.
     pub status: Option<PlannerStatus>,
+    /// Places that it, and those before it, have kept.
+    pub places: Vec<Place>,
+    /// Answers of the machine that they have kept.
+    pub answers: Vec<KeptAnswer>,
 }
 
 impl PlannerPorts for PlannerQueues {
@@ -74,8 +80,30 @@ impl PlannerPorts for PlannerQueues {
     }
 
     /// A cell within one process runs the program that it was made with.
-    fn program(&mut self, _load: u32) -> Option<(String, String)> {
+    fn program(&mut self, _load: u32) -> Option<ProgramText> {
         None
+    }
+
+    fn place_before(&mut self, program_hash: u64, element: u32) -> Option<Place> {
+        let fits = |place: &&Place| {
+            place.program_hash == program_hash && first_mapped(place.element) <= element
+        };
+        let bytes = self.places.iter().rfind(fits)?.to_bytes();
+        Place::from_bytes(&bytes)
+    }
+
+    fn keep_place(&mut self, place: &Place, _tool: u32) {
+        self.places.push(place.clone());
+    }
+
+    fn answers(&mut self, _load: u32, _run: u32) -> Vec<KeptAnswer> {
+        kept_in(bytemuck::cast_slice(&self.answers))
+    }
+
+    fn keep_answer(&mut self, _load: u32, _run: u32, answer: &KeptAnswer) -> bool {
+        self.answers.truncate(answer.index as usize);
+        self.answers.push(*answer);
+        true
     }
 
     fn publish_window(&mut self, header: &WindowHeader, setpoints: &[Setpoint]) {

@@ -6,6 +6,8 @@ use plant_sim::script::orders::ScriptedOrder;
 use plant_sim::setup::SetupError;
 use servo::ServoSettingsError;
 
+use crate::tampering::Tampering;
+
 /// A cell that cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum CellError {
@@ -29,4 +31,6 @@ pub struct Script {
     pub orders: Vec<ScriptedOrder>,
     /// Kills are deaths that nobody has ordered: the launcher's rules say who is replaced and when, not the script.
     pub supervised: bool,
+    /// What somebody does to samples behind their senders' backs.
+    pub tampering: Option<Tampering>,
 }

@@ -28,6 +28,10 @@ const UP_LIMIT: Duration = Duration::from_secs(30);
 const CLEAN_PATIENCE: Duration = Duration::from_secs(5);
 /// Wait between two looks at the feedback: its queue holds a thousand scans.
 const LOOK: Duration = Duration::from_micros(500);
+/// The operator looks at the machine as often.
+const OPERATOR_LOOKS_EVERY: Duration = Duration::from_millis(5);
+/// The launcher cleans up after dead clients once in this time, and a last time when the machine has said its last.
+const CLEANS_EVERY: Duration = Duration::from_secs(1);
 /// Time between two orders of the operator.
 const ORDER_EVERY: Duration = Duration::from_millis(20);
 
@@ -81,6 +85,11 @@ pub struct Cell {
     child: Child,
     /// How it ended, once it has.
     pub status: Option<ExitStatus>,
+    ended: Option<Instant>,
+    /// When its last feedback was seen.
+    over: Option<Instant>,
+    /// When one was killed last.
+    client_killed: Option<Instant>,
     /// Its launcher's process id.
     pub launcher: i32,
     place: CellPaths,
@@ -182,6 +191,9 @@ impl Cell {
             launcher: child.id() as i32,
             child,
             status: None,
+            ended: None,
+            over: None,
+            client_killed: None,
             place,
             bus,
             page,
@@ -204,6 +216,9 @@ impl Cell {
         while let Some(feedback) = self.feedback.any() {
             self.judge.take(&feedback);
         }
+        if self.judge.newest().is_some_and(|newest| newest.last == 1) {
+            self.over.get_or_insert_with(Instant::now);
+        }
         if let (Some(answered), Some(newest)) = (answered, self.judge.newest()) {
             self.status_looks += 1;
             self.status_age_scans_max = self
@@ -217,6 +232,7 @@ impl Cell {
             && let Ok(Some(status)) = self.child.try_wait()
         {
             self.status = Some(status);
+            self.ended = Some(Instant::now());
             while let Some(feedback) = self.feedback.any() {
                 self.judge.take(&feedback);
             }
@@ -246,6 +262,50 @@ impl Cell {
             }
             std::thread::sleep(left.min(LOOK));
         }
+    }
+
+    /// The same with its operator at hand: a run ends by a trip that nobody does anything about.
+    pub fn operate_until(&mut self, until: Instant) -> bool {
+        while Instant::now() < until {
+            self.operate();
+            let next = Instant::now() + OPERATOR_LOOKS_EVERY;
+            if !self.look_until(next.min(until)) {
+                return false;
+            }
+        }
+        self.look()
+    }
+
+    /// The launcher, and its children that take part. A process that is seen here before the roster is read has its place by
+    /// then, or takes no part: the roster without its predecessor was published before it was started.
+    pub fn settled(&mut self) -> Vec<(i32, String)> {
+        let processes = self.processes();
+        self.look();
+        let slots = self.slots();
+        let takes_part = |process: &Process| {
+            let mut at = slots.iter().filter(|(slot, _)| *slot == process.slot);
+            at.any(|(_, place)| place.live == 1)
+        };
+        let members = processes.into_iter().filter(takes_part);
+        let members = members.map(|process| (process.pid, process.role));
+        members
+            .chain([(self.launcher, "launcher".to_string())])
+            .collect()
+    }
+
+    /// A client is killed.
+    pub fn kill_client(&mut self, mut client: Child) {
+        let _ = client.kill();
+        let _ = client.wait();
+        self.client_killed = Some(Instant::now());
+        self.look();
+    }
+
+    /// Whether a client was killed so late that nobody cleaned up after it: its files are the next one's to remove.
+    pub fn clients_killed_at_end(&self) -> bool {
+        let last_cleaning = self.over.or(self.ended).map(|at| at - CLEANS_EVERY);
+        let pair = self.client_killed.zip(last_cleaning);
+        pair.is_some_and(|(killed, cleaned)| killed > cleaned)
     }
 
     /// The newest scan seen.
@@ -378,9 +438,9 @@ impl Cell {
         all_pids().filter(dead).collect()
     }
 
-    /// What of the cell is in shared memory.
+    /// How much of the cell is in shared memory.
     pub fn files(&self) -> usize {
-        files_of(&self.place)
+        files_of(&self.place).len()
     }
 }
 
@@ -405,25 +465,28 @@ fn clean(place: &CellPaths) {
     }
 }
 
-/// Files of a cell in shared memory, those in its folder counted one by one.
-pub fn files_of(place: &CellPaths) -> usize {
+/// Files of a cell in shared memory, those in its folder one by one.
+pub fn files_of(place: &CellPaths) -> Vec<PathBuf> {
     let segments = format!("qd-{}_", place.name());
     let folder = format!("quadrant-{}", place.name());
-    let mut count = 0;
+    let mut files = Vec::new();
     for entry in fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
         let name = entry.file_name().to_string_lossy().into_owned();
         if name.starts_with(&segments) {
-            count += 1;
+            files.push(entry.path());
         } else if name == folder || name.starts_with(&format!("{folder}.")) {
-            count += 1 + files_below(&entry.path());
+            files.push(entry.path());
+            add_files_below(&entry.path(), &mut files);
         }
     }
-    count
+    files
 }
 
-fn files_below(folder: &PathBuf) -> usize {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    entries.map(|entry| 1 + files_below(&entry.path())).sum()
+fn add_files_below(folder: &Path, files: &mut Vec<PathBuf>) {
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        files.push(entry.path());
+        add_files_below(&entry.path(), files);
+    }
 }
 
 /// Processes whose command line names this cell, the soak itself excepted.

@@ -144,8 +144,7 @@ impl Soak<'_> {
                     RETURN_LIMIT.as_secs(),
                     cell.scan()
                 ));
-                let _ = child.kill();
-                let _ = child.wait();
+                cell.kill_client(child);
                 return None;
             }
             std::thread::sleep(Duration::from_micros(500));
@@ -187,10 +186,8 @@ impl Soak<'_> {
     }
 
     fn kill_clients(&mut self, cell: &mut Cell) {
-        for (mut client, _) in self.clients(cell) {
-            let _ = client.kill();
-            let _ = client.wait();
-            cell.look();
+        for (client, _) in self.clients(cell) {
+            cell.kill_client(client);
         }
         // Their places are free again.
         self.must_obey(cell, "order after killed clients", &["override", "100%"]);

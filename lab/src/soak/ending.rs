@@ -13,12 +13,16 @@ use serde_json::Value;
 use super::Soak;
 use super::cell::{self, Cell};
 use super::disturb::RETURN_LIMIT;
+use super::judge::Finish;
 use super::tally::Tally;
 
 /// A run that goes on so long after its last fault, nominal time of its program aside, hangs.
 const END_LIMIT: Duration = Duration::from_secs(120);
 /// Most faults before a run is ended from outside.
 const FAULTS_MAX: u64 = 12;
+/// The report of a run is made after it has ended, and takes longer the longer its log is: so much for a scan, on a PC that does
+/// other things.
+const REPORT_PER_SCAN: Duration = Duration::from_micros(300);
 /// So many more files may the soak itself hold open than after its first run.
 const OWN_FILES_MAX: usize = 4;
 
@@ -104,7 +108,11 @@ impl Soak<'_> {
             Ending::Completed => END_LIMIT + Duration::from_secs_f64(seconds * 2.0),
             _ => RETURN_LIMIT,
         };
-        self.await_end(cell, ending, cause + limit);
+        let in_time = self.await_end(cell, ending, cause + limit);
+        if !in_time && has_ended(out) {
+            let report = REPORT_PER_SCAN.saturating_mul(cell.scan().min(1_000_000) as u32);
+            self.await_end(cell, ending, cause + limit + report);
+        }
         let is_killed = matches!(ending, Ending::LauncherKilled | Ending::LauncherReplaced);
         if cell.status.is_none() {
             let mode = cell.mode().map_or("without a mode", Mode::word);
@@ -155,7 +163,8 @@ impl Soak<'_> {
         }
     }
 
-    fn await_end(&mut self, cell: &mut Cell, ending: Ending, until: Instant) {
+    /// Whether it ends by then.
+    fn await_end(&mut self, cell: &mut Cell, ending: Ending, until: Instant) -> bool {
         let mut interrupted = ending != Ending::Completed;
         while cell.look() && Instant::now() < until {
             if !interrupted {
@@ -168,15 +177,29 @@ impl Soak<'_> {
             }
             cell.look_until(Instant::now() + Duration::from_millis(2));
         }
+        cell.status.is_some()
     }
 
     /// Exit status, report, events and feedback agree.
     fn judge_end(&mut self, cell: &mut Cell, ending: Ending, out: &Path) {
         let code = cell.status.and_then(|status| status.code());
+        let mut finish = None;
+        let events = fs::read_to_string(out.join("events.jsonl")).unwrap_or_default();
+        let no_log = is_recorder_given_up(&events);
         if ending == Ending::Completed && self.signals.count() == 0 {
-            cell.judge.finish();
-            if code != Some(0) {
-                self.violated(format!("the run ended with {:?}", cell.status));
+            let how = cell.judge.finish();
+            finish = Some(how);
+            let right = match how {
+                Finish::Done if no_log => code == Some(3),
+                Finish::Done => code == Some(0),
+                Finish::Starved => code == Some(1) || no_log && code == Some(3),
+                Finish::Broken => true,
+            };
+            if how == Finish::Starved {
+                self.starved += 1;
+            }
+            if !right {
+                self.violated(format!("{how:?}: the run ended with {:?}", cell.status));
             }
         }
         let kind = self.judge_report(out);
@@ -184,14 +207,15 @@ impl Soak<'_> {
         let agree = match code {
             Some(0) => kind == "completed",
             Some(130) => kind == "interrupted",
-            Some(1) => kind == "stopped" || kind == "interrupted",
+            Some(1) => kind == "stopped" || kind == "interrupted" && finish.is_none(),
+            // The machine came to its end, and its log did not: the disk is full.
+            Some(3) => no_log,
             _ => false,
         };
         if !agree {
             let words = format!("{}: the run ended with {code:?}", ending.word());
             self.violated(format!("{words}, its report says {kind}"));
         }
-        let events = fs::read_to_string(out.join("events.jsonl")).unwrap_or_default();
         let mut last = events.lines().filter(|line| line.contains("\"ended\""));
         let last = last.next_back().unwrap_or("nothing").to_string();
         let is_finished = last.contains("the machine is finished");
@@ -244,7 +268,7 @@ impl Soak<'_> {
 
     /// Of a run that has ended no file, process, name or open file is left; after a launcher that was killed, once its members have
     /// left and the next launcher of the name has cleaned up.
-    pub(super) fn judge_left(&mut self, ending: Ending) {
+    pub(super) fn judge_left(&mut self, ending: Ending, clients_killed: bool) {
         let Ok(place) = CellPaths::new(&self.cell_name) else {
             return;
         };
@@ -262,11 +286,15 @@ impl Soak<'_> {
         if !processes.is_empty() {
             self.violated(format!("processes that outlive their run: {processes:?}"));
         }
-        let files = cell::files_of(&place);
-        if files > 0 {
-            self.violated(format!(
-                "{files} files of the cell in /dev/shm after its run"
-            ));
+        let mut files = cell::files_of(&place);
+        if !files.is_empty() && clients_killed {
+            // Of clients that were killed while the cell ended: whoever takes its name next removes them.
+            self.left_by_clients += files.len() as u64;
+            drop(place.own(Duration::ZERO));
+            files = cell::files_of(&place);
+        }
+        if !files.is_empty() {
+            self.violated(format!("files of the cell after its run: {files:?}"));
         }
         let names = names_held(&self.cell_name);
         if names > 0 {
@@ -299,6 +327,22 @@ impl Soak<'_> {
     }
 }
 
+/// Whether the launcher has noted that the run has ended.
+fn has_ended(out: &Path) -> bool {
+    let events = fs::read_to_string(out.join("events.jsonl")).unwrap_or_default();
+    events.contains("\"event\":\"ended\"")
+}
+
+/// Whether the recorder has left by itself with the status of an environment that does not allow it, and no other came after it.
+fn is_recorder_given_up(events: &str) -> bool {
+    let of_recorder = events
+        .lines()
+        .rev()
+        .filter(|line| line.contains("\"monitor\""));
+    let mut of_recorder = of_recorder.take(1);
+    of_recorder.any(|line| line.contains("ended with status 3"))
+}
+
 /// Sockets whose address is the name of a cell of this user's.
 fn names_held(cell: &str) -> usize {
     let sockets = fs::read_to_string("/proc/net/unix").unwrap_or_default();
@@ -312,4 +356,29 @@ fn names_held(cell: &str) -> usize {
     addresses
         .filter(|address| address.starts_with(&begin) && address.ends_with(&end))
         .count()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_recorder_that_gave_up_last_leaves_a_run_without_its_log() {
+        let died = r#"{"scan":9,"event":"died","process":"monitor","text":"ended with status 3"}"#;
+        let killed = r#"{"scan":9,"event":"died","process":"monitor","text":"killed by signal 9"}"#;
+        let back = r#"{"scan":9,"event":"restarted","process":"monitor","pid":3}"#;
+        let ended = r#"{"scan":9,"event":"ended","text":"the machine is finished in scan 9"}"#;
+        for (lines, given_up) in [
+            ([died, ended].as_slice(), true),
+            (&[died, back, ended], false),
+            (&[killed, ended], false),
+            (&[back, died, ended], true),
+        ] {
+            assert_eq!(
+                is_recorder_given_up(&lines.join("\n")),
+                given_up,
+                "{lines:?}"
+            );
+        }
+    }
 }

@@ -51,6 +51,17 @@ pub struct Reactions {
     pub missed_scans: u32,
 }
 
+/// How a run has ended that nobody ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Finish {
+    /// Its program is done.
+    Done,
+    /// The master was starved, and the machine tripped for that.
+    Starved,
+    /// Otherwise: a violation.
+    Broken,
+}
+
 /// Judges the feedbacks of one run.
 #[derive(Debug)]
 pub struct Judge {
@@ -66,6 +77,9 @@ pub struct Judge {
     /// Where on the path the setpoints of the last scans are.
     tags: VecDeque<(u64, PathTag)>,
     ends: bool,
+    watchdog_scans: u32,
+    /// The trip that the machine is in is that of a master which was late, and its feedback shows by how much.
+    is_starved: bool,
     /// Since they were last taken.
     pub reactions: Reactions,
     /// In words.
@@ -133,6 +147,8 @@ impl Judge {
             before: None,
             tags: VecDeque::new(),
             ends: false,
+            watchdog_scans: machine.scan.watchdog_scans,
+            is_starved: false,
             reactions: Reactions::default(),
             violations: Vec::new(),
             violation_count: 0,
@@ -237,6 +253,15 @@ impl Judge {
         }
         if mode == Mode::Tripped && from != Mode::Tripped {
             // A machine that was stalled itself waits for its operator.
+            let late_scans = feedback.overrun_scans.saturating_sub(before.overrun_scans);
+            self.is_starved =
+                feedback.cause == Cause::Stalled as u32 && late_scans >= self.watchdog_scans;
+            if feedback.cause == Cause::Stalled as u32 && !self.is_starved {
+                self.violated(format!(
+                    "scan {}: tripped by a stall, and the master was {late_scans} scans late",
+                    feedback.scan
+                ));
+            }
             let lost =
                 [Cause::ServoLost, Cause::Watchdog, Cause::Stalled].map(|cause| cause as u32);
             if !lost.contains(&feedback.cause) {
@@ -416,16 +441,20 @@ impl Judge {
         }
     }
 
-    /// The run has ended: finished, with every command position at the programmed end, to the increment.
-    pub fn finish(&mut self) {
+    /// The run has ended: finished, with every command position at the programmed end, to the increment; or in the trip of a
+    /// master that was late, which is a stop as it is documented. What it is to end with.
+    pub fn finish(&mut self) -> Finish {
         let Some(last) = self.before else {
             self.violated("no feedback was ever seen".into());
-            return;
+            return Finish::Broken;
         };
+        if last.mode == Mode::Tripped as u32 && self.is_starved {
+            return Finish::Starved;
+        }
         if last.mode != Mode::Finished as u32 {
             let mode = Mode::from_wire(last.mode).map_or("in an unknown mode", Mode::word);
             self.violated(format!("the run ended {mode} in scan {}", last.scan));
-            return;
+            return Finish::Broken;
         }
         let command_positions: Vec<i64> = last.axes().iter().map(|a| a.command_position).collect();
         let end = self.end.get(..command_positions.len()).unwrap_or_default();
@@ -434,6 +463,7 @@ impl Judge {
                 "the program ends at {end:?}, the command positions at {command_positions:?}"
             ));
         }
+        Finish::Done
     }
 }
 
@@ -537,6 +567,31 @@ mod tests {
         assert!(into(Mode::Jogging, Cause::None) > 0);
         assert!(into(Mode::Disabled, Cause::None) > 0);
         assert!(into(Mode::Stopping, Cause::None) > 0);
+    }
+
+    #[test]
+    fn a_run_may_end_in_the_trip_of_a_master_that_was_late_and_in_no_other() {
+        let watchdog_scans = judge().watchdog_scans;
+        for (cause, late_scans, finish, violations) in [
+            (Cause::Stalled, watchdog_scans, Finish::Starved, 0),
+            (Cause::Stalled, watchdog_scans - 1, Finish::Broken, 2),
+            (Cause::ServoLost, watchdog_scans, Finish::Broken, 1),
+            (Cause::FollowingError, 0, Finish::Broken, 2),
+        ] {
+            let mut judge = judge();
+            for scan in 0..20 {
+                let mut feedback = at(scan);
+                if scan > 9 {
+                    feedback.mode = Mode::Tripped as u32;
+                    feedback.cause = cause as u32;
+                    feedback.overrun_scans = late_scans;
+                }
+                judge.take(&feedback);
+            }
+            assert_eq!(judge.finish(), finish, "{cause:?} {late_scans}");
+            let words = &judge.violations;
+            assert_eq!(judge.violation_count, violations, "{cause:?} {words:?}");
+        }
     }
 
     #[test]

@@ -18,6 +18,8 @@ const ANSWER_LIMIT: Duration = Duration::from_secs(5);
 const PLACE_LIMIT: Duration = Duration::from_millis(2500);
 /// Time between two tries to get one.
 const PLACE_LOOK: Duration = Duration::from_millis(20);
+/// The end of a cell shows so long after its services have gone.
+const END_SHOWS_WITHIN: Duration = Duration::from_millis(500);
 /// Time between two looks for the answer.
 const LOOK: Duration = Duration::from_millis(2);
 
@@ -257,6 +259,11 @@ pub fn held<T>(cell: &Rc<Observer>, ports: Result<T, CellError>) -> Result<Held<
 }
 
 fn not_entered(cell: &Observer, error: CellError) -> Failure {
+    // A cell that ends has lost its services a moment before its end shows.
+    let asked = Instant::now();
+    while !cell.is_gone() && asked.elapsed() < END_SHOWS_WITHIN {
+        std::thread::sleep(LOOK);
+    }
     match cell.is_gone() {
         true => Failure::Stopped(anyhow!("cell {:?} has just ended", cell.place.name())),
         false => Failure::Environment(error.into()),

@@ -8,9 +8,10 @@ use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, anyhow};
+use anyhow::{Context, anyhow, bail};
 use bus::process::watch;
 use bus::sample::{Feedback, Mode, OperatorRequest, Order, ProgramState};
+use planner::ProgramText;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
 
@@ -19,7 +20,7 @@ use super::eyes::Eyes;
 use crate::exit::{Failure, Kind, Outcome};
 use crate::options::{LoadOptions, OperatorOptions, StartOptions};
 use crate::output::say;
-use crate::run_dir::program_name;
+use crate::run_dir::{copy_program, program_name};
 use crate::supervise::stop_words;
 
 /// A program that takes longer to check would let the planner of a running cell seem to hang.
@@ -35,11 +36,11 @@ pub fn load(options: &LoadOptions) -> Outcome {
     let file = &options.program;
     let name = program_name(file).input()?.to_string();
     let client = Client::find(options.to.cell.as_deref(), "operator")?;
-    let text = program::read_program(file, &client.machine.subroutine_folders).input()?;
+    fits(file).input()?;
     let mut eyes = Eyes::open(&client)?;
     let now = eyes.look()?;
     let started = Instant::now();
-    let read = check(&client, &text, file, &now).input()?;
+    let read = check(&client, file, &now).input()?;
     if started.elapsed() > CHECK_LIMIT {
         return Err(Failure::Input(anyhow!(
             "{}: takes {:.0} s to read; a cell waits for its planner for {} s at most: make several programs of it, or use `quadrant run`",
@@ -48,7 +49,7 @@ pub fn load(options: &LoadOptions) -> Outcome {
             CHECK_LIMIT.as_secs()
         )));
     }
-    let mut laid = Laid::down(&client, now.load, &name, &text)?;
+    let mut laid = Laid::down(&client, now.load, &name, file)?;
     let request = OperatorRequest {
         order: Order::Load as u32,
         value: f64::from(laid.number),
@@ -97,19 +98,42 @@ pub fn load(options: &LoadOptions) -> Outcome {
     Ok(())
 }
 
-/// Checks the program against the machine, from where its axes are; what it is, in words. `shown` is in messages.
-fn check(client: &Client, text: &str, shown: &Path, now: &Feedback) -> anyhow::Result<String> {
+/// A loaded program lies in memory as long as its cell is up.
+fn fits(file: &Path) -> anyhow::Result<()> {
+    let bytes = fs::metadata(file).map_or(0, |of| of.len());
+    if bytes > program::FILE_BYTES_MAX {
+        bail!(
+            "{}: has {} MiB: a program that is loaded has at most {} MiB; `quadrant run` takes one of any length",
+            file.display(),
+            bytes >> 20,
+            program::FILE_BYTES_MAX >> 20
+        );
+    }
+    Ok(())
+}
+
+/// Checks the program against the machine, from where its axes are; what it is, in words.
+fn check(client: &Client, file: &Path, now: &Feedback) -> anyhow::Result<String> {
     let machine = &client.machine;
-    let command_positions = now.axes.map(|axis| axis.command_position);
-    let name = shown.display().to_string();
-    let program = program::resume_from(machine, &command_positions, &name, text)?;
-    for note in &program.notes {
+    let start = now.axes.map(|axis| axis.command_position);
+    let name = file.display().to_string();
+    let short = program::load_if_short(machine, &start, file, program::SHORT_ELEMENTS)?;
+    let (notes, elements, length_mm) = match short {
+        Some(program) => {
+            let (elements, length_mm) = (program.path.elements.len(), program.path.length_mm());
+            let notes = program.notes.clone();
+            planner::course(machine, program).with_context(|| name)?;
+            (notes, elements as u64, length_mm)
+        }
+        None => {
+            let text = ProgramText::File(file.to_path_buf());
+            let survey = planner::survey(machine, &text, start, u64::MAX, |_| {})?;
+            (survey.notes, survey.elements, survey.length_mm)
+        }
+    };
+    for note in &notes {
         say(&note.shown());
     }
-    let elements = program.path.elements.len();
-    let lengths_mm = program.path.elements.iter().map(|e| e.length_mm);
-    let length_mm = lengths_mm.fold(0.0, |sum, length_mm| sum + length_mm);
-    planner::course(machine, program).with_context(|| name)?;
     Ok(format!("{elements} elements, {length_mm:.1} mm"))
 }
 
@@ -122,7 +146,7 @@ struct Laid {
 
 impl Laid {
     /// Puts the program there under a number that nobody has, above that of the one that is loaded.
-    fn down(client: &Client, loaded: u32, name: &str, text: &str) -> Result<Laid, Failure> {
+    fn down(client: &Client, loaded: u32, name: &str, program: &Path) -> Result<Laid, Failure> {
         let mut maker = DirBuilder::new();
         let maker = maker.mode(0o700);
         let programs = client.cell.place.programs();
@@ -147,10 +171,8 @@ impl Laid {
             folder,
             kept: false,
         };
-        let file = laid.folder.join(name);
-        fs::write(&file, text)
-            .with_context(|| format!("{}: cannot be written", file.display()))
-            .environment()?;
+        let to = laid.folder.join(name);
+        copy_program(program, &client.machine.subroutine_folders, &to).environment()?;
         Ok(laid)
     }
 }

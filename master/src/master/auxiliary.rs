@@ -17,7 +17,11 @@ use bytemuck::{Pod, Zeroable};
 use machine::{Machine, ToolChanger};
 
 use super::Master;
+use super::coupling::{Coupling, Followed, Gear};
+use super::questions::Questions;
 use crate::drives::{AuxiliaryFeedback, Drives};
+
+mod following;
 
 /// Below this the spindle stands, in rev/min.
 const STANDSTILL_RPM: f64 = 1.0;
@@ -30,6 +34,12 @@ pub struct AuxiliaryLatches {
     pub levels: Levels,
     /// S, in rev/min.
     pub speed_rpm: f64,
+    /// While the spindle follows an axis, the travel for one turn, in mm.
+    pub mm_per_turn: f64,
+    /// Angle where that began, in turns.
+    pub coupled_turns: f64,
+    /// Place of the axis where that began, in mm.
+    pub coupled_place_mm: f64,
     /// Events of the program that are done.
     pub events_done: u32,
     /// 1 clockwise, 2 counter-clockwise, 0 at rest.
@@ -44,11 +54,32 @@ pub struct AuxiliaryLatches {
     pub override_disabled: u32,
     /// Tool in the spindle, where the operator changes it.
     pub tool: u32,
+    /// Messages that the path has come to.
+    pub messages: u32,
+    /// Of the axis that the spindle follows, its index and 1; 0 for none.
+    pub coupled: u32,
     /// Kept zero.
     pub reserved: u32,
 }
 
 impl AuxiliaryLatches {
+    /// The gear between an axis and the spindle, while it is one.
+    fn gear(&self) -> Option<Gear> {
+        Some(Gear {
+            axis: self.coupled.checked_sub(1)? as usize,
+            mm_per_turn: self.mm_per_turn,
+            turns: self.coupled_turns,
+            place_mm: self.coupled_place_mm,
+        })
+    }
+
+    fn couple(&mut self, gear: &Gear) {
+        self.coupled = gear.axis as u32 + 1;
+        self.mm_per_turn = gear.mm_per_turn;
+        self.coupled_turns = gear.turns;
+        self.coupled_place_mm = gear.place_mm;
+    }
+
     /// The levels of a spindle at its speed and direction.
     fn set_spindle(&mut self) {
         let sign = match self.direction {
@@ -94,6 +125,7 @@ impl AuxiliaryLatches {
     /// The program is done, or another one is to begin: spindle at rest, coolant off. Outputs and tool stay.
     fn end_program(&mut self) {
         self.stop_spindle();
+        self.coupled = 0;
         self.levels.coolant = 0;
         self.override_disabled = 0;
         self.stopped_for = Waiting::None as u32;
@@ -105,6 +137,8 @@ impl AuxiliaryLatches {
 #[derive(Debug, Clone)]
 pub(super) struct Auxiliary {
     pub latches: AuxiliaryLatches,
+    /// What the program asks, and inputs.
+    pub questions: Questions,
     at_speed_share: f64,
     speed_max_rpm: f64,
     changer: bool,
@@ -118,6 +152,9 @@ pub(super) struct Auxiliary {
     ahead: [ProgramEvent; OUTPUTS_AHEAD],
     waiting: Waiting,
     waited_scans: u64,
+    coupling: Coupling,
+    /// What the follower asks of the spindle; none while it follows nothing.
+    followed: Option<Followed>,
     /// Spindle and coolant act: the program runs, or is held.
     released: bool,
     /// The spindle is on its way back to its speed, after it was stopped in the middle of the program.
@@ -135,6 +172,7 @@ impl Auxiliary {
                 optional_stop: u32::from(machine.program.optional_stop),
                 ..AuxiliaryLatches::default()
             },
+            questions: Questions::new(machine.scan_period_s()),
             at_speed_share: spindle.map_or(0.0, |spindle| spindle.at_speed_percent / 100.0),
             speed_max_rpm: spindle.map_or(0.0, |spindle| spindle.speed_max_rpm),
             changer: machine.tool_change.by == ToolChanger::Changer,
@@ -146,6 +184,8 @@ impl Auxiliary {
             ahead: [ProgramEvent::default(); OUTPUTS_AHEAD],
             waiting: Waiting::None,
             waited_scans: 0,
+            coupling: Coupling::new(spindle),
+            followed: None,
             released: false,
             comes_back: false,
             changed: false,
@@ -156,9 +196,16 @@ impl Auxiliary {
     pub fn levels(&self) -> Levels {
         let mut levels = self.latches.levels;
         if !self.released {
+            levels.coolant = 0;
+        }
+        if !self.released || self.latches.coupled != 0 {
             levels.spindle = SpindleCommand::Stop as u32;
             levels.spindle_rpm = 0.0;
-            levels.coolant = 0;
+        }
+        if let (Some(followed), Some(gear)) = (&self.followed, self.latches.gear()) {
+            levels.spindle = SpindleCommand::Follow as u32;
+            levels.spindle_rpm = followed.rpm;
+            levels.followed_axis = gear.axis as u32;
         }
         levels.spindle_rpm = levels
             .spindle_rpm
@@ -167,7 +214,7 @@ impl Auxiliary {
     }
 
     fn turns(&self) -> bool {
-        self.latches.levels.spindle == SpindleCommand::Turn as u32
+        self.latches.levels.spindle == SpindleCommand::Turn as u32 && self.latches.coupled == 0
     }
 
     fn is_at_speed(&self) -> bool {
@@ -195,7 +242,8 @@ impl Auxiliary {
 
     /// Whether no motion may be planned: also in the scan in which somebody has resumed and the spindle knows nothing of it yet.
     fn is_blocked(&self) -> bool {
-        self.turns() && (self.comes_back || !self.released)
+        let spindle = self.turns() && (self.comes_back || !self.released);
+        spindle || self.questions.brakes() || self.questions.waits_for_planner()
     }
 
     /// What the feedback says.
@@ -208,6 +256,8 @@ impl Auxiliary {
         Auxiliaries {
             levels: self.levels(),
             spindle_rpm: self.shown.spindle_rpm,
+            spindle_turns: self.shown.spindle_turns,
+            spindle_lag_turns: self.followed.map_or(0.0, |followed| followed.lag_turns),
             events_done: self.latches.events_done,
             line: if waiting == Waiting::None { 0 } else { line },
             waiting: waiting as u32,
@@ -216,7 +266,18 @@ impl Auxiliary {
             optional_stop: self.latches.optional_stop,
             override_disabled: self.latches.override_disabled,
             tool: self.tool(),
+            coupled: match self.latches.gear() {
+                Some(gear) if gear.mm_per_turn != 0.0 => self.latches.coupled,
+                _ => 0,
+            },
+            reserved: 0,
         }
+    }
+
+    /// The axis that brakes with the spindle, and the deceleration at which it may, in mm/s².
+    pub fn brakes_together(&self) -> Option<(usize, f64)> {
+        let gear = self.latches.gear().filter(|gear| gear.mm_per_turn != 0.0)?;
+        Some((gear.axis, self.coupling.deceleration_mm_s2(&gear)))
     }
 
     /// What machine and changer show at the end of the scan.
@@ -232,6 +293,9 @@ impl Auxiliary {
             latches.speed_rpm,
             levels.spindle_rpm,
             levels.orientation_deg,
+            latches.mm_per_turn,
+            latches.coupled_turns,
+            latches.coupled_place_mm,
         ];
         if values.iter().chain(&levels.analog).all(sound) {
             self.latches = *latches;
@@ -242,6 +306,8 @@ impl Auxiliary {
     pub fn forget_program(&mut self) {
         self.latches.end_program();
         self.latches.events_done = 0;
+        self.latches.messages = 0;
+        self.questions.forget_program();
         self.forget_asked();
         self.ahead = [ProgramEvent::default(); OUTPUTS_AHEAD];
     }
@@ -273,8 +339,13 @@ impl Auxiliary {
         known && event.number != 0 && event.number == self.latches.events_done.saturating_add(1)
     }
 
-    fn count(&mut self, event: &ProgramEvent) {
+    pub fn count(&mut self, event: &ProgramEvent) {
         self.latches.events_done = event.number;
+        self.changed = true;
+    }
+
+    /// Something was latched that must outlive this master before anybody sees it.
+    pub fn latched(&mut self) {
         self.changed = true;
     }
 
@@ -300,7 +371,7 @@ impl Auxiliary {
 
     /// Sets the levels of an event; the same as often as it is done.
     fn begin(&mut self, event: &ProgramEvent) {
-        let tool = self.tool();
+        let (tool, changer) = (self.tool(), self.changer);
         let latches = &mut self.latches;
         let on = event.value != 0.0;
         match EventCode::from_wire(event.code) {
@@ -324,6 +395,12 @@ impl Auxiliary {
                 latches.levels.spindle = SpindleCommand::Orient as u32;
                 latches.levels.orientation_deg = event.value;
             }
+            // No gear yet: the spindle comes to rest.
+            Some(EventCode::SpindleCouple) => {
+                latches.coupled = event.index.saturating_add(1);
+                latches.mm_per_turn = 0.0;
+            }
+            Some(EventCode::SpindleUncouple) => latches.coupled = 0,
             Some(EventCode::Mist) => latches.switch_coolant(MIST, on),
             Some(EventCode::Flood) => latches.switch_coolant(FLOOD, on),
             Some(EventCode::ToolPrepare) => latches.levels.tool_prepared = event.index,
@@ -335,6 +412,12 @@ impl Auxiliary {
                 }
             }
             Some(EventCode::Overrides) => latches.override_disabled = u32::from(!on),
+            Some(EventCode::Message) => latches.messages = latches.messages.max(event.index),
+            // A changer knows itself which tool is in.
+            Some(EventCode::ToolIs) if !changer => {
+                latches.tool = event.index;
+                latches.levels.tool = event.index;
+            }
             _ => {}
         }
     }
@@ -346,6 +429,7 @@ impl Auxiliary {
                 Waiting::SpindleSpeed
             }
             Some(EventCode::SpindleOrient) if !self.shown.oriented => Waiting::SpindleOrientation,
+            Some(EventCode::SpindleCouple) if !self.stands() => Waiting::SpindleStandstill,
             Some(EventCode::ToolChange) if self.tool() != event.index => {
                 if !self.stands() {
                     return Waiting::SpindleStandstill;
@@ -382,6 +466,8 @@ impl Auxiliary {
         self.waited_scans = self.waited_scans.saturating_add(1);
         let (patience, cause) = match for_what {
             Waiting::ToolChange => (self.change_patience_scans, Cause::ToolChange),
+            // The program itself says how long.
+            Waiting::Input => (u64::MAX, Cause::None),
             _ => (self.spindle_patience_scans, Cause::Spindle),
         };
         if self.waited_scans > patience {
@@ -432,6 +518,7 @@ impl<D: Drives> Master<D> {
             self.trip(Cause::Spindle, u32::MAX);
         }
         self.auxiliary.release(self.mode, self.hold);
+        self.step_probe();
         if self.mode != Mode::Enabled {
             self.auxiliary.forget_asked();
             return;
@@ -463,13 +550,26 @@ impl<D: Drives> Master<D> {
             auxiliary.waited_scans = 0;
             auxiliary.begin(&event);
         }
-        let waiting = auxiliary.awaits(&event);
+        let waited_scans = auxiliary.waited_scans;
+        let waiting = match self.ask(&event, waited_scans) {
+            Some(true) => Waiting::None,
+            Some(false) => Waiting::Input,
+            None => self.auxiliary.awaits(&event),
+        };
+        if self.mode != Mode::Enabled {
+            // It has stopped the machine.
+            self.auxiliary.forget_asked();
+            return;
+        }
+        let auxiliary = &mut self.auxiliary;
         if waiting != Waiting::None {
             let cause = auxiliary.wait(waiting);
             self.end_wait(cause);
             return;
         }
         let stop = auxiliary.stop_of(&event);
+        self.couple(&event);
+        let auxiliary = &mut self.auxiliary;
         auxiliary.count(&event);
         auxiliary.forget_asked();
         if stop != Waiting::None {

@@ -123,6 +123,15 @@ impl AxisUnit {
         }
     }
 
+    /// Where it is without the lost motion that its servo makes up for, in mm.
+    pub fn place_mm(&self) -> f64 {
+        let compensation_mm = match self.settings.feedback {
+            PositionFeedback::Motor => self.command.compensation_mm,
+            PositionFeedback::Scale => 0.0,
+        };
+        self.feedback_position() as f64 * self.settings.increment_mm() - compensation_mm
+    }
+
     /// What is wrong with the drive of an axis that is to be driven.
     pub fn drive_cause(&self) -> Cause {
         match self.drive.state {

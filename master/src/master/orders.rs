@@ -281,6 +281,9 @@ impl<D: Drives> Master<D> {
 
     fn order_jog(&mut self, axis: u32, distance_mm: f64) -> Result<(), Refusal> {
         self.must_rest()?;
+        if self.auxiliary.latches.coupled != 0 {
+            return Err(Refused::InThread.into());
+        }
         let unit = self
             .axes
             .get_mut(axis as usize)

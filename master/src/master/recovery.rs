@@ -38,6 +38,7 @@ impl<D: Drives> Master<D> {
         }
         self.program.resume(latches);
         self.auxiliary.resume(&latches.auxiliary);
+        self.auxiliary.questions.resume(&latches.questions);
         self.digest.resume(latches.digest);
         self.mode = Mode::Disabled;
         self.switching_on = None;
@@ -63,6 +64,7 @@ impl<D: Drives> Master<D> {
             run: self.program.run,
             hold: u32::from(self.hold),
             auxiliary: self.auxiliary.latches,
+            questions: self.auxiliary.questions.latches,
         }
     }
 

@@ -125,6 +125,8 @@ impl AxisUnit {
             return fault;
         }
         self.silent = true;
+        // A scan without a command, as those of a servo that lives and says nothing: no log misses what nobody has sent.
+        self.missed = self.missed.saturating_add(u32::from(lost));
         self.command.scan = next.scan;
         let wanted = if by_hand {
             Wanted::Slow

@@ -321,8 +321,14 @@ mod tests {
         let mut sample: Vec<u8> = (0..size_of::<Feedback>())
             .map(|i| (i * 7 % 251) as u8)
             .collect();
-        let starts = std::mem::offset_of!(Feedback, program_start);
-        sample[starts + 3 * size_of::<i64>()..starts + MAX_AXES * size_of::<i64>()].fill(0);
+        let answer = std::mem::offset_of!(Feedback, answer);
+        for places in [
+            std::mem::offset_of!(Feedback, program_start),
+            answer + std::mem::offset_of!(Answer, tripped),
+            answer + std::mem::offset_of!(Answer, rests),
+        ] {
+            sample[places + 3 * size_of::<i64>()..places + MAX_AXES * size_of::<i64>()].fill(0);
+        }
         let mut message = Vec::new();
         layout.encode(&sample, &mut message);
         assert_eq!(message.len(), layout.bytes);

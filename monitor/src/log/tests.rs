@@ -32,7 +32,14 @@ impl Synthetic {
         let mut sample: Feedback = scrambled(scan);
         sample.scan = scan;
         sample.axis_count = self.axes as u32;
-        sample.program_start[self.axes..].fill(0);
+        let places = [
+            &mut sample.program_start,
+            &mut sample.answer.tripped,
+            &mut sample.answer.rests,
+        ];
+        for place in places {
+            place[self.axes..].fill(0);
+        }
         sample.axes[self.axes..].fill(AxisFeedback::zeroed());
         sample
     }

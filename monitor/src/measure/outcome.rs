@@ -41,6 +41,17 @@ pub enum StopReason {
     },
 }
 
+impl StopReason {
+    /// Whether the log does not tell how a run ended whose last scan this was.
+    pub fn is_unknown(&self, last_scan: u64) -> bool {
+        match self {
+            StopReason::NoFeedback => true,
+            StopReason::LogEnds { scan, .. } => *scan < last_scan,
+            StopReason::PlannerLost { .. } | StopReason::Cause(_) => false,
+        }
+    }
+}
+
 impl fmt::Display for StopReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

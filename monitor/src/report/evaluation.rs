@@ -1,14 +1,31 @@
 //! The log of a run, read and measured.
 
-use std::path::{Path, PathBuf};
+use std::path::{Path as FilePath, PathBuf};
 
+use control::path::Path;
 use machine::Machine;
-use program::{Program, Setup};
+use program::{Along, Setup};
 use serde_json::Value;
 
 use super::error::ReportError;
+use super::json::OutcomeKind;
 use crate::log::{Part, Prescan, RunEnd, RunInfo, RunLog, Sample, Start, skim};
-use crate::measure::{Analysis, Measurements};
+use crate::measure::{Analysis, Measurements, RunPath};
+
+/// Of programs of at most so many elements everything is measured, and memory is taken in proportion; of longer ones what needs the path near
+/// the tool alone.
+const WHOLE_ELEMENTS: u64 = 100_000;
+
+/// How the launcher saw a run end.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Ended {
+    /// The last scan.
+    pub scan: u64,
+    /// How; none if it did not say so.
+    pub kind: Option<OutcomeKind>,
+    /// Why, in words.
+    pub text: String,
+}
 
 /// What the measurement of one log gave.
 pub struct Evaluation {
@@ -22,8 +39,8 @@ pub struct Evaluation {
     pub digest: String,
     /// The parts of the log, in order.
     pub parts: Vec<Part>,
-    /// The last scan that the launcher saw; none if it did not see the end of the run, or noted it elsewhere.
-    pub last_scan: Option<u64>,
+    /// What the launcher saw of the end; none if it did not see it, or noted it elsewhere.
+    pub ended: Option<Ended>,
     /// Windows that are in no part of it.
     pub windows_lost: u64,
     /// Why the log ends early, if it does.
@@ -47,7 +64,7 @@ impl Evaluation {
 ///
 /// # Errors
 /// The log, the machine file or the program in the directory cannot be read or do not fit together.
-pub fn evaluate(run_dir: &Path) -> Result<Evaluation, ReportError> {
+pub fn evaluate(run_dir: &FilePath) -> Result<Evaluation, ReportError> {
     let machine = Machine::load(run_dir)?;
     fits(run_dir, &machine, &RunLog::open(run_dir)?)?;
     let prescan = skim(run_dir)?;
@@ -61,17 +78,19 @@ pub fn evaluate(run_dir: &Path) -> Result<Evaluation, ReportError> {
 
 /// Measures the log, with what has to be known of it before; and what it itself says of that.
 fn evaluate_knowing(
-    run_dir: &Path,
+    run_dir: &FilePath,
     machine: &Machine,
     prescan: &Prescan,
 ) -> Result<(Evaluation, Prescan), ReportError> {
     let mut reader = RunLog::open(run_dir)?;
-    let program = match &prescan.start {
-        Some(start) => Some(load_program(run_dir, machine, reader.info(), start)?),
-        None => None,
+    let (path, source_hash) = match &prescan.start {
+        Some(start) => {
+            let (path, source_hash) = load_path(run_dir, machine, reader.info(), start)?;
+            (path, Some(source_hash))
+        }
+        None => (Path::default().into(), None),
     };
-    let path = program.as_ref().map(|program| program.path.clone());
-    let mut analysis = Analysis::new(machine.clone(), path.unwrap_or_default());
+    let mut analysis = Analysis::new(machine.clone(), path);
     analysis.begins_at(reader.info().begins_at());
     // Deaths are known before their scans are measured, so that nothing of their consequences is missed.
     for roster in &prescan.rosters {
@@ -90,28 +109,33 @@ fn evaluate_knowing(
         end: reader.end(),
         digest: reader.digest(),
         parts: reader.parts().to_vec(),
-        last_scan: last_scan(run_dir),
+        ended: ended(run_dir),
         windows_lost: reader.windows_lost(),
         cut: reader.cut().map(str::to_string),
         program_matches: prescan
             .start
-            .zip(program)
-            .map(|(start, program)| start.program_hash == program.source_hash),
+            .zip(source_hash)
+            .map(|(start, source_hash)| start.program_hash == source_hash),
         machine: machine.clone(),
     };
     Ok((evaluation, found))
 }
 
-/// The scan with which the run ended, as the launcher noted it among the events.
-fn last_scan(run_dir: &Path) -> Option<u64> {
+/// The end of the run, as the launcher noted it among the events.
+fn ended(run_dir: &FilePath) -> Option<Ended> {
     let events = std::fs::read_to_string(run_dir.join("events.jsonl")).ok()?;
     let events = events.lines().rev();
     let mut events = events.filter_map(|line| serde_json::from_str::<Value>(line).ok());
     let ended = events.find(|event| event["event"] == "ended")?;
-    ended["scan"].as_u64()
+    let kind = ended.get("outcome").cloned();
+    Some(Ended {
+        scan: ended["scan"].as_u64()?,
+        kind: kind.and_then(|kind| serde_json::from_value(kind).ok()),
+        text: ended["text"].as_str().unwrap_or_default().to_string(),
+    })
 }
 
-fn fits(run_dir: &Path, machine: &Machine, reader: &RunLog) -> Result<(), ReportError> {
+fn fits(run_dir: &FilePath, machine: &Machine, reader: &RunLog) -> Result<(), ReportError> {
     let axes: Vec<&str> = machine.axes.iter().map(|axis| axis.name.as_str()).collect();
     let period_us = machine.scan.period_us;
     if axes != reader.axes() || period_us != reader.scan_period_us() {
@@ -129,8 +153,8 @@ fn fits(run_dir: &Path, machine: &Machine, reader: &RunLog) -> Result<(), Report
 }
 
 /// Copy of the program in a run directory.
-pub(super) fn program_file(run_dir: &Path, info: &RunInfo) -> Result<PathBuf, ReportError> {
-    let name = Path::new(&info.program);
+pub(super) fn program_file(run_dir: &FilePath, info: &RunInfo) -> Result<PathBuf, ReportError> {
+    let name = FilePath::new(&info.program);
     // The name comes from a file: it may not lead out of the run directory.
     if name.file_name() != Some(name.as_os_str()) {
         return Err(ReportError::Mismatch {
@@ -144,16 +168,19 @@ pub(super) fn program_file(run_dir: &Path, info: &RunInfo) -> Result<PathBuf, Re
     Ok(run_dir.join(name))
 }
 
-fn load_program(
-    run_dir: &Path,
+/// The path of the program that ran, and its hash.
+fn load_path(
+    run_dir: &FilePath,
     machine: &Machine,
     info: &RunInfo,
     start: &Start,
-) -> Result<Program, ReportError> {
+) -> Result<(RunPath, u64), ReportError> {
     let file = program_file(run_dir, info)?;
-    Ok(program::load_from(
-        machine,
-        &start.command_positions,
-        &file,
-    )?)
+    let positions = &start.command_positions;
+    if let Some(program) = program::load_if_short(machine, positions, &file, WHOLE_ELEMENTS)? {
+        return Ok((program.path.into(), program.source_hash));
+    }
+    let along = Along::open(machine, positions, &file)?;
+    let source_hash = along.source_hash();
+    Ok((RunPath::Near(Box::new(along)), source_hash))
 }

@@ -42,7 +42,7 @@ fn beginning_missing(evaluation: &Evaluation) -> Option<ScanRange> {
 
 /// Of a log whose recorder was killed shortly before the end of the run.
 fn end_missing(evaluation: &Evaluation) -> Option<ScanRange> {
-    let last = evaluation.last_scan?;
+    let last = evaluation.ended.as_ref()?.scan;
     let reached = evaluation.parts.iter().filter_map(|part| part.last_scan);
     let first = reached
         .max()

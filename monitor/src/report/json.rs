@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use machine::DriveMode;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::evaluation::Evaluation;
 pub use super::gaps::ScanRange;
@@ -11,7 +11,7 @@ use super::gaps::{missing_scans, samples_lost};
 use crate::measure::arc::{ArcResult, Deviations};
 use crate::measure::axis::{AMBIENT_C, AxisMeter, LimitCounts};
 use crate::measure::fit::FitKind;
-use crate::measure::outcome::{Loss, Reaction};
+use crate::measure::outcome::{Loss, Reaction, StopReason};
 use crate::measure::prediction::PredictionMeter;
 use crate::measure::{Measurements, Outcome};
 
@@ -87,7 +87,7 @@ pub struct AuxiliaryReport {
 }
 
 /// How a run ended, in one word.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum OutcomeKind {
     /// The program is done and the machine in position.
@@ -434,12 +434,23 @@ impl Report {
     }
 }
 
+/// As the log shows it. What the log cannot show the launcher has noted: the end of a log that was not written to its end, and
+/// whether a planner was lost for good or about to be replaced when the run was interrupted.
 fn outcome(evaluation: &Evaluation) -> OutcomeReport {
     let from_outside = evaluation.end.as_ref().and_then(|end| end.reason.clone());
-    let (kind, reason) = match &evaluation.measurements.outcome {
-        Outcome::Completed => (OutcomeKind::Completed, None),
-        Outcome::Interrupted => (OutcomeKind::Interrupted, from_outside),
-        Outcome::Stopped(reason) => (
+    let noted = evaluation.ended.as_ref();
+    let noted = noted.and_then(|ended| Some((ended.kind?, ended)));
+    let (kind, reason) = match (&evaluation.measurements.outcome, noted) {
+        (Outcome::Completed, _) => (OutcomeKind::Completed, None),
+        (Outcome::Interrupted, _) => (OutcomeKind::Interrupted, from_outside),
+        (Outcome::Stopped(StopReason::PlannerLost { .. }), Some((OutcomeKind::Interrupted, _))) => {
+            (OutcomeKind::Interrupted, from_outside)
+        }
+        (Outcome::Stopped(reason), Some((kind, ended))) if reason.is_unknown(ended.scan) => {
+            let why = (kind == OutcomeKind::Stopped).then(|| ended.text.clone());
+            (kind, why)
+        }
+        (Outcome::Stopped(reason), _) => (
             OutcomeKind::Stopped,
             from_outside.or(Some(reason.to_string())),
         ),

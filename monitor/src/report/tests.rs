@@ -5,8 +5,11 @@ use std::path::Path;
 use control::path::AxisVector;
 use program::Setup;
 
+use super::evaluation::Ended;
 use super::*;
 use crate::log::{LOG_FILE, Recorder, RunEnd, RunInfo, Sample, SampleRef};
+use crate::measure::Outcome;
+use crate::measure::outcome::{Loss, StopReason};
 use crate::test_support::{Deviation, SyntheticRun, machine, machine_text};
 
 const PROGRAM: &str = "G17 G21 G90
@@ -306,6 +309,71 @@ fn a_cut_log_still_gives_a_report_that_says_so() {
     assert!(!report.arcs.is_empty());
     let page = std::fs::read_to_string(dir.path().join("report.txt")).unwrap();
     assert!(page.contains("THE LOG IS NOT WHOLE"), "{page}");
+}
+
+/// What the launcher has noted of the end of a run.
+fn note_end(dir: &Path, scan: u64, outcome: &str, text: &str) {
+    let event = serde_json::json!(
+        { "scan": scan, "event": "ended", "text": text, "outcome": outcome }
+    );
+    // A line before it was torn by a full disk.
+    let lines = format!("{{\"scan\":3,\"ev{{}}\n{event}\n");
+    std::fs::write(dir.join("events.jsonl"), lines).unwrap();
+}
+
+#[test]
+fn a_log_without_its_end_is_of_a_run_that_ended_as_the_launcher_saw_it() {
+    for (outcome, kind, reason) in [
+        ("completed", OutcomeKind::Completed, None),
+        ("interrupted", OutcomeKind::Interrupted, None),
+        ("stopped", OutcomeKind::Stopped, Some("tripped")),
+        ("of a later version", OutcomeKind::Stopped, Some("the log")),
+    ] {
+        let dir = tempfile::tempdir().unwrap();
+        run_directory(dir.path());
+        let log = dir.path().join(LOG_FILE);
+        let whole = std::fs::read(&log).unwrap();
+        std::fs::write(&log, &whole[..whole.len() * 2 / 3]).unwrap();
+        note_end(dir.path(), 1_000_000, outcome, "the machine tripped");
+        let report = make_report(dir.path()).unwrap();
+        assert_eq!(report.outcome.kind, kind, "{outcome}");
+        let words = report.outcome.reason.unwrap_or_default();
+        assert_eq!(words.is_empty(), reason.is_none(), "{outcome}: {words}");
+        assert!(words.contains(reason.unwrap_or_default()), "{words}");
+        assert!(report.log.cut.is_some() && report.samples_lost > 3_000_000);
+    }
+    // A log that shows the end itself is believed.
+    let dir = tempfile::tempdir().unwrap();
+    run_directory(dir.path());
+    note_end(dir.path(), 0, "stopped", "something else");
+    let report = make_report(dir.path()).unwrap();
+    assert_eq!(report.outcome.kind, OutcomeKind::Completed);
+}
+
+#[test]
+fn a_planner_that_was_not_back_when_the_run_was_interrupted_did_not_end_it() {
+    for (outcome, kind) in [
+        ("interrupted", OutcomeKind::Interrupted),
+        ("stopped", OutcomeKind::Stopped),
+    ] {
+        let dir = tempfile::tempdir().unwrap();
+        run_directory(dir.path());
+        let mut evaluation = evaluate(dir.path()).unwrap();
+        evaluation.measurements.outcome = Outcome::Stopped(StopReason::PlannerLost {
+            loss: Loss::Killed,
+            scan: 624,
+        });
+        assert_eq!(Report::new(&evaluation).outcome.kind, OutcomeKind::Stopped);
+        evaluation.ended = Some(Ended {
+            scan: 770,
+            kind: serde_json::from_value(outcome.into()).ok(),
+            text: "the machine is stopped in scan 770".into(),
+        });
+        let report = Report::new(&evaluation);
+        assert_eq!(report.outcome.kind, kind);
+        let reason = report.outcome.reason.unwrap_or_default();
+        assert_eq!(reason.contains("planner killed"), outcome == "stopped");
+    }
 }
 
 #[test]

@@ -14,6 +14,7 @@ fn machine(spindle: bool) -> Machine {
         speed_max_rpm: 6000.0,
         at_speed_percent: 5.0,
         patience_s: 5.0,
+        ..Spindle::default()
     });
     machine
 }
@@ -21,7 +22,8 @@ fn machine(spindle: bool) -> Machine {
 fn events(machine: &Machine, text: &str) -> Result<Events, EventError> {
     let setup = Setup::of(machine);
     let program = interpret("part.ngc", text, &setup, AxisVector::zeros()).expect("a program");
-    Events::of(machine, &program.events, &program.path)
+    let mut path = program.path;
+    Events::of(machine, &program.events, &mut path)
 }
 
 /// Code, element, and whether in motion, of each.

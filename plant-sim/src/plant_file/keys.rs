@@ -1,6 +1,6 @@
 //! The keys of the plant file, each declared once with meaning, unit and range (`machine::settings_file` says how).
 
-use bus::sample::MAX_AXES;
+use bus::sample::{ANALOG_INPUTS, DIGITAL_INPUTS, DIGITAL_OUTPUTS, MAX_AXES};
 use machine::DEAD_TIME_SCANS_MAX;
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -24,6 +24,12 @@ pub struct PlantFile {
     pub spindle: Option<PlantSpindle>,
     /// The tool changer, where the machine file has one (`tool_change.by = "changer"`).
     pub tool_changer: Option<PlantToolChanger>,
+    /// A touch probe in the spindle, and what it can touch ([probing](../howto/probe.md)). Without this table nothing is ever touched.
+    pub probe: Option<PlantProbe>,
+    /// When which input changes: of all lines of an input whose time has come, the last one counts. Before, an input shows 0.
+    #[serde(rename = "input")]
+    #[schemars(length(max = INPUT_LINES_MAX), extend("default" = []))]
+    pub inputs: Vec<PlantInput>,
     /// An axis: each axis of the machine file has one here.
     #[serde(rename = "axis")]
     #[schemars(length(min = 1, max = MAX_AXES))]
@@ -41,7 +47,7 @@ pub struct PlantDrive {
 }
 
 /// The spindle with its drive.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlantSpindle {
     /// How fast it speeds up and brakes.
@@ -50,6 +56,24 @@ pub struct PlantSpindle {
     /// Speed at which it turns to an angle (M19).
     #[schemars(extend("unit" = "rev/min", "minimum" = 1, "maximum" = 1000, "default" = 60.0))]
     pub orientation_rpm: f64,
+    /// Counts of its encoder in one turn; 0 for none.
+    #[schemars(extend("unit" = "counts", "minimum" = 0, "maximum" = 1_000_000_000, "default" = 0))]
+    pub encoder_counts_per_turn: u32,
+    /// Inertia of rotor, shaft and chuck or tool. With 0 the speed is always the one on the ramp, whatever the load.
+    #[schemars(extend("unit" = "kg·m²", "minimum" = 0, "maximum" = 1000, "default" = 0.0))]
+    pub inertia_kg_m2: f64,
+    /// Torque that the drive has, to accelerate and against the load.
+    #[schemars(extend("unit" = "N·m", "minimum" = 0.001, "maximum" = 100_000, "default" = 50.0))]
+    pub torque_max_nm: f64,
+    /// Bandwidth of the drive's speed loop.
+    #[schemars(extend("unit" = "Hz", "minimum" = 0.1, "maximum" = 1000, "default" = 20.0))]
+    pub speed_loop_hz: f64,
+    /// Torque against the turning spindle, as of a cut: on and off for half of `load_period_s` each.
+    #[schemars(extend("unit" = "N·m", "minimum" = 0, "maximum" = 100_000, "default" = 0.0))]
+    pub load_torque_nm: f64,
+    /// Time from one step of the load to the next but one.
+    #[schemars(extend("unit" = "s", "minimum" = 0.002, "maximum" = 3600, "default" = 0.3))]
+    pub load_period_s: f64,
 }
 
 /// The tool changer.
@@ -59,6 +83,125 @@ pub struct PlantToolChanger {
     /// Time of one change.
     #[schemars(extend("unit" = "s", "minimum" = 0, "maximum" = 600, "default" = 3.0))]
     pub change_s: f64,
+}
+
+/// The most lines of the script of inputs.
+pub const INPUT_LINES_MAX: usize = 256;
+/// The most bodies of one kind that a probe can touch.
+pub const BODIES_MAX: usize = 64;
+
+/// A touch probe. It trips where the ball of its stylus touches a body, from whatever side. Positions are those of the tables of X, Y
+/// and Z, in machine coordinates; an axis that the machine does not have is at 0.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantProbe {
+    /// Radius of the ball.
+    #[schemars(extend("unit" = "mm", "minimum" = 0, "maximum" = 50, "default" = 1.0))]
+    pub tip_radius_mm: f64,
+    /// From the face of the spindle, which Z counts for, down to the centre of the ball.
+    #[schemars(extend("unit" = "mm", "minimum" = 0, "maximum" = 1000, "default" = 0.0))]
+    pub length_mm: f64,
+    /// So far the stylus gives way after the trip. Further it breaks, and shows contact for good.
+    #[schemars(extend("unit" = "mm", "exclusiveMinimum" = 0, "maximum" = 100, "default" = 5.0))]
+    pub overtravel_mm: f64,
+    /// Standard deviation of the place at which it trips.
+    #[schemars(extend("unit" = "µm", "minimum" = 0, "maximum" = 100, "default" = 0.0))]
+    pub repeatability_um: f64,
+    /// Seed of that noise.
+    #[schemars(extend("minimum" = 0, "maximum" = 4_294_967_295_u64, "default" = 1))]
+    pub seed: u64,
+    /// A half-space of material.
+    #[serde(rename = "plane")]
+    #[schemars(length(max = BODIES_MAX), extend("default" = []))]
+    pub planes: Vec<PlantPlane>,
+    /// A block with its sides along the axes.
+    #[serde(rename = "box")]
+    #[schemars(length(max = BODIES_MAX), extend("default" = []))]
+    pub boxes: Vec<PlantBox>,
+    /// A ball.
+    #[serde(rename = "sphere")]
+    #[schemars(length(max = BODIES_MAX), extend("default" = []))]
+    pub spheres: Vec<PlantSphere>,
+    /// A cylinder with flat ends.
+    #[serde(rename = "cylinder")]
+    #[schemars(length(max = BODIES_MAX), extend("default" = []))]
+    pub cylinders: Vec<PlantCylinder>,
+    /// A cylinder that is taken out of all the others.
+    #[serde(rename = "bore")]
+    #[schemars(length(max = BODIES_MAX), extend("default" = []))]
+    pub bores: Vec<PlantCylinder>,
+}
+
+/// A half-space of material.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantPlane {
+    /// A point of its surface.
+    #[schemars(inner(range(min = -100_000, max = 100_000)), extend("unit" = "mm"))]
+    pub point_mm: [f64; 3],
+    /// Direction away from the material; not all of it 0.
+    #[schemars(inner(range(min = -1, max = 1)))]
+    pub normal: [f64; 3],
+}
+
+/// A block.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantBox {
+    /// Its corner of the lowest positions.
+    #[schemars(inner(range(min = -100_000, max = 100_000)), extend("unit" = "mm"))]
+    pub low_mm: [f64; 3],
+    /// Its corner of the highest positions; each above the lowest.
+    #[schemars(inner(range(min = -100_000, max = 100_000)), extend("unit" = "mm"))]
+    pub high_mm: [f64; 3],
+}
+
+/// A ball.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantSphere {
+    /// Its centre.
+    #[schemars(inner(range(min = -100_000, max = 100_000)), extend("unit" = "mm"))]
+    pub centre_mm: [f64; 3],
+    /// Its radius.
+    #[schemars(extend("unit" = "mm", "exclusiveMinimum" = 0, "maximum" = 10_000))]
+    pub radius_mm: f64,
+}
+
+/// A cylinder.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantCylinder {
+    /// Centre of one of its ends.
+    #[schemars(inner(range(min = -100_000, max = 100_000)), extend("unit" = "mm"))]
+    pub from_mm: [f64; 3],
+    /// Centre of the other end; not the same.
+    #[schemars(inner(range(min = -100_000, max = 100_000)), extend("unit" = "mm"))]
+    pub to_mm: [f64; 3],
+    /// Its radius.
+    #[schemars(extend("unit" = "mm", "exclusiveMinimum" = 0, "maximum" = 10_000))]
+    pub radius_mm: f64,
+}
+
+/// A change of one input: of a digital or of an analogue one.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantInput {
+    /// Number of a digital input.
+    #[schemars(extend("minimum" = 0, "maximum" = DIGITAL_INPUTS - 1))]
+    pub digital: Option<u32>,
+    /// Number of an analogue input.
+    #[schemars(extend("minimum" = 0, "maximum" = ANALOG_INPUTS - 1))]
+    pub analog: Option<u32>,
+    /// What it shows from then on: 0 or 1 of a digital one.
+    #[schemars(extend("minimum" = -1_000_000_000, "maximum" = 1_000_000_000))]
+    pub value: f64,
+    /// When: after the first scan of the cell, or after the output of `after_output` was switched on.
+    #[schemars(extend("unit" = "s", "minimum" = 0, "maximum" = 1_000_000_000))]
+    pub at_s: f64,
+    /// Number of a digital output of the program. The line counts only while that output is on.
+    #[schemars(extend("minimum" = 0, "maximum" = DIGITAL_OUTPUTS - 1))]
+    pub after_output: Option<u32>,
 }
 
 /// One axis.

@@ -3,7 +3,7 @@
 use machine::settings_file::{At, Rules};
 
 use crate::friction::{ELEMENTS, FrictionParameters};
-use crate::plant_file::keys::{PlantAxis, PlantFile};
+use crate::plant_file::keys::{PlantAxis, PlantFile, PlantInput, PlantProbe};
 
 /// Highest natural frequency times microstep, in rad. Semi-implicit Euler is stable below 2; at 0.2 the frequency is
 /// right within 0.2 %.
@@ -41,11 +41,57 @@ pub fn judge(rules: &mut Rules<'_>, plant: &PlantFile) {
         shares(rules, at, "motor", &axis.motor.friction.element_share);
         shares(rules, at, "table", &friction.element_share);
     }
+    if let Some(probe) = &plant.probe {
+        bodies(rules, probe);
+    }
+    for (index, input) in plant.inputs.iter().enumerate() {
+        input_line(rules, index, input);
+    }
     // Only what is right by itself can be judged against the microstep.
     if rules.all_kept() {
         for (index, axis) in plant.axes.iter().enumerate() {
             microstep(rules, Some((index, axis.name.as_str())), axis, step_us);
         }
+    }
+}
+
+/// Every body has a surface.
+fn bodies(rules: &mut Rules<'_>, probe: &PlantProbe) {
+    for (index, plane) in probe.planes.iter().enumerate() {
+        if plane.normal == [0.0; 3] {
+            let what = format!("of plane {}: a direction, such as [0, 0, 1]", index + 1);
+            rules.say(&["probe", "plane"], None, &what);
+        }
+    }
+    for (index, of_box) in probe.boxes.iter().enumerate() {
+        let mut sides = of_box.low_mm.iter().zip(&of_box.high_mm);
+        if sides.any(|(low, high)| low >= high) {
+            let what = format!("{}: each of high_mm must be above low_mm", index + 1);
+            rules.say(&["probe", "box"], None, &what);
+        }
+    }
+    for (key, cylinders) in [("cylinder", &probe.cylinders), ("bore", &probe.bores)] {
+        for (index, cylinder) in cylinders.iter().enumerate() {
+            if cylinder.from_mm == cylinder.to_mm {
+                let what = format!("{}: its two ends are one", index + 1);
+                rules.say(&["probe", key], None, &what);
+            }
+        }
+    }
+}
+
+fn input_line(rules: &mut Rules<'_>, index: usize, input: &PlantInput) {
+    let line = index + 1;
+    if input.digital.is_some() == input.analog.is_some() {
+        let what = format!("{line}: one of digital and analog");
+        rules.say(&["input"], None, &what);
+    }
+    if input.digital.is_some() && input.value != 0.0 && input.value != 1.0 {
+        let what = format!(
+            "{line}: value = {}: a digital input shows 0 or 1",
+            input.value
+        );
+        rules.say(&["input"], None, &what);
     }
 }
 

@@ -9,6 +9,7 @@
 )]
 
 use bus::sample::Job;
+use bus::service::SCAN_MAX;
 use machine::Process;
 
 use super::faults::{Action, Corruption, FaultScript, Field, Sent, Spoil};
@@ -67,7 +68,10 @@ fn is_unheard(field: Field, how: Spoil, scan: u64) -> bool {
     };
     match (field.sent, leaf.name.as_str()) {
         (Sent::Window | Sent::Setpoint, _) => false,
-        (_, "scan") => how.of(scan, leaf) < scan,
+        (_, "scan") => {
+            let spoilt = how.of(scan, leaf);
+            spoilt < scan || spoilt > SCAN_MAX
+        }
         (_, "visible_from") => how.of(scan.saturating_add(1), leaf) > scan.saturating_add(1),
         // Whatever it is, it is not what it was, or it was that already.
         (_, "incarnation") => true,

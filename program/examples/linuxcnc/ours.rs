@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 
 use control::path::{AxisVector, Feed, Shape};
 use machine::{Tool, parse_tools};
-use program::{AxisSetup, Program, Setup};
+use program::{AxisSetup, EventKind, Program, Setup};
 
 use crate::trace::{Circle, LETTERS, Place, Step, Trace, Way};
 
@@ -78,7 +78,13 @@ fn steps(program: &Program, setup: &Setup) -> Vec<Step> {
     );
     let mut before = |index: usize, steps: &mut Vec<Step>| {
         while let Some(event) = events.next_if(|event| event.before_element <= index) {
-            word(&format!("{:?}", event.kind), steps);
+            // A tap is told by what happens in it.
+            if !matches!(
+                event.kind,
+                EventKind::SpindleCoupled(_) | EventKind::SpindleUncoupled
+            ) {
+                word(&format!("{:?}", event.kind), steps);
+            }
         }
         while let Some((_, text)) = said.next_if(|(at, _)| *at <= index) {
             steps.push(Step::word(&text, &[]));
@@ -185,6 +191,8 @@ fn word(event: &str, steps: &mut Vec<Step>) {
         "OverridesEnabled" => "overrides",
         "DigitalOutput" => "output",
         "AnalogOutput" => "analogue output",
+        // Theirs shows none.
+        "Probe" | "ProbeEnd" | "AwaitInput" => return,
         other => other,
     };
     let values = numbers(event.get(kind.len()..).unwrap_or_default());

@@ -1,12 +1,22 @@
 //! The profile of a lathe cycle: the lines of the subroutine that Q names, read but not executed.
 
-use super::Execution;
+use super::{Execution, refused_text};
 use crate::flow::{Keyword, label_of};
 use crate::reader::{Line, Word, read_line};
 use crate::roughing::PIECES_MAX;
+use crate::source::Spot;
+use crate::text::TextError;
 use crate::words::{Refusal, Words};
 
-impl Execution<'_> {
+/// The lines of a subroutine between its first and its last.
+struct Body {
+    /// The first of them.
+    start: Spot,
+    /// The line behind them.
+    end: usize,
+}
+
+impl Execution {
     /// Does G70, G71 or G72.
     pub(super) fn turning_cycle(
         &mut self,
@@ -22,20 +32,16 @@ impl Execution<'_> {
         };
         let label = label_of(q.value).unwrap_or_default();
         let body = self
-            .source
-            .subroutine(&label)
-            .filter(|&(_, keyword)| keyword == Keyword::Sub)
-            .and_then(|(begin, _)| {
-                let (end, _) = self.source.next(&label, begin, &[Keyword::EndSub])?;
-                Some(begin + 1..end)
-            });
+            .body(&label)
+            .map_err(|error| one(refused_text(q.offset, error)))?;
         let Some(body) = body else {
             let found = format!("Q{}: there is no such subroutine", q.value);
             let right = "the number of a subroutine that holds the profile: O100 sub … O100 endsub";
             return Err(one(Refusal::new(q.offset, found, right)));
         };
-        if body.len() > PIECES_MAX {
-            let found = format!("a profile of {} lines", body.len());
+        let lines = body.end - body.start.line;
+        if lines > PIECES_MAX {
+            let found = format!("a profile of {lines} lines");
             return Err(one(Refusal::new(
                 q.offset,
                 found,
@@ -45,23 +51,40 @@ impl Execution<'_> {
         let mut reading = self.interpreter.begin_profile(words, word).map_err(one)?;
         let mut line = Line::default();
         let mut of_line = Words::default();
-        for at in body {
-            let raw = self.source.line(at).unwrap_or_default();
+        let mut next = body.start;
+        while next.line < body.end {
+            let at = next;
+            let raw = self.raw_line(at).map_err(one)?;
+            next = raw.1;
             let result = self
-                .profile_line(raw, &mut line, &mut of_line)
+                .profile_line(&raw.0, &mut line, &mut of_line)
                 .and_then(|()| {
                     self.interpreter
                         .add_to_profile(&mut reading, &of_line)
                         .map_err(one)
                 });
             if let Err(refusals) = result {
-                self.refuse(at, raw, refusals);
+                self.refuse(at, refusals);
                 return Ok(());
             }
-            self.mark(at);
+            self.mark(at.line);
         }
         self.interpreter
             .turn(index as u32 + 1, words, word, &reading)
+    }
+
+    /// The lines of a subroutine between its first and its last.
+    fn body(&mut self, label: &str) -> Result<Option<Body>, TextError> {
+        let begin = self.source.subroutine(label)?;
+        let Some(begin) = begin.filter(|begin| begin.keyword == Keyword::Sub) else {
+            return Ok(None);
+        };
+        let ends = [Keyword::EndSub];
+        let end = self.source.next(label, begin.at.line, &ends)?;
+        Ok(end.map(|end| Body {
+            start: begin.behind,
+            end: end.at.line,
+        }))
     }
 
     /// Reads a line of a profile: its words, while its assignments take effect.
@@ -86,6 +109,6 @@ impl Execution<'_> {
             let found = format!("{} in a profile", flow.shown());
             return Err(vec![Refusal::new(flow.offset, found, right)]);
         }
-        words.sort(line, self.interpreter.setup)
+        words.sort(line, &self.interpreter.setup)
     }
 }

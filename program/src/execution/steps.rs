@@ -1,10 +1,11 @@
 //! Program flow: what an O-word does to the line that comes next.
 
-use super::Execution;
+use super::{Execution, refused_text};
 use crate::flow::{FlowWord, Keyword, label_of, shown_flow};
-use crate::frames::{Frame, Loop, LoopKind};
+use crate::frames::{Frame, Loop, LoopKind, Pass};
 use crate::program::ProgramEnd;
 use crate::reader::Word;
+use crate::source::Label;
 use crate::words::{Refusal, Words};
 
 /// Subroutines may call each other this deep.
@@ -12,7 +13,7 @@ const DEPTH_MAX: usize = 100;
 /// The most repetitions of M98.
 const REPEATS_MAX: f64 = 1e6;
 
-impl Execution<'_> {
+impl Execution {
     /// Does an O-word. `not_yet`: the line before was an `if` of which no branch was done so far.
     pub(super) fn flow(
         &mut self,
@@ -36,10 +37,8 @@ impl Execution<'_> {
             Keyword::Number => {}
             Keyword::Sub => {
                 let ends = [Keyword::EndSub];
-                self.next = self
-                    .find(&flow.label, index, &ends, || without(Keyword::EndSub))?
-                    .0
-                    + 1;
+                let end = self.find(flow, index, &ends, || without(Keyword::EndSub))?;
+                self.go_behind(end);
             }
             Keyword::EndSub | Keyword::Return => {
                 let returned = flow.values.first().copied();
@@ -48,7 +47,7 @@ impl Execution<'_> {
                     return Err(refuse(format!("{} outside a call", flow.shown()), right));
                 }
             }
-            Keyword::Call => self.call(index, flow)?,
+            Keyword::Call => self.call(flow)?,
             Keyword::If | Keyword::ElseIf
                 if value != 0.0 && (flow.keyword == Keyword::If || not_yet) => {}
             Keyword::Else if not_yet => {}
@@ -56,32 +55,28 @@ impl Execution<'_> {
             Keyword::ElseIf if not_yet => self.next_branch(index, flow, without(Keyword::EndIf))?,
             Keyword::ElseIf | Keyword::Else => {
                 let ends = [Keyword::EndIf];
-                self.next = self
-                    .find(&flow.label, index, &ends, || without(Keyword::EndIf))?
-                    .0
-                    + 1;
+                let end = self.find(flow, index, &ends, || without(Keyword::EndIf))?;
+                self.go_behind(end);
             }
             Keyword::EndIf => {}
-            Keyword::Do => self.begin(flow, index, LoopKind::Do),
+            Keyword::Do => self.begin(flow, LoopKind::Do),
             Keyword::While => self.test(index, flow, value, without(Keyword::EndWhile))?,
             Keyword::Repeat => {
                 let count = libm::round(value);
                 let ends = [Keyword::EndRepeat];
-                let end = self
-                    .find(&flow.label, index, &ends, || without(Keyword::EndRepeat))?
-                    .0;
+                let end = self.find(flow, index, &ends, || without(Keyword::EndRepeat))?;
                 if count < 1.0 {
-                    self.next = end + 1;
+                    self.go_behind(end);
                 } else {
-                    self.begin(flow, index, LoopKind::Repeat(count as u64));
+                    self.begin(flow, LoopKind::Repeat(count as u64));
                 }
             }
             Keyword::EndWhile => match self.innermost(&flow.label) {
-                Some(Loop {
+                Some(Pass {
                     kind: LoopKind::While,
-                    line,
+                    at,
                     ..
-                }) => self.next = line,
+                }) => self.next = at,
                 _ => return Err(without(Keyword::While)),
             },
             Keyword::EndRepeat => self.count_down(flow, without(Keyword::Repeat))?,
@@ -98,26 +93,41 @@ impl Execution<'_> {
         refusal: Refusal,
     ) -> Result<(), Refusal> {
         let branches = [Keyword::ElseIf, Keyword::Else, Keyword::EndIf];
-        let (line, _) = self.find(&flow.label, index, &branches, || refusal)?;
-        self.next = line;
+        let branch = self.find(flow, index, &branches, || refusal)?;
+        self.next = branch.at;
         self.not_yet = true;
         Ok(())
     }
 
-    fn begin(&mut self, flow: &FlowWord, line: usize, kind: LoopKind) {
+    fn begin(&mut self, flow: &FlowWord, kind: LoopKind) {
         self.interpreter.frames.here().loops.push(Loop {
             label: flow.label.clone(),
-            line,
-            kind,
+            pass: Pass {
+                at: self.here,
+                behind: self.next,
+                kind,
+            },
         });
     }
 
+    /// Goes on behind a line.
+    fn go_behind(&mut self, label: Label) {
+        self.within = label.at;
+        self.next = label.behind;
+    }
+
+    /// Goes on behind the line that a loop begins with.
+    fn go_into(&mut self, of: Pass) {
+        self.within = of.at;
+        self.next = of.behind;
+    }
+
     /// The loop of this label, those inside it left.
-    fn innermost(&mut self, label: &str) -> Option<Loop> {
+    fn innermost(&mut self, label: &str) -> Option<Pass> {
         let loops = &mut self.interpreter.frames.here().loops;
         let at = loops.iter().rposition(|of| of.label == label)?;
         loops.truncate(at + 1);
-        loops.last().cloned()
+        loops.last().map(|of| of.pass)
     }
 
     /// `while`: of a loop that begins with it, or that ends with it.
@@ -129,39 +139,28 @@ impl Execution<'_> {
         refusal: Refusal,
     ) -> Result<(), Refusal> {
         let holds = value != 0.0;
+        let ends = [Keyword::EndWhile];
         match self.innermost(&flow.label) {
-            Some(Loop {
-                kind: LoopKind::Do,
-                line,
-                ..
-            }) => {
+            Some(of) if of.kind == LoopKind::Do => {
                 if holds {
-                    self.next = line + 1;
+                    self.go_into(of);
                 } else {
                     self.interpreter.frames.here().loops.pop();
                 }
             }
-            Some(Loop {
-                kind: LoopKind::While,
-                line,
-                ..
-            }) if line == index => {
+            Some(of) if of.kind == LoopKind::While && of.at.line == index => {
                 if !holds {
                     self.interpreter.frames.here().loops.pop();
-                    self.next = self
-                        .find(&flow.label, index, &[Keyword::EndWhile], || refusal)?
-                        .0
-                        + 1;
+                    let end = self.find(flow, index, &ends, || refusal)?;
+                    self.go_behind(end);
                 }
             }
             _ => {
-                let end = self
-                    .find(&flow.label, index, &[Keyword::EndWhile], || refusal)?
-                    .0;
+                let end = self.find(flow, index, &ends, || refusal)?;
                 if holds {
-                    self.begin(flow, index, LoopKind::While);
+                    self.begin(flow, LoopKind::While);
                 } else {
-                    self.next = end + 1;
+                    self.go_behind(end);
                 }
             }
         }
@@ -169,20 +168,18 @@ impl Execution<'_> {
     }
 
     fn count_down(&mut self, flow: &FlowWord, refusal: Refusal) -> Result<(), Refusal> {
-        let Some(Loop {
-            kind: LoopKind::Repeat(left),
-            line,
-            ..
-        }) = self.innermost(&flow.label)
-        else {
+        let Some(of) = self.innermost(&flow.label) else {
+            return Err(refusal);
+        };
+        let LoopKind::Repeat(left) = of.kind else {
             return Err(refusal);
         };
         let loops = &mut self.interpreter.frames.here().loops;
         if left > 1 {
             if let Some(of) = loops.last_mut() {
-                of.kind = LoopKind::Repeat(left - 1);
+                of.pass.kind = LoopKind::Repeat(left - 1);
             }
-            self.next = line + 1;
+            self.go_into(of);
         } else {
             loops.pop();
         }
@@ -201,7 +198,7 @@ impl Execution<'_> {
             LoopKind::Do => Keyword::While,
             LoopKind::Repeat(_) => Keyword::EndRepeat,
         };
-        let (line, _) = self.find(&flow.label, index, &[end], || {
+        let end = self.find(flow, index, &[end], || {
             let found = format!("{} without {}", flow.shown(), shown_flow(&flow.label, end));
             Refusal::new(
                 flow.offset,
@@ -211,20 +208,22 @@ impl Execution<'_> {
         })?;
         if flow.keyword == Keyword::Break {
             self.interpreter.frames.here().loops.pop();
-            self.next = line + 1;
+            self.go_behind(end);
         } else {
             self.next = if of.kind == LoopKind::While {
-                of.line
+                of.at
             } else {
-                line
+                end.at
             };
         }
         Ok(())
     }
 
     /// `call`.
-    fn call(&mut self, index: usize, flow: &FlowWord) -> Result<(), Refusal> {
-        let Some((line, _)) = self.source.subroutine(&flow.label) else {
+    fn call(&mut self, flow: &FlowWord) -> Result<(), Refusal> {
+        let unread = |error| refused_text(flow.offset, error);
+        let begin = self.source.subroutine(&flow.label).map_err(unread)?;
+        let Some(begin) = begin else {
             let found = format!("{}: there is no such subroutine", flow.shown());
             let right = format!(
                 "{} in the program, or a file {}.ngc beside it",
@@ -233,19 +232,13 @@ impl Execution<'_> {
             );
             return Err(Refusal::new(flow.offset, found, right));
         };
-        self.enter(index, &flow.label, line, flow.offset)?;
+        self.enter(&flow.label, begin, flow.offset)?;
         self.interpreter.frames.here().arguments = true;
         self.interpreter.pass(&flow.values);
         Ok(())
     }
 
-    fn enter(
-        &mut self,
-        index: usize,
-        label: &str,
-        line: usize,
-        offset: usize,
-    ) -> Result<(), Refusal> {
+    fn enter(&mut self, label: &str, begin: Label, offset: usize) -> Result<(), Refusal> {
         if self.interpreter.frames.depth() >= DEPTH_MAX {
             let found = format!("subroutines called {DEPTH_MAX} deep");
             let right = "a subroutine that calls itself must come to an end";
@@ -254,10 +247,10 @@ impl Execution<'_> {
         self.interpreter.frames.push(Frame {
             label: label.to_owned(),
             return_to: self.next,
-            called_from: index,
+            called_from: self.here,
             ..Frame::default()
         });
-        self.next = line + 1;
+        self.go_behind(begin);
         Ok(())
     }
 
@@ -266,24 +259,20 @@ impl Execution<'_> {
         let Some(frame) = self.interpreter.leave(returned) else {
             return false;
         };
-        if frame.repeats > 1 {
-            let begin = self.next_of_number(&frame.label);
-            self.next = begin.unwrap_or(frame.return_to);
-            if begin.is_some() {
-                self.interpreter.frames.push(Frame {
-                    repeats: frame.repeats - 1,
-                    loops: vec![],
-                    ..frame
-                });
-            }
-        } else {
-            self.next = frame.return_to;
+        if frame.repeats > 1
+            && let Ok(Some(begin)) = self.source.subroutine(&frame.label)
+        {
+            self.go_behind(begin);
+            self.interpreter.frames.push(Frame {
+                repeats: frame.repeats - 1,
+                loops: vec![],
+                ..frame
+            });
+            return true;
         }
+        self.within = frame.called_from;
+        self.next = frame.return_to;
         true
-    }
-
-    fn next_of_number(&self, label: &str) -> Option<usize> {
-        Some(self.source.subroutine(label)?.0 + 1)
     }
 
     /// M98 P calls a subroutine by its number, L times; M99 returns, or ends the program where none was called.
@@ -308,7 +297,8 @@ impl Execution<'_> {
         let label = label_of(p.value).ok_or_else(|| {
             Refusal::new(p.offset, format!("P{}", p.value), "a whole number from 0")
         })?;
-        let Some((line, _)) = self.source.subroutine(&label) else {
+        let unread = |error| refused_text(p.offset, error);
+        let Some(begin) = self.source.subroutine(&label).map_err(unread)? else {
             let found = format!("M98 P{label}: there is no such subroutine");
             let right = format!("O{label} … M99 in the program, or a file {label}.ngc beside it");
             return Err(Refusal::new(p.offset, found, right));
@@ -326,7 +316,7 @@ impl Execution<'_> {
         if repeats == 0.0 {
             return Ok(());
         }
-        self.enter(index, &label, line, p.offset)?;
+        self.enter(&label, begin, p.offset)?;
         self.interpreter.frames.here().repeats = repeats as u64;
         Ok(())
     }

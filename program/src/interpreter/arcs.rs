@@ -3,7 +3,7 @@
 use super::*;
 use crate::arc::ArcRefusal;
 
-impl Interpreter<'_> {
+impl Interpreter {
     /// Understands the words of an arc.
     pub(super) fn arc_block(
         &self,

@@ -4,19 +4,21 @@ use super::*;
 use crate::compensation::{Compensation, Gouge, Move, Side, Start, Step as BesideStep, Way};
 use crate::flat::Flat;
 use crate::words::shown_code;
+use serde::{Deserialize, Serialize};
 
 /// How far the radii of an arc of the tool's centre may differ: more than tangent joints make of it.
 const BESIDE_ARC_TOLERANCE_MM: f64 = 0.1;
 
 /// What a move carries.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Carried {
     line: u32,
+    #[serde(with = "snapshot::feed")]
     feed: Feed,
 }
 
 /// What happens between moves.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Happening {
     Event(u32, EventKind),
     Dwell(u32, f64),
@@ -29,7 +31,7 @@ fn refused(offset: usize, gouge: Gouge) -> Vec<Refusal> {
     vec![Refusal::new(offset, gouge.found, gouge.right)]
 }
 
-impl Interpreter<'_> {
+impl Interpreter {
     /// Where the tool stands: beside the programmed place while a compensation is on, and until the first move behind it.
     pub(super) fn tool_place(&self) -> AxisVector {
         self.stands.unwrap_or(self.position)
@@ -197,7 +199,7 @@ impl Interpreter<'_> {
     /// Refuses motions that cannot be beside a contour, or cannot lead back from there.
     pub(super) fn check_motion_beside(&self, offset: usize) -> Result<(), Refusal> {
         let is_long = matches!(self.motion, Motion::Spline(_) | Motion::InStep(_));
-        let is_elsewhere = matches!(self.motion, Motion::Cycle(_) | Motion::Probe);
+        let is_elsewhere = matches!(self.motion, Motion::Cycle(_) | Motion::Probe(_));
         if self.beside.is_some() && (is_long || is_elsewhere) {
             let found = "a cycle, spline, thread or probing while the radius compensation is on";
             let right = "end the compensation before it: G40";
@@ -284,17 +286,10 @@ impl Interpreter<'_> {
 
     fn happened(&mut self, happening: Happening) {
         match happening {
-            Happening::Event(line, kind) => {
-                let before_element = self.output.path.elements.len();
-                self.output.events.push(Event {
-                    line,
-                    before_element,
-                    kind,
-                });
-            }
+            Happening::Event(line, kind) => self.output.happen(line, kind),
             Happening::Dwell(line, seconds) => {
                 let dwell = Element::dwell(line, self.tool_place(), seconds);
-                self.output.path.elements.push(dwell);
+                self.output.add(dwell);
             }
         }
     }
@@ -328,16 +323,15 @@ impl Interpreter<'_> {
                 let Carried { line, feed } = step.payload;
                 let element = Element::new(line, shape, feed, &self.rotary);
                 if element.length_mm > 0.0 {
-                    self.output.path.elements.push(element);
+                    self.output.add(element);
                 }
             }
             self.stands =
                 Some(step.to).filter(|place| *place != self.position || self.beside.is_some());
         }
-        if self.output.path.elements.len() > ELEMENTS_MAX {
-            let found = format!("more than {ELEMENTS_MAX} moves");
-            return Err(vec![Refusal::new(offset, found, "split the program")]);
-        }
+        self.output
+            .check_room(0.0, offset)
+            .map_err(|refusal| vec![refusal])?;
         if outside.is_empty() {
             Ok(())
         } else {

@@ -6,7 +6,7 @@ use crate::cycles::{Level, Levels, Turning, Wait};
 /// What is said where the return height is LinuxCNC's other one.
 const RETURN_HEIGHT: &str = "neither G98 nor G99 is said: holes return to the level before the cycles (G98), not to R as in LinuxCNC";
 
-impl Interpreter<'_> {
+impl Interpreter {
     /// Holes of which each is a step of distance and angle from the one before.
     fn drill_circle(
         &mut self,
@@ -42,10 +42,9 @@ impl Interpreter<'_> {
         let block = self.cycle_block(words, cycle, offset).map_err(one)?;
         self.series = Some(block.series);
         let feed = self.feed(&self.position, offset).map_err(one)?;
-        if self.output.path.elements.len() as f64 + block.steps_max() > ELEMENTS_MAX as f64 {
-            let found = format!("holes that take the path beyond {ELEMENTS_MAX} elements");
-            return Err(one(Refusal::new(offset, found, "split the program")));
-        }
+        self.output
+            .check_room(block.steps_max(), offset)
+            .map_err(one)?;
         if !self.return_was_said && block.series.initial_mm > block.levels.r_mm {
             self.note(line, RETURN_HEIGHT);
         }
@@ -57,7 +56,9 @@ impl Interpreter<'_> {
             let taps = matches!(step, Step::Tap(_));
             if taps && !tapping {
                 self.cycle_overrides(line, false);
+                self.begin_tap(line, feed);
             } else if tapping && matches!(step, Step::Rapid(_)) {
+                self.end_tap(line);
                 self.cycle_overrides(line, true);
             }
             tapping = taps || (tapping && !matches!(step, Step::Rapid(_)));
@@ -69,7 +70,7 @@ impl Interpreter<'_> {
                 }
                 Step::Dwell(seconds) => {
                     let dwell = Element::dwell(line, here, seconds);
-                    self.output.path.elements.push(dwell);
+                    self.output.add(dwell);
                     continue;
                 }
                 event => {
@@ -80,12 +81,13 @@ impl Interpreter<'_> {
             let shape = Shape::Line { from: here, to };
             let element = Element::new(line, shape.clone(), feed, &self.rotary);
             if element.length_mm > 0.0 {
-                self.output.path.elements.push(element);
+                self.output.add(element);
             }
             shapes.push(shape);
             here = to;
         }
         if tapping {
+            self.end_tap(line);
             self.cycle_overrides(line, true);
         }
         self.position = here;
@@ -107,6 +109,20 @@ impl Interpreter<'_> {
             Step::SpindleOrient => self.event(line, EventKind::SpindleOrient(0.0)),
             Step::ProgramStop => self.event(line, EventKind::ProgramStop),
             Step::Rapid(_) | Step::Feed(_) | Step::Tap(_) | Step::Dwell(_) => {}
+        }
+    }
+
+    /// From here on a spindle with encoder keeps step: the pitch is the feed at the speed of the spindle.
+    fn begin_tap(&mut self, line: u32, feed: Feed) {
+        let turns_s = self.spindle.speed_rpm / 60.0;
+        if let (Feed::PathMmS(mm_s), true) = (feed, turns_s > 0.0) {
+            self.event(line, EventKind::SpindleCoupled(mm_s / turns_s));
+        }
+    }
+
+    fn end_tap(&mut self, line: u32) {
+        if self.spindle.speed_rpm > 0.0 {
+            self.event(line, EventKind::SpindleUncoupled);
         }
     }
 

@@ -5,7 +5,7 @@ use super::*;
 /// The most digital and analogue outputs, as LinuxCNC has them by default.
 const OUTPUTS_MAX: f64 = 64.0;
 
-impl Interpreter<'_> {
+impl Interpreter {
     /// S, T, M words up to the coolant, in the order of execution.
     pub(super) fn machine_words(&mut self, line: u32, words: &Words) -> Result<(), Refusal> {
         if let Some((number, word)) = words.code(Group::SpindleMode) {
@@ -154,14 +154,7 @@ impl Interpreter<'_> {
                 value: words.value('Q').map_or(0.0, |q| q.value),
                 synchronised: number == 670,
             },
-            _ => {
-                if !self.setup.answers_assumed {
-                    let right = "inputs are not supported on this machine: it has none";
-                    return Err(Refusal::new(word.offset, "M66", right));
-                }
-                self.parameters.set(base::INPUT, 0.0);
-                return Ok(());
-            }
+            _ => return self.await_input(line, words, word.offset),
         };
         self.event(line, kind);
         Ok(())

@@ -1,9 +1,10 @@
 //! The modes that a block sets, and those that M70 to M73 save and restore.
 
 use super::*;
+use serde::{Deserialize, Serialize};
 
 /// What M70 and M73 save (LinuxCNC manual, *M70 Save Modal State*).
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SavedModes {
     plane: (u32, [char; 2], [char; 2]),
     inches: bool,
@@ -21,7 +22,7 @@ pub struct SavedModes {
     work_offset: f64,
 }
 
-impl Interpreter<'_> {
+impl Interpreter {
     /// The modes of a block, in their order.
     pub(super) fn modes(&mut self, line: u32, words: &Words) -> Result<(), Refusal> {
         if let Some((number, _)) = words.code(Group::Plane) {
@@ -60,10 +61,12 @@ impl Interpreter<'_> {
                 10 => Motion::Line,
                 20 => Motion::Arc { clockwise: true },
                 30 => Motion::Arc { clockwise: false },
-                382..=385 if self.setup.answers_assumed => Motion::Probe,
+                382..=385 if self.setup.probe || self.setup.answers_assumed => {
+                    Motion::Probe(number)
+                }
                 382..=385 => {
                     let found = format!("G{}", word.value);
-                    let right = "probing is not supported on this machine: it has no probe";
+                    let right = "probing is not supported on this machine: it has no probe ([program] probe in the machine file)";
                     return Err(Refusal::new(word.offset, found, right));
                 }
                 // G5.3 ends what G5.2 began.

@@ -4,7 +4,7 @@
 use super::*;
 use crate::parameters::POSITION_LETTERS;
 
-impl Lookup for Interpreter<'_> {
+impl Lookup for Interpreter {
     fn numbered(&self, number: u32) -> Result<f64, (String, String)> {
         if (base::POSITION..base::POSITION + 9).contains(&number) {
             return Ok(self.position_of((number - base::POSITION) as usize));
@@ -25,7 +25,7 @@ impl Lookup for Interpreter<'_> {
     }
 }
 
-impl Interpreter<'_> {
+impl Interpreter {
     /// Where the tool is along a letter of [`POSITION_LETTERS`], in the coordinates and unit of the program.
     fn position_of(&self, letter: usize) -> f64 {
         let index = POSITION_LETTERS
@@ -57,6 +57,10 @@ impl Interpreter<'_> {
                 let letter = name.chars().nth(1)?.to_ascii_uppercase();
                 self.position_of(POSITION_LETTERS.find(letter)?)
             }
+            "_line" => f64::from(self.line),
+            "_ijk_absolute_mode" => is(self.arc_absolute),
+            "_adaptive_feed" => 0.0,
+            "_feed_hold" => 1.0,
             "_metric" => is(!self.inches),
             "_imperial" => is(self.inches),
             "_absolute" => is(!self.incremental),
@@ -91,17 +95,7 @@ impl Interpreter<'_> {
                 system => 590.0 + (system - 6.0),
             },
             "_plane" => f64::from(self.plane.0) * 10.0,
-            "_motion_mode" => match self.motion {
-                Motion::None => 800.0,
-                Motion::Rapid => 0.0,
-                Motion::Line => 10.0,
-                Motion::Arc { clockwise: true } => 20.0,
-                Motion::Arc { clockwise: false } => 30.0,
-                Motion::Probe => 382.0,
-                Motion::Cycle(cycle) => tenfold(cycle.code()),
-                Motion::Spline(spline) => tenfold(spline.code()),
-                Motion::InStep(motion) => tenfold(motion.code()),
-            },
+            "_motion_mode" => self.motion_mode(),
             "_ccomp" => f64::from(self.compensation_code()),
             "_tool_offset" => is(self.offsets.tool != AxisVector::zeros()),
             "_retract_r_plane" => is(self.returns_to_r),
@@ -113,8 +107,37 @@ impl Interpreter<'_> {
             "_vmajor" => 2.9,
             "_vminor" => 0.0,
             "_control_mode" | "_path_control" => code(self.path_control),
-            _ => return None,
+            _ => {
+                return name
+                    .strip_prefix("_abs_")
+                    .and_then(|of| self.machine_place(of));
+            }
         })
+    }
+
+    /// Ten times the code of the motion in force.
+    fn motion_mode(&self) -> f64 {
+        match self.motion {
+            Motion::None => 800.0,
+            Motion::Rapid => 0.0,
+            Motion::Line => 10.0,
+            Motion::Arc { clockwise: true } => 20.0,
+            Motion::Arc { clockwise: false } => 30.0,
+            Motion::Probe(number) => f64::from(number),
+            Motion::Cycle(cycle) => tenfold(cycle.code()),
+            Motion::Spline(spline) => tenfold(spline.code()),
+            Motion::InStep(motion) => tenfold(motion.code()),
+        }
+    }
+
+    /// Where the tool is along an axis of this letter, in the coordinates of the machine; 0 where it has none.
+    fn machine_place(&self, letter: &str) -> Option<f64> {
+        let letter = letter.to_ascii_uppercase();
+        let letter = letter.chars().next().filter(|_| letter.len() == 1)?;
+        POSITION_LETTERS.find(letter)?;
+        let index = self.setup.axis_index(letter);
+        let place = index.and_then(|index| Some((index, self.position.get(index)?)));
+        Some(place.map_or(0.0, |(index, place)| place / self.unit_of(index)))
     }
 }
 

@@ -4,19 +4,24 @@
 
 use super::*;
 use crate::parameters::POSITION_LETTERS;
+use serde::{Deserialize, Serialize};
 
 /// The offsets in force, in mm and degrees.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Offsets {
     /// Of the work offset in force.
+    #[serde(with = "snapshot::vector")]
     pub work: AxisVector,
     /// Of G52 and G92.
+    #[serde(with = "snapshot::vector")]
     pub g92: AxisVector,
     /// Of the tool.
+    #[serde(with = "snapshot::vector")]
     pub tool: AxisVector,
     /// Cosine and sine of the rotation about Z, if there is one.
     pub turn: Option<(f64, f64)>,
     /// Where the zero of the program lies while nothing is turned.
+    #[serde(with = "snapshot::vector")]
     pub zero: AxisVector,
     /// The axes X and Y, which a rotation turns.
     pub turned_axes: Option<(usize, usize)>,
@@ -86,7 +91,7 @@ impl Offsets {
     }
 }
 
-impl Interpreter<'_> {
+impl Interpreter {
     /// The first work offset is the machine's.
     pub(super) fn set_first_offsets(&mut self) {
         let axis = |letter| self.setup.axis_index(letter);

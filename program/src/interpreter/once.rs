@@ -3,7 +3,7 @@
 use super::*;
 use crate::reader::Word;
 
-impl Interpreter<'_> {
+impl Interpreter {
     /// G54 to G59.3.
     pub(super) fn work_offset_words(&mut self, words: &Words) {
         let Some((number, _)) = words.code(Group::WorkOffset) else {
@@ -189,7 +189,10 @@ impl Interpreter<'_> {
                 self.parameters.set(number, value);
             }
         }
-        self.take_offsets();
+        // What was set by parameters takes force where the offset does.
+        if first == self.work_base() {
+            self.take_offsets();
+        }
         Ok(())
     }
 

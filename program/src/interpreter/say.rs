@@ -3,7 +3,7 @@
 use super::*;
 use crate::expression::Cursor;
 
-impl Interpreter<'_> {
+impl Interpreter {
     /// Keeps what the comments of a line say.
     pub fn say(&mut self, index: usize, comments: &[(CommentKind, String)]) {
         for (kind, text) in comments {
@@ -11,13 +11,8 @@ impl Interpreter<'_> {
                 CommentKind::Message => text.clone(),
                 CommentKind::Print | CommentKind::Log => self.with_values(text),
             };
-            let message = Message {
-                line: index as u32 + 1,
-                before_element: self.output.path.elements.len(),
-                log_only: *kind == CommentKind::Log,
-                text,
-            };
-            self.output.messages.push(message);
+            let log_only = *kind == CommentKind::Log;
+            self.output.say(index as u32 + 1, log_only, text);
         }
     }
 
@@ -36,12 +31,20 @@ impl Interpreter<'_> {
             }
             match cursor.value(self) {
                 Ok(value) => {
-                    whole += &format!("{value:.6}");
+                    // No sign before 0.
+                    whole += &format!("{:.6}", value + 0.0);
                     rest = cursor.offset;
                 }
                 Err(_) => {
-                    whole.push('#');
+                    // A name that has no value is shown as LinuxCNC does; a # that names nothing stays.
+                    let mut name = Cursor::new(text, rest + at + 1);
                     rest += at + 1;
+                    if name.next_byte() == b'<' && name.name().is_ok() {
+                        whole += "######";
+                        rest = name.offset;
+                    } else {
+                        whole.push('#');
+                    }
                 }
             }
         }

@@ -2,9 +2,10 @@
 
 use super::*;
 use crate::splines::{ControlPoint, Curve, Place};
+use serde::{Deserialize, Serialize};
 
 /// Which spline a block is of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Spline {
     /// G5.
     Cubic,
@@ -15,7 +16,7 @@ pub enum Spline {
 }
 
 /// What splines keep from block to block.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct SplineState {
     /// Behind a G5: the step to the first control point of one that gives none, in the program's axes.
     leaves_mm: Option<Place>,
@@ -24,7 +25,7 @@ pub struct SplineState {
 }
 
 /// A NURBS whose control points are still being given.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct OpenCurve {
     points: Vec<ControlPoint>,
     order: usize,
@@ -65,13 +66,18 @@ impl Spline {
 }
 
 impl SplineState {
+    /// Whether there is nothing that another motion would end.
+    pub fn is_idle(&self) -> bool {
+        self.leaves_mm.is_none() && self.open.is_none()
+    }
+
     /// The line in which a NURBS begins that has no end.
     pub fn open_since(&self) -> Option<u32> {
         self.open.as_ref().map(|open| open.line)
     }
 }
 
-impl Interpreter<'_> {
+impl Interpreter {
     /// Refuses what leaves a NURBS open, and forgets what only a spline behind a spline knows.
     pub(super) fn leave_splines(&mut self, words: &Words) -> Result<(), Refusal> {
         let number = words.code(Group::Motion);

@@ -2,12 +2,13 @@
 
 use super::*;
 use crate::threading::{Move, ThreadRefusal, Threading, synchronised};
+use serde::{Deserialize, Serialize};
 
 /// The most passes at full depth (H of G76).
 const SPRING_PASSES_MAX: f64 = 1_000.0;
 
 /// A motion in step with the spindle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum InStep {
     /// G33.
     Line,
@@ -47,7 +48,7 @@ impl InStep {
     }
 }
 
-impl Interpreter<'_> {
+impl Interpreter {
     /// The motion of a block in step with the spindle.
     pub(super) fn in_step(
         &mut self,
@@ -123,6 +124,7 @@ impl Interpreter<'_> {
             speed_rpm,
             direction,
         } = self.spindle;
+        self.event(line, EventKind::SpindleCoupled(mm_per_rev));
         self.follow_spindle(line, words, &[there], offset)?;
         if let Some(word) = faster {
             self.set_speed(line, speed_rpm * word.value);
@@ -133,6 +135,7 @@ impl Interpreter<'_> {
             self.set_speed(line, speed_rpm);
         }
         self.turn_spindle(line, direction);
+        self.event(line, EventKind::SpindleUncoupled);
         Ok(())
     }
 

@@ -4,7 +4,7 @@ use super::*;
 use crate::parameters::POSITION_LETTERS;
 use crate::reader::Word;
 
-impl Interpreter<'_> {
+impl Interpreter {
     pub(super) fn tool_of(&self, number: u32) -> Option<&Tool> {
         self.tools.iter().find(|tool| tool.number == number)
     }

@@ -10,7 +10,7 @@ use crate::words::mask_of;
 /// Words that say where.
 const PLACES: u32 = mask_of(AXIS_LETTERS) | mask_of("@^");
 
-impl Interpreter<'_> {
+impl Interpreter {
     /// The motion of a block, if it has one.
     pub(super) fn travel(&mut self, line: u32, words: &Words) -> Result<(), Vec<Refusal>> {
         let one = |refusal| vec![refusal];
@@ -57,7 +57,8 @@ impl Interpreter<'_> {
                 return Err(one(Refusal::new(offset, found, right)));
             }
             Motion::Rapid => (straight(), Way::Rapid, Feed::Rapid),
-            Motion::Line | Motion::Probe => {
+            Motion::Probe(number) => return self.probe(line, words, target, number, offset),
+            Motion::Line => {
                 let shapes = straight();
                 let feed = self
                     .feed_along(words, &shapes, &target, offset)
@@ -78,11 +79,7 @@ impl Interpreter<'_> {
                 (shapes, way, feed)
             }
         };
-        self.run_move(line, words, target, (shapes, way, feed), offset)?;
-        if self.motion == Motion::Probe {
-            self.probed();
-        }
-        Ok(())
+        self.run_move(line, words, target, (shapes, way, feed), offset)
     }
 
     /// The shapes and the way of an arc block.
@@ -134,13 +131,12 @@ impl Interpreter<'_> {
         for shape in shapes {
             let element = Element::new(line, shape, feed, &self.rotary);
             if element.length_mm > 0.0 {
-                self.output.path.elements.push(element);
+                self.output.add(element);
             }
         }
-        if self.output.path.elements.len() > ELEMENTS_MAX {
-            let found = format!("more than {ELEMENTS_MAX} moves");
-            return Err(vec![Refusal::new(offset, found, "split the program")]);
-        }
+        self.output
+            .check_room(0.0, offset)
+            .map_err(|refusal| vec![refusal])?;
         if outside.is_empty() {
             Ok(())
         } else {
@@ -277,17 +273,26 @@ impl Interpreter<'_> {
                 value * unit_mm * self.spindle.speed_rpm / 60.0,
             ));
         }
+        Ok(self.feed_per_minute(FeedWord { value, unit_mm }, target))
+    }
+
+    /// The feed of a motion to `target` by an F word of G94.
+    pub(super) fn feed_per_minute(
+        &self,
+        FeedWord { value, unit_mm }: FeedWord,
+        target: &AxisVector,
+    ) -> Feed {
         let travel = target - self.position;
         let slides_move = travel
             .iter()
             .zip(&self.rotary)
             .any(|(component, rotary)| !rotary && *component != 0.0);
         let rotary_only = !slides_move && displacement_length_mm(&travel, &self.rotary) > 0.0;
-        Ok(Feed::PathMmS(if rotary_only {
+        Feed::PathMmS(if rotary_only {
             value / 60.0
         } else {
             value * unit_mm / 60.0
-        }))
+        })
     }
 
     /// The same along shapes, whose length counts in G93.
@@ -310,18 +315,6 @@ impl Interpreter<'_> {
             .map(|shape| shape.length_with_rotary_mm(&self.rotary))
             .sum();
         Ok(Feed::PathMmS(length * f.value / 60.0))
-    }
-
-    /// The probe is taken to trip at the end of its motion.
-    fn probed(&mut self) {
-        let place = self.in_program(&self.position);
-        for index in 0..self.setup.axes.len() {
-            if let Some(number) = self.number_of(base::PROBED, index) {
-                let value = place.get(index).copied().unwrap_or(0.0) / self.unit_of(index);
-                self.parameters.set(number, value);
-            }
-        }
-        self.parameters.set(base::PROBED + 9, 1.0);
     }
 
     /// The axes that would leave their travel, and where.

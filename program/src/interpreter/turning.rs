@@ -25,7 +25,7 @@ pub fn is_turning(number: u32) -> bool {
     matches!(number, 700 | 710..=712 | 720..=722)
 }
 
-impl Interpreter<'_> {
+impl Interpreter {
     /// A profile that begins where the block says, or where the tool is.
     pub fn begin_profile(&self, words: &Words, word: Word) -> Result<ProfileReading, Refusal> {
         let code = shown_code((word.value * 10.0).round() as u32);

@@ -55,14 +55,14 @@ fn belongs_to(letter: char) -> &'static str {
     }
 }
 
-impl Interpreter<'_> {
+impl Interpreter {
     /// The motion mode that is in force in this block.
     fn motion_of(&self, words: &Words) -> Motion {
         match words.code(Group::Motion) {
             Some((0, _)) => Motion::Rapid,
             Some((10, _)) => Motion::Line,
             Some((20 | 30, _)) => Motion::Arc { clockwise: true },
-            Some((382..=385, _)) => Motion::Probe,
+            Some((number @ 382..=385, _)) => Motion::Probe(number),
             Some((number, _)) => modes::motion_of_code(number),
             None => self.motion,
         }

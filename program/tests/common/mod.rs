@@ -1,8 +1,10 @@
 //! Machines that the tests of this crate share.
 #![allow(dead_code, reason = "each test file uses a part of it")]
 
+use std::sync::Arc;
+
 use control::path::AxisVector;
-use program::{AxisSetup, Program, ProgramError, Setup, interpret};
+use program::{AxisSetup, Program, ProgramError, Setup, interpret, parse_tools};
 
 pub fn slide(letter: char, travel_min: f64, travel_max: f64) -> AxisSetup {
     AxisSetup {
@@ -41,4 +43,22 @@ pub fn refusal(text: &str) -> String {
         Ok(_) => panic!("was not refused: {text}"),
         Err(error) => error.to_string(),
     }
+}
+
+/// Eight axes with travel enough for any program, tools, and answers to whatever a program asks.
+pub fn everything() -> Arc<Setup> {
+    let mut axes: Vec<_> = "XYZABUVW"
+        .chars()
+        .map(|letter| slide(letter, -1e9, 1e9))
+        .collect();
+    for axis in &mut axes {
+        axis.rotary = "AB".contains(axis.letter);
+    }
+    let tools = "T1 P1 Z10 D6\nT2 P2 Z20.5 D3 X1\nT3 P3 Z5 D1 Q2 I10 J20\nT99 P99 D8 Z-3 ;last\n";
+    Arc::new(Setup {
+        axes,
+        tools: parse_tools("tools.tbl", tools).unwrap(),
+        answers_assumed: true,
+        ..Setup::default()
+    })
 }

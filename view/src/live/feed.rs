@@ -9,7 +9,7 @@ use bus::observer::{Held, Observer};
 use bus::sample::Feedback;
 use bus::service::RECORDER_DEPTH_SCANS;
 use machine::Machine;
-use program::Program;
+use program::{Program, SHORT_ELEMENTS};
 
 use super::model::Model;
 use super::ports::Ports;
@@ -18,8 +18,6 @@ use super::timing::listen;
 use launcher::exit::Failure;
 use launcher::operator::{Client, held};
 
-/// Largest program that is read for its lines and arcs: some hundred thousand blocks, a fraction of a second.
-const PROGRAM_BYTES_MAX: u64 = 8 << 20;
 /// Time between two looks at `/proc`.
 const PROC_EVERY: Duration = Duration::from_millis(500);
 
@@ -199,13 +197,11 @@ impl Feed {
     }
 }
 
-/// The program that the tags of this feedback belong to, if `file` is it; none of one that cannot be read, is very large or is
+/// The program that the tags of this feedback belong to, if `file` is it; none of one that cannot be read, is very long or is
 /// another program by now.
 pub fn program_behind(file: &Path, machine: &Machine, feedback: &Feedback) -> Option<Program> {
-    let small = std::fs::metadata(file).is_ok_and(|file| file.len() <= PROGRAM_BYTES_MAX);
-    if !small {
-        return None;
-    }
-    let read = program::load_from(machine, &feedback.program_start, file).ok();
-    read.filter(|program| program.source_hash == feedback.program_hash)
+    let start = &feedback.program_start;
+    let read = program::load_if_short(machine, start, file, SHORT_ELEMENTS).ok();
+    read.flatten()
+        .filter(|program| program.source_hash == feedback.program_hash)
 }

@@ -368,7 +368,10 @@ impl Model {
             return Some((*line, text.as_str()));
         }
         let feedback = self.feedback.as_ref()?;
-        let program = self.program.as_ref()?;
+        let Some(program) = &self.program else {
+            let line = self.planner.as_ref()?.line;
+            return (line > 0).then_some((line, ""));
+        };
         let tag = if feedback.tag.is_off_path() {
             &feedback.interrupted_at
         } else {

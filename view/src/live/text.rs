@@ -104,13 +104,11 @@ pub fn progress(model: &Model) -> Option<String> {
     let percent = model.share_done().map(|share| share * 100.0);
     let block = model.block();
     let name = model.program_name().unwrap_or("program");
-    match (percent, block) {
-        (Some(percent), Some((line, text))) => {
-            Some(format!("{name} {percent:.1} %, line {line}: {text}"))
-        }
-        (Some(percent), None) => Some(format!("{name} {percent:.1} %")),
-        (None, Some((line, text))) => Some(format!("{name}, line {line}: {text}")),
-        (None, None) => None,
+    let share = percent.map_or(String::new(), |percent| format!(" {percent:.1} %"));
+    match block {
+        Some((line, "")) => Some(format!("{name}{share}, line {line}")),
+        Some((line, text)) => Some(format!("{name}{share}, line {line}: {text}")),
+        None => percent.map(|_| format!("{name}{share}")),
     }
 }
 

@@ -248,6 +248,9 @@ fn cause_label(cause: Cause) -> &'static str {
         Cause::NotReferenced => "not-referenced",
         Cause::Spindle => "spindle",
         Cause::ToolChange => "tool-change",
+        Cause::ProbeMissed => "probe-missed",
+        Cause::ProbeEarly => "probe-early",
+        Cause::ProbeLost => "probe-lost",
     }
 }
 

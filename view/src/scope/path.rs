@@ -8,12 +8,9 @@ use machine::Machine;
 use monitor::scope::signal::KnownPath;
 use monitor::scope::trigger::Trigger;
 use monitor::scope::{Scope, Settings};
-use program::Program;
+use program::{Program, SHORT_ELEMENTS};
 
 use launcher::exit::Failure;
-
-/// Largest program that is read while a cell runs, in bytes: a fraction of a second.
-const LIVE_BYTES_MAX: u64 = 8 << 20;
 
 /// What of the settings needs the path.
 pub struct Wanted {
@@ -114,15 +111,14 @@ fn read(text: Text, feedback: &Feedback, machine: &Machine) -> Result<Program, S
         }
         Text::File(None) => Err("where it stands is not known".into()),
         Text::File(Some(file)) => {
-            let large = std::fs::metadata(&file).is_ok_and(|file| file.len() > LIVE_BYTES_MAX);
-            if large {
-                return Err(format!(
-                    "{}: is larger than {} MiB: look at the run's log instead",
-                    file.display(),
-                    LIVE_BYTES_MAX >> 20
-                ));
-            }
-            program::load_from(machine, start, &file).map_err(|error| error.to_string())
+            let read = program::load_if_short(machine, start, &file, SHORT_ELEMENTS);
+            let read = read.map_err(|error| error.to_string())?;
+            read.ok_or_else(|| {
+                format!(
+                    "{}: has more than {SHORT_ELEMENTS} elements: too long to be held beside the cell",
+                    file.display()
+                )
+            })
         }
     }
 }

@@ -34,6 +34,15 @@ impl Operator {
         self.given
     }
 
+    /// The last order, which was obeyed unless it was refused.
+    pub fn last(&self) -> Option<Order> {
+        let obeyed = self.refusals == 0;
+        self.given
+            .last()
+            .filter(|_| obeyed)
+            .map(|(_, order)| *order)
+    }
+
     /// Gives a machine that rests the next order that it asks for.
     ///
     /// # Errors

@@ -10,6 +10,8 @@ use plant_sim::script::faults::{self, Action, Corruption, FaultScript, Sent, Spo
 use plant_sim::script::orders::{self, ScriptedOrder};
 use plant_sim::script::rng::Rng;
 
+use crate::tampering::Tampering;
+
 /// Scans from the last event to the first attempt to go on, and from one attempt to the next.
 const RECOVERY_SCANS: (u64, u64) = (120, 260);
 /// So often an operator tries at most who does not wait for what the machine says.
@@ -50,6 +52,8 @@ pub struct Scenario {
     pub stops: bool,
     /// Processes die by themselves: the launcher's rules decide what follows.
     pub supervised: bool,
+    /// Samples are damaged behind their senders' backs.
+    pub tampering: Option<Tampering>,
 }
 
 /// Draws what a seed stands for.
@@ -92,7 +96,9 @@ pub fn draw(seed: u64, machine: &Machine, shapes: &[Shape]) -> Result<Scenario, 
     if waits && !orders.stops {
         orders.draw_recoveries(&mut rng, shape);
     }
+    let tampering = rng.one_in(6).then(|| Tampering::draw(&mut rng, last_scan));
     Ok(Scenario {
+        tampering,
         program,
         standby,
         orders: orders::parse("orders.toml", &orders.text, machine)?,

@@ -3,24 +3,20 @@
 use std::sync::{Mutex, PoisonError};
 
 use crate::cell::{InProcessCell, Script};
-use crate::invariants::{Course, Judge, Shown, Stop, Violation};
-use crate::liveness::Liveness;
-use bus::sample::{Cause, Job, MAX_AXES, Mode, OperatorRequest, Order};
+use crate::invariants::{Course, Shown, Stop, Violation};
+use bus::sample::{Cause, Job, Mode, OperatorRequest, Order};
 use machine::{AfterLoss, AfterMaster, Machine, Process};
 use plant_sim::plant_file::PlantFile;
-use plant_sim::script::faults::{Action, Corruption, Fault, Trigger};
+use plant_sim::script::faults::{Action, Corruption, Fault};
 use plant_sim::script::orders::ScriptedOrder;
 
+use super::judges::Judges;
 use super::operator::{Operator, state};
 use super::programs::ShortProgram;
-use super::seed::{Scenario, lasts, policy};
+use super::seed::{Scenario, policy};
 
 /// A run that takes longer does not end.
 const SCANS_MAX: u64 = 20_000;
-/// A process that died by itself takes part again within so many scans, or was given up: the longest back-off and its start.
-const RESTARTS_SCANS: u64 = 1100;
-/// After a fault is over, and with a window sent since, a servo needs so many scans to be a standby again.
-const READY_SCANS: u64 = 12;
 /// Places of a program in which a feed hold is measured, at most.
 const HOLDS_MAX: u64 = 160;
 /// How long the tool is in them or, in the shorter ones, does not come to stand, in interpolation periods.
@@ -112,142 +108,6 @@ impl Verdict {
     }
 }
 
-/// When a servo's fault is over, and the scan of the first window sent since.
-type Recovery = (u64, Option<u64>);
-
-/// Which axes go on as if nothing had happened.
-struct Cover {
-    standby: bool,
-    supervised: bool,
-    /// Since when each servo is right again: a fault's end, and whether a window was sent since.
-    recovers: [[Option<Recovery>; 2]; MAX_AXES],
-    /// From then on the axis has been without a servo that could go on.
-    lost: [bool; MAX_AXES],
-}
-
-impl Cover {
-    fn new(standby: bool, supervised: bool) -> Cover {
-        Cover {
-            standby,
-            supervised,
-            recovers: [[None; 2]; MAX_AXES],
-            lost: [false; MAX_AXES],
-        }
-    }
-
-    /// A fault of a servo has fired in `scan`.
-    fn strike(&mut self, fault: &Fault, scan: u64) {
-        let (axis, role) = (fault.process.axis as usize, fault.process.role as usize);
-        let peer_is_well = match self.recovers[axis][1 - role] {
-            None => true,
-            Some((over, window)) => {
-                scan >= over && window.is_some_and(|sent| scan >= sent + READY_SCANS)
-            }
-        };
-        // A standby is one only after it has run along for some scans.
-        if !self.standby || !peer_is_well || scan < READY_SCANS {
-            self.lost[axis] = true;
-        }
-        let dies = self.supervised && matches!(fault.action, Action::Kill { .. });
-        // When it is replaced, and whether, the rules say.
-        let over = if dies {
-            u64::MAX
-        } else {
-            scan + lasts(&fault.action)
-        };
-        let before = self.recovers[axis][role].map_or(0, |(over, _)| over);
-        self.recovers[axis][role] = Some((over.max(before), None));
-        // The other one may have gone on from what it said.
-        if matches!(fault.action, Action::Spoil { .. }) {
-            let peer = &mut self.recovers[axis][1 - role];
-            let before = peer.map_or(0, |(over, _)| over);
-            *peer = Some((over.max(before), None));
-        }
-    }
-
-    fn window_sent(&mut self, scan: u64) {
-        for (over, window) in self.recovers.iter_mut().flatten().flatten() {
-            if scan >= *over {
-                window.get_or_insert(scan);
-            }
-        }
-    }
-}
-
-/// What disturbs a run, as far as it is known.
-struct Disturbances<'a> {
-    faults: &'a [Fault],
-    fired: Vec<Option<u64>>,
-    supervised: bool,
-    last_order: u64,
-}
-
-impl<'a> Disturbances<'a> {
-    fn new(faults: &'a [Fault], script: &Script) -> Disturbances<'a> {
-        Disturbances {
-            faults,
-            fired: vec![None; faults.len()],
-            supervised: script.supervised,
-            last_order: script.orders.last().map_or(0, |order| order.scan),
-        }
-    }
-
-    /// Notes what has fired meanwhile.
-    fn look(&mut self, cell: &InProcessCell, mut strikes: impl FnMut(&Fault, u64)) {
-        for (index, fault) in self.faults.iter().enumerate() {
-            if self.fired[index].is_some() {
-                continue;
-            }
-            self.fired[index] = cell.fired(index);
-            if let (Some(at), Job::Servo) = (self.fired[index], fault.process.job) {
-                strikes(fault, at);
-            }
-        }
-    }
-
-    /// The last scan that is disturbed: by what fired, by what is to fire in a scan of its own, by an order.
-    fn until(&self) -> u64 {
-        let all = self.faults.iter().zip(&self.fired);
-        let ends = all.filter_map(|(fault, fired)| {
-            let at = match (fired, fault.at) {
-                (Some(at), _) => *at,
-                (None, Trigger::Scan(at)) => at,
-                (None, _) => return None,
-            };
-            let dies = self.supervised && matches!(fault.action, Action::Kill { .. });
-            Some(
-                at + if dies {
-                    RESTARTS_SCANS
-                } else {
-                    lasts(&fault.action)
-                },
-            )
-        });
-        ends.max().unwrap_or(0).max(self.last_order)
-    }
-
-    fn has_lied(&self, axis: usize) -> bool {
-        let of_axis = |fault: &Fault| {
-            let process = fault.process;
-            process.job == Job::Servo && process.axis as usize == axis
-        };
-        let corrupts =
-            |fault: &Fault| matches!(fault.action, Action::Corrupt { .. } | Action::Spoil { .. });
-        let mut all = self.faults.iter().zip(&self.fired);
-        all.any(|(fault, fired)| fired.is_some() && of_axis(fault) && corrupts(fault))
-    }
-
-    /// Whether a fault is why this axis had no command in a scan.
-    fn explains(&self, missed: u64, axis: usize) -> bool {
-        let mut all = self.faults.iter().zip(&self.fired);
-        all.any(|(fault, at)| {
-            fault.process.job == Job::Servo
-                && fault.process.axis as usize == axis
-                && at.is_some_and(|at| (at..=at + lasts(&fault.action)).contains(&missed))
-        })
-    }
-}
-
 /// Runs a script to its end; the machine file without its restart policies counts.
 pub fn run(
     machine: &Machine,
@@ -261,31 +121,20 @@ pub fn run(
         s.restart.apply(&mut restart);
         s.faults.clone()
     });
-    let mut disturbances = Disturbances::new(&faults, &script);
-    let standby = machine.axes.iter().all(|axis| axis.standby);
-    let mut cover = Cover::new(standby, script.supervised);
+    let mut judges = Judges::new(machine, course, &faults, &script);
     let mut cell =
         InProcessCell::with_script(machine, plant, (&program.name, &program.text), script)?;
-    let mut judge = Judge::new(machine, course);
-    let mut liveness = Liveness::new(machine);
     let mut operator = Operator::new(restart);
     let mut hangs = None;
     while let Some(published) = cell.scan() {
         let feedback = *published.feedback;
-        judge.take(&published, |missed, axis| {
-            cover.lost[axis] && disturbances.explains(missed, axis)
-        });
-        liveness.take(&published, disturbances.until(), |axis| {
-            disturbances.has_lied(axis)
-        });
-        let sent = !published.windows.is_empty();
-        disturbances.look(&cell, |fault, at| cover.strike(fault, at));
-        if sent {
-            cover.window_sent(feedback.scan);
-        }
-        if feedback.last == 0 && liveness.rests(disturbances.until()) {
-            liveness.disturb();
+        let window_sent = judges.take(&published);
+        judges.look(&cell, feedback.scan, window_sent);
+        if feedback.last == 0 && judges.rests() {
+            judges.liveness.disturb();
             hangs = operator.obey(&mut cell, &feedback).err();
+            let obeyed = operator.last().into_iter();
+            obeyed.for_each(|order| judges.promises.obeyed(order));
         }
         if feedback.scan > SCANS_MAX {
             hangs = Some(format!(
@@ -297,26 +146,17 @@ pub fn run(
             break;
         }
     }
-    // What killed the master for good fired in a scan that nobody was asked in.
-    disturbances.look(&cell, |_, _| {});
-    let (shown, mut violations) = judge.end();
-    violations.extend(liveness.end());
+    let (shown, mut violations, fired) = judges.end(&cell);
     let scan = shown.scans;
     violations.extend(hangs.map(|what| Violation {
         scan,
         what: format!("the run {what}"),
     }));
-    if shown.trips > 0 && !cover.lost.iter().any(|lost| *lost) {
-        violations.push(Violation {
-            scan,
-            what: "the machine tripped although every fault was covered".into(),
-        });
-    }
     Ok(Verdict {
         shown,
         violations,
         runs: 1,
-        fired: disturbances.fired.iter().map(Option::is_some).collect(),
+        fired,
         obeyed: operator.given(),
         lost: cell.lost_for_good().to_vec(),
     })
@@ -353,6 +193,7 @@ impl Machines {
             faults: Some(scenario.faults.clone()),
             orders: scenario.orders.clone(),
             supervised: scenario.supervised,
+            tampering: scenario.tampering,
         };
         let mut verdict = self.run(scenario, prepared, script)?;
         let faults = scenario.faults.faults.iter().zip(&verdict.fired);
@@ -361,7 +202,8 @@ impl Machines {
             .collect();
         let machine = self.of(scenario.standby);
         let wrong = [
-            unexpected_end(machine, scenario, &struck, &verdict),
+            unexpected_end(machine, scenario, &struck, &verdict)
+                .filter(|_| !scenario.tampering.is_some_and(|t| t.resealed)),
             self.changed_motion(scenario, prepared, &struck, &mut verdict)?,
             self.off_path(scenario, prepared, &struck, &mut verdict)?,
         ];
@@ -387,7 +229,7 @@ impl Machines {
             Action::Spoil { field, .. } if field.name().starts_with("command.pending") => false,
             _ => matches!(fault.process.job, Job::Servo | Job::Monitor),
         });
-        if shown.trips > 0 || shown.missed > 0 || !covered {
+        if shown.trips > 0 || shown.missed > 0 || !covered || scenario.tampering.is_some() {
             return Ok(None);
         }
         let digest = shown.digest;

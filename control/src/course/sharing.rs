@@ -1,0 +1,125 @@
+//! What the axes bear on one element.
+
+use crate::axis_rates::AxisRates;
+use crate::kinematics::Kinematics;
+use crate::limits::MotionLimits;
+use crate::path::{Element, MAX_AXES, Shape};
+
+/// Share of an axis' acceleration that travelling an arc may use across the path; 60 % remains along it.
+const CENTRIPETAL_SHARE: f64 = 0.8;
+
+/// How the axes share the motion along one element, as bounds over its whole length.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Sharing {
+    /// Part of the tangent that turns in the plane of an arc.
+    pub swing: [f64; MAX_AXES],
+    /// Part of the tangent that is constant, or a bound of it all where the axes are not the program's.
+    pub straight: [f64; MAX_AXES],
+    /// Curvature, in 1/mm.
+    pub curvature_per_mm: [f64; MAX_AXES],
+}
+
+impl Sharing {
+    pub fn of(element: &Element, kinematics: &Kinematics) -> Self {
+        if let Some(AxisRates { first, second }) = kinematics.axes_rates(element) {
+            return Self {
+                swing: [0.0; MAX_AXES],
+                straight: first,
+                curvature_per_mm: second,
+            };
+        }
+        let mut sharing = Self {
+            swing: [0.0; MAX_AXES],
+            straight: [0.0; MAX_AXES],
+            curvature_per_mm: [0.0; MAX_AXES],
+        };
+        let constant = match &element.shape {
+            Shape::Arc {
+                radius_mm,
+                u,
+                v,
+                sweep_rad,
+                axial,
+                ..
+            } => {
+                let around = (radius_mm * sweep_rad / element.length_mm).abs();
+                let turn_per_mm = element.curvature_magnitude_per_mm();
+                let in_plane = u.iter().zip(v.iter());
+                let of_axes = sharing.swing.iter_mut().zip(&mut sharing.curvature_per_mm);
+                for ((swing, curvature), (u, v)) in of_axes.zip(in_plane) {
+                    let amplitude = libm::hypot(*u, *v);
+                    *swing = amplitude * around;
+                    *curvature = amplitude * turn_per_mm;
+                }
+                axial / element.length_mm
+            }
+            _ => element.tangent(0.0),
+        };
+        for (straight, component) in sharing.straight.iter_mut().zip(&constant) {
+            *straight = component.abs();
+        }
+        sharing
+    }
+
+    pub fn is_curved(&self) -> bool {
+        self.curvature_per_mm.iter().any(|per_mm| *per_mm > 0.0)
+    }
+
+    /// Highest path speed within the axes' speeds and the share of their accelerations that an arc may use.
+    pub fn speed_mm_s(&self, limits: &PlanLimits) -> f64 {
+        let mut speed_mm_s = f64::INFINITY;
+        for axis in 0..MAX_AXES {
+            let (along, across) = (
+                self.swing[axis] + self.straight[axis],
+                self.curvature_per_mm[axis],
+            );
+            if along > 0.0 {
+                speed_mm_s = speed_mm_s.min(limits.velocity_mm_s[axis] / along);
+            }
+            if across > 0.0 {
+                let across_mm_s2 = CENTRIPETAL_SHARE * limits.acceleration_mm_s2[axis];
+                speed_mm_s = speed_mm_s.min((across_mm_s2 / across).sqrt());
+            }
+        }
+        speed_mm_s
+    }
+
+    /// Acceleration along the path that keeps every axis within what is left of its acceleration.
+    pub fn acceleration_mm_s2(&self, left_mm_s2: &[f64; MAX_AXES], speed_mm_s: f64) -> f64 {
+        let mut acceleration_mm_s2 = f64::INFINITY;
+        for (axis, left) in left_mm_s2.iter().enumerate() {
+            let (swing, straight) = (self.swing[axis], self.straight[axis]);
+            let across = self.curvature_per_mm[axis] * speed_mm_s * speed_mm_s;
+            let along = if swing > 0.0 && straight > 0.0 {
+                (left - across) / (swing + straight)
+            } else if swing > 0.0 {
+                // |across·cos φ| + |a·swing·sin φ| is at most the length of the vector, at every angle.
+                (left * left - across * across).max(0.0).sqrt() / swing
+            } else if straight > 0.0 {
+                // Lines of axes that are the program's have nothing across.
+                (left - across) / straight
+            } else {
+                continue;
+            };
+            acceleration_mm_s2 = acceleration_mm_s2.min(along);
+        }
+        acceleration_mm_s2
+    }
+}
+
+/// The limits less the rounding of setpoints.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct PlanLimits {
+    pub velocity_mm_s: [f64; MAX_AXES],
+    pub acceleration_mm_s2: [f64; MAX_AXES],
+}
+
+impl PlanLimits {
+    /// Those of a machine.
+    pub fn of(limits: &MotionLimits) -> Self {
+        Self {
+            velocity_mm_s: limits.plan_velocity_mm_s(),
+            acceleration_mm_s2: limits.plan_acceleration_mm_s2(),
+        }
+    }
+}

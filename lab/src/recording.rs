@@ -1,0 +1,125 @@
+//! The recorder of a simulated cell: what it takes while it lives is measured as the report measures a log, and what the measurement
+//! says is held against what the run was. It writes no file.
+
+use bus::sample::{Feedback, Job, MAX_AXES, Mode};
+use control::path::Path;
+use control::path_part::PathPart;
+use machine::Machine;
+use monitor::log::Sample;
+use monitor::measure::{Analysis, Outcome};
+
+use crate::cell::Published;
+use crate::invariants::Violation;
+
+/// A recorder that was killed over a sample has taken it or not.
+const OVER_A_SAMPLE: u64 = MAX_AXES as u64 + 2;
+
+/// What a recorder takes of one run.
+pub struct Recording {
+    analysis: Analysis,
+    roster: Option<u64>,
+    lived: bool,
+    /// Scans that nobody took: the first and the last of each gap, those at the end among them.
+    gaps: Vec<(u64, u64)>,
+    /// Samples of these scans.
+    not_taken: u64,
+    /// The same of the gap that is open.
+    open: u64,
+    deaths: u64,
+    last: Option<Feedback>,
+}
+
+impl Recording {
+    /// Of a program's path on a machine.
+    pub fn new(machine: &Machine, path: &PathPart) -> Recording {
+        let elements = (path.first()..path.end()).filter_map(|element| path.get(element).cloned());
+        let path = Path {
+            elements: elements.collect(),
+        };
+        Recording {
+            analysis: Analysis::new(machine.clone(), path),
+            roster: None,
+            lived: true,
+            gaps: Vec::new(),
+            not_taken: 0,
+            open: 0,
+            deaths: 0,
+            last: None,
+        }
+    }
+
+    /// Takes a scan, if there is a recorder.
+    pub fn take(&mut self, published: &Published<'_>) {
+        let scan = published.feedback.scan;
+        let lives = published.roster.living(Job::Monitor, 0, 0).is_some();
+        self.deaths += u64::from(self.lived && !lives);
+        if !lives {
+            match self.gaps.last_mut() {
+                Some((_, last)) if !self.lived => *last = scan,
+                _ => self.gaps.push((scan, scan)),
+            }
+            let mut axes = [false; MAX_AXES];
+            for command in published.commands {
+                if let Some(axis) = axes.get_mut(command.axis as usize) {
+                    *axis = true;
+                }
+            }
+            self.open += 2 + axes.iter().filter(|made| **made).count() as u64;
+            self.lived = false;
+            self.last = Some(*published.feedback);
+            return;
+        }
+        self.not_taken += std::mem::take(&mut self.open);
+        if self.roster != Some(published.roster.version) || !self.lived {
+            self.roster = Some(published.roster.version);
+            let roster = Box::new(*published.roster);
+            self.analysis.take(Sample::Roster(roster));
+        }
+        self.lived = true;
+        let feedback = Box::new(*published.feedback);
+        self.analysis.take(Sample::Feedback(feedback));
+        let instruments = Box::new(*published.instruments);
+        self.analysis.take(Sample::Instruments(instruments));
+        for command in published.commands {
+            self.analysis.take(Sample::Command(Box::new(*command)));
+        }
+        self.last = Some(*published.feedback);
+    }
+
+    /// The run has ended: what is said of it and is not so. `masters` have been lost: what they had not said nobody knows.
+    pub fn end(self, masters_lost: bool) -> Vec<Violation> {
+        let measured = self.analysis.finish();
+        let last = self.last.map_or(0, |feedback| feedback.scan);
+        let mut violations = Vec::new();
+        let mut say = |what: String| violations.push(Violation { scan: last, what });
+        let lost = measured.samples_lost;
+        let slack = self.deaths * OVER_A_SAMPLE;
+        let is_counted = lost.abs_diff(self.not_taken) <= slack;
+        // Over the restart of a master nobody can tell which samples there were.
+        let is_fine = is_counted || masters_lost && lost <= self.not_taken + slack;
+        if !is_fine {
+            let words = format!(
+                "{lost} samples are called lost, {} were not recorded",
+                self.not_taken
+            );
+            say(words);
+        }
+        let inside = self.gaps.iter().filter(|(_, end)| *end < last);
+        let inside: Vec<(u64, u64)> = inside.copied().collect();
+        if !masters_lost && measured.missing_scans != inside {
+            say(format!(
+                "scans {:?} are called missing, those of {inside:?} are",
+                measured.missing_scans
+            ));
+        }
+        let finished = self.last.is_some_and(|f| f.mode == Mode::Finished as u32);
+        let is_said = measured.outcome == Outcome::Completed;
+        if self.lived && finished != is_said {
+            say(format!(
+                "the outcome is called {:?}, the machine is finished: {finished}",
+                measured.outcome
+            ));
+        }
+        violations
+    }
+}

@@ -1,0 +1,321 @@
+//! What a program asks while it runs: where the probe trips, what an input shows. The answer is latched here, before the feedback shows
+//! it, and stays until the program asks again; so whoever is killed meanwhile, the program learns it once and the same
+//! (docs/developers/architecture.md, "Questions").
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::{
+    Answer, AnswerOutcome, AskedInput, Cause, EventCode, InputWait, Inputs, MAX_AXES, Mode,
+    PROBE_AWAY, PROBE_MUST, ProgramEvent,
+};
+use bytemuck::{Pod, Zeroable};
+use machine::PositionFeedback;
+
+use super::Master;
+use super::axis_unit::AxisUnit;
+use crate::drives::{Drives, InputFeedback};
+
+/// What outlives the master.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct QuestionLatches {
+    /// What the feedback says.
+    pub answer: Answer,
+    /// Index of the probing event that was begun last.
+    pub probe: u32,
+    /// Number of the event whose answer the planner has taken last.
+    pub taken: u32,
+}
+
+/// The contact changed in the scan: which way, and where the axes were.
+#[derive(Debug, Clone, Copy)]
+struct Touch {
+    made: bool,
+    share: f64,
+    position: [i64; MAX_AXES],
+}
+
+/// Questions of the program, and the inputs that answer them.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Questions {
+    pub latches: QuestionLatches,
+    shown: InputFeedback,
+    /// Digital inputs in the scan before.
+    before: u64,
+    /// Changes of the contact in the scan that ends, the earlier one first.
+    touches: [Option<Touch>; 2],
+    scan_s: f64,
+}
+
+/// Where an axis is as its command position counts: by its scale, or by its motor, the lost motion that its servo compensates taken off.
+fn program_position(axis: &AxisUnit) -> i64 {
+    let compensated = match axis.settings.feedback {
+        PositionFeedback::Motor => axis.increments(axis.command.compensation_mm),
+        PositionFeedback::Scale => 0,
+    };
+    axis.feedback_position().saturating_sub(compensated)
+}
+
+/// Of all axes.
+pub(super) fn program_positions(axes: &[AxisUnit]) -> [i64; MAX_AXES] {
+    let mut positions = [0; MAX_AXES];
+    for (position, axis) in positions.iter_mut().zip(axes) {
+        *position = program_position(axis);
+    }
+    positions
+}
+
+impl Questions {
+    pub fn new(scan_s: f64) -> Questions {
+        Questions {
+            scan_s,
+            ..Questions::default()
+        }
+    }
+
+    /// Another program, or the same from its start, is to begin.
+    pub fn forget_program(&mut self) {
+        self.latches = QuestionLatches::default();
+    }
+
+    /// Goes on where a master before this one left.
+    pub fn resume(&mut self, latches: &QuestionLatches) {
+        if latches.answer.value.is_finite() {
+            self.latches = *latches;
+        }
+    }
+
+    /// What the inputs show.
+    pub fn tell(&self) -> Inputs {
+        Inputs {
+            analog: self.shown.analog,
+            digital: self.shown.digital,
+            contact: u32::from(self.shown.contact),
+            reserved: 0,
+        }
+    }
+
+    /// What drives and terminals show at the end of a scan in which the axes went from one place to another.
+    pub fn take(&mut self, shown: InputFeedback, from: &[i64; MAX_AXES], to: &[i64; MAX_AXES]) {
+        self.before = self.shown.digital;
+        self.shown = shown;
+        let touch = |made: bool, share: Option<f64>| {
+            let share = share?.clamp(0.0, 1.0);
+            let mut position = *from;
+            for (position, to) in position.iter_mut().zip(to) {
+                let way = to.saturating_sub(*position) as f64;
+                *position = position.saturating_add(libm::round(way * share) as i64);
+            }
+            Some(Touch {
+                made,
+                share,
+                position,
+            })
+        };
+        let touches = [touch(true, shown.made_at), touch(false, shown.lost_at)];
+        self.touches = match touches {
+            [Some(made), Some(lost)] if lost.share < made.share => [Some(lost), Some(made)],
+            touches => touches,
+        };
+    }
+
+    /// Whether the probe has tripped and the axes have not come to rest since.
+    pub fn brakes(&self) -> bool {
+        self.probes() && self.latches.answer.scan != 0
+    }
+
+    /// Whether a probing motion is in progress.
+    fn probes(&self) -> bool {
+        self.latches.answer.outcome == AnswerOutcome::Awaited as u32
+    }
+
+    /// Whether an answer waits for the planner to take it: until then no motion is planned.
+    pub fn waits_for_planner(&self) -> bool {
+        let answer = &self.latches.answer;
+        let given = matches!(
+            AnswerOutcome::from_wire(answer.outcome),
+            Some(AnswerOutcome::Given | AnswerOutcome::Missed)
+        );
+        given && self.latches.taken < answer.number
+    }
+
+    /// The planner has taken the answer to the event of this number.
+    pub fn taken(&mut self, number: u32) {
+        if number <= self.latches.answer.number {
+            self.latches.taken = self.latches.taken.max(number);
+        }
+    }
+
+    fn wanted(&self) -> bool {
+        self.latches.probe & PROBE_AWAY == 0
+    }
+
+    /// Begins a probing motion; the cause of a stop where it cannot.
+    pub fn begin_probe(&mut self, event: &ProgramEvent) -> Cause {
+        self.latches.probe = event.index;
+        let early = self.shown.contact == self.wanted();
+        self.latches.answer = Answer {
+            number: event.number,
+            outcome: if early {
+                AnswerOutcome::Early as u32
+            } else {
+                AnswerOutcome::Awaited as u32
+            },
+            ..Answer::default()
+        };
+        if early {
+            Cause::ProbeEarly
+        } else {
+            Cause::None
+        }
+    }
+
+    /// The probing motion has come to its end: the cause of a stop where contact was necessary.
+    pub fn end_probe(&mut self, rests: [i64; MAX_AXES]) -> Cause {
+        if !self.probes() {
+            return Cause::None;
+        }
+        self.latches.answer.outcome = AnswerOutcome::Missed as u32;
+        self.latches.answer.tripped = rests;
+        self.latches.answer.rests = rests;
+        if self.latches.probe & PROBE_MUST != 0 {
+            Cause::ProbeMissed
+        } else {
+            Cause::None
+        }
+    }
+
+    /// One scan of a probing motion that somebody watches; the cause of a stop, and whether something was latched.
+    fn watch(&mut self, scan: u64) -> (Cause, bool) {
+        if !self.probes() || self.latches.answer.scan != 0 {
+            return (Cause::None, false);
+        }
+        let wanted = self.wanted();
+        let mut touches = self.touches.iter().flatten();
+        if let Some(touch) = touches.find(|touch| touch.made == wanted) {
+            let answer = &mut self.latches.answer;
+            answer.scan = scan;
+            answer.value = touch.share;
+            answer.tripped = touch.position;
+            return (Cause::None, true);
+        }
+        if self.shown.contact == wanted {
+            self.latches.answer.outcome = AnswerOutcome::Lost as u32;
+            return (Cause::ProbeLost, true);
+        }
+        (Cause::None, false)
+    }
+
+    /// One scan of a wait for an input: true once it is answered.
+    pub fn input_is_answered(
+        &mut self,
+        event: &ProgramEvent,
+        scan: u64,
+        waited_scans: u64,
+    ) -> bool {
+        let Some(asked) = AskedInput::from_wire(event.index) else {
+            return true;
+        };
+        let bit = |inputs: u64| inputs >> asked.number.min(63) & 1 == 1;
+        let (was, is) = (bit(self.before), bit(self.shown.digital));
+        let there = match asked.wait {
+            InputWait::Immediate => true,
+            InputWait::Rise => !was && is && waited_scans > 0,
+            InputWait::Fall => was && !is && waited_scans > 0,
+            InputWait::High => is,
+            InputWait::Low => !is,
+        };
+        let overdue = waited_scans as f64 * self.scan_s >= event.value;
+        if !there && !overdue {
+            return false;
+        }
+        let analog = self.shown.analog.get(asked.number as usize).copied();
+        self.latches.answer = Answer {
+            value: match analog.filter(|_| asked.analog) {
+                Some(value) => value,
+                None if there => f64::from(u8::from(is)),
+                None => -1.0,
+            },
+            scan,
+            number: event.number,
+            outcome: if there {
+                AnswerOutcome::Given as u32
+            } else {
+                AnswerOutcome::Missed as u32
+            },
+            ..Answer::default()
+        };
+        true
+    }
+}
+
+impl<D: Drives> Master<D> {
+    /// One scan of a probing motion: the trip, then the rest. Nobody watches while the machine is not enabled.
+    pub(super) fn step_probe(&mut self) {
+        if self.mode != Mode::Enabled {
+            return;
+        }
+        let scan = self.scan;
+        let brakes = self.auxiliary.questions.brakes();
+        if brakes && self.windows.at_rest(scan) && self.stands() {
+            let rests = self.command_positions();
+            let answer = &mut self.auxiliary.questions.latches.answer;
+            answer.rests = rests;
+            answer.outcome = AnswerOutcome::Given as u32;
+            let number = answer.number.saturating_add(1);
+            self.auxiliary.count(&ProgramEvent {
+                number,
+                ..ProgramEvent::default()
+            });
+            return;
+        }
+        let (cause, latched) = self.auxiliary.questions.watch(scan);
+        if latched {
+            self.auxiliary.latched();
+        }
+        self.stop_for(cause);
+    }
+
+    /// Comes to rest on the path for this cause.
+    pub(super) fn stop_for(&mut self, cause: Cause) {
+        if cause != Cause::None && self.cause == Cause::None {
+            self.cause = cause;
+            self.cause_scan = self.scan + 1;
+            self.stop();
+        }
+    }
+
+    /// Where the axes are commanded to be.
+    pub(super) fn command_positions(&self) -> [i64; MAX_AXES] {
+        let mut positions = [0; MAX_AXES];
+        for (position, axis) in positions.iter_mut().zip(&self.axes) {
+            *position = axis.command_position;
+        }
+        positions
+    }
+
+    /// Does an event that asks something; none for another one, true once it is answered.
+    pub(super) fn ask(&mut self, event: &ProgramEvent, waited_scans: u64) -> Option<bool> {
+        let rests = self.command_positions();
+        let scan = self.scan;
+        let questions = &mut self.auxiliary.questions;
+        let cause = match EventCode::from_wire(event.code)? {
+            EventCode::Probe => questions.begin_probe(event),
+            EventCode::ProbeEnd => questions.end_probe(rests),
+            EventCode::AwaitInput => {
+                return Some(questions.input_is_answered(event, scan, waited_scans));
+            }
+            _ => return None,
+        };
+        self.stop_for(cause);
+        Some(cause != Cause::ProbeEarly)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,338 @@
+//! The path of a program, read ahead of the tool: blocks in, events and elements out, mapped as far as is known.
+//!
+//! What is made of a program does not depend on when it is read: reading only has to be far enough ahead. What lies behind the tool is let go, so the
+//! length of a program takes no memory.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use std::sync::Arc;
+
+use bus::sample::{Feedback, MAX_AXES};
+use control::path::Element;
+use control::profile::PathState;
+use control::window::{PlanError, PlannedSetpoint, WindowOutcome, WindowPlanner, WindowRequest};
+use machine::Machine;
+use program::{Note, Piece, Progress, Question, Reading, ResumeError, Setup};
+
+use crate::course::{CourseError, Reach, motion_limits, window_planner_ahead};
+use crate::events::Events;
+use crate::in_step::{self, InStep};
+use crate::place::{PLACE_ELEMENTS, Place};
+use crate::program_text::ProgramText;
+
+/// So many elements are known ahead of the tool.
+const AHEAD_ELEMENTS: u32 = 16_384;
+/// Blocks read in one period while the axes stand.
+const BLOCKS_AT_REST: usize = 16_384;
+/// Blocks read in one period while they move: ten times what the fastest machine travels of short chords.
+const BLOCKS_IN_MOTION: usize = 256;
+/// Blocks read at a time.
+const BLOCKS_AT_A_TIME: usize = 256;
+
+/// Why a program cannot be planned.
+#[derive(Debug, thiserror::Error)]
+pub enum AheadError {
+    /// The program.
+    #[error(transparent)]
+    Program(#[from] ResumeError),
+    /// The machine cannot do it.
+    #[error(transparent)]
+    Course(#[from] CourseError),
+}
+
+/// A program as far as it is read.
+#[derive(Debug, Clone)]
+pub(crate) struct Course {
+    pub windows: WindowPlanner,
+    pub events: Events,
+    pub program_hash: u64,
+    /// Command positions it was expanded from, in increments.
+    pub start: [i64; MAX_AXES],
+    in_step: InStep,
+    reading: Reading,
+    piece: Piece,
+    reach: Reach,
+    /// Where the tool is at the start of the program.
+    tool: control::path::AxisVector,
+    /// All of it is read.
+    is_read: bool,
+    /// It is read up to here, and what comes next is refused for this reason.
+    refused: Option<Arc<AheadError>>,
+    /// The elements before which a place is due.
+    next_place: u32,
+    /// Places to be kept for planners after this one.
+    pub places: Vec<Place>,
+    /// What the program asks where its path ends for now.
+    asked: Option<Asked>,
+}
+
+/// A question that has no answer yet.
+#[derive(Debug, Clone)]
+struct Asked {
+    /// Number of its event.
+    number: u32,
+    /// It is a probe's: its way is the last element, and is read again with the answer.
+    probes: bool,
+    /// The program as it was read before that element.
+    before: Box<Course>,
+}
+
+impl Course {
+    /// Nothing read yet of a program that starts from these command positions, or goes on from a place; `setup` is the machine's, with the
+    /// answers that it has given.
+    pub fn new(
+        machine: &Machine,
+        text: &ProgramText,
+        start: [i64; MAX_AXES],
+        place: Option<&Place>,
+        setup: Setup,
+    ) -> Result<Course, AheadError> {
+        let tool = program::tool_at(machine, &start).map_err(ResumeError::from)?;
+        let setup = Arc::new(setup);
+        let mut reading = text.read(&setup, tool).map_err(ResumeError::from)?;
+        let program_hash = reading.source_hash();
+        let place = place.filter(|place| place.program_hash == program_hash);
+        let place = place.filter(|place| reading.resume(&place.reading).is_ok());
+        let (first, start_mm) = place.map_or((0, 0.0), |place| (place.element, place.start_mm));
+        let events = match place {
+            Some(place) => Events::after(machine, &place.events),
+            None => Events::new(machine),
+        };
+        let limits = motion_limits(machine).map_err(CourseError::from)?;
+        Ok(Course {
+            windows: window_planner_ahead(machine, first, start_mm)?,
+            events,
+            program_hash,
+            start,
+            in_step: InStep::default(),
+            reading,
+            piece: Piece::default(),
+            reach: Reach::of(machine, &limits),
+            tool,
+            is_read: false,
+            refused: None,
+            next_place: first + PLACE_ELEMENTS,
+            places: Vec::new(),
+            asked: None,
+        })
+    }
+
+    /// Reads on, if not enough is known ahead of the tool at this element; `in_motion`, less at a time.
+    pub fn read_on(&mut self, element: u32, in_motion: bool) {
+        let mut blocks = if in_motion {
+            BLOCKS_IN_MOTION
+        } else {
+            BLOCKS_AT_REST
+        };
+        let wanted = element.saturating_add(AHEAD_ELEMENTS);
+        let mut grown = false;
+        while blocks > 0 && !self.is_read && self.windows.path().end() < wanted {
+            blocks = blocks.saturating_sub(BLOCKS_AT_A_TIME);
+            self.windows
+                .forget_behind(element.min(self.windows.path().end()));
+            if let Err(error) = self.read_piece() {
+                self.refused = Some(Arc::new(error));
+                self.end();
+            }
+            self.windows.map_on();
+            grown = true;
+        }
+        if !grown {
+            self.windows
+                .forget_behind(element.min(self.windows.path().end()));
+        }
+    }
+
+    /// Some blocks more. What stands before a mistake is taken.
+    fn read_piece(&mut self) -> Result<(), AheadError> {
+        let read = self.reading.read(BLOCKS_AT_A_TIME, &mut self.piece);
+        let taken = self.take_piece();
+        let progress = read.map_err(ResumeError::from);
+        taken?;
+        match progress? {
+            Progress::More => self.note_place(),
+            Progress::Asks => self.ask()?,
+            Progress::Ended(_) => self.end(),
+        }
+        Ok(())
+    }
+
+    fn take_piece(&mut self) -> Result<(), CourseError> {
+        let mut piece = std::mem::take(&mut self.piece);
+        let mut events = piece.events.drain(..).peekable();
+        for mut element in piece.elements.drain(..) {
+            let number = self.windows.path().end();
+            while let Some(event) = events.next_if(|event| event.before_element <= number as usize)
+            {
+                self.events.read(&event)?;
+            }
+            self.events.meet(number, &mut element)?;
+            self.reach.check(&element)?;
+            self.windows.push(element)?;
+        }
+        for event in events {
+            self.events.read(&event)?;
+        }
+        piece.messages.clear();
+        self.piece = piece;
+        Ok(())
+    }
+
+    /// Nothing more is known before the answer is. The way of a probe is taken as the program has it.
+    fn ask(&mut self) -> Result<(), CourseError> {
+        let (Some((number, probes)), Some(question)) =
+            (self.events.question(), self.reading.question().cloned())
+        else {
+            return Ok(());
+        };
+        let places = std::mem::take(&mut self.places);
+        let before = Box::new(self.clone());
+        self.places = places;
+        if let Question::Probe { mut element, .. } = question {
+            let at = self.windows.path().end();
+            self.events.meet(at, &mut element)?;
+            self.reach.check(&element)?;
+            self.windows.push(element)?;
+        }
+        self.asked = Some(Asked {
+            number,
+            probes,
+            before,
+        });
+        self.end();
+        Ok(())
+    }
+
+    /// The event whose answer the program cannot be read on without: its number, and whether it is a probe's.
+    pub fn asks(&self) -> Option<(u32, bool)> {
+        let asked = self.asked.as_ref()?;
+        Some((asked.number, asked.probes))
+    }
+
+    /// Reads on with the answer. What was planned along the way of a probe is not on the path any more.
+    pub fn answer(&mut self, answer: program::Answer) {
+        let Some(asked) = self.asked.take() else {
+            return;
+        };
+        *self = *asked.before;
+        if let Err(error) = self.reading.answer(answer) {
+            self.refused = Some(Arc::new(ResumeError::from(error).into()));
+            self.end();
+        }
+    }
+
+    /// Nothing more comes. A program without motion waits at its start for no time.
+    fn end(&mut self) {
+        self.is_read = true;
+        let elements = self.windows.path().end();
+        self.events.end(elements);
+        if elements == 0 {
+            let pushed = self.windows.push(Element::dwell(1, self.tool, 0.0));
+            if let (Err(error), None) = (pushed, &self.refused) {
+                self.refused = Some(Arc::new(CourseError::from(error).into()));
+            }
+        }
+        self.windows.finish();
+    }
+
+    /// Keeps the place between two blocks every so many elements, where no event waits for its element.
+    fn note_place(&mut self) {
+        let element = self.windows.path().end();
+        // A place behind an answer would be one of this run alone.
+        if element < self.next_place || self.reading.answers_taken() > 0 {
+            return;
+        }
+        let Some(events) = self.events.behind() else {
+            return;
+        };
+        self.next_place = element.saturating_add(PLACE_ELEMENTS);
+        self.places.push(Place {
+            program_hash: self.program_hash,
+            element,
+            start_mm: self.windows.path().length_mm(),
+            events,
+            reading: self.reading.snapshot(),
+        });
+    }
+
+    /// Whether the motion can go on from an element: it is known, and what is ahead of it as far as has been asked for.
+    pub fn is_ready(&self, element: u32) -> bool {
+        self.windows.is_mapped(element)
+    }
+
+    /// What comes next is refused for this reason, once all before it is read.
+    pub fn refused(&self) -> Option<&AheadError> {
+        self.refused.as_deref()
+    }
+
+    /// The same, taken out.
+    pub fn refusal(&mut self) -> Option<AheadError> {
+        Arc::into_inner(self.refused.take()?)
+    }
+
+    /// What was accepted with a remark so far.
+    pub fn notes(&self) -> Vec<Note> {
+        self.reading.notes()
+    }
+
+    /// Whether nothing more is read: it is at its end, or refused.
+    pub fn is_over(&self) -> bool {
+        self.is_read
+    }
+
+    /// Whether all of it is read, to its end.
+    pub fn is_whole(&self) -> bool {
+        self.is_read && self.refused.is_none() && self.asked.is_none()
+    }
+
+    /// Whether motion from this state waits for an event that is not done.
+    pub fn is_held_back(&self, state: &PathState, feedback: &Feedback) -> bool {
+        let until_element = self.events.until_element(feedback.auxiliary.events_done);
+        self.windows.is_held_back(state, until_element)
+    }
+
+    /// A window along the program from a state, up to where an event is done at rest, and no further than the outputs go that the master knows.
+    pub fn plan(
+        &mut self,
+        from: &PathState,
+        mut request: WindowRequest,
+        feedback: &Feedback,
+        (machine, first_scan): (&Machine, u64),
+        setpoints: &mut Vec<PlannedSetpoint>,
+    ) -> Result<WindowOutcome, PlanError> {
+        let done = feedback.auxiliary.events_done;
+        request.until_element = self.events.until_element(done);
+        let passes = self.events.passes();
+        let windows = &self.windows;
+        let pass = in_step::pass_from(passes, windows.path(), from, request.until_element);
+        if let Some(pass) = pass {
+            let asked = in_step::Request {
+                window: &request,
+                feedback,
+                first_scan,
+                machine,
+            };
+            return self.in_step.plan(windows, pass, from, &asked, setpoints);
+        }
+        let next = in_step::first_pass_behind(passes, from);
+        request.until_element = request.until_element.min(next);
+        let first_untold = self.events.first_untold(done);
+        loop {
+            let outcome = self.windows.plan(from, &request, setpoints)?;
+            let last = setpoints.last();
+            if request.hold || last.is_none_or(|last| last.state.element < first_untold) {
+                return Ok(outcome);
+            }
+            request.hold = request.intended_setpoints <= 1;
+            request.intended_setpoints = (request.intended_setpoints / 2).max(1);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,210 @@
+//! The state of a reading as bytes: what its interpreter knows between two blocks, to the bit.
+//!
+//! The text, the machine and what was made are not in it: whoever goes on has the first two, and took the last away.
+
+use serde::{Deserialize, Serialize};
+use xxhash_rust::xxh3::xxh3_64;
+
+use crate::error::ProgramError;
+
+/// What every snapshot begins with; its last byte counts the versions of what is in it.
+const BEGINS: &[u8; 8] = b"QREAD\0\0\x01";
+/// Its beginning, the hash of the program, and the checksum at its end.
+const HASH_BYTES: usize = 8;
+
+/// Bytes of a state of this program.
+pub fn pack(source_hash: u64, state: &impl Serialize) -> Vec<u8> {
+    let mut bytes = BEGINS.to_vec();
+    bytes.extend(source_hash.to_le_bytes());
+    // Nothing in a state refuses to be written.
+    bytes.extend(postcard::to_allocvec(state).unwrap_or_default());
+    let sum = xxh3_64(&bytes);
+    bytes.extend(sum.to_le_bytes());
+    bytes
+}
+
+/// The state in bytes of [`pack`].
+pub fn unpack<'a, T: Deserialize<'a>>(
+    name: &str,
+    source_hash: u64,
+    bytes: &'a [u8],
+) -> Result<T, ProgramError> {
+    let refuse = |found: &str| {
+        let right = "the program is read again from its beginning";
+        Err(ProgramError::of_file(name, found, right))
+    };
+    let damaged = "a state to go on from that is damaged";
+    let content = bytes
+        .split_last_chunk::<HASH_BYTES>()
+        .filter(|(content, sum)| xxh3_64(content) == u64::from_le_bytes(**sum))
+        .map(|(content, _)| content);
+    let Some(content) = content else {
+        return refuse(damaged);
+    };
+    let Some(content) = content.strip_prefix(BEGINS) else {
+        return refuse("a state to go on from that another version wrote");
+    };
+    match content.split_first_chunk::<HASH_BYTES>() {
+        Some((hash, state)) if u64::from_le_bytes(*hash) == source_hash => {
+            postcard::from_bytes(state).or_else(|_| refuse(damaged))
+        }
+        _ => refuse("a state to go on from of another program, machine or start"),
+    }
+}
+
+/// Vectors of axes, as their components.
+pub mod vector {
+    use control::path::{AxisVector, MAX_AXES};
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    /// Writes one.
+    pub fn serialize<S: Serializer>(vector: &AxisVector, to: S) -> Result<S::Ok, S::Error> {
+        let components: [f64; MAX_AXES] = (*vector).into();
+        components.serialize(to)
+    }
+
+    /// Reads one.
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<AxisVector, D::Error> {
+        Ok(<[f64; MAX_AXES]>::deserialize(from)?.into())
+    }
+}
+
+/// The same where there may be none.
+pub mod maybe_vector {
+    use control::path::{AxisVector, MAX_AXES};
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    /// Writes one.
+    pub fn serialize<S: Serializer>(vector: &Option<AxisVector>, to: S) -> Result<S::Ok, S::Error> {
+        let components: Option<[f64; MAX_AXES]> = vector.map(Into::into);
+        components.serialize(to)
+    }
+
+    /// Reads one.
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<AxisVector>, D::Error> {
+        Ok(Option::<[f64; MAX_AXES]>::deserialize(from)?.map(Into::into))
+    }
+}
+
+/// Feeds, which belong to another crate.
+pub mod feed {
+    use control::path::Feed;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    /// Writes one: its speed, none for a rapid.
+    pub fn serialize<S: Serializer>(feed: &Feed, to: S) -> Result<S::Ok, S::Error> {
+        let speed_mm_s = match feed {
+            Feed::Rapid => None,
+            Feed::PathMmS(speed_mm_s) => Some(*speed_mm_s),
+        };
+        speed_mm_s.serialize(to)
+    }
+
+    /// Reads one.
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Feed, D::Error> {
+        let speed_mm_s = Option::<f64>::deserialize(from)?;
+        Ok(speed_mm_s.map_or(Feed::Rapid, Feed::PathMmS))
+    }
+}
+
+/// Tool tables that a program has changed, which belong to another crate.
+pub mod tools {
+    use std::sync::Arc;
+
+    use machine::Tool;
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    /// A tool: number, pocket, orientation; offsets, diameter, angles; comment.
+    type Kept = ([u32; 3], [f64; 9], [f64; 3], String);
+
+    /// Writes one.
+    pub fn serialize<S: Serializer>(tools: &Arc<Vec<Tool>>, to: S) -> Result<S::Ok, S::Error> {
+        let kept = |tool: &Tool| -> Kept {
+            let numbers = [tool.number, tool.pocket, tool.orientation];
+            let angles = [tool.front_angle_deg, tool.back_angle_deg];
+            let sizes = [tool.diameter, angles[0], angles[1]];
+            (numbers, tool.offset, sizes, tool.comment.clone())
+        };
+        to.collect_seq(tools.iter().map(kept))
+    }
+
+    /// Reads one.
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Arc<Vec<Tool>>, D::Error> {
+        let kept = Vec::<Kept>::deserialize(from)?;
+        let tool = |(numbers, offset, sizes, comment): Kept| Tool {
+            number: numbers[0],
+            pocket: numbers[1],
+            offset,
+            diameter: sizes[0],
+            front_angle_deg: sizes[1],
+            back_angle_deg: sizes[2],
+            orientation: numbers[2],
+            comment,
+        };
+        Ok(Arc::new(kept.into_iter().map(tool).collect()))
+    }
+}
+
+/// Names and their values.
+pub mod named {
+    use std::collections::BTreeMap;
+    use std::sync::Arc;
+
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    type Named = BTreeMap<String, f64>;
+
+    /// Writes them.
+    pub fn serialize<S: Serializer>(named: &Arc<Named>, to: S) -> Result<S::Ok, S::Error> {
+        named.as_ref().serialize(to)
+    }
+
+    /// Reads them.
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Arc<Named>, D::Error> {
+        Ok(Arc::new(Named::deserialize(from)?))
+    }
+}
+
+/// Numbered parameters, of which most are 0.
+pub mod numbered {
+    use std::sync::Arc;
+
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    /// Writes those that are not 0 to the bit.
+    pub fn serialize<S: Serializer>(values: &Arc<Vec<f64>>, to: S) -> Result<S::Ok, S::Error> {
+        let set: Vec<(u32, f64)> = (0..)
+            .zip(values.iter().copied())
+            .filter(|(_, value)| value.to_bits() != 0)
+            .collect();
+        (values.len() as u32, set).serialize(to)
+    }
+
+    /// Reads them.
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Arc<Vec<f64>>, D::Error> {
+        let (length, set) = <(u32, Vec<(u32, f64)>)>::deserialize(from)?;
+        let length = length.min(crate::parameters::NUMBER_MAX + 1);
+        let mut values = vec![0.0; length as usize];
+        for (number, value) in set {
+            if let Some(slot) = values.get_mut(number as usize) {
+                *slot = value;
+            }
+        }
+        Ok(Arc::new(values))
+    }
+}
+/// What is asked of an input, as it travels.
+pub mod asked_input {
+    use bus::sample::AskedInput;
+    use serde::de::Error;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub fn serialize<S: Serializer>(asked: &AskedInput, to: S) -> Result<S::Ok, S::Error> {
+        asked.wire().serialize(to)
+    }
+
+    pub fn deserialize<'a, D: Deserializer<'a>>(from: D) -> Result<AskedInput, D::Error> {
+        let wire = u32::deserialize(from)?;
+        AskedInput::from_wire(wire).ok_or_else(|| D::Error::custom("an input that there is not"))
+    }
+}

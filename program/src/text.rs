@@ -1,0 +1,353 @@
+//! The bytes of a program, by lines: a text in memory, or a file that is read as it is needed.
+
+use std::fmt::{self, Debug};
+use std::fs::File;
+use std::io;
+use std::os::unix::fs::{FileExt, MetadataExt};
+use std::sync::Arc;
+
+use xxhash_rust::xxh3::{Xxh3, xxh3_64};
+
+/// So many bytes are read at a time.
+const PIECE_BYTES: usize = 64 << 10;
+/// So many places of a file are kept: a program and the subroutines that it calls in turn.
+const WINDOWS_MAX: usize = 4;
+/// The longest line of a file.
+const LINE_BYTES_MAX: usize = 1 << 20;
+/// What editors on Windows put before UTF-8 text.
+const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
+
+/// Why the next line cannot be read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TextError {
+    /// Byte offset in the line.
+    pub offset: usize,
+    /// What was found.
+    pub found: String,
+    /// What would be right.
+    pub right: String,
+}
+
+impl TextError {
+    pub fn new(offset: usize, found: impl Into<String>, right: &str) -> Self {
+        Self {
+            offset,
+            found: found.into(),
+            right: right.to_owned(),
+        }
+    }
+
+    fn of_reading(error: &io::Error) -> Self {
+        let found = format!("the file cannot be read on ({error})");
+        Self::new(0, found, "a file that stays where it is while it runs")
+    }
+}
+
+/// Length and hash of a text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TextHash {
+    /// How many bytes it has.
+    pub bytes: u64,
+    /// Their XXH3.
+    pub xxh3: u64,
+}
+
+/// Length and hash of bytes.
+pub fn hash_of(bytes: &[u8]) -> TextHash {
+    TextHash {
+        bytes: bytes.len() as u64,
+        xxh3: xxh3_64(bytes),
+    }
+}
+
+/// A text, of which little or nothing is in memory.
+#[derive(Debug, Clone)]
+pub enum Text {
+    /// All of it is in memory.
+    Whole(Arc<str>),
+    /// It is read as it is needed.
+    File(Box<FileText>),
+}
+
+impl Text {
+    /// A text in memory.
+    pub fn of(text: &str) -> Self {
+        Self::Whole(text.into())
+    }
+
+    /// A file that is open.
+    pub fn of_file(file: File) -> io::Result<Self> {
+        Ok(Self::File(Box::new(FileText::of(file)?)))
+    }
+
+    /// The bytes of the line that begins at a byte, without the line feed at its end, and where the next begins; none behind the last.
+    /// A text that ends with a line feed has an empty last line.
+    pub fn bytes(&mut self, byte: u64) -> Result<Option<(&[u8], u64)>, TextError> {
+        let (line, behind) = match self {
+            Text::Whole(whole) => {
+                let Some(rest) = whole.as_bytes().get(byte as usize..) else {
+                    return Ok(None);
+                };
+                let length = memchr::memchr(b'\n', rest).unwrap_or(rest.len());
+                (rest.get(..length).unwrap_or_default(), length)
+            }
+            Text::File(file) => {
+                let Some(line) = file.bytes(byte)? else {
+                    return Ok(None);
+                };
+                (line, line.len())
+            }
+        };
+        Ok(Some((line, byte + behind as u64 + 1)))
+    }
+
+    /// The same as text, without its line end.
+    pub fn line(&mut self, byte: u64) -> Result<Option<(&str, u64)>, TextError> {
+        if let Text::Whole(whole) = self {
+            let Some(rest) = whole.get(byte as usize..) else {
+                return Ok(None);
+            };
+            let length = memchr::memchr(b'\n', rest.as_bytes()).unwrap_or(rest.len());
+            let line = rest.get(..length).unwrap_or_default();
+            let line = line.strip_suffix('\r').unwrap_or(line);
+            return Ok(Some((line, byte + length as u64 + 1)));
+        }
+        match self.bytes(byte)? {
+            Some((line, behind)) => Ok(Some((text_of(line)?, behind))),
+            None => Ok(None),
+        }
+    }
+
+    /// Length and hash, all of it read.
+    pub fn hash(&self) -> Result<TextHash, TextError> {
+        match self {
+            Text::Whole(whole) => Ok(hash_of(whole.as_bytes())),
+            Text::File(file) => file.hash(),
+        }
+    }
+
+    /// How many bytes it has.
+    pub fn length(&self) -> u64 {
+        match self {
+            Text::Whole(whole) => whole.len() as u64,
+            Text::File(file) => file.length,
+        }
+    }
+}
+
+/// A line without its line end, as text.
+pub fn text_of(line: &[u8]) -> Result<&str, TextError> {
+    let line = line.strip_suffix(b"\r").unwrap_or(line);
+    let text = std::str::from_utf8(line).map_err(|error| {
+        let offset = error.valid_up_to();
+        let byte = line.get(offset).copied().unwrap_or_default();
+        let found = format!("byte 0x{byte:02X} is not UTF-8 text");
+        TextError::new(offset, found, "save the program as plain text, UTF-8")
+    })?;
+    match memchr::memchr(0, line) {
+        Some(offset) => {
+            let right = "a program is plain text, UTF-8";
+            Err(TextError::new(
+                offset,
+                "a byte that is zero: a binary file",
+                right,
+            ))
+        }
+        None => Ok(text),
+    }
+}
+
+/// A file that nobody changes while it is read.
+#[derive(Clone)]
+pub struct FileText {
+    file: Arc<File>,
+    /// Its first bytes that are no text.
+    skipped: u64,
+    /// Bytes of its text.
+    length: u64,
+    /// When it was changed, by the clock of its file system: seconds and nanoseconds.
+    changed: (i64, i64),
+    /// What is in memory of it, the last used first.
+    windows: Vec<Window>,
+}
+
+/// A part of a file.
+#[derive(Clone)]
+struct Window {
+    begin: u64,
+    bytes: Vec<u8>,
+}
+
+impl Debug for FileText {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter
+            .debug_struct("FileText")
+            .field("file", &self.file)
+            .field("length", &self.length)
+            .finish_non_exhaustive()
+    }
+}
+
+impl Window {
+    fn end(&self) -> u64 {
+        self.begin + self.bytes.len() as u64
+    }
+
+    /// The bytes from a byte on that it holds; none if it is elsewhere.
+    fn from(&self, byte: u64) -> Option<&[u8]> {
+        let at = byte.checked_sub(self.begin)?;
+        self.bytes.get(usize::try_from(at).ok()?..)
+    }
+}
+
+impl FileText {
+    fn of(file: File) -> io::Result<Self> {
+        let metadata = file.metadata()?;
+        let mut first = [0; BYTE_ORDER_MARK.len()];
+        let read = file.read_at(&mut first, 0)?;
+        let marked = first.get(..read) == Some(BYTE_ORDER_MARK);
+        let skipped = if marked {
+            BYTE_ORDER_MARK.len() as u64
+        } else {
+            0
+        };
+        Ok(Self {
+            file: Arc::new(file),
+            skipped,
+            length: metadata.len() - skipped,
+            changed: (metadata.mtime(), metadata.mtime_nsec()),
+            windows: vec![],
+        })
+    }
+
+    /// The bytes of the line that begins at a byte.
+    fn bytes(&mut self, byte: u64) -> Result<Option<&[u8]>, TextError> {
+        if byte > self.length {
+            return Ok(None);
+        }
+        let length = match self.length_in_window(byte) {
+            Some(length) => length,
+            None => self.fill(byte)?,
+        };
+        let first = self.windows.first();
+        let rest = first.and_then(|window| window.from(byte));
+        Ok(rest.and_then(|rest| rest.get(..length)))
+    }
+
+    /// Length of the line that begins at a byte, if the first window holds all of it.
+    fn length_in_window(&self, byte: u64) -> Option<usize> {
+        let window = self.windows.first()?;
+        let rest = window.from(byte)?;
+        let ends = window.end() == self.length;
+        memchr::memchr(b'\n', rest).or(ends.then_some(rest.len()))
+    }
+
+    /// Brings the line that begins at a byte into the first window; its length.
+    fn fill(&mut self, byte: u64) -> Result<usize, TextError> {
+        let holds = |window: &Window| window.from(byte).is_some();
+        let found = self.windows.iter().position(holds);
+        match found {
+            Some(at) => self
+                .windows
+                .get_mut(..=at)
+                .unwrap_or_default()
+                .rotate_right(1),
+            None => {
+                let mut window = match self.windows.len() {
+                    WINDOWS_MAX => self.windows.pop(),
+                    _ => None,
+                }
+                .unwrap_or(Window {
+                    begin: 0,
+                    bytes: Vec::with_capacity(2 * PIECE_BYTES),
+                });
+                window.bytes.clear();
+                window.begin = byte;
+                self.windows.insert(0, window);
+            }
+        }
+        loop {
+            if let Some(length) = self.length_in_window(byte) {
+                return Ok(length);
+            }
+            self.read_on(byte)?;
+        }
+    }
+
+    /// Reads the next bytes into the first window, and forgets those before `byte`.
+    fn read_on(&mut self, byte: u64) -> Result<(), TextError> {
+        self.check_unchanged()?;
+        let Some(window) = self.windows.first_mut() else {
+            return Ok(());
+        };
+        let passed = (byte - window.begin) as usize;
+        window.bytes.drain(..passed.min(window.bytes.len()));
+        window.begin = byte;
+        let held = window.bytes.len();
+        if held > LINE_BYTES_MAX {
+            let found = format!("a line of more than {LINE_BYTES_MAX} bytes");
+            return Err(TextError::new(0, found, "a program is text by lines"));
+        }
+        window.bytes.resize(held + PIECE_BYTES, 0);
+        let at = self.skipped + byte + held as u64;
+        let to = window.bytes.get_mut(held..).unwrap_or_default();
+        let read = self.file.read_at(to, at);
+        let count = *read.as_ref().unwrap_or(&0);
+        window.bytes.truncate(held + count);
+        read.map_err(|error| TextError::of_reading(&error))?;
+        if count == 0 {
+            return Err(self.shorter(window_end(held, byte)));
+        }
+        Ok(())
+    }
+
+    fn shorter(&self, end: u64) -> TextError {
+        let found = format!("the file ends after {end} bytes; it had {}", self.length);
+        TextError::new(0, found, "a file that is left as it is while it is read")
+    }
+
+    fn check_unchanged(&self) -> Result<(), TextError> {
+        let now = self.file.metadata();
+        let now = now.map_err(|error| TextError::of_reading(&error))?;
+        if now.len() < self.skipped + self.length {
+            return Err(self.shorter(now.len()));
+        }
+        if now.len() != self.skipped + self.length
+            || (now.mtime(), now.mtime_nsec()) != self.changed
+        {
+            let right = "a file that is left as it is while it is read";
+            let found = "the file was changed while it was read";
+            return Err(TextError::new(0, found, right));
+        }
+        Ok(())
+    }
+
+    fn hash(&self) -> Result<TextHash, TextError> {
+        let mut hash = Xxh3::new();
+        let mut piece = vec![0; 4 * PIECE_BYTES];
+        let mut done = 0;
+        while done < self.length {
+            let read = self.file.read_at(&mut piece, self.skipped + done);
+            let count = read.map_err(|error| TextError::of_reading(&error))?;
+            let left = usize::try_from(self.length - done).unwrap_or(usize::MAX);
+            let bytes = piece.get(..count.min(left)).unwrap_or_default();
+            if bytes.is_empty() {
+                return Err(self.shorter(done));
+            }
+            hash.update(bytes);
+            done += bytes.len() as u64;
+        }
+        self.check_unchanged()?;
+        Ok(TextHash {
+            bytes: self.length,
+            xxh3: hash.digest(),
+        })
+    }
+}
+
+fn window_end(held: usize, byte: u64) -> u64 {
+    byte + held as u64
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,122 @@
+//! Programs longer than anybody holds in memory: read as they are travelled, and gone on with from the place that was kept.
+
+use std::fmt::Write;
+
+use crate::support::{Bench, LiveCell, number, quadrant, run_with, send, text, traces_of};
+
+/// Chords of 0.2 mm around and around, on a ring of changing width; each round is a call of a subroutine, within a loop.
+fn rounds(rounds: u32) -> String {
+    format!(
+        "o1 sub\n#2 = 0\no2 while [#2 LT 600]\n#3 = [#2 * 0.6]\n\
+         G1 X[[#1 + 12] * COS[#3] - 20] Y[[#1 + 12] * SIN[#3]]\n#2 = [#2 + 1]\no2 endwhile\no1 endsub\n\
+         G21 G90 G17 F9000\nG0 X0 Y0\n#10 = 0\no3 while [#10 LT {rounds}]\n\
+         o1 call [SIN[#10 * 20]]\n#10 = [#10 + 1]\no3 endwhile\nM2\n"
+    )
+}
+
+/// Memory that a process holds, in MB.
+fn memory_mb(pid: i32) -> f64 {
+    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).expect("a process");
+    let line = status.lines().find(|line| line.starts_with("VmHWM:"));
+    let kb = line.and_then(|line| line.split_whitespace().nth(1)?.parse().ok());
+    kb.map_or(0.0, |kb: f64| kb / 1e3)
+}
+
+#[test]
+fn a_killed_planner_goes_on_deep_in_a_long_program_and_the_run_is_the_same_again() {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("rounds.ngc", &rounds(75));
+    let kills: String = [12_000, 25_000, 38_123].map(kill_of_planner).concat();
+    let faults = bench.file("faults.toml", &kills);
+    let faults = ["--faults", faults.to_str().expect("a path")];
+    let [first, second] = [(); 2].map(|()| {
+        let report = run_with(bench.path(), &program, &faults).good_report();
+        for fault in 0..3 {
+            let of = |key: &str| number(&report, &format!("/faults/{fault}/{key}"));
+            let moves_after = of("resumed_at_scan") - of("scan");
+            assert!(
+                moves_after <= 150.0,
+                "moves again after {moves_after} scans"
+            );
+            assert!(
+                of("contour_error_um_max") < 30.0,
+                "{}",
+                of("contour_error_um_max")
+            );
+        }
+        text(&report, "/digest")
+    });
+    assert_eq!(first, second);
+}
+
+fn kill_of_planner(scan: u32) -> String {
+    format!("[[fault]]\nat = {{ scan = {scan} }}\nprocess = \"planner\"\ndo = \"kill\"\n\n")
+}
+
+#[test]
+fn a_program_of_any_length_takes_no_memory() {
+    let bench = Bench::of("xy", &[]);
+    let mut blocks = String::from("G21 G90 F6000\n");
+    for n in 0..400_000u32 {
+        let at = f64::from(n) * 0.01;
+        writeln!(
+            blocks,
+            "G1 X{:.4} Y{:.4}",
+            20.0 * at.cos() - 20.0,
+            20.0 * at.sin()
+        )
+        .expect("a string");
+    }
+    let program = bench.file("long.ngc", &(blocks + "M2\n"));
+    let mut cell = LiveCell::start(bench.path(), &program, "lockstep");
+    cell.wait_for_scan(100_000);
+    for (pid, line) in cell.children() {
+        let mb = memory_mb(pid);
+        assert!(mb < 100.0, "{line}: {mb} MB");
+    }
+    cell.signal_launcher(libc::SIGTERM);
+    let name = cell.cell.clone();
+    cell.finish();
+    assert_eq!(traces_of(&name), Vec::<String>::new());
+}
+
+#[test]
+fn a_mistake_far_ahead_stops_the_run_before_its_block_at_rest() {
+    let bench = Bench::of("xy", &[]);
+    let mut blocks = String::from("G21 G90 F9000\n");
+    // Farther ahead than a run looks before it begins.
+    for n in 0..130_000u32 {
+        writeln!(blocks, "G1 X{}", [0.02, 0.0][n as usize % 2]).expect("a string");
+    }
+    let line = blocks.lines().count() + 1;
+    let program = bench.file("wrong.ngc", &(blocks + "G1 X[SQRT[0 - 1]]\nM2\n"));
+    let check = quadrant()
+        .arg("check")
+        .args([bench.path(), program.as_path()])
+        .output()
+        .expect("quadrant");
+    let told = String::from_utf8_lossy(&check.stderr).into_owned();
+    assert!(told.contains(&format!("wrong.ngc:{line}")), "{told}");
+    let run = run_with(bench.path(), &program, &[]);
+    assert_eq!(run.status(), 1, "{}", run.stderr());
+    assert!(
+        run.stderr().contains(&format!("wrong.ngc:{line}")),
+        "{}",
+        run.stderr()
+    );
+    let report = run.report();
+    assert!(number(&report, "/contour_error_um/peak") < 30.0);
+}
+
+#[test]
+fn a_planner_killed_in_real_time_deep_in_a_program_is_soon_back() {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("rounds.ngc", &rounds(400));
+    let mut cell = LiveCell::start(bench.path(), &program, "realtime");
+    cell.wait_for(|feedback| !feedback.tag.is_off_path() && feedback.tag.element > 2000);
+    send(cell.pid_of("quadrant planner"), libc::SIGKILL);
+    let left = cell.wait_for(|feedback| feedback.at_rest == 1);
+    cell.wait_for(|feedback| feedback.tag.element > left.tag.element + 100);
+    cell.signal_launcher(libc::SIGTERM);
+    cell.finish();
+}
