@@ -23,9 +23,12 @@ pub struct Recording {
     gaps: Vec<(u64, u64)>,
     /// Samples of these scans.
     not_taken: u64,
-    /// The same of the gap that is open.
-    open: u64,
+    /// Commands that nobody made in these scans. Of an axis whose drive is off the recorder cannot tell them from those it missed.
+    not_made: u64,
+    /// Both of the gap that is open.
+    open: (u64, u64),
     deaths: u64,
+    first: Option<u64>,
     last: Option<Feedback>,
 }
 
@@ -42,8 +45,10 @@ impl Recording {
             lived: true,
             gaps: Vec::new(),
             not_taken: 0,
-            open: 0,
+            not_made: 0,
+            open: (0, 0),
             deaths: 0,
+            first: None,
             last: None,
         }
     }
@@ -51,6 +56,7 @@ impl Recording {
     /// Takes a scan, if there is a recorder.
     pub fn take(&mut self, published: &Published<'_>) {
         let scan = published.feedback.scan;
+        self.first.get_or_insert(scan);
         let lives = published.roster.living(Job::Monitor, 0, 0).is_some();
         self.deaths += u64::from(self.lived && !lives);
         if !lives {
@@ -64,12 +70,19 @@ impl Recording {
                     *axis = true;
                 }
             }
-            self.open += 2 + axes.iter().filter(|made| **made).count() as u64;
+            let made = axes.iter().filter(|made| **made).count() as u64;
+            self.open.0 += 2 + made;
+            self.open.1 += (published.feedback.axes().len() as u64).saturating_sub(made);
             self.lived = false;
             self.last = Some(*published.feedback);
             return;
         }
-        self.not_taken += std::mem::take(&mut self.open);
+        let (not_taken, not_made) = std::mem::take(&mut self.open);
+        // Of a beginning that nobody took the report tells, which knows the parts of the log.
+        if self.roster.is_some() {
+            self.not_taken += not_taken;
+            self.not_made += not_made;
+        }
         if self.roster != Some(published.roster.version) || !self.lived {
             self.roster = Some(published.roster.version);
             let roster = Box::new(*published.roster);
@@ -94,7 +107,8 @@ impl Recording {
         let mut say = |what: String| violations.push(Violation { scan: last, what });
         let lost = measured.samples_lost;
         let slack = self.deaths * OVER_A_SAMPLE;
-        let is_counted = lost.abs_diff(self.not_taken) <= slack;
+        let is_counted =
+            lost + slack >= self.not_taken && lost <= self.not_taken + self.not_made + slack;
         // Over the restart of a master nobody can tell which samples there were.
         let is_fine = is_counted || masters_lost && lost <= self.not_taken + slack;
         if !is_fine {
@@ -104,7 +118,11 @@ impl Recording {
             );
             say(words);
         }
-        let inside = self.gaps.iter().filter(|(_, end)| *end < last);
+        // Those at both ends are told by the report, too.
+        let inside = self
+            .gaps
+            .iter()
+            .filter(|(first, end)| Some(*first) > self.first && *end < last);
         let inside: Vec<(u64, u64)> = inside.copied().collect();
         if !masters_lost && measured.missing_scans != inside {
             say(format!(

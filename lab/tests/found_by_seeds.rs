@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use bus::sample::Mode;
+use bus::sample::{Mode, Redundancy};
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::{Course, Judge, Shown, Violation};
 use lab::liveness::Liveness;
@@ -12,6 +12,13 @@ use plant_sim::script::{faults, orders};
 
 const PROGRAM: &str = "G21 G17 G90 G94\nG1 X3 Y0 F3000\nG3 X3 Y4 I0 J2\nG4 P0.05\nG0 X1 Y7\nM2\n";
 
+fn xy() -> (Machine, PlantFile) {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
+    let machine = Machine::load(&folder).expect("machine.toml");
+    let plant = PlantFile::load(&folder.join("plant.toml")).expect("plant.toml");
+    (machine, plant)
+}
+
 /// A run of the program with this fault script, judged.
 fn judged(faults: &str) -> (Shown, Vec<Violation>) {
     judged_with(faults, "", false)
@@ -19,9 +26,7 @@ fn judged(faults: &str) -> (Shown, Vec<Violation>) {
 
 /// The same with orders; `supervised` where the launcher's rules say who is replaced.
 fn judged_with(faults: &str, orders: &str, supervised: bool) -> (Shown, Vec<Violation>) {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
-    let machine = Machine::load(&folder).expect("machine.toml");
-    let plant = PlantFile::load(&folder.join("plant.toml")).expect("plant.toml");
+    let (machine, plant) = xy();
     let course = Course::of(&machine, &plant, "short.ngc", PROGRAM).expect("a course");
     let script = Script {
         faults: Some(faults::parse("faults.toml", faults, &machine).expect("a script")),
@@ -110,5 +115,40 @@ fn a_servo_that_is_given_up_ends_the_run() {
         assert_eq!(violations, [], "{servo}");
         assert_eq!(shown.mode, Some(Mode::Tripped), "{servo}");
         assert!(shown.scans < 1000, "{servo}: {} scans", shown.scans);
+    }
+}
+
+/// A standby that was born between two planners held the last window of the old one and refused all of the new one.
+#[test]
+fn a_standby_that_is_replaced_while_the_planner_is_comes_into_step() {
+    let (mut machine, plant) = xy();
+    for axis in &mut machine.axes {
+        axis.standby = true;
+    }
+    for after in 1..60 {
+        let text = format!(
+            "[restart]\nplanner = \"resume\"\n\
+             [[fault]]\nat = {{ scan = 60 }}\nprocess = \"planner\"\ndo = \"kill\"\nrestart_after_scans = 16\n\
+             [[fault]]\nat = {{ scan = 60 }}\nprocess = \"servo-X/a\"\ndo = \"kill\"\nrestart_after_scans = {after}\n"
+        );
+        let script = Script {
+            faults: Some(faults::parse("faults.toml", &text, &machine).expect("a script")),
+            ..Script::default()
+        };
+        let mut cell = InProcessCell::with_script(&machine, &plant, ("short.ngc", PROGRAM), script)
+            .expect("a cell");
+        let mut state = 0;
+        while let Some(published) = cell.scan() {
+            let feedback = published.feedback;
+            if feedback.scan == 200 {
+                state = feedback.axes()[0].redundancy;
+                break;
+            }
+        }
+        assert_eq!(
+            Redundancy::from_wire(state),
+            Some(Redundancy::Synchronised),
+            "replaced after {after} scans"
+        );
     }
 }

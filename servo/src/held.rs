@@ -284,11 +284,12 @@ pub(crate) fn check_seam(
         }
         RowLimits::starting(settings, command_position, command_position)
     } else {
-        if held.is_none() {
-            // It came late and drives nothing: the seam is judged by the servo that does. From this window on it is ready.
+        if held.id() != header.predecessor {
+            // It came late, or when planners changed, and drives nothing without the window in force: the seam is judged by the
+            // servo that does. From this window on it is ready.
             return Ok(());
         }
-        if held.id() != header.predecessor || header.first_scan <= held.header().first_scan {
+        if header.first_scan <= held.header().first_scan {
             return Err(Refusal::Predecessor);
         }
         let setpoint =

@@ -99,8 +99,7 @@ impl Windows {
 
     /// A servo that came late, after the last setpoint of the window in force: it knows all that is left of that window.
     pub fn take_what_is_left(&mut self, feedback: &Feedback) {
-        let late = self.held.is_none() && !feedback.window.is_none();
-        if late && feedback.at_rest == 1 {
+        if self.misses(feedback) && feedback.at_rest == 1 {
             self.held.stand(feedback);
         }
     }

@@ -162,6 +162,22 @@ fn a_servo_that_came_late_takes_the_window_after_the_one_in_force_and_drives_not
     assert_eq!(command.velocity_mm_s, 0.0);
 }
 
+/// A standby that missed the first window of a new planner while it held the last one of the planner before.
+#[test]
+fn a_servo_that_holds_an_older_window_takes_the_window_after_the_one_in_force() {
+    let (mut rig, header, setpoints) = first();
+    let mut servo = servo(&rig.machine, 0);
+    assert_eq!(servo.offer(&header, &setpoints, &rig.feedback()), Ok(()));
+    rig.scan = 32;
+    rig.window = header.id;
+    rig.in_force = header;
+    assert_eq!(servo.scan(&rig.feedback()).held, header.id);
+    rig.window.incarnation += 1;
+    let (next, setpoints) = rig.make(64);
+    assert_eq!(servo.offer(&next, &setpoints, &rig.feedback()), Ok(()));
+    assert_eq!(servo.scan(&rig.feedback()).pending, next.id);
+}
+
 #[test]
 fn a_window_of_another_epoch_is_refused() {
     assert_eq!(refused(|h, _| h.epoch = 2), Refusal::Epoch);

@@ -65,8 +65,13 @@ impl Tally {
         }
         if !verdict.violations.is_empty() {
             let words = verdict.violations.iter();
-            let words = words.map(|v| format!("scan {}: {}", v.scan, v.what));
-            self.failures.insert(seed, words.collect());
+            let words: Vec<String> = words
+                .map(|v| format!("scan {}: {}", v.scan, v.what))
+                .collect();
+            if self.failures.len() < FAILURES_SHOWN {
+                say(&format!("  seed {seed}: {}", words.join("; ")));
+            }
+            self.failures.insert(seed, words);
         }
     }
 }

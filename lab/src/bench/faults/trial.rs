@@ -27,6 +27,9 @@ const STOPS_TOGETHER: usize = 2;
 const STANDING_SCANS: u64 = 96;
 /// The contour error of a fault may be larger than that of a feed hold in its place by so much, in mm.
 const CONTOUR_SLACK_MM: f64 = 0.001;
+/// A window that ends brings the tool to rest where no hold does, and how far the rest of a short rapid carries the table
+/// depends on how long it is: 112 and 114 % of the worst hold are the most that was seen in 100,000 seeds.
+const BETWEEN_HOLDS: f64 = 1.2;
 
 /// A machine with and without standbys.
 #[derive(Debug)]
@@ -283,7 +286,7 @@ impl Machines {
             held_mm = held_mm.max(twin.shown.contour_mm.0);
         }
         let (mm, scan) = shown.contour_mm;
-        Ok(worse_than(held_mm).then(|| {
+        Ok(worse_than(held_mm * BETWEEN_HOLDS).then(|| {
             format!(
                 "table {mm:.4} mm off the path in scan {scan}: with feed holds instead {held_mm:.4}, undisturbed {usual_mm:.4}"
             )
