@@ -113,6 +113,32 @@ fn a_disk_that_is_full_for_a_while_costs_the_scans_of_that_while() {
     assert_eq!(last["last_scan"].as_f64(), Some(scans - 1.0), "{report}");
 }
 
+/// Its recorder begins again and again, and is between two beginnings when the program is done.
+#[test]
+fn a_disk_that_is_full_to_the_end_is_no_success() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let cell = unique_cell();
+    let here = folder.path().display();
+    let script = format!(
+        "cp -r machines/xy {here}/xy
+         sed -i 's/^\\[scan\\]/[restart]\\nrestarts_max = 1000\\n\\n[scan]/' {here}/xy/machine.toml
+         $Q run {here}/xy {PROGRAM} --pace realtime --cell {cell} --out $DISK/run &
+         while ! [ -s $DISK/run/run.mcap ]; do sleep 0.01; done
+         sleep 1
+         cat /dev/zero > $DISK/filler 2>/dev/null
+         wait $!
+         echo ended with $?
+         rm $DISK/filler
+         $Q report $DISK/run && cp $DISK/run/report.json {here}"
+    );
+    let Some(output) = with_disk(folder.path(), "64m", &script) else {
+        return;
+    };
+    let said = words(&output);
+    assert!(said.contains("ended with 3"), "{said}");
+    is_whole_but_for_its_log(&report_in(folder.path()), &said);
+}
+
 /// Runs a program under a limit of file sizes in kB; what it printed and how it ended.
 fn with_file_size(limit_kb: u32, program: &Path, out: &Path, cell: &str) -> Output {
     let script = format!(

@@ -323,6 +323,12 @@ impl<'a> Judge<'a> {
         }
     }
 
+    /// The servos were told something else, under a right checksum: in the next scan their commands say that. How far they can go
+    /// is the affair of the master's guards.
+    pub fn forget_executed(&mut self) {
+        self.executed = None;
+    }
+
     /// What was executed is what the command positions say.
     fn command_positions(&mut self, before: &Feedback, feedback: &Feedback) {
         let closed = |f: &Feedback| {

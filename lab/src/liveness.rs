@@ -108,6 +108,11 @@ impl<'a> Liveness<'a> {
         }
     }
 
+    /// The roster, as the machine read it, may have said so of any servo.
+    pub fn believe_that_all_are_lost(&mut self) {
+        self.lost = u32::MAX;
+    }
+
     /// Whether the machine has come no further for as long as it may take.
     pub fn rests(&self, disturbed_until: u64) -> bool {
         let since = self.progressed.max(disturbed_until);
@@ -278,6 +283,8 @@ fn is_same(one: &AxisCommand, other: &AxisCommand) -> bool {
         incarnation: 0,
         refused: WindowId::NONE,
         pending: WindowId::NONE,
+        visible_from: 0,
+        checksum: 0,
         ..*command
     };
     bytemuck::bytes_of(&anonymous(one)) == bytemuck::bytes_of(&anonymous(other))

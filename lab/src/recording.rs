@@ -25,8 +25,10 @@ pub struct Recording {
     not_taken: u64,
     /// Commands that nobody made in these scans. Of an axis whose drive is off the recorder cannot tell them from those it missed.
     not_made: u64,
-    /// Both of the gap that is open.
-    open: (u64, u64),
+    /// Commands that somebody may have made and no drive took: the recorder cannot tell them from those that were not made.
+    not_driven: u64,
+    /// All three of the gap that is open.
+    open: [u64; 3],
     deaths: u64,
     first: Option<u64>,
     last: Option<Feedback>,
@@ -46,7 +48,8 @@ impl Recording {
             gaps: Vec::new(),
             not_taken: 0,
             not_made: 0,
-            open: (0, 0),
+            not_driven: 0,
+            open: [0; 3],
             deaths: 0,
             first: None,
             last: None,
@@ -71,17 +74,37 @@ impl Recording {
                 }
             }
             let made = axes.iter().filter(|made| **made).count() as u64;
-            self.open.0 += 2 + made;
-            self.open.1 += (published.feedback.axes().len() as u64).saturating_sub(made);
+            let missed = |feedback: &Feedback| -> u64 {
+                let axes = feedback.axes().iter();
+                axes.map(|axis| u64::from(axis.missed_scans)).sum()
+            };
+            let before = self.last.as_ref().map_or(0, missed);
+            let driven = !matches!(
+                Mode::from_wire(published.feedback.mode),
+                Some(Mode::Disabled | Mode::Tripped)
+            );
+            let open = [
+                2 + made,
+                (published.feedback.axes().len() as u64).saturating_sub(made),
+                if driven {
+                    missed(published.feedback).saturating_sub(before)
+                } else {
+                    made
+                },
+            ];
+            for (sum, more) in self.open.iter_mut().zip(open) {
+                *sum += more;
+            }
             self.lived = false;
             self.last = Some(*published.feedback);
             return;
         }
-        let (not_taken, not_made) = std::mem::take(&mut self.open);
+        let [not_taken, not_made, not_driven] = std::mem::take(&mut self.open);
         // Of a beginning that nobody took the report tells, which knows the parts of the log.
         if self.roster.is_some() {
             self.not_taken += not_taken;
             self.not_made += not_made;
+            self.not_driven += not_driven;
         }
         if self.roster != Some(published.roster.version) || !self.lived {
             self.roster = Some(published.roster.version);
@@ -107,8 +130,8 @@ impl Recording {
         let mut say = |what: String| violations.push(Violation { scan: last, what });
         let lost = measured.samples_lost;
         let slack = self.deaths * OVER_A_SAMPLE;
-        let is_counted =
-            lost + slack >= self.not_taken && lost <= self.not_taken + self.not_made + slack;
+        let is_counted = lost + self.not_driven + slack >= self.not_taken
+            && lost <= self.not_taken + self.not_made + slack;
         // Over the restart of a master nobody can tell which samples there were.
         let is_fine = is_counted || masters_lost && lost <= self.not_taken + slack;
         if !is_fine {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use bus::sample::{Mode, Redundancy};
+use bus::sample::{Cause, Mode, Redundancy};
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::{Course, Judge, Shown, Violation};
 use lab::liveness::Liveness;
@@ -151,4 +151,48 @@ fn a_standby_that_is_replaced_while_the_planner_is_comes_into_step() {
             "replaced after {after} scans"
         );
     }
+}
+
+/// Two servos cannot tell which of them computes wrong: the master holds both against the window in force.
+#[test]
+fn a_servo_that_commands_another_position_than_the_window_has_is_not_followed() {
+    let (mut machine, plant) = xy();
+    let mut run = |standby: bool, fault: &str| {
+        for axis in &mut machine.axes {
+            axis.standby = standby;
+        }
+        let script = Script {
+            faults: Some(faults::parse("faults.toml", fault, &machine).expect("a script")),
+            ..Script::default()
+        };
+        let mut cell = InProcessCell::with_script(&machine, &plant, ("short.ngc", PROGRAM), script)
+            .expect("a cell");
+        let mut last = None;
+        while let Some(published) = cell.scan() {
+            let instruments = published.instruments;
+            let digest = [
+                instruments.motion_digest_high,
+                instruments.motion_digest_low,
+            ];
+            last = Some((*published.feedback, digest));
+            if published.feedback.scan > 2000 {
+                break;
+            }
+        }
+        let (last, digest) = last.expect("a scan");
+        (
+            Mode::from_wire(last.mode),
+            Cause::from_wire(last.cause),
+            digest,
+        )
+    };
+    let fault = "[[fault]]\nat = { scan = 150 }\nprocess = \"servo-X/a\"\ndo = \"corrupt\"\nscans = 1\n\
+                 field = \"command.position\"\nwhat = \"one-more\"\n";
+    let (mode, _, undisturbed) = run(true, "");
+    assert_eq!(mode, Some(Mode::Finished));
+    let (mode, cause, digest) = run(true, fault);
+    assert_eq!((mode, cause), (Some(Mode::Finished), Some(Cause::None)));
+    assert_eq!(digest, undisturbed, "the standby goes on to the bit");
+    let (mode, cause, _) = run(false, fault);
+    assert_eq!((mode, cause), (Some(Mode::Tripped), Some(Cause::BadValue)));
 }

@@ -458,6 +458,7 @@ impl<'a> Supervision<'a> {
         }
         self.watch.progress.look();
         self.watch.progress.finish();
+        self.note_recorder_without_room();
         let last = self.watch.progress.newest().copied();
         if let (Some(session), Some(last)) = (&mut self.session, &last) {
             // Whoever looks for the cell now finds none; its last report is still being made.
@@ -482,6 +483,15 @@ impl<'a> Supervision<'a> {
             in_order,
             stop,
             files_removed: self.files_removed,
+        }
+    }
+
+    /// A recorder that could not go on, and whose successor had not begun when the run was over: the log has no end.
+    fn note_recorder_without_room(&mut self) {
+        let mut left = self.deaths.iter_mut().rev();
+        let last = left.find(|death| death.job == Job::Monitor);
+        if let Some(death) = last.filter(|death| death.status.code() == Some(3)) {
+            death.replaced = false;
         }
     }
 

@@ -13,7 +13,7 @@ use bus::sample::{
     STANDBY_ALARM_S, Setpoint, WindowHeader, WindowId,
 };
 use bytemuck::Zeroable;
-use machine::{Machine, Restart};
+use machine::{Machine, Restart, WithinPeriod};
 
 use crate::answers::Answers;
 use crate::digest::MotionDigest;
@@ -39,6 +39,7 @@ mod switching_on;
 use auxiliary::Auxiliary;
 pub use auxiliary::AuxiliaryLatches;
 use axis_unit::AxisUnit;
+use decide::Plan;
 pub use inner::{Inner, InnerAxis};
 use program::Loaded;
 pub use program::RunEnd;
@@ -64,6 +65,8 @@ pub struct Master<D> {
     scan: u64,
     incarnation: u32,
     period_scans: u64,
+    /// Between two setpoints nobody interpolates: the command positions are those of the window.
+    exact: bool,
     watchdog_scans: u32,
     settle_scans: u32,
     in_position_patience_scans: u32,
@@ -131,6 +134,7 @@ impl<D: Drives> Master<D> {
             scan: first_scan,
             incarnation,
             period_scans: u64::from(machine.scan.interpolation_period_scans),
+            exact: machine.interpolation.within_period == WithinPeriod::Exact,
             watchdog_scans: machine.scan.watchdog_scans,
             settle_scans: machine.scan.settle_scans,
             in_position_patience_scans: (IN_POSITION_PATIENCE_S / machine.scan_period_s()) as u32,
@@ -346,7 +350,9 @@ impl<D: Drives> Master<D> {
         let (in_force, _) = self.windows.in_force(self.scan);
         let next = NextScan::after(self.scan, self.scan_period_s, &self.windows);
         for (index, (axis, commands)) in self.axes.iter_mut().zip(&answers.commands).enumerate() {
-            let taken = axis.decide_command(self.scan, index, commands, roster, in_force, closed);
+            let position = next.planned(axis, index).filter(|_| self.exact && closed);
+            let plan = Plan { in_force, position };
+            let taken = axis.decide_command(self.scan, index, commands, roster, plan, closed);
             if axis.driver != Driver::Program {
                 by_hand = true;
                 done &= matches!(taken, Taken::Command(c) if c.jog_done == 1);
@@ -409,8 +415,10 @@ impl<D: Drives> Master<D> {
         let started = self.windows.has_started();
         // After the trip of a probe, no window goes further along the path than the one in force does.
         let brakes = self.auxiliary.questions.brakes();
-        let allowed =
-            self.mode == Mode::Enabled && (!brakes || self.windows.pending_rests_no_later());
+        let commanded = self.axes.iter().map(|axis| axis.command_position);
+        let allowed = self.mode == Mode::Enabled
+            && self.windows.pending_begins_at(commanded)
+            && (!brakes || self.windows.pending_rests_no_later());
         self.windows.decide(self.scan + 1, allowed, held_by_all);
         if !started && self.windows.has_started() {
             for (start, axis) in self.program_start.iter_mut().zip(&self.axes) {

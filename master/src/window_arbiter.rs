@@ -258,6 +258,13 @@ impl WindowArbiter {
         }
     }
 
+    /// Whether the window that waits begins where the axes are commanded to be, in increments; it does where it follows another.
+    pub fn pending_begins_at(&self, commanded: impl Iterator<Item = i64>) -> bool {
+        let first = self.pending.setpoints.first();
+        self.has_window()
+            || first.is_none_or(|first| first.position.iter().zip(commanded).all(|(a, b)| *a == b))
+    }
+
     /// Whether the window that waits comes to rest on the path no later than the one in force.
     pub fn pending_rests_no_later(&self) -> bool {
         let rests = |kept: &Kept| kept.setpoints.last().map(|last| last.tag);

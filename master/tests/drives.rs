@@ -7,7 +7,7 @@ use bus::sample::{
     AxisCommand, Cause, Feedback, Job, Mode, OperatorRequest, Order, Participant, Refused, Roster,
 };
 use bytemuck::Zeroable;
-use machine::Machine;
+use machine::{Machine, WithinPeriod};
 use master::{
     Answers, DriveCommand, DriveFeedback, DriveState, Drives, InstrumentSample, Master, RunEnd,
     StateRefused,
@@ -113,8 +113,10 @@ impl Bench {
     /// A run of one program over these drives; drives on from the first scan if `enabled`.
     fn new(drives: [Drive; AXES], enabled: bool) -> Bench {
         let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
-        let machine = Machine::load(&folder).expect("the machine");
+        let mut machine = Machine::load(&folder).expect("the machine");
         assert_eq!(machine.scan_period_s(), SCAN_S);
+        // It moves its drives without a window: its servos are the kind whose positions nobody can hold against one.
+        machine.interpolation.within_period = WithinPeriod::Linear;
         let drives = TestDrives(Rc::new(RefCell::new(drives.to_vec())));
         let mut roster = Roster::zeroed();
         roster.version = 1;

@@ -5,7 +5,7 @@ use bus::sample::{
     Redundancy, Refused, Roster, WindowId,
 };
 use bytemuck::Zeroable;
-use machine::{AfterLoss, AfterStandby, Machine};
+use machine::{AfterLoss, AfterStandby, Machine, WithinPeriod};
 use master::{Answers, Master, RunEnd};
 use plant_sim::SimulatedDrives;
 use plant_sim::plant_file::PlantFile;
@@ -31,6 +31,8 @@ impl Bench {
         machine.restart.servo = servo;
         machine.restart.standby = standby;
         machine.axes[0].standby = true;
+        // Its axes move without a window: its servos are the kind whose positions nobody can hold against one.
+        machine.interpolation.within_period = WithinPeriod::Linear;
         let plant = PlantFile::load(&folder).expect("the plant");
         let simulations = plant.simulations(&machine).expect("axes");
         let mut roster = Roster::zeroed();

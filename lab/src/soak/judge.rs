@@ -80,6 +80,8 @@ pub struct Judge {
     watchdog_scans: u32,
     /// The trip that the machine is in is that of a master which was late, and its feedback shows by how much.
     is_starved: bool,
+    /// The PC stalled while the machine was tripped: its drives have switched off by themselves.
+    stalled_in_trip: bool,
     /// Since they were last taken.
     pub reactions: Reactions,
     /// In words.
@@ -149,6 +151,7 @@ impl Judge {
             ends: false,
             watchdog_scans: machine.scan.watchdog_scans,
             is_starved: false,
+            stalled_in_trip: false,
             reactions: Reactions::default(),
             violations: Vec::new(),
             violation_count: 0,
@@ -229,10 +232,19 @@ impl Judge {
         let Some(from) = Mode::from_wire(before.mode) else {
             return;
         };
+        let late_scans = feedback.overrun_scans.saturating_sub(before.overrun_scans);
+        if from == Mode::Tripped && late_scans >= self.watchdog_scans {
+            self.stalled_in_trip = true;
+        }
         let allowed = match (from, mode) {
             (a, b) if a == b => true,
             // Drives that have braked by themselves take a while to come on again.
             (Mode::Tripped, Mode::Disabled) if before.cause == Cause::Stalled as u32 => true,
+            (Mode::Tripped, Mode::Disabled) | (Mode::Disabled, Mode::Enabled)
+                if self.stalled_in_trip =>
+            {
+                true
+            }
             (_, Mode::Disabled) => restarted,
             (Mode::Disabled, Mode::Enabled) => feedback.hold == 1,
             (Mode::Enabled, Mode::Finished | Mode::Tripped) => true,
@@ -251,9 +263,11 @@ impl Judge {
                 from.word()
             ));
         }
+        if mode == Mode::Enabled {
+            self.stalled_in_trip = false;
+        }
         if mode == Mode::Tripped && from != Mode::Tripped {
             // A machine that was stalled itself waits for its operator.
-            let late_scans = feedback.overrun_scans.saturating_sub(before.overrun_scans);
             self.is_starved =
                 feedback.cause == Cause::Stalled as u32 && late_scans >= self.watchdog_scans;
             if feedback.cause == Cause::Stalled as u32 && !self.is_starved {

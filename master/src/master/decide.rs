@@ -20,6 +20,16 @@ use super::switch::{Switch, Taken};
 /// Scans in a row in which a standby must have been the same before it may take over.
 pub(super) const SAME_SCANS: u32 = 2;
 
+/// What a servo's command is held against.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Plan {
+    /// The window in force.
+    pub in_force: WindowId,
+    /// Where it has the axis in this scan, in increments; none where the servo alone knows: by hand, without a window, and where
+    /// it interpolates within the period.
+    pub position: Option<i64>,
+}
+
 impl AxisUnit {
     /// The commands that answer this scan, by role, from the servos in the roster.
     fn in_time(
@@ -53,9 +63,10 @@ impl AxisUnit {
         index: usize,
         commands: &[Option<AxisCommand>; ROLES.len()],
         roster: &Roster,
-        in_force: WindowId,
+        plan: Plan,
         closed: bool,
     ) -> Taken {
+        let Plan { in_force, position } = plan;
         let answers = self.in_time(scan, index, commands, roster);
         let [a, b] = answers;
         let ((lives, active), (other_lives, other)) = if self.switch.role == 0 {
@@ -70,9 +81,16 @@ impl AxisUnit {
             Some(servo) if closed && !has_driven(servo.incarnation) => (false, None),
             _ => (lives, active),
         };
-        let good = |command: &AxisCommand| self.judge(command) == Cause::None;
+        let judge = |command: &AxisCommand| match self.judge(command) {
+            // Two servos cannot tell which of them is right: the window can.
+            Cause::None if position.is_some_and(|planned| planned != command.position) => {
+                Cause::BadValue
+            }
+            cause => cause,
+        };
+        let good = |command: &AxisCommand| judge(command) == Cause::None;
         let other_good = other.filter(good);
-        let active_cause = active.map(|command| self.judge(&command));
+        let active_cause = active.map(|command| judge(&command));
         if let (Some(command), Some(Cause::None)) = (active, active_cause) {
             let same = other_good.is_some_and(|o| is_same(&command, &o) && o.held == in_force);
             let was_synchronised = self.switch.same_scans >= SAME_SCANS;
@@ -112,6 +130,8 @@ fn is_same(one: &AxisCommand, other: &AxisCommand) -> bool {
         // A window that one of them refused or does not hold yet is no part of what it drives.
         refused: WindowId::NONE,
         pending: WindowId::NONE,
+        // When it may be read, and that it was not damaged, is judged by whoever reads it.
+        visible_from: 0,
         checksum: 0,
         ..*command
     };

@@ -40,6 +40,16 @@ impl<'a> NextScan<'a> {
         }
     }
 
+    /// Where an axis that nobody moves by hand is in the scan that ends, in increments: the window in force has it there, or
+    /// nothing moves it.
+    pub fn planned(&self, axis: &AxisUnit, index: usize) -> Option<i64> {
+        let by_window = match self.positions {
+            Some([now, _, _]) => now.get(index).copied(),
+            None => Some(axis.command_position),
+        };
+        by_window.filter(|_| axis.driver == Driver::Program)
+    }
+
     /// Where an axis is commanded to be, in increments: by the window, which no servo has a say in, or as its servo says.
     fn position(&self, axis: &AxisUnit, index: usize) -> i64 {
         let by_window = self.positions.and_then(|[_, next, _]| next.get(index));

@@ -10,7 +10,7 @@ use crate::invariants::{Course, Judge, Shown, Violation, is_driver_dead};
 use crate::liveness::Liveness;
 use crate::promises::Promises;
 use crate::recording::Recording;
-use crate::tampering::{FORGOTTEN_SCANS, Tampering};
+use crate::tampering::{FORGOTTEN_SCANS, Kind, Tampering};
 
 /// A process that died by itself takes part again within so many scans, or was given up: the longest back-off and its start.
 const RESTARTS_SCANS: u64 = 1100;
@@ -104,6 +104,12 @@ impl<'a> Disturbances<'a> {
         self.tampering.is_some_and(|tampering| {
             (tampering.from..tampering.until() + FORGOTTEN_SCANS).contains(&scan)
         })
+    }
+
+    /// The same of samples of a kind that their readers believe.
+    fn is_lied_to(&self, kind: Kind, scan: u64) -> bool {
+        let lies = |tampering: Tampering| tampering.resealed && tampering.kind == kind;
+        self.tampering.is_some_and(lies) && self.is_tampered(scan)
     }
 
     /// Notes what has fired meanwhile.
@@ -216,6 +222,12 @@ impl<'a> Judges<'a> {
         if disturbances.is_tampered(feedback.scan) {
             cover.lost = [true; MAX_AXES];
         }
+        if disturbances.is_lied_to(Kind::Feedback, feedback.scan) {
+            self.judge.forget_executed();
+        }
+        if disturbances.is_lied_to(Kind::Roster, feedback.scan) {
+            self.liveness.believe_that_all_are_lost();
+        }
         let driverless = self.driverless;
         self.judge.take(published, |missed, axis| {
             let explained = driverless[axis] || disturbances.explains(missed, axis);
@@ -224,8 +236,9 @@ impl<'a> Judges<'a> {
         for (index, axis) in feedback.axes().iter().enumerate() {
             self.driverless[index] = is_driver_dead(published.roster, index, axis);
         }
+        let all_lie = disturbances.is_lied_to(Kind::Feedback, feedback.scan);
         self.liveness.take(published, disturbances.until(), |axis| {
-            disturbances.has_lied(axis)
+            all_lie || disturbances.has_lied(axis)
         });
         !published.windows.is_empty()
     }

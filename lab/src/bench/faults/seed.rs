@@ -229,8 +229,8 @@ fn fault(
     );
 }
 
-/// What only a checksum would find out, or nobody: where a drive is to be moved to, which the master believes.
-const BELIEVED: [&str; 3] = ["position", "velocity_mm_s", "torque_nm"];
+/// What only a checksum would find out, or nobody: how a drive is to get where it is commanded, which the master believes.
+const BELIEVED: [&str; 2] = ["velocity_mm_s", "torque_nm"];
 /// What a planner that seals it is believed, because nobody else knows the program.
 const KNOWN_TO_PLANNER: [&str; 2] = ["program_hash", "ends_program"];
 
