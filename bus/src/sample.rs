@@ -295,6 +295,20 @@ impl Cause {
         Cause::ProbeLost,
     ];
 
+    /// Whether a servo can know it: of its own axis, and of what it was told.
+    pub fn is_of_servo(self) -> bool {
+        matches!(
+            self,
+            Cause::FollowingError
+                | Cause::SoftLimit
+                | Cause::SpeedLimit
+                | Cause::BadValue
+                | Cause::BadFeedback
+                | Cause::WindowMissing
+                | Cause::TorqueLimit
+        )
+    }
+
     /// Decodes what came over the wire.
     pub fn from_wire(value: u32) -> Option<Cause> {
         Self::ALL.into_iter().find(|cause| *cause as u32 == value)

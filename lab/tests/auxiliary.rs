@@ -320,6 +320,36 @@ fn everything() -> String {
     text
 }
 
+/// A program whose path, offsets and outputs come out of loops, subroutines and parameters.
+fn computed() -> String {
+    String::from(
+        "G21 G90 T1 M6\nS1500 M3\n\
+         o<side> sub\n\
+         G91 G1 X#1 Y#2 F2400\n\
+         M62 P#3\n\
+         #<_sides> = [#<_sides> + 1]\n\
+         o<side> endsub [#<_sides> * 0.5]\n\
+         #<_sides> = 0\n#100 = 0\n\
+         o10 while [#100 lt 4]\n\
+         G10 L2 P1 X[#100 * 0.5] Y0\n\
+         G90 G54 G0 X1 Y1\n\
+         o<side> call [3] [0] [#100 + 1]\n\
+         o<side> call [0] [2 + #<_value>] [0]\n\
+         o20 repeat [2]\n\
+         M63 P[#100 + 1]\n\
+         G1 X-1 Y[-#<_sides> / 10]\n\
+         o20 endrepeat\n\
+         o30 if [#100 eq 1]\n\
+         T2 M6\nM61 Q3\nM8\n\
+         o30 elseif [#100 eq 2]\n\
+         G4 P0.03\nM9\nM64 P7\n\
+         o30 endif\n\
+         #100 = [#100 + 1]\n\
+         o10 endwhile\n\
+         G92 X0 Y0\nG90 G1 X#<_sides> Y2\nG92.1\nM5\nM30\n",
+    )
+}
+
 /// An event that was counted: where the machine was, and the levels from then on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Counted {
@@ -393,15 +423,19 @@ impl Seen {
     }
 }
 
-/// One run of [`everything`], with an operator who goes on whenever he may.
-fn run(machine: &Machine, plant: &PlantFile, course: &Course, script: Option<&str>) -> Seen {
-    let text = everything();
+/// One run of a program, with an operator who goes on whenever he may.
+fn run(
+    machine: &Machine,
+    plant: &PlantFile,
+    (text, course): (&str, &Course),
+    script: Option<&str>,
+) -> Seen {
     let faults = script.map(|text| faults::parse("faults.toml", text, machine).expect("a script"));
     let script = Script {
         faults,
         ..Script::default()
     };
-    let mut cell = cell(machine, plant, &text, script);
+    let mut cell = cell(machine, plant, text, script);
     let elements = (0..course.path.end()).filter_map(|element| course.path.get(element));
     let feeds: Vec<bool> = elements
         .map(|element| !element.is_dwell() && element.feed != Feed::Rapid)
@@ -453,14 +487,25 @@ fn one_of<'a, T>(rng: &mut Rng, all: &'a [T]) -> &'a T {
 
 #[test]
 fn whoever_is_killed_at_an_event_none_is_lost_and_none_is_done_twice() {
+    kill_around_events(&everything(), 2);
+}
+
+#[test]
+fn whoever_is_killed_in_a_loop_or_a_subroutine_place_offsets_tool_and_outputs_are_right_afterwards()
+{
+    kill_around_events(&computed(), 0);
+}
+
+/// Kills at and around the events of a program, and anywhere: it ends as if nobody had been killed.
+fn kill_around_events(text: &str, stops: usize) {
     let seeds = std::env::var("SEEDS")
         .ok()
         .and_then(|text| text.parse().ok());
     let (machine, plant) = mill();
-    let course = Course::of(&machine, &plant, "any.ngc", &everything()).expect("a course");
-    let undisturbed = run(&machine, &plant, &course, None);
+    let course = Course::of(&machine, &plant, "any.ngc", text).expect("a course");
+    let undisturbed = run(&machine, &plant, (text, &course), None);
     assert_eq!(undisturbed.violations, [] as [String; 0]);
-    assert_eq!(undisturbed.stops.len(), 2, "{:?}", undisturbed.stops);
+    assert_eq!(undisturbed.stops.len(), stops, "{:?}", undisturbed.stops);
     let (mut kills, mut worst_mm) = (0, 0.0f64);
     for seed in 0..seeds.unwrap_or(SEEDS) {
         let mut rng = Rng::new(Rng::new(seed).bits());
@@ -487,7 +532,7 @@ fn whoever_is_killed_at_an_event_none_is_lost_and_none_is_done_twice() {
             );
             kills += 1;
         }
-        let seen = run(&machine, &plant, &course, Some(&script));
+        let seen = run(&machine, &plant, (text, &course), Some(&script));
         let what = format!("seed {seed}:\n{script}");
         assert_eq!(seen.violations, [] as [String; 0], "{what}");
         worst_mm = worst_mm.max(seen.contour_mm);
@@ -520,11 +565,11 @@ fn whoever_is_killed_at_an_event_none_is_lost_and_none_is_done_twice() {
 fn a_servo_with_a_standby_that_is_killed_at_an_event_changes_no_bit_of_the_motion() {
     let (machine, plant) = mill();
     let course = Course::of(&machine, &plant, "any.ngc", &everything()).expect("a course");
-    let undisturbed = run(&machine, &plant, &course, None);
+    let undisturbed = run(&machine, &plant, (&everything(), &course), None);
     for scan in &undisturbed.scans_of_events {
         let script =
             format!("[[fault]]\nat = {{ scan = {scan} }}\nprocess = \"servo-X\"\ndo = \"kill\"\n");
-        let seen = run(&machine, &plant, &course, Some(&script));
+        let seen = run(&machine, &plant, (&everything(), &course), Some(&script));
         assert_eq!(seen.digest, undisturbed.digest, "{script}");
         assert_eq!(seen.counted, undisturbed.counted, "{script}");
         assert_eq!(seen.violations, [] as [String; 0], "{script}");

@@ -195,4 +195,9 @@ fn a_servo_that_commands_another_position_than_the_window_has_is_not_followed() 
     assert_eq!(digest, undisturbed, "the standby goes on to the bit");
     let (mode, cause, _) = run(false, fault);
     assert_eq!((mode, cause), (Some(Mode::Tripped), Some(Cause::BadValue)));
+
+    // A servo cannot know that it is lost.
+    let says = fault.replace("command.position", "command.cause");
+    let (mode, cause, _) = run(false, &says.replace("one-more", "bit-3"));
+    assert_eq!((mode, cause), (Some(Mode::Tripped), Some(Cause::BadValue)));
 }

@@ -217,6 +217,8 @@ impl AxisUnit {
         if command.velocity_mm_s.abs() > speed_most {
             return Cause::SpeedLimit;
         }
-        Cause::from_wire(command.cause).unwrap_or(Cause::BadValue)
+        let said = Cause::from_wire(command.cause);
+        said.filter(|cause| *cause == Cause::None || cause.is_of_servo())
+            .unwrap_or(Cause::BadValue)
     }
 }
