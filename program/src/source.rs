@@ -166,6 +166,11 @@ impl Source {
             .is_some_and(|index| index.text.is_none())
     }
 
+    /// Whether some of the text was looked through for labels.
+    pub fn is_looked_at(&self) -> bool {
+        self.index.is_some()
+    }
+
     /// Looks through about so many bytes more for labels; true once all of the text is.
     pub fn look_on(&mut self, bytes_max: u64) -> Result<bool, TextError> {
         if self.is_looked_through() {
