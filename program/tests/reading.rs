@@ -224,7 +224,10 @@ fn the_text_is_looked_through_for_labels_in_the_place_of_blocks() {
     let mut piece = Piece::default();
     let mut calls = 0;
     while reading.read(10, &mut piece).unwrap() == Progress::More {
-        assert!(piece.elements.len() < 2, "only what stands behind the labels");
+        assert!(
+            piece.elements.len() < 2,
+            "only what stands behind the labels"
+        );
         calls += 1;
     }
     // Behind the first 256 kB no call looks through more than 512 bytes and a line for each of its ten blocks.
