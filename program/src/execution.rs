@@ -11,7 +11,7 @@ use crate::interpreter::{Interpreter, is_turning};
 use crate::program::{Block, Program, ProgramEnd, Setup, check_setup, source_hash};
 use crate::question::Answer;
 use crate::reader::{Line, column, read_line};
-use crate::source::{Label, Source, Spot};
+use crate::source::{Label, Source, Spot, may_jump};
 use crate::straight::Straight;
 use crate::text::{Text, TextError, hash_of};
 use crate::words::{Group, Refusal, Words};
@@ -24,6 +24,12 @@ pub const BLOCKS_MAX: usize = 2_000_000;
 
 /// So many blocks in a row that make nothing are a loop that does not end.
 const IDLE_BLOCKS_MAX: u64 = 2_000_000;
+
+/// So many bytes are looked through for labels in the place of a block,
+const BYTES_OF_A_BLOCK: u64 = 512;
+
+/// and so many in the place of the first: all of most programs, in less than 1 ms.
+const BYTES_AT_FIRST: u64 = 256 << 10;
 
 /// The most names of parameters at a time.
 const NAMES_MAX: usize = 20_000;
@@ -142,6 +148,12 @@ pub struct Execution {
     within: Spot,
     /// The line before was an `if` or `elseif` that did not hold.
     not_yet: bool,
+    /// The text is looked through for labels bit by bit, before the first block that may go on elsewhere.
+    #[serde(skip)]
+    pub looks_bit_by_bit: bool,
+    /// The next block may be anywhere: the labels come first.
+    #[serde(skip)]
+    needs_labels: bool,
     /// Lines that were done, where they are kept.
     #[serde(skip)]
     executed: Option<Executed>,
@@ -175,6 +187,8 @@ impl Execution {
             here: Spot::default(),
             within: Spot::default(),
             not_yet: false,
+            looks_bit_by_bit: false,
+            needs_labels: false,
             executed: None,
             last_line: 0,
             idle: (0, 0),
@@ -193,10 +207,15 @@ impl Execution {
     pub fn complete(&mut self, fresh: &Self) -> Result<(), TextError> {
         self.source = fresh.source.clone();
         self.interpreter.complete(&fresh.interpreter);
-        if self.interpreter.frames.depth() > 0 {
-            self.source.find_files()?;
+        self.looks_bit_by_bit = fresh.looks_bit_by_bit;
+        if self.interpreter.frames.depth() == 0 {
+            return Ok(());
         }
-        Ok(())
+        self.needs_labels = self.looks_bit_by_bit;
+        if self.needs_labels {
+            return Ok(());
+        }
+        self.source.find_files()
     }
 
     /// How the program ended.
@@ -219,8 +238,11 @@ impl Execution {
     /// Does the next line; true if the program ends with it.
     pub fn does_line(&mut self) -> bool {
         let at = self.next;
-        if self.does_straight(at) {
+        if !self.needs_labels && self.does_straight(at) {
             return self.interpreter.ended.is_some();
+        }
+        if self.looks_for_labels(at) {
+            return false;
         }
         match self.source.line(at) {
             Ok(Some((line, _))) if Source::begins_file(line, at) => self.end_of_file(),
@@ -248,6 +270,29 @@ impl Execution {
             Err(error) => self.refuse(at, vec![refused_text(error.offset, error)]),
         }
         true
+    }
+
+    /// In the place of a block that may go on elsewhere, looks through some of the text for labels; false once that is done.
+    fn looks_for_labels(&mut self, at: Spot) -> bool {
+        if !self.looks_bit_by_bit || self.source.is_looked_through() {
+            self.needs_labels = false;
+            return false;
+        }
+        if !self.needs_labels {
+            let line = self.source.bytes(at);
+            self.needs_labels = line.is_ok_and(|line| line.is_some_and(|(line, _)| may_jump(line)));
+        }
+        if self.needs_labels {
+            // What is wrong with the labels is told with the block that goes to one.
+            let bytes = if self.source.is_looked_at() {
+                BYTES_OF_A_BLOCK
+            } else {
+                BYTES_AT_FIRST
+            };
+            let looked = self.source.look_on(bytes);
+            self.needs_labels = looked.is_ok_and(|through| !through);
+        }
+        self.needs_labels
     }
 
     /// Does a line of straight motion; false, and nothing done, for others.

@@ -3,6 +3,8 @@
 //! An expression is evaluated while it is read: no tree is built. Operators bind in this order, those of a row from left to right:
 //! `**`; `*` `/` `MOD`; `+` `-`; `EQ` `NE` `GT` `GE` `LT` `LE`; `AND` `OR` `XOR`.
 
+use std::f64::consts::PI;
+
 use crate::reader::{Unreadable, shown};
 use crate::straight;
 
@@ -356,8 +358,8 @@ impl<'a> Cursor<'a> {
         let argument = self.expression_at(lookup, depth)?;
         let value = match *function {
             "abs" => argument.abs(),
-            "acos" => libm::acos(argument).to_degrees(),
-            "asin" => libm::asin(argument).to_degrees(),
+            "acos" => in_degrees(libm::acos(argument)),
+            "asin" => in_degrees(libm::asin(argument)),
             "cos" => libm::cos(argument.to_radians()),
             "exp" => libm::exp(argument),
             "fix" => libm::floor(argument),
@@ -375,7 +377,7 @@ impl<'a> Cursor<'a> {
                     );
                 }
                 let second = self.expression_at(lookup, depth)?;
-                libm::atan2(argument, second).to_degrees()
+                in_degrees(libm::atan2(argument, second))
             }
         };
         if !value.is_finite() {
@@ -388,6 +390,17 @@ impl<'a> Cursor<'a> {
         }
         Ok(value)
     }
+}
+
+/// What [`PI`] leaves out of the true number.
+const PI_REST: f64 = 1.224_646_799_147_353_2e-16;
+
+/// An angle in degrees. Divided by more of π than a double holds, as LinuxCNC does: ASIN[0.5] is 30, not a bit more.
+fn in_degrees(angle_rad: f64) -> f64 {
+    let whole = angle_rad * 180.0;
+    let quotient = whole / PI;
+    let left = libm::fma(-quotient, PI, whole) - quotient * PI_REST;
+    quotient + left / PI
 }
 
 impl Cursor<'_> {

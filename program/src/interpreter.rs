@@ -148,7 +148,10 @@ pub struct Interpreter {
     /// G96: the speed is that of the surface.
     surface_speed: bool,
     coolant: [bool; 2],
-    overrides: bool,
+    /// M50.
+    feed_override: bool,
+    /// M51.
+    spindle_override: bool,
     /// What drilling cycles in a row keep; none between them.
     series: Option<Series>,
     splines: SplineState,
@@ -205,7 +208,8 @@ impl Interpreter {
             spindle: Spindle::default(),
             surface_speed: false,
             coolant: [false; 2],
-            overrides: true,
+            feed_override: true,
+            spindle_override: true,
             series: None,
             splines: SplineState::default(),
             returns_to_r: false,

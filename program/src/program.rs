@@ -122,7 +122,7 @@ pub enum EventKind {
         /// Longest wait, in s.
         timeout_s: f64,
     },
-    /// M48, M49: whether feed and spindle overrides count.
+    /// M48, M49, M50: whether the override of the feed counts.
     OverridesEnabled(bool),
     /// M62 to M65.
     DigitalOutput {

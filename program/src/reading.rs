@@ -92,6 +92,7 @@ impl Reading {
             most: BLOCK_ELEMENTS_MAX,
             before: 0,
         };
+        execution.looks_bit_by_bit = true;
         Self {
             name: name.to_owned(),
             source_hash: source_hash(hash, setup, &start),
@@ -103,7 +104,8 @@ impl Reading {
     /// Does at most so many lines more, fewer if they make many elements, and appends what they make to `piece`. Behind the end, or an
     /// error, nothing more comes.
     ///
-    /// The first O-word that leads somewhere has the whole text looked through for labels, once.
+    /// Before the first block that may go on elsewhere, the text is looked through for labels, once: some of it in the place of each
+    /// block.
     ///
     /// # Errors
     /// The first mistake of the program; `piece` then holds everything that stands before the block that is refused.

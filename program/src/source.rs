@@ -42,13 +42,19 @@ pub struct Source {
     labels_max: usize,
 }
 
-/// Where the labels and the files of a text are.
-#[derive(Debug, Default)]
+/// Where the labels and the files of a text are, as far as it was looked through.
+#[derive(Debug, Clone, Default)]
 struct Index {
     /// Lines with O-words of each label, in order.
     labels: HashMap<String, Vec<Label>>,
+    /// How many lines these are.
+    count: usize,
     /// Where each file that is appended begins: the line of its mark, and its name.
     files: Vec<(usize, String)>,
+    /// What is looked through; none once that is done.
+    text: Option<Text>,
+    /// The line that is looked at next.
+    at: Spot,
 }
 
 /// Whether others lead to a line with this word.
@@ -69,6 +75,27 @@ fn is_led_to(keyword: Keyword) -> bool {
 fn may_lead(line: &[u8]) -> bool {
     let first = line.iter().find(|byte| !matches!(byte, b' ' | b'\t'));
     matches!(first, Some(b'o' | b'O' | b'n' | b'N' | b'/' | 0x1c))
+}
+
+/// Whether the block of a line may go on elsewhere: an O-word, M98 and M99, G70 to G72, or a code that is computed.
+pub fn may_jump(line: &[u8]) -> bool {
+    if may_lead(line) && line.iter().any(|byte| matches!(byte, b'o' | b'O')) {
+        return true;
+    }
+    let mut code = 0;
+    let mut digits = [0; 2];
+    for byte in line.iter().filter(|byte| !matches!(byte, b' ' | b'\t')) {
+        match (code, byte) {
+            (_, b'M' | b'm' | b'G' | b'g') => (code, digits) = (byte.to_ascii_uppercase(), [0; 2]),
+            (b'M' | b'G', b'[' | b'#') => return true,
+            (b'M' | b'G', b'0') if digits == [0; 2] => {}
+            (b'M' | b'G', b'0'..=b'9') if digits[0] == 0 => digits[0] = *byte,
+            (b'M', b'8' | b'9') if digits[0] == b'9' => return true,
+            (b'G', b'0'..=b'2') if digits[0] == b'7' => return true,
+            _ => code = 0,
+        }
+    }
+    false
 }
 
 impl Default for Source {
@@ -124,14 +151,36 @@ impl Source {
     }
 
     fn index(&mut self) -> Result<&Index, TextError> {
-        if self.index.is_none() {
-            self.index = Some(Arc::new(Index::of(self.text.clone(), self.labels_max)?));
-        }
+        self.look_on(u64::MAX)?;
         self.index.as_deref().ok_or_else(|| TextError {
             offset: 0,
             found: "no index of the labels".into(),
             right: String::new(),
         })
+    }
+
+    /// Whether it is known where all labels are.
+    pub fn is_looked_through(&self) -> bool {
+        self.index
+            .as_ref()
+            .is_some_and(|index| index.text.is_none())
+    }
+
+    /// Whether some of the text was looked through for labels.
+    pub fn is_looked_at(&self) -> bool {
+        self.index.is_some()
+    }
+
+    /// Looks through about so many bytes more for labels; true once all of the text is.
+    pub fn look_on(&mut self, bytes_max: u64) -> Result<bool, TextError> {
+        if self.is_looked_through() {
+            return Ok(true);
+        }
+        let (text, labels_max) = (&self.text, self.labels_max);
+        let index = self
+            .index
+            .get_or_insert_with(|| Arc::new(Index::new(text.clone())));
+        Arc::make_mut(index).look_on(bytes_max, labels_max)
     }
 
     /// Looks where the files of the text are.
@@ -175,12 +224,25 @@ impl Source {
 }
 
 impl Index {
-    /// Reads a text to its end.
-    fn of(mut text: Text, labels_max: usize) -> Result<Self, TextError> {
-        let mut index = Self::default();
-        let mut at = Spot::default();
-        let mut count = 0;
-        while let Some((line, byte)) = text.bytes(at.byte)? {
+    fn new(text: Text) -> Self {
+        Self {
+            text: Some(text),
+            ..Self::default()
+        }
+    }
+
+    /// Looks through about so many bytes more; true at the end of the text.
+    fn look_on(&mut self, bytes_max: u64, labels_max: usize) -> Result<bool, TextError> {
+        let until = self.at.byte.saturating_add(bytes_max);
+        while self.at.byte < until {
+            let at = self.at;
+            let Some(text) = &mut self.text else {
+                return Ok(true);
+            };
+            let Some((line, byte)) = text.bytes(at.byte)? else {
+                self.text = None;
+                return Ok(true);
+            };
             let behind = Spot {
                 line: at.line + 1,
                 byte,
@@ -192,29 +254,26 @@ impl Index {
                 ""
             };
             if let Some(name) = line.strip_prefix(FILE_MARK) {
-                index.files.push((at.line, name.trim().to_owned()));
+                self.files.push((at.line, name.trim().to_owned()));
             } else if let Some((label, keyword)) = flow_at(line).filter(|found| is_led_to(found.1))
             {
+                if self.count >= labels_max {
+                    let found =
+                        format!("more than {labels_max} lines with O-words that others lead to");
+                    let right = "split the program, or put what repeats into subroutines";
+                    return Err(TextError::new(0, found, right));
+                }
                 let place = Label {
                     at,
                     behind,
                     keyword,
                 };
-                index.labels.entry(label).or_default().push(place);
-                count += 1;
-                if count > labels_max {
-                    return Err(TextError {
-                        offset: 0,
-                        found: format!(
-                            "more than {labels_max} lines with O-words that others lead to"
-                        ),
-                        right: "split the program, or put what repeats into subroutines".into(),
-                    });
-                }
+                self.labels.entry(label).or_default().push(place);
+                self.count += 1;
             }
-            at = behind;
+            self.at = behind;
         }
-        Ok(index)
+        Ok(false)
     }
 
     /// The line behind the file that a line is in.
@@ -268,6 +327,51 @@ mod tests {
             Some((2, Keyword::EndSub))
         );
         assert_eq!(found(source.subroutine("1")), None);
+    }
+
+    #[test]
+    fn lines_that_may_go_on_elsewhere_are_known_by_their_bytes() {
+        for line in [
+            "o1 if [1]",
+            "N5 O<a> call",
+            "/o2 sub",
+            "G0 M98 P7",
+            "m 0 9 9",
+            "G71 Q1",
+            "g070Q2",
+            "M#1",
+            "G[70+1]",
+        ] {
+            assert!(may_jump(line.as_bytes()), "{line}");
+        }
+        for line in [
+            "G1 X98 Y7",
+            "M8",
+            "G17 G90",
+            "(o1) G0 X1",
+            "M9",
+            "G7",
+            "N10 G1",
+            "G73 X1",
+        ] {
+            assert!(!may_jump(line.as_bytes()), "{line}");
+        }
+    }
+
+    #[test]
+    fn a_text_is_looked_through_in_pieces() {
+        let text = format!("{}o1 sub\no1 endsub\n", "G1 X1\n".repeat(1_000));
+        let mut pieces = source(&text);
+        let mut calls = 0;
+        while !pieces.look_on(100).unwrap() {
+            calls += 1;
+        }
+        assert!((50..70).contains(&calls), "{calls}");
+        assert_eq!(
+            found(pieces.subroutine("1")),
+            found(source(&text).subroutine("1"))
+        );
+        assert_eq!(found(pieces.subroutine("1")), Some((1_000, Keyword::Sub)));
     }
 
     #[test]

@@ -522,3 +522,14 @@ fn a_circle_of_holes_is_drilled_by_steps_of_an_angle() {
         );
     }
 }
+
+#[test]
+fn the_level_before_a_series_is_that_of_the_tip_when_the_length_of_the_tool_changes() {
+    assert_eq!(
+        moves("F300 G0 Z20\nG98 G81 X1 Z-5 R2\nG43.1 Z3\nX2\nG49\nX3\nM2"),
+        [
+            "R 0 0 20", "R 1 0 20", "R 1 0 2", "F 1 0 -5", "R 1 0 20", "R 2 0 20", "R 2 0 5",
+            "F 2 0 -2", "R 2 0 23", "R 3 0 23", "R 3 0 2", "F 3 0 -5", "R 3 0 20"
+        ]
+    );
+}

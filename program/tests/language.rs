@@ -389,3 +389,65 @@ fn the_parameters_of_the_state_are_told() {
     let text = "G20 G0 X1\n#1=#5420 #2=#<_x> #3=#<_imperial> #4=#5220 #5=#<_coord_system>\nG21 G0 X#1 Y[#2+#3] Z[#4+#5/100]\nM2";
     assert_eq!(ends(text)[1], [1.0, 2.0, 6.4]);
 }
+
+#[test]
+fn inverse_functions_give_whole_degrees_where_there_are_some() {
+    let text = "G0 X[FUP[ASIN[0.5]]] Y[FUP[ACOS[0.5]]] Z[FUP[ATAN[1]/[1]]]\nX[FIX[ACOS[0]]] Y[FUP[ACOS[-0.5]]]\nM2";
+    assert_eq!(ends(text), [[30.0, 60.0, 45.0], [90.0, 120.0, 45.0]]);
+}
+
+#[test]
+fn the_feed_is_told_as_it_was_written() {
+    let said = |text: &str| program(text).messages.remove(0).text;
+    assert_eq!(said("F100\nG20\n(debug, #<_feed>)\nM2"), "100.000000");
+    assert_eq!(said("G20\nF5.5\n(debug, #<_feed>)\nM2"), "5.500000");
+}
+
+#[test]
+fn the_overrides_of_feed_and_spindle_are_enabled_apart() {
+    let told = |text: &str| {
+        let text = format!("{text}\n(debug, #<_feed_override> #<_speed_override>)\nM2");
+        let mut made = program(&text);
+        let kinds: Vec<_> = made.events.iter().map(|event| event.kind).collect();
+        (made.messages.remove(0).text, kinds)
+    };
+    let (said, kinds) = told("M51 P0");
+    assert_eq!((said.as_str(), kinds), ("1.000000 0.000000", vec![]));
+    let (said, kinds) = told("M50 P0");
+    let off = EventKind::OverridesEnabled(false);
+    assert_eq!((said.as_str(), kinds), ("0.000000 1.000000", vec![off]));
+    let (said, _) = told("M49\nM51");
+    assert_eq!(said, "0.000000 1.000000");
+    let (said, _) = told("M51 P0\nM70\nM48\nM72");
+    assert_eq!(said, "1.000000 0.000000");
+}
+
+#[test]
+fn a_tool_change_stops_the_spindle() {
+    let made = program("S100 M3\nT1 M6\nT1 M6\n(debug, #<_spindle_on>)\nM2");
+    let kinds: Vec<_> = made.events.iter().map(|event| event.kind).collect();
+    let change = [EventKind::ToolPrepare(1), EventKind::ToolChange(1)];
+    let mut expected = vec![
+        EventKind::SpindleSpeedRpm(100.0),
+        EventKind::SpindleClockwise,
+        change[0],
+        EventKind::SpindleStop,
+        change[1],
+    ];
+    expected.extend(change);
+    assert_eq!(kinds, expected);
+    assert_eq!(made.messages[0].text, "0.000000");
+    let bored = refusal("F100 S100 M3\nT1 M6\nG86 X1 Z-1 R1 P0\nM2");
+    assert!(bored.contains("G86 with"), "{bored}");
+}
+
+#[test]
+fn a_place_is_taken_for_one_axis_of_a_turned_offset() {
+    let text = "G0 X3 Y4\nG10 L2 P0 R30\nG10 L20 P0 Y2\n(debug, #5421)\nG0 X0\nM2";
+    assert_eq!(program(text).messages[0].text, "2.000000");
+    assert_eq!(
+        ends(text)[1],
+        [-0.982_050_808, 1.700_961_894, 0.0],
+        "LinuxCNC goes there"
+    );
+}

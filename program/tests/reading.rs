@@ -215,3 +215,25 @@ fn a_machine_without_axes_is_refused() {
     let refused = Reading::of_text("part.ngc", "M2", &setup, AxisVector::zeros());
     assert!(refused.is_err());
 }
+
+#[test]
+fn the_text_is_looked_through_for_labels_in_the_place_of_blocks() {
+    let filler = "G1 X1 F100\nX2\n".repeat(80_000);
+    let text = format!("o1 if [0]\n{filler}o1 endif\nG0 X7\nM2\n");
+    let mut reading = reading_of(&text, &mill(200.0));
+    let mut piece = Piece::default();
+    let mut calls = 0;
+    while reading.read(10, &mut piece).unwrap() == Progress::More {
+        assert!(
+            piece.elements.len() < 2,
+            "only what stands behind the labels"
+        );
+        calls += 1;
+    }
+    // Behind the first 256 kB no call looks through more than 512 bytes and a line for each of its ten blocks.
+    let rest = text.len() - (256 << 10);
+    assert!(calls > rest / (10 * 600), "{calls} calls");
+    assert!(calls < rest / (10 * 400), "{calls} calls");
+    let whole = interpret("part.ngc", &text, &mill(200.0), at(&[0.5])).unwrap();
+    assert_eq!(piece.elements, whole.path.elements);
+}

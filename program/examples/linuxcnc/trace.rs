@@ -181,30 +181,29 @@ pub fn simplified(steps: Vec<Step>) -> Vec<Step> {
             Step::Word { name, .. } if IGNORED.contains(&name.as_str()) => {}
             // A spindle is stopped before its tool is changed; whether that is said apart makes no difference.
             Step::Word { name, .. } if name == "change tool" => {
-                if kept.last().is_some_and(|last| last.is_word("spindle stop")) {
+                while kept.last().is_some_and(|last| last.is_word("spindle stop")) {
                     kept.pop();
                 }
                 kept.push(step);
             }
-            // Both at once, and said once: a tapping cycle says it again.
-            Step::Word { name, values }
-                if name == "speed override"
-                    && kept.last() == Some(&Step::word("feed override", values)) =>
-            {
-                kept.pop();
+            // Ours has an override of the feed alone.
+            Step::Word { name, values } if name == "feed override" => {
                 put_override(&mut kept, Step::word("overrides", values));
             }
             Step::Word { name, .. } if name == "overrides" => put_override(&mut kept, step),
             _ => kept.push(step),
         }
     }
-    while kept
-        .last()
-        .is_some_and(|last| AT_END.iter().any(|word| last.is_word(word)))
-    {
-        kept.pop();
+    let mut kept = messages_last(kept);
+    let ends = |step: &Step| AT_END.iter().any(|word| step.is_word(word));
+    // What is said stands behind it.
+    while let Some(at) = kept.iter().rposition(|step| !step.is_said()) {
+        if !kept.get(at).is_some_and(ends) {
+            break;
+        }
+        kept.remove(at);
     }
-    messages_last(kept)
+    kept
 }
 
 /// Overrides are allowed at the start; saying again what holds makes no difference.
@@ -233,17 +232,15 @@ fn messages_last(steps: Vec<Step>) -> Vec<Step> {
 }
 
 /// Words that are not compared.
-const IGNORED: [&str; 3] = ["adaptive feed", "feed hold", "wait input"];
+const IGNORED: [&str; 4] = ["adaptive feed", "feed hold", "wait input", "speed override"];
 
 /// What the end of a program does by itself.
-const AT_END: [&str; 10] = [
+const AT_END: [&str; 8] = [
     "pallet",
     "spindle stop",
     "mist",
     "flood",
     "overrides",
-    "feed override",
-    "speed override",
     "spindle mode",
     "not synchronised",
     "speed",
@@ -427,12 +424,26 @@ fn same(theirs: &Step, ours: &Step) -> bool {
             },
         ) => {
             let all = values.iter().zip(ours).all(|(a, b)| near_value(*a, *b));
-            name == our_name && values.len() == ours.len() && all
+            let named = name == our_name || (theirs.is_said() && same_text(name, our_name));
+            named && values.len() == ours.len() && all
         }
         (Step::Move { .. } | Step::Spline { .. } | Step::Dwell { .. } | Step::Word { .. }, _) => {
             false
         }
     }
+}
+
+/// What is said, but for the last printed digit of its numbers.
+fn same_text(theirs: &str, ours: &str) -> bool {
+    let number = |word: &str| word.parse::<f64>().ok();
+    let near = |theirs: &str, ours: &str| {
+        theirs == ours
+            || number(theirs)
+                .zip(number(ours))
+                .is_some_and(|(theirs, ours)| (theirs - ours).abs() <= 1.5e-6)
+    };
+    let (there, here) = (theirs.split(' '), ours.split(' '));
+    there.clone().count() == here.clone().count() && there.zip(here).all(|(a, b)| near(a, b))
 }
 
 /// The normal of a plane, along X Y Z.

@@ -126,9 +126,9 @@ impl Interpreter {
         }
     }
 
-    /// Whether feed and spindle overrides count, as a cycle has it.
+    /// Whether the override of the feed counts, as a cycle has it.
     fn cycle_overrides(&mut self, line: u32, count: bool) {
-        if self.overrides {
+        if self.feed_override {
             self.event(line, EventKind::OverridesEnabled(count));
         }
     }

@@ -15,7 +15,7 @@ impl Interpreter {
                     let right = "the surface speed, such as G96 D2500 S250";
                     return Err(Refusal::new(word.offset, "G96 without S", right));
                 }
-                let text = "G96: the speed of the spindle does not follow the radius; S is taken as rev/min";
+                let text = "G96: the speed of the spindle does not follow the radius, S is taken as rev/min: write G97 and the rev/min for the largest radius";
                 self.note(line, text);
             }
         }
@@ -104,12 +104,20 @@ impl Interpreter {
         let on = words.value('P').is_none_or(|p| p.value != 0.0);
         match number {
             480 | 490 => {
-                self.overrides = number == 480;
-                self.event(line, EventKind::OverridesEnabled(self.overrides));
+                self.feed_override = number == 480;
+                self.spindle_override = number == 480;
+                self.event(line, EventKind::OverridesEnabled(self.feed_override));
             }
-            500 | 510 => {
-                self.overrides = on;
+            500 => {
+                self.feed_override = on;
                 self.event(line, EventKind::OverridesEnabled(on));
+            }
+            510 => {
+                self.spindle_override = on;
+                self.note(
+                    line,
+                    "M51 has no effect: the speed of the spindle has no override",
+                );
             }
             _ => self.note(
                 line,

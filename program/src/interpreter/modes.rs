@@ -16,7 +16,8 @@ pub struct SavedModes {
     spindle: Spindle,
     surface_speed: bool,
     coolant: [bool; 2],
-    overrides: bool,
+    feed_override: bool,
+    spindle_override: bool,
     returns_to_r: bool,
     path_control: u32,
     work_offset: f64,
@@ -188,7 +189,8 @@ impl Interpreter {
             spindle: self.spindle,
             surface_speed: self.surface_speed,
             coolant: self.coolant,
-            overrides: self.overrides,
+            feed_override: self.feed_override,
+            spindle_override: self.spindle_override,
             returns_to_r: self.returns_to_r,
             path_control: self.path_control,
             work_offset: self.parameters.get(base::WORK_OFFSET),
@@ -218,9 +220,10 @@ impl Interpreter {
         if saved.coolant != self.coolant {
             self.set_coolant(line, saved.coolant);
         }
-        if saved.overrides != self.overrides {
-            self.overrides = saved.overrides;
-            self.event(line, EventKind::OverridesEnabled(saved.overrides));
+        self.spindle_override = saved.spindle_override;
+        if saved.feed_override != self.feed_override {
+            self.feed_override = saved.feed_override;
+            self.event(line, EventKind::OverridesEnabled(saved.feed_override));
         }
     }
 }

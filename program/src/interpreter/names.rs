@@ -70,9 +70,7 @@ impl Interpreter {
             "_units_per_rev" => is(self.feed_mode == FeedMode::PerRevolution),
             "_lathe_diameter_mode" => is(self.diameters),
             "_lathe_radius_mode" => is(!self.diameters),
-            "_feed" => self
-                .feed
-                .map_or(0.0, |feed| feed.value * feed.unit_mm / self.unit_mm()),
+            "_feed" => self.feed.map_or(0.0, |feed| feed.value),
             "_rpm" => self.spindle.speed_rpm,
             "_spindle_on" => is(self.spindle.direction != 0),
             "_spindle_cw" => is(self.spindle.direction > 0),
@@ -80,7 +78,8 @@ impl Interpreter {
             "_spindle_rpm_mode" => is(!self.surface_speed),
             "_mist" => is(self.coolant[0]),
             "_flood" => is(self.coolant[1]),
-            "_speed_override" | "_feed_override" => is(self.overrides),
+            "_feed_override" => is(self.feed_override),
+            "_speed_override" => is(self.spindle_override),
             "_current_tool" => f64::from(self.tool.number),
             "_selected_tool" => self.tool.prepared.map_or(-1.0, f64::from),
             "_selected_pocket" => {

@@ -178,14 +178,23 @@ impl Interpreter {
             self.parameters.set(first + 9, r.value);
         }
         let zero = self.zero_for(words, first);
+        // Where X and Y are turned, the zero of one depends on both: else the tool would not be where the words say.
+        let turned_axes = self.offsets.turned_axes.filter(|&(x, y)| {
+            let turned = by_place && self.parameters.get(first + 9) != 0.0;
+            turned
+                && [x, y]
+                    .iter()
+                    .any(|&axis| self.axis_value(words, axis).is_some())
+        });
         for index in 0..self.setup.axes.len() {
-            let value = self.axis_value(words, index);
+            let of_zero = zero.get(index).copied();
+            let value = if turned_axes.is_some_and(|(x, y)| index == x || index == y) {
+                of_zero
+            } else {
+                let given = self.axis_value(words, index);
+                given.and_then(|value| if by_place { of_zero } else { Some(value) })
+            };
             if let (Some(value), Some(number)) = (value, self.number_of(first, index)) {
-                let value = if by_place {
-                    zero.get(index).copied().unwrap_or(0.0)
-                } else {
-                    value
-                };
                 self.parameters.set(number, value);
             }
         }

@@ -45,6 +45,10 @@ impl Interpreter {
                 ));
             };
             self.tool.number = tool;
+            // With the same tool nothing is changed on the machine, but the spindle stands all the same.
+            if self.spindle.direction != 0 {
+                self.turn_spindle(line, 0);
+            }
             self.event(line, EventKind::ToolChange(tool));
         } else {
             let Some(q) = words
@@ -98,6 +102,7 @@ impl Interpreter {
         let Some((number, word)) = words.code(Group::ToolLength) else {
             return Ok(());
         };
+        let before = self.offsets.tool;
         match number {
             490 => self.offsets.tool = AxisVector::zeros(),
             431 => {
@@ -119,6 +124,11 @@ impl Interpreter {
                     self.offsets.tool + length
                 };
             }
+        }
+        // Cycles in a row return with the tip of the tool to where it was before them.
+        if let Some(series) = &mut self.series {
+            let longer = self.offsets.tool - before;
+            series.initial_mm += longer.get(series.drill_axis).copied().unwrap_or(0.0);
         }
         self.refresh_zero();
         Ok(())
