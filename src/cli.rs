@@ -11,9 +11,9 @@ use launcher::options::{
     UpOptions,
 };
 use tune::options::TuneOptions;
-#[cfg(feature = "remote")]
-use view::options::ServeOptions;
 use view::options::{MonitorOptions, ScopeOptions, StatusOptions};
+#[cfg(feature = "remote")]
+use view::options::{OrderOptions, ServeOptions};
 
 /// Multi-axis motion control made of separate processes over shared memory.
 ///
@@ -121,8 +121,10 @@ pub struct RemoteOptions {
 #[cfg(feature = "remote")]
 #[derive(Debug, Clone, Subcommand)]
 pub enum RemoteCommand {
-    /// Let other machines see a cell of this one; read only
+    /// Let other machines see a cell of this one, and operators with a certificate give it orders
     Serve(ServeOptions),
+    /// Give an order to a cell on another machine
+    Order(OrderOptions),
 }
 
 /// What `quadrant completions` takes.

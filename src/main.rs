@@ -46,6 +46,7 @@ fn obey(command: Command) -> Outcome {
         #[cfg(feature = "remote")]
         Command::Remote(options) => match &options.command {
             quadrant::cli::RemoteCommand::Serve(options) => live::serve::serve(options),
+            quadrant::cli::RemoteCommand::Order(options) => live::remote_orders::give(options),
         },
         Command::IceoryxConfig(options) => operator::iceoryx_config(&options),
         Command::Tune(options) => tune::tune(&options),

@@ -8,10 +8,15 @@
 #[path = "support.rs"]
 mod support;
 
+#[path = "../remote/tests/certificates/mod.rs"]
+mod certificates;
+
 #[path = "remote_link/bad_link.rs"]
 mod bad_link;
 #[path = "remote_link/namespaces.rs"]
 mod namespaces;
+#[path = "remote_link/orders.rs"]
+mod orders;
 #[path = "remote_link/proxy.rs"]
 mod proxy;
 #[path = "remote_link/view.rs"]

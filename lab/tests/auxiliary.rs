@@ -268,6 +268,41 @@ fn a_tool_comes_into_a_spindle_that_stands_and_an_operator_says_that_it_is_in() 
     assert_eq!(last.mode, Mode::Finished as u32);
 }
 
+/// M61: where an operator puts tools in, the machine believes the program; a changer knows itself what is in.
+#[test]
+fn the_number_of_the_tool_in_the_spindle_is_set_without_a_change() {
+    let text = "G91 M61 Q4\nG1 X5 F3000\nT4 M6\nG1 X5\nT2 M6\nG1 X5\nM61 Q1\nG1 X1\nM2\n";
+    let tools = |machine: &Machine, plant: &PlantFile| {
+        let mut cell = cell(machine, plant, text, Script::default());
+        let (mut tools, mut asked, mut changed) = (vec![], vec![], 0);
+        while let Some(published) = cell.scan() {
+            let feedback = *published.feedback;
+            let now = feedback.auxiliary;
+            if tools.last() != Some(&now.tool) {
+                tools.push(now.tool);
+            }
+            changed += usize::from(now.waiting == Waiting::ToolChange as u32);
+            if now.waiting == Waiting::ToolByOperator as u32 {
+                asked.push((now.levels.tool, now.line));
+                assert_eq!(cell.order(&order(Order::Resume, 0.0)).accepted, 1);
+            }
+            assert!(feedback.scan < 100_000, "the run does not end");
+        }
+        (tools, asked, changed)
+    };
+    let (mut machine, plant) = mill();
+    let (shown, asked, changed) = tools(&machine, &plant);
+    assert_eq!((shown, asked), (vec![0, 4, 2], vec![]));
+    assert!(
+        (480..=520).contains(&changed),
+        "{changed} scans for two changes"
+    );
+    machine.tool_change.by = ToolChanger::Operator;
+    let (shown, asked, changed) = tools(&machine, &plant);
+    assert_eq!((shown, asked), (vec![0, 4, 2, 1], vec![(2, 5)]));
+    assert_eq!(changed, 0);
+}
+
 #[test]
 fn a_spindle_that_does_not_come_to_its_speed_trips_with_its_cause() {
     let (machine, mut plant) = mill();

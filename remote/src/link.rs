@@ -97,14 +97,14 @@ impl FromStr for Endpoint {
     }
 }
 
-fn failed(what: &str) -> impl Fn(zenoh::Error) -> LinkError + '_ {
+pub(crate) fn failed(what: &str) -> impl Fn(zenoh::Error) -> LinkError + '_ {
     move |why| LinkError::Zenoh {
         what: what.into(),
         why: why.to_string(),
     }
 }
 
-/// Settings of both sides: no discovery, no links but the one that was named, everything bounded.
+/// Settings of both sides, for plain places.
 fn config(listen: &[Endpoint], connect: &[Endpoint]) -> Result<Config, LinkError> {
     let list = |endpoints: &[Endpoint]| {
         let each = endpoints
@@ -112,10 +112,15 @@ fn config(listen: &[Endpoint], connect: &[Endpoint]) -> Result<Config, LinkError
             .map(|endpoint| format!("\"{endpoint}#so_sndbuf={SEND_BUFFER_BYTES}\""));
         format!("[{}]", each.collect::<Vec<_>>().join(","))
     };
+    bounded(&list(listen), &list(connect))
+}
+
+/// No discovery, no links but those that are named (lists of places, as zenoh writes them), everything bounded.
+pub(crate) fn bounded(listen: &str, connect: &str) -> Result<Config, LinkError> {
     let settings = [
         ("mode", "\"peer\"".to_string()),
-        ("listen/endpoints", list(listen)),
-        ("connect/endpoints", list(connect)),
+        ("listen/endpoints", listen.into()),
+        ("connect/endpoints", connect.into()),
         ("connect/timeout_ms", "-1".into()),
         ("connect/exit_on_failure", "false".into()),
         (

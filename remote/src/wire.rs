@@ -6,8 +6,12 @@
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
+mod auxiliary;
+
+pub use auxiliary::{ANALOG_OUTPUTS, AuxiliaryState};
+
 /// Number of this format; every message carries it. Any change of what follows is another format.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 /// The largest message, in bytes: a machine file with room to spare.
 pub const MESSAGE_BYTES_MAX: usize = 256 << 10;
 /// The longest text but a machine file, in bytes.
@@ -177,6 +181,8 @@ pub struct MachineState {
     pub dwell_remaining_scans: u32,
     /// Element where the path was left, `u32::MAX` if it was not.
     pub interrupted_at_element: u32,
+    /// Spindle, coolant, outputs, tool and stops.
+    pub auxiliary: AuxiliaryState,
 }
 
 /// One axis: what is commanded, what is, and what was largest in between two snapshots.
@@ -517,6 +523,7 @@ message!(Snapshot, |message| {
     }
     if let Some(machine) = &message.machine {
         check_number("distance_mm", machine.distance_mm)?;
+        machine.auxiliary.check()?;
         check_count("override_percent", machine.override_percent as usize, 100)?;
         let axis = machine.cause_axis;
         if axis != u32::MAX && axis as usize >= message.axes.len() {

@@ -22,9 +22,41 @@ pub struct ServeOptions {
     /// A zenoh router to connect to
     #[arg(long, value_name = "tcp/HOST:PORT")]
     pub connect: Vec<String>,
+    /// Take orders at this place, over TLS, from the operators that are named; without it nobody can give any
+    #[arg(long, value_name = "tls/HOST:PORT", requires_all = ["tls", "operator"])]
+    pub orders: Option<String>,
+    /// Folder with the certificates for it: ca.pem, cert.pem, key.pem
+    #[arg(long, value_name = "FOLDER", requires = "orders")]
+    pub tls: Option<PathBuf>,
+    /// Common name of a certificate whose owner may give orders; once for each
+    #[arg(long, value_name = "NAME", requires = "orders")]
+    pub operator: Vec<String>,
     /// Snapshots per second
     #[arg(long, value_name = "HZ", default_value_t = 20, value_parser = clap::value_parser!(u64).range(2..=100))]
     pub rate: u64,
+}
+
+/// What `quadrant remote order` takes.
+#[cfg(feature = "remote")]
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Orders: hold, resume, stop, enable, disable, override. The controller PC takes them where `quadrant remote serve`\nwas started with --orders, --tls and --operator.\n\n  quadrant remote order hold --to tls/controller:7448 --tls ~/certificates --cell mill\n\nExit status: 1 if the machine refuses, or nobody answers; 3 if the server is not reached."
+)]
+pub struct OrderOptions {
+    /// What to order
+    pub order: String,
+    /// Of an override, in percent
+    #[arg(value_name = "PERCENT")]
+    pub percent: Option<f64>,
+    /// Where the server takes orders
+    #[arg(long, value_name = "tls/HOST:PORT")]
+    pub to: String,
+    /// Folder with one's own certificates: ca.pem, cert.pem, key.pem
+    #[arg(long, value_name = "FOLDER")]
+    pub tls: PathBuf,
+    /// Name of the cell
+    #[arg(long, value_name = "NAME")]
+    pub cell: String,
 }
 
 /// What `quadrant status` takes.

@@ -55,6 +55,14 @@ fn snapshot() -> Snapshot {
             distance_mm: 0.1,
             dwell_remaining_scans: 0,
             interrupted_at_element: u32::MAX,
+            auxiliary: AuxiliaryState {
+                spindle_command_rpm: 3000.0,
+                spindle_rpm: 2999.5,
+                digital: 1 << 63,
+                analog: vec![Some(0.5), None],
+                at_speed: true,
+                ..AuxiliaryState::default()
+            },
         }),
         axes: vec![axis(), axis()],
         program: ProgramState {

@@ -21,6 +21,8 @@ pub mod ports;
 pub mod proc;
 #[cfg(feature = "remote")]
 mod remote_feed;
+#[cfg(feature = "remote")]
+pub mod remote_orders;
 mod reversal;
 #[cfg(feature = "remote")]
 pub mod serve;

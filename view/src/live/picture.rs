@@ -1,11 +1,11 @@
 //! A model as messages for another machine, and a model filled from them. Pure.
 
 use bus::member::Pace;
-use bus::sample::{Feedback, Job, PathTag, PlannerStatus, WindowId};
+use bus::sample::{Auxiliaries, Feedback, Job, Levels, PathTag, PlannerStatus, WindowId};
 use bytemuck::Zeroable;
 use remote::wire::{
-    AxisState, CIRCLE_BINS, CircleState, FORMAT, MachineState, ProcessState, ProgramState,
-    REVERSALS_MAX, ReversalState, Snapshot, TimingState, plain_text, plausible,
+    AuxiliaryState, AxisState, CIRCLE_BINS, CircleState, FORMAT, MachineState, ProcessState,
+    ProgramState, REVERSALS_MAX, ReversalState, Snapshot, TimingState, plain_text, plausible,
 };
 
 use super::axis::AxisView;
@@ -81,6 +81,30 @@ fn machine_state(feedback: &Feedback, axes: usize) -> MachineState {
         distance_mm: feedback.tag.distance_mm,
         dwell_remaining_scans: feedback.tag.dwell_remaining_scans,
         interrupted_at_element: feedback.interrupted_at.element,
+        auxiliary: auxiliary_state(&feedback.auxiliary),
+    }
+}
+
+fn auxiliary_state(now: &Auxiliaries) -> AuxiliaryState {
+    let levels = &now.levels;
+    AuxiliaryState {
+        spindle_command_rpm: levels.spindle_rpm,
+        orientation_deg: levels.orientation_deg,
+        spindle_rpm: now.spindle_rpm,
+        spindle: levels.spindle,
+        coolant: levels.coolant,
+        digital: levels.digital,
+        analog: levels.analog.map(|value| plausible(Some(value))).to_vec(),
+        tool_wanted: levels.tool,
+        tool_prepared: levels.tool_prepared,
+        tool: now.tool,
+        events_done: now.events_done,
+        waiting: now.waiting,
+        line: now.line,
+        coupled: now.coupled,
+        at_speed: now.at_speed == 1,
+        optional_stop: now.optional_stop == 1,
+        override_disabled: now.override_disabled == 1,
     }
 }
 
@@ -223,7 +247,37 @@ fn feedback(state: &MachineState, axis_count: u32) -> Feedback {
         last: mark(state.last),
         overrun_scans: state.overrun_scans,
         axis_count,
+        auxiliary: auxiliaries(&state.auxiliary),
         ..Feedback::zeroed()
+    }
+}
+
+fn auxiliaries(state: &AuxiliaryState) -> Auxiliaries {
+    let mut levels = Levels {
+        spindle_rpm: state.spindle_command_rpm,
+        orientation_deg: state.orientation_deg,
+        digital: state.digital,
+        spindle: state.spindle,
+        coolant: state.coolant,
+        tool: state.tool_wanted,
+        tool_prepared: state.tool_prepared,
+        ..Levels::default()
+    };
+    for (output, value) in levels.analog.iter_mut().zip(&state.analog) {
+        *output = value.unwrap_or(f64::NAN);
+    }
+    Auxiliaries {
+        levels,
+        spindle_rpm: state.spindle_rpm,
+        events_done: state.events_done,
+        line: state.line,
+        waiting: state.waiting,
+        at_speed: u32::from(state.at_speed),
+        optional_stop: u32::from(state.optional_stop),
+        override_disabled: u32::from(state.override_disabled),
+        tool: state.tool,
+        coupled: state.coupled,
+        ..Auxiliaries::default()
     }
 }
 
@@ -257,7 +311,9 @@ mod tests {
     use super::*;
     use crate::live::json::{self, Reported};
     use crate::live::test_support::{machine, running};
-    use bus::sample::{AxisCommand, Cause, Job, Mode, Participant, Roster};
+    use bus::sample::{
+        AxisCommand, Cause, FLOOD, Job, Mode, Participant, Roster, SpindleCommand, Waiting,
+    };
 
     /// Two axes in motion, a servo of which has died.
     fn seen() -> Model {
@@ -281,6 +337,20 @@ mod tests {
             feedback.axes[1].torque_nm = 0.5;
             feedback.program = 3;
             feedback.run = 2;
+            let levels = &mut feedback.auxiliary.levels;
+            levels.spindle = SpindleCommand::Turn as u32;
+            levels.spindle_rpm = -3000.0;
+            levels.coolant = FLOOD;
+            levels.digital = 1 << 7 | 1 << 63;
+            levels.analog[2] = 0.25;
+            (levels.tool, levels.tool_prepared) = (4, 5);
+            feedback.auxiliary.spindle_rpm = -1200.0;
+            feedback.auxiliary.waiting = Waiting::SpindleSpeed as u32;
+            feedback.auxiliary.line = 12;
+            feedback.auxiliary.tool = 4;
+            feedback.auxiliary.events_done = 9;
+            feedback.auxiliary.optional_stop = 1;
+            feedback.auxiliary.override_disabled = 1;
             if scan == 109 {
                 feedback.mode = Mode::Tripped as u32;
                 feedback.cause = Cause::FollowingError as u32;
@@ -356,6 +426,8 @@ mod tests {
         wild.tag.distance_mm = f64::NAN;
         wild.axes[0].torque_nm = 1e200;
         wild.axes[1].velocity_mm_s = f64::NEG_INFINITY;
+        wild.auxiliary.levels.analog[0] = f64::INFINITY;
+        wild.auxiliary.spindle_rpm = 1e300;
         here.feedback(&wild);
         here.axes[0].error_um = Some(1e40);
         here.planner.as_mut().expect("one").path_done_mm = f64::NAN;

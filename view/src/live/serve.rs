@@ -1,7 +1,8 @@
 //! `quadrant remote serve`: an observer beside the cell that tells other machines what it sees.
 //!
 //! To the cell it is a monitor like any other: it reads copies from queues that overwrite their oldest, and nobody waits for it. To
-//! those who listen it owes nothing either: what the link does not take is dropped. It takes no orders.
+//! those who listen it owes nothing either: what the link does not take is dropped. Orders take a way of their own
+//! ([`remote_orders`]), if that was asked for.
 
 use std::time::{Duration, Instant};
 
@@ -12,7 +13,7 @@ use remote::wire::{FORMAT, MachineReport, plain_text};
 
 use super::events::Weight;
 use super::feed::Feed;
-use super::picture;
+use super::{picture, remote_orders};
 use crate::options::ServeOptions;
 use launcher::exit::{Failure, Kind, Outcome};
 use launcher::output::say;
@@ -46,6 +47,7 @@ pub fn serve(options: &ServeOptions) -> Outcome {
     let _ = rustix::process::nice(NICE);
     let machine = machine_of(&feed)?;
     let server = Server::open(machine.clone(), &listen, &connect).environment()?;
+    let orders = remote_orders::serve(options, &machine.cell)?;
     let places: Vec<String> = listen
         .iter()
         .chain(&connect)
@@ -69,10 +71,14 @@ pub fn serve(options: &ServeOptions) -> Outcome {
         sequence: 0,
         reported_event: 0,
     };
-    injector.run(
+    let done = injector.run(
         Duration::from_secs(1) / u32::try_from(options.rate).unwrap_or(20),
         &signals,
-    )
+    );
+    if let Some(orders) = orders {
+        orders.close();
+    }
+    done
 }
 
 /// A number that no other server has: when, and who.
