@@ -1,8 +1,15 @@
 //! Programs longer than anybody holds in memory: read as they are travelled, and gone on with from the place that was kept.
 
 use std::fmt::Write;
+use std::fs::File;
+use std::io::{BufWriter, Write as _};
+use std::path::Path;
+use std::time::Instant;
+
+use bus::sample::{Feedback, ProgramState};
 
 use crate::support::{Bench, LiveCell, number, quadrant, run_with, send, text, traces_of};
+use crate::up::obeyed;
 
 /// Chords of 0.2 mm around and around, on a ring of changing width; each round is a call of a subroutine, within a loop.
 fn rounds(rounds: u32) -> String {
@@ -119,4 +126,74 @@ fn a_planner_killed_in_real_time_deep_in_a_program_is_soon_back() {
     cell.wait_for(|feedback| feedback.tag.element > left.tag.element + 100);
     cell.signal_launcher(libc::SIGTERM);
     cell.finish();
+}
+
+/// Writes chords of 0.2 mm around and around, so many blocks.
+fn write_blocks(file: &Path, blocks: u32) {
+    let mut out = BufWriter::new(File::create(file).expect("a file"));
+    writeln!(out, "G21 G90 G17 F6000\nG0 X0 Y0").expect("written");
+    for n in 0..blocks {
+        let at = f64::from(n) * 0.01;
+        let (x, y) = (20.0 * at.cos() - 20.0, 20.0 * at.sin());
+        writeln!(out, "G1 X{x:.4} Y{y:.4}").expect("written");
+    }
+    writeln!(out, "M2").expect("written");
+    out.flush().expect("written");
+}
+
+/// Scans from the first feedback of a started program to the first one with motion, and how long that took from the order.
+fn first_motion(cell: &mut LiveCell) -> (u64, f64) {
+    let (_bus, mut reader) = cell.feedback();
+    let begun = Instant::now();
+    let child = quadrant().args(["start", "--cell", &cell.cell]).spawn();
+    let mut child = child.expect("quadrant");
+    let moves = |feedback: &Feedback| {
+        let mut axes = feedback.axes().iter();
+        axes.any(|axis| axis.velocity_command_mm_s.abs() > 0.01)
+    };
+    let mut started = None;
+    loop {
+        if let Some(feedback) = reader.newest(u64::MAX)
+            && feedback.program == ProgramState::Running as u32
+        {
+            let started = *started.get_or_insert(feedback.scan);
+            if moves(&feedback) {
+                let took_s = begun.elapsed().as_secs_f64();
+                assert!(child.wait().expect("an end").success());
+                return (feedback.scan - started, took_s);
+            }
+        }
+        assert!(begun.elapsed().as_secs() < 60, "no motion");
+        std::thread::sleep(std::time::Duration::from_micros(200));
+    }
+}
+
+#[test]
+#[ignore = "a measurement: GB=1 cargo test --release --test cell -- --ignored --nocapture first_motion"]
+fn the_first_motion_after_start_takes_as_long_for_any_program() {
+    let bench = Bench::of("xy", &[]);
+    let mut cell = LiveCell::up(bench.path(), "realtime");
+    cell.wait_for_scan(100);
+    obeyed(&cell, &["enable"]);
+    let long = std::env::var("GB").map_or(1, |gb| gb.parse().unwrap_or(1) * 46_000_000);
+    for blocks in [10, 1_000_000, long] {
+        let program = bench.path().join("any.ngc");
+        write_blocks(&program, blocks);
+        let mb = std::fs::metadata(&program).expect("a file").len() as f64 / 1e6;
+        let begun = Instant::now();
+        obeyed(&cell, &["load", program.to_str().expect("a path")]);
+        let loaded_s = begun.elapsed().as_secs_f64();
+        let (scans, took_s) = first_motion(&mut cell);
+        println!(
+            "{blocks} blocks, {mb:.1} MB: loaded in {loaded_s:.2} s; motion {scans} scans after the start, {took_s:.3} s after \
+             `quadrant start` was called"
+        );
+        cell.wait_for(|feedback| feedback.scan > 0);
+        obeyed(&cell, &["stop"]);
+        cell.wait_for(|feedback| {
+            let mut axes = feedback.axes().iter();
+            axes.all(|axis| axis.velocity_command_mm_s == 0.0) && feedback.at_rest == 1
+        });
+        std::thread::sleep(std::time::Duration::from_millis(500));
+    }
 }

@@ -32,6 +32,7 @@ mod packaging;
 mod pivot;
 mod positioning;
 mod quality;
+mod questions;
 mod random_runs;
 mod realtime_faults;
 mod recorder;

@@ -35,4 +35,4 @@ pub use reader::{Reader, read_only};
 pub use recorder::Recorder;
 pub use run_info::{BEGINS_AT, Event, RunEnd, RunInfo};
 pub use sample::{LoggedWindow, Sample, SampleRef};
-pub use skim::{Prescan, Start, skim};
+pub use skim::{Answers, Prescan, Start, skim};

@@ -71,6 +71,8 @@ pub struct Measurements {
     pub arcs: Vec<ArcResult>,
     /// Every change of direction of a command, in order of time.
     pub reversals: Vec<ReversalResult>,
+    /// How many more there were.
+    pub reversals_not_listed: u64,
     /// Setpoints beyond a limit.
     pub limits: LimitCounts,
     /// Windows that were voided.
@@ -199,6 +201,8 @@ impl Analysis {
             self.scan(&set);
         }
         let arcs = self.arcs.finish();
+        let not_listed = self.reversals.iter().map(ReversalMeter::not_listed);
+        let reversals_not_listed = not_listed.sum();
         let mut reversals: Vec<ReversalResult> = self
             .reversals
             .into_iter()
@@ -225,6 +229,7 @@ impl Analysis {
             blocks: self.blocks.finish(),
             arcs,
             reversals,
+            reversals_not_listed,
             limits: self.audit.counts,
             windows_voided: self.windows_voided,
             windows: self.windows,

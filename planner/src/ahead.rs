@@ -243,8 +243,7 @@ impl Course {
     /// Keeps the place between two blocks every so many elements, where no event waits for its element.
     fn note_place(&mut self) {
         let element = self.windows.path().end();
-        // A place behind an answer would be one of this run alone.
-        if element < self.next_place || self.reading.answers_taken() > 0 {
+        if element < self.next_place {
             return;
         }
         let Some(events) = self.events.behind() else {
@@ -256,6 +255,8 @@ impl Course {
             element,
             start_mm: self.windows.path().length_mm(),
             events,
+            answers: self.reading.answers_taken() as u32,
+            answers_hash: 0,
             reading: self.reading.snapshot(),
         });
     }

@@ -26,6 +26,10 @@ pub struct Place {
     pub start_mm: f64,
     /// The events before it.
     pub events: EventsBehind,
+    /// How many answers of the machine the program has had before it.
+    pub answers: u32,
+    /// Hash of these: with others it is a place of another run.
+    pub answers_hash: u64,
     /// What the reader of programs knows.
     pub reading: Vec<u8>,
 }
@@ -37,11 +41,14 @@ struct Head {
     /// Of all that follows.
     checksum: u64,
     program_hash: u64,
+    answers_hash: u64,
     start_mm: f64,
     element: u32,
     events_last: u32,
     spindle_turns: u32,
     spindle_changed_in_line: u32,
+    answers: u32,
+    reserved: u32,
 }
 
 const CHECKSUM_BYTES: usize = size_of::<u64>();
@@ -57,6 +64,9 @@ impl Place {
             events_last: self.events.last,
             spindle_turns: u32::from(self.events.spindle_turns),
             spindle_changed_in_line: self.events.spindle_changed_in_line,
+            answers_hash: self.answers_hash,
+            answers: self.answers,
+            reserved: 0,
         };
         let mut bytes = bytemuck::bytes_of(&head).to_vec();
         bytes.extend_from_slice(&self.reading);
@@ -81,6 +91,8 @@ impl Place {
                 spindle_turns: head.spindle_turns != 0,
                 spindle_changed_in_line: head.spindle_changed_in_line,
             },
+            answers: head.answers,
+            answers_hash: head.answers_hash,
             reading: reading.to_vec(),
         })
     }
@@ -102,6 +114,8 @@ mod tests {
                 spindle_turns: true,
                 spindle_changed_in_line: 9,
             },
+            answers: 2,
+            answers_hash: 77,
             reading: vec![1, 2, 3],
         };
         let bytes = place.to_bytes();

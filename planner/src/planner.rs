@@ -23,7 +23,7 @@ use crate::ahead::{AheadError, Course};
 use crate::in_step;
 use crate::place::{PLACE_ELEMENTS, Place};
 use crate::program_text::ProgramText;
-use crate::questions::KeptAnswer;
+use crate::questions::{KeptAnswer, hash_of};
 use crate::return_to_path::ReturnToPath;
 
 /// Scans from the feedback a window answers until it can be executed: seen by the servos in the next, admitted by the
@@ -265,15 +265,29 @@ impl Planner {
         (is_new && is_far && self.cause == Cause::None).then_some(element)
     }
 
-    /// A place that was kept, to read on from.
+    /// A place that was kept, to read on from. One behind answers is one of this run alone.
     pub fn take_place(&mut self, place: Place) {
-        self.place = Some(place);
+        let of_this_run = self.answers_hash(place.answers) == Some(place.answers_hash);
+        self.place = Some(place).filter(|_| of_this_run);
+    }
+
+    /// Hash of the first so many answers; none as long as there are fewer.
+    fn answers_hash(&self, count: u32) -> Option<u64> {
+        self.answers.get(..count as usize).map(hash_of)
     }
 
     /// Places that are to be kept for planners after this one.
     pub fn new_places(&mut self) -> Vec<Place> {
         let course = self.course.as_mut();
-        course.map_or_else(Vec::new, |course| std::mem::take(&mut course.places))
+        let places = course.map_or_else(Vec::new, |course| std::mem::take(&mut course.places));
+        let of_this_run = places.into_iter().filter_map(|place| {
+            let answers_hash = self.answers_hash(place.answers)?;
+            Some(Place {
+                answers_hash,
+                ..place
+            })
+        });
+        of_this_run.collect()
     }
 
     /// Answers the feedback of a period boundary (or of a later scan, if it woke late).

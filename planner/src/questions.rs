@@ -66,17 +66,13 @@ impl KeptAnswer {
     /// # Errors
     /// The axes are where no program can go on from.
     pub fn for_program(&self, machine: &Machine) -> Result<program::Answer, OutOfReach> {
-        let answer = &self.answer;
-        if self.probes == 0 {
-            return Ok(program::Answer::Input(answer.value));
-        }
-        let rests = program::tool_at(machine, &answer.rests)?;
-        if answer.outcome == AnswerOutcome::Missed as u32 {
-            return Ok(program::Answer::Missed { rests });
-        }
-        let at = program::tool_at(machine, &answer.tripped)?;
-        Ok(program::Answer::Tripped { at, rests })
+        program::Answer::said(machine, &self.answer, self.probes != 0)
     }
+}
+
+/// Hash of answers, in order.
+pub(crate) fn hash_of(answers: &[KeptAnswer]) -> u64 {
+    xxh3_64(bytemuck::cast_slice(answers))
 }
 
 /// The answers in a file, up to the first that is not whole: its writer was killed over it, and the next one writes it again.

@@ -9,8 +9,9 @@ use machine::Machine;
 use crate::bundle::read_program;
 use crate::error::ResumeError;
 use crate::program::{Program, Setup};
+use crate::question::Answer;
 use crate::reading::{Piece, Progress, Reading};
-use crate::resume::{load_from, tool_at};
+use crate::resume::{load_knowing, tool_at};
 
 /// Programs of at most so many elements are held whole by who wants to see all of one: some 20 MB.
 pub const SHORT_ELEMENTS: u64 = 30_000;
@@ -33,7 +34,21 @@ pub fn load_if_short(
     file: &FilePath,
     elements_max: u64,
 ) -> Result<Option<Program>, ResumeError> {
-    let mut along = Along::open(machine, increments, file)?;
+    load_if_short_knowing(machine, increments, file, elements_max, &[])
+}
+
+/// The same, with what a machine has answered to what the program asks.
+///
+/// # Errors
+/// As above; an answer is none to what is asked.
+pub fn load_if_short_knowing(
+    machine: &Machine,
+    increments: &[i64],
+    file: &FilePath,
+    elements_max: u64,
+    answers: &[Answer],
+) -> Result<Option<Program>, ResumeError> {
+    let mut along = Along::open_knowing(machine, increments, file, answers)?;
     // What is wrong is found again below, with everything else that is.
     while let Ok(Progress::More) = along.read() {
         along.near.elements.clear();
@@ -41,7 +56,7 @@ pub fn load_if_short(
             return Ok(None);
         }
     }
-    load_from(machine, increments, file).map(Some)
+    load_knowing(machine, increments, file, answers).map(Some)
 }
 
 /// The path of a program near the place that somebody has come to.
@@ -64,9 +79,23 @@ impl Along {
         increments: &[i64],
         file: &FilePath,
     ) -> Result<Along, ResumeError> {
+        Along::open_knowing(machine, increments, file, &[])
+    }
+
+    /// The same, with what a machine has answered to what the program asks; what comes behind the last answer is assumed.
+    ///
+    /// # Errors
+    /// [`ResumeError`].
+    pub fn open_knowing(
+        machine: &Machine,
+        increments: &[i64],
+        file: &FilePath,
+        answers: &[Answer],
+    ) -> Result<Along, ResumeError> {
         let start = tool_at(machine, increments)?;
         let setup = Arc::new(Setup {
             rehearsed: true,
+            answers: answers.to_vec(),
             ..Setup::of(machine)
         });
         let is_small = std::fs::metadata(file).is_ok_and(|of| of.len() <= BUNDLED_BYTES);

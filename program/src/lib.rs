@@ -99,7 +99,7 @@ mod text;
 mod threading;
 mod words;
 
-pub use along::{Along, SHORT_ELEMENTS, load_if_short};
+pub use along::{Along, SHORT_ELEMENTS, load_if_short, load_if_short_knowing};
 pub use bundle::{bundle_to, read_program};
 pub use check::{Summary, check_file};
 pub use error::{Problem, ProgramError, ResumeError, Shown};
@@ -110,5 +110,5 @@ pub use parameters::Parameters;
 pub use program::{AxisSetup, Block, Event, EventKind, Message, Note, Program, ProgramEnd, Setup};
 pub use question::{Answer, Question};
 pub use reading::{Piece, Progress, Reading};
-pub use resume::{load_from, resume_from, tool_at};
+pub use resume::{load_from, resume_from, resume_knowing, tool_at};
 pub use setup::kinematics_of;

@@ -9,6 +9,7 @@ use machine::Machine;
 
 use crate::error::ResumeError;
 use crate::program::{Program, Setup};
+use crate::question::Answer;
 use crate::{interpret, kinematics_of, read_program};
 
 /// Where the tool is, in the coordinates of programs, with the command positions at these increments.
@@ -37,9 +38,24 @@ pub fn resume_from(
     name: &str,
     text: &str,
 ) -> Result<Program, ResumeError> {
+    resume_knowing(machine, increments, name, text, &[])
+}
+
+/// The same, with what a machine has answered to what the program asks; what comes behind the last answer is assumed.
+///
+/// # Errors
+/// [`ResumeError`]; an answer is none to what is asked.
+pub fn resume_knowing(
+    machine: &Machine,
+    increments: &[i64],
+    name: &str,
+    text: &str,
+    answers: &[Answer],
+) -> Result<Program, ResumeError> {
     let start = tool_at(machine, increments)?;
     let setup = Setup {
         rehearsed: true,
+        answers: answers.to_vec(),
         ..Setup::of(machine)
     };
     Ok(interpret(name, text, &setup, start)?)
@@ -54,6 +70,16 @@ pub fn load_from(
     increments: &[i64],
     file: &Path,
 ) -> Result<Program, ResumeError> {
+    load_knowing(machine, increments, file, &[])
+}
+
+pub(crate) fn load_knowing(
+    machine: &Machine,
+    increments: &[i64],
+    file: &Path,
+    answers: &[Answer],
+) -> Result<Program, ResumeError> {
     let text = read_program(file, &machine.subroutine_folders)?;
-    resume_from(machine, increments, &file.display().to_string(), &text)
+    let name = file.display().to_string();
+    resume_knowing(machine, increments, &name, &text, answers)
 }

@@ -9,7 +9,7 @@ use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
-use bus::sample::{MAX_AXES, Roster};
+use bus::sample::{Answer, AnswerOutcome, Cause, Feedback, MAX_AXES, Roster};
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader};
 
@@ -34,6 +34,47 @@ pub struct Start {
     pub program_hash: u64,
 }
 
+/// Answers of a machine that are kept: of a program that asks more often, the way behind is taken as assumed.
+const ANSWERS_MAX: usize = 1 << 16;
+
+/// What the machine has answered to what the program asks, in order.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Answers {
+    given: Vec<(Answer, bool)>,
+    /// Number of the event that last began a probing motion.
+    probed: Option<u32>,
+}
+
+impl Answers {
+    fn take(&mut self, feedback: &Feedback) {
+        let answer = &feedback.answer;
+        match AnswerOutcome::from_wire(answer.outcome) {
+            // The program, or the same again, begins.
+            Some(AnswerOutcome::None) => *self = Answers::default(),
+            Some(AnswerOutcome::Awaited) => self.probed = Some(answer.number),
+            Some(AnswerOutcome::Given) => self.add(answer),
+            // Where contact was necessary, the program ends: it does not read on.
+            Some(AnswerOutcome::Missed) if feedback.cause != Cause::ProbeMissed as u32 => {
+                self.add(answer);
+            }
+            _ => {}
+        }
+    }
+
+    fn add(&mut self, answer: &Answer) {
+        let newest = self.given.last().map(|(answer, _)| answer.number);
+        if newest < Some(answer.number) && self.given.len() < ANSWERS_MAX {
+            let probes = self.probed == Some(answer.number);
+            self.given.push((*answer, probes));
+        }
+    }
+
+    /// Each with whether it is a probe's.
+    pub fn given(&self) -> &[(Answer, bool)] {
+        &self.given
+    }
+}
+
 /// What has to be known before the samples can be measured.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Prescan {
@@ -41,11 +82,16 @@ pub struct Prescan {
     pub start: Option<Start>,
     /// Who took part, every time it was published.
     pub rosters: Vec<Roster>,
+    /// What was asked and answered; it is in every feedback, so only who reads the log from end to end has it.
+    pub answers: Answers,
 }
 
 impl Prescan {
     /// Takes what belongs here of a sample.
     pub fn take(&mut self, sample: &Sample) {
+        if let Sample::Feedback(feedback) = sample {
+            self.answers.take(feedback);
+        }
         match sample {
             Sample::Roster(roster) => self.rosters.push(**roster),
             Sample::Feedback(feedback) if self.start.is_none() && !feedback.window.is_none() => {
@@ -86,6 +132,8 @@ pub fn skim(run_dir: &Path) -> Result<Prescan, LogError> {
             let _ = skim_part(BufReader::with_capacity(1 << 12, file), &reader, &mut take);
         }
     }
+    // Of the few feedbacks that were looked at.
+    prescan.answers = Answers::default();
     Ok(prescan)
 }
 

@@ -9,6 +9,10 @@ use crate::turns::Turns;
 
 /// Longest time by which a friction pulse may come after the reversal it belongs to, in s.
 const PULSE_LATE_S: f64 = 0.1;
+/// Reversals of an axis that are kept; those behind them are counted only.
+pub(super) const REVERSALS_MAX: usize = 10_000;
+/// Friction pulses of an axis that are kept: with small reversals that are none, more than reversals.
+const PULSES_MAX: usize = 4 * REVERSALS_MAX;
 /// Largest difference between the angle of a reversal and the quadrant it is matched with, in rad.
 const QUADRANT_RAD: f64 = 0.2;
 
@@ -90,7 +94,9 @@ impl ReversalMeter {
         let turned = pulse_mm_s * self.last_pulse_mm_s <= 0.0;
         if pulse_mm_s != 0.0 && pulse_mm_s.is_finite() && turned {
             let direction = if pulse_mm_s > 0.0 { 1 } else { -1 };
-            self.pulses.push((command.scan, direction));
+            if self.turns.len() <= REVERSALS_MAX && self.pulses.len() < PULSES_MAX {
+                self.pulses.push((command.scan, direction));
+            }
         }
         self.last_pulse_mm_s = pulse_mm_s;
         let before = self.last.replace((command.scan, command.position));
@@ -104,8 +110,16 @@ impl ReversalMeter {
             tag: command.tag,
             executing: !command.held.is_none(),
         });
-        self.turns.extend(turn.map(|(turn, _)| turn));
+        // One more than is listed: it ends the time of the last one.
+        if self.turns.len() <= REVERSALS_MAX {
+            self.turns.extend(turn.map(|(turn, _)| turn));
+        }
         self.last_step = step;
+    }
+
+    /// Reversals that are not listed.
+    pub fn not_listed(&self) -> u64 {
+        self.search.count.saturating_sub(REVERSALS_MAX as u64)
     }
 
     /// Ends the search and looks up what each reversal left on the table.
@@ -127,7 +141,7 @@ impl ReversalMeter {
         let mut earliest_scans = f64::NEG_INFINITY;
         let mut pulses = self.pulses.iter().peekable();
         let mut results = Vec::new();
-        for (index, turn) in self.turns.iter().enumerate() {
+        for (index, turn) in self.turns.iter().enumerate().take(REVERSALS_MAX) {
             let next_scans = self
                 .turns
                 .get(index + 1)

@@ -448,3 +448,34 @@ fn values_out_of_all_reason_do_not_upset_the_measurement() {
     let measured = analysis.finish();
     assert!(measured.axes[0].following_error_mm.rms().is_finite());
 }
+
+/// A program of any length turns any number of times; the memory of its report is bounded.
+#[test]
+fn reversals_beyond_those_that_are_listed_are_counted() {
+    let machine = machine(&["X", "Y"]);
+    let mut meter = ReversalMeter::new(machine.axes[0].increment_mm());
+    let most = reversal::REVERSALS_MAX as u64;
+    for scan in 0..3 * most {
+        let (position, pulse) = if scan % 2 == 0 {
+            (0, 1.0)
+        } else {
+            (1_000_000, -1.0)
+        };
+        meter.take(&AxisCommand {
+            scan,
+            position,
+            friction_pulse_mm_s: pulse,
+            ..bytemuck::Zeroable::zeroed()
+        });
+    }
+    // The first scan is no reversal, the second the first direction.
+    assert_eq!(meter.not_listed(), 2 * most - 2);
+    let listed = meter.finish(0, &machine, &Path::default(), &[]);
+    assert_eq!(listed.len() as u64, most);
+    assert_eq!(listed[0].scan, 2);
+    // The last one has its pulse as any other.
+    assert_eq!(
+        listed[0].pulse_lead_ms,
+        listed[listed.len() - 1].pulse_lead_ms
+    );
+}

@@ -364,7 +364,10 @@ fn reversal_facts(report: &Report, on_arcs: usize) -> Vec<Fact> {
     let deepest = steady.iter().map(|(_, undercut)| *undercut);
     let deepest = deepest.reduce(f64::min);
     vec![
-        Fact::count("in all", report.reversals.len() as u64),
+        Fact::count(
+            "in all",
+            report.reversals.len() as u64 + report.reversals_not_listed,
+        ),
         Fact::count("on arcs", on_arcs as u64),
         Fact::count("in steady motion", steady.len() as u64).key("protrusions_um/count"),
         Fact::um("mean protrusion", mean).key("protrusions_um/mean"),

@@ -4,12 +4,12 @@ use std::path::{Path as FilePath, PathBuf};
 
 use control::path::Path;
 use machine::Machine;
-use program::{Along, Setup};
+use program::{Along, Answer, ResumeError, Setup};
 use serde_json::Value;
 
 use super::error::ReportError;
 use super::json::OutcomeKind;
-use crate::log::{Part, Prescan, RunEnd, RunInfo, RunLog, Sample, Start, skim};
+use crate::log::{Answers, Part, Prescan, RunEnd, RunInfo, RunLog, Sample, Start, skim};
 use crate::measure::{Analysis, Measurements, RunPath};
 
 /// Of programs of at most so many elements everything is measured, and memory is taken in proportion; of longer ones what needs the path near
@@ -72,7 +72,8 @@ pub fn evaluate(run_dir: &FilePath) -> Result<Evaluation, ReportError> {
     if found == prescan {
         return Ok(evaluation);
     }
-    // A damaged log: what is in it behind the damage is not read, and so does not count.
+    // The machine has answered what the program asked: the way behind is known now. Or the log is damaged: what is in it behind the
+    // damage is not read, and so does not count.
     Ok(evaluate_knowing(run_dir, &machine, &found)?.0)
 }
 
@@ -85,7 +86,8 @@ fn evaluate_knowing(
     let mut reader = RunLog::open(run_dir)?;
     let (path, source_hash) = match &prescan.start {
         Some(start) => {
-            let (path, source_hash) = load_path(run_dir, machine, reader.info(), start)?;
+            let known = (start, &prescan.answers);
+            let (path, source_hash) = load_path(run_dir, machine, reader.info(), known)?;
             (path, Some(source_hash))
         }
         None => (Path::default().into(), None),
@@ -168,19 +170,28 @@ pub(super) fn program_file(run_dir: &FilePath, info: &RunInfo) -> Result<PathBuf
     Ok(run_dir.join(name))
 }
 
-/// The path of the program that ran, and its hash.
+/// The path of the program that ran, with what the machine has answered to it, and its hash.
 fn load_path(
     run_dir: &FilePath,
     machine: &Machine,
     info: &RunInfo,
-    start: &Start,
+    (start, answers): (&Start, &Answers),
 ) -> Result<(RunPath, u64), ReportError> {
     let file = program_file(run_dir, info)?;
     let positions = &start.command_positions;
-    if let Some(program) = program::load_if_short(machine, positions, &file, WHOLE_ELEMENTS)? {
+    let given = answers.given().iter();
+    let said = given.map(|(answer, probes)| Answer::said(machine, answer, *probes));
+    let said: Vec<Answer> = said.collect::<Result<_, _>>().map_err(ResumeError::from)?;
+    let short = |said: &[Answer]| {
+        program::load_if_short_knowing(machine, positions, &file, WHOLE_ELEMENTS, said)
+    };
+    // The last answer may be the one that ended the program; a log with gaps may lack one in between.
+    let all_but_last = said.split_last().map_or(&[][..], |(_, others)| others);
+    let read = short(&said).or_else(|_| short(all_but_last));
+    if let Some(program) = read.or_else(|_| short(&[]))? {
         return Ok((program.path.into(), program.source_hash));
     }
-    let along = Along::open(machine, positions, &file)?;
+    let along = Along::open_knowing(machine, positions, &file, &said)?;
     let source_hash = along.source_hash();
     Ok((RunPath::Near(Box::new(along)), source_hash))
 }

@@ -66,6 +66,9 @@ pub struct Report {
     pub arcs: Vec<ArcReport>,
     /// Changes of direction of a command.
     pub reversals: Vec<ReversalReport>,
+    /// How many more there were; left out where all are listed.
+    #[serde(skip_serializing_if = "is_none")]
+    pub reversals_not_listed: u64,
     /// Setpoints beyond limits.
     pub limits: LimitCounts,
     /// Who took part.
@@ -418,6 +421,7 @@ impl Report {
                 .map(|result| arc(result, evaluation))
                 .collect(),
             reversals: reversals(evaluation),
+            reversals_not_listed: evaluation.measurements.reversals_not_listed,
             limits: measurements.limits,
             processes: processes(measurements),
             faults: faults(measurements),
@@ -564,6 +568,10 @@ fn arc(result: &ArcResult, evaluation: &Evaluation) -> ArcReport {
         motor_circular_deviation_um: r3(result.motor.circular_um),
         motor_radius_error_um: radius_error(&result.motor),
     }
+}
+
+fn is_none(count: &u64) -> bool {
+    *count == 0
 }
 
 fn reversals(evaluation: &Evaluation) -> Vec<ReversalReport> {
