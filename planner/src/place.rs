@@ -42,6 +42,8 @@ struct Head {
     events_last: u32,
     spindle_turns: u32,
     spindle_changed_in_line: u32,
+    messages: u32,
+    reserved: u32,
 }
 
 const CHECKSUM_BYTES: usize = size_of::<u64>();
@@ -57,6 +59,8 @@ impl Place {
             events_last: self.events.last,
             spindle_turns: u32::from(self.events.spindle_turns),
             spindle_changed_in_line: self.events.spindle_changed_in_line,
+            messages: self.events.messages,
+            reserved: 0,
         };
         let mut bytes = bytemuck::bytes_of(&head).to_vec();
         bytes.extend_from_slice(&self.reading);
@@ -80,6 +84,7 @@ impl Place {
                 last: head.events_last,
                 spindle_turns: head.spindle_turns != 0,
                 spindle_changed_in_line: head.spindle_changed_in_line,
+                messages: head.messages,
             },
             reading: reading.to_vec(),
         })
@@ -101,6 +106,7 @@ mod tests {
                 last: 3,
                 spindle_turns: true,
                 spindle_changed_in_line: 9,
+                messages: 5,
             },
             reading: vec![1, 2, 3],
         };
