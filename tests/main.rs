@@ -24,6 +24,7 @@ mod leftovers;
 mod linearizable;
 mod liveness;
 mod long_programs;
+mod messages;
 mod metrics;
 mod monitor_live;
 mod operator;

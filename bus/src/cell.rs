@@ -207,6 +207,11 @@ impl CellPaths {
         self.folder().join(format!("answers-{load}-{run}"))
     }
 
+    /// What the program says: the texts around the place that its path has come to.
+    pub fn messages(&self) -> PathBuf {
+        self.folder().join("messages")
+    }
+
     /// The program that was loaded under this number.
     pub fn program(&self, load: u32) -> Option<PathBuf> {
         let mut entries = fs::read_dir(self.program_folder(load)).ok()?.flatten();

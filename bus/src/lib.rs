@@ -6,6 +6,7 @@ pub mod cell;
 pub mod layout;
 pub mod limits;
 pub mod member;
+pub mod messages;
 mod name;
 pub mod observer;
 mod ownership;

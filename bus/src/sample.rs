@@ -618,7 +618,7 @@ impl Default for AxisCommand {
 
 /// What the planner says at each period boundary, also when it has nothing new.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/PlannerStatus/5")]
+#[type_name("quadrant/PlannerStatus/6")]
 #[repr(C)]
 pub struct PlannerStatus {
     /// Scan whose feedback this answers.
@@ -647,8 +647,8 @@ pub struct PlannerStatus {
     pub line: u32,
     /// Number of the event whose answer it has taken last.
     pub answered: u32,
-    /// Kept zero.
-    pub reserved: u32,
+    /// Messages of the program that the path has come to, and whose texts are where readers find them.
+    pub messages: u32,
     /// The event that the program asks for where the machine rests now; its number is 0 for none.
     pub event: ProgramEvent,
     /// The next outputs to be set in motion, each in the scan in which its element begins; number 0 for none.

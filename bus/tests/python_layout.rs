@@ -270,7 +270,7 @@ structure!(
         load,
         line,
         answered,
-        reserved,
+        messages,
         event,
         outputs_ahead,
         checksum,

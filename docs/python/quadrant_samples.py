@@ -309,7 +309,7 @@ class PlannerStatus(ctypes.Structure):
         ("load", c_uint32),  # at 72
         ("line", c_uint32),  # at 76
         ("answered", c_uint32),  # at 80
-        ("reserved", c_uint32),  # at 84
+        ("messages", c_uint32),  # at 84
         ("event", ProgramEvent),  # at 88
         ("outputs_ahead", ProgramEvent * 8),  # at 120
         ("checksum", c_uint64),  # at 376
@@ -317,7 +317,7 @@ class PlannerStatus(ctypes.Structure):
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/PlannerStatus/5"
+        return "quadrant/PlannerStatus/6"
 
 
 assert ctypes.sizeof(PlannerStatus) == 384

@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use bus::messages::ProgramMessage;
 use bus::sample::{AxisCommand, Feedback, Job, PlannerStatus, Setpoint, WindowHeader};
 use machine::Process;
 use machine::settings_file::SettingsFileError;
@@ -125,6 +126,10 @@ impl<P: PlannerPorts, F: Fn(usize) -> Option<u64>> PlannerPorts for Faulty<P, F>
 
     fn keep_answer(&mut self, load: u32, run: u32, answer: &KeptAnswer) -> bool {
         self.ports.keep_answer(load, run, answer)
+    }
+
+    fn write_messages(&mut self, load: u32, run: u32, messages: &[ProgramMessage]) {
+        self.ports.write_messages(load, run, messages);
     }
 
     fn publish_window(&mut self, header: &WindowHeader, setpoints: &[Setpoint]) {

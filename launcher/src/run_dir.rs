@@ -79,7 +79,7 @@ pub const SETTINGS_FILES: [&str; 5] = [
 ];
 
 /// Files of a run directory that are not the program.
-const RESERVED: [&str; 10] = [
+const RESERVED: [&str; 11] = [
     "machine.toml",
     "learned.toml",
     "plant.toml",
@@ -88,6 +88,7 @@ const RESERVED: [&str; 10] = [
     "report.txt",
     "report.html",
     "events.jsonl",
+    "messages.jsonl",
     "orders.toml",
     "faults.toml",
 ];

@@ -2,7 +2,9 @@
 
 use std::time::{Duration, Instant};
 
+use bus::cell::CellPaths;
 use bus::member::Pace;
+use bus::messages::MessageReader;
 use bus::port::{OperatorClient, PendingOrder};
 use bus::sample::{Cause, Feedback, Job, Mode, OperatorRequest, Order};
 use bus::signal_page::CellPhase;
@@ -98,6 +100,7 @@ pub fn supervise(
     let mut supervision = Supervision::new(group, subject, watch, signals, events);
     while supervision.goes_on() {
         supervision.look();
+        supervision.tell_messages();
         supervision.report_trip();
         supervision.follow_session();
         supervision.end_hangs();
@@ -130,6 +133,7 @@ struct Supervision<'a> {
     cell: String,
     master_slot: usize,
     newest: Option<Feedback>,
+    messages: Option<MessageReader>,
     standby_alarm: StandbyAlarm,
     tripped: bool,
     deaths: Vec<Death>,
@@ -177,6 +181,8 @@ impl<'a> Supervision<'a> {
         events: &'a mut Events,
     ) -> Supervision<'a> {
         let machine = subject.machine;
+        let place = CellPaths::new(group.cell_name()).ok();
+        let messages = place.map(|place| MessageReader::new(place.messages()));
         Supervision {
             machine,
             session: subject.session,
@@ -191,6 +197,7 @@ impl<'a> Supervision<'a> {
             master_slot: group.place_of(Job::Master.into()).unwrap_or_default(),
             group,
             newest: None,
+            messages,
             standby_alarm: StandbyAlarm::default(),
             tripped: false,
             deaths: Vec::new(),
@@ -226,6 +233,28 @@ impl<'a> Supervision<'a> {
     fn take_newest(&mut self) {
         self.newest = self.watch.progress.newest().copied();
         self.group.newest_scan = self.newest.map_or(0, |feedback| feedback.scan);
+    }
+
+    /// Says what the program has said: once, whoever of the cell is killed. What is for the log alone goes to the events only.
+    fn tell_messages(&mut self) {
+        let (Some(feedback), Some(messages)) = (&self.newest, &mut self.messages) else {
+            return;
+        };
+        let heard = messages.hear(feedback);
+        for message in &heard.messages {
+            let text = format!("line {}: {}", message.line, message.text);
+            if !message.log_only {
+                tracing::info!("the program says, {text}");
+            }
+            let event = Event::of_cell(feedback.scan, "message", Some(text));
+            self.events.write(&event);
+        }
+        if heard.dropped > 0 {
+            let text = format!("{} messages of the program are lost", heard.dropped);
+            tracing::warn!("{text}: they were said faster than they could be read");
+            let event = Event::of_cell(feedback.scan, "messages lost", Some(text));
+            self.events.write(&event);
+        }
     }
 
     /// Says which axes have been without their standby for too long.
@@ -459,6 +488,8 @@ impl<'a> Supervision<'a> {
         self.watch.progress.look();
         self.watch.progress.finish();
         self.note_recorder_without_room();
+        self.take_newest();
+        self.tell_messages();
         let last = self.watch.progress.newest().copied();
         if let (Some(session), Some(last)) = (&mut self.session, &last) {
             // Whoever looks for the cell now finds none; its last report is still being made.

@@ -18,6 +18,7 @@ mod options;
 pub mod plot;
 pub mod report;
 mod run;
+pub mod said;
 pub mod scope;
 mod sinks;
 mod tap;

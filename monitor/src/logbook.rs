@@ -11,11 +11,13 @@ use machine::Machine;
 use crate::black_box::Home;
 use crate::log::{BEGINS_AT, LogError, Recorder, RunEnd, RunInfo};
 use crate::options::{MonitorError, Options};
+use crate::said::SaidFile;
 
 /// The log that is open.
 struct Open {
     run: u32,
     recorder: Recorder,
+    said: Option<SaidFile>,
     started: Option<Instant>,
     /// Receptions that had failed when it was opened.
     failed_before: u64,
@@ -67,6 +69,7 @@ impl Logbook {
             let started = feedback.program == ProgramState::Running as u32;
             let run = started.then_some(feedback.run);
             if self.open.as_ref().map(|open| open.run) != run {
+                self.hear(feedback);
                 self.close(None, failed)?;
                 if started {
                     self.begin(feedback, failed)?;
@@ -76,6 +79,17 @@ impl Logbook {
             }
         }
         Ok(false)
+    }
+
+    /// Takes down what the program of the log that is open has said by this feedback.
+    pub fn hear(&mut self, feedback: &Feedback) {
+        let staying = self.options.program.is_none();
+        if let Some(open) = &mut self.open
+            && (!staying || open.run == feedback.run)
+            && let Some(said) = &mut open.said
+        {
+            said.take(feedback);
+        }
     }
 
     /// Where black boxes go from now on, if that has changed: into the run directory, between programs into the folder of the cell.
@@ -157,8 +171,11 @@ impl Logbook {
             let settings = &mut info.settings;
             settings.insert(BEGINS_AT.into(), begins_at.to_string());
         }
+        let said = CellPaths::new(&self.options.slot.cell).ok();
+        let said = said.and_then(|cell| SaidFile::open(folder, &cell).ok());
         self.open = Some(Open {
             run,
+            said,
             recorder: Recorder::create_part(folder, &self.machine, &info)?,
             started: None,
             failed_before: failed,

@@ -52,6 +52,7 @@ impl Sinks<'_> {
         }
         let feedback = SampleRef::Feedback(sample);
         self.logbook.record(|log| log.record(feedback))?;
+        self.logbook.hear(sample);
         if let Some(event) = self.black_box.take(feedback) {
             self.logbook
                 .record(|log| log.record(SampleRef::Event(&event)))?;

@@ -10,6 +10,7 @@
     clippy::indexing_slicing
 )]
 
+use std::iter::Peekable;
 use std::sync::Arc;
 
 use bus::sample::{Feedback, MAX_AXES};
@@ -17,7 +18,7 @@ use control::path::Element;
 use control::profile::PathState;
 use control::window::{PlanError, PlannedSetpoint, WindowOutcome, WindowPlanner, WindowRequest};
 use machine::Machine;
-use program::{Note, Piece, Progress, Question, Reading, ResumeError, Setup};
+use program::{Message, Note, Piece, Progress, Question, Reading, ResumeError, Setup};
 
 use crate::course::{CourseError, Reach, motion_limits, window_planner_ahead};
 use crate::events::Events;
@@ -164,23 +165,39 @@ impl Course {
 
     fn take_piece(&mut self) -> Result<(), CourseError> {
         let mut piece = std::mem::take(&mut self.piece);
-        let mut events = piece.events.drain(..).peekable();
+        let messages = std::mem::take(&mut piece.messages);
+        let mut messages = messages.iter().peekable();
+        let mut events = piece.events.drain(..).zip(0u64..).peekable();
         for mut element in piece.elements.drain(..) {
             let number = self.windows.path().end();
-            while let Some(event) = events.next_if(|event| event.before_element <= number as usize)
-            {
+            let here = |before_element: usize| before_element <= number as usize;
+            while let Some((event, index)) = events.next_if(|next| here(next.0.before_element)) {
+                self.say_before(&mut messages, |message| message.before_event <= index);
                 self.events.read(&event)?;
             }
+            self.say_before(&mut messages, |message| here(message.before_element));
             self.events.meet(number, &mut element)?;
             self.reach.check(&element)?;
             self.windows.push(element)?;
         }
-        for event in events {
+        for (event, index) in events {
+            self.say_before(&mut messages, |message| message.before_event <= index);
             self.events.read(&event)?;
         }
-        piece.messages.clear();
+        self.say_before(&mut messages, |_| true);
         self.piece = piece;
         Ok(())
+    }
+
+    /// Hands on the messages that come next, as long as `is_next` says so.
+    fn say_before<'a>(
+        &mut self,
+        messages: &mut Peekable<impl Iterator<Item = &'a Message>>,
+        is_next: impl Fn(&Message) -> bool,
+    ) {
+        while let Some(message) = messages.next_if(|message| is_next(message)) {
+            self.events.say(message);
+        }
     }
 
     /// Nothing more is known before the answer is. The way of a probe is taken as the program has it.

@@ -10,14 +10,16 @@
 
 use std::collections::VecDeque;
 
+use bus::messages::ProgramMessage;
 use bus::sample::{
     ANALOG_OUTPUTS, DIGITAL_OUTPUTS, EventCode, OUTPUTS_AHEAD, PROBE_AWAY, PROBE_MUST, ProgramEvent,
 };
 use control::path::{Element, Feed, Path};
 use machine::{Machine, Spindle};
-use program::{Event, EventKind};
+use program::{Event, EventKind, Message};
 
 use crate::in_step::{InStepError, Pass, Steps};
+use crate::messages::{Messages, WAITING_MAX};
 
 /// An event that this machine cannot do.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -45,6 +47,10 @@ pub struct Events {
     /// Read, and done before an element that is not read yet.
     waiting: Vec<Planned>,
     spindle_ahead: SpindleAhead,
+    /// Messages that are read, each behind so many of those that wait.
+    said: VecDeque<(usize, ProgramMessage)>,
+    /// Those that the path has still to come to.
+    pub messages: Messages,
     /// Those that are not known to be done.
     planned: VecDeque<Planned>,
     /// Number of the last one.
@@ -71,6 +77,8 @@ pub struct EventsBehind {
     pub spindle_turns: bool,
     /// Line in which it was given a speed or direction that no feed has waited for; 0 for none.
     pub spindle_changed_in_line: u32,
+    /// How many messages there were.
+    pub messages: u32,
 }
 
 /// What an event is on the wire; none if the master has no part in it.
@@ -227,6 +235,7 @@ impl Events {
         let line = behind.spindle_changed_in_line;
         Events {
             last: behind.last,
+            messages: Messages::after(behind.messages),
             spindle_ahead: SpindleAhead {
                 turns: behind.spindle_turns,
                 coupled: false,
@@ -259,12 +268,15 @@ impl Events {
 
     /// What the rest depends on; none while events wait for their element.
     pub fn behind(&self) -> Option<EventsBehind> {
-        let nothing =
-            self.waiting.is_empty() && self.rests_at.is_empty() && !self.steps.is_under_way();
+        let nothing = self.waiting.is_empty()
+            && self.said.is_empty()
+            && self.rests_at.is_empty()
+            && !self.steps.is_under_way();
         nothing.then(|| EventsBehind {
             last: self.last,
             spindle_turns: self.spindle_ahead.turns,
             spindle_changed_in_line: self.spindle_ahead.changed_in_line.unwrap_or(0),
+            messages: self.messages.last(),
         })
     }
 
@@ -299,6 +311,16 @@ impl Events {
             self.question = Some((self.last, probes));
         }
         Ok(())
+    }
+
+    /// The next message, behind the events that were read before it.
+    pub fn say(&mut self, message: &Message) {
+        let at_rest = self.waiting.iter().filter(|planned| !planned.in_motion);
+        let said = self.messages.number(message);
+        if self.said.len() >= WAITING_MAX {
+            self.said.pop_front();
+        }
+        self.said.push_back((at_rest.count(), said));
     }
 
     /// The question that was read last: its number, and whether it is a probe's.
@@ -382,6 +404,10 @@ impl Events {
     /// Numbers what waits: first those at rest, then those of the motion.
     fn plan_waiting(&mut self, element: u32) {
         self.waiting.sort_by_key(|planned| planned.in_motion);
+        for (behind, said) in self.said.drain(..) {
+            let events = self.last.saturating_add(behind as u32);
+            self.messages.push(said, element, events);
+        }
         for mut planned in self.waiting.drain(..) {
             self.last += 1;
             planned.event.number = self.last;
@@ -423,6 +449,12 @@ impl Events {
         while self.stops.front().is_some_and(|stop| stop.0 <= done) {
             self.stops.pop_front();
         }
+    }
+
+    /// Lets go of all messages.
+    pub fn forget_messages(&mut self) {
+        self.said.clear();
+        self.messages = Messages::after(self.messages.last());
     }
 
     /// The one of this number.

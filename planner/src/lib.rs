@@ -7,6 +7,7 @@ mod course;
 mod events;
 mod in_step;
 mod kept_places;
+mod messages;
 mod place;
 mod planner;
 pub mod ports;

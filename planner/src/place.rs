@@ -48,7 +48,7 @@ struct Head {
     spindle_turns: u32,
     spindle_changed_in_line: u32,
     answers: u32,
-    reserved: u32,
+    messages: u32,
 }
 
 const CHECKSUM_BYTES: usize = size_of::<u64>();
@@ -66,7 +66,7 @@ impl Place {
             spindle_changed_in_line: self.events.spindle_changed_in_line,
             answers_hash: self.answers_hash,
             answers: self.answers,
-            reserved: 0,
+            messages: self.events.messages,
         };
         let mut bytes = bytemuck::bytes_of(&head).to_vec();
         bytes.extend_from_slice(&self.reading);
@@ -90,6 +90,7 @@ impl Place {
                 last: head.events_last,
                 spindle_turns: head.spindle_turns != 0,
                 spindle_changed_in_line: head.spindle_changed_in_line,
+                messages: head.messages,
             },
             answers: head.answers,
             answers_hash: head.answers_hash,
@@ -113,6 +114,7 @@ mod tests {
                 last: 3,
                 spindle_turns: true,
                 spindle_changed_in_line: 9,
+                messages: 5,
             },
             answers: 2,
             answers_hash: 77,

@@ -7,6 +7,7 @@
     clippy::indexing_slicing
 )]
 
+use bus::messages::ProgramMessage;
 use bus::sample::{
     Cause, Feedback, MAX_AXES, Mode, PathTag, PlannerStatus, ProgramEvent, ProgramState, Setpoint,
     WindowHeader, WindowId,
@@ -97,6 +98,8 @@ pub struct Decision<'a> {
     pub status: PlannerStatus,
     /// The next window.
     pub window: Option<(WindowHeader, &'a [Setpoint])>,
+    /// What the program says around here: to be written before the two others are published.
+    pub messages: &'a [ProgramMessage],
 }
 
 /// What a planner remembers beside what it has published.
@@ -134,6 +137,7 @@ pub struct Planner {
     cause: Cause,
     setpoints: Vec<PlannedSetpoint>,
     wire: Vec<Setpoint>,
+    messages: Vec<ProgramMessage>,
 }
 
 impl Planner {
@@ -176,6 +180,7 @@ impl Planner {
             cause: Cause::None,
             setpoints: Vec::with_capacity(setpoints_max),
             wire: Vec::with_capacity(setpoints_max),
+            messages: Vec::new(),
         }
     }
 
@@ -220,8 +225,10 @@ impl Planner {
 
     /// Takes what the machine has answered so far in the run of this feedback.
     pub fn begin_run(&mut self, answers: Vec<KeptAnswer>, feedback: &Feedback) {
-        self.run = Some((feedback.load, feedback.run));
-        if answers != self.answers {
+        let other = self.run.replace((feedback.load, feedback.run));
+        let course = self.course.as_ref();
+        let has_said = course.is_some_and(|course| course.events.messages.passed() > 0);
+        if answers != self.answers || other.is_some() && has_said {
             self.answers = answers;
             self.read_anew();
         }
@@ -301,7 +308,9 @@ impl Planner {
                 .states
                 .extend(self.setpoints.iter().map(|setpoint| setpoint.state));
         }
+        self.say(feedback);
         Decision {
+            messages: &self.messages,
             status: self.status(feedback),
             window: header.map(|header| (header, self.wire.as_slice())),
         }
@@ -641,20 +650,53 @@ impl Planner {
         })
     }
 
-    /// The event that the path rests for now, on the program's path and with nothing on the way.
-    fn event(&self, feedback: &Feedback) -> Option<ProgramEvent> {
-        let course = self.course.as_ref()?;
+    /// What the program says around where the tool is: texts that the windows on the way may pass, and those that the path has come to.
+    fn say(&mut self, feedback: &Feedback) {
+        self.messages.clear();
+        // What stands behind a stop is said once somebody has resumed.
+        let rests = self.rests_on_path(feedback).filter(|_| feedback.hold == 0);
+        let tag = tool_tag(feedback);
+        if tag.is_off_path() || self.run != Some((feedback.load, feedback.run)) {
+            return;
+        }
+        let published = [&self.in_force, &self.pending];
+        let last = published.iter().filter_map(|window| window.states.last());
+        let last = last.map(|state| state.element).max();
+        let Some(course) = &mut self.course else {
+            return;
+        };
+        let done = feedback.auxiliary.events_done;
+        let within = tag.distance_mm > 0.0 || tag.dwell_remaining_scans > 0;
+        let windows = &course.windows;
+        let is_due = |element: u32, events: u32| {
+            let begun = tag.element > element || tag.element == element && within;
+            let before = rests.is_some_and(|state| windows.is_held_back(&state, element));
+            begun || done > events || done == events && before
+        };
+        let until = last.unwrap_or(0).max(tag.element).saturating_add(1);
+        let messages = &mut course.events.messages;
+        messages.write(until, is_due, &mut self.messages);
+        messages.pass(is_due);
+    }
+
+    /// The state that the axes rest in on the program's path, with nothing on the way.
+    fn rests_on_path(&self, feedback: &Feedback) -> Option<PathState> {
         let in_force = &self.in_force;
         let rests = feedback.at_rest == 1
-            && feedback.hold == 0
             && !feedback.window.is_none()
             && feedback.window == in_force.header.id
             && !in_force.returns
             && self.pending.is_none();
-        if !rests || self.cause != Cause::None {
+        in_force.state_in(feedback.scan).filter(|_| rests)
+    }
+
+    /// The event that the path rests for now, on the program's path and with nothing on the way.
+    fn event(&self, feedback: &Feedback) -> Option<ProgramEvent> {
+        let course = self.course.as_ref()?;
+        if feedback.hold == 1 || self.cause != Cause::None {
             return None;
         }
-        let state = in_force.state_in(feedback.scan)?;
+        let state = self.rests_on_path(feedback)?;
         let next = course.events.at_rest(feedback.auxiliary.events_done)?;
         course
             .windows
@@ -674,11 +716,7 @@ impl Planner {
             self.course.as_ref().map_or((0.0, 0.0, 0), |course| {
                 let path = course.windows.path();
                 // Off the path, what is done is what was done when it was left.
-                let tag = if feedback.tag.is_off_path() {
-                    feedback.interrupted_at
-                } else {
-                    feedback.tag
-                };
+                let tag = tool_tag(feedback);
                 let behind = path.get(tag.element);
                 let before_mm = behind.map_or(0.0, |_| path.length_before_mm(tag.element));
                 let whole_mm = match course.is_over() {
@@ -705,6 +743,10 @@ impl Planner {
             windows: self.sequence,
             load: self.load,
             line: self.line(feedback),
+            messages: self
+                .course
+                .as_ref()
+                .map_or(0, |course| course.events.messages.passed()),
             answered: self.answers.last().map_or(0, |kept| kept.answer.number),
             event: self.event(feedback).unwrap_or_default(),
             outputs_ahead: self
@@ -720,12 +762,17 @@ impl Planner {
 
 /// The element that the tool is at, or was when the path was left; the first before the program begins.
 pub(crate) fn tool_element(feedback: &Feedback) -> u32 {
-    let tag = if feedback.tag.is_off_path() {
+    let tag = tool_tag(feedback);
+    if tag.is_off_path() { 0 } else { tag.element }
+}
+
+/// Where the tool is on the path, or was when the path was left.
+fn tool_tag(feedback: &Feedback) -> PathTag {
+    if feedback.tag.is_off_path() {
         feedback.interrupted_at
     } else {
         feedback.tag
-    };
-    if tag.is_off_path() { 0 } else { tag.element }
+    }
 }
 
 /// Override that counts now, in percent.

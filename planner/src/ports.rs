@@ -15,6 +15,7 @@ use std::rc::Rc;
 
 use bus::cell::{CellError, CellPaths};
 use bus::member::{Member, Pace};
+use bus::messages::{MessageWriter, ProgramMessage};
 use bus::port::{Reader, WindowWriter, Writer};
 use bus::sample::{Feedback, PlannerStatus, Setpoint, WindowHeader};
 use bus::service::SCAN_DEPTH;
@@ -53,6 +54,11 @@ pub trait PlannerPorts {
     fn keep_answer(&mut self, load: u32, run: u32, answer: &KeptAnswer) -> bool {
         let _ = (load, run, answer);
         false
+    }
+
+    /// Writes what the program says where readers find it.
+    fn write_messages(&mut self, load: u32, run: u32, messages: &[ProgramMessage]) {
+        let _ = (load, run, messages);
     }
 
     /// Publishes a window, before the status of the same scan.
@@ -97,6 +103,7 @@ pub struct BusPorts {
     boundaries: Boundaries,
     last: Option<u64>,
     places: KeptPlaces,
+    messages: Option<MessageWriter>,
 }
 
 impl BusPorts {
@@ -117,6 +124,9 @@ impl BusPorts {
             },
             last: member.slot().after_scan,
             places: KeptPlaces::of_cell(&member.slot().cell),
+            messages: CellPaths::new(&member.slot().cell)
+                .ok()
+                .map(|paths| MessageWriter::new(paths.messages())),
             member,
         })
     }
@@ -183,6 +193,15 @@ impl PlannerPorts for BusPorts {
         write_answer(&file, answer)
             .inspect_err(|error| tracing::error!("{}: {error}", file.display()))
             .is_ok()
+    }
+
+    fn write_messages(&mut self, load: u32, run: u32, messages: &[ProgramMessage]) {
+        let Some(writer) = &mut self.messages else {
+            return;
+        };
+        if let Err(error) = writer.write(load, run, messages) {
+            tracing::warn!("messages of the program are lost: {error}");
+        }
     }
 
     fn publish_window(&mut self, header: &WindowHeader, setpoints: &[Setpoint]) {

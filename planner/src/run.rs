@@ -95,6 +95,9 @@ pub fn cycle(planner: &mut Planner, ports: &mut impl PlannerPorts) -> bool {
         planner.take_place(place);
     }
     let decision = planner.scan(&feedback);
+    if !decision.messages.is_empty() {
+        ports.write_messages(feedback.load, feedback.run, decision.messages);
+    }
     if let Some((header, setpoints)) = &decision.window {
         ports.publish_window(header, setpoints);
     }

@@ -42,6 +42,7 @@ pub fn survey(
         course.read_on(course.windows.path().end(), false);
         course.places.clear();
         course.events.forget(u32::MAX);
+        course.events.forget_messages();
         course.events.forget_passes(u32::MAX);
         progress(u64::from(course.windows.path().end()));
     }

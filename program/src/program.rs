@@ -151,6 +151,8 @@ pub struct Message {
     pub line: u32,
     /// It is said before the element of this index.
     pub before_element: usize,
+    /// And before the event of this index among those that are in its piece (of a whole program: among all).
+    pub before_event: u64,
     /// For the log only (LOG), rather than for the operator (MSG, DEBUG, PRINT).
     pub log_only: bool,
     /// The text, parameters replaced by their values.

@@ -29,6 +29,8 @@ pub enum CommentKind {
     Print,
     /// LOG: written into the log, parameters replaced by their values.
     Log,
+    /// LOGOPEN, LOGAPPEND, LOGCLOSE: no file but the run's own is written.
+    LogFile,
 }
 
 /// What one line holds.
@@ -215,11 +217,16 @@ pub fn comment_end(text: &str, offset: usize) -> Result<usize, Unreadable> {
 
 /// What the inside of a comment asks for, if anything.
 fn active_comment(inside: &str) -> Option<(CommentKind, String)> {
-    let (word, rest) = inside.split_once(',')?;
+    let (word, rest) = inside.split_once(',').unwrap_or((inside, ""));
+    let is_closing = word.trim().eq_ignore_ascii_case("logclose");
+    if !inside.contains(',') && !is_closing {
+        return None;
+    }
     let kind = match word.trim().to_ascii_lowercase().as_str() {
         "msg" => CommentKind::Message,
         "debug" | "print" => CommentKind::Print,
         "log" => CommentKind::Log,
+        "logopen" | "logappend" | "logclose" => CommentKind::LogFile,
         _ => return None,
     };
     Some((kind, rest.trim().to_owned()))

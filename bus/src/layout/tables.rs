@@ -33,7 +33,7 @@ table!(
 );
 table!(
     PlannerStatus: scan, visible_from, program_hash, published, path_length_mm, path_done_mm, incarnation, finished,
-    cause, windows, load, line, answered, reserved, event, outputs_ahead, checksum,
+    cause, windows, load, line, answered, messages, event, outputs_ahead, checksum,
 );
 table!(ProgramEvent: value, number, code, index, line, element, reserved);
 table!(

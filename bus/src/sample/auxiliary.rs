@@ -54,8 +54,6 @@ pub enum EventCode {
     ProbeEnd = 22,
     /// M66: an input is read, after a wait of at most `value` s; `index` is an [`AskedInput`](super::AskedInput).
     AwaitInput = 23,
-    /// MSG, DEBUG, PRINT, LOG: the path is at the message of number `index`, in the order of the program, and past those before.
-    Message = 24,
     /// M61: tool number `index` is in the spindle.
     ToolIs = 25,
     /// Rigid tapping begins: the spindle comes to rest, and from then on follows axis `index`: a turn in the direction that the program
@@ -67,7 +65,7 @@ pub enum EventCode {
 
 impl EventCode {
     /// All of them.
-    pub const ALL: [EventCode; 23] = [
+    pub const ALL: [EventCode; 22] = [
         EventCode::SpindleSpeed,
         EventCode::SpindleClockwise,
         EventCode::SpindleCounterClockwise,
@@ -87,7 +85,6 @@ impl EventCode {
         EventCode::Probe,
         EventCode::ProbeEnd,
         EventCode::AwaitInput,
-        EventCode::Message,
         EventCode::ToolIs,
         EventCode::SpindleCouple,
         EventCode::SpindleUncouple,

@@ -159,6 +159,8 @@ pub(super) struct Auxiliary {
     released: bool,
     /// The spindle is on its way back to its speed, after it was stopped in the middle of the program.
     comes_back: bool,
+    /// What planners said up to this scan is of another program, or of another run of it.
+    messages_after: u64,
     /// Something latched has changed since it was last asked.
     changed: bool,
 }
@@ -188,6 +190,7 @@ impl Auxiliary {
             followed: None,
             released: false,
             comes_back: false,
+            messages_after: 0,
             changed: false,
         }
     }
@@ -302,14 +305,23 @@ impl Auxiliary {
         }
     }
 
-    /// Another program, or the same from its start, is to begin.
-    pub fn forget_program(&mut self) {
+    /// Another program, or the same from its start, is to begin after this scan.
+    pub fn forget_program(&mut self, scan: u64) {
         self.latches.end_program();
         self.latches.events_done = 0;
         self.latches.messages = 0;
+        self.messages_after = scan;
         self.questions.forget_program();
         self.forget_asked();
         self.ahead = [ProgramEvent::default(); OUTPUTS_AHEAD];
+    }
+
+    /// The path has come to so many messages: never fewer than before.
+    fn take_messages(&mut self, status: &PlannerStatus) {
+        if status.scan > self.messages_after && status.messages > self.latches.messages {
+            self.latches.messages = status.messages;
+            self.changed = true;
+        }
     }
 
     /// The operator resumes: what he was waited for is done.
@@ -412,7 +424,6 @@ impl Auxiliary {
                 }
             }
             Some(EventCode::Overrides) => latches.override_disabled = u32::from(!on),
-            Some(EventCode::Message) => latches.messages = latches.messages.max(event.index),
             // A changer knows itself which tool is in.
             Some(EventCode::ToolIs) if !changer => {
                 latches.tool = event.index;
@@ -501,6 +512,7 @@ impl<D: Drives> Master<D> {
     /// What the planner asks for: judged against where the machine is now, done by [`step_auxiliary`](Master::step_auxiliary).
     pub(super) fn heed_events(&mut self, status: &PlannerStatus) {
         self.auxiliary.ahead = status.outputs_ahead;
+        self.auxiliary.take_messages(status);
         let recent = status.scan.saturating_add(2 * self.period_scans) >= self.scan;
         if self.auxiliary.begun == 0 || status.event.number == 0 {
             let asked = Some(status.event).filter(|_| recent);

@@ -48,7 +48,7 @@ impl<D: Drives> Master<D> {
             self.mode = Mode::Ready;
         }
         self.windows.forget_path(self.scan);
-        self.auxiliary.forget_program();
+        self.auxiliary.forget_program(self.scan);
         if self.cause == Cause::Planner {
             // It could not go on with the program before.
             self.cause = Cause::None;
@@ -79,7 +79,7 @@ impl<D: Drives> Master<D> {
             ProgramState::None => return Err(Refused::NoProgram.into()),
         }
         self.windows.forget_path(self.scan);
-        self.auxiliary.forget_program();
+        self.auxiliary.forget_program(self.scan);
         self.program.state = ProgramState::Running;
         self.program.run = self.program.run.saturating_add(1);
         self.waited_scans = 0;

@@ -9,6 +9,7 @@ use super::json::{
 };
 use super::match_up::orders;
 use crate::measure::outcome::Reaction;
+use crate::said::Line;
 
 /// Blocks that the text shows: those with the largest contour error.
 const BLOCKS_IN_TEXT: usize = 16;
@@ -31,6 +32,10 @@ pub(super) fn document(report: &Report, circles: &[String]) -> Document {
             section(
                 "Spindle, coolant, outputs and stops",
                 vec![Block::List(auxiliary_events(report))],
+            ),
+            section(
+                "Messages of the program",
+                vec![Block::List(messages(report))],
             ),
             following_error(report),
             blocks(report),
@@ -60,6 +65,28 @@ fn auxiliary_events(report: &Report) -> Vec<String> {
     let more = report.auxiliary_events.len().saturating_sub(lines.len());
     if more > 0 {
         lines.push(format!("and {more} more, in report.json"));
+    }
+    lines
+}
+
+/// What the program has said; what comes after the first messages is in report.json.
+fn messages(report: &Report) -> Vec<String> {
+    let line = |said: &Line| {
+        let at_s = time_s(report, said.scan);
+        let line = said.line.unwrap_or_default();
+        format!("{at_s:.3} s, line {line}: {}", said.text)
+    };
+    let all = report.messages.iter();
+    let mut lines: Vec<String> = all.take(AUXILIARY_EVENTS_MAX).map(line).collect();
+    let more = (report.messages.len() - lines.len()) as u64 + report.messages_more;
+    if more > 0 {
+        lines.push(format!("and {more} more, in messages.jsonl"));
+    }
+    if report.messages_dropped > 0 {
+        let dropped = report.messages_dropped;
+        lines.push(format!(
+            "{dropped} more are lost: they were said faster than they could be read"
+        ));
     }
     lines
 }

@@ -11,6 +11,7 @@ use super::error::ReportError;
 use super::json::OutcomeKind;
 use crate::log::{Answers, Part, Prescan, RunEnd, RunInfo, RunLog, Sample, Start, skim};
 use crate::measure::{Analysis, Measurements, RunPath};
+use crate::said::Said;
 
 /// Of programs of at most so many elements everything is measured, and memory is taken in proportion; of longer ones what needs the path near
 /// the tool alone.
@@ -41,6 +42,8 @@ pub struct Evaluation {
     pub parts: Vec<Part>,
     /// What the launcher saw of the end; none if it did not see it, or noted it elsewhere.
     pub ended: Option<Ended>,
+    /// What the program has said.
+    pub said: Said,
     /// Windows that are in no part of it.
     pub windows_lost: u64,
     /// Why the log ends early, if it does.
@@ -59,6 +62,9 @@ impl Evaluation {
         axis.map_or("?".into(), |axis| axis.letter.to_string())
     }
 }
+
+/// Messages of the program that a report lists.
+const MESSAGES_MAX: usize = 1000;
 
 /// Measures the log in a run directory and writes nothing.
 ///
@@ -112,6 +118,7 @@ fn evaluate_knowing(
         digest: reader.digest(),
         parts: reader.parts().to_vec(),
         ended: ended(run_dir),
+        said: Said::read(run_dir, MESSAGES_MAX),
         windows_lost: reader.windows_lost(),
         cut: reader.cut().map(str::to_string),
         program_matches: prescan

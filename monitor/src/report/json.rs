@@ -14,6 +14,7 @@ use crate::measure::fit::FitKind;
 use crate::measure::outcome::{Loss, Reaction, StopReason};
 use crate::measure::prediction::PredictionMeter;
 use crate::measure::{Measurements, Outcome};
+use crate::said::Line;
 
 /// The whole report.
 #[derive(Debug, Clone, Serialize)]
@@ -78,6 +79,19 @@ pub struct Report {
     /// What happened to spindle, coolant, outputs and tool, and what was waited for; left out where nothing did.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub auxiliary_events: Vec<AuxiliaryReport>,
+    /// What the program has said (MSG, DEBUG, PRINT, LOG), the first thousand; left out where it said nothing.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub messages: Vec<Line>,
+    /// Messages behind those; all of them are in messages.jsonl.
+    #[serde(skip_serializing_if = "is_none")]
+    pub messages_more: u64,
+    /// Messages that are lost: they were said faster than they could be read.
+    #[serde(skip_serializing_if = "is_none")]
+    pub messages_dropped: u64,
+}
+
+fn is_none(count: &u64) -> bool {
+    *count == 0
 }
 
 /// Something that happened beside the axes.
@@ -426,6 +440,9 @@ impl Report {
             processes: processes(measurements),
             faults: faults(measurements),
             auxiliary_events: auxiliary_events(measurements),
+            messages: evaluation.said.lines.clone(),
+            messages_more: evaluation.said.more,
+            messages_dropped: evaluation.said.dropped,
         }
     }
 
@@ -570,9 +587,6 @@ fn arc(result: &ArcResult, evaluation: &Evaluation) -> ArcReport {
     }
 }
 
-fn is_none(count: &u64) -> bool {
-    *count == 0
-}
 
 fn reversals(evaluation: &Evaluation) -> Vec<ReversalReport> {
     let of = |axis: usize| {

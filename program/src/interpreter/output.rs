@@ -111,9 +111,11 @@ impl Output {
 
     pub fn say(&mut self, line: u32, log_only: bool, text: String) {
         let before_element = self.counts.elements as usize;
+        let before_event = self.piece.events.len() as u64;
         self.piece.messages.push(Message {
             line,
             before_element,
+            before_event,
             log_only,
             text,
         });

@@ -10,6 +10,11 @@ impl Interpreter {
             let text = match kind {
                 CommentKind::Message => text.clone(),
                 CommentKind::Print | CommentKind::Log => self.with_values(text),
+                CommentKind::LogFile => {
+                    let text = "LOGOPEN, LOGAPPEND and LOGCLOSE name no file: what (LOG, …) says stands in the run's own messages.jsonl";
+                    self.note(index as u32 + 1, text);
+                    continue;
+                }
             };
             let log_only = *kind == CommentKind::Log;
             self.output.say(index as u32 + 1, log_only, text);

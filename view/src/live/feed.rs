@@ -5,6 +5,7 @@ use std::rc::Rc;
 use std::time::{Duration, Instant};
 
 use bus::member::Pace;
+use bus::messages::MessageReader;
 use bus::observer::{Held, Observer};
 use bus::sample::Feedback;
 use bus::service::RECORDER_DEPTH_SCANS;
@@ -21,12 +22,16 @@ use launcher::operator::{Client, held};
 /// Time between two looks at `/proc`.
 const PROC_EVERY: Duration = Duration::from_millis(500);
 
+/// Messages of the program that an observer who comes later looks back for.
+const SAID_BEFORE: u32 = 8;
+
 /// A foot in the cell, and the model it fills.
 pub struct Feed {
     /// What is known.
     pub model: Model,
     cell: Rc<Observer>,
     machine: Machine,
+    messages: MessageReader,
     ports: Option<Held<Ports>>,
     program_file: Option<PathBuf>,
     /// Hash of the program that was tried to be read.
@@ -45,6 +50,7 @@ impl Feed {
         Ok(Feed {
             ports: Some(held(&cell, Ports::open(bus, &machine))?),
             model: Model::new(cell.place.name(), machine.clone()),
+            messages: MessageReader::new(cell.place.messages()),
             cell,
             machine,
             program_file: None,
@@ -80,6 +86,7 @@ impl Feed {
                 self.read_program(&feedback);
             }
             self.name_loaded(&feedback);
+            self.hear(&feedback);
             self.model.feedback(&feedback);
             newest = Some(feedback.scan);
             left -= 1;
@@ -114,6 +121,21 @@ impl Feed {
         {
             self.model.instruments(&sample);
             left -= 1;
+        }
+    }
+
+    /// What the program has said; of what it said before this observer came, the last.
+    fn hear(&mut self, feedback: &Feedback) {
+        let is_first = self.model.feedback.is_none();
+        if is_first {
+            let before = feedback.messages.saturating_sub(SAID_BEFORE);
+            self.messages.skip_to(feedback, before);
+        } else if self.messages.is_other_run(feedback) {
+            self.model.said.clear();
+        }
+        let heard = self.messages.hear(feedback);
+        for message in heard.messages.into_iter().filter(|of| !of.log_only) {
+            self.model.said(feedback.scan, message, !is_first);
         }
     }
 

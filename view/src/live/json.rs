@@ -1,5 +1,6 @@
 //! A model as JSON: names end in units and stay what they are. Positions of rotary axes are in degrees (`unit`), under the same names.
 
+use bus::messages::ProgramMessage;
 use bus::sample::{
     ANALOG_OUTPUTS, Auxiliaries, Cause, FLOOD, MIST, Mode, ProgramState, Redundancy,
 };
@@ -26,11 +27,20 @@ struct State<'a> {
     overrun_scans: Option<u32>,
     feedback_age_s: f64,
     program: ProgramOf<'a>,
+    /// What it has said to its operator, the last few.
+    messages: Vec<MessageOf<'a>>,
     auxiliary: Option<AuxiliaryOf>,
     axes: Vec<AxisOf<'a>>,
     processes: Vec<ProcessOf>,
     #[serde(skip_serializing_if = "Option::is_none")]
     remote: Option<RemoteOf<'a>>,
+}
+
+#[derive(Serialize)]
+struct MessageOf<'a> {
+    number: u32,
+    line: u32,
+    text: &'a str,
 }
 
 /// Of a view from another machine.
@@ -237,10 +247,19 @@ fn state(model: &Model) -> State<'_> {
         overrun_scans: feedback.map(|feedback| feedback.overrun_scans),
         feedback_age_s: rounded(model.feedback_age_s, 3),
         program: program(model),
+        messages: model.said.iter().map(message).collect(),
         auxiliary: feedback.map(|feedback| auxiliary(&feedback.auxiliary)),
         axes: axes(model),
         processes: processes(model),
         remote: remote(model),
+    }
+}
+
+fn message(said: &ProgramMessage) -> MessageOf<'_> {
+    MessageOf {
+        number: said.number,
+        line: said.line,
+        text: &said.text,
     }
 }
 

@@ -1,6 +1,9 @@
 //! What is known of a running cell: fed with samples, shown by others. No clock, no port, no screen.
 
+use std::collections::VecDeque;
+
 use bus::member::Pace;
+use bus::messages::ProgramMessage;
 use bus::sample::{
     AxisCommand, Feedback, Instruments, Job, MAX_SUBSAMPLES, Mode, PlannerStatus, ProgramState,
     Roster, STANDBY_ALARM_S,
@@ -13,12 +16,15 @@ use remote::wire::ProcessState;
 
 use super::axis::AxisView;
 use super::circle::CircleView;
-use super::events::Events;
+use super::events::{Events, Weight};
 use super::proc::Child;
 use super::reversal::Reversals;
 use super::timing::Timing;
 use super::track::Track;
 use super::words::{self, Says, Tone};
+
+/// Messages of the program that are shown.
+const SAID_KEPT: usize = 5;
 
 /// What a view from another machine knows of its link.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -94,6 +100,8 @@ pub struct Model {
     pub reversals: Reversals,
     /// What happened since.
     pub events: Events,
+    /// What the program has said to its operator, newest last.
+    pub said: VecDeque<ProgramMessage>,
     /// How evenly scans follow each other.
     pub timing: Timing,
     /// The run is over.
@@ -129,6 +137,7 @@ impl Model {
             circle: CircleView::default(),
             reversals: Reversals::default(),
             events: Events::default(),
+            said: VecDeque::new(),
             timing: Timing::new(f64::from(machine.scan.period_us)),
             ended: false,
             seen_scans: (0, 0),
@@ -149,6 +158,18 @@ impl Model {
     pub fn is_whole(&self) -> bool {
         let errors = self.axes.iter().all(|axis| axis.error_um.is_some());
         self.feedback.is_some() && self.roster.is_some() && self.planner.is_some() && errors
+    }
+
+    /// Takes what the program says; as an event if it has just said it.
+    pub fn said(&mut self, scan: u64, message: ProgramMessage, just_now: bool) {
+        if just_now {
+            let text = format!("the program says, line {}: {}", message.line, message.text);
+            self.events.note(scan, Weight::Note, text);
+        }
+        if self.said.len() == SAID_KEPT {
+            self.said.pop_front();
+        }
+        self.said.push_back(message);
     }
 
     /// Takes a feedback; they come in order.

@@ -1,0 +1,246 @@
+//! What a program says (MSG, DEBUG, PRINT, LOG), on its way from the planner to whoever shows it: numbered texts in a file of the cell's
+//! folder, which holds the last ones of them.
+//!
+//! The planner writes a text before it publishes the window that may pass its place. The feedback tells the number of the last one that
+//! the path has come to; so each reader shows a text once, whoever was killed meanwhile. A text that was overwritten, or not written
+//! whole, is counted.
+
+use std::fs::{File, OpenOptions};
+use std::io;
+use std::os::unix::fs::{FileExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+
+use bytemuck::{Pod, Zeroable};
+use xxhash_rust::xxh3::xxh3_64;
+
+use crate::sample::{Feedback, Mode, ProgramState};
+
+/// Texts that the file holds.
+pub const MESSAGES_KEPT: u32 = 2048;
+/// Bytes of a text; what is longer is cut.
+pub const TEXT_BYTES: usize = 472;
+
+/// A text of the program.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ProgramMessage {
+    /// Counted from 1 in the order of the run.
+    pub number: u32,
+    /// Line of the program.
+    pub line: u32,
+    /// For the log alone (LOG), rather than for the operator too.
+    pub log_only: bool,
+    /// The text, parameters replaced by their values.
+    pub text: Box<str>,
+}
+
+/// As it lies in the file.
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
+struct Slot {
+    /// Of all that follows.
+    checksum: u64,
+    load: u32,
+    run: u32,
+    number: u32,
+    line: u32,
+    log_only: u32,
+    length: u32,
+    reserved: u64,
+    text: [u8; TEXT_BYTES],
+}
+
+const SLOT_BYTES: usize = size_of::<Slot>();
+const _: () = assert!(SLOT_BYTES == 512);
+
+impl Slot {
+    fn sum(&self) -> u64 {
+        let bytes = bytemuck::bytes_of(self);
+        xxh3_64(bytes.get(size_of::<u64>()..).unwrap_or_default())
+    }
+
+    fn of(load: u32, run: u32, message: &ProgramMessage) -> Slot {
+        let text = shortened(&message.text);
+        let mut slot = Slot {
+            checksum: 0,
+            load,
+            run,
+            number: message.number,
+            line: message.line,
+            log_only: u32::from(message.log_only),
+            length: text.len() as u32,
+            reserved: 0,
+            text: [0; TEXT_BYTES],
+        };
+        for (byte, of_text) in slot.text.iter_mut().zip(text.bytes()) {
+            *byte = of_text;
+        }
+        slot.checksum = slot.sum();
+        slot
+    }
+
+    fn message(&self, load: u32, run: u32, number: u32) -> Option<ProgramMessage> {
+        let is_it = self.load == load && self.run == run && self.number == number;
+        if !is_it || self.checksum != self.sum() {
+            return None;
+        }
+        let text = self.text.get(..self.length as usize)?;
+        Some(ProgramMessage {
+            number,
+            line: self.line,
+            log_only: self.log_only != 0,
+            text: std::str::from_utf8(text).ok()?.into(),
+        })
+    }
+}
+
+/// What fits of a text, with a sign where it was cut.
+fn shortened(text: &str) -> String {
+    const CUT: &str = "…";
+    if text.len() <= TEXT_BYTES {
+        return text.to_owned();
+    }
+    let mut end = TEXT_BYTES - CUT.len();
+    while !text.is_char_boundary(end) {
+        end -= 1;
+    }
+    text.get(..end).unwrap_or_default().to_owned() + CUT
+}
+
+fn place_of(number: u32) -> u64 {
+    u64::from(number % MESSAGES_KEPT) * SLOT_BYTES as u64
+}
+
+/// Writes texts, in the planner.
+#[derive(Debug)]
+pub struct MessageWriter {
+    path: PathBuf,
+    file: Option<File>,
+}
+
+impl MessageWriter {
+    /// Into this file, which is made with the first text.
+    pub fn new(path: PathBuf) -> MessageWriter {
+        MessageWriter { path, file: None }
+    }
+
+    /// Writes the texts of a run, each at its place.
+    ///
+    /// # Errors
+    /// There is no room: whoever reads counts them as dropped.
+    pub fn write(&mut self, load: u32, run: u32, messages: &[ProgramMessage]) -> io::Result<()> {
+        let file = match &mut self.file {
+            Some(file) => file,
+            none => none.insert(open(&self.path)?),
+        };
+        for message in messages {
+            let slot = Slot::of(load, run, message);
+            file.write_all_at(bytemuck::bytes_of(&slot), place_of(message.number))?;
+        }
+        Ok(())
+    }
+}
+
+fn open(path: &Path) -> io::Result<File> {
+    let mut options = OpenOptions::new();
+    options.create(true).write(true).truncate(false).mode(0o600);
+    options.custom_flags(libc::O_NOFOLLOW).open(path)
+}
+
+/// Texts that the path has come to since a reader looked last.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Heard {
+    /// In order.
+    pub messages: Vec<ProgramMessage>,
+    /// Those that were overwritten before anybody read them, or never found room.
+    pub dropped: u32,
+}
+
+impl Heard {
+    /// Whether there is nothing to tell.
+    pub fn is_empty(&self) -> bool {
+        self.messages.is_empty() && self.dropped == 0
+    }
+}
+
+/// Reads texts as the path comes to them: each once.
+#[derive(Debug)]
+pub struct MessageReader {
+    path: PathBuf,
+    of_run: (u32, u32),
+    shown: u32,
+    /// The program is done, and all that it had to say was told.
+    is_over: bool,
+}
+
+impl MessageReader {
+    /// Of this file.
+    pub fn new(path: PathBuf) -> MessageReader {
+        MessageReader {
+            path,
+            of_run: (0, 0),
+            shown: 0,
+            is_over: false,
+        }
+    }
+
+    /// Whether this feedback is of another run than the one before.
+    pub fn is_other_run(&self, feedback: &Feedback) -> bool {
+        self.of_run != (feedback.load, feedback.run)
+    }
+
+    /// Takes those up to this number as shown.
+    pub fn skip_to(&mut self, feedback: &Feedback, number: u32) {
+        self.of_run = (feedback.load, feedback.run);
+        self.shown = number;
+        self.is_over = false;
+    }
+
+    /// Number of the last one that was heard, or is lost.
+    pub fn shown(&self) -> u32 {
+        self.shown
+    }
+
+    /// What the program has said since the feedback before. With a program that is done, all that it had to say was said.
+    pub fn hear(&mut self, feedback: &Feedback) -> Heard {
+        if self.is_other_run(feedback) {
+            self.skip_to(feedback, 0);
+        }
+        let done =
+            feedback.program == ProgramState::Done as u32 || feedback.mode == Mode::Finished as u32;
+        let mut heard = Heard::default();
+        if self.shown >= feedback.messages && (!done || self.is_over) {
+            return heard;
+        }
+        self.is_over = done;
+        let Ok(file) = File::open(&self.path) else {
+            heard.dropped = feedback.messages.saturating_sub(self.shown);
+            self.shown = self.shown.max(feedback.messages);
+            return heard;
+        };
+        let oldest = feedback.messages.saturating_sub(MESSAGES_KEPT);
+        if self.shown < oldest {
+            heard.dropped = oldest - self.shown;
+            self.shown = oldest;
+        }
+        while self.shown < feedback.messages || done {
+            let number = self.shown.saturating_add(1);
+            match read(&file, self.of_run, number) {
+                Some(message) => heard.messages.push(message),
+                None if number <= feedback.messages => heard.dropped += 1,
+                None => break,
+            }
+            self.shown = number;
+        }
+        heard
+    }
+}
+
+fn read(file: &File, (load, run): (u32, u32), number: u32) -> Option<ProgramMessage> {
+    let mut slot = Slot::zeroed();
+    let bytes = bytemuck::bytes_of_mut(&mut slot);
+    file.read_exact_at(bytes, place_of(number)).ok()?;
+    slot.message(load, run, number)
+}
+
+#[cfg(test)]
+mod tests;
