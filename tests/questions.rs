@@ -145,9 +145,9 @@ fn the_report_measures_the_way_that_the_machine_took_behind_its_answers() {
         (z_mm - (SURFACE_MM + TIP_MM + 10.0)).abs() < 0.02,
         "{z_mm} mm"
     );
-    // As if the probe had tripped at the end of its motions it would be millimetres.
+    // As if the probe had tripped at the end of its motions it would be millimetres; rapids alone are 0.12 mm off their path.
     let peak_um = number(&report, "/contour_error_um/peak");
-    assert!(peak_um < 60.0, "{peak_um} µm");
+    assert!(peak_um < 200.0, "{peak_um} µm");
 }
 
 #[test]
@@ -200,11 +200,9 @@ fn whoever_is_killed_around_an_answer_the_program_goes_on_with_it_and_does_nothi
         assert!(worst_um < 20.0, "{worst_um} µm: {what}");
         let peak_um = number(&report, "/contour_error_um/peak");
         assert!(peak_um < 1000.0, "{peak_um} µm: {what}");
-        let said = run.stderr().matches("has found").count()
-            + String::from_utf8_lossy(&run.output.stdout)
-                .matches("has found")
-                .count();
-        assert!(said <= 1, "printed {said} times: {what}");
+        let said = std::fs::read_to_string(run.out.join("messages.jsonl")).expect("messages");
+        let said = said.matches("has found").count();
+        assert_eq!(said, 1, "{what}");
     }
     println!("at most {worst_um:.2} µm apart");
 }
@@ -246,7 +244,7 @@ M2
 }
 
 fn deep_kills(bench: &Bench) -> String {
-    let kills = [20_000, 45_000].map(|scan| {
+    let kills = [15_000, 32_000].map(|scan| {
         format!("[[fault]]\nat = {{ scan = {scan} }}\nprocess = \"planner\"\ndo = \"kill\"\n\n")
     });
     bench

@@ -360,8 +360,8 @@ fn computed() -> String {
     String::from(
         "G21 G90 T1 M6\nS1500 M3\n\
          o<side> sub\n\
-         G91 G1 X#1 Y#2 F2400\n\
          M62 P#3\n\
+         G91 G1 X#1 Y#2 F2400\n\
          #<_sides> = [#<_sides> + 1]\n\
          o<side> endsub [#<_sides> * 0.5]\n\
          #<_sides> = 0\n#100 = 0\n\
@@ -375,7 +375,7 @@ fn computed() -> String {
          G1 X-1 Y[-#<_sides> / 10]\n\
          o20 endrepeat\n\
          o30 if [#100 eq 1]\n\
-         T2 M6\nM61 Q3\nM8\n\
+         T2 M6\nM61 Q3\nM3\nM8\n\
          o30 elseif [#100 eq 2]\n\
          G4 P0.03\nM9\nM64 P7\n\
          o30 endif\n\

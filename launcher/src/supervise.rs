@@ -252,7 +252,7 @@ impl<'a> Supervision<'a> {
         if heard.dropped > 0 {
             let text = format!("{} messages of the program are lost", heard.dropped);
             tracing::warn!("{text}: they were said faster than they could be read");
-            let event = Event::of_cell(feedback.scan, "messages lost", Some(text));
+            let event = Event::of_cell(feedback.scan, "messages-lost", Some(text));
             self.events.write(&event);
         }
     }

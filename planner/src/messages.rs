@@ -106,11 +106,11 @@ impl Messages {
     /// The path comes to those that are written and due; `is_due` judges by the element and the event that they stand between.
     pub fn pass(&mut self, is_due: impl Fn(u32, u32) -> bool) {
         while self.written > 0
-            && let Some(next) = self
-                .waiting
-                .pop_front_if(|next| is_due(next.element, next.events))
+            && let Some(next) = self.waiting.front()
+            && is_due(next.element, next.events)
         {
             self.passed = next.message.number;
+            self.waiting.pop_front();
             self.written -= 1;
         }
     }

@@ -15,6 +15,9 @@ fn read(reading: &mut Reading, lines: usize) -> (Piece, Result<Progress, Program
         let mut piece = Piece::default();
         let progress = reading.read(lines, &mut piece);
         whole.elements.append(&mut piece.elements);
+        for message in &mut piece.messages {
+            message.before_event += whole.events.len() as u64;
+        }
         whole.events.append(&mut piece.events);
         whole.messages.append(&mut piece.messages);
         if progress != Ok(Progress::More) {

@@ -455,11 +455,12 @@ fn reversals_beyond_those_that_are_listed_are_counted() {
     let machine = machine(&["X", "Y"]);
     let mut meter = ReversalMeter::new(machine.axes[0].increment_mm());
     let most = reversal::REVERSALS_MAX as u64;
-    for scan in 0..3 * most {
-        let (position, pulse) = if scan % 2 == 0 {
-            (0, 1.0)
-        } else {
-            (1_000_000, -1.0)
+    for scan in 0..6 * most {
+        let (position, pulse) = match scan % 4 {
+            0 => (0, -1.0),
+            1 => (500_000, 1.0),
+            2 => (1_000_000, 1.0),
+            _ => (500_000, -1.0),
         };
         meter.take(&AxisCommand {
             scan,
@@ -468,11 +469,11 @@ fn reversals_beyond_those_that_are_listed_are_counted() {
             ..bytemuck::Zeroable::zeroed()
         });
     }
-    // The first scan is no reversal, the second the first direction.
-    assert_eq!(meter.not_listed(), 2 * most - 2);
+    // One in two scans, from the fourth on.
+    assert_eq!(meter.not_listed(), 2 * most - 1);
     let listed = meter.finish(0, &machine, &Path::default(), &[]);
     assert_eq!(listed.len() as u64, most);
-    assert_eq!(listed[0].scan, 2);
+    assert_eq!(listed[0].scan, 3);
     // The last one has its pulse as any other.
     assert_eq!(
         listed[0].pulse_lead_ms,

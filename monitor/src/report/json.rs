@@ -587,7 +587,6 @@ fn arc(result: &ArcResult, evaluation: &Evaluation) -> ArcReport {
     }
 }
 
-
 fn reversals(evaluation: &Evaluation) -> Vec<ReversalReport> {
     let of = |axis: usize| {
         let axis = evaluation.machine.axes.get(axis);

@@ -315,6 +315,24 @@ mod tests {
         AxisCommand, Cause, FLOOD, Job, Mode, Participant, Roster, SpindleCommand, Waiting,
     };
 
+    /// Spindle, coolant, outputs and tool, each with something to show.
+    fn busy(auxiliary: &mut bus::sample::Auxiliaries) {
+        let levels = &mut auxiliary.levels;
+        levels.spindle = SpindleCommand::Turn as u32;
+        levels.spindle_rpm = -3000.0;
+        levels.coolant = FLOOD;
+        levels.digital = 1 << 7 | 1 << 63;
+        levels.analog[2] = 0.25;
+        (levels.tool, levels.tool_prepared) = (4, 5);
+        auxiliary.spindle_rpm = -1200.0;
+        auxiliary.waiting = Waiting::SpindleSpeed as u32;
+        auxiliary.line = 12;
+        auxiliary.tool = 4;
+        auxiliary.events_done = 9;
+        auxiliary.optional_stop = 1;
+        auxiliary.override_disabled = 1;
+    }
+
     /// Two axes in motion, a servo of which has died.
     fn seen() -> Model {
         let mut model = Model::new("mill-3", machine());
@@ -337,20 +355,7 @@ mod tests {
             feedback.axes[1].torque_nm = 0.5;
             feedback.program = 3;
             feedback.run = 2;
-            let levels = &mut feedback.auxiliary.levels;
-            levels.spindle = SpindleCommand::Turn as u32;
-            levels.spindle_rpm = -3000.0;
-            levels.coolant = FLOOD;
-            levels.digital = 1 << 7 | 1 << 63;
-            levels.analog[2] = 0.25;
-            (levels.tool, levels.tool_prepared) = (4, 5);
-            feedback.auxiliary.spindle_rpm = -1200.0;
-            feedback.auxiliary.waiting = Waiting::SpindleSpeed as u32;
-            feedback.auxiliary.line = 12;
-            feedback.auxiliary.tool = 4;
-            feedback.auxiliary.events_done = 9;
-            feedback.auxiliary.optional_stop = 1;
-            feedback.auxiliary.override_disabled = 1;
+            busy(&mut feedback.auxiliary);
             if scan == 109 {
                 feedback.mode = Mode::Tripped as u32;
                 feedback.cause = Cause::FollowingError as u32;
