@@ -656,7 +656,10 @@ impl Planner {
         // What stands behind a stop is said once somebody has resumed.
         let rests = self.rests_on_path(feedback).filter(|_| feedback.hold == 0);
         let tag = tool_tag(feedback);
-        if tag.is_off_path() || self.run != Some((feedback.load, feedback.run)) {
+        // Texts carry the number of the run: before it has begun that is the one before.
+        let runs = feedback.program == ProgramState::Running as u32
+            && self.run == Some((feedback.load, feedback.run));
+        if tag.is_off_path() || !runs {
             return;
         }
         let published = [&self.in_force, &self.pending];
