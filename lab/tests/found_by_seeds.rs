@@ -153,51 +153,65 @@ fn a_standby_that_is_replaced_while_the_planner_is_comes_into_step() {
     }
 }
 
+/// How a run ends whose servos have standbys or not: mode, cause and motion digest.
+fn ends(standby: bool, fault: &str) -> (Option<Mode>, Option<Cause>, [u64; 2]) {
+    let (mut machine, plant) = xy();
+    for axis in &mut machine.axes {
+        axis.standby = standby;
+    }
+    let script = Script {
+        faults: Some(faults::parse("faults.toml", fault, &machine).expect("a script")),
+        ..Script::default()
+    };
+    let mut cell = InProcessCell::with_script(&machine, &plant, ("short.ngc", PROGRAM), script)
+        .expect("a cell");
+    let mut last = None;
+    while let Some(published) = cell.scan() {
+        let instruments = published.instruments;
+        let digest = [
+            instruments.motion_digest_high,
+            instruments.motion_digest_low,
+        ];
+        last = Some((*published.feedback, digest));
+        if published.feedback.scan > 2000 {
+            break;
+        }
+    }
+    let (last, digest) = last.expect("a scan");
+    let (mode, cause) = (Mode::from_wire(last.mode), Cause::from_wire(last.cause));
+    (mode, cause, digest)
+}
+
+/// A number of the commands of servo X, wrong in one way from scan 150 on.
+fn wrong(field: &str, what: &str, scans: u32) -> String {
+    format!(
+        "[[fault]]\nat = {{ scan = 150 }}\nprocess = \"servo-X/a\"\ndo = \"corrupt\"\nscans = {scans}\n\
+         field = \"{field}\"\nwhat = \"{what}\"\n"
+    )
+}
+
 /// Two servos cannot tell which of them computes wrong: the master holds both against the window in force.
 #[test]
 fn a_servo_that_commands_another_position_than_the_window_has_is_not_followed() {
-    let (mut machine, plant) = xy();
-    let mut run = |standby: bool, fault: &str| {
-        for axis in &mut machine.axes {
-            axis.standby = standby;
-        }
-        let script = Script {
-            faults: Some(faults::parse("faults.toml", fault, &machine).expect("a script")),
-            ..Script::default()
-        };
-        let mut cell = InProcessCell::with_script(&machine, &plant, ("short.ngc", PROGRAM), script)
-            .expect("a cell");
-        let mut last = None;
-        while let Some(published) = cell.scan() {
-            let instruments = published.instruments;
-            let digest = [
-                instruments.motion_digest_high,
-                instruments.motion_digest_low,
-            ];
-            last = Some((*published.feedback, digest));
-            if published.feedback.scan > 2000 {
-                break;
-            }
-        }
-        let (last, digest) = last.expect("a scan");
-        (
-            Mode::from_wire(last.mode),
-            Cause::from_wire(last.cause),
-            digest,
-        )
-    };
-    let fault = "[[fault]]\nat = { scan = 150 }\nprocess = \"servo-X/a\"\ndo = \"corrupt\"\nscans = 1\n\
-                 field = \"command.position\"\nwhat = \"one-more\"\n";
-    let (mode, _, undisturbed) = run(true, "");
+    let (mode, _, undisturbed) = ends(true, "");
     assert_eq!(mode, Some(Mode::Finished));
-    let (mode, cause, digest) = run(true, fault);
+    let fault = wrong("command.position", "one-more", 1);
+    let (mode, cause, digest) = ends(true, &fault);
     assert_eq!((mode, cause), (Some(Mode::Finished), Some(Cause::None)));
     assert_eq!(digest, undisturbed, "the standby goes on to the bit");
-    let (mode, cause, _) = run(false, fault);
+    let (mode, cause, _) = ends(false, &fault);
     assert_eq!((mode, cause), (Some(Mode::Tripped), Some(Cause::BadValue)));
+}
 
-    // A servo cannot know that it is lost.
-    let says = fault.replace("command.position", "command.cause");
-    let (mode, cause, _) = run(false, &says.replace("one-more", "bit-3"));
+/// Some of its commands come too late, the others say earlier than is true when they may be read.
+#[test]
+fn a_standby_takes_over_from_a_servo_whose_commands_say_another_scan_to_be_read_in() {
+    let fault = wrong("command.visible_from", "bit-2", 40);
+    assert_eq!(ends(true, &fault), ends(true, ""));
+}
+
+#[test]
+fn a_servo_cannot_say_that_it_is_lost() {
+    let (mode, cause, _) = ends(false, &wrong("command.cause", "bit-3", 1));
     assert_eq!((mode, cause), (Some(Mode::Tripped), Some(Cause::BadValue)));
 }

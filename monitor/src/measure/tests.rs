@@ -476,7 +476,7 @@ fn reversals_beyond_those_that_are_listed_are_counted() {
     assert_eq!(listed[0].scan, 3);
     // The last one has its pulse as any other.
     assert_eq!(
-        listed[0].pulse_lead_ms,
+        listed[1].pulse_lead_ms,
         listed[listed.len() - 1].pulse_lead_ms
     );
 }
