@@ -5,7 +5,7 @@
 //! zenoh. What is shown is not here: the root package makes snapshots of its live view and fills such a view from them.
 //!
 //! **Invariant**: nothing here is known to the cell. The server is an observer like any other. Orders travel on a way of their own
-//! ([`orders`]), which is closed unless somebody opens it with certificates.
+//! (`orders`), which is closed unless somebody opens it with certificates.
 #![cfg_attr(
     not(test),
     deny(
