@@ -81,12 +81,10 @@ fn a_full_disk_stops_no_machine_and_what_was_recorded_is_reported_once_there_is_
     }
 }
 
-/// Two seconds into a program of some five the disk is full for a second.
-#[test]
-fn a_disk_that_is_full_for_a_while_costs_the_scans_of_that_while() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let cell = unique_cell();
-    let here = folder.path().display();
+/// Fills the disk a second into a run in real time of some five, whose recorder may begin again as often as it likes; then what
+/// `afterwards` says. None where that is not permitted.
+fn with_disk_filled(folder: &Path, afterwards: &str) -> Option<Output> {
+    let (cell, here) = (unique_cell(), folder.display());
     let script = format!(
         "cp -r machines/xy {here}/xy
          sed -i 's/^\\[scan\\]/[restart]\\nrestarts_max = 1000\\n\\n[scan]/' {here}/xy/machine.toml
@@ -94,13 +92,17 @@ fn a_disk_that_is_full_for_a_while_costs_the_scans_of_that_while() {
          while ! [ -s $DISK/run/run.mcap ]; do sleep 0.01; done
          sleep 1
          cat /dev/zero > $DISK/filler 2>/dev/null
-         sleep 1
-         rm $DISK/filler
-         wait $!
-         echo ended with $?
-         cp $DISK/run/report.json $DISK/run/events.jsonl {here}"
+         {afterwards}
+         cp $DISK/run/report.json {here}"
     );
-    let Some(output) = with_disk(folder.path(), "64m", &script) else {
+    with_disk(folder, "64m", &script)
+}
+
+#[test]
+fn a_disk_that_is_full_for_a_while_costs_the_scans_of_that_while() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let afterwards = "sleep 1; rm $DISK/filler; wait $!; echo ended with $?";
+    let Some(output) = with_disk_filled(folder.path(), afterwards) else {
         return;
     };
     let said = words(&output);
@@ -117,21 +119,8 @@ fn a_disk_that_is_full_for_a_while_costs_the_scans_of_that_while() {
 #[test]
 fn a_disk_that_is_full_to_the_end_is_no_success() {
     let folder = tempfile::tempdir().expect("a folder");
-    let cell = unique_cell();
-    let here = folder.path().display();
-    let script = format!(
-        "cp -r machines/xy {here}/xy
-         sed -i 's/^\\[scan\\]/[restart]\\nrestarts_max = 1000\\n\\n[scan]/' {here}/xy/machine.toml
-         $Q run {here}/xy {PROGRAM} --pace realtime --cell {cell} --out $DISK/run &
-         while ! [ -s $DISK/run/run.mcap ]; do sleep 0.01; done
-         sleep 1
-         cat /dev/zero > $DISK/filler 2>/dev/null
-         wait $!
-         echo ended with $?
-         rm $DISK/filler
-         $Q report $DISK/run && cp $DISK/run/report.json {here}"
-    );
-    let Some(output) = with_disk(folder.path(), "64m", &script) else {
+    let afterwards = "wait $!; echo ended with $?; rm $DISK/filler; $Q report $DISK/run || exit 1";
+    let Some(output) = with_disk_filled(folder.path(), afterwards) else {
         return;
     };
     let said = words(&output);

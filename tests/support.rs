@@ -258,10 +258,11 @@ impl LiveCell {
                 return feedback;
             }
             assert!(started.elapsed() < PATIENCE, "it never came to that");
-            assert!(
-                self.child.try_wait().expect("the launcher").is_none(),
-                "the run ended before it came to that"
-            );
+            if self.child.try_wait().expect("the launcher").is_some() {
+                let said = drain(self.child.stderr.take()).join().unwrap_or_default();
+                let said = String::from_utf8_lossy(&said);
+                panic!("the run ended before it came to that: {said}");
+            }
             std::thread::sleep(Duration::from_millis(1));
         }
     }

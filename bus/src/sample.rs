@@ -610,6 +610,24 @@ pub struct AxisCommand {
     pub checksum: u64,
 }
 
+impl AxisCommand {
+    /// Whether it drives an axis as another one does, to the bit, whoever sent them.
+    pub fn drives_as(&self, other: &AxisCommand) -> bool {
+        let anonymous = |command: &AxisCommand| AxisCommand {
+            role: 0,
+            incarnation: 0,
+            // A window that one of them refused or does not hold yet is no part of what it drives.
+            refused: WindowId::NONE,
+            pending: WindowId::NONE,
+            // When it may be read, and that it was not damaged, is judged by whoever reads it.
+            visible_from: 0,
+            checksum: 0,
+            ..*command
+        };
+        bytemuck::bytes_of(&anonymous(self)) == bytemuck::bytes_of(&anonymous(other))
+    }
+}
+
 impl Default for AxisCommand {
     fn default() -> AxisCommand {
         AxisCommand::zeroed()

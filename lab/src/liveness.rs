@@ -6,9 +6,7 @@
 //! - By then the standby of an axis is in step: its command is that of the other servo to the bit.
 //! - A cause that the feedback names has really happened ([`Liveness::take`]).
 
-use bus::sample::{
-    AnswerOutcome, AxisCommand, Cause, Feedback, Job, MAX_AXES, Mode, Roster, WindowId,
-};
+use bus::sample::{AnswerOutcome, Cause, Feedback, Job, MAX_AXES, Mode, Roster};
 use machine::Machine;
 
 use crate::cell::Published;
@@ -188,7 +186,7 @@ impl<'a> Liveness<'a> {
                 && is_there(published.roster, index, 0)
                 && is_there(published.roster, index, 1);
             let same = match (of(0), of(1)) {
-                (Some(a), Some(b)) => is_same(a, b),
+                (Some(a), Some(b)) => a.drives_as(b),
                 _ => false,
             };
             if !both || same {
@@ -274,18 +272,4 @@ impl<'a> Liveness<'a> {
 fn is_there(roster: &Roster, axis: usize, role: u32) -> bool {
     let servo = roster.living(Job::Servo, axis, role);
     servo.is_some_and(|servo| servo.stalled == 0)
-}
-
-/// Whether two commands of an axis drive the same, whoever sent them.
-fn is_same(one: &AxisCommand, other: &AxisCommand) -> bool {
-    let anonymous = |command: &AxisCommand| AxisCommand {
-        role: 0,
-        incarnation: 0,
-        refused: WindowId::NONE,
-        pending: WindowId::NONE,
-        visible_from: 0,
-        checksum: 0,
-        ..*command
-    };
-    bytemuck::bytes_of(&anonymous(one)) == bytemuck::bytes_of(&anonymous(other))
 }

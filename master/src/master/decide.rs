@@ -92,7 +92,7 @@ impl AxisUnit {
         let other_good = other.filter(good);
         let active_cause = active.map(|command| judge(&command));
         if let (Some(command), Some(Cause::None)) = (active, active_cause) {
-            let same = other_good.is_some_and(|o| is_same(&command, &o) && o.held == in_force);
+            let same = other_good.is_some_and(|o| command.drives_as(&o) && o.held == in_force);
             let was_synchronised = self.switch.same_scans >= SAME_SCANS;
             if !same && was_synchronised && other.is_some_and(|o| o.held == in_force) {
                 self.standby.differences = self.standby.differences.saturating_add(1);
@@ -120,20 +120,4 @@ impl AxisUnit {
             None => Taken::Lost,
         }
     }
-}
-
-/// Whether two commands say the same, whoever published it.
-fn is_same(one: &AxisCommand, other: &AxisCommand) -> bool {
-    let anonymous = |command: &AxisCommand| AxisCommand {
-        role: 0,
-        incarnation: 0,
-        // A window that one of them refused or does not hold yet is no part of what it drives.
-        refused: WindowId::NONE,
-        pending: WindowId::NONE,
-        // When it may be read, and that it was not damaged, is judged by whoever reads it.
-        visible_from: 0,
-        checksum: 0,
-        ..*command
-    };
-    bytemuck::bytes_of(&anonymous(one)) == bytemuck::bytes_of(&anonymous(other))
 }
