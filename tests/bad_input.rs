@@ -220,7 +220,7 @@ fn an_output_folder_that_cannot_be_written_or_is_not_empty_is_refused_with_3() {
 
 #[test]
 fn a_cell_of_that_name_that_already_runs_is_refused_with_3_and_goes_on() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("circle.ngc", &circle_program(10.0, 3000.0, (0.0, 0.0), 0.0));
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(100);

@@ -226,7 +226,7 @@ fn any_number_of_a_window_or_a_status_wrong_ends_no_run_and_keeps_the_path() {
 
 #[test]
 fn a_foreign_process_gets_no_writer_of_a_service_whose_own_lives() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(50);

@@ -84,7 +84,7 @@ fn a_killed_master_ends_the_cell() {
 
 #[test]
 fn a_killed_monitor_does_not_stop_the_machine_and_another_one_records_on() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("circle.ngc", &circle_program(10.0, 6000.0, (0.0, 0.0), 0.0));
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(1500);

@@ -37,7 +37,7 @@ fn sigterm_is_an_orderly_stop_too() {
 
 #[test]
 fn a_second_ctrl_c_stops_at_once_and_leaves_nothing_behind() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(300);

@@ -52,7 +52,7 @@ fn obeyed(cell: &LiveCell, order: &str) {
 
 fn running_cell() -> (Bench, LiveCell) {
     // A master that is stopped for a moment is not to trip.
-    let bench = Bench::of("xy", &[("watchdog_scans = 50 ", "watchdog_scans = 1000 ")]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(100);

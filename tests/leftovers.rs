@@ -29,7 +29,7 @@ fn is_alive(pid: i32) -> bool {
 
 #[test]
 fn children_of_a_killed_launcher_leave_and_the_next_run_of_the_cell_cleans_up() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("circle.ngc", &circle_program(25.0, 3000.0, (0.0, 0.0), 0.0));
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(500);
@@ -67,7 +67,7 @@ fn children_of_a_killed_launcher_leave_and_the_next_run_of_the_cell_cleans_up() 
 
 #[test]
 fn clean_removes_what_a_crash_left_and_refuses_a_living_cell() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("circle.ngc", &circle_program(25.0, 3000.0, (0.0, 0.0), 0.0));
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(100);
@@ -96,7 +96,7 @@ fn clean_removes_what_a_crash_left_and_refuses_a_living_cell() {
 #[test]
 fn the_files_of_a_living_cell_are_its_owners_alone() {
     use std::os::unix::fs::PermissionsExt;
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("circle.ngc", &circle_program(25.0, 3000.0, (0.0, 0.0), 0.0));
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(10);

@@ -16,14 +16,11 @@ use crate::support::{
 /// Moments, on a PC that does other things as well.
 const MOMENTS: Duration = Duration::from_secs(13);
 
-/// A watchdog that a busy PC does not set off: what is tested is not what happens then.
-const PATIENT: (&str, &str) = ("watchdog_scans = 50 ", "watchdog_scans = 1000 ");
-
 /// A master that is killed is replaced.
 const REPLACED: (&str, &str) = ("[scan]\n", "[restart]\nmaster = \"wait\"\n\n[scan]\n");
 
 fn cell_with(program: &str) -> (Bench, LiveCell) {
-    let bench = Bench::of("xy", &[PATIENT, REPLACED]);
+    let bench = Bench::patient("xy", &[REPLACED]);
     let program = bench.file("circle.ngc", program);
     let cell = LiveCell::start(bench.path(), &program, "realtime");
     (bench, cell)
@@ -188,7 +185,7 @@ fn the_roster_is_said_again_and_again() {
 fn a_run_that_is_ended_by_ctrl_c_is_not_brought_on_by_another_terminal() {
     // It rests for 3 s before it ends.
     let rests = ("[scan]\n", "[scan]\nsettle_scans = 3000\n");
-    let bench = Bench::of("xy", &[PATIENT, rests]);
+    let bench = Bench::patient("xy", &[rests]);
     let program = bench.file("circle.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for(|f| f.tag.element >= 2 && f.tag.distance_mm > 10.0);

@@ -117,7 +117,7 @@ fn a_mistake_far_ahead_stops_the_run_before_its_block_at_rest() {
 
 #[test]
 fn a_planner_killed_in_real_time_deep_in_a_program_is_soon_back() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("rounds.ngc", &rounds(400));
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for(|feedback| !feedback.tag.is_off_path() && feedback.tag.element > 2000);
@@ -173,7 +173,7 @@ fn first_motion(cell: &mut LiveCell) -> (u64, f64) {
 #[test]
 #[ignore = "a measurement: cargo test --release --test cell -- --ignored --nocapture first_motion"]
 fn the_first_motion_after_start_takes_as_long_for_any_program() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let mut cell = LiveCell::up(bench.path(), "realtime");
     cell.wait_for_scan(100);
     obeyed(&cell, &["enable"]);

@@ -140,7 +140,7 @@ fn a_flood_of_messages_is_counted_where_it_is_not_shown_and_the_program_goes_on(
 
 #[test]
 fn status_shows_what_the_program_has_said_last() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("says.ngc", "G21 G90 G94 F3000\n(MSG,part #1)\nG1 X2\n(MSG,turn it over)\nM0\n(MSG,thanks)\nG1 X0\nM30\n");
     let mut cell = LiveCell::up(bench.path(), "realtime");
     cell.wait_for_scan(50);

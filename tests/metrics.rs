@@ -213,7 +213,7 @@ fn scrape_until(address: &str, reached: impl Fn(&Scrape) -> bool) -> Scrape {
 
 #[test]
 fn a_scrape_of_a_running_cell_says_what_it_does_in_the_words_of_openmetrics() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let (mut cell, address) = serving(&bench, &long_program(), "realtime", &[]);
     let reversed = |scrape: &Scrape| {
         let axes = ["axis=\"X\"", "axis=\"Y\""];
@@ -305,7 +305,7 @@ fn a_scrape_of_a_running_cell_says_what_it_does_in_the_words_of_openmetrics() {
 
 #[test]
 fn a_cell_that_stays_up_tells_which_program_it_has_and_how_far_it_is() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("circle.ngc", &long_program());
     // A service manager that is not there stops nobody.
     let nobody = bench.path().join("nobody");
@@ -424,7 +424,7 @@ fn an_address_that_is_none_is_bad_usage_and_one_for_everybody_is_warned_of() {
 
 #[test]
 fn without_the_option_nobody_listens() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("program.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(1);
@@ -475,7 +475,7 @@ fn prometheus_itself_scrapes_a_cell_and_answers_questions_about_it() {
     let Some(prometheus) = tool("prometheus") else {
         return;
     };
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let (cell, address) = serving(&bench, &long_program(), "realtime", &[]);
     let rules = root().join("packaging/prometheus/quadrant.rules.yml");
     let config = format!(

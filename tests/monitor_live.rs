@@ -109,7 +109,7 @@ fn no_monitor_one_and_four_with_one_of_them_stopped_give_the_same_motion() {
 
 #[test]
 fn status_of_a_realtime_cell_names_state_axes_and_processes() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("circle.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(1500);
@@ -175,7 +175,7 @@ fn status_of_a_realtime_cell_names_state_axes_and_processes() {
 /// Standing in for a monitor that was stopped with its cell and goes on in the next one of that name.
 #[test]
 fn a_monitor_that_wakes_in_the_next_cell_of_its_name_takes_nothing_away_from_it() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("circle.ngc", &long_program());
     let mut first = LiveCell::start(bench.path(), &program, "realtime");
     first.wait_for_scan(200);
@@ -230,7 +230,7 @@ fn where_no_cell_runs_that_is_said_with_status_1() {
 
 #[test]
 fn a_monitor_that_comes_and_goes_thirty_times_leaves_no_trace() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("circle.ngc", &circle_program(25.0, 3000.0, (0.0, 0.0), 0.0));
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(1);
@@ -266,7 +266,7 @@ fn terminal() -> (File, File) {
 
 #[test]
 fn a_run_with_a_view_shows_it_meanwhile_and_then_its_report() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let turns = circle_program(10.0, 3000.0, (0.0, 0.0), 0.0);
     let program = bench.file("circle.ngc", &turns);
     let (mut ours, screen) = terminal();
@@ -315,7 +315,7 @@ fn a_view_without_a_terminal_is_refused_before_anything_starts() {
 /// A terminal that was closed, then a word to leave: the view must not read the terminal's end for ever.
 #[test]
 fn a_monitor_whose_terminal_has_gone_leaves_when_it_is_reported_to() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(50);

@@ -279,7 +279,7 @@ fn order(cell: &str, words: &[&str]) -> (i32, String) {
 
 #[test]
 fn from_another_terminal_orders_are_obeyed_or_refused_with_the_reason() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for(|f| f.tag.element >= 2);
@@ -335,7 +335,7 @@ fn from_another_terminal_orders_are_obeyed_or_refused_with_the_reason() {
 #[test]
 fn ctrl_c_in_a_jog_and_with_the_drives_off_ends_in_order() {
     for disabled in [false, true] {
-        let bench = Bench::of("xy", &[]);
+        let bench = Bench::patient("xy", &[]);
         let program = bench.file("long.ngc", &long_program());
         let mut cell = LiveCell::start(bench.path(), &program, "realtime");
         cell.wait_for_scan(500);

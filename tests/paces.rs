@@ -6,7 +6,7 @@ use crate::support::{Bench, LiveCell, circle_program, number, send, text, traces
 
 #[test]
 fn one_process_per_role_can_be_told_apart_while_it_runs() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("circle.ngc", &circle_program(25.0, 3000.0, (0.0, 0.0), 0.0));
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(10);
@@ -30,7 +30,7 @@ fn one_process_per_role_can_be_told_apart_while_it_runs() {
 
 #[test]
 fn in_realtime_missed_scans_are_counted_and_survived_without_a_trip() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("circle.ngc", &circle_program(10.0, 3000.0, (0.0, 0.0), 0.0));
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(500);
@@ -49,7 +49,7 @@ fn in_realtime_missed_scans_are_counted_and_survived_without_a_trip() {
 /// Expanding a long program takes longer than a period: the first window may come late, the program must come all the same.
 #[test]
 fn in_realtime_a_program_that_takes_long_to_expand_still_starts() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let mut text = String::from("G21 G17 G90 G94 F6000\n");
     for block in 0..60_000 {
         text += &format!("G1 X{:.4} Y0\n", f64::from(1 + block % 2) * 0.01);
@@ -120,7 +120,7 @@ fn resident_kb(pid: i32) -> u64 {
 
 #[test]
 fn a_servo_stays_under_20_mb_and_does_not_grow() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("circle.ngc", &circle_program(25.0, 3000.0, (0.0, 0.0), 0.0));
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(2000);

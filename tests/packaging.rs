@@ -188,7 +188,7 @@ fn a_service_manager_is_reported_when_the_cell_is_up_and_when_it_is_being_stoppe
         let length = manager.recv(&mut buffer).expect("a word");
         String::from_utf8_lossy(&buffer[..length]).into_owned()
     };
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let name = unique_cell();
     let cell = LiveCell::up_told(&name, bench.path(), &socket, &["--metrics=0"]);
     assert_eq!(hear(), "READY=1\n");

@@ -17,8 +17,6 @@ fn program() -> String {
     circle_program(10.0, 3000.0, (0.0, 0.0), 0.0)
 }
 
-/// A watchdog that a busy PC does not set off: what is tested is not what happens then.
-const PATIENT: (&str, &str) = ("watchdog_scans = 50 ", "watchdog_scans = 1000 ");
 const STANDBY: (&str, &str) = (
     "drive_mode = \"velocity\"",
     "drive_mode = \"velocity\"\nstandby = true",
@@ -27,7 +25,7 @@ const STALL: Duration = Duration::from_millis(200);
 
 /// A cell in its first arc.
 fn in_an_arc(edits: &[(&str, &str)]) -> (Bench, LiveCell) {
-    let bench = Bench::of("xy", edits);
+    let bench = Bench::patient("xy", edits);
     let program = bench.file("circle.ngc", &program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for(|f| f.tag.element >= 2 && f.tag.distance_mm > 10.0);
@@ -53,7 +51,7 @@ fn good(run: &Run) -> serde_json::Value {
 #[test]
 fn a_planner_killed_while_nobody_replaces_it_leaves_the_tool_at_rest_on_the_path_until_somebody_does()
  {
-    let (_bench, mut cell) = in_an_arc(&[PATIENT]);
+    let (_bench, mut cell) = in_an_arc(&[]);
     // A launcher that is stopped replaces nobody: the machine comes to rest without its help.
     cell.signal_launcher(libc::SIGSTOP);
     send(cell.pid_of("quadrant planner"), libc::SIGKILL);
@@ -71,7 +69,7 @@ fn a_planner_killed_while_nobody_replaces_it_leaves_the_tool_at_rest_on_the_path
 
 #[test]
 fn a_machine_whose_processes_are_all_stopped_for_200_ms_counts_the_scans_and_makes_up_for_none() {
-    let (_bench, cell) = in_an_arc(&[PATIENT]);
+    let (_bench, cell) = in_an_arc(&[]);
     let all = cell.children();
     let machine = cell.pid_of("quadrant plant-sim");
     send(machine, libc::SIGSTOP);
@@ -86,7 +84,7 @@ fn a_machine_whose_processes_are_all_stopped_for_200_ms_counts_the_scans_and_mak
 
 #[test]
 fn a_master_that_is_stopped_for_200_ms_counts_the_scans_and_makes_up_for_none() {
-    let (_bench, cell) = in_an_arc(&[PATIENT]);
+    let (_bench, cell) = in_an_arc(&[]);
     let machine = cell.pid_of("quadrant plant-sim");
     send(machine, libc::SIGSTOP);
     std::thread::sleep(STALL);
@@ -97,7 +95,7 @@ fn a_master_that_is_stopped_for_200_ms_counts_the_scans_and_makes_up_for_none() 
 
 #[test]
 fn a_servo_that_is_stopped_for_good_is_stood_in_for_and_then_killed_and_replaced() {
-    let (_bench, mut cell) = in_an_arc(&[PATIENT, STANDBY]);
+    let (_bench, mut cell) = in_an_arc(&[STANDBY]);
     send(
         cell.pid_of("quadrant servo --axis X --role a"),
         libc::SIGSTOP,
@@ -123,7 +121,7 @@ fn a_servo_that_is_stopped_for_good_is_stood_in_for_and_then_killed_and_replaced
 /// anybody is woken to answer it. So status is as old as the scan in progress, and that is at most a scan period.
 #[test]
 fn the_status_that_a_client_sees_is_never_behind_what_a_servo_has_answered() {
-    let (_bench, mut cell) = in_an_arc(&[PATIENT]);
+    let (_bench, mut cell) = in_an_arc(&[]);
     let (_bus, mut reader) = cell.feedback();
     let page = SignalPage::open(&CellPaths::new(&cell.cell).expect("a name")).expect("its page");
     // A reader is connected from its first look on.
@@ -189,7 +187,7 @@ fn wait_until_nobody_is_left(cell: &str) {
 
 #[test]
 fn a_launcher_killed_while_it_replaces_a_process_leaves_nobody_and_the_cell_runs_again() {
-    let (bench, mut cell) = in_an_arc(&[PATIENT]);
+    let (bench, mut cell) = in_an_arc(&[]);
     send(cell.pid_of("quadrant planner"), libc::SIGKILL);
     while !cell
         .children()
@@ -206,7 +204,7 @@ fn a_launcher_killed_while_it_replaces_a_process_leaves_nobody_and_the_cell_runs
 #[test]
 fn a_launcher_killed_at_any_moment_of_its_start_leaves_a_cell_that_runs_again() {
     let strike = |moment: u64| {
-        let bench = Bench::of("xy", &[]);
+        let bench = Bench::patient("xy", &[]);
         let program = bench.file("circle.ngc", &program());
         let mut cell = LiveCell::start(bench.path(), &program, "realtime");
         std::thread::sleep(Duration::from_micros(moment * 5_000));

@@ -17,7 +17,7 @@ const LETTERS: [&str; 8] = ["X", "Y", "Z", "A", "B", "C", "U", "V"];
 
 /// A machine of eight slides, made of those of `xy` in turn; its watchdog waits as long as a busy PC needs.
 fn eight_axes() -> Bench {
-    let bench = Bench::of("xy", &[("watchdog_scans = 50 ", "watchdog_scans = 1000 ")]);
+    let bench = Bench::patient("xy", &[]);
     for name in ["machine.toml", "plant.toml"] {
         let file = bench.path().join(name);
         let text = fs::read_to_string(&file).expect("a file of the machine");
@@ -79,7 +79,7 @@ const SECOND_SCANS: f64 = 1000.0;
 
 #[test]
 fn a_recorder_killed_in_realtime_has_written_all_but_the_last_second() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("circle.ngc", &circle_program(10.0, 3000.0, (0.0, 0.0), 0.0));
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(1);
@@ -104,7 +104,7 @@ fn a_recorder_killed_in_realtime_has_written_all_but_the_last_second() {
 
 /// Kills a whole realtime cell, launcher first; the last scan that anybody saw, and what is left.
 fn all_killed_at_once(scan: u64) -> (f64, Run) {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(scan);

@@ -38,7 +38,7 @@ fn alone() -> MutexGuard<'static, ()> {
 
 /// What is judged over any bad link: the same between namespaces and through a proxy.
 fn a_bad_link_is_lived_with(here: &dyn Place, there: &dyn Place, link: &dyn bad_link::Link) {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("long.ngc", &long_program());
     let mut cell = here.cell(bench.path(), &program);
     cell.wait_for_scan(100);
@@ -375,7 +375,7 @@ fn where_nobody_serves_that_is_said_with_status_1_and_a_bad_place_with_status_2(
 #[test]
 fn a_server_goes_on_with_the_next_cell_of_the_name_and_so_does_the_view() {
     let _alone = alone();
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("long.ngc", &long_program());
     let mut first = LiveCell::start(bench.path(), &program, "realtime");
     first.wait_for_scan(200);

@@ -69,7 +69,7 @@ fn boxes(run: &Run) -> Vec<String> {
 
 #[test]
 fn what_a_scope_sees_of_a_running_cell_is_what_it_sees_in_its_log() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = circle(&bench);
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(1000);
@@ -225,7 +225,7 @@ fn a_trip_is_saved_without_being_asked_and_looks_as_in_the_log() {
 
 #[test]
 fn a_process_killed_in_a_running_cell_leaves_a_box_that_the_end_of_the_run_may_cut() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(1500);
@@ -280,7 +280,7 @@ fn a_process_killed_in_a_running_cell_leaves_a_box_that_the_end_of_the_run_may_c
 #[test]
 #[expect(clippy::too_many_lines, reason = "one running cell for all questions")]
 fn who_waits_in_vain_hears_what_was_seen_and_who_asks_wrongly_what_there_is() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(200);

@@ -153,7 +153,7 @@ fn a_cell_takes_the_room_that_it_asks_for() {
 
 #[test]
 fn a_cell_whose_files_are_removed_says_so_and_ends_and_nobody_takes_its_name_before() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(300);
@@ -190,7 +190,7 @@ fn a_cell_whose_files_are_removed_says_so_and_ends_and_nobody_takes_its_name_bef
 
 #[test]
 fn a_segment_that_is_removed_under_a_cell_is_noticed() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(300);
@@ -242,7 +242,7 @@ fn the_place_of_a_dead_servo_is_had_once_the_launcher_has_cleaned_up() {
 #[test]
 fn a_phase_that_somebody_overwrites_ends_no_cell_in_motion() {
     use std::os::unix::fs::FileExt;
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for(|f| f.at_rest == 0);
@@ -264,7 +264,7 @@ fn a_phase_that_somebody_overwrites_ends_no_cell_in_motion() {
 
 #[test]
 fn what_is_no_program_file_is_not_loaded() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let mut cell = LiveCell::up(bench.path(), "realtime");
     cell.wait_for_scan(10);
     let pipe = bench.path().join("pipe.ngc");
@@ -289,7 +289,7 @@ fn what_is_no_program_file_is_not_loaded() {
 /// `nohup quadrant run …`: the terminal goes, the run stays.
 #[test]
 fn a_hangup_that_was_ignored_at_the_start_stays_ignored() {
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("circle.ngc", &circle_program(5.0, 3000.0, (0.0, 0.0), 0.0));
     let cell = unique_cell();
     let out = bench.path().join("run");
@@ -386,7 +386,7 @@ fn whoever_of_a_cell_outlives_launcher_and_others_leaves_within_moments() {
         ("quadrant plant-sim", "lockstep"),
         ("quadrant plant-sim", "realtime"),
     ] {
-        let bench = Bench::of("xy", &[]);
+        let bench = Bench::patient("xy", &[]);
         let program = bench.file("long.ngc", &long_program());
         let mut cell = LiveCell::start(bench.path(), &program, pace);
         cell.wait_for_scan(100);

@@ -33,6 +33,9 @@ pub fn unique_cell() -> String {
     )
 }
 
+/// A drive that waits for commands a second long.
+const PATIENT: (&str, &str) = ("watchdog_scans = 50 ", "watchdog_scans = 1000 ");
+
 /// A machine in a folder of its own, made from a shipped one by replacing text in its files.
 pub struct Bench {
     pub folder: TempDir,
@@ -54,6 +57,14 @@ impl Bench {
         fs::write(folder.path().join("machine.toml"), machine).expect("writing machine.toml");
         fs::copy(from.join("plant.toml"), folder.path().join("plant.toml")).expect("plant.toml");
         Bench { folder }
+    }
+
+    /// The same for real time on a PC that is not made for it, or runs other tests beside: it may give a servo no time for longer
+    /// than the shipped machine stands. What happens then is tested elsewhere.
+    pub fn patient(name: &str, edits: &[(&str, &str)]) -> Bench {
+        let mut all = vec![PATIENT];
+        all.extend(edits);
+        Bench::of(name, &all)
     }
 
     /// The same without what was identified of its axes: its reversals with a friction pulse, no torque fed forward.

@@ -168,7 +168,7 @@ fn all_refused(command: impl Fn() -> Command, cell: &str, owner: &str) {
 #[test]
 fn a_cell_of_another_user_is_said_to_be_his_and_left_alone() {
     let Some(other) = Other::new() else { return };
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(100);
@@ -209,7 +209,7 @@ fn the_superuser_too_uses_the_cell_of_another_as_that_user_only() {
 fn two_users_have_their_cells_side_by_side() {
     let Some(other) = Other::new() else { return };
     let theirs = other.run(&unique_cell());
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("long.ngc", &long_program());
     let mut ours = LiveCell::start(bench.path(), &program, "realtime");
     ours.wait_for_scan(100);
@@ -228,7 +228,7 @@ fn two_users_have_their_cells_side_by_side() {
 #[test]
 fn a_foreign_file_of_the_cells_name_keeps_nothing_of_its_own_from_being_removed() {
     let Some(other) = Other::new() else { return };
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("circle.ngc", &circle_program(25.0, 1500.0, (0.0, 0.0), 0.0));
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(100);
@@ -327,7 +327,7 @@ fn a_foreign_folder_or_link_in_the_cells_place_is_named_and_stays() {
 #[test]
 fn the_doctor_looks_at_the_pc_for_another_user_too() {
     let Some(other) = Other::new() else { return };
-    let bench = Bench::of("xy", &[]);
+    let bench = Bench::patient("xy", &[]);
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(100);

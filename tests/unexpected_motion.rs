@@ -3,7 +3,7 @@
 use bus::sample::{Cause, Feedback, Mode, ProgramState};
 
 use crate::support::{Bench, LiveCell, send};
-use crate::up::{down, is, obeyed, refused, up};
+use crate::up::{down, is, obeyed, refused, up_on};
 
 fn rests(feedback: &Feedback) -> bool {
     feedback
@@ -15,7 +15,7 @@ fn rests(feedback: &Feedback) -> bool {
 /// Stalled for four times its watchdog of 50 ms, the master finds drives that have braked by themselves.
 #[test]
 fn a_machine_that_was_frozen_in_an_arc_trips_and_goes_on_only_when_somebody_says_so() {
-    let (_bench, mut cell, short, _) = up("realtime");
+    let (_bench, mut cell, short, _) = up_on(Bench::of("xy", &[]), "realtime");
     obeyed(&cell, &["enable"]);
     obeyed(&cell, &["load", &short]);
     obeyed(&cell, &["start"]);

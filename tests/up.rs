@@ -50,7 +50,11 @@ pub(crate) fn refused(cell: &LiveCell, words: &[&str], why: &str) {
 
 /// A cell that is up, and two programs: circles for 6 s, and for minutes.
 pub(crate) fn up(pace: &str) -> (Bench, LiveCell, String, String) {
-    let bench = Bench::of("xy", &[]);
+    up_on(Bench::patient("xy", &[]), pace)
+}
+
+/// The same of a machine.
+pub(crate) fn up_on(bench: Bench, pace: &str) -> (Bench, LiveCell, String, String) {
     let short = circle_program(10.0, 3000.0, (0.0, 0.0), 0.0);
     let short = bench.file("short.ngc", &short).display().to_string();
     let long = bench
