@@ -224,7 +224,7 @@ fn a_scan_allocates_nothing_but_what_iceoryx2_allocates_per_send() {
         (servo, ports)
     };
     let period_scans = machine.scan.interpolation_period_scans;
-    let planner_ports = planner::BusPorts::open(Rc::new(enter(1, "planner")), period_scans);
+    let planner_ports = planner::BusPorts::open(Rc::new(enter(1, "planner")), period_scans, false);
     let limit = Duration::from_secs(30);
     let mut ports = Counted {
         ports: BusPorts::open(enter(0, "master"), &machine, limit).expect("ports"),

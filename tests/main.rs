@@ -30,6 +30,7 @@ mod monitor_live;
 mod operator;
 mod paces;
 mod packaging;
+mod parameters;
 mod pivot;
 mod positioning;
 mod quality;

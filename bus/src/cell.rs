@@ -207,6 +207,16 @@ impl CellPaths {
         self.folder().join(format!("answers-{load}-{run}"))
     }
 
+    /// File that names the file of the parameters that programs keep; none where they keep none.
+    pub fn parameter_file(&self) -> PathBuf {
+        self.folder().join("parameter-file")
+    }
+
+    /// The parameters that a run of a program has begun with.
+    pub fn parameters(&self, load: u32, run: u32) -> PathBuf {
+        self.folder().join(format!("parameters-{load}-{run}"))
+    }
+
     /// What the program says: the texts around the place that its path has come to.
     pub fn messages(&self) -> PathBuf {
         self.folder().join("messages")

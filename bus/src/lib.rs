@@ -3,6 +3,7 @@
 //! **Invariant**: this is the only crate that names iceoryx2 (a test in `tests/` holds it).
 
 pub mod cell;
+pub mod kept_parameters;
 pub mod layout;
 pub mod limits;
 pub mod member;

@@ -14,7 +14,7 @@ use bus::sample::{
     AxisCommand, Feedback, Instruments, OperatorRequest, OperatorResponse, Order, PlannerStatus,
     Roster,
 };
-use machine::{Machine, Process};
+use machine::{KeptParameters, Machine, Process};
 use master::{Flow, Master, RunEnd, cycle::cycle};
 use plant_sim::SimulatedDrives;
 use plant_sim::plant_file::PlantFile;
@@ -150,6 +150,11 @@ impl InProcessCell {
     /// An order of the operator, between two scans.
     pub fn order(&mut self, request: &OperatorRequest) -> OperatorResponse {
         self.master.order(request)
+    }
+
+    /// The parameters that the program has kept at its end; none before.
+    pub fn kept_parameters(&mut self) -> Option<&KeptParameters> {
+        self.peers.kept_parameters()
     }
 
     /// Scan in which a fault of the script fired.

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use bus::messages::ProgramMessage;
 use bus::sample::{AxisCommand, Feedback, Job, PlannerStatus, Setpoint, WindowHeader};
-use machine::Process;
 use machine::settings_file::SettingsFileError;
+use machine::{KeptParameters, Process};
 use planner::questions::KeptAnswer;
 use planner::{Place, PlannerError, PlannerPorts, ProgramText};
 use plant_sim::script::faults::{self, FaultScript};
@@ -126,6 +126,17 @@ impl<P: PlannerPorts, F: Fn(usize) -> Option<u64>> PlannerPorts for Faulty<P, F>
 
     fn keep_answer(&mut self, load: u32, run: u32, answer: &KeptAnswer) -> bool {
         self.ports.keep_answer(load, run, answer)
+    }
+
+    fn parameters(
+        &mut self,
+        run: Option<(u32, u32)>,
+    ) -> Result<Option<KeptParameters>, SettingsFileError> {
+        self.ports.parameters(run)
+    }
+
+    fn keep_parameters(&mut self, parameters: &KeptParameters) -> bool {
+        self.ports.keep_parameters(parameters)
     }
 
     fn write_messages(&mut self, load: u32, run: u32, messages: &[ProgramMessage]) {

@@ -9,7 +9,7 @@ use bus::sample::{
 use control::path::Feed;
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::{Course, Judge};
-use machine::{Machine, Spindle, ToolChange, ToolChanger};
+use machine::{KeptParameters, Machine, Spindle, ToolChange, ToolChanger};
 use plant_sim::plant_file::{PlantFile, PlantSpindle, PlantToolChanger};
 use plant_sim::script::faults;
 use plant_sim::script::rng::Rng;
@@ -34,7 +34,7 @@ fn load(name: &str) -> (Machine, PlantFile) {
     (machine, plant)
 }
 
-/// The mill with a spindle and a tool changer.
+/// The mill with a spindle and a tool changer, whose programs keep #101.
 fn mill() -> (Machine, PlantFile) {
     let (mut machine, mut plant) = load("xyz-mill");
     machine.spindle = Some(Spindle {
@@ -54,6 +54,8 @@ fn mill() -> (Machine, PlantFile) {
         ..PlantSpindle::default()
     });
     plant.tool_changer = Some(PlantToolChanger { change_s: 0.25 });
+    machine.program.parameters = "101 4".into();
+    machine.parameters = [(101, 4.0)].into();
     (machine, plant)
 }
 
@@ -380,6 +382,8 @@ fn computed() -> String {
          G4 P0.03\nM9\nM64 P7\n\
          o30 endif\n\
          #100 = [#100 + 1]\n\
+         #101 = [#101 + 1]\n\
+         G10 L20 P2 X#101\n\
          o10 endwhile\n\
          G92 X0 Y0\nG90 G1 X#<_sides> Y2\nG92.1\nM5\nM30\n",
     )
@@ -405,6 +409,7 @@ struct Seen {
     stops: Vec<(u32, u32)>,
     violations: Vec<String>,
     before: Option<Feedback>,
+    kept: Option<KeptParameters>,
     contour_mm: f64,
     digest: (u64, u64),
 }
@@ -481,6 +486,11 @@ fn run(
     while let Some(published) = cell.scan() {
         judge.take(&published, |_, _| true);
         let feedback = *published.feedback;
+        seen.kept = cell.kept_parameters().cloned();
+        if seen.kept.is_none() && feedback.mode == Mode::Finished as u32 {
+            seen.violations
+                .push("done before its parameters are kept".into());
+        }
         seen.take(&feedback, &feeds);
         if feedback.scan > 60_000 {
             seen.violations.push("the run does not end".into());
@@ -541,6 +551,11 @@ fn kill_around_events(text: &str, stops: usize) {
     let undisturbed = run(&machine, &plant, (text, &course), None);
     assert_eq!(undisturbed.violations, [] as [String; 0]);
     assert_eq!(undisturbed.stops.len(), stops, "{:?}", undisturbed.stops);
+    let passes = text.matches("while").count() as f64 * 2.0;
+    assert_eq!(
+        undisturbed.kept.as_ref().map(|kept| kept[&101]),
+        Some(4.0 + passes)
+    );
     let (mut kills, mut worst_mm) = (0, 0.0f64);
     for seed in 0..seeds.unwrap_or(SEEDS) {
         let mut rng = Rng::new(Rng::new(seed).bits());
@@ -589,6 +604,7 @@ fn kill_around_events(text: &str, stops: usize) {
         }
         let end = |seen: &Seen| seen.before.map(|f| (f.auxiliary.tool, f.auxiliary.levels));
         assert_eq!(end(&seen), end(&undisturbed), "{what}");
+        assert_eq!(seen.kept, undisturbed.kept, "{what}");
     }
     println!(
         "{kills} kills: at most {worst_mm:.4} mm off the path, undisturbed {:.4} mm",

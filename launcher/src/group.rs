@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use bus::cell::{CellPaths, Ownership};
+use bus::kept_parameters::name_parameter_file;
 use bus::member::Pace;
 use bus::port::Writer;
 use bus::process::watch;
@@ -80,6 +81,8 @@ impl Role {
 pub struct Plan {
     /// Copy of the machine file that all read.
     pub machine_file: PathBuf,
+    /// Where programs keep parameters; none if they keep none.
+    pub parameter_file: Option<PathBuf>,
     /// Copy of the plant file.
     pub plant_file: PathBuf,
     /// Copy of the program; none in a cell that stays up.
@@ -112,6 +115,7 @@ impl Plan {
     ) -> Plan {
         Plan {
             machine_file: run_dir.machine.clone(),
+            parameter_file: run_dir.parameter_file.clone(),
             plant_file: run_dir.plant.clone(),
             program: run_dir.program.clone(),
             out: run_dir.folder.clone(),
@@ -301,6 +305,9 @@ impl Group {
         let machine_file = machine::snapshot(&plan.machine_file)?;
         std::fs::write(place.machine_file(), machine_file)
             .context("copying the machine file into the cell")?;
+        if let Some(file) = &plan.parameter_file {
+            name_parameter_file(&place, file).context("naming the parameter file")?;
+        }
         let bus = Bus::enter(&place, &machine.shape(), "launcher", true)?;
         let services = bus.create_all()?;
         let page = SignalPage::create(&place)?;

@@ -17,6 +17,8 @@ pub struct RunDir {
     pub folder: PathBuf,
     /// Copy of the machine file.
     pub machine: PathBuf,
+    /// Where programs keep parameters: the user's file, no copy. None if they keep none.
+    pub parameter_file: Option<PathBuf>,
     /// Copy of the plant file.
     pub plant: PathBuf,
     /// Copy of the program, under its own name; none in the folder of a cell that stays up.
@@ -149,7 +151,10 @@ impl RunDir {
             fs::write(&to, text).with_context(|| format!("{}: cannot be written", to.display()))?;
             Ok(to)
         };
-        let subroutines = Machine::load(sources.machine)?.subroutine_folders;
+        let machine = Machine::load(sources.machine)?;
+        let parameter_file = machine.parameter_file(sources.machine);
+        let parameter_file = parameter_file.map(std::path::absolute).transpose()?;
+        let subroutines = machine.subroutine_folders;
         let program = sources
             .program
             .map(|program| {
@@ -165,6 +170,7 @@ impl RunDir {
                 &machine::snapshot(sources.machine)?,
                 Path::new("machine.toml"),
             )?,
+            parameter_file,
             plant: copy(sources.plant, Path::new("plant.toml"))?,
             program,
             orders: copy_if(sources.orders, "orders.toml")?,

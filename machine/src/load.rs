@@ -2,9 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use toml_edit::{DocumentMut, Item, value};
+use toml_edit::{DocumentMut, Item, TableLike, value};
 
 use crate::machine::Machine;
+use crate::parameter_file::{KeptParameters, parameter_text, parse_parameters};
 use crate::renamed::RENAMED;
 use crate::rules;
 use crate::settings_file::{self, Schema, SettingsFileError, read_text};
@@ -24,23 +25,76 @@ impl Machine {
             let table = folder.join(&machine.program.tool_table);
             machine.tools = parse_tools(&table.display().to_string(), &read_text(&table)?)?;
         }
+        if let Some(file) = machine.parameter_file(&path) {
+            machine.parameters = read_parameters(&file)?;
+        }
         let folders = machine.program.subroutine_folders.iter();
         machine.subroutine_folders = folders.map(|within| folder.join(within)).collect();
         Ok(machine)
     }
 
-    /// Checks the text of a machine file; `name` is in the messages. A tool table in a file of its own is not read.
+    /// Where the parameters lie that programs of the machine keep whose machine file this is; none if they keep none.
+    pub fn parameter_file(&self, machine_file: &Path) -> Option<PathBuf> {
+        let name = &self.program.parameter_file;
+        let folder = machine_file.parent().unwrap_or(Path::new(""));
+        (!name.is_empty()).then(|| folder.join(name))
+    }
+
+    /// Checks the text of a machine file; `name` is in the messages. A tool table or parameters in a
+    /// file of their own are not read.
     ///
     /// # Errors
     /// As [`Machine::load`].
     pub fn parse(name: &str, text: &str) -> Result<Machine, SettingsFileError> {
         let mut machine: Machine = settings_file::load(name, text, RENAMED, rules::judge)?;
         machine.tools = parse_tools(&format!("{name}: tools"), &machine.program.tools)?;
+        machine.parameters =
+            parse_parameters(&format!("{name}: parameters"), &machine.program.parameters)?;
         Ok(machine)
     }
 }
 
-/// The text of a machine file that needs no other file: a tool table stands in it. For copies that a run or a cell keeps.
+/// The parameters in a file; none if it is not there yet.
+fn read_parameters(file: &Path) -> Result<KeptParameters, SettingsFileError> {
+    if !file.exists() {
+        return Ok(KeptParameters::new());
+    }
+    parse_parameters(&file.display().to_string(), &read_text(file)?)
+}
+
+/// What stands in place of a file of parameters that holds none.
+const NO_PARAMETERS: &str = "; none yet\n";
+
+/// The text of a machine file that needs no other file, whose parameters are these.
+///
+/// # Errors
+/// It is no TOML.
+pub fn with_parameters(
+    text: &str,
+    parameters: &KeptParameters,
+) -> Result<String, toml_edit::TomlError> {
+    let mut document: DocumentMut = text.parse()?;
+    if let Some(program) = program_of(&mut document) {
+        set_parameters(program, parameters);
+    }
+    Ok(document.to_string())
+}
+
+fn program_of(document: &mut DocumentMut) -> Option<&mut dyn TableLike> {
+    document
+        .get_mut("program")
+        .and_then(Item::as_table_like_mut)
+}
+
+fn set_parameters(program: &mut dyn TableLike, parameters: &KeptParameters) {
+    let text = match parameter_text(parameters) {
+        none if none.is_empty() => NO_PARAMETERS.to_owned(),
+        text => text,
+    };
+    program.insert("parameters", value(text));
+}
+
+/// The text of a machine file that needs no other file: a tool table and parameters stand in it. For copies that a run or a cell keeps.
 ///
 /// # Errors
 /// A file that cannot be read, or is no TOML.
@@ -52,37 +106,50 @@ pub fn snapshot(path: &Path) -> Result<String, SettingsFileError> {
         what: error.to_string(),
     };
     let mut document: DocumentMut = text.parse().map_err(unreadable)?;
-    let Some(program) = document
-        .get_mut("program")
-        .and_then(Item::as_table_like_mut)
-    else {
-        return Ok(text);
-    };
-    let Some(table) = program.remove("tool_table") else {
+    let Some(program) = program_of(&mut document) else {
         return Ok(text);
     };
     let folder = path.parent().unwrap_or(Path::new(""));
-    let tools = read_text(&folder.join(table.as_str().unwrap_or_default()))?;
-    program.insert("tools", value(tools));
+    let named = |item: Item| folder.join(item.as_str().unwrap_or_default());
+    let tool_table = program.remove("tool_table").map(named);
+    let parameter_file = program.remove("parameter_file").map(named);
+    if tool_table.is_none() && parameter_file.is_none() {
+        return Ok(text);
+    }
+    if let Some(table) = tool_table {
+        program.insert("tools", value(read_text(&table)?));
+    }
+    if let Some(file) = parameter_file {
+        set_parameters(program, &read_parameters(&file)?);
+    }
     Ok(document.to_string())
 }
 
-/// Copies the tool table that a machine file names into the folder of a copy of it, if it is named from the file's folder.
+/// Copies what a machine file names, tool table and parameters, into the folder of a copy of it, if it is named from the file's folder.
 ///
 /// # Errors
-/// A machine file that cannot be used, or a table that cannot be copied.
-pub fn copy_tool_table(path: &Path, folder: &Path) -> Result<(), SettingsFileError> {
+/// A machine file that cannot be used, or a file that cannot be copied.
+pub fn copy_named_files(path: &Path, folder: &Path) -> Result<(), SettingsFileError> {
     let path = machine_file(path);
-    let table = Machine::load(&path)?.program.tool_table;
-    if table.is_empty() || Path::new(&table).is_absolute() {
-        return Ok(());
+    let program = Machine::load(&path)?.program;
+    let beside = path.parent().unwrap_or(Path::new(""));
+    let named = [program.tool_table, program.parameter_file];
+    let here = |name: &&String| !name.is_empty() && !Path::new(name).is_absolute();
+    for name in named.iter().filter(here) {
+        let from = beside.join(name);
+        // Parameters need not be there yet.
+        if from.exists() {
+            copy_file(&from, &folder.join(name))?;
+        }
     }
-    let from = path.parent().unwrap_or(Path::new("")).join(&table);
-    let to = folder.join(&table);
+    Ok(())
+}
+
+fn copy_file(from: &Path, to: &Path) -> Result<(), SettingsFileError> {
     let copied = to
         .parent()
         .map_or(Ok(()), std::fs::create_dir_all)
-        .and_then(|()| std::fs::copy(&from, &to));
+        .and_then(|()| std::fs::copy(from, to));
     copied
         .map(|_| ())
         .map_err(|error| SettingsFileError::Unreadable {

@@ -12,6 +12,7 @@ use crate::auxiliary::{Spindle, ToolChange};
 use crate::axis::Axis;
 use crate::interpolation::Interpolation;
 use crate::kinematics::Kinematics;
+use crate::parameter_file::KeptParameters;
 use crate::positioning::Positioning;
 use crate::restart::Restart;
 use crate::tool_table::Tool;
@@ -48,6 +49,9 @@ pub struct Machine {
     /// The tools that `program.tool_table` or `program.tools` names.
     #[serde(skip)]
     pub tools: Vec<Tool>,
+    /// The parameters that `program.parameter_file` or `program.parameters` holds.
+    #[serde(skip)]
+    pub parameters: KeptParameters,
     /// `program.subroutine_folders`, from the folder of the file.
     #[serde(skip)]
     pub subroutine_folders: Vec<PathBuf>,
@@ -99,6 +103,14 @@ pub struct ProgramSettings {
     /// The tools themselves, as the text of such a file. Copies of a machine file hold the table so.
     #[schemars(extend("default" = ""))]
     pub tools: String,
+    /// File of the parameters that programs keep from one run to the next ([how](program-flow.md#kept-parameters)), in the form of
+    /// LinuxCNC; a path counts from the folder of this file. It need not be there yet. Without it and `parameters` each run begins
+    /// with 0.
+    #[schemars(extend("default" = ""))]
+    pub parameter_file: String,
+    /// The parameters themselves, as the text of such a file. Copies of a machine file hold what a run began with so.
+    #[schemars(extend("default" = ""))]
+    pub parameters: String,
     /// Folders in which subroutines are looked for that a program calls and does not hold, after the program's own; paths count
     /// from the folder of this file.
     #[schemars(extend("default" = []))]
@@ -127,6 +139,11 @@ pub struct Manual {
 }
 
 impl Machine {
+    /// Whether programs keep parameters from one run to the next.
+    pub fn keeps_parameters(&self) -> bool {
+        !self.program.parameter_file.is_empty() || !self.program.parameters.is_empty()
+    }
+
     /// Index of the axis of this letter.
     ///
     /// # Errors

@@ -16,7 +16,7 @@ mod reversal;
 pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
     cell(rules, machine);
     dead_time(rules, machine);
-    tools(rules, machine);
+    tools_and_parameters(rules, machine);
     work_offsets(rules, machine);
     minimum_heat(rules, machine);
     if let Some(spindle) = &machine.spindle {
@@ -73,13 +73,21 @@ fn dead_time(rules: &mut Rules<'_>, machine: &Machine) {
     }
 }
 
-/// Tools are in a file or in the machine file.
-fn tools(rules: &mut Rules<'_>, machine: &Machine) {
-    if !machine.program.tool_table.is_empty() && !machine.program.tools.is_empty() {
+/// Tools and parameters are in a file or in the machine file.
+fn tools_and_parameters(rules: &mut Rules<'_>, machine: &Machine) {
+    let program = &machine.program;
+    if !program.tool_table.is_empty() && !program.tools.is_empty() {
         rules.say(
             &["program", "tool_table"],
             None,
             "goes without `tools`: the tools are in a file of their own, or here",
+        );
+    }
+    if !program.parameter_file.is_empty() && !program.parameters.is_empty() {
+        rules.say(
+            &["program", "parameter_file"],
+            None,
+            "goes without `parameters`: they are in a file of their own, or here",
         );
     }
 }

@@ -5,13 +5,17 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use bus::cell::CellPaths;
+use bus::kept_parameters::parameters_of_run;
 use bus::sample::{Feedback, ProgramState};
-use machine::Machine;
+use machine::{Machine, parse_parameters, with_parameters};
 
 use crate::black_box::Home;
 use crate::log::{BEGINS_AT, LogError, Recorder, RunEnd, RunInfo};
 use crate::options::{MonitorError, Options};
 use crate::said::SaidFile;
+
+/// Name of the machine file in a run directory.
+const MACHINE_FILE: &str = "machine.toml";
 
 /// The log that is open.
 struct Open {
@@ -98,9 +102,10 @@ impl Logbook {
     }
 
     fn home_between(&self) -> Result<Home, MonitorError> {
+        let machine = machine::machine_file(&self.options.slot.machine);
         Ok(Home {
             directory: self.options.out.clone(),
-            info: run_info(&self.options, None)?,
+            info: run_info(&self.options, &machine, None)?,
         })
     }
 
@@ -138,7 +143,7 @@ impl Logbook {
     fn begin(&mut self, feedback: &Feedback, failed: u64) -> Result<(), MonitorError> {
         let (load, run, scan) = (feedback.load, feedback.run, feedback.scan);
         let place = CellPaths::new(&self.options.slot.cell).ok();
-        let program = place.and_then(|place| place.program(load));
+        let program = place.as_ref().and_then(|place| place.program(load));
         let program = program.ok_or(MonitorError::NoProgram(load))?;
         let folder = run_folder(&self.options.out, run, &program);
         let failed_at = |path: &Path| {
@@ -155,6 +160,9 @@ impl Logbook {
                 fs::copy(file, folder.join(name)).map_err(failed_at(file))?;
             }
         }
+        if let Some(place) = &place {
+            note_parameters(place, (load, run), &folder.join(MACHINE_FILE))?;
+        }
         self.open(&folder, &program, run, failed, scan)
     }
 
@@ -166,7 +174,8 @@ impl Logbook {
         failed: u64,
         begins_at: u64,
     ) -> Result<(), MonitorError> {
-        let mut info = run_info(&self.options, Some(program))?;
+        let machine = folder.join(MACHINE_FILE);
+        let mut info = run_info(&self.options, &machine, Some(program))?;
         if begins_at > 0 {
             let settings = &mut info.settings;
             settings.insert(BEGINS_AT.into(), begins_at.to_string());
@@ -188,19 +197,52 @@ impl Logbook {
     }
 }
 
+/// Writes the parameters that a run has begun with into its machine file: the cell's has those of the start of the cell.
+fn note_parameters(
+    place: &CellPaths,
+    (load, run): (u32, u32),
+    file: &Path,
+) -> Result<(), MonitorError> {
+    let failed = |source| MonitorError::File {
+        path: file.display().to_string(),
+        source,
+    };
+    let Some(parameters) = parameters_of_run(place, load, run).map_err(failed)? else {
+        return Ok(());
+    };
+    let name = file.display().to_string();
+    let text = fs::read_to_string(file).map_err(failed)?;
+    let noted = parse_parameters(&name, &parameters)
+        .map_err(|error| error.to_string())
+        .and_then(|parameters| {
+            with_parameters(&text, &parameters).map_err(|error| error.to_string())
+        });
+    match noted {
+        Ok(text) => fs::write(file, text).map_err(failed),
+        // The planner refuses the program, and says so.
+        Err(error) => {
+            tracing::error!("{error}");
+            Ok(())
+        }
+    }
+}
+
 /// What is known of a run; without a program, of what is between two.
 /// The largest program that is put into the log too.
 const ATTACHED_BYTES_MAX: u64 = 8 << 20;
 
-fn run_info(options: &Options, program: Option<&Path>) -> Result<RunInfo, MonitorError> {
+fn run_info(
+    options: &Options,
+    machine: &Path,
+    program: Option<&Path>,
+) -> Result<RunInfo, MonitorError> {
     let read = |path: &Path| {
         fs::read(path).map_err(|source| MonitorError::File {
             path: path.display().to_string(),
             source,
         })
     };
-    let machine = machine::machine_file(&options.slot.machine);
-    let mut files = vec![("machine.toml".into(), read(&machine)?)];
+    let mut files = vec![(MACHINE_FILE.into(), read(machine)?)];
     let mut name = String::new();
     if let Some(program) = program {
         name = program.file_name().map_or_else(

@@ -17,7 +17,7 @@ use bus::sample::{Feedback, MAX_AXES};
 use control::path::Element;
 use control::profile::PathState;
 use control::window::{PlanError, PlannedSetpoint, WindowOutcome, WindowPlanner, WindowRequest};
-use machine::Machine;
+use machine::{KeptParameters, Machine};
 use program::{Message, Note, Piece, Progress, Question, Reading, ResumeError, Setup};
 
 use crate::course::{CourseError, Reach, motion_limits, window_planner_ahead};
@@ -158,7 +158,11 @@ impl Course {
         match progress? {
             Progress::More => self.note_place(),
             Progress::Asks => self.ask()?,
-            Progress::Ended(_) => self.end(),
+            Progress::Ended(end) => {
+                let elements = self.windows.path().end();
+                self.events.end_program(elements, end.line());
+                self.end();
+            }
         }
         Ok(())
     }
@@ -291,6 +295,11 @@ impl Course {
     /// The same, taken out.
     pub fn refusal(&mut self) -> Option<AheadError> {
         Arc::into_inner(self.refused.take()?)
+    }
+
+    /// The parameters that outlive the run, as the blocks that were read leave them.
+    pub fn kept_parameters(&self) -> KeptParameters {
+        self.reading.kept_parameters()
     }
 
     /// What was accepted with a remark so far.

@@ -44,6 +44,8 @@ struct Planned {
 #[derive(Debug, Clone, Default)]
 pub struct Events {
     spindle: Option<Spindle>,
+    /// Parameters are kept at the end.
+    keeps_parameters: bool,
     /// Read, and done before an element that is not read yet.
     waiting: Vec<Planned>,
     spindle_ahead: SpindleAhead,
@@ -225,6 +227,7 @@ impl Events {
     pub fn new(machine: &Machine) -> Events {
         Events {
             spindle: machine.spindle,
+            keeps_parameters: machine.keeps_parameters(),
             steps: Steps::new(machine),
             ..Events::default()
         }
@@ -262,7 +265,7 @@ impl Events {
         for event in events {
             all.read(event)?;
         }
-        all.end(path.elements.len() as u32);
+        all.end_program(path.elements.len() as u32, 0);
         Ok(all)
     }
 
@@ -393,7 +396,15 @@ impl Events {
         Ok(())
     }
 
-    /// The program ends behind so many elements: what waits is done there, at rest.
+    /// The program ends behind so many elements, in this line: once everything is done its parameters are kept.
+    pub fn end_program(&mut self, elements: u32, line: u32) {
+        if self.keeps_parameters {
+            self.wait(line, (EventCode::KeepParameters, 0, 0.0, false));
+        }
+        self.end(elements);
+    }
+
+    /// Nothing is read behind so many elements: what waits is done there, at rest.
     pub fn end(&mut self, elements: u32) {
         for planned in &mut self.waiting {
             planned.in_motion = false;

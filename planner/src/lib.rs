@@ -6,6 +6,7 @@ mod ahead;
 mod course;
 mod events;
 mod in_step;
+mod kept_parameters;
 mod kept_places;
 mod messages;
 mod place;

@@ -9,15 +9,16 @@
 
 use bus::messages::ProgramMessage;
 use bus::sample::{
-    Cause, Feedback, MAX_AXES, Mode, PathTag, PlannerStatus, ProgramEvent, ProgramState, Setpoint,
-    WindowHeader, WindowId,
+    Cause, Feedback, MAX_AXES, Mode, PathTag, PlannerStatus, ProgramState, Setpoint, WindowHeader,
+    WindowId,
 };
 use bus::window::checksum;
 use bytemuck::Zeroable;
 use control::profile::PathState;
 use control::speed_map::first_mapped;
 use control::window::{PlanError, PlannedSetpoint, WindowRequest};
-use machine::Machine;
+use machine::settings_file::SettingsFileError;
+use machine::{KeptParameters, Machine};
 use program::Setup;
 
 use crate::ahead::{AheadError, Course};
@@ -26,6 +27,8 @@ use crate::place::{PLACE_ELEMENTS, Place};
 use crate::program_text::ProgramText;
 use crate::questions::{KeptAnswer, hash_of};
 use crate::return_to_path::ReturnToPath;
+
+mod status;
 
 /// Scans from the feedback a window answers until it can be executed: seen by the servos in the next, admitted by the
 /// master for the one after.
@@ -100,6 +103,8 @@ pub struct Decision<'a> {
     pub window: Option<(WindowHeader, &'a [Setpoint])>,
     /// What the program says around here: to be written before the two others are published.
     pub messages: &'a [ProgramMessage],
+    /// The program is at its end: these parameters are to be kept before the status is published.
+    pub kept_parameters: Option<KeptParameters>,
 }
 
 /// What a planner remembers beside what it has published.
@@ -234,6 +239,26 @@ impl Planner {
         }
     }
 
+    /// Takes the parameters that programs before have kept; the program is read anew with others. Whether they could be read.
+    pub fn take_parameters(
+        &mut self,
+        kept: Result<Option<KeptParameters>, SettingsFileError>,
+    ) -> bool {
+        match kept {
+            Ok(Some(kept)) if kept != self.machine.parameters => {
+                self.machine.parameters = kept;
+                self.read_anew();
+            }
+            Ok(_) => {}
+            Err(error) => {
+                tracing::error!("{error}");
+                self.cause = Cause::Planner;
+                return false;
+            }
+        }
+        true
+    }
+
     fn read_anew(&mut self) {
         self.course = None;
         self.place = None;
@@ -309,9 +334,12 @@ impl Planner {
                 .extend(self.setpoints.iter().map(|setpoint| setpoint.state));
         }
         self.say(feedback);
+        let status = self.status(feedback);
+        let kept_parameters = self.parameters_to_keep(&status);
         Decision {
             messages: &self.messages,
-            status: self.status(feedback),
+            kept_parameters,
+            status,
             window: header.map(|header| (header, self.wire.as_slice())),
         }
     }
@@ -648,118 +676,6 @@ impl Planner {
             returns: returns && !done,
             starts: false,
         })
-    }
-
-    /// What the program says around where the tool is: texts that the windows on the way may pass, and those that the path has come to.
-    fn say(&mut self, feedback: &Feedback) {
-        self.messages.clear();
-        // What stands behind a stop is said once somebody has resumed.
-        let rests = self.rests_on_path(feedback).filter(|_| feedback.hold == 0);
-        let tag = tool_tag(feedback);
-        // Texts carry the number of the run: before it has begun that is the one before.
-        let runs = feedback.program == ProgramState::Running as u32
-            && self.run == Some((feedback.load, feedback.run));
-        if tag.is_off_path() || !runs {
-            return;
-        }
-        let published = [&self.in_force, &self.pending];
-        let last = published.iter().filter_map(|window| window.states.last());
-        let last = last.map(|state| state.element).max();
-        let Some(course) = &mut self.course else {
-            return;
-        };
-        let done = feedback.auxiliary.events_done;
-        let within = tag.distance_mm > 0.0 || tag.dwell_remaining_scans > 0;
-        let windows = &course.windows;
-        let is_due = |element: u32, events: u32| {
-            let begun = tag.element > element || tag.element == element && within;
-            let before = rests.is_some_and(|state| windows.is_held_back(&state, element));
-            begun || done > events || done == events && before
-        };
-        let until = last.unwrap_or(0).max(tag.element).saturating_add(1);
-        let messages = &mut course.events.messages;
-        messages.write(until, is_due, &mut self.messages);
-        messages.pass(is_due);
-    }
-
-    /// The state that the axes rest in on the program's path, with nothing on the way.
-    fn rests_on_path(&self, feedback: &Feedback) -> Option<PathState> {
-        let in_force = &self.in_force;
-        let rests = feedback.at_rest == 1
-            && !feedback.window.is_none()
-            && feedback.window == in_force.header.id
-            && !in_force.returns
-            && self.pending.is_none();
-        in_force.state_in(feedback.scan).filter(|_| rests)
-    }
-
-    /// The event that the path rests for now, on the program's path and with nothing on the way.
-    fn event(&self, feedback: &Feedback) -> Option<ProgramEvent> {
-        let course = self.course.as_ref()?;
-        if feedback.hold == 1 || self.cause != Cause::None {
-            return None;
-        }
-        let state = self.rests_on_path(feedback)?;
-        let next = course.events.at_rest(feedback.auxiliary.events_done)?;
-        course
-            .windows
-            .is_held_back(&state, next.element)
-            .then_some(*next)
-    }
-
-    /// The line that the tool is in.
-    fn line(&self, feedback: &Feedback) -> u32 {
-        let path = self.course.as_ref().map(|course| course.windows.path());
-        let element = path.and_then(|path| path.get(tool_element(feedback)));
-        element.map_or(0, |element| element.line)
-    }
-
-    fn status(&self, feedback: &Feedback) -> PlannerStatus {
-        let (path_length_mm, path_done_mm, program_hash) =
-            self.course.as_ref().map_or((0.0, 0.0, 0), |course| {
-                let path = course.windows.path();
-                // Off the path, what is done is what was done when it was left.
-                let tag = tool_tag(feedback);
-                let behind = path.get(tag.element);
-                let before_mm = behind.map_or(0.0, |_| path.length_before_mm(tag.element));
-                let whole_mm = match course.is_over() {
-                    true => path.length_mm(),
-                    false => 0.0,
-                };
-                (whole_mm, before_mm + tag.distance_mm, course.program_hash)
-            });
-        let last = if self.pending.is_none() {
-            &self.in_force
-        } else {
-            &self.pending
-        };
-        PlannerStatus {
-            scan: feedback.scan,
-            visible_from: feedback.scan.saturating_add(1),
-            program_hash,
-            published: last.header.id,
-            path_length_mm,
-            path_done_mm,
-            incarnation: self.incarnation,
-            finished: last.header.ends_program,
-            cause: self.cause as u32,
-            windows: self.sequence,
-            load: self.load,
-            line: self.line(feedback),
-            messages: self
-                .course
-                .as_ref()
-                .map_or(0, |course| course.events.messages.passed()),
-            answered: self.answers.last().map_or(0, |kept| kept.answer.number),
-            event: self.event(feedback).unwrap_or_default(),
-            outputs_ahead: self
-                .course
-                .as_ref()
-                .map_or_else(Default::default, |course| {
-                    course.events.ahead(feedback.auxiliary.events_done)
-                }),
-            ..PlannerStatus::default()
-        }
     }
 }
 

@@ -19,7 +19,10 @@ use bus::messages::{MessageWriter, ProgramMessage};
 use bus::port::{Reader, WindowWriter, Writer};
 use bus::sample::{Feedback, PlannerStatus, Setpoint, WindowHeader};
 use bus::service::SCAN_DEPTH;
+use machine::KeptParameters;
+use machine::settings_file::SettingsFileError;
 
+use crate::kept_parameters::ParameterFile;
 use crate::kept_places::KeptPlaces;
 use crate::place::Place;
 use crate::program_text::ProgramText;
@@ -54,6 +57,25 @@ pub trait PlannerPorts {
     fn keep_answer(&mut self, load: u32, run: u32, answer: &KeptAnswer) -> bool {
         let _ = (load, run, answer);
         false
+    }
+
+    /// The parameters that programs have kept: those that a run (load and run) begins with, or those that the next one would; none where the
+    /// machine file holds them.
+    ///
+    /// # Errors
+    /// They cannot be read.
+    fn parameters(
+        &mut self,
+        run: Option<(u32, u32)>,
+    ) -> Result<Option<KeptParameters>, SettingsFileError> {
+        let _ = run;
+        Ok(None)
+    }
+
+    /// Keeps the parameters of a program that has come to its end; false if it could not.
+    fn keep_parameters(&mut self, parameters: &KeptParameters) -> bool {
+        let _ = parameters;
+        true
     }
 
     /// Writes what the program says where readers find it.
@@ -103,15 +125,16 @@ pub struct BusPorts {
     boundaries: Boundaries,
     last: Option<u64>,
     places: KeptPlaces,
+    parameters: ParameterFile,
     messages: Option<MessageWriter>,
 }
 
 impl BusPorts {
-    /// Opens the ports of the planner, which is asked once in so many scans.
+    /// Opens the ports of the planner, which is asked once in so many scans; `stays` where programs come and go.
     ///
     /// # Errors
     /// [`CellError::Transport`], also if the cell has a planner already.
-    pub fn open(member: Rc<Member>, period_scans: u32) -> Result<BusPorts, CellError> {
+    pub fn open(member: Rc<Member>, period_scans: u32, stays: bool) -> Result<BusPorts, CellError> {
         let bus = &member.bus;
         Ok(BusPorts {
             feedback: bus.feedback_reader(SCAN_DEPTH)?,
@@ -124,6 +147,7 @@ impl BusPorts {
             },
             last: member.slot().after_scan,
             places: KeptPlaces::of_cell(&member.slot().cell),
+            parameters: ParameterFile::of_cell(&member.slot().cell, stays),
             messages: CellPaths::new(&member.slot().cell)
                 .ok()
                 .map(|paths| MessageWriter::new(paths.messages())),
@@ -192,6 +216,20 @@ impl PlannerPorts for BusPorts {
         };
         write_answer(&file, answer)
             .inspect_err(|error| tracing::error!("{}: {error}", file.display()))
+            .is_ok()
+    }
+
+    fn parameters(
+        &mut self,
+        run: Option<(u32, u32)>,
+    ) -> Result<Option<KeptParameters>, SettingsFileError> {
+        self.parameters.read(run)
+    }
+
+    fn keep_parameters(&mut self, parameters: &KeptParameters) -> bool {
+        self.parameters
+            .keep(parameters)
+            .inspect_err(|error| tracing::error!("{error}: the parameters are not kept"))
             .is_ok()
     }
 

@@ -12,6 +12,7 @@ use std::rc::Rc;
 
 use bus::member::{Member, MemberError, Slot};
 use bus::realtime::Priority;
+use bus::sample::{Cause, ProgramEvent};
 use machine::Machine;
 use machine::settings_file::SettingsFileError;
 
@@ -59,7 +60,8 @@ pub fn run_over<P: PlannerPorts>(
     let member = Member::enter(options.slot.clone(), "planner", &machine.shape())?;
     let member = Rc::new(member);
     let period_scans = machine.scan.interpolation_period_scans;
-    let ports = BusPorts::open(Rc::clone(&member), period_scans).map_err(MemberError::Cell)?;
+    let ports = BusPorts::open(Rc::clone(&member), period_scans, options.program.is_none())
+        .map_err(MemberError::Cell)?;
     let mut planner = match &options.program {
         Some(path) => {
             let program = ProgramText::File(path.clone());
@@ -79,9 +81,12 @@ pub fn cycle(planner: &mut Planner, ports: &mut impl PlannerPorts) -> bool {
         return false;
     };
     if feedback.load != planner.loaded() {
-        planner.load(ports.program(feedback.load), &feedback);
+        let kept = planner.take_parameters(ports.parameters(None));
+        let program = ports.program(feedback.load).filter(|_| kept);
+        planner.load(program, &feedback);
     }
     if planner.is_other_run(&feedback) {
+        planner.take_parameters(ports.parameters(Some((feedback.load, feedback.run))));
         planner.begin_run(ports.answers(feedback.load, feedback.run), &feedback);
     }
     if let Some(answer) = planner.new_answer(&feedback)
@@ -101,7 +106,14 @@ pub fn cycle(planner: &mut Planner, ports: &mut impl PlannerPorts) -> bool {
     if let Some((header, setpoints)) = &decision.window {
         ports.publish_window(header, setpoints);
     }
-    ports.publish_status(&decision.status);
+    let mut status = decision.status;
+    if let Some(parameters) = &decision.kept_parameters
+        && !ports.keep_parameters(parameters)
+    {
+        status.event = ProgramEvent::default();
+        status.cause = Cause::Planner as u32;
+    }
+    ports.publish_status(&status);
     ports.answered(feedback.scan);
     let tool = tool_element(&feedback);
     for place in planner.new_places() {

@@ -8,7 +8,7 @@ use control::path::{
     AxisVector, Element, Feed, MAX_AXES, RotaryAxes, Shape, displacement_length_mm,
 };
 
-use machine::Tool;
+use machine::{KeptParameters, Tool, is_always_kept};
 
 use crate::arc::{ArcBlock, Circle};
 use crate::compensation::Compensation;
@@ -17,7 +17,7 @@ use crate::execution::BLOCKS_MAX;
 use crate::expression::{Lookup, Target};
 use crate::frames::{Frame, Frames};
 use crate::letters::AXIS_LETTERS;
-use crate::parameters::{Parameters, base};
+use crate::parameters::{NUMBER_MAX, Parameters, base};
 use crate::program::{Event, EventKind, Message, Note, ProgramEnd, Setup};
 use crate::question::Question;
 use crate::reader::{CommentKind, Line};
@@ -278,6 +278,19 @@ impl Interpreter {
         self.note_open();
         self.show_position_parameters();
         (self.parameters, self.output)
+    }
+
+    /// The parameters that outlive the run: those that always do, and those that were kept before. M2 and M30 leave G54 in force.
+    pub fn kept_parameters(&self) -> KeptParameters {
+        let named = &self.setup.parameters;
+        let kept = |number: &u32| is_always_kept(*number) || named.contains_key(number);
+        let ends_by_word = matches!(self.ended, Some(ProgramEnd::M2(_) | ProgramEnd::M30(_)));
+        let value = |number: u32| match number {
+            base::WORK_OFFSET if ends_by_word => 1.0,
+            _ => self.parameters.get(number),
+        };
+        let numbers = (1..=NUMBER_MAX).filter(kept);
+        numbers.map(|number| (number, value(number))).collect()
     }
 
     /// Keeps a remark, once of a kind, for its first line.

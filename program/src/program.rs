@@ -2,7 +2,7 @@
 
 use bus::sample::AskedInput;
 use control::path::{AxisVector, MAX_AXES, Path};
-use machine::Tool;
+use machine::{KeptParameters, Tool};
 use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::Xxh3;
 
@@ -32,6 +32,8 @@ pub struct Setup {
     pub axes: Vec<AxisSetup>,
     /// Where the zero of the program (G54) lies in machine coordinates.
     pub work_offset: AxisVector,
+    /// Parameters that programs before this one have kept; the work offset of G54 among them goes before [`Setup::work_offset`].
+    pub parameters: KeptParameters,
     /// The tools that there are; without any, every tool can be called, and none has a length.
     pub tools: Vec<Tool>,
     /// Whether blocks with `/` before them are left out (block delete).
@@ -174,6 +176,16 @@ pub enum ProgramEnd {
     FileEnd,
 }
 
+impl ProgramEnd {
+    /// The line that it stands in; 0 of none.
+    pub fn line(&self) -> u32 {
+        match *self {
+            Self::M2(line) | Self::M30(line) | Self::M99(line) | Self::Percent(line) => line,
+            Self::FileEnd => 0,
+        }
+    }
+}
+
 /// Something accepted that its author should know of.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Note {
@@ -296,6 +308,10 @@ pub fn source_hash(text: TextHash, setup: &Setup, start: &AxisVector) -> u64 {
         for value in tool.offset.iter().chain([&tool.diameter]).chain(&angles) {
             hash.update(&value.to_bits().to_le_bytes());
         }
+    }
+    for (number, value) in &setup.parameters {
+        hash.update(&number.to_le_bytes());
+        hash.update(&value.to_bits().to_le_bytes());
     }
     if setup.block_delete {
         hash.update(b"/");

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use control::path::{AxisVector, Element};
+use machine::KeptParameters;
 
 use crate::error::ProgramError;
 use crate::execution::Execution;
@@ -208,6 +209,11 @@ impl Reading {
     /// Hash of everything that the geometry depends on: text, axes, work offset, tools, start. Names it in path tags.
     pub fn source_hash(&self) -> u64 {
         self.source_hash
+    }
+
+    /// The parameters that outlive the run, as the blocks that were read so far leave them.
+    pub fn kept_parameters(&self) -> KeptParameters {
+        self.execution.interpreter.kept_parameters()
     }
 
     /// How many elements were made since the program's first block.

@@ -49,6 +49,7 @@ impl Setup {
         Setup {
             axes,
             work_offset,
+            parameters: machine.parameters.clone(),
             tools: machine.tools.clone(),
             block_delete: machine.program.block_delete,
             probe: machine.program.probe,

@@ -43,7 +43,7 @@ impl Bench {
         fs::copy(&plant, bench.folder.path().join("plant.toml"))
             .with_context(|| plant.display().to_string())
             .input()?;
-        machine::copy_tool_table(machine, bench.folder.path()).input()?;
+        machine::copy_named_files(machine, bench.folder.path()).input()?;
         Ok(bench)
     }
 

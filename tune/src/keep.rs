@@ -1,12 +1,10 @@
 //! What was found, for people; the new file, and the old one beside it.
 
-use std::fs::{self, File};
-use std::io::Write;
-use std::os::unix::fs::PermissionsExt;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
-use machine::Machine;
+use machine::{Machine, replace_file};
 use toml_edit::DocumentMut;
 
 use super::identify::Found;
@@ -67,7 +65,9 @@ pub fn write(options: &TuneOptions, path: &Path, document: &DocumentMut) -> Outc
         return Ok(());
     }
     if let Some(out) = &options.out {
-        replace(out, &text).environment()?;
+        replace_file(out, &text)
+            .with_context(|| out.display().to_string())
+            .environment()?;
         say(&format!("written: {}", out.display()));
         return Ok(());
     }
@@ -75,33 +75,15 @@ pub fn write(options: &TuneOptions, path: &Path, document: &DocumentMut) -> Outc
     fs::copy(path, &kept)
         .with_context(|| kept.display().to_string())
         .environment()?;
-    replace(path, &text).environment()?;
+    replace_file(path, &text)
+        .with_context(|| path.display().to_string())
+        .environment()?;
     say(&format!(
         "written: {}; the old one is {}",
         path.display(),
         kept.display()
     ));
     Ok(())
-}
-
-/// The whole file or none of it, also where the PC loses its power.
-pub(crate) fn replace(path: &Path, text: &str) -> anyhow::Result<()> {
-    let folder = match path.parent() {
-        Some(folder) if folder != Path::new("") => folder,
-        _ => Path::new("."),
-    };
-    let mode = fs::metadata(path).map_or(0o644, |found| found.permissions().mode() & 0o777);
-    let written = || -> std::io::Result<()> {
-        let mut new = tempfile::Builder::new()
-            .prefix(".quadrant-")
-            .permissions(fs::Permissions::from_mode(mode))
-            .tempfile_in(folder)?;
-        new.write_all(text.as_bytes())?;
-        new.as_file().sync_all()?;
-        new.persist(path)?;
-        File::open(folder)?.sync_all()
-    };
-    written().with_context(|| path.display().to_string())
 }
 
 /// `machine.toml.before-tune`, numbered from 2 where that is taken.
@@ -119,26 +101,4 @@ fn free_name(path: &Path) -> PathBuf {
         .map(|number| named(&format!(".before-tune-{number}")))
         .find(|name| !name.exists())
         .unwrap_or(first)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_file_is_replaced_whole_keeps_its_mode_and_leaves_nothing_beside_it() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let file = folder.path().join("machine.toml");
-        for (mode, text) in [(0o640, "first"), (0o600, "second, longer")] {
-            fs::write(&file, "before").expect("a file");
-            fs::set_permissions(&file, fs::Permissions::from_mode(mode)).expect("a mode");
-            replace(&file, text).expect("replaced");
-            assert_eq!(fs::read_to_string(&file).expect("the file"), text);
-            let found = fs::metadata(&file).expect("the file").permissions();
-            assert_eq!(found.mode() & 0o777, mode);
-        }
-        assert_eq!(fs::read_dir(folder.path()).expect("the folder").count(), 1);
-        let missing = folder.path().join("nowhere").join("machine.toml");
-        assert!(replace(&missing, "").is_err());
-    }
 }

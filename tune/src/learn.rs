@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::bail;
+use anyhow::{Context, bail};
 use bus::sample::{AxisCommand, Feedback};
 use control::learned_table::{LearnedTable, LearnedValue};
 use control::learning::{Learner, Observation, TrainingLimits};
@@ -10,10 +10,8 @@ use launcher::exit::{Kind, Outcome};
 use launcher::output::say;
 use launcher::run::Completed;
 use machine::learned::{Learned, LearnedAxis, learned_file, settings_hash};
-use machine::{Axis, Machine};
+use machine::{Axis, Machine, replace_file};
 use monitor::log::{LOG_FILE, Reader, Sample, part_files};
-
-use crate::keep::replace;
 
 /// Largest learned torque, as a share of the peak torque.
 const TORQUE_SHARE: f64 = 0.1;
@@ -79,7 +77,7 @@ pub fn learn(
         learned.axes.extend(entry);
     }
     let path = learned_file(machine_path);
-    replace(&path, &learned.text())?;
+    replace_file(&path, &learned.text()).with_context(|| path.display().to_string())?;
     Ok(lines)
 }
 

@@ -56,6 +56,8 @@ pub enum EventCode {
     AwaitInput = 23,
     /// M61: tool number `index` is in the spindle.
     ToolIs = 25,
+    /// The end of a program on a machine whose programs keep parameters: they are kept before it is asked for.
+    KeepParameters = 26,
     /// Rigid tapping begins: the spindle comes to rest, and from then on follows axis `index`: a turn in the direction that the program
     /// gave it for each `value` mm (below 0 where the axis goes in against its sense).
     SpindleCouple = 17,
@@ -65,7 +67,7 @@ pub enum EventCode {
 
 impl EventCode {
     /// All of them.
-    pub const ALL: [EventCode; 22] = [
+    pub const ALL: [EventCode; 23] = [
         EventCode::SpindleSpeed,
         EventCode::SpindleClockwise,
         EventCode::SpindleCounterClockwise,
@@ -86,6 +88,7 @@ impl EventCode {
         EventCode::ProbeEnd,
         EventCode::AwaitInput,
         EventCode::ToolIs,
+        EventCode::KeepParameters,
         EventCode::SpindleCouple,
         EventCode::SpindleUncouple,
     ];

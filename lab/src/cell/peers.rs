@@ -9,7 +9,7 @@ use bus::sample::{
 };
 use bus::signal_page::FaultStep;
 use bytemuck::Zeroable;
-use machine::{Machine, Process};
+use machine::{KeptParameters, Machine, Process};
 use master::saved::{Latches, SavedState};
 use master::{Answered, Answers, Drives, Flow, MasterPorts};
 use plant_sim::script::injector::FaultInjector;
@@ -108,6 +108,11 @@ impl Peers {
             machine,
             script,
         })
+    }
+
+    /// The parameters that the program has kept at its end; none before.
+    pub fn kept_parameters(&mut self) -> Option<&KeptParameters> {
+        self.planner.ports.inner().kept.parameters.as_ref()
     }
 
     /// Scan in which a fault of the script fired.
@@ -299,11 +304,9 @@ impl Peers {
                     let (name, text) = &self.program;
                     let life = self.planner.life.next();
                     let (machine, fired) = (&self.machine, &self.fired);
-                    let places = std::mem::take(&mut self.planner.ports.inner().places);
-                    let answers = std::mem::take(&mut self.planner.ports.inner().answers);
+                    let kept = std::mem::take(&mut self.planner.ports.inner().kept);
                     self.planner = PlannerMember::new(machine, (name, text), life, script, fired);
-                    self.planner.ports.inner().places = places;
-                    self.planner.ports.inner().answers = answers;
+                    self.planner.ports.inner().kept = kept;
                 } else {
                     suffer(&mut self.planner.life, step);
                 }

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use bus::sample::{AxisCommand, Feedback, PlannerStatus, Setpoint, WindowHeader};
 use control::speed_map::first_mapped;
+use machine::KeptParameters;
 use planner::questions::{KeptAnswer, kept_in};
 use planner::{Place, PlannerPorts, ProgramText};
 use servo::ServoPorts;
@@ -66,10 +67,19 @@ pub(crate) struct PlannerQueues {
     pub windows: Vec<Arc<Window>>,
     /// What it has reported of this scan.
     pub status: Option<PlannerStatus>,
-    /// Places that it, and those before it, have kept.
-    pub places: Vec<Place>,
-    /// Answers of the machine that they have kept.
-    pub answers: Vec<KeptAnswer>,
+    /// What it, and those before it, have kept.
+    pub kept: Kept,
+}
+
+/// What planners keep for those after them.
+#[derive(Debug, Default)]
+pub(crate) struct Kept {
+    /// Places of the program.
+    places: Vec<Place>,
+    /// Answers of the machine.
+    answers: Vec<KeptAnswer>,
+    /// Parameters of the program at its end.
+    pub parameters: Option<KeptParameters>,
 }
 
 impl PlannerPorts for PlannerQueues {
@@ -88,21 +98,26 @@ impl PlannerPorts for PlannerQueues {
         let fits = |place: &&Place| {
             place.program_hash == program_hash && first_mapped(place.element) <= element
         };
-        let bytes = self.places.iter().rfind(fits)?.to_bytes();
+        let bytes = self.kept.places.iter().rfind(fits)?.to_bytes();
         Place::from_bytes(&bytes)
     }
 
     fn keep_place(&mut self, place: &Place, _tool: u32) {
-        self.places.push(place.clone());
+        self.kept.places.push(place.clone());
     }
 
     fn answers(&mut self, _load: u32, _run: u32) -> Vec<KeptAnswer> {
-        kept_in(bytemuck::cast_slice(&self.answers))
+        kept_in(bytemuck::cast_slice(&self.kept.answers))
     }
 
     fn keep_answer(&mut self, _load: u32, _run: u32, answer: &KeptAnswer) -> bool {
-        self.answers.truncate(answer.index as usize);
-        self.answers.push(*answer);
+        self.kept.answers.truncate(answer.index as usize);
+        self.kept.answers.push(*answer);
+        true
+    }
+
+    fn keep_parameters(&mut self, parameters: &KeptParameters) -> bool {
+        self.kept.parameters = Some(parameters.clone());
         true
     }
 

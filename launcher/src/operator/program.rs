@@ -9,8 +9,10 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow, bail};
+use bus::kept_parameters::{parameter_file, parameters_now};
 use bus::process::watch;
 use bus::sample::{Feedback, Mode, OperatorRequest, Order, ProgramState};
+use machine::parse_parameters;
 use planner::ProgramText;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
@@ -114,7 +116,13 @@ fn fits(file: &Path) -> anyhow::Result<()> {
 
 /// Checks the program against the machine, from where its axes are; what it is, in words.
 fn check(client: &Client, file: &Path, now: &Feedback) -> anyhow::Result<String> {
-    let machine = &client.machine;
+    let mut machine = client.machine.clone();
+    let place = &client.cell.place;
+    if let Some(parameters) = parameters_now(place)? {
+        let name = parameter_file(place)?.unwrap_or_default();
+        machine.parameters = parse_parameters(&name.display().to_string(), &parameters)?;
+    }
+    let machine = &machine;
     let start = now.axes.map(|axis| axis.command_position);
     let name = file.display().to_string();
     let short = program::load_if_short(machine, &start, file, program::SHORT_ELEMENTS)?;

@@ -92,7 +92,7 @@ impl Offsets {
 }
 
 impl Interpreter {
-    /// The first work offset is the machine's.
+    /// The first work offset is the machine's, unless a program before has kept another one.
     pub(super) fn set_first_offsets(&mut self) {
         let axis = |letter| self.setup.axis_index(letter);
         self.offsets.turned_axes = axis('X').zip(axis('Y'));
@@ -102,6 +102,12 @@ impl Interpreter {
             if let Some(number) = self.number_of(base::G54, index) {
                 self.parameters.set(number, *value);
             }
+        }
+        for (number, value) in &self.setup.parameters {
+            self.parameters.set(*number, *value);
+        }
+        if self.parameters.get(base::G92_APPLIES) != 0.0 {
+            self.offsets.g92 = self.vector_of(base::G92_APPLIES + 1);
         }
         self.take_offsets();
     }

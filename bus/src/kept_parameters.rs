@@ -1,0 +1,114 @@
+//! The parameters that programs of a cell keep from one run to the next: which file of the user holds them, and what each run has begun with.
+
+use std::ffi::OsString;
+use std::fs::{self, OpenOptions};
+use std::io::{self, ErrorKind, Write};
+use std::os::unix::ffi::OsStringExt;
+use std::path::{Path, PathBuf};
+
+use crate::cell::CellPaths;
+
+/// Says which file holds them: for the launcher, before anybody else is there.
+///
+/// # Errors
+/// The cell's folder cannot be written.
+pub fn name_parameter_file(paths: &CellPaths, file: &Path) -> io::Result<()> {
+    fs::write(paths.parameter_file(), file.as_os_str().as_encoded_bytes())
+}
+
+/// The file of the user that holds them; none where programs keep nothing.
+///
+/// # Errors
+/// The cell's folder cannot be read.
+pub fn parameter_file(paths: &CellPaths) -> io::Result<Option<PathBuf>> {
+    let name = read_if_there(fs::read(paths.parameter_file()))?;
+    Ok(name.map(|name| PathBuf::from(OsString::from_vec(name))))
+}
+
+/// The text of that file now, empty where it is not there yet; none where programs keep nothing.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn parameters_now(paths: &CellPaths) -> io::Result<Option<String>> {
+    let Some(file) = parameter_file(paths)? else {
+        return Ok(None);
+    };
+    Ok(Some(
+        read_if_there(fs::read_to_string(file))?.unwrap_or_default(),
+    ))
+}
+
+/// The text that a run of a program begins with: whoever asks first takes it from the file, and all others get the same.
+///
+/// # Errors
+/// The file cannot be read, or the cell's folder cannot be written.
+pub fn parameters_of_run(paths: &CellPaths, load: u32, run: u32) -> io::Result<Option<String>> {
+    let of_run = paths.parameters(load, run);
+    if let Some(text) = read_if_there(fs::read_to_string(&of_run))? {
+        return Ok(Some(text));
+    }
+    let Some(text) = parameters_now(paths)? else {
+        return Ok(None);
+    };
+    // A link is made whole, and by one alone.
+    let mut mine = of_run.clone().into_os_string();
+    mine.push(format!(".{}", std::process::id()));
+    let mut options = OpenOptions::new();
+    let mut file = options
+        .write(true)
+        .create(true)
+        .truncate(true)
+        .open(&mine)?;
+    file.write_all(text.as_bytes())?;
+    let linked = fs::hard_link(&mine, &of_run);
+    let _ = fs::remove_file(&mine);
+    match linked {
+        Err(error) if error.kind() != ErrorKind::AlreadyExists => Err(error),
+        _ => Ok(Some(fs::read_to_string(&of_run)?)),
+    }
+}
+
+fn read_if_there<T>(read: io::Result<T>) -> io::Result<Option<T>> {
+    match read {
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+        read => read.map(Some),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_has_the_parameters_that_it_began_with_whoever_asks_and_whatever_is_written_since() {
+        let paths = CellPaths::new(&format!("kept-{}", std::process::id())).expect("a name");
+        fs::create_dir(paths.folder()).expect("the folder");
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("mill.var");
+        let of_run = |run| parameters_of_run(&paths, 1, run).expect("readable");
+        assert_eq!(of_run(1), None, "this cell keeps none");
+        name_parameter_file(&paths, &file).expect("written");
+        assert_eq!(of_run(1).as_deref(), Some(""), "not there yet");
+        fs::write(&file, "100 1\n").expect("written");
+        let both = std::thread::scope(|scope| {
+            let asked = [(); 8]
+                .map(|()| scope.spawn(|| parameters_of_run(&paths, 1, 2).expect("readable")));
+            asked.map(|one| one.join().expect("an answer"))
+        });
+        assert!(
+            both.iter().all(|text| text.as_deref() == Some("100 1\n")),
+            "{both:?}"
+        );
+        fs::write(&file, "100 2\n").expect("written");
+        assert_eq!(of_run(1).as_deref(), Some(""));
+        assert_eq!(of_run(2).as_deref(), Some("100 1\n"));
+        assert_eq!(
+            parameters_now(&paths).expect("readable").as_deref(),
+            Some("100 2\n")
+        );
+        assert_eq!(of_run(3).as_deref(), Some("100 2\n"));
+        let left = fs::read_dir(paths.folder()).expect("the folder").count();
+        fs::remove_dir_all(paths.folder()).expect("removed");
+        assert_eq!(left, 1 + 3, "the name of the file, and three runs");
+    }
+}

@@ -1,0 +1,136 @@
+//! What a planner tells: where the path is, what happens there, what the program says, what it keeps at its end.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::{Cause, EventCode, Feedback, PlannerStatus, ProgramEvent, ProgramState};
+use control::profile::PathState;
+use machine::KeptParameters;
+
+use super::{Planner, tool_element, tool_tag};
+use crate::ahead::Course;
+
+impl Planner {
+    /// What the program says around where the tool is: texts that the windows on the way may pass, and those that the path has come to.
+    pub(super) fn say(&mut self, feedback: &Feedback) {
+        self.messages.clear();
+        // What stands behind a stop is said once somebody has resumed.
+        let rests = self.rests_on_path(feedback).filter(|_| feedback.hold == 0);
+        let tag = tool_tag(feedback);
+        // Texts carry the number of the run: before it has begun that is the one before.
+        let runs = feedback.program == ProgramState::Running as u32
+            && self.run == Some((feedback.load, feedback.run));
+        if tag.is_off_path() || !runs {
+            return;
+        }
+        let published = [&self.in_force, &self.pending];
+        let last = published.iter().filter_map(|window| window.states.last());
+        let last = last.map(|state| state.element).max();
+        let Some(course) = &mut self.course else {
+            return;
+        };
+        let done = feedback.auxiliary.events_done;
+        let within = tag.distance_mm > 0.0 || tag.dwell_remaining_scans > 0;
+        let windows = &course.windows;
+        let is_due = |element: u32, events: u32| {
+            let begun = tag.element > element || tag.element == element && within;
+            let before = rests.is_some_and(|state| windows.is_held_back(&state, element));
+            begun || done > events || done == events && before
+        };
+        let until = last.unwrap_or(0).max(tag.element).saturating_add(1);
+        let messages = &mut course.events.messages;
+        messages.write(until, is_due, &mut self.messages);
+        messages.pass(is_due);
+    }
+
+    /// The state that the axes rest in on the program's path, with nothing on the way.
+    fn rests_on_path(&self, feedback: &Feedback) -> Option<PathState> {
+        let in_force = &self.in_force;
+        let rests = feedback.at_rest == 1
+            && !feedback.window.is_none()
+            && feedback.window == in_force.header.id
+            && !in_force.returns
+            && self.pending.is_none();
+        in_force.state_in(feedback.scan).filter(|_| rests)
+    }
+
+    /// The event that the path rests for now, on the program's path and with nothing on the way.
+    fn event(&self, feedback: &Feedback) -> Option<ProgramEvent> {
+        let course = self.course.as_ref()?;
+        if feedback.hold == 1 || self.cause != Cause::None {
+            return None;
+        }
+        let state = self.rests_on_path(feedback)?;
+        let next = course.events.at_rest(feedback.auxiliary.events_done)?;
+        course
+            .windows
+            .is_held_back(&state, next.element)
+            .then_some(*next)
+    }
+
+    /// The line that the tool is in.
+    fn line(&self, feedback: &Feedback) -> u32 {
+        let path = self.course.as_ref().map(|course| course.windows.path());
+        let element = path.and_then(|path| path.get(tool_element(feedback)));
+        element.map_or(0, |element| element.line)
+    }
+
+    pub(super) fn status(&self, feedback: &Feedback) -> PlannerStatus {
+        let (path_length_mm, path_done_mm, program_hash) =
+            self.course.as_ref().map_or((0.0, 0.0, 0), |course| {
+                let path = course.windows.path();
+                // Off the path, what is done is what was done when it was left.
+                let tag = tool_tag(feedback);
+                let behind = path.get(tag.element);
+                let before_mm = behind.map_or(0.0, |_| path.length_before_mm(tag.element));
+                let whole_mm = match course.is_over() {
+                    true => path.length_mm(),
+                    false => 0.0,
+                };
+                (whole_mm, before_mm + tag.distance_mm, course.program_hash)
+            });
+        let last = if self.pending.is_none() {
+            &self.in_force
+        } else {
+            &self.pending
+        };
+        PlannerStatus {
+            scan: feedback.scan,
+            visible_from: feedback.scan.saturating_add(1),
+            program_hash,
+            published: last.header.id,
+            path_length_mm,
+            path_done_mm,
+            incarnation: self.incarnation,
+            finished: last.header.ends_program,
+            cause: self.cause as u32,
+            windows: self.sequence,
+            load: self.load,
+            line: self.line(feedback),
+            messages: self
+                .course
+                .as_ref()
+                .map_or(0, |course| course.events.messages.passed()),
+            answered: self.answers.last().map_or(0, |kept| kept.answer.number),
+            event: self.event(feedback).unwrap_or_default(),
+            outputs_ahead: self
+                .course
+                .as_ref()
+                .map_or_else(Default::default, |course| {
+                    course.events.ahead(feedback.auxiliary.events_done)
+                }),
+            ..PlannerStatus::default()
+        }
+    }
+
+    /// The parameters that are to be kept before this status is published, if the program is at its end.
+    pub(super) fn parameters_to_keep(&self, status: &PlannerStatus) -> Option<KeptParameters> {
+        let ends = status.event.code == EventCode::KeepParameters as u32;
+        let course = self.course.as_ref().filter(|_| ends);
+        course.map(Course::kept_parameters)
+    }
+}
