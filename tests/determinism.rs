@@ -7,7 +7,7 @@ use std::time::Duration;
 use plant_sim::script::rng::Rng;
 use serde_json::Value;
 
-use crate::support::{Bench, LiveCell, Run, circle_program, long_program, run, send, text};
+use crate::support::{Bench, LiveCell, Run, circle_program, run, send, text};
 
 fn digests(report: &Value) -> (String, String) {
     (text(report, "/digest"), text(report, "/motion_digest"))
@@ -71,7 +71,9 @@ fn a_busy_machine_changes_no_bit() {
 #[test]
 fn processes_delayed_at_random_instants_change_no_bit() {
     let bench = Bench::of("xy", &[]);
-    let program = bench.file("long.ngc", &long_program());
+    // Some seconds of wall time: enough for the delays, and not much more.
+    let turns = circle_program(25.0, 600.0, (0.0, 0.0), 0.0);
+    let program = bench.file("slow.ngc", &turns);
     let undisturbed = finished(run(bench.path(), &program));
     for seed in [1, 2, 3] {
         let mut rng = Rng::new(seed);

@@ -18,7 +18,7 @@ fn a_dozen_live_kills_break_nothing() {
 #[test]
 fn a_short_soak_of_everything_breaks_and_leaves_nothing() {
     let soak = quadrant()
-        .args(["soak", "machines/xy", "--hours", "0.004", "--seed", "5"])
+        .args(["soak", "machines/xy", "--hours", "0.002", "--seed", "5"])
         .output()
         .expect("a soak");
     let printed = String::from_utf8_lossy(&soak.stdout);

@@ -229,7 +229,7 @@ fn two_users_have_their_cells_side_by_side() {
 fn a_foreign_file_of_the_cells_name_keeps_nothing_of_its_own_from_being_removed() {
     let Some(other) = Other::new() else { return };
     let bench = Bench::patient("xy", &[]);
-    let program = bench.file("circle.ngc", &circle_program(25.0, 1500.0, (0.0, 0.0), 0.0));
+    let program = bench.file("circle.ngc", &circle_program(10.0, 3000.0, (0.0, 0.0), 0.0));
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(100);
     let name = cell.cell.clone();

@@ -12,7 +12,8 @@ use plant_sim::script::faults;
 use plant_sim::script::rng::Rng;
 
 const MACHINES: [&str; 4] = ["xy", "xy-fast", "xy-torque", "xyz-mill"];
-const SEEDS: u64 = 500;
+/// Seeds of a run of this test; `SEEDS=500` in the environment for a long one.
+const SEEDS: u64 = 100;
 /// The table's distance from the path, whatever the servo did, in mm.
 const PATH_MM: f64 = 1.0;
 
@@ -135,8 +136,10 @@ fn run(
 
 #[test]
 fn a_silent_or_dead_servo_without_a_standby_leaves_the_tool_at_rest_on_the_path() {
+    let seeds = std::env::var("SEEDS").ok().and_then(|n| n.parse().ok());
+    let seeds = seeds.unwrap_or(SEEDS);
     let (mut worst_mm, mut worst_beyond_mm, mut trips) = (0.0f64, 0.0f64, 0);
-    for seed in 0..SEEDS {
+    for seed in 0..seeds {
         let trial = trial(seed);
         let what = &trial.what;
         assert_eq!(trial.violations, [], "{what}");
@@ -157,9 +160,9 @@ fn a_silent_or_dead_servo_without_a_standby_leaves_the_tool_at_rest_on_the_path(
         worst_beyond_mm = worst_beyond_mm.max(beyond_mm);
     }
     println!(
-        "{SEEDS} seeds, {trips} trips: at most {worst_mm:.4} mm off the path, {worst_beyond_mm:.4} mm beyond the travel"
+        "{seeds} seeds, {trips} trips: at most {worst_mm:.4} mm off the path, {worst_beyond_mm:.4} mm beyond the travel"
     );
-    assert!(trips > SEEDS / 2);
+    assert!(trips > seeds / 2);
 }
 
 #[test]
