@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use crate::support::{Bench, LiveCell, circle_program, quadrant, traces_of};
 
-fn wait_until_gone(children: &[(i32, String)]) {
+pub(crate) fn wait_until_gone(children: &[(i32, String)]) {
     let started = Instant::now();
     for (pid, line) in children {
         while is_alive(*pid) {
@@ -19,7 +19,7 @@ fn wait_until_gone(children: &[(i32, String)]) {
 }
 
 /// Whether a process lives; a zombie that nobody reaps yet does not.
-fn is_alive(pid: i32) -> bool {
+pub(crate) fn is_alive(pid: i32) -> bool {
     std::fs::read_to_string(format!("/proc/{pid}/stat")).is_ok_and(|stat| {
         !stat
             .rsplit_once(')')

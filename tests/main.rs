@@ -51,3 +51,4 @@ mod tune;
 mod two_users;
 mod unexpected_motion;
 mod up;
+mod user_codes;

@@ -187,6 +187,28 @@ fn programs_are_loaded_and_started_one_after_the_other_and_each_leaves_its_repor
     assert_eq!(events.matches("\"run over\"").count(), 4, "{events}");
 }
 
+/// A program that ends where it began is not read anew for its second start.
+#[test]
+fn a_program_that_is_started_again_does_its_events_again() {
+    let bench = Bench::patient("xy", &[]);
+    let words =
+        "G21 G90 G94\nG1 X1 F3000\nM64 P1\nM8\nG1 X0\nM62 P2\nG1 X1\nX0\nM65 P1\nM9\nM63 P2\nM2\n";
+    let program = bench.file("events.ngc", words).display().to_string();
+    let mut cell = LiveCell::up(bench.path(), "lockstep");
+    cell.wait_for(|_| true);
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["load", &program]);
+    for _ in 0..3 {
+        obeyed(&cell, &["start", "--wait"]);
+    }
+    let run = down(cell);
+    for name in ["001-events", "002-events", "003-events"] {
+        let report = report_in(&run.out.join(name));
+        let events = report["auxiliary_events"].as_array();
+        assert_eq!(events.map(Vec::len), Some(6), "{name}: {events:?}");
+    }
+}
+
 #[test]
 fn a_program_that_is_wrong_is_refused_before_the_cell_hears_of_it() {
     let (bench, cell, _, _) = up("realtime");

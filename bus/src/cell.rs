@@ -217,6 +217,16 @@ impl CellPaths {
         self.folder().join(format!("parameters-{load}-{run}"))
     }
 
+    /// The user M-code that the planner wants to be run.
+    pub fn user_code_call(&self) -> PathBuf {
+        self.folder().join("user-code")
+    }
+
+    /// How the user M-code that ran last has ended.
+    pub fn user_code_end(&self) -> PathBuf {
+        self.folder().join("user-code-end")
+    }
+
     /// What the program says: the texts around the place that its path has come to.
     pub fn messages(&self) -> PathBuf {
         self.folder().join("messages")

@@ -18,4 +18,5 @@ pub mod room;
 pub mod sample;
 pub mod service;
 pub mod signal_page;
+pub mod user_codes;
 pub mod window;

@@ -5,8 +5,10 @@ use std::path::Path;
 
 use bus::messages::ProgramMessage;
 use bus::sample::{AxisCommand, Feedback, Job, PlannerStatus, Setpoint, WindowHeader};
+use bus::user_codes::UserCall;
 use machine::settings_file::SettingsFileError;
 use machine::{KeptParameters, Process};
+use planner::ports::UserCode;
 use planner::questions::KeptAnswer;
 use planner::{Place, PlannerError, PlannerPorts, ProgramText};
 use plant_sim::script::faults::{self, FaultScript};
@@ -137,6 +139,10 @@ impl<P: PlannerPorts, F: Fn(usize) -> Option<u64>> PlannerPorts for Faulty<P, F>
 
     fn keep_parameters(&mut self, parameters: &KeptParameters) -> bool {
         self.ports.keep_parameters(parameters)
+    }
+
+    fn user_code(&mut self, call: &UserCall) -> UserCode {
+        self.ports.user_code(call)
     }
 
     fn write_messages(&mut self, load: u32, run: u32, messages: &[ProgramMessage]) {

@@ -19,6 +19,7 @@ use crate::exit::{Failure, Kind, Outcome};
 use crate::logs;
 use crate::options::{CheckOptions, PlanOptions};
 use crate::output::say;
+use crate::user_codes;
 
 /// `check` plans so many setpoints one by one, in some tenths of a second; the time of what comes behind them follows from the speed map.
 const JUDGED_SETPOINTS: u64 = 300_000;
@@ -78,6 +79,9 @@ pub fn load(machine: &Path, program: Option<&Path>, depth: Depth) -> anyhow::Res
         if short.is_none() {
             long = Some(survey_file(&machine, file, start, depth)?);
         }
+    }
+    if let (Some(folder), Some(program)) = (machine.user_code_folder(&path), &short) {
+        user_codes::check(&folder, program)?;
     }
     let checked = Checked {
         machine,

@@ -2,7 +2,7 @@
 
 use std::os::fd::{BorrowedFd, OwnedFd};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -83,6 +83,8 @@ pub struct Plan {
     pub machine_file: PathBuf,
     /// Where programs keep parameters; none if they keep none.
     pub parameter_file: Option<PathBuf>,
+    /// Where the programs of user M-codes lie; none if they are not switched on.
+    pub user_codes: Option<PathBuf>,
     /// Copy of the plant file.
     pub plant_file: PathBuf,
     /// Copy of the program; none in a cell that stays up.
@@ -116,6 +118,7 @@ impl Plan {
         Plan {
             machine_file: run_dir.machine.clone(),
             parameter_file: run_dir.parameter_file.clone(),
+            user_codes: run_dir.user_codes.clone(),
             plant_file: run_dir.plant.clone(),
             program: run_dir.program.clone(),
             out: run_dir.folder.clone(),
@@ -342,6 +345,11 @@ impl Group {
     /// The cell's name.
     pub fn cell_name(&self) -> &str {
         self.cell.place().name()
+    }
+
+    /// Where the programs of user M-codes lie; none if they are not switched on.
+    pub fn user_code_folder(&self) -> Option<&Path> {
+        self.plan.user_codes.as_deref()
     }
 
     /// The cell's pace.

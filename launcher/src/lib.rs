@@ -26,4 +26,5 @@ pub mod supervise;
 pub mod supervisor;
 mod training;
 pub mod up;
+mod user_codes;
 mod view;

@@ -19,6 +19,8 @@ pub struct RunDir {
     pub machine: PathBuf,
     /// Where programs keep parameters: the user's file, no copy. None if they keep none.
     pub parameter_file: Option<PathBuf>,
+    /// Where the programs of user M-codes lie: the machine builder's folder, no copy. None if they are not switched on.
+    pub user_codes: Option<PathBuf>,
     /// Copy of the plant file.
     pub plant: PathBuf,
     /// Copy of the program, under its own name; none in the folder of a cell that stays up.
@@ -154,6 +156,8 @@ impl RunDir {
         let machine = Machine::load(sources.machine)?;
         let parameter_file = machine.parameter_file(sources.machine);
         let parameter_file = parameter_file.map(std::path::absolute).transpose()?;
+        let user_codes = machine.user_code_folder(sources.machine);
+        let user_codes = user_codes.map(std::path::absolute).transpose()?;
         let subroutines = machine.subroutine_folders;
         let program = sources
             .program
@@ -171,6 +175,7 @@ impl RunDir {
                 Path::new("machine.toml"),
             )?,
             parameter_file,
+            user_codes,
             plant: copy(sources.plant, Path::new("plant.toml"))?,
             program,
             orders: copy_if(sources.orders, "orders.toml")?,

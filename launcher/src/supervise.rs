@@ -23,6 +23,7 @@ use crate::session::Session;
 use crate::signals::Signals;
 use crate::standby_alarm::StandbyAlarm;
 use crate::supervisor::{Supervisor, Verdict, goes_on_after_stop};
+use crate::user_codes::UserCodes;
 use crate::view::View;
 
 /// So long the machine may take to come to rest once it was ordered to.
@@ -33,6 +34,8 @@ const LOST: &str = "a process is lost for good";
 const CLEAN_EVERY: Duration = Duration::from_secs(1);
 /// A stop that has no answer by then is ordered again.
 const ANSWER_LIMIT: Duration = Duration::from_millis(500);
+/// The longest wait where the program may ask for a user M-code.
+const LOOK_AT_CALLS: Duration = Duration::from_millis(10);
 /// The longest wait while somebody is being started, or a fault script may ask for something.
 const LOOK_OFTEN: Duration = Duration::from_millis(1);
 
@@ -100,6 +103,7 @@ pub fn supervise(
     let mut supervision = Supervision::new(group, subject, watch, signals, events);
     while supervision.goes_on() {
         supervision.look();
+        supervision.run_user_codes();
         supervision.tell_messages();
         supervision.report_trip();
         supervision.follow_session();
@@ -124,6 +128,7 @@ struct Supervision<'a> {
     machine: &'a Machine,
     session: Option<Session>,
     view: Option<View>,
+    user_codes: Option<UserCodes>,
     faults: Option<FaultInjector>,
     watch: Watch,
     signals: &'a Signals,
@@ -182,11 +187,15 @@ impl<'a> Supervision<'a> {
     ) -> Supervision<'a> {
         let machine = subject.machine;
         let place = CellPaths::new(group.cell_name()).ok();
+        let user_codes = group.user_code_folder().zip(place.clone());
+        let user_codes =
+            user_codes.map(|(folder, place)| UserCodes::new(folder.into(), machine, place));
         let messages = place.map(|place| MessageReader::new(place.messages()));
         Supervision {
             machine,
             session: subject.session,
             view: subject.view,
+            user_codes,
             faults: subject.faults.map(FaultInjector::new),
             watch,
             signals,
@@ -219,7 +228,11 @@ impl<'a> Supervision<'a> {
     /// Waits for something to happen, and takes the newest feedback.
     fn look(&mut self) {
         let often = self.faults.is_some() || self.supervisor.is_busy(self.group);
-        let limit = if often { LOOK_OFTEN } else { LOOK_EVERY };
+        let limit = match (often, &self.user_codes) {
+            (true, _) => LOOK_OFTEN,
+            (false, Some(_)) => LOOK_AT_CALLS,
+            (false, None) => LOOK_EVERY,
+        };
         self.group.wait(Some(self.signals.descriptor()), limit);
         self.group.publish_roster_to_newcomers();
         self.group.repeat_roster();
@@ -233,6 +246,13 @@ impl<'a> Supervision<'a> {
     fn take_newest(&mut self) {
         self.newest = self.watch.progress.newest().copied();
         self.group.newest_scan = self.newest.map_or(0, |feedback| feedback.scan);
+    }
+
+    /// Runs the user M-codes that the program comes to.
+    fn run_user_codes(&mut self) {
+        if let Some(user_codes) = &mut self.user_codes {
+            user_codes.look();
+        }
     }
 
     /// Says what the program has said: once, whoever of the cell is killed. What is for the log alone goes to the events only.
@@ -477,6 +497,7 @@ impl<'a> Supervision<'a> {
     /// Waits until all have left, or ends them where the master did not leave in order.
     fn end(mut self) -> Ending {
         drop(self.view.take());
+        drop(self.user_codes.take());
         service_manager::stopping();
         let in_order = !self.group.lives(Job::Master);
         if in_order {

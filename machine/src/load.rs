@@ -40,6 +40,13 @@ impl Machine {
         (!name.is_empty()).then(|| folder.join(name))
     }
 
+    /// Where the programs of user M-codes lie that are named in this machine file; none if they are not switched on.
+    pub fn user_code_folder(&self, machine_file: &Path) -> Option<PathBuf> {
+        let name = &self.program.user_codes;
+        let folder = machine_file.parent().unwrap_or(Path::new(""));
+        (!name.is_empty()).then(|| folder.join(name))
+    }
+
     /// Checks the text of a machine file; `name` is in the messages. A tool table or parameters in a
     /// file of their own are not read.
     ///
@@ -94,7 +101,8 @@ fn set_parameters(program: &mut dyn TableLike, parameters: &KeptParameters) {
     program.insert("parameters", value(text));
 }
 
-/// The text of a machine file that needs no other file: a tool table and parameters stand in it. For copies that a run or a cell keeps.
+/// The text of a machine file that needs no other file: a tool table and parameters stand in it,
+/// and the folder of user M-codes is named in full. For copies that a run or a cell keeps.
 ///
 /// # Errors
 /// A file that cannot be read, or is no TOML.
@@ -113,8 +121,14 @@ pub fn snapshot(path: &Path) -> Result<String, SettingsFileError> {
     let named = |item: Item| folder.join(item.as_str().unwrap_or_default());
     let tool_table = program.remove("tool_table").map(named);
     let parameter_file = program.remove("parameter_file").map(named);
-    if tool_table.is_none() && parameter_file.is_none() {
+    let user_codes = program.remove("user_codes").map(named);
+    if tool_table.is_none() && parameter_file.is_none() && user_codes.is_none() {
         return Ok(text);
+    }
+    if let Some(folder) = user_codes {
+        // They are run where they are; a copy names their folder in full.
+        let folder = std::path::absolute(&folder).unwrap_or(folder);
+        program.insert("user_codes", value(folder.to_string_lossy().into_owned()));
     }
     if let Some(table) = tool_table {
         program.insert("tools", value(read_text(&table)?));

@@ -115,6 +115,13 @@ pub struct ProgramSettings {
     /// from the folder of this file.
     #[schemars(extend("default" = []))]
     pub subroutine_folders: Vec<String>,
+    /// Folder of the programs that user M-codes run ([how](../howto/user-codes.md)): `M101` to `M199`, each an executable file; a path
+    /// counts from the folder of this file. Without it a program with such a code is refused.
+    #[schemars(extend("default" = ""))]
+    pub user_codes: String,
+    /// How long such a program may take; then it is ended, and the run stops.
+    #[schemars(extend("unit" = "s", "exclusiveMinimum" = 0, "maximum" = 3600, "default" = 10.0))]
+    pub user_code_patience_s: f64,
     /// Whether blocks that begin with `/` are left out (block delete).
     #[schemars(extend("default" = false))]
     pub block_delete: bool,

@@ -36,6 +36,8 @@ pub struct EventError {
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Planned {
     event: ProgramEvent,
+    /// Q of a user M-code.
+    second: f64,
     /// Done in motion; the others are done at rest.
     in_motion: bool,
 }
@@ -65,6 +67,8 @@ pub struct Events {
     question: Option<(u32, bool)>,
     /// The element that the last probe ended in that is done.
     probed: Option<u32>,
+    /// Some of them were let go: for another run they are read anew.
+    forgotten: bool,
     /// What is in step with the spindle.
     steps: Steps,
     passes: VecDeque<Pass>,
@@ -109,6 +113,7 @@ fn wire(kind: &EventKind) -> Option<(EventCode, u32, f64, bool)> {
             value,
             synchronised,
         } => (EventCode::AnalogOutput, index, value, synchronised),
+        EventKind::UserCode { code, p, .. } => (EventCode::UserCode, code, p, false),
         EventKind::OverridesEnabled(on) => (EventCode::Overrides, 0, switch(on), false),
         EventKind::SpindleCoupled(mm_per_turn) => (EventCode::SpindleCouple, 0, mm_per_turn, false),
         EventKind::SpindleUncoupled => (EventCode::SpindleUncouple, 0, 0.0, false),
@@ -300,6 +305,11 @@ impl Events {
         if let Some(of_wire) = wire(&event.kind) {
             self.wait(event.line, of_wire);
         }
+        if let (EventKind::UserCode { q, .. }, Some(planned)) =
+            (event.kind, self.waiting.last_mut())
+        {
+            planned.second = q;
+        }
         if self.spindle.is_some() {
             self.spindle_ahead.heed(event.line, &event.kind);
         }
@@ -340,6 +350,7 @@ impl Events {
         let (code, index, value, in_motion) = of_wire;
         self.waiting.push(Planned {
             in_motion,
+            second: 0.0,
             event: ProgramEvent {
                 value,
                 code: code as u32,
@@ -443,7 +454,13 @@ impl Events {
             .is_some_and(|pass| pass.element < element)
         {
             self.passes.pop_front();
+            self.forgotten = true;
         }
+    }
+
+    /// Whether a run has done, said or let go some of them: another run does not find all.
+    pub fn has_begun(&self) -> bool {
+        self.forgotten || self.messages.passed() > 0
     }
 
     /// Lets go of those that are done.
@@ -453,6 +470,7 @@ impl Events {
             let Some(planned) = self.planned.pop_front() else {
                 break;
             };
+            self.forgotten = true;
             if planned.event.code == EventCode::ProbeEnd as u32 {
                 self.probed = planned.event.element.checked_sub(1);
             }
@@ -484,6 +502,11 @@ impl Events {
     pub fn at_rest(&self, done: u32) -> Option<&ProgramEvent> {
         let planned = self.planned(done.checked_add(1)?)?;
         (!planned.in_motion).then_some(&planned.event)
+    }
+
+    /// Q of the user M-code of this number.
+    pub fn second_value(&self, number: u32) -> f64 {
+        self.planned(number).map_or(0.0, |planned| planned.second)
     }
 
     /// The next outputs that are set in motion.

@@ -12,6 +12,7 @@ use bus::sample::{
     Cause, Feedback, MAX_AXES, Mode, PathTag, PlannerStatus, ProgramState, Setpoint, WindowHeader,
     WindowId,
 };
+use bus::user_codes::UserCall;
 use bus::window::checksum;
 use bytemuck::Zeroable;
 use control::profile::PathState;
@@ -105,6 +106,8 @@ pub struct Decision<'a> {
     pub messages: &'a [ProgramMessage],
     /// The program is at its end: these parameters are to be kept before the status is published.
     pub kept_parameters: Option<KeptParameters>,
+    /// The program rests before a user M-code: it is to have run before the status is published.
+    pub user_call: Option<UserCall>,
 }
 
 /// What a planner remembers beside what it has published.
@@ -232,8 +235,8 @@ impl Planner {
     pub fn begin_run(&mut self, answers: Vec<KeptAnswer>, feedback: &Feedback) {
         let other = self.run.replace((feedback.load, feedback.run));
         let course = self.course.as_ref();
-        let has_said = course.is_some_and(|course| course.events.messages.passed() > 0);
-        if answers != self.answers || other.is_some() && has_said {
+        let has_begun = course.is_some_and(|course| course.events.has_begun());
+        if answers != self.answers || other.is_some() && has_begun {
             self.answers = answers;
             self.read_anew();
         }
@@ -336,9 +339,11 @@ impl Planner {
         self.say(feedback);
         let status = self.status(feedback);
         let kept_parameters = self.parameters_to_keep(&status);
+        let user_call = self.user_call(&status, feedback);
         Decision {
             messages: &self.messages,
             kept_parameters,
+            user_call,
             status,
             window: header.map(|header| (header, self.wire.as_slice())),
         }

@@ -12,6 +12,7 @@ use std::io;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
+use std::time::Duration;
 
 use bus::cell::{CellError, CellPaths};
 use bus::member::{Member, Pace};
@@ -19,6 +20,7 @@ use bus::messages::{MessageWriter, ProgramMessage};
 use bus::port::{Reader, WindowWriter, Writer};
 use bus::sample::{Feedback, PlannerStatus, Setpoint, WindowHeader};
 use bus::service::SCAN_DEPTH;
+use bus::user_codes::{self, CallEnd, UserCall};
 use machine::KeptParameters;
 use machine::settings_file::SettingsFileError;
 
@@ -27,6 +29,20 @@ use crate::kept_places::KeptPlaces;
 use crate::place::Place;
 use crate::program_text::ProgramText;
 use crate::questions::{KEPT_BYTES, KeptAnswer, kept_in};
+
+/// From one look at a user M-code to the next, in lockstep.
+const USER_CODE_LOOK: Duration = Duration::from_millis(1);
+
+/// How far a user M-code is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum UserCode {
+    /// It runs, or is about to.
+    Runs,
+    /// It has run to a good end.
+    Good,
+    /// It has not: the program must not go on.
+    Failed,
+}
 
 /// What a planner sees of its cell. Shared memory, queues and faulty decorators implement it.
 pub trait PlannerPorts {
@@ -76,6 +92,12 @@ pub trait PlannerPorts {
     fn keep_parameters(&mut self, parameters: &KeptParameters) -> bool {
         let _ = parameters;
         true
+    }
+
+    /// Has a user M-code run, once, whoever asks how often.
+    fn user_code(&mut self, call: &UserCall) -> UserCode {
+        let _ = call;
+        UserCode::Good
     }
 
     /// Writes what the program says where readers find it.
@@ -231,6 +253,37 @@ impl PlannerPorts for BusPorts {
             .keep(parameters)
             .inspect_err(|error| tracing::error!("{error}: the parameters are not kept"))
             .is_ok()
+    }
+
+    fn user_code(&mut self, call: &UserCall) -> UserCode {
+        let Ok(paths) = CellPaths::new(&self.member.slot().cell) else {
+            return UserCode::Failed;
+        };
+        if let Err(error) = user_codes::call(&paths, call) {
+            tracing::error!("M{} cannot be asked for: {error}", call.code);
+            return UserCode::Failed;
+        }
+        loop {
+            match user_codes::ended(&paths, call.id) {
+                Ok(Some(CallEnd { failed: None, .. })) => return UserCode::Good,
+                Ok(Some(CallEnd {
+                    failed: Some(why), ..
+                })) => {
+                    tracing::error!("line {}: {why}", call.line);
+                    return UserCode::Failed;
+                }
+                Ok(None) if !self.boundaries.lockstep => return UserCode::Runs,
+                // In lockstep it takes no time of the machine, so that the run is the same every time.
+                Ok(None) if self.member.launcher_lives() && !self.member.ending() => {
+                    std::thread::sleep(USER_CODE_LOOK);
+                }
+                Ok(None) => return UserCode::Runs,
+                Err(error) => {
+                    tracing::error!("M{}: {error}", call.code);
+                    return UserCode::Failed;
+                }
+            }
+        }
     }
 
     fn write_messages(&mut self, load: u32, run: u32, messages: &[ProgramMessage]) {

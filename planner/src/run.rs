@@ -17,7 +17,7 @@ use machine::Machine;
 use machine::settings_file::SettingsFileError;
 
 use crate::planner::{Planner, tool_element};
-use crate::ports::{BusPorts, PlannerPorts};
+use crate::ports::{BusPorts, PlannerPorts, UserCode};
 use crate::program_text::ProgramText;
 
 /// How a planner is started.
@@ -107,10 +107,17 @@ pub fn cycle(planner: &mut Planner, ports: &mut impl PlannerPorts) -> bool {
         ports.publish_window(header, setpoints);
     }
     let mut status = decision.status;
-    if let Some(parameters) = &decision.kept_parameters
-        && !ports.keep_parameters(parameters)
-    {
+    let kept = decision.kept_parameters.as_ref();
+    let kept = kept.map(|parameters| ports.keep_parameters(parameters));
+    let user_code = decision
+        .user_call
+        .as_ref()
+        .map(|call| ports.user_code(call));
+    // What has to come before an event is not done: it is not asked for.
+    if kept == Some(false) || user_code.is_some_and(|code| code != UserCode::Good) {
         status.event = ProgramEvent::default();
+    }
+    if kept == Some(false) || user_code == Some(UserCode::Failed) {
         status.cause = Cause::Planner as u32;
     }
     ports.publish_status(&status);

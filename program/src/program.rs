@@ -43,6 +43,8 @@ pub struct Setup {
     pub answers_assumed: bool,
     /// There is a probe: G38.2 to G38.5 are read.
     pub probe: bool,
+    /// User M-codes, M100 to M199, are switched on.
+    pub user_codes: bool,
     /// What the machine has answered so far to what the program asks, in order.
     pub answers: Vec<Answer>,
     /// What it will answer is assumed, with a note: for checking and showing a program that has not run yet.
@@ -123,6 +125,15 @@ pub enum EventKind {
         asked: AskedInput,
         /// Longest wait, in s.
         timeout_s: f64,
+    },
+    /// M100 to M199: the program of the machine builder for this code runs, with these two values.
+    UserCode {
+        /// 100 to 199.
+        code: u32,
+        /// P; −1 without it.
+        p: f64,
+        /// Q; −1 without it.
+        q: f64,
     },
     /// M48, M49, M50: whether the override of the feed counts.
     OverridesEnabled(bool),

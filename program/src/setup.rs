@@ -53,6 +53,7 @@ impl Setup {
             tools: machine.tools.clone(),
             block_delete: machine.program.block_delete,
             probe: machine.program.probe,
+            user_codes: !machine.program.user_codes.is_empty(),
             ..Setup::default()
         }
     }

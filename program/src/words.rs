@@ -362,6 +362,7 @@ fn group_of(letter: char, number: u32) -> Option<Group> {
         ('M', 70 | 80 | 90) => Group::Coolant,
         ('M', 480..=530) if number.is_multiple_of(10) => Group::Overrides,
         ('M', 700..=730) if number.is_multiple_of(10) => Group::ModalState,
+        ('M', 1000..=1990) if number.is_multiple_of(10) => Group::User,
         _ => return None,
     })
 }
@@ -370,9 +371,6 @@ fn group_of(letter: char, number: u32) -> Option<Group> {
 fn why_not(letter: char, number: u32) -> Option<&'static str> {
     Some(match (letter, number) {
         ('G', 171 | 181 | 191) => "the planes UV, WU and VW are not supported: use G17, G18 or G19",
-        ('M', 1000..=1990) => {
-            "user M-codes run a program of the machine builder: they are not switched on"
-        }
         ('G', 150 | 160) => "polar coordinates are written with @ and ^, as in LinuxCNC",
         ('G', 500 | 510) => "scaling is not supported: write the scaled values, or use parameters",
         ('G', 680 | 690) => "rotation is set with G10 L2 P1 R30, as in LinuxCNC",

@@ -58,6 +58,8 @@ pub enum EventCode {
     ToolIs = 25,
     /// The end of a program on a machine whose programs keep parameters: they are kept before it is asked for.
     KeepParameters = 26,
+    /// M100 to M199: a program of the machine builder, code `index`, which has run to its end before it is asked for.
+    UserCode = 27,
     /// Rigid tapping begins: the spindle comes to rest, and from then on follows axis `index`: a turn in the direction that the program
     /// gave it for each `value` mm (below 0 where the axis goes in against its sense).
     SpindleCouple = 17,
@@ -67,7 +69,7 @@ pub enum EventCode {
 
 impl EventCode {
     /// All of them.
-    pub const ALL: [EventCode; 23] = [
+    pub const ALL: [EventCode; 24] = [
         EventCode::SpindleSpeed,
         EventCode::SpindleClockwise,
         EventCode::SpindleCounterClockwise,
@@ -89,6 +91,7 @@ impl EventCode {
         EventCode::AwaitInput,
         EventCode::ToolIs,
         EventCode::KeepParameters,
+        EventCode::UserCode,
         EventCode::SpindleCouple,
         EventCode::SpindleUncouple,
     ];

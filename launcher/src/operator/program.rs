@@ -24,6 +24,7 @@ use crate::options::{LoadOptions, OperatorOptions, StartOptions};
 use crate::output::say;
 use crate::run_dir::{copy_program, program_name};
 use crate::supervise::stop_words;
+use crate::user_codes;
 
 /// A program that takes longer to check would let the planner of a running cell seem to hang.
 const CHECK_LIMIT: Duration = Duration::from_secs(10);
@@ -128,6 +129,10 @@ fn check(client: &Client, file: &Path, now: &Feedback) -> anyhow::Result<String>
     let short = program::load_if_short(machine, &start, file, program::SHORT_ELEMENTS)?;
     let (notes, elements, length_mm) = match short {
         Some(program) => {
+            // The copy of a cell names the folder in full.
+            if let Some(folder) = machine.user_code_folder(Path::new("")) {
+                user_codes::check(&folder, &program)?;
+            }
             let (elements, length_mm) = (program.path.elements.len(), program.path.length_mm());
             let notes = program.notes.clone();
             planner::course(machine, program).with_context(|| name)?;

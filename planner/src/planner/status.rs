@@ -8,6 +8,7 @@
 )]
 
 use bus::sample::{Cause, EventCode, Feedback, PlannerStatus, ProgramEvent, ProgramState};
+use bus::user_codes::{CallId, UserCall};
 use control::profile::PathState;
 use machine::KeptParameters;
 
@@ -125,6 +126,27 @@ impl Planner {
                 }),
             ..PlannerStatus::default()
         }
+    }
+
+    /// The user M-code that is to have run before this status is published, if the program rests before one.
+    pub(super) fn user_call(
+        &self,
+        status: &PlannerStatus,
+        feedback: &Feedback,
+    ) -> Option<UserCall> {
+        let event = &status.event;
+        let course = self.course.as_ref()?;
+        (event.code == EventCode::UserCode as u32).then(|| UserCall {
+            id: CallId {
+                load: feedback.load,
+                run: feedback.run,
+                event: event.number,
+            },
+            code: event.index,
+            p: event.value,
+            q: course.events.second_value(event.number),
+            line: event.line,
+        })
     }
 
     /// The parameters that are to be kept before this status is published, if the program is at its end.

@@ -36,6 +36,22 @@ impl Interpreter {
             None => {}
         }
         self.override_words(line, words);
+        self.user_code(line, words)
+    }
+
+    /// M100 to M199.
+    fn user_code(&mut self, line: u32, words: &Words) -> Result<(), Refusal> {
+        let Some((number, word)) = words.code(Group::User) else {
+            return Ok(());
+        };
+        let code = number / 10;
+        if !self.setup.user_codes {
+            let right = "user M-codes run a program of the machine builder: the machine file names their folder ([program] user_codes)";
+            return Err(Refusal::new(word.offset, format!("M{code}"), right));
+        }
+        let value = |letter| words.value(letter).map_or(-1.0, |word| word.value);
+        let (p, q) = (value('P'), value('Q'));
+        self.event(line, EventKind::UserCode { code, p, q });
         Ok(())
     }
 

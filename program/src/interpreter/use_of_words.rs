@@ -27,6 +27,7 @@ fn letters_of(letter: char, number: u32) -> u32 {
         ('M', 660) => mask_of("PELQ"),
         ('M', 670 | 680) => mask_of("EQ"),
         ('M', 980) => mask_of("PL"),
+        ('M', 1000..=1990) => mask_of("PQ"),
         _ => 0,
     }
 }
@@ -42,10 +43,10 @@ fn belongs_to(letter: char) -> &'static str {
             "L belongs to G81 to G89, G73 and G74 with X, Y or Z (holes), G5.2, G76, G10 and M98"
         }
         'P' => {
-            "P belongs to G4 (seconds), G64 (tolerance), G2 and G3 (turns), G5, G5.2, G76, G74, G82, G84, G86, G88 and G89 (seconds), G10, M62 to M66 and M98"
+            "P belongs to G4 (seconds), G64 (tolerance), G2 and G3 (turns), G5, G5.2, G76, G74, G82, G84, G86, G88 and G89 (seconds), G10, M62 to M66, M98 and M100 to M199"
         }
         'Q' => {
-            "Q belongs to G64 (tolerance), G83 (peck), G73, G5, G70 to G72, G76, M61, M67 and M68"
+            "Q belongs to G64 (tolerance), G83 (peck), G73, G5, G70 to G72, G76, M61, M67, M68 and M100 to M199"
         }
         'H' => "H belongs to G43 (tool length)",
         '@' | '^' => "@ and ^ belong to motions",

@@ -1,0 +1,156 @@
+//! User M-codes: programs of the machine builder that a part program has run. Each call is run once, and ended where it takes too long.
+
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+use anyhow::bail;
+use bus::cell::CellPaths;
+use bus::user_codes::{self, CallEnd, CallId, UserCall};
+use machine::Machine;
+use program::{EventKind, Program};
+use rustix::fs::Access;
+use rustix::process::{Pid, Signal, kill_process_group, set_parent_process_death_signal};
+
+use crate::logs;
+
+/// Where they lie, and the one that runs.
+pub struct UserCodes {
+    folder: PathBuf,
+    patience: Duration,
+    place: CellPaths,
+    /// The call that was taken up last: it is not run again.
+    taken: Option<CallId>,
+    running: Option<Running>,
+}
+
+struct Running {
+    call: UserCall,
+    child: Child,
+    since: Instant,
+}
+
+impl UserCodes {
+    /// Those of a machine, for a cell.
+    pub fn new(folder: PathBuf, machine: &Machine, place: CellPaths) -> UserCodes {
+        UserCodes {
+            folder,
+            patience: Duration::from_secs_f64(machine.program.user_code_patience_s),
+            place,
+            taken: None,
+            running: None,
+        }
+    }
+
+    /// Begins what is asked for, and says how what ran has ended.
+    pub fn look(&mut self) {
+        if let Some(running) = &mut self.running {
+            let failed = match running.child.try_wait() {
+                Ok(None) if running.since.elapsed() < self.patience => return,
+                Ok(None) => {
+                    let limit_s = self.patience.as_secs_f64();
+                    Some(format!("has not ended within {limit_s} s, and was ended"))
+                }
+                Ok(Some(status)) => bad_end(status),
+                Err(error) => Some(format!("cannot be waited for: {error}")),
+            };
+            let call = running.call;
+            self.end_running();
+            self.say_end(&call, failed);
+        }
+        let called = user_codes::called(&self.place).ok().flatten();
+        if let Some(call) = called.filter(|call| self.taken != Some(call.id)) {
+            self.taken = Some(call.id);
+            self.begin(call);
+        }
+    }
+
+    fn begin(&mut self, call: UserCall) {
+        let name = format!("M{}", call.code);
+        let mut command = Command::new(self.folder.join(&name));
+        command
+            .args([call.p, call.q].map(|value| format!("{value:.6}")))
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            // Ctrl-C goes to the launcher alone.
+            .process_group(0);
+        // SAFETY: between fork and exec nothing but one system call is made.
+        unsafe {
+            command.pre_exec(|| Ok(set_parent_process_death_signal(Some(Signal::KILL))?));
+        }
+        let (p, q, line) = (call.p, call.q, call.line);
+        tracing::info!("line {line}: {name} runs, P {p} Q {q}");
+        match command.spawn() {
+            Ok(mut child) => {
+                // What it prints is told; a thread that cannot be had only costs that.
+                let _ = child.stderr.take().map(|lines| logs::forward(name, lines));
+                let since = Instant::now();
+                self.running = Some(Running { call, child, since });
+            }
+            Err(error) => {
+                let file = self.folder.join(name);
+                let why = format!("cannot be run: {}: {error}", file.display());
+                self.say_end(&call, Some(why));
+            }
+        }
+    }
+
+    fn say_end(&self, call: &UserCall, failed: Option<String>) {
+        let end = CallEnd {
+            id: call.id,
+            failed: failed.map(|why| format!("M{} {why}", call.code)),
+        };
+        if let Err(error) = user_codes::end(&self.place, &end) {
+            tracing::error!("how M{} has ended cannot be told: {error}", call.code);
+        }
+    }
+
+    /// Ends what runs, with all that it has started and that did not leave its group.
+    fn end_running(&mut self) {
+        if let Some(mut running) = self.running.take() {
+            let group = Pid::from_child(&running.child);
+            let _ = kill_process_group(group, Signal::KILL);
+            let _ = running.child.wait();
+        }
+    }
+}
+
+impl Drop for UserCodes {
+    fn drop(&mut self) {
+        self.end_running();
+    }
+}
+
+/// Refuses a program with a user M-code that has no program to run, before it moves.
+///
+/// # Errors
+/// The first such code, with its line.
+pub fn check(folder: &Path, program: &Program) -> anyhow::Result<()> {
+    for event in &program.events {
+        let EventKind::UserCode { code, .. } = event.kind else {
+            continue;
+        };
+        let file = folder.join(format!("M{code}"));
+        let is_executable = rustix::fs::access(&file, Access::EXEC_OK).is_ok() && file.is_file();
+        if !is_executable {
+            bail!(
+                "{}:{}: M{code} has no program: {} is no executable file",
+                program.name,
+                event.line,
+                file.display()
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Why an end is not good.
+fn bad_end(status: ExitStatus) -> Option<String> {
+    match (status.code(), status.signal()) {
+        (Some(0), _) => None,
+        (Some(code), _) => Some(format!("ended with status {code}")),
+        (None, signal) => Some(format!("was killed by signal {}", signal.unwrap_or(0))),
+    }
+}
