@@ -3,6 +3,7 @@
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::time::Duration;
 
 use serde_json::Value;
 
@@ -40,7 +41,8 @@ pub fn missing() -> Option<String> {
 /// A running interpreter, for one program after the other.
 pub struct Theirs {
     child: Child,
-    ask: ChildStdin,
+    /// None once nothing more is asked.
+    ask: Option<ChildStdin>,
     answer: BufReader<ChildStdout>,
 }
 
@@ -54,7 +56,7 @@ impl Theirs {
         command.args(["--seconds", "5"]);
         command.stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = command.spawn().expect("running /usr/bin/python3");
-        let ask = child.stdin.take().expect("piped");
+        let ask = child.stdin.take();
         let answer = BufReader::new(child.stdout.take().expect("piped"));
         Theirs { child, ask, answer }
     }
@@ -68,8 +70,10 @@ impl Theirs {
     /// Hands over a program; [`Theirs::finish`] takes the answer.
     pub fn begin(&mut self, file: &Path) {
         // A process that is gone is noticed when its answer is missing.
-        let _ = writeln!(self.ask, "{}", file.display());
-        let _ = self.ask.flush();
+        if let Some(ask) = &mut self.ask {
+            let _ = writeln!(ask, "{}", file.display());
+            let _ = ask.flush();
+        }
     }
 
     pub fn finish(&mut self) -> Trace {
@@ -99,6 +103,14 @@ impl Theirs {
 
 impl Drop for Theirs {
     fn drop(&mut self) {
+        // At the end of what is asked it removes its folder; a moment later it is ended.
+        drop(self.ask.take());
+        for _ in 0..200 {
+            if !matches!(self.child.try_wait(), Ok(None)) {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
