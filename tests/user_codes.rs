@@ -36,6 +36,7 @@ fn machine(more: &[(&str, &str)]) -> (Bench, PathBuf) {
             0o755,
         ),
         ("M105", String::new(), 0o644),
+        ("M107", format!("sleep 600 & echo $! > {at}"), 0o755),
         ("M106", format!("echo $$ > {at}; exec sleep 600"), 0o755),
     ] {
         let file = folder.join(name);
@@ -122,6 +123,15 @@ fn one_that_fails_or_takes_too_long_stops_the_run_with_the_reason_and_leaves_nob
         let pid = pid.parse().expect("a process id");
         assert!(!is_alive(pid), "{pid} still runs");
     }
+}
+
+#[test]
+fn what_one_leaves_running_ends_with_it() {
+    let (bench, file) = machine(&[]);
+    let program = bench.file("left.ngc", "G21 G90 G1 X5 F3000\nM107\nG1 X0\nM2\n");
+    completed(&run(bench.path(), &program));
+    let pid = said(&file).trim().parse().expect("a process id");
+    assert!(!is_alive(pid), "{pid} still runs");
 }
 
 #[test]

@@ -207,6 +207,21 @@ impl CellPaths {
         self.folder().join(format!("answers-{load}-{run}"))
     }
 
+    /// Removes what the cell has kept of runs before the last two: a cell stays up for as many as somebody starts.
+    pub fn forget_runs_before(&self, run: u32) {
+        let is_behind = |name: &str| {
+            let mut parts = name.split('-');
+            let known = matches!(parts.next(), Some("answers" | "parameters"));
+            let of_run = parts.nth(1).and_then(|run| run.parse::<u32>().ok());
+            known && of_run.is_some_and(|of| of.saturating_add(1) < run)
+        };
+        for entry in fs::read_dir(self.folder()).into_iter().flatten().flatten() {
+            if entry.file_name().to_str().is_some_and(is_behind) {
+                let _ = fs::remove_file(entry.path());
+            }
+        }
+    }
+
     /// File that names the file of the parameters that programs keep; none where they keep none.
     pub fn parameter_file(&self) -> PathBuf {
         self.folder().join("parameter-file")

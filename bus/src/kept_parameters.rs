@@ -107,8 +107,12 @@ mod tests {
             Some("100 2\n")
         );
         assert_eq!(of_run(3).as_deref(), Some("100 2\n"));
-        let left = fs::read_dir(paths.folder()).expect("the folder").count();
+        let count = || fs::read_dir(paths.folder()).expect("the folder").count();
+        let left = count();
+        paths.forget_runs_before(3);
+        let then = count();
         fs::remove_dir_all(paths.folder()).expect("removed");
         assert_eq!(left, 1 + 3, "the name of the file, and three runs");
+        assert_eq!(then, 1 + 2, "the last two");
     }
 }

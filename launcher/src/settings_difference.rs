@@ -6,6 +6,7 @@ use std::io::ErrorKind;
 use std::path::Path;
 
 use anyhow::Context;
+use machine::parse_parameters;
 use monitor::report::against::Setting;
 use toml_edit::{DocumentMut, Item, TableLike, Value};
 
@@ -94,7 +95,22 @@ fn keys_of(path: &Path) -> anyhow::Result<Option<Keys>> {
         .with_context(|| format!("{}: is no TOML", path.display()))?;
     let mut keys = Keys::new();
     table(document.as_table(), "", &mut keys);
+    spread_parameters(&document, &mut keys);
     Ok(Some(keys))
+}
+
+/// The parameters that a run began with are a text of many: each is a key of its own.
+fn spread_parameters(document: &DocumentMut, keys: &mut Keys) {
+    let text = document.get("program").and_then(|of| of.get("parameters"));
+    let parameters = text
+        .and_then(Item::as_str)
+        .map(|text| parse_parameters("", text));
+    if let Some(Ok(parameters)) = parameters {
+        keys.remove("program.parameters");
+        for (number, value) in parameters {
+            keys.insert(format!("program.parameters.#{number}"), value.to_string());
+        }
+    }
 }
 
 fn table(from: &dyn TableLike, path: &str, keys: &mut Keys) {
@@ -161,5 +177,23 @@ mod tests {
         assert_eq!(between(a.path(), a.path()).unwrap(), []);
         fs::write(b.path().join("machine.toml"), "= 1").unwrap();
         assert!(between(a.path(), b.path()).is_err());
+    }
+
+    #[test]
+    fn of_kept_parameters_those_are_named_that_differ() {
+        let (a, b) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        for (folder, text) in [(&a, "100\t4\n5221\t0\n"), (&b, "100\t4\n5221\t2.5\n")] {
+            let text = format!("[program]\nparameters = {text:?}\n");
+            fs::write(folder.path().join("machine.toml"), text).unwrap();
+        }
+        let found = between(a.path(), b.path()).unwrap();
+        let [only] = found.as_slice() else {
+            panic!("{found:?}")
+        };
+        assert_eq!(only.key, "program.parameters.#5221");
+        assert_eq!(
+            (only.a.as_deref(), only.b.as_deref()),
+            (Some("0"), Some("2.5"))
+        );
     }
 }

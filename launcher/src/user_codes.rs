@@ -11,7 +11,9 @@ use bus::user_codes::{self, CallEnd, CallId, UserCall};
 use machine::Machine;
 use program::{EventKind, Program};
 use rustix::fs::Access;
-use rustix::process::{Pid, Signal, kill_process_group, set_parent_process_death_signal};
+use rustix::process::{
+    Pid, Signal, WaitId, WaitIdOptions, kill_process_group, set_parent_process_death_signal, waitid,
+};
 
 use crate::logs;
 
@@ -45,18 +47,19 @@ impl UserCodes {
 
     /// Begins what is asked for, and says how what ran has ended.
     pub fn look(&mut self) {
-        if let Some(running) = &mut self.running {
-            let failed = match running.child.try_wait() {
-                Ok(None) if running.since.elapsed() < self.patience => return,
-                Ok(None) => {
-                    let limit_s = self.patience.as_secs_f64();
-                    Some(format!("has not ended within {limit_s} s, and was ended"))
-                }
-                Ok(Some(status)) => bad_end(status),
-                Err(error) => Some(format!("cannot be waited for: {error}")),
-            };
+        if let Some(running) = &self.running {
+            let has_ended = running.has_ended();
+            if !has_ended && running.since.elapsed() < self.patience {
+                return;
+            }
             let call = running.call;
-            self.end_running();
+            let status = self.end_running();
+            let failed = if has_ended {
+                status.and_then(bad_end)
+            } else {
+                let limit_s = self.patience.as_secs_f64();
+                Some(format!("has not ended within {limit_s} s, and was ended"))
+            };
             self.say_end(&call, failed);
         }
         let called = user_codes::called(&self.place).ok().flatten();
@@ -107,13 +110,22 @@ impl UserCodes {
         }
     }
 
-    /// Ends what runs, with all that it has started and that did not leave its group.
-    fn end_running(&mut self) {
-        if let Some(mut running) = self.running.take() {
-            let group = Pid::from_child(&running.child);
-            let _ = kill_process_group(group, Signal::KILL);
-            let _ = running.child.wait();
-        }
+    /// Ends what runs, with all that it has started and that did not leave its group. As long as it is not reaped, nobody else has its number.
+    fn end_running(&mut self) -> Option<ExitStatus> {
+        let mut running = self.running.take()?;
+        let group = Pid::from_child(&running.child);
+        let _ = kill_process_group(group, Signal::KILL);
+        running.child.wait().ok()
+    }
+}
+
+impl Running {
+    /// Whether it has ended; it is not reaped yet.
+    fn has_ended(&self) -> bool {
+        let process = WaitId::Pid(Pid::from_child(&self.child));
+        let look = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
+        // Who cannot be waited for is not there any more.
+        waitid(process, look).map_or(true, |ended| ended.is_some())
     }
 }
 

@@ -226,6 +226,9 @@ impl PlannerPorts for BusPorts {
     }
 
     fn answers(&mut self, load: u32, run: u32) -> Vec<KeptAnswer> {
+        if let Ok(paths) = CellPaths::new(&self.member.slot().cell) {
+            paths.forget_runs_before(run);
+        }
         let bytes = self
             .answer_file(load, run)
             .and_then(|file| fs::read(file).ok());
