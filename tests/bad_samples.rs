@@ -247,7 +247,7 @@ fn a_foreign_process_gets_no_writer_of_a_service_whose_own_lives() {
 /// A foreign process in the place of one that was lost: nothing it says has an incarnation that the roster knows.
 #[test]
 fn a_foreign_process_in_a_dead_servos_place_drives_nothing() {
-    let bench = Bench::of(
+    let bench = Bench::patient(
         "xy",
         &[
             STANDBY,

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use serde_json::Value;
 
-use crate::support::{number, root, text, traces_of, unique_cell};
+use crate::support::{Bench, number, root, text, traces_of, unique_cell};
 
 const PROGRAM: &str = "machines/xy/programs/circle-r25-f3000.ngc";
 
@@ -57,11 +57,13 @@ fn a_full_disk_stops_no_machine_and_what_was_recorded_is_reported_once_there_is_
     for pace in ["lockstep", "realtime"] {
         let folder = tempfile::tempdir().expect("a folder");
         let (cell, began) = (unique_cell(), Instant::now());
+        let bench = Bench::patient("xy", &[]);
         let script = format!(
-            "$Q run machines/xy {PROGRAM} --pace {pace} --cell {cell} --out $DISK/run
+            "$Q run {} {PROGRAM} --pace {pace} --cell {cell} --out $DISK/run
              echo ended with $?
              mount -o remount,size=64m $DISK
              $Q report $DISK/run && cp $DISK/run/report.json $DISK/run/events.jsonl {}",
+            bench.path().display(),
             folder.path().display()
         );
         let Some(output) = with_disk(folder.path(), "2m", &script) else {
@@ -85,10 +87,11 @@ fn a_full_disk_stops_no_machine_and_what_was_recorded_is_reported_once_there_is_
 /// `afterwards` says. None where that is not permitted.
 fn with_disk_filled(folder: &Path, afterwards: &str) -> Option<Output> {
     let (cell, here) = (unique_cell(), folder.display());
+    let restarts = "[restart]\nrestarts_max = 1000\n\n[scan]\n";
+    let bench = Bench::patient("xy", &[("[scan]\n", restarts)]);
+    let machine = bench.path().display();
     let script = format!(
-        "cp -r machines/xy {here}/xy
-         sed -i 's/^\\[scan\\]/[restart]\\nrestarts_max = 1000\\n\\n[scan]/' {here}/xy/machine.toml
-         $Q run {here}/xy {PROGRAM} --pace realtime --cell {cell} --out $DISK/run &
+        "$Q run {machine} {PROGRAM} --pace realtime --cell {cell} --out $DISK/run &
          while ! [ -s $DISK/run/run.mcap ]; do sleep 0.01; done
          sleep 1
          cat /dev/zero > $DISK/filler 2>/dev/null

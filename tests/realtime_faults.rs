@@ -252,7 +252,7 @@ fn killed_at_birth(role: &str, machine: &Path, program: &Path) -> String {
 fn a_process_killed_while_the_cell_starts_is_a_start_that_failed_and_leaves_nothing() {
     // Should one of them be ready before it is struck, the run ends by its loss all the same.
     let restart = "[restart]\nplanner = \"end\"\nmonitor = \"leave\"\n\n[scan]\n";
-    let bench = Bench::of("xy", &[("[scan]\n", restart)]);
+    let bench = Bench::patient("xy", &[("[scan]\n", restart)]);
     let program = bench.file("circle.ngc", &program());
     let mut in_start = 0;
     for role in [

@@ -84,7 +84,7 @@ fn a_cell_that_finds_shared_memory_full_while_it_is_being_started_leaves_it_to_o
 
 #[test]
 fn shared_memory_that_fills_up_while_the_machine_moves_kills_nobody() {
-    let bench = Bench::of(
+    let bench = Bench::patient(
         "xy",
         &[("[scan]\n", "[restart]\nservo = \"wait\"\n\n[scan]\n")],
     );
@@ -131,7 +131,7 @@ fn shared_memory_that_fills_up_while_the_machine_moves_kills_nobody() {
 fn a_cell_takes_the_room_that_it_asks_for() {
     use std::os::unix::fs::MetadataExt;
     for machine in ["xy", "xyz-mill"] {
-        let bench = Bench::of(machine, &[]);
+        let bench = Bench::patient(machine, &[]);
         let mut cell = LiveCell::up(bench.path(), "realtime");
         cell.wait_for_scan(100);
         let traces = traces_of(&cell.cell);
@@ -214,6 +214,13 @@ fn a_segment_that_is_removed_under_a_cell_is_noticed() {
     );
 }
 
+/// Whether a process has ended and nobody has asked how.
+fn is_zombie(pid: i32) -> bool {
+    let status = fs::read_to_string(format!("/proc/{pid}/stat")).expect("a child of the launcher");
+    let state = status.rsplit(')').next().unwrap_or_default();
+    state.trim_start().starts_with('Z')
+}
+
 /// The launcher cleans up after a dead process as soon as it can: until then the place is waited for.
 #[test]
 fn the_place_of_a_dead_servo_is_had_once_the_launcher_has_cleaned_up() {
@@ -228,7 +235,11 @@ fn the_place_of_a_dead_servo_is_had_once_the_launcher_has_cleaned_up() {
     let place = CellPaths::new(&cell.cell).expect("a name");
     let bus = Bus::enter(&place, &machine.shape(), "next", false).expect("entering as the owner");
     cell.signal_launcher(libc::SIGSTOP);
-    send(cell.pid_of("quadrant servo --axis X"), libc::SIGKILL);
+    let servo = cell.pid_of("quadrant servo --axis X");
+    send(servo, libc::SIGKILL);
+    while !is_zombie(servo) {
+        std::thread::sleep(Duration::from_millis(1));
+    }
     let launcher = cell.child.id() as i32;
     let busy = std::thread::spawn(move || {
         std::thread::sleep(Duration::from_millis(400));

@@ -43,6 +43,14 @@ fn all_makers_live(segment: &Path) -> bool {
     makers.peek().is_some() && makers.all(lives)
 }
 
+/// What was read of a file; none of one that is not there.
+pub(crate) fn if_there<T>(read: io::Result<T>) -> io::Result<Option<T>> {
+    match read {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        read => read.map(Some),
+    }
+}
+
 /// Whether this can name a cell: lower-case letters, digits and hyphens.
 pub fn is_cell_name(name: &str) -> bool {
     !name.is_empty()

@@ -1,4 +1,4 @@
-//! The parameters that programs of a cell keep from one run to the next: which file of the user holds them, and what each run has begun with.
+//! The parameters that programs of a cell keep from one run to the next: which file of the user holds them, and what each run started with.
 
 use std::ffi::OsString;
 use std::fs::{self, OpenOptions};
@@ -6,7 +6,7 @@ use std::io::{self, ErrorKind, Write};
 use std::os::unix::ffi::OsStringExt;
 use std::path::{Path, PathBuf};
 
-use crate::cell::CellPaths;
+use crate::cell::{CellPaths, if_there};
 
 /// Says which file holds them: for the launcher, before anybody else is there.
 ///
@@ -21,7 +21,7 @@ pub fn name_parameter_file(paths: &CellPaths, file: &Path) -> io::Result<()> {
 /// # Errors
 /// The cell's folder cannot be read.
 pub fn parameter_file(paths: &CellPaths) -> io::Result<Option<PathBuf>> {
-    let name = read_if_there(fs::read(paths.parameter_file()))?;
+    let name = if_there(fs::read(paths.parameter_file()))?;
     Ok(name.map(|name| PathBuf::from(OsString::from_vec(name))))
 }
 
@@ -34,7 +34,7 @@ pub fn parameters_now(paths: &CellPaths) -> io::Result<Option<String>> {
         return Ok(None);
     };
     Ok(Some(
-        read_if_there(fs::read_to_string(file))?.unwrap_or_default(),
+        if_there(fs::read_to_string(file))?.unwrap_or_default(),
     ))
 }
 
@@ -44,7 +44,7 @@ pub fn parameters_now(paths: &CellPaths) -> io::Result<Option<String>> {
 /// The file cannot be read, or the cell's folder cannot be written.
 pub fn parameters_of_run(paths: &CellPaths, load: u32, run: u32) -> io::Result<Option<String>> {
     let of_run = paths.parameters(load, run);
-    if let Some(text) = read_if_there(fs::read_to_string(&of_run))? {
+    if let Some(text) = if_there(fs::read_to_string(&of_run))? {
         return Ok(Some(text));
     }
     let Some(text) = parameters_now(paths)? else {
@@ -65,13 +65,6 @@ pub fn parameters_of_run(paths: &CellPaths, load: u32, run: u32) -> io::Result<O
     match linked {
         Err(error) if error.kind() != ErrorKind::AlreadyExists => Err(error),
         _ => Ok(Some(fs::read_to_string(&of_run)?)),
-    }
-}
-
-fn read_if_there<T>(read: io::Result<T>) -> io::Result<Option<T>> {
-    match read {
-        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
-        read => read.map(Some),
     }
 }
 

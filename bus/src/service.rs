@@ -298,6 +298,7 @@ impl Bus {
         make: impl Fn() -> Result<P, E>,
     ) -> Result<P, CellError> {
         let started = Instant::now();
+        let mut nobody_was_dead = false;
         loop {
             room::forget_refused();
             let made = make();
@@ -309,7 +310,9 @@ impl Bus {
             let may_be_had = match &made {
                 Ok(_) => false,
                 Err(CellError::NoRoom { .. }) => self.patient,
-                Err(_) => taken && (self.patient || self.somebody_is_dead()),
+                Err(_) if !taken || self.patient => taken,
+                // Who was dead when the place was asked for may have been cleaned up since: only the second answer counts.
+                Err(_) => self.somebody_is_dead() || !std::mem::replace(&mut nobody_was_dead, true),
             };
             if !may_be_had || started.elapsed() > PLACE_LIMIT {
                 return made;

@@ -4,10 +4,10 @@
 //! ended. So whoever is killed meanwhile, the code runs at most once; a planner that comes later finds its end.
 
 use std::fs;
-use std::io::{self, ErrorKind};
+use std::io;
 use std::path::Path;
 
-use crate::cell::CellPaths;
+use crate::cell::{CellPaths, if_there};
 
 /// Which event of which run a call is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,7 +45,7 @@ pub struct CallEnd {
 }
 
 impl UserCall {
-    /// As it stands in the file: f64 reads what it has shown to the bit.
+    /// As it is in the file: f64 reads what it has shown to the bit.
     fn text(&self) -> String {
         let CallId { load, run, event } = self.id;
         let UserCall {
@@ -87,7 +87,7 @@ pub fn call(paths: &CellPaths, call: &UserCall) -> io::Result<()> {
 /// # Errors
 /// The cell's folder cannot be read.
 pub fn called(paths: &CellPaths) -> io::Result<Option<UserCall>> {
-    let text = read(&paths.user_code_call())?;
+    let text = if_there(fs::read_to_string(paths.user_code_call()))?;
     Ok(text.as_deref().and_then(UserCall::parse))
 }
 
@@ -108,7 +108,7 @@ pub fn end(paths: &CellPaths, end: &CallEnd) -> io::Result<()> {
 /// The cell's folder cannot be read.
 pub fn ended(paths: &CellPaths, id: CallId) -> io::Result<Option<CallEnd>> {
     let CallId { load, run, event } = id;
-    let text = read(&paths.user_code_end())?.unwrap_or_default();
+    let text = if_there(fs::read_to_string(paths.user_code_end()))?.unwrap_or_default();
     let end = text.strip_prefix(&format!("{load} {run} {event}\n"));
     Ok(end.map(|failed| CallEnd {
         id,
@@ -121,13 +121,6 @@ fn write(file: &Path, text: &str) -> io::Result<()> {
     let new = file.with_extension("new");
     fs::write(&new, text)?;
     fs::rename(&new, file)
-}
-
-fn read(file: &Path) -> io::Result<Option<String>> {
-    match fs::read_to_string(file) {
-        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
-        text => text.map(Some),
-    }
 }
 
 #[cfg(test)]

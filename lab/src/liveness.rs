@@ -118,7 +118,7 @@ impl<'a> Liveness<'a> {
             .is_some_and(|feedback| feedback.scan > since + self.patience_scans)
     }
 
-    /// Somebody has given it an order: its time begins anew.
+    /// Somebody has given it an order: its time begins again.
     pub fn disturb(&mut self) {
         self.progressed = self.before.map_or(0, |feedback| feedback.scan);
         self.in_step = [self.progressed; MAX_AXES];

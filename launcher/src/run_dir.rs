@@ -118,7 +118,7 @@ pub fn program_name(program: &Path) -> anyhow::Result<&str> {
     Ok(name)
 }
 
-/// The hash of a smaller program is taken anew by whoever reads it. None of these is loaded into a cell: nothing stands beside those.
+/// The hash of a smaller program is taken again by whoever reads it. None of these is loaded into a cell: nothing is kept beside those.
 const HASHED_BYTES: u64 = program::FILE_BYTES_MAX;
 
 impl RunDir {

@@ -220,7 +220,7 @@ impl Session {
     }
 
     /// From now on somebody waits for the reports, and no machine moves beside them: one that was begun in the background, where
-    /// a busy PC has no time for it, is made anew.
+    /// a busy PC has no time for it, is made again.
     fn hurry(&mut self) {
         self.ended = true;
         if let Some(mut report) = self.report.take() {

@@ -69,7 +69,7 @@ fn read_parameters(file: &Path) -> Result<KeptParameters, SettingsFileError> {
     parse_parameters(&file.display().to_string(), &read_text(file)?)
 }
 
-/// What stands in place of a file of parameters that holds none.
+/// The text in place of a file of parameters that holds none.
 const NO_PARAMETERS: &str = "; none yet\n";
 
 /// The text of a machine file that needs no other file, whose parameters are these.

@@ -22,7 +22,7 @@ pub fn is_always_kept(number: u32) -> bool {
     }
 }
 
-/// Reads the text of a parameter file; `name` is shown in errors. What stands behind `;` is a remark.
+/// Reads the text of a parameter file; `name` is shown in errors. What follows `;` is a remark.
 ///
 /// # Errors
 /// A line that is no parameter, or a parameter that is there twice: each with file, line and what would be right.

@@ -1,4 +1,4 @@
-//! The parameters of programs that outlive a run: in the user's file between two runs, and for each run in the cell's folder, as it began with them.
+//! The parameters of programs that outlive a run: in the user's file between two runs, and for each run in the cell's folder, as it started with them.
 
 #![deny(
     clippy::unwrap_used,
@@ -17,7 +17,7 @@ use machine::{KeptParameters, parameter_text, parse_parameters, replace_file};
 /// The file of a cell's machine.
 #[derive(Debug)]
 pub(crate) struct ParameterFile {
-    paths: Option<CellPaths>,
+    paths: CellPaths,
     /// Programs come and go; the one program of a run has its parameters in the machine file.
     stays: bool,
     /// What was kept last.
@@ -25,9 +25,9 @@ pub(crate) struct ParameterFile {
 }
 
 impl ParameterFile {
-    pub fn of_cell(cell: &str, stays: bool) -> ParameterFile {
+    pub fn of_cell(paths: CellPaths, stays: bool) -> ParameterFile {
         ParameterFile {
-            paths: CellPaths::new(cell).ok(),
+            paths,
             stays,
             kept: None,
         }
@@ -38,14 +38,14 @@ impl ParameterFile {
         &self,
         run: Option<(u32, u32)>,
     ) -> Result<Option<KeptParameters>, SettingsFileError> {
-        let Some(paths) = self.paths.as_ref().filter(|_| self.stays) else {
+        if !self.stays {
             return Ok(None);
-        };
+        }
         let text = match run {
-            Some((load, run)) => parameters_of_run(paths, load, run),
-            None => parameters_now(paths),
+            Some((load, run)) => parameters_of_run(&self.paths, load, run),
+            None => parameters_now(&self.paths),
         };
-        let name = match parameter_file(paths) {
+        let name = match parameter_file(&self.paths) {
             Ok(Some(file)) => file.display().to_string(),
             _ => "parameters".to_owned(),
         };
@@ -59,10 +59,7 @@ impl ParameterFile {
 
     /// Writes them into the user's file, whole or not at all; nowhere where the cell has none.
     pub fn keep(&mut self, parameters: &KeptParameters) -> io::Result<()> {
-        let Some(paths) = &self.paths else {
-            return Ok(());
-        };
-        let Some(file) = parameter_file(paths)? else {
+        let Some(file) = parameter_file(&self.paths)? else {
             return Ok(());
         };
         if self.kept.as_ref() == Some(parameters) {

@@ -18,14 +18,13 @@ use crate::place::Place;
 /// The files of a cell.
 #[derive(Debug)]
 pub(crate) struct KeptPlaces {
-    folder: Option<PathBuf>,
+    folder: PathBuf,
 }
 
 impl KeptPlaces {
-    pub fn of_cell(cell: &str) -> KeptPlaces {
-        let folder = CellPaths::new(cell).ok();
+    pub fn of_cell(paths: &CellPaths) -> KeptPlaces {
         KeptPlaces {
-            folder: folder.map(|paths| paths.places()),
+            folder: paths.places(),
         }
     }
 
@@ -35,7 +34,7 @@ impl KeptPlaces {
         kept.retain(|of| first_mapped(*of) <= element);
         // The newest one may be half written by a planner that was killed over it.
         kept.iter().rev().find_map(|of| {
-            let bytes = fs::read(self.file(program_hash, *of)?).ok()?;
+            let bytes = fs::read(self.file(program_hash, *of)).ok()?;
             Place::from_bytes(&bytes)
                 .filter(|place| place.program_hash == program_hash && place.element == *of)
         })
@@ -43,15 +42,11 @@ impl KeptPlaces {
 
     /// Keeps a place, and lets go of those that no planner needs with the tool at the element `tool`, and of those of other programs.
     pub fn keep(&self, place: &Place, tool: u32) {
-        let Some(file) = self.file(place.program_hash, place.element) else {
-            return;
-        };
-        if let Some(folder) = &self.folder {
-            let _ = fs::create_dir_all(folder);
-        }
+        let file = self.file(place.program_hash, place.element);
+        let _ = fs::create_dir_all(&self.folder);
         if let Err(error) = fs::write(&file, place.to_bytes()) {
             tracing::warn!(
-                "{}: {error}: a planner after this one reads the program anew",
+                "{}: {error}: a planner after this one reads the program again from its beginning",
                 file.display()
             );
         }
@@ -59,9 +54,7 @@ impl KeptPlaces {
         kept.retain(|of| first_mapped(*of) <= tool);
         // One more than is needed: a window may be taken back.
         for behind in kept.iter().rev().skip(2) {
-            if let Some(file) = self.file(place.program_hash, *behind) {
-                let _ = fs::remove_file(file);
-            }
+            let _ = fs::remove_file(self.file(place.program_hash, *behind));
         }
         let of_others = self.files().filter(|of| of.1 != place.program_hash);
         for (file, ..) in of_others {
@@ -69,14 +62,13 @@ impl KeptPlaces {
         }
     }
 
-    fn file(&self, program_hash: u64, element: u32) -> Option<PathBuf> {
-        let folder = self.folder.as_ref()?;
-        Some(folder.join(format!("{program_hash:016x}-{element}")))
+    fn file(&self, program_hash: u64, element: u32) -> PathBuf {
+        self.folder.join(format!("{program_hash:016x}-{element}"))
     }
 
     /// All that there are: file, program, element.
     fn files(&self) -> impl Iterator<Item = (PathBuf, u64, u32)> {
-        let entries = self.folder.as_ref().and_then(|of| fs::read_dir(of).ok());
+        let entries = fs::read_dir(&self.folder).ok();
         let entries = entries.into_iter().flatten().flatten();
         entries.filter_map(|entry| {
             let name = entry.file_name();

@@ -242,7 +242,7 @@ impl Planner {
         }
     }
 
-    /// Takes the parameters that programs before have kept; the program is read anew with others. Whether they could be read.
+    /// Takes the parameters that programs before have kept; the program is read again with others. Whether they could be read.
     pub fn take_parameters(
         &mut self,
         kept: Result<Option<KeptParameters>, SettingsFileError>,

@@ -10,7 +10,7 @@
 use std::fs::{self, OpenOptions};
 use std::io;
 use std::os::unix::fs::FileExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -146,9 +146,10 @@ pub struct BusPorts {
     status: Writer<PlannerStatus>,
     boundaries: Boundaries,
     last: Option<u64>,
+    paths: CellPaths,
     places: KeptPlaces,
     parameters: ParameterFile,
-    messages: Option<MessageWriter>,
+    messages: MessageWriter,
 }
 
 impl BusPorts {
@@ -158,6 +159,7 @@ impl BusPorts {
     /// [`CellError::Transport`], also if the cell has a planner already.
     pub fn open(member: Rc<Member>, period_scans: u32, stays: bool) -> Result<BusPorts, CellError> {
         let bus = &member.bus;
+        let paths = CellPaths::new(&member.slot().cell)?;
         Ok(BusPorts {
             feedback: bus.feedback_reader(SCAN_DEPTH)?,
             windows: bus.window_writer()?,
@@ -168,21 +170,12 @@ impl BusPorts {
                 answered: None,
             },
             last: member.slot().after_scan,
-            places: KeptPlaces::of_cell(&member.slot().cell),
-            parameters: ParameterFile::of_cell(&member.slot().cell, stays),
-            messages: CellPaths::new(&member.slot().cell)
-                .ok()
-                .map(|paths| MessageWriter::new(paths.messages())),
+            places: KeptPlaces::of_cell(&paths),
+            parameters: ParameterFile::of_cell(paths.clone(), stays),
+            messages: MessageWriter::new(paths.messages()),
+            paths,
             member,
         })
-    }
-}
-
-impl BusPorts {
-    /// Where the answers of a run are kept.
-    fn answer_file(&self, load: u32, run: u32) -> Option<PathBuf> {
-        let paths = CellPaths::new(&self.member.slot().cell).ok()?;
-        Some(paths.answers(load, run))
     }
 }
 
@@ -209,8 +202,7 @@ impl PlannerPorts for BusPorts {
     }
 
     fn program(&mut self, load: u32) -> Option<ProgramText> {
-        let paths = CellPaths::new(&self.member.slot().cell).ok();
-        let Some(path) = paths.and_then(|paths| paths.program(load)) else {
+        let Some(path) = self.paths.program(load) else {
             tracing::error!("the cell has no program of number {load}");
             return None;
         };
@@ -226,19 +218,13 @@ impl PlannerPorts for BusPorts {
     }
 
     fn answers(&mut self, load: u32, run: u32) -> Vec<KeptAnswer> {
-        if let Ok(paths) = CellPaths::new(&self.member.slot().cell) {
-            paths.forget_runs_before(run);
-        }
-        let bytes = self
-            .answer_file(load, run)
-            .and_then(|file| fs::read(file).ok());
+        self.paths.forget_runs_before(run);
+        let bytes = fs::read(self.paths.answers(load, run));
         kept_in(&bytes.unwrap_or_default())
     }
 
     fn keep_answer(&mut self, load: u32, run: u32, answer: &KeptAnswer) -> bool {
-        let Some(file) = self.answer_file(load, run) else {
-            return false;
-        };
+        let file = self.paths.answers(load, run);
         write_answer(&file, answer)
             .inspect_err(|error| tracing::error!("{}: {error}", file.display()))
             .is_ok()
@@ -259,15 +245,12 @@ impl PlannerPorts for BusPorts {
     }
 
     fn user_code(&mut self, call: &UserCall) -> UserCode {
-        let Ok(paths) = CellPaths::new(&self.member.slot().cell) else {
-            return UserCode::Failed;
-        };
-        if let Err(error) = user_codes::call(&paths, call) {
+        if let Err(error) = user_codes::call(&self.paths, call) {
             tracing::error!("M{} cannot be asked for: {error}", call.code);
             return UserCode::Failed;
         }
         loop {
-            match user_codes::ended(&paths, call.id) {
+            match user_codes::ended(&self.paths, call.id) {
                 Ok(Some(CallEnd { failed: None, .. })) => return UserCode::Good,
                 Ok(Some(CallEnd {
                     failed: Some(why), ..
@@ -290,10 +273,7 @@ impl PlannerPorts for BusPorts {
     }
 
     fn write_messages(&mut self, load: u32, run: u32, messages: &[ProgramMessage]) {
-        let Some(writer) = &mut self.messages else {
-            return;
-        };
-        if let Err(error) = writer.write(load, run, messages) {
+        if let Err(error) = self.messages.write(load, run, messages) {
             tracing::warn!("messages of the program are lost: {error}");
         }
     }

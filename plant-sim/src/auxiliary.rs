@@ -64,7 +64,7 @@ impl SimulatedAuxiliaries {
         if let Some(changer) = self.changer
             && levels.tool != self.state.tool
         {
-            // Another tool than the one on its way: the change begins anew.
+            // Another tool than the one on its way: the change begins again.
             if levels.tool != before {
                 self.state.changing_s = 0.0;
             }
