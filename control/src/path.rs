@@ -273,27 +273,7 @@ impl Element {
         if distance_mm >= self.length_mm {
             return self.end();
         }
-        let share = distance_mm / self.length_mm;
-        match &self.shape {
-            Shape::Line { from, to } => from + (to - from) * share,
-            Shape::Arc {
-                centre,
-                radius_mm,
-                u,
-                v,
-                start_angle_rad,
-                sweep_rad,
-                axial,
-                ..
-            } => {
-                let angle_rad = start_angle_rad + sweep_rad * share;
-                centre
-                    + u * (radius_mm * libm::cos(angle_rad))
-                    + v * (radius_mm * libm::sin(angle_rad))
-                    + axial * share
-            }
-            Shape::Dwell { at, .. } => *at,
-        }
+        self.shape.at_share(distance_mm / self.length_mm)
     }
 
     /// Derivative of the point with respect to the distance: a unit vector where only slides move. Beyond the ends the

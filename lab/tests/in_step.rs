@@ -1,4 +1,4 @@
-//! Threads and taps in step with a spindle that yields to its load: how far off they are, whoever is killed meanwhile.
+//! Threads, taps and cutting speeds on a spindle that yields to its load: how far off they are, whoever is killed meanwhile.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -442,6 +442,121 @@ fn whoever_is_killed_in_a_thread_it_goes_on_at_the_index() {
         assert!(
             passes.iter().all(|pass| pass.1 > -30.0 && pass.2 < 30.0),
             "seed {seed}: {passes:?}: {script}"
+        );
+    }
+}
+
+/// Faces off with the cutting speed kept, to the limit; then X0 lies elsewhere, and in the end the speed is a number again.
+const FACING: &str = "G21 G18 G90 G95\nG0 X60 Z2\nG96 D2500 S180 M3\nG1 Z0 F0.2\nX1 F0.2\nG0 Z5\nX60\nG92 X40\nG1 X30\nG97 S400\nX35\nM2\n";
+const X: usize = 0;
+
+/// Commanded speeds of a run of [`FACING`] that are not those of the radius.
+fn wrong_speeds(run: &Run, course: &Course) -> Vec<String> {
+    let mut wrong = vec![];
+    for row in &run.rows {
+        let (tag, auxiliary) = (row.feedback.tag, row.feedback.auxiliary);
+        let Some(element) = course.path.get(tag.element) else {
+            continue;
+        };
+        let moves = tag.distance_mm > 0.0 && tag.distance_mm < element.length_mm;
+        let turns = auxiliary.levels.spindle_rpm != 0.0;
+        let centre_mm = match element.line {
+            4..=7 if moves => 0.0,
+            9 if moves => 20.0,
+            _ => continue,
+        };
+        let x_mm = row.feedback.axes[X].command_position as f64 * 1e-6;
+        let by_radius = 180e3 / (std::f64::consts::TAU * (x_mm - centre_mm).abs());
+        let right = by_radius.clamp(50.0, 2500.0);
+        if turns && (auxiliary.levels.spindle_rpm - right).abs() > 1e-3 * right {
+            let (scan, rpm) = (row.feedback.scan, auxiliary.levels.spindle_rpm);
+            wrong.push(format!(
+                "scan {scan}: {rpm} rev/min at X {x_mm}, not {right}"
+            ));
+        }
+    }
+    wrong
+}
+
+#[test]
+fn in_g96_the_spindle_follows_the_radius_and_the_feed_follows_the_spindle() {
+    let (machine, plant) = lathe();
+    let course = Course::of(&machine, &plant, "any.ngc", FACING).expect("a course");
+    let run = run(&machine, &plant, FACING, None);
+    assert_eq!(ended(&run).0, Some(Mode::Finished), "{:?}", ended(&run));
+    assert_eq!(run.violations, [] as [String; 0]);
+    let wrong = wrong_speeds(&run, &course);
+    assert!(
+        wrong.is_empty(),
+        "{} scans: {:?}",
+        wrong.len(),
+        wrong.first()
+    );
+    let mut cut = vec![];
+    for pair in run.rows.windows(2) {
+        let (tag, next) = (pair[0].feedback.tag, pair[1].feedback.tag);
+        let Some(element) = course.path.get(tag.element).filter(|of| of.line == 5) else {
+            continue;
+        };
+        let x_mm = pair[0].table_mm[X];
+        if next.element != tag.element || !(2.0..58.0).contains(&x_mm) {
+            continue;
+        }
+        assert_ne!(element.feed, control::path::Feed::Rapid);
+        let turns = pair[1].turns - pair[0].turns;
+        let m_min = pair[1].rpm * std::f64::consts::TAU * x_mm * 1e-3;
+        cut.push((x_mm, m_min, (next.distance_mm - tag.distance_mm) / turns));
+    }
+    let above = |of: &&(f64, f64, f64)| of.0 > 12.5;
+    let speeds = cut.iter().filter(above).map(|of| of.1);
+    let (low, high) = speeds.fold((f64::INFINITY, 0.0f64), |(l, h), of| (l.min(of), h.max(of)));
+    let feeds = cut.iter().map(|of| of.2);
+    let (least, most) = feeds.fold((f64::INFINITY, 0.0f64), |(l, h), of| (l.min(of), h.max(of)));
+    println!(
+        "facing at 180 m/min from X58 to X2: {low:.1} to {high:.1} m/min above the limit's radius, {least:.4} to {most:.4} mm per turn, {} scans",
+        cut.len()
+    );
+    assert!(cut.len() > 10_000, "{}", cut.len());
+    assert!(low > 0.97 * 180.0 && high < 1.02 * 180.0, "{low} {high}");
+    assert!(least > 0.85 * 0.2 && most < 1.03 * 0.2, "{least} {most}");
+    let last = run
+        .rows
+        .iter()
+        .rfind(|row| row.feedback.auxiliary.levels.spindle_rpm != 0.0);
+    let last_rpm = last.map(|row| row.feedback.auxiliary.levels.spindle_rpm);
+    assert_eq!(last_rpm, Some(400.0));
+}
+
+#[test]
+fn whoever_is_killed_in_g96_the_spindle_has_the_speed_of_the_radius_afterwards() {
+    let seeds = std::env::var("SEEDS")
+        .ok()
+        .and_then(|text| text.parse().ok());
+    let (machine, plant) = lathe();
+    let course = Course::of(&machine, &plant, "any.ngc", FACING).expect("a course");
+    let undisturbed = run(&machine, &plant, FACING, None);
+    let last = undisturbed.rows.len() as u64 - 200;
+    for seed in 0..seeds.unwrap_or(SEEDS) / 3 {
+        let mut rng = Rng::new(Rng::new(seed).bits());
+        let who = ["planner", "servo-X", "plant-sim"][(seed % 3) as usize];
+        let (scan, after) = (rng.within(500, last), rng.within(5, 200));
+        let script = format!(
+            "[restart]\nplanner = \"resume\"\nservo = \"wait\"\nmaster = \"wait\"\n[[fault]]\nat = {{ scan = {scan} }}\nprocess = \
+             \"{who}\"\ndo = \"kill\"\nrestart_after_scans = {after}\n"
+        );
+        let run = run(&machine, &plant, FACING, Some(&script));
+        assert_eq!(
+            ended(&run).0,
+            Some(Mode::Finished),
+            "seed {seed}: {:?}",
+            ended(&run)
+        );
+        assert_eq!(run.violations, [] as [String; 0], "seed {seed}: {script}");
+        let wrong = wrong_speeds(&run, &course);
+        assert!(
+            wrong.is_empty(),
+            "seed {seed}: {:?}: {script}",
+            wrong.first()
         );
     }
 }

@@ -16,7 +16,7 @@ use bus::sample::{
 };
 use control::path::{Element, Feed, Path};
 use machine::{Machine, Spindle};
-use program::{Event, EventKind, Message};
+use program::{Event, EventKind, Message, SurfaceSpeed};
 
 use crate::in_step::{InStepError, Pass, Steps};
 use crate::messages::{Messages, WAITING_MAX};
@@ -46,6 +46,8 @@ struct Planned {
 #[derive(Debug, Clone, Default)]
 pub struct Events {
     spindle: Option<Spindle>,
+    /// X among the axes.
+    x_axis: Option<usize>,
     /// Parameters are kept at the end.
     keeps_parameters: bool,
     /// Read, and done before an element that is not read yet.
@@ -67,7 +69,7 @@ pub struct Events {
     question: Option<(u32, bool)>,
     /// The element that the last probe ended in that is done.
     probed: Option<u32>,
-    /// Some of them were let go: for another run they are read anew.
+    /// Some of them were let go: for another run they are read again.
     forgotten: bool,
     /// What is in step with the spindle.
     steps: Steps,
@@ -81,6 +83,8 @@ pub struct EventsBehind {
     pub last: u32,
     /// Whether the spindle has been told to turn.
     pub spindle_turns: bool,
+    /// Whether its speed follows the radius.
+    pub spindle_by_radius: bool,
     /// Line in which it was given a speed or direction that no feed has waited for; 0 for none.
     pub spindle_changed_in_line: u32,
     /// How many messages there were.
@@ -127,8 +131,10 @@ fn wire(kind: &EventKind) -> Option<(EventCode, u32, f64, bool)> {
         EventKind::AwaitInput { asked, timeout_s } => {
             (EventCode::AwaitInput, asked.wire(), timeout_s, false)
         }
-        // What follows the spindle is the planner's.
-        EventKind::SpindleFollowed(_) | EventKind::SpindleReleased => return None,
+        // What follows the spindle is the planner's; a cutting speed is three events.
+        EventKind::SpindleFollowed(_) | EventKind::SpindleReleased | EventKind::SurfaceSpeed(_) => {
+            return None;
+        }
     })
 }
 
@@ -136,6 +142,7 @@ fn is_of_spindle(kind: &EventKind) -> bool {
     matches!(
         kind,
         EventKind::SpindleSpeedRpm(_)
+            | EventKind::SurfaceSpeed(_)
             | EventKind::SpindleClockwise
             | EventKind::SpindleCounterClockwise
             | EventKind::SpindleStop
@@ -199,13 +206,28 @@ struct SpindleAhead {
     turns: bool,
     /// It follows an axis, and turns by itself only afterwards.
     coupled: bool,
+    /// Its speed follows the radius: behind each rapid it is another one.
+    by_radius: bool,
     changed_in_line: Option<u32>,
 }
 
 impl SpindleAhead {
+    /// Behind a rapid, the next feed waits for a speed that follows the radius.
+    fn meet(&mut self, element: &Element) {
+        let rapid = element.length_mm > 0.0 && element.feed == Feed::Rapid;
+        if rapid && self.by_radius && self.turns && !self.coupled {
+            self.changed_in_line.get_or_insert(element.line);
+        }
+    }
+
     fn heed(&mut self, line: u32, kind: &EventKind) {
         match kind {
-            EventKind::SpindleSpeedRpm(_) if self.turns => self.changed_in_line = Some(line),
+            EventKind::SpindleSpeedRpm(_) | EventKind::SurfaceSpeed(_) => {
+                self.by_radius = matches!(kind, EventKind::SurfaceSpeed(_));
+                if self.turns {
+                    self.changed_in_line = Some(line);
+                }
+            }
             EventKind::SpindleClockwise | EventKind::SpindleCounterClockwise => {
                 self.turns = true;
                 self.changed_in_line = Some(line);
@@ -227,11 +249,26 @@ impl SpindleAhead {
     }
 }
 
+/// The place of X in the axis that the spindle turns about, the limit, and the cutting speed, which puts them in force.
+fn surface_events(surface: &SurfaceSpeed, x_axis: u32) -> [(EventCode, u32, f64, bool); 3] {
+    [
+        (EventCode::SurfaceCentre, x_axis, surface.centre_mm, false),
+        (
+            EventCode::SurfaceLimit,
+            0,
+            surface.limit_rpm.unwrap_or(0.0),
+            false,
+        ),
+        (EventCode::SurfaceSpeed, x_axis, surface.m_min, false),
+    ]
+}
+
 impl Events {
     /// None yet, of a program on a machine.
     pub fn new(machine: &Machine) -> Events {
         Events {
             spindle: machine.spindle,
+            x_axis: machine.axes.iter().position(|axis| axis.name == "X"),
             keeps_parameters: machine.keeps_parameters(),
             steps: Steps::new(machine),
             ..Events::default()
@@ -247,6 +284,7 @@ impl Events {
             spindle_ahead: SpindleAhead {
                 turns: behind.spindle_turns,
                 coupled: false,
+                by_radius: behind.spindle_by_radius,
                 changed_in_line: (line > 0).then_some(line),
             },
             ..Events::new(machine)
@@ -283,6 +321,7 @@ impl Events {
         nothing.then(|| EventsBehind {
             last: self.last,
             spindle_turns: self.spindle_ahead.turns,
+            spindle_by_radius: self.spindle_ahead.by_radius,
             spindle_changed_in_line: self.spindle_ahead.changed_in_line.unwrap_or(0),
             messages: self.messages.last(),
         })
@@ -304,6 +343,11 @@ impl Events {
         self.steps.read(event)?;
         if let Some(of_wire) = wire(&event.kind) {
             self.wait(event.line, of_wire);
+        }
+        if let EventKind::SurfaceSpeed(surface) = &event.kind {
+            for of_wire in surface_events(surface, self.x_axis.unwrap_or(0) as u32) {
+                self.wait(event.line, of_wire);
+            }
         }
         if let (EventKind::UserCode { q, .. }, Some(planned)) =
             (event.kind, self.waiting.last_mut())
@@ -376,6 +420,7 @@ impl Events {
         if feeds && let Some(line) = self.spindle_ahead.changed_in_line.take() {
             self.wait(line, (EventCode::AwaitSpindle, 0, 0.0, false));
         }
+        self.spindle_ahead.meet(element);
         let in_motion = self.waiting.iter().filter(|planned| planned.in_motion);
         if let Some(one_too_many) = in_motion.clone().nth(OUTPUTS_AHEAD) {
             return Err(EventError {

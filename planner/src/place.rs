@@ -45,7 +45,8 @@ struct Head {
     start_mm: f64,
     element: u32,
     events_last: u32,
-    spindle_turns: u32,
+    /// Bit 0: it turns; bit 1: its speed follows the radius.
+    spindle: u32,
     spindle_changed_in_line: u32,
     answers: u32,
     messages: u32,
@@ -62,7 +63,8 @@ impl Place {
             start_mm: self.start_mm,
             element: self.element,
             events_last: self.events.last,
-            spindle_turns: u32::from(self.events.spindle_turns),
+            spindle: u32::from(self.events.spindle_turns)
+                | u32::from(self.events.spindle_by_radius) << 1,
             spindle_changed_in_line: self.events.spindle_changed_in_line,
             answers_hash: self.answers_hash,
             answers: self.answers,
@@ -88,7 +90,8 @@ impl Place {
             start_mm: head.start_mm,
             events: EventsBehind {
                 last: head.events_last,
-                spindle_turns: head.spindle_turns != 0,
+                spindle_turns: head.spindle & 1 != 0,
+                spindle_by_radius: head.spindle & 2 != 0,
                 spindle_changed_in_line: head.spindle_changed_in_line,
                 messages: head.messages,
             },
@@ -113,6 +116,7 @@ mod tests {
             events: EventsBehind {
                 last: 3,
                 spindle_turns: true,
+                spindle_by_radius: true,
                 spindle_changed_in_line: 9,
                 messages: 5,
             },

@@ -42,6 +42,7 @@ mod questions;
 mod say;
 mod splines;
 mod straight;
+mod surface;
 mod threads;
 mod tool_words;
 mod travel;
@@ -50,6 +51,7 @@ mod use_of_words;
 
 pub use modes::SavedModes;
 pub use output::{Bound, Output};
+pub use surface::SurfaceSpeed;
 pub use turning::is_turning;
 
 const MM_PER_INCH: f64 = 25.4;
@@ -110,7 +112,8 @@ pub struct FeedWord {
 /// What is known of the spindle.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Spindle {
-    pub speed_rpm: f64,
+    /// S: in rev/min, in G96 in m/min or feet/min.
+    pub speed: f64,
     /// 1 clockwise, −1 counter-clockwise, 0 stopped.
     pub direction: i32,
 }
@@ -145,8 +148,8 @@ pub struct Interpreter {
     feed_mode: FeedMode,
     feed: Option<FeedWord>,
     spindle: Spindle,
-    /// G96: the speed is that of the surface.
-    surface_speed: bool,
+    /// G96.
+    surface: Option<SurfaceSpeed>,
     coolant: [bool; 2],
     /// M50.
     feed_override: bool,
@@ -206,7 +209,7 @@ impl Interpreter {
             feed_mode: FeedMode::PerMinute,
             feed: None,
             spindle: Spindle::default(),
-            surface_speed: false,
+            surface: None,
             coolant: [false; 2],
             feed_override: true,
             spindle_override: true,
@@ -339,6 +342,7 @@ impl Interpreter {
         self.tool_length(line, words).map_err(one)?;
         self.work_offset_words(words);
         self.once(line, words)?;
+        self.follow_centre(line);
         self.travel(line, words)?;
         self.stop_words(line, words);
         if let Some((20 | 300, word)) = words.code(Group::Stop) {

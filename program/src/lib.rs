@@ -105,6 +105,7 @@ pub use check::{Summary, check_file};
 pub use error::{Problem, ProgramError, ResumeError, Shown};
 pub use execution::{BLOCKS_MAX, interpret};
 pub use file::{FILE_BYTES_MAX, load, read_text, write_text_hash};
+pub use interpreter::SurfaceSpeed;
 pub use machine::{Tool, parse_tools};
 pub use parameters::Parameters;
 pub use program::{AxisSetup, Block, Event, EventKind, Message, Note, Program, ProgramEnd, Setup};

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::Xxh3;
 
 use crate::error::ProgramError;
+use crate::interpreter::SurfaceSpeed;
 use crate::letters::AXIS_LETTERS;
 use crate::parameters::Parameters;
 use crate::question::Answer;
@@ -45,6 +46,8 @@ pub struct Setup {
     pub probe: bool,
     /// User M-codes, M100 to M199, are switched on.
     pub user_codes: bool,
+    /// Highest speed of the spindle, in rev/min: what is fed per turn in G96 goes no faster.
+    pub spindle_max_rpm: Option<f64>,
     /// What the machine has answered so far to what the program asks, in order.
     pub answers: Vec<Answer>,
     /// What it will answer is assumed, with a note: for checking and showing a program that has not run yet.
@@ -76,6 +79,8 @@ pub struct Event {
 pub enum EventKind {
     /// S: the spindle's speed in rev/min.
     SpindleSpeedRpm(f64),
+    /// G96, and S in it: the speed follows the radius.
+    SurfaceSpeed(SurfaceSpeed),
     /// M3.
     SpindleClockwise,
     /// M4.
@@ -188,7 +193,7 @@ pub enum ProgramEnd {
 }
 
 impl ProgramEnd {
-    /// The line that it stands in; 0 of none.
+    /// Its line; 0 of none.
     pub fn line(&self) -> u32 {
         match *self {
             Self::M2(line) | Self::M30(line) | Self::M99(line) | Self::Percent(line) => line,
@@ -259,6 +264,11 @@ impl Program {
 }
 
 impl Setup {
+    /// Highest speed of the spindle, in rev/min; without limit where none is known.
+    pub fn spindle_max_rpm(&self) -> f64 {
+        self.spindle_max_rpm.unwrap_or(f64::INFINITY)
+    }
+
     /// Index of the axis of a letter.
     pub fn axis_index(&self, letter: char) -> Option<usize> {
         self.axes.iter().position(|axis| axis.letter == letter)

@@ -53,6 +53,10 @@ impl Setup {
             tools: machine.tools.clone(),
             block_delete: machine.program.block_delete,
             probe: machine.program.probe,
+            spindle_max_rpm: machine
+                .spindle
+                .as_ref()
+                .map(|spindle| spindle.speed_max_rpm),
             user_codes: !machine.program.user_codes.is_empty(),
             ..Setup::default()
         }

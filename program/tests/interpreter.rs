@@ -246,6 +246,81 @@ fn spindle_words_are_kept_with_their_place() {
     );
 }
 
+/// Cutting speeds (m/min, limit, place of the spindle's axis) with their place among the moves.
+fn surface_speeds(text: &str) -> Vec<(usize, f64, Option<f64>, f64)> {
+    let program = on_mill(text).unwrap_or_else(|error| panic!("{error}"));
+    let events = program.events.iter();
+    let speeds = events.filter_map(|event| match event.kind {
+        EventKind::SurfaceSpeed(of) => {
+            Some((event.before_element, of.m_min, of.limit_rpm, of.centre_mm))
+        }
+        _ => None,
+    });
+    speeds.collect()
+}
+
+#[test]
+fn a_cutting_speed_is_in_the_unit_of_the_program_and_counts_from_its_x0() {
+    assert_eq!(
+        surface_speeds("G96 D2500 S180 M3\nG0 X5\nG92 X3\nG0 X4\nS120\nG0 X5\nG97 S500\nS400\nM2"),
+        [
+            (0, 180.0, Some(2500.0), 0.0),
+            (1, 180.0, Some(2500.0), 2.0),
+            (2, 120.0, Some(2500.0), 2.0),
+        ]
+    );
+    assert_eq!(surface_speeds("G20\nG96 S100\nM2"), [(0, 30.48, None, 0.0)]);
+    let restored = "G96 S50\nM70\nG97 S300\nM72\nG0 X1\nM2";
+    assert_eq!(
+        surface_speeds(restored),
+        [(0, 50.0, None, 0.0), (0, 50.0, None, 0.0)]
+    );
+}
+
+#[test]
+fn what_needs_one_speed_of_the_spindle_is_refused_in_g96() {
+    for (text, expected) in [
+        ("G96 D100", "part.ngc:1:1: G96 without S"),
+        ("G96 S50\nG97", "part.ngc:2:1: G97 without S behind G96"),
+        ("G96 S50 M3\nG33 Z-3 K1", "part.ngc:2:1: G33 in G96"),
+        ("G96 S50 M3 F10\nG84 Z-3 R1", "part.ngc:2:1: G84 in G96"),
+    ] {
+        let found = refusal(text);
+        assert!(found.starts_with(expected), "{text}: {found}");
+    }
+}
+
+#[test]
+fn in_g95_and_g96_the_feed_is_never_more_than_f_per_turn_and_a_tenth_less_at_most() {
+    let rpm = |x_mm: f64| (60e3 / (std::f64::consts::TAU * x_mm.abs())).min(1500.0);
+    for text in [
+        "G0 X60\nG96 D1500 S60 M3\nG95 G1 X0 F.2\nM2",
+        "G0 X60\nG96 D1500 S60 M3\nG95 G1 X-20 Y30 F.2\nM2",
+        "G0 X30\nG96 D1500 S60 M3\nG95 G2 I-15 F.2\nM2",
+        "G0 X30\nG96 D1500 S60 M3\nG95 G3 X-30 I-30 F.2\nM2",
+        "G0 X40\nG96 D1500 S60 M3\nG95 G42.1 D4 F.2\nG1 X30 Y10\nX8\nY40\nG40 X60\nM2",
+    ] {
+        let program = on_mill(text).unwrap_or_else(|error| panic!("{text}: {error}"));
+        assert_eq!(program.path.first_break(), None);
+        let mut pieces = 0;
+        for element in &program.path.elements {
+            let Feed::PathMmS(mm_s) = element.feed else {
+                continue;
+            };
+            pieces += 1;
+            for share in 0..=50 {
+                let x_mm = element.point(element.length_mm * f64::from(share) / 50.0)[0];
+                let per_turn = mm_s * 60.0 / rpm(x_mm);
+                assert!(
+                    (0.178..0.2 + 1e-9).contains(&per_turn),
+                    "{text}: {per_turn} at {x_mm}"
+                );
+            }
+        }
+        assert!((5..100).contains(&pieces), "{text}: {pieces} pieces");
+    }
+}
+
 #[test]
 fn the_angle_of_an_oriented_spindle_is_no_radius() {
     for before in [

@@ -65,11 +65,17 @@ pub enum EventCode {
     SpindleCouple = 17,
     /// It ends: the spindle turns by itself again, as the program has it.
     SpindleUncouple = 18,
+    /// G96: the spindle's axis is at this place of axis `index`, in mm.
+    SurfaceCentre = 28,
+    /// D of G96: the spindle turns no faster, in rev/min; 0 for no limit.
+    SurfaceLimit = 29,
+    /// S in G96, behind both: cutting speed at axis `index`, in m/min.
+    SurfaceSpeed = 30,
 }
 
 impl EventCode {
     /// All of them.
-    pub const ALL: [EventCode; 24] = [
+    pub const ALL: [EventCode; 27] = [
         EventCode::SpindleSpeed,
         EventCode::SpindleClockwise,
         EventCode::SpindleCounterClockwise,
@@ -94,6 +100,9 @@ impl EventCode {
         EventCode::UserCode,
         EventCode::SpindleCouple,
         EventCode::SpindleUncouple,
+        EventCode::SurfaceCentre,
+        EventCode::SurfaceLimit,
+        EventCode::SurfaceSpeed,
     ];
 
     /// Decodes what came over the wire.

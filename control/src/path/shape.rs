@@ -19,6 +19,79 @@ impl Shape {
         }
     }
 
+    /// The point at a share of the way, from 0 to 1; at the ends to the bit.
+    pub fn at_share(&self, share: f64) -> AxisVector {
+        if share <= 0.0 {
+            return self.start();
+        }
+        if share >= 1.0 {
+            return self.end();
+        }
+        match self {
+            Shape::Line { from, to } => from + (to - from) * share,
+            Shape::Arc {
+                centre,
+                radius_mm,
+                u,
+                v,
+                start_angle_rad,
+                sweep_rad,
+                axial,
+                ..
+            } => {
+                let angle_rad = start_angle_rad + sweep_rad * share;
+                centre
+                    + u * (radius_mm * libm::cos(angle_rad))
+                    + v * (radius_mm * libm::sin(angle_rad))
+                    + axial * share
+            }
+            Shape::Dwell { at, .. } => *at,
+        }
+    }
+
+    /// Both halves of the way; of a dwell, both halves of its time.
+    pub fn halves(&self) -> (Shape, Shape) {
+        let middle = self.at_share(0.5);
+        let (mut first, mut second) = (self.clone(), self.clone());
+        match (&mut first, &mut second) {
+            (Shape::Line { to, .. }, Shape::Line { from, .. }) => {
+                *to = middle;
+                *from = middle;
+            }
+            (
+                Shape::Arc {
+                    to,
+                    sweep_rad: first_rad,
+                    axial: first_axial,
+                    ..
+                },
+                Shape::Arc {
+                    from,
+                    centre,
+                    start_angle_rad,
+                    sweep_rad,
+                    axial,
+                    ..
+                },
+            ) => {
+                *to = middle;
+                *from = middle;
+                *first_rad *= 0.5;
+                *sweep_rad *= 0.5;
+                *start_angle_rad += *sweep_rad;
+                *first_axial *= 0.5;
+                *axial *= 0.5;
+                *centre += *axial;
+            }
+            (Shape::Dwell { seconds: first, .. }, Shape::Dwell { seconds, .. }) => {
+                *first *= 0.5;
+                *seconds *= 0.5;
+            }
+            _ => {}
+        }
+        (first, second)
+    }
+
     /// Length along the curve if every axis is a slide, in mm; 0 for a dwell.
     pub fn length_mm(&self) -> f64 {
         self.length_with_rotary_mm(&ALL_LINEAR)

@@ -243,6 +243,20 @@ proptest! {
     }
 
     #[test]
+    fn halves_meet_in_the_middle_and_run_along_the_whole(element in any_element(), share in 0.0..1.0f64) {
+        let (first, second) = element.shape.halves();
+        prop_assert_eq!(first.start(), element.start());
+        prop_assert_eq!(second.end(), element.end());
+        prop_assert_eq!(first.end(), second.start());
+        for (half, whole) in [(&first, share / 2.0), (&second, 0.5 + share / 2.0)] {
+            let gap_mm = (half.at_share(share) - element.shape.at_share(whole)).norm();
+            prop_assert!(gap_mm < 1e-9, "{gap_mm} mm");
+        }
+        let lengths_mm = first.length_mm() + second.length_mm();
+        prop_assert!((lengths_mm - element.length_mm).abs() < 1e-9 * element.length_mm.max(1.0));
+    }
+
+    #[test]
     fn bounds_hold_every_point_and_are_touched(element in any_element()) {
         let (low, high) = element.bounds();
         let (mut seen_low, mut seen_high) = (element.start(), element.start());

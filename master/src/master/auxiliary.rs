@@ -40,6 +40,12 @@ pub struct AuxiliaryLatches {
     pub coupled_turns: f64,
     /// Place of the axis where that began, in mm.
     pub coupled_place_mm: f64,
+    /// While the speed follows a radius (G96), the cutting speed, in m/min.
+    pub surface_m_min: f64,
+    /// It turns no faster then, in rev/min; 0 for no limit.
+    pub surface_limit_rpm: f64,
+    /// Place of the axis that the spindle turns about, in mm.
+    pub surface_centre_mm: f64,
     /// Events of the program that are done.
     pub events_done: u32,
     /// 1 clockwise, 2 counter-clockwise, 0 at rest.
@@ -58,11 +64,21 @@ pub struct AuxiliaryLatches {
     pub messages: u32,
     /// Of the axis that the spindle follows, its index and 1; 0 for none.
     pub coupled: u32,
-    /// Kept zero.
-    pub reserved: u32,
+    /// Of the axis whose place is the radius, its index and 1; 0 for a speed that follows none.
+    pub surface: u32,
 }
 
 impl AuxiliaryLatches {
+    /// The speed that the cutting speed asks for at this place of the axis, in rev/min; without bound on the spindle's axis itself.
+    fn surface_rpm(&self, place_mm: f64) -> f64 {
+        let radius_mm = (place_mm - self.surface_centre_mm).abs();
+        let rpm = self.surface_m_min * 1e3 / (std::f64::consts::TAU * radius_mm);
+        match self.surface_limit_rpm {
+            limit if limit > 0.0 => rpm.min(limit),
+            _ => rpm,
+        }
+    }
+
     /// The gear between an axis and the spindle, while it is one.
     fn gear(&self) -> Option<Gear> {
         Some(Gear {
@@ -126,6 +142,7 @@ impl AuxiliaryLatches {
     fn end_program(&mut self) {
         self.stop_spindle();
         self.coupled = 0;
+        self.surface = 0;
         self.levels.coolant = 0;
         self.override_disabled = 0;
         self.stopped_for = Waiting::None as u32;
@@ -140,7 +157,8 @@ pub(super) struct Auxiliary {
     /// What the program asks, and inputs.
     pub questions: Questions,
     at_speed_share: f64,
-    speed_max_rpm: f64,
+    /// Lowest and highest speed.
+    speeds_rpm: (f64, f64),
     changer: bool,
     spindle_patience_scans: u64,
     change_patience_scans: u64,
@@ -176,7 +194,9 @@ impl Auxiliary {
             },
             questions: Questions::new(machine.scan_period_s()),
             at_speed_share: spindle.map_or(0.0, |spindle| spindle.at_speed_percent / 100.0),
-            speed_max_rpm: spindle.map_or(0.0, |spindle| spindle.speed_max_rpm),
+            speeds_rpm: spindle.map_or((0.0, 0.0), |spindle| {
+                (spindle.speed_min_rpm, spindle.speed_max_rpm)
+            }),
             changer: machine.tool_change.by == ToolChanger::Changer,
             spindle_patience_scans: scans(spindle.map_or(0.0, |spindle| spindle.patience_s)),
             change_patience_scans: scans(machine.tool_change.patience_s),
@@ -212,8 +232,27 @@ impl Auxiliary {
         }
         levels.spindle_rpm = levels
             .spindle_rpm
-            .clamp(-self.speed_max_rpm, self.speed_max_rpm);
+            .clamp(-self.speeds_rpm.1, self.speeds_rpm.1);
         levels
+    }
+
+    /// The axis whose place is the radius that the speed follows.
+    fn surface_axis(&self) -> Option<usize> {
+        Some(self.latches.surface.checked_sub(1)? as usize)
+    }
+
+    /// Turns as fast as the cutting speed asks for with the axis at this place.
+    fn turn_at_surface_speed(&mut self, place_mm: f64) {
+        let (least_rpm, most_rpm) = self.speeds_rpm;
+        let rpm = self.latches.surface_rpm(place_mm);
+        self.latches.speed_rpm = if self.latches.surface_m_min > 0.0 {
+            rpm.max(least_rpm).min(most_rpm)
+        } else {
+            0.0
+        };
+        if self.latches.levels.spindle == SpindleCommand::Turn as u32 {
+            self.latches.set_spindle();
+        }
     }
 
     fn turns(&self) -> bool {
@@ -299,6 +338,9 @@ impl Auxiliary {
             latches.mm_per_turn,
             latches.coupled_turns,
             latches.coupled_place_mm,
+            latches.surface_m_min,
+            latches.surface_limit_rpm,
+            latches.surface_centre_mm,
         ];
         if values.iter().chain(&levels.analog).all(sound) {
             self.latches = *latches;
@@ -389,9 +431,16 @@ impl Auxiliary {
         match EventCode::from_wire(event.code) {
             Some(EventCode::SpindleSpeed) => {
                 latches.speed_rpm = event.value.max(0.0);
+                latches.surface = 0;
                 if latches.levels.spindle == SpindleCommand::Turn as u32 {
                     latches.set_spindle();
                 }
+            }
+            Some(EventCode::SurfaceCentre) => latches.surface_centre_mm = event.value,
+            Some(EventCode::SurfaceLimit) => latches.surface_limit_rpm = event.value,
+            Some(EventCode::SurfaceSpeed) => {
+                latches.surface_m_min = event.value.max(0.0);
+                latches.surface = event.index.saturating_add(1);
             }
             Some(EventCode::SpindleClockwise) => {
                 latches.direction = 1;
@@ -530,6 +579,11 @@ impl<D: Drives> Master<D> {
             self.trip(Cause::Spindle, u32::MAX);
         }
         self.auxiliary.release(self.mode, self.hold);
+        let surface = self.auxiliary.surface_axis();
+        if let Some(unit) = surface.and_then(|axis| self.axes.get(axis)) {
+            let place_mm = following::commanded_mm(unit);
+            self.auxiliary.turn_at_surface_speed(place_mm);
+        }
         self.step_probe();
         if self.mode != Mode::Enabled {
             self.auxiliary.forget_asked();

@@ -59,6 +59,27 @@ fn the_first_feed_after_a_change_of_the_spindle_waits_for_it_and_rapids_do_not()
     assert!(without.is_empty());
 }
 
+/// The speed of before the rapid is not that of behind it.
+#[test]
+fn where_the_speed_follows_the_radius_the_feed_behind_each_rapid_waits_for_it() {
+    let text =
+        "G96 D2000 S100 M3\nG1 X10 F600\nX20\nG0 X40\nG1 X50\nG97 S500\nG0 X40\nG1 X50\nM2\n";
+    let planned = events(&machine(true), text).expect("events");
+    assert_eq!(
+        found(&planned),
+        [
+            (EventCode::SurfaceCentre, 0, false),
+            (EventCode::SurfaceLimit, 0, false),
+            (EventCode::SurfaceSpeed, 0, false),
+            (EventCode::SpindleClockwise, 0, false),
+            (EventCode::AwaitSpindle, 0, false),
+            (EventCode::AwaitSpindle, 3, false),
+            (EventCode::SpindleSpeed, 4, false),
+            (EventCode::AwaitSpindle, 5, false),
+        ]
+    );
+}
+
 #[test]
 fn outputs_of_a_motion_do_not_stop_it_and_are_told_ahead() {
     let text = "G1 X10 F600\nM62 P3\nG1 X20\nM63 P3\nM64 P1\nG1 X30\nM62 P5\nM2\n";

@@ -647,6 +647,9 @@ impl Generator {
             "M73",
             "M5 M9",
             "G96 D1000 S50",
+            "G96 S30",
+            "G97 S400",
+            "S60",
             "M72",
         ]);
         self.line(word);

@@ -233,7 +233,7 @@ const BY_THE_RULES: [Known; 24] = [
 ];
 
 /// Refused by us, for a reason that the message says.
-const REFUSED: [Known; 7] = [
+const REFUSED: [Known; 9] = [
     known(
         OursRefuses,
         "travel",
@@ -276,21 +276,17 @@ const REFUSED: [Known; 7] = [
         |_| true,
         "a cycle in G18, G19 with X and Y turned: refused",
     ),
-];
-
-/// Not mended yet.
-const OPEN: [Known; 2] = [
     known(
-        Differs,
-        "spindle mode",
-        |seen| seen.has_code(960),
-        "open: G96 says nothing of the cutting speed",
+        OursRefuses,
+        "in G96: one speed of the spindle",
+        |_| true,
+        "threads and taps in G96: refused, their pitch needs one speed of the spindle",
     ),
     known(
-        Differs,
-        "",
-        |seen| (seen.has("@") || seen.has("^")) && seen.has("L") && seen.one_line(),
-        "open: polar steps in cycles with L",
+        OursRefuses,
+        "G97 without S behind G96",
+        |_| true,
+        "G97 without S behind G96: theirs takes the cutting speed as rev/min, ours refuses",
     ),
 ];
 
@@ -303,7 +299,7 @@ pub fn reason(program: &str, verdict: &Verdict) -> Option<&'static str> {
         Verdict::Same | Verdict::RefusedByBoth(..) => return None,
     };
     let seen = Seen::new(program, said);
-    let all = BY_THE_RULES.iter().chain(&REFUSED).chain(&OPEN);
+    let all = BY_THE_RULES.iter().chain(&REFUSED);
     let mut all = all.filter(|known| known.side == side && said.contains(known.says));
     all.find(|known| (known.when)(&seen))
         .map(|known| known.reason)

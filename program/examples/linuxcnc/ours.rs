@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 
 use control::path::{AxisVector, Feed, Shape};
 use machine::{Tool, parse_tools};
-use program::{AxisSetup, EventKind, Program, Setup};
+use program::{AxisSetup, EventKind, Program, Setup, SurfaceSpeed};
 
 use crate::trace::{Circle, LETTERS, Place, Step, Trace, Way};
 
@@ -76,14 +76,21 @@ fn steps(program: &Program, setup: &Setup) -> Vec<Step> {
         program.events.iter().peekable(),
         said.into_iter().peekable(),
     );
+    let mut surface = None;
     let mut before = |index: usize, steps: &mut Vec<Step>| {
         while let Some(event) = events.next_if(|event| event.before_element <= index) {
             // A tap is told by what happens in it.
-            if !matches!(
-                event.kind,
-                EventKind::SpindleCoupled(_) | EventKind::SpindleUncoupled
-            ) {
-                word(&format!("{:?}", event.kind), steps);
+            match event.kind {
+                EventKind::SpindleCoupled(_) | EventKind::SpindleUncoupled => {}
+                EventKind::SurfaceSpeed(new) => {
+                    surface_words(surface.replace(new), new, steps);
+                }
+                kind => {
+                    if matches!(kind, EventKind::SpindleSpeedRpm(_)) {
+                        surface = None;
+                    }
+                    word(&format!("{kind:?}"), steps);
+                }
             }
         }
         while let Some((_, text)) = said.next_if(|(at, _)| *at <= index) {
@@ -135,6 +142,20 @@ fn steps(program: &Program, setup: &Setup) -> Vec<Step> {
     }
     before(usize::MAX, &mut steps);
     steps
+}
+
+/// G96 and S in it; where only the zero of X has changed theirs says nothing.
+fn surface_words(old: Option<SurfaceSpeed>, new: SurfaceSpeed, steps: &mut Vec<Step>) {
+    let limit_rpm = |of: SurfaceSpeed| of.limit_rpm.unwrap_or(1e30);
+    let same_limit = old.is_some_and(|old| limit_rpm(old) == limit_rpm(new));
+    let follows = old.is_some_and(|old| old.m_min == new.m_min && old.centre_mm != new.centre_mm);
+    if same_limit && follows {
+        return;
+    }
+    if !same_limit {
+        steps.push(Step::word("spindle mode", &[limit_rpm(new)]));
+    }
+    steps.push(Step::word("speed", &[new.m_min]));
 }
 
 /// Whether the motion follows the spindle: it has no feed of its own then.

@@ -121,6 +121,8 @@ struct Reading {
     steps: Vec<Step>,
     at: Place,
     speed_rpm: f64,
+    /// D of G96, while it is in force.
+    surface_limit_rpm: Option<f64>,
     clockwise: bool,
     /// The motion follows the spindle.
     follows: bool,
@@ -224,8 +226,14 @@ impl Reading {
                 self.clockwise = name == "clockwise";
                 self.steps.push(Step::word(name, &[]));
             }
-            // G97 says no more than the speed.
-            "spindle mode" if number(command, 2) == 0.0 => {}
+            // G97 says no more than the speed, and G96 the same again no more than that.
+            "spindle mode" if number(command, 2) == 0.0 => self.surface_limit_rpm = None,
+            "spindle mode" => {
+                let limit_rpm = Some(number(command, 2));
+                if std::mem::replace(&mut self.surface_limit_rpm, limit_rpm) != limit_rpm {
+                    self.steps.push(Step::word(name, &[number(command, 2)]));
+                }
+            }
             "rigid tap" => self.rigid_tap(number(command, 1) as u32, place(command, 2)),
             "synchronised" => {
                 self.follows = true;

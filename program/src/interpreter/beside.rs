@@ -1,5 +1,6 @@
 //! Moves beside a contour: the codes of cutter radius compensation, and what becomes of moves while it is on.
 
+use super::surface::FeedPerTurn;
 use super::*;
 use crate::compensation::{Compensation, Gouge, Move, Side, Start, Step as BesideStep, Way};
 use crate::flat::Flat;
@@ -15,6 +16,7 @@ pub struct Carried {
     line: u32,
     #[serde(with = "snapshot::feed")]
     feed: Feed,
+    per_turn: Option<FeedPerTurn>,
 }
 
 /// What happens between moves.
@@ -235,7 +237,11 @@ impl Interpreter {
         let next = Move {
             to: target,
             way,
-            payload: Carried { line, feed },
+            payload: Carried {
+                line,
+                feed,
+                per_turn: self.feed_per_turn(),
+            },
         };
         let mut steps = Vec::new();
         let result = beside.push(next, &mut steps);
@@ -319,12 +325,13 @@ impl Interpreter {
                     refusal.found += &format!(" with the tool beside the contour of line {line}");
                 }
             }
+            let Carried {
+                line,
+                feed,
+                per_turn,
+            } = step.payload;
             for shape in shapes {
-                let Carried { line, feed } = step.payload;
-                let element = Element::new(line, shape, feed, &self.rotary);
-                if element.length_mm > 0.0 {
-                    self.output.add(element);
-                }
+                self.add_shape(line, shape, feed, per_turn);
             }
             self.stands =
                 Some(step.to).filter(|place| *place != self.position || self.beside.is_some());

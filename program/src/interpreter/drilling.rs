@@ -41,7 +41,12 @@ impl Interpreter {
         }
         let block = self.cycle_block(words, cycle, offset).map_err(one)?;
         self.series = Some(block.series);
+        if matches!(cycle, Cycle::TapRight | Cycle::TapLeft) {
+            self.check_speed_is_constant(cycle.code(), offset)
+                .map_err(one)?;
+        }
         let feed = self.feed(&self.position, offset).map_err(one)?;
+        let per_turn = self.feed_per_turn();
         self.output
             .check_room(block.steps_max(), offset)
             .map_err(one)?;
@@ -79,10 +84,7 @@ impl Interpreter {
                 }
             };
             let shape = Shape::Line { from: here, to };
-            let element = Element::new(line, shape.clone(), feed, &self.rotary);
-            if element.length_mm > 0.0 {
-                self.output.add(element);
-            }
+            self.add_shape(line, shape.clone(), feed, per_turn);
             shapes.push(shape);
             here = to;
         }
@@ -114,14 +116,14 @@ impl Interpreter {
 
     /// From here on a spindle with encoder keeps step: the pitch is the feed at the speed of the spindle.
     fn begin_tap(&mut self, line: u32, feed: Feed) {
-        let turns_s = self.spindle.speed_rpm / 60.0;
+        let turns_s = self.spindle.speed / 60.0;
         if let (Feed::PathMmS(mm_s), true) = (feed, turns_s > 0.0) {
             self.event(line, EventKind::SpindleCoupled(mm_s / turns_s));
         }
     }
 
     fn end_tap(&mut self, line: u32) {
-        if self.spindle.speed_rpm > 0.0 {
+        if self.spindle.speed > 0.0 {
             self.event(line, EventKind::SpindleUncoupled);
         }
     }

@@ -8,17 +8,7 @@ const OUTPUTS_MAX: f64 = 64.0;
 impl Interpreter {
     /// S, T, M words up to the coolant, in the order of execution.
     pub(super) fn machine_words(&mut self, line: u32, words: &Words) -> Result<(), Refusal> {
-        if let Some((number, word)) = words.code(Group::SpindleMode) {
-            self.surface_speed = number == 960;
-            if self.surface_speed {
-                if words.value('S').is_none() {
-                    let right = "the surface speed, such as G96 D2500 S250";
-                    return Err(Refusal::new(word.offset, "G96 without S", right));
-                }
-                let text = "G96: the speed of the spindle does not follow the radius, S is taken as rev/min: write G97 and the rev/min for the largest radius";
-                self.note(line, text);
-            }
-        }
+        self.spindle_mode(words)?;
         if let Some(speed) = words.value('S') {
             self.set_speed(line, speed.value);
         }
@@ -53,11 +43,6 @@ impl Interpreter {
         let (p, q) = (value('P'), value('Q'));
         self.event(line, EventKind::UserCode { code, p, q });
         Ok(())
-    }
-
-    pub(super) fn set_speed(&mut self, line: u32, speed_rpm: f64) {
-        self.spindle.speed_rpm = speed_rpm;
-        self.event(line, EventKind::SpindleSpeedRpm(speed_rpm));
     }
 
     /// Turns the spindle: 1 clockwise, −1 counter-clockwise, 0 stops it.

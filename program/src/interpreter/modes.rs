@@ -14,7 +14,7 @@ pub struct SavedModes {
     feed_mode: FeedMode,
     feed: Option<FeedWord>,
     spindle: Spindle,
-    surface_speed: bool,
+    surface: Option<SurfaceSpeed>,
     coolant: [bool; 2],
     feed_override: bool,
     spindle_override: bool,
@@ -187,7 +187,7 @@ impl Interpreter {
             feed_mode: self.feed_mode,
             feed: self.feed,
             spindle: self.spindle,
-            surface_speed: self.surface_speed,
+            surface: self.surface,
             coolant: self.coolant,
             feed_override: self.feed_override,
             spindle_override: self.spindle_override,
@@ -206,13 +206,15 @@ impl Interpreter {
         self.diameters = saved.diameters;
         self.feed_mode = saved.feed_mode;
         self.feed = saved.feed;
-        self.surface_speed = saved.surface_speed;
         self.returns_to_r = saved.returns_to_r;
         self.path_control = saved.path_control;
         self.parameters.set(base::WORK_OFFSET, saved.work_offset);
         self.take_offsets();
-        if saved.spindle.speed_rpm != self.spindle.speed_rpm {
-            self.set_speed(line, saved.spindle.speed_rpm);
+        let mode_changes =
+            saved.surface.map(|of| of.limit_rpm) != self.surface.map(|of| of.limit_rpm);
+        if mode_changes || saved.spindle.speed != self.spindle.speed {
+            self.surface = saved.surface;
+            self.set_speed(line, saved.spindle.speed);
         }
         if saved.spindle.direction != self.spindle.direction {
             self.turn_spindle(line, saved.spindle.direction);

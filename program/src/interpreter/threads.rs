@@ -67,7 +67,8 @@ impl Interpreter {
                 right,
             )));
         }
-        if self.spindle.direction == 0 || self.spindle.speed_rpm <= 0.0 {
+        self.check_speed_is_constant(code, offset).map_err(one)?;
+        if self.spindle.direction == 0 || self.spindle.speed <= 0.0 {
             let found = format!("{code} with a spindle that stands");
             let right = "S and M3 or M4 before it: the motion follows the spindle";
             return Err(one(Refusal::new(offset, found, right)));
@@ -121,7 +122,7 @@ impl Interpreter {
             return Err(vec![Refusal::new(word.offset, found, right)]);
         }
         let Spindle {
-            speed_rpm,
+            speed: speed_rpm,
             direction,
         } = self.spindle;
         self.event(line, EventKind::SpindleCoupled(mm_per_rev));
@@ -206,7 +207,7 @@ impl Interpreter {
                 Move::Rapid(to) => (to, None, Feed::Rapid),
                 Move::Synchronised { to, mm_per_rev } => {
                     self.output.straight_feeds += 1;
-                    let mm_s = mm_per_rev * self.spindle.speed_rpm / 60.0;
+                    let mm_s = mm_per_rev * self.spindle.speed / 60.0;
                     (to, Some(mm_per_rev), Feed::PathMmS(mm_s))
                 }
             };

@@ -128,11 +128,9 @@ impl Interpreter {
             self.position = last.end();
             self.stands = None;
         }
+        let per_turn = self.feed_per_turn();
         for shape in shapes {
-            let element = Element::new(line, shape, feed, &self.rotary);
-            if element.length_mm > 0.0 {
-                self.output.add(element);
-            }
+            self.add_shape(line, shape, feed, per_turn);
         }
         self.output
             .check_room(0.0, offset)
@@ -261,7 +259,7 @@ impl Interpreter {
             return Err(Refusal::new(offset, "a feed motion without a feed", right));
         };
         if self.feed_mode == FeedMode::PerRevolution {
-            if self.spindle.speed_rpm <= 0.0 {
+            if self.spindle.speed <= 0.0 {
                 let right = "in G95 the feed follows the spindle: S and M3 or M4 before it";
                 return Err(Refusal::new(
                     offset,
@@ -270,7 +268,7 @@ impl Interpreter {
                 ));
             }
             return Ok(Feed::PathMmS(
-                value * unit_mm * self.spindle.speed_rpm / 60.0,
+                value * unit_mm * self.spindle_rpm_at(target) / 60.0,
             ));
         }
         Ok(self.feed_per_minute(FeedWord { value, unit_mm }, target))

@@ -48,6 +48,7 @@ struct World {
     double rotation_deg = 0.0;
     int slot = 0;
     double speed = 0.0;
+    bool surface = false; // G96
     CANON_DIRECTION turning = CANON_STOPPED;
     int mist = 0, flood = 0;
     bool feed_override = true, speed_override = true, adaptive = false, hold = true;
@@ -256,10 +257,15 @@ void NURBS_FEED(int line, std::vector<CONTROL_POINT> points, unsigned int order)
 }
 void DWELL(double seconds) { put("[\"dwell\",%.17g]", sane(seconds)); }
 
-void SET_SPINDLE_MODE(int spindle, double mode) { put("[\"spindle mode\",%d,%.17g]", spindle, mode); }
+void SET_SPINDLE_MODE(int spindle, double mode) {
+    if (spindle == 0) world.surface = mode != 0;
+    put("[\"spindle mode\",%d,%.17g]", spindle, mode);
+}
 void SET_SPINDLE_SPEED(int spindle, double rpm) {
     if (spindle == 0) world.speed = rpm;
-    put("[\"speed\",%d,%.17g]", spindle, sane(rpm));
+    // In G96 it is a cutting speed, in feet per minute where lengths are in inches (emccanon.cc).
+    double unit = world.surface && world.unit > 1 ? 0.3048 : 1;
+    put("[\"speed\",%d,%.17g]", spindle, sane(rpm) * unit);
 }
 void START_SPINDLE_CLOCKWISE(int spindle, int) { world.turning = CANON_CLOCKWISE; put("[\"clockwise\",%d]", spindle); }
 void START_SPINDLE_COUNTERCLOCKWISE(int spindle, int) {

@@ -82,6 +82,6 @@ impl<D: Drives> Master<D> {
 }
 
 /// Where an axis is commanded to be, in mm.
-fn commanded_mm(unit: &AxisUnit) -> f64 {
+pub(super) fn commanded_mm(unit: &AxisUnit) -> f64 {
     unit.command_position as f64 * unit.settings.increment_mm()
 }
