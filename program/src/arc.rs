@@ -35,8 +35,44 @@ pub struct ArcBlock {
     pub clockwise: bool,
     /// Turns, the last included, at least 1.
     pub turns: u32,
-    /// How far the radii of start and end may differ.
-    pub tolerance_mm: f64,
+    /// How far the radii of start and end may differ, and what an R may be short by.
+    pub tolerance: ArcTolerance,
+}
+
+/// Radii that differ by more than this are no rounding of three decimals.
+const SPIRAL_MM: f64 = 0.002;
+
+/// How exact the words of an arc must be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArcTolerance {
+    /// An R may be short by so much, in mm.
+    pub short_mm: f64,
+    /// Radii of start and end may differ by so much in any case, in mm.
+    pub radii_mm: f64,
+    /// And by a thousandth of the radius up to so much, in mm.
+    pub radii_most_mm: f64,
+}
+
+impl ArcTolerance {
+    /// Programmed in mm: an R as in NIST §3.5.3, radii as LinuxCNC 2.9 was found to take them.
+    pub const METRIC: ArcTolerance = ArcTolerance {
+        short_mm: 0.002,
+        radii_mm: 0.025,
+        radii_most_mm: 2.5,
+    };
+    /// The same, programmed in inches.
+    pub const INCH: ArcTolerance = ArcTolerance {
+        short_mm: 0.0002 * 25.4,
+        radii_mm: 0.0025 * 25.4,
+        radii_most_mm: 0.25 * 25.4,
+    };
+
+    /// How far radii about this one may differ, in mm.
+    fn radii(&self, radius_mm: f64) -> f64 {
+        (1e-3 * radius_mm)
+            .min(self.radii_most_mm)
+            .max(self.radii_mm)
+    }
 }
 
 /// What is wrong with an arc, and what would be right.
@@ -47,8 +83,7 @@ impl ArcBlock {
     pub fn shapes(&self) -> Result<Vec<Shape>, ArcRefusal> {
         let centre = self.centre()?;
         let (start, end) = (self.in_plane(&self.from), self.in_plane(&self.to));
-        let [start_radius_mm, end_radius_mm] =
-            [start, end].map(|point| libm::hypot(point[0] - centre[0], point[1] - centre[1]));
+        let [start_radius_mm, end_radius_mm] = self.radii_mm(centre);
         if start_radius_mm < RADIUS_MIN_MM {
             return Err((
                 "an arc of radius zero".into(),
@@ -56,13 +91,14 @@ impl ArcBlock {
             ));
         }
         let difference_mm = (start_radius_mm - end_radius_mm).abs();
-        if difference_mm > self.tolerance_mm {
+        let allowed_mm = self.tolerance.radii(start_radius_mm.max(end_radius_mm));
+        if difference_mm > allowed_mm {
             let found = format!(
                 "an arc whose start is {start_radius_mm:.4} mm and whose end is {end_radius_mm:.4} mm from its centre"
             );
             return Err((
                 found,
-                format!("the radii may differ by at most {} mm", self.tolerance_mm),
+                format!("the radii may differ by at most {allowed_mm:.3} mm"),
             ));
         }
         let centre = self.placed(centre);
@@ -75,6 +111,22 @@ impl ArcBlock {
         }
         let mean_mm = (start_radius_mm + end_radius_mm) / 2.0;
         Ok(self.pieces(&centre, mean_mm))
+    }
+
+    /// How far start and end are from a centre.
+    fn radii_mm(&self, centre: [f64; 2]) -> [f64; 2] {
+        [&self.from, &self.to].map(|point| {
+            let point = self.in_plane(point);
+            libm::hypot(point[0] - centre[0], point[1] - centre[1])
+        })
+    }
+
+    /// Whether start and end are less equally far from the centre than rounding leaves them.
+    pub fn is_spiral(&self) -> bool {
+        self.centre().is_ok_and(|centre| {
+            let [start_mm, end_mm] = self.radii_mm(centre);
+            (start_mm - end_mm).abs() > SPIRAL_MM
+        })
     }
 
     /// Where the centre is, before rounding is taken out.
@@ -151,7 +203,7 @@ impl ArcBlock {
             return Err(("an R arc that ends where it starts".into(), right.into()));
         }
         let (radius, half_mm) = (radius_mm.abs(), chord_mm / 2.0);
-        if half_mm > radius + self.tolerance_mm {
+        if half_mm > radius + self.tolerance.short_mm {
             let found = format!("R of {radius:.4} mm for ends {chord_mm:.4} mm apart");
             return Err((found, format!("R must be at least {half_mm:.4} mm")));
         }

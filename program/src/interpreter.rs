@@ -10,7 +10,7 @@ use control::path::{
 
 use machine::{KeptParameters, Tool, is_always_kept};
 
-use crate::arc::{ArcBlock, Circle};
+use crate::arc::{ArcBlock, ArcTolerance, Circle};
 use crate::compensation::Compensation;
 use crate::cycles::{Cycle, CycleBlock, PECKS_MAX, Series, Step};
 use crate::execution::BLOCKS_MAX;
@@ -55,12 +55,6 @@ pub use surface::SurfaceSpeed;
 pub use turning::is_turning;
 
 const MM_PER_INCH: f64 = 25.4;
-
-/// How far the radii of an arc's ends may differ, programmed in mm (NIST §3.5.3).
-const ARC_TOLERANCE_MM: f64 = 0.002;
-
-/// The same, programmed in inches: 0.0002 inch.
-const ARC_TOLERANCE_INCH_MM: f64 = 0.0002 * MM_PER_INCH;
 
 /// What a position may exceed the travel by and count as rounding: 1 nm.
 const TRAVEL_ROUNDING: f64 = 1e-6;

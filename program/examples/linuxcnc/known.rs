@@ -65,12 +65,8 @@ fn taps_upright(seen: &Seen) -> bool {
     (seen.one_line() || seen.prints("#")) && matches!(motion, 740 | 840) && plane != 170
 }
 
-fn goes_home(seen: &Seen) -> bool {
-    seen.here().iter().any(|code| matches!(code, 280 | 300))
-}
-
 /// By the manual or NIST; ours keeps to them.
-const BY_THE_RULES: [Known; 24] = [
+const BY_THE_RULES: [Known; 28] = [
     known(
         Differs,
         "",
@@ -86,7 +82,7 @@ const BY_THE_RULES: [Known; 24] = [
     known(
         Differs,
         "",
-        |seen| seen.one_line() && seen.series_with(moves_zero),
+        |seen| seen.both_move() && seen.series_with(moves_zero),
         "an offset or a unit changes in a series of cycles: theirs keeps the number of the level before it, not the place (manual, G98)",
     ),
     known(
@@ -98,7 +94,7 @@ const BY_THE_RULES: [Known; 24] = [
     known(
         Differs,
         "",
-        |seen| seen.both_rapid() && (seen.has("G83") || seen.has("G73")) && seen.whole_pecks(),
+        |seen| seen.both_move() && (seen.has("G83") || seen.has("G73")) && seen.whole_pecks(),
         "a hole of whole pecks: by the last bit theirs pecks once more, over no depth",
     ),
     known(
@@ -113,13 +109,13 @@ const BY_THE_RULES: [Known; 24] = [
     known(
         Differs,
         "",
-        |seen| seen.has("G10L2") && seen.has("R") && goes_home(seen) && seen.apart_in("XY"),
+        |seen| seen.has("G10L2") && seen.has("R") && seen.has_home(),
         "G28 X with X and Y turned: theirs moves X and Y, not to the place of X (manual: the axes that are named, to their places)",
     ),
     known(
         Differs,
         "",
-        |seen| seen.sets_offset_parameters() && (seen.apart_in("XY") || seen.prints("#")),
+        |seen| seen.sets_offset_parameters(),
         "a parameter of the work offset in force is set: it counts from the next G54 on; theirs passes over a G54 that holds",
     ),
     known(
@@ -157,7 +153,7 @@ const BY_THE_RULES: [Known; 24] = [
         "",
         |seen| {
             let empty = seen.has("T0") || seen.has("M61Q0");
-            empty && seen.has_code(430) && (seen.one_line() || seen.prints("#"))
+            empty && seen.has_code(430)
         },
         "theirs keeps the length of the tool before for an empty spindle (manual, G43: that of the current tool)",
     ),
@@ -166,7 +162,7 @@ const BY_THE_RULES: [Known; 24] = [
         "",
         |seen| {
             let shifted = seen.has_code(920) || seen.has_code(520);
-            shifted && seen.has("G10L2") && seen.has("R") && (seen.one_line() || seen.prints("#"))
+            shifted && seen.has("G10L2") && seen.has("R")
         },
         "G10 L2 R while G92 or G52 holds: theirs turns where it is without that offset",
     ),
@@ -206,8 +202,8 @@ const BY_THE_RULES: [Known; 24] = [
     known(
         Differs,
         "",
-        |seen| seen.one_line() && seen.has("MOD") && seen.has("ATAN") && seen.mirrored(),
-        "ATAN of a zero that MOD gives: theirs is below 0 for a dividend below 0, so the angle is -180, not 180",
+        |seen| seen.one_line() && seen.has("ATAN") && seen.mirrored(),
+        "ATAN of a zero over a number below 0: theirs has zeros below 0, of MOD, SIN and -[0], whose angle is -180, not 180, or SIN[180] a little below 0, -90, not 90",
     ),
     known(
         Differs,
@@ -230,10 +226,34 @@ const BY_THE_RULES: [Known; 24] = [
         },
         "M70 and M72: G92.2 comes back in theirs, too (manual, M70: not among what is saved)",
     ),
+    known(
+        Differs,
+        "",
+        |seen| seen.prints("#") && seen.prints_less_than(1e-4),
+        "theirs prints values below 0.0001 as 0",
+    ),
+    known(
+        Differs,
+        "",
+        |seen| seen.prints("#") && seen.has("TAN[90"),
+        "TAN of 90 degrees has no value: theirs and ours are two large numbers",
+    ),
+    known(
+        Differs,
+        "F0.1",
+        |seen| seen.has_code(930) && seen.one_line(),
+        "G93: theirs feeds at 0.1 mm/min at least (manual, G93: F minutes for the move)",
+    ),
+    known(
+        TheirsRefuses,
+        "R less than z in cycle",
+        |seen| seen.has_code(910),
+        "G91 behind a cycle of G90: theirs counts R and bottom as steps from there on, ours keeps the levels",
+    ),
 ];
 
 /// Refused by us, for a reason that the message says.
-const REFUSED: [Known; 9] = [
+const REFUSED: [Known; 10] = [
     known(
         OursRefuses,
         "travel",
@@ -281,6 +301,12 @@ const REFUSED: [Known; 9] = [
         "in G96: one speed of the spindle",
         |_| true,
         "threads and taps in G96: refused, their pitch needs one speed of the spindle",
+    ),
+    known(
+        OursRefuses,
+        "has no blocks",
+        |_| true,
+        "a program of comments alone: refused",
     ),
     known(
         OursRefuses,

@@ -21,12 +21,18 @@ pub struct Told {
     pub is_message: bool,
     /// Letters and values.
     places: Vec<(char, f64)>,
+    /// The numbers of a message.
+    printed: Vec<f64>,
 }
 
 impl Told {
     fn read(text: &str) -> Told {
         let mut told = Told {
             is_message: text.starts_with("message") || text.starts_with("log"),
+            printed: text
+                .split(' ')
+                .filter_map(|word| word.parse().ok())
+                .collect(),
             ..Told::default()
         };
         let Some((line, step)) = text
@@ -146,7 +152,13 @@ impl Seen {
         let of = |told: &Told| -> Vec<f64> {
             let values = told.places.iter();
             values
-                .map(|(_, value)| if *value == -180.0 { 180.0 } else { *value })
+                .map(|(_, value)| {
+                    if matches!(value.abs(), 90.0 | 180.0) {
+                        value.abs()
+                    } else {
+                        *value
+                    }
+                })
                 .collect()
         };
         of(&self.theirs) == of(&self.ours)
@@ -154,6 +166,24 @@ impl Seen {
 
     pub fn one_line(&self) -> bool {
         self.theirs.line != 0 && self.theirs.line == self.ours.line
+    }
+
+    /// Whether both move, be it in other lines.
+    pub fn both_move(&self) -> bool {
+        self.theirs.line != 0 && self.ours.line != 0
+    }
+
+    /// Whether some line goes to the place of G28 or G30.
+    pub fn has_home(&self) -> bool {
+        self.has_code(280) || self.has_code(300)
+    }
+
+    /// Whether all numbers that both print, but not alike, are nearer to 0.
+    pub fn prints_less_than(&self, limit: f64) -> bool {
+        let pairs = self.theirs.printed.iter().zip(&self.ours.printed);
+        let mut apart = pairs.filter(|(theirs, ours)| theirs != ours);
+        let same_count = self.theirs.printed.len() == self.ours.printed.len();
+        same_count && apart.all(|(theirs, ours)| theirs.abs().max(ours.abs()) < limit)
     }
 
     pub fn both_rapid(&self) -> bool {

@@ -79,19 +79,7 @@ fn steps(program: &Program, setup: &Setup) -> Vec<Step> {
     let mut surface = None;
     let mut before = |index: usize, steps: &mut Vec<Step>| {
         while let Some(event) = events.next_if(|event| event.before_element <= index) {
-            // A tap is told by what happens in it.
-            match event.kind {
-                EventKind::SpindleCoupled(_) | EventKind::SpindleUncoupled => {}
-                EventKind::SurfaceSpeed(new) => {
-                    surface_words(surface.replace(new), new, steps);
-                }
-                kind => {
-                    if matches!(kind, EventKind::SpindleSpeedRpm(_)) {
-                        surface = None;
-                    }
-                    word(&format!("{kind:?}"), steps);
-                }
-            }
+            tell(event.kind, &mut surface, steps);
         }
         while let Some((_, text)) = said.next_if(|(at, _)| *at <= index) {
             steps.push(Step::word(&text, &[]));
@@ -142,6 +130,17 @@ fn steps(program: &Program, setup: &Setup) -> Vec<Step> {
     }
     before(usize::MAX, &mut steps);
     steps
+}
+
+/// An event; a tap is told by what happens in it.
+fn tell(kind: EventKind, surface: &mut Option<SurfaceSpeed>, steps: &mut Vec<Step>) {
+    match kind {
+        EventKind::SpindleCoupled(_) | EventKind::SpindleUncoupled => return,
+        EventKind::SurfaceSpeed(new) => return surface_words(surface.replace(new), new, steps),
+        EventKind::SpindleSpeedRpm(_) => *surface = None,
+        _ => {}
+    }
+    word(&format!("{kind:?}"), steps);
 }
 
 /// G96 and S in it; where only the zero of X has changed theirs says nothing.

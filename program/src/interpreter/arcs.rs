@@ -15,10 +15,10 @@ impl Interpreter {
         let plane = self.plane_axes(offset)?;
         let circle = self.circle(words, plane, offset)?;
         let turns = turns(words)?;
-        let tolerance_mm = if self.inches {
-            ARC_TOLERANCE_INCH_MM
+        let tolerance = if self.inches {
+            ArcTolerance::INCH
         } else {
-            ARC_TOLERANCE_MM
+            ArcTolerance::METRIC
         };
         let (from, to) = if self.arc_is_tilted() {
             (self.in_program(&self.position), self.in_program(&to))
@@ -32,7 +32,7 @@ impl Interpreter {
             circle,
             clockwise,
             turns,
-            tolerance_mm,
+            tolerance,
         })
     }
 

@@ -8,7 +8,11 @@ use crate::words::shown_code;
 use serde::{Deserialize, Serialize};
 
 /// How far the radii of an arc of the tool's centre may differ: more than tangent joints make of it.
-const BESIDE_ARC_TOLERANCE_MM: f64 = 0.1;
+const BESIDE_ARC_TOLERANCE: ArcTolerance = ArcTolerance {
+    short_mm: 0.0,
+    radii_mm: 0.1,
+    radii_most_mm: 0.1,
+};
 
 /// What a move carries.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -369,7 +373,7 @@ impl Interpreter {
             circle: Circle::Centre([centre.u, centre.v]),
             clockwise,
             turns,
-            tolerance_mm: BESIDE_ARC_TOLERANCE_MM,
+            tolerance: BESIDE_ARC_TOLERANCE,
         };
         arc.shapes().map_err(|(found, right)| {
             let found = format!("{found}, with the tool beside it");

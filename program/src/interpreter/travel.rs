@@ -71,7 +71,7 @@ impl Interpreter {
                 self.feed(&target, offset).map_err(one)?;
                 self.output.arc_feeds += 1;
                 let (shapes, way) = self
-                    .arc_way(words, target, clockwise, offset)
+                    .arc_way(line, words, target, clockwise, offset)
                     .map_err(one)?;
                 let feed = self
                     .feed_along(words, &shapes, &target, offset)
@@ -84,7 +84,8 @@ impl Interpreter {
 
     /// The shapes and the way of an arc block.
     fn arc_way(
-        &self,
+        &mut self,
+        line: u32,
         words: &Words,
         target: AxisVector,
         clockwise: bool,
@@ -93,6 +94,10 @@ impl Interpreter {
         let block = self.arc_block(words, target, clockwise, offset)?;
         let wrong = |(found, right)| Refusal::new(offset, found, right);
         let shapes = self.arc_shapes(&block, target).map_err(wrong)?;
+        if block.is_spiral() {
+            let text = "an arc whose ends are more than 0.002 mm unequally far from its centre: a circle through both ends is made of it";
+            self.note(line, text);
+        }
         Ok((shapes, Self::way_of(&block).map_err(wrong)?))
     }
 

@@ -250,7 +250,7 @@ impl Interpreter {
                     circle: Circle::Centre([centre.u, centre.v]),
                     clockwise,
                     turns: 1,
-                    tolerance_mm: ARC_TOLERANCE_MM,
+                    tolerance: ArcTolerance::METRIC,
                 };
                 let wrong = |(found, right)| one(Refusal::new(offset, found, right));
                 let shapes = block.shapes().map_err(wrong)?;
