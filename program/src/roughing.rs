@@ -207,6 +207,13 @@ impl Profile {
         self.facing.turned = !self.facing.turned;
     }
 
+    /// A tool that stands over the profile, not before its beginning, goes beside the beginning first: the way from there is free.
+    fn begin_beside(&mut self) {
+        if let Some(first) = self.segments.first_mut() {
+            first.from.u = first.from.u.max(first.to.u);
+        }
+    }
+
     /// Mirrors it until it runs to smaller Z and larger X.
     fn align(&mut self) {
         let (Some(first), Some(last)) = (self.segments.first(), self.segments.last()) else {
@@ -232,8 +239,9 @@ pub fn roughing(pieces: &[Piece], words: &Roughing) -> Result<Vec<Cut>, CycleRef
     if words.facing {
         profile.turn();
     }
-    profile.offset(words.leave_mm)?;
     profile.align();
+    profile.begin_beside();
+    profile.offset(words.leave_mm)?;
     for segment in &mut profile.segments {
         segment.shift(words.shift);
     }
@@ -252,6 +260,7 @@ pub fn finishing(pieces: &[Piece], words: &Finishing) -> Result<Vec<Cut>, CycleR
         profile.turn();
     }
     profile.align();
+    profile.begin_beside();
     let mut cuts = Cuts {
         facing: profile.facing,
         cuts: Vec::new(),

@@ -13,10 +13,6 @@ use crate::log::{Answers, Part, Prescan, RunEnd, RunInfo, RunLog, Sample, Start,
 use crate::measure::{Analysis, Measurements, RunPath};
 use crate::said::Said;
 
-/// Of programs of at most so many elements everything is measured, and memory is taken in proportion; of longer ones what needs the path near
-/// the tool alone.
-const WHOLE_ELEMENTS: u64 = 100_000;
-
 /// How the launcher saw a run end.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Ended {
@@ -190,7 +186,7 @@ fn load_path(
     let said = given.map(|(answer, probes)| Answer::said(machine, answer, *probes));
     let said: Vec<Answer> = said.collect::<Result<_, _>>().map_err(ResumeError::from)?;
     let short = |said: &[Answer]| {
-        program::load_if_short_knowing(machine, positions, &file, WHOLE_ELEMENTS, said)
+        program::load_if_short_knowing(machine, positions, &file, program::SHORT_ELEMENTS, said)
     };
     // The last answer may be the one that ended the program; a log with gaps may lack one in between.
     let all_but_last = said.split_last().map_or(&[][..], |(_, others)| others);

@@ -65,7 +65,7 @@ impl Profile {
 impl Rough<'_> {
     /// Level by level down the profile, and up again behind its lowest places.
     fn levels(mut self, mut pockets: Pockets) -> Result<(), CycleRefusal> {
-        let top = self.tool.v;
+        let mut top = self.tool.v;
         let lowest = (self.segments.iter()).fold(top, |low, segment| low.min(segment.lowest()));
         if (top - lowest) / self.depth_mm > ROUNDS_MAX as f64 {
             let found = format!("a depth of cut I of {} mm", self.depth_mm);
@@ -73,14 +73,14 @@ impl Rough<'_> {
         }
         let mut level = top;
         let mut index = 0;
-        let only = pockets == Pockets::Only;
-        if only {
+        if pockets == Pockets::Only {
             index = self.dive_to_bottom()?;
             let Some(pocket) = self.climb_to_pocket(index)? else {
                 return Ok(());
             };
             index = pocket;
-            level = self.tool.v;
+            top = self.tool.v;
+            level = top;
             pockets = Pockets::Cut;
         }
         for _ in 0..ROUNDS_MAX {
@@ -98,7 +98,7 @@ impl Rough<'_> {
                     return Ok(());
                 };
                 index = pocket;
-                level = if only { self.tool.v } else { top };
+                level = top;
             } else if (self.tool.v - level).abs() > NEAR {
                 // The level lies below this piece.
                 index += 1;
