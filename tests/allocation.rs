@@ -20,7 +20,7 @@ use bytemuck::Zeroable;
 use machine::Machine;
 use master::bus_ports::BusPorts;
 use master::saved::Latches;
-use master::{Answered, Drives, Flow, Master, MasterError, MasterPorts, RunEnd};
+use master::{Answered, Answers, Drives, Flow, Master, MasterError, MasterPorts, RunEnd};
 use planner::Planner;
 use plant_sim::plant_file::PlantFile;
 use servo::Servo;
@@ -151,6 +151,10 @@ impl MasterPorts for Counted {
             self.expect("the planner's cycle", scan, 1 + windows, (count, bytes));
         }
         self.ports.await_answers(scan, ask_planner)
+    }
+
+    fn answers(&self) -> &Answers {
+        self.ports.answers()
     }
 
     fn serve_orders(

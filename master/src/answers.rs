@@ -18,4 +18,12 @@ impl Answers {
         commands: [[None; ROLES.len()]; MAX_AXES],
         planner: None,
     };
+
+    /// Nothing is answered any more.
+    pub fn clear(&mut self) {
+        for command in self.commands.iter_mut().flatten() {
+            *command = None;
+        }
+        self.planner = None;
+    }
 }

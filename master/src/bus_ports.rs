@@ -188,6 +188,7 @@ pub struct BusPorts {
     axes: Vec<String>,
     ports: Ports,
     roster: Roster,
+    answers: Answers,
     clock: Clock,
     launcher_gone: bool,
     /// The recorder has stalled and is not waited for any more.
@@ -213,6 +214,7 @@ impl BusPorts {
             ports: Ports::open(&member)?,
             axes: machine.axes.iter().map(|axis| axis.name.clone()).collect(),
             roster: Roster::zeroed(),
+            answers: Answers::NONE,
             clock: Clock {
                 pace: member.slot().pace,
                 period_ns: u64::from(machine.scan.period_us) * 1000,
@@ -242,12 +244,11 @@ impl BusPorts {
         &self,
         scan: u64,
         ask_planner: bool,
-        answers: &Answers,
         excused: &dyn Fn(&Participant) -> bool,
     ) -> Missing {
         let page = &self.member.page;
         let asked = (&self.roster, &self.asked_in_scan);
-        missing(scan, ask_planner, answers, asked, |slot, who| {
+        missing(scan, ask_planner, &self.answers, asked, |slot, who| {
             // It reports when it is done with the scan, so that it never misses the next feedback.
             excused(who)
                 && page
@@ -296,14 +297,14 @@ impl BusPorts {
         }
     }
 
-    /// Lockstep: waits until every live participant has answered. `None` when the cell is to end at once.
+    /// Lockstep: waits until every live participant has answered; false when the cell is to end at once.
     fn await_everybody(
         &mut self,
         scan: u64,
         ask_planner: bool,
         excused: &dyn Fn(&Participant) -> bool,
-    ) -> Result<Option<Answers>, MasterError> {
-        let mut answers = Answers::NONE;
+    ) -> Result<bool, MasterError> {
+        self.answers.clear();
         // Nearly always the last to answer has rung or will, and all answers are there after one wait.
         if let Some(seen) = self.seen_before_waking {
             self.member.page.master_signal().wait(seen, WAIT_STEP);
@@ -312,13 +313,13 @@ impl BusPorts {
         loop {
             let seen = self.member.page.master_signal().count();
             self.ports
-                .read_answers(scan, ask_planner, &self.roster, &mut answers);
-            let missing = self.missing(scan, ask_planner, &answers, excused);
+                .read_answers(scan, ask_planner, &self.roster, &mut self.answers);
+            let missing = self.missing(scan, ask_planner, excused);
             if missing.count == 0 {
-                return Ok(Some(answers));
+                return Ok(true);
             }
             if self.member.ending() {
-                return Ok(None);
+                return Ok(false);
             }
             self.read_roster();
             let Some(since) = late_since else {
@@ -431,23 +432,19 @@ impl BusPorts {
     ) -> Result<Answered, MasterError> {
         if self.clock.pace == Pace::Lockstep {
             self.await_recorder(scan);
-            return Ok(match self.await_everybody(scan, ask_planner, excused)? {
-                None => Answered::Leave,
-                Some(answers) => Answered::Scan {
-                    answers,
-                    overrun_scans: 0,
-                },
+            let overrun_scans = 0;
+            return Ok(if self.await_everybody(scan, ask_planner, excused)? {
+                Answered::Scan { overrun_scans }
+            } else {
+                Answered::Leave
             });
         }
         let overrun_scans = self.sleep();
         self.read_roster();
-        let mut answers = Answers::NONE;
+        self.answers.clear();
         self.ports
-            .read_answers(scan, true, &self.roster, &mut answers);
-        Ok(Answered::Scan {
-            answers,
-            overrun_scans,
-        })
+            .read_answers(scan, true, &self.roster, &mut self.answers);
+        Ok(Answered::Scan { overrun_scans })
     }
 }
 
@@ -491,6 +488,10 @@ impl MasterPorts for BusPorts {
 
     fn await_answers(&mut self, scan: u64, ask_planner: bool) -> Result<Answered, MasterError> {
         self.await_answers_except(scan, ask_planner, &|_| false)
+    }
+
+    fn answers(&self) -> &Answers {
+        &self.answers
     }
 
     fn serve_orders(

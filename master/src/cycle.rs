@@ -31,11 +31,7 @@ pub fn cycle<D: Drives, P: MasterPorts>(
     }
     ports.publish_instruments(&master.exchange());
     ports.save(&master.latches(), master.drives());
-    let Answered::Scan {
-        answers,
-        overrun_scans,
-    } = ports.await_answers(scan, ask_planner)?
-    else {
+    let Answered::Scan { overrun_scans } = ports.await_answers(scan, ask_planner)? else {
         return Ok(Flow::Leave);
     };
     master.skip(overrun_scans);
@@ -51,7 +47,7 @@ pub fn cycle<D: Drives, P: MasterPorts>(
     ports.for_each_window(scan, |header, setpoints, roster| {
         master.offer(header, setpoints, roster);
     });
-    master.close_scan(&answers, ports.roster());
+    master.close_scan(ports.answers(), ports.roster());
     if master.take_latched() {
         ports.latch(&master.latches());
     }

@@ -9,16 +9,10 @@ use crate::drives::Drives;
 use crate::saved::Latches;
 
 /// What came of a scan's answers.
-#[derive(Debug, Clone, Copy)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "lives for a moment on the stack; the scan path does not allocate"
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Answered {
-    /// These came in time.
+    /// [`answers`](MasterPorts::answers) has those that came in time.
     Scan {
-        /// The answers.
-        answers: Answers,
         /// Scans that were overrun meanwhile.
         overrun_scans: u32,
     },
@@ -63,6 +57,9 @@ pub trait MasterPorts {
     /// # Errors
     /// Somebody who takes part does not answer.
     fn await_answers(&mut self, scan: u64, ask_planner: bool) -> Result<Answered, Self::Error>;
+
+    /// What was answered to the scan that was awaited last.
+    fn answers(&self) -> &Answers;
 
     /// Hands the operator's orders of this scan to `judge`, one after the other. What was latched by an order outlives the master
     /// before the order is answered, so that the answer is true whoever is the master by the time it is read.

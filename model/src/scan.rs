@@ -215,10 +215,11 @@ impl MasterPorts for Scan<'_> {
         if self.fate == Fate::MasterKilled(Moment::AfterSaving) {
             return Ok(Answered::Leave);
         }
-        Ok(Answered::Scan {
-            answers: self.answers,
-            overrun_scans: 0,
-        })
+        Ok(Answered::Scan { overrun_scans: 0 })
+    }
+
+    fn answers(&self) -> &Answers {
+        &self.answers
     }
 
     fn serve_orders(

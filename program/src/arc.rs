@@ -57,14 +57,14 @@ impl ArcTolerance {
     /// Programmed in mm: an R as in NIST §3.5.3, radii as LinuxCNC 2.9 was found to take them.
     pub const METRIC: ArcTolerance = ArcTolerance {
         short_mm: 0.002,
-        radii_mm: 0.025,
-        radii_most_mm: 2.5,
+        radii_mm: 0.028,
+        radii_most_mm: 2.8,
     };
     /// The same, programmed in inches.
     pub const INCH: ArcTolerance = ArcTolerance {
         short_mm: 0.0002 * 25.4,
-        radii_mm: 0.0025 * 25.4,
-        radii_most_mm: 0.25 * 25.4,
+        radii_mm: 0.0028 * 25.4,
+        radii_most_mm: 0.28 * 25.4,
     };
 
     /// How far radii about this one may differ, in mm.

@@ -469,7 +469,7 @@ G1 X5",
         ("G0 X1 I5", "part.ngc:1:7: I without an arc"),
         (
             "F9\nG0 X10\nG2 X0 Y5 I-10",
-            "part.ngc:3:1: an arc whose start is 10.0000 mm and whose end is 5.0000 mm from its centre: the radii may differ by at most 0.025 mm",
+            "part.ngc:3:1: an arc whose start is 10.0000 mm and whose end is 5.0000 mm from its centre: the radii may differ by at most 0.028 mm",
         ),
         (
             "F9 G2 X5 I2 K1",

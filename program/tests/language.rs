@@ -353,6 +353,17 @@ fn modes_are_saved_and_restored() {
 }
 
 #[test]
+fn m72_brings_back_whether_a_tool_length_counts() {
+    let z = |text: &str| {
+        let program = on_mill(text).unwrap_or_else(|error| panic!("{error}"));
+        program.path.end().expect("a move")[2]
+    };
+    assert_eq!(z("M70\nG43.1 Z5\nM72\nG0 Z1\nM2"), 1.0);
+    assert_eq!(z("G43.1 Z5\nM70\nG49\nM72\nG0 Z1\nM2"), 6.0);
+    assert_eq!(z("G43.1 Z5\nM70\nG43.1 Z7\nM72\nG0 Z1\nM2"), 8.0);
+}
+
+#[test]
 fn diameters_are_halved_for_lathes() {
     assert_eq!(xs("G7 G0 X10\nG91 X10\nG90 G8 X10\nM2"), [5.0, 10.0]);
 }

@@ -51,6 +51,7 @@ pub(crate) struct Peers {
     /// As the master has taken it last, where somebody tampers with it.
     taken_roster: Option<Roster>,
     pub instruments: Instruments,
+    answers: Answers,
     pub commands: Vec<AxisCommand>,
     pub status: Option<PlannerStatus>,
     pub windows: Vec<Arc<Window>>,
@@ -88,6 +89,7 @@ impl Peers {
             injector: faults.map(|faults| FaultInjector::new(faults.clone(), |_| None, 0)),
             master_may_die: faults.is_some_and(|s| s.faults.iter().any(is_masters)),
             roster: roster(&members),
+            answers: Answers::NONE,
             commands: Vec::with_capacity(members.len()),
             members,
             program: (program.0.into(), program.1.into()),
@@ -140,7 +142,7 @@ impl Peers {
         }
     }
 
-    fn ask_servos(&mut self, answers: &mut Answers) {
+    fn ask_servos(&mut self) {
         self.commands.clear();
         let Some(feedback) = self.received else {
             return;
@@ -165,7 +167,11 @@ impl Peers {
                 let taken = |c: &AxisCommand| tampering.received(Kind::Command, scan, c);
                 sent = sent.iter().filter_map(taken).collect();
             }
-            let answer = answers.commands.get_mut(axis).and_then(|a| a.get_mut(role));
+            let answer = self
+                .answers
+                .commands
+                .get_mut(axis)
+                .and_then(|a| a.get_mut(role));
             if let Some(answer) = answer {
                 let next = self.feedback.scan + 1;
                 let is_seen =
@@ -185,7 +191,7 @@ impl Peers {
         }
     }
 
-    fn ask_planner(&mut self, answers: &mut Answers) {
+    fn ask_planner(&mut self) {
         let member = &mut self.planner;
         if !member.life.answers() {
             return;
@@ -202,7 +208,7 @@ impl Peers {
         }
         self.status = status.or(self.status);
         let next = self.feedback.scan + 1;
-        answers.planner =
+        self.answers.planner =
             status.filter(|status| Visibility::of(status.visible_from, next, 1) == Visibility::Now);
         self.windows.append(&mut member.ports.inner().windows);
         for window in &self.windows {
@@ -411,15 +417,16 @@ impl MasterPorts for Peers {
     }
 
     fn await_answers(&mut self, _scan: u64, ask_planner: bool) -> Result<Answered, Self::Error> {
-        let mut answers = Answers::NONE;
-        self.ask_servos(&mut answers);
+        self.answers.clear();
+        self.ask_servos();
         if ask_planner {
-            self.ask_planner(&mut answers);
+            self.ask_planner();
         }
-        Ok(Answered::Scan {
-            answers,
-            overrun_scans: 0,
-        })
+        Ok(Answered::Scan { overrun_scans: 0 })
+    }
+
+    fn answers(&self) -> &Answers {
+        &self.answers
     }
 
     fn serve_orders(

@@ -32,19 +32,19 @@ pub(super) struct Plan {
 
 impl AxisUnit {
     /// The commands that answer this scan, by role, from the servos in the roster.
-    fn in_time(
+    fn in_time<'a>(
         &self,
         scan: u64,
         index: usize,
-        commands: &[Option<AxisCommand>; ROLES.len()],
+        commands: &'a [Option<AxisCommand>; ROLES.len()],
         roster: &Roster,
-    ) -> [(bool, Option<AxisCommand>); ROLES.len()] {
+    ) -> [(bool, Option<&'a AxisCommand>); ROLES.len()] {
         let mut answers = [(false, None); ROLES.len()];
         for (role, (answer, command)) in answers.iter_mut().zip(commands).enumerate() {
             let Some(servo) = roster.living(Job::Servo, index, role as u32) else {
                 continue;
             };
-            let command = command.filter(|c| {
+            let command = command.as_ref().filter(|c| {
                 c.scan == scan
                     && c.axis == index as u32
                     && c.role == role as u32
@@ -57,15 +57,15 @@ impl AxisUnit {
 
     /// Decides whose command is taken; `closed` while a loop is closed, so that an axis with open loops may change over
     /// freely.
-    pub(super) fn decide_command(
+    pub(super) fn decide_command<'a>(
         &mut self,
         scan: u64,
         index: usize,
-        commands: &[Option<AxisCommand>; ROLES.len()],
+        commands: &'a [Option<AxisCommand>; ROLES.len()],
         roster: &Roster,
         plan: Plan,
         closed: bool,
-    ) -> Taken {
+    ) -> Taken<'a> {
         let Plan { in_force, position } = plan;
         let answers = self.in_time(scan, index, commands, roster);
         let [a, b] = answers;
@@ -88,11 +88,11 @@ impl AxisUnit {
             }
             cause => cause,
         };
-        let good = |command: &AxisCommand| judge(command) == Cause::None;
+        let good = |command: &&AxisCommand| judge(command) == Cause::None;
         let other_good = other.filter(good);
-        let active_cause = active.map(|command| judge(&command));
+        let active_cause = active.map(&judge);
         if let (Some(command), Some(Cause::None)) = (active, active_cause) {
-            let same = other_good.is_some_and(|o| command.drives_as(&o) && o.held == in_force);
+            let same = other_good.is_some_and(|o| command.drives_as(o) && o.held == in_force);
             let was_synchronised = self.switch.same_scans >= SAME_SCANS;
             if !same && was_synchronised && other.is_some_and(|o| o.held == in_force) {
                 self.standby.differences = self.standby.differences.saturating_add(1);

@@ -95,7 +95,7 @@ impl AxisUnit {
                 self.missed_in_a_row = 0;
                 self.silent = false;
                 self.substitute.end();
-                self.command = *command;
+                self.command = **command;
                 self.taken_incarnation = command.incarnation;
                 self.command_position = command.position;
                 self.followed = true;

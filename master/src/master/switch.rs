@@ -11,13 +11,9 @@ use bus::sample::{AxisCommand, Cause};
 
 /// What became of an axis's commands in one scan.
 #[derive(Debug, Clone, Copy)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "lives for a moment on the stack; the scan path does not allocate"
-)]
-pub(super) enum Taken {
+pub(super) enum Taken<'a> {
     /// This one drives on.
-    Command(AxisCommand),
+    Command(&'a AxisCommand),
     /// None in time from a servo that lives: the drive holds the last one.
     Missed,
     /// No servo lives that could drive.

@@ -16,7 +16,7 @@ use bus::sample::{
 use bus::signal_page::FaultStep;
 use master::bus_ports::{BusPorts, WAIT_STEP};
 use master::saved::Latches;
-use master::{Answered, Drives, Flow, MasterError, MasterPorts};
+use master::{Answered, Answers, Drives, Flow, MasterError, MasterPorts};
 
 use super::faults::FaultScript;
 use super::injector::FaultInjector;
@@ -128,6 +128,10 @@ impl MasterPorts for ScriptedPorts {
         let injector = self.injector.as_ref();
         let excused = |who: &Participant| injector.is_some_and(|i| i.excuses(who, scan));
         self.ports.await_answers_except(scan, ask_planner, &excused)
+    }
+
+    fn answers(&self) -> &Answers {
+        self.ports.answers()
     }
 
     fn serve_orders(

@@ -62,7 +62,8 @@ fn chooses_plane(_: &str, codes: &[u32]) -> bool {
 
 fn taps_upright(seen: &Seen) -> bool {
     let (motion, plane) = seen.motion_and_plane();
-    (seen.one_line() || seen.prints("#")) && matches!(motion, 740 | 840) && plane != 170
+    let once = (seen.one_line() || seen.prints("#")) && plane != 170;
+    once && matches!(motion, 740 | 840) || seen.taps_upright_in_a_loop()
 }
 
 /// By the manual or NIST; ours keeps to them.
@@ -202,7 +203,7 @@ const BY_THE_RULES: [Known; 28] = [
     known(
         Differs,
         "",
-        |seen| seen.one_line() && seen.has("ATAN") && seen.mirrored(),
+        |seen| seen.has("ATAN") && (seen.mirrored() || seen.quarter_turns_apart()),
         "ATAN of a zero over a number below 0: theirs has zeros below 0, of MOD, SIN and -[0], whose angle is -180, not 180, or SIN[180] a little below 0, -90, not 90",
     ),
     known(
@@ -253,7 +254,7 @@ const BY_THE_RULES: [Known; 28] = [
 ];
 
 /// Refused by us, for a reason that the message says.
-const REFUSED: [Known; 10] = [
+const REFUSED: [Known; 11] = [
     known(
         OursRefuses,
         "travel",
@@ -301,6 +302,12 @@ const REFUSED: [Known; 10] = [
         "in G96: one speed of the spindle",
         |_| true,
         "threads and taps in G96: refused, their pitch needs one speed of the spindle",
+    ),
+    known(
+        OursRefuses,
+        "lies above the bottom of the hole",
+        |seen| seen.has_code(910) && seen.series_with(|_, codes| codes.contains(&900)),
+        "G90 behind a cycle of G91: theirs takes R and bottom as places from there on, ours keeps the levels",
     ),
     known(
         OursRefuses,

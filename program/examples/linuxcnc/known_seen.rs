@@ -178,6 +178,27 @@ impl Seen {
         self.has_code(280) || self.has_code(300)
     }
 
+    /// Whether a tap is done again, in a loop that has another plane behind it.
+    pub fn taps_upright_in_a_loop(&self) -> bool {
+        let repeats = self.before().len() == self.lines.len();
+        let taps = self.has_code(740) || self.has_code(840);
+        repeats && taps && (self.has_code(180) || self.has_code(190))
+    }
+
+    /// Whether what differs is 0 on one side and whole quarter turns on the other.
+    pub fn quarter_turns_apart(&self) -> bool {
+        let whole = |value: f64| value != 0.0 && value % 90.0 == 0.0;
+        let printed = self.theirs.printed.iter().zip(&self.ours.printed);
+        let places = "XYZABCUVW".chars();
+        let values = places.map(|of| (self.theirs.value(of), self.ours.value(of)));
+        let mut apart = printed
+            .map(|(theirs, ours)| (*theirs, *ours))
+            .chain(values.filter(|(theirs, ours)| (theirs - ours).abs() > 1e-6))
+            .filter(|(theirs, ours)| theirs != ours)
+            .peekable();
+        apart.peek().is_some() && apart.any(|(theirs, ours)| whole(theirs) || whole(ours))
+    }
+
     /// Whether all numbers that both print, but not alike, are nearer to 0.
     pub fn prints_less_than(&self, limit: f64) -> bool {
         let pairs = self.theirs.printed.iter().zip(&self.ours.printed);

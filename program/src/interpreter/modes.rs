@@ -21,6 +21,9 @@ pub struct SavedModes {
     returns_to_r: bool,
     path_control: u32,
     work_offset: f64,
+    /// Length of the tool that counts (G43), all 0 after G49.
+    #[serde(with = "snapshot::vector")]
+    tool_length: AxisVector,
 }
 
 impl Interpreter {
@@ -194,6 +197,7 @@ impl Interpreter {
             returns_to_r: self.returns_to_r,
             path_control: self.path_control,
             work_offset: self.parameters.get(base::WORK_OFFSET),
+            tool_length: self.offsets.tool,
         }
     }
 
@@ -209,6 +213,11 @@ impl Interpreter {
         self.returns_to_r = saved.returns_to_r;
         self.path_control = saved.path_control;
         self.parameters.set(base::WORK_OFFSET, saved.work_offset);
+        // Which length counts is no mode, only whether one does.
+        let counts = |length: &AxisVector| *length != AxisVector::zeros();
+        if counts(&saved.tool_length) != counts(&self.offsets.tool) {
+            self.offsets.tool = saved.tool_length;
+        }
         self.take_offsets();
         let mode_changes =
             saved.surface.map(|of| of.limit_rpm) != self.surface.map(|of| of.limit_rpm);
