@@ -183,6 +183,16 @@ fn judge(line: u32, kind: &EventKind, spindle: Option<&Spindle>) -> Result<(), E
                 format!("the spindle of this machine turns at {low} to {high} rev/min"),
             )
         }
+        EventKind::SurfaceSpeed(SurfaceSpeed {
+            limit_rpm: Some(rpm),
+            ..
+        }) if spindle.is_some_and(|spindle| rpm < spindle.speed_min_rpm) => refuse(
+            format!("D{rpm}"),
+            format!(
+                "the spindle of this machine turns no slower than {} rev/min",
+                spindle.map_or(0.0, |spindle| spindle.speed_min_rpm)
+            ),
+        ),
         EventKind::SpindleFollowed(_) if spindle.is_none_or(|s| s.encoder_counts_per_turn == 0) => refuse(
             "a motion in step with the spindle (G33, G33.1, G76)".into(),
             "no axis of this machine follows its spindle, which has no encoder: G84 taps with a holder that gives way"

@@ -111,6 +111,10 @@ fn what_the_machine_does_not_have_is_refused_with_its_line() {
         "line 2: S9000: the spindle of this machine turns at 100 to 6000 rev/min"
     );
     assert_eq!(
+        refusal("G96 D50 S100\nM2\n"),
+        "line 1: D50: the spindle of this machine turns no slower than 100 rev/min"
+    );
+    assert_eq!(
         refusal("M68 E8 Q1\nM2\n"),
         "line 1: analogue output 8: there are outputs 0 to 7"
     );
