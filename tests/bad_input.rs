@@ -160,7 +160,7 @@ fn an_arc_in_the_wrong_plane_is_refused() {
 fn an_arc_with_an_inconsistent_radius_is_refused() {
     refused_program(
         b"G21 G90 G17\nG0 X10 Y0\nG2 X30 Y0 I5 J0 F500\nM2\n",
-        &["bad.ngc:3", "radii", "0.002 mm"],
+        &["bad.ngc:3", "radii", "0.028 mm"],
     );
 }
 

@@ -4,7 +4,8 @@
 use bus::sample::Mode;
 
 use crate::support::{
-    Bench, LiveCell, Run, circle_program, long_program, number, run_with, send, text, traces_of,
+    Bench, LiveCell, Run, circle_program, endless_program, long_program, number, run_with, send,
+    text, traces_of,
 };
 
 /// Kills one process of a lockstep cell in the middle of an arc; the run and its report.
@@ -148,7 +149,7 @@ fn a_recorder_that_hangs_is_dropped_and_the_run_goes_on() {
 #[test]
 fn a_process_that_hangs_in_lockstep_ends_the_run_as_an_environment_failure_that_names_it() {
     let bench = Bench::of("xy", &[]);
-    let program = bench.file("long.ngc", &long_program());
+    let program = bench.file("long.ngc", &endless_program());
     let mut cell =
         LiveCell::start_with(bench.path(), &program, "lockstep", &["--answer-limit", "1"]);
     cell.wait_for_scan(100);

@@ -1,10 +1,10 @@
 //! Ctrl-C and SIGTERM: the tool comes to rest on the path, the report is written, nothing stays behind.
 
-use crate::support::{Bench, LiveCell, long_program, number, text, traces_of};
+use crate::support::{Bench, LiveCell, endless_program, long_program, number, text, traces_of};
 
 fn arc_in_progress(signal: i32) -> (crate::support::Run, serde_json::Value) {
     let bench = Bench::of("xy", &[]);
-    let program = bench.file("long.ngc", &long_program());
+    let program = bench.file("long.ngc", &endless_program());
     let mut cell = LiveCell::start(bench.path(), &program, "lockstep");
     cell.wait_for(|f| f.tag.element >= 2 && f.tag.distance_mm > 30.0);
     cell.signal_launcher(signal);
@@ -67,7 +67,7 @@ fn a_second_ctrl_c_stops_at_once_and_leaves_nothing_behind() {
 #[test]
 fn a_closed_standard_error_and_a_hangup_still_end_in_order() {
     let bench = Bench::of("xy", &[]);
-    let program = bench.file("long.ngc", &long_program());
+    let program = bench.file("long.ngc", &endless_program());
     let mut cell = LiveCell::start(bench.path(), &program, "lockstep");
     cell.wait_for_scan(2000);
     drop(cell.child.stderr.take());

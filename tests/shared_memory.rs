@@ -12,7 +12,8 @@ use bus::service::{Bus, Services};
 use machine::Machine;
 
 use crate::support::{
-    Bench, LiveCell, circle_program, long_program, quadrant, root, send, traces_of, unique_cell,
+    Bench, LiveCell, circle_program, endless_program, long_program, quadrant, root, send,
+    traces_of, unique_cell,
 };
 
 const PROGRAM: &str = "machines/xy/programs/circle-r25-f3000.ngc";
@@ -154,7 +155,7 @@ fn a_cell_takes_the_room_that_it_asks_for() {
 #[test]
 fn a_cell_whose_files_are_removed_says_so_and_ends_and_nobody_takes_its_name_before() {
     let bench = Bench::patient("xy", &[]);
-    let program = bench.file("long.ngc", &long_program());
+    let program = bench.file("long.ngc", &endless_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(300);
     let place = CellPaths::new(&cell.cell).expect("a name");

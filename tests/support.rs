@@ -438,12 +438,24 @@ pub fn text(report: &Value, pointer: &str) -> String {
 
 /// A program of so many circles that no test is over before it has done to it what it wants.
 pub fn long_program() -> String {
+    circles(60)
+}
+
+/// The same for tests that interrupt it in lockstep, where a busy PC may make minutes of machine time before the test comes to its turn.
+pub fn endless_program() -> String {
+    circles(3000)
+}
+
+fn circles(count: usize) -> String {
     let once = circle_program(25.0, 3000.0, (0.0, 0.0), 0.0);
     let turn = once
         .lines()
         .find(|line| line.starts_with("G3"))
         .unwrap_or_default();
-    once.replace("M2\n", &format!("{}M2\n", format!("{turn}\n").repeat(60)))
+    once.replace(
+        "M2\n",
+        &format!("{}M2\n", format!("{turn}\n").repeat(count)),
+    )
 }
 
 /// Full circles with a run-in, around a centre, from a start angle: ccw twice, then cw twice.

@@ -10,7 +10,8 @@ use bus::sample::{Feedback, Mode, ProgramState};
 use serde_json::Value;
 
 use crate::support::{
-    Bench, LiveCell, circle_program, long_program, number, quadrant, send, text, traces_of,
+    Bench, LiveCell, circle_program, endless_program, long_program, number, quadrant, send, text,
+    traces_of,
 };
 
 /// What an order printed, and its exit status.
@@ -233,7 +234,7 @@ fn a_program_that_is_wrong_is_refused_before_the_cell_hears_of_it() {
 #[test]
 fn the_one_program_of_a_run_is_not_replaced_and_down_ends_it_on_the_path() {
     let bench = Bench::of("xy", &[]);
-    let program = bench.file("long.ngc", &long_program());
+    let program = bench.file("long.ngc", &endless_program());
     let mut cell = LiveCell::start(bench.path(), &program, "lockstep");
     cell.wait_for(|f| f.tag.element >= 2);
     let program = program.display().to_string();
