@@ -255,12 +255,16 @@ pub fn roughing(pieces: &[Piece], words: &Roughing) -> Result<Vec<Cut>, CycleRef
 
 /// The moves of G70.
 pub fn finishing(pieces: &[Piece], words: &Finishing) -> Result<Vec<Cut>, CycleRefusal> {
-    let mut profile = Profile::new(pieces, words.start)?;
-    if !profile.segments.iter().all(Segment::is_monotonic) {
-        profile.turn();
-    }
+    let given = Profile::new(pieces, words.start)?;
+    let mut profile = given.clone();
     profile.align();
     profile.begin_beside();
+    if !profile.segments.iter().all(Segment::is_monotonic) {
+        profile = given;
+        profile.turn();
+        profile.align();
+        profile.begin_beside();
+    }
     let mut cuts = Cuts {
         facing: profile.facing,
         cuts: Vec::new(),
