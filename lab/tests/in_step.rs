@@ -24,6 +24,20 @@ fn lathe() -> (Machine, PlantFile) {
     (machine, plant)
 }
 
+fn seeds() -> u64 {
+    let asked = std::env::var("SEEDS").ok();
+    asked.and_then(|text| text.parse().ok()).unwrap_or(SEEDS)
+}
+
+/// A process is killed in a scan, and started again so many later.
+fn one_kill(who: &str, scan: u64, after: u64) -> String {
+    format!(
+        "[[fault]]\nat = {{ scan = {scan} }}\nprocess = \"{who}\"\ndo = \"kill\"\nrestart_after_scans = {after}\n"
+    )
+}
+
+const RESTARTS: &str = "[restart]\nplanner = \"resume\"\nservo = \"wait\"\nmaster = \"wait\"\n";
+
 /// One scan of a run: what was shown at its start, and the true places at its end.
 #[derive(Debug, Clone, Copy)]
 struct Row {
@@ -337,9 +351,6 @@ const KILLED: [(&str, &[&str]); 6] = [
 
 #[test]
 fn whoever_is_killed_in_a_tap_spindle_and_axis_stop_together_and_go_on_in_step() {
-    let seeds = std::env::var("SEEDS")
-        .ok()
-        .and_then(|text| text.parse().ok());
     let (machine, plant) = lathe();
     let text = tap(1000);
     let undisturbed = run(&machine, &plant, &text, None);
@@ -358,21 +369,15 @@ fn whoever_is_killed_in_a_tap_spindle_and_axis_stop_together_and_go_on_in_step()
         .expect("a tap")
         .feedback
         .scan;
-    let one = |who: &str, scan: u64, after: u64| {
-        format!(
-            "[[fault]]\nat = {{ scan = {scan} }}\nprocess = \"{who}\"\ndo = \"kill\"\nrestart_after_scans = {after}\n"
-        )
-    };
     let mut worst = [0.0f64; 6];
     let mut wrong = Vec::new();
-    for seed in 0..seeds.unwrap_or(SEEDS) {
+    for seed in 0..seeds() {
         let mut rng = Rng::new(Rng::new(seed).bits());
         let kind = (seed % 6) as usize;
         let scan = rng.within(first, last);
-        let mut script =
-            String::from("[restart]\nplanner = \"resume\"\nservo = \"wait\"\nmaster = \"wait\"\n");
+        let mut script = String::from(RESTARTS);
         for who in KILLED[kind].1 {
-            let _ = write!(script, "{}", one(who, scan, rng.within(5, 200)));
+            let _ = write!(script, "{}", one_kill(who, scan, rng.within(5, 200)));
         }
         let run = run(&machine, &plant, &text, Some(&script));
         if ended(&run).0 != Some(Mode::Finished) {
@@ -405,9 +410,6 @@ fn whoever_is_killed_in_a_tap_spindle_and_axis_stop_together_and_go_on_in_step()
 
 #[test]
 fn whoever_is_killed_in_a_thread_it_goes_on_at_the_index() {
-    let seeds = std::env::var("SEEDS")
-        .ok()
-        .and_then(|text| text.parse().ok());
     let (machine, plant) = lathe();
     let text = "G21 G18 G90\nG0 X12 Z5\nS600 M3\nG33 Z-35 K1\nG0 X30\nM2\n";
     let course = Course::of(&machine, &plant, "any.ngc", text).expect("a course");
@@ -420,15 +422,11 @@ fn whoever_is_killed_in_a_thread_it_goes_on_at_the_index() {
         .expect("a pass")
         .feedback
         .scan;
-    for seed in 0..seeds.unwrap_or(SEEDS) / 3 {
+    for seed in 0..seeds() / 3 {
         let mut rng = Rng::new(Rng::new(seed).bits());
         let who = ["planner", "servo-Z", "plant-sim"][(seed % 3) as usize];
         let scan = rng.within(first, first + 1500);
-        let script = format!(
-            "[restart]\nplanner = \"resume\"\nservo = \"wait\"\nmaster = \"wait\"\n[[fault]]\nat = {{ scan = {scan} }}\nprocess = \
-             \"{who}\"\ndo = \"kill\"\nrestart_after_scans = {}\n",
-            rng.within(5, 200)
-        );
+        let script = format!("{RESTARTS}{}", one_kill(who, scan, rng.within(5, 200)));
         let run = run(&machine, &plant, text, Some(&script));
         assert_eq!(
             ended(&run).0,
@@ -529,21 +527,15 @@ fn in_g96_the_spindle_follows_the_radius_and_the_feed_follows_the_spindle() {
 
 #[test]
 fn whoever_is_killed_in_g96_the_spindle_has_the_speed_of_the_radius_afterwards() {
-    let seeds = std::env::var("SEEDS")
-        .ok()
-        .and_then(|text| text.parse().ok());
     let (machine, plant) = lathe();
     let course = Course::of(&machine, &plant, "any.ngc", FACING).expect("a course");
     let undisturbed = run(&machine, &plant, FACING, None);
     let last = undisturbed.rows.len() as u64 - 200;
-    for seed in 0..seeds.unwrap_or(SEEDS) / 3 {
+    for seed in 0..seeds() / 3 {
         let mut rng = Rng::new(Rng::new(seed).bits());
         let who = ["planner", "servo-X", "plant-sim"][(seed % 3) as usize];
         let (scan, after) = (rng.within(500, last), rng.within(5, 200));
-        let script = format!(
-            "[restart]\nplanner = \"resume\"\nservo = \"wait\"\nmaster = \"wait\"\n[[fault]]\nat = {{ scan = {scan} }}\nprocess = \
-             \"{who}\"\ndo = \"kill\"\nrestart_after_scans = {after}\n"
-        );
+        let script = format!("{RESTARTS}{}", one_kill(who, scan, after));
         let run = run(&machine, &plant, FACING, Some(&script));
         assert_eq!(
             ended(&run).0,

@@ -123,10 +123,12 @@ impl ArcBlock {
 
     /// Whether start and end are less equally far from the centre than rounding leaves them.
     pub fn is_spiral(&self) -> bool {
-        self.centre().is_ok_and(|centre| {
-            let [start_mm, end_mm] = self.radii_mm(centre);
-            (start_mm - end_mm).abs() > SPIRAL_MM
-        })
+        // An R has its centre equally far from both.
+        let Circle::Centre(centre) = self.circle else {
+            return false;
+        };
+        let [start_mm, end_mm] = self.radii_mm(centre);
+        (start_mm - end_mm).abs() > SPIRAL_MM
     }
 
     /// Where the centre is, before rounding is taken out.

@@ -128,13 +128,17 @@ impl Interpreter {
 
     /// The axis of the spindle is where the program has its X0 now.
     pub(super) fn follow_centre(&mut self, line: u32) {
+        let Some(surface) = self.surface else {
+            return;
+        };
         let centre_mm = self.surface_centre_mm();
-        if let Some(surface) = &mut self.surface
-            && surface.centre_mm != centre_mm
-        {
-            surface.centre_mm = centre_mm;
-            let kind = EventKind::SurfaceSpeed(*surface);
-            self.event(line, kind);
+        if surface.centre_mm != centre_mm {
+            let followed = SurfaceSpeed {
+                centre_mm,
+                ..surface
+            };
+            self.surface = Some(followed);
+            self.event(line, EventKind::SurfaceSpeed(followed));
         }
     }
 
@@ -185,15 +189,18 @@ impl Interpreter {
         feed: Feed,
         per_turn: Option<FeedPerTurn>,
     ) {
-        let pieces = match per_turn.filter(|_| feed != Feed::Rapid) {
-            Some(per_turn) => per_turn.along(shape),
-            None => vec![(shape, feed)],
+        let Some(per_turn) = per_turn.filter(|_| feed != Feed::Rapid) else {
+            return self.add_piece(line, shape, feed);
         };
-        for (shape, feed) in pieces {
-            let element = Element::new(line, shape, feed, &self.rotary);
-            if element.length_mm > 0.0 {
-                self.output.add(element);
-            }
+        for (shape, feed) in per_turn.along(shape) {
+            self.add_piece(line, shape, feed);
+        }
+    }
+
+    fn add_piece(&mut self, line: u32, shape: Shape, feed: Feed) {
+        let element = Element::new(line, shape, feed, &self.rotary);
+        if element.length_mm > 0.0 {
+            self.output.add(element);
         }
     }
 }
