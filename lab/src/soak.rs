@@ -487,8 +487,10 @@ impl Soak<'_> {
             self.files_growth_max = self.files_growth_max.max(grown.files);
             if is_too_much {
                 self.violated(format!(
-                    "{role}, process {pid}, has grown by {} kB and {} open files",
-                    grown.kb, grown.files
+                    "{role}, process {pid}, has grown by {} kB and {} open files ({})",
+                    grown.kb,
+                    grown.files,
+                    cell::memory_in_words(pid)
                 ));
             }
         }

@@ -75,6 +75,19 @@ pub fn resident_kb(pid: i32) -> Option<u64> {
     line.split_whitespace().nth(1)?.parse().ok()
 }
 
+/// What a process's memory consists of, in words: its own, files, shared memory; and its threads.
+pub fn memory_in_words(pid: i32) -> String {
+    let status = fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default();
+    let shown = ["RssAnon:", "RssFile:", "RssShmem:", "Threads:"];
+    let lines = status
+        .lines()
+        .filter(|line| shown.iter().any(|key| line.starts_with(key)));
+    let words: Vec<String> = lines
+        .map(|line| line.split_whitespace().collect::<Vec<_>>().join(" "))
+        .collect();
+    words.join(", ")
+}
+
 /// Open files of a process.
 pub fn open_files(pid: i32) -> Option<usize> {
     Some(fs::read_dir(format!("/proc/{pid}/fd")).ok()?.count())
