@@ -38,7 +38,7 @@ use disturb::RETURN_LIMIT;
 use ending::Left;
 use fault::Injection;
 use freezer::Freezer;
-use growth::{FILES_MAX, Growth, Held};
+use growth::{FILES_MAX, Growth};
 use launcher::check::{self, Checked};
 use launcher::exit::{Failure, Kind, Outcome};
 use launcher::logs;
@@ -472,15 +472,21 @@ impl Soak<'_> {
     /// Nobody grows, nobody stays dead, and what is in shared memory does not pile up.
     fn judge_processes(&mut self, cell: &mut Cell, growth: &mut Growth, shared_at_first: usize) {
         for (pid, role) in cell.settled() {
-            let now = cell::resident_kb(pid).zip(cell::open_files(pid));
-            let Some((kb, files)) = now.filter(|(kb, _)| *kb > 0) else {
-                continue;
-            };
             let most_kb = match self.clients {
                 0 => GROWTH_MAX_KB,
                 _ => GROWTH_WITH_CLIENTS_MAX_KB,
             };
-            let held = Held { kb, files };
+            let Some(mut held) = cell::held(pid) else {
+                continue;
+            };
+            let since = Instant::now();
+            while growth.exceeds(pid, held, most_kb) && since.elapsed() < RETURN_LIMIT {
+                cell.look_until(Instant::now() + Duration::from_millis(20));
+                match cell::held(pid) {
+                    Some(now) if !cell.is_over() => held = now,
+                    _ => return,
+                }
+            }
             let (grown, is_too_much) = growth.take(pid, held, most_kb, Instant::now());
             let most = self.growth_kb_max.entry(role.clone()).or_default();
             *most = grown.kb.max(*most);

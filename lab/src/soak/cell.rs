@@ -20,6 +20,7 @@ use control::path::Path as ProgramPath;
 use machine::Machine;
 use rustix::process::{Pid, Signal, kill_process, pidfd_send_signal};
 
+use super::growth::Held;
 use super::judge::Judge;
 
 /// A cell that is not up by then never will be.
@@ -68,11 +69,13 @@ fn all_pids() -> impl Iterator<Item = i32> {
     entries.filter_map(|entry| entry.file_name().to_str()?.parse().ok())
 }
 
-/// Resident memory of a process, in kB.
-pub fn resident_kb(pid: i32) -> Option<u64> {
+/// What a process holds; none of one that is gone.
+pub fn held(pid: i32) -> Option<Held> {
     let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
     let line = status.lines().find(|line| line.starts_with("VmRSS:"))?;
-    line.split_whitespace().nth(1)?.parse().ok()
+    let kb = line.split_whitespace().nth(1)?.parse().ok()?;
+    let files = fs::read_dir(format!("/proc/{pid}/fd")).ok()?.count();
+    Some(Held { kb, files }).filter(|held| held.kb > 0)
 }
 
 /// What a process's memory consists of, in words: its own, files, shared memory; and its threads.
@@ -86,11 +89,6 @@ pub fn memory_in_words(pid: i32) -> String {
         .map(|line| line.split_whitespace().collect::<Vec<_>>().join(" "))
         .collect();
     words.join(", ")
-}
-
-/// Open files of a process.
-pub fn open_files(pid: i32) -> Option<usize> {
-    Some(fs::read_dir(format!("/proc/{pid}/fd")).ok()?.count())
 }
 
 /// The cell.
@@ -304,6 +302,11 @@ impl Cell {
         members
             .chain([(self.launcher, "launcher".to_string())])
             .collect()
+    }
+
+    /// Whether its last feedback was seen: the launcher makes the report then.
+    pub fn is_over(&self) -> bool {
+        self.over.is_some()
     }
 
     /// A client is killed.

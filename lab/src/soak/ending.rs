@@ -301,7 +301,9 @@ impl Soak<'_> {
         if names > 0 {
             self.violated(format!("{names} sockets of the cell after its run"));
         }
-        let own = cell::open_files(std::process::id() as i32).unwrap_or_default();
+        let own = cell::held(std::process::id() as i32)
+            .unwrap_or_default()
+            .files;
         let first = *self.left.own_files.get_or_insert(own);
         if own > first + OWN_FILES_MAX {
             self.violated(format!(

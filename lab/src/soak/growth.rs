@@ -15,6 +15,12 @@ pub struct Held {
     pub files: usize,
 }
 
+impl Held {
+    fn is_too_much_over(self, first: Held, most_kb: u64) -> bool {
+        self.kb > first.kb + most_kb || self.files > first.files + FILES_MAX
+    }
+}
+
 #[derive(Debug)]
 struct Known {
     takes_part_since: Instant,
@@ -31,6 +37,12 @@ pub struct Growth {
 }
 
 impl Growth {
+    /// Whether a process holds more than it may: what comes and goes with clients may take a while to go.
+    pub fn exceeds(&self, pid: i32, held: Held, most_kb: u64) -> bool {
+        let first = self.known.get(&pid).and_then(|known| known.first);
+        first.is_some_and(|first| held.is_too_much_over(first, most_kb))
+    }
+
     /// Takes what a process that takes part holds `now`: by how much it has grown since it had settled, and, once for each
     /// process, whether that is too much.
     pub fn take(&mut self, pid: i32, held: Held, most_kb: u64, now: Instant) -> (Held, bool) {
@@ -47,7 +59,7 @@ impl Growth {
             kb: held.kb.saturating_sub(first.kb),
             files: held.files.saturating_sub(first.files),
         };
-        let is_too_much = grown.kb > most_kb || grown.files > FILES_MAX;
+        let is_too_much = held.is_too_much_over(first, most_kb);
         let is_new = is_too_much && !std::mem::replace(&mut known.is_said, is_too_much);
         (grown, is_new)
     }
