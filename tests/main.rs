@@ -39,6 +39,7 @@ mod random_runs;
 mod realtime_faults;
 mod recorder;
 mod robust;
+mod rounding;
 mod scope;
 mod setpoints;
 mod shared_memory;

@@ -17,7 +17,7 @@ use crate::path_part::{Laid, PathPart};
 use crate::positioning::rapids as positioning;
 use crate::segment::Segment;
 
-use sharing::PlanLimits;
+use sharing::{PlanLimits, Sharing};
 
 pub(crate) mod sharing;
 
@@ -39,18 +39,19 @@ const SHARING_ROUNDS: usize = 6;
 /// Excess over a share that is none.
 const SHARE_TOLERANCE: f64 = 1e-2;
 
-/// One element that moves.
+/// One element that moves, or a piece of one that is rounded.
 struct Stretch<'a> {
     element: u32,
     laid: &'a Laid,
+    from_mm: f64,
+    to_mm: f64,
+    sharing: &'a Sharing,
+    /// What the axes bear, in mm/s.
+    speed_mm_s: f64,
+    /// The same or what is asked for at the highest override, whichever is lower, in mm/s.
+    fastest_mm_s: f64,
     /// A rapid between places where it has to stop or nearly so: it begins and ends at rest.
     from_rest_to_rest: bool,
-}
-
-impl Stretch<'_> {
-    fn length_mm(&self) -> f64 {
-        self.laid.element.length_mm
-    }
 }
 
 /// Two elements that meet in motion, with different directions.
@@ -158,17 +159,48 @@ impl<'a> Course<'a> {
             if let (Some(before), Some(last)) = (before, last) {
                 let kink = element.tangent(0.0) - before.tangent(before.length_mm);
                 let kink = kinematics.axes_tangent(&element.start(), &kink);
-                let fastest_mm_s = laid.fastest_mm_s.min(last.laid.fastest_mm_s);
+                let own_mm_s = laid
+                    .pieces
+                    .first()
+                    .map_or(laid.speed_mm_s, |of| of.speed_mm_s);
+                let fastest_mm_s = laid.fastest_mm_s.min(own_mm_s).min(last.fastest_mm_s);
                 course.add_junction(laid.start_mm, &kink, fastest_mm_s);
             }
-            course.stretches.push(Stretch {
-                element: index,
-                laid,
-                from_rest_to_rest,
-            });
+            course.add_stretches(index, laid, from_rest_to_rest, override_max);
             before = Some(element);
         }
         course
+    }
+
+    fn add_stretches(
+        &mut self,
+        element: u32,
+        laid: &'a Laid,
+        from_rest_to_rest: bool,
+        override_max: f64,
+    ) {
+        let whole = Stretch {
+            element,
+            laid,
+            from_mm: 0.0,
+            to_mm: laid.element.length_mm,
+            sharing: &laid.sharing,
+            speed_mm_s: laid.speed_mm_s,
+            fastest_mm_s: laid.fastest_mm_s,
+            from_rest_to_rest,
+        };
+        if laid.pieces.is_empty() {
+            return self.stretches.push(whole);
+        }
+        self.stretches
+            .extend(laid.pieces.iter().map(|piece| Stretch {
+                from_mm: piece.from_mm,
+                to_mm: piece.to_mm,
+                sharing: &piece.sharing,
+                speed_mm_s: piece.speed_mm_s,
+                fastest_mm_s: piece.speed_mm_s.min(laid.feed_mm_s * override_max),
+                ..whole
+            }));
     }
 
     /// Whether a straight rapid has to stop, or nearly so, at both of its ends: in a kink, or for a feed that is far slower.
@@ -270,7 +302,7 @@ impl<'a> Course<'a> {
     /// speeds by it suffices.
     fn excess(&self, stretch: &Stretch<'_>, active: &[u32], in_last_round: bool) -> f64 {
         // A junction alone was given no more than its share.
-        if active.is_empty() || (active.len() == 1 && !stretch.laid.sharing.is_curved()) {
+        if active.is_empty() || (active.len() == 1 && !stretch.sharing.is_curved()) {
             return 0.0;
         }
         let (reserved, speed_mm_s) = self.reserved(stretch, active);
@@ -281,7 +313,7 @@ impl<'a> Course<'a> {
         // Where the arc itself is slower than the junctions that reach onto it, it stays as fast when they are slowed down.
         let arc_stays = in_last_round && slowest.fold(f64::INFINITY, f64::min) > speed_mm_s;
         let mut excess = 0.0f64;
-        let curvature = &stretch.laid.sharing.curvature_per_mm;
+        let curvature = &stretch.sharing.curvature_per_mm;
         let of_axes = reserved
             .iter()
             .zip(curvature)
@@ -303,7 +335,7 @@ impl<'a> Course<'a> {
     /// What the active junctions reserve of each axis, in mm/s², and the highest speed within all of their zones.
     fn reserved(&self, stretch: &Stretch<'_>, active: &[u32]) -> ([f64; MAX_AXES], f64) {
         let mut reserved_mm_s2 = [0.0; MAX_AXES];
-        let mut speed_mm_s = stretch.laid.fastest_mm_s;
+        let mut speed_mm_s = stretch.fastest_mm_s;
         for &index in active {
             if let Some(junction) = self.junctions.get(index as usize) {
                 junction.reserve(&mut reserved_mm_s2, self.scan_period_s);
@@ -335,8 +367,8 @@ impl<'a> Course<'a> {
         let mut starts = self.zone_starts.iter().peekable();
         let mut ends = self.zone_ends.iter().peekable();
         for stretch in &self.stretches {
-            let mut from_mm = 0.0;
-            while from_mm < stretch.length_mm() {
+            let mut from_mm = stretch.from_mm;
+            while from_mm < stretch.to_mm {
                 // Every zone starts before it ends, so all starts so far may be taken before the ends.
                 while let Some((_, junction)) =
                     starts.next_if(|(at_mm, _)| at_mm - stretch.laid.start_mm <= from_mm)
@@ -348,7 +380,7 @@ impl<'a> Course<'a> {
                 {
                     active.retain(|other| other != junction);
                 }
-                let mut to_mm = stretch.length_mm();
+                let mut to_mm = stretch.to_mm;
                 for border in [starts.peek(), ends.peek()].into_iter().flatten() {
                     to_mm = to_mm.min(border.0 - stretch.laid.start_mm);
                 }
@@ -381,10 +413,9 @@ impl<'a> Course<'a> {
                 element: stretch.element,
                 from_mm,
                 to_mm,
-                speed_mm_s: within(stretch.laid.speed_mm_s),
+                speed_mm_s: within(stretch.speed_mm_s),
                 feed_mm_s: stretch.laid.feed_mm_s,
                 acceleration_mm_s2: stretch
-                    .laid
                     .sharing
                     .acceleration_mm_s2(&left_mm_s2, fastest_mm_s),
                 from_rest_to_rest: stretch.from_rest_to_rest,

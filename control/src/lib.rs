@@ -30,6 +30,7 @@ pub mod positioning;
 pub mod prediction;
 pub mod profile;
 pub mod reversal;
+pub mod rounding;
 mod segment;
 pub mod setpoint_settings;
 pub mod setpoints;

@@ -9,8 +9,11 @@ mod shape;
 mod tests;
 
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 use nalgebra::SVector;
+
+use crate::rounding::Correction;
 
 /// The most axes one cell can have.
 pub const MAX_AXES: usize = 8;
@@ -31,6 +34,23 @@ pub enum Feed {
     Rapid,
     /// Along the path, in mm/s (G1, G2, G3).
     PathMmS(f64),
+}
+
+/// How far the path that is travelled may leave the programmed one (G64), in mm.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PathTolerance {
+    /// At corners (P); 0: the path is travelled exactly (G61).
+    pub corner_mm: f64,
+    /// Along chords that stand for a curve (Q); 0: as at corners.
+    pub chord_mm: f64,
+}
+
+impl PathTolerance {
+    /// The path is travelled exactly.
+    pub const EXACT: Self = Self {
+        corner_mm: 0.0,
+        chord_mm: 0.0,
+    };
 }
 
 /// The curve of one element.
@@ -91,6 +111,10 @@ pub struct Element {
     pub length_mm: f64,
     /// The tool comes to rest before it, whatever stands before: something happens there first.
     pub rests_before: bool,
+    /// How far the path that is travelled may leave it.
+    pub tolerance: PathTolerance,
+    /// What [rounding](crate::rounding) adds to its curve; none where it is travelled as programmed.
+    pub rounding: Option<Arc<Correction>>,
 }
 
 /// The whole path of a program.
@@ -177,6 +201,8 @@ impl Element {
             feed,
             length_mm,
             rests_before: false,
+            tolerance: PathTolerance::EXACT,
+            rounding: None,
         }
     }
 
@@ -241,6 +267,8 @@ impl Element {
             feed: Feed::Rapid,
             length_mm: 0.0,
             rests_before: false,
+            tolerance: PathTolerance::EXACT,
+            rounding: None,
         }
     }
 
@@ -264,9 +292,18 @@ impl Element {
         matches!(self.shape, Shape::Dwell { .. })
     }
 
-    /// The point `distance_mm` along it. At and before 0 this is the stored start, at and beyond its length the stored
-    /// end, to the bit.
+    /// The point `distance_mm` along it, rounded if it is. Unrounded, at and before 0 this is the stored start, at and beyond its
+    /// length the stored end, to the bit.
     pub fn point(&self, distance_mm: f64) -> AxisVector {
+        let programmed = self.programmed_point(distance_mm);
+        match &self.rounding {
+            Some(correction) => programmed + self.added(correction, distance_mm)[0],
+            None => programmed,
+        }
+    }
+
+    /// The point `distance_mm` along it as it is programmed.
+    pub fn programmed_point(&self, distance_mm: f64) -> AxisVector {
         if distance_mm <= 0.0 {
             return self.start();
         }
@@ -276,67 +313,33 @@ impl Element {
         self.shape.at_share(distance_mm / self.length_mm)
     }
 
-    /// Derivative of the point with respect to the distance: a unit vector where only slides move. Beyond the ends the
-    /// tangent at the end; zero for a dwell.
+    fn added(&self, correction: &Correction, distance_mm: f64) -> [AxisVector; 3] {
+        correction.at(distance_mm.clamp(0.0, self.length_mm))
+    }
+
+    /// Derivative of the point with respect to the distance: a unit vector where only slides move and nothing is rounded. Beyond the
+    /// ends the tangent at the end; zero for a dwell.
     pub fn tangent(&self, distance_mm: f64) -> AxisVector {
-        if self.length_mm <= 0.0 {
-            return AxisVector::zeros();
-        }
-        match &self.shape {
-            Shape::Line { from, to } => (to - from) / self.length_mm,
-            Shape::Arc {
-                radius_mm,
-                u,
-                v,
-                start_angle_rad,
-                sweep_rad,
-                axial,
-                ..
-            } => {
-                let share = (distance_mm / self.length_mm).clamp(0.0, 1.0);
-                let angle_rad = start_angle_rad + sweep_rad * share;
-                let around_mm = radius_mm * sweep_rad;
-                (v * (around_mm * libm::cos(angle_rad)) - u * (around_mm * libm::sin(angle_rad))
-                    + axial)
-                    / self.length_mm
-            }
-            Shape::Dwell { .. } => AxisVector::zeros(),
+        let programmed = self.shape.tangent(distance_mm, self.length_mm);
+        match &self.rounding {
+            Some(correction) => programmed + self.added(correction, distance_mm)[1],
+            None => programmed,
         }
     }
 
-    /// Second derivative of the point with respect to the distance, in 1/mm; zero for lines and dwells. Times the path
-    /// speed squared it is the centripetal acceleration of each axis.
+    /// Second derivative of the point with respect to the distance, in 1/mm; zero for lines and dwells where nothing is rounded. Times the
+    /// path speed squared it is the centripetal acceleration of each axis.
     pub fn curvature_per_mm(&self, distance_mm: f64) -> AxisVector {
-        match &self.shape {
-            Shape::Arc {
-                u,
-                v,
-                start_angle_rad,
-                sweep_rad,
-                ..
-            } if self.length_mm > 0.0 => {
-                let share = (distance_mm / self.length_mm).clamp(0.0, 1.0);
-                let angle_rad = start_angle_rad + sweep_rad * share;
-                (u * libm::cos(angle_rad) + v * libm::sin(angle_rad))
-                    * -self.curvature_magnitude_per_mm()
-            }
-            _ => AxisVector::zeros(),
+        let programmed = self.shape.curvature_per_mm(distance_mm, self.length_mm);
+        match &self.rounding {
+            Some(correction) => programmed + self.added(correction, distance_mm)[2],
+            None => programmed,
         }
     }
 
-    /// Length of [`Element::curvature_per_mm`], the same all along the element: 1/radius for a plane arc.
+    /// Length of the second derivative of the programmed curve, the same all along the element: 1/radius for a plane arc.
     pub fn curvature_magnitude_per_mm(&self) -> f64 {
-        match &self.shape {
-            Shape::Arc {
-                radius_mm,
-                sweep_rad,
-                ..
-            } if self.length_mm > 0.0 => {
-                let angle_per_mm = sweep_rad / self.length_mm;
-                radius_mm * angle_per_mm * angle_per_mm
-            }
-            _ => 0.0,
-        }
+        self.shape.curvature_magnitude_per_mm(self.length_mm)
     }
 
     /// The place on the element nearest to `point`: (distance along it, distance of the point from it), in mm. This is
@@ -346,6 +349,9 @@ impl Element {
     /// steps. Where several turns of a circle lie over each other the first is named. NaN in gives NaN deviation.
     pub fn closest_distance(&self, point: &AxisVector) -> (f64, f64) {
         let deviation_mm = |distance_mm: f64| (point - self.point(distance_mm)).norm();
+        if self.rounding.is_some() {
+            return self.closest_on_rounded(point);
+        }
         let mut best = (0.0, deviation_mm(0.0));
         let mut offer = |distance_mm: f64| {
             let deviation_mm = deviation_mm(distance_mm);
@@ -398,6 +404,22 @@ impl Element {
             }
         }
         best
+    }
+
+    /// The same on a rounded element: from the place that is nearest on the programmed one.
+    fn closest_on_rounded(&self, point: &AxisVector) -> (f64, f64) {
+        let programmed = Self {
+            rounding: None,
+            ..self.clone()
+        };
+        let (nearest_mm, _) = programmed.closest_distance(point);
+        let starts = [nearest_mm, 0.0, self.length_mm];
+        let places = starts.map(|start_mm| self.refine_closest(point, start_mm));
+        let both = places.into_iter().chain(starts);
+        let offers = both.map(|place_mm| (place_mm, (point - self.point(place_mm)).norm()));
+        offers
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .unwrap_or((nearest_mm, f64::NAN))
     }
 
     /// Newton steps on ½|point − curve(s)|² from a starting distance, kept inside the element.

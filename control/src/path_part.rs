@@ -10,10 +10,13 @@
 )]
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
-use crate::course::sharing::{PlanLimits, Sharing};
+use crate::course::sharing::{LaidPiece, PlanLimits, Sharing};
+use crate::kinematics::Kinematics;
 use crate::limits::MotionLimits;
 use crate::path::{AxisVector, Element, Feed, Path, Shape};
+use crate::rounding::{self, REACH_ELEMENTS};
 use crate::segment::MapError;
 
 /// Gap between elements that the rounding allowance of the limits covers, in increments.
@@ -26,7 +29,9 @@ pub(crate) struct Laid {
     /// Length of all elements before it, in mm.
     pub start_mm: f64,
     pub sharing: Sharing,
-    /// What the axes bear, in mm/s; 0 where nothing moves.
+    /// Its pieces, where it is rounded; none where it is one.
+    pub pieces: Vec<LaidPiece>,
+    /// What the axes bear, in mm/s; 0 where nothing moves. The highest of its pieces'.
     pub speed_mm_s: f64,
     /// What is asked for at 100 %, in mm/s; for rapids what the axes bear.
     pub feed_mm_s: f64,
@@ -35,6 +40,14 @@ pub(crate) struct Laid {
 }
 
 impl Laid {
+    /// Cuts a rounded element into pieces, each with what the axes bear on it.
+    fn cut(&mut self, limits: &PlanLimits, override_max: f64) {
+        self.pieces = LaidPiece::of_rounded(&self.element, &self.sharing, limits);
+        let speeds = self.pieces.iter().map(|piece| piece.speed_mm_s);
+        self.speed_mm_s = speeds.fold(0.0, f64::max);
+        self.fastest_mm_s = self.speed_mm_s.min(self.feed_mm_s * override_max);
+    }
+
     /// Whether something moves on it.
     pub fn moves(&self) -> bool {
         self.element.length_mm > 0.0
@@ -46,6 +59,8 @@ impl Laid {
 pub struct PathPart {
     laid: VecDeque<Laid>,
     first: u32,
+    /// Up to here it is known how elements are rounded.
+    ready: u32,
     complete: bool,
     /// Length of the path up to the end of what is at hand, in mm.
     length_mm: f64,
@@ -62,6 +77,7 @@ impl PathPart {
         Self {
             laid: VecDeque::new(),
             first,
+            ready: first,
             complete: false,
             length_mm: start_mm,
             previous_end: None,
@@ -85,6 +101,7 @@ impl PathPart {
             part.push(element.clone())?;
         }
         part.complete = true;
+        part.round_on();
         Ok(part)
     }
 
@@ -118,11 +135,50 @@ impl PathPart {
             element,
             start_mm,
             sharing,
+            pieces: Vec::new(),
             speed_mm_s,
             feed_mm_s,
             fastest_mm_s: speed_mm_s.min(feed_mm_s * self.override_max),
         });
         Ok(())
+    }
+
+    /// Rounds the elements of which all is known that has a part in it.
+    pub(crate) fn round_on(&mut self) {
+        let to = if self.complete {
+            self.end()
+        } else {
+            self.end().saturating_sub(REACH_ELEMENTS).max(self.ready)
+        };
+        let from = self.ready;
+        self.ready = to;
+        let index = |element: u32| element.saturating_sub(self.first) as usize;
+        let (begin, end) = (index(from), index(to));
+        let may_be_rounded = |laid: &Laid| rounding::is_rounded(&laid.element);
+        let is_straight = self.limits.setpoints().kinematics == Kinematics::Cartesian;
+        if !is_straight || !self.laid.range(begin..end).any(may_be_rounded) {
+            return;
+        }
+        let reach = REACH_ELEMENTS as usize;
+        let known = begin.saturating_sub(reach)..(end + reach).min(self.laid.len());
+        let start_mm = self.laid.get(known.start).map_or(0.0, |laid| laid.start_mm);
+        let corrections = rounding::corrections(
+            self.laid.range(known.clone()).map(|laid| &laid.element),
+            start_mm,
+            begin - known.start..end - known.start,
+            &self.limits.setpoints().rounding,
+        );
+        for (laid, correction) in self.laid.range_mut(begin..end).zip(corrections) {
+            if let Some(correction) = correction {
+                laid.element.rounding = Some(Arc::new(correction));
+                laid.cut(&self.plan_limits, self.override_max);
+            }
+        }
+    }
+
+    /// Number of the element behind the last one of which it is known how it is rounded.
+    pub(crate) fn ready(&self) -> u32 {
+        self.ready
     }
 
     /// Nothing comes after what is at hand.

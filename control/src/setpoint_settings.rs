@@ -8,6 +8,7 @@
 
 use crate::kinematics::Kinematics;
 use crate::path::{Element, Shape};
+use crate::rounding::RoundingSettings;
 
 /// How setpoints of straight elements are made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -27,6 +28,8 @@ pub struct SetpointSettings {
     pub straight_lines: StraightLines,
     /// How the axes carry the tool.
     pub kinematics: Kinematics,
+    /// How the path is rounded where the program allows it. Axes that do not move in straight lines travel it exactly.
+    pub rounding: RoundingSettings,
 }
 
 impl SetpointSettings {
@@ -34,6 +37,7 @@ impl SetpointSettings {
     pub(crate) fn follow_master(&self, element: &Element) -> bool {
         self.straight_lines == StraightLines::MasterAxis
             && matches!(element.shape, Shape::Line { .. })
+            && element.rounding.is_none()
     }
 
     /// Furthest that a setpoint can be from the exact place of its tag, in increments.

@@ -33,6 +33,7 @@ use crate::limits::MotionLimits;
 use crate::path::Path;
 use crate::path_part::{Laid, PathPart};
 use crate::positioning::{Move, Positioning, Profile, rapids};
+use crate::rounding::REACH_ELEMENTS;
 pub use crate::segment::MapError;
 use crate::segment::Segment;
 
@@ -138,7 +139,7 @@ impl SpeedMap {
     /// Lays out the next block, if all that has a part in it is at hand.
     fn lay_out_block(&mut self, part: &PathPart) -> bool {
         let from = self.next_block;
-        let to = from.saturating_add(BLOCK_ELEMENTS).min(part.end());
+        let to = from.saturating_add(BLOCK_ELEMENTS).min(part.ready());
         if from >= to || (to - from < BLOCK_ELEMENTS && !part.is_complete()) {
             return false;
         }
@@ -224,7 +225,8 @@ impl SpeedMap {
 
     /// The first element that is needed to go on with the map.
     pub(crate) fn needs_from(&self) -> u32 {
-        self.next_block.saturating_sub(MARGIN_ELEMENTS)
+        self.next_block
+            .saturating_sub(MARGIN_ELEMENTS + REACH_ELEMENTS)
     }
 
     /// The lowest path speed above which braking would not fit a window, of the places where the path would have gone faster.
@@ -295,7 +297,7 @@ pub fn first_mapped(first: u32) -> u32 {
     if first == 0 {
         return 0;
     }
-    let with_margin = first.saturating_add(MARGIN_ELEMENTS);
+    let with_margin = first.saturating_add(MARGIN_ELEMENTS + REACH_ELEMENTS);
     with_margin
         .checked_next_multiple_of(BLOCK_ELEMENTS)
         .unwrap_or(u32::MAX)
@@ -312,6 +314,9 @@ fn with_margins(part: &PathPart, block: Range<u32>, scan_period_s: f64) -> Optio
     let mut to = block.end;
     while to - block.end < MARGIN_ELEMENTS && !(to == part.end() && part.is_complete()) {
         to += 1;
+        if to > part.ready() {
+            return None;
+        }
         if margin.is_enough_with(part.laid(to - 1)?) {
             break;
         }

@@ -210,6 +210,7 @@ impl WindowPlanner {
 
     /// Maps what was added, as far as what is known of the path allows.
     pub fn map_on(&mut self) {
+        self.part.round_on();
         self.map.extend(&self.part);
         self.envelope.follow(&self.map);
     }

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use control::audit::SetpointAudit;
 use control::kinematics::Kinematics;
 use control::limits::{AxisLimits, MotionLimits};
-use control::path::{AxisVector, Element, Feed, Path};
+use control::path::{AxisVector, Element, Feed, Path, PathTolerance};
 use control::path_part::PathPart;
 use control::pivot::{Carries, PivotY};
 use control::positioning::{MotorLoad, Positioning};
@@ -188,6 +188,15 @@ fn any_block() -> impl Strategy<Value = (Block, Feed)> {
         3 => scaled(2.0, 400.0).prop_map(Feed::PathMmS),
     ];
     (block, feed)
+}
+
+fn any_tolerance() -> impl Strategy<Value = PathTolerance> {
+    let corner_mm = prop_oneof![1 => Just(0.0), 4 => scaled(1e-4, 1.0)];
+    let chord_mm = prop_oneof![1 => Just(0.0), 1 => scaled(1e-4, 1.0)];
+    (corner_mm, chord_mm).prop_map(|(corner_mm, chord_mm)| PathTolerance {
+        corner_mm,
+        chord_mm,
+    })
 }
 
 fn elements_of(blocks: &[(Block, Feed)]) -> Vec<Element> {
@@ -405,14 +414,13 @@ impl Cell {
 }
 
 fn any_run(
-    blocks: &[(Block, Feed)],
+    elements: Vec<Element>,
     events: &[Event],
     limits: MotionLimits,
     period_setpoints: usize,
     braking_setpoints_max: u32,
     positioning: Option<&Positioning>,
 ) -> Result<(), TestCaseError> {
-    let elements = elements_of(blocks);
     let last = elements.last().cloned();
     let intended_setpoints = 4 * period_setpoints as u32;
     let planner = match WindowPlanner::with_positioning(
@@ -498,7 +506,7 @@ proptest! {
         let scan_period_s = if fast { 250e-6 } else { 1e-3 };
         let setpoints = SetpointSettings { straight_lines, ..SetpointSettings::default() };
         let limits = limits_of_setpoints(scan_period_s, setpoints, SLIDES);
-        any_run(&blocks, &events, limits, if long_period { 8 } else { 4 }, braking_setpoints_max, None)?;
+        any_run(elements_of(&blocks), &events, limits, if long_period { 8 } else { 4 }, braking_setpoints_max, None)?;
     }
 
     #[test]
@@ -515,7 +523,23 @@ proptest! {
             .into_iter()
             .map(|((block, feed), rapid)| (block, if rapid { Feed::Rapid } else { feed }))
             .collect();
-        any_run(&blocks, &events, limits(scan_period_s), if long_period { 8 } else { 4 }, braking_setpoints_max, Some(&loads(rated_n)))?;
+        any_run(elements_of(&blocks), &events, limits(scan_period_s), if long_period { 8 } else { 4 }, braking_setpoints_max, Some(&loads(rated_n)))?;
+    }
+
+    #[test]
+    fn rounded_paths_keep_every_limit_whatever_the_operator_and_the_planner_do(
+        blocks in prop::collection::vec((any_block(), any_tolerance()), 1..14),
+        events in prop::collection::vec(any_event(), 0..400),
+        fast in any::<bool>(),
+        braking_setpoints_max in prop_oneof![3 => Just(900u32), 1 => 12..200u32],
+    ) {
+        let scan_period_s = if fast { 250e-6 } else { 1e-3 };
+        let (blocks, tolerances): (Vec<_>, Vec<PathTolerance>) = blocks.into_iter().unzip();
+        let mut elements = elements_of(&blocks);
+        for element in &mut elements {
+            element.tolerance = tolerances[element.line as usize - 1];
+        }
+        any_run(elements, &events, limits(scan_period_s), 8, braking_setpoints_max, None)?;
     }
 }
 
@@ -549,7 +573,7 @@ proptest! {
             ..SetpointSettings::default()
         };
         let limits = limits_of_setpoints(scan_period_s, setpoints, WITH_ARM);
-        any_run(&blocks, &events, limits, 8, 900, None)?;
+        any_run(elements_of(&blocks), &events, limits, 8, 900, None)?;
     }
 }
 
@@ -578,7 +602,7 @@ fn an_arm_goes_there_and_back_on_an_arc_of_a_micrometre() {
         ..SetpointSettings::default()
     };
     let limits = limits_of_setpoints(1e-3, setpoints, WITH_ARM);
-    any_run(&blocks, &[], limits, 8, 900, None).unwrap();
+    any_run(elements_of(&blocks), &[], limits, 8, 900, None).unwrap();
 }
 
 fn increments_of(position: &AxisVector) -> [i64; 8] {

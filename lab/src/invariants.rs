@@ -65,7 +65,7 @@ impl Course {
     ) -> Result<Course, Box<dyn std::error::Error + Send + Sync>> {
         let program = program::resume_from(machine, &plant.start(machine)?, name, text)?;
         let start = program.start;
-        let windows = planner::window_planner(machine, program.path, start)?;
+        let (windows, _) = planner::course(machine, program)?;
         let limits = windows.limits().clone();
         let path = windows.path().clone();
         let end = path.last().map_or(start, Element::end);

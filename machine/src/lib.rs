@@ -19,6 +19,7 @@ mod loops;
 mod machine;
 pub mod model;
 mod parameter_file;
+mod path;
 mod positioning;
 mod process;
 mod renamed;
@@ -38,6 +39,7 @@ pub use loops::{FeedForward, PREDICTION_M_MIN, PositionLoop, Prediction, Velocit
 pub use machine::{DEAD_TIME_SCANS_MAX, Machine, Manual, ProgramSettings, Scan};
 pub use model::{AxisModel, DisturbanceObserver, TorqueFeedForward};
 pub use parameter_file::{KeptParameters, is_always_kept, parameter_text, parse_parameters};
+pub use path::PathSettings;
 pub use positioning::{Positioning, RapidProfile};
 pub use process::Process;
 pub use restart::{AfterLoss, AfterMaster, AfterMonitor, AfterStandby, Restart};

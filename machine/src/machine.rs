@@ -13,6 +13,7 @@ use crate::axis::Axis;
 use crate::interpolation::Interpolation;
 use crate::kinematics::Kinematics;
 use crate::parameter_file::KeptParameters;
+use crate::path::PathSettings;
 use crate::positioning::Positioning;
 use crate::restart::Restart;
 use crate::tool_table::Tool;
@@ -31,6 +32,8 @@ pub struct Machine {
     pub positioning: Positioning,
     /// How setpoints are made.
     pub interpolation: Interpolation,
+    /// How far the path that is travelled may leave the programmed one ([method](../methods/rounding.md)).
+    pub path: PathSettings,
     /// How the axes carry the tool ([method](../methods/pivot-axis.md)). Without this table they are the program's X, Y, Z ….
     pub kinematics: Option<Kinematics>,
     /// Motion off the path: at reduced speeds, because nobody planned it. Axes that are slower anyway keep their own limit.

@@ -3,12 +3,13 @@
 use bus::sample::MAX_WINDOW_SETPOINTS;
 use control::kinematics::Kinematics;
 use control::limits::{AxisLimits, LimitsError, MotionLimits};
-use control::path::{AxisVector, Element, Path};
+use control::path::{AxisVector, Element, MAX_AXES, Path};
 use control::pivot::{OutOfReach, PivotY};
 use control::positioning::{MotorLoad, Positioning, RatingError};
+use control::rounding::RoundingSettings;
 use control::setpoint_settings::{SetpointSettings, StraightLines};
 use control::window::{PlanError, WindowPlanner, WindowSettings};
-use machine::{self, Machine, RapidProfile};
+use machine::{self, AxisKind, Machine, RapidProfile};
 use program::{Program, kinematics_of};
 
 use crate::events::{EventError, Events};
@@ -61,8 +62,22 @@ pub fn motion_limits(machine: &Machine) -> Result<MotionLimits, LimitsError> {
             machine::StraightLines::MasterAxis => StraightLines::MasterAxis,
         },
         kinematics: kinematics_of(machine),
+        rounding: rounding_of(machine),
     };
     MotionLimits::with_setpoints(&axes, machine.scan_period_s(), setpoints)
+}
+
+/// How paths are rounded on a machine.
+fn rounding_of(machine: &Machine) -> RoundingSettings {
+    let mut rotary = [false; MAX_AXES];
+    for (is_rotary, axis) in rotary.iter_mut().zip(&machine.axes) {
+        *is_rotary = axis.kind == AxisKind::Rotary;
+    }
+    RoundingSettings {
+        corner_angle_rad: machine.path.corner_angle_deg.to_radians(),
+        rotary_tolerance_deg: machine.path.rotary_tolerance_deg,
+        rotary,
+    }
 }
 
 /// What the motors have to move, if rapids are to be travelled at least heat.

@@ -38,6 +38,7 @@ mod names;
 mod offsets;
 mod once;
 mod output;
+mod path_mode;
 mod questions;
 mod say;
 mod splines;
@@ -156,6 +157,10 @@ pub struct Interpreter {
     /// G98 or G99 was said.
     return_was_said: bool,
     path_control: u32,
+    /// P and Q of G64, in mm; none where nothing is said.
+    path_words: [Option<f64>; 2],
+    /// The last motion was in G61.1.
+    stops_exactly: bool,
     tool: InSpindle,
     #[serde(with = "snapshot::tools")]
     tools: Arc<Vec<Tool>>,
@@ -211,7 +216,9 @@ impl Interpreter {
             splines: SplineState::default(),
             returns_to_r: false,
             return_was_said: false,
-            path_control: 610,
+            path_control: if setup.tolerance_mm > 0.0 { 640 } else { 610 },
+            path_words: [None; 2],
+            stops_exactly: false,
             tool: InSpindle::default(),
             tools: Arc::new(setup.tools.clone()),
             offsets: Offsets::default(),

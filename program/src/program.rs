@@ -46,6 +46,8 @@ pub struct Setup {
     pub probe: bool,
     /// User M-codes, M100 to M199, are switched on.
     pub user_codes: bool,
+    /// How far the path may leave the programmed one in G64 without P, in mm; above 0 programs begin in G64, else in G61.
+    pub tolerance_mm: f64,
     /// Highest speed of the spindle, in rev/min: what is fed per turn in G96 goes no faster.
     pub spindle_max_rpm: Option<f64>,
     /// What the machine has answered so far to what the program asks, in order.
@@ -333,6 +335,9 @@ pub fn source_hash(text: TextHash, setup: &Setup, start: &AxisVector) -> u64 {
     for (number, value) in &setup.parameters {
         hash.update(&number.to_le_bytes());
         hash.update(&value.to_bits().to_le_bytes());
+    }
+    if setup.tolerance_mm > 0.0 {
+        hash.update(&setup.tolerance_mm.to_bits().to_le_bytes());
     }
     if setup.block_delete {
         hash.update(b"/");

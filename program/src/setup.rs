@@ -52,6 +52,7 @@ impl Setup {
             parameters: machine.parameters.clone(),
             tools: machine.tools.clone(),
             block_delete: machine.program.block_delete,
+            tolerance_mm: machine.path.tolerance_mm,
             probe: machine.program.probe,
             spindle_max_rpm: machine
                 .spindle

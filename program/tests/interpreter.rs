@@ -384,9 +384,61 @@ fn what_follows_the_end_is_ignored() {
 
 #[test]
 fn leniency_is_reported_in_notes() {
-    let program = on_mill("/G0 X1\nG64 P0.01\nG1 X2 F100\n").unwrap();
+    let program = on_mill("/G0 X1\nG64\nG1 X2 F100\n").unwrap();
     let lines: Vec<_> = program.notes.iter().map(|note| note.line).collect();
     assert_eq!((lines, program.end), (vec![1, 2, 3], ProgramEnd::FileEnd));
+}
+
+#[test]
+fn g64_says_how_far_the_path_may_be_left_and_g61_1_where_the_tool_rests() {
+    let modes = |text: &str, tolerance_mm: f64| -> Vec<(f64, f64, bool)> {
+        let mut setup = mill(200.0);
+        setup.tolerance_mm = tolerance_mm;
+        let text = format!("G21 F600\n{text}\nM2");
+        let program = interpret("part", &text, &setup, at(&[])).unwrap();
+        let elements = program.path.elements.iter();
+        elements
+            .map(|of| {
+                (
+                    of.tolerance.corner_mm,
+                    of.tolerance.chord_mm,
+                    of.rests_before,
+                )
+            })
+            .collect()
+    };
+    let exact = (0.0, 0.0, false);
+    assert_eq!(
+        modes("G1 X1\nG64 P.01\nX2\nG61 X3", 0.0),
+        [exact, (0.01, 0.01, false), exact]
+    );
+    assert_eq!(
+        modes("G64 P.05 Q.02\nG1 X1\nG2 X2 I.5", 0.0),
+        [(0.05, 0.02, false); 2]
+    );
+    assert_eq!(
+        modes("G1 X1\nG64 P.05\nX2\nG64\nX3", 0.02),
+        [
+            (0.02, 0.02, false),
+            (0.05, 0.05, false),
+            (0.02, 0.02, false),
+        ]
+    );
+    assert_eq!(
+        modes("G20\nG64 P.001\nG1 X1", 0.0),
+        [(0.0254, 0.0254, false)]
+    );
+    assert_eq!(
+        modes("G64 P.01\nM70\nG61\nM72\nG1 X1", 0.0),
+        [(0.01, 0.01, false)]
+    );
+    let stops = (0.0, 0.0, true);
+    assert_eq!(
+        modes("G1 X1\nG61.1\nX2\nY3\nG61\nX4\nX5", 0.0),
+        [exact, stops, stops, stops, exact]
+    );
+    let refused = on_mill("G64 P-0.1\nM2").unwrap_err().to_string();
+    assert!(refused.contains("a tolerance is 0 to 5 mm"), "{refused}");
 }
 
 #[test]

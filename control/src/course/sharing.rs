@@ -3,7 +3,8 @@
 use crate::axis_rates::AxisRates;
 use crate::kinematics::Kinematics;
 use crate::limits::MotionLimits;
-use crate::path::{Element, MAX_AXES, Shape};
+use crate::path::{AxisVector, Element, MAX_AXES, Shape};
+use crate::rounding::CubicPiece;
 
 /// Share of an axis' acceleration that travelling an arc may use across the path; 60 % remains along it.
 const CENTRIPETAL_SHARE: f64 = 0.8;
@@ -61,6 +62,46 @@ impl Sharing {
         sharing
     }
 
+    /// Of a piece of a rounded element: what its derivatives are at both ends, and at most between them. A function is at most `l²/8` times its
+    /// highest second derivative above the chord between its ends, `l` apart.
+    fn of_rounded(
+        element: &Element,
+        programmed: &Sharing,
+        cubic: &CubicPiece,
+        from_mm: f64,
+        to_mm: f64,
+    ) -> Self {
+        let mut sharing = Self {
+            swing: [0.0; MAX_AXES],
+            straight: [0.0; MAX_AXES],
+            curvature_per_mm: [0.0; MAX_AXES],
+        };
+        let turn_per_mm = match &element.shape {
+            Shape::Arc { sweep_rad, .. } => (sweep_rad / element.length_mm).abs(),
+            _ => 0.0,
+        };
+        let at = |distance_mm: f64| {
+            let [_, first, second] = cubic.at(distance_mm);
+            let shape = &element.shape;
+            (
+                shape.tangent(distance_mm, element.length_mm) + first,
+                shape.curvature_per_mm(distance_mm, element.length_mm) + second,
+            )
+        };
+        let (from, to) = (at(from_mm), at(to_mm));
+        let eighth = (to_mm - from_mm) * (to_mm - from_mm) / 8.0;
+        let [.., third] = &cubic.derivatives;
+        for axis in 0..MAX_AXES {
+            let of = |vector: &AxisVector| vector.get(axis).copied().unwrap_or(0.0).abs();
+            let amplitude = programmed.curvature_per_mm[axis];
+            let more = of(third) + amplitude * turn_per_mm;
+            sharing.straight[axis] = of(&from.0).max(of(&to.0)) + eighth * more;
+            let more = amplitude * turn_per_mm * turn_per_mm;
+            sharing.curvature_per_mm[axis] = of(&from.1).max(of(&to.1)) + eighth * more;
+        }
+        sharing
+    }
+
     pub fn is_curved(&self) -> bool {
         self.curvature_per_mm.iter().any(|per_mm| *per_mm > 0.0)
     }
@@ -104,6 +145,78 @@ impl Sharing {
             acceleration_mm_s2 = acceleration_mm_s2.min(along);
         }
         acceleration_mm_s2
+    }
+}
+
+/// A piece of a rounded element.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct LaidPiece {
+    /// Where it begins on its element, in mm.
+    pub from_mm: f64,
+    /// Where it ends, in mm.
+    pub to_mm: f64,
+    pub sharing: Sharing,
+    /// What the axes bear, in mm/s.
+    pub speed_mm_s: f64,
+}
+
+/// A piece of a correction whose curvature changes by more than this share of its highest is cut further.
+const CURVATURE_STEP: f64 = 0.25;
+/// So far at most.
+const CUTS_MAX: usize = 4;
+
+impl LaidPiece {
+    /// The pieces of a rounded element, of which `programmed` is the sharing without rounding.
+    pub fn of_rounded(
+        element: &Element,
+        programmed: &Sharing,
+        limits: &PlanLimits,
+    ) -> Vec<LaidPiece> {
+        let Some(correction) = &element.rounding else {
+            return Vec::new();
+        };
+        let cubics = correction.pieces();
+        let mut pieces = Vec::with_capacity(cubics.len());
+        let ends = cubics.iter().skip(1).map(|next| next.from_mm);
+        for (cubic, end_mm) in cubics.iter().zip(ends.chain([element.length_mm])) {
+            if end_mm <= cubic.from_mm {
+                continue;
+            }
+            let length_mm = end_mm - cubic.from_mm;
+            let is_changed = cubic.derivatives.iter().any(|of| of.amax() > 0.0);
+            let cuts = if is_changed {
+                let [_, _, begin] = cubic.at(cubic.from_mm);
+                let [_, _, end] = cubic.at(end_mm);
+                let highest = begin.amax().max(end.amax());
+                let change = (end - begin).amax();
+                (libm::ceil(change / (CURVATURE_STEP * highest)) as usize).clamp(1, CUTS_MAX)
+            } else {
+                1
+            };
+            for cut in 0..cuts {
+                let place = |cut: usize| cubic.from_mm + length_mm * (cut as f64 / cuts as f64);
+                let (from_mm, to_mm) = (
+                    place(cut),
+                    if cut + 1 == cuts {
+                        end_mm
+                    } else {
+                        place(cut + 1)
+                    },
+                );
+                let sharing = if is_changed {
+                    Sharing::of_rounded(element, programmed, cubic, from_mm, to_mm)
+                } else {
+                    *programmed
+                };
+                pieces.push(LaidPiece {
+                    from_mm,
+                    to_mm,
+                    speed_mm_s: sharing.speed_mm_s(limits),
+                    sharing,
+                });
+            }
+        }
+        pieces
     }
 }
 

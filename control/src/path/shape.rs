@@ -49,6 +49,67 @@ impl Shape {
         }
     }
 
+    /// Derivative of the point with respect to the distance, for a curve of this length; zero for a dwell.
+    pub(crate) fn tangent(&self, distance_mm: f64, length_mm: f64) -> AxisVector {
+        if length_mm <= 0.0 {
+            return AxisVector::zeros();
+        }
+        match self {
+            Shape::Line { from, to } => (to - from) / length_mm,
+            Shape::Arc {
+                radius_mm,
+                u,
+                v,
+                start_angle_rad,
+                sweep_rad,
+                axial,
+                ..
+            } => {
+                let share = (distance_mm / length_mm).clamp(0.0, 1.0);
+                let angle_rad = start_angle_rad + sweep_rad * share;
+                let around_mm = radius_mm * sweep_rad;
+                (v * (around_mm * libm::cos(angle_rad)) - u * (around_mm * libm::sin(angle_rad))
+                    + axial)
+                    / length_mm
+            }
+            Shape::Dwell { .. } => AxisVector::zeros(),
+        }
+    }
+
+    /// Second derivative of the point with respect to the distance, in 1/mm.
+    pub(crate) fn curvature_per_mm(&self, distance_mm: f64, length_mm: f64) -> AxisVector {
+        match self {
+            Shape::Arc {
+                u,
+                v,
+                start_angle_rad,
+                sweep_rad,
+                ..
+            } if length_mm > 0.0 => {
+                let share = (distance_mm / length_mm).clamp(0.0, 1.0);
+                let angle_rad = start_angle_rad + sweep_rad * share;
+                (u * libm::cos(angle_rad) + v * libm::sin(angle_rad))
+                    * -self.curvature_magnitude_per_mm(length_mm)
+            }
+            _ => AxisVector::zeros(),
+        }
+    }
+
+    /// Length of the second derivative, the same all along the curve, in 1/mm.
+    pub(crate) fn curvature_magnitude_per_mm(&self, length_mm: f64) -> f64 {
+        match self {
+            Shape::Arc {
+                radius_mm,
+                sweep_rad,
+                ..
+            } if length_mm > 0.0 => {
+                let angle_per_mm = sweep_rad / length_mm;
+                radius_mm * angle_per_mm * angle_per_mm
+            }
+            _ => 0.0,
+        }
+    }
+
     /// Both halves of the way; of a dwell, both halves of its time.
     pub fn halves(&self) -> (Shape, Shape) {
         let middle = self.at_share(0.5);

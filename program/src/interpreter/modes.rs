@@ -20,6 +20,7 @@ pub struct SavedModes {
     spindle_override: bool,
     returns_to_r: bool,
     path_control: u32,
+    path_words: [Option<f64>; 2],
     work_offset: f64,
     /// Length of the tool that counts (G43), all 0 after G49.
     #[serde(with = "snapshot::vector")]
@@ -48,9 +49,9 @@ impl Interpreter {
         }
         if let Some((number, _)) = words.code(Group::PathControl) {
             self.path_control = number;
+            self.path_words = [None; 2];
             if number == 640 {
-                let text = "G64 follows the exact path, as G61 does; its tolerance is not used";
-                self.note(line, text);
+                self.begin_rounding(line, words)?;
             }
         }
         if let Some((number, _)) = words.code(Group::Distance) {
@@ -196,6 +197,7 @@ impl Interpreter {
             spindle_override: self.spindle_override,
             returns_to_r: self.returns_to_r,
             path_control: self.path_control,
+            path_words: self.path_words,
             work_offset: self.parameters.get(base::WORK_OFFSET),
             tool_length: self.offsets.tool,
         }
@@ -212,6 +214,7 @@ impl Interpreter {
         self.feed = saved.feed;
         self.returns_to_r = saved.returns_to_r;
         self.path_control = saved.path_control;
+        self.path_words = saved.path_words;
         self.parameters.set(base::WORK_OFFSET, saved.work_offset);
         // Which length counts is no mode, only whether one does.
         let counts = |length: &AxisVector| *length != AxisVector::zeros();

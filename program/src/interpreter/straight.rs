@@ -82,12 +82,15 @@ impl Interpreter {
         self.motion = if rapid { Motion::Rapid } else { Motion::Line };
         self.output.straight_feeds += u32::from(!rapid);
         if length_mm > 0.0 {
+            let (tolerance, rests_before) = self.path_mode();
             self.output.add_finite(Element {
                 line,
                 shape: Shape::Line { from, to: target },
                 feed,
                 length_mm,
-                rests_before: false,
+                rests_before,
+                tolerance,
+                rounding: None,
             });
         }
         true

@@ -198,8 +198,9 @@ impl Interpreter {
     }
 
     fn add_piece(&mut self, line: u32, shape: Shape, feed: Feed) {
-        let element = Element::new(line, shape, feed, &self.rotary);
+        let mut element = Element::new(line, shape, feed, &self.rotary);
         if element.length_mm > 0.0 {
+            (element.tolerance, element.rests_before) = self.path_mode();
             self.output.add(element);
         }
     }

@@ -1,0 +1,176 @@
+//! What rounding adds to one element: cubics in its distance.
+
+use crate::path::AxisVector;
+
+use super::{Junction, NEIGHBOURS};
+
+/// `|c(d; h)|` is at most this share of `h²`: 0.0083.
+pub(super) const BEND_SHARE: f64 = 120.0;
+
+/// A cubic from a place on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CubicPiece {
+    /// Where it begins, in mm on its element.
+    pub from_mm: f64,
+    /// What is added there, and its first, second and third derivative with respect to the distance.
+    pub derivatives: [AxisVector; 4],
+}
+
+impl CubicPiece {
+    /// What is added at a distance on the element, and the first and second derivative of that.
+    pub fn at(&self, distance_mm: f64) -> [AxisVector; 3] {
+        let [value, first, second, third] = &self.derivatives;
+        let y = distance_mm - self.from_mm;
+        [
+            value + (first + (second + third * (y / 3.0)) * (y / 2.0)) * y,
+            first + (second + third * (y / 2.0)) * y,
+            second + third * y,
+        ]
+    }
+}
+
+/// What rounding adds to an element.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Correction {
+    pieces: Vec<CubicPiece>,
+}
+
+/// Where a piece lies in a correction.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    /// From the outer end of the correction to the beginning of the piece, in half widths; the middle of the correction is at 1 from
+    /// either side.
+    from_end: f64,
+    half_width_mm: f64,
+    /// Right of the junction.
+    is_right: bool,
+    /// The piece lies in the outer half of its side.
+    is_outer: bool,
+}
+
+impl Place {
+    /// Of a piece between two places of the path; none if the correction does not reach it.
+    fn of(junction: &Junction, piece_mm: [f64; 2], is_right: bool) -> Option<Place> {
+        let half_width_mm = junction.half_width_mm;
+        let sign = if is_right { -1.0 } else { 1.0 };
+        let from_end = |at_mm: f64| 1.0 + sign * (at_mm - junction.at_mm) / half_width_mm;
+        let [from_mm, to_mm] = piece_mm;
+        let middle = from_end(0.5 * (from_mm + to_mm));
+        (middle > 0.0).then(|| Place {
+            from_end: from_end(from_mm).max(0.0),
+            half_width_mm,
+            is_right,
+            is_outer: middle < 0.5,
+        })
+    }
+
+    /// `b` and its derivatives with respect to `d`, up to the third.
+    fn of_kink(&self) -> [f64; 4] {
+        let (y, h) = (self.from_end, self.half_width_mm);
+        let sign = if self.is_right { -1.0 } else { 1.0 };
+        [
+            y * y * y * h / 6.0,
+            sign * y * y / 2.0,
+            y / h,
+            sign / (h * h),
+        ]
+    }
+
+    /// `c` and its derivatives with respect to `d`, up to the third.
+    ///
+    /// `c''` is the difference between a ramp over the whole width and the step it replaces, and a zigzag of a third that takes
+    /// back what the ramp would move: so `c` and its slope vanish at both ends. `c` is odd.
+    fn of_bend(&self) -> [f64; 4] {
+        let (y, h) = (self.from_end, self.half_width_mm);
+        let sign = if self.is_right { -1.0 } else { 1.0 };
+        let [value, first, second, third] = if self.is_outer {
+            // y/2 − (2/3)·y
+            [-y * y * y / 36.0, -y * y / 12.0, -y / 6.0, -1.0 / 6.0]
+        } else {
+            // y/2 − (2/3)·(1 − y)
+            let z = y - 0.5;
+            let [value, first, second] = [-1.0 / 288.0, -1.0 / 48.0, -1.0 / 12.0];
+            [
+                value + z * (first + z * (second / 2.0 + z * 7.0 / 36.0)),
+                first + z * (second + z * 7.0 / 12.0),
+                second + z * 7.0 / 6.0,
+                7.0 / 6.0,
+            ]
+        };
+        [sign * value * h * h, first * h, sign * second, third / h]
+    }
+}
+
+impl Correction {
+    /// That of the element between the junctions `element` and `element + 1`; none if nothing is added there.
+    pub(super) fn of(junctions: &[Junction], element: usize) -> Option<Self> {
+        let (start, end) = (junctions.get(element)?, junctions.get(element + 1)?);
+        let (from, to) = (start.at_mm, end.at_mm);
+        let first = element.saturating_sub(NEIGHBOURS);
+        let near = junctions.get(first..(element + NEIGHBOURS + 2).min(junctions.len()))?;
+        let reaches = |of: &Junction| {
+            of.is_round() && of.at_mm - of.half_width_mm < to && of.at_mm + of.half_width_mm > from
+        };
+        let parts = || near.iter().zip(first..).filter(|(of, _)| reaches(of));
+        parts().next()?;
+        let mut knots = vec![from];
+        for (of, _) in parts() {
+            let half_mm = of.half_width_mm;
+            let mut add = |away_mm: f64| {
+                for knot in [of.at_mm - away_mm, of.at_mm + away_mm] {
+                    if knot > from && knot < to {
+                        knots.push(knot);
+                    }
+                }
+            };
+            add(half_mm);
+            if of.bend_weight_per_mm2 > 0.0 {
+                add(0.5 * half_mm);
+            }
+        }
+        knots.sort_by(f64::total_cmp);
+        knots.dedup();
+        let ends = knots.iter().skip(1).copied().chain([to]);
+        let pieces = knots.iter().zip(ends).map(|(&knot, end)| {
+            let mut derivatives = [AxisVector::zeros(); 4];
+            let mut add = |jump: &AxisVector, factors: [f64; 4]| {
+                for (sum, factor) in derivatives.iter_mut().zip(factors) {
+                    *sum += jump * factor;
+                }
+            };
+            for (of, index) in parts() {
+                let Some(place) = Place::of(of, [knot, end], index <= element) else {
+                    continue;
+                };
+                if of.kink_weight_per_mm > 0.0 {
+                    add(&of.kink, place.of_kink());
+                }
+                if of.bend_weight_per_mm2 > 0.0 {
+                    add(&of.bend_per_mm, place.of_bend());
+                }
+            }
+            CubicPiece {
+                from_mm: knot - from,
+                derivatives,
+            }
+        });
+        let pieces = pieces.collect();
+        Some(Self { pieces })
+    }
+
+    /// The cubics, in order; each holds up to the next, the last up to the end of the element.
+    pub fn pieces(&self) -> &[CubicPiece] {
+        &self.pieces
+    }
+
+    /// What is added at a distance on the element, and the first and second derivative of that.
+    pub fn at(&self, distance_mm: f64) -> [AxisVector; 3] {
+        let behind = self
+            .pieces
+            .partition_point(|piece| piece.from_mm <= distance_mm);
+        match self.pieces.get(behind.max(1) - 1) {
+            Some(piece) => piece.at(distance_mm),
+            None => [AxisVector::zeros(); 3],
+        }
+    }
+}
