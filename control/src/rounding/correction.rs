@@ -49,18 +49,28 @@ struct Place {
 }
 
 impl Place {
-    /// Of a piece between two places of the path; none if the correction does not reach it.
-    fn of(junction: &Junction, piece_mm: [f64; 2], is_right: bool) -> Option<Place> {
+    /// Of a piece that begins at `at_mm`; none if the correction begins later.
+    fn of(junction: &Junction, at_mm: f64, is_right: bool) -> Option<Place> {
         let half_width_mm = junction.half_width_mm;
         let sign = if is_right { -1.0 } else { 1.0 };
-        let from_end = |at_mm: f64| 1.0 + sign * (at_mm - junction.at_mm) / half_width_mm;
-        let [from_mm, to_mm] = piece_mm;
-        let middle = from_end(0.5 * (from_mm + to_mm));
-        (middle > 0.0).then(|| Place {
-            from_end: from_end(from_mm).max(0.0),
+        let from_end = 1.0 + sign * (at_mm - junction.at_mm) / half_width_mm;
+        // Told from the jumps at its knots by the very same numbers.
+        let is_beyond = if is_right {
+            junction.at_mm + half_width_mm <= at_mm
+        } else {
+            junction.at_mm - half_width_mm > at_mm
+        };
+        let middle_mm = junction.at_mm - sign * 0.5 * half_width_mm;
+        let is_outer = if is_right {
+            middle_mm <= at_mm
+        } else {
+            middle_mm > at_mm
+        };
+        (!is_beyond).then(|| Place {
+            from_end: from_end.max(0.0),
             half_width_mm,
             is_right,
-            is_outer: middle < 0.5,
+            is_outer,
         })
     }
 
@@ -101,6 +111,21 @@ impl Place {
     }
 }
 
+/// A place inside an element where the third derivative jumps.
+struct Knot {
+    /// On the path.
+    at_mm: f64,
+    jump: AxisVector,
+    /// A correction begins there (1), or ends (−1).
+    begins: i32,
+}
+
+fn add(derivatives: &mut [AxisVector; 4], jump: &AxisVector, factors: Option<[f64; 4]>) {
+    for (sum, factor) in derivatives.iter_mut().zip(factors.into_iter().flatten()) {
+        *sum += jump * factor;
+    }
+}
+
 impl Correction {
     /// That of the element between the junctions `element` and `element + 1`; none if nothing is added there.
     pub(super) fn of(junctions: &[Junction], element: usize) -> Option<Self> {
@@ -113,48 +138,75 @@ impl Correction {
         };
         let parts = || near.iter().zip(first..).filter(|(of, _)| reaches(of));
         parts().next()?;
-        let mut knots = vec![from];
-        for (of, _) in parts() {
+        let mut knots: Vec<Knot> = Vec::new();
+        let mut parts_here = 0i32;
+        let mut derivatives = [AxisVector::zeros(); 4];
+        for (of, index) in parts() {
             let half_mm = of.half_width_mm;
-            let mut add = |away_mm: f64| {
-                for knot in [of.at_mm - away_mm, of.at_mm + away_mm] {
-                    if knot > from && knot < to {
-                        knots.push(knot);
-                    }
+            let mut jump_at = |away_mm: f64, jump: AxisVector, begins: i32| {
+                let at_mm = of.at_mm + away_mm;
+                if at_mm > from && at_mm < to {
+                    knots.push(Knot {
+                        at_mm,
+                        jump,
+                        begins,
+                    });
                 }
             };
-            add(half_mm);
+            // The third derivatives of `b` and `c` are constant but for these jumps.
+            let place = Place::of(of, from, index <= element);
+            if of.kink_weight_per_mm > 0.0 {
+                add(
+                    &mut derivatives,
+                    &of.kink,
+                    place.map(|place| place.of_kink()),
+                );
+                let jump = of.kink / (half_mm * half_mm);
+                jump_at(-half_mm, jump, 1);
+                jump_at(half_mm, jump, -1);
+                parts_here += i32::from(place.is_some());
+            }
             if of.bend_weight_per_mm2 > 0.0 {
-                add(0.5 * half_mm);
+                add(
+                    &mut derivatives,
+                    &of.bend_per_mm,
+                    place.map(|place| place.of_bend()),
+                );
+                let sixth = of.bend_per_mm / (6.0 * half_mm);
+                jump_at(-half_mm, -sixth, 1);
+                jump_at(-0.5 * half_mm, sixth * 8.0, 0);
+                jump_at(0.5 * half_mm, sixth * -8.0, 0);
+                jump_at(half_mm, sixth, -1);
+                parts_here += i32::from(place.is_some());
             }
         }
-        knots.sort_by(f64::total_cmp);
-        knots.dedup();
-        let ends = knots.iter().skip(1).copied().chain([to]);
-        let pieces = knots.iter().zip(ends).map(|(&knot, end)| {
-            let mut derivatives = [AxisVector::zeros(); 4];
-            let mut add = |jump: &AxisVector, factors: [f64; 4]| {
-                for (sum, factor) in derivatives.iter_mut().zip(factors) {
-                    *sum += jump * factor;
-                }
-            };
-            for (of, index) in parts() {
-                let Some(place) = Place::of(of, [knot, end], index <= element) else {
-                    continue;
+        knots.sort_by(|a, b| a.at_mm.total_cmp(&b.at_mm));
+        let mut pieces = Vec::with_capacity(knots.len() + 1);
+        let mut piece = CubicPiece {
+            from_mm: 0.0,
+            derivatives,
+        };
+        for knot in knots {
+            let at_mm = knot.at_mm - from;
+            if at_mm > piece.from_mm {
+                pieces.push(piece);
+                let [value, first, second] = piece.at(at_mm);
+                let [.., third] = piece.derivatives;
+                piece = CubicPiece {
+                    from_mm: at_mm,
+                    derivatives: [value, first, second, third],
                 };
-                if of.kink_weight_per_mm > 0.0 {
-                    add(&of.kink, place.of_kink());
-                }
-                if of.bend_weight_per_mm2 > 0.0 {
-                    add(&of.bend_per_mm, place.of_bend());
-                }
             }
-            CubicPiece {
-                from_mm: knot - from,
-                derivatives,
+            parts_here += knot.begins;
+            if parts_here == 0 {
+                // Straight again, without what rounding has left.
+                piece.derivatives = [AxisVector::zeros(); 4];
+            } else {
+                let [.., third] = &mut piece.derivatives;
+                *third += knot.jump;
             }
-        });
-        let pieces = pieces.collect();
+        }
+        pieces.push(piece);
         Some(Self { pieces })
     }
 

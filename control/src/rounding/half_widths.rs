@@ -25,96 +25,145 @@ pub(super) fn assign(junctions: &mut [Junction]) {
     if junctions.iter().all(|junction| junction.is_exact) {
         return;
     }
-    let alone: Vec<f64> = (0..junctions.len())
-        .map(|index| alone_mm(junctions, index))
+    let rooms = rooms_mm(junctions);
+    let mut corrections: Vec<Width> = junctions
+        .iter()
+        .zip(rooms)
+        .map(|(junction, room_mm)| Width::alone(junction, room_mm))
         .collect();
-    for (junction, alone_mm) in junctions.iter_mut().zip(alone) {
-        junction.half_width_mm = alone_mm;
-    }
+    let places_mm: Vec<f64> = junctions.iter().map(|of| of.at_mm).collect();
+    let mut excesses = vec![0.0; corrections.len()];
     for round in 0..=ROUNDS {
-        let excesses: Vec<f64> = (0..junctions.len())
-            .map(|index| deviation(junctions, index))
-            .collect();
-        if excesses
-            .iter()
-            .all(|excess| *excess <= 1.0 + NEGLIGIBLE_EXCESS)
-        {
-            return;
+        let mut highest = 0.0f64;
+        for (index, excess) in excesses.iter_mut().enumerate() {
+            *excess = deviation(&corrections, index);
+            highest = highest.max(*excess);
         }
-        let factors: Vec<f64> = (0..junctions.len())
-            .map(|index| worst(junctions, &excesses, index))
-            .collect();
-        for (junction, worst) in junctions.iter_mut().zip(factors) {
-            if worst > 1.0 {
-                junction.half_width_mm /= if round < ROUNDS { worst.sqrt() } else { worst };
-            }
+        if highest <= 1.0 + NEGLIGIBLE_EXCESS {
+            break;
+        }
+        for (index, width) in corrections.iter_mut().enumerate() {
+            width.shrinks_by = worst(&excesses, width, &places_mm, index);
+        }
+        for width in corrections.iter_mut().filter(|of| of.shrinks_by > 1.0) {
+            let by = if round < ROUNDS {
+                width.shrinks_by.sqrt()
+            } else {
+                width.shrinks_by
+            };
+            width.set(width.half_mm / by);
+        }
+    }
+    for (junction, width) in junctions.iter_mut().zip(corrections) {
+        junction.half_width_mm = width.half_mm;
+    }
+}
+
+/// The correction at a junction, as its width changes.
+#[derive(Debug, Clone, Copy)]
+struct Width {
+    at_mm: f64,
+    half_mm: f64,
+    /// Of what is left to the end of the correction, cubed: the kink's deviation over what is allowed.
+    of_cube_per_mm3: f64,
+    /// The bend's deviation over what is allowed.
+    of_bend: f64,
+    kink_per_mm: f64,
+    bend_per_mm2: f64,
+    shrinks_by: f64,
+}
+
+impl Width {
+    /// Of a junction that nothing else deviates beside, with so much room to both sides.
+    fn alone(junction: &Junction, room_mm: f64) -> Self {
+        let mut width = Self {
+            at_mm: junction.at_mm,
+            half_mm: 0.0,
+            of_cube_per_mm3: 0.0,
+            of_bend: 0.0,
+            kink_per_mm: junction.kink_weight_per_mm,
+            bend_per_mm2: junction.bend_weight_per_mm2,
+            shrinks_by: 1.0,
+        };
+        let (kink, bend) = (width.kink_per_mm / 6.0, width.bend_per_mm2);
+        if !junction.is_exact && (kink > 0.0 || bend > 0.0) {
+            // kink·h + bend·h² = 1, in the form that is exact for small terms.
+            let own_mm = 2.0 / (kink + (kink * kink + 4.0 * bend).sqrt());
+            width.set(own_mm.min(room_mm).min(HALF_WIDTH_MAX_MM));
+        }
+        width
+    }
+
+    fn set(&mut self, half_mm: f64) {
+        self.half_mm = half_mm;
+        if half_mm > 0.0 {
+            self.of_cube_per_mm3 = self.kink_per_mm / (6.0 * half_mm * half_mm);
+            self.of_bend = self.bend_per_mm2 * half_mm * half_mm;
         }
     }
 }
 
-/// Half width of a junction that nothing else deviates beside, in mm.
-fn alone_mm(junctions: &[Junction], index: usize) -> f64 {
-    let Some(junction) = junctions.get(index) else {
-        return 0.0;
-    };
-    let (kink, bend) = (junction.kink_weight_per_mm, junction.bend_weight_per_mm2);
-    if junction.is_exact || (kink <= 0.0 && bend <= 0.0) {
-        return 0.0;
-    }
-    // kink·h/6 + bend·h² = 1, in the form that is exact for small terms.
-    let kink = kink / 6.0;
-    let own_mm = 2.0 / (kink + (kink * kink + 4.0 * bend).sqrt());
-    let last = |mut others: Box<dyn Iterator<Item = &Junction> + '_>| {
-        let mut furthest_mm = 0.0;
-        for other in others.by_ref().take(NEIGHBOURS) {
-            furthest_mm = (other.at_mm - junction.at_mm).abs();
-            if other.is_exact {
-                break;
-            }
+/// Distance of each junction from the nearest one that is exact, or from the last one that its correction may reach.
+fn rooms_mm(junctions: &[Junction]) -> Vec<f64> {
+    let count = junctions.len();
+    let mut rooms_mm = vec![0.0; count];
+    let at = |index: usize| junctions.get(index).map_or(0.0, |of| of.at_mm);
+    let is_exact = |index: usize| junctions.get(index).is_none_or(|of| of.is_exact);
+    let mut exact_before = 0;
+    for (index, room_mm) in rooms_mm.iter_mut().enumerate() {
+        let from = exact_before.max(index.saturating_sub(NEIGHBOURS));
+        *room_mm = at(index) - at(from);
+        if is_exact(index) {
+            exact_before = index;
         }
-        furthest_mm
-    };
-    let before = junctions.get(..index).unwrap_or_default();
-    let behind = junctions.get(index + 1..).unwrap_or_default();
-    let room_mm = last(Box::new(before.iter().rev())).min(last(Box::new(behind.iter())));
-    own_mm.min(room_mm).min(HALF_WIDTH_MAX_MM)
+    }
+    let mut exact_behind = count.saturating_sub(1);
+    for (index, room_mm) in rooms_mm.iter_mut().enumerate().rev() {
+        let to = exact_behind.min(index + NEIGHBOURS);
+        *room_mm = room_mm.min(at(to) - at(index));
+        if is_exact(index) {
+            exact_behind = index;
+        }
+    }
+    rooms_mm
 }
 
-/// The junctions whose corrections may reach a junction, itself among them, with their indices.
-fn around(junctions: &[Junction], index: usize) -> impl Iterator<Item = (usize, &Junction)> {
-    let from = index.saturating_sub(NEIGHBOURS);
-    let to = (index + NEIGHBOURS + 1).min(junctions.len());
-    let near = junctions.get(from..to).unwrap_or_default();
-    near.iter().enumerate().map(move |(at, of)| (from + at, of))
+/// From where to where corrections may reach a junction.
+fn around(index: usize, count: usize) -> std::ops::Range<usize> {
+    index.saturating_sub(NEIGHBOURS)..(index + NEIGHBOURS + 1).min(count)
 }
 
 /// Deviation at a junction over what is allowed.
-fn deviation(junctions: &[Junction], index: usize) -> f64 {
-    let Some(here) = junctions.get(index) else {
+fn deviation(widths: &[Width], index: usize) -> f64 {
+    let Some(here) = widths.get(index) else {
         return 0.0;
     };
+    let near = widths.get(around(index, widths.len())).unwrap_or_default();
     let mut sum = 0.0;
-    for (_, other) in around(junctions, index) {
-        let (half_mm, away_mm) = (other.half_width_mm, (other.at_mm - here.at_mm).abs());
-        if away_mm < half_mm {
-            let left_mm = half_mm - away_mm;
-            let squared = half_mm * half_mm;
-            sum += other.kink_weight_per_mm * left_mm * left_mm * left_mm / (6.0 * squared)
-                + other.bend_weight_per_mm2 * squared;
+    for other in near {
+        let left_mm = other.half_mm - (other.at_mm - here.at_mm).abs();
+        if left_mm > 0.0 {
+            sum += left_mm * left_mm * left_mm * other.of_cube_per_mm3 + other.of_bend;
         }
     }
     sum
 }
 
 /// The highest deviation that a junction has a part in.
-fn worst(junctions: &[Junction], excesses: &[f64], index: usize) -> f64 {
-    let Some(here) = junctions.get(index).filter(|of| of.half_width_mm > 0.0) else {
+fn worst(excesses: &[f64], width: &Width, places_mm: &[f64], index: usize) -> f64 {
+    if width.half_mm <= 0.0 {
         return 1.0;
-    };
+    }
+    let near = around(index, places_mm.len());
+    let (places, excesses) = (places_mm.get(near.clone()), excesses.get(near));
+    let both = places
+        .unwrap_or_default()
+        .iter()
+        .zip(excesses.unwrap_or_default());
     let mut worst = 1.0f64;
-    for (at, other) in around(junctions, index) {
-        if (other.at_mm - here.at_mm).abs() < here.half_width_mm {
-            worst = worst.max(excesses.get(at).copied().unwrap_or(1.0));
+    for (place_mm, excess) in both {
+        if (place_mm - width.at_mm).abs() < width.half_mm {
+            worst = worst.max(*excess);
         }
     }
     worst
