@@ -116,3 +116,63 @@ fn whoever_is_killed_on_a_rounded_path_the_tool_stays_on_it_and_goes_on() {
         wrong.join("\n")
     );
 }
+
+/// A smooth curve as CAM systems write it: chords of this length, points rounded to 0.1 µm, each with noise of this size.
+fn facets(chord_mm: f64, noise_mm: f64, mode: &str) -> String {
+    let mut rng = Rng::new(1);
+    let mut noise = || {
+        (0..12)
+            .map(|_| rng.within(0, 1000) as f64 / 1000.0 - 0.5)
+            .sum::<f64>()
+            * noise_mm
+    };
+    let mut text = format!("{mode}\nG21 G90 G1 F6000\n");
+    let mut t = 0.0f64;
+    while t < 60.0 {
+        let x = t * 0.8 - 24.0 + 6.0 * t.sin() + noise();
+        let y = 8.0 * (0.37 * t).sin() + 6.0 * t.cos() + noise();
+        let _ = writeln!(text, "X{x:.4} Y{y:.4}");
+        let (dx, dy) = (0.8 + 6.0 * t.cos(), 2.96 * (0.37 * t).cos() - 6.0 * t.sin());
+        t += chord_mm / dx.hypot(dy);
+    }
+    text + "M2\n"
+}
+
+/// `cargo test --release -p lab --test rounded -- --ignored --nocapture` prints the table of docs/developers/measurements.md.
+#[test]
+#[ignore = "prints a table"]
+fn times_of_faceted_curves() {
+    let (machine, _) = mill();
+    println!(
+        "| chords | noise | scan | A 5 m/s²: G61 | G64 P0.01 | A 1 m/s²: G61 | G64 P0.01 |\n|---|---|---|---|---|---|---|"
+    );
+    for chord_mm in [0.05, 0.1, 0.2, 0.5] {
+        for noise_mm in [0.0, 0.001] {
+            for period_us in [1000, 250] {
+                let mut cells = String::new();
+                for acceleration_mm_s2 in [5000.0, 1000.0] {
+                    for mode in ["G61", "G64 P0.01"] {
+                        let mut machine = machine.clone();
+                        machine.scan.period_us = period_us;
+                        machine.scan.interpolation_period_scans = 8000 / period_us;
+                        for axis in &mut machine.axes {
+                            axis.acceleration_mm_s2 = acceleration_mm_s2;
+                        }
+                        let text = facets(chord_mm, noise_mm, mode);
+                        let program = program::resume_from(&machine, &[0, 0], "any.ngc", &text);
+                        let (mut windows, _) =
+                            planner::course(&machine, program.expect("a program"))
+                                .expect("a course");
+                        let start = windows.start_state();
+                        let time_s = windows.time_to_end_s(&start, 1.0).expect("a time");
+                        let _ = write!(cells, " {time_s:.2} s |");
+                    }
+                }
+                println!(
+                    "| {chord_mm} mm | {} µm | {period_us} µs |{cells}",
+                    noise_mm * 1e3
+                );
+            }
+        }
+    }
+}

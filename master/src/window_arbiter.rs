@@ -301,3 +301,62 @@ impl WindowArbiter {
         self.epoch += 1;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PLACE: PathTag = PathTag {
+        distance_mm: 1.5,
+        element: 7,
+        dwell_remaining_scans: 0,
+    };
+
+    fn left(tag: PathTag) -> Left {
+        Left {
+            tag,
+            program_hash: 3,
+            epoch: 4,
+            reserved: 0,
+        }
+    }
+
+    fn shown(windows: &WindowArbiter) -> PathTag {
+        let mut feedback = Feedback::zeroed();
+        windows.tell(0, &mut feedback);
+        feedback.tag
+    }
+
+    #[test]
+    fn a_master_after_another_is_off_the_path_only_where_there_was_one() {
+        let mut windows = WindowArbiter::new();
+        windows.restore(&left(PLACE));
+        assert_eq!(
+            (shown(&windows), windows.has_started()),
+            (PathTag::OFF_PATH, true)
+        );
+        assert_eq!(
+            windows.left(0),
+            Left {
+                epoch: 5,
+                ..left(PLACE)
+            }
+        );
+        let mut before_the_path = WindowArbiter::new();
+        before_the_path.restore(&left(PathTag::OFF_PATH));
+        assert_eq!(
+            (shown(&before_the_path), before_the_path.has_started()),
+            (PathTag::default(), false)
+        );
+    }
+
+    #[test]
+    fn a_path_has_started_with_its_first_window_and_not_before() {
+        let mut windows = WindowArbiter::new();
+        assert!(!windows.has_started());
+        windows.restore(&left(PLACE));
+        windows.forget_path(0);
+        assert!(!windows.has_started());
+        assert_eq!(shown(&windows), PathTag::default());
+    }
+}

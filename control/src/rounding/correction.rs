@@ -126,6 +126,43 @@ fn add(derivatives: &mut [AxisVector; 4], jump: &AxisVector, factors: Option<[f6
     }
 }
 
+/// The cubics from the beginning of an element on, at `from` of the path, where so many corrections have their parts.
+fn pieces(
+    from: f64,
+    derivatives: [AxisVector; 4],
+    mut parts_here: i32,
+    mut knots: Vec<Knot>,
+) -> Vec<CubicPiece> {
+    knots.sort_by(|a, b| a.at_mm.total_cmp(&b.at_mm));
+    let mut pieces = Vec::with_capacity(knots.len() + 1);
+    let mut piece = CubicPiece {
+        from_mm: 0.0,
+        derivatives,
+    };
+    for knot in knots {
+        let at_mm = knot.at_mm - from;
+        if at_mm > piece.from_mm {
+            pieces.push(piece);
+            let [value, first, second] = piece.at(at_mm);
+            let [.., third] = piece.derivatives;
+            piece = CubicPiece {
+                from_mm: at_mm,
+                derivatives: [value, first, second, third],
+            };
+        }
+        parts_here += knot.begins;
+        if parts_here == 0 {
+            // Straight again, without what rounding has left.
+            piece.derivatives = [AxisVector::zeros(); 4];
+        } else {
+            let [.., third] = &mut piece.derivatives;
+            *third += knot.jump;
+        }
+    }
+    pieces.push(piece);
+    pieces
+}
+
 impl Correction {
     /// That of the element between the junctions `element` and `element + 1`; none if nothing is added there.
     pub(super) fn of(junctions: &[Junction], element: usize) -> Option<Self> {
@@ -180,33 +217,7 @@ impl Correction {
                 parts_here += i32::from(place.is_some());
             }
         }
-        knots.sort_by(|a, b| a.at_mm.total_cmp(&b.at_mm));
-        let mut pieces = Vec::with_capacity(knots.len() + 1);
-        let mut piece = CubicPiece {
-            from_mm: 0.0,
-            derivatives,
-        };
-        for knot in knots {
-            let at_mm = knot.at_mm - from;
-            if at_mm > piece.from_mm {
-                pieces.push(piece);
-                let [value, first, second] = piece.at(at_mm);
-                let [.., third] = piece.derivatives;
-                piece = CubicPiece {
-                    from_mm: at_mm,
-                    derivatives: [value, first, second, third],
-                };
-            }
-            parts_here += knot.begins;
-            if parts_here == 0 {
-                // Straight again, without what rounding has left.
-                piece.derivatives = [AxisVector::zeros(); 4];
-            } else {
-                let [.., third] = &mut piece.derivatives;
-                *third += knot.jump;
-            }
-        }
-        pieces.push(piece);
+        let pieces = pieces(from, derivatives, parts_here, knots);
         Some(Self { pieces })
     }
 
