@@ -1,16 +1,19 @@
 //! Nothing hangs: whatever is killed, stopped or stuck, and however late, the machine comes to rest, the run ends within
-//! moments, and what it says of its end is true. At no particular instant of a scan, in realtime.
+//! moments, and what it says of its end is true. At no particular instant of a scan; in realtime, but where
+//! something else is said.
 
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::os::fd::{AsFd, AsRawFd};
 use std::os::unix::fs::OpenOptionsExt;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use bus::sample::Mode;
 
 use crate::support::{
-    Bench, LiveCell, Run, circle_program, long_program, number, quadrant, send, text, traces_of,
+    Bench, LiveCell, Run, circle_program, endless_program, long_program, number, quadrant, send,
+    text, traces_of,
 };
 
 /// Moments, on a PC that does other things as well.
@@ -288,4 +291,32 @@ fn a_recorder_that_comes_too_late_for_the_last_feedback_is_not_waited_for() {
     assert_eq!(run.status(), 0, "{}", run.stderr());
     let (reached, first, to) = missing_at_the_end(&run);
     assert_eq!((first, to), (reached + 1.0, last), "{}", run.stderr());
+}
+
+/// Nobody reports the death of a recorder whose launcher has gone: the master waits for it a moment, once, and not in every scan.
+#[test]
+fn in_lockstep_a_recorder_that_is_gone_with_its_launcher_keeps_nobody_waiting() {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("endless.ngc", &endless_program());
+    let mut cell = LiveCell::start(bench.path(), &program, "lockstep");
+    cell.wait_for(|f| f.at_rest == 0 && f.tag.element >= 2);
+    let recorder = cell.pid_of("quadrant recorder");
+    let mut others = cell.children();
+    others.retain(|(pid, _)| *pid != recorder);
+    send(recorder, libc::SIGSTOP);
+    // The rest of its queue fills: the master waits for it now.
+    std::thread::sleep(Duration::from_millis(500));
+    cell.signal_launcher(libc::SIGKILL);
+    send(recorder, libc::SIGKILL);
+    let began = Instant::now();
+    let lives = |pid: i32| Path::new(&format!("/proc/{pid}")).exists();
+    while others.iter().any(|(pid, _)| lives(*pid)) {
+        assert!(began.elapsed() < Duration::from_secs(3), "{others:?}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let name = cell.cell.clone();
+    cell.finish();
+    let cleaned = quadrant().args(["clean", &name]).output().expect("clean");
+    assert!(cleaned.status.success());
+    assert!(traces_of(&name).is_empty());
 }

@@ -39,6 +39,8 @@ const HORIZON_SCANS: u64 = 1;
 const LAST_RECORD_LIMIT: Duration = Duration::from_secs(5);
 /// The longest wait at a signal without a look at the ports.
 pub const WAIT_STEP: Duration = Duration::from_millis(50);
+/// Once the launcher has gone, whoever is silent for so long is not waited for any more.
+const ORPHANED_LIMIT: Duration = Duration::from_millis(200);
 
 struct Ports {
     feedback: Writer<Feedback>,
@@ -338,7 +340,7 @@ impl BusPorts {
             }
             if self.launcher_gone || !self.member.launcher_lives() {
                 self.launcher_gone = true;
-                if since.elapsed() >= 4 * WAIT_STEP {
+                if since.elapsed() >= ORPHANED_LIMIT {
                     self.drop_the_silent(&missing);
                 }
             }
@@ -399,9 +401,12 @@ impl BusPorts {
                 tracing::warn!("the recorder has stalled: it is not waited for any more");
                 self.recorder_dropped = true;
             }
-            if self.member.ending() || !self.member.launcher_lives() {
+            if self.member.ending() {
                 return;
             }
+            // Without a launcher nobody reports its death.
+            let waited = since.map_or(Duration::ZERO, |since| since.elapsed());
+            self.recorder_dropped |= waited >= ORPHANED_LIMIT && !self.member.launcher_lives();
         }
     }
 
