@@ -18,9 +18,9 @@
 //! **Deviation.** At the same `s` the two paths are `Σ|Δt_i|·b` and `Σ|Δκ_i|·|c|` apart at most, and thus nowhere further from each other,
 //! either way. `b` is greatest at its junction, `h/6`; a sum of them has its maxima at junctions, since each falls in a
 //! convex curve to both sides; `|c|` is below `h²/120`. The half widths `h_i` are the largest for which that sum keeps the tolerance
-//! ([`half_widths`]).
+//! (`half_widths`).
 //!
-//! What is made of an element depends on elements within [`REACH_ELEMENTS`] alone.
+//! What is made of an element depends on elements within `REACH_ELEMENTS` alone.
 #![deny(
     clippy::unwrap_used,
     clippy::expect_used,
