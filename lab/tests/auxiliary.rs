@@ -1,11 +1,13 @@
 //! Spindle, coolant, outputs, tool changes and stops happen where the program says, once, whoever is killed meanwhile.
 
-use std::fmt::Write as _;
+mod common;
+
 use std::path::Path;
 
 use bus::sample::{
     Cause, FLOOD, Feedback, Levels, MIST, Mode, OperatorRequest, Order, SpindleCommand, Waiting,
 };
+use common::{kill, seeds};
 use control::path::Feed;
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::{Course, Judge};
@@ -543,9 +545,6 @@ fn whoever_is_killed_in_a_loop_or_a_subroutine_place_offsets_tool_and_outputs_ar
 
 /// Kills at and around the events of a program, and anywhere: it ends as if nobody had been killed.
 fn kill_around_events(text: &str, stops: usize) {
-    let seeds = std::env::var("SEEDS")
-        .ok()
-        .and_then(|text| text.parse().ok());
     let (machine, plant) = mill();
     let course = Course::of(&machine, &plant, "any.ngc", text).expect("a course");
     let undisturbed = run(&machine, &plant, (text, &course), None);
@@ -557,7 +556,7 @@ fn kill_around_events(text: &str, stops: usize) {
         Some(4.0 + passes)
     );
     let (mut kills, mut worst_mm) = (0, 0.0f64);
-    for seed in 0..seeds.unwrap_or(SEEDS) {
+    for seed in 0..seeds(SEEDS) {
         let mut rng = Rng::new(Rng::new(seed).bits());
         let mut script =
             String::from("[restart]\nplanner = \"resume\"\nservo = \"wait\"\nmaster = \"wait\"\n");
@@ -575,11 +574,7 @@ fn kill_around_events(text: &str, stops: usize) {
                     "servo-Y/b",
                 ],
             );
-            let _ = write!(
-                script,
-                "[[fault]]\nat = {{ scan = {scan} }}\nprocess = \"{who}\"\ndo = \"kill\"\nrestart_after_scans = {}\n",
-                rng.within(5, 200)
-            );
+            script += &kill(who, scan, rng.within(5, 200));
             kills += 1;
         }
         let seen = run(&machine, &plant, (text, &course), Some(&script));

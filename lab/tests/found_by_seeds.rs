@@ -1,8 +1,11 @@
 //! What seeds of `quadrant bench faults` have found, each in its smallest form.
 
+mod common;
+
 use std::path::Path;
 
 use bus::sample::{Cause, Mode, Redundancy};
+use common::kill;
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::{Course, Judge, Shown, Violation};
 use lab::liveness::Liveness;
@@ -57,9 +60,7 @@ fn judged_with(faults: &str, orders: &str, supervised: bool) -> (Shown, Vec<Viol
 fn a_planner_killed_in_any_scan_leaves_a_program_that_ends_where_it_should() {
     let undisturbed = judged("").0.scans;
     for scan in 0..undisturbed {
-        let (shown, violations) = judged(&format!(
-            "[[fault]]\nat = {{ scan = {scan} }}\nprocess = \"planner\"\ndo = \"kill\"\nrestart_after_scans = 12\n"
-        ));
+        let (shown, violations) = judged(&kill("planner", scan, 12));
         assert_eq!(violations, [], "killed in scan {scan}");
         assert_eq!(shown.mode, Some(Mode::Finished), "killed in scan {scan}");
     }

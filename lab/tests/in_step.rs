@@ -1,9 +1,12 @@
 //! Threads, taps and cutting speeds on a spindle that yields to its load: how far off they are, whoever is killed meanwhile.
 
+mod common;
+
 use std::fmt::Write as _;
 use std::path::Path;
 
 use bus::sample::{Cause, Feedback, Mode, OperatorRequest, Order, Refused};
+use common::{kill, seeds};
 use control::path_part::PathPart;
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::{Course, Judge};
@@ -22,18 +25,6 @@ fn lathe() -> (Machine, PlantFile) {
     machine.program.work_offset_mm.insert("Z".into(), -100.0);
     let plant = PlantFile::load(&folder.join("plant.toml")).expect("plant.toml");
     (machine, plant)
-}
-
-fn seeds() -> u64 {
-    let asked = std::env::var("SEEDS").ok();
-    asked.and_then(|text| text.parse().ok()).unwrap_or(SEEDS)
-}
-
-/// A process is killed in a scan, and started again so many later.
-fn one_kill(who: &str, scan: u64, after: u64) -> String {
-    format!(
-        "[[fault]]\nat = {{ scan = {scan} }}\nprocess = \"{who}\"\ndo = \"kill\"\nrestart_after_scans = {after}\n"
-    )
 }
 
 const RESTARTS: &str = "[restart]\nplanner = \"resume\"\nservo = \"wait\"\nmaster = \"wait\"\n";
@@ -371,13 +362,13 @@ fn whoever_is_killed_in_a_tap_spindle_and_axis_stop_together_and_go_on_in_step()
         .scan;
     let mut worst = [0.0f64; 6];
     let mut wrong = Vec::new();
-    for seed in 0..seeds() {
+    for seed in 0..seeds(SEEDS) {
         let mut rng = Rng::new(Rng::new(seed).bits());
         let kind = (seed % 6) as usize;
         let scan = rng.within(first, last);
         let mut script = String::from(RESTARTS);
         for who in KILLED[kind].1 {
-            let _ = write!(script, "{}", one_kill(who, scan, rng.within(5, 200)));
+            script += &kill(who, scan, rng.within(5, 200));
         }
         let run = run(&machine, &plant, &text, Some(&script));
         if ended(&run).0 != Some(Mode::Finished) {
@@ -422,11 +413,11 @@ fn whoever_is_killed_in_a_thread_it_goes_on_at_the_index() {
         .expect("a pass")
         .feedback
         .scan;
-    for seed in 0..seeds() / 3 {
+    for seed in 0..seeds(SEEDS) / 3 {
         let mut rng = Rng::new(Rng::new(seed).bits());
         let who = ["planner", "servo-Z", "plant-sim"][(seed % 3) as usize];
         let scan = rng.within(first, first + 1500);
-        let script = format!("{RESTARTS}{}", one_kill(who, scan, rng.within(5, 200)));
+        let script = format!("{RESTARTS}{}", kill(who, scan, rng.within(5, 200)));
         let run = run(&machine, &plant, text, Some(&script));
         assert_eq!(
             ended(&run).0,
@@ -531,11 +522,11 @@ fn whoever_is_killed_in_g96_the_spindle_has_the_speed_of_the_radius_afterwards()
     let course = Course::of(&machine, &plant, "any.ngc", FACING).expect("a course");
     let undisturbed = run(&machine, &plant, FACING, None);
     let last = undisturbed.rows.len() as u64 - 200;
-    for seed in 0..seeds() / 3 {
+    for seed in 0..seeds(SEEDS) / 3 {
         let mut rng = Rng::new(Rng::new(seed).bits());
         let who = ["planner", "servo-X", "plant-sim"][(seed % 3) as usize];
         let (scan, after) = (rng.within(500, last), rng.within(5, 200));
-        let script = format!("{RESTARTS}{}", one_kill(who, scan, after));
+        let script = format!("{RESTARTS}{}", kill(who, scan, after));
         let run = run(&machine, &plant, FACING, Some(&script));
         assert_eq!(
             ended(&run).0,

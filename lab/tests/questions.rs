@@ -1,11 +1,13 @@
 //! What a program asks the machine: where a probe trips, what an input shows; whoever is killed meanwhile.
 
-use std::fmt::Write as _;
+mod common;
+
 use std::path::Path;
 
 use bus::sample::{
     AnswerOutcome, Cause, Feedback, Instruments, MAX_AXES, Mode, OperatorRequest, Order, Waiting,
 };
+use common::{kill, seeds};
 use lab::cell::{InProcessCell, Script};
 use machine::{Machine, PositionFeedback};
 use plant_sim::plant_file::{PlantFile, PlantInput, PlantPlane, PlantProbe};
@@ -291,15 +293,12 @@ fn a_program_goes_on_with_what_it_has_found() {
 
 #[test]
 fn whoever_is_killed_while_a_program_asks_each_answer_is_had_once_and_is_right() {
-    let seeds = std::env::var("SEEDS")
-        .ok()
-        .and_then(|text| text.parse().ok());
     let (machine, mut plant) = mill();
     with_input(&mut plant);
     let undisturbed = judged(&machine, &plant, &everything(), None);
     assert_eq!(undisturbed.wrong, [] as [String; 0]);
     let (mut kills, mut lost, mut worst_um) = (0, 0, 0.0f64);
-    for seed in 0..seeds.unwrap_or(SEEDS) {
+    for seed in 0..seeds(SEEDS) {
         let mut rng = Rng::new(Rng::new(seed).bits());
         let mut script =
             String::from("[restart]\nplanner = \"resume\"\nservo = \"wait\"\nmaster = \"wait\"\n");
@@ -309,11 +308,7 @@ fn whoever_is_killed_while_a_program_asks_each_answer_is_had_once_and_is_right()
             let who = *rng
                 .pick(&["planner", "planner", "planner", "plant-sim", "servo-Z"])
                 .expect("one");
-            let _ = write!(
-                script,
-                "[[fault]]\nat = {{ scan = {scan} }}\nprocess = \"{who}\"\ndo = \"kill\"\nrestart_after_scans = {}\n",
-                rng.within(5, 200)
-            );
+            script += &kill(who, scan, rng.within(5, 200));
             kills += 1;
         }
         let seen = judged(&machine, &plant, &everything(), Some(&script));

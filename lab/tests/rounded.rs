@@ -1,9 +1,12 @@
 //! Paths rounded by G64, in cells whose processes are killed: never off the rounded path, never over a limit, always to the end.
 
+mod common;
+
 use std::fmt::Write as _;
 use std::path::Path;
 
 use bus::sample::{Feedback, Mode};
+use common::{kill, seeds};
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::{Course, Judge};
 use machine::Machine;
@@ -13,11 +16,6 @@ use plant_sim::script::rng::Rng;
 
 /// Seeds of a run of this test; `SEEDS=1000` in the environment for a long one.
 const SEEDS: u64 = 60;
-
-fn seeds() -> u64 {
-    let asked = std::env::var("SEEDS").ok();
-    asked.and_then(|text| text.parse().ok()).unwrap_or(SEEDS)
-}
 
 fn mill() -> (Machine, PlantFile) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
@@ -80,7 +78,7 @@ fn whoever_is_killed_on_a_rounded_path_the_tool_stays_on_it_and_goes_on() {
     let (machine, plant) = mill();
     let restarts = "[restart]\nplanner = \"resume\"\nservo = \"resume\"\n";
     let mut wrong = Vec::new();
-    for seed in 0..seeds() {
+    for seed in 0..seeds(SEEDS) {
         let mut rng = Rng::new(Rng::new(seed).bits());
         let text = program(&mut rng);
         let undisturbed = run(&machine, &plant, &text, restarts);
@@ -88,10 +86,7 @@ fn whoever_is_killed_on_a_rounded_path_the_tool_stays_on_it_and_goes_on() {
         for _ in 0..rng.within(1, 3) {
             let who = ["planner", "planner", "servo-X"][rng.below(3) as usize];
             let (scan, after) = (rng.within(20, undisturbed.scans), rng.within(5, 200));
-            let _ = write!(
-                script,
-                "[[fault]]\nat = {{ scan = {scan} }}\nprocess = \"{who}\"\ndo = \"kill\"\nrestart_after_scans = {after}\n"
-            );
+            script += &kill(who, scan, after);
         }
         let run = run(&machine, &plant, &text, &script);
         let ends = |run: &Run| {
@@ -112,7 +107,7 @@ fn whoever_is_killed_on_a_rounded_path_the_tool_stays_on_it_and_goes_on() {
         wrong.is_empty(),
         "{} of {}:\n{}",
         wrong.len(),
-        seeds(),
+        seeds(SEEDS),
         wrong.join("\n")
     );
 }

@@ -1,18 +1,18 @@
 //! Seeds of `quadrant bench faults`, a few in each run of the tests; more with `SEEDS=5000 cargo test -p lab --test seeds`, one and
 //! all of it with `FROM=17 SEEDS=1 VERBOSE=1`.
 
+mod common;
+
 use std::path::PathBuf;
 
 use lab::options::FaultsOptions;
 
 #[test]
 fn no_seed_violates_an_invariant_or_hangs() {
-    let seeds = std::env::var("SEEDS").ok().and_then(|n| n.parse().ok());
-    let from = std::env::var("FROM").ok().and_then(|n| n.parse().ok());
     let options = FaultsOptions {
         machine: PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../machines/xy"),
-        seeds: seeds.unwrap_or(60),
-        from: from.unwrap_or(1),
+        seeds: common::seeds(60),
+        from: common::number("FROM", 1),
         program: None,
         jobs: 2,
         verbose: std::env::var_os("VERBOSE").is_some(),

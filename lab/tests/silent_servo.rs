@@ -1,5 +1,7 @@
 //! A servo that falls silent or dies without a standby, at any speed and place: the tool comes to rest on the path.
 
+mod common;
+
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -136,8 +138,7 @@ fn run(
 
 #[test]
 fn a_silent_or_dead_servo_without_a_standby_leaves_the_tool_at_rest_on_the_path() {
-    let seeds = std::env::var("SEEDS").ok().and_then(|n| n.parse().ok());
-    let seeds = seeds.unwrap_or(SEEDS);
+    let seeds = common::seeds(SEEDS);
     let (mut worst_mm, mut worst_beyond_mm, mut trips) = (0.0f64, 0.0f64, 0);
     for seed in 0..seeds {
         let trial = trial(seed);

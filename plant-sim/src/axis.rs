@@ -288,7 +288,8 @@ impl AxisSimulation {
         );
     }
 
-    /// Lets the drive brake until the axis has not moved by a count for 50 ms.
+    /// Lets the drive brake until the axis has stayed within a count of one place for 50 ms: a drive that holds an axis may go to
+    /// and fro by a count without end.
     ///
     /// For a restored axis: what the drive did while its master was away. The deceleration is in mm/s²; the drive's own
     /// quick stop where it is not above 0. Bounded by 20 s of simulated time.
@@ -296,13 +297,16 @@ impl AxisSimulation {
         let command = DriveCommand::Brake { deceleration_mm_s2 };
         let scans_max = (RUN_DOWN_S_MAX / self.settings.scan_s) as u32;
         let rest_scans = ((REST_S / self.settings.scan_s) as u32).max(REST_SCANS_MIN);
-        let mut still = 0;
+        let (mut still, mut place) = (0, self.state.drive.counts);
         for scans in 1..=scans_max {
-            let before = self.state.drive.counts;
             self.scan(&command, &mut []);
-            let ramped = self.state.drive.command_m_s == 0.0;
-            let unmoved = self.state.drive.counts == before && self.state.drive.velocity_m_s == 0.0;
-            still = if ramped && unmoved { still + 1 } else { 0 };
+            let drive = &self.state.drive;
+            let stays = drive.command_m_s == 0.0 && drive.counts.abs_diff(place) <= 1;
+            if stays {
+                still += 1;
+            } else {
+                (still, place) = (0, drive.counts);
+            }
             if still >= rest_scans {
                 return RunDown {
                     scans,

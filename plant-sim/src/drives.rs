@@ -234,7 +234,9 @@ impl Drives for SimulatedDrives {
     fn stalled(&mut self) {
         let together = self.auxiliaries.brakes_together();
         self.auxiliaries.run_down();
-        for (index, axis) in self.axes.iter_mut().enumerate() {
+        // A drive that is off has nothing to brake with.
+        let axes = self.axes.iter_mut().enumerate();
+        for (index, axis) in axes.filter(|(_, axis)| !axis.off) {
             axis.run_down(of_axis(together, index));
             axis.off = true;
         }

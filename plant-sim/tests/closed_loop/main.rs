@@ -9,6 +9,7 @@ use master::{DriveCommand, InstrumentSample};
 use plant_sim::axis::{AxisSettings, AxisSimulation, AxisState};
 use plant_sim::drive::DriveParameters;
 use plant_sim::plant_file::PlantFile;
+use plant_sim::script::rng::Rng;
 
 fn plant() -> PlantFile {
     let folder: PathBuf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
@@ -481,4 +482,30 @@ fn clocks_that_do_not_divide_are_refused() {
         text.contains("axis X velocity_loop.period_us = 250 µs") && text.contains("30 µs"),
         "{text}"
     );
+}
+
+/// A drive that holds an axis goes to and fro by a count without end, and that is rest too.
+#[test]
+fn an_axis_comes_to_rest_by_itself_from_every_state() {
+    let plant = plant();
+    let mut rng = Rng::new(5);
+    for case in 0..200 {
+        let mut x = axis(&plant, if case % 2 == 0 { "X" } else { "Y" });
+        let kind = rng.below(3);
+        let fastest_mm_s = rng.within(1, 400);
+        for scan in 0..fastest_mm_s {
+            x.scan(&velocity(scan as f64), &mut []);
+        }
+        for _ in 0..rng.within(0, 400) {
+            match kind {
+                0 => x.scan(&DriveCommand::Disabled, &mut []),
+                1 => x.scan(&velocity(0.0), &mut []),
+                _ => x.scan(&velocity(0.05), &mut []),
+            }
+        }
+        let down = x.run_down(0.0);
+        let scans_max = 200 + fastest_mm_s as u32 / 5;
+        let soon = down.at_rest && down.scans <= scans_max;
+        assert!(soon, "{case}, {fastest_mm_s} mm/s, {kind}: {down:?}");
+    }
 }
