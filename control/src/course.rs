@@ -7,15 +7,16 @@
 //! Averages add, so zones may overlap: reservations are summed, and a contour of many small kinks is treated as the
 //! curvature it stands for, up to the factor `2hρ` = 1.6. No zone knows of the others' order or of scan instants.
 //!
-//! **Arcs** use at most `CENTRIPETAL_SHARE` of the acceleration across the path; what remains of the vector is for
-//! changing speed: `a = sqrt(a_lim² − (κv²)²)`, constant on the element.
+//! **Curves** use at most a share of the acceleration across the path (`sharing`); what remains of the vector is for
+//! changing speed: `a = sqrt(a_lim² − (κv²)²)`, more of it the slower the tool is (`segment::Acceleration`). An arc is cut into pieces on which
+//! that changes little.
 
 use std::ops::Range;
 
 use crate::path::{AxisVector, Element, Feed, MAX_AXES, Shape};
 use crate::path_part::{Laid, PathPart};
 use crate::positioning::rapids as positioning;
-use crate::segment::Segment;
+use crate::segment::{Acceleration, Segment};
 
 use sharing::{PlanLimits, Sharing};
 
@@ -25,6 +26,10 @@ pub(crate) mod sharing;
 const JUNCTION_SHARE: f64 = 0.7;
 /// Share that junctions on or beside an arc and the arc itself may use together.
 const JUNCTION_AND_ARC_SHARE: f64 = 0.9;
+/// A piece is cut so that what is left for changes of speed falls, on a way of its length at what is left at rest, by at most this share of it.
+const FALL_STEP: f64 = 0.5;
+/// So often at most.
+const FALL_CUTS_MAX: usize = 64;
 /// Half width of a junction's zone, in scans of travel (h above): wide zones suit lone kinks (1/ρ of their speed is lost),
 /// narrow ones dense kinks (2hρ). Of 0.5, 0.75 and 1, and shares of 0.6 to 0.75, this pair was fastest over chord
 /// contours of 2 to 20 mm radius and a sine, without long braking on dense contours.
@@ -48,8 +53,10 @@ struct Stretch<'a> {
     sharing: &'a Sharing,
     /// What the axes bear, in mm/s.
     speed_mm_s: f64,
-    /// The same or what is asked for at the highest override, whichever is lower, in mm/s.
-    fastest_mm_s: f64,
+    /// In the zone of a junction: what the axes bear or what is asked for at the highest override, whichever is lower, in mm/s.
+    beside_junction_mm_s: f64,
+    /// What is asked for at the highest override, in mm/s.
+    asked_mm_s: f64,
     /// A rapid between places where it has to stop or nearly so: it begins and ends at rest.
     from_rest_to_rest: bool,
 }
@@ -152,21 +159,21 @@ impl<'a> Course<'a> {
                     next_without_stop(part, &range, index),
                     override_max,
                 );
-            let last = course.stretches.last();
+            let (count, last) = (course.stretches.len(), course.stretches.last());
             if from_rest_to_rest || last.is_some_and(|last| last.from_rest_to_rest) {
                 before = None;
             }
             if let (Some(before), Some(last)) = (before, last) {
                 let kink = element.tangent(0.0) - before.tangent(before.length_mm);
                 let kink = kinematics.axes_tangent(&element.start(), &kink);
-                let own_mm_s = laid
-                    .pieces
-                    .first()
-                    .map_or(laid.speed_mm_s, |of| of.speed_mm_s);
-                let fastest_mm_s = laid.fastest_mm_s.min(own_mm_s).min(last.fastest_mm_s);
-                course.add_junction(laid.start_mm, &kink, fastest_mm_s);
+                let before_mm_s = last.beside_junction_mm_s;
+                course.add_stretches(index, laid, from_rest_to_rest, override_max);
+                let after = course.stretches.get(count);
+                let after_mm_s = after.map_or(0.0, |after| after.beside_junction_mm_s);
+                course.add_junction(laid.start_mm, &kink, before_mm_s.min(after_mm_s));
+            } else {
+                course.add_stretches(index, laid, from_rest_to_rest, override_max);
             }
-            course.add_stretches(index, laid, from_rest_to_rest, override_max);
             before = Some(element);
         }
         course
@@ -179,28 +186,34 @@ impl<'a> Course<'a> {
         from_rest_to_rest: bool,
         override_max: f64,
     ) {
-        let whole = Stretch {
-            element,
-            laid,
-            from_mm: 0.0,
-            to_mm: laid.element.length_mm,
-            sharing: &laid.sharing,
-            speed_mm_s: laid.speed_mm_s,
-            fastest_mm_s: laid.fastest_mm_s,
-            from_rest_to_rest,
+        let limits = self.limits;
+        let asked_mm_s = laid.feed_mm_s * override_max;
+        let stretch = |from_mm: f64, to_mm: f64, sharing: &'a Sharing, speed_mm_s: f64| {
+            let bearable_mm_s = if sharing.is_curved() {
+                sharing.speed_beside_junctions_mm_s(limits)
+            } else {
+                speed_mm_s
+            };
+            Stretch {
+                element,
+                laid,
+                from_mm,
+                to_mm,
+                sharing,
+                speed_mm_s,
+                beside_junction_mm_s: bearable_mm_s.min(asked_mm_s),
+                asked_mm_s,
+                from_rest_to_rest,
+            }
         };
         if laid.pieces.is_empty() {
+            let to_mm = laid.element.length_mm;
+            let whole = stretch(0.0, to_mm, &laid.sharing, laid.speed_mm_s);
             return self.stretches.push(whole);
         }
-        self.stretches
-            .extend(laid.pieces.iter().map(|piece| Stretch {
-                from_mm: piece.from_mm,
-                to_mm: piece.to_mm,
-                sharing: &piece.sharing,
-                speed_mm_s: piece.speed_mm_s,
-                fastest_mm_s: piece.speed_mm_s.min(laid.feed_mm_s * override_max),
-                ..whole
-            }));
+        let pieces = laid.pieces.iter();
+        let pieces = pieces.map(|of| stretch(of.from_mm, of.to_mm, &of.sharing, of.speed_mm_s));
+        self.stretches.extend(pieces);
     }
 
     /// Whether a straight rapid has to stop, or nearly so, at both of its ends: in a kink, or for a feed that is far slower.
@@ -335,7 +348,11 @@ impl<'a> Course<'a> {
     /// What the active junctions reserve of each axis, in mm/s², and the highest speed within all of their zones.
     fn reserved(&self, stretch: &Stretch<'_>, active: &[u32]) -> ([f64; MAX_AXES], f64) {
         let mut reserved_mm_s2 = [0.0; MAX_AXES];
-        let mut speed_mm_s = stretch.fastest_mm_s;
+        let mut speed_mm_s = if active.is_empty() {
+            stretch.speed_mm_s.min(stretch.asked_mm_s)
+        } else {
+            stretch.beside_junction_mm_s
+        };
         for &index in active {
             if let Some(junction) = self.junctions.get(index as usize) {
                 junction.reserve(&mut reserved_mm_s2, self.scan_period_s);
@@ -402,25 +419,36 @@ impl<'a> Course<'a> {
             for (left, reserved) in left_mm_s2.iter_mut().zip(&reserved) {
                 *left -= reserved;
             }
-            let within = |speed_mm_s: f64| {
-                if active.is_empty() {
-                    speed_mm_s
-                } else {
-                    speed_mm_s.min(fastest_mm_s)
-                }
+            let speed_mm_s = if active.is_empty() {
+                stretch.speed_mm_s
+            } else {
+                stretch.speed_mm_s.min(fastest_mm_s)
             };
-            segments.push(Segment {
-                element: stretch.element,
-                from_mm,
-                to_mm,
-                speed_mm_s: within(stretch.speed_mm_s),
-                feed_mm_s: stretch.laid.feed_mm_s,
-                acceleration_mm_s2: stretch
-                    .sharing
-                    .acceleration_mm_s2(&left_mm_s2, fastest_mm_s),
-                from_rest_to_rest: stretch.from_rest_to_rest,
-                ..Segment::default()
+            let acceleration = Acceleration::below(fastest_mm_s, |speed_mm_s| {
+                stretch.sharing.acceleration_mm_s2(&left_mm_s2, speed_mm_s)
             });
+            let length_mm = to_mm - from_mm;
+            let falls = 2.0 * acceleration.steepest_per_mm() * length_mm;
+            let cuts = (libm::ceil(falls / FALL_STEP) as usize).clamp(1, FALL_CUTS_MAX);
+            let mut begin_mm = from_mm;
+            for cut in 1..=cuts {
+                let end_mm = if cut == cuts {
+                    to_mm
+                } else {
+                    from_mm + length_mm * (cut as f64 / cuts as f64)
+                };
+                segments.push(Segment {
+                    element: stretch.element,
+                    from_mm: begin_mm,
+                    to_mm: end_mm,
+                    speed_mm_s,
+                    feed_mm_s: stretch.laid.feed_mm_s,
+                    acceleration,
+                    from_rest_to_rest: stretch.from_rest_to_rest,
+                    ..Segment::default()
+                });
+                begin_mm = end_mm;
+            }
         });
         self.add_dwells(next_element..self.range.end, &mut segments);
         self.mark_rests(&mut segments);

@@ -1,6 +1,7 @@
 //! The speed envelope: the highest speed at each border of segments from which everything ahead can still be kept.
 //!
-//! Squares of speeds, computed backward: `e[k] = min(cap²[k−1], cap²[k], e[k+1] + 2·a·length)`, 0 at the end of the path. It
+//! Squares of speeds, computed backward: `e[k] = min(cap²[k−1], cap²[k], e[k+1] + 2·a·length)`, 0 at the end of the path, where `a` is
+//! what the axes have left on the piece at the highest speed that it can then be travelled at (`segment`). It
 //! is computed in pieces, as far ahead as needed. A piece starts with 0 beyond its end; from the first border where a cap
 //! decides, its values are those that a computation from the end of the path would give, to the bit, and only those
 //! are used. So the motion does not depend on how the path was cut into pieces, or on when planning started.
@@ -118,8 +119,9 @@ impl Envelope {
                     map.segment(index),
                 );
                 let Some(after) = after else { break };
-                let reachable =
-                    ahead + 2.0 * after.acceleration_mm_s2 * (after.to_mm - after.from_mm);
+                let highest = after.highest_mm2_s2(ahead, after.cap_mm_s(self.key.feed_override));
+                let acceleration_mm_s2 = after.acceleration.at_mm_s2(highest);
+                let reachable = ahead + 2.0 * acceleration_mm_s2 * (after.to_mm - after.from_mm);
                 let cap = self.border_cap_squared(before, after);
                 ahead = cap.min(reachable);
                 if known_to == 0 && cap <= reachable {

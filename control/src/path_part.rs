@@ -234,7 +234,8 @@ impl PathPart {
         self.first += count as u32;
     }
 
-    pub(crate) fn limits(&self) -> &MotionLimits {
+    /// The limits of the axes.
+    pub fn limits(&self) -> &MotionLimits {
         &self.limits
     }
 

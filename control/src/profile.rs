@@ -372,7 +372,8 @@ impl<'a> Traveller<'a> {
         // Up to the profile, along it to the end, and once more for rounding.
         for _ in 0..3 {
             let (at_mm, speed_mm_s) = (self.state.distance_mm, self.state.speed_mm_s);
-            let twice_mm_s2 = 2.0 * segment.acceleration_mm_s2;
+            let acceleration_mm_s2 = segment.least_acceleration_mm_s2();
+            let twice_mm_s2 = 2.0 * acceleration_mm_s2;
             let squared = speed_mm_s * speed_mm_s;
             let tolerance = twice_mm_s2 * NEGLIGIBLE_MM + NEGLIGIBLE_EXCESS * squared;
             if segment.to_mm - at_mm <= NEGLIGIBLE_MM {
@@ -397,9 +398,9 @@ impl<'a> Traveller<'a> {
                 return false;
             }
             let toward_mm_s2 = if off < 0.0 {
-                segment.acceleration_mm_s2
+                acceleration_mm_s2
             } else {
-                -segment.acceleration_mm_s2
+                -acceleration_mm_s2
             };
             // Place and speed after a time at the limit.
             let after = |time_s: f64| {
@@ -438,11 +439,17 @@ impl<'a> Traveller<'a> {
     }
 
     /// What to do now on a segment: brake down to the cap or the envelope, follow the envelope, speed up, or keep the cap.
+    ///
+    /// Each way the acceleration is one that is left at the highest speed of the phase, and the same wherever on it a scan ends: the
+    /// envelope's for braking; for speeding up, what is left at the speed that the end of the segment is reached at if nothing ends it before.
     fn phase(&self, segment: &Segment, end_squared: f64, cap_mm_s: f64) -> Phase {
         let (at_mm, speed_mm_s) = (self.state.distance_mm, self.state.speed_mm_s);
-        let twice_mm_s2 = 2.0 * segment.acceleration_mm_s2;
         let left_mm = segment.to_mm - at_mm;
         let squared = speed_mm_s * speed_mm_s;
+        let highest = segment.highest_mm2_s2(end_squared, cap_mm_s);
+        let twice_mm_s2 = 2.0 * segment.acceleration.at_mm_s2(highest);
+        let reached = segment.acceleration.reached_mm2_s2(squared, left_mm);
+        let twice_up_mm_s2 = 2.0 * segment.acceleration.at_mm_s2(reached.min(highest));
         let end_mm_s = end_squared.sqrt();
         let tolerance = twice_mm_s2 * NEGLIGIBLE_MM + NEGLIGIBLE_EXCESS * squared;
         if left_mm <= NEGLIGIBLE_MM {
@@ -479,14 +486,14 @@ impl<'a> Traveller<'a> {
                 to_the_end,
             };
         }
-        let to_cap_mm = (cap_mm_s * cap_mm_s - squared) / twice_mm_s2;
-        let to_braking_mm = (allowed - squared) / (2.0 * twice_mm_s2);
+        let to_cap_mm = (cap_mm_s * cap_mm_s - squared) / twice_up_mm_s2;
+        let to_braking_mm = (allowed - squared) / (twice_up_mm_s2 + twice_mm_s2);
         let length_mm = to_cap_mm.min(to_braking_mm).min(left_mm);
         Phase {
             end_speed_mm_s: if length_mm == to_cap_mm {
                 cap_mm_s
             } else {
-                (squared + twice_mm_s2 * length_mm).sqrt()
+                (squared + twice_up_mm_s2 * length_mm).sqrt()
             },
             length_mm,
             to_the_end: length_mm >= left_mm,
@@ -496,9 +503,9 @@ impl<'a> Traveller<'a> {
 
 /// Braking on a segment down to a speed, or to its end.
 fn braking(segment: &Segment, at_mm: f64, speed_mm_s: f64, down_to_mm_s: f64) -> Phase {
-    let twice_mm_s2 = 2.0 * segment.acceleration_mm_s2;
     let left_mm = (segment.to_mm - at_mm).max(0.0);
     let squared = speed_mm_s * speed_mm_s;
+    let twice_mm_s2 = 2.0 * segment.acceleration.at_mm_s2(squared);
     let needed_mm = (squared - down_to_mm_s * down_to_mm_s) / twice_mm_s2;
     if needed_mm <= left_mm {
         Phase {

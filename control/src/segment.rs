@@ -52,6 +52,75 @@ pub enum MapError {
     },
 }
 
+/// What the axes have left along the path, by the speed: what a curve takes across the path, it takes with the square of the speed.
+///
+/// The lower of two straight lines over the square of the speed `x`, `a(x) = a₀ − β·x`, and never above what the axes bear.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Acceleration {
+    lines: [(f64, f64); 2],
+}
+
+/// Of the highest square of the speed: where the two lines meet. Over an arc at its highest share (`course`), both are then near its ellipse.
+const LINES_MEET: f64 = 0.75;
+
+impl Acceleration {
+    /// The same at every speed, in mm/s².
+    pub fn constant(acceleration_mm_s2: f64) -> Self {
+        Self {
+            lines: [(acceleration_mm_s2, 0.0); 2],
+        }
+    }
+
+    /// At most so much at each speed up to the highest, in mm/s, where `at_speed` is concave over the square of the speed.
+    pub fn below(highest_mm_s: f64, at_speed: impl Fn(f64) -> f64) -> Self {
+        let (at_rest, at_highest) = (at_speed(0.0), at_speed(highest_mm_s));
+        let highest = highest_mm_s * highest_mm_s;
+        if at_rest <= at_highest || highest <= 0.0 {
+            return Self::constant(at_highest.min(at_rest));
+        }
+        let meet = LINES_MEET * highest;
+        let at_meet = at_speed(meet.sqrt()).min(at_rest);
+        let first = (at_rest - at_meet) / meet;
+        let second = ((at_meet - at_highest) / (highest - meet)).max(first);
+        Self {
+            lines: [(at_rest, first), (at_highest + second * highest, second)],
+        }
+    }
+
+    /// At a square of the speed, in mm²/s²; at least 0.
+    pub fn at_mm_s2(&self, squared_mm2_s2: f64) -> f64 {
+        let [first, second] = self
+            .lines
+            .map(|(at_rest, fall)| at_rest - fall * squared_mm2_s2);
+        first.min(second).max(0.0)
+    }
+
+    /// The highest square of the speed that is reached after so many mm from this one at an acceleration that is left at every speed
+    /// between; backward, from which it is braked down to this one.
+    pub fn reached_mm2_s2(&self, from_mm2_s2: f64, length_mm: f64) -> f64 {
+        let [first, second] = self.lines.map(|(at_rest, fall)| {
+            (from_mm2_s2 + 2.0 * at_rest * length_mm) / (1.0 + 2.0 * fall * length_mm)
+        });
+        first.min(second)
+    }
+
+    /// No more than either at any speed.
+    pub fn least_of(&self, other: &Self) -> Self {
+        let [first, second] = self.lines;
+        let [of_other_first, of_other_second] = other.lines;
+        let least = |a: (f64, f64), b: (f64, f64)| (a.0.min(b.0), a.1.max(b.1));
+        Self {
+            lines: [least(first, of_other_first), least(second, of_other_second)],
+        }
+    }
+
+    /// How fast it falls with the square of the speed at most, in 1/mm.
+    pub fn steepest_per_mm(&self) -> f64 {
+        let [first, second] = self.lines.map(|(_, fall)| fall);
+        first.max(second)
+    }
+}
+
 /// A piece of one element on which the limits are constant.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Segment {
@@ -69,8 +138,8 @@ pub(crate) struct Segment {
     pub speed_mm_s: f64,
     /// Speed that the program asks for at 100 %, in mm/s; for rapids what the axes bear.
     pub feed_mm_s: f64,
-    /// Acceleration along the path, in mm/s².
-    pub acceleration_mm_s2: f64,
+    /// What is left for changes of speed.
+    pub acceleration: Acceleration,
     /// Whether a block of the program ends with it.
     pub ends_block: bool,
     /// Whether its element begins and ends at rest whatever comes before and after (`positioning`).
@@ -87,10 +156,62 @@ impl Segment {
         self.speed_mm_s.min(self.feed_mm_s * feed_override)
     }
 
+    /// What is left for changes of speed at every speed that it can be travelled at, in mm/s².
+    pub fn least_acceleration_mm_s2(&self) -> f64 {
+        self.acceleration
+            .at_mm_s2(self.speed_mm_s * self.speed_mm_s)
+    }
+
+    /// The highest square of the speed that it can be travelled at anywhere, in mm²/s², at an override and where the square of the speed at
+    /// its end is this one. The acceleration that is left there is left everywhere on it.
+    pub fn highest_mm2_s2(&self, end_mm2_s2: f64, cap_mm_s: f64) -> f64 {
+        let reached = self
+            .acceleration
+            .reached_mm2_s2(end_mm2_s2, self.to_mm - self.from_mm);
+        reached.min(cap_mm_s * cap_mm_s)
+    }
+
     /// Whether the motion rests between this segment and the next: something happens between them, or one of them is on a rapid
     /// from rest to rest.
     pub fn rests_before(&self, next: &Segment) -> bool {
         next.rests_at_start
             || (self.from_rest_to_rest || next.from_rest_to_rest) && self.element != next.element
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        /// Of an arc, and where all of a curve's acceleration lies along one axis.
+        #[test]
+        fn what_is_left_is_never_more_than_the_axes_bear_and_is_left_on_the_whole_way(
+            radius_mm in 1e-3..1e4f64,
+            bearable in 100.0..2e4f64,
+            share in 0.01..0.98f64,
+            round in any::<bool>(),
+            at in 0.0..1.0f64,
+            length_mm in 1e-4..1e3f64,
+        ) {
+            let highest = share * bearable * radius_mm;
+            let left = |speed_mm_s: f64| {
+                let across = speed_mm_s * speed_mm_s / radius_mm;
+                if round {
+                    (bearable * bearable - across * across).sqrt()
+                } else {
+                    bearable - across
+                }
+            };
+            let acceleration = Acceleration::below(highest.sqrt(), left);
+            let squared = at * highest;
+            let shown = acceleration.at_mm_s2(squared);
+            prop_assert!(shown <= left(squared.sqrt()) * (1.0 + 1e-9) && shown >= 0.0);
+            let reached = acceleration.reached_mm2_s2(squared, length_mm);
+            let again = reached - 2.0 * acceleration.at_mm_s2(reached) * length_mm;
+            prop_assert!((again - squared).abs() <= 1e-9 * reached, "{again} {squared}");
+        }
     }
 }

@@ -27,7 +27,7 @@
 use std::collections::VecDeque;
 use std::ops::Range;
 
-use crate::braking_limit::braking_limit_mm_s;
+use crate::braking_limit::limit_by_braking;
 use crate::course::{Course, margin_mm};
 use crate::limits::MotionLimits;
 use crate::path::Path;
@@ -184,16 +184,16 @@ impl SpeedMap {
             None => return false,
         };
         let ahead = || self.blocks.iter().take(count).flat_map(|of| &of.segments);
-        let limit_mm_s = braking_limit_mm_s(ahead(), fastest_mm_s, override_max, braking_time_s);
         let own = block.segments.len();
-        let mut segments: Vec<Segment> = match self.positioning {
-            Some(_) => ahead().copied().collect(),
-            None => block.segments.clone(),
-        };
+        let mut segments: Vec<Segment> = ahead().copied().collect();
+        let limit_mm_s = limit_by_braking(
+            &mut segments,
+            own,
+            override_max,
+            braking_time_s,
+            part.limits().scan_period_s(),
+        );
         if let Some(limit_mm_s) = limit_mm_s {
-            for segment in &mut segments {
-                segment.speed_mm_s = segment.speed_mm_s.min(limit_mm_s);
-            }
             let before_mm_s = self.limited_by_window_mm_s.unwrap_or(f64::INFINITY);
             self.limited_by_window_mm_s = Some(before_mm_s.min(limit_mm_s));
         }
@@ -380,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn an_arc_leaves_three_fifths_of_the_acceleration_for_changes_of_speed() {
+    fn an_arc_leaves_of_the_acceleration_what_the_speed_on_it_does_not_take() {
         let turn_rad = std::f64::consts::TAU;
         let mut map = map(vec![Element::arc(
             1,
@@ -392,14 +392,18 @@ mod tests {
             FEED,
         )])
         .unwrap();
-        let [segment] = map.segments.make_contiguous() else {
-            panic!("{map:?}")
-        };
-        assert!((segment.speed_mm_s - 126.49).abs() < 0.01, "{segment:?}");
-        assert!(
-            (segment.acceleration_mm_s2 - 1200.0).abs() < 0.1,
-            "{segment:?}"
-        );
+        let segments = map.segments.make_contiguous();
+        assert!(segments.len() > 1, "one piece for all of it");
+        for segment in segments {
+            assert!((segment.speed_mm_s - 137.84).abs() < 0.01, "{segment:?}");
+            for share in [0.0f64, 0.2, 0.5, 0.75, 0.9, 1.0] {
+                let squared = share * segment.speed_mm_s * segment.speed_mm_s;
+                let across = squared / 10.0;
+                let left = segment.acceleration.at_mm_s2(squared);
+                let bearable = (2000.0 * 2000.0 - across * across).sqrt();
+                assert!(left <= bearable && left > 0.8 * bearable, "{share}: {left}");
+            }
+        }
     }
 
     #[test]
@@ -407,7 +411,7 @@ mod tests {
         let map = map(vec![Element::line(1, at(0.0, 0.0), at(30.0, 30.0), FEED)]).unwrap();
         let segment = map.segments[0];
         assert!((segment.speed_mm_s - 300.0 * 2f64.sqrt()).abs() < 0.01);
-        assert!((segment.acceleration_mm_s2 - 2000.0 * 2f64.sqrt()).abs() < 0.1);
+        assert!((segment.least_acceleration_mm_s2() - 2000.0 * 2f64.sqrt()).abs() < 0.1);
     }
 
     #[test]

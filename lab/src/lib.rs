@@ -6,6 +6,7 @@ pub mod cell;
 pub mod corruption;
 pub mod faulty;
 pub mod invariants;
+pub mod least_time;
 pub mod liveness;
 pub mod options;
 pub mod promises;

@@ -2,7 +2,6 @@
 
 mod common;
 
-use std::fmt::Write as _;
 use std::path::Path;
 
 use bus::sample::{Cause, Feedback, Mode, OperatorRequest, Order, Refused};

@@ -9,6 +9,7 @@ use bus::sample::{Feedback, Mode};
 use common::{kill, seeds};
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::{Course, Judge};
+use lab::least_time::least_time_s;
 use machine::Machine;
 use plant_sim::plant_file::PlantFile;
 use plant_sim::script::faults;
@@ -160,7 +161,8 @@ fn times_of_faceted_curves() {
                                 .expect("a course");
                         let start = windows.start_state();
                         let time_s = windows.time_to_end_s(&start, 1.0).expect("a time");
-                        let _ = write!(cells, " {time_s:.2} s |");
+                        let least_s = least_time_s(windows.path(), 0.01);
+                        let _ = write!(cells, " {time_s:.2} s, {:.3} |", time_s / least_s);
                     }
                 }
                 println!(
@@ -169,5 +171,66 @@ fn times_of_faceted_curves() {
                 );
             }
         }
+    }
+}
+
+/// The time of a program over the least that the axes' limits allow; none if it is not one that moves, or too long for the bound's grid.
+fn over_bound(machine: &Machine, text: &str) -> Option<(f64, f64)> {
+    let start = vec![0; machine.axes.len()];
+    let program = program::resume_from(machine, &start, "any.ngc", text).ok()?;
+    if program.path.elements.len() > 20_000 {
+        return None;
+    }
+    let (mut windows, _) = planner::course(machine, program).ok()?;
+    let start = windows.start_state();
+    let time_s = windows.time_to_end_s(&start, 1.0).ok()?;
+    let least_s = least_time_s(windows.path(), 0.01);
+    (least_s > 0.0).then(|| (time_s, time_s / least_s))
+}
+
+/// `PROGRAMS=folder MACHINE=xyz-mill cargo test --release -p lab --test rounded bound -- --ignored --nocapture`.
+#[test]
+#[ignore = "prints a table"]
+fn times_over_their_bound() {
+    let folder = std::env::var("PROGRAMS").expect("PROGRAMS=folder");
+    let machine = std::env::var("MACHINE").unwrap_or("xyz-mill".into());
+    let machines = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines");
+    let machine = Machine::load(&machines.join(machine)).expect("machine.toml");
+    let files = std::fs::read_dir(folder).expect("a folder").flatten();
+    let mut files: Vec<_> = files.map(|of| of.path()).collect();
+    files.sort();
+    let mut ratios = Vec::new();
+    for file in files {
+        let text = std::fs::read_to_string(&file).unwrap_or_default();
+        let Some((time_s, ratio)) = over_bound(&machine, &text) else {
+            continue;
+        };
+        println!("{ratio:8.3} {time_s:9.3} s  {}", file.display());
+        ratios.push(ratio);
+    }
+    ratios.sort_by(f64::total_cmp);
+    let at = |share: f64| ratios[((ratios.len() - 1) as f64 * share) as usize];
+    println!(
+        "{} programs: median {:.3}, 90 % {:.3}, worst {:.3}",
+        ratios.len(),
+        at(0.5),
+        at(0.9),
+        at(1.0)
+    );
+}
+
+/// A planner that leaves much of the limits unused is found by a bound that knows nothing of it.
+#[test]
+fn rounded_chords_take_little_more_than_the_least_time() {
+    let (mut machine, _) = mill();
+    for axis in &mut machine.axes {
+        axis.acceleration_mm_s2 = 1000.0;
+    }
+    for (period_us, most) in [(1000, 1.06), (250, 1.08)] {
+        machine.scan.period_us = period_us;
+        machine.scan.interpolation_period_scans = 8000 / period_us;
+        let text = facets(0.2, 0.0, "G64 P0.01");
+        let (_, ratio) = over_bound(&machine, &text).expect("a program");
+        assert!((0.999..most).contains(&ratio), "{period_us} µs: {ratio}");
     }
 }

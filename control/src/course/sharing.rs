@@ -6,11 +6,13 @@ use crate::limits::MotionLimits;
 use crate::path::{AxisVector, Element, MAX_AXES, Shape};
 use crate::rounding::CubicPiece;
 
-/// Share of an axis' acceleration that travelling an arc may use across the path; 60 % remains along it.
-const CENTRIPETAL_SHARE: f64 = 0.8;
+/// Share of an axis' acceleration that a curve may use across the path: a little remains along it at that speed, more at every lower one.
+const CENTRIPETAL_SHARE: f64 = 0.95;
+/// The same in the zone of a junction.
+const CENTRIPETAL_SHARE_BESIDE_JUNCTIONS: f64 = 0.8;
 
 /// How the axes share the motion along one element, as bounds over its whole length.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Sharing {
     /// Part of the tangent that turns in the plane of an arc.
     pub swing: [f64; MAX_AXES],
@@ -24,16 +26,12 @@ impl Sharing {
     pub fn of(element: &Element, kinematics: &Kinematics) -> Self {
         if let Some(AxisRates { first, second }) = kinematics.axes_rates(element) {
             return Self {
-                swing: [0.0; MAX_AXES],
                 straight: first,
                 curvature_per_mm: second,
+                ..Self::default()
             };
         }
-        let mut sharing = Self {
-            swing: [0.0; MAX_AXES],
-            straight: [0.0; MAX_AXES],
-            curvature_per_mm: [0.0; MAX_AXES],
-        };
+        let mut sharing = Self::default();
         let constant = match &element.shape {
             Shape::Arc {
                 radius_mm,
@@ -71,11 +69,7 @@ impl Sharing {
         from_mm: f64,
         to_mm: f64,
     ) -> Self {
-        let mut sharing = Self {
-            swing: [0.0; MAX_AXES],
-            straight: [0.0; MAX_AXES],
-            curvature_per_mm: [0.0; MAX_AXES],
-        };
+        let mut sharing = Self::default();
         let turn_per_mm = match &element.shape {
             Shape::Arc { sweep_rad, .. } => (sweep_rad / element.length_mm).abs(),
             _ => 0.0,
@@ -106,8 +100,17 @@ impl Sharing {
         self.curvature_per_mm.iter().any(|per_mm| *per_mm > 0.0)
     }
 
-    /// Highest path speed within the axes' speeds and the share of their accelerations that an arc may use.
+    /// Highest path speed within the axes' speeds and the share of their accelerations that a curve may use.
     pub fn speed_mm_s(&self, limits: &PlanLimits) -> f64 {
+        self.speed_with_mm_s(limits, CENTRIPETAL_SHARE)
+    }
+
+    /// The same in the zone of a junction.
+    pub fn speed_beside_junctions_mm_s(&self, limits: &PlanLimits) -> f64 {
+        self.speed_with_mm_s(limits, CENTRIPETAL_SHARE_BESIDE_JUNCTIONS)
+    }
+
+    fn speed_with_mm_s(&self, limits: &PlanLimits, share_across: f64) -> f64 {
         let mut speed_mm_s = f64::INFINITY;
         for axis in 0..MAX_AXES {
             let (along, across) = (
@@ -118,7 +121,7 @@ impl Sharing {
                 speed_mm_s = speed_mm_s.min(limits.velocity_mm_s[axis] / along);
             }
             if across > 0.0 {
-                let across_mm_s2 = CENTRIPETAL_SHARE * limits.acceleration_mm_s2[axis];
+                let across_mm_s2 = share_across * limits.acceleration_mm_s2[axis];
                 speed_mm_s = speed_mm_s.min((across_mm_s2 / across).sqrt());
             }
         }

@@ -137,7 +137,7 @@ fn profile_of(
     let time_s = travel_time_s(
         element.length_mm,
         segment.speed_mm_s,
-        segment.acceleration_mm_s2,
+        segment.least_acceleration_mm_s2(),
         scan_period_s,
         loaded,
     );
@@ -145,7 +145,7 @@ fn profile_of(
         element.length_mm,
         time_s,
         segment.speed_mm_s,
-        segment.acceleration_mm_s2,
+        segment.least_acceleration_mm_s2(),
     )
 }
 
@@ -186,7 +186,7 @@ fn of_axes(
             share * profile.distance_mm(),
             profile.travel_time_s(),
             share * segment.speed_mm_s,
-            share * segment.acceleration_mm_s2,
+            share * segment.least_acceleration_mm_s2(),
         );
         if let (Some(load), Some(of_axis)) = (load, of_axis) {
             *rms_share = load.rms_share(&of_axis, *rest_s);

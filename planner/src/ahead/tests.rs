@@ -2,6 +2,7 @@
 
 use super::*;
 use bus::sample::{EventCode, ProgramEvent};
+use control::path_part::PathPart;
 use control::speed_map::first_mapped;
 use machine::Spindle;
 
@@ -21,8 +22,12 @@ fn machine() -> Machine {
 
 /// A long program with a loop, a subroutine, parameters, events and an arc here and there.
 fn text(passes: u32) -> ProgramText {
+    text_in("G61", passes)
+}
+
+fn text_in(mode: &str, passes: u32) -> ProgramText {
     let text = format!(
-        "o100 sub\nG1 X[#1] Y[#<y>] F[1000 + #1]\n#<_all> = [#<_all> + 1]\no100 endsub\n\
+        "{mode}\no100 sub\nG1 X[#1] Y[#<y>] F[1000 + #1]\n#<_all> = [#<_all> + 1]\no100 endsub\n\
          #<_all> = 0\nS1000 M3\n#5 = 0\no1 while [#5 LT {passes}]\n\
          o100 call [10 * SIN[#5]]\n#<y> = [5 * COS[#5 * 3]]\nG1 X[9 * COS[#5]] Y[#<_all> MOD 7]\n\
          o2 if [#5 MOD 500 EQ 250]\nM8\nG4 P0.01\nG2 I2\nM62 P1\no2 endif\n\
@@ -60,8 +65,17 @@ fn events_from(course: &Course, number: u32) -> Vec<ProgramEvent> {
 
 #[test]
 fn a_program_that_is_gone_on_with_from_a_place_is_that_of_its_start() {
-    let (machine, text, start) = (machine(), text(9000), [0; MAX_AXES]);
-    let mut whole = begun(&machine, &text, start, None).expect("a course");
+    gone_on_with_from_every_place(&text(9000));
+}
+
+#[test]
+fn a_rounded_program_that_is_gone_on_with_from_a_place_is_that_of_its_start() {
+    gone_on_with_from_every_place(&text_in("G64 P0.02", 9000));
+}
+
+fn gone_on_with_from_every_place(text: &ProgramText) {
+    let (machine, start) = (machine(), [0; MAX_AXES]);
+    let mut whole = begun(&machine, text, start, None).expect("a course");
     let mut places: Vec<Place> = Vec::new();
     while !whole.is_over() {
         // Nothing is let go: the tool is at the start.
@@ -76,7 +90,7 @@ fn a_program_that_is_gone_on_with_from_a_place_is_that_of_its_start() {
     assert!(places.len() >= 3, "{} places", places.len());
     for kept in &places {
         let place = Place::from_bytes(&kept.to_bytes()).expect("what was kept");
-        let mut course = begun(&machine, &text, start, Some(&place)).expect("a course");
+        let mut course = begun(&machine, text, start, Some(&place)).expect("a course");
         assert_eq!(course.windows.path().first(), place.element);
         assert_eq!(course.program_hash, whole.program_hash);
         while !course.is_over() {
@@ -86,7 +100,11 @@ fn a_program_that_is_gone_on_with_from_a_place_is_that_of_its_start() {
         }
         let (ours, theirs) = (course.windows.path(), whole.windows.path());
         assert_eq!(ours.end(), theirs.end());
-        for element in place.element..ours.end() {
+        let programmed = |path: &PathPart, element| path.get(element).map(|of| of.shape.clone());
+        for element in place.element..first_mapped(place.element).min(ours.end()) {
+            assert_eq!(programmed(ours, element), programmed(theirs, element));
+        }
+        for element in first_mapped(place.element)..ours.end() {
             assert_eq!(ours.get(element), theirs.get(element), "element {element}");
         }
         let done = place.events.last;
