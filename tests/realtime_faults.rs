@@ -266,3 +266,39 @@ fn a_process_killed_while_the_cell_starts_is_a_start_that_failed_and_leaves_noth
     }
     assert!(in_start > 0, "not one was struck while it started");
 }
+
+/// The machine does not wait long for a recorder that writes nothing any more, and nobody is taken for hung who has nothing left
+/// to do.
+#[test]
+fn a_recorder_that_is_stopped_when_a_run_ends_is_waited_for_for_2_seconds() {
+    let (_bench, cell) = in_an_arc(&[]);
+    let recorder = cell.pid_of("quadrant recorder");
+    send(recorder, libc::SIGSTOP);
+    cell.signal_launcher(libc::SIGTERM);
+    let asked = std::time::Instant::now();
+    let machine_lives = || {
+        let all = cell.children();
+        all.iter().any(|(_, line)| line.contains("plant-sim"))
+    };
+    while machine_lives() {
+        assert!(
+            asked.elapsed() < Duration::from_secs(4),
+            "the machine waits for a recorder that does nothing"
+        );
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    send(recorder, libc::SIGCONT);
+    let run = cell.finish();
+    assert!(
+        run.stderr().contains("recorder has stalled"),
+        "{}",
+        run.stderr()
+    );
+    assert!(
+        !run.stderr().contains("does not answer"),
+        "{}",
+        run.stderr()
+    );
+    let lost = number(&run.report(), "/samples_lost");
+    assert_eq!(lost, 0.0, "what was in its queue is in its log");
+}

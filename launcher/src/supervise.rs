@@ -350,9 +350,9 @@ impl<'a> Supervision<'a> {
         }
     }
 
-    /// In lockstep the master waits for everybody and reports by itself who does not answer.
+    /// In lockstep the master waits for everybody and reports by itself who does not answer. To the last feedback nobody answers.
     fn end_hangs(&mut self) {
-        if self.group.pace() != Pace::Realtime {
+        if self.group.pace() != Pace::Realtime || self.is_over() {
             return;
         }
         for process in self.hangs.end(self.group) {

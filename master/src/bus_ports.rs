@@ -35,8 +35,8 @@ const OPERATOR_SCANS: u64 = 4;
 /// Answers are visible in the scan after the feedback that they answer, and nobody has a later feedback than the master has
 /// published.
 const HORIZON_SCANS: u64 = 1;
-/// So long the recorder may take for what is in its queue at the end.
-const LAST_RECORD_LIMIT: Duration = Duration::from_secs(5);
+/// At the end of a run a recorder that has taken nothing from its queue for so long is not waited for.
+const LAST_RECORD_LIMIT: Duration = Duration::from_secs(2);
 /// The longest wait at a signal without a look at the ports.
 pub const WAIT_STEP: Duration = Duration::from_millis(50);
 /// Once the launcher has gone, whoever is silent for so long is not waited for any more.
@@ -376,10 +376,11 @@ impl BusPorts {
         self.await_recorded(scan, self.clock.answer_limit);
     }
 
-    /// Waits until the recorder has taken this many scans. One that does not within `limit` is stalled: it is not waited
-    /// for again, and its log shows what it lost.
+    /// Waits until the recorder has taken this many scans. One that takes none within `limit` is stalled: it is not waited for
+    /// again, and its log shows what it lost.
     fn await_recorded(&mut self, scans: u64, limit: Duration) {
         let mut since: Option<Instant> = None;
+        let mut taken = self.member.page.recorded_scans();
         let awaited = self.recorder_incarnation();
         while !self.recorder_dropped && self.member.page.recorded_scans() < scans {
             let recorder = self.roster.living(Job::Monitor, 0, 0);
@@ -397,6 +398,10 @@ impl BusPorts {
             }
             self.member.page.master_signal().wait(seen, WAIT_STEP);
             self.read_roster();
+            let now_taken = self.member.page.recorded_scans();
+            if now_taken != std::mem::replace(&mut taken, now_taken) {
+                since = None;
+            }
             if since.get_or_insert_with(Instant::now).elapsed() > limit {
                 tracing::warn!("the recorder has stalled: it is not waited for any more");
                 self.recorder_dropped = true;
