@@ -43,6 +43,7 @@ mod rounding;
 mod scope;
 mod setpoints;
 mod shared_memory;
+mod smooth_motion;
 mod soak;
 mod straight_lines;
 mod support;

@@ -8,6 +8,7 @@
 mod draw;
 mod judge;
 mod look;
+mod pc;
 mod trial;
 
 use std::collections::BTreeMap;
@@ -102,6 +103,7 @@ fn number(name: &str, default: u64) -> u64 {
 #[test]
 fn whatever_is_done_to_a_run_every_command_returns_soon_and_all_that_is_said_agrees() {
     let (from, runs, jobs) = (number("FROM", 0), number("RUNS", 6), number("JOBS", 2));
+    pc::watch();
     let next = AtomicU64::new(from);
     let all = Mutex::new(Figures::default());
     std::thread::scope(|scope| {

@@ -40,6 +40,18 @@ pub enum SetpointFault {
         /// The axis' limit.
         limit_mm_s2: f64,
     },
+    /// An axis changed its acceleration more from one scan to the next than its jerk allows.
+    #[error("setpoint {setpoint}: axis {axis} at {found_mm_s3} mm/s³: at most {limit_mm_s3} mm/s³")]
+    Jerk {
+        /// Setpoints judged before this one.
+        setpoint: u64,
+        /// Index of the axis.
+        axis: usize,
+        /// Third difference of four setpoints over the cube of the scan period.
+        found_mm_s3: f64,
+        /// The axis' limit.
+        limit_mm_s3: f64,
+    },
     /// A setpoint is not where its tag says.
     #[error("setpoint {setpoint}: axis {axis} is {off_increments} increments off the path")]
     OffPath {
@@ -79,12 +91,18 @@ pub struct LimitShares {
     pub velocity: [f64; MAX_AXES],
     /// Of each axis' acceleration.
     pub acceleration: [f64; MAX_AXES],
+    /// Of each axis' jerk; 0 where it is not limited.
+    pub jerk: [f64; MAX_AXES],
 }
 
 impl LimitShares {
     /// The largest of all.
     pub fn max(&self) -> f64 {
-        let all = self.velocity.iter().chain(&self.acceleration);
+        let all = self
+            .velocity
+            .iter()
+            .chain(&self.acceleration)
+            .chain(&self.jerk);
         all.fold(0.0, |most: f64, share| most.max(*share))
     }
 }
@@ -95,6 +113,8 @@ pub struct SetpointAudit {
     limits: MotionLimits,
     /// The two setpoints before.
     before: [[i64; MAX_AXES]; 2],
+    /// How much each axis changed its way before; unknown in the first scan after setpoints in motion.
+    change_before: Option<[i64; MAX_AXES]>,
     setpoints: u64,
     shares: LimitShares,
 }
@@ -102,7 +122,10 @@ pub struct SetpointAudit {
 impl SetpointAudit {
     /// Starts at rest.
     pub fn at_rest(limits: MotionLimits, position_increments: [i64; MAX_AXES]) -> Self {
-        Self::after(limits, [position_increments; 2])
+        Self {
+            change_before: Some([0; MAX_AXES]),
+            ..Self::after(limits, [position_increments; 2])
+        }
     }
 
     /// Starts in motion, after two setpoints, the older first.
@@ -110,6 +133,7 @@ impl SetpointAudit {
         Self {
             limits,
             before,
+            change_before: None,
             setpoints: 0,
             shares: LimitShares::default(),
         }
@@ -120,6 +144,7 @@ impl SetpointAudit {
         let period_s = self.limits.scan_period_s();
         let [oldest, before] = self.before;
         let mut fault = None;
+        let mut changes = [0; MAX_AXES];
         for (axis, limit) in self.limits.axes().iter().enumerate() {
             let (Some(now), Some(before), Some(oldest)) = (
                 position_increments.get(axis),
@@ -155,8 +180,26 @@ impl SetpointAudit {
                     limit_mm_s2: limit.acceleration_mm_s2,
                 }));
             }
+            if let Some(of_axis) = changes.get_mut(axis) {
+                *of_axis = change;
+            }
+            let change_before = self.change_before.as_ref().and_then(|all| all.get(axis));
+            let turn = change_before.map_or(0, |before| change.saturating_sub(*before));
+            let found_mm_s3 = turn.unsigned_abs() as f64 * limit.increment_mm / period_s.powi(3);
+            if let Some(share) = self.shares.jerk.get_mut(axis) {
+                *share = share.max(found_mm_s3 / limit.jerk_mm_s3);
+            }
+            if found_mm_s3 > limit.jerk_mm_s3 {
+                fault = fault.or(Some(SetpointFault::Jerk {
+                    setpoint: self.setpoints,
+                    axis,
+                    found_mm_s3,
+                    limit_mm_s3: limit.jerk_mm_s3,
+                }));
+            }
         }
         self.before = [before, *position_increments];
+        self.change_before = Some(changes);
         self.setpoints += 1;
         fault.map_or(Ok(()), Err)
     }

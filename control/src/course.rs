@@ -26,6 +26,10 @@ pub(crate) mod sharing;
 const JUNCTION_SHARE: f64 = 0.7;
 /// Share that junctions on or beside an arc and the arc itself may use together.
 const JUNCTION_AND_ARC_SHARE: f64 = 0.9;
+/// Share of an axis' jerk that crossings of junctions may use; the rest changes the acceleration meanwhile.
+const JUNCTION_JERK_SHARE: f64 = 0.5;
+/// What a third difference sees of a jump of the acceleration, over the scan period: the peak of the quadratic B-spline.
+const BEND_HEIGHT: f64 = 0.75;
 /// A piece is cut so that what is left for changes of speed falls, on a way of its length at what is left at rest, by at most this share of it.
 const FALL_STEP: f64 = 0.5;
 /// So often at most.
@@ -66,7 +70,16 @@ struct Junction {
     at_mm: f64,
     /// Jump of the tangent, per axis.
     kink: [f64; MAX_AXES],
+    /// Jump of the tangent that a third difference sees at most as much of as of the junction, jump of the curvature included, per axis.
+    seen_as: [f64; MAX_AXES],
     speed_mm_s: f64,
+}
+
+/// What junctions take of each axis, in mm/s²: of its acceleration, and of what its jerk leaves of that to them.
+#[derive(Default)]
+struct Reserved {
+    of_acceleration: [f64; MAX_AXES],
+    of_jerk: [f64; MAX_AXES],
 }
 
 impl Junction {
@@ -74,9 +87,12 @@ impl Junction {
         ZONE_SCANS * self.speed_mm_s * scan_period_s
     }
 
-    fn reserve(&self, reserved_mm_s2: &mut [f64; MAX_AXES], scan_period_s: f64) {
+    fn reserve(&self, reserved: &mut Reserved, scan_period_s: f64) {
         let height = ZONE_HEIGHT * self.speed_mm_s / scan_period_s;
-        for (reserved, kink) in reserved_mm_s2.iter_mut().zip(&self.kink) {
+        for (reserved, kink) in reserved.of_acceleration.iter_mut().zip(&self.kink) {
+            *reserved += height * kink;
+        }
+        for (reserved, kink) in reserved.of_jerk.iter_mut().zip(&self.seen_as) {
             *reserved += height * kink;
         }
     }
@@ -166,11 +182,13 @@ impl<'a> Course<'a> {
             if let (Some(before), Some(last)) = (before, last) {
                 let kink = element.tangent(0.0) - before.tangent(before.length_mm);
                 let kink = kinematics.axes_tangent(&element.start(), &kink);
+                let bend =
+                    element.curvature_per_mm(0.0) - before.curvature_per_mm(before.length_mm);
                 let before_mm_s = last.beside_junction_mm_s;
                 course.add_stretches(index, laid, from_rest_to_rest, override_max);
                 let after = course.stretches.get(count);
                 let after_mm_s = after.map_or(0.0, |after| after.beside_junction_mm_s);
-                course.add_junction(laid.start_mm, &kink, before_mm_s.min(after_mm_s));
+                course.add_junction(laid.start_mm, (&kink, &bend), before_mm_s.min(after_mm_s));
             } else {
                 course.add_stretches(index, laid, from_rest_to_rest, override_max);
             }
@@ -245,33 +263,70 @@ impl<'a> Course<'a> {
             && after.is_none_or(|after| stops(after.tangent(0.0) - direction, after))
     }
 
+    /// What a junction alone may take of an axis by its acceleration, and by its jerk: a third difference is the difference of two second
+    /// ones over the scan period, and each of them may see the junction. In mm/s².
+    fn of_junctions_mm_s2(&self, axis: usize) -> (f64, f64) {
+        let of = |limits: &[f64; MAX_AXES]| limits.get(axis).copied().unwrap_or(f64::INFINITY);
+        (
+            JUNCTION_SHARE * of(&self.limits.acceleration_mm_s2),
+            0.5 * JUNCTION_JERK_SHARE * of(&self.limits.jerk_mm_s3) * self.scan_period_s,
+        )
+    }
+
     /// Speed at which a lone junction with this jump of the tangent can be crossed, in mm/s.
     fn bearable_mm_s(&self, kink: &AxisVector) -> f64 {
         let mut bearable_mm_s = f64::INFINITY;
-        for (jump, limit_mm_s2) in kink.iter().zip(&self.limits.acceleration_mm_s2) {
+        for (axis, jump) in kink.iter().enumerate() {
             let seen_per_mm_s = ZONE_HEIGHT * jump.abs() / self.scan_period_s;
             if seen_per_mm_s > 0.0 {
-                bearable_mm_s = bearable_mm_s.min(JUNCTION_SHARE * limit_mm_s2 / seen_per_mm_s);
+                let (acceleration, jerk) = self.of_junctions_mm_s2(axis);
+                bearable_mm_s = bearable_mm_s.min(acceleration.min(jerk) / seen_per_mm_s);
             }
         }
         bearable_mm_s
     }
 
-    fn add_junction(&mut self, at_mm: f64, kink: &AxisVector, fastest_mm_s: f64) {
+    fn add_junction(
+        &mut self,
+        at_mm: f64,
+        (kink, bend): (&AxisVector, &AxisVector),
+        fastest_mm_s: f64,
+    ) {
         let mut junction = Junction {
             at_mm,
             kink: [0.0; MAX_AXES],
+            seen_as: [0.0; MAX_AXES],
             speed_mm_s: fastest_mm_s,
         };
         let mut matters = false;
-        let of_axes = junction.kink.iter_mut().zip(kink);
-        for ((of_axis, jump), limit_mm_s2) in of_axes.zip(&self.limits.acceleration_mm_s2) {
+        let of_axes = junction.kink.iter_mut().zip(&mut junction.seen_as);
+        let jumps = kink.iter().zip(bend).enumerate();
+        for ((of_axis, seen_as), (axis, (jump, bend))) in of_axes.zip(jumps) {
+            let (acceleration, jerk) = self.of_junctions_mm_s2(axis);
             *of_axis = jump.abs();
             let seen_per_mm_s = ZONE_HEIGHT * *of_axis / self.scan_period_s;
+            let limits_mm_s2 = &self.limits.acceleration_mm_s2;
+            let limit_mm_s2 = limits_mm_s2.get(axis).copied().unwrap_or(f64::INFINITY);
             matters |= seen_per_mm_s * fastest_mm_s > NEGLIGIBLE_SHARE * limit_mm_s2;
             if seen_per_mm_s > 0.0 {
-                let bearable_mm_s = JUNCTION_SHARE * limit_mm_s2 / seen_per_mm_s;
-                junction.speed_mm_s = junction.speed_mm_s.min(bearable_mm_s);
+                junction.speed_mm_s = junction.speed_mm_s.min(acceleration / seen_per_mm_s);
+            }
+            if jerk.is_finite() {
+                // The jump of the acceleration is bend·v². At the speed at which that alone is borne it is no more than that of a kink of
+                // bend·v·Tp.
+                let seen = ZONE_HEIGHT * BEND_HEIGHT * bend.abs();
+                let bearable_mm_s = if seen > 0.0 {
+                    (jerk / seen).sqrt()
+                } else {
+                    fastest_mm_s
+                };
+                let as_kink = BEND_HEIGHT * bend.abs() * self.scan_period_s;
+                *seen_as = *of_axis + as_kink * bearable_mm_s.min(fastest_mm_s);
+                let seen_per_mm_s = ZONE_HEIGHT * *seen_as / self.scan_period_s;
+                matters |= seen_per_mm_s * fastest_mm_s > NEGLIGIBLE_SHARE * jerk;
+                if seen_per_mm_s > 0.0 {
+                    junction.speed_mm_s = junction.speed_mm_s.min(jerk / seen_per_mm_s);
+                }
             }
         }
         if matters {
@@ -327,13 +382,15 @@ impl<'a> Course<'a> {
         let arc_stays = in_last_round && slowest.fold(f64::INFINITY, f64::min) > speed_mm_s;
         let mut excess = 0.0f64;
         let curvature = &stretch.sharing.curvature_per_mm;
-        let of_axes = reserved
-            .iter()
-            .zip(curvature)
-            .zip(&self.limits.acceleration_mm_s2);
-        for ((reserved, curvature), limit) in of_axes.take(self.axis_count) {
+        let of_axes = reserved.of_acceleration.iter().zip(&reserved.of_jerk);
+        let of_axes = of_axes.zip(curvature).zip(&self.limits.acceleration_mm_s2);
+        for (axis, (((reserved, of_jerk), curvature), limit)) in
+            of_axes.take(self.axis_count).enumerate()
+        {
             let share = reserved / limit;
             excess = excess.max(share / JUNCTION_SHARE);
+            let (_, jerk) = self.of_junctions_mm_s2(axis);
+            excess = excess.max(of_jerk / jerk);
             if *curvature > 0.0 && share > NEGLIGIBLE_SHARE {
                 let across = curvature * speed_mm_s * speed_mm_s / limit;
                 excess = excess.max((share + across) / JUNCTION_AND_ARC_SHARE);
@@ -345,9 +402,9 @@ impl<'a> Course<'a> {
         excess
     }
 
-    /// What the active junctions reserve of each axis, in mm/s², and the highest speed within all of their zones.
-    fn reserved(&self, stretch: &Stretch<'_>, active: &[u32]) -> ([f64; MAX_AXES], f64) {
-        let mut reserved_mm_s2 = [0.0; MAX_AXES];
+    /// What the active junctions reserve of each axis, and the highest speed within all of their zones.
+    fn reserved(&self, stretch: &Stretch<'_>, active: &[u32]) -> (Reserved, f64) {
+        let mut reserved = Reserved::default();
         let mut speed_mm_s = if active.is_empty() {
             stretch.speed_mm_s.min(stretch.asked_mm_s)
         } else {
@@ -355,11 +412,11 @@ impl<'a> Course<'a> {
         };
         for &index in active {
             if let Some(junction) = self.junctions.get(index as usize) {
-                junction.reserve(&mut reserved_mm_s2, self.scan_period_s);
+                junction.reserve(&mut reserved, self.scan_period_s);
                 speed_mm_s = speed_mm_s.min(junction.speed_mm_s);
             }
         }
-        (reserved_mm_s2, speed_mm_s)
+        (reserved, speed_mm_s)
     }
 
     fn lay_out_zones(&mut self) {
@@ -416,7 +473,7 @@ impl<'a> Course<'a> {
             next_element = stretch.element + 1;
             let (reserved, fastest_mm_s) = self.reserved(stretch, active);
             let mut left_mm_s2 = self.limits.acceleration_mm_s2;
-            for (left, reserved) in left_mm_s2.iter_mut().zip(&reserved) {
+            for (left, reserved) in left_mm_s2.iter_mut().zip(&reserved.of_acceleration) {
                 *left -= reserved;
             }
             let speed_mm_s = if active.is_empty() {
@@ -427,6 +484,13 @@ impl<'a> Course<'a> {
             let acceleration = Acceleration::below(fastest_mm_s, |speed_mm_s| {
                 stretch.sharing.acceleration_mm_s2(&left_mm_s2, speed_mm_s)
             });
+            let acceleration = match self.limits.limits_jerk() {
+                true => {
+                    let by_jerk = self.by_jerk(stretch, fastest_mm_s, active);
+                    acceleration.least_up_to(&by_jerk, fastest_mm_s)
+                }
+                false => acceleration,
+            };
             let length_mm = to_mm - from_mm;
             let falls = 2.0 * acceleration.steepest_per_mm() * length_mm;
             let cuts = (libm::ceil(falls / FALL_STEP) as usize).clamp(1, FALL_CUTS_MAX);
@@ -460,6 +524,19 @@ impl<'a> Course<'a> {
             }
         }
         segments
+    }
+
+    /// What the jerk of the axes leaves for changes of speed on a piece of a stretch.
+    fn by_jerk(&self, stretch: &Stretch<'_>, fastest_mm_s: f64, active: &[u32]) -> Acceleration {
+        let share = if active.is_empty() {
+            1.0
+        } else {
+            1.0 - JUNCTION_JERK_SHARE
+        };
+        Acceleration::below_any(fastest_mm_s, |speed_mm_s| {
+            let sharing = stretch.sharing;
+            sharing.acceleration_by_jerk_mm_s2(self.limits, share, speed_mm_s)
+        })
     }
 
     /// Marks the pieces that the tool rests before: the first piece of an element that says so, or after it where it has no length.

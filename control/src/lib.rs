@@ -34,6 +34,7 @@ pub mod rounding;
 mod segment;
 pub mod setpoint_settings;
 pub mod setpoints;
+mod smoothing;
 pub mod speed_map;
 pub mod spindle_following;
 pub mod totals;

@@ -13,6 +13,8 @@ pub struct AxisLimits {
     pub velocity_mm_s: f64,
     /// Highest acceleration, in mm/s².
     pub acceleration_mm_s2: f64,
+    /// Highest jerk, in mm/s³; infinite where it is not limited.
+    pub jerk_mm_s3: f64,
     /// Size of one increment, in mm.
     pub increment_mm: f64,
 }
@@ -48,6 +50,12 @@ pub enum LimitsError {
     /// A straight line of the program is none of the axes.
     #[error("straight lines by a master axis: axes that do not move in straight lines have none")]
     NoStraightLines,
+    /// How axes that do not move in straight lines change their acceleration is not known.
+    #[error("axis {axis}: a limit of jerk needs axes that move in straight lines")]
+    JerkOfCurvedAxes {
+        /// Index of the axis.
+        axis: usize,
+    },
     /// Rounding a position to whole increments would use up more than half of a limit.
     #[error(
         "axis {axis}: increments of {increment_mm} mm are too coarse: rounding to them at a scan period of {scan_period_s} s looks \
@@ -76,6 +84,12 @@ const VELOCITY_ROUNDING_ROWS: f64 = 2.0;
 const ACCELERATION_ROUNDING_ROWS: f64 = 4.0;
 /// Covers gaps in the geometry (at most a quarter, see `speed_map`) and the arithmetic of the planner, in increments.
 const ACCELERATION_GAP_INCREMENTS: f64 = 0.5;
+/// Of a third difference: once, three times, three times and once again, so four increments where all axes are rounded.
+const JERK_ROUNDING_ROWS: f64 = 8.0;
+/// As of the acceleration; a gap is seen twice as large.
+const JERK_GAP_INCREMENTS: f64 = 1.0;
+/// Share of an axis' speed that a change of speed is to take the least time for (`smoothing_scans`): what changes within a program are mostly.
+const SPEED_CHANGE_SHARE: f64 = 0.2;
 
 impl MotionLimits {
     /// Checks and takes the limits of all axes; setpoints are rounded, and axes are the program's.
@@ -115,6 +129,14 @@ impl MotionLimits {
                     return Err(LimitsError::NotPositive { axis, name, value });
                 }
             }
+            let value = of_axis.jerk_mm_s3;
+            if value.is_nan() || value <= 0.0 {
+                let name = "jerk_mm_s3";
+                return Err(LimitsError::NotPositive { axis, name, value });
+            }
+            if value.is_finite() && limits.setpoints.kinematics != Kinematics::Cartesian {
+                return Err(LimitsError::JerkOfCurvedAxes { axis });
+            }
             for (rounding, limit, unit) in [
                 (
                     limits.velocity_rounding_mm_s(of_axis),
@@ -125,6 +147,11 @@ impl MotionLimits {
                     limits.acceleration_rounding_mm_s2(of_axis),
                     of_axis.acceleration_mm_s2,
                     "mm/s²",
+                ),
+                (
+                    limits.jerk_rounding_mm_s3(of_axis),
+                    of_axis.jerk_mm_s3,
+                    "mm/s³",
                 ),
             ] {
                 if rounding > 0.5 * limit {
@@ -176,6 +203,35 @@ impl MotionLimits {
         self.each(|axis| axis.acceleration_mm_s2 - self.acceleration_rounding_mm_s2(axis))
     }
 
+    /// Jerk that a plan may use on each axis, in mm/s³; infinite for unused axes and where it is not limited.
+    pub(crate) fn plan_jerk_mm_s3(&self) -> [f64; MAX_AXES] {
+        self.each(|axis| axis.jerk_mm_s3 - self.jerk_rounding_mm_s3(axis))
+    }
+
+    /// Scans over which the motion along the path is averaged (`smoothing`); 0 where it is not.
+    ///
+    /// Averaged over `τ`, a motion of the acceleration `J·τ/2` keeps the jerk `J`. A change of speed by `Δv` then takes `2·Δv/(J·τ) + τ`, least
+    /// for `τ = √(2·Δv/J)`; from `2·A/J` on, the whole acceleration may be used.
+    pub fn smoothing_scans(&self) -> u32 {
+        let (acceleration, jerk) = (self.plan_acceleration_mm_s2(), self.plan_jerk_mm_s3());
+        let of_axes = self.axes.iter().zip(acceleration.iter().zip(&jerk));
+        let longest_s = of_axes.map(|(axis, (acceleration, jerk))| {
+            let change_mm_s = SPEED_CHANGE_SHARE * axis.velocity_mm_s;
+            (2.0 * acceleration / jerk).min((2.0 * change_mm_s / jerk).sqrt())
+        });
+        let longest_s = longest_s.fold(0.0, f64::max);
+        let scans = longest_s / self.scan_period_s;
+        match self.setpoints.vibration_hz {
+            Some(frequency_hz) => {
+                let period_scans = 1.0 / (frequency_hz * self.scan_period_s);
+                let periods = libm::ceil(scans / period_scans).max(1.0);
+                let whole = libm::round(periods * period_scans);
+                (if whole < scans { whole + 1.0 } else { whole }) as u32
+            }
+            None => libm::ceil(scans - 1e-9) as u32,
+        }
+    }
+
     fn each(&self, value: impl Fn(&AxisLimits) -> f64) -> [f64; MAX_AXES] {
         let mut values = [f64::INFINITY; MAX_AXES];
         for (of_axis, axis) in values.iter_mut().zip(&self.axes) {
@@ -187,6 +243,12 @@ impl MotionLimits {
     fn velocity_rounding_mm_s(&self, axis: &AxisLimits) -> f64 {
         let increments = VELOCITY_ROUNDING_ROWS * self.setpoints.off_place_increments();
         increments * axis.increment_mm / self.scan_period_s
+    }
+
+    fn jerk_rounding_mm_s3(&self, axis: &AxisLimits) -> f64 {
+        let increments =
+            JERK_ROUNDING_ROWS * self.setpoints.off_place_increments() + JERK_GAP_INCREMENTS;
+        increments * axis.increment_mm / self.scan_period_s.powi(3)
     }
 
     fn acceleration_rounding_mm_s2(&self, axis: &AxisLimits) -> f64 {
@@ -204,6 +266,7 @@ mod tests {
     const SLIDE: AxisLimits = AxisLimits {
         velocity_mm_s: 250.0,
         acceleration_mm_s2: 2000.0,
+        jerk_mm_s3: f64::INFINITY,
         increment_mm: 1e-6,
     };
 

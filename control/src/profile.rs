@@ -12,6 +12,7 @@
 )]
 
 use crate::envelope::{Envelope, EnvelopeKey};
+use crate::limits::MotionLimits;
 use crate::path_part::PathPart;
 use crate::positioning::Profile;
 use crate::segment::Segment;
@@ -30,6 +31,8 @@ pub struct PathState {
     pub speed_mm_s: f64,
     /// Stopped at the end of a block in single block; goes on when started.
     pub waits_for_start: bool,
+    /// Scans still to rest at a place of rest until the tool is there, which this state leads (`smoothing`).
+    pub settling_scans: u32,
 }
 
 impl PathState {
@@ -53,8 +56,7 @@ impl PathState {
                 0
             },
             distance_mm,
-            speed_mm_s: 0.0,
-            waits_for_start: false,
+            ..Self::default()
         })
     }
 
@@ -104,6 +106,8 @@ struct Phase {
 pub(crate) struct Traveller<'a> {
     map: &'a SpeedMap,
     scan_period_s: f64,
+    /// Scans that the tool comes after the state.
+    smoothing_scans: u32,
     pub state: PathState,
     segment: usize,
     /// The first element that is not begun yet.
@@ -115,13 +119,14 @@ pub(crate) struct Traveller<'a> {
 impl<'a> Traveller<'a> {
     pub fn new(
         map: &'a SpeedMap,
-        scan_period_s: f64,
+        limits: &MotionLimits,
         state: PathState,
         until_element: u32,
     ) -> Self {
         Self {
             map,
-            scan_period_s,
+            scan_period_s: limits.scan_period_s(),
+            smoothing_scans: limits.smoothing_scans(),
             state,
             segment: map.segment_at(state.element, state.distance_mm),
             until_element,
@@ -164,6 +169,10 @@ impl<'a> Traveller<'a> {
         if feed_override <= 0.0 {
             return self.brake();
         }
+        if self.state.settling_scans > 0 {
+            self.state.settling_scans -= 1;
+            return;
+        }
         if self.wait(single_block) {
             return;
         }
@@ -176,9 +185,9 @@ impl<'a> Traveller<'a> {
     pub fn time_to_end_s(&mut self, envelope: &mut Envelope) -> f64 {
         let mut time_s = 0.0;
         while !(self.is_at_end() || self.ran_short || self.state.waits_for_start) {
-            let waits = self.state.dwell_remaining_scans;
+            let waits = self.state.dwell_remaining_scans + self.state.settling_scans;
             time_s += f64::from(waits) * self.scan_period_s;
-            self.state.dwell_remaining_scans = 0;
+            (self.state.dwell_remaining_scans, self.state.settling_scans) = (0, 0);
             let before = (self.segment, self.state);
             if !self.wait(false) {
                 self.begin_next();
@@ -190,7 +199,7 @@ impl<'a> Traveller<'a> {
                 break;
             }
         }
-        time_s
+        time_s + f64::from(self.smoothing_scans) * self.scan_period_s
     }
 
     /// Moves on for so long, up to the next wait; what is left of the time then.
@@ -233,8 +242,20 @@ impl<'a> Traveller<'a> {
                     self.state.waits_for_start = true;
                     return;
                 }
+                if self.smoothing_scans > 0 && self.is_to_settle_behind(segment) {
+                    self.stay_at_the_end_of(segment);
+                    self.state.settling_scans = self.smoothing_scans;
+                    return;
+                }
             }
         }
+    }
+
+    /// Whether the tool is to rest between this segment, at whose end the state is, and the one that is entered.
+    fn is_to_settle_behind(&self, segment: &Segment) -> bool {
+        let next = self.map.segment(self.segment);
+        self.state.is_at_rest()
+            && next.is_some_and(|next| !next.is_dwell && segment.rests_before(next))
     }
 
     /// At rest at the end of an element, the motion goes on at the start of the next.
@@ -297,7 +318,8 @@ impl<'a> Traveller<'a> {
         self.state.element = dwell.element;
         self.state.distance_mm = 0.0;
         self.state.speed_mm_s = 0.0;
-        self.state.dwell_remaining_scans = dwell.dwell_scans;
+        // It begins when the tool is there.
+        self.state.dwell_remaining_scans = dwell.dwell_scans + self.smoothing_scans;
     }
 
     /// Puts the state at the start of the next segment; at the end of the path it stays where it is.

@@ -63,7 +63,16 @@ pub(crate) struct Acceleration {
 /// Of the highest square of the speed: where the two lines meet. Over an arc at its highest share (`course`), both are then near its ellipse.
 const LINES_MEET: f64 = 0.75;
 
+/// Places at which a function of any form is looked at, and what it may lie lower between them.
+const LOOKS: u32 = 16;
+const LOOKS_MARGIN: f64 = 0.9;
+
 impl Acceleration {
+    /// Not limited.
+    pub const NONE: Self = Self {
+        lines: [(f64::INFINITY, 0.0); 2],
+    };
+
     /// The same at every speed, in mm/s².
     pub fn constant(acceleration_mm_s2: f64) -> Self {
         Self {
@@ -84,6 +93,25 @@ impl Acceleration {
         let second = ((at_meet - at_highest) / (highest - meet)).max(first);
         Self {
             lines: [(at_rest, first), (at_highest + second * highest, second)],
+        }
+    }
+
+    /// The same where `at_speed` falls like any function of the speed: below the line from its value at the highest speed that nowhere lies above
+    /// it.
+    pub fn below_any(highest_mm_s: f64, at_speed: impl Fn(f64) -> f64) -> Self {
+        let at_highest = at_speed(highest_mm_s);
+        let highest = highest_mm_s * highest_mm_s;
+        if !at_highest.is_finite() || highest <= 0.0 {
+            return Self::constant(at_highest);
+        }
+        let falls = (0..LOOKS).map(|look| {
+            let squared = highest * f64::from(look) / f64::from(LOOKS);
+            (at_speed(squared.sqrt()) - at_highest) / (highest - squared)
+        });
+        // Between two looks it may lie lower than at both.
+        let fall = LOOKS_MARGIN * falls.fold(f64::INFINITY, f64::min).max(0.0);
+        Self {
+            lines: [(at_highest + fall * highest, fall); 2],
         }
     }
 
@@ -112,6 +140,14 @@ impl Acceleration {
         Self {
             lines: [least(first, of_other_first), least(second, of_other_second)],
         }
+    }
+
+    /// No more than either at any speed up to the highest, in mm/s, and near the lower of both.
+    pub fn least_up_to(&self, other: &Self, highest_mm_s: f64) -> Self {
+        Self::below(highest_mm_s, |speed_mm_s| {
+            let squared = speed_mm_s * speed_mm_s;
+            self.at_mm_s2(squared).min(other.at_mm_s2(squared))
+        })
     }
 
     /// How fast it falls with the square of the speed at most, in 1/mm.

@@ -30,6 +30,8 @@ pub struct SetpointSettings {
     pub kinematics: Kinematics,
     /// How the path is rounded where the program allows it. Axes that do not move in straight lines travel it exactly.
     pub rounding: RoundingSettings,
+    /// Frequency of the machine that motion is not to excite, in Hz.
+    pub vibration_hz: Option<f64>,
 }
 
 impl SetpointSettings {

@@ -36,6 +36,7 @@ use crate::positioning::{Move, Positioning, Profile, rapids};
 use crate::rounding::REACH_ELEMENTS;
 pub use crate::segment::MapError;
 use crate::segment::Segment;
+use crate::smoothing::{self, Placed};
 
 /// Elements of a block.
 pub const BLOCK_ELEMENTS: u32 = 1024;
@@ -65,7 +66,15 @@ impl MapSettings {
     }
 }
 
-/// A block as its own elements and their neighbours leave it: what is ahead may lower its speeds yet.
+/// Elements as they and their neighbours leave them: others may be near enough for the lead to keep their limits here (`smoothing`).
+#[derive(Debug, Clone, PartialEq)]
+struct LaidBlock {
+    end: u32,
+    end_mm: f64,
+    placed: Vec<Placed>,
+}
+
+/// A block with the limits that hold there: what is ahead may lower its speeds yet.
 #[derive(Debug, Clone, PartialEq)]
 struct Block {
     /// The element behind it.
@@ -80,6 +89,10 @@ struct Block {
 pub struct SpeedMap {
     settings: MapSettings,
     positioning: Option<Positioning>,
+    /// Blocks whose limits do not hold beside them yet where the lead is to keep them.
+    laid: VecDeque<LaidBlock>,
+    /// Of blocks before them, as far as their limits reach.
+    behind: Vec<Placed>,
     /// Blocks that are not done.
     blocks: VecDeque<Block>,
     /// The first element of the next block.
@@ -117,6 +130,8 @@ impl SpeedMap {
         Self {
             settings: *settings,
             positioning: positioning.copied(),
+            laid: VecDeque::new(),
+            behind: Vec::new(),
             blocks: VecDeque::new(),
             next_block: first_mapped(first),
             segments: VecDeque::new(),
@@ -131,9 +146,14 @@ impl SpeedMap {
     /// Maps what can be mapped now.
     pub(crate) fn extend(&mut self, part: &PathPart) {
         while self.lay_out_block(part) {}
+        while self.spread_block(part) {}
         while self.finish_block(part) {}
-        self.complete =
-            part.is_complete() && self.next_block >= part.end() && self.blocks.is_empty();
+        self.complete = self.is_laid_out(part) && self.blocks.is_empty();
+    }
+
+    /// Whether every block to the end of the path has its limits.
+    fn is_laid_out(&self, part: &PathPart) -> bool {
+        part.is_complete() && self.next_block >= part.end() && self.laid.is_empty()
     }
 
     /// Lays out the next block, if all that has a part in it is at hand.
@@ -154,12 +174,61 @@ impl SpeedMap {
         segments.truncate(behind);
         let before = segments.partition_point(|segment| segment.element < from);
         segments.drain(..before);
-        self.blocks.push_back(Block {
+        let end_mm = part.length_before_mm(to);
+        self.next_block = to;
+        if part.limits().smoothing_scans() == 0 {
+            self.blocks.push_back(Block {
+                end: to,
+                end_mm,
+                segments,
+            });
+            return true;
+        }
+        let fastest_mm_s = part.plan_limits().fastest_mm_s();
+        let placed = segments.into_iter().map(|segment| Placed {
+            start_mm: part.length_before_mm(segment.element),
+            segment: Segment {
+                speed_mm_s: segment.speed_mm_s.min(fastest_mm_s),
+                ..segment
+            },
+        });
+        self.laid.push_back(LaidBlock {
             end: to,
-            end_mm: part.length_before_mm(to),
+            end_mm,
+            placed: placed.collect(),
+        });
+        true
+    }
+
+    /// Gives the first block that is laid out the limits that hold near it, if all of them are known.
+    fn spread_block(&mut self, part: &PathPart) -> bool {
+        let Some(block) = self.laid.front() else {
+            return false;
+        };
+        let limits = part.limits();
+        let reach_s = smoothing::reach_s(limits.smoothing_scans(), limits.scan_period_s());
+        let reach_mm = part.plan_limits().fastest_mm_s() * reach_s;
+        let until_mm = block.end_mm + reach_mm;
+        let all = part.is_complete() && self.next_block >= part.end();
+        let count = match self.laid.iter().position(|of| of.end_mm >= until_mm) {
+            Some(index) => index + 1,
+            None if all => self.laid.len(),
+            None => return false,
+        };
+        let own = self.behind.len()..self.behind.len() + block.placed.len();
+        let ahead = self.laid.iter().take(count).flat_map(|of| &of.placed);
+        let placed: Vec<Placed> = self.behind.iter().chain(ahead).copied().collect();
+        let segments = smoothing::spread(&placed, own.clone(), reach_s, self.override_max());
+        let (end, end_mm) = (block.end, block.end_mm);
+        let near = |of: &&Placed| of.start_mm + of.segment.to_mm + reach_mm >= end_mm;
+        let behind = placed.iter().take(own.end).filter(near);
+        self.behind = behind.copied().collect();
+        self.blocks.push_back(Block {
+            end,
+            end_mm,
             segments,
         });
-        self.next_block = to;
+        self.laid.pop_front();
         true
     }
 
@@ -177,7 +246,7 @@ impl SpeedMap {
         let reaches = |block: &Block| {
             block.end_mm >= until_mm || block.end - first_end >= BRAKING_ELEMENTS_MAX
         };
-        let all = part.is_complete() && self.next_block >= part.end();
+        let all = self.is_laid_out(part);
         let count = match self.blocks.iter().position(reaches) {
             Some(index) => index + 1,
             None if all => self.blocks.len(),
@@ -363,6 +432,7 @@ mod tests {
         let slide = AxisLimits {
             velocity_mm_s: 300.0,
             acceleration_mm_s2: 2000.0,
+            jerk_mm_s3: f64::INFINITY,
             increment_mm: 1e-9,
         };
         MotionLimits::new(&[slide; 2], 1e-3).unwrap()

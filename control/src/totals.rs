@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 
 use crate::audit::{LimitShares, SetpointAudit, SetpointFault};
-use crate::window::{PlanError, PlannedSetpoint, WindowPlanner, WindowRequest};
+use crate::window::{Lead, PlanError, PlannedSetpoint, WindowPlanner, WindowRequest};
 
 /// How a program is planned in advance.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,6 +46,8 @@ impl ProgramWalk {
     ) -> Result<Totals, PlanError> {
         let mut window = Vec::with_capacity(planner.setpoints_max());
         let mut from = planner.start_state();
+        let mut leads: Vec<Lead> = Vec::new();
+        let leads_max = planner.limits().smoothing_scans() as usize + 1;
         let mut request = WindowRequest {
             intended_setpoints: self.setpoints_per_window.max(1),
             feed_override: self.feed_override,
@@ -56,7 +58,7 @@ impl ProgramWalk {
         let (mut setpoints, mut fault, mut complete) = (0u64, None, false);
         // At no speed there is no end to come to.
         'windows: while self.feed_override > 0.0 && !complete && setpoints < self.setpoints_max {
-            let outcome = planner.plan(&from, &request, &mut window)?;
+            let outcome = planner.plan_behind(&from, &leads, &request, &mut window)?;
             request.repeats_start = false;
             for setpoint in window.iter().take(outcome.intended_setpoints as usize) {
                 let audit = audit.get_or_insert_with(|| {
@@ -69,18 +71,21 @@ impl ProgramWalk {
                 fault = fault.or(judged.err());
                 setpoints += 1;
                 from = *state;
+                leads.push(setpoint.lead);
                 if each(setpoint).is_break() {
                     break 'windows;
                 }
             }
             complete = outcome.ends_program;
+            leads.drain(..leads.len().saturating_sub(leads_max));
         }
         if let (true, Some(audit)) = (complete, &mut audit) {
             fault = fault.or(audit.end().err());
         }
         let judged_setpoints = setpoints;
         if !complete && setpoints >= self.setpoints_max {
-            let rest_s = planner.time_to_end_s(&from, self.feed_override)?;
+            let lead = leads.last().map_or(from, |lead| lead.state);
+            let rest_s = planner.time_to_end_s(&lead, self.feed_override)?;
             setpoints += libm::ceil(rest_s / planner.limits().scan_period_s()) as u64;
             (from, complete) = (planner.end_state(), true);
         }

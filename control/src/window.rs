@@ -19,6 +19,8 @@ use crate::path::{Element, MAX_AXES, Path};
 use crate::path_part::PathPart;
 use crate::positioning::Positioning;
 use crate::profile::{PathState, Traveller};
+pub use crate::smoothing::Lead;
+use crate::smoothing::Trail;
 use crate::speed_map::{MapError, MapSettings, SpeedMap};
 
 /// One scan of setpoints.
@@ -29,6 +31,8 @@ pub struct PlannedSetpoint {
     /// Place and speed at this setpoint. Element, distance and remaining dwell are its path tag; a window that replaces this
     /// one after this setpoint starts from here.
     pub state: PathState,
+    /// What leads it: the same where motion along the path is not smoothed.
+    pub lead: Lead,
 }
 
 /// What windows are to be like, for a whole run.
@@ -94,12 +98,12 @@ pub enum PlanError {
     #[error(transparent)]
     Map(#[from] MapError),
     /// Settings that no window can keep.
-    #[error(
-        "{braking_setpoints_max} setpoints to brake in: a window needs at least {BRAKING_ROWS_MIN}"
-    )]
+    #[error("{braking_setpoints_max} setpoints to brake in: a window needs at least {rows_min}")]
     BrakingSetpoints {
         /// What was found.
         braking_setpoints_max: u32,
+        /// How many it takes, those by which the tool comes later than what leads it among them.
+        rows_min: u32,
     },
     /// A state that is not on the path.
     #[error("element {element} at {distance_mm} mm and {speed_mm_s} mm/s is not on the path")]
@@ -136,6 +140,7 @@ pub struct WindowPlanner {
     settings: WindowSettings,
     map: SpeedMap,
     envelope: Envelope,
+    trail: Trail,
 }
 
 /// Elements that stay at hand behind the tool.
@@ -177,18 +182,21 @@ impl WindowPlanner {
         start_mm: f64,
     ) -> Result<Self, PlanError> {
         let braking_setpoints_max = settings.braking_setpoints_max;
-        if braking_setpoints_max < BRAKING_ROWS_MIN {
+        let rows_min = BRAKING_ROWS_MIN + limits.smoothing_scans();
+        if braking_setpoints_max < rows_min {
             return Err(PlanError::BrakingSetpoints {
                 braking_setpoints_max,
+                rows_min,
             });
         }
         let of_map = MapSettings {
             override_max: settings.override_max,
-            braking_setpoints_max: braking_setpoints_max - REST_ROWS,
+            braking_setpoints_max: braking_setpoints_max - REST_ROWS - limits.smoothing_scans(),
         };
         let map = SpeedMap::empty(&of_map, positioning, first);
         Ok(Self {
             envelope: Envelope::new(),
+            trail: Trail::new(limits.smoothing_scans()),
             part: PathPart::new(&limits, map.override_max(), first, start_mm),
             settings,
             map,
@@ -248,11 +256,8 @@ impl WindowPlanner {
 
     /// The setpoint of a state: what the machine's command position should hold there.
     pub fn setpoint(&self, state: &PathState) -> Option<PlannedSetpoint> {
-        let element = self.part.get(state.element)?;
-        Some(PlannedSetpoint {
-            position_increments: self.limits().setpoint(element, state.distance_mm),
-            state: *state,
-        })
+        self.part.get(state.element)?;
+        Some(setpoint_at(&self.part, state, &Lead::at(&self.part, state)))
     }
 
     /// The state at rest at the start of the path.
@@ -276,8 +281,7 @@ impl WindowPlanner {
 
     /// Whether motion from this state goes no further before this element is [begun](WindowRequest::until_element).
     pub fn is_held_back(&self, state: &PathState, until_element: u32) -> bool {
-        let scan_period_s = self.limits().scan_period_s();
-        let at = Traveller::new(&self.map, scan_period_s, *state, until_element);
+        let at = Traveller::new(&self.map, self.limits(), *state, until_element);
         state.is_at_rest() && at.is_held_back()
     }
 
@@ -293,18 +297,47 @@ impl WindowPlanner {
     }
 
     /// Fills `setpoints` with the window that follows `from`: the state of the setpoint executed one scan before setpoint 0, or, with
-    /// [`WindowRequest::repeats_start`], of setpoint 0 itself.
+    /// [`WindowRequest::repeats_start`], of setpoint 0 itself. Where motion along the path is smoothed, `from` is at rest.
+    ///
+    /// # Errors
+    /// [`PlanError`].
     pub fn plan(
         &mut self,
         from: &PathState,
         request: &WindowRequest,
         setpoints: &mut Vec<PlannedSetpoint>,
     ) -> Result<WindowOutcome, PlanError> {
+        self.plan_behind(from, &[], request, setpoints)
+    }
+
+    /// The same where motion along the path is smoothed: `before` are the leads of the setpoints before the window, the last of them that of
+    /// `from`; at least as many as [`MotionLimits::smoothing_scans`] and one, or all since a rest.
+    ///
+    /// # Errors
+    /// [`PlanError`].
+    pub fn plan_behind(
+        &mut self,
+        from: &PathState,
+        before: &[Lead],
+        request: &WindowRequest,
+        setpoints: &mut Vec<PlannedSetpoint>,
+    ) -> Result<WindowOutcome, PlanError> {
         setpoints.clear();
-        if !self.is_mapped(from.element) {
+        // Whoever rests has nothing ahead of it.
+        let before = if from.is_at_rest() { &[] } else { before };
+        let lead = before.last().map_or(*from, |lead| lead.state);
+        if !self.is_mapped(from.element) || !self.is_mapped(lead.element) {
             return Err(PlanError::NotAtHand);
         }
-        let mut before = self.start(from, request)?;
+        let start = self.start(from, request)?;
+        let lead = PathState {
+            waits_for_start: lead.waits_for_start && !request.start,
+            ..lead
+        };
+        match before {
+            [] => self.trail.rest_at(start.lead.along_mm),
+            leads => self.trail.follow(leads),
+        }
         let feed_override = if request.hold || request.feed_override.is_nan() {
             0.0
         } else {
@@ -314,34 +347,39 @@ impl WindowPlanner {
             feed_override,
             single_block: request.single_block,
         });
-        let mut traveller = Traveller::new(
-            &self.map,
-            self.part.limits().scan_period_s(),
-            before.state,
-            request.until_element,
-        );
+        let limits = self.part.limits();
+        let mut scans = Scans {
+            part: &self.part,
+            traveller: Traveller::new(&self.map, limits, lead, request.until_element),
+            trail: &mut self.trail,
+            before: start,
+        };
         let mut ends_program = false;
         let intended_setpoints_max = request
             .intended_setpoints
             .min(self.settings.intended_setpoints_max)
             as usize;
         while setpoints.len() < intended_setpoints_max {
-            if !(request.repeats_start && setpoints.is_empty()) {
-                traveller.go(&mut self.envelope);
+            if request.repeats_start && setpoints.is_empty() {
+                scans.before = setpoint_at(&self.part, &lead, &Lead::at(&self.part, &lead));
+            } else {
+                scans.traveller.go(&mut self.envelope);
+                scans.follow();
             }
-            before = setpoint_at(&self.part, &traveller.state);
-            setpoints.push(before);
-            ends_program = traveller.is_at_end() && !traveller.is_held_back();
+            setpoints.push(scans.before);
+            let traveller = &scans.traveller;
+            ends_program =
+                traveller.is_at_end() && !traveller.is_held_back() && scans.trail.is_settled();
             if ends_program {
                 break;
             }
         }
-        if traveller.ran_short() || self.envelope.ran_short() {
+        if scans.traveller.ran_short() || self.envelope.ran_short() {
             setpoints.clear();
             return Err(PlanError::NotAtHand);
         }
         let intended_setpoints = setpoints.len() as u32;
-        let braked = self.brake(&mut traveller, before, setpoints);
+        let braked = scans.brake(self.settings.braking_setpoints_max, setpoints);
         if let Err(error) = braked {
             setpoints.clear();
             return Err(error);
@@ -350,36 +388,6 @@ impl WindowPlanner {
             intended_setpoints,
             setpoint_count: setpoints.len() as u32,
             ends_program,
-        })
-    }
-
-    /// Adds the setpoints that brake to rest, the last of them twice.
-    fn brake(
-        &self,
-        traveller: &mut Traveller<'_>,
-        mut before: PlannedSetpoint,
-        setpoints: &mut Vec<PlannedSetpoint>,
-    ) -> Result<(), PlanError> {
-        let element = traveller.state.element;
-        let braking_setpoints_max = self.settings.braking_setpoints_max;
-        let setpoints_max = setpoints.len() + braking_setpoints_max as usize;
-        while setpoints.len() < setpoints_max {
-            traveller.brake();
-            if traveller.ran_short() {
-                return Err(PlanError::NotAtHand);
-            }
-            let setpoint = setpoint_at(&self.part, &traveller.state);
-            setpoints.push(setpoint);
-            if traveller.state.is_at_rest()
-                && setpoint.position_increments == before.position_increments
-            {
-                return Ok(());
-            }
-            before = setpoint;
-        }
-        Err(PlanError::DoesNotStop {
-            element,
-            braking_setpoints_max,
         })
     }
 
@@ -397,8 +405,7 @@ impl WindowPlanner {
             feed_override: feed_override.clamp(0.0, self.map.override_max()),
             single_block: false,
         });
-        let scan_period_s = self.part.limits().scan_period_s();
-        let mut traveller = Traveller::new(&self.map, scan_period_s, start.state, u32::MAX);
+        let mut traveller = Traveller::new(&self.map, self.part.limits(), start.state, u32::MAX);
         let time_s = traveller.time_to_end_s(&mut self.envelope);
         if traveller.is_at_end() {
             Ok(time_s)
@@ -440,7 +447,97 @@ impl WindowPlanner {
     }
 }
 
-fn setpoint_at(part: &PathPart, state: &PathState) -> PlannedSetpoint {
+/// A window that is being planned, scan by scan.
+struct Scans<'a> {
+    part: &'a PathPart,
+    traveller: Traveller<'a>,
+    trail: &'a mut Trail,
+    /// The setpoint of the scan before.
+    before: PlannedSetpoint,
+}
+
+impl Scans<'_> {
+    /// Lets the tool follow what the traveller has done in a scan.
+    fn follow(&mut self) {
+        let lead = Lead::at(self.part, &self.traveller.state);
+        self.trail.push(lead.along_mm);
+        let state = if self.trail.is_settled() {
+            lead.state
+        } else {
+            behind(self.part, &self.before.state, &lead.state, self.trail)
+        };
+        self.before = setpoint_at(self.part, &state, &lead);
+    }
+
+    /// Adds the setpoints that brake to rest, the last of them twice.
+    fn brake(
+        &mut self,
+        braking_setpoints_max: u32,
+        setpoints: &mut Vec<PlannedSetpoint>,
+    ) -> Result<(), PlanError> {
+        let element = self.traveller.state.element;
+        let setpoints_max = setpoints.len() + braking_setpoints_max as usize;
+        while setpoints.len() < setpoints_max {
+            let position_before = self.before.position_increments;
+            self.traveller.brake();
+            if self.traveller.ran_short() {
+                return Err(PlanError::NotAtHand);
+            }
+            self.follow();
+            setpoints.push(self.before);
+            if self.traveller.state.is_at_rest()
+                && self.trail.is_settled()
+                && self.before.position_increments == position_before
+            {
+                return Ok(());
+            }
+        }
+        Err(PlanError::DoesNotStop {
+            element,
+            braking_setpoints_max,
+        })
+    }
+}
+
+/// Where the tool is, at the average of a trail, on its way from a state to the lead.
+fn behind(part: &PathPart, from: &PathState, lead: &PathState, trail: &Trail) -> PathState {
+    let along_mm = trail.average_mm();
+    let mut element = from.element;
+    for next in from.element.saturating_add(1)..=lead.element {
+        let begun = part.laid(next).filter(|laid| laid.start_mm <= along_mm);
+        match begun {
+            Some(laid) if laid.moves() => element = next,
+            Some(_) => {}
+            None => break,
+        }
+    }
+    let (start_mm, length_mm) = part.laid(element).map_or((along_mm, 0.0), |laid| {
+        (laid.start_mm, laid.element.length_mm)
+    });
+    let distance_max_mm = if element == lead.element {
+        lead.distance_mm
+    } else {
+        length_mm
+    };
+    PathState {
+        element,
+        // Rounded down, it could be a last bit behind where it rested.
+        distance_mm: (along_mm - start_mm)
+            .max(if element == from.element {
+                from.distance_mm
+            } else {
+                0.0
+            })
+            .min(distance_max_mm),
+        // It moves, however slowly.
+        speed_mm_s: trail
+            .speed_mm_s(part.limits().scan_period_s())
+            .max(f64::MIN_POSITIVE),
+        ..PathState::default()
+    }
+}
+
+fn setpoint_at(part: &PathPart, state: &PathState, lead: &Lead) -> PlannedSetpoint {
     let position_increments = match part.get(state.element) {
         Some(element) => part.limits().setpoint(element, state.distance_mm),
         None => [0; MAX_AXES],
@@ -448,5 +545,6 @@ fn setpoint_at(part: &PathPart, state: &PathState) -> PlannedSetpoint {
     PlannedSetpoint {
         position_increments,
         state: *state,
+        lead: *lead,
     }
 }

@@ -29,6 +29,7 @@ fn limits(velocity_mm_s: f64, acceleration_mm_s2: f64) -> MotionLimits {
     let slide = AxisLimits {
         velocity_mm_s,
         acceleration_mm_s2,
+        jerk_mm_s3: f64::INFINITY,
         increment_mm: 1e-6,
     };
     MotionLimits::new(&[slide; 3], TP).unwrap()

@@ -19,6 +19,7 @@ fn planner(elements: Vec<Element>) -> WindowPlanner {
     let slide = AxisLimits {
         velocity_mm_s: 300.0,
         acceleration_mm_s2: 2000.0,
+        jerk_mm_s3: f64::INFINITY,
         increment_mm: 1e-6,
     };
     let limits = MotionLimits::new(&[slide], 1e-3).expect("limits");

@@ -1,18 +1,24 @@
 //! A path that is read as it is travelled: the motion is that of the whole path, wherever reading begins and however it goes on.
 
 use control::limits::{AxisLimits, MotionLimits};
-use control::path::{AxisVector, Element, Feed, Path};
+use control::path::{AxisVector, Element, Feed, Path, PathTolerance};
 use control::positioning::{MotorLoad, Positioning};
 use control::profile::PathState;
 use control::speed_map::{BLOCK_ELEMENTS, MARGIN_ELEMENTS, first_mapped};
-use control::window::{PlanError, PlannedSetpoint, WindowPlanner, WindowRequest, WindowSettings};
+use control::window::{
+    Lead, PlanError, PlannedSetpoint, WindowPlanner, WindowRequest, WindowSettings,
+};
 use proptest::prelude::*;
 
 /// With 60 setpoints to brake in, the speed is limited where the acceleration is low.
-fn settings(short: bool) -> WindowSettings {
+fn settings(short: bool, limits: &MotionLimits) -> WindowSettings {
     WindowSettings {
         intended_setpoints_max: 64,
-        braking_setpoints_max: if short { 60 } else { 900 },
+        braking_setpoints_max: if short {
+            60 + limits.smoothing_scans()
+        } else {
+            900
+        },
         override_max: 1.5,
     }
 }
@@ -23,10 +29,12 @@ fn at(x: f64, y: f64) -> AxisVector {
     vector
 }
 
-fn limits() -> MotionLimits {
+/// With a limit of jerk, or without.
+fn limits(smooth: bool) -> MotionLimits {
     let slide = AxisLimits {
         velocity_mm_s: 300.0,
         acceleration_mm_s2: 2000.0,
+        jerk_mm_s3: if smooth { 40_000.0 } else { f64::INFINITY },
         increment_mm: 1e-6,
     };
     MotionLimits::new(&[slide; 2], 1e-3).unwrap()
@@ -81,11 +89,17 @@ fn curve(seed: u64, count: usize) -> Vec<Element> {
     elements
 }
 
-fn whole(elements: &[Element], short: bool, positioning: Option<&Positioning>) -> WindowPlanner {
+fn whole(
+    elements: &[Element],
+    limits: &MotionLimits,
+    short: bool,
+    positioning: Option<&Positioning>,
+) -> WindowPlanner {
     let path = Path {
         elements: elements.to_vec(),
     };
-    WindowPlanner::with_positioning(path, limits(), settings(short), positioning).unwrap()
+    let settings = settings(short, limits);
+    WindowPlanner::with_positioning(path, limits.clone(), settings, positioning).unwrap()
 }
 
 /// Reads `elements` from `next` on, `slice` at a time, while it travels; true when the end is reached.
@@ -98,14 +112,17 @@ fn travel(
 ) -> Vec<PlannedSetpoint> {
     let (mut window, mut all) = (Vec::new(), Vec::<PlannedSetpoint>::new());
     let (mut state, mut starts, mut misses) = (from, true, 0);
+    let mut leads: Vec<Lead> = Vec::new();
     loop {
         let request = WindowRequest {
             intended_setpoints: 8,
             repeats_start: starts,
             ..WindowRequest::default()
         };
-        match planner.plan(&state, &request, &mut window) {
+        match planner.plan_behind(&state, &leads, &request, &mut window) {
             Ok(outcome) => {
+                let intended = window.iter().take(outcome.intended_setpoints as usize);
+                leads.extend(intended.map(|setpoint| setpoint.lead));
                 all.extend(window.iter().take(outcome.intended_setpoints as usize));
                 state = all.last().unwrap().state;
                 (starts, misses) = (false, 0);
@@ -155,17 +172,24 @@ proptest! {
         slice in 1usize..3000,
         at_least_heat in any::<bool>(),
         short in any::<bool>(),
+        smooth in any::<bool>(),
     ) {
-        let elements = curve(seed, 12_000);
+        let limits = limits(smooth);
+        let mut elements = curve(seed, 12_000);
+        for element in elements.iter_mut().filter(|_| smooth) {
+            element.tolerance = PathTolerance { corner_mm: 0.02, chord_mm: 0.0 };
+        }
         let loads = loads();
         let positioning = at_least_heat.then_some(&loads);
-        let mut planner = whole(&elements, short, positioning);
+        let mut planner = whole(&elements, &limits, short, positioning);
         let start = planner.start_state();
         let expected = travel(&mut planner, &[], 0, 1, start);
-        let mut planner = WindowPlanner::of_part(limits(), settings(short), positioning, 0, 0.0).unwrap();
+        let settings = settings(short, &limits);
+        let mut planner = WindowPlanner::of_part(limits, settings, positioning, 0, 0.0).unwrap();
         let found = travel(&mut planner, &elements, 0, slice, start);
         same(&found, &expected);
-        prop_assert_eq!(short, planner.speed_map().speed_limited_by_window_mm_s().is_some());
+        let is_limited = planner.speed_map().speed_limited_by_window_mm_s().is_some();
+        prop_assert!(smooth || short == is_limited);
         let at_hand = planner.path().end() - planner.path().first();
         prop_assert!(at_hand < 5 * MARGIN_ELEMENTS, "{at_hand} elements");
     }
@@ -177,8 +201,9 @@ proptest! {
         place in 0.0f64..1.0,
         short in any::<bool>(),
     ) {
+        let limits = limits(false);
         let elements = curve(seed, 14_000);
-        let mut planner = whole(&elements, short, None);
+        let mut planner = whole(&elements, &limits, short, None);
         let mapped = first_mapped(first);
         prop_assert!(mapped >= first + MARGIN_ELEMENTS && mapped.is_multiple_of(BLOCK_ELEMENTS));
         let element = mapped + (place * f64::from(13_000 - mapped)) as u32;
@@ -190,7 +215,8 @@ proptest! {
         };
         let expected = travel(&mut planner.clone(), &[], 0, 1, state);
         let start_mm = planner.path().length_before_mm(first);
-        planner = WindowPlanner::of_part(limits(), settings(short), None, first, start_mm).unwrap();
+        let settings = settings(short, &limits);
+        planner = WindowPlanner::of_part(limits, settings, None, first, start_mm).unwrap();
         let found = travel(&mut planner, &elements, first as usize, 700, state);
         same(&found, &expected);
     }

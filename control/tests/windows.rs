@@ -14,7 +14,7 @@ use control::setpoint_settings::{SetpointSettings, StraightLines};
 use control::speed_map::MapError;
 use control::totals::{ProgramWalk, Totals};
 use control::window::{
-    PlanError, PlannedSetpoint, WindowOutcome, WindowPlanner, WindowRequest, WindowSettings,
+    Lead, PlanError, PlannedSetpoint, WindowOutcome, WindowPlanner, WindowRequest, WindowSettings,
 };
 use proptest::prelude::*;
 
@@ -41,8 +41,28 @@ fn limits_of_setpoints(
     let axes = of_axes.map(|(velocity_mm_s, acceleration_mm_s2)| AxisLimits {
         velocity_mm_s,
         acceleration_mm_s2,
+        jerk_mm_s3: f64::INFINITY,
         increment_mm: 1e-6,
     });
+    MotionLimits::with_setpoints(&axes, scan_period_s, setpoints).unwrap()
+}
+
+/// The slides with a limit of jerk of so many times the acceleration in a second.
+fn limits_with_jerk(
+    scan_period_s: f64,
+    jerk_per_s: f64,
+    vibration_hz: Option<f64>,
+) -> MotionLimits {
+    let axes = SLIDES.map(|(velocity_mm_s, acceleration_mm_s2)| AxisLimits {
+        velocity_mm_s,
+        acceleration_mm_s2,
+        jerk_mm_s3: jerk_per_s * acceleration_mm_s2,
+        increment_mm: 1e-8,
+    });
+    let setpoints = SetpointSettings {
+        vibration_hz,
+        ..SetpointSettings::default()
+    };
     MotionLimits::with_setpoints(&axes, scan_period_s, setpoints).unwrap()
 }
 
@@ -318,6 +338,7 @@ struct Cell {
     /// Setpoints of the window executed so far.
     executed: usize,
     last: PlannedSetpoint,
+    leads: Vec<Lead>,
     place: (u32, f64),
 }
 
@@ -340,6 +361,7 @@ impl Cell {
             outcome,
             executed: 0,
             last: start,
+            leads: vec![start.lead],
             place: (0, 0.0),
         };
         let request = WindowRequest {
@@ -369,6 +391,7 @@ impl Cell {
             prop_assert!(place >= self.place, "{place:?} after {:?}", self.place);
             self.place = place;
             self.last = setpoint;
+            self.leads.push(setpoint.lead);
         }
         Ok(())
     }
@@ -395,7 +418,7 @@ impl Cell {
         let from = self.last.state;
         self.outcome = self
             .planner
-            .plan(&from, request, &mut self.window)
+            .plan_behind(&from, &self.leads, request, &mut self.window)
             .map_err(|error| TestCaseError::fail(error.to_string()))?;
         prop_assert!(self.window.len() <= self.planner.setpoints_max());
         if unchanged {
@@ -540,6 +563,30 @@ proptest! {
             element.tolerance = tolerances[element.line as usize - 1];
         }
         any_run(elements, &events, limits(scan_period_s), 8, braking_setpoints_max, None)?;
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 60, ..ProptestConfig::default() })]
+
+    #[test]
+    fn no_axis_is_over_its_jerk_at_any_scan_whatever_the_operator_and_the_planner_do(
+        blocks in prop::collection::vec((any_block(), any_tolerance()), 1..14),
+        events in prop::collection::vec(any_event(), 0..400),
+        fast in any::<bool>(),
+        jerk_per_s in scaled(12.0, 400.0),
+        vibration_hz in prop::option::of(20.0..200.0f64),
+        braking_setpoints in prop_oneof![3 => Just(900u32), 1 => 12..200u32],
+    ) {
+        let scan_period_s = if fast { 250e-6 } else { 1e-3 };
+        let limits = limits_with_jerk(scan_period_s, jerk_per_s, vibration_hz);
+        let braking_setpoints_max = braking_setpoints + limits.smoothing_scans();
+        let (blocks, tolerances): (Vec<_>, Vec<PathTolerance>) = blocks.into_iter().unzip();
+        let mut elements = elements_of(&blocks);
+        for element in &mut elements {
+            element.tolerance = tolerances[element.line as usize - 1];
+        }
+        any_run(elements, &events, limits, 8, braking_setpoints_max, None)?;
     }
 }
 
@@ -921,6 +968,7 @@ fn the_audit_sees_a_row_one_increment_over_a_limit() {
     let slide = AxisLimits {
         velocity_mm_s: 1.0005,
         acceleration_mm_s2: 1000.5,
+        jerk_mm_s3: f64::INFINITY,
         increment_mm: 1e-6,
     };
     let mut audit = SetpointAudit::at_rest(MotionLimits::new(&[slide], 1e-3).unwrap(), [0; 8]);
@@ -1041,4 +1089,44 @@ fn the_time_to_the_end_is_known_without_planning_every_scan() {
         totals.time_s
     );
     assert!(totals.complete && totals.judged_setpoints < 1100);
+}
+
+/// What a move leaves of a vibration without damping, in mm: of a mass on a spring that the setpoints move.
+fn left_vibration_mm(positions_mm: &[f64], scan_period_s: f64, frequency_hz: f64) -> f64 {
+    let angular = std::f64::consts::TAU * frequency_hz;
+    let (mut cosine, mut sine) = (0.0, 0.0);
+    for (index, three) in positions_mm.windows(3).enumerate() {
+        // An impulse of acceleration leaves a vibration of its own phase.
+        let impulse_mm_s = (three[2] - 2.0 * three[1] + three[0]) / scan_period_s;
+        let phase = angular * index as f64 * scan_period_s;
+        cosine += impulse_mm_s * phase.cos();
+        sine += impulse_mm_s * phase.sin();
+    }
+    f64::hypot(cosine, sine) / angular
+}
+
+#[test]
+fn a_move_along_a_line_does_not_excite_the_frequency_that_is_to_be_spared() {
+    for scan_period_s in [1e-3, 250e-6] {
+        let mut left = Vec::new();
+        for vibration_hz in [None, Some(65.0)] {
+            let line = vec![Element::line(1, at(&[]), at(&[20.0, 0.0]), Feed::Rapid)];
+            let limits = limits_with_jerk(scan_period_s, f64::INFINITY, vibration_hz);
+            let path = Path { elements: line };
+            let mut planner = WindowPlanner::new(path, limits, settings(32)).unwrap();
+            let (_, setpoints) = walk(&mut planner, 8);
+            let places = setpoints.iter().map(|of| of.position_increments[0] as f64);
+            let last = setpoints.last().unwrap().position_increments[0] as f64;
+            let places: Vec<f64> = [0.0, 0.0]
+                .into_iter()
+                .chain(places)
+                .chain([last, last])
+                .map(|increments| increments * 1e-8)
+                .collect();
+            left.push(left_vibration_mm(&places, scan_period_s, 65.0));
+        }
+        // A whole number of scans is near a period of 15.4 ms, not one.
+        let most = if scan_period_s > 5e-4 { 0.05 } else { 0.02 };
+        assert!(left[1] < most * left[0], "{left:?} at {scan_period_s} s");
+    }
 }

@@ -77,19 +77,34 @@ fn run(machine: &Machine, plant: &PlantFile, text: &str, script: &str) -> Run {
 #[test]
 fn whoever_is_killed_on_a_rounded_path_the_tool_stays_on_it_and_goes_on() {
     let (machine, plant) = mill();
+    kills_leave_the_tool_on_its_path(&machine, &plant);
+}
+
+/// Windows end within the jerk too, so does what takes the place of a killed process.
+#[test]
+fn whoever_is_killed_where_jerk_is_limited_the_tool_keeps_it_and_goes_on() {
+    let (mut machine, plant) = mill();
+    for axis in &mut machine.axes {
+        axis.jerk_mm_s3 = Some(20.0 * axis.acceleration_mm_s2);
+        axis.increment_nm = 0.1;
+    }
+    kills_leave_the_tool_on_its_path(&machine, &plant);
+}
+
+fn kills_leave_the_tool_on_its_path(machine: &Machine, plant: &PlantFile) {
     let restarts = "[restart]\nplanner = \"resume\"\nservo = \"resume\"\n";
     let mut wrong = Vec::new();
     for seed in 0..seeds(SEEDS) {
         let mut rng = Rng::new(Rng::new(seed).bits());
         let text = program(&mut rng);
-        let undisturbed = run(&machine, &plant, &text, restarts);
+        let undisturbed = run(machine, plant, &text, restarts);
         let mut script = String::from(restarts);
         for _ in 0..rng.within(1, 3) {
             let who = ["planner", "planner", "servo-X"][rng.below(3) as usize];
             let (scan, after) = (rng.within(20, undisturbed.scans), rng.within(5, 200));
             script += &kill(who, scan, after);
         }
-        let run = run(&machine, &plant, &text, &script);
+        let run = run(machine, plant, &text, &script);
         let ends = |run: &Run| {
             run.last
                 .axes()

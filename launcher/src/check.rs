@@ -288,8 +288,12 @@ fn print_totals(checked: &Checked, totals: &Totals) {
     for (index, axis) in checked.machine.axes.iter().enumerate() {
         let unit = axis.kind.unit();
         let share = |shares: &[f64]| shares.get(index).copied().unwrap_or(0.0) * 100.0;
+        let jerk = axis.jerk_mm_s3.map_or(String::new(), |limit| {
+            let share = share(&totals.shares.jerk);
+            format!(", {share:5.1} % of {limit} {unit}/s³")
+        });
         say(&format!(
-            "  axis {}: at most {:5.1} % of {} {unit}/s, {:5.1} % of {} {unit}/s²",
+            "  axis {}: at most {:5.1} % of {} {unit}/s, {:5.1} % of {} {unit}/s²{jerk}",
             axis.name,
             share(&totals.shares.velocity),
             axis.rapid_mm_s,

@@ -32,6 +32,9 @@ pub struct Axis {
     /// Highest acceleration of setpoints.
     #[schemars(extend("unit" = "mm/s²", "exclusiveMinimum" = 0, "maximum" = 200_000))]
     pub acceleration_mm_s2: f64,
+    /// Highest jerk of setpoints of a program ([method](../methods/smooth-motion.md)). Without it jerk is limited by the scan alone.
+    #[schemars(extend("unit" = "mm/s³", "exclusiveMinimum" = 0, "maximum" = 100_000_000))]
+    pub jerk_mm_s3: Option<f64>,
     /// Highest deceleration that the drive uses when it brakes by itself.
     #[schemars(extend("unit" = "mm/s²", "exclusiveMinimum" = 0, "maximum" = 500_000))]
     pub quick_stop_mm_s2: f64,

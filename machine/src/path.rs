@@ -16,4 +16,7 @@ pub struct PathSettings {
     /// Tolerance of rotary axes wherever the path is rounded.
     #[schemars(extend("unit" = "°", "exclusiveMinimum" = 0, "maximum" = 5, "default" = 0.05))]
     pub rotary_tolerance_deg: f64,
+    /// Frequency of the machine that a program's motion does not excite ([method](../methods/smooth-motion.md)). Without it none is spared.
+    #[schemars(extend("unit" = "Hz", "minimum" = 2, "maximum" = 1000))]
+    pub vibration_hz: Option<f64>,
 }

@@ -16,7 +16,9 @@ use std::sync::Arc;
 use bus::sample::{Feedback, MAX_AXES};
 use control::path::Element;
 use control::profile::PathState;
-use control::window::{PlanError, PlannedSetpoint, WindowOutcome, WindowPlanner, WindowRequest};
+use control::window::{
+    Lead, PlanError, PlannedSetpoint, WindowOutcome, WindowPlanner, WindowRequest,
+};
 use machine::{KeptParameters, Machine};
 use program::{Message, Note, Piece, Progress, Question, Reading, ResumeError, Setup};
 
@@ -323,10 +325,10 @@ impl Course {
         self.windows.is_held_back(state, until_element)
     }
 
-    /// A window along the program from a state, up to where an event is done at rest, and no further than the outputs go that the master knows.
+    /// A window along the program from a state, with the leads before it, up to where an event is done at rest, and no further than the outputs go that the master knows.
     pub fn plan(
         &mut self,
-        from: &PathState,
+        (from, before): (&PathState, &[Lead]),
         mut request: WindowRequest,
         feedback: &Feedback,
         (machine, first_scan): (&Machine, u64),
@@ -350,7 +352,9 @@ impl Course {
         request.until_element = request.until_element.min(next);
         let first_untold = self.events.first_untold(done);
         loop {
-            let outcome = self.windows.plan(from, &request, setpoints)?;
+            let outcome = self
+                .windows
+                .plan_behind(from, before, &request, setpoints)?;
             let last = setpoints.last();
             if request.hold || last.is_none_or(|last| last.state.element < first_untold) {
                 return Ok(outcome);

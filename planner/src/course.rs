@@ -53,6 +53,7 @@ pub fn motion_limits(machine: &Machine) -> Result<MotionLimits, LimitsError> {
         .map(|axis| AxisLimits {
             velocity_mm_s: axis.rapid_mm_s,
             acceleration_mm_s2: axis.acceleration_mm_s2,
+            jerk_mm_s3: axis.jerk_mm_s3.unwrap_or(f64::INFINITY),
             increment_mm: axis.increment_mm(),
         })
         .collect();
@@ -63,6 +64,7 @@ pub fn motion_limits(machine: &Machine) -> Result<MotionLimits, LimitsError> {
         },
         kinematics: kinematics_of(machine),
         rounding: rounding_of(machine),
+        vibration_hz: machine.path.vibration_hz,
     };
     MotionLimits::with_setpoints(&axes, machine.scan_period_s(), setpoints)
 }

@@ -17,7 +17,7 @@ use bus::window::checksum;
 use bytemuck::Zeroable;
 use control::profile::PathState;
 use control::speed_map::first_mapped;
-use control::window::{PlanError, PlannedSetpoint, WindowRequest};
+use control::window::{Lead, PlanError, PlannedSetpoint, WindowRequest};
 use machine::settings_file::SettingsFileError;
 use machine::{KeptParameters, Machine};
 use program::Setup;
@@ -40,6 +40,9 @@ const COMMIT_SCANS: u64 = 2;
 struct Published {
     header: WindowHeader,
     states: Vec<PathState>,
+    /// What leads its setpoints, and those before it as far as they count.
+    leads: Vec<Lead>,
+    leads_before: Vec<Lead>,
     /// It returns to where the path was left.
     returns: bool,
     /// The last intended setpoint is the end of its path: of the program, or of the return.
@@ -51,6 +54,8 @@ impl Published {
         Published {
             header: WindowHeader::zeroed(),
             states: Vec::with_capacity(setpoints_max),
+            leads: Vec::with_capacity(setpoints_max),
+            leads_before: Vec::with_capacity(setpoints_max),
             returns: false,
             ends_path: false,
         }
@@ -68,6 +73,23 @@ impl Published {
             .copied()
     }
 
+    /// Fills `leads` with those of the last so many setpoints up to the one executed in `scan`, or of as many as there were since a rest.
+    fn leads_until(&self, scan: u64, count: usize, leads: &mut Vec<Lead>) {
+        leads.clear();
+        let setpoints = scan.saturating_sub(self.header.first_scan) as usize + 1;
+        let of_window = setpoints.min(self.leads.len());
+        // Past its end a window is on its last setpoint.
+        let held = (setpoints - of_window).min(count);
+        let of_window_first = (of_window + held).saturating_sub(count);
+        let own = self.leads.get(of_window_first..of_window).unwrap_or(&[]);
+        let missing = count - held - own.len();
+        let before_first = self.leads_before.len().saturating_sub(missing);
+        leads.extend(self.leads_before.get(before_first..).unwrap_or(&[]));
+        leads.extend(own);
+        let last = leads.last().copied();
+        leads.extend(last.iter().cycle().take(held));
+    }
+
     /// Whether the setpoint executed in `scan` is the end of its path.
     fn is_done_in(&self, scan: u64) -> bool {
         let setpoint = scan.saturating_sub(self.header.first_scan) + 1;
@@ -83,6 +105,8 @@ struct From {
     returns: bool,
     /// Setpoint 0 is the state itself: the machine is there, and no window is in force.
     starts: bool,
+    /// It goes on from the setpoint of this scan in the window in force.
+    after: Option<u64>,
 }
 
 impl From {
@@ -91,6 +115,7 @@ impl From {
             state,
             returns: false,
             starts,
+            after: None,
         }
     }
 }
@@ -144,6 +169,7 @@ pub struct Planner {
     sequence: u32,
     cause: Cause,
     setpoints: Vec<PlannedSetpoint>,
+    leads: Vec<Lead>,
     wire: Vec<Setpoint>,
     messages: Vec<ProgramMessage>,
 }
@@ -187,6 +213,7 @@ impl Planner {
             sequence: 0,
             cause: Cause::None,
             setpoints: Vec::with_capacity(setpoints_max),
+            leads: Vec::with_capacity(setpoints_max),
             wire: Vec::with_capacity(setpoints_max),
             messages: Vec::new(),
         }
@@ -335,6 +362,10 @@ impl Planner {
             self.pending
                 .states
                 .extend(self.setpoints.iter().map(|setpoint| setpoint.state));
+            self.pending.leads.clear();
+            let leads = self.setpoints.iter().map(|setpoint| setpoint.lead);
+            self.pending.leads.extend(leads);
+            std::mem::swap(&mut self.pending.leads_before, &mut self.leads);
         }
         self.say(feedback);
         let status = self.status(feedback);
@@ -388,12 +419,26 @@ impl Planner {
         };
         let course = self.course.as_mut()?;
         let program_hash = course.program_hash;
+        let leads_max = course.windows.limits().smoothing_scans() as usize + 1;
+        match from.after {
+            Some(scan) => self.in_force.leads_until(scan, leads_max, &mut self.leads),
+            None => self.leads.clear(),
+        }
+        if self.leads.is_empty() {
+            let windows = match from.returns {
+                true => &self.return_to_path.as_ref()?.windows,
+                false => &course.windows,
+            };
+            let at_rest = windows.setpoint(&from.state);
+            self.leads.extend(at_rest.map(|setpoint| setpoint.lead));
+        }
         let planned = if from.returns {
             let windows = &mut self.return_to_path.as_mut()?.windows;
-            windows.plan(&from.state, &request, &mut self.setpoints)
+            windows.plan_behind(&from.state, &self.leads, &request, &mut self.setpoints)
         } else {
+            let from = (&from.state, self.leads.as_slice());
             let when = (&self.machine, first_scan);
-            course.plan(&from.state, request, feedback, when, &mut self.setpoints)
+            course.plan(from, request, feedback, when, &mut self.setpoints)
         };
         let is_whole = course.is_whole();
         let outcome = match planned {
@@ -648,6 +693,7 @@ impl Planner {
             state,
             returns: true,
             starts: true,
+            after: None,
         })
     }
 
@@ -680,6 +726,7 @@ impl Planner {
             state,
             returns: returns && !done,
             starts: false,
+            after: (!done).then_some(before),
         })
     }
 }

@@ -130,6 +130,7 @@ mod tests {
         let slide = AxisLimits {
             velocity_mm_s: 100.0,
             acceleration_mm_s2: 1000.0,
+            jerk_mm_s3: f64::INFINITY,
             increment_mm: 1e-6,
         };
         let limits = MotionLimits::new(&[slide; 2], 1e-3).expect("limits");

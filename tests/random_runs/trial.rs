@@ -10,7 +10,7 @@ use machine::Machine;
 
 use super::draw::{Draw, What};
 use super::look::Eyes;
-use super::{Figures, RETURN_LIMIT, slower};
+use super::{Figures, RETURN_LIMIT, pc, slower};
 use crate::support::{LiveCell, quadrant, send};
 
 /// Between two looks.
@@ -191,10 +191,8 @@ impl Trial {
         let Some(since) = self.had_time_since(cause) else {
             return false;
         };
-        if since.elapsed() <= RETURN_LIMIT {
-            return false;
-        }
-        since.elapsed() > RETURN_LIMIT.mul_f64(slower())
+        let took = since.elapsed().saturating_sub(pc::stood_since(since));
+        took > RETURN_LIMIT && took > RETURN_LIMIT.mul_f64(slower())
     }
 
     pub(super) fn returned(&mut self, what: &str, cause: Instant) {

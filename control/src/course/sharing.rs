@@ -10,6 +10,10 @@ use crate::rounding::CubicPiece;
 const CENTRIPETAL_SHARE: f64 = 0.95;
 /// The same in the zone of a junction.
 const CENTRIPETAL_SHARE_BESIDE_JUNCTIONS: f64 = 0.8;
+/// Share of an axis' jerk that a curve may use at its highest speed; what remains is for changing speed.
+const CURVE_JERK_SHARE: f64 = 0.7;
+/// The same in the zone of a junction, which takes half of it.
+const CURVE_JERK_SHARE_BESIDE_JUNCTIONS: f64 = 0.35;
 
 /// How the axes share the motion along one element, as bounds over its whole length.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -20,6 +24,8 @@ pub(crate) struct Sharing {
     pub straight: [f64; MAX_AXES],
     /// Curvature, in 1/mm.
     pub curvature_per_mm: [f64; MAX_AXES],
+    /// Its derivative along the path, in 1/mm².
+    pub turn_per_mm2: [f64; MAX_AXES],
 }
 
 impl Sharing {
@@ -45,10 +51,13 @@ impl Sharing {
                 let turn_per_mm = element.curvature_magnitude_per_mm();
                 let in_plane = u.iter().zip(v.iter());
                 let of_axes = sharing.swing.iter_mut().zip(&mut sharing.curvature_per_mm);
-                for ((swing, curvature), (u, v)) in of_axes.zip(in_plane) {
+                let of_axes = of_axes.zip(&mut sharing.turn_per_mm2);
+                let by_angle = (sweep_rad / element.length_mm).abs();
+                for (((swing, curvature), turn), (u, v)) in of_axes.zip(in_plane) {
                     let amplitude = libm::hypot(*u, *v);
                     *swing = amplitude * around;
                     *curvature = amplitude * turn_per_mm;
+                    *turn = *curvature * by_angle;
                 }
                 axial / element.length_mm
             }
@@ -90,6 +99,7 @@ impl Sharing {
             let amplitude = programmed.curvature_per_mm[axis];
             let more = of(third) + amplitude * turn_per_mm;
             sharing.straight[axis] = of(&from.0).max(of(&to.0)) + eighth * more;
+            sharing.turn_per_mm2[axis] = more;
             let more = amplitude * turn_per_mm * turn_per_mm;
             sharing.curvature_per_mm[axis] = of(&from.1).max(of(&to.1)) + eighth * more;
         }
@@ -102,15 +112,19 @@ impl Sharing {
 
     /// Highest path speed within the axes' speeds and the share of their accelerations that a curve may use.
     pub fn speed_mm_s(&self, limits: &PlanLimits) -> f64 {
-        self.speed_with_mm_s(limits, CENTRIPETAL_SHARE)
+        self.speed_with_mm_s(limits, CENTRIPETAL_SHARE, CURVE_JERK_SHARE)
     }
 
     /// The same in the zone of a junction.
     pub fn speed_beside_junctions_mm_s(&self, limits: &PlanLimits) -> f64 {
-        self.speed_with_mm_s(limits, CENTRIPETAL_SHARE_BESIDE_JUNCTIONS)
+        let (across, jerk) = (
+            CENTRIPETAL_SHARE_BESIDE_JUNCTIONS,
+            CURVE_JERK_SHARE_BESIDE_JUNCTIONS,
+        );
+        self.speed_with_mm_s(limits, across, jerk)
     }
 
-    fn speed_with_mm_s(&self, limits: &PlanLimits, share_across: f64) -> f64 {
+    fn speed_with_mm_s(&self, limits: &PlanLimits, share_across: f64, of_jerk: f64) -> f64 {
         let mut speed_mm_s = f64::INFINITY;
         for axis in 0..MAX_AXES {
             let (along, across) = (
@@ -124,8 +138,34 @@ impl Sharing {
                 let across_mm_s2 = share_across * limits.acceleration_mm_s2[axis];
                 speed_mm_s = speed_mm_s.min((across_mm_s2 / across).sqrt());
             }
+            let (turn, jerk_mm_s3) = (self.turn_per_mm2[axis], limits.jerk_mm_s3[axis]);
+            if turn > 0.0 && jerk_mm_s3.is_finite() {
+                speed_mm_s = speed_mm_s.min(libm::cbrt(of_jerk * jerk_mm_s3 / turn));
+            }
         }
         speed_mm_s
+    }
+
+    /// Acceleration along the path that keeps every axis within this share of its jerk, where the motion along the path is averaged so
+    /// long that its jerk is at most `swing_per_s` times its acceleration; infinite where no jerk is limited.
+    pub fn acceleration_by_jerk_mm_s2(
+        &self,
+        limits: &PlanLimits,
+        share: f64,
+        speed_mm_s: f64,
+    ) -> f64 {
+        let mut acceleration_mm_s2 = f64::INFINITY;
+        for (axis, limit) in limits.jerk_mm_s3.iter().enumerate() {
+            let along = self.swing[axis] + self.straight[axis];
+            let across = self.curvature_per_mm[axis];
+            if !limit.is_finite() || along + across <= 0.0 {
+                continue;
+            }
+            let left = share * limit - self.turn_per_mm2[axis] * speed_mm_s.powi(3);
+            let taken = along * limits.swing_per_s + 3.0 * across * speed_mm_s;
+            acceleration_mm_s2 = acceleration_mm_s2.min(left.max(0.0) / taken);
+        }
+        acceleration_mm_s2
     }
 
     /// Acceleration along the path that keeps every axis within what is left of its acceleration.
@@ -228,14 +268,31 @@ impl LaidPiece {
 pub(crate) struct PlanLimits {
     pub velocity_mm_s: [f64; MAX_AXES],
     pub acceleration_mm_s2: [f64; MAX_AXES],
+    pub jerk_mm_s3: [f64; MAX_AXES],
+    /// How fast the acceleration along the path changes at most, relative to its limit (`smoothing`), in 1/s.
+    pub swing_per_s: f64,
 }
 
 impl PlanLimits {
     /// Those of a machine.
     pub fn of(limits: &MotionLimits) -> Self {
+        let smoothing_s = f64::from(limits.smoothing_scans()) * limits.scan_period_s();
         Self {
+            jerk_mm_s3: limits.plan_jerk_mm_s3(),
+            swing_per_s: 2.0 / smoothing_s,
             velocity_mm_s: limits.plan_velocity_mm_s(),
             acceleration_mm_s2: limits.plan_acceleration_mm_s2(),
         }
+    }
+
+    /// The highest speed along any path, in mm/s: that of the diagonal.
+    pub fn fastest_mm_s(&self) -> f64 {
+        let used = self.velocity_mm_s.iter().filter(|of| of.is_finite());
+        used.map(|of| of * of).sum::<f64>().sqrt()
+    }
+
+    /// Whether the jerk of any axis is limited.
+    pub fn limits_jerk(&self) -> bool {
+        self.jerk_mm_s3.iter().any(|jerk| jerk.is_finite())
     }
 }

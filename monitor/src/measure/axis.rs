@@ -84,6 +84,9 @@ pub struct LimitCounts {
     /// Acceleration beyond the limit.
     #[serde(rename = "acceleration_exceeded")]
     pub acceleration: u64,
+    /// Jerk beyond the limit, where there is one.
+    #[serde(rename = "jerk_exceeded")]
+    pub jerk: u64,
     /// Outside the travel.
     #[serde(rename = "travel_exceeded")]
     pub travel: u64,
@@ -94,6 +97,8 @@ pub struct LimitCounts {
 struct AxisLimit {
     step: f64,
     step_change: f64,
+    /// Between two changes of steps; infinite where jerk is not limited.
+    turn: f64,
     low: f64,
     high: f64,
 }
@@ -101,7 +106,7 @@ struct AxisLimit {
 /// Audit of the command positions that the master publishes, while it executes windows.
 ///
 /// A command position is a rounded position: a step of one scan may be one increment too long by rounding alone, the change
-/// between two steps two increments.
+/// between two steps two increments, the difference of two such changes four.
 ///
 /// Where the servos split each interpolation period evenly (`[interpolation] within_period = "linear"`) the speed steps at every period
 /// boundary, by as much as it changes in a whole period: acceleration is judged there on the means of whole periods, that
@@ -136,6 +141,9 @@ impl LimitsAudit {
                 step_change: axis.acceleration_mm_s2 * stride_s * stride_s / increment_mm
                     * (1.0 + 1e-9)
                     + 2.0,
+                turn: axis.jerk_mm_s3.unwrap_or(f64::INFINITY) * stride_s.powi(3) / increment_mm
+                    * (1.0 + 1e-9)
+                    + 4.0,
                 low: axis.travel_min_mm / increment_mm - 1.0,
                 high: axis.travel_max_mm / increment_mm + 1.0,
             }
@@ -186,13 +194,17 @@ impl LimitsAudit {
         if !feedback.scan.is_multiple_of(self.stride) {
             return;
         }
-        if let [one, two] = self.ends.as_slice() {
+        if let [one, two, before @ ..] = self.ends.as_slice() {
             for (axis, limit) in self.limits.iter().enumerate() {
-                let change = (step(&now, one, axis) - step(one, two, axis)).abs();
-                self.counts.acceleration += u64::from(change > limit.step_change);
+                let change = step(&now, one, axis) - step(one, two, axis);
+                self.counts.acceleration += u64::from(change.abs() > limit.step_change);
+                if let [three, ..] = before {
+                    let turn = change - (step(one, two, axis) - step(two, three, axis));
+                    self.counts.jerk += u64::from(turn.abs() > limit.turn);
+                }
             }
         }
-        self.ends.truncate(1);
+        self.ends.truncate(2);
         self.ends.insert(0, now);
     }
 }

@@ -325,9 +325,37 @@ fn no_limit_is_exceeded_by_rounding_and_every_true_excess_is_counted() {
     let expected = LimitCounts {
         velocity: 1,
         acceleration: 3,
+        jerk: 0,
         travel: 1,
     };
     assert_eq!(audit.counts, expected);
+}
+
+#[test]
+fn jerk_is_judged_where_it_is_limited() {
+    let mut machine = machine(&["X"]);
+    let judged = |machine: &machine::Machine| {
+        let mut audit = LimitsAudit::new(machine);
+        let mut feedback: Feedback = bytemuck::Zeroable::zeroed();
+        feedback.mode = Mode::Enabled as u32;
+        feedback.axis_count = 1;
+        feedback.window.sequence = 1;
+        // From rest to 1,000 mm/s² in one scan of 1 ms, and back: 1,000,000 mm/s³ twice.
+        let ways = [0, 0, 0, 1_000, 2_000, 3_000, 3_000, 3_000, 3_000];
+        let mut position = 0;
+        for (way, scan) in ways.into_iter().zip(1..) {
+            position += way;
+            feedback.scan = scan;
+            feedback.axes[0].command_position = position;
+            audit.take(&feedback);
+        }
+        audit.counts.jerk
+    };
+    assert_eq!(judged(&machine), 0);
+    machine.axes[0].jerk_mm_s3 = Some(1_000_000.0);
+    assert_eq!(judged(&machine), 0);
+    machine.axes[0].jerk_mm_s3 = Some(990_000.0);
+    assert_eq!(judged(&machine), 2);
 }
 
 #[test]

@@ -149,6 +149,7 @@ fn head(report: &Report) -> Section {
     let exceeded = vec![
         Fact::count("velocity", limits.velocity).key("limits/velocity_exceeded"),
         Fact::count("acceleration", limits.acceleration).key("limits/acceleration_exceeded"),
+        Fact::count("jerk", limits.jerk).key("limits/jerk_exceeded"),
         Fact::count("travel", limits.travel).key("limits/travel_exceeded"),
     ];
     blocks.extend([

@@ -187,6 +187,7 @@ fn a_report_has_the_names_of_the_interface_and_is_made_again_to_the_byte() {
         "/reversals/0/undercut_um",
         "/limits/velocity_exceeded",
         "/limits/acceleration_exceeded",
+        "/limits/jerk_exceeded",
         "/limits/travel_exceeded",
         "/processes",
         "/faults",

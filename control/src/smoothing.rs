@@ -1,0 +1,455 @@
+//! Smooth motion along the path: the average of a motion that runs ahead of it.
+//!
+//! A *lead* travels the path as fast as speeds and accelerations allow, as without smoothing. The tool is where the average of the lead's place
+//! over the last `τ` lies, a whole number of scans. With `s` the lead's place, its speed and its acceleration are averages too, and its jerk is
+//!
+//! ```text
+//! (a(t) − a(t − τ)) / τ       at most 2·a/τ
+//! ```
+//!
+//! The average is taken along the path, so the tool is on the path exactly; the lead rests for `τ` wherever the tool is to rest, so it does. A
+//! vibration of the machine of the period `τ`, or a whole part of it, is not excited by a motion along a straight line: the average over
+//! its period is zero. *Sources:* averages as filters of setpoints that limit jerk and notch vibration: Biagiotti, Melchiorri, *FIR filters for
+//! online trajectory planning with time- and frequency-domain specifications*, Control Engineering Practice 20, 2012; taking the average along the
+//! path instead of for each axis, and the rule below, are our own.
+//!
+//! **What the lead keeps.** The tool is behind the lead; what holds at a place `p` of the path for speed and acceleration must hold when the *tool*
+//! is there. It does if the lead keeps it wherever it is within `V(p)·τ/2` of `p` along the path, where `V(p)` is the highest speed at `p`. For let the
+//! lead enter that zone at `t₀` and leave it at `t₁`. At `t₀ + τ` it is no further than at `V(p)` from its start, so the average is at most `p`; at `t₁`
+//! it is at least `p`. So when the tool is at `p`, the lead was in the zone all the time over which the average is taken. [`spread`] gives each place
+//! of the path the lowest limits of all zones that it lies in. Nothing spreads across a rest.
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use std::collections::VecDeque;
+
+use crate::path_part::PathPart;
+use crate::profile::PathState;
+use crate::segment::{Acceleration, Segment};
+
+/// Scans that a zone is longer on either side: setpoints are samples, and differences reach over some of them.
+const MARGIN_SCANS: f64 = 1.5;
+/// A zone may be longer by this share of its half length rather than cut a segment.
+const GRAIN: f64 = 0.05;
+/// A long segment is cut into so many pieces where it may be braked on.
+const BRAKING_CUTS: u32 = 8;
+
+/// For how long at its highest speed a place's limits hold to either side, in s; 0 without smoothing.
+pub(crate) fn reach_s(smoothing_scans: u32, scan_period_s: f64) -> f64 {
+    match smoothing_scans {
+        0 => 0.0,
+        scans => (0.5 * f64::from(scans) + MARGIN_SCANS) * scan_period_s,
+    }
+}
+
+/// What the tool follows: a motion along the path that keeps speeds and accelerations.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Lead {
+    /// Where it is.
+    pub state: PathState,
+    /// The same, as the length of the path before it, in mm.
+    pub along_mm: f64,
+}
+
+impl Lead {
+    pub(crate) fn at(part: &PathPart, state: &PathState) -> Lead {
+        Lead {
+            state: *state,
+            along_mm: part.length_before_mm(state.element) + state.distance_mm,
+        }
+    }
+}
+
+/// Places of the lead are kept in units of 2⁻³⁶ mm, so that a sum of them has no rounding and does not depend on where it began.
+const UNITS_PER_MM: f64 = (1u64 << 36) as f64;
+
+/// Where the lead was in the last scans, and the average of that: of straight lines between the places, so the first and the last count half.
+#[derive(Debug, Clone)]
+pub(crate) struct Trail {
+    scans: u32,
+    /// The last of them is now: one more than scans.
+    places: VecDeque<i64>,
+    /// Twice the sum of all but the first and the last, and those once.
+    sum: i128,
+    /// The same a scan before.
+    sum_before: i128,
+}
+
+impl Trail {
+    /// Allocates all that it needs.
+    pub fn new(scans: u32) -> Self {
+        Self {
+            scans,
+            places: VecDeque::with_capacity(scans as usize + 2),
+            sum: 0,
+            sum_before: 0,
+        }
+    }
+
+    /// The lead has been at a place for long.
+    pub fn rest_at(&mut self, along_mm: f64) {
+        let place = units(along_mm);
+        self.places.clear();
+        self.places.resize(self.scans as usize + 1, place);
+        self.sum = i128::from(place) * 2 * i128::from(self.scans);
+        self.sum_before = self.sum;
+    }
+
+    /// The lead was at these places one scan after the other, and has rested at the first of them before if there are too few.
+    pub fn follow(&mut self, leads: &[Lead]) {
+        let Some(first) = leads.len().checked_sub(self.scans as usize + 1) else {
+            self.rest_at(leads.first().map_or(0.0, |lead| lead.along_mm));
+            return leads.iter().for_each(|lead| self.push(lead.along_mm));
+        };
+        let last = leads.get(first..).unwrap_or_default();
+        self.rest_at(0.0);
+        last.iter().for_each(|lead| self.push(lead.along_mm));
+    }
+
+    /// A scan later.
+    pub fn push(&mut self, along_mm: f64) {
+        if self.scans == 0 {
+            return;
+        }
+        let place = units(along_mm);
+        self.sum_before = self.sum;
+        let ends = |places: &VecDeque<i64>| {
+            let of = |place: Option<&i64>| i128::from(place.copied().unwrap_or(0));
+            of(places.front()) + of(places.back())
+        };
+        // All of them twice, less the ends once.
+        let twice = self.sum + ends(&self.places);
+        let gone = i128::from(self.places.pop_front().unwrap_or(0));
+        self.places.push_back(place);
+        self.sum = twice + 2 * (i128::from(place) - gone) - ends(&self.places);
+    }
+
+    /// Whether the lead has been at one place all the time.
+    pub fn is_settled(&self) -> bool {
+        // Places never go back.
+        self.scans == 0 || self.places.front() == self.places.back()
+    }
+
+    /// Length of the path before the tool, in mm.
+    pub fn average_mm(&self) -> f64 {
+        self.mm(self.sum)
+    }
+
+    /// Its speed in the last scan, in mm/s.
+    pub fn speed_mm_s(&self, scan_period_s: f64) -> f64 {
+        self.mm(self.sum - self.sum_before) / scan_period_s
+    }
+
+    fn mm(&self, sum: i128) -> f64 {
+        sum as f64 / (2.0 * f64::from(self.scans.max(1))) / UNITS_PER_MM
+    }
+}
+
+fn units(along_mm: f64) -> i64 {
+    libm::floor(along_mm * UNITS_PER_MM) as i64
+}
+
+/// A segment where it lies on the path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Placed {
+    pub segment: Segment,
+    /// Length of the path before its element, in mm.
+    pub start_mm: f64,
+}
+
+impl Placed {
+    fn begin_mm(&self) -> f64 {
+        self.start_mm + self.segment.from_mm
+    }
+
+    fn end_mm(&self) -> f64 {
+        self.start_mm + self.segment.to_mm
+    }
+
+    fn limits(&self, override_max: f64) -> Limits {
+        Limits {
+            speed_mm_s: self.segment.speed_mm_s,
+            feed_mm_s: self.segment.feed_mm_s,
+            cap_mm_s: self.segment.cap_mm_s(override_max),
+            acceleration: self.segment.acceleration,
+        }
+    }
+}
+
+/// What holds on a stretch of the path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Limits {
+    speed_mm_s: f64,
+    feed_mm_s: f64,
+    /// The lower of both at the highest override, in mm/s.
+    cap_mm_s: f64,
+    /// Holds up to that speed.
+    acceleration: Acceleration,
+}
+
+impl Limits {
+    const NONE: Limits = Limits {
+        speed_mm_s: f64::INFINITY,
+        feed_mm_s: f64::INFINITY,
+        cap_mm_s: f64::INFINITY,
+        acceleration: Acceleration::NONE,
+    };
+
+    fn least_of(&self, other: &Limits) -> Limits {
+        if *self == Limits::NONE || self == other {
+            return *other;
+        }
+        if *other == Limits::NONE {
+            return *self;
+        }
+        let cap_mm_s = self.cap_mm_s.min(other.cap_mm_s);
+        Limits {
+            speed_mm_s: self.speed_mm_s.min(other.speed_mm_s),
+            feed_mm_s: self.feed_mm_s.min(other.feed_mm_s),
+            cap_mm_s,
+            acceleration: self.acceleration.least_up_to(&other.acceleration, cap_mm_s),
+        }
+    }
+
+    /// Whether these are lower in anything than others.
+    fn lowers(&self, others: &Limits) -> bool {
+        let squared = others.cap_mm_s * others.cap_mm_s;
+        self.speed_mm_s < others.speed_mm_s
+            || self.feed_mm_s < others.feed_mm_s
+            || [0.0, 0.5, 1.0].iter().any(|share| {
+                let [own, of_others] =
+                    [self, others].map(|of| of.acceleration.at_mm_s2(share * squared));
+                own < of_others
+            })
+    }
+}
+
+/// Limits of stretches one behind the other, lowered for ranges of them.
+struct Lowered {
+    /// A tree: the children of `n` are `2n` and `2n + 1`, the stretches its leaves. What is in a node holds for all below it.
+    nodes: Vec<Limits>,
+    count: usize,
+}
+
+impl Lowered {
+    fn new(count: usize) -> Self {
+        Self {
+            nodes: vec![Limits::NONE; 2 * count],
+            count,
+        }
+    }
+
+    fn lower_at(&mut self, node: usize, limits: &Limits) {
+        if let Some(of_node) = self.nodes.get_mut(node) {
+            *of_node = of_node.least_of(limits);
+        }
+    }
+
+    fn lower(&mut self, range: std::ops::Range<usize>, limits: &Limits) {
+        let (mut from, mut to) = (range.start + self.count, range.end + self.count);
+        while from < to {
+            if from % 2 == 1 {
+                self.lower_at(from, limits);
+                from += 1;
+            }
+            if to % 2 == 1 {
+                to -= 1;
+                self.lower_at(to, limits);
+            }
+            (from, to) = (from / 2, to / 2);
+        }
+    }
+
+    fn leaves(mut self) -> Vec<Limits> {
+        for node in 1..self.count {
+            if let Some(limits) = self.nodes.get(node).copied() {
+                self.lower_at(2 * node, &limits);
+                self.lower_at(2 * node + 1, &limits);
+            }
+        }
+        self.nodes.split_off(self.count)
+    }
+}
+
+/// A stretch of one of the segments, on the path.
+struct Cell {
+    of: usize,
+    from_mm: f64,
+    to_mm: f64,
+}
+
+/// The segments `own` of those given with the lowest limits of all zones that they lie in, cut where those change. Segments to either side of them must
+/// be given as far as their zones reach, or the path begins and ends there.
+pub(crate) fn spread(
+    placed: &[Placed],
+    own: std::ops::Range<usize>,
+    reach_s: f64,
+    override_max: f64,
+) -> Vec<Segment> {
+    let mut segments = Vec::with_capacity(2 * own.len());
+    let mut from = 0;
+    while from < placed.len() {
+        let rests = |pair: &[Placed]| match pair {
+            [before, after] => rests_between(&before.segment, &after.segment),
+            _ => true,
+        };
+        let run = placed.get(from..).unwrap_or_default();
+        let pairs = run.windows(2);
+        let length = pairs.take_while(|pair| !rests(pair)).count() + 1;
+        let until = (from + length).min(placed.len());
+        let own_of_run = own.start.max(from)..own.end.min(until);
+        if !own_of_run.is_empty() {
+            let of_run = placed.get(from..until).unwrap_or_default();
+            let own_of_run = own_of_run.start - from..own_of_run.end - from;
+            Run {
+                placed: of_run,
+                own: own_of_run,
+                reach_s,
+                override_max,
+            }
+            .spread(&mut segments);
+        }
+        from = until;
+    }
+    segments
+}
+
+fn rests_between(before: &Segment, after: &Segment) -> bool {
+    before.is_dwell || after.is_dwell || before.rests_before(after)
+}
+
+/// Segments with no rest between them.
+struct Run<'a> {
+    placed: &'a [Placed],
+    own: std::ops::Range<usize>,
+    reach_s: f64,
+    override_max: f64,
+}
+
+impl Run<'_> {
+    fn own(&self) -> &[Placed] {
+        self.placed.get(self.own.clone()).unwrap_or_default()
+    }
+
+    /// Half of what a segment's zone is longer than itself, in mm.
+    fn reach_mm(&self, of: &Placed) -> f64 {
+        of.segment.cap_mm_s(self.override_max) * self.reach_s
+    }
+
+    fn spread(&self, segments: &mut Vec<Segment>) {
+        if let [Placed { segment, .. }] = self.placed {
+            return segments.push(*segment);
+        }
+        let cells = self.cells();
+        let mut lowered = Lowered::new(cells.len());
+        for of in self.placed {
+            let reach_mm = self.reach_mm(of);
+            let first = cells.partition_point(|cell| cell.to_mm <= of.begin_mm() - reach_mm);
+            let end = cells.partition_point(|cell| cell.from_mm < of.end_mm() + reach_mm);
+            lowered.lower(first..end.max(first), &of.limits(self.override_max));
+        }
+        let own = self.own();
+        for (cell, limits) in cells.iter().zip(lowered.leaves()) {
+            let Some(Placed { segment, start_mm }) = own.get(cell.of) else {
+                continue;
+            };
+            let begins = cell.from_mm <= start_mm + segment.from_mm;
+            let ends = cell.to_mm >= start_mm + segment.to_mm;
+            let from_mm = match segments.last() {
+                Some(last) if !begins => last.to_mm,
+                _ => segment.from_mm,
+            };
+            let to_mm = if ends {
+                segment.to_mm
+            } else {
+                cell.to_mm - start_mm
+            };
+            segments.push(Segment {
+                from_mm,
+                to_mm,
+                speed_mm_s: limits.speed_mm_s,
+                feed_mm_s: limits.feed_mm_s,
+                acceleration: limits.acceleration,
+                ends_block: segment.ends_block && ends,
+                rests_at_start: segment.rests_at_start && begins,
+                ..*segment
+            });
+        }
+    }
+
+    /// Its own segments, cut where the zones of others begin and end on them.
+    fn cells(&self) -> Vec<Cell> {
+        let own = self.own();
+        let mut cuts_mm: Vec<f64> = Vec::new();
+        let lowers = |of: &Placed, on: &Placed| {
+            let [of, on] = [of, on].map(|placed| placed.limits(self.override_max));
+            of.lowers(&on)
+        };
+        for of in self.placed {
+            let reach_mm = self.reach_mm(of);
+            let grain_mm = GRAIN * reach_mm;
+            let begins_mm = of.begin_mm() - reach_mm;
+            let index = own.partition_point(|on| on.end_mm() <= begins_mm);
+            let on = own.get(index);
+            let cuts = |on: &&Placed| {
+                begins_mm - on.begin_mm() > grain_mm && begins_mm < on.end_mm() && lowers(of, on)
+            };
+            cuts_mm.extend(on.filter(cuts).map(|_| begins_mm));
+            let ends_mm = of.end_mm() + reach_mm;
+            let index = own.partition_point(|on| on.end_mm() < ends_mm);
+            let on = own.get(index);
+            let cuts = |on: &&Placed| {
+                on.end_mm() - ends_mm > grain_mm && ends_mm > on.begin_mm() && lowers(of, on)
+            };
+            cuts_mm.extend(on.filter(cuts).map(|_| ends_mm));
+        }
+        for on in own {
+            cuts_mm.extend(self.braking_cuts_mm(on));
+        }
+        cuts_mm.sort_by(f64::total_cmp);
+        let mut cuts_mm = cuts_mm.into_iter().peekable();
+        let mut cells = Vec::with_capacity(own.len());
+        for (of, on) in own.iter().enumerate() {
+            let (mut from_mm, end_mm) = (on.begin_mm(), on.end_mm());
+            while let Some(cut_mm) = cuts_mm.next_if(|cut_mm| *cut_mm < end_mm) {
+                // As places on the element they must differ too.
+                let is_inside = cut_mm - on.start_mm > (from_mm - on.start_mm)
+                    && cut_mm - on.start_mm < on.segment.to_mm;
+                if cut_mm > from_mm && is_inside {
+                    cells.push(Cell {
+                        of,
+                        from_mm,
+                        to_mm: cut_mm,
+                    });
+                    from_mm = cut_mm;
+                }
+            }
+            cells.push(Cell {
+                of,
+                from_mm,
+                to_mm: end_mm,
+            });
+        }
+        cells
+    }
+
+    /// Where a long segment is cut so that what can be braked from within a window, which is less and less towards a slow place behind it, does
+    /// not limit all of it: where some shares of its speed could be braked from to rest at its end.
+    fn braking_cuts_mm(&self, on: &Placed) -> impl Iterator<Item = f64> {
+        let to_mm = on.end_mm();
+        let cap_mm_s = on.segment.cap_mm_s(self.override_max);
+        let twice_mm_s2 = 2.0 * on.segment.acceleration.at_mm_s2(0.0);
+        let shortest_mm = self.reach_mm(on);
+        let from_mm = on.begin_mm();
+        (1..BRAKING_CUTS)
+            .map(move |cut| {
+                let speed_mm_s = cap_mm_s * f64::from(cut) / f64::from(BRAKING_CUTS);
+                to_mm - speed_mm_s * speed_mm_s / twice_mm_s2
+            })
+            .filter(move |cut_mm| to_mm - from_mm > shortest_mm && *cut_mm > from_mm)
+    }
+}
