@@ -39,7 +39,7 @@ pub enum Command {
     Run(RunOptions),
     /// Check a machine and, if given, a program; start nothing
     Check(CheckOptions),
-    /// Plan a program without running it: time, distance, limits, setpoints per scan
+    /// Plan a program without running it: time, where it goes, limits, setpoints per scan
     Plan(PlanOptions),
     /// Make report and plots again from a run's log; or hold one run against another
     Report(ReportOptions),

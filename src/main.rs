@@ -4,7 +4,7 @@ use bus::sample::Order;
 use clap::Parser;
 use launcher::exit::{self, Outcome};
 use launcher::run::Injection;
-use launcher::{check, doctor, operator, report, run, signals, up};
+use launcher::{check, doctor, operator, plan, report, run, signals, up};
 use quadrant::cli::{Cli, Command};
 use quadrant::{manual, roles};
 use view::{live, scope};
@@ -24,7 +24,7 @@ fn obey(command: Command) -> Outcome {
             Ok(())
         }
         Command::Check(options) => check::check(&options),
-        Command::Plan(options) => check::plan(&options),
+        Command::Plan(options) => plan::plan(&options),
         Command::Report(options) => report::report(&options),
         Command::Doctor(options) => doctor::doctor(&options),
         Command::Clean(options) => run::clean(&options),

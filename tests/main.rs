@@ -47,6 +47,7 @@ mod smooth_motion;
 mod soak;
 mod straight_lines;
 mod support;
+mod time_use;
 mod tools;
 mod triggers;
 mod tune;

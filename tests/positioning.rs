@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::support::{Bench, number, quadrant, run, text};
+use crate::support::{Bench, number, planned, run, text};
 
 /// Distance and time of each move, and the wait after it.
 const DISTANCE_MM: f64 = 20.0;
@@ -59,28 +59,9 @@ fn machine(profile: &str, acceleration_mm_s2: f64) -> Bench {
 }
 
 /// Scans of a program, and ∫a²dt of X over its setpoints in mm²/s³, from what `quadrant plan --csv` writes.
-fn planned(bench: &Bench, program: &Path) -> (usize, f64) {
-    let csv = bench.path().join("setpoints.csv");
-    let output = quadrant()
-        .arg("plan")
-        .arg(bench.path())
-        .arg(program)
-        .arg("--csv")
-        .arg(&csv)
-        .output()
-        .expect("plan");
-    assert_eq!(output.status.code(), Some(0), "{output:?}");
-    let setpoints = fs::read_to_string(&csv).expect("the setpoints");
-    let x_mm: Vec<f64> = setpoints
-        .lines()
-        .skip(1)
-        .map(|line| {
-            line.split(',')
-                .nth(5)
-                .and_then(|x| x.parse().ok())
-                .expect("x")
-        })
-        .collect();
+fn work(bench: &Bench, program: &Path) -> (usize, f64) {
+    let rows = planned(bench.path(), program);
+    let x_mm: Vec<f64> = rows.iter().map(|row| row[5]).collect();
     let period_s: f64 = 1e-3;
     let squares = x_mm.windows(3).map(|x| {
         let acceleration = (x[2] - 2.0 * x[1] + x[0]) / (period_s * period_s);
@@ -105,8 +86,8 @@ fn a_triangle_heats_the_motor_by_a_third_more_than_the_parabola_in_the_same_time
     let parabola = machine("minimum-heat", 3010.0);
     let program = parabola.file("pick-and-place.ngc", &pick_and_place());
 
-    let (scans, planned_triangle) = planned(&triangle, &program);
-    let (same_scans, planned_parabola) = planned(&parabola, &program);
+    let (scans, planned_triangle) = work(&triangle, &program);
+    let (same_scans, planned_parabola) = work(&parabola, &program);
     assert_eq!(scans, same_scans, "equal travel times");
     let planned_ratio = planned_triangle / planned_parabola;
     assert!(

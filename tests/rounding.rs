@@ -1,9 +1,8 @@
 //! G64 through the real processes, and in what `quadrant plan --csv` writes: within the tolerance, both ways, and faster.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::support::{Bench, number, quadrant, run, run_with};
+use crate::support::{Bench, number, planned, run, run_with};
 
 type Point = [f64; 2];
 
@@ -36,22 +35,8 @@ fn program(bench: &Bench, mode: &str) -> PathBuf {
 }
 
 fn setpoints(machine: &Path, program: &Path) -> Vec<Point> {
-    let csv = program.with_extension("csv");
-    let output = quadrant()
-        .arg("plan")
-        .args([machine, program])
-        .arg("--csv")
-        .arg(&csv)
-        .output();
-    let output = output.expect("plan");
-    let stderr = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(0), "{stderr}");
-    let text = fs::read_to_string(&csv).expect("the setpoints");
-    let point = |line: &str| {
-        let columns: Vec<&str> = line.split(',').collect();
-        [5, 6].map(|column| columns[column].parse().expect("a position"))
-    };
-    text.lines().skip(1).map(point).collect()
+    let rows = planned(machine, program);
+    rows.iter().map(|row| [row[5], row[6]]).collect()
 }
 
 /// Distance of a point from a polyline.

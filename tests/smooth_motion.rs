@@ -1,9 +1,8 @@
 //! Limits of jerk through the real processes, and in what `quadrant plan --csv` writes.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::support::{Bench, number, quadrant, run, run_with, text};
+use crate::support::{Bench, number, planned, quadrant, run, run_with, text};
 
 /// 20 times the acceleration in a second, and increments that do not hide it.
 const JERK: (&str, &str) = (
@@ -30,24 +29,9 @@ fn program(bench: &Bench) -> PathBuf {
 
 /// The highest third difference of any axis over the cube of the scan period.
 fn jerk_mm_s3(machine: &Path, program: &Path) -> f64 {
-    let csv = program.with_extension("csv");
-    let output = quadrant()
-        .arg("plan")
-        .args([machine, program])
-        .arg("--csv")
-        .arg(&csv)
-        .output();
-    let output = output.expect("plan");
-    let stderr = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(0), "{stderr}");
-    let text = fs::read_to_string(&csv).expect("the setpoints");
-    let rows: Vec<[f64; 2]> = text
-        .lines()
-        .skip(1)
-        .map(|line| {
-            let columns: Vec<&str> = line.split(',').collect();
-            [5, 6].map(|column| columns[column].parse().expect("a position"))
-        })
+    let rows: Vec<[f64; 2]> = planned(machine, program)
+        .iter()
+        .map(|row| [row[5], row[6]])
         .collect();
     let third = |four: &[[f64; 2]], axis: usize| {
         let [a, b, c, d] = [0, 1, 2, 3].map(|index| four[index][axis]);

@@ -122,6 +122,30 @@ pub fn quadrant_lab() -> Command {
     command
 }
 
+/// What `quadrant plan` prints.
+pub fn plan(machine: &Path, program: &Path, options: &[&str]) -> String {
+    let output = quadrant()
+        .arg("plan")
+        .args([machine, program])
+        .args(options)
+        .output();
+    let output = output.expect("plan");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{stderr}");
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+/// The setpoints that `quadrant plan --csv` writes, a row of numbers for each scan.
+pub fn planned(machine: &Path, program: &Path) -> Vec<Vec<f64>> {
+    let csv = machine.join("setpoints.csv");
+    plan(machine, program, &["--csv", &csv.display().to_string()]);
+    let text = std::fs::read_to_string(&csv).expect("the setpoints");
+    let number = |column: &str| column.parse().expect("a number");
+    let rows = text.lines().skip(1);
+    rows.map(|row| row.split(',').map(number).collect())
+        .collect()
+}
+
 /// A finished run.
 pub struct Run {
     pub output: Output,

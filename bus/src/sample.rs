@@ -22,7 +22,7 @@ pub const MAX_PARTICIPANTS: usize = 24;
 /// The most instrument samples within one scan (one every 250 µs, scans of at most 2 ms).
 pub const MAX_SUBSAMPLES: usize = 8;
 /// The most setpoints one window can carry.
-pub const MAX_WINDOW_SETPOINTS: usize = 1024;
+pub const MAX_WINDOW_SETPOINTS: usize = 2048;
 /// Words of eight bytes that a servo's state may take in a command: a servo asserts that its own fits.
 pub const SERVO_STATE_WORDS: usize = 96;
 

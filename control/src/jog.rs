@@ -6,24 +6,131 @@
     clippy::indexing_slicing
 )]
 
+use bytemuck::{Pod, Zeroable};
+
 /// Steps towards a target as fast as its limits allow and stops exactly there.
 ///
-/// Each scan takes the largest step `s` within `±a` of the last and `±v` from which braking by `a` per scan ends no
-/// farther than the target: `s + (s − a) + (s − 2a) + … ≤ way left`. Ordered to stop, it brakes by `a` per scan.
+/// A lead takes the largest step `s` of each scan within `±a` of the last and `±v` from which braking by `a` per scan ends no
+/// farther than the target: `s + (s − a) + (s − 2a) + … ≤ way left`. Ordered to stop, it brakes by `a` per scan. The command
+/// follows the lead by a share `k` of the way between them: `c ← c + k·(lead − c)`. So its acceleration changes by at most
+/// `2·k·a` per scan, which limits the jerk; with `k = 1` it is the lead. Near enough to a lead that has arrived it arrives.
 ///
-/// Source: our own; a trapezoid of speed in integers (docs/methods/two-controllers.md). Units: increments and scans.
-/// Limits below 1 count as 1, so that it always arrives. First call: a step of 0.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Source: our own; a trapezoid of speed in integers and a filter of first order (docs/methods/two-controllers.md). Units: increments and scans.
+/// Limits below 1 count as 1, so that it always arrives. First call: a motion at rest.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JogProfile {
     /// Largest step of a scan (speed).
     pub step_max: i64,
-    /// Largest change of the step from scan to scan (acceleration).
+    /// Largest change of the lead's step from scan to scan (acceleration).
     pub step_change_max: i64,
+    /// Share of the way to the lead that the command makes in a scan, above 0, at most 1.
+    pub follows_by: f64,
+    /// The command arrives from this far.
+    pub arrives_from: i64,
+}
+
+/// Where a jog is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct JogMotion {
+    /// Position command.
+    pub command: i64,
+    /// What leads it.
+    pub lead: i64,
+    /// Change of the lead in the last scan.
+    pub lead_step: i64,
+}
+
+impl JogMotion {
+    /// At rest there.
+    pub fn at(position: i64) -> JogMotion {
+        JogMotion {
+            command: position,
+            lead: position,
+            lead_step: 0,
+        }
+    }
+
+    /// Whether nothing moves.
+    pub fn rests(&self) -> bool {
+        self.lead_step == 0 && self.command == self.lead
+    }
+}
+
+/// When a jog begins to move and to stop, in scans from now.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct JogTimes {
+    /// 0: it moves.
+    pub starts_in: u32,
+    /// [`u32::MAX`]: it is not ordered to.
+    pub stops_in: u32,
 }
 
 impl JogProfile {
-    /// The step of this scan: `step` was the last, `left` is the way to the target, both signed.
-    pub fn step(&self, step: i64, left: i64, stop: bool) -> i64 {
+    /// A profile whose command changes its acceleration by at most so many increments per scan² in a scan, where that is limited.
+    pub fn new(step_max: i64, step_change_max: i64, jerk_max: Option<f64>) -> JogProfile {
+        // The command's acceleration may change by 2·k·a; rounding takes up to four increments.
+        let (follows_by, arrives_from) = match jerk_max {
+            Some(jerk) => {
+                let left = (jerk - 4.0).max(1.0);
+                let follows_by = (left / (2.0 * step_change_max.max(1) as f64)).min(1.0);
+                (follows_by, (libm::floor(left / 4.0) as i64).min(step_max))
+            }
+            None => (1.0, 0),
+        };
+        JogProfile {
+            step_max,
+            step_change_max,
+            follows_by,
+            arrives_from,
+        }
+    }
+
+    /// One scan on: towards the target, or to rest.
+    pub fn advance(&self, motion: &JogMotion, target: i64, stop: bool) -> JogMotion {
+        let left = target.saturating_sub(motion.lead);
+        let lead_step = self.step(motion.lead_step, left, stop);
+        let lead = motion.lead.saturating_add(lead_step);
+        let way = lead.saturating_sub(motion.command);
+        let arrives = self.follows_by >= 1.0
+            || (lead_step == 0 && way.saturating_abs() <= self.arrives_from.max(1));
+        let step = if arrives {
+            way
+        } else {
+            libm::round(way as f64 * self.follows_by) as i64
+        };
+        // Where a share of the way rounds to nothing, the last of it is still made.
+        let step = if step == 0 { way.signum() } else { step };
+        JogMotion {
+            command: motion.command.saturating_add(step),
+            lead,
+            lead_step,
+        }
+    }
+
+    /// How far the command moves in the scan that begins so many scans from now, in increments, where it begins to move and to stop when
+    /// `when` says.
+    pub fn step_ahead(&self, motion: &JogMotion, target: i64, when: JogTimes, scans: f64) -> f64 {
+        let scans = scans.clamp(0.0, AHEAD_SCANS_MAX);
+        let whole = libm::floor(scans);
+        let mut here = *motion;
+        let mut steps = [0.0; 2];
+        for scan in 0..whole as u32 + 2 {
+            let mut next = here;
+            if scan >= when.starts_in {
+                next = self.advance(&here, target, scan >= when.stops_in);
+            }
+            let [before, last] = &mut steps;
+            *before = *last;
+            *last = next.command.saturating_sub(here.command) as f64;
+            here = next;
+        }
+        let [before, after] = steps;
+        before + (scans - whole) * (after - before)
+    }
+
+    /// The lead's step of this scan: `step` was the last, `left` is the way to the target, both signed.
+    fn step(&self, step: i64, left: i64, stop: bool) -> i64 {
         let change = self.step_change_max.max(1);
         let slower = step.signum() * (step.saturating_abs().saturating_sub(change)).max(0);
         // Away from the target it first has to come to rest.
@@ -50,6 +157,9 @@ impl JogProfile {
     }
 }
 
+/// No speed is looked for further ahead, in scans.
+const AHEAD_SCANS_MAX: f64 = 64.0;
+
 /// `s + (s − a) + (s − 2a) + …` down to the last above 0.
 fn braking_way(step: i64, change: i64) -> i128 {
     let (step, change) = (i128::from(step), i128::from(change));
@@ -63,21 +173,22 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn travel(profile: &JogProfile, target: i64, stop_at: Option<usize>) -> (i64, i64, usize) {
-        let (mut at, mut step, mut largest) = (0, 0i64, 0);
-        for scan in 0..200_000 {
+    /// Position at rest, the largest step, change of step, and change of that; scans.
+    fn travel(profile: &JogProfile, target: i64, stop_at: Option<usize>) -> (i64, [i64; 3], usize) {
+        let mut motion = JogMotion::at(0);
+        let mut before = [0i64; 3];
+        let mut largest = [0i64; 3];
+        for scan in 0..400_000 {
             let stop = stop_at.is_some_and(|s| scan >= s);
-            let next = profile.step(step, target - at, stop);
-            assert!(
-                (next - step).abs() <= profile.step_change_max,
-                "{step} → {next}"
-            );
-            assert!(next.abs() <= profile.step_max);
-            largest = largest.max(next.abs());
-            at += next;
-            step = next;
-            if step == 0 && (at == target || stop) {
-                return (at, largest, scan);
+            let next = profile.advance(&motion, target, stop);
+            let step = next.command - motion.command;
+            let now = [step, step - before[0], step - before[0] - before[1]];
+            for (largest, now) in largest.iter_mut().zip(now) {
+                *largest = (*largest).max(now.abs());
+            }
+            (before, motion) = (now, next);
+            if motion.rests() && (motion.command == target || stop) {
+                return (motion.command, largest, scan);
             }
         }
         panic!("it never came to rest");
@@ -85,14 +196,47 @@ mod tests {
 
     #[test]
     fn three_millimetres_at_ten_millimetres_per_second_take_as_long_as_the_trapezoid() {
-        let profile = JogProfile {
-            step_max: 10_000,
-            step_change_max: 100,
-        };
-        let (at, largest, scans) = travel(&profile, 3_000_000, None);
-        assert_eq!((at, largest), (3_000_000, 10_000));
+        let profile = JogProfile::new(10_000, 100, None);
+        let (at, [step, change, _], scans) = travel(&profile, 3_000_000, None);
+        assert_eq!((at, step, change), (3_000_000, 10_000, 100));
         // b/v + v/a = 300 + 100 scans.
         assert!((399..=402).contains(&scans), "{scans}");
+    }
+
+    #[test]
+    fn with_a_limit_of_jerk_it_takes_a_little_longer() {
+        // 2·a/j = 20 scans of delay.
+        let profile = JogProfile::new(10_000, 1_000, Some(104.0));
+        let (at, [_, _, jerk], scans) = travel(&profile, 3_000_000, None);
+        assert_eq!(at, 3_000_000);
+        assert!((40..=104).contains(&jerk), "{jerk}");
+        assert!((310..=600).contains(&scans), "{scans}");
+    }
+
+    #[test]
+    fn the_speed_ahead_is_that_of_the_scans_to_come() {
+        let profile = JogProfile::new(10_000, 100, Some(14.0));
+        let mut motion = JogMotion::at(0);
+        for _ in 0..30 {
+            motion = profile.advance(&motion, 3_000_000, false);
+        }
+        let when = JogTimes {
+            starts_in: 0,
+            stops_in: u32::MAX,
+        };
+        let ahead = profile.step_ahead(&motion, 3_000_000, when, 2.0);
+        for _ in 0..2 {
+            motion = profile.advance(&motion, 3_000_000, false);
+        }
+        let next = profile.advance(&motion, 3_000_000, false);
+        assert_eq!(ahead, (next.command - motion.command) as f64);
+        let later = JogTimes {
+            starts_in: 4,
+            stops_in: u32::MAX,
+        };
+        let rest = JogMotion::at(0);
+        assert_eq!(profile.step_ahead(&rest, 3_000_000, later, 2.0), 0.0);
+        assert!(profile.step_ahead(&rest, 3_000_000, later, 3.5) > 0.0);
     }
 
     proptest! {
@@ -100,13 +244,22 @@ mod tests {
         fn it_ends_exactly_at_any_target_within_its_limits(
             step_max in 1i64..50_000,
             step_change_max in 1i64..5_000,
+            jerk_max in prop::option::of(5.0..2_000.0f64),
             target in -3_000_000i64..3_000_000,
         ) {
             // Slow ones would take for ever to get far.
             let target = target.clamp(-1000 * step_max.min(100 * step_change_max), 1000 * step_max.min(100 * step_change_max));
-            let profile = JogProfile { step_max, step_change_max };
+            let profile = JogProfile::new(step_max, step_change_max, jerk_max);
             if target != 0 {
-                prop_assert_eq!(travel(&profile, target, None).0, target);
+                let (at, [step, change, jerk], _) = travel(&profile, target, None);
+                prop_assert_eq!(at, target);
+                prop_assert!(step <= step_max + 2);
+                // Rounding, and arriving.
+                let rounding = if jerk_max.is_some() { 4 + profile.arrives_from } else { 0 };
+                prop_assert!(change <= step_change_max + rounding, "{} {}", change, step_change_max);
+                if let Some(jerk_max) = jerk_max {
+                    prop_assert!(jerk as f64 <= jerk_max.max(5.0) + 1.0, "{} {}", jerk, jerk_max);
+                }
             }
         }
 
@@ -115,7 +268,7 @@ mod tests {
             target in 1_000_000i64..3_000_000,
             stop_at in 1usize..200,
         ) {
-            let profile = JogProfile { step_max: 10_000, step_change_max: 100 };
+            let profile = JogProfile::new(10_000, 100, None);
             let (at, _, scan) = travel(&profile, -target, Some(stop_at));
             prop_assert!(at < 0 && at >= -target);
             prop_assert!(scan <= stop_at + 101);

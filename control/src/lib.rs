@@ -37,6 +37,7 @@ pub mod setpoints;
 mod smoothing;
 pub mod speed_map;
 pub mod spindle_following;
+pub mod time_use;
 pub mod totals;
 pub mod trigger;
 pub mod velocity_loop;

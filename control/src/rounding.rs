@@ -29,24 +29,29 @@
 )]
 
 mod correction;
+mod evening;
 mod half_widths;
 #[cfg(test)]
 #[allow(clippy::indexing_slicing)]
 mod tests;
 
-use crate::path::{AxisVector, Element, Feed, MAX_AXES, RotaryAxes};
+use crate::path::{AxisVector, Element, Feed, MAX_AXES, RotaryAxes, Shape};
 
 pub use correction::{Correction, CubicPiece};
 pub(crate) use half_widths::NEIGHBOURS;
 
 /// Elements to either side that have a part in what is made of one.
 pub(crate) const REACH_ELEMENTS: u32 = 256;
-const _: () = assert!(REACH_ELEMENTS as usize >= half_widths::REACH_JUNCTIONS + NEIGHBOURS);
+const _: () =
+    assert!(REACH_ELEMENTS as usize > half_widths::REACH_JUNCTIONS + NEIGHBOURS + evening::FITTED);
 
 /// Kinks below this are rounding of coordinates: no junctions.
 const NEGLIGIBLE_KINK: f64 = 1e-9;
 /// Bends below this, in 1/mm, are none.
 const NEGLIGIBLE_BEND_PER_MM: f64 = 1e-9;
+
+/// Lines of up to so many tolerances stand for a curve.
+const CHORD_OVER_TOLERANCE_MAX: f64 = 100.0;
 
 /// What rounding needs to know of a machine.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -75,6 +80,16 @@ impl Default for RoundingSettings {
 struct Junction {
     /// Length of the path before it, in mm.
     at_mm: f64,
+    /// Where it is programmed.
+    point: AxisVector,
+    /// How far it is moved (`evening`).
+    moved: AxisVector,
+    /// The size of that over what it may deviate.
+    taken: f64,
+    /// How far it may deviate, in mm.
+    tolerance_mm: f64,
+    /// Two short lines meet there that stand for a curve.
+    is_between_chords: bool,
     /// Jump of the tangent.
     kink: AxisVector,
     /// Jump of the curvature, in 1/mm.
@@ -93,6 +108,11 @@ impl Junction {
     fn exact(at_mm: f64) -> Self {
         Self {
             at_mm,
+            point: AxisVector::zeros(),
+            moved: AxisVector::zeros(),
+            taken: 0.0,
+            tolerance_mm: 0.0,
+            is_between_chords: false,
             kink: AxisVector::zeros(),
             bend_per_mm: AxisVector::zeros(),
             kink_weight_per_mm: 0.0,
@@ -105,6 +125,7 @@ impl Junction {
     /// Between two elements; `before` ends at `at_mm`.
     fn between(before: &Element, after: &Element, at_mm: f64, settings: &RoundingSettings) -> Self {
         let mut junction = Self::exact(at_mm);
+        junction.point = after.start();
         let stops = |element: &Element| element.is_dwell() || element.length_mm <= 0.0;
         if stops(before) || stops(after) || after.rests_before {
             return junction;
@@ -129,35 +150,50 @@ impl Junction {
                 .curvature_per_mm(before.length_mm, before.length_mm);
         // |Δt| of unit vectors is twice the sine of half the angle between them.
         let is_corner = kink.norm() > 2.0 * libm::sin(0.5 * settings.corner_angle_rad);
-        let tolerance_mm = if is_corner || chord_mm <= 0.0 {
+        junction.tolerance_mm = if is_corner || chord_mm <= 0.0 {
             corner_mm
         } else {
             chord_mm.min(corner_mm)
         };
-        let weight = |jump: &AxisVector| {
-            let [mut linear, mut rotary] = [0.0, 0.0];
-            for (component, is_rotary) in jump.iter().zip(&settings.rotary) {
-                let squares = if *is_rotary { &mut rotary } else { &mut linear };
-                *squares += component * component;
-            }
-            let rotary = rotary.sqrt() / settings.rotary_tolerance_deg;
-            (linear.sqrt() / tolerance_mm).max(rotary)
+        let is_chord = |element: &Element| {
+            matches!(element.shape, Shape::Line { .. })
+                && element.length_mm <= CHORD_OVER_TOLERANCE_MAX * junction.tolerance_mm
         };
-        if kink.norm() > NEGLIGIBLE_KINK {
-            junction.kink_weight_per_mm = weight(&kink);
-            junction.kink = kink;
-        }
-        if bend_per_mm.norm() > NEGLIGIBLE_BEND_PER_MM {
-            junction.bend_weight_per_mm2 = weight(&bend_per_mm) / correction::BEND_SHARE;
-            junction.bend_per_mm = bend_per_mm;
-        }
+        junction.is_between_chords = !is_corner && is_chord(before) && is_chord(after);
+        junction.kink = kink;
+        junction.bend_per_mm = bend_per_mm;
         junction
+    }
+
+    /// Takes the size of its jumps, or drops them.
+    fn weigh(&mut self, settings: &RoundingSettings) {
+        if self.is_exact {
+            return;
+        }
+        if self.kink.norm() > NEGLIGIBLE_KINK {
+            self.kink_weight_per_mm = size(&self.kink, self.tolerance_mm, settings);
+        }
+        if self.bend_per_mm.norm() > NEGLIGIBLE_BEND_PER_MM {
+            self.bend_weight_per_mm2 =
+                size(&self.bend_per_mm, self.tolerance_mm, settings) / correction::BEND_SHARE;
+        }
     }
 
     /// Whether something is rounded there.
     fn is_round(&self) -> bool {
         self.half_width_mm > 0.0
     }
+}
+
+/// Size of a vector over what slides and rotary axes may deviate.
+fn size(vector: &AxisVector, tolerance_mm: f64, settings: &RoundingSettings) -> f64 {
+    let [mut linear, mut rotary] = [0.0, 0.0];
+    for (component, is_rotary) in vector.iter().zip(&settings.rotary) {
+        let squares = if *is_rotary { &mut rotary } else { &mut linear };
+        *squares += component * component;
+    }
+    let rotary = rotary.sqrt() / settings.rotary_tolerance_deg;
+    (linear.sqrt() / tolerance_mm).max(rotary)
 }
 
 /// Whether a path may leave an element for a rounded one.
@@ -177,7 +213,12 @@ pub(crate) fn corrections<'a>(
     let mut junctions = vec![Junction::exact(start_mm)];
     let mut before: Option<&Element> = None;
     let mut at_mm = start_mm;
+    let (mut start, mut end) = (AxisVector::zeros(), AxisVector::zeros());
     for element in elements {
+        if before.is_none() {
+            start = element.start();
+        }
+        end = element.end();
         if let Some(before) = before {
             junctions.push(Junction::between(before, element, at_mm, settings));
         }
@@ -185,6 +226,14 @@ pub(crate) fn corrections<'a>(
         before = Some(element);
     }
     junctions.push(Junction::exact(at_mm));
+    let [first, .., last] = junctions.as_mut_slice() else {
+        return Vec::new();
+    };
+    (first.point, last.point) = (start, end);
+    evening::move_points(&mut junctions, settings);
+    for junction in &mut junctions {
+        junction.weigh(settings);
+    }
     half_widths::assign(&mut junctions);
     wanted
         .map(|element| Correction::of(&junctions, element))

@@ -3,6 +3,7 @@
 use std::ops::ControlFlow;
 
 use crate::audit::{LimitShares, SetpointAudit, SetpointFault};
+use crate::path_part::PathPart;
 use crate::window::{Lead, PlanError, PlannedSetpoint, WindowPlanner, WindowRequest};
 
 /// How a program is planned in advance.
@@ -42,7 +43,7 @@ impl ProgramWalk {
     pub fn walk(
         &self,
         planner: &mut WindowPlanner,
-        mut each: impl FnMut(&PlannedSetpoint) -> ControlFlow<()>,
+        mut each: impl FnMut(&PathPart, &PlannedSetpoint) -> ControlFlow<()>,
     ) -> Result<Totals, PlanError> {
         let mut window = Vec::with_capacity(planner.setpoints_max());
         let mut from = planner.start_state();
@@ -72,7 +73,7 @@ impl ProgramWalk {
                 setpoints += 1;
                 from = *state;
                 leads.push(setpoint.lead);
-                if each(setpoint).is_break() {
+                if each(planner.path(), setpoint).is_break() {
                     break 'windows;
                 }
             }

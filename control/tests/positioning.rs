@@ -68,7 +68,7 @@ fn setpoints(planner: &mut WindowPlanner, setpoints_per_window: u32) -> Vec<Plan
         setpoints_per_window,
     };
     let totals = walk
-        .walk(planner, |setpoint| {
+        .walk(planner, |_, setpoint| {
             setpoints.push(*setpoint);
             ControlFlow::Continue(())
         })
@@ -377,7 +377,7 @@ fn the_override_slows_a_parabola_down_in_proportion_and_may_change_within_it() {
             feed_override,
             setpoints_per_window: 8,
         };
-        let totals = walk.walk(&mut of(), |setpoint| {
+        let totals = walk.walk(&mut of(), |_, setpoint| {
             setpoints_on_move += u32::from(setpoint.state.element == 1);
             ControlFlow::Continue(())
         });

@@ -109,7 +109,7 @@ fn walk(planner: &mut WindowPlanner, setpoints_per_window: u32) -> (Totals, Vec<
         setpoints_per_window,
     };
     let totals = walk
-        .walk(planner, |setpoint| {
+        .walk(planner, |_, setpoint| {
             setpoints.push(*setpoint);
             ControlFlow::Continue(())
         })
@@ -1081,7 +1081,7 @@ fn the_time_to_the_end_is_known_without_planning_every_scan() {
         setpoints_per_window: 8,
     };
     let totals = walk
-        .walk(&mut planner, |_| ControlFlow::Continue(()))
+        .walk(&mut planner, |_, _| ControlFlow::Continue(()))
         .unwrap();
     assert!(
         (totals.time_s - 5e6 - time_s).abs() < 1.0,

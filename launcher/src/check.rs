@@ -1,13 +1,12 @@
-//! `quadrant check` and `quadrant plan`: everything that can be known before anything starts.
+//! `quadrant check`: everything that can be known before anything starts.
 
-use std::fs::File;
-use std::io::{BufWriter, Write};
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use bus::sample::MAX_AXES;
+use control::path_part::PathPart;
 use control::totals::{ProgramWalk, Totals};
 use control::window::{PlannedSetpoint, WindowPlanner};
 use machine::{Machine, machine_file};
@@ -15,9 +14,9 @@ use planner::{ProgramText, Survey};
 use plant_sim::plant_file::PlantFile;
 use program::{Note, Program, SHORT_ELEMENTS};
 
-use crate::exit::{Failure, Kind, Outcome};
+use crate::exit::{Kind, Outcome};
 use crate::logs;
-use crate::options::{CheckOptions, PlanOptions};
+use crate::options::CheckOptions;
 use crate::output::say;
 use crate::user_codes;
 
@@ -63,8 +62,22 @@ impl Depth {
 /// # Errors
 /// Whatever is wrong with them, for people.
 pub fn load(machine: &Path, program: Option<&Path>, depth: Depth) -> anyhow::Result<Checked> {
+    load_changed(machine, program, depth, |_| Ok(()))
+}
+
+/// The same of a machine that is changed before anything is made of it.
+///
+/// # Errors
+/// As [`load`]; and what `change` says.
+pub(crate) fn load_changed(
+    machine: &Path,
+    program: Option<&Path>,
+    depth: Depth,
+    change: impl FnOnce(&mut Machine) -> anyhow::Result<()>,
+) -> anyhow::Result<Checked> {
     let path = machine_file(machine);
-    let machine = Machine::load(&path)?;
+    let mut machine = Machine::load(&path)?;
+    change(&mut machine)?;
     let plant_path = path.with_file_name("plant.toml");
     let plant = PlantFile::load(&plant_path)?;
     let start = plant
@@ -142,18 +155,19 @@ impl Checked {
     /// Plans the program as the planner process would, window by window, up to so many setpoints.
     ///
     /// # Errors
-    /// As [`Checked::planner`].
+    /// The path cannot be planned within the limits.
     pub fn walk(
         &self,
+        windows: &mut WindowPlanner,
         setpoints_max: u64,
-        each: impl FnMut(&PlannedSetpoint) -> ControlFlow<()>,
+        each: impl FnMut(&PathPart, &PlannedSetpoint) -> ControlFlow<()>,
     ) -> anyhow::Result<Totals> {
         let walk = ProgramWalk {
             feed_override: 1.0,
             setpoints_per_window: self.machine.scan.interpolation_period_scans,
             setpoints_max,
         };
-        let totals = walk.walk(&mut self.planner()?, each)?;
+        let totals = walk.walk(windows, each)?;
         if let Some(fault) = &totals.fault {
             bail!("the plan breaks its own limits: {fault}; this is a defect of quadrant");
         }
@@ -181,8 +195,9 @@ pub fn check(options: &CheckOptions) -> Outcome {
     ));
     note_dead_time(&checked);
     if checked.program.is_some() {
-        let each = |_: &PlannedSetpoint| ControlFlow::Continue(());
-        let totals = checked.walk(JUDGED_SETPOINTS, each).input()?;
+        let each = |_: &PathPart, _: &PlannedSetpoint| ControlFlow::Continue(());
+        let mut windows = checked.planner().input()?;
+        let totals = checked.walk(&mut windows, JUDGED_SETPOINTS, each).input()?;
         print_totals(&checked, &totals);
     }
     if let Some(survey) = &checked.long {
@@ -209,71 +224,8 @@ fn note_dead_time(checked: &Checked) {
     }
 }
 
-/// `quadrant plan`.
-pub fn plan(options: &PlanOptions) -> Outcome {
-    logs::init_launcher();
-    let checked = load(&options.machine, Some(&options.program), Depth::Beginning).input()?;
-    let totals = match &options.csv {
-        Some(file) => write_csv(&checked, file)?,
-        None => checked
-            .walk(u64::MAX, |_| ControlFlow::Continue(()))
-            .input()?,
-    };
-    print_totals(&checked, &totals);
-    Ok(())
-}
-
-fn write_csv(checked: &Checked, file: &Path) -> Result<Totals, Failure> {
-    let named = || format!("{}: cannot be written", file.display());
-    let program = checked.program.as_ref();
-    let mut out = BufWriter::new(File::create(file).with_context(named).environment()?);
-    let axes = &checked.machine.axes;
-    let columns: Vec<String> = axes
-        .iter()
-        .map(|a| format!("{}_{}", a.name.to_lowercase(), a.kind.unit()))
-        .collect();
-    writeln!(
-        out,
-        "scan,line,element,distance_mm,path_velocity_mm_s,{}",
-        columns.join(",")
-    )
-    .with_context(named)
-    .environment()?;
-    let mut scan = 0u64;
-    let mut result = Ok(());
-    let totals = checked
-        .walk(u64::MAX, |setpoint| {
-            let state = &setpoint.state;
-            let line = program
-                .and_then(|p| p.path.line_of(state.element as usize))
-                .unwrap_or(0);
-            result = write!(
-                out,
-                "{scan},{line},{},{:.9},{:.6}",
-                state.element, state.distance_mm, state.speed_mm_s
-            )
-            .and_then(|()| {
-                for (axis, position) in axes.iter().zip(setpoint.position_increments) {
-                    write!(out, ",{:.6}", position as f64 * axis.increment_mm())?;
-                }
-                writeln!(out)
-            });
-            scan += 1;
-            if result.is_ok() {
-                ControlFlow::Continue(())
-            } else {
-                ControlFlow::Break(())
-            }
-        })
-        .input()?;
-    result
-        .and_then(|()| out.flush())
-        .with_context(named)
-        .environment()?;
-    Ok(totals)
-}
-
-fn print_totals(checked: &Checked, totals: &Totals) {
+/// Says what a planned program comes to.
+pub(crate) fn print_totals(checked: &Checked, totals: &Totals) {
     let Some(program) = &checked.program else {
         return;
     };

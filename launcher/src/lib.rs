@@ -13,6 +13,7 @@ pub mod metrics_socket;
 pub mod operator;
 pub mod options;
 pub mod output;
+pub mod plan;
 pub mod progress;
 pub mod report;
 pub mod run;

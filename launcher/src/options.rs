@@ -193,6 +193,9 @@ pub struct CheckOptions {
 
 /// What `quadrant plan` takes.
 #[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Where the time goes, and what would help:\n  quadrant plan machines/xy part.ngc --svg part.svg --blocks part.csv\n  quadrant plan machines/xy part.ngc --what-if tolerance=0.02\n  quadrant plan machines/xy part.ngc --what-if jerk=100000,acceleration.Y=3000\n\nKeys of --what-if: velocity, acceleration and jerk of all axes, or of one (jerk.X), in mm/s, mm/s² and mm/s³\n(degrees for rotary axes; jerk=none: not limited), tolerance in mm (P of G64, wherever the program is not exact),\nvibration in Hz (or none). No file is changed."
+)]
 pub struct PlanOptions {
     /// Folder with machine.toml and plant.toml, or the path of a machine.toml
     pub machine: PathBuf,
@@ -201,6 +204,15 @@ pub struct PlanOptions {
     /// Write the setpoints of every scan as CSV
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
+    /// Write each block's length, time and what holds the tool back on it as CSV
+    #[arg(long, value_name = "FILE")]
+    pub blocks: Option<PathBuf>,
+    /// Draw the path, coloured by speed, as SVG
+    #[arg(long, value_name = "FILE")]
+    pub svg: Option<PathBuf>,
+    /// Plan again with other limits, and compare
+    #[arg(long, value_name = "KEY=VALUE", value_delimiter = ',')]
+    pub what_if: Vec<String>,
 }
 
 /// What `quadrant report` takes.

@@ -15,6 +15,7 @@ pub mod log;
 mod logbook;
 pub mod measure;
 mod options;
+pub mod path_plot;
 pub mod plot;
 pub mod report;
 mod run;

@@ -168,12 +168,19 @@ pub(crate) fn window_planner_ahead(
     )?)
 }
 
+/// Most setpoints of a window: those of a second, but 1024 at least. A tool that cannot brake in a second is not looked so far ahead for.
+pub(crate) fn window_setpoints(machine: &Machine) -> u32 {
+    (WINDOW_US / machine.scan.period_us.max(1)).clamp(1024, MAX_WINDOW_SETPOINTS as u32)
+}
+
+/// The longest window, where it has more than 1024 setpoints, in µs.
+const WINDOW_US: u32 = 1_024_000;
+
 fn window_settings(machine: &Machine) -> WindowSettings {
     let intended_setpoints_max = machine.intended_setpoints();
     WindowSettings {
         intended_setpoints_max,
-        braking_setpoints_max: (MAX_WINDOW_SETPOINTS as u32)
-            .saturating_sub(intended_setpoints_max + 1),
+        braking_setpoints_max: window_setpoints(machine).saturating_sub(intended_setpoints_max + 1),
         override_max: OVERRIDE_MAX,
     }
 }

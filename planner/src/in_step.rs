@@ -22,6 +22,8 @@ use control::window::{PlanError, PlannedSetpoint, WindowOutcome, WindowPlanner, 
 use machine::{Axis, Machine, SPINDLE_RAMP_SHARE};
 use program::{Event, EventKind};
 
+use crate::course::window_setpoints;
+
 /// Setpoints of a window that neither move as intended nor brake: the last two are the same, one is for rounding.
 const REST_SETPOINTS: u32 = 4;
 
@@ -56,7 +58,7 @@ impl Pass {
             settings.speed_mm_s = settings.speed_mm_s.min(fastest);
         }
         let used = machine.intended_setpoints() + REST_SETPOINTS;
-        let braking = (MAX_WINDOW_SETPOINTS as u32).saturating_sub(used);
+        let braking = window_setpoints(machine).saturating_sub(used);
         let braking_s = f64::from(braking) * settings.scan_period_s;
         let stops = settings.acceleration_mm_s2 * braking_s;
         settings.speed_mm_s = settings.speed_mm_s.min(stops);

@@ -335,8 +335,8 @@ impl Servo {
         state.model.leave(scan.axis);
         Wanted {
             velocity_mm_s: output.velocity_mm_s,
-            torque_nm: state.model.torque_nm(),
-            feed_forward_mm_s: 0.0,
+            torque_nm: state.model.torque_nm() + output.torque_nm,
+            feed_forward_mm_s: output.feed_forward_mm_s,
             following_error_mm: output.error as f64 * settings.increment_mm,
             jog_done: output.done,
         }

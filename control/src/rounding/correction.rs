@@ -174,7 +174,11 @@ impl Correction {
             of.is_round() && of.at_mm - of.half_width_mm < to && of.at_mm + of.half_width_mm > from
         };
         let parts = || near.iter().zip(first..).filter(|(of, _)| reaches(of));
-        parts().next()?;
+        let length_mm = to - from;
+        let moves = start.moved != end.moved || start.moved != AxisVector::zeros();
+        if !moves && parts().next().is_none() {
+            return None;
+        }
         let mut knots: Vec<Knot> = Vec::new();
         let mut parts_here = 0i32;
         let mut derivatives = [AxisVector::zeros(); 4];
@@ -217,7 +221,15 @@ impl Correction {
                 parts_here += i32::from(place.is_some());
             }
         }
-        let pieces = pieces(from, derivatives, parts_here, knots);
+        let mut pieces = pieces(from, derivatives, parts_here, knots);
+        if moves {
+            let slope = (end.moved - start.moved) / length_mm;
+            for piece in &mut pieces {
+                let [value, first, ..] = &mut piece.derivatives;
+                *value += start.moved + slope * piece.from_mm;
+                *first += slope;
+            }
+        }
         Some(Self { pieces })
     }
 

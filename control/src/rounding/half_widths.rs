@@ -36,7 +36,8 @@ pub(super) fn assign(junctions: &mut [Junction]) {
     for round in 0..=ROUNDS {
         let mut highest = 0.0f64;
         for (index, excess) in excesses.iter_mut().enumerate() {
-            *excess = deviation(&corrections, index);
+            let left = 1.0 - taken(junctions, index);
+            *excess = deviation(&corrections, index) / left;
             highest = highest.max(*excess);
         }
         if highest <= 1.0 + NEGLIGIBLE_EXCESS {
@@ -57,6 +58,13 @@ pub(super) fn assign(junctions: &mut [Junction]) {
     for (junction, width) in junctions.iter_mut().zip(corrections) {
         junction.half_width_mm = width.half_mm;
     }
+}
+
+/// What its moved ends take of what the lines at a junction may deviate.
+fn taken(junctions: &[Junction], index: usize) -> f64 {
+    let near = junctions.get(index.saturating_sub(1)..(index + 2).min(junctions.len()));
+    let taken = near.unwrap_or_default().iter().map(|of| of.taken);
+    taken.fold(0.0, f64::max)
 }
 
 /// The correction at a junction, as its width changes.
@@ -154,6 +162,8 @@ fn worst(excesses: &[f64], width: &Width, places_mm: &[f64], index: usize) -> f6
     if width.half_mm <= 0.0 {
         return 1.0;
     }
+    // What the end of a correction just touches does not depend on rounding.
+    let reach_mm = width.half_mm * (1.0 - NEGLIGIBLE_EXCESS);
     let near = around(index, places_mm.len());
     let (places, excesses) = (places_mm.get(near.clone()), excesses.get(near));
     let both = places
@@ -162,7 +172,7 @@ fn worst(excesses: &[f64], width: &Width, places_mm: &[f64], index: usize) -> f6
         .zip(excesses.unwrap_or_default());
     let mut worst = 1.0f64;
     for (place_mm, excess) in both {
-        if (place_mm - width.at_mm).abs() < width.half_mm {
+        if (place_mm - width.at_mm).abs() < reach_mm {
             worst = worst.max(*excess);
         }
     }

@@ -169,6 +169,47 @@ fn chords_of_a_circle_become_a_curve_of_nearly_its_curvature() {
     assert!((0.009..=0.01).contains(&furthest_mm), "{furthest_mm}");
 }
 
+/// Points of a circle of 5 mm, so far from it at random.
+fn circle(chord_mm: f64, noise_mm: f64) -> Vec<AxisVector> {
+    let mut noise = 0.5f64;
+    let mut off = || {
+        noise = (noise * 9301.0 + 0.49297).fract();
+        2.0 * noise_mm * (noise - 0.5)
+    };
+    let angles = (0..300).map(|index| f64::from(index) * chord_mm / 5.0);
+    angles
+        .map(|angle| at(5.0 * angle.cos() + off(), 5.0 * angle.sin() + off()))
+        .collect()
+}
+
+#[test]
+fn chords_whose_points_are_off_at_random_become_a_curve_that_hardly_sways() {
+    for (chord_mm, noise_mm, sways) in [(0.05, 0.0, 0.05), (0.05, 1e-3, 0.1), (0.2, 1e-3, 0.25)] {
+        let elements = rounded(polyline(&circle(chord_mm, noise_mm), 0.01));
+        for element in &elements[60..240] {
+            for mm in places_mm(element) {
+                let curvature = 5.0 * element.curvature_per_mm(mm).norm();
+                assert!((curvature - 1.0).abs() < sways, "{chord_mm}: {curvature}");
+            }
+        }
+        assert!(furthest_mm(&elements) <= 0.01);
+    }
+}
+
+#[test]
+fn lines_between_chords_and_ends_of_arcs_stay_where_they_are() {
+    let mut points = circle(0.05, 1e-3);
+    let end = points[299];
+    points.push(end + at(8.0, 0.0));
+    points.push(end + at(8.0, 0.05));
+    points.push(end + at(8.0, 0.1));
+    let elements = rounded(polyline(&points, 0.01));
+    let line = &elements[299];
+    for mm in [1.0, 4.0, 7.0] {
+        assert_eq!(line.point(mm), line.programmed_point(mm));
+    }
+}
+
 #[test]
 fn rotary_axes_keep_a_tolerance_of_their_own() {
     let mut settings = SETTINGS;
@@ -198,6 +239,20 @@ fn turns() -> impl Strategy<Value = Vec<(f64, f64)>> {
     })
 }
 
+/// Chords of a curve with noise.
+fn chords() -> impl Strategy<Value = Vec<(f64, f64)>> {
+    let chords = (-1.8..-0.8f64, -0.05..0.05f64, 0.0..0.05f64, 8..60usize);
+    let noise = prop::collection::vec(-1.0..1.0f64, 60);
+    prop::collection::vec((chords, noise), 1..4).prop_map(|curves| {
+        let curve =
+            |((exponent, turn_rad, noise_rad, count), noise): ((_, _, f64, _), Vec<f64>)| {
+                let turns = noise.into_iter().take(count);
+                turns.map(move |noise| (10f64.powf(exponent), turn_rad + noise * noise_rad))
+            };
+        curves.into_iter().flat_map(curve).collect()
+    })
+}
+
 fn points(turns: &[(f64, f64)]) -> Vec<AxisVector> {
     let (mut point, mut angle) = (AxisVector::zeros(), 0.0f64);
     let mut points = vec![point];
@@ -211,7 +266,7 @@ fn points(turns: &[(f64, f64)]) -> Vec<AxisVector> {
 
 proptest! {
     #[test]
-    fn the_path_stays_within_its_tolerance_and_is_smooth(turns in turns(), tolerance_mm in 1e-3..0.1f64) {
+    fn the_path_stays_within_its_tolerance_and_is_smooth(turns in prop_oneof![turns(), chords()], tolerance_mm in 1e-3..0.1f64) {
         let elements = rounded(polyline(&points(&turns), tolerance_mm));
         prop_assert!(furthest_mm(&elements) <= tolerance_mm * (1.0 + 1e-9));
         prop_assert!(worst_jump(&elements) < 1e-6);
@@ -221,7 +276,7 @@ proptest! {
     }
 
     #[test]
-    fn a_path_and_its_reverse_are_rounded_alike(turns in turns()) {
+    fn a_path_and_its_reverse_are_rounded_alike(turns in prop_oneof![turns(), chords()]) {
         let points = points(&turns);
         let forth = rounded(polyline(&points, 0.02));
         let mut backward = points;

@@ -195,7 +195,7 @@ impl Rig {
         feedback.cause_axis = u32::MAX;
         feedback.axis_count = 2;
         if !self.window.is_none() {
-            let setpoint = self.scan - self.in_force.first_scan;
+            let setpoint = self.scan.saturating_sub(self.in_force.first_scan);
             feedback.setpoint = (setpoint as u32).min(self.in_force.setpoint_count - 1);
         }
         for (axis, out) in feedback.axes.iter_mut().take(2).enumerate() {

@@ -1,0 +1,169 @@
+//! `quadrant plan`: how long a program takes, where its time goes, and its setpoints.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use anyhow::Context;
+use control::path_part::PathPart;
+use control::time_use::{TimeTable, TimeUse};
+use control::totals::Totals;
+use control::window::PlannedSetpoint;
+
+use crate::check::{self, Checked, Depth, print_totals};
+use crate::exit::{Failure, Kind, Outcome};
+use crate::logs;
+use crate::options::PlanOptions;
+use crate::output::say;
+
+use picture::Picture;
+use what_if::WhatIf;
+
+mod picture;
+mod table;
+mod what_if;
+
+/// `quadrant plan`.
+pub fn plan(options: &PlanOptions) -> Outcome {
+    logs::init_launcher();
+    let what_if = WhatIf::of(&options.what_if).input()?;
+    let checked =
+        check::load(&options.machine, Some(&options.program), Depth::Beginning).input()?;
+    let (totals, table) = plan_as_is(&checked, options)?;
+    print_totals(&checked, &totals);
+    table::print(&checked, &table);
+    if options.what_if.is_empty() {
+        return Ok(());
+    }
+    let mut changed = check::load_changed(
+        &options.machine,
+        Some(&options.program),
+        Depth::Beginning,
+        |machine| what_if.apply(machine),
+    )
+    .input()?;
+    if let Some(program) = &mut changed.program {
+        what_if.apply_to_path(program);
+    }
+    let (of_changed, table) = time(&changed, |_, _| Ok(())).input()?;
+    say(&format!(
+        "what if {}: {:.3} s instead of {:.3} s, {:+.1} %",
+        options.what_if.join(", "),
+        of_changed.time_s,
+        totals.time_s,
+        (of_changed.time_s / totals.time_s - 1.0) * 100.0
+    ));
+    print_totals(&changed, &of_changed);
+    table::print(&changed, &table);
+    Ok(())
+}
+
+/// Plans with the machine's own limits, and writes the files that are asked for.
+fn plan_as_is(checked: &Checked, options: &PlanOptions) -> Result<(Totals, TimeTable), Failure> {
+    let mut csv = match &options.csv {
+        Some(file) => Some(SetpointFile::create(checked, file)?),
+        None => None,
+    };
+    let mut picture = options.svg.as_ref().map(|_| Picture::of(checked));
+    let (totals, table) = time(checked, |path, setpoint| {
+        if let Some(picture) = &mut picture {
+            picture.setpoint(setpoint);
+        }
+        match &mut csv {
+            Some(csv) => csv.setpoint(path, setpoint),
+            None => Ok(()),
+        }
+    })
+    .input()?;
+    if let Some(csv) = csv {
+        csv.finish()?;
+    }
+    if let Some(file) = &options.blocks {
+        let named = || format!("{}: cannot be written", file.display());
+        table::write_blocks(checked, &table, file)
+            .with_context(named)
+            .environment()?;
+    }
+    if let (Some(file), Some(picture)) = (&options.svg, picture) {
+        picture.draw(checked, &totals, file).environment()?;
+    }
+    Ok((totals, table))
+}
+
+/// Plans a program, and finds where its time goes.
+fn time(
+    checked: &Checked,
+    mut each: impl FnMut(&PathPart, &PlannedSetpoint) -> anyhow::Result<()>,
+) -> anyhow::Result<(Totals, TimeTable)> {
+    let mut windows = checked.planner()?;
+    let mut time_use = TimeUse::new(windows.limits().clone());
+    let mut result = Ok(());
+    let totals = checked.walk(&mut windows, u64::MAX, |path, setpoint| {
+        time_use.setpoint(path, setpoint);
+        result = each(path, setpoint);
+        match result {
+            Ok(()) => ControlFlow::Continue(()),
+            Err(_) => ControlFlow::Break(()),
+        }
+    })?;
+    result?;
+    Ok((totals, time_use.finish(windows.path())))
+}
+
+/// The setpoints of every scan, as CSV.
+struct SetpointFile<'a> {
+    checked: &'a Checked,
+    file: &'a Path,
+    out: BufWriter<File>,
+    scan: u64,
+}
+
+impl<'a> SetpointFile<'a> {
+    fn create(checked: &'a Checked, file: &'a Path) -> Result<Self, Failure> {
+        let named = || format!("{}: cannot be written", file.display());
+        let mut out = BufWriter::new(File::create(file).with_context(named).environment()?);
+        let axes = checked.machine.axes.iter();
+        let columns: Vec<String> = axes
+            .map(|a| format!("{}_{}", a.name.to_lowercase(), a.kind.unit()))
+            .collect();
+        let columns = columns.join(",");
+        writeln!(
+            out,
+            "scan,line,element,distance_mm,path_velocity_mm_s,{columns}"
+        )
+        .with_context(named)
+        .environment()?;
+        Ok(Self {
+            checked,
+            file,
+            out,
+            scan: 0,
+        })
+    }
+
+    fn setpoint(&mut self, path: &PathPart, setpoint: &PlannedSetpoint) -> anyhow::Result<()> {
+        let state = &setpoint.state;
+        let line = path.get(state.element).map_or(0, |element| element.line);
+        let mut row = || -> std::io::Result<()> {
+            write!(
+                self.out,
+                "{},{line},{},{:.9},{:.6}",
+                self.scan, state.element, state.distance_mm, state.speed_mm_s
+            )?;
+            let axes = &self.checked.machine.axes;
+            for (axis, position) in axes.iter().zip(setpoint.position_increments) {
+                write!(self.out, ",{:.6}", position as f64 * axis.increment_mm())?;
+            }
+            writeln!(self.out)
+        };
+        row().with_context(|| format!("{}: cannot be written", self.file.display()))?;
+        self.scan += 1;
+        Ok(())
+    }
+
+    fn finish(mut self) -> Result<(), Failure> {
+        let named = || format!("{}: cannot be written", self.file.display());
+        self.out.flush().with_context(named).environment()
+    }
+}
