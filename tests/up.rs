@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Output;
+use std::process::{Output, Stdio};
 use std::time::Duration;
 
 use bus::cell::CellPaths;
@@ -246,6 +246,29 @@ fn the_one_program_of_a_run_is_not_replaced_and_down_ends_it_on_the_path() {
     let report = run.report();
     assert_eq!(text(&report, "/outcome/kind"), "interrupted");
     assert!(number(&report, "/contour_error_um/peak") < 25.0);
+}
+
+#[test]
+fn a_cell_that_several_people_end_at_once_ends_in_order() {
+    // Each comes at another moment of the end.
+    for after_ms in [0, 5, 10, 20, 30, 45, 60] {
+        let bench = Bench::patient("xy", &[]);
+        let mut cell = LiveCell::up(bench.path(), "lockstep");
+        cell.wait_for(|_| true);
+        let down = || {
+            let mut command = quadrant();
+            command.args(["down", "--cell", &cell.cell]);
+            command.stdout(Stdio::null()).stderr(Stdio::null());
+            command.spawn().expect("down")
+        };
+        let mut first = down();
+        std::thread::sleep(Duration::from_millis(after_ms));
+        let mut second = down();
+        assert!(first.wait().expect("down").success());
+        // Whoever comes when it is gone is told so.
+        second.wait().expect("down");
+        assert_eq!(cell.finish().status(), 0, "after {after_ms} ms");
+    }
 }
 
 #[test]

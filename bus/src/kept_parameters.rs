@@ -5,8 +5,12 @@ use std::fs::{self, OpenOptions};
 use std::io::{self, ErrorKind, Write};
 use std::os::unix::ffi::OsStringExt;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use crate::cell::{CellPaths, if_there};
+
+/// How often this process has asked for what a run begins with.
+static ASKED: AtomicU32 = AtomicU32::new(0);
 
 /// Says which file holds them: for the launcher, before anybody else is there.
 ///
@@ -50,9 +54,10 @@ pub fn parameters_of_run(paths: &CellPaths, load: u32, run: u32) -> io::Result<O
     let Some(text) = parameters_now(paths)? else {
         return Ok(None);
     };
-    // A link is made whole, and by one alone.
+    // A link is made whole, and by one alone: of a file that no other thread or process has.
+    let asked = ASKED.fetch_add(1, Ordering::Relaxed);
     let mut mine = of_run.clone().into_os_string();
-    mine.push(format!(".{}", std::process::id()));
+    mine.push(format!(".{}.{asked}", std::process::id()));
     let mut options = OpenOptions::new();
     let mut file = options
         .write(true)
@@ -83,15 +88,19 @@ mod tests {
         name_parameter_file(&paths, &file).expect("written");
         assert_eq!(of_run(1).as_deref(), Some(""), "not there yet");
         fs::write(&file, "100 1\n").expect("written");
-        let both = std::thread::scope(|scope| {
-            let asked = [(); 8]
-                .map(|()| scope.spawn(|| parameters_of_run(&paths, 1, 2).expect("readable")));
-            asked.map(|one| one.join().expect("an answer"))
-        });
-        assert!(
-            both.iter().all(|text| text.as_deref() == Some("100 1\n")),
-            "{both:?}"
-        );
+        for _ in 0..50 {
+            let all = std::thread::scope(|scope| {
+                let asked = [(); 8]
+                    .map(|()| scope.spawn(|| parameters_of_run(&paths, 1, 2).expect("readable")));
+                asked.map(|one| one.join().expect("an answer"))
+            });
+            assert!(
+                all.iter().all(|text| text.as_deref() == Some("100 1\n")),
+                "{all:?}"
+            );
+            fs::remove_file(paths.parameters(1, 2)).expect("removed");
+        }
+        assert_eq!(of_run(2).as_deref(), Some("100 1\n"));
         fs::write(&file, "100 2\n").expect("written");
         assert_eq!(of_run(1).as_deref(), Some(""));
         assert_eq!(of_run(2).as_deref(), Some("100 1\n"));

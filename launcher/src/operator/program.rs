@@ -3,6 +3,7 @@
 use std::ffi::OsString;
 use std::fs::{self, DirBuilder};
 use std::io::ErrorKind;
+use std::os::fd::OwnedFd;
 use std::os::unix::ffi::OsStringExt;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
@@ -32,6 +33,10 @@ const CHECK_LIMIT: Duration = Duration::from_secs(10);
 const READ_LIMIT: Duration = Duration::from_secs(60);
 /// So long a cell may take to come to rest, make its last report and leave.
 const DOWN_LIMIT: Duration = Duration::from_secs(240);
+/// So long a cell that takes no order may take to say that it ends.
+const ENDS_BY_ITSELF: Duration = Duration::from_millis(500);
+/// Time between two looks whether it does.
+const ENDS_LOOK: Duration = Duration::from_millis(5);
 const LOOK: Duration = Duration::from_millis(5);
 
 /// `load`.
@@ -263,6 +268,25 @@ fn folder_of(client: &Client, run: u32) -> Option<PathBuf> {
     Some(monitor::run_folder(&runs, run, &program))
 }
 
+/// Whether a cell that takes no order ends all the same: somebody else's came first.
+fn ends_by_itself(client: &Client, launcher: &OwnedFd) -> bool {
+    let asked = Instant::now();
+    while !client.cell.is_gone() {
+        if asked.elapsed() > ENDS_BY_ITSELF {
+            return false;
+        }
+        let mut ended = [PollFd::new(launcher, PollFlags::IN)];
+        let look = Timespec {
+            tv_sec: 0,
+            tv_nsec: ENDS_LOOK.subsec_nanos().into(),
+        };
+        if poll(&mut ended, Some(&look)).is_ok_and(|count| count > 0) {
+            break;
+        }
+    }
+    true
+}
+
 /// `down`.
 pub fn down(options: &OperatorOptions) -> Outcome {
     let client = Client::find(options.cell.as_deref(), "operator")?;
@@ -274,7 +298,7 @@ pub fn down(options: &OperatorOptions) -> Outcome {
         ..OperatorRequest::default()
     };
     if let Err(failure) = client.ask(Order::Down, request)
-        && !client.cell.is_gone()
+        && !ends_by_itself(&client, &launcher)
     {
         // Nobody there to answer: its launcher ends what is left of it.
         pidfd_send_signal(&launcher, Signal::TERM).map_err(|_| failure)?;
