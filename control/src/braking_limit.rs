@@ -20,6 +20,9 @@ const MARGIN: f64 = 0.04;
 const NEAREST_MM: f64 = 0.001;
 /// The way of the braking time at full speed, in spacings of the places of rest.
 const SPACINGS: f64 = 256.0;
+/// Where braking from the highest speed takes more than this share of the braking time, places of rest are as dense as that speed asks for: a slow
+/// place on which little is left may be short, and still take long to rest on.
+const DENSE_SHARE: f64 = 0.02;
 
 /// What is left at least on some segments, by the speed.
 #[derive(Debug, Clone)]
@@ -117,9 +120,24 @@ struct Stretch {
     highest_cap_mm_s: f64,
     /// The motion rests at its beginning.
     rests_before: bool,
+    /// Between places of rest on it.
+    spacing_mm: f64,
 }
 
-fn stretches(segments: &[Segment], override_max: f64, spacing_mm: f64) -> Vec<Stretch> {
+/// How far places of rest on a segment are apart.
+fn spacing_mm(segment: &Segment, cap_mm_s: f64, fastest_mm_s: f64, braking_time_s: f64) -> f64 {
+    let left_mm_s2 = segment.acceleration.at_mm_s2(cap_mm_s * cap_mm_s);
+    let is_dense = cap_mm_s > DENSE_SHARE * braking_time_s * left_mm_s2;
+    let speed_mm_s = if is_dense { cap_mm_s } else { fastest_mm_s };
+    speed_mm_s * braking_time_s / SPACINGS
+}
+
+fn stretches(
+    segments: &[Segment],
+    override_max: f64,
+    fastest_mm_s: f64,
+    braking_time_s: f64,
+) -> Vec<Stretch> {
     let mut stretches: Vec<Stretch> = Vec::new();
     let mut before: Option<&Segment> = None;
     for (index, segment) in segments.iter().enumerate() {
@@ -130,9 +148,13 @@ fn stretches(segments: &[Segment], override_max: f64, spacing_mm: f64) -> Vec<St
         }
         let length_mm = segment.to_mm - segment.from_mm;
         let cap_mm_s = segment.cap_mm_s(override_max);
-        let last = stretches.last_mut();
-        match last.filter(|last| !rests && last.length_mm + length_mm <= spacing_mm) {
+        let spacing_mm = spacing_mm(segment, cap_mm_s, fastest_mm_s, braking_time_s);
+        let joins = |last: &&mut Stretch| {
+            !rests && last.length_mm + length_mm <= last.spacing_mm.min(spacing_mm)
+        };
+        match stretches.last_mut().filter(joins) {
             Some(last) => {
+                last.spacing_mm = last.spacing_mm.min(spacing_mm);
                 last.segments.end = index + 1;
                 last.length_mm += length_mm;
                 last.acceleration = last.acceleration.least_of(&segment.acceleration);
@@ -147,6 +169,7 @@ fn stretches(segments: &[Segment], override_max: f64, spacing_mm: f64) -> Vec<St
                 lowest_cap_mm_s: cap_mm_s,
                 highest_cap_mm_s: cap_mm_s,
                 rests_before: rests,
+                spacing_mm,
             }),
         }
     }
@@ -158,19 +181,22 @@ fn stretches(segments: &[Segment], override_max: f64, spacing_mm: f64) -> Vec<St
 struct Begin {
     stretch: usize,
     speed_mm_s: Option<f64>,
+    /// A cap was met.
+    is_over: bool,
 }
 
 /// Follows backward the motion that comes to rest on a stretch, so many mm from its beginning.
 fn begin_of(stretches: &[Stretch], rest: (usize, f64), braking_time_s: f64) -> Begin {
     let (mut index, mut length_mm) = rest;
     let (mut squared, mut left_s) = (0.0f64, braking_time_s);
-    let nowhere = |stretch| Begin {
+    let nowhere = |stretch, is_over| Begin {
         stretch,
         speed_mm_s: None,
+        is_over,
     };
     loop {
         let Some(stretch) = stretches.get(index) else {
-            return nowhere(index);
+            return nowhere(index, false);
         };
         let begin = stretch.acceleration.reached_mm2_s2(squared, length_mm);
         let (end_mm_s, begin_mm_s) = (squared.sqrt(), begin.sqrt());
@@ -180,6 +206,7 @@ fn begin_of(stretches: &[Stretch], rest: (usize, f64), braking_time_s: f64) -> B
             return Begin {
                 stretch: index,
                 speed_mm_s: Some(speed_mm_s).filter(|of| *of <= stretch.highest_cap_mm_s),
+                is_over: false,
             };
         }
         // It is this fast where it begins, and nowhere on it slower than at its end.
@@ -188,7 +215,7 @@ fn begin_of(stretches: &[Stretch], rest: (usize, f64), braking_time_s: f64) -> B
             .checked_sub(1)
             .filter(|_| !is_over && !stretch.rests_before)
         else {
-            return nowhere(index);
+            return nowhere(index, is_over);
         };
         (squared, left_s, index) = (begin, left_s - time_s, before);
         length_mm = stretches.get(before).map_or(0.0, |of| of.length_mm);
@@ -197,12 +224,12 @@ fn begin_of(stretches: &[Stretch], rest: (usize, f64), braking_time_s: f64) -> B
 
 /// The places of rest on a stretch that are looked at, in mm from its beginning, in order: the end of a short one; on a long one twice as far each,
 /// but no farther than the spacing.
-fn rests(stretch: &Stretch, spacing_mm: f64) -> impl Iterator<Item = f64> + use<> {
-    let length_mm = stretch.length_mm;
+fn rests(stretch: &Stretch) -> impl Iterator<Item = f64> + use<> {
+    let (length_mm, spacing_mm) = (stretch.length_mm, stretch.spacing_mm);
     let nearest_mm = if length_mm <= spacing_mm {
         length_mm
     } else {
-        NEAREST_MM
+        NEAREST_MM.min(spacing_mm)
     };
     let first_mm = (length_mm > 0.0).then_some(nearest_mm.min(length_mm));
     std::iter::successors(first_mm, move |at_mm| {
@@ -212,20 +239,16 @@ fn rests(stretch: &Stretch, spacing_mm: f64) -> impl Iterator<Item = f64> + use<
 }
 
 /// The highest speed of each of the first `own` segments from which braking takes no longer, where that is known; infinite elsewhere.
-fn limits_mm_s(
-    stretches: &[Stretch],
-    own: Range<usize>,
-    spacing_mm: f64,
-    braking_time_s: f64,
-) -> Vec<f64> {
+fn limits_mm_s(stretches: &[Stretch], own: Range<usize>, braking_time_s: f64) -> Vec<f64> {
     let mut limits_mm_s = vec![f64::INFINITY; own.end];
     let first = stretches.partition_point(|of| of.segments.end <= own.start);
     let mut last = Begin {
         stretch: first,
         speed_mm_s: None,
+        is_over: false,
     };
     for (index, stretch) in stretches.iter().enumerate().skip(first) {
-        for length_mm in rests(stretch, spacing_mm) {
+        for length_mm in rests(stretch) {
             let begin = begin_of(stretches, (index, length_mm), braking_time_s);
             let of_both = [last, begin].into_iter().filter_map(|of| of.speed_mm_s);
             let limit_mm_s = of_both.fold(f64::INFINITY, f64::min);
@@ -246,7 +269,7 @@ fn limits_mm_s(
             }
             last = begin;
             // From here on it is the same to the end of the stretch.
-            if begin.stretch == index && begin.speed_mm_s.is_some() {
+            if begin.stretch == index && (begin.speed_mm_s.is_some() || begin.is_over) {
                 break;
             }
         }
@@ -291,9 +314,8 @@ pub(crate) fn limit_by_braking(
     );
     let first = safe.iter().position(Option::is_some)? * GROUP;
     let shorter_s = braking_time_s * (1.0 - MARGIN);
-    let spacing_mm = fastest_mm_s * braking_time_s / SPACINGS;
-    let stretches = stretches(segments, override_max, spacing_mm);
-    let limits_mm_s = limits_mm_s(&stretches, first..own, spacing_mm, shorter_s);
+    let stretches = stretches(segments, override_max, fastest_mm_s, braking_time_s);
+    let limits_mm_s = limits_mm_s(&stretches, first..own, shorter_s);
     let mut lowest_mm_s: Option<f64> = None;
     for (index, (segment, limit_mm_s)) in segments.iter_mut().zip(limits_mm_s).enumerate() {
         let Some(safe_mm_s) = safe.get(index / GROUP).copied().flatten() else {

@@ -533,9 +533,9 @@ impl<'a> Course<'a> {
         } else {
             1.0 - JUNCTION_JERK_SHARE
         };
-        Acceleration::below_any(fastest_mm_s, |speed_mm_s| {
-            let sharing = stretch.sharing;
-            sharing.acceleration_by_jerk_mm_s2(self.limits, share, speed_mm_s)
+        let by_jerk = stretch.sharing.by_jerk(self.limits, share);
+        Acceleration::falling(fastest_mm_s, |speed_mm_s| {
+            by_jerk.of_lead_mm_s2(speed_mm_s, fastest_mm_s)
         })
     }
 

@@ -297,7 +297,9 @@ impl Element {
     pub fn point(&self, distance_mm: f64) -> AxisVector {
         let programmed = self.programmed_point(distance_mm);
         match &self.rounding {
-            Some(correction) => programmed + self.added(correction, distance_mm)[0],
+            Some(correction) => {
+                programmed + correction.value_at(distance_mm.clamp(0.0, self.length_mm))
+            }
             None => programmed,
         }
     }

@@ -54,29 +54,32 @@ pub enum MapError {
 
 /// What the axes have left along the path, by the speed: what a curve takes across the path, it takes with the square of the speed.
 ///
-/// The lower of two straight lines over the square of the speed `x`, `a(x) = a₀ − β·x`, and never above what the axes bear.
+/// The lower of two straight lines over the square of the speed `x`, `a(x) = a₀ − β·x`, but no less than what is left at every speed; never above
+/// what the axes bear.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Acceleration {
     lines: [(f64, f64); 2],
+    least: f64,
 }
 
 /// Of the highest square of the speed: where the two lines meet. Over an arc at its highest share (`course`), both are then near its ellipse.
 const LINES_MEET: f64 = 0.75;
 
-/// Places at which a function of any form is looked at, and what it may lie lower between them.
-const LOOKS: u32 = 16;
-const LOOKS_MARGIN: f64 = 0.9;
+/// Steps of speed in which a function that falls in any form is looked at.
+const LOOKS: u32 = 10;
 
 impl Acceleration {
     /// Not limited.
     pub const NONE: Self = Self {
         lines: [(f64::INFINITY, 0.0); 2],
+        least: f64::INFINITY,
     };
 
     /// The same at every speed, in mm/s².
     pub fn constant(acceleration_mm_s2: f64) -> Self {
         Self {
             lines: [(acceleration_mm_s2, 0.0); 2],
+            least: acceleration_mm_s2,
         }
     }
 
@@ -93,34 +96,48 @@ impl Acceleration {
         let second = ((at_meet - at_highest) / (highest - meet)).max(first);
         Self {
             lines: [(at_rest, first), (at_highest + second * highest, second)],
+            least: 0.0,
         }
     }
 
-    /// The same where `at_speed` falls like any function of the speed: below the line from its value at the highest speed that nowhere lies above
-    /// it.
-    pub fn below_any(highest_mm_s: f64, at_speed: impl Fn(f64) -> f64) -> Self {
+    /// The same where `at_speed` falls in any form: what is left at the highest speed, and more where a line over the square of the speed is below
+    /// all that is left.
+    pub fn falling(highest_mm_s: f64, at_speed: impl Fn(f64) -> f64) -> Self {
         let at_highest = at_speed(highest_mm_s);
         let highest = highest_mm_s * highest_mm_s;
         if !at_highest.is_finite() || highest <= 0.0 {
             return Self::constant(at_highest);
         }
-        let falls = (0..LOOKS).map(|look| {
-            let squared = highest * f64::from(look) / f64::from(LOOKS);
-            (at_speed(squared.sqrt()) - at_highest) / (highest - squared)
-        });
-        // Between two looks it may lie lower than at both.
-        let fall = LOOKS_MARGIN * falls.fold(f64::INFINITY, f64::min).max(0.0);
+        let speed_mm_s = |look: u32| highest_mm_s * f64::from(look) / f64::from(LOOKS);
+        // As it falls, it is nowhere between two looks lower than at the second.
+        let at_rest = at_speed(speed_mm_s(1));
+        let mut fall = 0.0f64;
+        for look in 2..=LOOKS {
+            let before_mm_s = speed_mm_s(look - 1);
+            let left = if look < LOOKS {
+                at_speed(speed_mm_s(look))
+            } else {
+                at_highest
+            };
+            fall = fall.max((at_rest - left) / (before_mm_s * before_mm_s));
+        }
         Self {
-            lines: [(at_highest + fall * highest, fall); 2],
+            lines: [(at_rest, fall); 2],
+            least: at_highest,
         }
     }
 
     /// At a square of the speed, in mm²/s²; at least 0.
     pub fn at_mm_s2(&self, squared_mm2_s2: f64) -> f64 {
+        self.by_lines_mm_s2(squared_mm2_s2).max(self.least)
+    }
+
+    /// The lower of the lines; it is concave.
+    fn by_lines_mm_s2(&self, squared_mm2_s2: f64) -> f64 {
         let [first, second] = self
             .lines
             .map(|(at_rest, fall)| at_rest - fall * squared_mm2_s2);
-        first.min(second).max(0.0)
+        first.min(second)
     }
 
     /// The highest square of the speed that is reached after so many mm from this one at an acceleration that is left at every speed
@@ -129,7 +146,9 @@ impl Acceleration {
         let [first, second] = self.lines.map(|(at_rest, fall)| {
             (from_mm2_s2 + 2.0 * at_rest * length_mm) / (1.0 + 2.0 * fall * length_mm)
         });
-        first.min(second)
+        first
+            .min(second)
+            .max(from_mm2_s2 + 2.0 * self.least * length_mm)
     }
 
     /// No more than either at any speed.
@@ -139,15 +158,20 @@ impl Acceleration {
         let least = |a: (f64, f64), b: (f64, f64)| (a.0.min(b.0), a.1.max(b.1));
         Self {
             lines: [least(first, of_other_first), least(second, of_other_second)],
+            least: self.least.min(other.least),
         }
     }
 
     /// No more than either at any speed up to the highest, in mm/s, and near the lower of both.
     pub fn least_up_to(&self, other: &Self, highest_mm_s: f64) -> Self {
-        Self::below(highest_mm_s, |speed_mm_s| {
+        let highest = highest_mm_s * highest_mm_s;
+        let least = self.at_mm_s2(highest).min(other.at_mm_s2(highest));
+        let lines = Self::below(highest_mm_s, |speed_mm_s| {
             let squared = speed_mm_s * speed_mm_s;
-            self.at_mm_s2(squared).min(other.at_mm_s2(squared))
-        })
+            let of_both = [self, other].map(|of| of.by_lines_mm_s2(squared));
+            of_both.into_iter().fold(f64::INFINITY, f64::min)
+        });
+        Self { least, ..lines }
     }
 
     /// How fast it falls with the square of the speed at most, in 1/mm.
@@ -222,6 +246,29 @@ mod tests {
     use super::*;
 
     proptest! {
+        /// As jerk leaves it: flat at high speeds.
+        #[test]
+        fn what_falls_in_any_form_is_never_overstated(
+            highest in 0.1..300.0f64,
+            flat_from in 0.0..1.0f64,
+            power in 0.3..6.0f64,
+            least in 0.0..1.0f64,
+            other in 0.0..2.0f64,
+            at in 0.0..1.0f64,
+        ) {
+            let left = |speed_mm_s: f64| {
+                let share = speed_mm_s / highest;
+                least + (1.0 - share / flat_from.max(1e-3)).max(0.0).powf(power)
+            };
+            let falling = Acceleration::falling(highest, left);
+            let speed_mm_s = at * highest;
+            let squared = speed_mm_s * speed_mm_s;
+            prop_assert!(falling.at_mm_s2(squared) <= left(speed_mm_s) * (1.0 + 1e-9));
+            prop_assert!(falling.at_mm_s2(squared) >= least);
+            let both = falling.least_up_to(&Acceleration::constant(other), highest);
+            prop_assert!(both.at_mm_s2(squared) <= left(speed_mm_s).min(other) * (1.0 + 1e-9) + 1e-12);
+        }
+
         /// Of an arc, and where all of a curve's acceleration lies along one axis.
         #[test]
         fn what_is_left_is_never_more_than_the_axes_bear_and_is_left_on_the_whole_way(

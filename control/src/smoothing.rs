@@ -180,6 +180,71 @@ impl Placed {
     }
 }
 
+/// Segments whose zones are taken for one: short ones behind each other, about as fast.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Source {
+    /// Of those it was made of.
+    segments: std::ops::Range<usize>,
+    first: Segment,
+    last: Segment,
+    begin_mm: f64,
+    end_mm: f64,
+    /// Half of what its zone is longer than itself.
+    reach_mm: f64,
+    /// The lowest of all.
+    limits: Limits,
+}
+
+impl Source {
+    fn of(index: usize, placed: &Placed, reach_s: f64, override_max: f64) -> Self {
+        Self {
+            segments: index..index + 1,
+            first: placed.segment,
+            last: placed.segment,
+            begin_mm: placed.begin_mm(),
+            end_mm: placed.end_mm(),
+            reach_mm: placed.segment.cap_mm_s(override_max) * reach_s,
+            limits: placed.limits(override_max),
+        }
+    }
+
+    /// Takes the next in, if it is near and alike.
+    fn takes(&mut self, next: &Source) -> bool {
+        let unlike = (self.reach_mm - next.reach_mm).abs();
+        let grain_mm = GRAIN * self.reach_mm.min(next.reach_mm);
+        if rests_between(&self.last, &next.first)
+            || next.end_mm - self.begin_mm > grain_mm
+            || unlike > grain_mm
+        {
+            return false;
+        }
+        self.segments.end = next.segments.end;
+        self.last = next.last;
+        self.end_mm = next.end_mm;
+        self.reach_mm = self.reach_mm.max(next.reach_mm);
+        self.limits = self.limits.least_of(&next.limits);
+        true
+    }
+
+    /// Up to where it may have a part in what holds, in mm along the path.
+    pub fn reaches_to_mm(&self) -> f64 {
+        self.end_mm + self.reach_mm
+    }
+}
+
+/// The segments as sources of limits. Which are taken together depends on where these begin.
+pub(crate) fn sources(placed: &[Placed], reach_s: f64, override_max: f64) -> Vec<Source> {
+    let mut sources: Vec<Source> = Vec::new();
+    for (index, placed) in placed.iter().enumerate() {
+        let source = Source::of(index, placed, reach_s, override_max);
+        let last = sources.last_mut();
+        if !last.is_some_and(|last| last.takes(&source)) {
+            sources.push(source);
+        }
+    }
+    sources
+}
+
 /// What holds on a stretch of the path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Limits {
@@ -282,36 +347,36 @@ struct Cell {
     to_mm: f64,
 }
 
-/// The segments `own` of those given with the lowest limits of all zones that they lie in, cut where those change. Segments to either side of them must
-/// be given as far as their zones reach, or the path begins and ends there.
+/// The segments `placed` with the lowest limits of all zones that they lie in, cut where those change. `own` of the sources are theirs; those to either
+/// side must be given as far as their zones reach, or the path begins and ends there.
 pub(crate) fn spread(
     placed: &[Placed],
+    sources: &[Source],
     own: std::ops::Range<usize>,
     reach_s: f64,
     override_max: f64,
 ) -> Vec<Segment> {
-    let mut segments = Vec::with_capacity(2 * own.len());
+    let mut segments = Vec::with_capacity(2 * placed.len());
     let mut from = 0;
-    while from < placed.len() {
-        let rests = |pair: &[Placed]| match pair {
-            [before, after] => rests_between(&before.segment, &after.segment),
+    while from < sources.len() {
+        let rests = |pair: &[Source]| match pair {
+            [before, after] => rests_between(&before.last, &after.first),
             _ => true,
         };
-        let run = placed.get(from..).unwrap_or_default();
-        let pairs = run.windows(2);
-        let length = pairs.take_while(|pair| !rests(pair)).count() + 1;
-        let until = (from + length).min(placed.len());
-        let own_of_run = own.start.max(from)..own.end.min(until);
-        if !own_of_run.is_empty() {
-            let of_run = placed.get(from..until).unwrap_or_default();
-            let own_of_run = own_of_run.start - from..own_of_run.end - from;
-            Run {
-                placed: of_run,
-                own: own_of_run,
+        let run = sources.get(from..).unwrap_or_default();
+        let length = run.windows(2).take_while(|pair| !rests(pair)).count() + 1;
+        let until = (from + length).min(sources.len());
+        let own_of_run = sources.get(own.start.max(from)..own.end.min(until));
+        if let Some([first, .., last] | [first @ last]) = own_of_run {
+            let run = Run {
+                sources: sources.get(from..until).unwrap_or_default(),
+                own: placed
+                    .get(first.segments.start..last.segments.end)
+                    .unwrap_or_default(),
                 reach_s,
                 override_max,
-            }
-            .spread(&mut segments);
+            };
+            run.spread(&mut segments);
         }
         from = until;
     }
@@ -324,37 +389,26 @@ fn rests_between(before: &Segment, after: &Segment) -> bool {
 
 /// Segments with no rest between them.
 struct Run<'a> {
-    placed: &'a [Placed],
-    own: std::ops::Range<usize>,
+    sources: &'a [Source],
+    own: &'a [Placed],
     reach_s: f64,
     override_max: f64,
 }
 
 impl Run<'_> {
-    fn own(&self) -> &[Placed] {
-        self.placed.get(self.own.clone()).unwrap_or_default()
-    }
-
-    /// Half of what a segment's zone is longer than itself, in mm.
-    fn reach_mm(&self, of: &Placed) -> f64 {
-        of.segment.cap_mm_s(self.override_max) * self.reach_s
-    }
-
     fn spread(&self, segments: &mut Vec<Segment>) {
-        if let [Placed { segment, .. }] = self.placed {
+        if let ([Placed { segment, .. }], [_]) = (self.own, self.sources) {
             return segments.push(*segment);
         }
         let cells = self.cells();
         let mut lowered = Lowered::new(cells.len());
-        for of in self.placed {
-            let reach_mm = self.reach_mm(of);
-            let first = cells.partition_point(|cell| cell.to_mm <= of.begin_mm() - reach_mm);
-            let end = cells.partition_point(|cell| cell.from_mm < of.end_mm() + reach_mm);
-            lowered.lower(first..end.max(first), &of.limits(self.override_max));
+        for of in self.sources {
+            let first = cells.partition_point(|cell| cell.to_mm <= of.begin_mm - of.reach_mm);
+            let end = cells.partition_point(|cell| cell.from_mm < of.end_mm + of.reach_mm);
+            lowered.lower(first..end.max(first), &of.limits);
         }
-        let own = self.own();
         for (cell, limits) in cells.iter().zip(lowered.leaves()) {
-            let Some(Placed { segment, start_mm }) = own.get(cell.of) else {
+            let Some(Placed { segment, start_mm }) = self.own.get(cell.of) else {
                 continue;
             };
             let begins = cell.from_mm <= start_mm + segment.from_mm;
@@ -383,23 +437,19 @@ impl Run<'_> {
 
     /// Its own segments, cut where the zones of others begin and end on them.
     fn cells(&self) -> Vec<Cell> {
-        let own = self.own();
+        let own = self.own;
         let mut cuts_mm: Vec<f64> = Vec::new();
-        let lowers = |of: &Placed, on: &Placed| {
-            let [of, on] = [of, on].map(|placed| placed.limits(self.override_max));
-            of.lowers(&on)
-        };
-        for of in self.placed {
-            let reach_mm = self.reach_mm(of);
-            let grain_mm = GRAIN * reach_mm;
-            let begins_mm = of.begin_mm() - reach_mm;
+        let lowers = |of: &Source, on: &Placed| of.limits.lowers(&on.limits(self.override_max));
+        for of in self.sources {
+            let grain_mm = GRAIN * of.reach_mm;
+            let begins_mm = of.begin_mm - of.reach_mm;
             let index = own.partition_point(|on| on.end_mm() <= begins_mm);
             let on = own.get(index);
             let cuts = |on: &&Placed| {
                 begins_mm - on.begin_mm() > grain_mm && begins_mm < on.end_mm() && lowers(of, on)
             };
             cuts_mm.extend(on.filter(cuts).map(|_| begins_mm));
-            let ends_mm = of.end_mm() + reach_mm;
+            let ends_mm = of.end_mm + of.reach_mm;
             let index = own.partition_point(|on| on.end_mm() < ends_mm);
             let on = own.get(index);
             let cuts = |on: &&Placed| {
@@ -443,7 +493,7 @@ impl Run<'_> {
         let to_mm = on.end_mm();
         let cap_mm_s = on.segment.cap_mm_s(self.override_max);
         let twice_mm_s2 = 2.0 * on.segment.acceleration.at_mm_s2(0.0);
-        let shortest_mm = self.reach_mm(on);
+        let shortest_mm = cap_mm_s * self.reach_s;
         let from_mm = on.begin_mm();
         (1..BRAKING_CUTS)
             .map(move |cut| {

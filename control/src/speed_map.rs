@@ -36,7 +36,7 @@ use crate::positioning::{Move, Positioning, Profile, rapids};
 use crate::rounding::REACH_ELEMENTS;
 pub use crate::segment::MapError;
 use crate::segment::Segment;
-use crate::smoothing::{self, Placed};
+use crate::smoothing::{self, Placed, Source};
 
 /// Elements of a block.
 pub const BLOCK_ELEMENTS: u32 = 1024;
@@ -72,6 +72,7 @@ struct LaidBlock {
     end: u32,
     end_mm: f64,
     placed: Vec<Placed>,
+    sources: Vec<Source>,
 }
 
 /// A block with the limits that hold there: what is ahead may lower its speeds yet.
@@ -92,7 +93,7 @@ pub struct SpeedMap {
     /// Blocks whose limits do not hold beside them yet where the lead is to keep them.
     laid: VecDeque<LaidBlock>,
     /// Of blocks before them, as far as their limits reach.
-    behind: Vec<Placed>,
+    behind: Vec<Source>,
     /// Blocks that are not done.
     blocks: VecDeque<Block>,
     /// The first element of the next block.
@@ -192,10 +193,13 @@ impl SpeedMap {
                 ..segment
             },
         });
+        let placed: Vec<Placed> = placed.collect();
+        let reach_s = smoothing::reach_s(part.limits().smoothing_scans(), scan_period_s);
         self.laid.push_back(LaidBlock {
             end: to,
             end_mm,
-            placed: placed.collect(),
+            sources: smoothing::sources(&placed, reach_s, self.override_max()),
+            placed,
         });
         true
     }
@@ -215,14 +219,20 @@ impl SpeedMap {
             None if all => self.laid.len(),
             None => return false,
         };
-        let own = self.behind.len()..self.behind.len() + block.placed.len();
-        let ahead = self.laid.iter().take(count).flat_map(|of| &of.placed);
-        let placed: Vec<Placed> = self.behind.iter().chain(ahead).copied().collect();
-        let segments = smoothing::spread(&placed, own.clone(), reach_s, self.override_max());
+        let own = self.behind.len()..self.behind.len() + block.sources.len();
+        let ahead = self.laid.iter().take(count).flat_map(|of| &of.sources);
+        let sources: Vec<Source> = self.behind.iter().chain(ahead).cloned().collect();
+        let segments = smoothing::spread(
+            &block.placed,
+            &sources,
+            own.clone(),
+            reach_s,
+            self.override_max(),
+        );
         let (end, end_mm) = (block.end, block.end_mm);
-        let near = |of: &&Placed| of.start_mm + of.segment.to_mm + reach_mm >= end_mm;
-        let behind = placed.iter().take(own.end).filter(near);
-        self.behind = behind.copied().collect();
+        let is_over = |of: &&Source| of.reaches_to_mm() < end_mm;
+        let behind = sources.iter().take(own.end).skip_while(is_over);
+        self.behind = behind.cloned().collect();
         self.blocks.push_back(Block {
             end,
             end_mm,

@@ -4,6 +4,7 @@
 pub mod bench;
 pub mod cell;
 pub mod corruption;
+pub mod faceted;
 pub mod faulty;
 pub mod invariants;
 pub mod least_time;

@@ -78,6 +78,8 @@ pub enum BenchCommand {
     Circles(CirclesOptions),
     /// Whole cells in one process with faults drawn from seeds; every scan is judged by the invariants of docs/developers/invariants.md
     Faults(FaultsOptions),
+    /// Blocks planned in a second on one core, beside reading alone, and what a window takes of its period
+    Planning(PlanningOptions),
     /// Speed and memory of `quadrant report` on a long log, beside reading, decompressing and checking the same bytes
     Report(BenchReportOptions),
 }
@@ -99,6 +101,17 @@ pub struct LockstepOptions {
     /// Folder with machine.toml, plant.toml and programs/circle-r25-f3000.ngc
     #[arg(default_value = BENCH_MACHINE)]
     pub machine: PathBuf,
+}
+
+/// What `quadrant bench planning` takes.
+#[derive(Debug, Clone, Args)]
+pub struct PlanningOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml
+    #[arg(default_value = BENCH_MACHINE)]
+    pub machine: PathBuf,
+    /// Part programs [default: a curve in chords of 0.05 mm with noise of 1 µm, rounded by G64 P0.01]
+    #[arg(value_name = "PROGRAM")]
+    pub programs: Vec<PathBuf>,
 }
 
 /// What `quadrant bench report` takes.

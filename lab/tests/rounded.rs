@@ -8,6 +8,7 @@ use std::path::Path;
 use bus::sample::{Feedback, Mode};
 use common::{kill, seeds};
 use lab::cell::{InProcessCell, Script};
+use lab::faceted;
 use lab::invariants::{Course, Judge};
 use lab::least_time::least_time_s;
 use machine::Machine;
@@ -128,27 +129,6 @@ fn kills_leave_the_tool_on_its_path(machine: &Machine, plant: &PlantFile) {
     );
 }
 
-/// A smooth curve as CAM systems write it: chords of this length, points rounded to 0.1 µm, each with noise of this size.
-fn facets(chord_mm: f64, noise_mm: f64, mode: &str) -> String {
-    let mut rng = Rng::new(1);
-    let mut noise = || {
-        (0..12)
-            .map(|_| rng.within(0, 1000) as f64 / 1000.0 - 0.5)
-            .sum::<f64>()
-            * noise_mm
-    };
-    let mut text = format!("{mode}\nG21 G90 G1 F6000\n");
-    let mut t = 0.0f64;
-    while t < 60.0 {
-        let x = t * 0.8 - 24.0 + 6.0 * t.sin() + noise();
-        let y = 8.0 * (0.37 * t).sin() + 6.0 * t.cos() + noise();
-        let _ = writeln!(text, "X{x:.4} Y{y:.4}");
-        let (dx, dy) = (0.8 + 6.0 * t.cos(), 2.96 * (0.37 * t).cos() - 6.0 * t.sin());
-        t += chord_mm / dx.hypot(dy);
-    }
-    text + "M2\n"
-}
-
 /// `cargo test --release -p lab --test rounded -- --ignored --nocapture` prints the table of docs/developers/measurements.md.
 #[test]
 #[ignore = "prints a table"]
@@ -169,7 +149,7 @@ fn times_of_faceted_curves() {
                         for axis in &mut machine.axes {
                             axis.acceleration_mm_s2 = acceleration_mm_s2;
                         }
-                        let text = facets(chord_mm, noise_mm, mode);
+                        let text = faceted::program(chord_mm, noise_mm, mode, 1);
                         let program = program::resume_from(&machine, &[0, 0], "any.ngc", &text);
                         let (mut windows, _) =
                             planner::course(&machine, program.expect("a program"))

@@ -11,9 +11,9 @@ const CENTRIPETAL_SHARE: f64 = 0.95;
 /// The same in the zone of a junction.
 const CENTRIPETAL_SHARE_BESIDE_JUNCTIONS: f64 = 0.8;
 /// Share of an axis' jerk that a curve may use at its highest speed; what remains is for changing speed.
-const CURVE_JERK_SHARE: f64 = 0.7;
+const CURVE_JERK_SHARE: f64 = 0.6;
 /// The same in the zone of a junction, which takes half of it.
-const CURVE_JERK_SHARE_BESIDE_JUNCTIONS: f64 = 0.35;
+const CURVE_JERK_SHARE_BESIDE_JUNCTIONS: f64 = 0.3;
 
 /// How the axes share the motion along one element, as bounds over its whole length.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -146,26 +146,27 @@ impl Sharing {
         speed_mm_s
     }
 
-    /// Acceleration along the path that keeps every axis within this share of its jerk, where the motion along the path is averaged so
-    /// long that its jerk is at most `swing_per_s` times its acceleration; infinite where no jerk is limited.
-    pub fn acceleration_by_jerk_mm_s2(
-        &self,
-        limits: &PlanLimits,
-        share: f64,
-        speed_mm_s: f64,
-    ) -> f64 {
-        let mut acceleration_mm_s2 = f64::INFINITY;
+    /// What keeps every axis within this share of its jerk.
+    pub fn by_jerk(&self, limits: &PlanLimits, share: f64) -> ByJerk {
+        let mut by_jerk = ByJerk {
+            swing_per_s: limits.swing_per_s,
+            ..ByJerk::default()
+        };
         for (axis, limit) in limits.jerk_mm_s3.iter().enumerate() {
             let along = self.swing[axis] + self.straight[axis];
             let across = self.curvature_per_mm[axis];
             if !limit.is_finite() || along + across <= 0.0 {
                 continue;
             }
-            let left = share * limit - self.turn_per_mm2[axis] * speed_mm_s.powi(3);
-            let taken = along * limits.swing_per_s + 3.0 * across * speed_mm_s;
-            acceleration_mm_s2 = acceleration_mm_s2.min(left.max(0.0) / taken);
+            by_jerk.of_axes[by_jerk.count] = JerkTaken {
+                left_mm_s3: share * limit,
+                turn_per_mm2: self.turn_per_mm2[axis],
+                along_per_s: along * limits.swing_per_s,
+                across_per_mm: 3.0 * across,
+            };
+            by_jerk.count += 1;
         }
-        acceleration_mm_s2
+        by_jerk
     }
 
     /// Acceleration along the path that keeps every axis within what is left of its acceleration.
@@ -188,6 +189,63 @@ impl Sharing {
             acceleration_mm_s2 = acceleration_mm_s2.min(along);
         }
         acceleration_mm_s2
+    }
+}
+
+/// What an axis has of its jerk, and what takes of it.
+#[derive(Debug, Clone, Copy, Default)]
+struct JerkTaken {
+    left_mm_s3: f64,
+    turn_per_mm2: f64,
+    along_per_s: f64,
+    across_per_mm: f64,
+}
+
+/// The axes whose jerk limits the acceleration along the path.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct ByJerk {
+    of_axes: [JerkTaken; MAX_AXES],
+    count: usize,
+    swing_per_s: f64,
+}
+
+/// Rounds in which the tool's speed and the lead's acceleration are found from each other; an odd number ends below both.
+const ROUNDS: u32 = 3;
+
+impl ByJerk {
+    /// Acceleration along the path that they leave a lead at a speed, where the tool's is its average (`smoothing`) and nowhere above the
+    /// highest, in mm/s; infinite where no jerk is limited.
+    ///
+    /// The jerk along the path is at most `2·a/τ`. Meanwhile the tool may be faster than the lead, which has braked for up to `τ`: at most as if it
+    /// had braked at `a` for as long as it takes from the highest speed, `V`, but for no more than `τ`. With `u` the difference of their
+    /// speeds, `V − u²/(2·a·τ)` is the average over `τ` then, or `a·τ/2` more than the lead's speed.
+    pub fn of_lead_mm_s2(&self, speed_mm_s: f64, highest_mm_s: f64) -> f64 {
+        let half_s = 1.0 / self.swing_per_s;
+        let mut acceleration_mm_s2 = self.acceleration_mm_s2(speed_mm_s);
+        if !acceleration_mm_s2.is_finite() {
+            return acceleration_mm_s2;
+        }
+        let below_mm_s = highest_mm_s - speed_mm_s;
+        for _ in 0..ROUNDS {
+            let lost_mm_s = acceleration_mm_s2 * half_s;
+            let of_tool_mm_s = if below_mm_s < 2.0 * lost_mm_s {
+                highest_mm_s - below_mm_s * below_mm_s / (4.0 * lost_mm_s)
+            } else {
+                speed_mm_s + lost_mm_s
+            };
+            acceleration_mm_s2 = self.acceleration_mm_s2(of_tool_mm_s);
+        }
+        acceleration_mm_s2
+    }
+
+    /// Acceleration that they leave where tool and lead are at this speed; it falls with the speed.
+    fn acceleration_mm_s2(&self, speed_mm_s: f64) -> f64 {
+        let cubed = speed_mm_s * speed_mm_s * speed_mm_s;
+        let of_axes = self.of_axes.iter().take(self.count).map(|of| {
+            let left = of.left_mm_s3 - of.turn_per_mm2 * cubed;
+            left.max(0.0) / (of.along_per_s + of.across_per_mm * speed_mm_s)
+        });
+        of_axes.fold(f64::INFINITY, f64::min)
     }
 }
 

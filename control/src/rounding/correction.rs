@@ -17,12 +17,19 @@ pub struct CubicPiece {
 }
 
 impl CubicPiece {
-    /// What is added at a distance on the element, and the first and second derivative of that.
-    pub fn at(&self, distance_mm: f64) -> [AxisVector; 3] {
+    /// What is added at a distance on the element.
+    pub fn value_at(&self, distance_mm: f64) -> AxisVector {
         let [value, first, second, third] = &self.derivatives;
         let y = distance_mm - self.from_mm;
+        value + (first + (second + third * (y / 3.0)) * (y / 2.0)) * y
+    }
+
+    /// The same, and the first and second derivative of it.
+    pub fn at(&self, distance_mm: f64) -> [AxisVector; 3] {
+        let [_, first, second, third] = &self.derivatives;
+        let y = distance_mm - self.from_mm;
         [
-            value + (first + (second + third * (y / 3.0)) * (y / 2.0)) * y,
+            self.value_at(distance_mm),
             first + (second + third * (y / 2.0)) * y,
             second + third * y,
         ]
@@ -240,12 +247,20 @@ impl Correction {
 
     /// What is added at a distance on the element, and the first and second derivative of that.
     pub fn at(&self, distance_mm: f64) -> [AxisVector; 3] {
+        let piece = self.piece_at(distance_mm);
+        piece.map_or([AxisVector::zeros(); 3], |piece| piece.at(distance_mm))
+    }
+
+    /// What is added at a distance on the element.
+    pub fn value_at(&self, distance_mm: f64) -> AxisVector {
+        let piece = self.piece_at(distance_mm);
+        piece.map_or_else(AxisVector::zeros, |piece| piece.value_at(distance_mm))
+    }
+
+    fn piece_at(&self, distance_mm: f64) -> Option<&CubicPiece> {
         let behind = self
             .pieces
             .partition_point(|piece| piece.from_mm <= distance_mm);
-        match self.pieces.get(behind.max(1) - 1) {
-            Some(piece) => piece.at(distance_mm),
-            None => [AxisVector::zeros(); 3],
-        }
+        self.pieces.get(behind.max(1) - 1)
     }
 }

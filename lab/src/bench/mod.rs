@@ -3,6 +3,7 @@
 pub(crate) mod circles;
 mod faults;
 mod lockstep;
+mod planning;
 mod report;
 mod runs;
 
@@ -20,6 +21,7 @@ pub fn bench(options: &BenchOptions) -> Outcome {
         BenchCommand::Circles(options) => circles::circles(&options),
         BenchCommand::Faults(options) => faults::faults(&options),
         BenchCommand::Lockstep(options) => lockstep::lockstep(&options),
+        BenchCommand::Planning(options) => planning::planning(&options),
         BenchCommand::Report(options) => report::report(&options),
     }
 }
