@@ -66,9 +66,17 @@ fn driving(feedback: &Feedback, axis: usize) -> u32 {
     }
 }
 
+/// Speed of the compensation of lost motion in a command, in mm/s.
+fn crossing_mm_s(command: &AxisCommand, scan_s: f64) -> f64 {
+    let state = servo::ServoState::of(command);
+    let [now_mm, before_mm, ..] = state.model.inverse_dynamics.compensation_mm;
+    (now_mm - before_mm) / scan_s
+}
+
 /// At every switch the velocity command goes on as it was: by nothing at all onto a controller, by what little was asked
 /// for to the drives being off. While no window is executed it never changes faster than a jog may accelerate, a fifth of
-/// the axis's 5000 mm/s², and what the position loop corrects, less than a quarter of that. Returns the switches.
+/// the axis's 5000 mm/s², and what the position loop corrects, less than a quarter of that; what crosses the gap of the screw, in some
+/// ms at each reversal, is beside it. Returns the switches.
 fn switches_without_a_step(run: &Run, scan_s: f64) -> usize {
     let (feedbacks, commands) = log(run);
     let mut switches = 0;
@@ -88,8 +96,10 @@ fn switches_without_a_step(run: &Run, scan_s: f64) -> usize {
                 );
             }
             if of(now).tag.is_off_path() && of(now).window.is_none() {
+                let crossing = |command: &AxisCommand| crossing_mm_s(command, scan_s);
+                let crossing_mm_s = (crossing(now) - crossing(before)).abs();
                 assert!(
-                    step_mm_s <= 1.25 * 1000.0 * scan_s,
+                    step_mm_s <= 1.25 * 1000.0 * scan_s + crossing_mm_s,
                     "axis {axis} scan {}: {step_mm_s} mm/s in a scan",
                     now.scan
                 );
@@ -128,7 +138,7 @@ fn jog_lags_um(run: &Run) -> f64 {
 }
 
 #[test]
-fn a_jog_lags_little_and_least_where_jerk_is_limited() {
+fn a_jog_lags_little_from_its_first_scan_on() {
     let mut lags_um = Vec::new();
     let jerk = "jerk_mm_s3 = 100000.0\nincrement_nm = 0.1\nacceleration_mm_s2 = 5000.0";
     for line in ["acceleration_mm_s2 = 5000.0", jerk] {
@@ -137,9 +147,8 @@ fn a_jog_lags_little_and_least_where_jerk_is_limited() {
         switches_without_a_step(&run, 1e-3);
         lags_um.push(jog_lags_um(&run));
     }
-    // Where nothing was fed forward it was 10 mm/s over 50/s: 200 µm. What is left is friction, when it starts to move.
-    assert!(lags_um[0] < 30.0, "{lags_um:?}");
-    assert!(lags_um[1] < lags_um[0], "{lags_um:?}");
+    // Where nothing was fed forward it was 10 mm/s over 50/s, 200 µm; without friction and lost motion 25 µm.
+    assert!(lags_um.iter().all(|lag_um| *lag_um < 3.0), "{lags_um:?}");
 }
 
 #[test]

@@ -22,6 +22,14 @@ const SMOOTHING_RAD_S: f64 = 1500.0;
 /// Part of the table's Coulomb friction that the contact force must exceed for a traversal against the acceleration.
 const BACK_PART: f64 = 0.5;
 
+/// At rest the table lies against a side of the gap if the screw carries more than this part of the table's Coulomb friction;
+/// below that nobody knows, and it counts as where it was.
+const LYING_PART: f64 = 0.25;
+/// At rest springs are looked for within this way, in mm: three times the longest break distance that is identified.
+const REST_TRAVEL_MM: f64 = 0.2;
+/// Halvings of it: to below a nanometre.
+const REST_HALVINGS: u32 = 20;
+
 /// Which parts of the model are put out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Parts {
@@ -227,6 +235,60 @@ impl InverseDynamics {
         }
     }
 
+    /// The axis is at rest, and its motor holds it with this torque: springs, screw and gap as they then must be.
+    ///
+    /// After a hard stop the motor is pulled back over the last few µm, which no command tells of. All springs are moved on
+    /// together, forwards or back, until they carry that torque; where the table's share of it is large enough, the table lies against
+    /// the side that it points to. A torque beyond static friction (a weight hangs on the axis) changes nothing, nor does one that is not a number.
+    pub fn rest_at(&self, state: &mut InverseDynamicsState, torque_nm: f64) {
+        let wanted_n = torque_nm / self.radius_m;
+        let moved = |travel_mm: f64| {
+            let (mut motor_n, mut table_n) = (state.motor_n, state.table_n);
+            let motor = &self.motor_friction;
+            let table = &self.table_friction;
+            let on_motor_n = motor.update(&mut motor_n, travel_mm, 0.0, 1.0);
+            let contact_n = table.update(&mut table_n, travel_mm, 0.0, 1.0);
+            (on_motor_n + contact_n, contact_n, motor_n, table_n)
+        };
+        let (mut low_mm, mut high_mm) = (-REST_TRAVEL_MM, REST_TRAVEL_MM);
+        let carried = moved(low_mm).0 <= wanted_n && wanted_n <= moved(high_mm).0;
+        if !self.parts.friction || !carried {
+            return;
+        }
+        for _ in 0..REST_HALVINGS {
+            let middle_mm = 0.5 * (low_mm + high_mm);
+            if moved(middle_mm).0 < wanted_n {
+                low_mm = middle_mm;
+            } else {
+                high_mm = middle_mm;
+            }
+        }
+        let (force_n, contact_n, motor_n, table_n) = moved(0.5 * (low_mm + high_mm));
+        let before_mm = self.screw_mm(state);
+        state.motor_n = motor_n;
+        state.table_n = table_n;
+        state.far_table_n = table_n;
+        state.contact_n = contact_n;
+        state.contact_n_per_s = 0.0;
+        state.force_n = force_n;
+        if contact_n.abs() > LYING_PART * self.table_friction.coulomb_n() {
+            state.side = contact_n.signum();
+            state.side_wanted = state.side;
+        }
+        if self.parts.compensation {
+            let change_mm = self.screw_mm(state) - before_mm;
+            let [newest_mm, ..] = state.compensation_mm;
+            state.compensation_mm = [newest_mm + change_mm; HISTORY];
+        }
+    }
+
+    /// What the motor stands from the table's place by gap and wind-up, in mm.
+    fn screw_mm(&self, state: &InverseDynamicsState) -> f64 {
+        let u = 0.5 * (state.side + 1.0);
+        let place = u * u * u * (10.0 - 15.0 * u + 6.0 * u * u);
+        self.gap_mm * (place - 0.5) + state.contact_n / self.stiffness_n_per_m * 1e3
+    }
+
     /// Where in the gap the motor is, in mm, and its acceleration, in mm/s².
     fn cross_gap(&self, state: &mut InverseDynamicsState, far: &Motion, scale: f64) -> (f64, f64) {
         let travel_mm = far.position_mm - state.far_mm;
@@ -329,6 +391,12 @@ impl InverseDynamics {
 }
 
 impl InverseDynamicsState {
+    /// Compensation at rest, in mm.
+    pub fn compensation_at_rest_mm(&self) -> f64 {
+        let [compensation_mm, ..] = self.compensation_mm;
+        compensation_mm
+    }
+
     /// The axis is moved by others from now on: its next motion starts wherever it then is.
     pub fn leave(&mut self) {
         self.running = 0;
@@ -493,5 +561,65 @@ mod tests {
         let after = model.update(&mut state, &still(-70.0), None);
         assert!((after.compensation_mm - before.compensation_mm).abs() < 1e-5);
         assert!(after.velocity_mm_s.abs() < 1.0, "{after:?}");
+    }
+
+    /// At rest after a steady motion in positive direction.
+    fn at_rest(model: &InverseDynamics) -> InverseDynamicsState {
+        let mut state = InverseDynamicsState::default();
+        for scan in 0..300 {
+            let scan = f64::from(scan).min(200.0);
+            let motion = Motion {
+                position_mm: 0.01 * scan,
+                velocity_mm_s: if scan < 200.0 { 10.0 } else { 0.0 },
+                acceleration_mm_s2: 0.0,
+            };
+            let ahead = Ahead {
+                here: motion,
+                near: motion,
+                far: motion,
+            };
+            model.update(&mut state, &ahead, None);
+        }
+        state
+    }
+
+    #[test]
+    fn at_rest_springs_and_gap_go_by_the_torque_that_holds_the_axis() {
+        let model = model();
+        let rest = at_rest(&model);
+        for part in [-1.2, -0.6, 0.4, 1.1] {
+            let mut state = rest;
+            let force_n = part * 451.0;
+            model.rest_at(&mut state, force_n * model.radius_m);
+            let motor_n: f64 = state.motor_n.iter().sum();
+            let found_n = state.contact_n + motor_n;
+            assert!((found_n - force_n).abs() < 0.1, "{found_n} N, {force_n} N");
+            assert_eq!(state.side, part.signum());
+            // The compensation moves with gap and wind-up.
+            let screw_mm = |state: &InverseDynamicsState| {
+                0.5 * model.gap_mm * state.side + state.contact_n / model.stiffness_n_per_m * 1e3
+            };
+            let moved_mm = state.compensation_mm[0] - rest.compensation_mm[0];
+            assert!((moved_mm - (screw_mm(&state) - screw_mm(&rest))).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn an_axis_that_was_never_moved_lies_nowhere() {
+        let model = model();
+        let mut state = InverseDynamicsState::default();
+        model.rest_at(&mut state, 0.01 * 451.0 * model.radius_m);
+        assert_eq!((state.side, state.side_wanted), (0.0, 0.0));
+    }
+
+    #[test]
+    fn a_torque_that_friction_cannot_hold_says_nothing_of_it() {
+        let model = model();
+        let rest = at_rest(&model);
+        for force_n in [700.0, -700.0, f64::NAN, f64::INFINITY] {
+            let mut state = rest;
+            model.rest_at(&mut state, force_n * model.radius_m);
+            assert_eq!(state, rest);
+        }
     }
 }

@@ -57,15 +57,6 @@ impl JogMotion {
     }
 }
 
-/// When a jog begins to move and to stop, in scans from now.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct JogTimes {
-    /// 0: it moves.
-    pub starts_in: u32,
-    /// [`u32::MAX`]: it is not ordered to.
-    pub stops_in: u32,
-}
-
 impl JogProfile {
     /// A profile whose command changes its acceleration by at most so many increments per scan² in a scan, where that is limited.
     pub fn new(step_max: i64, step_change_max: i64, jerk_max: Option<f64>) -> JogProfile {
@@ -108,27 +99,6 @@ impl JogProfile {
         }
     }
 
-    /// How far the command moves in the scan that begins so many scans from now, in increments, where it begins to move and to stop when
-    /// `when` says.
-    pub fn step_ahead(&self, motion: &JogMotion, target: i64, when: JogTimes, scans: f64) -> f64 {
-        let scans = scans.clamp(0.0, AHEAD_SCANS_MAX);
-        let whole = libm::floor(scans);
-        let mut here = *motion;
-        let mut steps = [0.0; 2];
-        for scan in 0..whole as u32 + 2 {
-            let mut next = here;
-            if scan >= when.starts_in {
-                next = self.advance(&here, target, scan >= when.stops_in);
-            }
-            let [before, last] = &mut steps;
-            *before = *last;
-            *last = next.command.saturating_sub(here.command) as f64;
-            here = next;
-        }
-        let [before, after] = steps;
-        before + (scans - whole) * (after - before)
-    }
-
     /// The lead's step of this scan: `step` was the last, `left` is the way to the target, both signed.
     fn step(&self, step: i64, left: i64, stop: bool) -> i64 {
         let change = self.step_change_max.max(1);
@@ -156,9 +126,6 @@ impl JogProfile {
         low * left.signum()
     }
 }
-
-/// No speed is looked for further ahead, in scans.
-const AHEAD_SCANS_MAX: f64 = 64.0;
 
 /// `s + (s − a) + (s − 2a) + …` down to the last above 0.
 fn braking_way(step: i64, change: i64) -> i128 {
@@ -211,32 +178,6 @@ mod tests {
         assert_eq!(at, 3_000_000);
         assert!((40..=104).contains(&jerk), "{jerk}");
         assert!((310..=600).contains(&scans), "{scans}");
-    }
-
-    #[test]
-    fn the_speed_ahead_is_that_of_the_scans_to_come() {
-        let profile = JogProfile::new(10_000, 100, Some(14.0));
-        let mut motion = JogMotion::at(0);
-        for _ in 0..30 {
-            motion = profile.advance(&motion, 3_000_000, false);
-        }
-        let when = JogTimes {
-            starts_in: 0,
-            stops_in: u32::MAX,
-        };
-        let ahead = profile.step_ahead(&motion, 3_000_000, when, 2.0);
-        for _ in 0..2 {
-            motion = profile.advance(&motion, 3_000_000, false);
-        }
-        let next = profile.advance(&motion, 3_000_000, false);
-        assert_eq!(ahead, (next.command - motion.command) as f64);
-        let later = JogTimes {
-            starts_in: 4,
-            stops_in: u32::MAX,
-        };
-        let rest = JogMotion::at(0);
-        assert_eq!(profile.step_ahead(&rest, 3_000_000, later, 2.0), 0.0);
-        assert!(profile.step_ahead(&rest, 3_000_000, later, 3.5) > 0.0);
     }
 
     proptest! {

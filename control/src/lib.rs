@@ -17,6 +17,7 @@ pub mod follow_up;
 pub mod guards;
 pub mod inverse_dynamics;
 pub mod jog;
+pub mod jog_course;
 pub mod kinematics;
 pub mod learned_table;
 pub mod learning;

@@ -27,6 +27,10 @@ const RUN_UP_MM: f64 = 0.5;
 /// Chords that stand for the path there: 50 µm long, within 0.3 µm of an arc of 1 mm radius.
 const RUN_UP_CHORDS: u32 = 10;
 
+/// It may use this share of the axes' accelerations: an axis without a limit of jerk is otherwise at speed before its motor has
+/// crossed the lost motion, and the table bounces (22 µm at the whole acceleration on `xy`).
+const ACCELERATION_SHARE: f64 = 0.1;
+
 /// Speed of the return with a tap in its thread, in mm/s: some ten turns a minute, which a spindle has at once.
 const IN_THREAD_MM_S: f64 = 0.2;
 
@@ -82,9 +86,18 @@ impl ReturnToPath {
         Ok(ReturnToPath {
             from,
             to,
-            windows: window_planner(machine, Path { elements }, start)?,
+            windows: window_planner(&gently(machine), Path { elements }, start)?,
         })
     }
+}
+
+/// The machine with the accelerations of a return.
+fn gently(machine: &Machine) -> Machine {
+    let mut machine = machine.clone();
+    for axis in &mut machine.axes {
+        axis.acceleration_mm_s2 *= ACCELERATION_SHARE;
+    }
+    machine
 }
 
 /// The point that lies this far before a place along the path; the start of the path at most.

@@ -14,7 +14,7 @@ use control::learned_table::LearnedTable;
 use control::trigger::Speeds;
 use machine::PositionFeedback;
 
-use crate::compensation::Added;
+use crate::compensation::{Added, Beside};
 use crate::setpoints::Setpoints;
 use crate::settings::ServoSettings;
 use crate::state::ServoState;
@@ -90,6 +90,7 @@ impl ClosedLoop<'_> {
             let command_position = self.setpoints.at(0);
             self.state.program.command_position = command_position;
             self.state.command_position_before = command_position;
+            self.state.model.moved_by_others();
         }
     }
 
@@ -147,19 +148,26 @@ impl ClosedLoop<'_> {
             command_position_before,
             backlash,
             model,
+            held_torque_nm,
             ..
         } = &mut *self.state;
-        let added = self.settings.model.update(
-            model,
-            self.axis,
-            self.learned,
-            [compensated_before_mm, backlash.compensation_mm],
-            |scans| match scans {
-                0.. => self.setpoints.at(scans),
-                -1 => program.command_position,
-                _ => *command_position_before,
-            },
-        );
+        let beside = Beside {
+            before_mm: compensated_before_mm,
+            step_mm: backlash.compensation_mm,
+            torque_nm: self.settings.held_torque_nm(held_torque_nm),
+        };
+        let added =
+            self.settings.model.update(
+                model,
+                self.axis,
+                self.learned,
+                &beside,
+                |scans| match scans {
+                    0.. => self.setpoints.at(scans),
+                    -1 => program.command_position,
+                    _ => *command_position_before,
+                },
+            );
         backlash.compensation_mm = added.compensation_mm;
         added
     }

@@ -66,11 +66,9 @@ pub struct ModelState {
 }
 
 impl ModelState {
-    /// The model does not know where this motion goes: its torque stays, and goes on from there.
-    pub(crate) fn leave(&mut self, axis: &AxisFeedback) {
+    /// From now on positions come from elsewhere: where the axis is, is no motion.
+    pub(crate) fn moved_by_others(&mut self) {
         self.inverse_dynamics.leave();
-        self.motor_position = axis.motor_position;
-        self.torque_feed_forward_nm = [self.torque_nm(); TORQUES];
     }
 
     /// Torque fed forward in the last scan, in N·m.
@@ -90,6 +88,17 @@ impl ModelState {
         let torque = self.torque_feed_forward_nm.get(dead_time_scans);
         torque.copied().unwrap_or(0.0)
     }
+}
+
+/// What is in force without the model.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Beside {
+    /// Compensation of lost motion in the scan before, in mm.
+    pub before_mm: f64,
+    /// The one that the position backlash step gives now, in mm.
+    pub step_mm: f64,
+    /// Torque that holds the axis, in N·m.
+    pub torque_nm: f64,
 }
 
 /// What is added.
@@ -126,23 +135,23 @@ impl ModelSettings {
         }
     }
 
-    /// One scan: the compensation that was in force and the one that the position backlash step gives now; `setpoint` the
-    /// position command so many scans from now.
+    /// One scan, beside what is in force without it; `setpoint` the position command so many scans from now.
     pub(crate) fn update(
         &self,
         state: &mut ModelState,
         axis: &AxisFeedback,
         learned: Option<&LearnedTable>,
-        [before_mm, step_mm]: [f64; 2],
+        beside: &Beside,
         setpoint: impl Fn(i64) -> i64,
     ) -> Added {
         let mut added = Added {
-            compensation_mm: step_mm,
+            compensation_mm: beside.step_mm,
             ..Added::default()
         };
         if let Some(model) = &self.inverse_dynamics {
             self.move_table(model, state, learned, &setpoint, &mut added);
         }
+        added.torque_nm += beside.torque_nm;
         let acting_nm = state.acting_torque_nm(self.dead_time_scans);
         state.take_torque(added.torque_nm);
         if self.observer.bandwidth_rad_s > 0.0 {
@@ -151,7 +160,7 @@ impl ModelSettings {
                 .inverse_dynamics
                 .is_some_and(|model| model.parts.compensation);
             let compensated_mm = if models {
-                added.compensation_mm - before_mm
+                added.compensation_mm - beside.before_mm
             } else {
                 0.0
             };
@@ -168,6 +177,23 @@ impl ModelSettings {
         added
     }
 
+    /// The axis is at rest: the model goes by the torque that holds it. What is fed forward changes by so much, in N·m.
+    pub(crate) fn rest_at(&self, state: &mut ModelState, torque_nm: f64) -> f64 {
+        let Some(model) = &self.inverse_dynamics else {
+            return 0.0;
+        };
+        let before_n = state.inverse_dynamics.force_n;
+        model.rest_at(&mut state.inverse_dynamics, torque_nm);
+        (state.inverse_dynamics.force_n - before_n) * self.radius_m
+    }
+
+    /// Compensation of lost motion at rest, in mm, where the model says it.
+    pub(crate) fn compensation_at_rest_mm(&self, state: &ModelState) -> Option<f64> {
+        let model = self.inverse_dynamics.as_ref();
+        let crosses = model.is_some_and(|model| model.parts.compensation);
+        crosses.then(|| state.inverse_dynamics.compensation_at_rest_mm())
+    }
+
     /// What moves the table as commanded, by the inverse dynamics.
     fn move_table(
         &self,
@@ -177,14 +203,9 @@ impl ModelSettings {
         setpoint: &impl Fn(i64) -> i64,
         added: &mut Added,
     ) {
-        let position_mm = |ahead: f64| {
-            let low = libm::floor(ahead);
-            let at = |scans: i64| setpoint(scans) as f64 * self.increment_mm;
-            let (here, next) = (at(low as i64), at(low as i64 + 1));
-            here + (next - here) * (ahead - low)
-        };
+        let position_mm = |ahead: f64| self.position_mm(ahead, setpoint);
         let motion = |ahead: f64| {
-            let wide = (DIFFERENCE_S / self.scan_s).min(ahead + ROWS_BEHIND);
+            let wide = self.difference_scans(ahead);
             let wide_s = wide * self.scan_s;
             let (last, here, next) = (
                 position_mm(ahead - wide),
@@ -209,10 +230,38 @@ impl ModelSettings {
         }
         added.torque_nm = wanted.torque_nm;
         if model.parts.acceleration {
-            let middle = self.speed_lead_scans;
-            let travel_mm = position_mm(middle + 0.5) - position_mm(middle - 0.5);
-            added.setpoint_mm_s = Some(travel_mm / self.scan_s);
+            added.setpoint_mm_s = Some(self.setpoint_mm_s(setpoint));
         }
+    }
+
+    /// Speed of the setpoints in the middle of the scan that the command acts in, in mm/s.
+    pub(crate) fn setpoint_mm_s(&self, setpoint: impl Fn(i64) -> i64) -> f64 {
+        let middle = self.speed_lead_scans;
+        let position_mm = |ahead: f64| self.position_mm(ahead, &setpoint);
+        let travel_mm = position_mm(middle + 0.5) - position_mm(middle - 0.5);
+        travel_mm / self.scan_s
+    }
+
+    /// Scans ahead of the present one that a command is looked for at most.
+    pub(crate) fn ahead_scans(&self) -> u32 {
+        let model = self.inverse_dynamics.map_or(0.0, |model| {
+            let furthest = model.near_lead_scans().max(model.far_lead_scans());
+            furthest + self.difference_scans(furthest)
+        });
+        libm::ceil(model.max(self.speed_lead_scans + 0.5)) as u32 + 1
+    }
+
+    /// Scans on either side of a place that speed and acceleration there are taken from.
+    fn difference_scans(&self, ahead: f64) -> f64 {
+        (DIFFERENCE_S / self.scan_s).min(ahead + ROWS_BEHIND)
+    }
+
+    /// Position command so many scans ahead, in mm.
+    fn position_mm(&self, ahead: f64, setpoint: &impl Fn(i64) -> i64) -> f64 {
+        let low = libm::floor(ahead);
+        let at = |scans: i64| setpoint(scans) as f64 * self.increment_mm;
+        let (here, next) = (at(low as i64), at(low as i64 + 1));
+        here + (next - here) * (ahead - low)
     }
 }
 

@@ -19,6 +19,7 @@ use machine::{DriveMode, Machine, PositionFeedback};
 use crate::closed_loop::{ClosedLoop, Wanted};
 use crate::held::Refusal;
 use crate::manual::{self, ManualState};
+use crate::manual_loop::ManualLoop;
 use crate::setpoints::Setpoints;
 use crate::settings::{ServoSettings, ServoSettingsError};
 use crate::state::ServoState;
@@ -318,28 +319,15 @@ impl Servo {
 
     /// The second controller drives the axis (docs/methods/two-controllers.md).
     fn manual(&mut self, scan: &Judged, stop: bool) -> Wanted {
-        let settings = &self.settings;
-        let state = &mut self.state;
-        let moved = scan.position.saturating_sub(state.program.encoder);
-        let output = settings.manual.update(
-            &mut state.manual,
-            &mut state.program,
-            scan.axis,
-            scan.position,
+        ManualLoop {
+            settings: &self.settings,
+            state: &mut self.state,
+            learned: self.learned.as_deref(),
+            axis: scan.axis,
+            position: scan.position,
             stop,
-        );
-        state.command_position_before = state.program.command_position;
-        state.period = PeriodState::at_rest(state.program.command_position);
-        state.velocity_mm_s = moved as f64 * (settings.increment_mm / settings.scan_s);
-        state.reversal.cancel();
-        state.model.leave(scan.axis);
-        Wanted {
-            velocity_mm_s: output.velocity_mm_s,
-            torque_nm: state.model.torque_nm() + output.torque_nm,
-            feed_forward_mm_s: output.feed_forward_mm_s,
-            following_error_mm: output.error as f64 * settings.increment_mm,
-            jog_done: output.done,
         }
+        .scan()
     }
 
     /// Guards, then the velocity command for the drive or, in torque mode, through the velocity loop the torque. The axis was

@@ -11,6 +11,7 @@ mod controller;
 mod held;
 mod linear_interpolation;
 mod manual;
+mod manual_loop;
 pub mod ports;
 mod run;
 mod setpoints;

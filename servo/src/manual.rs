@@ -8,11 +8,11 @@
     clippy::indexing_slicing
 )]
 
-use bus::sample::AxisFeedback;
 use bytemuck::{Pod, Zeroable};
 use control::changeover::{Changeover, ChangeoverState, Phase, Variant};
 use control::follow_up::FollowUpState;
-use control::jog::{JogMotion, JogProfile, JogTimes};
+use control::jog::{JogMotion, JogProfile};
+use control::jog_course::{AHEAD_SCANS_MAX, JogCourse, JogTimes};
 use machine::{Axis, Changeover as Setting, Machine};
 
 /// A jog may use this share of the axis's acceleration: it is watched by eye and stops by hand.
@@ -38,56 +38,17 @@ const PROGRAM: u32 = 1;
 /// The manual one did.
 const MANUAL: u32 = 2;
 
-/// The second controller: command generation, error counter, proportional position loop, feed-forward, changeover.
+/// The second controller: command generation, proportional position loop, changeover. What its jog needs of the model and the
+/// compensation of lost motion it shares with the program's controller (`ManualLoop`).
 ///
-/// `v = Kp·E2 + α·v_command + fade + return`, and the torque that accelerates the axis, with the lead times of the program's controller.
+/// `v = Kp·E2 + fade + return`, and what is fed forward.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ManualController {
     changeover: Changeover,
     profile: JogProfile,
     speed_per_increment_per_s: f64,
-    forward: Forward,
-}
-
-/// What a jog feeds forward.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Forward {
-    /// Speed for each increment in a scan, in mm/s; 0 where nothing is fed forward.
-    mm_s: f64,
-    /// How far ahead of the command's last scan, in scans.
-    speed_ahead_scans: f64,
-    /// Torque for a change of speed of an increment in a scan per scan, in N·m; 0 where acceleration is not fed forward.
-    torque_nm: f64,
-    /// How far ahead.
-    torque_ahead_scans: f64,
-    /// From what is fed forward to the command, in scans.
-    delay_scans: u32,
-}
-
-impl Forward {
-    fn of(machine: &Machine, axis: &Axis) -> Forward {
-        let scan_s = machine.scan_period_s();
-        let forward = &axis.feed_forward;
-        let model = axis.model.filter(|_| axis.torque_feed_forward.acceleration);
-        let radius_m = axis.lead_mm * 1e-3 / (2.0 * core::f64::consts::PI);
-        let mass_kg = model.map_or(0.0, |model| model.mass_kg);
-        let current_loop_scans = axis.torque_feed_forward.current_loop_ms * 1e-3 / scan_s;
-        // The program's controller feeds the speed around `advance − 1` scans from its setpoint forward.
-        let speed_ahead_scans = (forward.advance_ms * 1e-3 / scan_s - 1.5).max(0.0);
-        // A command acts a dead time later and is held for a scan; the force follows it by the current loop.
-        let torque_ahead_scans = f64::from(machine.scan.dead_time_scans) + current_loop_scans;
-        Forward {
-            mm_s: if forward.enabled {
-                forward.coefficient * axis.increment_mm() / scan_s
-            } else {
-                0.0
-            },
-            speed_ahead_scans,
-            torque_nm: mass_kg * radius_m * axis.increment_mm() * 1e-3 / (scan_s * scan_s),
-            torque_ahead_scans,
-            delay_scans: speed_ahead_scans.max(torque_ahead_scans + 1.0) as u32 + 2,
-        }
-    }
+    /// Scans that what is fed forward looks ahead.
+    ahead_scans: u32,
 }
 
 /// What [`ManualController`] remembers (docs/methods/two-controllers.md).
@@ -102,12 +63,12 @@ pub struct ManualState {
     pub changeover: ChangeoverState,
     /// Who drove in the scan before: 0 nobody (loop open), 1 the program's controller, 2 the manual one.
     pub drove: u32,
-    /// Scans since it may move, and since it was ordered to stop. Its command does so `delay_scans` later: what is fed forward is ahead of it.
+    /// Scans since it may move, and since it was ordered to stop. Its command does so only once what is fed forward has seen it.
     pub moved_scans: u32,
     /// See there.
     pub stopped_scans: u32,
-    /// Kept zero.
-    pub reserved: u32,
+    /// What the command moved in the last scan, in increments.
+    pub step: i32,
 }
 
 impl ManualState {
@@ -119,30 +80,35 @@ impl ManualState {
         }
     }
 
+    /// At rest there, from where it is to go to `goal`.
+    pub(crate) fn at_rest(position: i64, goal: i64) -> ManualState {
+        ManualState {
+            motion: JogMotion::at(position),
+            goal,
+            drove: MANUAL,
+            ..ManualState::default()
+        }
+    }
+
+    /// Whether it drove in the scan before.
+    pub(crate) fn drove(&self) -> bool {
+        self.drove == MANUAL
+    }
+
+    /// Whether the motor has settled after the switch: it may move, and the program's command position follows.
+    pub(crate) fn may_move(&self) -> bool {
+        self.changeover.phase() == Phase::Following
+    }
+
     /// Whether the program's controller drove in the scan before.
     pub fn program_drove(&self) -> bool {
         self.drove == PROGRAM
     }
 }
 
-/// What it puts out in one scan.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct ManualOutput {
-    /// Velocity command, in mm/s.
-    pub velocity_mm_s: f64,
-    /// What of it is fed forward, in mm/s.
-    pub feed_forward_mm_s: f64,
-    /// Torque that accelerates the axis, in N·m.
-    pub torque_nm: f64,
-    /// Its error, in increments.
-    pub error: i64,
-    /// It has come to rest at its goal, or where it was ordered to stop.
-    pub done: bool,
-}
-
 impl ManualController {
-    /// For an axis of a machine.
-    pub fn new(machine: &Machine, axis: &Axis) -> ManualController {
+    /// For an axis of a machine; what is fed forward looks so many scans ahead.
+    pub fn new(machine: &Machine, axis: &Axis, ahead_scans: u32) -> ManualController {
         let scan_s = machine.scan_period_s();
         let increment_mm = axis.increment_mm();
         let gain_per_s = axis.position_loop.gain_per_s;
@@ -169,38 +135,17 @@ impl ManualController {
                 axis.jerk_mm_s3
                     .map(|jerk_mm_s3| jerk_mm_s3 * scan_s.powi(3) / increment_mm),
             ),
-            forward: Forward::of(machine, axis),
+            ahead_scans: ahead_scans.min(AHEAD_SCANS_MAX),
             speed_per_increment_per_s: gain_per_s * increment_mm,
         }
     }
 
-    /// One scan in which it drives. `program` is the command position of the program's controller, which follows the axis, and the
-    /// encoder of the scan before.
-    pub(crate) fn update(
-        &self,
-        state: &mut ManualState,
-        program: &mut FollowUpState,
-        axis: &AxisFeedback,
-        position: i64,
-        stop: bool,
-    ) -> ManualOutput {
-        if state.drove != MANUAL {
-            let way = axis.jog_target.saturating_sub(axis.command_position);
-            *state = ManualState {
-                motion: JogMotion::at(position),
-                goal: position.saturating_add(way),
-                drove: MANUAL,
-                ..ManualState::default()
-            };
-            // It begins without an error, where the motor stands; its own speed command is then none.
-            *program = FollowUpState::closed(axis.command_position, position);
-            let before_mm_s = axis.velocity_command_mm_s;
-            self.changeover
-                .to_second(&mut state.changeover, 0, before_mm_s, 0.0);
-        }
-        let moves = state.changeover.phase() == Phase::Following;
-        let delay_scans = self.forward.delay_scans;
-        if moves {
+    /// One scan of the command generation.
+    ///
+    /// The command begins to move, and to brake when it is ordered to, only after as many scans as are looked ahead: so nothing
+    /// that is fed forward comes late.
+    pub(crate) fn advance(&self, state: &mut ManualState, stop: bool) -> JogCourse {
+        if state.may_move() {
             state.moved_scans = state.moved_scans.saturating_add(1);
             state.stopped_scans = if stop {
                 state.stopped_scans.saturating_add(1)
@@ -208,53 +153,53 @@ impl ManualController {
                 0
             };
         }
-        let stops = state.stopped_scans > delay_scans;
-        if state.moved_scans > delay_scans {
-            state.motion = self.profile.advance(&state.motion, state.goal, stops);
-        }
-        let error = state.motion.command.saturating_sub(position);
+        let after = self.ahead_scans.saturating_add(2);
+        let when = JogTimes {
+            starts_in: after.saturating_sub(state.moved_scans),
+            stops_in: match state.stopped_scans {
+                0 => u32::MAX,
+                scans => after.saturating_sub(scans),
+            },
+        };
+        let before = (&state.motion, i64::from(state.step));
+        let course = JogCourse::new(&self.profile, before, state.goal, when, self.ahead_scans);
+        let step = course.at(0).saturating_sub(course.at(-1));
+        let largest = i64::from(i32::MAX);
+        state.step = step.clamp(-largest, largest) as i32;
+        state.motion = course.now();
+        course
+    }
+
+    /// `Kp·E2`, in mm/s.
+    pub(crate) fn position_loop(&self, error: i64) -> f64 {
+        self.speed_per_increment_per_s * error as f64
+    }
+
+    /// It takes over from a speed command of `before_mm_s`; its own is now `own_mm_s`.
+    pub(crate) fn takes_over(&self, state: &mut ManualState, before_mm_s: f64, own_mm_s: f64) {
+        self.changeover
+            .to_second(&mut state.changeover, 0, before_mm_s, own_mm_s);
+    }
+
+    /// One scan of the changeover, with the command position of the program's controller, which follows the axis: what is added
+    /// to the speed command, in mm/s, and whether the jog is done: at rest at its goal, or where it was ordered to stop.
+    pub(crate) fn changes_over(
+        &self,
+        state: &mut ManualState,
+        program: &mut FollowUpState,
+        position: i64,
+        error: i64,
+    ) -> (f64, bool) {
+        let moves = state.may_move();
         let changeover = &mut state.changeover;
         let added_mm_s = self.changeover.update(changeover, program, position, error);
+        let stops = state.stopped_scans >= self.ahead_scans.saturating_add(2);
         let arrived = state.motion.rests() && (stops || state.motion.command == state.goal);
         if moves && !arrived {
             self.changeover.moves(changeover);
         }
         let done = moves && arrived && self.changeover.is_settled(changeover);
-        let (feed_forward_mm_s, torque_nm) = if moves && !arrived {
-            self.forward(state)
-        } else {
-            (0.0, 0.0)
-        };
-        ManualOutput {
-            velocity_mm_s: self.speed_per_increment_per_s * error as f64
-                + feed_forward_mm_s
-                + added_mm_s,
-            feed_forward_mm_s,
-            torque_nm,
-            error,
-            done,
-        }
-    }
-
-    /// Speed in mm/s and torque in N·m of what is commanded when this scan's command acts.
-    fn forward(&self, state: &ManualState) -> (f64, f64) {
-        let forward = &self.forward;
-        let when = JogTimes {
-            starts_in: forward.delay_scans.saturating_sub(state.moved_scans),
-            stops_in: match state.stopped_scans {
-                0 => u32::MAX,
-                scans => forward.delay_scans.saturating_sub(scans),
-            },
-        };
-        let step = |ahead: f64| {
-            let profile = &self.profile;
-            profile.step_ahead(&state.motion, state.goal, when, ahead)
-        };
-        let change = step(forward.torque_ahead_scans + 1.0) - step(forward.torque_ahead_scans);
-        (
-            forward.mm_s * step(forward.speed_ahead_scans),
-            forward.torque_nm * change,
-        )
+        (added_mm_s, done)
     }
 
     /// The program's controller drives with this speed command of its own, in mm/s; what it is together with the share

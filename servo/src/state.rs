@@ -56,6 +56,8 @@ pub struct ServoState {
     pub torque_limited_scans: u32,
     /// Kept zero.
     pub reserved: u32,
+    /// Torque that holds the axis beside what its model says, in N·m: what the model was off when a jog began, fading.
+    pub held_torque_nm: f64,
 }
 
 const _: () = assert!(
