@@ -177,3 +177,39 @@ fn a_lost_motion_of_an_axis_that_is_not_there_is_bad_input() {
     assert_eq!(output.status.code(), Some(2), "{}", words(&output));
     assert!(words(&output).contains("no axis Q"));
 }
+
+/// A table of 100 kg on a screw of 16.68 N/µm, and one of 150 kg on 25.02 N/µm: 65 Hz, damped by 2 %.
+#[test]
+fn a_machine_that_rings_gets_motion_that_spares_it() {
+    let bench = Bench::of("xy", &[]);
+    let file = bench.path().join("plant.toml");
+    let plant = fs::read_to_string(&file).expect("plant.toml");
+    let soft = plant
+        .replacen(
+            "stiffness_n_per_m = 1.2e8",
+            "stiffness_n_per_m = 1.668e7",
+            1,
+        )
+        .replacen(
+            "stiffness_n_per_m = 1.2e8",
+            "stiffness_n_per_m = 2.502e7",
+            1,
+        )
+        .replace("damping_ratio = 0.08", "damping_ratio = 0.02");
+    fs::write(&file, soft).expect("plant.toml");
+    let output = tune(bench.path(), &[]);
+    let said = words(&output);
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    assert!(said.contains("motion is made to spare"), "{said}");
+    let machine = Machine::load(bench.path()).expect("the new file");
+    near(
+        "Hz",
+        machine.path.vibration_hz.expect("a frequency"),
+        65.0,
+        10.0,
+    );
+    for axis in &machine.axes {
+        let jerk_mm_s3 = axis.jerk_mm_s3.expect("a limit of jerk");
+        assert!(jerk_mm_s3 <= 20.0 * axis.acceleration_mm_s2, "{jerk_mm_s3}");
+    }
+}

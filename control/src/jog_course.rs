@@ -86,6 +86,7 @@ impl JogCourse {
 }
 
 #[cfg(test)]
+#[allow(clippy::indexing_slicing)]
 mod tests {
     use super::*;
 

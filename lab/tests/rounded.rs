@@ -224,7 +224,7 @@ fn rounded_chords_take_little_more_than_the_least_time() {
     for (period_us, most) in [(1000, 1.06), (250, 1.08)] {
         machine.scan.period_us = period_us;
         machine.scan.interpolation_period_scans = 8000 / period_us;
-        let text = facets(0.2, 0.0, "G64 P0.01");
+        let text = faceted::program(0.2, 0.0, "G64 P0.01", 1);
         let (_, ratio) = over_bound(&machine, &text).expect("a program");
         assert!((0.999..most).contains(&ratio), "{period_us} µs: {ratio}");
     }

@@ -8,6 +8,8 @@ use machine::{Machine, replace_file};
 use toml_edit::DocumentMut;
 
 use super::identify::Found;
+use super::ringing::Ringing;
+use super::smooth;
 use crate::options::TuneOptions;
 use launcher::exit::{Kind, Outcome};
 use launcher::output::say;
@@ -44,6 +46,37 @@ pub fn findings(machine: &Machine, all: &[Found]) -> String {
             found.residual_n, found.cogging_nm, found.cogging_per_turn
         );
     }
+    text
+}
+
+/// What rings, axis by axis, and what of it motion is made to spare.
+pub fn ringing(machine: &Machine, all: &[Vec<Ringing>]) -> String {
+    let mut text = String::from("ringing after a change of acceleration");
+    for (axis, rings) in machine.axes.iter().zip(all) {
+        let of = |of: &Ringing| {
+            format!(
+                "{:.1} Hz, damping ratio {:.3}, {:.1} µm",
+                of.frequency_hz, of.damping_ratio, of.amplitude_um
+            )
+        };
+        let found: Vec<String> = rings.iter().map(of).collect();
+        let found = match found.as_slice() {
+            [] => "none above 0.5 µm".to_owned(),
+            found => found.join("; "),
+        };
+        text += &format!("\n{:4} {found}", axis.name);
+    }
+    text += &match smooth::worst(all) {
+        Some(spared) => format!(
+            "\nmotion is made to spare {:.1} Hz: vibration_hz and jerk_mm_s3; corners and chords of exact paths (G61) then take \
+             a stop: ask for a tolerance (G64 P, or tolerance_mm of [path])",
+            spared.frequency_hz
+        ),
+        None => format!(
+            "\nnothing above {} µm that is worth sparing: motion stays as the machine file has it",
+            smooth::WORTH_UM
+        ),
+    };
     text
 }
 

@@ -3,8 +3,9 @@
 //! 1. strokes with the gains as they are: a first mass, and from it gains by law;
 //! 2. strokes, reversals at low and high acceleration, steady speeds: mass, friction, lost motion, gap (`identify`);
 //! 3. does the model fit? If not, nothing is written (`judge`);
-//! 4. settings by law (`laws`), test circles before and after (`trial`);
-//! 5. the machine file, the old one kept (`write`, `keep`).
+//! 4. what rings after a change of acceleration (`ringing`), and motion that spares it (`smooth`);
+//! 5. settings by law (`laws`), test circles before and after (`trial`);
+//! 6. the machine file, the old one kept (`write`, `keep`).
 //!
 //! **Invariant**: nothing is known of the machine but its machine file and what its encoders and drives say. The plant file
 //! is copied for the simulated machine, unread.
@@ -19,6 +20,8 @@ mod least_squares;
 mod motions;
 pub mod options;
 mod recording;
+mod ringing;
+mod smooth;
 mod trial;
 mod write;
 
@@ -35,6 +38,7 @@ use launcher::exit::{Failure, Kind, Outcome};
 use launcher::logs;
 use launcher::output::say;
 use launcher::signals::Signals;
+use ringing::Ringing;
 
 /// Part of the gain by law at which the strokes are repeated: what depends on the gain shows itself so.
 const SOFT_PART: f64 = 0.4;
@@ -54,14 +58,18 @@ pub fn tune(options: &TuneOptions) -> Outcome {
         .input()?;
     let signals = Signals::catch().environment()?;
     let mut bench = Bench::new(&options.machine, signals)?;
-    let found = identify(&machine, &document, &mut bench)?;
+    let (found, rings) = identify(&machine, &document, &mut bench)?;
     say(&keep::findings(&machine, &found));
+    say(&keep::ringing(&machine, &rings));
     refuse_misfits(&machine, &found)?;
     let settings = |pulse: bool| {
         let mut tuned = document.clone();
         for (index, (found, given_um)) in found.iter().zip(&given_um).enumerate() {
             let method = method(&machine, index, found, *given_um, pulse);
             write::settings(&mut tuned, &machine, index, found, *given_um, method);
+        }
+        if let Some(spared) = smooth::worst(&rings) {
+            smooth::spare(&mut tuned, &machine, &found, spared);
         }
         tuned
     };
@@ -154,7 +162,7 @@ fn identify(
     machine: &Machine,
     document: &DocumentMut,
     bench: &mut Bench,
-) -> Result<Vec<Found>, Failure> {
+) -> Result<(Vec<Found>, Vec<Vec<Ringing>>), Failure> {
     let mut bare = document.clone();
     write::bare(&mut bare, machine);
     tracing::info!("strokes with the gains as they are: a first look at the mass");
@@ -177,7 +185,9 @@ fn identify(
         }
     };
     tracing::info!("strokes with gains by law, and with part of them: the mass");
-    keep(bench.record(&bare, &strokes)?);
+    let by_law = bench.record(&bare, &strokes)?;
+    let rings = by_law.iter().map(ringing::ringing).collect();
+    keep(by_law);
     let mut soft = bare.clone();
     for index in 0..machine.axes.len() {
         write::scale_gain(&mut soft, index, SOFT_PART);
@@ -191,12 +201,12 @@ fn identify(
     }
     tracing::info!("steady speeds: friction against speed");
     let steady = bench.record(&bare, &motions::steady(machine))?;
-    Ok(machine
+    let found = machine
         .axes
         .iter()
         .zip(recordings.iter().zip(&steady))
-        .map(|(axis, (list, steady))| identify::model(list, steady, axis.lead_mm))
-        .collect())
+        .map(|(axis, (list, steady))| identify::model(list, steady, axis.lead_mm));
+    Ok((found.collect(), rings))
 }
 
 /// Names every axis whose model does not fit.

@@ -10,7 +10,7 @@ use super::laws::{self, Timing};
 const ROUNDING_PART: f64 = 0.1;
 
 /// The tables of the axes.
-fn axes(document: &mut DocumentMut) -> impl Iterator<Item = &mut Table> {
+pub(crate) fn axes(document: &mut DocumentMut) -> impl Iterator<Item = &mut Table> {
     document
         .get_mut("axis")
         .and_then(Item::as_array_of_tables_mut)
@@ -47,7 +47,10 @@ pub fn plain(document: &mut DocumentMut) {
 /// The axes without any compensation, under their motor encoders, with feed-forward: as the test motions want them.
 pub fn bare(document: &mut DocumentMut, machine: &Machine) {
     plain(document);
+    // What rings is to show itself.
+    document.remove("path");
     for (axis, known) in axes(document).zip(&machine.axes) {
+        axis.remove("jerk_mm_s3");
         let advance_ms = Timing::of(machine, known).advance_ms();
         inner(axis, &["reversal"]).insert("method", value("none"));
         for key in [
@@ -107,7 +110,7 @@ pub fn acceleration(document: &mut DocumentMut, machine: &Machine, acceleration_
 }
 
 /// The keys of one table of an axis.
-struct Keys<'a>(&'a mut Table);
+pub(crate) struct Keys<'a>(pub(crate) &'a mut Table);
 
 impl Keys<'_> {
     /// Of the table of this path, made where it is missing.
@@ -116,7 +119,7 @@ impl Keys<'_> {
     }
 
     /// Sets a value and notes behind it where it comes from.
-    fn set(&mut self, key: &str, new: impl Into<Value>, why: &str) {
+    pub(crate) fn set(&mut self, key: &str, new: impl Into<Value>, why: &str) {
         let mut new = new.into();
         if !why.is_empty() {
             new.decor_mut().set_prefix(" ");
@@ -132,7 +135,7 @@ impl Keys<'_> {
 }
 
 /// Rounded to so many significant digits.
-fn digits(number: f64, count: i32) -> f64 {
+pub(crate) fn digits(number: f64, count: i32) -> f64 {
     if number == 0.0 || !number.is_finite() {
         return number;
     }
