@@ -32,7 +32,7 @@ fn the_places_that_cost_time_are_named_with_the_limit_that_holds_the_tool_back()
     );
     for words in [
         "what if jerk=40000, acceleration.Y=2500: ",
-        "line 4: jump of the curvature: jerk of X",
+        "line 5: jump of the curvature: jerk of X",
         " of 2500 mm/s²",
     ] {
         assert!(limited.contains(words), "no {words:?} in\n{limited}");
