@@ -284,9 +284,14 @@ impl InverseDynamics {
 
     /// What the motor stands from the table's place by gap and wind-up, in mm.
     fn screw_mm(&self, state: &InverseDynamicsState) -> f64 {
-        let u = 0.5 * (state.side + 1.0);
+        self.in_gap_mm(state.side) + state.contact_n / self.stiffness_n_per_m * 1e3
+    }
+
+    /// Where in the gap the motor is with the table at a side of it, from −1 to 1, in mm.
+    fn in_gap_mm(&self, side: f64) -> f64 {
+        let u = 0.5 * (side + 1.0);
         let place = u * u * u * (10.0 - 15.0 * u + 6.0 * u * u);
-        self.gap_mm * (place - 0.5) + state.contact_n / self.stiffness_n_per_m * 1e3
+        self.gap_mm * (place - 0.5)
     }
 
     /// Where in the gap the motor is, in mm, and its acceleration, in mm/s².
@@ -309,10 +314,9 @@ impl InverseDynamics {
         state.side += (state.side_wanted - before).max(-step).min(step);
         let rate_per_s = 0.5 * (state.side - before) / self.scan_s;
         let u = 0.5 * (state.side + 1.0);
-        let place = u * u * u * (10.0 - 15.0 * u + 6.0 * u * u);
         let bend = u * (60.0 - 180.0 * u + 120.0 * u * u);
         (
-            self.gap_mm * (place - 0.5),
+            self.in_gap_mm(state.side),
             self.gap_mm * bend * rate_per_s * rate_per_s,
         )
     }

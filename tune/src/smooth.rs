@@ -3,7 +3,7 @@
 use core::f64::consts::PI;
 
 use machine::Machine;
-use toml_edit::{DocumentMut, Item, table};
+use toml_edit::DocumentMut;
 
 use super::identify::Found;
 use super::ringing::Ringing;
@@ -39,15 +39,9 @@ pub fn worst(all: &[Vec<Ringing>]) -> Option<Ringing> {
 /// peak at most.
 pub fn spare(document: &mut DocumentMut, machine: &Machine, found: &[Found], spared: Ringing) {
     let scan_s = machine.scan_period_s();
-    let path = document.entry("path").or_insert_with(table);
-    if let Item::Table(path) = path {
-        let vibration_hz = digits(spared.frequency_hz, 3);
-        Keys(path).set(
-            "vibration_hz",
-            vibration_hz,
-            "tune: what rings most after strokes",
-        );
-    }
+    let vibration_hz = digits(spared.frequency_hz, 3);
+    let why = "tune: what rings most after strokes";
+    Keys::of(document.as_table_mut(), &["path"]).set("vibration_hz", vibration_hz, why);
     let stiffness_per_s2 = (2.0 * PI * spared.frequency_hz).powi(2);
     for ((axis, known), found) in axes(document).zip(&machine.axes).zip(found) {
         let peak_n = known.motor.peak_torque_nm * super::newtons_per_nm(known.lead_mm);
@@ -55,7 +49,7 @@ pub fn spare(document: &mut DocumentMut, machine: &Machine, found: &[Found], spa
             FORCE_SHARE * peak_n * stiffness_per_s2 * scan_s / found.motor_mass_kg.max(1e-3);
         let by_law_mm_s3 = (JERK_PER_S * known.acceleration_mm_s2).min(1e3 * by_force_m_s3);
         let jerk_mm_s3 = known.jerk_mm_s3.unwrap_or(f64::INFINITY).min(by_law_mm_s3);
-        let mut keys = Keys(axis);
+        let mut keys = Keys::of(axis, &[]);
         let why = "tune: 20 times the acceleration in a second, or what the drive follows";
         keys.set("jerk_mm_s3", digits(jerk_mm_s3, 3), why);
         let finest_nm = 1e6 * ROUNDING_SHARE * jerk_mm_s3 * scan_s.powi(3) / ROUNDING_INCREMENTS;

@@ -110,11 +110,11 @@ pub fn acceleration(document: &mut DocumentMut, machine: &Machine, acceleration_
 }
 
 /// The keys of one table of an axis.
-pub(crate) struct Keys<'a>(pub(crate) &'a mut Table);
+pub(crate) struct Keys<'a>(&'a mut Table);
 
 impl Keys<'_> {
     /// Of the table of this path, made where it is missing.
-    fn of<'a>(axis: &'a mut Table, path: &[&str]) -> Keys<'a> {
+    pub(crate) fn of<'a>(axis: &'a mut Table, path: &[&str]) -> Keys<'a> {
         Keys(inner(axis, path))
     }
 

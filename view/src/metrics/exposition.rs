@@ -12,7 +12,7 @@ use prometheus_client::encoding::{DescriptorEncoder, MetricEncoder, NoLabelSet};
 use prometheus_client::metrics::MetricType;
 use prometheus_client::registry::{Registry, Unit};
 
-use super::numbers::{AxisNumbers, Count, Distribution, Number, Numbers, ProcessNumbers};
+use super::numbers::{AxisNumbers, CellNow, Count, Distribution, Number, Numbers, ProcessNumbers};
 use super::served::Served;
 
 /// How the text is written.
@@ -39,13 +39,15 @@ impl Dialect {
 /// # Errors
 /// Never in practice: a text takes all that is written to it.
 pub fn text(served: &Served, dialect: Dialect) -> Result<String, Error> {
-    let cell = ("cell".into(), served.place.name().to_string().into());
-    let mut registry = Registry::with_prefix_and_labels("quadrant", [cell].into_iter());
+    let name = ("cell".into(), served.place.name().to_string().into());
+    let mut registry = Registry::with_prefix_and_labels("quadrant", [name].into_iter());
+    let cell = served.numbers.now();
     registry.register_collector(Box::new(Snapshot {
         numbers: std::sync::Arc::clone(&served.numbers),
+        cell,
         now_ns: bus::realtime::now_ns(),
         log_bytes: log_bytes(&served.log),
-        program: program(served),
+        program: program(served, cell.map_or(0, |cell| cell.load)),
     }));
     let mut text = String::with_capacity(32 << 10);
     encode(&mut text, &registry)?;
@@ -68,8 +70,7 @@ fn log_bytes(folder: &Path) -> u64 {
 }
 
 /// Name of the program: that of the run, or the one that was loaded last.
-fn program(served: &Served) -> String {
-    let load = u32::try_from(served.numbers.load.get()).unwrap_or(0);
+fn program(served: &Served, load: u32) -> String {
     let file = served.program.clone();
     let file = file.or_else(|| served.place.program(load));
     let name = file.as_deref().and_then(Path::file_name);
@@ -122,6 +123,7 @@ fn older(text: &str) -> String {
 #[derive(Debug)]
 struct Snapshot {
     numbers: std::sync::Arc<Numbers>,
+    cell: Option<CellNow>,
     now_ns: u64,
     log_bytes: u64,
     program: String,
@@ -275,6 +277,11 @@ impl Snapshot {
         })
     }
 
+    /// A count of the cell; 0 before the first feedback.
+    fn count(&self, of: impl Fn(CellNow) -> u64) -> u64 {
+        self.cell.map_or(0, of)
+    }
+
     fn scans(&self, families: &mut Families<'_>) -> Result<(), Error> {
         let numbers = &*self.numbers;
         families.gauge(
@@ -291,24 +298,28 @@ impl Snapshot {
                 encode_distribution(e, interval)
             })?;
         }
-        families.counter("scans", None, "Scans of the cell.", numbers.scans.get())?;
+        families.counter(
+            "scans",
+            None,
+            "Scans of the cell.",
+            self.count(|cell| cell.scans),
+        )?;
         families.counter(
             "overrun_scans",
             None,
             "Scans for which the master itself was late.",
-            numbers.overrun_scans.get(),
+            self.count(|cell| u64::from(cell.overrun_scans)),
         )?;
-        let heard_ns = Some(numbers.heard_ns.get()).filter(|ns| *ns > 0);
         families.gauge(
             "feedback_age",
             Some(Unit::Seconds),
             "Time since the recorder took the newest feedback.",
-            heard_ns.map(|then| self.now_ns.saturating_sub(then) as f64 * 1e-9),
+            self.cell
+                .map(|cell| self.now_ns.saturating_sub(cell.heard_ns) as f64 * 1e-9),
         )
     }
 
     fn state(&self, families: &mut Families<'_>) -> Result<(), Error> {
-        let numbers = &*self.numbers;
         let gauge = MetricType::Gauge;
         families.family(
             "mode",
@@ -316,11 +327,11 @@ impl Snapshot {
             gauge,
             "1 for the mode the machine is in.",
             |e| {
-                let Some(now) = numbers.mode.get() else {
+                let Some(now) = self.cell else {
                     return Ok(());
                 };
                 Mode::ALL.iter().try_for_each(|mode: &Mode| {
-                    let is = u32::from(now == f64::from(*mode as u32));
+                    let is = u32::from(now.mode == *mode as u32);
                     let labels = [("mode", mode.word())];
                     e.encode_family(&labels)?.encode_gauge(&is)
                 })
@@ -330,13 +341,14 @@ impl Snapshot {
             "hold",
             None,
             "1 while feed hold is latched.",
-            numbers.hold.get(),
+            self.cell.map(|cell| f64::from(cell.hold)),
         )?;
         families.gauge(
             "override",
             Some(Unit::Other("ratio".into())),
             "Feed override, 1 for 100 percent.",
-            numbers.override_ratio.get(),
+            self.cell
+                .map(|cell| f64::from(cell.override_percent) / 100.0),
         )
     }
 
@@ -345,11 +357,11 @@ impl Snapshot {
         let gauge = MetricType::Gauge;
         let help = "1 for how far the cell is with its program.";
         families.family("program_state", None, gauge, help, |e| {
-            let Some(now) = numbers.program_state.get() else {
+            let Some(now) = self.cell else {
                 return Ok(());
             };
             ProgramState::ALL.iter().try_for_each(|state| {
-                let is = u32::from(now == f64::from(*state as u32));
+                let is = u32::from(now.program == *state as u32);
                 let labels = [("state", state.word())];
                 e.encode_family(&labels)?.encode_gauge(&is)
             })
@@ -358,7 +370,7 @@ impl Snapshot {
             "runs",
             None,
             "Programs that were started.",
-            numbers.runs.get(),
+            self.count(|cell| u64::from(cell.runs)),
         )?;
         families.gauge(
             "program_progress",

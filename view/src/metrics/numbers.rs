@@ -1,10 +1,12 @@
-//! The numbers that metrics are made of: written by the recorder, read by whoever answers a scrape. Atomics alone, so neither
-//! ever waits for the other; each number is whole, and two of them may be a scan apart.
+//! The numbers that metrics are made of: written by the recorder, read by whoever answers a scrape. Each number of an axis or a
+//! process is an atomic of its own, and two of them may be a scan apart; what a scan tells of the cell is taken together, since
+//! one without the other would be untrue: a program that is loaded and has no name, a machine that is ready and runs.
 
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use bus::member::Pace;
-use bus::sample::Cause;
+use bus::sample::{Cause, Feedback};
 use machine::{AxisKind, Machine, Process};
 
 /// Upper ends of the buckets of following errors: those of slides, in m, are the first, those of rotary axes, in rad, the last
@@ -174,6 +176,46 @@ pub struct ProcessNumbers {
     pub age_scans: Number,
 }
 
+/// What one feedback sample tells of the cell.
+#[derive(Debug, Clone, Copy)]
+pub struct CellNow {
+    /// Scans until now.
+    pub scans: u64,
+    /// Monotonic time at which it came, in ns.
+    pub heard_ns: u64,
+    /// Scans that the master overran.
+    pub overrun_scans: u32,
+    /// Mode on the wire.
+    pub mode: u32,
+    /// 1 in hold.
+    pub hold: u32,
+    /// Feed override in percent.
+    pub override_percent: u32,
+    /// Program state on the wire.
+    pub program: u32,
+    /// Number of the program that was loaded last.
+    pub load: u32,
+    /// Programs that were started.
+    pub runs: u32,
+}
+
+impl CellNow {
+    /// Of a sample that came at `heard_ns`.
+    pub fn of(sample: &Feedback, heard_ns: u64) -> Self {
+        CellNow {
+            scans: sample.scan + 1,
+            heard_ns,
+            overrun_scans: sample.overrun_scans,
+            mode: sample.mode,
+            hold: sample.hold,
+            override_percent: sample.override_percent,
+            program: sample.program,
+            load: sample.load,
+            runs: sample.run,
+        }
+    }
+}
+
 /// Everything.
 #[derive(Debug)]
 pub struct Numbers {
@@ -185,24 +227,8 @@ pub struct Numbers {
     pub scan_period_s: f64,
     /// Times between the beginnings of scans, in s; in real time alone.
     pub scan_interval: Option<Distribution>,
-    /// Scans until now.
-    pub scans: Count,
-    /// Monotonic time at which the newest feedback came, in ns; 0 before the first.
-    pub heard_ns: Count,
-    /// Scans that the master overran.
-    pub overrun_scans: Count,
-    /// Mode on the wire.
-    pub mode: Number,
-    /// 1 in hold.
-    pub hold: Number,
-    /// Feed override, 1 for 100 %.
-    pub override_ratio: Number,
-    /// Program state on the wire.
-    pub program_state: Number,
-    /// Number of the program that was loaded last.
-    pub load: Count,
-    /// Programs that were started.
-    pub runs: Count,
+    /// What the newest feedback tells of the cell; none before the first.
+    now: Mutex<Option<CellNow>>,
     /// Share of the program's path that is done.
     pub progress_ratio: Number,
     /// Trips by cause on the wire.
@@ -216,6 +242,16 @@ pub struct Numbers {
 }
 
 impl Numbers {
+    /// What the newest feedback told of the cell.
+    pub fn now(&self) -> Option<CellNow> {
+        *self.now.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes what a feedback tells of the cell.
+    pub fn set_now(&self, now: CellNow) {
+        *self.now.lock().unwrap_or_else(PoisonError::into_inner) = Some(now);
+    }
+
     /// Trips of this cause.
     pub fn trips(&self, cause: Cause) -> Option<&Count> {
         let mut all = Cause::ALL.iter().zip(&self.trips);
@@ -260,15 +296,7 @@ impl Numbers {
                 let period_s = machine.scan_period_s();
                 Distribution::new(INTERVAL_ENDS.iter().map(|share| whole_ns(share * period_s)))
             }),
-            scans: Count::default(),
-            heard_ns: Count::default(),
-            overrun_scans: Count::default(),
-            mode: Number::default(),
-            hold: Number::default(),
-            override_ratio: Number::default(),
-            program_state: Number::default(),
-            load: Count::default(),
-            runs: Count::default(),
+            now: Mutex::default(),
             progress_ratio: Number::default(),
             trips: Default::default(),
             samples_lost: Count::default(),

@@ -12,7 +12,7 @@ use bus::signal_page::SignalPage;
 use machine::{Machine, Process};
 use program::Program;
 
-use super::numbers::{Numbers, base_unit};
+use super::numbers::{CellNow, Numbers, base_unit};
 use super::served::Served;
 use super::{interval, server};
 use crate::live::feed::program_behind;
@@ -175,16 +175,7 @@ impl Cell {
         self.find_program(sample);
         self.model.feedback(sample);
         let numbers = &self.numbers;
-        numbers.scans.set(sample.scan + 1);
-        numbers.heard_ns.set(bus::realtime::now_ns());
-        numbers.overrun_scans.set(u64::from(sample.overrun_scans));
-        numbers.mode.set(f64::from(sample.mode));
-        numbers.hold.set(f64::from(sample.hold));
-        numbers.program_state.set(f64::from(sample.program));
-        numbers.load.set(u64::from(sample.load));
-        numbers.runs.set(u64::from(sample.run));
-        let share = f64::from(sample.override_percent) / 100.0;
-        numbers.override_ratio.set(share);
+        numbers.set_now(CellNow::of(sample, bus::realtime::now_ns()));
         // Also one that was there before this recorder: its count goes on from that of the one before, which had seen it.
         let tripped = sample.mode == Mode::Tripped as u32;
         if tripped
@@ -257,7 +248,7 @@ impl Cell {
                 axis.protrusion_m.set(m(height_um));
             }
         }
-        let Some(now) = numbers.scans.get().checked_sub(1) else {
+        let Some(now) = numbers.now().map(|now| now.scans - 1) else {
             return;
         };
         for process in &numbers.processes {
