@@ -11,6 +11,7 @@ use bytemuck::{Pod, Zeroable};
 use master::{DriveCommand, InstrumentSample, StateRefused};
 
 use crate::drive::{DriveParameters, DriveSettings, DriveState};
+use crate::measurement::{Measurement, MeasurementState, TORQUES_KEPT};
 use crate::mechanics::{MechanicsSettings, MechanicsState};
 use crate::plant_file::{PlantAxis, PlantFile};
 use crate::winding::{WindingSettings, WindingState};
@@ -62,6 +63,18 @@ pub enum AxisSettingsError {
         /// The scan.
         scan_us: u32,
     },
+    /// The torque is shown later than the drive remembers.
+    #[error(
+        "axis {axis} measurement.torque_delay_ms: {scans} scans, and the drive keeps the torques of {most}"
+    )]
+    TorqueDelay {
+        /// Axis.
+        axis: String,
+        /// The delay.
+        scans: usize,
+        /// The longest.
+        most: usize,
+    },
     /// The plant file has no such axis.
     #[error("axis {axis}: the plant file has no [[axis]] of that name")]
     NoSuchAxis {
@@ -76,6 +89,7 @@ pub struct AxisSettings {
     mechanics: MechanicsSettings,
     drive: DriveSettings,
     winding: WindingSettings,
+    measurement: Option<Measurement>,
     radius_m: f64,
     count_m: f64,
     scale_count_m: Option<f64>,
@@ -97,6 +111,8 @@ pub struct AxisState {
     pub drive: DriveState,
     /// Winding.
     pub winding: WindingState,
+    /// What is measured wrongly.
+    pub measurement: MeasurementState,
     /// Mean torque of the last scan, in N·m.
     pub torque_mean_nm: f64,
     /// 1 if the torque limit was active in the last scan.
@@ -151,6 +167,15 @@ impl AxisSettings {
         let microsteps_per_sample = whole(sample_us, microstep_ns)
             .filter(|_| scan_us.is_multiple_of(sample_us))
             .ok_or(AxisSettingsError::InstrumentPeriod { scan_us })?;
+        let measurement = axis.measurement(f64::from(scan_us) * 1e-6);
+        let scans = measurement.map_or(0, |of| of.torque_delay_scans);
+        if scans >= TORQUES_KEPT {
+            return Err(AxisSettingsError::TorqueDelay {
+                axis: name.into(),
+                scans,
+                most: TORQUES_KEPT - 1,
+            });
+        }
         let microsteps_per_scan = microsteps_per_drive_period * (scan_us / drive.period_us);
         Ok(Self::build(
             axis,
@@ -176,9 +201,10 @@ impl AxisSettings {
         let count_m = axis.screw.lead_mm * 1e-3 / f64::from(axis.motor.encoder_counts_per_turn);
         let scan_s = f64::from(scan_us) * 1e-6;
         AxisSettings {
-            mechanics: MechanicsSettings::new(&axis.mechanics(), microstep_s),
+            mechanics: MechanicsSettings::new(&axis.mechanics(microstep_s), microstep_s),
             drive: DriveSettings::new(drive, axis.motor.peak_torque_nm, radius_m, count_m),
             winding: WindingSettings::new(&axis.winding(), scan_s),
+            measurement: axis.measurement(scan_s),
             radius_m,
             count_m,
             scale_count_m: axis.scale.map(|scale| scale.resolution_nm * 1e-9),
@@ -254,7 +280,11 @@ impl AxisSimulation {
         let mut until_sample = settings.microsteps_per_sample;
         while left > 0 {
             if until_drive == 0 {
-                let counts = counts(self.state.mechanics.motor_m, settings.count_m);
+                let mut motor_m = self.state.mechanics.motor_m;
+                if let Some(measurement) = &settings.measurement {
+                    motor_m += measurement.encoder(&mut self.state.measurement, motor_m);
+                }
+                let counts = counts(motor_m, settings.count_m);
                 settings
                     .drive
                     .update(&mut self.state.drive, command, counts);
@@ -277,6 +307,11 @@ impl AxisSimulation {
                     *place = self.instruments();
                 }
             }
+        }
+        if let Some(measurement) = &settings.measurement {
+            let torque_nm = self.state.mechanics.force_n * settings.radius_m;
+            measurement.encoder(&mut self.state.measurement, self.state.mechanics.motor_m);
+            measurement.torque(&mut self.state.measurement, torque_nm);
         }
         let microsteps = f64::from(settings.microsteps_per_scan);
         let radius_m = settings.radius_m;
@@ -331,7 +366,8 @@ impl AxisSimulation {
     /// Motor encoder now, in whole counts (rounded down), as mm of travel. Absolute: a restart does not lose it.
     pub fn motor_position_mm(&self) -> f64 {
         let count_m = self.settings.count_m;
-        counts(self.state.mechanics.motor_m, count_m) as f64 * (count_m * 1e3)
+        let motor_m = self.state.mechanics.motor_m + self.state.measurement.encoder_error_m;
+        counts(motor_m, count_m) as f64 * (count_m * 1e3)
     }
 
     /// Linear scale at the table now, in whole steps (rounded down), in mm; none where the axis has no scale.
@@ -351,8 +387,11 @@ impl AxisSimulation {
         self.state.drive.command_m_s * 1e3
     }
 
-    /// Motor torque now, behind the current loop, in N·m.
+    /// Motor torque now, behind the current loop, in N·m, as the drive shows it.
     pub fn torque_nm(&self) -> f64 {
+        if let Some(measurement) = &self.settings.measurement {
+            return measurement.shown_nm(&self.state.measurement);
+        }
         self.state.mechanics.force_n * self.settings.radius_m
     }
 
@@ -401,9 +440,21 @@ impl AxisState {
             self.winding.rise_k,
             self.winding.torque_square_nm2_s,
             self.torque_mean_nm,
+            m.beyond.variation.on_s,
+            m.beyond.variation.rest_s,
+            m.beyond.attached.off_m,
+            m.beyond.attached.velocity_m_s,
+            m.beyond.cutting.phase_s,
+            self.measurement.encoder_error_m,
         ];
+        let slips = m.beyond.lost_motion.force_n.iter();
+        let torques = self.measurement.torque_nm.iter();
         positions.iter().all(|x| x.abs() <= POSITION_M_MAX)
-            && numbers.iter().all(|x| x.is_finite())
+            && numbers
+                .iter()
+                .chain(slips)
+                .chain(torques)
+                .all(|x| x.is_finite())
             && contacts.iter().all(|f| {
                 f.velocity_m_s.is_finite()
                     && f.force_n.iter().all(|x| x.is_finite())

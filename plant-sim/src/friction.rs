@@ -11,6 +11,8 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::variation::Conditions;
+
 /// Elements of one contact.
 pub const ELEMENTS: usize = 4;
 
@@ -18,9 +20,21 @@ pub const ELEMENTS: usize = 4;
 /// not computed.
 const STRIBECK_EXPONENT_MAX: f64 = 50.0;
 
+/// The law by which a contact rubs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum FrictionLaw {
+    /// Generalised Maxwell slip.
+    #[default]
+    MaxwellSlip,
+    /// LuGre.
+    LuGre,
+}
+
 /// What is true of one contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrictionParameters {
+    /// Its law.
+    pub law: FrictionLaw,
     /// Force in steady sliding well above the Stribeck velocity, without the viscous part, in N.
     pub coulomb_n: f64,
     /// Break-away force, in N; not below `coulomb_n`.
@@ -42,6 +56,10 @@ pub struct FrictionParameters {
 /// The constants of [`FrictionSettings::update`] for one microstep length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrictionSettings {
+    law: FrictionLaw,
+    step_s: f64,
+    /// LuGre's σ0, in N/m.
+    bristle_n_per_m: f64,
     coulomb_n: f64,
     stribeck_rise_n: f64,
     per_stribeck_velocity_s_per_m: f64,
@@ -77,7 +95,16 @@ impl FrictionSettings {
         {
             *spring *= step_s / distance;
         }
+        let mean_m: f64 = parameters
+            .share
+            .iter()
+            .zip(parameters.break_distance_m)
+            .map(|(share, distance_m)| share * distance_m)
+            .sum();
         FrictionSettings {
+            law: parameters.law,
+            step_s,
+            bristle_n_per_m: parameters.coulomb_n / mean_m,
             coulomb_n: parameters.coulomb_n,
             stribeck_rise_n: parameters.static_n - parameters.coulomb_n,
             per_stribeck_velocity_s_per_m: 1.0 / parameters.stribeck_velocity_m_s,
@@ -173,6 +200,81 @@ impl FrictionSettings {
     }
 }
 
+impl FrictionSettings {
+    /// As [`update`](Self::update), by the contact's own law and under conditions that change.
+    pub fn update_at(&self, state: &mut FrictionState, velocity_m_s: f64, at: &Conditions) -> f64 {
+        match self.law {
+            FrictionLaw::MaxwellSlip => self.maxwell_slip(state, velocity_m_s, at),
+            FrictionLaw::LuGre => self.lugre(state, velocity_m_s, at),
+        }
+    }
+
+    /// Sliding friction in the direction of a speed, in N, at least 0.
+    fn sliding_n(&self, velocity_m_s: f64, at: &Conditions) -> f64 {
+        let [forward, backward] = at.sides;
+        let side = if velocity_m_s < 0.0 {
+            backward
+        } else {
+            forward
+        };
+        let risen_n = (self.stribeck_n(velocity_m_s) - self.coulomb_n) * at.at_rest;
+        at.level * side * (self.coulomb_n + risen_n)
+    }
+
+    fn maxwell_slip(&self, state: &mut FrictionState, velocity_m_s: f64, at: &Conditions) -> f64 {
+        let v = velocity_m_s;
+        if v * state.velocity_m_s <= 0.0 {
+            state.slipping = [0.0; ELEMENTS];
+        }
+        state.velocity_m_s = v;
+        let direction = if v < 0.0 { -1.0 } else { 1.0 };
+        let level_n = self.sliding_n(v, at);
+        let mut sticking_share = 0.0;
+        for (((force, slipping), spring), share) in state
+            .force_n
+            .iter_mut()
+            .zip(&mut state.slipping)
+            .zip(self.spring_step_n_s_per_m)
+            .zip(self.share)
+        {
+            let limit_n = share * level_n;
+            if *slipping == 0.0 {
+                *force += at.level * spring * v;
+                if *force * direction > limit_n {
+                    *slipping = 1.0;
+                } else {
+                    sticking_share += share;
+                }
+            } else {
+                let attractor_n = direction * limit_n;
+                *force = attractor_n + (*force - attractor_n) * self.attraction_decay;
+            }
+        }
+        sum(&state.force_n)
+            + (self.presliding_damping_n_s_per_m * sticking_share + self.viscous_n_s_per_m) * v
+    }
+
+    /// LuGre: `ż = v − σ0·|v|/g(v)·z`, `F = σ0·z + σ1·ż + σ2·v`, g the Stribeck curve; σ0 is Coulomb friction over the mean break
+    /// distance of the elements, and σ1 falls with speed as in `exp(−(v/vs)²)`, which keeps the contact passive. The bristles' force
+    /// is kept in place of the first element's. Source: Canudas de Wit, Olsson, Åström, Lischinsky 1995; σ1(v): Olsson 1996.
+    fn lugre(&self, state: &mut FrictionState, velocity_m_s: f64, at: &Conditions) -> f64 {
+        let v = velocity_m_s;
+        state.velocity_m_s = v;
+        let [bristles_n, ..] = &mut state.force_n;
+        let stiffness_n_per_m = at.level * self.bristle_n_per_m;
+        let sliding_n = self.sliding_n(v, at);
+        // Exact over a microstep of constant speed.
+        let steady_n = if v < 0.0 { -sliding_n } else { sliding_n };
+        let decay = libm::exp(-stiffness_n_per_m * v.abs() * self.step_s / sliding_n);
+        let before_n = *bristles_n;
+        *bristles_n = steady_n + (before_n - steady_n) * decay;
+        let rate_m_s = (*bristles_n - before_n) / (stiffness_n_per_m * self.step_s);
+        let ratio = v * self.per_stribeck_velocity_s_per_m;
+        let damping = self.presliding_damping_n_s_per_m * libm::exp(-ratio * ratio);
+        *bristles_n + damping * rate_m_s + self.viscous_n_s_per_m * v
+    }
+}
+
 fn sum(force_n: &[f64; ELEMENTS]) -> f64 {
     let [a, b, c, d] = force_n;
     (a + b) + (c + d)
@@ -189,6 +291,7 @@ mod tests {
     /// The reference table X of docs/methods/physics.md §3.
     fn table_x() -> FrictionParameters {
         FrictionParameters {
+            law: FrictionLaw::MaxwellSlip,
             coulomb_n: 200.0,
             static_n: 260.0,
             stribeck_velocity_m_s: 3e-3,
@@ -323,6 +426,65 @@ mod tests {
     }
 
     #[test]
+    fn lugre_slides_by_the_stribeck_curve_and_is_a_spring_at_rest() {
+        let parameters = FrictionParameters {
+            law: FrictionLaw::LuGre,
+            ..table_x()
+        };
+        let settings = FrictionSettings::new(&parameters, STEP_S);
+        for velocity_mm_s in [-100.0, -3.0, 1.0, 10.0] {
+            let v: f64 = velocity_mm_s * 1e-3;
+            let mut state = FrictionState::default();
+            let mut force_n = 0.0;
+            for _ in 0..40_000 {
+                force_n = settings.update_at(&mut state, v, &Conditions::PLAIN);
+            }
+            let expected_n =
+                v.signum() * (200.0 + 60.0 * libm::exp(-(v / 3e-3) * (v / 3e-3))) + 1000.0 * v;
+            assert!(
+                (force_n - expected_n).abs() < 1e-6,
+                "{velocity_mm_s} mm/s: {force_n} N"
+            );
+        }
+        let mut state = FrictionState::default();
+        let mut force_n = 0.0;
+        // 0.5 µm at 20 µm/s: 200 N over 9.95 µm of mean break distance.
+        for _ in 0..1000 {
+            force_n = settings.update_at(&mut state, 20e-6, &Conditions::PLAIN);
+        }
+        assert!((force_n - 200.0 / 9.95 * 0.5).abs() < 0.6, "{force_n} N");
+    }
+
+    #[test]
+    fn under_plain_conditions_both_ways_to_compute_maxwell_slip_agree() {
+        let settings = FrictionSettings::new(&table_x(), STEP_S);
+        let (mut fast, mut general) = (FrictionState::default(), FrictionState::default());
+        for step in 0..200_000 {
+            let v = 0.004 * libm::sin(f64::from(step) * STEP_S * 7.0);
+            let a = settings.update(&mut fast, v);
+            let b = settings.update_at(&mut general, v, &Conditions::PLAIN);
+            assert!((a - b).abs() < 1e-6, "{step}: {a} {b}");
+        }
+    }
+
+    #[test]
+    fn friction_by_direction_slides_as_high_as_its_side() {
+        let settings = FrictionSettings::new(&elements_only(), STEP_S);
+        let at = Conditions {
+            sides: [1.2, 0.8],
+            ..Conditions::PLAIN
+        };
+        for (v, expected_n) in [(0.05, 240.0), (-0.05, -160.0)] {
+            let mut state = FrictionState::default();
+            let mut force_n = 0.0;
+            for _ in 0..4000 {
+                force_n = settings.update_at(&mut state, v, &at);
+            }
+            assert!((force_n - expected_n).abs() < 1e-6, "{force_n}");
+        }
+    }
+
+    #[test]
     fn break_away_needs_the_static_force() {
         let settings = FrictionSettings::new(&table_x(), STEP_S);
         let (mut state, mut x_m) = (FrictionState::default(), 0.0);
@@ -335,11 +497,15 @@ mod tests {
         #[test]
         fn a_closed_cycle_never_creates_energy(
             amplitude_um in 0.05_f64..500.0,
+            lugre in any::<bool>(),
+            direction in -0.3_f64..0.3,
             second in 0.0_f64..1.0,
             harmonic in 2_u32..7,
             steps in 400_u32..20_000,
         ) {
-            let settings = FrictionSettings::new(&table_x(), STEP_S);
+            let law = if lugre { FrictionLaw::LuGre } else { FrictionLaw::MaxwellSlip };
+            let settings = FrictionSettings::new(&FrictionParameters { law, ..table_x() }, STEP_S);
+            let at = Conditions { sides: [1.0 + direction, 1.0 - direction], ..Conditions::PLAIN };
             let mut state = FrictionState::default();
             let w = 2.0 * std::f64::consts::PI / (f64::from(steps) * STEP_S);
             let mut work_j = 0.0;
@@ -349,7 +515,7 @@ mod tests {
                     let t = f64::from(step) * STEP_S;
                     let v = amplitude_um * 1e-6 * w
                         * (libm::cos(w * t) + second * libm::cos(f64::from(harmonic) * w * t));
-                    work_j += settings.update(&mut state, v) * v * STEP_S;
+                    work_j += settings.update_at(&mut state, v, &at) * v * STEP_S;
                 }
                 prop_assert!(work_j >= 0.0, "cycle {cycle}: {work_j} J");
             }

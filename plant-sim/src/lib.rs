@@ -1,11 +1,15 @@
 //! Simulated drives, motors, mechanics and friction, and the process that runs a master over them.
 
+pub mod attached_mass;
 pub mod auxiliary;
 pub mod axis;
+pub mod cutting;
 pub mod drive;
 pub mod drives;
 pub mod friction;
 pub mod inputs;
+pub mod lost_motion;
+pub mod measurement;
 pub mod mechanics;
 pub mod plant_file;
 pub mod probe;
@@ -13,6 +17,7 @@ pub mod run;
 pub mod script;
 pub mod setup;
 pub mod spindle;
+pub mod variation;
 pub mod winding;
 
 pub use drives::SimulatedDrives;

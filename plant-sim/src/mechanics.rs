@@ -12,7 +12,11 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::friction::{FrictionParameters, FrictionSettings, FrictionState};
+use crate::attached_mass::{AttachedMass, AttachedMassState};
+use crate::cutting::{Cutting, CuttingState};
+use crate::friction::{FrictionLaw, FrictionParameters, FrictionSettings, FrictionState};
+use crate::lost_motion::{LostMotion, LostMotionState};
+use crate::variation::{Variation, VariationState};
 
 /// Velocities and force lags below this (in m/s and N) are set to zero once per call: far below anything that moves a
 /// position by its last bit, and far above the denormal numbers, whose arithmetic is a hundred times slower.
@@ -41,6 +45,35 @@ pub struct MechanicsParameters {
     pub motor_friction: FrictionParameters,
     /// Table friction.
     pub table_friction: FrictionParameters,
+    /// What is not as simple as that; none for nothing.
+    pub beyond: Option<Beyond>,
+}
+
+/// What a machine has beside two masses, a screw and friction that stays.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Beyond {
+    /// Friction that is not the same everywhere and always.
+    pub variation: Variation,
+    /// Hysteresis of the lost motion.
+    pub lost_motion: LostMotion,
+    /// A mass that swings on the table.
+    pub attached: Option<AttachedMass>,
+    /// The cut.
+    pub cutting: Option<Cutting>,
+}
+
+/// What that remembers.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct BeyondState {
+    /// Of friction.
+    pub variation: VariationState,
+    /// Of the lost motion.
+    pub lost_motion: LostMotionState,
+    /// Of the mass on the table.
+    pub attached: AttachedMassState,
+    /// Of the cut.
+    pub cutting: CuttingState,
 }
 
 /// The constants of [`MechanicsSettings::run`] for one microstep length.
@@ -57,6 +90,7 @@ pub struct MechanicsSettings {
     current_decay: f64,
     motor_friction: FrictionSettings,
     table_friction: FrictionSettings,
+    beyond: Option<Beyond>,
 }
 
 /// Where everything is and what it remembers.
@@ -77,6 +111,8 @@ pub struct MechanicsState {
     pub motor_friction: FrictionState,
     /// Table friction.
     pub table_friction: FrictionState,
+    /// What is not as simple.
+    pub beyond: BeyondState,
 }
 
 /// What the motor gave over some microsteps.
@@ -103,6 +139,11 @@ impl MechanicsSettings {
             current_decay: libm::exp(-step_s / parameters.current_loop_s),
             motor_friction: FrictionSettings::new(&parameters.motor_friction, step_s),
             table_friction: FrictionSettings::new(&parameters.table_friction, step_s),
+            beyond: parameters.beyond.or_else(|| {
+                let contacts = [&parameters.motor_friction, &parameters.table_friction];
+                let plain = contacts.iter().all(|f| f.law == FrictionLaw::MaxwellSlip);
+                (!plain).then(Beyond::default)
+            }),
         }
     }
 
@@ -149,6 +190,11 @@ impl MechanicsSettings {
         if (s.force_n - demand_n).abs() < NOTHING {
             s.force_n = demand_n;
         }
+        if let Some(beyond) = &self.beyond {
+            self.run_beyond(beyond, &mut s, steps, demand_n, &mut effort);
+            *state = s;
+            return effort;
+        }
         for _ in 0..steps {
             s.force_n = demand_n + (s.force_n - demand_n) * self.current_decay;
             let contact_n = self.contact_n(&s);
@@ -169,6 +215,53 @@ impl MechanicsSettings {
         }
         *state = s;
         effort
+    }
+}
+
+impl MechanicsSettings {
+    /// The microsteps of a machine that is not as simple; place, temperature and rest of friction once for all of them.
+    fn run_beyond(
+        &self,
+        beyond: &Beyond,
+        s: &mut MechanicsState,
+        steps: u32,
+        demand_n: f64,
+        effort: &mut Effort,
+    ) {
+        let time_s = f64::from(steps) * self.step_s;
+        let variation = &mut s.beyond.variation;
+        let at = beyond
+            .variation
+            .update(variation, time_s, s.table_m, s.table_m_s);
+        for _ in 0..steps {
+            s.force_n = demand_n + (s.force_n - demand_n) * self.current_decay;
+            let faster_m_s = s.motor_m_s - s.table_m_s;
+            let lost_n = beyond
+                .lost_motion
+                .update(&mut s.beyond.lost_motion, faster_m_s);
+            let contact_n = self.contact_n(s) + lost_n;
+            let cogging_n = self.cogging_force_n(s.motor_m);
+            let motor_friction_n =
+                self.motor_friction
+                    .update_at(&mut s.motor_friction, s.motor_m_s, &at);
+            let table_friction_n =
+                self.table_friction
+                    .update_at(&mut s.table_friction, s.table_m_s, &at);
+            let cutting_n = beyond.cutting.map_or(0.0, |cutting| {
+                cutting.update(&mut s.beyond.cutting, self.step_s)
+            });
+            let attached_n = beyond
+                .attached
+                .map_or(0.0, |mass| mass.update(&mut s.beyond.attached, s.table_m_s));
+            s.motor_m_s +=
+                self.motor_step_s_per_kg * (s.force_n + cogging_n - contact_n - motor_friction_n);
+            s.table_m_s +=
+                self.table_step_s_per_kg * (contact_n + cutting_n + attached_n - table_friction_n);
+            s.motor_m += self.step_s * s.motor_m_s;
+            s.table_m += self.step_s * s.table_m_s;
+            effort.force_sum_n += s.force_n;
+            effort.force_square_sum_n2 += s.force_n * s.force_n;
+        }
     }
 }
 

@@ -10,8 +10,9 @@ mod rules;
 mod tests;
 
 pub use keys::{
-    BODIES_MAX, INPUT_LINES_MAX, MotorFriction, PlantAxis, PlantBox, PlantCylinder, PlantDrive,
-    PlantFile, PlantInput, PlantMotor, PlantPlane, PlantProbe, PlantScale, PlantScrew, PlantSphere,
-    PlantSpindle, PlantTable, PlantToolChanger, TableFriction,
+    BODIES_MAX, INPUT_LINES_MAX, MotorFriction, PlantAttachedMass, PlantAxis, PlantBox,
+    PlantCutting, PlantCylinder, PlantDrive, PlantFile, PlantInput, PlantLaw, PlantMeasurement,
+    PlantMotor, PlantPlane, PlantProbe, PlantScale, PlantScrew, PlantSphere, PlantSpindle,
+    PlantTable, PlantToolChanger, PlantVariation, TableFriction,
 };
 pub use load::{reference, schema};

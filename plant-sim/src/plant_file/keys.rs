@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::friction::ELEMENTS;
+use crate::lost_motion::JENKINS_ELEMENTS;
 
 /// The whole plant file.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
@@ -222,9 +223,120 @@ pub struct PlantAxis {
     pub table: PlantTable,
     /// Linear scale, where there is one.
     pub scale: Option<PlantScale>,
+    /// How friction differs by place, direction, temperature and rest; of motor and table alike. Without this table it does not.
+    pub variation: Option<PlantVariation>,
+    /// A mass that swings on the table. Without this table there is none.
+    pub attached_mass: Option<PlantAttachedMass>,
+    /// The cut. Without this table nothing is cut.
+    pub cutting: Option<PlantCutting>,
+    /// What the drive measures wrongly. Without this table nothing.
+    pub measurement: Option<PlantMeasurement>,
     /// Set after reading, in °C.
     #[serde(skip)]
     pub(in crate::plant_file) ambient_c: f64,
+}
+
+/// Friction that is not the same everywhere and always.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantVariation {
+    /// Share by which friction is higher in positive direction and lower in negative.
+    #[schemars(extend("minimum" = -0.9, "maximum" = 0.9, "default" = 0.0))]
+    pub direction_share: f64,
+    /// Amplitude of a wave with each turn of the screw, as a share of friction.
+    #[schemars(extend("minimum" = 0, "maximum" = 0.45, "default" = 0.0))]
+    pub screw_share: f64,
+    /// Amplitude of a long wave over the travel, as a share of friction.
+    #[schemars(extend("minimum" = 0, "maximum" = 0.45, "default" = 0.0))]
+    pub wave_share: f64,
+    /// Length of that wave.
+    #[schemars(extend("unit" = "mm", "minimum" = 1, "maximum" = 100_000, "default" = 300.0))]
+    pub wave_length_mm: f64,
+    /// What is left of friction once the machine is warm.
+    #[schemars(extend("minimum" = 0.1, "maximum" = 3, "default" = 1.0))]
+    pub warm_share: f64,
+    /// Time constant of the warming up, from the first scan on.
+    #[schemars(extend("unit" = "s", "minimum" = 0.1, "maximum" = 100_000, "default" = 600.0))]
+    pub warm_time_constant_s: f64,
+    /// Share of the rise to break-away friction that rest adds at most (Stribeck of the first motion after a stop).
+    #[schemars(extend("minimum" = 0, "maximum" = 10, "default" = 0.0))]
+    pub rest_share: f64,
+    /// Time constant of that.
+    #[schemars(extend("unit" = "s", "minimum" = 0.01, "maximum" = 10_000, "default" = 5.0))]
+    pub rest_time_constant_s: f64,
+}
+
+/// A mass that swings on the table: a fixture, a column, a tall workpiece. Scale and instruments see the table.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantAttachedMass {
+    /// Its mass, beside that of the table.
+    #[schemars(extend("unit" = "kg", "minimum" = 0.1, "maximum" = 100_000))]
+    pub mass_kg: f64,
+    /// Frequency at which it rings on a table that is held.
+    #[schemars(extend("unit" = "Hz", "minimum" = 1, "maximum" = 1000))]
+    pub frequency_hz: f64,
+    /// Its damping ratio.
+    #[schemars(extend("minimum" = 0.001, "maximum" = 1, "default" = 0.03))]
+    pub damping_ratio: f64,
+}
+
+/// The force of the cut on the table.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantCutting {
+    /// Mean force while the tool is in the material, positive in positive direction.
+    #[schemars(extend("unit" = "N", "minimum" = -100_000, "maximum" = 100_000))]
+    pub force_n: f64,
+    /// Amplitude of the force of the teeth beside it.
+    #[schemars(extend("unit" = "N", "minimum" = 0, "maximum" = 100_000, "default" = 0.0))]
+    pub tooth_n: f64,
+    /// Teeth that pass in a second.
+    #[schemars(extend("unit" = "Hz", "minimum" = 0.1, "maximum" = 10_000, "default" = 133.0))]
+    pub tooth_hz: f64,
+    /// Time in the material.
+    #[schemars(extend("unit" = "s", "minimum" = 0.001, "maximum" = 10_000, "default" = 1.0))]
+    pub on_s: f64,
+    /// Time out of it; with 0 the tool never leaves it.
+    #[schemars(extend("unit" = "s", "minimum" = 0, "maximum" = 10_000, "default" = 0.0))]
+    pub off_s: f64,
+}
+
+/// What the drive measures wrongly, and passes on.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantMeasurement {
+    /// Amplitude of the encoder's error within a signal period, of travel.
+    #[schemars(extend("unit" = "nm", "minimum" = 0, "maximum" = 100_000, "default" = 0.0))]
+    pub period_error_nm: f64,
+    /// Signal periods of the encoder in one turn.
+    #[schemars(extend("unit" = "per turn", "minimum" = 1, "maximum" = 1_000_000, "default" = 2048))]
+    pub periods_per_turn: u32,
+    /// Standard deviation of the encoder's noise, of travel.
+    #[schemars(extend("unit" = "nm", "minimum" = 0, "maximum" = 100_000, "default" = 0.0))]
+    pub encoder_noise_nm: f64,
+    /// Time by which the torque is shown late, in whole scans, at most 16.
+    #[schemars(extend("unit" = "ms", "minimum" = 0, "maximum" = 16, "default" = 0.0))]
+    pub torque_delay_ms: f64,
+    /// Steps of the torque that is shown, of the continuous torque.
+    #[schemars(extend("unit" = "%", "minimum" = 0, "maximum" = 10, "default" = 0.0))]
+    pub torque_step_percent: f64,
+    /// Standard deviation of its noise, of the continuous torque.
+    #[schemars(extend("unit" = "%", "minimum" = 0, "maximum" = 10, "default" = 0.0))]
+    pub torque_noise_percent: f64,
+    /// Seed of the noise.
+    #[schemars(extend("minimum" = 0, "maximum" = 4_294_967_295_u64, "default" = 1))]
+    pub seed: u64,
+}
+
+/// By which law a contact rubs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum PlantLaw {
+    /// Generalised Maxwell slip.
+    MaxwellSlip,
+    /// LuGre: one spring, as stiff as Coulomb friction over the mean of the break distances.
+    Lugre,
 }
 
 /// Motor with encoder and current loop.
@@ -267,6 +379,9 @@ pub struct PlantMotor {
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MotorFriction {
+    /// Its law ([equations](../methods/physics.md#2-friction-generalized-maxwell-slip-gms)).
+    #[schemars(extend("default" = "maxwell-slip"))]
+    pub law: PlantLaw,
     /// Friction in steady sliding, without the viscous part; at most the peak torque.
     #[schemars(extend("unit" = "N·m", "minimum" = 1e-6, "maximum" = 1_000_000))]
     pub coulomb_torque_nm: f64,
@@ -309,6 +424,12 @@ pub struct PlantScrew {
     /// Backlash gap.
     #[schemars(extend("unit" = "µm", "minimum" = 0, "maximum" = 1000))]
     pub gap_um: f64,
+    /// Forces at which bearings and nut slip, beside the screw: a lost motion with hysteresis.
+    #[schemars(inner(range(min = 0, max = 100_000)), extend("unit" = "N", "default" = [0.0, 0.0, 0.0]))]
+    pub hysteresis_n: [f64; JENKINS_ELEMENTS],
+    /// Ways of motor against table after which they do.
+    #[schemars(inner(range(min = 0.01, max = 1000)), extend("unit" = "µm", "default" = [1.0, 3.0, 8.0]))]
+    pub hysteresis_um: [f64; JENKINS_ELEMENTS],
 }
 
 /// Table.
@@ -327,6 +448,9 @@ pub struct PlantTable {
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TableFriction {
+    /// Its law ([equations](../methods/physics.md#2-friction-generalized-maxwell-slip-gms)).
+    #[schemars(extend("default" = "maxwell-slip"))]
+    pub law: PlantLaw,
     /// Friction in steady sliding, without the viscous part.
     #[schemars(extend("unit" = "N", "minimum" = 0.001, "maximum" = 100_000))]
     pub coulomb_n: f64,

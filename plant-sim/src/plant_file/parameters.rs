@@ -1,8 +1,13 @@
 //! What the simulation takes from the plant file, in its own units.
 
-use crate::friction::FrictionParameters;
-use crate::mechanics::MechanicsParameters;
-use crate::plant_file::keys::{PlantAxis, PlantFile};
+use crate::attached_mass::AttachedMass;
+use crate::cutting::Cutting;
+use crate::friction::{FrictionLaw, FrictionParameters};
+use crate::lost_motion::LostMotion;
+use crate::measurement::Measurement;
+use crate::mechanics::{Beyond, MechanicsParameters};
+use crate::plant_file::keys::{PlantAxis, PlantFile, PlantLaw};
+use crate::variation::Variation;
 use crate::winding::WindingParameters;
 
 impl PlantFile {
@@ -30,7 +35,7 @@ impl PlantAxis {
     }
 
     /// The mechanics in SI units of linear travel.
-    pub fn mechanics(&self) -> MechanicsParameters {
+    pub fn mechanics(&self, microstep_s: f64) -> MechanicsParameters {
         let radius_m = self.radius_m();
         let (m1, m2) = (self.motor_mass_kg(), self.table.mass_kg);
         let reduced_mass_kg = m1 * m2 / (m1 + m2);
@@ -48,6 +53,7 @@ impl PlantAxis {
             cogging_per_m: f64::from(self.motor.cogging_per_turn) / (self.screw.lead_mm * 1e-3),
             current_loop_s: 1.0 / (2.0 * std::f64::consts::PI * self.motor.current_loop_hz),
             motor_friction: FrictionParameters {
+                law: law(motor.law),
                 coulomb_n: motor.coulomb_torque_nm / radius_m,
                 static_n: motor.static_torque_nm / radius_m,
                 viscous_n_s_per_m: motor.viscous_nm_s_per_rad / (radius_m * radius_m),
@@ -58,6 +64,7 @@ impl PlantAxis {
                 attraction_s: motor.attraction_ms * 1e-3,
             },
             table_friction: FrictionParameters {
+                law: law(table.law),
                 coulomb_n: table.coulomb_n,
                 static_n: table.static_n,
                 viscous_n_s_per_m: table.viscous_n_s_per_m,
@@ -67,7 +74,62 @@ impl PlantAxis {
                 presliding_damping_n_s_per_m: table.presliding_damping_n_s_per_m,
                 attraction_s: table.attraction_ms * 1e-3,
             },
+            beyond: self.beyond(microstep_s),
         }
+    }
+
+    /// What the machine has beside that; none where the file says nothing of it.
+    fn beyond(&self, microstep_s: f64) -> Option<Beyond> {
+        let slips = self.screw.hysteresis_n.iter().any(|force_n| *force_n > 0.0);
+        let says = self.variation.is_some()
+            || self.attached_mass.is_some()
+            || self.cutting.is_some()
+            || slips;
+        says.then(|| Beyond {
+            variation: self
+                .variation
+                .map_or_else(Variation::default, |v| Variation {
+                    direction_share: v.direction_share,
+                    screw_share: v.screw_share,
+                    lead_m: self.screw.lead_mm * 1e-3,
+                    wave_share: v.wave_share,
+                    wave_length_m: v.wave_length_mm * 1e-3,
+                    warm_share: v.warm_share,
+                    warm_time_constant_s: v.warm_time_constant_s,
+                    rest_share: v.rest_share,
+                    rest_time_constant_s: v.rest_time_constant_s,
+                }),
+            lost_motion: LostMotion::new(
+                self.screw.hysteresis_n,
+                self.screw.hysteresis_um.map(|um| um * 1e-6),
+                microstep_s,
+            ),
+            attached: self.attached_mass.map(|of| {
+                AttachedMass::new(of.mass_kg, of.frequency_hz, of.damping_ratio, microstep_s)
+            }),
+            cutting: self.cutting.map(|of| Cutting {
+                force_n: of.force_n,
+                tooth_n: of.tooth_n,
+                tooth_hz: of.tooth_hz,
+                on_s: of.on_s,
+                off_s: of.off_s,
+            }),
+        })
+    }
+
+    /// What the drive measures wrongly; none where nothing.
+    pub fn measurement(&self, scan_s: f64) -> Option<Measurement> {
+        let lead_m = self.screw.lead_mm * 1e-3;
+        let percent_nm = 1e-2 * self.motor.rated_torque_nm;
+        self.measurement.map(|of| Measurement {
+            period_error_m: of.period_error_nm * 1e-9,
+            periods_per_m: f64::from(of.periods_per_turn) / lead_m,
+            encoder_noise_m: of.encoder_noise_nm * 1e-9,
+            torque_delay_scans: libm::round(of.torque_delay_ms * 1e-3 / scan_s) as usize,
+            torque_step_nm: of.torque_step_percent * percent_nm,
+            torque_noise_nm: of.torque_noise_percent * percent_nm,
+            seed: of.seed,
+        })
     }
 
     /// The winding.
@@ -78,5 +140,12 @@ impl PlantAxis {
             time_constant_s: self.motor.winding_time_constant_min * 60.0,
             ambient_c: self.ambient_c,
         }
+    }
+}
+
+fn law(of: PlantLaw) -> FrictionLaw {
+    match of {
+        PlantLaw::MaxwellSlip => FrictionLaw::MaxwellSlip,
+        PlantLaw::Lugre => FrictionLaw::LuGre,
     }
 }

@@ -128,13 +128,19 @@ fn presliding_stiffness_n_per_m(friction: &FrictionParameters) -> f64 {
 /// Whether the microstep resolves the stiffest vibration and the fastest decay of each mass, by the bound of one
 /// mass on all its springs: `h·sqrt(k/m)` and `h·c/m`.
 fn microstep(rules: &mut Rules<'_>, at: At<'_>, axis: &PlantAxis, microstep_us: f64) {
-    let m = axis.mechanics();
     let step_s = microstep_us * 1e-6;
+    let m = axis.mechanics(step_s);
     for (side, mass_kg, friction) in [
         ("motor", m.motor_mass_kg, &m.motor_friction),
         ("table", m.table_mass_kg, &m.table_friction),
     ] {
         let spring_n_per_m = m.stiffness_n_per_m + presliding_stiffness_n_per_m(friction);
+        let slips = axis
+            .screw
+            .hysteresis_n
+            .iter()
+            .zip(&axis.screw.hysteresis_um);
+        let spring_n_per_m = slips.fold(spring_n_per_m, |sum, (n, um)| sum + n / (um * 1e-6));
         let damper_n_s_per_m = m.damping_n_s_per_m
             + friction.presliding_damping_n_s_per_m
             + friction.viscous_n_s_per_m;

@@ -37,7 +37,7 @@ fn the_reference_axes_have_the_masses_and_forces_they_are_documented_with() {
         "{}",
         x.motor_mass_kg()
     );
-    let m = x.mechanics();
+    let m = x.mechanics(25e-6);
     let friction_n = m.motor_friction.coulomb_n + m.table_friction.coulomb_n;
     assert!((friction_n - 451.0).abs() < 1.0, "{friction_n} N");
     assert_eq!(plant.microstep_ns(), 25_000);
