@@ -36,6 +36,7 @@ fn by_method(method: &str) -> Bench {
             ("acceleration = true", "acceleration = false"),
             ("viscous = true", "viscous = false"),
             ("friction = true", "friction = false"),
+            ("mode = \"on\"", "mode = \"off\""),
         ],
     )
 }

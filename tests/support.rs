@@ -78,7 +78,8 @@ impl Bench {
             if line.starts_with('[') {
                 skipping = line.starts_with("[axis.model")
                     || line == "[axis.torque_feed_forward]"
-                    || line == "[axis.disturbance_observer]";
+                    || line == "[axis.disturbance_observer]"
+                    || line == "[axis.adaptation]";
             }
             if !skipping {
                 kept += &line.replace("\"contact-force\"", "\"friction-pulse\"");

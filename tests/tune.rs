@@ -18,7 +18,8 @@ fn untuned(plant: &[(&str, &str)]) -> Bench {
     let mut lines = Vec::new();
     for line in text.lines() {
         if line.starts_with('[') {
-            skipping = line.starts_with("[axis.model") || line == "[axis.torque_feed_forward]";
+            skipping = line.starts_with("[axis.model")
+                || ["[axis.torque_feed_forward]", "[axis.adaptation]"].contains(&line);
         }
         if skipping {
             continue;

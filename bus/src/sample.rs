@@ -24,7 +24,7 @@ pub const MAX_SUBSAMPLES: usize = 8;
 /// The most setpoints one window can carry.
 pub const MAX_WINDOW_SETPOINTS: usize = 2048;
 /// Words of eight bytes that a servo's state may take in a command: a servo asserts that its own fits.
-pub const SERVO_STATE_WORDS: usize = 96;
+pub const SERVO_STATE_WORDS: usize = 192;
 
 /// Names one window for good: who made it, its number and what it says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
@@ -558,7 +558,7 @@ pub struct Instruments {
 
 /// What one servo asks of its drive for one scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/AxisCommand/5")]
+#[type_name("quadrant/AxisCommand/6")]
 #[repr(C)]
 pub struct AxisCommand {
     /// Scan whose feedback this answers; takes effect one scan later.
@@ -583,6 +583,12 @@ pub struct AxisCommand {
     pub friction_pulse_mm_s: f64,
     /// Torque that the axis's model feeds forward, in N·m at the motor.
     pub torque_feed_forward_nm: f64,
+    /// What the model asked for beyond that, in N·m: more than the drive has.
+    pub torque_cut_nm: f64,
+    /// Level of friction that the servo goes by, as a part of that of its model; 0 without one.
+    pub friction_level: f64,
+    /// Part of Coulomb friction that the last way between two reversals left unexplained; 0 where friction is not followed.
+    pub friction_unexplained: f64,
     /// Window this servo executes or would execute, none if it holds none.
     pub held: WindowId,
     /// Window it holds for later.

@@ -9,15 +9,14 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::learned_table::LearnedTable;
-use crate::maxwell_slip::{ELEMENTS, MaxwellSlip};
+use crate::maxwell_slip::{ELEMENTS, Level, MaxwellSlip};
 
 /// Most scans that the model runs ahead of the position command: a dead time of eight, one of hold, nearly one of current loop.
 pub const LEAD_SCANS_MAX: f64 = 9.999;
 /// Compensations kept: those of the present scan and of as many before as the lead may have, one more for what lies between.
 const HISTORY: usize = 11;
-/// Bandwidth of the filter on the predicted contact force, in rad/s. A setpoint may step its acceleration; the motor
-/// cannot step the wind-up of the screw. Its delay of 2/ω is made up for by looking that much further ahead.
-const SMOOTHING_RAD_S: f64 = 1500.0;
+/// Largest bandwidth of the filter on the predicted contact force, in rad/s.
+pub const SMOOTHING_RAD_S_MAX: f64 = 1500.0;
 
 /// Part of the table's Coulomb friction that the contact force must exceed for a traversal against the acceleration.
 const BACK_PART: f64 = 0.5;
@@ -83,6 +82,9 @@ pub struct InverseDynamics {
     pub traversal_s: f64,
     /// Lead of the model over the position command, in scans, at most [`LEAD_SCANS_MAX`].
     pub lead_scans: f64,
+    /// Bandwidth of the filter on the predicted contact force, in rad/s, at most [`SMOOTHING_RAD_S_MAX`]. A setpoint may step its
+    /// acceleration; the motor cannot step the wind-up of the screw. Its delay of 2/ω is made up for by looking that much further ahead.
+    pub smoothing_rad_s: f64,
     /// Scans by which the rate of the compensation is held back: 0 where the drive closes the velocity loop and gets it when the
     /// motion is due; the dead time beyond one scan where the servo closes it and compares at once.
     pub velocity_delay_scans: f64,
@@ -153,6 +155,18 @@ pub struct Ahead {
     pub far: Motion,
 }
 
+/// What the machine is believed to be beside the model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Belief {
+    /// How high friction is.
+    pub level: Level,
+    /// Force that something else puts on the table, in N, positive against positive motion: a cut, a weight, friction that differs by
+    /// direction. It decides when the gap is crossed; the loops hold it.
+    pub load_n: f64,
+    /// Gap beyond that of the model, in mm.
+    pub gap_mm: f64,
+}
+
 /// What is added to the servo's commands.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Wanted {
@@ -164,6 +178,21 @@ pub struct Wanted {
     pub torque_nm: f64,
 }
 
+impl Default for Belief {
+    fn default() -> Self {
+        Belief::TUNED
+    }
+}
+
+impl Belief {
+    /// As tuned.
+    pub const TUNED: Belief = Belief {
+        level: Level::TUNED,
+        load_n: 0.0,
+        gap_mm: 0.0,
+    };
+}
+
 impl InverseDynamics {
     /// Lead at which the traversal of the gap is decided, in scans.
     pub fn far_lead_scans(&self) -> f64 {
@@ -172,7 +201,7 @@ impl InverseDynamics {
 
     /// Lead at which the contact force enters its filter, in scans.
     pub fn near_lead_scans(&self) -> f64 {
-        self.lead_scans + 2.0 / (SMOOTHING_RAD_S * self.scan_s)
+        self.lead_scans + 2.0 / (self.smoothing_rad_s * self.scan_s)
     }
 
     /// One scan.
@@ -181,6 +210,7 @@ impl InverseDynamics {
         state: &mut InverseDynamicsState,
         ahead: &Ahead,
         learned: Option<&LearnedTable>,
+        belief: &Belief,
     ) -> Wanted {
         if state.running == 0 {
             let [compensation_mm, ..] = state.compensation_mm;
@@ -189,9 +219,8 @@ impl InverseDynamics {
             state.near_mm = ahead.near.position_mm;
             state.motor_mm = ahead.here.position_mm + compensation_mm;
         }
-        let scale = learned.map_or(1.0, |table| table.friction_scale);
-        let (gap_mm, gap_mm_s2) = self.cross_gap(state, &ahead.far, scale);
-        let contact_n_per_s2 = self.carry(state, &ahead.near, scale);
+        let (gap_mm, gap_mm_s2) = self.cross_gap(state, &ahead.far, belief);
+        let contact_n_per_s2 = self.carry(state, &ahead.near, belief);
         let (learned_mm, learned_nm) = self.load_trained(state, &ahead.here, learned);
 
         let modelled_mm = gap_mm + state.contact_n / self.stiffness_n_per_m * 1e3;
@@ -204,9 +233,12 @@ impl InverseDynamics {
         let motor_travel_mm = motor_mm - state.motor_mm;
         state.motor_mm = motor_mm;
         let motor_mm_s = motor_travel_mm / self.scan_s;
-        let motor_friction_n =
-            self.motor_friction
-                .update(&mut state.motor_n, motor_travel_mm, motor_mm_s, scale);
+        let motor_friction_n = self.motor_friction.update(
+            &mut state.motor_n,
+            motor_travel_mm,
+            motor_mm_s,
+            &belief.level,
+        );
         let force_n = self.force_n(state, ahead, motor_mm_s, motor_friction_n);
         // Held over a scan: its mean.
         let mean_n = 0.5 * (force_n + state.force_n);
@@ -240,14 +272,15 @@ impl InverseDynamics {
     /// After a hard stop the motor is pulled back over the last few µm, which no command tells of. All springs are moved on
     /// together, forwards or back, until they carry that torque; where the table's share of it is large enough, the table lies against
     /// the side that it points to. A torque beyond static friction (a weight hangs on the axis) changes nothing, nor does one that is not a number.
-    pub fn rest_at(&self, state: &mut InverseDynamicsState, torque_nm: f64) {
-        let wanted_n = torque_nm / self.radius_m;
+    pub fn rest_at(&self, state: &mut InverseDynamicsState, torque_nm: f64, belief: &Belief) {
+        let level = &belief.level;
+        let wanted_n = torque_nm / self.radius_m - belief.load_n;
         let moved = |travel_mm: f64| {
             let (mut motor_n, mut table_n) = (state.motor_n, state.table_n);
             let motor = &self.motor_friction;
             let table = &self.table_friction;
-            let on_motor_n = motor.update(&mut motor_n, travel_mm, 0.0, 1.0);
-            let contact_n = table.update(&mut table_n, travel_mm, 0.0, 1.0);
+            let on_motor_n = motor.update(&mut motor_n, travel_mm, 0.0, level);
+            let contact_n = table.update(&mut table_n, travel_mm, 0.0, level);
             (on_motor_n + contact_n, contact_n, motor_n, table_n)
         };
         let (mut low_mm, mut high_mm) = (-REST_TRAVEL_MM, REST_TRAVEL_MM);
@@ -264,47 +297,60 @@ impl InverseDynamics {
             }
         }
         let (force_n, contact_n, motor_n, table_n) = moved(0.5 * (low_mm + high_mm));
-        let before_mm = self.screw_mm(state);
+        let before_mm = self.screw_mm(state, belief);
         state.motor_n = motor_n;
         state.table_n = table_n;
         state.far_table_n = table_n;
         state.contact_n = contact_n;
         state.contact_n_per_s = 0.0;
         state.force_n = force_n;
-        if contact_n.abs() > LYING_PART * self.table_friction.coulomb_n() {
+        if contact_n.abs() > LYING_PART * self.table_friction.coulomb_at_n(level) {
             state.side = contact_n.signum();
             state.side_wanted = state.side;
         }
         if self.parts.compensation {
-            let change_mm = self.screw_mm(state) - before_mm;
+            let change_mm = self.screw_mm(state, belief) - before_mm;
             let [newest_mm, ..] = state.compensation_mm;
             state.compensation_mm = [newest_mm + change_mm; HISTORY];
         }
     }
 
+    /// Friction that is fed forward now, at the level 1, in N: all of it, and the part that turns round late.
+    pub fn friction_n(&self, state: &InverseDynamicsState, level: &Level) -> [f64; 2] {
+        let [motor_n, late_motor_n] = self.motor_friction.at_level_1_n(&state.motor_n, level);
+        let [table_n, late_table_n] = self.table_friction.at_level_1_n(&state.table_n, level);
+        [motor_n + table_n, late_motor_n + late_table_n]
+    }
+
     /// What the motor stands from the table's place by gap and wind-up, in mm.
-    fn screw_mm(&self, state: &InverseDynamicsState) -> f64 {
-        self.in_gap_mm(state.side) + state.contact_n / self.stiffness_n_per_m * 1e3
+    fn screw_mm(&self, state: &InverseDynamicsState, belief: &Belief) -> f64 {
+        self.in_gap_mm(state.side, belief) + state.contact_n / self.stiffness_n_per_m * 1e3
     }
 
     /// Where in the gap the motor is with the table at a side of it, from −1 to 1, in mm.
-    fn in_gap_mm(&self, side: f64) -> f64 {
+    fn in_gap_mm(&self, side: f64, belief: &Belief) -> f64 {
         let u = 0.5 * (side + 1.0);
         let place = u * u * u * (10.0 - 15.0 * u + 6.0 * u * u);
-        self.gap_mm * (place - 0.5)
+        (self.gap_mm + belief.gap_mm) * (place - 0.5)
     }
 
     /// Where in the gap the motor is, in mm, and its acceleration, in mm/s².
-    fn cross_gap(&self, state: &mut InverseDynamicsState, far: &Motion, scale: f64) -> (f64, f64) {
+    fn cross_gap(
+        &self,
+        state: &mut InverseDynamicsState,
+        far: &Motion,
+        belief: &Belief,
+    ) -> (f64, f64) {
+        let level = &belief.level;
         let travel_mm = far.position_mm - state.far_mm;
         state.far_mm = far.position_mm;
         let friction_n =
             self.table_friction
-                .update(&mut state.far_table_n, travel_mm, far.velocity_mm_s, scale);
-        let contact_n = self.contact_n(far, friction_n);
+                .update(&mut state.far_table_n, travel_mm, far.velocity_mm_s, level);
+        let contact_n = self.contact_n(far, friction_n) + belief.load_n;
         // With the acceleration it is the reversal itself. Against it (friction rises as the table slows down) the motor would
         // cross for a moment and back: only a force that lasts is worth it.
-        let lasting_n = BACK_PART * scale * self.table_friction.coulomb_n();
+        let lasting_n = BACK_PART * self.table_friction.coulomb_at_n(level);
         let with_acceleration = contact_n * far.acceleration_mm_s2 > 0.0;
         if contact_n != 0.0 && (with_acceleration || contact_n.abs() > lasting_n) {
             state.side_wanted = if contact_n > 0.0 { 1.0 } else { -1.0 };
@@ -316,24 +362,25 @@ impl InverseDynamics {
         let u = 0.5 * (state.side + 1.0);
         let bend = u * (60.0 - 180.0 * u + 120.0 * u * u);
         (
-            self.in_gap_mm(state.side),
-            self.gap_mm * bend * rate_per_s * rate_per_s,
+            self.in_gap_mm(state.side, belief),
+            (self.gap_mm + belief.gap_mm) * bend * rate_per_s * rate_per_s,
         )
     }
 
     /// Contact force behind its filter, critically damped, exact for an input that is held over a scan; the rate of its rate.
-    fn carry(&self, state: &mut InverseDynamicsState, near: &Motion, scale: f64) -> f64 {
+    fn carry(&self, state: &mut InverseDynamicsState, near: &Motion, belief: &Belief) -> f64 {
+        let level = &belief.level;
         let travel_mm = near.position_mm - state.near_mm;
         state.near_mm = near.position_mm;
         let friction_n =
             self.table_friction
-                .update(&mut state.table_n, travel_mm, near.velocity_mm_s, scale);
+                .update(&mut state.table_n, travel_mm, near.velocity_mm_s, level);
         let wanted_n = self.contact_n(near, friction_n);
-        let decay = libm::exp(-SMOOTHING_RAD_S * self.scan_s);
+        let decay = libm::exp(-self.smoothing_rad_s * self.scan_s);
         let off_n = state.contact_n - wanted_n;
-        let slope = state.contact_n_per_s + SMOOTHING_RAD_S * off_n;
+        let slope = state.contact_n_per_s + self.smoothing_rad_s * off_n;
         let left_n = (off_n + slope * self.scan_s) * decay;
-        let rate = slope * decay - SMOOTHING_RAD_S * left_n;
+        let rate = slope * decay - self.smoothing_rad_s * left_n;
         let rate_of_rate = (rate - state.contact_n_per_s) / self.scan_s;
         state.contact_n = wanted_n + left_n;
         state.contact_n_per_s = rate;
@@ -443,6 +490,7 @@ mod tests {
             gap_mm: 5e-3,
             traversal_s: 3e-3,
             lead_scans: 2.16,
+            smoothing_rad_s: SMOOTHING_RAD_S_MAX,
             velocity_delay_scans: 0.0,
             motor_friction: slip(251.0),
             table_friction: slip(200.0),
@@ -467,7 +515,7 @@ mod tests {
                     near: motion(scan + model.near_lead_scans()),
                     far: motion(scan + model.far_lead_scans()),
                 };
-                model.update(&mut state, &ahead, None)
+                model.update(&mut state, &ahead, None, &Belief::TUNED)
             })
             .collect()
     }
@@ -559,10 +607,15 @@ mod tests {
         let mut state = InverseDynamicsState::default();
         let mut before = Wanted::default();
         for scan in 0..200 {
-            before = model.update(&mut state, &still(f64::from(scan) * 0.05), None);
+            before = model.update(
+                &mut state,
+                &still(f64::from(scan) * 0.05),
+                None,
+                &Belief::TUNED,
+            );
         }
         state.leave();
-        let after = model.update(&mut state, &still(-70.0), None);
+        let after = model.update(&mut state, &still(-70.0), None, &Belief::TUNED);
         assert!((after.compensation_mm - before.compensation_mm).abs() < 1e-5);
         assert!(after.velocity_mm_s.abs() < 1.0, "{after:?}");
     }
@@ -582,7 +635,7 @@ mod tests {
                 near: motion,
                 far: motion,
             };
-            model.update(&mut state, &ahead, None);
+            model.update(&mut state, &ahead, None, &Belief::TUNED);
         }
         state
     }
@@ -594,7 +647,7 @@ mod tests {
         for part in [-1.2, -0.6, 0.4, 1.1] {
             let mut state = rest;
             let force_n = part * 451.0;
-            model.rest_at(&mut state, force_n * model.radius_m);
+            model.rest_at(&mut state, force_n * model.radius_m, &Belief::TUNED);
             let motor_n: f64 = state.motor_n.iter().sum();
             let found_n = state.contact_n + motor_n;
             assert!((found_n - force_n).abs() < 0.1, "{found_n} N, {force_n} N");
@@ -612,7 +665,7 @@ mod tests {
     fn an_axis_that_was_never_moved_lies_nowhere() {
         let model = model();
         let mut state = InverseDynamicsState::default();
-        model.rest_at(&mut state, 0.01 * 451.0 * model.radius_m);
+        model.rest_at(&mut state, 0.01 * 451.0 * model.radius_m, &Belief::TUNED);
         assert_eq!((state.side, state.side_wanted), (0.0, 0.0));
     }
 
@@ -622,7 +675,7 @@ mod tests {
         let rest = at_rest(&model);
         for force_n in [700.0, -700.0, f64::NAN, f64::INFINITY] {
             let mut state = rest;
-            model.rest_at(&mut state, force_n * model.radius_m);
+            model.rest_at(&mut state, force_n * model.radius_m, &Belief::TUNED);
             assert_eq!(state, rest);
         }
     }

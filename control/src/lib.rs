@@ -2,6 +2,7 @@
 //!
 //! Nothing here knows of processes, clocks, files or shared memory.
 
+pub mod adaptation;
 pub mod audit;
 pub mod axis_rates;
 pub mod backlash;

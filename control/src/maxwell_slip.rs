@@ -9,6 +9,18 @@
 /// Elements of one curve.
 pub const ELEMENTS: usize = 6;
 
+/// Springs that are wound up over more than this turn round late, in mm.
+pub const LATE_MM: f64 = 5e-3;
+
+/// How high friction is, as a part of that of the curve.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Level {
+    /// Of springs that turn round early.
+    pub early: f64,
+    /// Of springs that turn round late.
+    pub late: f64,
+}
+
 /// One spring that slips.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SlipElement {
@@ -34,19 +46,72 @@ pub struct MaxwellSlip {
     pub stribeck_velocity_mm_s: f64,
 }
 
+impl Default for Level {
+    fn default() -> Self {
+        Level::TUNED
+    }
+}
+
+impl Level {
+    /// As tuned.
+    pub const TUNED: Level = Level::all(1.0);
+
+    /// The same for all springs.
+    pub const fn all(level: f64) -> Level {
+        Level {
+            early: level,
+            late: level,
+        }
+    }
+
+    fn of(&self, element: &SlipElement) -> f64 {
+        if element.break_distance_mm > LATE_MM {
+            self.late
+        } else {
+            self.early
+        }
+    }
+}
+
 impl MaxwellSlip {
     /// Friction in steady sliding, beyond the Stribeck velocity, in N.
     pub fn coulomb_n(&self) -> f64 {
         self.elements.iter().map(|element| element.slip_n).sum()
     }
 
-    /// Moves on by `travel_mm` at `velocity_mm_s`, with `scale` times the friction of the curve; the friction, in N, positive in the direction of positive motion.
+    /// The same at a level, in N.
+    pub fn coulomb_at_n(&self, level: &Level) -> f64 {
+        let elements = self.elements.iter();
+        elements
+            .map(|element| level.of(element) * element.slip_n)
+            .sum()
+    }
+
+    /// Forces as they would be at the level 1, in N: of all springs, and of those that turn round late.
+    pub fn at_level_1_n(&self, state: &[f64; ELEMENTS], level: &Level) -> [f64; 2] {
+        let (mut all_n, mut late_n) = (0.0, 0.0);
+        for (force_n, element) in state.iter().zip(&self.elements) {
+            let of_element = level.of(element);
+            let force_n = if of_element > 0.0 {
+                force_n / of_element
+            } else {
+                0.0
+            };
+            all_n += force_n;
+            if element.break_distance_mm > LATE_MM {
+                late_n += force_n;
+            }
+        }
+        [all_n, late_n]
+    }
+
+    /// Moves on by `travel_mm` at `velocity_mm_s`, at a level of friction; the friction, in N, positive in the direction of positive motion.
     pub fn update(
         &self,
         state: &mut [f64; ELEMENTS],
         travel_mm: f64,
         velocity_mm_s: f64,
-        scale: f64,
+        level: &Level,
     ) -> f64 {
         let ratio = velocity_mm_s / self.stribeck_velocity_mm_s;
         let factor = if self.static_excess > 0.0 {
@@ -57,6 +122,7 @@ impl MaxwellSlip {
         let mut sum_n = 0.0;
         for (force_n, element) in state.iter_mut().zip(&self.elements) {
             if travel_mm.is_finite() && element.break_distance_mm > 0.0 {
+                let scale = level.of(element);
                 let most_n = scale * element.slip_n * factor;
                 let stiffness = scale * element.slip_n / element.break_distance_mm;
                 *force_n = (*force_n + stiffness * travel_mm).max(-most_n).min(most_n);
@@ -96,7 +162,7 @@ mod tests {
         let steps = (mm.abs() / 1e-4).round() as u32;
         let mut force_n = 0.0;
         for _ in 0..steps {
-            force_n = curve.update(state, 1e-4 * mm.signum(), 10.0, 1.0);
+            force_n = curve.update(state, 1e-4 * mm.signum(), 10.0, &Level::TUNED);
         }
         force_n
     }
@@ -147,7 +213,7 @@ mod tests {
             let mut state = [0.0; ELEMENTS];
             let mut force_n = 0.0;
             for _ in 0..2000 {
-                force_n = curve.update(&mut state, 1e-4, velocity_mm_s, scale);
+                force_n = curve.update(&mut state, 1e-4, velocity_mm_s, &Level::all(scale));
             }
             force_n
         };
@@ -160,6 +226,9 @@ mod tests {
     fn a_way_that_is_no_number_changes_nothing() {
         let (curve, mut state) = (curve(), [0.0; ELEMENTS]);
         let before_n = travel(&curve, &mut state, 0.003);
-        assert_eq!(curve.update(&mut state, f64::NAN, 10.0, 1.0), before_n);
+        assert_eq!(
+            curve.update(&mut state, f64::NAN, 10.0, &Level::TUNED),
+            before_n
+        );
     }
 }

@@ -235,7 +235,7 @@ assert ctypes.sizeof(Instruments) == 1064
 
 
 class AxisCommand(ctypes.Structure):
-    """952 bytes."""
+    """1744 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -249,26 +249,29 @@ class AxisCommand(ctypes.Structure):
         ("compensation_mm", c_double),  # at 64
         ("friction_pulse_mm_s", c_double),  # at 72
         ("torque_feed_forward_nm", c_double),  # at 80
-        ("held", WindowId),  # at 88
-        ("pending", WindowId),  # at 104
-        ("refused", WindowId),  # at 120
-        ("tag", PathTag),  # at 136
-        ("state", c_uint64 * 96),  # at 152
-        ("axis", c_uint32),  # at 920
-        ("role", c_uint32),  # at 924
-        ("incarnation", c_uint32),  # at 928
-        ("drive_mode", c_uint32),  # at 932
-        ("cause", c_uint32),  # at 936
-        ("jog_done", c_uint32),  # at 940
-        ("checksum", c_uint64),  # at 944
+        ("torque_cut_nm", c_double),  # at 88
+        ("friction_level", c_double),  # at 96
+        ("friction_unexplained", c_double),  # at 104
+        ("held", WindowId),  # at 112
+        ("pending", WindowId),  # at 128
+        ("refused", WindowId),  # at 144
+        ("tag", PathTag),  # at 160
+        ("state", c_uint64 * 192),  # at 176
+        ("axis", c_uint32),  # at 1712
+        ("role", c_uint32),  # at 1716
+        ("incarnation", c_uint32),  # at 1720
+        ("drive_mode", c_uint32),  # at 1724
+        ("cause", c_uint32),  # at 1728
+        ("jog_done", c_uint32),  # at 1732
+        ("checksum", c_uint64),  # at 1736
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/AxisCommand/5"
+        return "quadrant/AxisCommand/6"
 
 
-assert ctypes.sizeof(AxisCommand) == 952
+assert ctypes.sizeof(AxisCommand) == 1744
 
 
 class ProgramEvent(ctypes.Structure):

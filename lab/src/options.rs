@@ -80,6 +80,9 @@ pub enum BenchCommand {
     Faults(FaultsOptions),
     /// Blocks planned in a second on one core, beside reading alone, and what a window takes of its period
     Planning(PlanningOptions),
+    /// Quadrant protrusions on machines of another structure than the controller's model: friction by place and direction, LuGre, noise,
+    /// lost motion with hysteresis, modes, cutting forces
+    Plants(PlantsOptions),
     /// Speed and memory of `quadrant report` on a long log, beside reading, decompressing and checking the same bytes
     Report(BenchReportOptions),
 }
@@ -112,6 +115,26 @@ pub struct PlanningOptions {
     /// Part programs [default: a curve in chords of 0.05 mm with noise of 1 µm, rounded by G64 P0.01]
     #[arg(value_name = "PROGRAM")]
     pub programs: Vec<PathBuf>,
+}
+
+/// What `quadrant bench plants` takes.
+#[derive(Debug, Clone, Args)]
+pub struct PlantsOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml; axes X and Y with 100 mm to either side of 0
+    #[arg(default_value = BENCH_MACHINE)]
+    pub machine: PathBuf,
+    /// Plants, in the order of the table [default: all]
+    #[arg(long, value_delimiter = ',', value_name = "NAMES", value_parser = clap::builder::PossibleValuesParser::new(crate::bench::plants::names()))]
+    pub plants: Vec<String>,
+    /// Ways of compensating: the machine file as it is, the same without following friction, the friction pulse [default: all]
+    #[arg(long, value_delimiter = ',', value_name = "NAMES", value_parser = clap::builder::PossibleValuesParser::new(crate::bench::plants::way_names()))]
+    pub ways: Vec<String>,
+    /// File for the figures of every circle, as CSV
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Runs at the same time
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..=64))]
+    pub jobs: u64,
 }
 
 /// What `quadrant bench report` takes.

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::loops::{FeedForward, PositionLoop, Prediction, VelocityLoop};
-use crate::model::{AxisModel, DisturbanceObserver, TorqueFeedForward};
+use crate::model::{Adaptation, AxisModel, DisturbanceObserver, TorqueFeedForward};
 use crate::reversal::Reversal;
 
 /// One axis.
@@ -80,6 +80,8 @@ pub struct Axis {
     pub model: Option<AxisModel>,
     /// Torque that is fed forward, part by part ([method](../methods/contact-force.md)).
     pub torque_feed_forward: TorqueFeedForward,
+    /// How the axis follows what friction becomes ([method](../methods/adaptation.md)).
+    pub adaptation: Adaptation,
     /// Disturbance observer ([method](../methods/disturbance-observer.md)).
     pub disturbance_observer: DisturbanceObserver,
 }

@@ -37,7 +37,7 @@ pub use kinematics::{Carries, Kinematics, KinematicsKind};
 pub use load::{copy_named_files, machine_file, reference, schema, snapshot, with_parameters};
 pub use loops::{FeedForward, PREDICTION_M_MIN, PositionLoop, Prediction, VelocityLoop};
 pub use machine::{DEAD_TIME_SCANS_MAX, Machine, Manual, ProgramSettings, Scan};
-pub use model::{AxisModel, DisturbanceObserver, TorqueFeedForward};
+pub use model::{Adaptation, AdaptationMode, AxisModel, DisturbanceObserver, TorqueFeedForward};
 pub use parameter_file::{KeptParameters, is_always_kept, parameter_text, parse_parameters};
 pub use path::PathSettings;
 pub use positioning::{Positioning, RapidProfile};

@@ -88,6 +88,30 @@ pub struct TorqueFeedForward {
     pub current_loop_ms: f64,
 }
 
+/// How the axis follows what friction becomes.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Adaptation {
+    /// Whether friction is followed, taken as tuned, or taken at `level`.
+    #[schemars(extend("default" = "off"))]
+    pub mode: AdaptationMode,
+    /// Friction that the axis begins with, as a part of that of the model.
+    #[schemars(extend("minimum" = 0.4, "maximum" = 1.8, "default" = 1.0))]
+    pub level: f64,
+}
+
+/// What becomes of the model's friction while the machine runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum AdaptationMode {
+    /// It stays as it was tuned.
+    Off,
+    /// It is followed at every reversal, from the motor's torque and encoder.
+    On,
+    /// It stays at `level`.
+    Frozen,
+}
+
 /// Disturbance observer.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]

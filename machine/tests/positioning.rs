@@ -11,6 +11,7 @@ fn plain() -> String {
     for axis in axes.iter_mut() {
         axis.remove("model");
         axis.remove("torque_feed_forward");
+        axis.remove("adaptation");
         axis["reversal"]["method"] = toml_edit::value("backlash");
     }
     document.to_string()

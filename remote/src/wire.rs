@@ -244,6 +244,12 @@ pub struct CommandState {
     /// Torque, in N·m.
     #[serde(with = "number")]
     pub torque_nm: f64,
+    /// Friction that the servo goes by, as a part of that of its model; 0 without one.
+    #[serde(with = "number")]
+    pub friction_level: f64,
+    /// Part of Coulomb friction that the last way between two reversals left unexplained.
+    #[serde(with = "number")]
+    pub friction_unexplained: f64,
 }
 
 /// How far the program is.

@@ -8,14 +8,16 @@
 
 use bus::sample::AxisFeedback;
 use bytemuck::{Pod, Zeroable};
+use control::adaptation::{Adaptation, AdaptationState, Seen};
 use control::disturbance_observer::{DisturbanceObserver, DisturbanceObserverState};
 use control::inverse_dynamics::{
-    Ahead, InverseDynamics, InverseDynamicsState, LEAD_SCANS_MAX, Motion, Parts,
+    Ahead, Belief, InverseDynamics, InverseDynamicsState, LEAD_SCANS_MAX, Motion, Parts,
+    SMOOTHING_RAD_S_MAX,
 };
 use control::learned_table::LearnedTable;
 use control::maxwell_slip::{MaxwellSlip, SlipElement};
-use machine::model::FrictionCurve;
-use machine::{Axis, DEAD_TIME_SCANS_MAX, DriveMode, ReversalMethod};
+use machine::model::{FrictionCurve, TableModel};
+use machine::{AdaptationMode, Axis, AxisModel, DEAD_TIME_SCANS_MAX, DriveMode, ReversalMethod};
 
 /// A difference over fewer increments than this time gives would be rounding, in s.
 const DIFFERENCE_S: f64 = 2e-3;
@@ -29,6 +31,12 @@ const _: () = assert!(
     1.0 + DEAD_TIME_SCANS_MAX as f64 + CURRENT_LOOP_SCANS_MAX <= LEAD_SCANS_MAX,
     "the model's state does not reach over the largest dead time: LEAD_SCANS_MAX in control"
 );
+/// Part of the peak torque that the winding up of the screw may take.
+const WINDING_TORQUE_PART: f64 = 0.4;
+/// Part of the peak torque that is fed forward at most; the rest is the loop's.
+const FED_TORQUE_PART: f64 = 0.8;
+/// Part of the axis's acceleration above which its loop swings.
+const UNSETTLING_PART: f64 = 0.6;
 /// Part of the peak torque that the disturbance observer may ask for.
 const OBSERVER_TORQUE_PART: f64 = 0.25;
 
@@ -39,6 +47,10 @@ pub struct ModelSettings {
     pub inverse_dynamics: Option<InverseDynamics>,
     /// Off where its bandwidth is 0.
     pub observer: DisturbanceObserver,
+    /// Follows friction; off where the machine file does not ask for it.
+    pub adaptation: Adaptation,
+    /// Level of friction that it begins with, as a part of the tuned one.
+    level: f64,
     /// Lead of the speed that is fed forward, in scans: its advance less the scan that movement commands are centred back.
     speed_lead_scans: f64,
     /// Tp, in s.
@@ -47,6 +59,8 @@ pub struct ModelSettings {
     increment_mm: f64,
     /// Travel per radian of the motor, in m.
     radius_m: f64,
+    /// Most torque that is fed forward, in N·m.
+    fed_nm_max: f64,
     /// Scans from a command to the scan that it acts in.
     dead_time_scans: usize,
 }
@@ -61,14 +75,31 @@ pub struct ModelState {
     pub observer: DisturbanceObserverState,
     /// Torques fed forward in this scan and in those before, the newest first, in N·m.
     pub torque_feed_forward_nm: [f64; TORQUES],
+    /// What the model asked for beyond the torque that is fed forward, in N·m.
+    pub torque_cut_nm: f64,
     /// Motor encoder of the scan before, in increments.
     pub motor_position: i64,
+    /// What friction is taken to be.
+    pub adaptation: AdaptationState,
+    /// Friction fed forward in this scan and in those before, at the level 1, the newest first, in N: all, and its late part.
+    pub friction_n: [[f64; 2]; TORQUES],
 }
 
 impl ModelState {
     /// From now on positions come from elsewhere: where the axis is, is no motion.
     pub(crate) fn moved_by_others(&mut self) {
         self.inverse_dynamics.leave();
+        self.adaptation.leave();
+    }
+
+    /// What is known of friction stays; all else begins again.
+    pub(crate) fn kept(&self) -> ModelState {
+        let mut kept = ModelState {
+            adaptation: self.adaptation,
+            ..ModelState::default()
+        };
+        kept.adaptation.leave();
+        kept
     }
 
     /// Torque fed forward in the last scan, in N·m.
@@ -77,10 +108,13 @@ impl ModelState {
         torque_nm
     }
 
-    fn take_torque(&mut self, torque_nm: f64) {
+    fn take(&mut self, torque_nm: f64, friction_n: [f64; 2]) {
         self.torque_feed_forward_nm.rotate_right(1);
         let [now, ..] = &mut self.torque_feed_forward_nm;
         *now = torque_nm;
+        self.friction_n.rotate_right(1);
+        let [now, ..] = &mut self.friction_n;
+        *now = friction_n;
     }
 
     /// The part of the torque in this scan's feedback that was fed forward: it acted in the scan before.
@@ -127,10 +161,13 @@ impl ModelSettings {
                 scan_s,
                 limit_n: OBSERVER_TORQUE_PART * axis.motor.peak_torque_nm / radius_m,
             },
+            adaptation: adaptation(axis, scan_s),
+            level: axis.adaptation.level,
             speed_lead_scans: axis.feed_forward.advance_ms * 1e-3 / scan_s - 1.0,
             scan_s,
             increment_mm: axis.increment_mm(),
             radius_m,
+            fed_nm_max: FED_TORQUE_PART * axis.motor.peak_torque_nm,
             dead_time_scans: dead_time_scans as usize,
         }
     }
@@ -148,12 +185,35 @@ impl ModelSettings {
             compensation_mm: beside.step_mm,
             ..Added::default()
         };
+        let tuned = self.level * learned.map_or(1.0, |table| table.friction_scale);
+        let belief = self.adaptation.belief(&state.adaptation, tuned);
+        let mut friction_n = [0.0; 2];
         if let Some(model) = &self.inverse_dynamics {
-            self.move_table(model, state, learned, &setpoint, &mut added);
+            self.move_table(model, state, learned, &belief, &setpoint, &mut added);
+            friction_n = model.friction_n(&state.inverse_dynamics, &belief.level);
         }
-        added.torque_nm += beside.torque_nm;
+        let asked_nm = added.torque_nm + beside.torque_nm;
+        added.torque_nm = asked_nm.clamp(-self.fed_nm_max, self.fed_nm_max);
+        state.torque_cut_nm = asked_nm - added.torque_nm;
         let acting_nm = state.acting_torque_nm(self.dead_time_scans);
-        state.take_torque(added.torque_nm);
+        let acting_friction_n = state.friction_n.get(self.dead_time_scans).copied();
+        state.take(added.torque_nm, friction_n);
+        let travel = setpoint(0).saturating_sub(setpoint(-1)) as f64 * self.increment_mm;
+        let lacking_n = (axis.torque_nm - acting_nm) / self.radius_m;
+        let seen = Seen {
+            lacking_n,
+            deviation_mm: axis.motor_position.saturating_sub(setpoint(-1)) as f64
+                * self.increment_mm
+                - beside.before_mm,
+            friction_n: acting_friction_n.unwrap_or_default(),
+            level: belief.level,
+            compensation_mm: beside.before_mm,
+            wind_mm: axis.motor_position.saturating_sub(axis.scale_position) as f64
+                * self.increment_mm,
+            travel_mm: travel,
+            counts: axis.torque_limited == 0,
+        };
+        self.adaptation.update(&mut state.adaptation, &seen, tuned);
         if self.observer.bandwidth_rad_s > 0.0 {
             // A step of the compensation is no motion that was meant; the model's own is.
             let models = self
@@ -164,13 +224,12 @@ impl ModelSettings {
             } else {
                 0.0
             };
-            let commanded_mm = setpoint(0).saturating_sub(setpoint(-1)) as f64 * self.increment_mm
-                + compensated_mm;
             let travelled_mm =
                 axis.motor_position.saturating_sub(state.motor_position) as f64 * self.increment_mm;
-            let off_mm_s = (travelled_mm - commanded_mm) / self.scan_s;
-            let force_n = (axis.torque_nm - acting_nm) / self.radius_m;
-            let resisting_n = self.observer.update(&mut state.observer, force_n, off_mm_s);
+            let off_mm_s = (travelled_mm - (travel + compensated_mm)) / self.scan_s;
+            let resisting_n = self
+                .observer
+                .update(&mut state.observer, lacking_n, off_mm_s);
             added.torque_nm += resisting_n * self.radius_m;
         }
         state.motor_position = axis.motor_position;
@@ -183,8 +242,18 @@ impl ModelSettings {
             return 0.0;
         };
         let before_n = state.inverse_dynamics.force_n;
-        model.rest_at(&mut state.inverse_dynamics, torque_nm);
+        let belief = self.adaptation.belief(&state.adaptation, self.level);
+        model.rest_at(&mut state.inverse_dynamics, torque_nm, &belief);
         (state.inverse_dynamics.force_n - before_n) * self.radius_m
+    }
+
+    /// Level of friction that is in force, as a part of the tuned one; 0 without a model.
+    pub(crate) fn friction_level(&self, state: &ModelState) -> f64 {
+        if self.inverse_dynamics.is_none() {
+            return 0.0;
+        }
+        let belief = self.adaptation.belief(&state.adaptation, self.level);
+        belief.level.early
     }
 
     /// Compensation of lost motion at rest, in mm, where the model says it.
@@ -200,6 +269,7 @@ impl ModelSettings {
         model: &InverseDynamics,
         state: &mut ModelState,
         learned: Option<&LearnedTable>,
+        belief: &Belief,
         setpoint: &impl Fn(i64) -> i64,
         added: &mut Added,
     ) {
@@ -223,7 +293,7 @@ impl ModelSettings {
             near: motion(model.near_lead_scans()),
             far: motion(model.far_lead_scans()),
         };
-        let wanted = model.update(&mut state.inverse_dynamics, &ahead, learned);
+        let wanted = model.update(&mut state.inverse_dynamics, &ahead, learned, belief);
         if model.parts.compensation {
             added.compensation_mm = wanted.compensation_mm;
             added.velocity_mm_s = wanted.velocity_mm_s;
@@ -265,6 +335,38 @@ impl ModelSettings {
     }
 }
 
+/// Bandwidth with which the motor can wind up the screw. The contact force turns round by twice the table's friction, its second
+/// derivative behind the filter by ω² times that at most, and the motor has to follow the wind-up: on a soft screw more slowly.
+fn smoothing_rad_s(axis: &Axis, model: &AxisModel, table: &TableModel, radius_m: f64) -> f64 {
+    let force_n = WINDING_TORQUE_PART * axis.motor.peak_torque_nm / radius_m;
+    let stiffness_n_per_m = table.stiffness_n_per_um * 1e6;
+    let turned_n = 2.0 * table.coulomb_n * (model.mass_kg - table.mass_kg);
+    let wanted = libm::sqrt(force_n * stiffness_n_per_m / turned_n);
+    // Without friction or mass there is nothing to follow.
+    if wanted.is_finite() {
+        wanted.min(SMOOTHING_RAD_S_MAX)
+    } else {
+        SMOOTHING_RAD_S_MAX
+    }
+}
+
+fn adaptation(axis: &Axis, scan_s: f64) -> Adaptation {
+    let Some(model) = axis.model else {
+        return Adaptation::OFF;
+    };
+    Adaptation {
+        learns: axis.adaptation.mode == AdaptationMode::On,
+        scan_s,
+        mass_kg: model.mass_kg,
+        coulomb_n: model.coulomb_n,
+        viscous_n_s_per_m: model.viscous_n_s_per_m,
+        table_coulomb_n: model.table.map_or(0.0, |table| table.coulomb_n),
+        table_mass_kg: model.table.map_or(0.0, |table| table.mass_kg),
+        gap_mm: model.table.map_or(0.0, |table| table.gap_um * 1e-3),
+        acceleration_max_mm_s2: UNSETTLING_PART * axis.acceleration_mm_s2,
+    }
+}
+
 fn inverse_dynamics(
     axis: &Axis,
     scan_s: f64,
@@ -294,6 +396,7 @@ fn inverse_dynamics(
         // A command acts a dead time later and is held for a scan; the force follows it by the current loop.
         lead_scans: (1.0 + dead_time_scans + torque.current_loop_ms * 1e-3 / scan_s)
             .min(1.0 + dead_time_scans + CURRENT_LOOP_SCANS_MAX),
+        smoothing_rad_s: smoothing_rad_s(axis, &model, &table, radius_m),
         velocity_delay_scans: match axis.drive_mode {
             DriveMode::Velocity => 0.0,
             DriveMode::Torque => dead_time_scans - 1.0,

@@ -269,6 +269,7 @@ impl Servo {
             velocity_mm_s: scan.axis.velocity_mm_s,
             scan: before.scan,
             initialised: 1,
+            model: before.model.kept(),
             ..ServoState::zeroed()
         };
         state.model.motor_position = scan.axis.motor_position;
@@ -435,6 +436,9 @@ impl Servo {
         command.compensation_mm = self.state.backlash.compensation_mm;
         command.friction_pulse_mm_s = self.state.reversal.pulse_mm_s;
         command.torque_feed_forward_nm = self.state.model.torque_nm();
+        command.torque_cut_nm = self.state.model.torque_cut_nm;
+        command.friction_level = self.settings.model.friction_level(&self.state.model);
+        command.friction_unexplained = self.state.model.adaptation.unexplained();
         command.state = self.state.words();
         command
     }

@@ -2,7 +2,7 @@
 //! Method, equations and bounds: docs/methods/tuning.md.
 
 pub use control::maxwell_slip::ELEMENTS;
-use control::maxwell_slip::{MaxwellSlip, SlipElement};
+use control::maxwell_slip::{Level, MaxwellSlip, SlipElement};
 
 use super::least_squares::{Fit, NormalEquations, golden_section};
 use super::recording::Recording;
@@ -182,7 +182,7 @@ impl Signals {
                     .map(|i| {
                         let travel_mm = positions_mm[i] - positions_mm[i.saturating_sub(1)];
                         let speed_mm_s = 1e3 * speeds_m_s[i];
-                        one.update(&mut state, travel_mm, speed_mm_s, 1.0)
+                        one.update(&mut state, travel_mm, speed_mm_s, &Level::TUNED)
                     })
                     .collect();
                 smooth(&forces, self.scan_s)
@@ -595,7 +595,7 @@ mod tests {
         positions_mm
             .iter()
             .map(|position| {
-                let force = slip.update(&mut state, position - before, 0.0, 1.0);
+                let force = slip.update(&mut state, position - before, 0.0, &Level::TUNED);
                 before = *position;
                 force
             })

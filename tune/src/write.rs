@@ -54,6 +54,7 @@ pub fn bare(document: &mut DocumentMut, machine: &Machine) {
         let advance_ms = Timing::of(machine, known).advance_ms();
         inner(axis, &["reversal"]).insert("method", value("none"));
         for key in [
+            "adaptation",
             "torque_feed_forward",
             "disturbance_observer",
             "model",
@@ -261,6 +262,12 @@ fn torque(axis: &mut Table, timing: &Timing, method: &str) {
     torque.set("acceleration", true, "");
     torque.set("viscous", true, "");
     torque.set("friction", friction, why);
+    if friction {
+        let why = "tune: friction is followed while the machine runs";
+        Keys::of(axis, &["adaptation"]).set("mode", "on", why);
+    } else {
+        axis.remove("adaptation");
+    }
     let observer_rad_s = timing.observer_rad_s();
     if observer_rad_s > 0.0 {
         let why = if timing.dead_time_scans > 1.0 {

@@ -29,7 +29,7 @@ table!(
 );
 table!(
     AxisCommand: scan, visible_from, position, velocity_mm_s, torque_nm, feed_forward_mm_s, following_error_mm,
-    stop_deceleration_mm_s2, compensation_mm, friction_pulse_mm_s, torque_feed_forward_nm, held, pending, refused, tag, state, axis, role, incarnation, drive_mode, cause, jog_done, checksum,
+    stop_deceleration_mm_s2, compensation_mm, friction_pulse_mm_s, torque_feed_forward_nm, torque_cut_nm, friction_level, friction_unexplained, held, pending, refused, tag, state, axis, role, incarnation, drive_mode, cause, jog_done, checksum,
 );
 table!(
     PlannerStatus: scan, visible_from, program_hash, published, path_length_mm, path_done_mm, incarnation, finished,

@@ -4,6 +4,7 @@ pub(crate) mod circles;
 mod faults;
 mod lockstep;
 mod planning;
+pub(crate) mod plants;
 mod report;
 mod runs;
 
@@ -22,6 +23,7 @@ pub fn bench(options: &BenchOptions) -> Outcome {
         BenchCommand::Faults(options) => faults::faults(&options),
         BenchCommand::Lockstep(options) => lockstep::lockstep(&options),
         BenchCommand::Planning(options) => planning::planning(&options),
+        BenchCommand::Plants(options) => plants::plants(&options),
         BenchCommand::Report(options) => report::report(&options),
     }
 }

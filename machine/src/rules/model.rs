@@ -2,7 +2,7 @@
 
 use crate::axis::Axis;
 use crate::machine::Machine;
-use crate::model::{AxisModel, FrictionCurve, TableModel};
+use crate::model::{Adaptation, AdaptationMode, AxisModel, FrictionCurve, TableModel};
 use crate::reversal::ReversalMethod;
 use crate::settings_file::{At, From, Rules};
 
@@ -17,6 +17,7 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine, axis: &Axis, at: At<'_>) 
     let scan_s = machine.scan_period_s();
     torque(rules, axis, at, scan_s);
     observer(rules, axis, at, scan_s);
+    adaptation(rules, axis, at);
     let traverses = axis.reversal.method == ReversalMethod::ContactForce;
     if traverses && axis.model.is_none_or(|model| model.table.is_none()) {
         let what = "= \"contact-force\": needs [axis.model] and [axis.model.table]; `quadrant tune` identifies them";
@@ -107,6 +108,20 @@ fn observer(rules: &mut Rules<'_>, axis: &Axis, at: At<'_>, scan_s: f64) {
         let what =
             format!("= {bandwidth_rad_s} rad/s: needs [axis.model]; `quadrant tune` identifies it");
         rules.say(&path, at, &what);
+    }
+}
+
+/// Friction that is followed is known and fed forward; a level that nobody goes by is refused.
+fn adaptation(rules: &mut Rules<'_>, axis: &Axis, at: At<'_>) {
+    let Adaptation { mode, level } = axis.adaptation;
+    if mode == AdaptationMode::Off {
+        if level != 1.0 {
+            let what = format!("= {level}: needs adaptation.mode = \"on\" or \"frozen\"");
+            rules.say(&["adaptation", "level"], at, &what);
+        }
+    } else if axis.model.is_none() || !axis.torque_feed_forward.friction {
+        let what = ": needs [axis.model] and torque_feed_forward.friction = true; `quadrant tune` sets them";
+        rules.say(&["adaptation", "mode"], at, what);
     }
 }
 

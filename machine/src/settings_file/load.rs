@@ -64,7 +64,7 @@ fn add_defaults(schema: KeySchema<'_>, table: &mut Table) {
     }
 }
 
-/// A default as TOML has it: a word, a number, a flag, an empty list or table.
+/// A default as TOML has it: a word, a number, a flag, a list, an empty table.
 fn toml_value(json: &Json) -> Value {
     match json {
         Json::String(word) => Value::String(word.clone()),
@@ -73,7 +73,7 @@ fn toml_value(json: &Json) -> Value {
             || Value::Float(number.as_f64().unwrap_or(f64::NAN)),
             Value::Integer,
         ),
-        Json::Array(_) => Value::Array(Vec::new()),
+        Json::Array(list) => Value::Array(list.iter().map(toml_value).collect()),
         _ => Value::Table(Table::new()),
     }
 }

@@ -122,6 +122,8 @@ enum OfAxis {
     Winding,
     MissedScans,
     Pulse,
+    FrictionLevel,
+    Unexplained,
     Role,
 }
 
@@ -138,7 +140,7 @@ enum OfCell {
 }
 
 #[rustfmt::skip] // a table
-const OF_AXIS: [(OfAxis, &str, Dimension, &str); 13] = [
+const OF_AXIS: [(OfAxis, &str, Dimension, &str); 15] = [
     (OfAxis::Command,         "command",          Dimension::Position,    "position command that the servo made in this scan"),
     (OfAxis::Feedback,        "feedback",         Dimension::Position,    "position that the servo read: encoder, or scale where it uses it"),
     (OfAxis::FollowingError,  "following_error",  Dimension::Deviation,   "command minus feedback, compensation not counted"),
@@ -151,6 +153,8 @@ const OF_AXIS: [(OfAxis, &str, Dimension, &str); 13] = [
     (OfAxis::Winding,         "winding",          Dimension::Temperature, "winding temperature above ambient"),
     (OfAxis::MissedScans,     "missed_scans",     Dimension::Number,      "scans without a command in time, in all"),
     (OfAxis::Pulse,            "pulse",             Dimension::Speed,       "backlash acceleration now being output"),
+    (OfAxis::FrictionLevel,   "friction_level",   Dimension::Percent,     "friction that the servo goes by, of that of its model"),
+    (OfAxis::Unexplained,     "unexplained",      Dimension::Percent,     "part of Coulomb friction that the last way between two reversals left unexplained"),
     (OfAxis::Role,            "role",             Dimension::Number,      "servo whose command was taken: 0 for a, 1 for its standby"),
 ];
 
@@ -430,6 +434,8 @@ impl Eyes {
             OfAxis::Winding => feedback.winding_k,
             OfAxis::MissedScans => f64::from(feedback.missed_scans),
             OfAxis::Pulse => command?.friction_pulse_mm_s,
+            OfAxis::FrictionLevel => command?.friction_level * 100.0,
+            OfAxis::Unexplained => command?.friction_unexplained * 100.0,
             OfAxis::Role => f64::from(feedback.taken_role),
         })
     }

@@ -20,6 +20,8 @@ fn axis() -> AxisState {
             position_mm: 1.25,
             velocity_mm_s: 50.1,
             torque_nm: 0.0,
+            friction_level: 0.8,
+            friction_unexplained: 0.05,
         }),
         error_um: Some(4.5),
         error_peak_since_um: Some(5.0),

@@ -56,6 +56,7 @@ pub struct AxisView {
     increment_mm: f64,
     rated_nm: f64,
     by_scale: bool,
+    follows_friction: bool,
     frame_peak_um: Option<f64>,
     /// Largest magnitude of the following error in the last look; none if no command was seen in it.
     pub look_peak_um: Option<f64>,
@@ -93,6 +94,7 @@ impl AxisView {
             increment_mm,
             rated_nm: axis.motor.rated_torque_nm,
             by_scale: axis.feedback == machine::PositionFeedback::Scale,
+            follows_friction: axis.adaptation.mode == machine::AdaptationMode::On,
             frame_peak_um: None,
             look_peak_um: None,
             turns: TurnFinder::new(increment_mm),
@@ -133,6 +135,8 @@ impl AxisView {
             position_mm: command.position as f64 * self.increment_mm,
             velocity_mm_s: command.velocity_mm_s,
             torque_nm: command.torque_nm,
+            friction_level: command.friction_level,
+            friction_unexplained: command.friction_unexplained,
         });
         let error_um = Some(command.following_error_mm * 1e3).filter(|error| error.is_finite())?;
         self.error_um = Some(error_um);
@@ -140,6 +144,13 @@ impl AxisView {
         let peak_um = self.frame_peak_um.unwrap_or(0.0).max(error_um.abs());
         self.frame_peak_um = Some(peak_um);
         Some(error_um)
+    }
+
+    /// Friction that the servo goes by and what the last way between two reversals left unexplained, as parts; none where the axis does
+    /// not follow friction.
+    pub fn friction(&self) -> Option<(f64, f64)> {
+        let command = self.commanded.filter(|_| self.follows_friction)?;
+        Some((command.friction_level, command.friction_unexplained))
     }
 
     /// Ends one look: what was largest since the one before goes into the history.

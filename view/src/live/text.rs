@@ -73,7 +73,7 @@ pub fn status(model: &Model) -> String {
 fn axes(text: &mut String, model: &Model) {
     let _ = write!(
         text,
-        "\n\n  axis      command     feedback  following error  torque  winding  missed  servo"
+        "\n\n  axis      command     feedback  following error  torque  winding  friction  missed  servo"
     );
     for axis in &model.axes {
         let error = axis
@@ -81,13 +81,17 @@ fn axes(text: &mut String, model: &Model) {
             .map_or("-".into(), |error_um| format!("{error_um:+.1} µm"));
         let _ = write!(
             text,
-            "\n  {:<2} {:<3} {:>+10.4}  {:>+11.4}  {error:>15}  {:>4.0} %  {:>+5.1} K  {:>6}  {}",
+            "\n  {:<2} {:<3} {:>+10.4}  {:>+11.4}  {error:>15}  {:>4.0} %  {:>+5.1} K  {:>8}  {:>6}  {}",
             axis.name,
             axis.unit,
             axis.command_mm,
             axis.feedback_mm,
             axis.torque_share * 100.0,
             axis.winding_k,
+            axis.friction().map_or("tuned".into(), |(level, _)| format!(
+                "{:.0} %",
+                level * 100.0
+            )),
             axis.missed_scans,
             ROLES.get(axis.role as usize).copied().unwrap_or("?"),
         );

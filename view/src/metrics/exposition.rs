@@ -409,7 +409,6 @@ impl Snapshot {
 
     fn axes(&self, families: &mut Families<'_>) -> Result<(), Error> {
         let axes = &self.numbers.axes;
-        let all: Vec<&AxisNumbers> = axes.iter().collect();
         families.counter_per_axis(
             "axis_missed_scans",
             "Scans in which no command came in time.",
@@ -447,6 +446,12 @@ impl Snapshot {
         families.counter_per_axis("axis_reversals", "Reversals of the axis.", axes, |axis| {
             axis.reversals.get()
         })?;
+        self.torques(families)
+    }
+
+    /// Torque of the axes, and what comes of it.
+    fn torques(&self, families: &mut Families<'_>) -> Result<(), Error> {
+        let all: Vec<&AxisNumbers> = self.numbers.axes.iter().collect();
         let newton_meters = || Unit::Other("newton_meters".into());
         families.gauge_per_axis(
             "axis_torque",
@@ -468,6 +473,20 @@ impl Snapshot {
             "Winding temperature above ambient.",
             &all,
             |axis| &axis.winding_k,
+        )?;
+        families.gauge_per_axis(
+            "axis_friction_level",
+            Unit::Other("ratio".into()),
+            "Friction that the servo goes by, as a part of that of its model.",
+            &all,
+            |axis| &axis.friction_level,
+        )?;
+        families.gauge_per_axis(
+            "axis_friction_unexplained",
+            Unit::Other("ratio".into()),
+            "Part of Coulomb friction that the last way between two reversals left unexplained.",
+            &all,
+            |axis| &axis.friction_unexplained,
         )
     }
 

@@ -153,6 +153,10 @@ pub struct AxisNumbers {
     pub redundancy: Number,
     /// How often its two servos have commanded different things.
     pub differences: Count,
+    /// Friction that the servo goes by, as a part of that of its model.
+    pub friction_level: Number,
+    /// Part of Coulomb friction that the last way between two reversals left unexplained.
+    pub friction_unexplained: Number,
     /// Reversals.
     pub reversals: Count,
     /// Height of the last one on an arc.
@@ -275,6 +279,8 @@ impl Numbers {
             missed_scans: Count::default(),
             redundancy: Number::default(),
             differences: Count::default(),
+            friction_level: Number::default(),
+            friction_unexplained: Number::default(),
             reversals: Count::default(),
             protrusion_m: Number::default(),
             reversal_error_m: Number::default(),

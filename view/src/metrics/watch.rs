@@ -162,6 +162,10 @@ impl Cell {
             axis.following_error_peak_m.raise_to(error_m.abs());
             axis.following_error.take(error_m.abs());
         }
+        if sample.role == view.role && view.friction().is_some() {
+            axis.friction_level.set(sample.friction_level);
+            axis.friction_unexplained.set(sample.friction_unexplained);
+        }
     }
 
     fn planner(&mut self, sample: &PlannerStatus) {

@@ -89,6 +89,17 @@ pub const METHODS: &[Method] = &[
         ..MODELLED
     },
     Method {
+        name: "contact-force-adaptive",
+        edit: |axis| {
+            traversal(axis, true)?;
+            let mut table = Table::new();
+            table.insert("mode", value("on"));
+            axis.insert("adaptation", Item::Table(table));
+            Ok(())
+        },
+        ..MODELLED
+    },
+    Method {
         name: "contact-force-observer",
         edit: |axis| {
             traversal(axis, true)?;
@@ -146,7 +157,12 @@ fn observer(axis: &mut Table) {
 
 /// Tables of an axis that do something about reversal errors beside `[axis.reversal]`; a newer one belongs here too, so that
 /// the older methods stay what they are called.
-const OTHERS: [&str; 3] = ["torque_feed_forward", "disturbance_observer", "prediction"];
+const OTHERS: [&str; 4] = [
+    "adaptation",
+    "torque_feed_forward",
+    "disturbance_observer",
+    "prediction",
+];
 
 /// Compensation by `method` of `[axis.reversal]` alone.
 fn plain(axis: &mut Table, method: &str) -> anyhow::Result<()> {

@@ -11,7 +11,7 @@ use crate::live::axis::AxisView;
 use crate::live::palette::Palette;
 
 /// Characters of a row beside the bars.
-const FIXED: u16 = 69;
+const FIXED: u16 = 76;
 /// Heights of a bar.
 const BARS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
 /// Share of the limit from which a following error is marked.
@@ -22,7 +22,7 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let palette = screen.palette;
     let bars = usize::from(area.width.saturating_sub(FIXED).clamp(4, 60));
     let heading = format!(
-        " {:<5}{:>11}{:>11}{:>9}{:>8} {:<bars$}{:>7}{:>7}{:>6} {}",
+        " {:<5}{:>11}{:>11}{:>9}{:>8} {:<bars$}{:>7}{:>7}{:>7}{:>6} {}",
         "axis",
         "command",
         "feedback",
@@ -31,6 +31,7 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
         "history",
         "torque",
         "wind.K",
+        "frict.",
         "miss",
         "by"
     );
@@ -80,13 +81,20 @@ fn row(axis: &AxisView, bars: usize, palette: Palette) -> Line<'static> {
         Span::raw(format!("{:>8} ", number(axis.error_peak_um, false))),
         Span::styled(format!("{:<bars$}", history(axis, bars)), palette.good()),
         Span::styled(torque, torque_style),
-        Span::raw(format!("{:>7.1}", axis.winding_k)),
+        Span::raw(format!("{:>7.1}{:>7}", axis.winding_k, friction(axis))),
         Span::styled(format!("{missed:>6}"), missed_style),
         Span::raw(format!(
             " {}",
             ROLES.get(axis.role as usize).copied().unwrap_or("?")
         )),
     ])
+}
+
+/// Friction that the servo goes by.
+fn friction(axis: &AxisView) -> String {
+    axis.friction().map_or("tuned".into(), |(level, _)| {
+        format!("{:.0}%", level * 100.0)
+    })
 }
 
 /// A number of µm in at most eight characters.
