@@ -14,7 +14,9 @@ pub mod align;
 pub mod arc;
 pub mod auxiliary;
 pub mod axis;
+pub mod ball_bar;
 pub mod contour;
+pub mod contour_parts;
 pub mod faults;
 pub mod fit;
 pub mod outcome;
@@ -30,7 +32,7 @@ mod gap_tests;
 #[cfg(test)]
 mod tests;
 
-use bus::sample::{Cause, Feedback, Mode, WindowId};
+use bus::sample::{Cause, Feedback, Instruments, Mode, WindowId};
 use control::kinematics::Kinematics;
 use control::path::{AxisVector, MAX_AXES};
 use machine::Machine;
@@ -42,6 +44,8 @@ use arc::{ArcMeter, ArcResult};
 use auxiliary::{AuxiliaryEvent, AuxiliaryMeter};
 use axis::blocks::{BlockMeter, BlockPeaks};
 use axis::{AxisMeter, LimitCounts, LimitsAudit};
+use ball_bar::BallBar;
+use contour_parts::{ContourParts, ContourPartsMeter};
 use faults::{FaultResult, Faults, ProcessResult, Seen};
 pub use outcome::Outcome;
 use outcome::StopReason;
@@ -65,10 +69,14 @@ pub struct Measurements {
     pub axes: Vec<AxisMeter>,
     /// Distance of the table from the programmed path, in mm.
     pub contour_error_mm: Statistics,
+    /// Where it comes from.
+    pub contour_parts: ContourParts,
     /// Peaks of every block that was travelled, by line of the program, in order.
     pub blocks: Vec<(u32, BlockPeaks)>,
     /// Every run of arcs on one circle, in order of travel.
     pub arcs: Vec<ArcResult>,
+    /// Every circle that was travelled both ways.
+    pub ball_bars: Vec<BallBar>,
     /// Every change of direction of a command, in order of time.
     pub reversals: Vec<ReversalResult>,
     /// How many more there were.
@@ -104,6 +112,7 @@ pub struct Analysis {
     axes: Vec<AxisMeter>,
     audit: LimitsAudit,
     contour_mm: Statistics,
+    contour_parts: ContourPartsMeter,
     blocks: BlockMeter,
     arcs: ArcMeter,
     reversals: Vec<ReversalMeter>,
@@ -144,6 +153,7 @@ impl Analysis {
             axes: machine.axes.iter().map(AxisMeter::of).collect(),
             audit: LimitsAudit::new(&machine),
             contour_mm: Statistics::default(),
+            contour_parts: ContourPartsMeter::new(&kinematics, &increments_mm, period_s),
             blocks: BlockMeter::default(),
             arcs: ArcMeter::new(path.whole(), &kinematics, period_s),
             reversals: increments_mm
@@ -200,7 +210,8 @@ impl Analysis {
         while let Some(set) = self.aligner.next_of_rest() {
             self.scan(&set);
         }
-        let arcs = self.arcs.finish();
+        let (arcs, ball_bars) = self.arcs.finish();
+        let ball_bars = ball_bars.finish(|axis| lead_mm(&self.machine, &self.kinematics, axis));
         let not_listed = self.reversals.iter().map(ReversalMeter::not_listed);
         let reversals_not_listed = not_listed.sum();
         let mut reversals: Vec<ReversalResult> = self
@@ -226,8 +237,10 @@ impl Analysis {
             scan_period_s: self.machine.scan_period_s(),
             axes: self.axes,
             contour_error_mm: self.contour_mm,
+            contour_parts: self.contour_parts.finish(),
             blocks: self.blocks.finish(),
             arcs,
+            ball_bars,
             reversals,
             reversals_not_listed,
             limits: self.audit.counts,
@@ -268,6 +281,7 @@ impl Analysis {
             .is_none_or(|last| feedback.scan == last.scan + 1);
         if !follows {
             self.reversals.iter_mut().for_each(ReversalMeter::interrupt);
+            self.contour_parts.interrupt();
         }
         if self.first_scan.is_none() && self.begins_at > 0 {
             self.overrun_before = feedback.overrun_scans;
@@ -289,6 +303,7 @@ impl Analysis {
             }
             if let (Some(command), Some(meter)) = (command, self.reversals.get_mut(index)) {
                 meter.take(command);
+                self.contour_parts.command(index, command.position);
             }
         }
         self.audit.take(feedback);
@@ -402,7 +417,42 @@ impl Analysis {
                 self.arcs.sample(set.scan as f64 + share, &table, &motor);
             }
         }
+        if whole {
+            self.take_contour_parts(set, feedback, instruments);
+        }
         largest_mm
+    }
+
+    /// Where the deviation at the end of the scan comes from, if the commands of all axes are known.
+    fn take_contour_parts(&mut self, set: &ScanSet, feedback: &Feedback, seen: &Instruments) {
+        let (axes, count) = (self.axes.len(), seen.subsamples as usize);
+        let Some(last) = count.min(bus::sample::MAX_SUBSAMPLES).checked_sub(1) else {
+            return;
+        };
+        let table = row_of(&seen.table_mm, last, axes);
+        let motor = row_of(&seen.motor_mm, last, axes) - self.backlash_mm;
+        let mut commanded = AxisVector::zeros();
+        let of_axes = commanded.iter_mut().zip(&self.machine.axes).enumerate();
+        for (index, (place, axis)) in of_axes {
+            let Some(command) = set.command(index) else {
+                return;
+            };
+            *place = command.position as f64 * axis.increment_mm();
+        }
+        let mut nearest = |axes: &AxisVector| {
+            let tool = self.kinematics.tool(axes);
+            self.path.nearest(&feedback.tag, &tool)
+        };
+        if let (Some(table), Some(motor), Some(setpoint)) =
+            (nearest(&table), nearest(&motor), nearest(&commanded))
+        {
+            self.contour_parts.take(&contour_parts::Reading {
+                table,
+                motor,
+                setpoint,
+                axes: commanded,
+            });
+        }
     }
 
     fn count_losses(&mut self, set: &ScanSet, feedback: &Feedback) {
@@ -437,6 +487,13 @@ impl Analysis {
             self.samples_lost += taken.saturating_sub(orphans);
         }
     }
+}
+
+/// Lead of the axis that moves a coordinate of the program, in mm; none where coordinates are not axes.
+fn lead_mm(machine: &Machine, kinematics: &Kinematics, axis: usize) -> Option<f64> {
+    let cartesian = *kinematics == Kinematics::Cartesian;
+    let axis = machine.axes.get(axis).filter(|_| cartesian)?;
+    Some(axis.lead_mm)
 }
 
 /// One instrument reading of all axes.

@@ -5,6 +5,8 @@
 //! are the recorder's, and are in the log.
 
 pub mod against;
+mod cause_sections;
+mod causes;
 mod circle_plot;
 pub mod comparison;
 mod contents;
@@ -25,6 +27,7 @@ mod tests;
 
 use std::path::Path;
 
+pub use causes::{BallBarReport, CauseReport, ContourPartReport, ContourPartsReport, OneWayReport};
 pub use error::ReportError;
 pub use evaluation::{Evaluation, evaluate};
 pub use json::{

@@ -25,8 +25,8 @@ use bus::sample::{Feedback, PathTag};
 use control::kinematics::Kinematics;
 use control::path::{AxisVector, Path};
 
-use evaluate::{Series, Taken, measure};
-use plots::CurvesKept;
+use super::ball_bar::BallBarMeter;
+use evaluate::{Keeps, Series, Taken, measure};
 pub use result::{ArcResult, CurvePoint, Deviations, Quadrant};
 pub use runs::Circle;
 use runs::{Run, find_runs, sweeps_rad};
@@ -66,7 +66,7 @@ pub struct ArcMeter {
     off_path: bool,
     /// Nothing of the path has been seen yet.
     unseen: bool,
-    curves: CurvesKept,
+    keeps: Keeps,
     results: Vec<ArcResult>,
 }
 
@@ -92,7 +92,7 @@ impl ArcMeter {
             speed_mm_s: 0.0,
             off_path: false,
             unseen: true,
-            curves: CurvesKept::default(),
+            keeps: Keeps::default(),
             results: Vec::new(),
         }
     }
@@ -267,17 +267,17 @@ impl ArcMeter {
         }
     }
 
-    /// Ends the measurement.
-    pub fn finish(mut self) -> Vec<ArcResult> {
+    /// Ends the measurement: the arcs, and what circles travelled both ways are measured by.
+    pub fn finish(mut self) -> (Vec<ArcResult>, BallBarMeter) {
         self.close();
-        self.results
+        (self.results, self.keeps.ball_bars)
     }
 
     fn close(&mut self) {
         let Some(open) = self.open.take() else { return };
         if let Some(run) = self.runs.get(open.run) {
             self.results
-                .extend(measure(run, &open.series, self.period_s, &mut self.curves));
+                .extend(measure(run, &open.series, self.period_s, &mut self.keeps));
         }
     }
 }

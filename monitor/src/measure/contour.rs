@@ -1,29 +1,63 @@
 //! Contour error: how far the table is from the programmed path.
 
 use bus::sample::PathTag;
-use control::path::{AxisVector, Path};
+use control::path::{AxisVector, Element, Path};
 
 /// Elements looked at in each direction at most.
 const NEIGHBOURS_MAX: usize = 32;
 /// Path looked at beyond the lag of the table, in mm.
 const MARGIN_MM: f64 = 0.1;
 
+/// A point and the place of the path that is nearest to it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Nearest {
+    /// From that place to the point, in mm: across the path, but beyond its ends.
+    pub across_mm: AxisVector,
+    /// Direction of the path there; zero at a dwell.
+    pub tangent: AxisVector,
+}
+
 /// Distance of `point` from the path near the tag, in mm; none if the tag names no element.
 ///
 /// The table follows its command with a lag, so the closest point may lie on an earlier element: as many neighbours
 /// are looked at as the lag can span, and always one on each side.
 pub fn error_mm(path: &Path, tag: &PathTag, point: &AxisVector) -> Option<f64> {
+    nearest_place(path, tag, point).map(|(_, (_, best_mm))| best_mm)
+}
+
+/// The same as a vector; none if the tag names no element.
+pub fn nearest(path: &Path, tag: &PathTag, point: &AxisVector) -> Option<Nearest> {
+    let (element, (distance_mm, _)) = nearest_place(path, tag, point)?;
+    Some(Nearest {
+        across_mm: point - element.point(distance_mm),
+        tangent: element.tangent(distance_mm),
+    })
+}
+
+/// The element that is nearest, the distance along it and that of the point from it, in mm.
+fn nearest_place<'a>(
+    path: &'a Path,
+    tag: &PathTag,
+    point: &AxisVector,
+) -> Option<(&'a Element, (f64, f64))> {
     let here = tag.element as usize;
     let element = path.elements.get(here)?;
     let reach_mm = (element.point(tag.distance_mm) - point).norm() + MARGIN_MM;
-    let mut best_mm = element.closest_distance(point).1;
+    let mut best = (element, element.closest_distance(point));
+    let mut offer = |element: &'a Element| {
+        let place = element.closest_distance(point);
+        // A distance that is no number is never the nearest.
+        if place.1 < best.1.1 || best.1.1.is_nan() {
+            best = (element, place);
+        }
+    };
     let mut passed_mm = tag.distance_mm;
     let before = path.elements.get(..here).unwrap_or_default();
     for (count, element) in before.iter().rev().take(NEIGHBOURS_MAX).enumerate() {
         if count > 0 && passed_mm > reach_mm {
             break;
         }
-        best_mm = best_mm.min(element.closest_distance(point).1);
+        offer(element);
         passed_mm += element.length_mm;
     }
     let mut passed_mm = element.length_mm - tag.distance_mm;
@@ -32,16 +66,17 @@ pub fn error_mm(path: &Path, tag: &PathTag, point: &AxisVector) -> Option<f64> {
         if count > 0 && passed_mm > reach_mm {
             break;
         }
-        best_mm = best_mm.min(element.closest_distance(point).1);
+        offer(element);
         passed_mm += element.length_mm;
     }
-    best_mm.is_finite().then_some(best_mm)
+    let (_, (_, best_mm)) = best;
+    best_mm.is_finite().then_some(best)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use control::path::{Element, Feed};
+    use control::path::Feed;
 
     fn at(x: f64, y: f64) -> AxisVector {
         let mut point = AxisVector::zeros();

@@ -4,7 +4,7 @@ use bus::sample::PathTag;
 use control::path::{AxisVector, Path};
 use program::Along;
 
-use super::contour;
+use super::contour::{self, Nearest};
 
 /// The path of the program that ran.
 #[derive(Debug)]
@@ -42,15 +42,28 @@ impl RunPath {
 
     /// Distance of a point from the path near a tag, in mm; none if the tag names no element.
     pub fn error_mm(&mut self, tag: &PathTag, point: &AxisVector) -> Option<f64> {
+        self.look(tag, |path, tag| contour::error_mm(path, tag, point))
+    }
+
+    /// The place of the path nearest to a point, near a tag; none if the tag names no element.
+    pub fn nearest(&mut self, tag: &PathTag, point: &AxisVector) -> Option<Nearest> {
+        self.look(tag, |path, tag| contour::nearest(path, tag, point))
+    }
+
+    fn look<T>(
+        &mut self,
+        tag: &PathTag,
+        look: impl FnOnce(&Path, &PathTag) -> Option<T>,
+    ) -> Option<T> {
         match self {
-            RunPath::Whole(path) => contour::error_mm(path, tag, point),
+            RunPath::Whole(path) => look(path, tag),
             RunPath::Near(along) if !tag.is_off_path() => {
                 let (path, first) = along.near(tag.element);
                 let near = PathTag {
                     element: tag.element.checked_sub(first)?,
                     ..*tag
                 };
-                contour::error_mm(path, &near, point)
+                look(path, &near)
             }
             RunPath::Near(_) => None,
         }

@@ -10,6 +10,7 @@ use super::evaluation::Evaluation;
 use super::match_up::matched;
 use crate::measure::arc::plots::{PLOTS_MAX, RUNS_MAX, in_one_plot, shown};
 use crate::measure::arc::{ArcResult, CurvePoint, Quadrant};
+use crate::measure::ball_bar::BallBar;
 use crate::plot::{self, Area, Drawn, INK, PlotError, SOFT, at, fine, words};
 
 const WIDTH: i32 = 900;
@@ -22,6 +23,9 @@ const DIVISION_PX: f64 = 36.0;
 const DIVISIONS: i32 = 3;
 /// Top of the captions.
 const CAPTIONS_Y: i32 = 900;
+
+/// Half of the angle of an arrow.
+const ARROW_RAD: f64 = 0.22;
 
 const GRID: RGBColor = RGBColor(0xd9, 0xdd, 0xe2);
 const COUNTER_CLOCKWISE: RGBColor = RGBColor(0x0b, 0x5c, 0xad);
@@ -94,7 +98,11 @@ fn draw(path: &Path, runs: &[&ArcResult], evaluation: &Evaluation) -> Result<(),
     let Some(first) = runs.first() else {
         return Ok(());
     };
-    let height = CAPTIONS_Y + 20 + 60 * runs.len() as i32;
+    let bars = &evaluation.measurements.ball_bars;
+    let together = bars
+        .iter()
+        .find(|bar| in_one_plot(&bar.circle, &first.circle));
+    let height = CAPTIONS_Y + 20 + 60 * runs.len() as i32 + 30 * i32::from(together.is_some());
     plot::write(path, (WIDTH, height), |area| {
         let division_um = division_um(runs);
         title(area, first, evaluation)?;
@@ -107,8 +115,13 @@ fn draw(path: &Path, runs: &[&ArcResult], evaluation: &Evaluation) -> Result<(),
         scale(area, division_um)?;
         for run in runs {
             protrusions(area, run, division_um)?;
+            arrows(area, run)?;
         }
-        captions(area, runs, division_um)
+        captions(area, runs, division_um)?;
+        match together {
+            Some(bar) => together_caption(area, bar, runs.len()),
+            None => Ok(()),
+        }
     })
 }
 
@@ -331,6 +344,41 @@ fn protrusions(area: &Area, run: &ArcResult, division_um: f64) -> Drawn {
         plot::text(area, &label, (x, y), 15, &colour, HPos::Center)?;
     }
     Ok(())
+}
+
+/// The direction of a run: an arrow inside the rings, in each quarter, either direction on a circle of its own.
+fn arrows(area: &Area, run: &ArcResult) -> Drawn {
+    let (colour, _) = colours(run);
+    let (divisions, turn) = if run.circle.clockwise {
+        (-4.6, -1.0)
+    } else {
+        (-4.0, 1.0)
+    };
+    for quarter in 0..4 {
+        let middle_rad = (f64::from(quarter) + 0.5) * FRAC_PI_2;
+        let at_share = |share: f64| place(middle_rad + turn * share * ARROW_RAD, divisions);
+        let shaft = (-10..=9).map(|step| at_share(f64::from(step) / 10.0));
+        plot::line(area, shaft.collect(), plot::stroke(colour, 2.0))?;
+        let beside = |aside: f64| place(middle_rad + turn * 0.65 * ARROW_RAD, divisions + aside);
+        let head = vec![at_share(1.0), beside(0.2), beside(-0.2)];
+        area.draw(&Polygon::new(head, colour.filled()))
+            .map_err(words)?;
+    }
+    Ok(())
+}
+
+/// What both directions show together, below the captions of the runs.
+fn together_caption(area: &Area, bar: &BallBar, runs: usize) -> Drawn {
+    let hysteresis = bar.hysteresis.map_or(String::new(), |(um, deg)| {
+        format!("  ·  hysteresis H {um:.1} µm at {deg:.0}°")
+    });
+    let [x_um, y_um] = bar.centre_um;
+    let line = format!(
+        "both directions:  G(b) {:.1} µm{hysteresis}  ·  common centre {x_um:+.1} / {y_um:+.1} µm",
+        bar.bidirectional_um
+    );
+    let y = f64::from(CAPTIONS_Y + 60 * runs as i32);
+    plot::text(area, &line, at(86.0, y), 15, &INK, HPos::Left)
 }
 
 /// What a caption is of.

@@ -2,6 +2,7 @@
 
 use serde_json::Value as Json;
 
+use super::cause_sections;
 use super::document::{Block, Columns, Document, Fact, Outcome, Section, digits};
 use super::json::{
     ArcReport, AuxiliaryReport, AxisReport, FaultReport, OutcomeKind, Report, ReversalReport,
@@ -20,30 +21,31 @@ const GAPS_MAX: usize = 5;
 
 /// The document of a run; `circles` are the files of its ball-bar plots.
 pub(super) fn document(report: &Report, circles: &[String]) -> Document {
+    let mut sections = vec![
+        head(report),
+        section("Faults", vec![Block::List(faults(report))]),
+        section(
+            "Spindle, coolant, outputs and stops",
+            vec![Block::List(auxiliary_events(report))],
+        ),
+        section(
+            "Messages of the program",
+            vec![Block::List(messages(report))],
+        ),
+        cause_sections::contour_parts(report),
+        following_error(report),
+        blocks(report),
+        arcs(report, circles),
+    ];
+    sections.extend(cause_sections::ball_bars(report));
+    sections.extend([reversals(report), drives(report), foot(report)]);
     Document {
         title: format!("{} on {}", report.program, report.machine),
         about: format!(
             "{} scans of {} µs, interpolation period {} scans, {}",
             report.scans, report.scan_period_us, report.distribution_period_scans, report.pace
         ),
-        sections: vec![
-            head(report),
-            section("Faults", vec![Block::List(faults(report))]),
-            section(
-                "Spindle, coolant, outputs and stops",
-                vec![Block::List(auxiliary_events(report))],
-            ),
-            section(
-                "Messages of the program",
-                vec![Block::List(messages(report))],
-            ),
-            following_error(report),
-            blocks(report),
-            arcs(report, circles),
-            reversals(report),
-            drives(report),
-            foot(report),
-        ],
+        sections,
     }
 }
 

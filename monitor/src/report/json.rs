@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use machine::DriveMode;
 use serde::{Deserialize, Serialize};
 
+use super::causes::{BallBarReport, ContourPartsReport, ball_bars, contour_parts};
 use super::evaluation::Evaluation;
 pub use super::gaps::ScanRange;
 use super::gaps::{missing_scans, samples_lost};
@@ -61,10 +62,15 @@ pub struct Report {
     pub axes: Vec<AxisReport>,
     /// Distance of the table from the programmed path.
     pub contour_error_um: PeakRms,
+    /// Where it comes from; null where nothing could be read.
+    pub contour_parts: Option<ContourPartsReport>,
     /// Peaks per block.
     pub blocks: Vec<BlockReport>,
     /// Runs of arcs on one circle.
     pub arcs: Vec<ArcReport>,
+    /// Circles that were travelled both ways; left out where none was.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub ball_bar: Vec<BallBarReport>,
     /// Changes of direction of a command.
     pub reversals: Vec<ReversalReport>,
     /// How many more there were; left out where all are listed.
@@ -375,7 +381,7 @@ pub(super) fn r3(value: f64) -> f64 {
     libm::round(value * 1e3) / 1e3 + 0.0
 }
 
-fn max_min((max, min): (f64, f64)) -> MaxMin {
+pub(super) fn max_min((max, min): (f64, f64)) -> MaxMin {
     MaxMin {
         max: r3(max),
         min: r3(min),
@@ -428,12 +434,14 @@ impl Report {
                 peak: r3(measurements.contour_error_mm.peak * 1e3),
                 rms: r3(measurements.contour_error_mm.rms() * 1e3),
             },
+            contour_parts: contour_parts(evaluation),
             blocks: blocks(evaluation),
             arcs: measurements
                 .arcs
                 .iter()
                 .map(|result| arc(result, evaluation))
                 .collect(),
+            ball_bar: ball_bars(evaluation),
             reversals: reversals(evaluation),
             reversals_not_listed: evaluation.measurements.reversals_not_listed,
             limits: measurements.limits,

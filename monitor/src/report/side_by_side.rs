@@ -13,10 +13,16 @@ use super::match_up::matched;
 
 /// The headings of a comparison in their order, and the keys whose numbers stand below each. What has another key is only in
 /// the report.json.
-const TOPICS: [(&str, &[&str]); 8] = [
+const TOPICS: [(&str, &[&str]); 11] = [
     ("Contour error on the table, in µm", &["contour_error_um"]),
+    ("Parts of the contour error, rms in µm", &["part_rms_um"]),
     ("Following error, in µm", &["following_error_um"]),
     ("Circular deviation G, in µm", &["circular_deviation_um"]),
+    (
+        "Both directions of a circle together G(b), in µm",
+        &["bidirectional_deviation_um"],
+    ),
+    ("Hysteresis H of a circle, in µm", &["hysteresis_um"]),
     (
         "Reversals on arcs in steady motion, in µm",
         &["protrusions_um"],
@@ -114,8 +120,12 @@ impl SideBySide {
             compared.add(of_a.key, both, value.decimals, |(heading, _)| add(heading));
             put(&mut compared.json, of_a.key, json!(both));
         }
-        let tables = a.tables().zip(b.tables());
-        for (of_a, of_b) in tables.filter(|(table, _)| !table.key.is_empty()) {
+        // One may have more tables that are not compared.
+        let is_compared = |of: &Table| !of.key.is_empty();
+        let of_a = a.tables().filter(|table| is_compared(table));
+        let of_b = b.tables().filter(|table| is_compared(table));
+        let tables = of_a.zip(of_b);
+        for (of_a, of_b) in tables {
             let pairs = matched(&of_a.rows, &of_b.rows, |row| row.label.clone());
             let items = pairs.iter().filter_map(|pair| {
                 let id = &pair.a.or(pair.b)?.id;

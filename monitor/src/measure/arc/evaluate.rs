@@ -5,6 +5,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use super::plots::CurvesKept;
 use super::result::{ArcResult, CurvePoint, Deviations, Quadrant};
 use super::runs::Run;
+use crate::measure::ball_bar::BallBarMeter;
 use crate::measure::fit::Fit;
 use crate::turns::window_rad;
 
@@ -85,12 +86,19 @@ impl Series {
     }
 }
 
+/// What is kept of the samples of all runs, whatever their number.
+#[derive(Debug, Default)]
+pub(super) struct Keeps {
+    pub(super) curves: CurvesKept,
+    pub(super) ball_bars: BallBarMeter,
+}
+
 /// Measures one run; none if nothing was taken of it.
 pub(super) fn measure(
     run: &Run,
     series: &Series,
     period_s: f64,
-    curves: &mut CurvesKept,
+    keeps: &mut Keeps,
 ) -> Option<ArcResult> {
     let (first, last) = (series.taken.first()?, series.taken.last()?);
     let taken = series.taken.iter();
@@ -127,9 +135,11 @@ pub(super) fn measure(
         start_angle_rad: run.start_angle_rad,
         circle: run.circle.clone(),
     };
-    if curves.keep(&result) {
+    if keeps.curves.keep(&result) {
         result.curve = judged.curve(&table.fit, &motor.fit);
     }
+    let steady = judged.steady_samples().map(|taken| taken.table_mm);
+    keeps.ball_bars.take(&result, steady);
     Some(result)
 }
 

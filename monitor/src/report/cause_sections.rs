@@ -1,0 +1,99 @@
+//! The sections of a report about where errors come from.
+
+use super::causes::{BallBarReport, CauseReport, OneWayReport};
+use super::contents::section;
+use super::document::{Block, Columns, Section};
+use super::json::Report;
+
+/// Circles whose causes the text lists; all are in report.json.
+const DIAGNOSED_MAX: usize = 8;
+
+/// Where the contour error comes from.
+pub(super) fn contour_parts(report: &Report) -> Section {
+    let parts = report.contour_parts.iter().flat_map(|all| &all.parts);
+    let table = Columns::of("parts of the contour error", parts)
+        .words("Part", |part| part.words())
+        .number("rms", "µm", 2, |part| Some(part.rms_um))
+        .key("part_rms_um")
+        .number("Share", "%", 1, |part| Some(part.share_percent))
+        .number("Peak", "µm", 2, |part| part.peak_um)
+        .number("Step", "µm", 2, |part| part.step_um)
+        .named("contour_parts", |_, part| {
+            let cause = serde_json::to_value(part.cause).unwrap_or_default();
+            let id = vec![("cause", cause), ("axis", part.axis.clone().into())];
+            (part.words(), id)
+        });
+    let note = "Across the path, at the end of each scan. Share: mean square of a part among the sum of those of all parts. Reversals: 50 ms and 0.1 mm behind each; the parts below are of the time outside them. Step: lost motion, + where the table stays behind.";
+    section(
+        "Where the contour error comes from",
+        vec![Block::Note(note.into()), Block::Table(table.done())],
+    )
+}
+
+/// Circles that were travelled both ways.
+pub(super) fn ball_bars(report: &Report) -> Vec<Section> {
+    let feed = |bar: &BallBarReport| bar.feed_mm_min;
+    let of = |way: &OneWayReport| way.circular_deviation_um;
+    let range = |way: &OneWayReport| {
+        let deviation = way.radial_deviation_um;
+        format!("{:+.2} / {:+.2}", deviation.max, deviation.min)
+    };
+    let table = Columns::of("ball_bar", &report.ball_bar)
+        .words("Plane", |bar| bar.plane.clone())
+        .number("Radius", "mm", 3, |bar| Some(bar.radius_mm))
+        .number("Feed", "mm/min", 0, feed)
+        .number("G ccw", "µm", 2, |bar| Some(of(&bar.counter_clockwise)))
+        .number("G cw", "µm", 2, |bar| Some(of(&bar.clockwise)))
+        .number("G(b)", "µm", 2, |b| Some(b.bidirectional_deviation_um))
+        .key("bidirectional_deviation_um")
+        .number("H", "µm", 2, |bar| bar.hysteresis_um)
+        .key("hysteresis_um")
+        .number("at", "°", 0, |bar| bar.hysteresis_at_deg)
+        .written("F ccw", "µm", |bar| range(&bar.counter_clockwise))
+        .written("F cw", "µm", |bar| range(&bar.clockwise))
+        .named("ball_bar", |_, bar| {
+            let id = vec![
+                ("plane", bar.plane.clone().into()),
+                ("radius_mm", bar.radius_mm.into()),
+                ("feed_mm_min", bar.feed_mm_min.into()),
+            ];
+            (name(bar), id)
+        });
+    let note = "Circles travelled both ways, in the terms of ISO 230-4: circular deviation G of each direction, G(b) of both about one centre, hysteresis H between their mean curves, radial deviation F from the programmed radius, highest / lowest.";
+    let mut sections = vec![section(
+        "Ball-bar test",
+        vec![Block::Note(note.into()), Block::Table(table.done())],
+    )];
+    let told = report.ball_bar.iter().filter(|bar| bar.causes.is_some());
+    sections.extend(told.take(DIAGNOSED_MAX).map(causes));
+    sections
+}
+
+fn name(bar: &BallBarReport) -> String {
+    let feed = bar.feed_mm_min;
+    let feed = feed.map_or("rapid".into(), |feed| format!("F{feed:.0}"));
+    format!("{} R{} {feed}", bar.plane, bar.radius_mm)
+}
+
+fn causes(bar: &BallBarReport) -> Section {
+    let all = bar.causes.iter().flatten();
+    let none = bar.causes.as_ref().is_some_and(Vec::is_empty);
+    let size = |cause: &CauseReport| {
+        let decimals = if cause.unit == "ms" { 3 } else { 2 };
+        format!("{:.decimals$} {}", cause.value, cause.unit)
+    };
+    let table = Columns::of("causes", all)
+        .words("Cause", |cause| cause.words(&bar.plane))
+        .number("Effect", "µm", 2, |cause| Some(cause.effect_um))
+        .number("Share", "%", 1, |cause| Some(cause.share_percent))
+        .written("Size", "", size)
+        .done();
+    let blocks = if none {
+        vec![Block::Text("Nothing above 0.05 µm.".into())]
+    } else {
+        let note = "Fitted to both directions together. Effect: from the lowest to the highest of what a cause does to the radius, the programmed circle included; share: among the sum of all effects.";
+        vec![Block::Note(note.into()), Block::Table(table)]
+    };
+    let heading = format!("What the deviation of {} comes from", name(bar));
+    section(heading, blocks)
+}
