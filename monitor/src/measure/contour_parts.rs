@@ -19,6 +19,9 @@
 //! *Share*: the mean square of a part over time, among the sum of those of all parts. Parts that work against each other
 //! make this sum larger than the mean square of the error.
 
+#[cfg(test)]
+mod tests;
+
 use control::kinematics::Kinematics;
 use control::path::{AxisVector, MAX_AXES};
 use nalgebra::{DMatrix, DVector};

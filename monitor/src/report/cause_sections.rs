@@ -12,7 +12,7 @@ const DIAGNOSED_MAX: usize = 8;
 pub(super) fn contour_parts(report: &Report) -> Section {
     let parts = report.contour_parts.iter().flat_map(|all| &all.parts);
     let table = Columns::of("parts of the contour error", parts)
-        .words("Part", |part| part.words())
+        .words("Source", |part| part.words())
         .number("rms", "µm", 2, |part| Some(part.rms_um))
         .key("part_rms_um")
         .number("Share", "%", 1, |part| Some(part.share_percent))
@@ -23,7 +23,7 @@ pub(super) fn contour_parts(report: &Report) -> Section {
             let id = vec![("cause", cause), ("axis", part.axis.clone().into())];
             (part.words(), id)
         });
-    let note = "Across the path, at the end of each scan. Share: mean square of a part among the sum of those of all parts. Reversals: 50 ms and 0.1 mm behind each; the parts below are of the time outside them. Step: lost motion, + where the table stays behind.";
+    let note = "Across the path, at the end of each scan. Share: of the sum of all mean squares. Reversals: 50 ms and 0.1 mm behind each; lost motion, dynamics and rest are of the time outside them. Step: lost motion, + where the table stays behind.";
     section(
         "Where the contour error comes from",
         vec![Block::Note(note.into()), Block::Table(table.done())],
