@@ -5,6 +5,7 @@ mod auxiliary;
 mod bad_input;
 mod bad_samples;
 mod bench;
+mod causes;
 mod compensation;
 mod dead_time;
 mod deaths;
