@@ -178,7 +178,7 @@ impl ContourPartsMeter {
         let tracks: Vec<Track> = tracks.collect();
         let size = 2 * tracks.len();
         ContourPartsMeter {
-            kinematics: kinematics.clone(),
+            kinematics: *kinematics,
             window_scans: libm::round(WINDOW_S.1 / period_s) as u64,
             tracks,
             command: Sum::default(),

@@ -138,6 +138,7 @@ fn a_pure_circle_off_its_centre_has_no_cause() {
 }
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "one table of all causes")]
 fn each_cause_alone_is_found_with_its_size_and_leads_the_list() {
     use CauseKind::*;
     let setting = setting(50.0, 50.0);
