@@ -10,7 +10,7 @@ use launcher::options::{
     OptionalStopOptions, OverrideOptions, PlanOptions, ReportOptions, RunOptions, StartOptions,
     UpOptions,
 };
-use tune::options::TuneOptions;
+use tune::options::{IdentifyOptions, TuneOptions};
 use view::options::{MonitorOptions, ScopeOptions, StatusOptions};
 #[cfg(feature = "remote")]
 use view::options::{OrderOptions, ServeOptions};
@@ -84,6 +84,8 @@ pub enum Command {
     Doctor(DoctorOptions),
     /// Identify every axis by short test motions, set its gains and compensations by law, write the machine file
     Tune(TuneOptions),
+    /// Identify an axis from a recording that somebody else made: mass, friction, what they do not explain
+    Identify(IdentifyOptions),
     /// The project's own measurements, each beside its floor on this machine
     Bench(BenchOptions),
     /// Run a cell and kill its processes at random instants, again and again: does everything hold that must?

@@ -50,6 +50,7 @@ fn obey(command: Command) -> Outcome {
         },
         Command::IceoryxConfig(options) => operator::iceoryx_config(&options),
         Command::Tune(options) => tune::tune(&options),
+        Command::Identify(options) => tune::identify_recording(&options),
         Command::Bench(options) => lab::bench::bench(&options),
         Command::Soak(options) => lab::soak::soak(&options),
         Command::BenchPong(options) => lab::bench::pong(&options),

@@ -11,6 +11,7 @@
 //! is copied for the simulated machine, unread.
 
 mod bench;
+mod from_recording;
 mod identify;
 mod judge;
 mod keep;
@@ -33,7 +34,8 @@ use toml_edit::DocumentMut;
 
 use crate::options::TuneOptions;
 use bench::Bench;
-use identify::Found;
+pub use from_recording::identify as identify_recording;
+use identify::{Found, Lever};
 use launcher::exit::{Failure, Kind, Outcome};
 use launcher::logs;
 use launcher::output::say;
@@ -169,7 +171,7 @@ fn identify(
     let strokes = motions::strokes(machine);
     let fast = bench.record(&bare, &strokes)?;
     for (index, (axis, recording)) in machine.axes.iter().zip(&fast).enumerate() {
-        let mass_kg = identify::mass_kg(recording, newtons_per_nm(axis.lead_mm));
+        let mass_kg = identify::mass_kg(recording, &Lever::of_lead(axis.lead_mm));
         if !(mass_kg > 0.0 && mass_kg.is_finite()) {
             return Err(Failure::Stopped(anyhow!(
                 "axis {}: its torque does not follow its acceleration: no mass can be found; look at lead_mm",
@@ -205,24 +207,21 @@ fn identify(
         .axes
         .iter()
         .zip(recordings.iter().zip(&steady))
-        .map(|(axis, (list, steady))| identify::model(list, steady, axis.lead_mm));
+        .map(|(axis, (list, steady))| identify::model(list, steady, &Lever::of_lead(axis.lead_mm)));
     Ok((found.collect(), rings))
 }
 
-/// Names every axis whose model does not fit.
+/// Says what was found beside the model, and names every axis with which nothing can be done.
 fn refuse_misfits(machine: &Machine, found: &[Found]) -> Outcome {
-    let misfits: Vec<String> = machine
-        .axes
-        .iter()
-        .zip(found)
-        .filter_map(|(axis, found)| {
-            Some(format!(
-                "axis {}: {}",
-                axis.name,
-                judge::misfit(axis, found)?
-            ))
-        })
-        .collect();
+    let mut misfits = Vec::new();
+    for (axis, found) in machine.axes.iter().zip(found) {
+        for remark in judge::remarks(found) {
+            say(&format!("{:4} {remark}", axis.name));
+        }
+        if let Some(why) = judge::refusal(Some(axis.rated_force_n()), found) {
+            misfits.push(format!("axis {}: {why}", axis.name));
+        }
+    }
     if misfits.is_empty() {
         return Ok(());
     }

@@ -31,6 +31,22 @@ impl Recording {
     pub fn has_scale(&self) -> bool {
         self.motor_mm != self.scale_mm
     }
+
+    /// The same with a torque that was shown so many scans late brought into step.
+    pub fn with_torque_late(&self, scans: usize) -> Recording {
+        let mut aligned = self.clone();
+        let count = self.motor_mm.len().saturating_sub(scans);
+        aligned.torque_nm.drain(..scans.min(self.torque_nm.len()));
+        for values in [
+            &mut aligned.motor_mm,
+            &mut aligned.scale_mm,
+            &mut aligned.torque_nm,
+            &mut aligned.velocity_command_mm_s,
+        ] {
+            values.truncate(count);
+        }
+        aligned
+    }
 }
 
 /// Reads one recording per axis of this machine.

@@ -312,6 +312,20 @@ fn table_model(axis: &mut Table, found: &FoundTable, scan_s: f64) {
     curve(axis, &["model", "table", "friction"], &found.friction);
 }
 
+/// The model of an axis as tables of a machine file.
+pub fn model_alone(found: &Found) -> String {
+    let mut axis = Table::new();
+    model(&mut axis, found);
+    if let Some(of_table) = &found.table {
+        table_model(&mut axis, of_table, 1e-3);
+    }
+    let mut axes = toml_edit::ArrayOfTables::new();
+    axes.push(axis);
+    let mut document = DocumentMut::new();
+    document.insert("axis", Item::ArrayOfTables(axes));
+    document.to_string().replacen("[[axis]]\n", "", 1)
+}
+
 /// Writes one friction curve.
 fn curve(axis: &mut Table, path: &[&str], friction: &Friction) {
     let array =

@@ -1,0 +1,123 @@
+use control::maxwell_slip::{Level, MaxwellSlip, SlipElement};
+
+use super::*;
+
+const SCAN_S: f64 = 1e-3;
+const LEAD_MM: f64 = 10.0;
+
+/// Slip elements of these Coulomb forces along a position, without Stribeck effect.
+fn friction_n(element_n: [f64; ELEMENTS], positions_mm: &[f64]) -> Vec<f64> {
+    let mut slip = MaxwellSlip {
+        stribeck_velocity_mm_s: 1.0,
+        ..MaxwellSlip::default()
+    };
+    for ((place, slip_n), um) in slip.elements.iter_mut().zip(element_n).zip(BREAK_UM) {
+        *place = SlipElement {
+            slip_n,
+            break_distance_mm: um * 1e-3,
+        };
+    }
+    let mut state = [0.0; ELEMENTS];
+    let mut before = positions_mm[0];
+    positions_mm
+        .iter()
+        .map(|position| {
+            let force = slip.update(&mut state, position - before, 0.0, &Level::TUNED);
+            before = *position;
+            force
+        })
+        .collect()
+}
+
+fn rate(values: &[f64]) -> Vec<f64> {
+    let at = |i: usize| values[i.min(values.len() - 1)];
+    (0..values.len())
+        .map(|i| (at(i + 1) - at(i.saturating_sub(1))) / (2.0 * SCAN_S) * 1e-3)
+        .collect()
+}
+
+/// A table of 100 kg behind 120 N/µm and a gap of 5 µm, a motor of 700 kg: driven so that the table goes along a sine.
+fn recording(amplitude_mm: f64, period_s: f64, scale: bool) -> Recording {
+    let table_mm: Vec<f64> = (0..12_000)
+        .map(|i| {
+            let turns = f64::from(i) * SCAN_S / period_s;
+            amplitude_mm * libm::sin(2.0 * core::f64::consts::PI * turns)
+        })
+        .collect();
+    let newton = |mass_kg: f64, viscous: f64, positions_mm: &[f64], friction_n: &[f64]| {
+        let speed = rate(positions_mm);
+        let at = |i: usize| positions_mm[i.min(positions_mm.len() - 1)];
+        let acceleration: Vec<f64> = (0..positions_mm.len())
+            .map(|i| (at(i + 1) - 2.0 * at(i) + at(i.saturating_sub(1))) / SCAN_S / SCAN_S * 1e-3)
+            .collect();
+        (0..positions_mm.len())
+            .map(|i| mass_kg * acceleration[i] + viscous * speed[i] + friction_n[i])
+            .collect::<Vec<f64>>()
+    };
+    let slow = friction_n([40.0, 60.0, 60.0, 40.0, 0.0, 0.0], &table_mm);
+    let contact_n = newton(100.0, 1000.0, &table_mm, &slow);
+    let motor_mm: Vec<f64> = table_mm
+        .iter()
+        .zip(&contact_n)
+        .map(|(x, n)| x + (n / 120.0 + 2.5 * n.signum()) * 1e-3)
+        .collect();
+    let fast = friction_n([100.0, 80.0, 50.0, 20.0, 0.0, 0.0], &motor_mm);
+    let own_n = newton(700.0, 1500.0, &motor_mm, &fast);
+    let lever = 2.0 * core::f64::consts::PI / (LEAD_MM * 1e-3);
+    Recording {
+        scan_s: SCAN_S,
+        torque_nm: own_n
+            .iter()
+            .zip(&contact_n)
+            .map(|(own, contact)| (own + contact) / lever)
+            .collect(),
+        velocity_command_mm_s: vec![0.0; motor_mm.len()],
+        scale_mm: if scale { table_mm } else { motor_mm.clone() },
+        motor_mm,
+        gain_n_s_per_m: 0.0,
+    }
+}
+
+fn found(scale: bool) -> Found {
+    let runs: Vec<Recording> = [(0.5, 1.7), (5.0, 0.9), (20.0, 0.6)]
+        .into_iter()
+        .map(|(amplitude_mm, period_s)| recording(amplitude_mm, period_s, scale))
+        .collect();
+    model(
+        &runs,
+        &recording(15.0, 11.0, scale),
+        &Lever::of_lead(LEAD_MM),
+    )
+}
+
+fn near(what: &str, value: f64, right: f64, percent: f64) {
+    let off = (value / right - 1.0).abs() * 100.0;
+    assert!(off <= percent, "{what} {value}, really {right}");
+}
+
+#[test]
+fn a_machine_that_is_as_the_model_says_is_found_again() {
+    let found = found(true);
+    let table = found.table.expect("a table");
+    near("mass", found.mass_kg(), 800.0, 2.0);
+    near("friction", found.coulomb_n(), 450.0, 3.0);
+    near("viscous", found.viscous_n_s_per_m(), 2500.0, 5.0);
+    near("table mass", table.mass_kg, 100.0, 10.0);
+    near("table friction", table.friction.coulomb_n(), 200.0, 10.0);
+    near("stiffness", table.stiffness_n_per_um, 120.0, 10.0);
+    near("gap", table.gap_um, 5.0, 6.0);
+    near(
+        "lost motion",
+        found.lost_motion_um(),
+        5.0 + 400.0 / 120.0,
+        3.0,
+    );
+}
+
+#[test]
+fn without_a_scale_the_sums_are_found_and_no_table() {
+    let found = found(false);
+    assert!(found.table.is_none());
+    near("mass", found.mass_kg(), 800.0, 3.0);
+    near("friction", found.coulomb_n(), 450.0, 5.0);
+}
