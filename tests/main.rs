@@ -18,6 +18,7 @@ mod faults_in_process;
 mod full_disk;
 mod fuzz_seeds;
 mod house;
+mod identify;
 mod in_process;
 mod interruption;
 mod killed_clients;

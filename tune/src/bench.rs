@@ -7,7 +7,6 @@ use std::time::Duration;
 
 use anyhow::{Context, anyhow};
 use machine::{Machine, machine_file};
-use serde_json::Value;
 use tempfile::TempDir;
 use toml_edit::DocumentMut;
 
@@ -56,23 +55,24 @@ impl Bench {
         machine: &DocumentMut,
         program: &str,
     ) -> Result<Vec<Recording>, Failure> {
-        let out = self.run(machine, program)?;
-        let known = Machine::load(self.folder.path()).input()?;
-        let read = recording::read(&out.join(monitor::log::LOG_FILE), &known);
-        let _ = fs::remove_dir_all(&out);
-        read.environment()
+        self.with_log(machine, program, recording::read)
     }
 
-    /// Runs a program on the machine of this text; its report.
+    /// Runs a program on the machine of this text; what somebody reads in its log.
     ///
     /// # Errors
     /// As [`Bench::record`].
-    pub fn report(&mut self, machine: &DocumentMut, program: &str) -> Result<Value, Failure> {
+    pub fn with_log<T>(
+        &mut self,
+        machine: &DocumentMut,
+        program: &str,
+        read: impl FnOnce(&Path, &Machine) -> anyhow::Result<T>,
+    ) -> Result<T, Failure> {
         let out = self.run(machine, program)?;
-        let text = fs::read_to_string(out.join("report.json"));
+        let known = Machine::load(self.folder.path()).input()?;
+        let read = read(&out.join(monitor::log::LOG_FILE), &known);
         let _ = fs::remove_dir_all(&out);
-        let text = text.context("reading a report").environment()?;
-        serde_json::from_str(&text).environment()
+        read.environment()
     }
 
     fn run(&mut self, machine: &DocumentMut, program: &str) -> Result<PathBuf, Failure> {

@@ -6,7 +6,7 @@ mod words;
 
 use anyhow::{Context, anyhow};
 
-use crate::identify::{self, Lever};
+use crate::identify::{self, Found, Lever};
 use crate::judge;
 use crate::options::IdentifyOptions;
 use crate::recording::Recording;
@@ -24,7 +24,7 @@ pub fn identify(options: &IdentifyOptions) -> Outcome {
     moves(&taught.recording)
         .with_context(|| options.recording.display().to_string())
         .map_err(Failure::Stopped)?;
-    let found = identify::model(&[], &taught.recording, &lever_of_taught);
+    let found = first(&taught.recording, &lever_of_taught)?;
     say(&words::heading(&options.recording, &taught.recording));
     say(&words::found(&found, &lever_of_taught));
     if let Some(why) = judge::refusal(None, &found) {
@@ -36,8 +36,14 @@ pub fn identify(options: &IdentifyOptions) -> Outcome {
     for remark in judge::remarks(&found) {
         say(&format!("  {remark}"));
     }
+    // What a force predicts is the motor's motion: motor and table as one.
+    let one = Recording {
+        scale_mm: taught.recording.motor_mm.clone(),
+        ..taught.recording.clone()
+    };
+    let as_one = first(&one, &lever_of_taught)?;
     let explains =
-        |of: &Recording| identify::force_error(&found, &taught.recording, of, &lever_of_taught);
+        |of: &Recording| identify::force_error(&as_one, &taught.recording, of, &lever_of_taught);
     say(&words::force_error(
         "of the force",
         &explains(&taught.recording),
@@ -56,11 +62,20 @@ pub fn identify(options: &IdentifyOptions) -> Outcome {
             "of the force",
             &explains(&seen.recording),
         ));
-        let simulated = simulation::run(&found, &seen.recording, &lever_of_taught);
+        let simulated = simulation::run(&as_one, &seen.recording, &lever_of_taught);
         say(&words::simulation(&simulated));
     }
     say(&words::model(&found));
     Ok(())
+}
+
+/// The model to prefer.
+fn first(recording: &Recording, lever: &Lever) -> Result<Found, Failure> {
+    let models = identify::models(&[], recording, lever);
+    let first = models.into_iter().next();
+    first
+        .context("nothing to identify")
+        .map_err(Failure::Stopped)
 }
 
 /// Newtons for a newton metre: 1 where the file has the force itself.

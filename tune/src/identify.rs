@@ -4,6 +4,7 @@
 pub mod delay;
 mod equations;
 mod noise;
+mod screw;
 mod shape;
 pub mod signals;
 #[cfg(test)]
@@ -12,10 +13,11 @@ mod wind_up;
 
 pub use control::maxwell_slip::ELEMENTS;
 
-use crate::least_squares::{Fit, NormalEquations, golden_section};
+use crate::least_squares::{Fit, NormalEquations};
 use crate::recording::Recording;
-use equations::{BEFORE, MotorEquation, table_fit};
-use signals::{SMOOTHING_S, Shape, Signals};
+use equations::{BEFORE, Carried, MotorEquation, TABLE_BOUND, table_rows};
+use screw::Screw;
+use signals::{SMOOTHING_S, Shape, Signals, share_travel};
 
 /// Break distances of the slip elements, in µm: fixed, so that the shares are linear unknowns.
 pub const BREAK_UM: [f64; ELEMENTS] = [0.5, 1.5, 4.0, 10.0, 25.0, 60.0];
@@ -224,8 +226,9 @@ pub fn mass_kg(recording: &Recording, lever: &Lever) -> f64 {
     equations.solve(3).coefficients[0]
 }
 
-/// The whole model from the recordings of one axis. `steady` is the one at constant speeds, among the others.
-pub fn model(recordings: &[Recording], steady: &Recording, lever: &Lever) -> Found {
+/// Models of one axis from its recordings, the one to prefer first; another where the screw can be taken in another way. `steady` is the recording
+/// at constant speeds, among the others.
+pub fn models(recordings: &[Recording], steady: &Recording, lever: &Lever) -> Vec<Found> {
     let late = if recordings.is_empty() {
         delay::scans(std::slice::from_ref(steady), lever)
     } else {
@@ -238,21 +241,24 @@ pub fn model(recordings: &[Recording], steady: &Recording, lever: &Lever) -> Fou
         .collect();
     let torque_late_s = late as f64 * steady.scan_s;
     let found = aligned(&all, lever);
-    let Some(no_table) = found.table.as_ref().and_then(no_table) else {
-        return Found {
-            torque_late_s,
-            ..found
-        };
+    let why = found
+        .first()
+        .and_then(|first| no_table(first.table.as_ref()?));
+    let (mut found, no_table) = if why.is_some() {
+        // A scale that shows no table is left alone.
+        for recording in &mut all {
+            recording.scale_mm.clone_from(&recording.motor_mm);
+        }
+        (aligned(&all, lever), why)
+    } else {
+        let tells = |found: &Found| found.table.as_ref().is_none_or(|t| no_table(t).is_none());
+        (found.into_iter().filter(tells).collect(), None)
     };
-    // A scale that shows no table is left alone.
-    for recording in &mut all {
-        recording.scale_mm.clone_from(&recording.motor_mm);
+    for found in &mut found {
+        found.torque_late_s = torque_late_s;
+        found.no_table = no_table;
     }
-    Found {
-        torque_late_s,
-        no_table: Some(no_table),
-        ..aligned(&all, lever)
-    }
+    found
 }
 
 /// Why what a scale shows is no table.
@@ -266,14 +272,15 @@ fn no_table(table: &Table) -> Option<&'static str> {
     None
 }
 
-/// The model from recordings whose torque is in step; the last one is that at constant speeds.
-fn aligned(recordings: &[Recording], lever: &Lever) -> Found {
-    let all: Vec<Signals> = recordings
+/// The models from recordings whose torque is in step; the last one is that at constant speeds.
+fn aligned(recordings: &[Recording], lever: &Lever) -> Vec<Found> {
+    let mut all: Vec<Signals> = recordings
         .iter()
         .map(|recording| Signals::new(recording, lever))
         .collect();
+    share_travel(&mut all);
     let Some(calm) = all.last() else {
-        unreachable!("there is always the one at constant speeds")
+        return Vec::new();
     };
     let cogging_per_turn = shape::cogging_period(calm, lever.lead_mm);
     let shape = shape::stribeck(calm, cogging_per_turn, lever.lead_mm);
@@ -281,32 +288,52 @@ fn aligned(recordings: &[Recording], lever: &Lever) -> Found {
         .iter()
         .map(|signals| signals.slips(&signals.motor_mm, &signals.motor_m_s, &shape))
         .collect();
-    let equation = |gap_um: f64, wind_um| MotorEquation {
+    let equation = MotorEquation {
         all: &all,
         slips: &slips,
-        wind_um,
-        gap_um,
+        carried: None,
+        shape: &shape,
         cogging_per_turn,
         lever,
     };
     let noise_n = |fit: &Fit| noise::of_motor_n(recordings, lever, fit.coefficients[0]);
     if !recordings.iter().any(Recording::has_scale) {
-        let equation = equation(0.0, None);
         let fit = equation.fit();
-        return found(&equation, &fit, shape, noise_n(&fit), None);
+        return vec![found(&equation, &fit, shape, noise_n(&fit), None)];
     }
-    let wind_um = wind_up::wind_ups(&all);
-    let widest_um = wind_up::sliding_um(&all, &wind_um);
-    let gap_um = golden_section(0.0, 2.0 * widest_um, |gap_um| {
-        equation(gap_um, Some(&wind_um)).fit().residual
-    });
-    let equation = equation(gap_um, Some(&wind_um));
-    let fit = equation.fit();
-    let screw = [fit.coefficients[2], fit.coefficients[3]];
-    let of_table = table_fit(&all, &wind_um, gap_um, screw, &shape, lever);
-    let noise_of_table_n = noise::of_table_n(recordings, lever, screw[0]);
-    let table = table(&of_table, screw[0], gap_um, &shape, noise_of_table_n);
-    found(&equation, &fit, shape, noise_n(&fit), Some(table))
+    let rows: Vec<_> = all
+        .iter()
+        .map(|signals| table_rows(signals, &shape, lever))
+        .collect();
+    let fit = |carried: &[Carried]| {
+        let equation = MotorEquation {
+            carried: Some(carried),
+            ..equation
+        };
+        equation.fit()
+    };
+    let screws = [
+        Some(screw::by_torque(fit, &all, &rows)),
+        screw::by_wind_up(fit, &all, &rows),
+    ];
+    let of_screw = |screw: Screw| {
+        let stiffness = screw.motor.coefficients[2];
+        let noise_of_table_n = noise::of_table_n(recordings, lever, stiffness);
+        let table = table(
+            &screw.table,
+            stiffness,
+            screw.gap_um,
+            &shape,
+            noise_of_table_n,
+        );
+        let equation = MotorEquation {
+            carried: Some(&screw.carried),
+            ..equation
+        };
+        let noise_n = noise_n(&screw.motor);
+        found(&equation, &screw.motor, shape, noise_n, Some(table))
+    };
+    screws.into_iter().flatten().map(of_screw).collect()
 }
 
 fn elements(coefficients: &[f64]) -> [f64; ELEMENTS] {
@@ -363,7 +390,7 @@ fn found(
 /// What the fit of the table equation says.
 fn table(fit: &Fit, stiffness_n_per_um: f64, gap_um: f64, shape: &Shape, noise_n: f64) -> Table {
     let c = &fit.coefficients;
-    let behind = &c[2 + ELEMENTS..];
+    let behind = &c[TABLE_BOUND..];
     Table {
         mass_kg: c[0],
         friction: Friction {
@@ -389,14 +416,15 @@ pub fn force_error(
 ) -> ForceError {
     let late = (found.torque_late_s / seen.scan_s).round() as usize;
     let taught = Signals::new(&taught.with_torque_late(late), lever);
-    let seen = Signals::new(&seen.with_torque_late(late), lever);
+    let mut seen = Signals::new(&seen.with_torque_late(late), lever);
+    seen.travel_mm = taught.travel_mm;
     let slips = vec![seen.slips(&seen.motor_mm, &seen.motor_m_s, &found.shape)];
     let all = [seen];
     let equation = MotorEquation {
         all: &all,
         slips: &slips,
-        wind_um: None,
-        gap_um: 0.0,
+        carried: None,
+        shape: &found.shape,
         cogging_per_turn: found.cogging_per_turn,
         lever,
     };

@@ -1,13 +1,16 @@
 //! What `quadrant tune` takes.
 
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
+use anyhow::anyhow;
 use clap::Args;
+use machine::Machine;
 
 /// What `quadrant tune` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "The axes move by themselves, one after the other, up to 20 mm (100 mm/s) to either side of the middle of\ntheir travel; then a few circles. Exit status 1: the model that was found does not fit; nothing is written."
+    after_help = "The axes move by themselves, one after the other, up to 20 mm (100 mm/s) to either side of the middle of\ntheir travel; then a few circles, up to 100 mm in radius. --travel-mm, --speed-mm-s and --acceleration-mm-s2 allow them\nless: a number for all axes, or AXIS=number,…. Shorter and slower motions tell less.\n\nWhat the model does not explain is printed, with what it may cost. Settings with which the machine stops are undone.\nExit status 1: nothing can be identified, or the machine stops; nothing is written."
 )]
 pub struct TuneOptions {
     /// Folder with machine.toml and plant.toml, or the path of a machine.toml
@@ -21,6 +24,63 @@ pub struct TuneOptions {
     /// Lost motion of axes that have no scale, as AXIS=µm,…: X=8.3,Y=12.3
     #[arg(long, value_name = "AXIS=UM", value_delimiter = ',')]
     pub lost_motion_um: Vec<String>,
+    /// Most travel of the test motions to either side of the middle, in mm: 10 or X=10,Y=5
+    #[arg(long, value_name = "MM", value_delimiter = ',')]
+    pub travel_mm: Vec<String>,
+    /// Highest speed of the test motions, in mm/s: 50 or X=50
+    #[arg(long, value_name = "MM_S", value_delimiter = ',')]
+    pub speed_mm_s: Vec<String>,
+    /// Highest acceleration of the test motions, in mm/s²: it limits the force, mass times acceleration
+    #[arg(
+        long = "acceleration-mm-s2",
+        value_name = "MM_S2",
+        value_delimiter = ','
+    )]
+    pub acceleration_mm_s2: Vec<String>,
+    /// Folder for what the axes did in the test motions, as text that `quadrant identify` reads
+    #[arg(long, value_name = "DIR")]
+    pub recordings: Option<PathBuf>,
+}
+
+/// Values of an option, axis by axis: `AXIS=number`, or a number for all.
+///
+/// # Errors
+/// No such axis, or no number in this range.
+pub fn of_axes(
+    machine: &Machine,
+    option: &str,
+    given: &[String],
+    range: RangeInclusive<f64>,
+) -> anyhow::Result<Vec<Option<f64>>> {
+    let mut all = vec![None; machine.axes.len()];
+    for pair in given {
+        let (name, number) = match pair.split_once('=') {
+            Some((name, number)) => (Some(name), number),
+            None => (None, pair.as_str()),
+        };
+        let number = number.parse().ok().filter(|number| range.contains(number));
+        let number: f64 = number.ok_or_else(|| {
+            anyhow!(
+                "{option} {pair}: must be AXIS=number, {} to {}, like X=8.3",
+                range.start(),
+                range.end()
+            )
+        })?;
+        if let Some(name) = name
+            && !machine.axes.iter().any(|axis| axis.name == name)
+        {
+            return Err(anyhow!(
+                "{option} {pair}: {} has no axis {name}",
+                machine.name
+            ));
+        }
+        for (axis, place) in machine.axes.iter().zip(&mut all) {
+            if name.is_none_or(|name| name == axis.name) {
+                *place = Some(number);
+            }
+        }
+    }
+    Ok(all)
 }
 
 /// What `quadrant identify` takes.

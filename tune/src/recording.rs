@@ -1,5 +1,7 @@
 //! What an axis did during the test motions, as its encoders and its drive tell it: read from the log of a run.
 
+use std::fmt::Write as _;
+use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, bail};
@@ -47,6 +49,39 @@ impl Recording {
         }
         aligned
     }
+}
+
+/// Writes recordings as text that `quadrant identify` reads: `AXIS-MOTION.csv`, an axis each.
+///
+/// # Errors
+/// The files cannot be written.
+pub fn write(
+    folder: &Path,
+    motion: &str,
+    machine: &Machine,
+    all: &[Recording],
+) -> anyhow::Result<()> {
+    fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    for (axis, recording) in machine.axes.iter().zip(all) {
+        let mut text =
+            String::from("time_s,position_mm,scale_mm,torque_nm,velocity_command_mm_s\n");
+        let scales = recording.scale_mm.iter().zip(&recording.torque_nm);
+        let rows = recording
+            .motor_mm
+            .iter()
+            .zip(scales)
+            .zip(&recording.velocity_command_mm_s);
+        for (scan, ((motor_mm, (scale_mm, torque_nm)), command_mm_s)) in rows.enumerate() {
+            let time_s = scan as f64 * recording.scan_s;
+            let _ = writeln!(
+                text,
+                "{time_s:.6},{motor_mm:.6},{scale_mm:.6},{torque_nm:.6},{command_mm_s:.6}"
+            );
+        }
+        let path = folder.join(format!("{}-{motion}.csv", axis.name));
+        fs::write(&path, text).with_context(|| path.display().to_string())?;
+    }
+    Ok(())
 }
 
 /// Reads one recording per axis of this machine.

@@ -5,6 +5,7 @@ use toml_edit::{Array, DocumentMut, Item, Table, Value, table, value};
 
 use super::identify::{BREAK_UM, ELEMENTS, Found, Friction, Table as FoundTable};
 use super::laws::{self, Timing};
+use super::motions::Limit;
 
 /// Largest increment, as a part of what one scan of acceleration changes the step by.
 const ROUNDING_PART: f64 = 0.1;
@@ -98,15 +99,36 @@ pub fn scale_gain(document: &mut DocumentMut, index: usize, part: f64) {
 }
 
 /// Another acceleration of all axes, where theirs is not lower.
-pub fn acceleration(document: &mut DocumentMut, machine: &Machine, acceleration_mm_s2: f64) {
+pub fn acceleration(
+    document: &mut DocumentMut,
+    machine: &Machine,
+    limits: &[Limit],
+    acceleration_mm_s2: f64,
+) {
     let scan_s = machine.scan_period_s();
-    for (axis, known) in axes(document).zip(&machine.axes) {
-        let acceleration_mm_s2 = known.acceleration_mm_s2.min(acceleration_mm_s2);
+    for ((axis, known), limit) in axes(document).zip(&machine.axes).zip(limits) {
+        let most_mm_s2 = limit.acceleration_mm_s2.unwrap_or(f64::INFINITY);
+        let acceleration_mm_s2 = known
+            .acceleration_mm_s2
+            .min(acceleration_mm_s2)
+            .min(most_mm_s2);
         axis.insert("acceleration_mm_s2", value(acceleration_mm_s2));
         // Rounded to increments it must still look smooth.
         let step_nm = acceleration_mm_s2 * scan_s * scan_s * 1e6;
         let increment_nm = known.increment_nm.min(ROUNDING_PART * step_nm);
         axis.insert("increment_nm", value(increment_nm));
+    }
+}
+
+/// No more acceleration than is allowed.
+pub fn allow(document: &mut DocumentMut, machine: &Machine, limits: &[Limit]) {
+    for ((axis, known), limit) in axes(document).zip(&machine.axes).zip(limits) {
+        if let Some(most_mm_s2) = limit.acceleration_mm_s2 {
+            axis.insert(
+                "acceleration_mm_s2",
+                value(known.acceleration_mm_s2.min(most_mm_s2)),
+            );
+        }
     }
 }
 
@@ -168,7 +190,7 @@ pub fn settings(
     loops(axis, &timing, found.mass_kg());
     feed_forward(axis, &timing);
     reversal(axis, &timing, found, lost_motion_um, method);
-    torque(axis, &timing, method);
+    torque(axis, &timing, found, method);
     model(axis, found);
     let known_table = known.model.and_then(|model| model.table);
     match (&found.table, lost_motion_um, known_table) {
@@ -253,7 +275,7 @@ fn reversal(
     reversal.set("lead_ms", digits(timing.lead_ms(), 2), &why);
 }
 
-fn torque(axis: &mut Table, timing: &Timing, method: &str) {
+fn torque(axis: &mut Table, timing: &Timing, found: &Found, method: &str) {
     let mut torque = Keys::of(axis, &["torque_feed_forward"]);
     let (friction, why) = match method {
         "friction-pulse" => (false, "the friction pulse makes up for it"),
@@ -269,7 +291,8 @@ fn torque(axis: &mut Table, timing: &Timing, method: &str) {
         axis.remove("adaptation");
     }
     let observer_rad_s = timing.observer_rad_s();
-    if observer_rad_s > 0.0 {
+    // It compares torque and motion of the same instant.
+    if observer_rad_s > 0.0 && found.torque_late_s == 0.0 {
         let why = if timing.dead_time_scans > 1.0 {
             format!(
                 "tune: 200 rad/s, less for a dead time of {} scans",

@@ -173,7 +173,7 @@ fn step_s(times_s: &[f64]) -> anyhow::Result<f64> {
         .windows(2)
         .position(|pair| ((pair[1] - pair[0]) / step_s - 1.0).abs() > UNEVEN_MAX);
     match uneven {
-        _ if !(step_s > 0.0) => bail!("time must rise from line to line"),
+        _ if step_s.is_nan() || step_s <= 0.0 => bail!("time must rise from line to line"),
         Some(at) => bail!(
             "times are not evenly spaced: {} s follows {} s, the mean step is {step_s} s",
             times_s[at + 1],

@@ -158,6 +158,15 @@ impl Signals {
         self.weight[i] < 1.0 && self.motor_m_s2[i].abs() * 1e3 < STEADY_MM_S2
     }
 
+    /// How much of the rise to break-away friction there is at the speed of an instant, by the same Stribeck curve; 0 where there is no rise.
+    pub fn rise(&self, speed_m_s: f64, shape: &Shape) -> f64 {
+        if shape.static_ratio <= 1.0 {
+            return 0.0;
+        }
+        let ratio = 1e3 * speed_m_s / shape.stribeck_mm_s;
+        libm::exp(-ratio * ratio)
+    }
+
     /// What friction may do by place, as factors of columns: sine and cosine of the turn, place in the travel and its square. `way` is the force of
     /// slip elements of 1 N.
     pub fn by_place(&self, i: usize, slips: &[Vec<f64>], lead_mm: Option<f64>) -> [f64; 4] {
@@ -173,6 +182,15 @@ impl Signals {
             way * at,
             way * (at * at - 1.0 / 3.0),
         ]
+    }
+}
+
+/// Gives all recordings of an axis the same travel, that of the widest, by which friction by place is told.
+pub fn share_travel(all: &mut [Signals]) {
+    let widest = all.iter().map(|signals| signals.travel_mm);
+    let widest = widest.max_by(|a, b| a.1.total_cmp(&b.1));
+    for signals in all {
+        signals.travel_mm = widest.unwrap_or(signals.travel_mm);
     }
 }
 

@@ -83,11 +83,12 @@ fn found(scale: bool) -> Found {
         .into_iter()
         .map(|(amplitude_mm, period_s)| recording(amplitude_mm, period_s, scale))
         .collect();
-    model(
+    models(
         &runs,
         &recording(15.0, 11.0, scale),
         &Lever::of_lead(LEAD_MM),
     )
+    .remove(0)
 }
 
 fn near(what: &str, value: f64, right: f64, percent: f64) {
@@ -120,4 +121,124 @@ fn without_a_scale_the_sums_are_found_and_no_table() {
     assert!(found.table.is_none());
     near("mass", found.mass_kg(), 800.0, 3.0);
     near("friction", found.coulomb_n(), 450.0, 5.0);
+}
+
+#[test]
+fn a_torque_that_is_shown_late_is_brought_into_step() {
+    let late = |recording: Recording| {
+        let mut torque_nm = vec![0.0; 3];
+        torque_nm.extend(&recording.torque_nm);
+        torque_nm.truncate(recording.torque_nm.len());
+        Recording {
+            torque_nm,
+            ..recording
+        }
+    };
+    let runs = [(5.0, 0.9), (20.0, 0.6)]
+        .map(|(amplitude_mm, period_s)| late(recording(amplitude_mm, period_s, true)));
+    let steady = late(recording(15.0, 11.0, true));
+    let found = models(&runs, &steady, &Lever::of_lead(LEAD_MM)).remove(0);
+    assert_eq!((found.torque_late_s * 1e3).round(), 3.0);
+    near("mass", found.mass_kg(), 800.0, 2.0);
+    let said = crate::judge::remarks(&found).join("\n");
+    assert!(said.contains("3.00 ms late"), "{said}");
+    assert_eq!(self::found(true).torque_late_s, 0.0);
+}
+
+#[test]
+fn a_constant_force_and_friction_by_direction_are_found_and_told() {
+    let uneven = |mut recording: Recording| {
+        let lever = crate::newtons_per_nm(LEAD_MM);
+        let speeds = rate(&recording.motor_mm);
+        for (torque_nm, speed_m_s) in recording.torque_nm.iter_mut().zip(speeds) {
+            *torque_nm += (90.0 + 800.0 * speed_m_s.abs()) / lever;
+        }
+        recording
+    };
+    let runs: Vec<Recording> = [(0.5, 1.7), (5.0, 0.9), (20.0, 0.6)]
+        .into_iter()
+        .map(|(amplitude_mm, period_s)| uneven(recording(amplitude_mm, period_s, true)))
+        .collect();
+    let steady = uneven(recording(15.0, 11.0, true));
+    let found = models(&runs, &steady, &Lever::of_lead(LEAD_MM)).remove(0);
+    near(
+        "constant force",
+        found.whole_structure().constant_n,
+        90.0,
+        10.0,
+    );
+    near(
+        "by direction",
+        found.whole_structure().viscous_n_s_per_m,
+        800.0,
+        10.0,
+    );
+    near("mass", found.mass_kg(), 800.0, 2.0);
+    let said = crate::judge::remarks(&found).join("\n");
+    assert!(said.contains("forward") && said.contains("back"), "{said}");
+}
+
+#[test]
+fn noise_is_told_from_what_is_not_explained() {
+    let mut state = 1u64;
+    let mut noise = || {
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1);
+        // Uniform, of standard deviation 1.
+        ((state >> 40) as f64 / 16_777_216.0 - 0.5) * 12f64.sqrt()
+    };
+    let mut noisy = |mut recording: Recording| {
+        for torque_nm in &mut recording.torque_nm {
+            *torque_nm += 0.05 * noise();
+        }
+        recording
+    };
+    let runs: Vec<Recording> = [(0.5, 1.7), (5.0, 0.9), (20.0, 0.6)]
+        .into_iter()
+        .map(|(amplitude_mm, period_s)| noisy(recording(amplitude_mm, period_s, true)))
+        .collect();
+    let steady = noisy(recording(15.0, 11.0, true));
+    let found = models(&runs, &steady, &Lever::of_lead(LEAD_MM)).remove(0);
+    // 0.05 N·m are 31 N; two running means over five leave a third of it: √(51/375).
+    near(
+        "noise",
+        found.noise_n,
+        31.4 * (51.0_f64 / 375.0).sqrt(),
+        25.0,
+    );
+    let clean = self::found(true);
+    assert!(clean.noise_n < 2.0, "{}", clean.noise_n);
+    assert_eq!(crate::judge::refusal(Some(5000.0), &found), None);
+}
+
+#[test]
+fn a_torque_that_has_nothing_to_do_with_the_motion_is_refused() {
+    let strange = |mut recording: Recording| {
+        for (index, torque_nm) in recording.torque_nm.iter_mut().enumerate() {
+            *torque_nm = libm::sin(0.37 * index as f64) + libm::sin(0.011 * index as f64);
+        }
+        recording
+    };
+    let runs = [strange(recording(5.0, 0.9, false))];
+    let found = models(
+        &runs,
+        &strange(recording(15.0, 11.0, false)),
+        &Lever::of_lead(LEAD_MM),
+    );
+    let why = crate::judge::refusal(Some(5000.0), &found[0]).expect("refused");
+    assert!(why.contains("torque"), "{why}");
+}
+
+#[test]
+fn a_scale_that_does_not_follow_the_motor_is_left_alone_and_told() {
+    let lost = |mut recording: Recording| {
+        recording.scale_mm = recording.scale_mm.iter().map(|_| 0.001).collect();
+        recording
+    };
+    let runs = [lost(recording(5.0, 0.9, true))];
+    let steady = lost(recording(15.0, 11.0, true));
+    let found = &models(&runs, &steady, &Lever::of_lead(LEAD_MM))[0];
+    let refused = crate::judge::refusal(Some(5000.0), found);
+    assert!(found.table.is_none() || refused.is_some(), "{found:?}");
 }

@@ -33,6 +33,12 @@ pub fn wind_ups(all: &[Signals]) -> Vec<Vec<f64>> {
         .collect()
 }
 
+/// The same from another zero.
+pub fn beside(wind_um: &[Vec<f64>], zero_um: f64) -> Vec<Vec<f64>> {
+    let shifted = |list: &Vec<f64>| list.iter().map(|um| um - zero_um).collect();
+    wind_um.iter().map(shifted).collect()
+}
+
 /// Mean wind-up with its half gap while the axis slides steadily, in µm.
 pub fn sliding_um(all: &[Signals], wind_um: &[Vec<f64>]) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
