@@ -146,10 +146,16 @@ fn what_tune_records_is_what_identify_reads() {
         .collect();
     let farthest_mm = places.iter().fold(0.0, |most: f64, of| most.max(of.abs()));
     assert!((7.5..8.1).contains(&farthest_mm), "{farthest_mm} mm");
-    let (status, printed) = identify(&[&strokes], &["--lead-mm", "10", "--smoothing-ms", "3"]);
+    // The drive of this machine shows the steps of its velocity command in its torque.
+    let drive = ["--lead-mm", "10", "--velocity-gain-n-s-per-m", "259400"];
+    let more = [drive.as_slice(), &["--smoothing-ms", "3"]].concat();
+    let (status, printed) = identify(&[&strokes], &more);
     assert_eq!(status, Some(0), "{printed}");
-    let mass_kg = numbers(&printed, "mass")[0];
-    assert!((mass_kg / 858.0 - 1.0).abs() < 0.05, "{printed}");
+    // Recorded at one value of Kv: the steps of the velocity command are not told from mass better than that.
+    for (words, right) in [("mass", 858.0), ("Coulomb friction", 451.3)] {
+        let found = numbers(&printed, words)[0];
+        assert!((found / right - 1.0).abs() < 0.08, "{words} {found}");
+    }
 }
 
 #[test]

@@ -18,8 +18,9 @@ fn untuned(plant: &[(&str, &str)]) -> Bench {
     let mut lines = Vec::new();
     for line in text.lines() {
         if line.starts_with('[') {
-            skipping = line.starts_with("[axis.model")
-                || ["[axis.torque_feed_forward]", "[axis.adaptation]"].contains(&line);
+            skipping = ["[axis.model", "[axis.torque_feed_forward]", "[axis.adaptation]"]
+                .iter()
+                .any(|table| line.starts_with(table));
         }
         if skipping {
             continue;
@@ -114,6 +115,39 @@ fn another_friction_and_another_gap_are_found_as_well() {
     assert!(worst <= 3.9, "{worst} µm");
 }
 
+/// Half of the lost motion is no gap, but bearings that give way and slip; friction is LuGre; the torque is shown 2 ms late.
+#[test]
+fn a_machine_that_is_not_as_the_model_says_is_tuned_and_what_was_found_is_told() {
+    let scale = "[axis.scale]\nresolution_nm = 50.0      # [typ]\n";
+    let late = format!("{scale}\n[axis.measurement]\ntorque_delay_ms = 2.0\n");
+    let bench = untuned(&[
+        (
+            "gap_um = 5.0",
+            "gap_um = 2.5\nhysteresis_n = [30.0, 30.0, 20.0]",
+        ),
+        (
+            "gap_um = 8.0",
+            "gap_um = 4.0\nhysteresis_n = [39.0, 39.0, 26.0]",
+        ),
+        ("coulomb_n = ", "law = \"lugre\"\ncoulomb_n = "),
+        (scale, &late),
+    ]);
+    let output = tune(bench.path(), &[]);
+    let printed = words(&output);
+    assert_eq!(output.status.code(), Some(0), "{printed}");
+    assert!(printed.contains("2.00 ms late"), "{printed}");
+    assert!(printed.contains("Best: "), "{printed}");
+    let machine = Machine::load(bench.path()).expect("the new file");
+    for (axis, (mass_kg, friction_n)) in machine.axes.iter().zip([(858.0, 451.3), (908.0, 561.6)]) {
+        let model = axis.model.expect("a model");
+        near("mass", model.mass_kg, mass_kg, 3.0);
+        near("friction", model.coulomb_n, friction_n, 3.0);
+        assert_eq!(axis.disturbance_observer.bandwidth_rad_s, 0.0);
+    }
+    let worst = worst_um(&measure(&bench, 25.0, 3000.0, (0.0, 0.0), 45.0));
+    assert!(worst <= 3.9, "{worst} µm");
+}
+
 #[test]
 fn a_machine_that_the_model_does_not_fit_is_refused_and_its_file_stays() {
     // A coupling that has come loose: the table follows the motor like a weight on a rubber band.
@@ -177,6 +211,9 @@ fn a_lost_motion_of_an_axis_that_is_not_there_is_bad_input() {
     let output = tune(bench.path(), &["--lost-motion-um", "Q=8"]);
     assert_eq!(output.status.code(), Some(2), "{}", words(&output));
     assert!(words(&output).contains("no axis Q"));
+    let output = tune(bench.path(), &["--travel-mm", "X=far"]);
+    assert_eq!(output.status.code(), Some(2), "{}", words(&output));
+    assert!(words(&output).contains("--travel-mm X=far"));
 }
 
 /// A table of 100 kg on a screw of 16.68 N/µm, and one of 150 kg on 25.02 N/µm: 65 Hz, damped by 2 %.

@@ -10,7 +10,7 @@ use machine::Machine;
 /// What `quadrant tune` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "The axes move by themselves, one after the other, up to 20 mm (100 mm/s) to either side of the middle of\ntheir travel; then a few circles, up to 100 mm in radius. --travel-mm, --speed-mm-s and --acceleration-mm-s2 allow them\nless: a number for all axes, or AXIS=number,…. Shorter and slower motions tell less.\n\nWhat the model does not explain is printed, with what it may cost. Settings with which the machine stops are undone.\nExit status 1: nothing can be identified, or the machine stops; nothing is written."
+    after_help = "The axes move by themselves, one after the other, up to 20 mm (100 mm/s) to either side of the\nmiddle of their travel; then a few circles, up to 100 mm in radius. --travel-mm, --speed-mm-s and\n--acceleration-mm-s2 allow them less: a number for all axes, or AXIS=number. Shorter and slower\nmotions tell less.\n\nWhat the model does not explain is printed, with what it may cost. Settings with which the machine\nstops are undone. Exit status 1: nothing can be identified, or the machine stops; nothing is written."
 )]
 pub struct TuneOptions {
     /// Folder with machine.toml and plant.toml, or the path of a machine.toml
@@ -86,7 +86,7 @@ pub fn of_axes(
 /// What `quadrant identify` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "The file is text: a line of column names, then a line for each instant, evenly spaced, separated by commas,\nsemicolons or tabs; lines that begin with # are comments. Names tell units; other columns are left alone:\n\n  time_s time_ms time_us                   or give --scan-us\n  position_m position_mm position_um       the motor's encoder, as travel\n  force_n force_kn | torque_nm torque_mnm  what drives the axis; a torque needs --lead-mm\n  scale_m scale_mm scale_um                the table's own scale, if there is one\n  velocity_command_mm_s velocity_command_m_s  with --velocity-gain-n-s-per-m: for drives whose torque shows its steps\n\nStrokes there and back, slow and fast, with hard and soft reversals, tell most. With --validate the model is held\nagainst other files: the force that it leaves unexplained, and the motion that it simulates from the force alone.\n\n  quadrant identify strokes.csv --validate other.csv\n\nExit status 1: nothing can be identified; what to look at is printed."
+    after_help = "The file is text: a line of column names, then a line for each instant, evenly spaced; commas,\nsemicolons or tabs between them; lines that begin with # are comments. Names tell the units:\n\n  time_s time_ms time_us                   or give --scan-us\n  position_mm position_m position_um       the motor's encoder, as travel\n  force_n force_kn, torque_nm torque_mnm   what drives the axis; a torque needs --lead-mm\n  scale_mm scale_m scale_um                the table's own scale, if there is one\n  velocity_command_mm_s                    with --velocity-gain-n-s-per-m\n\nOther columns are left alone. Strokes there and back, slow and fast, with hard and soft reversals,\ntell most. With --validate the model is held against other recordings of the same axis: the force\nthat it leaves unexplained, and the motion that it simulates from the force alone.\n\n  quadrant identify strokes.csv --validate other.csv\n\nExit status 1: nothing can be identified; what to look at is printed."
 )]
 pub struct IdentifyOptions {
     /// Recording of an axis, as text

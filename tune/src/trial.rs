@@ -25,6 +25,9 @@ const BEHIND_RAD: f64 = 0.35;
 const BEFORE_RAD: f64 = 0.03;
 /// Mean over which deviations are taken, in s.
 const MEAN_S: f64 = 2e-3;
+/// The axes have settled a quarter of a turn after the feed is reached, and no sooner than after so much time, in s.
+const SETTLED_TURNS: f64 = 0.25;
+const SETTLED_S: f64 = 0.1;
 
 /// What a circle left.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -88,6 +91,8 @@ struct Plane<'a> {
     commands: [Vec<AxisCommand>; 2],
     dead_time_scans: usize,
     before_mm: Option<[f64; 2]>,
+    /// Scans of steady motion in a row.
+    steady_scans: u64,
     /// Whether a scale ever showed another place than the motor.
     has_scale: [bool; 2],
     seen: Vec<Seen>,
@@ -110,6 +115,7 @@ fn read(log: &Path, machine: &Machine, circle: &Circle) -> anyhow::Result<Left> 
         commands: [Vec::new(), Vec::new()],
         dead_time_scans: machine.scan.dead_time_scans as usize,
         before_mm: None,
+        steady_scans: 0,
         has_scale: [false; 2],
         seen: Vec::new(),
     };
@@ -160,6 +166,7 @@ impl Plane<'_> {
                 }
             }
         }
+        let steady_scans = std::mem::take(&mut self.steady_scans);
         let before_mm = self.before_mm.replace(command_mm);
         let Some(before_mm) = before_mm else { return };
         let step_mm = [command_mm[0] - before_mm[0], command_mm[1] - before_mm[1]];
@@ -167,6 +174,11 @@ impl Plane<'_> {
         let speed_mm_s = step_mm[0].hypot(step_mm[1]) / self.scan_s;
         let off_mm = command_mm[0].hypot(command_mm[1]) - self.circle.radius_mm;
         if off_mm.abs() > ON_CIRCLE_MM || (speed_mm_s / feed_mm_s - 1.0).abs() > STEADY {
+            return;
+        }
+        self.steady_scans = steady_scans + 1;
+        let turn_s = 2.0 * core::f64::consts::PI * self.circle.radius_mm / feed_mm_s;
+        if (steady_scans as f64) * self.scan_s < (SETTLED_TURNS * turn_s).max(SETTLED_S) {
             return;
         }
         self.seen.push(Seen {
