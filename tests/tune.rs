@@ -18,9 +18,13 @@ fn untuned(plant: &[(&str, &str)]) -> Bench {
     let mut lines = Vec::new();
     for line in text.lines() {
         if line.starts_with('[') {
-            skipping = ["[axis.model", "[axis.torque_feed_forward]", "[axis.adaptation]"]
-                .iter()
-                .any(|table| line.starts_with(table));
+            skipping = [
+                "[axis.model",
+                "[axis.torque_feed_forward]",
+                "[axis.adaptation]",
+            ]
+            .iter()
+            .any(|table| line.starts_with(table));
         }
         if skipping {
             continue;
