@@ -93,7 +93,7 @@ pub fn tune(options: &TuneOptions) -> Outcome {
     if seen.models.iter().any(|models| models.len() > 1) {
         candidates.push(("by wind-up", settings(1, false)));
     }
-    candidates.push(("pulse by law", settings(0, true)));
+    candidates.push((choose::PULSE, settings(0, true)));
     let chosen = choose::choose(&machine, &limits, &mut bench, &document, candidates)?;
     let Some(best) = chosen else {
         return Ok(());

@@ -254,6 +254,11 @@ pub fn mean_um(column: &Column) -> f64 {
     sum / column.len().max(1) as f64
 }
 
+/// Whether every axis of every circle was seen by a scale.
+pub fn by_scales(column: &Column) -> bool {
+    column.iter().flatten().all(|left| left.by_scales)
+}
+
 /// The table for people.
 pub fn table(circles: &[Circle], columns: &[(&str, &Column)]) -> String {
     let mut all = columns

@@ -132,6 +132,23 @@ pub fn allow(document: &mut DocumentMut, machine: &Machine, limits: &[Limit]) {
     }
 }
 
+/// Gaps of these axes' models that are so many times as wide, where they have one.
+pub fn scale_gap(document: &mut DocumentMut, names: &[String], times: f64) {
+    for axis in axes(document) {
+        let name = axis.get("name").and_then(Item::as_str).unwrap_or_default();
+        if !names.iter().any(|of| of == name) {
+            continue;
+        }
+        let table = axis.get("model").and_then(|model| model.get("table"));
+        let gap_um = table.and_then(|table| table.get("gap_um")?.as_float());
+        if let Some(gap_um) = gap_um {
+            let why = format!("tune: wind-up without torque, × {times:.2} by test circles");
+            let gap_um = digits(times * gap_um, 3);
+            Keys::of(axis, &["model", "table"]).set("gap_um", gap_um, &why);
+        }
+    }
+}
+
 /// The keys of one table of an axis.
 pub(crate) struct Keys<'a>(&'a mut Table);
 
