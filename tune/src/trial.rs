@@ -298,3 +298,82 @@ pub fn table(circles: &[Circle], columns: &[(&str, &Column)]) -> String {
     }
     text
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motions::Limit;
+
+    fn machine() -> Machine {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
+        Machine::load(&folder).expect("machines/xy")
+    }
+
+    /// A circle of R10 that is 20 µm too large and 5 µm beside its centre, with so many µm on top close behind each reversal of X.
+    fn left_um(bump_um: f64) -> f64 {
+        let machine = machine();
+        let limit = Limit {
+            travel_mm: Some(10.0),
+            ..Limit::default()
+        };
+        let circles = crate::motions::circles(&machine, &[limit; 2]);
+        let circle = circles.first().expect("a circle");
+        let axes = [(0, &machine.axes[0]), (1, &machine.axes[1])];
+        let mut plane = Plane {
+            axes,
+            circle,
+            scan_s: 1e-3,
+            commands: [Vec::new(), Vec::new()],
+            dead_time_scans: 1,
+            before_mm: None,
+            steady_scans: 0,
+            has_scale: [true; 2],
+            seen: Vec::new(),
+        };
+        for scan in 0..4000_u64 {
+            let angle_rad = 0.005 * scan as f64;
+            let half_turn = libm::fmod(angle_rad, core::f64::consts::PI);
+            let bump = if (0.05..0.15).contains(&half_turn) {
+                bump_um
+            } else {
+                0.0
+            };
+            let radius_mm = circle.radius_mm + 0.020 + bump * 1e-3;
+            let (sine, cosine) = (libm::sin(angle_rad), libm::cos(angle_rad));
+            plane.seen.push(Seen {
+                place_mm: [radius_mm * cosine + 0.005, radius_mm * sine],
+                angle_rad: libm::atan2(sine, cosine),
+                turns: 1.0,
+                loop_nm: 0.0,
+                scan,
+            });
+        }
+        let left = plane.left();
+        assert!(left.by_scales);
+        left.worst_um
+    }
+
+    #[test]
+    fn what_sticks_out_behind_a_reversal_is_measured_and_size_and_place_of_the_circle_are_not() {
+        assert!(left_um(0.0) < 0.05, "{}", left_um(0.0));
+        let of_6_um = left_um(6.0);
+        assert!((5.2..6.1).contains(&of_6_um), "{of_6_um} µm");
+    }
+
+    #[test]
+    fn circles_stay_within_what_is_allowed() {
+        let machine = machine();
+        let limit = Limit {
+            travel_mm: Some(15.0),
+            speed_mm_s: Some(40.0),
+            acceleration_mm_s2: Some(100.0),
+        };
+        let circles = crate::motions::circles(&machine, &[limit; 2]);
+        assert!(!circles.is_empty());
+        for circle in circles {
+            let feed_mm_s = circle.feed_mm_min / 60.0;
+            assert!(circle.radius_mm <= 15.0 && feed_mm_s <= 40.0, "{circle:?}");
+            assert!(feed_mm_s.powi(2) / circle.radius_mm <= 100.0, "{circle:?}");
+        }
+    }
+}
