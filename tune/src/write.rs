@@ -308,8 +308,8 @@ fn torque(axis: &mut Table, timing: &Timing, found: &Found, method: &str) {
         axis.remove("adaptation");
     }
     let observer_rad_s = timing.observer_rad_s();
-    // It compares torque and motion of the same instant.
-    if observer_rad_s > 0.0 && found.torque_late_s == 0.0 {
+    // It compares torque and motion of the same instant; beside a friction pulse it would make up for the same friction again.
+    if observer_rad_s > 0.0 && found.torque_late_s == 0.0 && friction {
         let why = if timing.dead_time_scans > 1.0 {
             format!(
                 "tune: 200 rad/s, less for a dead time of {} scans",
