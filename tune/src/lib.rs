@@ -72,6 +72,11 @@ pub fn tune(options: &TuneOptions) -> Outcome {
         .filter_map(|of| of.first().copied())
         .collect();
     say(&keep::findings(&machine, &first));
+    if let Some(second) = seen.models.iter().map(|of| of.get(1).copied()).collect() {
+        let second: Vec<Found> = second;
+        say("the screw by its wind-up, in place of the torque:");
+        say(&keep::findings(&machine, &second));
+    }
     say(&keep::ringing(&machine, &seen.rings));
     refuse_misfits(&machine, &first)?;
     let settings = |which: usize, pulse: bool| {
