@@ -32,27 +32,25 @@ pub(super) fn assign(junctions: &mut [Junction]) {
         .map(|(junction, room_mm)| Width::alone(junction, room_mm))
         .collect();
     let places_mm: Vec<f64> = junctions.iter().map(|of| of.at_mm).collect();
+    let left: Vec<f64> = (0..junctions.len())
+        .map(|index| 1.0 - taken(junctions, index))
+        .collect();
     let mut excesses = vec![0.0; corrections.len()];
     for round in 0..=ROUNDS {
+        add_deviations(&mut corrections, &places_mm, &mut excesses);
         let mut highest = 0.0f64;
-        for (index, excess) in excesses.iter_mut().enumerate() {
-            let left = 1.0 - taken(junctions, index);
-            *excess = deviation(&corrections, index) / left;
+        for (excess, left) in excesses.iter_mut().zip(&left) {
+            *excess /= left;
             highest = highest.max(*excess);
         }
         if highest <= 1.0 + NEGLIGIBLE_EXCESS {
             break;
         }
-        for (index, width) in corrections.iter_mut().enumerate() {
-            width.shrinks_by = worst(&excesses, width, &places_mm, index);
-        }
-        for width in corrections.iter_mut().filter(|of| of.shrinks_by > 1.0) {
-            let by = if round < ROUNDS {
-                width.shrinks_by.sqrt()
-            } else {
-                width.shrinks_by
-            };
-            width.set(width.half_mm / by);
+        for width in &mut corrections {
+            let by = worst(&excesses, width, &places_mm);
+            if by > 1.0 {
+                width.set(width.half_mm / if round < ROUNDS { by.sqrt() } else { by });
+            }
         }
     }
     for (junction, width) in junctions.iter_mut().zip(corrections) {
@@ -78,7 +76,9 @@ struct Width {
     of_bend: f64,
     kink_per_mm: f64,
     bend_per_mm2: f64,
-    shrinks_by: f64,
+    /// The junctions that it reaches: from … to, not including `to`.
+    from: usize,
+    to: usize,
 }
 
 impl Width {
@@ -91,7 +91,8 @@ impl Width {
             of_bend: 0.0,
             kink_per_mm: junction.kink_weight_per_mm,
             bend_per_mm2: junction.bend_weight_per_mm2,
-            shrinks_by: 1.0,
+            from: 0,
+            to: 0,
         };
         let (kink, bend) = (width.kink_per_mm / 6.0, width.bend_per_mm2);
         if !junction.is_exact && (kink > 0.0 || bend > 0.0) {
@@ -141,39 +142,48 @@ fn around(index: usize, count: usize) -> std::ops::Range<usize> {
     index.saturating_sub(NEIGHBOURS)..(index + NEIGHBOURS + 1).min(count)
 }
 
-/// Deviation at a junction over what is allowed.
-fn deviation(widths: &[Width], index: usize) -> f64 {
-    let Some(here) = widths.get(index) else {
-        return 0.0;
-    };
-    let near = widths.get(around(index, widths.len())).unwrap_or_default();
-    let mut sum = 0.0;
-    for other in near {
-        let left_mm = other.half_mm - (other.at_mm - here.at_mm).abs();
-        if left_mm > 0.0 {
-            sum += left_mm * left_mm * left_mm * other.of_cube_per_mm3 + other.of_bend;
+/// The deviation at each junction over what is allowed: of all corrections that reach it, added in the order of the path.
+fn add_deviations(widths: &mut [Width], places_mm: &[f64], deviations: &mut [f64]) {
+    deviations.fill(0.0);
+    let count = places_mm.len();
+    for (index, width) in widths.iter_mut().enumerate() {
+        let half_mm = width.half_mm;
+        if half_mm <= 0.0 {
+            continue;
+        }
+        let (at_mm, near) = (width.at_mm, around(index, count));
+        let before = places_mm.get(near.start..index).unwrap_or_default();
+        let behind = places_mm.get(index..near.end).unwrap_or_default();
+        width.from = near.start + before.partition_point(|place| half_mm - (at_mm - place) <= 0.0);
+        width.to = index + behind.partition_point(|place| half_mm - (place - at_mm) > 0.0);
+        let reached = width.from..width.to;
+        let (cube, bend) = (width.of_cube_per_mm3, width.of_bend);
+        let places = places_mm.get(reached.clone()).unwrap_or_default();
+        let sums = deviations.get_mut(reached).unwrap_or_default();
+        for (sum, place_mm) in sums.iter_mut().zip(places) {
+            let left_mm = half_mm - (at_mm - place_mm).abs();
+            *sum += left_mm * left_mm * left_mm * cube + bend;
         }
     }
-    sum
 }
 
-/// The highest deviation that a junction has a part in.
-fn worst(excesses: &[f64], width: &Width, places_mm: &[f64], index: usize) -> f64 {
+/// The highest excess of those that a correction has a part in; at least 1.
+fn worst(excesses: &[f64], width: &Width, places_mm: &[f64]) -> f64 {
     if width.half_mm <= 0.0 {
         return 1.0;
     }
     // What the end of a correction just touches does not depend on rounding.
     let reach_mm = width.half_mm * (1.0 - NEGLIGIBLE_EXCESS);
-    let near = around(index, places_mm.len());
-    let (places, excesses) = (places_mm.get(near.clone()), excesses.get(near));
-    let both = places
-        .unwrap_or_default()
-        .iter()
-        .zip(excesses.unwrap_or_default());
+    let places = places_mm.get(width.from..width.to).unwrap_or_default();
+    let touches = |place_mm: &&f64| (*place_mm - width.at_mm).abs() >= reach_mm;
+    let first = places.iter().take_while(touches).count();
+    let last = places.iter().skip(first).rev().take_while(touches).count();
+    let reached = width.from + first..width.to - last;
     let mut worst = 1.0f64;
-    for (place_mm, excess) in both {
-        if (place_mm - width.at_mm).abs() < reach_mm {
-            worst = worst.max(*excess);
+    for excess in excesses.get(reached).unwrap_or_default() {
+        // No number is above one that is none.
+        if *excess > worst {
+            worst = *excess;
         }
     }
     worst
