@@ -16,7 +16,7 @@ use crate::course::sharing::{LaidPiece, PlanLimits, Sharing};
 use crate::kinematics::Kinematics;
 use crate::limits::MotionLimits;
 use crate::path::{AxisVector, Element, Feed, Path, Shape};
-use crate::rounding::{self, REACH_ELEMENTS};
+use crate::rounding::{self, Junctions, REACH_ELEMENTS};
 use crate::segment::MapError;
 
 /// Gap between elements that the rounding allowance of the limits covers, in increments.
@@ -58,6 +58,8 @@ impl Laid {
 #[derive(Debug, Clone, PartialEq)]
 pub struct PathPart {
     laid: VecDeque<Laid>,
+    /// Where elements meet that are not rounded yet.
+    junctions: Junctions,
     first: u32,
     /// Up to here it is known how elements are rounded.
     ready: u32,
@@ -76,6 +78,7 @@ impl PathPart {
     pub fn new(limits: &MotionLimits, override_max: f64, first: u32, start_mm: f64) -> Self {
         Self {
             laid: VecDeque::new(),
+            junctions: Junctions::new(first, limits.axes().len()),
             first,
             ready: first,
             complete: false,
@@ -130,6 +133,11 @@ impl PathPart {
         };
         self.previous_end = Some(element.end());
         let start_mm = self.length_mm;
+        if self.may_round() {
+            let before = self.laid.back().map(|laid| &laid.element);
+            let settings = &self.limits.setpoints().rounding;
+            self.junctions.push(before, &element, start_mm, settings);
+        }
         self.length_mm += element.length_mm;
         self.laid.push_back(Laid {
             element,
@@ -154,18 +162,19 @@ impl PathPart {
         self.ready = to;
         let index = |element: u32| element.saturating_sub(self.first) as usize;
         let (begin, end) = (index(from), index(to));
-        let may_be_rounded = |laid: &Laid| rounding::is_rounded(&laid.element);
-        let is_straight = self.limits.setpoints().kinematics == Kinematics::Cartesian;
-        if !is_straight || !self.laid.range(begin..end).any(may_be_rounded) {
+        if !self.may_round() {
             return;
         }
-        let reach = REACH_ELEMENTS as usize;
-        let known = begin.saturating_sub(reach)..(end + reach).min(self.laid.len());
-        let start_mm = self.laid.get(known.start).map_or(0.0, |laid| laid.start_mm);
-        let corrections = rounding::corrections(
-            self.laid.range(known.clone()).map(|laid| &laid.element),
-            start_mm,
-            begin - known.start..end - known.start,
+        if let (true, Some(last)) = (self.complete, self.laid.back()) {
+            self.junctions.end(&last.element, self.length_mm);
+        }
+        let may_be_rounded = |laid: &Laid| rounding::is_rounded(&laid.element);
+        if !self.laid.range(begin..end).any(may_be_rounded) {
+            return self.junctions.forget_before(to);
+        }
+        let corrections = self.junctions.corrections(
+            from..to,
+            self.length_mm,
             &self.limits.setpoints().rounding,
         );
         for (laid, correction) in self.laid.range_mut(begin..end).zip(corrections) {
@@ -174,6 +183,12 @@ impl PathPart {
                 laid.cut(&self.plan_limits, self.override_max);
             }
         }
+        self.junctions.forget_before(to);
+    }
+
+    /// Whether elements may be rounded at all: axes that do not move in straight lines travel the path exactly.
+    fn may_round(&self) -> bool {
+        self.limits.setpoints().kinematics == Kinematics::Cartesian
     }
 
     /// Number of the element behind the last one of which it is known how it is rounded.

@@ -31,14 +31,18 @@
 mod correction;
 mod evening;
 mod half_widths;
+mod junctions;
 #[cfg(test)]
 #[allow(clippy::indexing_slicing)]
 mod tests;
+
+use nalgebra::SVector;
 
 use crate::path::{AxisVector, Element, Feed, MAX_AXES, RotaryAxes, Shape};
 
 pub use correction::{Correction, CubicPiece};
 pub(crate) use half_widths::NEIGHBOURS;
+pub(crate) use junctions::Junctions;
 
 /// Elements to either side that have a part in what is made of one.
 pub(crate) const REACH_ELEMENTS: u32 = 256;
@@ -90,7 +94,9 @@ struct Junction {
     tolerance_mm: f64,
     /// Two short lines meet there that stand for a curve.
     is_between_chords: bool,
-    /// Jump of the tangent.
+    /// Jump of the tangent as it is programmed.
+    programmed_kink: AxisVector,
+    /// Jump of the tangent between points that are evened out.
     kink: AxisVector,
     /// Jump of the curvature, in 1/mm.
     bend_per_mm: AxisVector,
@@ -100,8 +106,6 @@ struct Junction {
     bend_weight_per_mm2: f64,
     /// The path goes exactly through it, and no correction reaches beyond it.
     is_exact: bool,
-    /// Half width of its corrections, in mm; 0: none.
-    half_width_mm: f64,
 }
 
 impl Junction {
@@ -113,12 +117,12 @@ impl Junction {
             taken: 0.0,
             tolerance_mm: 0.0,
             is_between_chords: false,
+            programmed_kink: AxisVector::zeros(),
             kink: AxisVector::zeros(),
             bend_per_mm: AxisVector::zeros(),
             kink_weight_per_mm: 0.0,
             bend_weight_per_mm2: 0.0,
             is_exact: true,
-            half_width_mm: 0.0,
         }
     }
 
@@ -160,7 +164,7 @@ impl Junction {
                 && element.length_mm <= CHORD_OVER_TOLERANCE_MAX * junction.tolerance_mm
         };
         junction.is_between_chords = !is_corner && is_chord(before) && is_chord(after);
-        junction.kink = kink;
+        junction.programmed_kink = kink;
         junction.bend_per_mm = bend_per_mm;
         junction
     }
@@ -177,11 +181,6 @@ impl Junction {
             self.bend_weight_per_mm2 =
                 size(&self.bend_per_mm, self.tolerance_mm, settings) / correction::BEND_SHARE;
         }
-    }
-
-    /// Whether something is rounded there.
-    fn is_round(&self) -> bool {
-        self.half_width_mm > 0.0
     }
 }
 
@@ -201,41 +200,14 @@ pub(crate) fn is_rounded(element: &Element) -> bool {
     element.tolerance.corner_mm > 0.0 && element.feed != Feed::Rapid
 }
 
-/// The corrections of the elements `wanted` of those given, which begin at `start_mm` of the path; none where the path stays as it is.
-///
-/// The elements before and behind must be [`REACH_ELEMENTS`] on each side, or the path begins and ends there.
-pub(crate) fn corrections<'a>(
-    elements: impl Iterator<Item = &'a Element>,
-    start_mm: f64,
-    wanted: std::ops::Range<usize>,
-    settings: &RoundingSettings,
-) -> Vec<Option<Correction>> {
-    let mut junctions = vec![Junction::exact(start_mm)];
-    let mut before: Option<&Element> = None;
-    let mut at_mm = start_mm;
-    let (mut start, mut end) = (AxisVector::zeros(), AxisVector::zeros());
-    for element in elements {
-        if before.is_none() {
-            start = element.start();
-        }
-        end = element.end();
-        if let Some(before) = before {
-            junctions.push(Junction::between(before, element, at_mm, settings));
-        }
-        at_mm += element.length_mm;
-        before = Some(element);
-    }
-    junctions.push(Junction::exact(at_mm));
-    let [first, .., last] = junctions.as_mut_slice() else {
-        return Vec::new();
-    };
-    (first.point, last.point) = (start, end);
-    evening::move_points(&mut junctions, settings);
-    for junction in &mut junctions {
-        junction.weigh(settings);
-    }
-    half_widths::assign(&mut junctions);
-    wanted
-        .map(|element| Correction::of(&junctions, element))
-        .collect()
+/// A vector of the first axes alone.
+fn of_first<const AXES: usize>(vector: &AxisVector) -> SVector<f64, AXES> {
+    vector.fixed_rows::<AXES>(0).into_owned()
+}
+
+/// A vector of all axes, where the others have nothing.
+fn of_all<const AXES: usize>(vector: &SVector<f64, AXES>) -> AxisVector {
+    let mut all = AxisVector::zeros();
+    all.fixed_rows_mut::<AXES>(0).copy_from(vector);
+    all
 }

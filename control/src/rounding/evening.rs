@@ -6,9 +6,11 @@
 //! equal distances Savitzky, Golay, Anal. Chem. 36, 1964). Points of a smooth curve hardly move, ends of longer lines, of arcs and at corners
 //! not at all, and no point moves further than [`SHARE`] of its tolerance; what it takes of that is missing to the rounding.
 
+use nalgebra::SVector;
+
 use crate::path::AxisVector;
 
-use super::{Junction, RoundingSettings, size};
+use super::{Junction, RoundingSettings, of_all, of_first, size};
 
 /// Of its tolerance, how far a point moves at most.
 const SHARE: f64 = 0.3;
@@ -20,40 +22,40 @@ const FITTED_MIN: usize = 3;
 /// is `0.02·B⁴/R³` off.
 const SPAN_TURN: f64 = 72.0;
 
-/// Moves the points.
-pub(super) fn move_points(junctions: &mut [Junction], settings: &RoundingSettings) {
-    if !junctions.iter().any(|of| of.is_between_chords) {
-        return;
+/// How far the point at a junction moves, and the size of that over what it may deviate.
+pub(super) fn move_point<const AXES: usize>(
+    junctions: &[Junction],
+    index: usize,
+    settings: &RoundingSettings,
+) -> (AxisVector, f64) {
+    let here = junctions.get(index).filter(|of| of.is_between_chords);
+    let moved = here.and_then(|here| moved::<AXES>(junctions, (index, here), settings));
+    match (here, moved) {
+        (Some(here), Some(moved)) => (moved, size(&moved, here.tolerance_mm, settings)),
+        _ => (AxisVector::zeros(), 0.0),
     }
-    let moves: Vec<AxisVector> = (0..junctions.len())
-        .map(|index| moved(junctions, index, settings).unwrap_or_else(AxisVector::zeros))
-        .collect();
-    for (junction, moved) in junctions.iter_mut().zip(moves) {
-        junction.moved = moved;
-        if !junction.is_exact {
-            junction.taken = size(&moved, junction.tolerance_mm, settings);
-        }
-    }
-    let mut slope_before = AxisVector::zeros();
-    for index in 1..junctions.len() {
-        let [.., before, here] = junctions.get_mut(..=index).unwrap_or_default() else {
-            return;
-        };
-        let length_mm = here.at_mm - before.at_mm;
-        let slope = if length_mm > 0.0 {
-            (here.moved - before.moved) / length_mm
-        } else {
-            AxisVector::zeros()
-        };
-        before.kink += slope - slope_before;
-        slope_before = slope;
+}
+
+/// The slope that the moves of its ends give to the line between two junctions.
+pub(super) fn slope<const AXES: usize>(
+    before: &Junction,
+    behind: &Junction,
+) -> SVector<f64, AXES> {
+    let length_mm = behind.at_mm - before.at_mm;
+    if length_mm > 0.0 {
+        (of_first(&behind.moved) - of_first(&before.moved)) / length_mm
+    } else {
+        SVector::zeros()
     }
 }
 
 /// How far the point at a junction moves.
-fn moved(junctions: &[Junction], index: usize, settings: &RoundingSettings) -> Option<AxisVector> {
-    let here = junctions.get(index).filter(|of| of.is_between_chords)?;
-    let mut turn = here.kink;
+fn moved<const AXES: usize>(
+    junctions: &[Junction],
+    (index, here): (usize, &Junction),
+    settings: &RoundingSettings,
+) -> Option<AxisVector> {
+    let mut turn: SVector<f64, AXES> = of_first(&here.programmed_kink);
     let mut fitted = None;
     for away in 1..=FITTED {
         let before = junctions.get(index.checked_sub(away)?);
@@ -61,35 +63,40 @@ fn moved(junctions: &[Junction], index: usize, settings: &RoundingSettings) -> O
             break;
         };
         let span_mm = (here.at_mm - before.at_mm).min(behind.at_mm - here.at_mm);
-        if turn.norm() * span_mm > SPAN_TURN * here.tolerance_mm {
+        if norm(&turn) * span_mm > SPAN_TURN * here.tolerance_mm {
             break;
         }
         fitted = Some((away, span_mm));
         if !(before.is_between_chords && behind.is_between_chords) {
             break;
         }
-        turn += before.kink + behind.kink;
+        turn += of_first::<AXES>(&before.programmed_kink) + of_first(&behind.programmed_kink);
     }
     let (away, span_mm) = fitted.filter(|(away, _)| *away >= FITTED_MIN)?;
     let near = junctions.get(index - away..=index + away)?;
-    let moved = parabola(near, here, span_mm)?;
+    let moved = of_all(&parabola::<AXES>(near, here, span_mm)?);
     let size = size(&moved, here.tolerance_mm, settings);
     Some(moved * (SHARE / size).min(1.0))
 }
 
 /// From a point to the parabola through those near it.
-fn parabola(near: &[Junction], here: &Junction, span_mm: f64) -> Option<AxisVector> {
+fn parabola<const AXES: usize>(
+    near: &[Junction],
+    here: &Junction,
+    span_mm: f64,
+) -> Option<SVector<f64, AXES>> {
+    let from: SVector<f64, AXES> = of_first(&here.point);
     let share = |of: &Junction| (of.at_mm - here.at_mm) / span_mm;
     let weight = |u: f64| {
         let v = 1.0 - u.abs() * u * u;
         if v > 0.0 { v * v * v } else { 0.0 }
     };
     let mut moments = [0.0; 5];
-    let mut sums = [AxisVector::zeros(); 3];
+    let mut sums = [SVector::<f64, AXES>::zeros(); 3];
     for of in near {
         let u = share(of);
         let mut power = weight(u);
-        let away = of.point - here.point;
+        let away = of_first(&of.point) - from;
         for (moment, sum) in moments.iter_mut().zip(&mut sums) {
             *moment += power;
             *sum += away * power;
@@ -108,3 +115,12 @@ fn parabola(near: &[Junction], here: &Junction, span_mm: f64) -> Option<AxisVect
 
 /// Determinant of the moments below which points do not tell a parabola.
 const SINGULAR: f64 = 1e-3;
+
+/// Length of a vector, added up as that of all axes is: so it does not depend on how many of them are looked at.
+fn norm<const AXES: usize>(vector: &SVector<f64, AXES>) -> f64 {
+    if AXES > 4 {
+        return vector.norm();
+    }
+    let squares = vector.iter().map(|component| component * component);
+    squares.sum::<f64>().sqrt()
+}

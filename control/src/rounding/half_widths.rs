@@ -20,10 +20,11 @@ const HALF_WIDTH_MAX_MM: f64 = 5.0;
 /// Excess that is none.
 const NEGLIGIBLE_EXCESS: f64 = 1e-9;
 
-/// Gives each junction its half width.
-pub(super) fn assign(junctions: &mut [Junction]) {
+/// The half width of the correction at each junction, in mm; 0: none. Nothing is rounded at the first and the last of them.
+pub(super) fn of_junctions_mm(junctions: &[Junction]) -> Vec<f64> {
+    let count = junctions.len();
     if junctions.iter().all(|junction| junction.is_exact) {
-        return;
+        return vec![0.0; count];
     }
     let rooms = rooms_mm(junctions);
     let mut corrections: Vec<Width> = junctions
@@ -32,10 +33,10 @@ pub(super) fn assign(junctions: &mut [Junction]) {
         .map(|(junction, room_mm)| Width::alone(junction, room_mm))
         .collect();
     let places_mm: Vec<f64> = junctions.iter().map(|of| of.at_mm).collect();
-    let left: Vec<f64> = (0..junctions.len())
+    let left: Vec<f64> = (0..count)
         .map(|index| 1.0 - taken(junctions, index))
         .collect();
-    let mut excesses = vec![0.0; corrections.len()];
+    let mut excesses = vec![0.0; count];
     for round in 0..=ROUNDS {
         add_deviations(&mut corrections, &places_mm, &mut excesses);
         let mut highest = 0.0f64;
@@ -53,9 +54,7 @@ pub(super) fn assign(junctions: &mut [Junction]) {
             }
         }
     }
-    for (junction, width) in junctions.iter_mut().zip(corrections) {
-        junction.half_width_mm = width.half_mm;
-    }
+    corrections.iter().map(|width| width.half_mm).collect()
 }
 
 /// What its moved ends take of what the lines at a junction may deviate.
@@ -117,7 +116,8 @@ fn rooms_mm(junctions: &[Junction]) -> Vec<f64> {
     let count = junctions.len();
     let mut rooms_mm = vec![0.0; count];
     let at = |index: usize| junctions.get(index).map_or(0.0, |of| of.at_mm);
-    let is_exact = |index: usize| junctions.get(index).is_none_or(|of| of.is_exact);
+    let is_end = |index: usize| index == 0 || index + 1 == count;
+    let is_exact = |index: usize| is_end(index) || junctions.get(index).is_none_or(|of| of.is_exact);
     let mut exact_before = 0;
     for (index, room_mm) in rooms_mm.iter_mut().enumerate() {
         let from = exact_before.max(index.saturating_sub(NEIGHBOURS));

@@ -31,6 +31,24 @@ fn polyline(points: &[AxisVector], tolerance_mm: f64) -> Vec<Element> {
     lines.collect()
 }
 
+/// The corrections of the elements `wanted` of those given, which begin at `start_mm` of the path.
+fn corrections<'a>(
+    elements: impl Iterator<Item = &'a Element>,
+    start_mm: f64,
+    wanted: std::ops::Range<usize>,
+    settings: &RoundingSettings,
+) -> Vec<Option<Correction>> {
+    let mut junctions = Junctions::new(0, 2);
+    let (mut before, mut at_mm) = (None, start_mm);
+    for element in elements {
+        junctions.push(before, element, at_mm, settings);
+        at_mm += element.length_mm;
+        before = Some(element);
+    }
+    junctions.end(before.unwrap(), at_mm);
+    junctions.corrections(wanted.start as u32..wanted.end as u32, at_mm, settings)
+}
+
 /// The elements with their corrections.
 fn rounded(mut elements: Vec<Element>) -> Vec<Element> {
     let all = 0..elements.len();
