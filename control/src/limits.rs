@@ -5,6 +5,7 @@ use thiserror::Error;
 use crate::kinematics::Kinematics;
 use crate::path::{AxisVector, MAX_AXES};
 use crate::setpoint_settings::{SetpointSettings, StraightLines};
+use crate::setpoints::nearest;
 
 /// The limits of one axis, in its own units (mm for slides, degrees for rotary axes).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -188,7 +189,7 @@ impl MotionLimits {
     pub fn increments(&self, position: &AxisVector) -> [i64; MAX_AXES] {
         let mut increments = [0; MAX_AXES];
         for ((of_axis, component), axis) in increments.iter_mut().zip(position).zip(&self.axes) {
-            *of_axis = libm::round(component / axis.increment_mm) as i64;
+            *of_axis = nearest(component / axis.increment_mm);
         }
         increments
     }

@@ -25,8 +25,6 @@
     clippy::indexing_slicing
 )]
 
-use std::collections::VecDeque;
-
 use crate::path_part::PathPart;
 use crate::profile::PathState;
 use crate::segment::{Acceleration, Segment};
@@ -71,8 +69,11 @@ const UNITS_PER_MM: f64 = (1u64 << 36) as f64;
 #[derive(Debug, Clone)]
 pub(crate) struct Trail {
     scans: u32,
-    /// The last of them is now: one more than scans.
-    places: VecDeque<i64>,
+    /// One more than scans, in a ring.
+    places: Vec<i64>,
+    /// The first of them; the one before it in the ring is now.
+    first: usize,
+    last_place: i64,
     /// Twice the sum of all but the first and the last, and those once.
     sum: i128,
     /// The same a scan before.
@@ -84,7 +85,9 @@ impl Trail {
     pub fn new(scans: u32) -> Self {
         Self {
             scans,
-            places: VecDeque::with_capacity(scans as usize + 2),
+            places: vec![0; scans as usize + 1],
+            first: 0,
+            last_place: 0,
             sum: 0,
             sum_before: 0,
         }
@@ -93,8 +96,8 @@ impl Trail {
     /// The lead has been at a place for long.
     pub fn rest_at(&mut self, along_mm: f64) {
         let place = units(along_mm);
-        self.places.clear();
-        self.places.resize(self.scans as usize + 1, place);
+        self.places.fill(place);
+        self.last_place = place;
         self.sum = i128::from(place) * 2 * i128::from(self.scans);
         self.sum_before = self.sum;
     }
@@ -117,21 +120,32 @@ impl Trail {
         }
         let place = units(along_mm);
         self.sum_before = self.sum;
-        let ends = |places: &VecDeque<i64>| {
-            let of = |place: Option<&i64>| i128::from(place.copied().unwrap_or(0));
-            of(places.front()) + of(places.back())
+        let before = self.last_place;
+        let Some(first) = self.places.get_mut(self.first) else {
+            return;
         };
-        // All of them twice, less the ends once.
-        let twice = self.sum + ends(&self.places);
-        let gone = i128::from(self.places.pop_front().unwrap_or(0));
-        self.places.push_back(place);
-        self.sum = twice + 2 * (i128::from(place) - gone) - ends(&self.places);
+        let gone = std::mem::replace(first, place);
+        self.last_place = place;
+        self.first += 1;
+        if self.first == self.places.len() {
+            self.first = 0;
+        }
+        // The first counts once and goes, the second counts once now; the last counts twice now, the new one once.
+        let [more, less] = [[before, place], [gone, self.first_place()]].map(|ends| {
+            let [one, other] = ends.map(i128::from);
+            one + other
+        });
+        self.sum += more - less;
+    }
+
+    fn first_place(&self) -> i64 {
+        self.places.get(self.first).copied().unwrap_or(0)
     }
 
     /// Whether the lead has been at one place all the time.
     pub fn is_settled(&self) -> bool {
         // Places never go back.
-        self.scans == 0 || self.places.front() == self.places.back()
+        self.scans == 0 || self.first_place() == self.last_place
     }
 
     /// Length of the path before the tool, in mm.
@@ -145,12 +159,17 @@ impl Trail {
     }
 
     fn mm(&self, sum: i128) -> f64 {
-        sum as f64 / (2.0 * f64::from(self.scans.max(1))) / UNITS_PER_MM
+        // Of a number that fits it is the same, and faster.
+        let sum = i64::try_from(sum).map_or_else(|_| sum as f64, |sum| sum as f64);
+        sum / (2.0 * f64::from(self.scans.max(1))) / UNITS_PER_MM
     }
 }
 
+/// Rounded down.
 fn units(along_mm: f64) -> i64 {
-    libm::floor(along_mm * UNITS_PER_MM) as i64
+    let units = along_mm * UNITS_PER_MM;
+    let cut = units as i64;
+    cut.saturating_sub(i64::from(cut as f64 > units))
 }
 
 /// A segment where it lies on the path.

@@ -16,7 +16,7 @@ use thiserror::Error;
 use crate::envelope::{Envelope, EnvelopeKey};
 use crate::limits::MotionLimits;
 use crate::path::{Element, MAX_AXES, Path};
-use crate::path_part::PathPart;
+use crate::path_part::{Laid, PathPart};
 use crate::positioning::Positioning;
 use crate::profile::{PathState, Traveller};
 pub use crate::smoothing::Lead;
@@ -350,6 +350,8 @@ impl WindowPlanner {
         let limits = self.part.limits();
         let mut scans = Scans {
             part: &self.part,
+            tool: On::element(&self.part, start.state.element),
+            lead: On::element(&self.part, lead.element),
             traveller: Traveller::new(&self.map, limits, lead, request.until_element),
             trail: &mut self.trail,
             before: start,
@@ -447,6 +449,31 @@ impl WindowPlanner {
     }
 }
 
+/// An element that something is on, and where the next begins: looked up once, not in every scan.
+struct On<'a> {
+    element: u32,
+    laid: Option<&'a Laid>,
+    /// None where there is none.
+    next_mm: Option<f64>,
+}
+
+impl<'a> On<'a> {
+    fn element(part: &'a PathPart, element: u32) -> Self {
+        let next = element.checked_add(1).and_then(|next| part.laid(next));
+        Self {
+            element,
+            laid: part.laid(element),
+            next_mm: next.map(|laid| laid.start_mm),
+        }
+    }
+
+    fn go_to(&mut self, part: &'a PathPart, element: u32) {
+        if self.element != element {
+            *self = Self::element(part, element);
+        }
+    }
+}
+
 /// A window that is being planned, scan by scan.
 struct Scans<'a> {
     part: &'a PathPart,
@@ -454,19 +481,81 @@ struct Scans<'a> {
     trail: &'a mut Trail,
     /// The setpoint of the scan before.
     before: PlannedSetpoint,
+    /// Where its state is.
+    tool: On<'a>,
+    /// Where the traveller is.
+    lead: On<'a>,
 }
 
 impl Scans<'_> {
     /// Lets the tool follow what the traveller has done in a scan.
     fn follow(&mut self) {
-        let lead = Lead::at(self.part, &self.traveller.state);
+        let state = self.traveller.state;
+        self.lead.go_to(self.part, state.element);
+        let start_mm = self.lead.laid.map(|laid| laid.start_mm);
+        let lead = Lead {
+            state,
+            along_mm: start_mm.unwrap_or(self.part.length_mm()) + state.distance_mm,
+        };
         self.trail.push(lead.along_mm);
         let state = if self.trail.is_settled() {
             lead.state
         } else {
-            behind(self.part, &self.before.state, &lead.state, self.trail)
+            self.behind(&lead.state)
         };
-        self.before = setpoint_at(self.part, &state, &lead);
+        self.tool.go_to(self.part, state.element);
+        let limits = self.part.limits();
+        let increments = |laid: &Laid| limits.setpoint(&laid.element, state.distance_mm);
+        self.before = PlannedSetpoint {
+            position_increments: self.tool.laid.map_or([0; MAX_AXES], increments),
+            state,
+            lead,
+        };
+    }
+
+    /// Where the tool is, at the average of the trail, on its way from the state before to the lead.
+    fn behind(&mut self, lead: &PathState) -> PathState {
+        let from = &self.before.state;
+        let along_mm = self.trail.average_mm();
+        self.tool.go_to(self.part, from.element);
+        if self.tool.next_mm.is_some_and(|next_mm| next_mm <= along_mm) {
+            let mut element = from.element;
+            for next in from.element.saturating_add(1)..=lead.element {
+                let begun = self.part.laid(next).filter(|laid| laid.start_mm <= along_mm);
+                match begun {
+                    Some(laid) if laid.moves() => element = next,
+                    Some(_) => {}
+                    None => break,
+                }
+            }
+            self.tool.go_to(self.part, element);
+        }
+        let element = self.tool.element;
+        let (start_mm, length_mm) = self.tool.laid.map_or((along_mm, 0.0), |laid| {
+            (laid.start_mm, laid.element.length_mm)
+        });
+        let distance_max_mm = if element == lead.element {
+            lead.distance_mm
+        } else {
+            length_mm
+        };
+        PathState {
+            element,
+            // Rounded down, it could be a last bit behind where it rested.
+            distance_mm: (along_mm - start_mm)
+                .max(if element == from.element {
+                    from.distance_mm
+                } else {
+                    0.0
+                })
+                .min(distance_max_mm),
+            // It moves, however slowly.
+            speed_mm_s: self
+                .trail
+                .speed_mm_s(self.part.limits().scan_period_s())
+                .max(f64::MIN_POSITIVE),
+            ..PathState::default()
+        }
     }
 
     /// Adds the setpoints that brake to rest, the last of them twice.
@@ -496,44 +585,6 @@ impl Scans<'_> {
             element,
             braking_setpoints_max,
         })
-    }
-}
-
-/// Where the tool is, at the average of a trail, on its way from a state to the lead.
-fn behind(part: &PathPart, from: &PathState, lead: &PathState, trail: &Trail) -> PathState {
-    let along_mm = trail.average_mm();
-    let mut element = from.element;
-    for next in from.element.saturating_add(1)..=lead.element {
-        let begun = part.laid(next).filter(|laid| laid.start_mm <= along_mm);
-        match begun {
-            Some(laid) if laid.moves() => element = next,
-            Some(_) => {}
-            None => break,
-        }
-    }
-    let (start_mm, length_mm) = part.laid(element).map_or((along_mm, 0.0), |laid| {
-        (laid.start_mm, laid.element.length_mm)
-    });
-    let distance_max_mm = if element == lead.element {
-        lead.distance_mm
-    } else {
-        length_mm
-    };
-    PathState {
-        element,
-        // Rounded down, it could be a last bit behind where it rested.
-        distance_mm: (along_mm - start_mm)
-            .max(if element == from.element {
-                from.distance_mm
-            } else {
-                0.0
-            })
-            .min(distance_max_mm),
-        // It moves, however slowly.
-        speed_mm_s: trail
-            .speed_mm_s(part.limits().scan_period_s())
-            .max(f64::MIN_POSITIVE),
-        ..PathState::default()
     }
 }
 

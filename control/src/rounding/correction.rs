@@ -320,7 +320,8 @@ impl Correction {
         piece.map_or_else(AxisVector::zeros, |piece| piece.value_at(distance_mm))
     }
 
-    fn piece_at(&self, distance_mm: f64) -> Option<&CubicPiece> {
+    /// The cubic that holds at a distance on the element; the first before it.
+    pub(crate) fn piece_at(&self, distance_mm: f64) -> Option<&CubicPiece> {
         let behind = self
             .pieces
             .partition_point(|piece| piece.from_mm <= distance_mm);
