@@ -159,10 +159,16 @@ impl Trail {
     }
 
     fn mm(&self, sum: i128) -> f64 {
-        // Of a number that fits it is the same, and faster.
-        let sum = i64::try_from(sum).map_or_else(|_| sum as f64, |sum| sum as f64);
+        let sum = i64::try_from(sum).map_or_else(|_| of_wide(sum), |sum| sum as f64);
         sum / (2.0 * f64::from(self.scans.max(1))) / UNITS_PER_MM
     }
+}
+
+/// What narrower numbers do not hold, behind hundreds of metres: the same number, more slowly.
+#[cold]
+#[inline(never)]
+fn of_wide(sum: i128) -> f64 {
+    sum as f64
 }
 
 /// Rounded down.

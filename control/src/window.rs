@@ -354,7 +354,7 @@ impl WindowPlanner {
             lead: On::element(&self.part, lead.element),
             traveller: Traveller::new(&self.map, limits, lead, request.until_element),
             trail: &mut self.trail,
-            before: start,
+            before: start.state,
         };
         let mut ends_program = false;
         let intended_setpoints_max = request
@@ -363,12 +363,16 @@ impl WindowPlanner {
             as usize;
         while setpoints.len() < intended_setpoints_max {
             if request.repeats_start && setpoints.is_empty() {
-                scans.before = setpoint_at(&self.part, &lead, &Lead::at(&self.part, &lead));
+                scans.before = lead;
+                setpoints.push(setpoint_at(
+                    &self.part,
+                    &lead,
+                    &Lead::at(&self.part, &lead),
+                ));
             } else {
                 scans.traveller.go(&mut self.envelope);
-                scans.follow();
+                setpoints.push(scans.follow());
             }
-            setpoints.push(scans.before);
             let traveller = &scans.traveller;
             ends_program =
                 traveller.is_at_end() && !traveller.is_held_back() && scans.trail.is_settled();
@@ -381,7 +385,9 @@ impl WindowPlanner {
             return Err(PlanError::NotAtHand);
         }
         let intended_setpoints = setpoints.len() as u32;
-        let braked = scans.brake(self.settings.braking_setpoints_max, setpoints);
+        let before = setpoints.last().unwrap_or(&start).position_increments;
+        let braking_setpoints_max = self.settings.braking_setpoints_max;
+        let braked = scans.brake(braking_setpoints_max, before, setpoints);
         if let Err(error) = braked {
             setpoints.clear();
             return Err(error);
@@ -479,17 +485,18 @@ struct Scans<'a> {
     part: &'a PathPart,
     traveller: Traveller<'a>,
     trail: &'a mut Trail,
-    /// The setpoint of the scan before.
-    before: PlannedSetpoint,
-    /// Where its state is.
+    /// The state of the setpoint of the scan before.
+    before: PathState,
+    /// Where that is.
     tool: On<'a>,
     /// Where the traveller is.
     lead: On<'a>,
 }
 
 impl Scans<'_> {
-    /// Lets the tool follow what the traveller has done in a scan.
-    fn follow(&mut self) {
+    /// The setpoint of the tool, which follows what the traveller has done in a scan.
+    #[inline]
+    fn follow(&mut self) -> PlannedSetpoint {
         let state = self.traveller.state;
         self.lead.go_to(self.part, state.element);
         let start_mm = self.lead.laid.map(|laid| laid.start_mm);
@@ -506,16 +513,17 @@ impl Scans<'_> {
         self.tool.go_to(self.part, state.element);
         let limits = self.part.limits();
         let increments = |laid: &Laid| limits.setpoint(&laid.element, state.distance_mm);
-        self.before = PlannedSetpoint {
+        self.before = state;
+        PlannedSetpoint {
             position_increments: self.tool.laid.map_or([0; MAX_AXES], increments),
             state,
             lead,
-        };
+        }
     }
 
     /// Where the tool is, at the average of the trail, on its way from the state before to the lead.
     fn behind(&mut self, lead: &PathState) -> PathState {
-        let from = &self.before.state;
+        let from = self.before;
         let along_mm = self.trail.average_mm();
         self.tool.go_to(self.part, from.element);
         if self.tool.next_mm.is_some_and(|next_mm| next_mm <= along_mm) {
@@ -562,24 +570,26 @@ impl Scans<'_> {
     fn brake(
         &mut self,
         braking_setpoints_max: u32,
+        from_increments: [i64; MAX_AXES],
         setpoints: &mut Vec<PlannedSetpoint>,
     ) -> Result<(), PlanError> {
+        let mut before = from_increments;
         let element = self.traveller.state.element;
         let setpoints_max = setpoints.len() + braking_setpoints_max as usize;
         while setpoints.len() < setpoints_max {
-            let position_before = self.before.position_increments;
             self.traveller.brake();
             if self.traveller.ran_short() {
                 return Err(PlanError::NotAtHand);
             }
-            self.follow();
-            setpoints.push(self.before);
+            let setpoint = self.follow();
+            setpoints.push(setpoint);
             if self.traveller.state.is_at_rest()
                 && self.trail.is_settled()
-                && self.before.position_increments == position_before
+                && setpoint.position_increments == before
             {
                 return Ok(());
             }
+            before = setpoint.position_increments;
         }
         Err(PlanError::DoesNotStop {
             element,
