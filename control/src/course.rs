@@ -534,8 +534,8 @@ impl<'a> Course<'a> {
             1.0 - JUNCTION_JERK_SHARE
         };
         let by_jerk = stretch.sharing.by_jerk(self.limits, share);
-        Acceleration::falling(fastest_mm_s, |speed_mm_s| {
-            by_jerk.of_lead_mm_s2(speed_mm_s, fastest_mm_s)
+        Acceleration::falling(fastest_mm_s, |speeds_mm_s| {
+            by_jerk.of_lead_mm_s2(speeds_mm_s, fastest_mm_s)
         })
     }
 

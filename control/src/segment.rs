@@ -66,7 +66,7 @@ pub(crate) struct Acceleration {
 const LINES_MEET: f64 = 0.75;
 
 /// Steps of speed in which a function that falls in any form is looked at.
-const LOOKS: u32 = 10;
+pub(crate) const LOOKS: usize = 10;
 
 impl Acceleration {
     /// Not limited.
@@ -100,25 +100,25 @@ impl Acceleration {
         }
     }
 
-    /// The same where `at_speed` falls in any form: what is left at the highest speed, and more where a line over the square of the speed is below
-    /// all that is left.
-    pub fn falling(highest_mm_s: f64, at_speed: impl Fn(f64) -> f64) -> Self {
-        let at_highest = at_speed(highest_mm_s);
+    /// The same where what is left falls in any form: what is left at the highest speed, and more where a line over the square of the speed is below
+    /// all that is left. `at_speeds` tells what is left at all of the speeds that are looked at.
+    pub fn falling(
+        highest_mm_s: f64,
+        at_speeds: impl FnOnce(&[f64; LOOKS]) -> [f64; LOOKS],
+    ) -> Self {
+        let mut speeds_mm_s = [highest_mm_s; LOOKS];
+        for (look, speed_mm_s) in (1..LOOKS).zip(&mut speeds_mm_s) {
+            *speed_mm_s = highest_mm_s * look as f64 / LOOKS as f64;
+        }
+        let left = at_speeds(&speeds_mm_s);
+        // As it falls, it is nowhere between two looks lower than at the second.
+        let [at_rest, .., at_highest] = left;
         let highest = highest_mm_s * highest_mm_s;
         if !at_highest.is_finite() || highest <= 0.0 {
             return Self::constant(at_highest);
         }
-        let speed_mm_s = |look: u32| highest_mm_s * f64::from(look) / f64::from(LOOKS);
-        // As it falls, it is nowhere between two looks lower than at the second.
-        let at_rest = at_speed(speed_mm_s(1));
         let mut fall = 0.0f64;
-        for look in 2..=LOOKS {
-            let before_mm_s = speed_mm_s(look - 1);
-            let left = if look < LOOKS {
-                at_speed(speed_mm_s(look))
-            } else {
-                at_highest
-            };
+        for (before_mm_s, left) in speeds_mm_s.iter().zip(left.iter().skip(1)) {
             fall = fall.max((at_rest - left) / (before_mm_s * before_mm_s));
         }
         Self {
@@ -260,7 +260,7 @@ mod tests {
                 let share = speed_mm_s / highest;
                 least + (1.0 - share / flat_from.max(1e-3)).max(0.0).powf(power)
             };
-            let falling = Acceleration::falling(highest, left);
+            let falling = Acceleration::falling(highest, |speeds| speeds.map(left));
             let speed_mm_s = at * highest;
             let squared = speed_mm_s * speed_mm_s;
             prop_assert!(falling.at_mm_s2(squared) <= left(speed_mm_s) * (1.0 + 1e-9));

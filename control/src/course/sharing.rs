@@ -213,39 +213,57 @@ pub(crate) struct ByJerk {
 const ROUNDS: u32 = 3;
 
 impl ByJerk {
-    /// Acceleration along the path that they leave a lead at a speed, where the tool's is its average (`smoothing`) and nowhere above the
+    /// Acceleration along the path that they leave a lead at each speed, where the tool's is its average (`smoothing`) and nowhere above the
     /// highest, in mm/s; infinite where no jerk is limited.
     ///
     /// The jerk along the path is at most `2·a/τ`. Meanwhile the tool may be faster than the lead, which has braked for up to `τ`: at most as if it
     /// had braked at `a` for as long as it takes from the highest speed, `V`, but for no more than `τ`. With `u` the difference of their
     /// speeds, `V − u²/(2·a·τ)` is the average over `τ` then, or `a·τ/2` more than the lead's speed.
-    pub fn of_lead_mm_s2(&self, speed_mm_s: f64, highest_mm_s: f64) -> f64 {
+    ///
+    /// All speeds are reckoned side by side, without a branch, which is several times as fast as one after the other.
+    pub fn of_lead_mm_s2<const SPEEDS: usize>(
+        &self,
+        speeds_mm_s: &[f64; SPEEDS],
+        highest_mm_s: f64,
+    ) -> [f64; SPEEDS] {
         let half_s = 1.0 / self.swing_per_s;
-        let mut acceleration_mm_s2 = self.acceleration_mm_s2(speed_mm_s);
-        if !acceleration_mm_s2.is_finite() {
-            return acceleration_mm_s2;
-        }
-        let below_mm_s = highest_mm_s - speed_mm_s;
+        let of_lead_mm_s2 = self.acceleration_mm_s2(speeds_mm_s);
+        let mut acceleration_mm_s2 = of_lead_mm_s2;
         for _ in 0..ROUNDS {
-            let lost_mm_s = acceleration_mm_s2 * half_s;
-            let of_tool_mm_s = if below_mm_s < 2.0 * lost_mm_s {
-                highest_mm_s - below_mm_s * below_mm_s / (4.0 * lost_mm_s)
-            } else {
-                speed_mm_s + lost_mm_s
-            };
-            acceleration_mm_s2 = self.acceleration_mm_s2(of_tool_mm_s);
+            let mut of_tool_mm_s = [0.0; SPEEDS];
+            let of_lead = speeds_mm_s.iter().zip(&acceleration_mm_s2);
+            for (of_tool_mm_s, (speed_mm_s, acceleration_mm_s2)) in
+                of_tool_mm_s.iter_mut().zip(of_lead)
+            {
+                let below_mm_s = highest_mm_s - speed_mm_s;
+                let lost_mm_s = acceleration_mm_s2 * half_s;
+                let near = highest_mm_s - below_mm_s * below_mm_s / (4.0 * lost_mm_s);
+                let far = speed_mm_s + lost_mm_s;
+                *of_tool_mm_s = if below_mm_s < 2.0 * lost_mm_s { near } else { far };
+            }
+            acceleration_mm_s2 = self.acceleration_mm_s2(&of_tool_mm_s);
+        }
+        for (found, of_lead) in acceleration_mm_s2.iter_mut().zip(&of_lead_mm_s2) {
+            if !of_lead.is_finite() {
+                *found = *of_lead;
+            }
         }
         acceleration_mm_s2
     }
 
-    /// Acceleration that they leave where tool and lead are at this speed; it falls with the speed.
-    fn acceleration_mm_s2(&self, speed_mm_s: f64) -> f64 {
-        let cubed = speed_mm_s * speed_mm_s * speed_mm_s;
-        let of_axes = self.of_axes.iter().take(self.count).map(|of| {
-            let left = of.left_mm_s3 - of.turn_per_mm2 * cubed;
-            left.max(0.0) / (of.along_per_s + of.across_per_mm * speed_mm_s)
-        });
-        of_axes.fold(f64::INFINITY, f64::min)
+    /// Acceleration that they leave where tool and lead are at each of these speeds; it falls with the speed.
+    fn acceleration_mm_s2<const SPEEDS: usize>(&self, speeds_mm_s: &[f64; SPEEDS]) -> [f64; SPEEDS] {
+        let mut acceleration_mm_s2 = [f64::INFINITY; SPEEDS];
+        for of in self.of_axes.iter().take(self.count) {
+            for (least, speed_mm_s) in acceleration_mm_s2.iter_mut().zip(speeds_mm_s) {
+                let cubed = speed_mm_s * speed_mm_s * speed_mm_s;
+                let left = of.left_mm_s3 - of.turn_per_mm2 * cubed;
+                let left = if left > 0.0 { left } else { 0.0 };
+                let of_axis = left / (of.along_per_s + of.across_per_mm * speed_mm_s);
+                *least = if of_axis < *least { of_axis } else { *least };
+            }
+        }
+        acceleration_mm_s2
     }
 }
 
