@@ -313,6 +313,7 @@ fn results_do_not_depend_on_fused_arithmetic_or_a_native_processor() {
 }
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "a table")]
 fn code_that_runs_in_a_scan_refuses_to_panic_by_lint() {
     for file in [
         "bus/src/member.rs",

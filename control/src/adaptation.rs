@@ -198,7 +198,7 @@ impl Adaptation {
                 late: all + late,
             },
             load_n: self.load().on_table_n(&state.load, constant_n),
-            gap_mm: state.lost_motion.gap_mm(),
+            gap_mm: state.lost_motion.wider_mm(),
         }
     }
 

@@ -172,11 +172,9 @@ impl PathPart {
         if !self.laid.range(begin..end).any(may_be_rounded) {
             return self.junctions.forget_before(to);
         }
-        let corrections = self.junctions.corrections(
-            from..to,
-            self.length_mm,
-            &self.limits.setpoints().rounding,
-        );
+        let corrections =
+            self.junctions
+                .corrections(from..to, self.length_mm, &self.limits.setpoints().rounding);
         for (laid, correction) in self.laid.range_mut(begin..end).zip(corrections) {
             if let Some(correction) = correction {
                 laid.element.rounding = Some(Arc::new(correction));

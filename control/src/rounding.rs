@@ -33,7 +33,7 @@ mod evening;
 mod half_widths;
 mod junctions;
 #[cfg(test)]
-#[allow(clippy::indexing_slicing)]
+#[allow(clippy::indexing_slicing, clippy::expect_used)]
 mod tests;
 
 use nalgebra::SVector;

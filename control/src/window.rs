@@ -364,11 +364,7 @@ impl WindowPlanner {
         while setpoints.len() < intended_setpoints_max {
             if request.repeats_start && setpoints.is_empty() {
                 scans.before = lead;
-                setpoints.push(setpoint_at(
-                    &self.part,
-                    &lead,
-                    &Lead::at(&self.part, &lead),
-                ));
+                setpoints.push(setpoint_at(&self.part, &lead, &Lead::at(&self.part, &lead)));
             } else {
                 scans.traveller.go(&mut self.envelope);
                 setpoints.push(scans.follow());
@@ -529,7 +525,10 @@ impl Scans<'_> {
         if self.tool.next_mm.is_some_and(|next_mm| next_mm <= along_mm) {
             let mut element = from.element;
             for next in from.element.saturating_add(1)..=lead.element {
-                let begun = self.part.laid(next).filter(|laid| laid.start_mm <= along_mm);
+                let begun = self
+                    .part
+                    .laid(next)
+                    .filter(|laid| laid.start_mm <= along_mm);
                 match begun {
                     Some(laid) if laid.moves() => element = next,
                     Some(_) => {}

@@ -239,7 +239,11 @@ impl ByJerk {
                 let lost_mm_s = acceleration_mm_s2 * half_s;
                 let near = highest_mm_s - below_mm_s * below_mm_s / (4.0 * lost_mm_s);
                 let far = speed_mm_s + lost_mm_s;
-                *of_tool_mm_s = if below_mm_s < 2.0 * lost_mm_s { near } else { far };
+                *of_tool_mm_s = if below_mm_s < 2.0 * lost_mm_s {
+                    near
+                } else {
+                    far
+                };
             }
             acceleration_mm_s2 = self.acceleration_mm_s2(&of_tool_mm_s);
         }
@@ -252,7 +256,10 @@ impl ByJerk {
     }
 
     /// Acceleration that they leave where tool and lead are at each of these speeds; it falls with the speed.
-    fn acceleration_mm_s2<const SPEEDS: usize>(&self, speeds_mm_s: &[f64; SPEEDS]) -> [f64; SPEEDS] {
+    fn acceleration_mm_s2<const SPEEDS: usize>(
+        &self,
+        speeds_mm_s: &[f64; SPEEDS],
+    ) -> [f64; SPEEDS] {
         let mut acceleration_mm_s2 = [f64::INFINITY; SPEEDS];
         for of in self.of_axes.iter().take(self.count) {
             for (least, speed_mm_s) in acceleration_mm_s2.iter_mut().zip(speeds_mm_s) {

@@ -66,11 +66,7 @@ struct Place {
 
 impl Place {
     /// Of a piece that begins at `at_mm`; none if the correction begins later.
-    fn of<const AXES: usize>(
-        junction: &Round<AXES>,
-        at_mm: f64,
-        is_right: bool,
-    ) -> Option<Place> {
+    fn of<const AXES: usize>(junction: &Round<AXES>, at_mm: f64, is_right: bool) -> Option<Place> {
         let half_width_mm = junction.half_width_mm;
         let sign = if is_right { -1.0 } else { 1.0 };
         let from_end = 1.0 + sign * (at_mm - junction.at_mm) / half_width_mm;
@@ -200,12 +196,7 @@ impl<const AXES: usize> Cubics<AXES> {
     }
 
     /// Cuts them from the beginning of an element on, at `from` of the path, where so many corrections have their parts.
-    fn cut(
-        &mut self,
-        from: f64,
-        derivatives: [SVector<f64, AXES>; 4],
-        mut parts_here: i32,
-    ) {
+    fn cut(&mut self, from: f64, derivatives: [SVector<f64, AXES>; 4], mut parts_here: i32) {
         self.knots.sort_by(|a, b| a.at_mm.total_cmp(&b.at_mm));
         self.pieces.clear();
         let mut piece = CubicPiece {

@@ -37,10 +37,7 @@ pub(super) fn move_point<const AXES: usize>(
 }
 
 /// The slope that the moves of its ends give to the line between two junctions.
-pub(super) fn slope<const AXES: usize>(
-    before: &Junction,
-    behind: &Junction,
-) -> SVector<f64, AXES> {
+pub(super) fn slope<const AXES: usize>(before: &Junction, behind: &Junction) -> SVector<f64, AXES> {
     let length_mm = behind.at_mm - before.at_mm;
     if length_mm > 0.0 {
         (of_first(&behind.moved) - of_first(&before.moved)) / length_mm

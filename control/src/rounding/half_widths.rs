@@ -117,7 +117,8 @@ fn rooms_mm(junctions: &[Junction]) -> Vec<f64> {
     let mut rooms_mm = vec![0.0; count];
     let at = |index: usize| junctions.get(index).map_or(0.0, |of| of.at_mm);
     let is_end = |index: usize| index == 0 || index + 1 == count;
-    let is_exact = |index: usize| is_end(index) || junctions.get(index).is_none_or(|of| of.is_exact);
+    let is_exact =
+        |index: usize| is_end(index) || junctions.get(index).is_none_or(|of| of.is_exact);
     let mut exact_before = 0;
     for (index, room_mm) in rooms_mm.iter_mut().enumerate() {
         let from = exact_before.max(index.saturating_sub(NEIGHBOURS));
