@@ -74,17 +74,6 @@ impl LearnedTable {
         table
     }
 
-    /// Half of everything that was learned.
-    pub fn weakened(&self) -> LearnedTable {
-        let mut table = *self;
-        table.friction_scale = 0.5 * (1.0 + self.friction_scale);
-        for value in table.directions.iter_mut().flatten() {
-            value.torque_nm *= 0.5;
-            value.lost_motion_mm *= 0.5;
-        }
-        table
-    }
-
     /// What was learned of a distance; nothing where it is not a number.
     pub fn value(&self, positive: bool, distance_mm: f64) -> LearnedValue {
         let [negative, forward] = &self.directions;
@@ -132,12 +121,5 @@ mod tests {
         assert!((middle.torque_nm - 17.5).abs() < 1e-9);
         assert_eq!(table.value(false, 0.1), LearnedValue::default());
         assert_eq!(table.value(true, f64::NAN), LearnedValue::default());
-    }
-
-    #[test]
-    fn half_of_it_is_half_of_everything() {
-        let half = table().weakened();
-        assert_eq!(half.friction_scale, 1.1);
-        assert_eq!(half.directions[1][10].torque_nm, 5.0);
     }
 }

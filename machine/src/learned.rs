@@ -11,14 +11,14 @@ use crate::axis::{Axis, DriveMode, PositionFeedback};
 use crate::load::machine_file;
 use crate::loops::{FeedForward, PositionLoop, VelocityLoop};
 use crate::machine::Machine;
-use crate::model::{AxisModel, DisturbanceObserver, TorqueFeedForward};
+use crate::model::{Adaptation, AxisModel, DisturbanceObserver, TorqueFeedForward};
 use crate::reversal::Reversal;
 use crate::settings_file::{self, Rules, SettingsFileError, read_text};
 
 /// Name of the file.
 pub const LEARNED_FILE: &str = "learned.toml";
 /// Version of its layout and of [`settings_hash`].
-pub const LEARNED_VERSION: u32 = 2;
+pub const LEARNED_VERSION: u32 = 3;
 /// Cells of one direction.
 pub const LEARNED_CELLS: usize = 64;
 /// Largest share of the peak torque that is believed.
@@ -70,6 +70,32 @@ pub struct LearnedAxis {
     /// The same to positive travel.
     #[schemars(length(equal = LEARNED_CELLS), extend("unit" = "µm"), inner(range(min = -LOST_MOTION_UM_MAX, max = LOST_MOTION_UM_MAX)))]
     pub positive_lost_motion_um: Vec<f64>,
+    /// A later pass was worse: this is the best one, and its program teaches nothing more.
+    #[schemars(extend("default" = false))]
+    pub settled: bool,
+    /// What it had learned before its last pass: the next one goes back to it if that was worse.
+    pub before: Option<LearnedPass>,
+}
+
+/// What one axis had learned before its last pass.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LearnedPass {
+    /// As of the axis.
+    #[schemars(extend("minimum" = 0.1, "maximum" = 10))]
+    pub friction_scale: f64,
+    /// As of the axis.
+    #[schemars(length(equal = LEARNED_CELLS), extend("unit" = "N·m"))]
+    pub negative_torque_nm: Vec<f64>,
+    /// As of the axis.
+    #[schemars(length(equal = LEARNED_CELLS), extend("unit" = "N·m"))]
+    pub positive_torque_nm: Vec<f64>,
+    /// As of the axis.
+    #[schemars(length(equal = LEARNED_CELLS), extend("unit" = "µm"), inner(range(min = -LOST_MOTION_UM_MAX, max = LOST_MOTION_UM_MAX)))]
+    pub negative_lost_motion_um: Vec<f64>,
+    /// As of the axis.
+    #[schemars(length(equal = LEARNED_CELLS), extend("unit" = "µm"), inner(range(min = -LOST_MOTION_UM_MAX, max = LOST_MOTION_UM_MAX)))]
+    pub positive_lost_motion_um: Vec<f64>,
 }
 
 /// The settings that what an axis has learned depends on: loops, feed-forward, compensation, model, scan.
@@ -85,6 +111,7 @@ struct Settings<'a> {
     feed_forward: &'a FeedForward,
     reversal: &'a Reversal,
     torque_feed_forward: &'a TorqueFeedForward,
+    adaptation: &'a Adaptation,
     disturbance_observer: &'a DisturbanceObserver,
     model: &'a Option<AxisModel>,
 }
@@ -104,6 +131,7 @@ pub fn settings_hash(machine: &Machine, axis: &Axis) -> String {
         feed_forward: &axis.feed_forward,
         reversal: &axis.reversal,
         torque_feed_forward: &axis.torque_feed_forward,
+        adaptation: &axis.adaptation,
         disturbance_observer: &axis.disturbance_observer,
         model: &axis.model,
     };
@@ -189,12 +217,15 @@ impl Learned {
                 continue;
             };
             let most_nm = TORQUE_SHARE_MAX * axis.motor.peak_torque_nm;
-            for (key, torque_nm) in [
-                ("negative_torque_nm", &known.negative_torque_nm),
-                ("positive_torque_nm", &known.positive_torque_nm),
-            ] {
-                for torque_nm in torque_nm {
-                    rules.between(&[key], at, *torque_nm, "N·m", -most_nm, most_nm);
+            let own = [&known.negative_torque_nm, &known.positive_torque_nm];
+            let before = known.before.as_ref();
+            let before = before.map(|of| [&of.negative_torque_nm, &of.positive_torque_nm]);
+            for columns in [Some(own), before].into_iter().flatten() {
+                let keys = ["negative_torque_nm", "positive_torque_nm"];
+                for (key, torque_nm) in keys.into_iter().zip(columns) {
+                    for torque_nm in torque_nm {
+                        rules.between(&[key], at, *torque_nm, "N·m", -most_nm, most_nm);
+                    }
                 }
             }
         }
@@ -239,7 +270,7 @@ mod tests {
         "#;
         let machine = Machine::parse("m.toml", text).unwrap();
         let hash = settings_hash(&machine, &machine.axes[0]);
-        assert_eq!((LEARNED_VERSION, hash.as_str()), (2, "112b5e6f12e40a74"));
+        assert_eq!((LEARNED_VERSION, hash.as_str()), (3, "112b5e6f12e40a74"));
         let mut other = machine.clone();
         other.axes[0].reversal.pulse_ms = 11.0;
         assert_ne!(settings_hash(&other, &other.axes[0]), hash);

@@ -9,8 +9,8 @@ use control::learning::{Learner, Observation, TrainingLimits};
 use launcher::exit::{Kind, Outcome};
 use launcher::output::say;
 use launcher::run::Completed;
-use machine::learned::{Learned, LearnedAxis, learned_file, settings_hash};
-use machine::{Axis, Machine, replace_file};
+use machine::learned::{Learned, LearnedAxis, LearnedPass, learned_file, settings_hash};
+use machine::{AdaptationMode, Axis, Machine, replace_file};
 use monitor::log::{LOG_FILE, Reader, Sample, part_files};
 
 /// Largest learned torque, as a share of the peak torque.
@@ -18,7 +18,7 @@ const TORQUE_SHARE: f64 = 0.1;
 /// Largest learned lost motion, in mm.
 const LOST_MOTION_MM: f64 = 0.02;
 /// A pass that finds the same program worse than this, against the pass before, has learned something wrong.
-const WORSE: f64 = 1.2;
+const WORSE: f64 = 1.1;
 /// … and by more than this share of the rated torque: below it is cogging.
 const NOTICED_SHARE: f64 = 0.01;
 /// Accelerations above this share of the axis's own are those of rapids, starts and stops: arcs use less (40 % of it).
@@ -217,6 +217,30 @@ fn radius_m(axis: &Axis) -> f64 {
     axis.lead_mm * 1e-3 / std::f64::consts::TAU
 }
 
+/// What the program says of what an axis has learned before.
+enum Verdict {
+    /// Nothing: it is another program, or the first pass.
+    None,
+    /// What the last pass learned is worse than what there was before it.
+    Worse,
+    /// The best pass is in force, and does as well as it did.
+    Settled,
+}
+
+fn verdict(axis: &Axis, before: Option<&LearnedAxis>, program: &str, rms_nm: f64) -> Verdict {
+    let Some(before) = before.filter(|before| before.program == program) else {
+        return Verdict::None;
+    };
+    let noticed_nm = NOTICED_SHARE * axis.motor.rated_torque_nm;
+    let is_worse = rms_nm > WORSE * before.residual_rms_nm + noticed_nm;
+    match (before.settled, is_worse) {
+        (false, true) => Verdict::Worse,
+        (true, false) => Verdict::Settled,
+        // A machine that has changed since it settled learns again.
+        (true, true) | (false, false) => Verdict::None,
+    }
+}
+
 /// What one axis knows after this pass, and a line that reports it.
 fn pass(
     machine: &Machine,
@@ -226,63 +250,89 @@ fn pass(
     program: &str,
 ) -> (Option<LearnedAxis>, String) {
     let table = before.as_ref().map(table_of).unwrap_or_default();
-    let scaled = axis.model.filter(|_| axis.torque_feed_forward.friction);
-    let coulomb_n = scaled.map_or(0.0, |model| model.coulomb_n);
-    let limits = TrainingLimits {
-        coulomb_nm: coulomb_n * radius_m(axis),
-        torque_nm: TORQUE_SHARE * axis.motor.peak_torque_nm,
-        lost_motion_mm: LOST_MOTION_MM,
-    };
-    let training = learner.training(&table, &limits);
+    let training = learner.training(&table, &limits(axis));
     if training.samples == 0 {
         return (
             before,
             format!("{}: no reversal on the path, nothing learned", axis.name),
         );
     }
-    let worse = before.as_ref().is_some_and(|before| {
-        let noticed_nm = NOTICED_SHARE * axis.motor.rated_torque_nm;
-        before.program == program
-            && training.residual_rms_nm > WORSE * before.residual_rms_nm + noticed_nm
-    });
-    let next = if worse {
-        table.weakened()
-    } else {
-        training.table
+    let rms_nm = training.residual_rms_nm;
+    let passes = before.as_ref().map_or(0, |before| before.passes) + 1;
+    let found = verdict(axis, before.as_ref(), program, rms_nm);
+    let best_rms_nm = before.as_ref().map_or(rms_nm, |of| of.residual_rms_nm);
+    let former = before.as_ref().and_then(|of| of.before.as_ref());
+    let (next, settled, residual_rms_nm, words) = match found {
+        Verdict::Worse => (
+            former.map(table_of_pass).unwrap_or_default(),
+            true,
+            best_rms_nm,
+            "; worse than the pass before: back to that, and this program teaches nothing more",
+        ),
+        Verdict::Settled => (table, true, best_rms_nm, "; as good as its best pass: kept"),
+        Verdict::None => (training.table, false, rms_nm, ""),
     };
-    let passes = before.map_or(0, |before| before.passes) + 1;
     let line = format!(
-        "{}: pass {passes}, residual {:.3} N·m rms near reversals, friction × {:.3}{}",
-        axis.name,
-        training.residual_rms_nm,
-        next.friction_scale,
-        if worse {
-            "; worse than the pass before: what was learned is halved"
-        } else {
-            ""
-        }
+        "{}: pass {passes}, residual {rms_nm:.3} N·m rms near reversals, friction × {:.3}{words}",
+        axis.name, next.friction_scale,
     );
+    let learned = kept(&next);
+    let entry = LearnedAxis {
+        name: axis.name.clone(),
+        settings: settings_hash(machine, axis),
+        passes,
+        program: program.to_string(),
+        residual_rms_nm,
+        friction_scale: learned.friction_scale,
+        negative_torque_nm: learned.negative_torque_nm,
+        positive_torque_nm: learned.positive_torque_nm,
+        negative_lost_motion_um: learned.negative_lost_motion_um,
+        positive_lost_motion_um: learned.positive_lost_motion_um,
+        settled,
+        before: (!settled).then(|| kept(&table)),
+    };
+    (Some(entry), line)
+}
+
+/// Bounds of a pass. The friction of an axis that follows it is not scaled: one of the two decides.
+fn limits(axis: &Axis) -> TrainingLimits {
+    let follows = axis.adaptation.mode == AdaptationMode::On;
+    let scaled = axis
+        .model
+        .filter(|_| axis.torque_feed_forward.friction && !follows);
+    let coulomb_n = scaled.map_or(0.0, |model| model.coulomb_n);
+    TrainingLimits {
+        coulomb_nm: coulomb_n * radius_m(axis),
+        torque_nm: TORQUE_SHARE * axis.motor.peak_torque_nm,
+        lost_motion_mm: LOST_MOTION_MM,
+    }
+}
+
+/// A table as the file has it.
+fn kept(table: &LearnedTable) -> LearnedPass {
     let column = |direction: usize, of: fn(&LearnedValue) -> f64| -> Vec<f64> {
-        let cells = next.directions.get(direction);
+        let cells = table.directions.get(direction);
         cells
             .into_iter()
             .flatten()
             .map(|v| libm::round(of(v) * 1e6) / 1e6)
             .collect()
     };
-    let entry = LearnedAxis {
-        name: axis.name.clone(),
-        settings: settings_hash(machine, axis),
-        passes,
-        program: program.to_string(),
-        residual_rms_nm: training.residual_rms_nm,
-        friction_scale: next.friction_scale,
+    LearnedPass {
+        friction_scale: table.friction_scale,
         negative_torque_nm: column(0, |v| v.torque_nm),
         positive_torque_nm: column(1, |v| v.torque_nm),
         negative_lost_motion_um: column(0, |v| v.lost_motion_mm * 1e3),
         positive_lost_motion_um: column(1, |v| v.lost_motion_mm * 1e3),
-    };
-    (Some(entry), line)
+    }
+}
+
+fn table_of_pass(of: &LearnedPass) -> LearnedTable {
+    LearnedTable::from_columns(
+        of.friction_scale,
+        [&of.negative_torque_nm, &of.positive_torque_nm],
+        [&of.negative_lost_motion_um, &of.positive_lost_motion_um],
+    )
 }
 
 fn table_of(axis: &LearnedAxis) -> LearnedTable {
@@ -291,4 +341,62 @@ fn table_of(axis: &LearnedAxis) -> LearnedTable {
         [&axis.negative_torque_nm, &axis.positive_torque_nm],
         [&axis.negative_lost_motion_um, &axis.positive_lost_motion_um],
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shipped() -> Machine {
+        let text = include_str!("../../machines/xy/machine.toml");
+        Machine::parse("machine.toml", text).expect("a machine")
+    }
+
+    fn known(machine: &Machine, rms_nm: f64, settled: bool) -> LearnedAxis {
+        let axis = &machine.axes[0];
+        let table = kept(&LearnedTable::default());
+        LearnedAxis {
+            name: axis.name.clone(),
+            settings: settings_hash(machine, axis),
+            passes: 1,
+            program: "a".into(),
+            residual_rms_nm: rms_nm,
+            friction_scale: 1.0,
+            negative_torque_nm: table.negative_torque_nm,
+            positive_torque_nm: table.positive_torque_nm,
+            negative_lost_motion_um: table.negative_lost_motion_um,
+            positive_lost_motion_um: table.positive_lost_motion_um,
+            settled,
+            before: None,
+        }
+    }
+
+    #[test]
+    fn a_pass_is_judged_by_the_same_program_alone_and_one_that_settled_learns_again_when_it_gets_worse()
+     {
+        let machine = shipped();
+        let axis = &machine.axes[0];
+        let of = |settled: bool, program: &str, rms_nm: f64| {
+            let before = known(&machine, 0.2, settled);
+            match verdict(axis, Some(&before), program, rms_nm) {
+                Verdict::None => "none",
+                Verdict::Worse => "worse",
+                Verdict::Settled => "settled",
+            }
+        };
+        assert_eq!(of(false, "a", 0.25), "none");
+        assert_eq!(of(false, "a", 0.35), "worse");
+        assert_eq!(of(false, "b", 0.35), "none");
+        assert_eq!(of(true, "a", 0.25), "settled");
+        assert_eq!(of(true, "a", 0.35), "none");
+    }
+
+    #[test]
+    fn friction_that_is_followed_is_not_scaled_by_what_is_learned() {
+        let mut machine = shipped();
+        machine.axes[0].adaptation.mode = AdaptationMode::On;
+        assert_eq!(limits(&machine.axes[0]).coulomb_nm, 0.0);
+        machine.axes[0].adaptation.mode = AdaptationMode::Off;
+        assert!(limits(&machine.axes[0]).coulomb_nm > 0.5);
+    }
 }
