@@ -11,6 +11,7 @@
 //! changing speed: `a = sqrt(a_lim² − (κv²)²)`, more of it the slower the tool is (`segment::Acceleration`). An arc is cut into pieces on which
 //! that changes little.
 
+use std::cell::OnceCell;
 use std::ops::Range;
 
 use crate::path::{AxisVector, Element, Feed, MAX_AXES, Shape};
@@ -57,12 +58,31 @@ struct Stretch<'a> {
     sharing: &'a Sharing,
     /// What the axes bear, in mm/s.
     speed_mm_s: f64,
-    /// In the zone of a junction: what the axes bear or what is asked for at the highest override, whichever is lower, in mm/s.
-    beside_junction_mm_s: f64,
     /// What is asked for at the highest override, in mm/s.
     asked_mm_s: f64,
+    /// Once it was asked for.
+    beside_junction_mm_s: OnceCell<f64>,
     /// A rapid between places where it has to stop or nearly so: it begins and ends at rest.
     from_rest_to_rest: bool,
+}
+
+impl Stretch<'_> {
+    /// In the zone of a junction: what the axes bear or what is asked for at the highest override, whichever is lower, in mm/s.
+    fn beside_junction_mm_s(&self, limits: &PlanLimits) -> f64 {
+        *self.beside_junction_mm_s.get_or_init(|| {
+            let bearable_mm_s = if self.sharing.is_curved() {
+                self.sharing.speed_beside_junctions_mm_s(limits)
+            } else {
+                self.speed_mm_s
+            };
+            bearable_mm_s.min(self.asked_mm_s)
+        })
+    }
+
+    /// No less than that, and known at once.
+    fn at_most_mm_s(&self) -> f64 {
+        self.speed_mm_s.min(self.asked_mm_s)
+    }
 }
 
 /// Two elements that meet in motion, with different directions.
@@ -175,20 +195,18 @@ impl<'a> Course<'a> {
                     next_without_stop(part, &range, index),
                     override_max,
                 );
-            let (count, last) = (course.stretches.len(), course.stretches.last());
+            let last = course.stretches.last();
             if from_rest_to_rest || last.is_some_and(|last| last.from_rest_to_rest) {
                 before = None;
             }
-            if let (Some(before), Some(last)) = (before, last) {
+            if let (Some(before), Some(_)) = (before, last) {
                 let kink = element.tangent(0.0) - before.tangent(before.length_mm);
                 let kink = kinematics.axes_tangent(&element.start(), &kink);
                 let bend =
                     element.curvature_per_mm(0.0) - before.curvature_per_mm(before.length_mm);
-                let before_mm_s = last.beside_junction_mm_s;
+                let stretch = course.stretches.len();
                 course.add_stretches(index, laid, from_rest_to_rest, override_max);
-                let after = course.stretches.get(count);
-                let after_mm_s = after.map_or(0.0, |after| after.beside_junction_mm_s);
-                course.add_junction(laid.start_mm, (&kink, &bend), before_mm_s.min(after_mm_s));
+                course.add_junction(laid.start_mm, (&kink, &bend), stretch);
             } else {
                 course.add_stretches(index, laid, from_rest_to_rest, override_max);
             }
@@ -204,25 +222,17 @@ impl<'a> Course<'a> {
         from_rest_to_rest: bool,
         override_max: f64,
     ) {
-        let limits = self.limits;
         let asked_mm_s = laid.feed_mm_s * override_max;
-        let stretch = |from_mm: f64, to_mm: f64, sharing: &'a Sharing, speed_mm_s: f64| {
-            let bearable_mm_s = if sharing.is_curved() {
-                sharing.speed_beside_junctions_mm_s(limits)
-            } else {
-                speed_mm_s
-            };
-            Stretch {
-                element,
-                laid,
-                from_mm,
-                to_mm,
-                sharing,
-                speed_mm_s,
-                beside_junction_mm_s: bearable_mm_s.min(asked_mm_s),
-                asked_mm_s,
-                from_rest_to_rest,
-            }
+        let stretch = |from_mm: f64, to_mm: f64, sharing: &'a Sharing, speed_mm_s: f64| Stretch {
+            element,
+            laid,
+            from_mm,
+            to_mm,
+            sharing,
+            speed_mm_s,
+            asked_mm_s,
+            beside_junction_mm_s: OnceCell::new(),
+            from_rest_to_rest,
         };
         if laid.pieces.is_empty() {
             let to_mm = laid.element.length_mm;
@@ -286,52 +296,80 @@ impl<'a> Course<'a> {
         bearable_mm_s
     }
 
+    /// Whether a junction of these jumps takes anything of an axis at this speed.
+    fn matters(&self, kink: &AxisVector, bend: &AxisVector, speed_mm_s: f64) -> bool {
+        let limits_mm_s2 = &self.limits.acceleration_mm_s2;
+        let jumps = kink.iter().zip(bend).zip(limits_mm_s2).enumerate();
+        jumps
+            .into_iter()
+            .any(|(axis, ((kink, bend), limit_mm_s2))| {
+                let (_, jerk) = self.of_junctions_mm_s2(axis);
+                let takes = |kink: f64, limit: f64| {
+                    ZONE_HEIGHT * kink / self.scan_period_s * speed_mm_s > NEGLIGIBLE_SHARE * limit
+                };
+                let seen_as = || self.seen_as(kink.abs(), bend.abs(), jerk, speed_mm_s);
+                takes(kink.abs(), *limit_mm_s2) || jerk.is_finite() && takes(seen_as(), jerk)
+            })
+    }
+
+    /// The jump of the tangent that a third difference sees at most as much of as of one with this jump of the curvature.
+    fn seen_as(&self, kink: f64, bend: f64, jerk: f64, fastest_mm_s: f64) -> f64 {
+        // The jump of the acceleration is bend·v². At the speed at which that alone is borne it is no more than that of a kink of bend·v·Tp.
+        let seen = ZONE_HEIGHT * BEND_HEIGHT * bend;
+        let bearable_mm_s = if seen > 0.0 {
+            (jerk / seen).sqrt()
+        } else {
+            fastest_mm_s
+        };
+        let as_kink = BEND_HEIGHT * bend * self.scan_period_s;
+        kink + as_kink * bearable_mm_s.min(fastest_mm_s)
+    }
+
+    /// Adds the junction before a stretch, if it takes anything of an axis.
     fn add_junction(
         &mut self,
         at_mm: f64,
         (kink, bend): (&AxisVector, &AxisVector),
-        fastest_mm_s: f64,
+        stretch: usize,
     ) {
+        let before = stretch.checked_sub(1);
+        let beside = [before, Some(stretch)].map(|index| self.stretches.get(index?));
+        let of_both =
+            |speed: &dyn Fn(&Stretch<'_>) -> f64| beside.map(|stretch| stretch.map_or(0.0, speed));
+        let [before_mm_s, after_mm_s] = of_both(&|of| of.at_most_mm_s());
+        // What takes nothing at a speed takes nothing at any lower one.
+        if !self.matters(kink, bend, before_mm_s.min(after_mm_s)) {
+            return;
+        }
+        let [before_mm_s, after_mm_s] = of_both(&|of| of.beside_junction_mm_s(self.limits));
+        let fastest_mm_s = before_mm_s.min(after_mm_s);
+        if !self.matters(kink, bend, fastest_mm_s) {
+            return;
+        }
         let mut junction = Junction {
             at_mm,
             kink: [0.0; MAX_AXES],
             seen_as: [0.0; MAX_AXES],
             speed_mm_s: fastest_mm_s,
         };
-        let mut matters = false;
         let of_axes = junction.kink.iter_mut().zip(&mut junction.seen_as);
         let jumps = kink.iter().zip(bend).enumerate();
         for ((of_axis, seen_as), (axis, (jump, bend))) in of_axes.zip(jumps) {
             let (acceleration, jerk) = self.of_junctions_mm_s2(axis);
             *of_axis = jump.abs();
             let seen_per_mm_s = ZONE_HEIGHT * *of_axis / self.scan_period_s;
-            let limits_mm_s2 = &self.limits.acceleration_mm_s2;
-            let limit_mm_s2 = limits_mm_s2.get(axis).copied().unwrap_or(f64::INFINITY);
-            matters |= seen_per_mm_s * fastest_mm_s > NEGLIGIBLE_SHARE * limit_mm_s2;
             if seen_per_mm_s > 0.0 {
                 junction.speed_mm_s = junction.speed_mm_s.min(acceleration / seen_per_mm_s);
             }
             if jerk.is_finite() {
-                // The jump of the acceleration is bend·v². At the speed at which that alone is borne it is no more than that of a kink of
-                // bend·v·Tp.
-                let seen = ZONE_HEIGHT * BEND_HEIGHT * bend.abs();
-                let bearable_mm_s = if seen > 0.0 {
-                    (jerk / seen).sqrt()
-                } else {
-                    fastest_mm_s
-                };
-                let as_kink = BEND_HEIGHT * bend.abs() * self.scan_period_s;
-                *seen_as = *of_axis + as_kink * bearable_mm_s.min(fastest_mm_s);
+                *seen_as = self.seen_as(*of_axis, bend.abs(), jerk, fastest_mm_s);
                 let seen_per_mm_s = ZONE_HEIGHT * *seen_as / self.scan_period_s;
-                matters |= seen_per_mm_s * fastest_mm_s > NEGLIGIBLE_SHARE * jerk;
                 if seen_per_mm_s > 0.0 {
                     junction.speed_mm_s = junction.speed_mm_s.min(jerk / seen_per_mm_s);
                 }
             }
         }
-        if matters {
-            self.junctions.push(junction);
-        }
+        self.junctions.push(junction);
     }
 
     /// Lowers junction speeds until the zones that overlap anywhere are within their share together.
@@ -406,9 +444,9 @@ impl<'a> Course<'a> {
     fn reserved(&self, stretch: &Stretch<'_>, active: &[u32]) -> (Reserved, f64) {
         let mut reserved = Reserved::default();
         let mut speed_mm_s = if active.is_empty() {
-            stretch.speed_mm_s.min(stretch.asked_mm_s)
+            stretch.at_most_mm_s()
         } else {
-            stretch.beside_junction_mm_s
+            stretch.beside_junction_mm_s(self.limits)
         };
         for &index in active {
             if let Some(junction) = self.junctions.get(index as usize) {
