@@ -45,7 +45,9 @@ fn corrections<'a>(
         at_mm += element.length_mm;
         before = Some(element);
     }
-    junctions.end(before.expect("elements"), at_mm);
+    if let Some(last) = before {
+        junctions.end(last, at_mm);
+    }
     junctions.corrections(wanted.start as u32..wanted.end as u32, at_mm, settings)
 }
 
