@@ -197,9 +197,15 @@ impl Adaptation {
                 early: all,
                 late: all + late,
             },
-            load_n: self.load().on_table_n(&state.load, constant_n),
+            load_n: state.trust() * self.load().on_table_n(&state.load, constant_n),
             gap_mm: state.lost_motion.wider_mm(),
         }
+    }
+
+    /// The axis is at rest: no tool cuts.
+    pub fn rest(&self, state: &mut AdaptationState) {
+        let [.., constant] = state.in_force;
+        state.load.rest(constant * self.coulomb_n);
     }
 
     fn load(&self) -> Load {
@@ -342,8 +348,8 @@ impl Adaptation {
             return;
         }
         *taught += 1.0;
-        let trust = (*taught / TRUSTED_STROKES).min(1.0);
         state.known = known;
+        let trust = state.trust();
         let [all, late, _, _, constant] = values.as_slice() else {
             return;
         };
@@ -402,6 +408,12 @@ impl AdaptationState {
     /// Part of Coulomb friction that the last stroke left unexplained.
     pub fn unexplained(&self) -> f64 {
         self.unexplained
+    }
+
+    /// How much what was learned counts, 0 to 1.
+    fn trust(&self) -> f64 {
+        let [taught, _] = self.strokes;
+        (taught / TRUSTED_STROKES).min(1.0)
     }
 
     /// The axis is moved by others, or its loop is open: what is known stays, what was being looked at does not.

@@ -274,7 +274,7 @@ impl InverseDynamics {
     /// the side that it points to. A torque beyond static friction (a weight hangs on the axis) changes nothing, nor does one that is not a number.
     pub fn rest_at(&self, state: &mut InverseDynamicsState, torque_nm: f64, belief: &Belief) {
         let level = &belief.level;
-        let wanted_n = torque_nm / self.radius_m - belief.load_n;
+        let wanted_n = torque_nm / self.radius_m;
         let moved = |travel_mm: f64| {
             let (mut motor_n, mut table_n) = (state.motor_n, state.table_n);
             let motor = &self.motor_friction;

@@ -241,6 +241,7 @@ impl ModelSettings {
         let Some(model) = &self.inverse_dynamics else {
             return 0.0;
         };
+        self.adaptation.rest(&mut state.adaptation);
         let before_n = state.inverse_dynamics.force_n;
         let belief = self.adaptation.belief(&state.adaptation, self.level);
         model.rest_at(&mut state.inverse_dynamics, torque_nm, &belief);

@@ -59,6 +59,13 @@ impl Load {
     }
 }
 
+impl LoadState {
+    /// Nothing comes or goes beside what has lasted.
+    pub fn rest(&mut self, constant_n: f64) {
+        self.quick_n = constant_n;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
