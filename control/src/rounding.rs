@@ -33,7 +33,7 @@ mod evening;
 mod half_widths;
 mod junctions;
 #[cfg(test)]
-#[allow(clippy::indexing_slicing, clippy::expect_used)]
+#[allow(clippy::indexing_slicing)]
 mod tests;
 
 use nalgebra::SVector;
