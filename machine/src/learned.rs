@@ -270,7 +270,7 @@ mod tests {
         "#;
         let machine = Machine::parse("m.toml", text).unwrap();
         let hash = settings_hash(&machine, &machine.axes[0]);
-        assert_eq!((LEARNED_VERSION, hash.as_str()), (3, "112b5e6f12e40a74"));
+        assert_eq!((LEARNED_VERSION, hash.as_str()), (3, "1f6f209f8540aec5"));
         let mut other = machine.clone();
         other.axes[0].reversal.pulse_ms = 11.0;
         assert_ne!(settings_hash(&other, &other.axes[0]), hash);
