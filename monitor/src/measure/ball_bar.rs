@@ -1,12 +1,12 @@
 //! The ball-bar test (ISO 230-4): what circles that are travelled both ways show together.
 //!
 //! All runs on one circle at one feed and in one direction are taken together, their steady parts, in bins of 0.25°
-//! ([`profile`]). Of a circle that has both directions this gives
+//! (`profile`). Of a circle that has both directions this gives
 //!
 //! - *G(b)*, the bidirectional circular deviation: highest minus lowest of both paths about one centre, the mean of the
 //!   least-squares centres of both directions;
 //! - *H*, the hysteresis: largest distance between the mean curves of both directions at one angle;
-//! - the causes of the deviation, ranked ([`diagnosis`]), where the axes are those of the program.
+//! - the causes of the deviation, ranked (`diagnosis`), where the axes are those of the program.
 
 mod cause;
 mod diagnosis;
