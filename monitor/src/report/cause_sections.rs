@@ -72,7 +72,9 @@ pub(super) fn ball_bars(report: &Report) -> Vec<Section> {
 fn name(bar: &BallBarReport) -> String {
     let feed = bar.feed_mm_min;
     let feed = feed.map_or("rapid".into(), |feed| format!("F{feed:.0}"));
-    format!("{} R{} {feed}", bar.plane, bar.radius_mm)
+    // Centres of programs are rounded: nobody means the last digits.
+    let radius_mm = (bar.radius_mm * 1e3).round() / 1e3;
+    format!("{} R{radius_mm} {feed}", bar.plane)
 }
 
 fn causes(bar: &BallBarReport) -> Section {
