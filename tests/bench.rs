@@ -1,4 +1,4 @@
-//! `quadrant bench circles`: a small grid through real processes.
+//! `quadrant bench circles`, a small grid through real processes, and `quadrant bench plants`.
 
 use std::fs;
 use std::process::Stdio;
@@ -179,4 +179,34 @@ fn the_report_of_a_long_log_is_measured_beside_reading_alone() {
     }
     // It reads the log, too: it cannot be cheaper than only that, but for the grain of the clocks.
     assert!(value("ratio") > 0.9, "{printed}");
+}
+
+#[test]
+fn friction_that_fell_by_a_third_is_followed_while_the_machine_runs() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let file = folder.path().join("plants.csv");
+    let done = quadrant()
+        .args(["bench", "plants", "machines/xy", "--plants", "friction-low"])
+        .args(["--ways", "shipped,tuned", "--out"])
+        .arg(&file)
+        .output()
+        .expect("quadrant");
+    let stderr = String::from_utf8_lossy(&done.stderr);
+    assert!(done.status.success(), "{stderr}");
+    let table = String::from_utf8_lossy(&done.stdout);
+    assert!(table.contains("friction-low"), "{table}");
+
+    let csv = fs::read_to_string(&file).expect("plants.csv");
+    let mean_um = |way: &str| {
+        let rows = csv.lines().filter(|row| row.contains(way));
+        let all: Vec<f64> = rows
+            .map(|row| row.rsplit(',').next().expect("a column"))
+            .map(|um| um.parse().expect("the machine stopped"))
+            .collect();
+        assert_eq!(all.len(), 12, "{csv}");
+        all.iter().sum::<f64>() / 12.0
+    };
+    let (followed_um, tuned_um) = (mean_um("shipped"), mean_um("tuned"));
+    assert!(tuned_um > 6.0, "{table}");
+    assert!(followed_um < 2.4, "{table}");
 }

@@ -7,8 +7,7 @@ use std::f64::consts::PI;
 use std::fs;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::mpsc;
+use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context, anyhow};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -17,6 +16,7 @@ use monitor::report::comparison::{self, Comparison, MethodPoints, Point};
 
 use self::measured::{Condition, Line, Measured, csv};
 use self::methods::{METHODS, Method, NEVER_WORSE_UM, REFERENCE};
+use super::lanes::in_order;
 use super::runs::{self, Runs};
 use crate::options::CirclesOptions;
 use launcher::check;
@@ -142,58 +142,29 @@ impl Bench {
         let count = self.methods.len();
         let total = count * self.conditions.len();
         let bar = progress_bar(total as u64);
-        let (next, stopped) = (AtomicUsize::new(0), AtomicBool::new(false));
-        let (send, receive) = mpsc::channel();
-        let lanes = (options.jobs as usize).min(total).max(1);
-        let mut found: Vec<Option<Measured>> = vec![None; total];
+        let lanes = (options.jobs as usize).min(total);
         let mut lines = Vec::new();
-        let mut failure = None;
-        std::thread::scope(|scope| {
-            for lane in 0..lanes {
-                let (send, next, stopped) = (send.clone(), &next, &stopped);
-                scope.spawn(move || {
-                    if lanes > 1 {
-                        stay_on_one(lane);
-                    }
-                    while !stopped.load(Ordering::Relaxed) {
-                        let index = next.fetch_add(1, Ordering::Relaxed);
-                        if index >= total
-                            || send.send((index, self.one(runs, index, lane))).is_err()
-                        {
-                            break;
-                        }
-                    }
-                });
+        let work = |index: usize, lane: usize, _: &AtomicBool| {
+            if lanes > 1 {
+                stay_on_one(lane);
             }
-            drop(send);
-            for (index, result) in receive {
-                match result {
-                    Ok(measured) => {
-                        if let Some(place) = found.get_mut(index) {
-                            *place = Some(measured);
-                        }
-                    }
-                    Err(error) => {
-                        // The first says why; what is still running ends by itself or was interrupted with it.
-                        stopped.store(true, Ordering::Relaxed);
-                        failure.get_or_insert(error);
-                        continue;
-                    }
-                }
-                bar.inc(1);
-                let done = lines.len() / count;
-                while let Some(row) = self.row(lines.len() / count, &found) {
-                    bar.suspend(|| self.print_row(&row));
-                    lines.extend(row);
-                }
-                let at = self.conditions.get(done);
-                bar.set_message(at.map_or(String::new(), |(c, _)| {
-                    format!("R{} F{}", c.radius_mm, c.feed_mm_min)
-                }));
+            self.one(runs, index, lane)
+        };
+        let done = |found: &[Measured]| {
+            bar.inc(1);
+            let done = lines.len() / count;
+            while let Some(row) = self.row(lines.len() / count, found) {
+                bar.suspend(|| self.print_row(&row));
+                lines.extend(row);
             }
-        });
+            let at = self.conditions.get(done);
+            bar.set_message(at.map_or(String::new(), |(c, _)| {
+                format!("R{} F{}", c.radius_mm, c.feed_mm_min)
+            }));
+        };
+        let ended = in_order(lanes, total, work, done);
         bar.finish_and_clear();
-        failure.map_or(Ok(lines), Err)
+        ended.map(|_| lines)
     }
 
     /// One run of the grid.
@@ -222,7 +193,7 @@ impl Bench {
     }
 
     /// All methods at one condition, once all are there.
-    fn row(&self, condition_index: usize, found: &[Option<Measured>]) -> Option<Vec<Line>> {
+    fn row(&self, condition_index: usize, found: &[Measured]) -> Option<Vec<Line>> {
         let count = self.methods.len();
         let (condition, _) = self.conditions.get(condition_index)?;
         let found = found.get(condition_index * count..(condition_index + 1) * count)?;
@@ -231,7 +202,7 @@ impl Bench {
             lines.push(Line {
                 method: method.name,
                 condition: *condition,
-                measured: measured.clone()?,
+                measured: measured.clone(),
                 worse_um: None,
             });
         }

@@ -2,6 +2,7 @@
 
 pub(crate) mod circles;
 mod faults;
+mod lanes;
 mod lockstep;
 mod planning;
 pub(crate) mod plants;

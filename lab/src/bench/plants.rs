@@ -5,7 +5,7 @@ mod foreign;
 use std::f64::consts::PI;
 use std::fmt::Write as _;
 use std::fs;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
 use bus::sample::Mode;
@@ -16,6 +16,7 @@ use monitor::measure::{Analysis, Outcome as RunOutcome};
 use plant_sim::plant_file::PlantFile;
 use program::Setup;
 
+use super::lanes::in_order;
 use crate::cell::InProcessCell;
 use crate::options::PlantsOptions;
 use launcher::exit::{Failure, Kind, Outcome};
@@ -83,8 +84,8 @@ pub fn plants(options: &PlantsOptions) -> Outcome {
     let file = machine_file(&options.machine);
     let machine = Machine::load(&file).input()?;
     let plant = PlantFile::load(&file.with_file_name("plant.toml")).input()?;
-    let chosen = chosen(&options.plants, FOREIGN, |of| of.name).input()?;
-    let ways = chosen_ways(&options.ways).input()?;
+    let plants = chosen(&options.plants, FOREIGN, |of| of.name).input()?;
+    let ways = chosen(&options.ways, &WAYS, |of| of.name).input()?;
     say(&format!(
         "protrusion or undercut on the table, mean / worst of twelve circles, µm; {}; after {} other circles",
         options.machine.display(),
@@ -95,24 +96,25 @@ pub fn plants(options: &PlantsOptions) -> Outcome {
         "  {:<22}{heads}  shipped over pulse, at most",
         "plant"
     ));
-    let jobs: Vec<(&Foreign, &Way)> = chosen
+    let jobs: Vec<(&Foreign, &Way)> = plants
         .iter()
         .flat_map(|foreign| ways.iter().map(move |way| (*foreign, *way)))
         .collect();
-    let found = run_all(
-        &machine,
-        &plant,
-        &jobs,
-        options.jobs as usize,
-        &signals,
-        |row, of| {
-            if (row + 1) % ways.len() == 0 {
-                let first = row + 1 - ways.len();
-                let name = jobs.get(row).map_or("", |(foreign, _)| foreign.name);
-                say(&line(name, &ways, of.get(first..=row).unwrap_or_default()));
-            }
-        },
-    )?;
+    let work = |index: usize, _: usize, failed: &AtomicBool| {
+        let job = jobs.get(index).context("a job outside the table");
+        let (foreign, way) = job.environment()?;
+        one(&machine, &plant, foreign, way, || {
+            signals.count() > 0 || failed.load(Ordering::Relaxed)
+        })
+    };
+    let mut told = 0;
+    let found = in_order(options.jobs as usize, jobs.len(), work, |found| {
+        while let Some(row) = found.get(told..told + ways.len()) {
+            let name = jobs.get(told).map_or("", |(foreign, _)| foreign.name);
+            say(&line(name, &ways, row));
+            told += ways.len();
+        }
+    })?;
     if let Some(out) = &options.out {
         let named = || format!("{}: cannot be written", out.display());
         fs::write(out, csv(&machine.name, &jobs, &found))
@@ -137,63 +139,6 @@ fn chosen<'a, T>(
         found.with_context(|| format!("there is no {name:?}"))
     };
     names.iter().map(find).collect()
-}
-
-fn chosen_ways(names: &[String]) -> anyhow::Result<Vec<&'static Way>> {
-    chosen(names, &WAYS, |of| of.name)
-}
-
-/// Runs all, some at a time; `done` is told of each in its order.
-fn run_all(
-    machine: &Machine,
-    plant: &PlantFile,
-    jobs: &[(&Foreign, &Way)],
-    lanes: usize,
-    signals: &Signals,
-    mut done: impl FnMut(usize, &[Left]),
-) -> Result<Vec<Left>, Failure> {
-    let (next, stopped) = (AtomicUsize::new(0), AtomicBool::new(false));
-    let (send, receive) = std::sync::mpsc::channel();
-    let mut found: Vec<Option<Left>> = vec![None; jobs.len()];
-    let mut whole: Vec<Left> = Vec::new();
-    let mut failure = None;
-    std::thread::scope(|scope| {
-        for _ in 0..lanes.max(1) {
-            let (send, next, stopped) = (send.clone(), &next, &stopped);
-            scope.spawn(move || {
-                while !stopped.load(Ordering::Relaxed) {
-                    let index = next.fetch_add(1, Ordering::Relaxed);
-                    let Some((foreign, way)) = jobs.get(index) else {
-                        break;
-                    };
-                    let is_over = || signals.count() > 0 || stopped.load(Ordering::Relaxed);
-                    let left = one(machine, plant, foreign, way, is_over);
-                    if send.send((index, left)).is_err() {
-                        break;
-                    }
-                }
-            });
-        }
-        drop(send);
-        for (index, left) in receive {
-            match left {
-                Ok(left) => {
-                    if let Some(place) = found.get_mut(index) {
-                        *place = Some(left);
-                    }
-                    while let Some(Some(left)) = found.get(whole.len()) {
-                        whole.push(left.clone());
-                        done(whole.len() - 1, &whole);
-                    }
-                }
-                Err(error) => {
-                    stopped.store(true, Ordering::Relaxed);
-                    failure.get_or_insert(error);
-                }
-            }
-        }
-    });
-    failure.map_or(Ok(whole), Err)
 }
 
 /// One plant, one way: the warm-up and the grid in one program.
