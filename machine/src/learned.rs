@@ -55,6 +55,19 @@ pub struct LearnedAxis {
     /// Root mean square of the torque near reversals that the pass before it had left uncompensated.
     #[schemars(extend("unit" = "N·m", "minimum" = 0))]
     pub residual_rms_nm: f64,
+    /// A later pass was worse: this is the best one, and its program teaches nothing more.
+    #[schemars(extend("default" = false))]
+    pub settled: bool,
+    /// What it has learned.
+    pub table: LearnedPass,
+    /// What it had learned before its last pass: the next one goes back to it if that was worse.
+    pub before: Option<LearnedPass>,
+}
+
+/// What one axis has learned by a pass.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LearnedPass {
     /// Friction there is over friction of the model.
     #[schemars(extend("minimum" = 0.1, "maximum" = 10))]
     pub friction_scale: f64,
@@ -68,32 +81,6 @@ pub struct LearnedAxis {
     #[schemars(length(equal = LEARNED_CELLS), extend("unit" = "µm"), inner(range(min = -LOST_MOTION_UM_MAX, max = LOST_MOTION_UM_MAX)))]
     pub negative_lost_motion_um: Vec<f64>,
     /// The same to positive travel.
-    #[schemars(length(equal = LEARNED_CELLS), extend("unit" = "µm"), inner(range(min = -LOST_MOTION_UM_MAX, max = LOST_MOTION_UM_MAX)))]
-    pub positive_lost_motion_um: Vec<f64>,
-    /// A later pass was worse: this is the best one, and its program teaches nothing more.
-    #[schemars(extend("default" = false))]
-    pub settled: bool,
-    /// What it had learned before its last pass: the next one goes back to it if that was worse.
-    pub before: Option<LearnedPass>,
-}
-
-/// What one axis had learned before its last pass.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct LearnedPass {
-    /// As of the axis.
-    #[schemars(extend("minimum" = 0.1, "maximum" = 10))]
-    pub friction_scale: f64,
-    /// As of the axis.
-    #[schemars(length(equal = LEARNED_CELLS), extend("unit" = "N·m"))]
-    pub negative_torque_nm: Vec<f64>,
-    /// As of the axis.
-    #[schemars(length(equal = LEARNED_CELLS), extend("unit" = "N·m"))]
-    pub positive_torque_nm: Vec<f64>,
-    /// As of the axis.
-    #[schemars(length(equal = LEARNED_CELLS), extend("unit" = "µm"), inner(range(min = -LOST_MOTION_UM_MAX, max = LOST_MOTION_UM_MAX)))]
-    pub negative_lost_motion_um: Vec<f64>,
-    /// As of the axis.
     #[schemars(length(equal = LEARNED_CELLS), extend("unit" = "µm"), inner(range(min = -LOST_MOTION_UM_MAX, max = LOST_MOTION_UM_MAX)))]
     pub positive_lost_motion_um: Vec<f64>,
 }
@@ -217,14 +204,19 @@ impl Learned {
                 continue;
             };
             let most_nm = TORQUE_SHARE_MAX * axis.motor.peak_torque_nm;
-            let own = [&known.negative_torque_nm, &known.positive_torque_nm];
-            let before = known.before.as_ref();
-            let before = before.map(|of| [&of.negative_torque_nm, &of.positive_torque_nm]);
-            for columns in [Some(own), before].into_iter().flatten() {
-                let keys = ["negative_torque_nm", "positive_torque_nm"];
-                for (key, torque_nm) in keys.into_iter().zip(columns) {
-                    for torque_nm in torque_nm {
-                        rules.between(&[key], at, *torque_nm, "N·m", -most_nm, most_nm);
+            for (of, learned) in [
+                ("table", Some(&known.table)),
+                ("before", known.before.as_ref()),
+            ] {
+                let columns = learned.map(|of| {
+                    [
+                        ("negative_torque_nm", &of.negative_torque_nm),
+                        ("positive_torque_nm", &of.positive_torque_nm),
+                    ]
+                });
+                for (key, torques_nm) in columns.into_iter().flatten() {
+                    for torque_nm in torques_nm {
+                        rules.between(&[of, key], at, *torque_nm, "N·m", -most_nm, most_nm);
                     }
                 }
             }

@@ -80,6 +80,7 @@ pub fn run_over<P: ServoPorts>(
     let mut servo = Servo::new(&machine, axis, options.role, options.slot.incarnation)?;
     let learned = Learned::beside(&options.slot.machine, &machine)?;
     if let Some(learned) = learned.as_ref().and_then(|l| l.of(&machine, settings)) {
+        let learned = &learned.table;
         servo.load_trained(LearnedTable::from_columns(
             learned.friction_scale,
             [&learned.negative_torque_nm, &learned.positive_torque_nm],

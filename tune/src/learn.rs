@@ -249,7 +249,10 @@ fn pass(
     before: Option<LearnedAxis>,
     program: &str,
 ) -> (Option<LearnedAxis>, String) {
-    let table = before.as_ref().map(table_of).unwrap_or_default();
+    let table = before
+        .as_ref()
+        .map(|of| table_of(&of.table))
+        .unwrap_or_default();
     let training = learner.training(&table, &limits(axis));
     if training.samples == 0 {
         return (
@@ -264,7 +267,7 @@ fn pass(
     let former = before.as_ref().and_then(|of| of.before.as_ref());
     let (next, settled, residual_rms_nm, words) = match found {
         Verdict::Worse => (
-            former.map(table_of_pass).unwrap_or_default(),
+            former.map(table_of).unwrap_or_default(),
             true,
             best_rms_nm,
             "; worse than the pass before: back to that, and this program teaches nothing more",
@@ -276,19 +279,14 @@ fn pass(
         "{}: pass {passes}, residual {rms_nm:.3} N·m rms near reversals, friction × {:.3}{words}",
         axis.name, next.friction_scale,
     );
-    let learned = kept(&next);
     let entry = LearnedAxis {
         name: axis.name.clone(),
         settings: settings_hash(machine, axis),
         passes,
         program: program.to_string(),
         residual_rms_nm,
-        friction_scale: learned.friction_scale,
-        negative_torque_nm: learned.negative_torque_nm,
-        positive_torque_nm: learned.positive_torque_nm,
-        negative_lost_motion_um: learned.negative_lost_motion_um,
-        positive_lost_motion_um: learned.positive_lost_motion_um,
         settled,
+        table: kept(&next),
         before: (!settled).then(|| kept(&table)),
     };
     (Some(entry), line)
@@ -327,19 +325,11 @@ fn kept(table: &LearnedTable) -> LearnedPass {
     }
 }
 
-fn table_of_pass(of: &LearnedPass) -> LearnedTable {
+fn table_of(of: &LearnedPass) -> LearnedTable {
     LearnedTable::from_columns(
         of.friction_scale,
         [&of.negative_torque_nm, &of.positive_torque_nm],
         [&of.negative_lost_motion_um, &of.positive_lost_motion_um],
-    )
-}
-
-fn table_of(axis: &LearnedAxis) -> LearnedTable {
-    LearnedTable::from_columns(
-        axis.friction_scale,
-        [&axis.negative_torque_nm, &axis.positive_torque_nm],
-        [&axis.negative_lost_motion_um, &axis.positive_lost_motion_um],
     )
 }
 
@@ -354,19 +344,14 @@ mod tests {
 
     fn known(machine: &Machine, rms_nm: f64, settled: bool) -> LearnedAxis {
         let axis = &machine.axes[0];
-        let table = kept(&LearnedTable::default());
         LearnedAxis {
             name: axis.name.clone(),
             settings: settings_hash(machine, axis),
             passes: 1,
             program: "a".into(),
             residual_rms_nm: rms_nm,
-            friction_scale: 1.0,
-            negative_torque_nm: table.negative_torque_nm,
-            positive_torque_nm: table.positive_torque_nm,
-            negative_lost_motion_um: table.negative_lost_motion_um,
-            positive_lost_motion_um: table.positive_lost_motion_um,
             settled,
+            table: kept(&LearnedTable::default()),
             before: None,
         }
     }
