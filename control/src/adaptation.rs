@@ -184,19 +184,17 @@ impl Adaptation {
 
     /// What is in force; `tuned` is the level of friction before it has begun.
     pub fn belief(&self, state: &AdaptationState, tuned: f64) -> Belief {
+        let level = state.level(tuned);
         if state.begun == 0 {
             return Belief {
-                level: Level::all(tuned),
+                level,
                 ..Belief::TUNED
             };
         }
-        let [all, late, constant] = state.in_force;
+        let [.., constant] = state.in_force;
         let constant_n = constant * self.coulomb_n;
         Belief {
-            level: Level {
-                early: all,
-                late: all + late,
-            },
+            level,
             load_n: state.trust() * self.load().on_table_n(&state.load, constant_n),
             gap_mm: state.lost_motion.wider_mm(),
         }
@@ -243,8 +241,8 @@ impl Adaptation {
         let step_mm = seen.travel_mm;
         if step_mm * state.direction < 0.0 || (state.direction == 0.0 && step_mm != 0.0) {
             self.end_stroke(state);
-            let lost_motion = self.lost_motion();
-            lost_motion.end_stroke(&mut state.lost_motion, state.direction);
+            self.lost_motion()
+                .end_stroke(&mut state.lost_motion, state.direction);
             state.direction = step_mm.signum();
             state.distance_mm = 0.0;
             state.since_s = 0.0;
@@ -408,6 +406,18 @@ impl AdaptationState {
     /// Part of Coulomb friction that the last stroke left unexplained.
     pub fn unexplained(&self) -> f64 {
         self.unexplained
+    }
+
+    /// Level of friction that is in force; `tuned` before it has begun.
+    pub fn level(&self, tuned: f64) -> Level {
+        if self.begun == 0 {
+            return Level::all(tuned);
+        }
+        let [all, late, _] = self.in_force;
+        Level {
+            early: all,
+            late: all + late,
+        }
     }
 
     /// How much what was learned counts, 0 to 1.

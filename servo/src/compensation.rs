@@ -253,8 +253,7 @@ impl ModelSettings {
         if self.inverse_dynamics.is_none() {
             return 0.0;
         }
-        let belief = self.adaptation.belief(&state.adaptation, self.level);
-        belief.level.early
+        state.adaptation.level(self.level).early
     }
 
     /// Compensation of lost motion at rest, in mm, where the model says it.
