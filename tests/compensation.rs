@@ -58,6 +58,32 @@ fn the_shipped_machines_keep_circles_off_the_tuning_within_their_figures() {
     }
 }
 
+/// A start after a rest, along with the slow axis that turns round: springs that the stop had wound up are let go meanwhile.
+#[test]
+fn a_start_from_rest_keeps_the_tool_on_its_path() {
+    for machine in ["xy", "xy-fast"] {
+        let bench = Bench::of(machine, &[]);
+        let program = bench.file(
+            "starts.ngc",
+            "G21 G90 G61\nG0 X30\nG3 X30 Y0 I-30 F4000\nG3 X30 Y0 I-30\nG4 P0.2\nG1 X0 Y8 F6000\nG4 P0.2\n\
+             G1 X-20 Y-10\nG4 P0.2\nG1 X5 Y-5\nG4 P0.2\nM2\n",
+        );
+        let report = run(bench.path(), program).good_report();
+        let blocks = report["blocks"].as_array().expect("blocks");
+        let starts: Vec<f64> = blocks
+            .iter()
+            .filter(|block| {
+                [6, 8, 10]
+                    .map(|line| block["block"] == line)
+                    .contains(&true)
+            })
+            .map(|block| block["contour_error_um_peak"].as_f64().expect("µm"))
+            .collect();
+        assert_eq!(starts.len(), 3, "{blocks:?}");
+        assert!(starts.iter().all(|um| *um <= 6.0), "{machine}: {starts:?}");
+    }
+}
+
 #[test]
 fn a_linear_scale_is_no_worse_than_the_motor_encoder() {
     let motor = Bench::of("xy", &[]);

@@ -1,6 +1,7 @@
 //! Runs cells for tests: each with its own name, ended and cleaned up whatever happens.
 
 use std::fs;
+use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -113,7 +114,19 @@ impl Bench {
 pub fn quadrant() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_quadrant"));
     command.current_dir(root()).stdin(Stdio::null());
+    hear_hangups(&mut command);
     command
+}
+
+/// Lets it end at a hangup, even where the tests themselves were started with `nohup`.
+fn hear_hangups(command: &mut Command) {
+    let hear = || {
+        // SAFETY: a plain system call, allowed between fork and exec.
+        unsafe { libc::signal(libc::SIGHUP, libc::SIG_DFL) };
+        Ok(())
+    };
+    // SAFETY: the closure makes one system call and allocates nothing.
+    unsafe { command.pre_exec(hear) };
 }
 
 /// The `quadrant-lab` command, whose processes can send wrong samples.

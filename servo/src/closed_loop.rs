@@ -58,6 +58,7 @@ impl ClosedLoop<'_> {
 
         let compensated_before_mm = self.state.backlash.compensation_mm;
         let reversed = self.backlash(setpoint);
+        self.rest();
         let model = self.model(compensated_before_mm);
         let proportional_mm_s = self.position_loop(setpoint, model.compensation_mm);
         let feed_forward_mm_s = self.feed_forward(&movement, &model);
@@ -141,6 +142,25 @@ impl ClosedLoop<'_> {
         )
     }
 
+    /// Before the program moves an axis that it had left at rest, the model goes by the torque that holds it: after a stop the loop
+    /// lets go of springs that the model still has wound up. The torque itself does not change.
+    fn rest(&mut self) {
+        let here = self.setpoints.at(0);
+        let ahead = i64::from(self.settings.model.ahead_scans());
+        let moves = self.state.program.command_position != here
+            || (1..=ahead).any(|scans| self.setpoints.at(scans) != here);
+        let rested = self.state.resting_scans > self.settings.model.resting_scans();
+        if moves && rested {
+            let model = &mut self.state.model;
+            self.state.held_torque_nm += self.settings.model.rest_at(model, self.axis.torque_nm);
+        }
+        self.state.resting_scans = if moves {
+            0
+        } else {
+            self.state.resting_scans.saturating_add(1)
+        };
+    }
+
     /// What the identified model adds to the commands.
     fn model(&mut self, compensated_before_mm: f64) -> Added {
         let ServoState {
@@ -154,7 +174,7 @@ impl ClosedLoop<'_> {
         let beside = Beside {
             before_mm: compensated_before_mm,
             step_mm: backlash.compensation_mm,
-            torque_nm: self.settings.held_torque_nm(held_torque_nm),
+            torque_nm: *held_torque_nm,
         };
         let added =
             self.settings.model.update(

@@ -37,6 +37,8 @@ const WINDING_TORQUE_PART: f64 = 0.4;
 const FED_TORQUE_PART: f64 = 0.8;
 /// Part of the axis's acceleration above which its loop swings.
 const UNSETTLING_PART: f64 = 0.6;
+/// An axis is at rest so long after its last command, in s: five integral times of 10 ms.
+const RESTING_S: f64 = 0.05;
 /// Part of the peak torque that the disturbance observer may ask for.
 const OBSERVER_TORQUE_PART: f64 = 0.25;
 
@@ -73,7 +75,7 @@ pub struct ModelState {
     pub inverse_dynamics: InverseDynamicsState,
     /// Of the disturbance observer.
     pub observer: DisturbanceObserverState,
-    /// Torques fed forward in this scan and in those before, the newest first, in N·m.
+    /// Torques that the model fed forward in this scan and in those before, the newest first, in N·m.
     pub torque_feed_forward_nm: [f64; TORQUES],
     /// What the model asked for beyond the torque that is fed forward, in N·m.
     pub torque_cut_nm: f64,
@@ -131,7 +133,7 @@ pub(crate) struct Beside {
     pub before_mm: f64,
     /// The one that the position backlash step gives now, in mm.
     pub step_mm: f64,
-    /// Torque that holds the axis, in N·m.
+    /// What the model was off when the axis was at rest, in N·m: the loop's integrator holds as much against it.
     pub torque_nm: f64,
 }
 
@@ -195,9 +197,10 @@ impl ModelSettings {
         let asked_nm = added.torque_nm + beside.torque_nm;
         added.torque_nm = asked_nm.clamp(-self.fed_nm_max, self.fed_nm_max);
         state.torque_cut_nm = asked_nm - added.torque_nm;
+        let models_nm = added.torque_nm - beside.torque_nm;
         let acting_nm = state.acting_torque_nm(self.dead_time_scans);
         let acting_friction_n = state.friction_n.get(self.dead_time_scans).copied();
-        state.take(added.torque_nm, friction_n);
+        state.take(models_nm, friction_n);
         let travel = setpoint(0).saturating_sub(setpoint(-1)) as f64 * self.increment_mm;
         let lacking_n = (axis.torque_nm - acting_nm) / self.radius_m;
         let seen = Seen {
@@ -236,7 +239,8 @@ impl ModelSettings {
         added
     }
 
-    /// The axis is at rest: the model goes by the torque that holds it. What is fed forward changes by so much, in N·m.
+    /// The axis is at rest: the model goes by the torque that holds it. What must be fed beside the model for the torque to stay as
+    /// it is, in N·m, changes by what this returns; a disturbance observer holds it itself.
     pub(crate) fn rest_at(&self, state: &mut ModelState, torque_nm: f64) -> f64 {
         let Some(model) = &self.inverse_dynamics else {
             return 0.0;
@@ -245,7 +249,20 @@ impl ModelSettings {
         let before_n = state.inverse_dynamics.force_n;
         let belief = self.adaptation.belief(&state.adaptation, self.level);
         model.rest_at(&mut state.inverse_dynamics, torque_nm, &belief);
-        (state.inverse_dynamics.force_n - before_n) * self.radius_m
+        let change_n = state.inverse_dynamics.force_n - before_n;
+        for fed_nm in &mut state.torque_feed_forward_nm {
+            *fed_nm += change_n * self.radius_m;
+        }
+        if self.observer.bandwidth_rad_s > 0.0 {
+            state.observer.filtered_n -= change_n;
+            return 0.0;
+        }
+        -change_n * self.radius_m
+    }
+
+    /// Scans after which an axis that is not commanded to move is at rest.
+    pub(crate) fn resting_scans(&self) -> u32 {
+        libm::ceil(RESTING_S / self.scan_s) as u32
     }
 
     /// Level of friction that is in force, as a part of the tuned one; 0 without a model.

@@ -90,8 +90,7 @@ impl ManualLoop<'_> {
     fn rest(&mut self) {
         let model = &self.settings.model;
         let state = &mut *self.state;
-        let change_nm = model.rest_at(&mut state.model, self.axis.torque_nm);
-        state.held_torque_nm -= change_nm;
+        state.held_torque_nm += model.rest_at(&mut state.model, self.axis.torque_nm);
         if let Some(compensation_mm) = model.compensation_at_rest_mm(&state.model) {
             state.backlash.compensation_mm = compensation_mm;
         }
@@ -126,7 +125,7 @@ impl ManualLoop<'_> {
         let beside = Beside {
             before_mm,
             step_mm: backlash.compensation_mm,
-            torque_nm: self.settings.held_torque_nm(held_torque_nm),
+            torque_nm: *held_torque_nm,
         };
         let added = self
             .settings

@@ -26,10 +26,6 @@ use crate::manual::ManualController;
 const SPEED_MARGIN: f64 = 1.2;
 /// Feedback may be beyond the travel by that part of the following-error limit: a command may end exactly at the travel.
 const TRAVEL_MARGIN: f64 = 0.25;
-/// A torque that the model has taken back fades with this time constant, in s: 2 N·m of it move an axis with Ti = 10 ms by half a µm.
-const HELD_TORQUE_S: f64 = 2.0;
-/// Below this it is none, in N·m.
-const HELD_TORQUE_NM_MIN: f64 = 1e-6;
 /// Time the torque may stay at its limit, in s, before the axis is stopped.
 const TORQUE_LIMITED_S: f64 = 0.2;
 
@@ -102,18 +98,6 @@ pub struct ServoSettings {
 }
 
 impl ServoSettings {
-    /// Torque in force that the drive's loop takes over in time (`ServoState::held_torque_nm`), in N·m; a scan passes.
-    pub(crate) fn held_torque_nm(&self, held_nm: &mut f64) -> f64 {
-        let now_nm = *held_nm;
-        let next_nm = now_nm * (1.0 - self.scan_s / HELD_TORQUE_S);
-        *held_nm = if next_nm.abs() < HELD_TORQUE_NM_MIN {
-            0.0
-        } else {
-            next_nm
-        };
-        now_nm
-    }
-
     /// For the axis of this index.
     ///
     /// # Errors

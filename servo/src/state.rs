@@ -54,9 +54,10 @@ pub struct ServoState {
     pub cause: u32,
     /// Scans spent with the torque at its limit, in a row.
     pub torque_limited_scans: u32,
-    /// Kept zero.
-    pub reserved: u32,
-    /// Torque that holds the axis beside what its model says, in N·m: what the model was off when a jog began, fading.
+    /// Scans in a row for which the program has not moved the axis, and is not about to.
+    pub resting_scans: u32,
+    /// Torque that is fed beside what the model says, in N·m: what the model was off when the axis was last found at rest. The loop's
+    /// integrator holds as much against it.
     pub held_torque_nm: f64,
 }
 
