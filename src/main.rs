@@ -17,9 +17,14 @@ fn main() -> std::process::ExitCode {
 fn obey(command: Command) -> Outcome {
     match command {
         Command::Run(options) => {
-            let completed = run::run(&options, Injection::KillsAndStops)?;
-            if options.learn {
-                tune::learn::after(&completed)?;
+            for pass in 1..=options.passes {
+                let completed = run::run(&options.of_pass(pass), Injection::KillsAndStops)?;
+                if options.learn {
+                    tune::learn::after(&completed)?;
+                }
+                if options.learn_path {
+                    tune::learn_path::after(&completed)?;
+                }
             }
             Ok(())
         }

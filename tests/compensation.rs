@@ -164,7 +164,7 @@ fn learned_tables_that_cannot_be_are_refused_before_anything_starts() {
     let file = bench.path().join("learned.toml");
     let good = fs::read_to_string(&file).expect("learned.toml");
     for (what, by, says) in [
-        ("version = 3", "version = 9", "version = 9"),
+        ("version = 4", "version = 9", "version = 9"),
         ("machine = \"xy\"", "machine = \"lathe\"", "another machine"),
         ("friction_scale = ", "friction_scale = -", "friction_scale"),
         ("name = \"X\"", "name = \"U\"", "none of that name"),

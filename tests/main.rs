@@ -22,6 +22,7 @@ mod identify;
 mod in_process;
 mod interruption;
 mod killed_clients;
+mod learn_path;
 mod leftovers;
 mod linearizable;
 mod liveness;

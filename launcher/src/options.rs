@@ -27,10 +27,17 @@ pub struct RunOptions {
     /// If the run goes well: learn from it what the model lacks at reversals, into learned.toml beside the machine file
     #[arg(long, conflicts_with = "no_learned")]
     pub learn: bool,
+    /// If the run goes well: learn from it what this program leaves of error along its path by the table's scales, into
+    /// learned-path/PROGRAM.csv beside the machine file; the best pass is kept
+    #[arg(long, conflicts_with_all = ["no_learned", "learn"])]
+    pub learn_path: bool,
+    /// With --learn or --learn-path: run so often, each pass with a run directory of its own
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100))]
+    pub passes: u32,
     /// Show `quadrant monitor` in this terminal meanwhile; closing it (q) ends nothing
     #[arg(long)]
     pub view: bool,
-    /// Go without what earlier runs have learned (learned.toml beside the machine file)
+    /// Go without what earlier runs have learned (learned.toml and learned-path/ beside the machine file)
     #[arg(long)]
     pub no_learned: bool,
     /// Serve metrics for Prometheus (OpenMetrics, docs/howto/metrics.md) at this address or port [without one: 127.0.0.1:7823]
@@ -51,6 +58,18 @@ impl RunOptions {
     /// The pace it names.
     pub fn pace(&self) -> Pace {
         self.pace.parse().unwrap_or(Pace::Lockstep)
+    }
+
+    /// The same for one of its passes, from 1: each has a run directory of its own.
+    pub fn of_pass(&self, pass: u32) -> RunOptions {
+        let out = self.out.clone();
+        RunOptions {
+            out: out.map(|out| match self.passes {
+                0 | 1 => out,
+                _ => out.join(format!("pass-{pass}")),
+            }),
+            ..self.clone()
+        }
     }
 }
 

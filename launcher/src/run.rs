@@ -64,7 +64,7 @@ pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Fail
     let metrics = options.metrics.map(metrics_socket::listen);
     let metrics = metrics.transpose().environment()?;
     let machine_path = machine_file(&options.machine);
-    let (run_dir, mut checked) = make_run_dir(options, &machine_path, &checked.machine)?;
+    let (run_dir, mut checked) = make_run_dir(options, &machine_path, &checked)?;
     let (faults, fault_blocks) = faults.unzip();
     if let Some(script) = &faults {
         script.restart.apply(&mut checked.machine.restart);
@@ -130,16 +130,27 @@ fn check_all(
 fn make_run_dir(
     options: &RunOptions,
     machine_path: &Path,
-    machine: &Machine,
+    checked: &Checked,
 ) -> Result<(RunDir, Checked), Failure> {
+    let machine = &checked.machine;
     let default = || default_folder(&machine.name, &options.program);
     let folder = options.out.clone().unwrap_or_else(default);
-    let trained = training::trained(machine_path, machine, options.no_learned).input()?;
+    let program = checked.program.as_ref().filter(|_| options.learn);
+    let program = program.map(|program| format!("{:016x}", program.source_hash));
+    let trained = training::trained(
+        machine_path,
+        machine,
+        options.no_learned,
+        program.as_deref(),
+    );
+    let trained = trained.input()?;
+    let along_path = training::along_path(machine_path, checked, options).input()?;
     let sources = Sources {
         machine: machine_path,
         plant: &machine_path.with_file_name("plant.toml"),
         program: Some(&options.program),
         learned: trained.as_deref(),
+        learned_path: along_path.as_deref(),
         orders: options.orders.as_deref(),
         faults: options.faults.as_deref(),
     };

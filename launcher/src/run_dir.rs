@@ -9,6 +9,7 @@ use anyhow::{Context, bail};
 use chrono::{DateTime, Utc};
 use machine::Machine;
 use machine::learned::LEARNED_FILE;
+use machine::learned_path::LEARNED_PATH_FILE;
 
 /// A run directory with its copies.
 #[derive(Debug)]
@@ -40,8 +41,10 @@ pub struct Sources<'a> {
     pub plant: &'a Path,
     /// Part program.
     pub program: Option<&'a Path>,
-    /// What runs before have learned, if it is to be used and there is any.
-    pub learned: Option<&'a Path>,
+    /// Text of what runs before have learned, if it is to be used and there is any.
+    pub learned: Option<&'a str>,
+    /// What runs before have learned along the program's path, if it is to be used and there is any.
+    pub learned_path: Option<&'a Path>,
     /// Scripted orders.
     pub orders: Option<&'a Path>,
     /// Fault script.
@@ -74,18 +77,20 @@ fn stamp(time: DateTime<Utc>) -> String {
 }
 
 /// Copies in a run directory that say how the run was set up, besides its program.
-pub const SETTINGS_FILES: [&str; 5] = [
+pub const SETTINGS_FILES: [&str; 6] = [
     "machine.toml",
     "plant.toml",
     LEARNED_FILE,
+    LEARNED_PATH_FILE,
     "orders.toml",
     "faults.toml",
 ];
 
 /// Files of a run directory that are not the program.
-const RESERVED: [&str; 11] = [
+const RESERVED: [&str; 12] = [
     "machine.toml",
     "learned.toml",
+    "learned-path.csv",
     "plant.toml",
     "run.mcap",
     "report.json",
@@ -167,7 +172,11 @@ impl RunDir {
                 Ok::<_, anyhow::Error>(to)
             })
             .transpose()?;
-        copy_if(sources.learned, LEARNED_FILE)?;
+        let learned = sources.learned;
+        learned
+            .map(|text| write(text, Path::new(LEARNED_FILE)))
+            .transpose()?;
+        copy_if(sources.learned_path, LEARNED_PATH_FILE)?;
         Ok(RunDir {
             folder: folder.to_path_buf(),
             machine: write(

@@ -1,23 +1,39 @@
 //! Ctrl-C and SIGTERM, as a count that the supervising loop reads and a descriptor that wakes it.
 
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context;
 use rustix::event::{EventfdFlags, eventfd};
 
 /// Interruptions so far.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Signals {
     count: Arc<AtomicU32>,
     wake: Arc<OwnedFd>,
 }
 
+/// A process catches signals once; whoever asks again gets the same count.
+static CAUGHT: Mutex<Option<Signals>> = Mutex::new(None);
+
 impl Signals {
     /// Catches SIGINT, SIGTERM and SIGHUP from now on. Whoever starts it with SIGHUP ignored (`nohup`) wants it to outlive his
-    /// terminal: that stays so.
+    /// terminal: that stays so. Where several runs follow one another, an interruption of one also keeps the next from starting.
+    ///
+    /// # Errors
+    /// The system does not let it.
     pub fn catch() -> anyhow::Result<Signals> {
+        let mut caught = CAUGHT.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(signals) = &*caught {
+            return Ok(signals.clone());
+        }
+        let signals = Self::catch_first()?;
+        *caught = Some(signals.clone());
+        Ok(signals)
+    }
+
+    fn catch_first() -> anyhow::Result<Signals> {
         let count = Arc::new(AtomicU32::new(0));
         let wake = Arc::new(eventfd(0, EventfdFlags::NONBLOCK | EventfdFlags::CLOEXEC)?);
         let (counted, woken) = (Arc::clone(&count), Arc::clone(&wake));

@@ -34,7 +34,8 @@ pub fn up(options: &UpOptions) -> Outcome {
     let metrics = options.metrics.map(metrics_socket::listen);
     let metrics = metrics.transpose().environment()?;
     let machine_path = machine_file(&options.machine);
-    let trained = training::trained(&machine_path, &checked.machine, options.no_learned).input()?;
+    let trained = training::trained(&machine_path, &checked.machine, options.no_learned, None);
+    let trained = trained.input()?;
     let folder = options.out.clone();
     let folder = folder.unwrap_or_else(|| dated_folder(&format!("{cell_name}-up")));
     let sources = Sources {
@@ -42,6 +43,7 @@ pub fn up(options: &UpOptions) -> Outcome {
         plant: &machine_path.with_file_name("plant.toml"),
         program: None,
         learned: trained.as_deref(),
+        learned_path: None,
         orders: None,
         faults: None,
     };

@@ -18,7 +18,7 @@ use crate::settings_file::{self, Rules, SettingsFileError, read_text};
 /// Name of the file.
 pub const LEARNED_FILE: &str = "learned.toml";
 /// Version of its layout and of [`settings_hash`].
-pub const LEARNED_VERSION: u32 = 3;
+pub const LEARNED_VERSION: u32 = 4;
 /// Cells of one direction.
 pub const LEARNED_CELLS: usize = 64;
 /// Largest share of the peak torque that is believed.
@@ -50,18 +50,32 @@ pub struct LearnedAxis {
     pub settings: String,
     /// Passes so far.
     pub passes: u32,
-    /// Hash of the program of the last pass.
+    /// Hash of the program that it learns from.
     pub program: String,
-    /// Root mean square of the torque near reversals that the pass before it had left uncompensated.
+    /// Root mean square of the torque near reversals that the best pass of that program left uncompensated.
     #[schemars(extend("unit" = "N·m", "minimum" = 0))]
     pub residual_rms_nm: f64,
-    /// A later pass was worse: this is the best one, and its program teaches nothing more.
+    /// What was on trial was worse: the program teaches nothing more.
     #[schemars(extend("default" = false))]
     pub settled: bool,
-    /// What it has learned.
+    /// What the best pass left of error at its reversals, by the scale; none where there is none.
+    pub contour: Option<LearnedContour>,
+    /// What it has learned, and a pass has shown to be no worse.
     pub table: LearnedPass,
-    /// What it had learned before its last pass: the next one goes back to it if that was worse.
-    pub before: Option<LearnedPass>,
+    /// What the next pass of that program tries.
+    pub trial: Option<LearnedPass>,
+}
+
+/// What a pass left of error near the reversals of an axis, by the scale.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct LearnedContour {
+    /// Largest distance from the path in a reversal, mean over all of them.
+    #[schemars(extend("unit" = "µm", "minimum" = 0))]
+    pub mean_um: f64,
+    /// The largest of them.
+    #[schemars(extend("unit" = "µm", "minimum" = 0))]
+    pub worst_um: f64,
 }
 
 /// What one axis has learned by a pass.
@@ -186,6 +200,17 @@ impl Learned {
             .collect()
     }
 
+    /// What a pass of this program runs with: what is on trial in place of what has been shown to be good.
+    pub fn on_trial(&self, program: &str) -> Learned {
+        let mut learned = self.clone();
+        for axis in &mut learned.axes {
+            if let Some(trial) = axis.trial.take().filter(|_| axis.program == program) {
+                axis.table = trial;
+            }
+        }
+        learned
+    }
+
     fn judge(&self, rules: &mut Rules<'_>, machine: &Machine) {
         if self.version != LEARNED_VERSION {
             let what = format!("= {}: must be {LEARNED_VERSION}", self.version);
@@ -206,7 +231,7 @@ impl Learned {
             let most_nm = TORQUE_SHARE_MAX * axis.motor.peak_torque_nm;
             for (of, learned) in [
                 ("table", Some(&known.table)),
-                ("before", known.before.as_ref()),
+                ("trial", known.trial.as_ref()),
             ] {
                 let columns = learned.map(|of| {
                     [
@@ -262,7 +287,7 @@ mod tests {
         "#;
         let machine = Machine::parse("m.toml", text).unwrap();
         let hash = settings_hash(&machine, &machine.axes[0]);
-        assert_eq!((LEARNED_VERSION, hash.as_str()), (3, "1f6f209f8540aec5"));
+        assert_eq!((LEARNED_VERSION, hash.as_str()), (4, "1f6f209f8540aec5"));
         let mut other = machine.clone();
         other.axes[0].reversal.pulse_ms = 11.0;
         assert_ne!(settings_hash(&other, &other.axes[0]), hash);

@@ -14,6 +14,7 @@ mod axis;
 mod interpolation;
 mod kinematics;
 pub mod learned;
+pub mod learned_path;
 mod load;
 mod loops;
 mod machine;

@@ -29,7 +29,7 @@ use std::path::Path;
 
 pub use causes::{BallBarReport, CauseReport, ContourPartReport, ContourPartsReport, OneWayReport};
 pub use error::ReportError;
-pub use evaluation::{Evaluation, evaluate};
+pub use evaluation::{Evaluation, evaluate, run_path};
 pub use json::{
     ArcReport, AxisReport, BlockReport, Death, FaultReport, LogReport, MaxMin, OutcomeKind,
     OutcomeReport, PartReport, PeakRms, PeakRmsPercentiles, PredictionReport, ProcessReport,

@@ -11,10 +11,12 @@ use bus::sample::AxisFeedback;
 use control::feed_forward::{FeedForward, MovementCommands, PeriodState};
 use control::follow_up::FollowUpState;
 use control::learned_table::LearnedTable;
+use control::path_correction::PathCorrection;
 use control::trigger::Speeds;
 use machine::PositionFeedback;
 
 use crate::compensation::{Added, Beside};
+use crate::path_correction;
 use crate::setpoints::Setpoints;
 use crate::settings::ServoSettings;
 use crate::state::ServoState;
@@ -40,6 +42,7 @@ pub(crate) struct ClosedLoop<'a> {
     pub settings: &'a ServoSettings,
     pub state: &'a mut ServoState,
     pub learned: Option<&'a LearnedTable>,
+    pub path: Option<&'a PathCorrection>,
     pub setpoints: Setpoints<'a>,
     pub axis: &'a AxisFeedback,
     /// Feedback position, in increments.
@@ -60,11 +63,17 @@ impl ClosedLoop<'_> {
         let reversed = self.backlash(setpoint);
         self.rest();
         let model = self.model(compensated_before_mm);
-        let proportional_mm_s = self.position_loop(setpoint, model.compensation_mm);
+        let path = path_correction::added(self.settings, self.path, &self.setpoints);
+        let proportional_mm_s =
+            self.position_loop(setpoint, model.compensation_mm, path.position_mm);
         let feed_forward_mm_s = self.feed_forward(&movement, &model);
         let speeds = self.speeds(&movement, proportional_mm_s, feed_forward_mm_s);
         let pulse_mm_s = self.friction_pulse(&movement, period_begins, reversed, &speeds);
-        let own_mm_s = proportional_mm_s + feed_forward_mm_s + pulse_mm_s + model.velocity_mm_s;
+        let own_mm_s = proportional_mm_s
+            + feed_forward_mm_s
+            + pulse_mm_s
+            + model.velocity_mm_s
+            + path.velocity_mm_s;
         let velocity_mm_s = self.settings.manual.program_drives(
             &mut self.state.manual,
             self.axis.velocity_command_mm_s,
@@ -74,7 +83,7 @@ impl ClosedLoop<'_> {
         self.remember(setpoint);
         Wanted {
             velocity_mm_s,
-            torque_nm: model.torque_nm,
+            torque_nm: model.torque_nm + path.torque_nm,
             feed_forward_mm_s,
             following_error_mm: self.mm(setpoint.saturating_sub(self.position)),
             jog_done: false,
@@ -192,13 +201,14 @@ impl ClosedLoop<'_> {
         added
     }
 
-    /// `Kp·ε`, in mm/s.
-    fn position_loop(&mut self, setpoint: i64, compensation_mm: f64) -> f64 {
-        let motor_mm = self.mm(setpoint.saturating_sub(self.axis.motor_position)) + compensation_mm;
+    /// `Kp·ε`, in mm/s; `path_mm`: what the command is corrected by along the path.
+    fn position_loop(&mut self, setpoint: i64, compensation_mm: f64, path_mm: f64) -> f64 {
+        let motor_mm =
+            self.mm(setpoint.saturating_sub(self.axis.motor_position)) + compensation_mm + path_mm;
         let error_mm = match self.settings.feedback {
             PositionFeedback::Motor => motor_mm,
             PositionFeedback::Scale => {
-                let scale_mm = self.mm(setpoint.saturating_sub(self.axis.scale_position));
+                let scale_mm = self.mm(setpoint.saturating_sub(self.axis.scale_position)) + path_mm;
                 self.settings.dual_feedback.update(
                     &mut self.state.dual_feedback,
                     motor_mm,

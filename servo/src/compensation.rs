@@ -35,6 +35,8 @@ const _: () = assert!(
 const WINDING_TORQUE_PART: f64 = 0.4;
 /// Part of the peak torque that is fed forward at most; the rest is the loop's.
 const FED_TORQUE_PART: f64 = 0.8;
+/// Part of that which a correction along the path may take.
+const PATH_TORQUE_PART: f64 = 0.25;
 /// Part of the axis's acceleration above which its loop swings.
 const UNSETTLING_PART: f64 = 0.6;
 /// An axis is at rest so long after its last command, in s: five integral times of 10 ms.
@@ -327,6 +329,33 @@ impl ModelSettings {
         let position_mm = |ahead: f64| self.position_mm(ahead, &setpoint);
         let travel_mm = position_mm(middle + 0.5) - position_mm(middle - 0.5);
         travel_mm / self.scan_s
+    }
+
+    /// Lead of a speed that is fed forward beside that of the setpoints, in scans.
+    pub(crate) fn path_speed_lead_scans(&self) -> f64 {
+        self.speed_lead_scans
+    }
+
+    /// Lead of a torque that accelerates the axis, in scans; none where acceleration is not fed forward.
+    pub(crate) fn path_torque_lead_scans(&self) -> Option<f64> {
+        let model = self
+            .inverse_dynamics
+            .filter(|model| model.parts.acceleration)?;
+        Some(model.lead_scans)
+    }
+
+    /// Scans on either side of a lead that an acceleration is taken from, none of them before the present one.
+    pub(crate) fn path_difference_scans(&self, ahead: f64) -> f64 {
+        (DIFFERENCE_S / self.scan_s).min(ahead)
+    }
+
+    /// Torque of an acceleration, in N·m.
+    pub(crate) fn path_torque_nm(&self, acceleration_mm_s2: f64) -> f64 {
+        let mass_kg = self
+            .inverse_dynamics
+            .map_or(0.0, |model| model.motor_mass_kg + model.table_mass_kg);
+        let most_nm = PATH_TORQUE_PART * self.fed_nm_max;
+        (mass_kg * acceleration_mm_s2 * 1e-3 * self.radius_m).clamp(-most_nm, most_nm)
     }
 
     /// Scans ahead of the present one that a command is looked for at most.

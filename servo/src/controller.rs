@@ -6,6 +6,8 @@
     clippy::indexing_slicing
 )]
 
+use std::sync::Arc;
+
 use bus::sample::{
     AxisCommand, AxisFeedback, Cause, Driver, Feedback, Mode, Setpoint, WindowHeader,
 };
@@ -14,6 +16,7 @@ use control::feed_forward::PeriodState;
 use control::follow_up::FollowUpState;
 use control::guards::Broken;
 use control::learned_table::LearnedTable;
+use control::path_correction::PathCorrection;
 use machine::{DriveMode, Machine, PositionFeedback};
 
 use crate::closed_loop::{ClosedLoop, Wanted};
@@ -38,6 +41,7 @@ pub struct Servo {
     windows: Windows,
     state: ServoState,
     learned: Option<Box<LearnedTable>>,
+    path: Option<Arc<PathCorrection>>,
 }
 
 /// A feedback that makes sense, and what it says of this axis.
@@ -76,6 +80,7 @@ impl Servo {
             windows: Windows::none(),
             state: ServoState::zeroed(),
             learned: None,
+            path: None,
         })
     }
 
@@ -88,6 +93,7 @@ impl Servo {
             windows: Windows::none(),
             state: ServoState::zeroed(),
             learned: self.learned.clone(),
+            path: self.path.clone(),
         }
     }
 
@@ -104,6 +110,11 @@ impl Servo {
     /// Goes by what was learned in runs before this one; before its first scan.
     pub fn load_trained(&mut self, learned: LearnedTable) {
         self.learned = Some(Box::new(learned));
+    }
+
+    /// Goes by what runs of one program have learned along its path; before its first scan.
+    pub fn load_path(&mut self, path: Arc<PathCorrection>) {
+        self.path = Some(path);
     }
 
     /// The state after the last scan.
@@ -310,6 +321,7 @@ impl Servo {
             settings: &self.settings,
             state: &mut self.state,
             learned: self.learned.as_deref(),
+            path: self.path.as_deref(),
             setpoints,
             axis: scan.axis,
             position: scan.position,

@@ -163,6 +163,11 @@ impl HeldWindow {
             .map_or_else(PathTag::default, |r| r.tag)
     }
 
+    /// Place on the path of a setpoint; none without a window.
+    pub(crate) fn tag_at(&self, setpoint: i64) -> Option<PathTag> {
+        self.setpoint(setpoint).map(|setpoint| setpoint.tag)
+    }
+
     /// Deceleration that brings this axis to rest together with all others, in mm/s²; speeds are those commanded from this
     /// setpoint to the next.
     pub(crate) fn stop_deceleration_mm_s2(&self, settings: &ServoSettings, setpoint: u32) -> f64 {

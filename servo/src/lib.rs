@@ -12,6 +12,7 @@ mod held;
 mod linear_interpolation;
 mod manual;
 mod manual_loop;
+mod path_correction;
 pub mod ports;
 mod run;
 mod setpoints;

@@ -8,12 +8,15 @@
 )]
 
 use std::rc::Rc;
+use std::sync::Arc;
 
 use bus::member::{Member, MemberError, Slot};
 use bus::realtime::Priority;
 use control::learned_table::LearnedTable;
+use control::path_correction::{Knot, PathCorrection};
 use machine::Machine;
 use machine::learned::Learned;
+use machine::learned_path::{LEARNED_PATH_FILE, LearnedPath};
 use machine::settings_file::SettingsFileError;
 
 use crate::controller::Servo;
@@ -90,6 +93,10 @@ pub fn run_over<P: ServoPorts>(
             ],
         ));
     }
+    let path_file = machine::machine_file(&options.slot.machine).with_file_name(LEARNED_PATH_FILE);
+    if let Some(path) = LearnedPath::load(&path_file, &machine)? {
+        servo.load_path(Arc::new(correction_of(&path, axis)));
+    }
     let ports = BusPorts::open(
         Rc::clone(&member),
         axis,
@@ -101,6 +108,18 @@ pub fn run_over<P: ServoPorts>(
     member.ready(Priority::Servo);
     while cycle(&mut servo, &mut ports) {}
     Ok(())
+}
+
+/// What a program has taught of one axis.
+fn correction_of(path: &LearnedPath, axis: usize) -> PathCorrection {
+    // A hash that is none is no program's.
+    let program_hash = u64::from_str_radix(&path.head.program_hash, 16).unwrap_or(0);
+    let knots = path.knots.iter().map(|knot| Knot {
+        place_mm: knot.place_mm,
+        speed_mm_s: knot.speed_mm_s,
+        correction_mm: knot.correction_mm.get(axis).copied().unwrap_or(0.0),
+    });
+    PathCorrection::new(program_hash, path.elements.clone(), knots.collect())
 }
 
 /// One scan of a servo; false when it is time to leave.

@@ -7,7 +7,7 @@
     clippy::indexing_slicing
 )]
 
-use bus::sample::Feedback;
+use bus::sample::{Feedback, PathTag};
 use machine::WithinPeriod;
 
 use crate::held::HeldWindow;
@@ -71,6 +71,17 @@ impl<'a> Setpoints<'a> {
             WithinPeriod::Exact => self.held.position(self.settings.axis, setpoint),
             WithinPeriod::Linear => self.interpolated(setpoint, ahead),
         }
+    }
+
+    /// Hash of the program that the window in force belongs to; 0 without one.
+    pub fn program_hash(&self) -> u64 {
+        self.held.header().program_hash
+    }
+
+    /// Where on the path the setpoint `ahead` scans from this one is; none without a window.
+    pub fn tag(&self, ahead: i64) -> Option<PathTag> {
+        self.held
+            .tag_at(i64::from(self.feedback.setpoint).saturating_add(ahead))
     }
 
     /// By linear interpolation in the period: the windows stay exact, only what this servo makes of them is split.

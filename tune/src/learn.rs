@@ -9,17 +9,25 @@ use control::learning::{Learner, Observation, TrainingLimits};
 use launcher::exit::{Kind, Outcome};
 use launcher::output::say;
 use launcher::run::Completed;
-use machine::learned::{Learned, LearnedAxis, LearnedPass, learned_file, settings_hash};
+use machine::learned::{
+    Learned, LearnedAxis, LearnedContour, LearnedPass, learned_file, settings_hash,
+};
 use machine::{AdaptationMode, Axis, Machine, replace_file};
 use monitor::log::{LOG_FILE, Reader, Sample, part_files};
+
+use crate::learn_path;
 
 /// Largest learned torque, as a share of the peak torque.
 const TORQUE_SHARE: f64 = 0.1;
 /// Largest learned lost motion, in mm.
 const LOST_MOTION_MM: f64 = 0.02;
-/// A pass that finds the same program worse than this, against the pass before, has learned something wrong.
+/// A pass that finds the same program worse than this, against the best pass, has tried something wrong …
 const WORSE: f64 = 1.1;
-/// … and by more than this share of the rated torque: below it is cogging.
+/// … and by more than this, in µm, by the scale;
+const NOTICED_UM: f64 = 0.2;
+/// What is on trial must also be no worse than this in the mean: less than that is noise.
+const TRIAL_WORSE: f64 = 1.02;
+/// where there is none, by more than this share of the rated torque: below it is cogging.
 const NOTICED_SHARE: f64 = 0.01;
 /// Accelerations above this share of the axis's own are those of rapids, starts and stops: arcs use less (40 % of it).
 const ACCELERATION_SHARE: f64 = 0.6;
@@ -49,8 +57,10 @@ pub fn learn(
     machine_path: &Path,
     machine: &Machine,
 ) -> anyhow::Result<Vec<String>> {
-    let mut learned = Learned::beside(&run_dir.join("machine.toml"), machine)?
-        .unwrap_or_else(|| Learned::none(machine));
+    // What was tried is in the run directory; what is known beside it, beside the machine file.
+    let tried = Learned::beside(&run_dir.join("machine.toml"), machine)?;
+    let mut learned =
+        Learned::beside(machine_path, machine)?.unwrap_or_else(|| Learned::none(machine));
     let parts = part_files(run_dir)?.len();
     if parts > 1 {
         bail!(
@@ -62,7 +72,9 @@ pub fn learn(
     let observed = observe(&mut reader, machine)?;
     refuse_gaps(run_dir, &reader, &observed)?;
     let mut lines = Vec::new();
-    for (axis, learner) in machine.axes.iter().zip(observed.learners) {
+    // A run that cannot be judged by its scales is judged by its torques.
+    let seen = learn_path::observe(run_dir, machine, None).ok();
+    for ((index, axis), learner) in machine.axes.iter().enumerate().zip(observed.learners) {
         let Some(learner) = learner else {
             lines.push(format!(
                 "{}: has no [axis.model] in use, learns nothing",
@@ -71,7 +83,22 @@ pub fn learn(
             continue;
         };
         let before = learned.of(machine, axis).cloned();
-        let (entry, line) = pass(machine, axis, &learner, before, &observed.program);
+        let contour = seen
+            .as_ref()
+            .and_then(|seen| seen.pass.error_of_axis_um(index));
+        let shown = Shown {
+            learner: &learner,
+            program: &observed.program,
+            contour: contour.map(|(mean_um, worst_um)| LearnedContour {
+                mean_um: rounded(mean_um),
+                worst_um: rounded(worst_um),
+            }),
+            tried: tried
+                .as_ref()
+                .and_then(|tried| tried.of(machine, axis))
+                .map(|of| of.table.clone()),
+        };
+        let (entry, line) = pass(machine, axis, &shown, before);
         lines.push(line);
         learned.axes.retain(|known| known.name != axis.name);
         learned.axes.extend(entry);
@@ -217,27 +244,79 @@ fn radius_m(axis: &Axis) -> f64 {
     axis.lead_mm * 1e-3 / std::f64::consts::TAU
 }
 
-/// What the program says of what an axis has learned before.
-enum Verdict {
-    /// Nothing: it is another program, or the first pass.
-    None,
-    /// What the last pass learned is worse than what there was before it.
-    Worse,
-    /// The best pass is in force, and does as well as it did.
-    Settled,
+/// What a run has shown of an axis.
+struct Shown<'a> {
+    learner: &'a Learner,
+    /// Hash of the program that ran.
+    program: &'a str,
+    /// Error at the reversals of the axis; none without a scale.
+    contour: Option<LearnedContour>,
+    /// The table that it ran with; none without one.
+    tried: Option<LearnedPass>,
 }
 
-fn verdict(axis: &Axis, before: Option<&LearnedAxis>, program: &str, rms_nm: f64) -> Verdict {
-    let Some(before) = before.filter(|before| before.program == program) else {
-        return Verdict::None;
+/// What a pass says of the table that it ran with.
+#[derive(Debug, PartialEq, Eq)]
+enum Verdict {
+    /// It is the first pass of this program: what comes is compared with it.
+    First,
+    /// What was on trial is no worse than the best pass: it is taken, and the next pass tries more.
+    Good,
+    /// It is worse: the axis stays with what it had.
+    Worse,
+    /// What had been shown to be good is worse now than it was: the machine has changed.
+    Changed,
+    /// What had been shown to be good does as well as it did.
+    Kept,
+}
+
+/// Whether this pass is worse than the best one: by the scale, in mean or worst; where one of them has none, by torque. What is on
+/// trial has no credit in the mean.
+fn is_worse(
+    axis: &Axis,
+    best: &LearnedAxis,
+    contour: Option<LearnedContour>,
+    rms_nm: f64,
+    on_trial: bool,
+) -> bool {
+    match (best.contour, contour) {
+        (Some(best), Some(now)) => {
+            let beyond = |now_um: f64, best_um: f64| now_um > WORSE * best_um + NOTICED_UM;
+            beyond(now.mean_um, best.mean_um)
+                || beyond(now.worst_um, best.worst_um)
+                || (on_trial && now.mean_um > TRIAL_WORSE * best.mean_um)
+        }
+        _ => {
+            let noticed_nm = NOTICED_SHARE * axis.motor.rated_torque_nm;
+            rms_nm > WORSE * best.residual_rms_nm + noticed_nm
+        }
+    }
+}
+
+fn verdict(axis: &Axis, before: Option<&LearnedAxis>, shown: &Shown<'_>, rms_nm: f64) -> Verdict {
+    let Some(before) = before.filter(|before| before.program == shown.program) else {
+        return Verdict::First;
     };
-    let noticed_nm = NOTICED_SHARE * axis.motor.rated_torque_nm;
-    let is_worse = rms_nm > WORSE * before.residual_rms_nm + noticed_nm;
-    match (before.settled, is_worse) {
-        (false, true) => Verdict::Worse,
-        (true, false) => Verdict::Settled,
-        // A machine that has changed since it settled learns again.
-        (true, true) | (false, false) => Verdict::None,
+    let on_trial = before.trial.is_some() && shown.tried == before.trial;
+    let worse = is_worse(axis, before, shown.contour, rms_nm, on_trial);
+    match (on_trial, worse) {
+        (true, false) => Verdict::Good,
+        (true, true) => Verdict::Worse,
+        (false, true) => Verdict::Changed,
+        (false, false) => Verdict::Kept,
+    }
+}
+
+/// The better of two passes, in mean and in worst.
+fn best_of(before: Option<LearnedContour>, now: Option<LearnedContour>) -> Option<LearnedContour> {
+    match (before, now) {
+        (Some(before), Some(now)) => Some(LearnedContour {
+            mean_um: before.mean_um.min(now.mean_um),
+            worst_um: before.worst_um.min(now.worst_um),
+        }),
+        (None, None) => None,
+        // One of them was judged by its torque alone: so are those to come, until another program.
+        _ => before,
     }
 }
 
@@ -245,15 +324,11 @@ fn verdict(axis: &Axis, before: Option<&LearnedAxis>, program: &str, rms_nm: f64
 fn pass(
     machine: &Machine,
     axis: &Axis,
-    learner: &Learner,
+    shown: &Shown<'_>,
     before: Option<LearnedAxis>,
-    program: &str,
 ) -> (Option<LearnedAxis>, String) {
-    let table = before
-        .as_ref()
-        .map(|of| table_of(&of.table))
-        .unwrap_or_default();
-    let training = learner.training(&table, &limits(axis));
+    let tried = shown.tried.as_ref().map(table_of).unwrap_or_default();
+    let training = shown.learner.training(&tried, &limits(axis));
     if training.samples == 0 {
         return (
             before,
@@ -261,35 +336,67 @@ fn pass(
         );
     }
     let rms_nm = training.residual_rms_nm;
+    let found = verdict(axis, before.as_ref(), shown, rms_nm);
     let passes = before.as_ref().map_or(0, |before| before.passes) + 1;
-    let found = verdict(axis, before.as_ref(), program, rms_nm);
-    let best_rms_nm = before.as_ref().map_or(rms_nm, |of| of.residual_rms_nm);
-    let former = before.as_ref().and_then(|of| of.before.as_ref());
-    let (next, settled, residual_rms_nm, words) = match found {
-        Verdict::Worse => (
-            former.map(table_of).unwrap_or_default(),
-            true,
-            best_rms_nm,
-            "; worse than the pass before: back to that, and this program teaches nothing more",
-        ),
-        Verdict::Settled => (table, true, best_rms_nm, "; as good as its best pass: kept"),
-        Verdict::None => (training.table, false, rms_nm, ""),
+    let known = before.as_ref().map(|of| of.table.clone());
+    let best = before
+        .as_ref()
+        .filter(|_| matches!(found, Verdict::Good | Verdict::Worse | Verdict::Kept));
+    let settled = found == Verdict::Worse
+        || found == Verdict::Kept && before.as_ref().is_some_and(|of| of.settled);
+    let table = match found {
+        Verdict::Good => kept(&tried),
+        _ => known.unwrap_or_else(|| kept(&LearnedTable::default())),
     };
-    let line = format!(
-        "{}: pass {passes}, residual {rms_nm:.3} N·m rms near reversals, friction × {:.3}{words}",
-        axis.name, next.friction_scale,
-    );
     let entry = LearnedAxis {
         name: axis.name.clone(),
         settings: settings_hash(machine, axis),
         passes,
-        program: program.to_string(),
-        residual_rms_nm,
+        program: shown.program.to_string(),
+        residual_rms_nm: best.map_or(rms_nm, |of| of.residual_rms_nm.min(rms_nm)),
+        contour: best.map_or(shown.contour, |of| best_of(of.contour, shown.contour)),
         settled,
-        table: kept(&next),
-        before: (!settled).then(|| kept(&table)),
+        table,
+        trial: (!settled).then(|| kept(&training.table)),
     };
+    let line = line(axis, &entry, shown, rms_nm, &found);
     (Some(entry), line)
+}
+
+fn line(
+    axis: &Axis,
+    entry: &LearnedAxis,
+    shown: &Shown<'_>,
+    rms_nm: f64,
+    found: &Verdict,
+) -> String {
+    let words = match (found, entry.settled) {
+        (Verdict::First, _) => "the next pass tries what this one has taught",
+        (Verdict::Good, _) => "kept: no worse than the best pass",
+        (Verdict::Worse, _) => {
+            "worse than the best pass: not kept, and this program teaches nothing more"
+        }
+        (Verdict::Changed, _) => "worse than it was: learns again",
+        (Verdict::Kept, true) => "as good as its best pass: kept",
+        (Verdict::Kept, false) => {
+            "nothing was on trial; the next pass tries what this one has taught"
+        }
+    };
+    let contour = shown.contour.map_or(String::new(), |of| {
+        format!(
+            ", {:.2} / {:.2} µm mean / worst by the scale",
+            of.mean_um, of.worst_um
+        )
+    });
+    let (name, passes, scale) = (&axis.name, entry.passes, entry.table.friction_scale);
+    format!(
+        "{name}: pass {passes}, residual {rms_nm:.3} N·m rms near reversals{contour}, friction × {scale:.3}; {words}"
+    )
+}
+
+/// To a nanometre, as the file shows it.
+fn rounded(um: f64) -> f64 {
+    libm::round(um * 1e3) / 1e3
 }
 
 /// Bounds of a pass. The friction of an axis that follows it is not scaled: one of the two decides.
@@ -342,38 +449,71 @@ mod tests {
         Machine::parse("machine.toml", text).expect("a machine")
     }
 
-    fn known(machine: &Machine, rms_nm: f64, settled: bool) -> LearnedAxis {
+    fn known(machine: &Machine) -> LearnedAxis {
         let axis = &machine.axes[0];
         LearnedAxis {
             name: axis.name.clone(),
             settings: settings_hash(machine, axis),
             passes: 1,
             program: "a".into(),
-            residual_rms_nm: rms_nm,
-            settled,
+            residual_rms_nm: 0.2,
+            contour: Some(LearnedContour {
+                mean_um: 2.0,
+                worst_um: 4.0,
+            }),
+            settled: false,
             table: kept(&LearnedTable::default()),
-            before: None,
+            trial: Some(scaled(1.2)),
         }
     }
 
+    fn scaled(friction_scale: f64) -> LearnedPass {
+        kept(&LearnedTable {
+            friction_scale,
+            ..LearnedTable::default()
+        })
+    }
+
+    fn judged(
+        machine: &Machine,
+        program: &str,
+        tried: LearnedPass,
+        contour: Option<(f64, f64)>,
+        rms_nm: f64,
+    ) -> Verdict {
+        let learner = Learner::new(800.0, 1.59e-3, 1e-3, 3000.0);
+        let shown = Shown {
+            learner: &learner,
+            program,
+            contour: contour.map(|(mean_um, worst_um)| LearnedContour { mean_um, worst_um }),
+            tried: Some(tried),
+        };
+        verdict(&machine.axes[0], Some(&known(machine)), &shown, rms_nm)
+    }
+
     #[test]
-    fn a_pass_is_judged_by_the_same_program_alone_and_one_that_settled_learns_again_when_it_gets_worse()
+    fn a_trial_is_taken_only_if_the_same_program_shows_it_to_be_no_worse_by_the_scale_than_the_best_pass()
      {
         let machine = shipped();
-        let axis = &machine.axes[0];
-        let of = |settled: bool, program: &str, rms_nm: f64| {
-            let before = known(&machine, 0.2, settled);
-            match verdict(axis, Some(&before), program, rms_nm) {
-                Verdict::None => "none",
-                Verdict::Worse => "worse",
-                Verdict::Settled => "settled",
-            }
+        let of = |program: &str, contour: (f64, f64)| {
+            judged(&machine, program, scaled(1.2), Some(contour), 9.0)
         };
-        assert_eq!(of(false, "a", 0.25), "none");
-        assert_eq!(of(false, "a", 0.35), "worse");
-        assert_eq!(of(false, "b", 0.35), "none");
-        assert_eq!(of(true, "a", 0.25), "settled");
-        assert_eq!(of(true, "a", 0.35), "none");
+        assert_eq!(of("a", (2.03, 4.59)), Verdict::Good);
+        assert_eq!(of("a", (2.05, 4.0)), Verdict::Worse);
+        assert_eq!(of("a", (1.0, 4.61)), Verdict::Worse);
+        assert_eq!(of("b", (9.0, 9.0)), Verdict::First);
+        // With the table that had been shown to be good.
+        let known = |contour| judged(&machine, "a", scaled(1.0), Some(contour), 0.2);
+        assert_eq!(known((2.3, 4.0)), Verdict::Kept);
+        assert_eq!(known((3.3, 4.0)), Verdict::Changed);
+    }
+
+    #[test]
+    fn without_a_scale_a_trial_is_judged_by_its_torque() {
+        let machine = shipped();
+        let of = |rms_nm: f64| judged(&machine, "a", scaled(1.2), None, rms_nm);
+        assert_eq!(of(0.25), Verdict::Good);
+        assert_eq!(of(0.35), Verdict::Worse);
     }
 
     #[test]

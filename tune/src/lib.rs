@@ -18,6 +18,7 @@ mod judge;
 mod keep;
 pub mod laws;
 pub mod learn;
+pub mod learn_path;
 mod least_squares;
 mod motions;
 pub mod options;

@@ -79,6 +79,23 @@ pub fn evaluate(run_dir: &FilePath) -> Result<Evaluation, ReportError> {
     Ok(evaluate_knowing(run_dir, &machine, &found)?.0)
 }
 
+/// The path of the program that ran in a run directory; none if nothing ran.
+///
+/// # Errors
+/// As [`evaluate`].
+pub fn run_path(run_dir: &FilePath) -> Result<Option<RunPath>, ReportError> {
+    let machine = Machine::load(run_dir)?;
+    let reader = RunLog::open(run_dir)?;
+    fits(run_dir, &machine, &reader)?;
+    let prescan = skim(run_dir)?;
+    let Some(start) = &prescan.start else {
+        return Ok(None);
+    };
+    let known = (start, &prescan.answers);
+    let (path, _) = load_path(run_dir, &machine, reader.info(), known)?;
+    Ok(Some(path))
+}
+
 /// Measures the log, with what has to be known of it before; and what it itself says of that.
 fn evaluate_knowing(
     run_dir: &FilePath,

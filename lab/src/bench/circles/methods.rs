@@ -116,8 +116,8 @@ pub const METHODS: &[Method] = &[
     },
 ];
 
-/// Passes of learning before the grid.
-const LEARNING_PASSES: u32 = 3;
+/// Passes of learning before the grid: what the last one has taught has been tried by none.
+const LEARNING_PASSES: u32 = 4;
 /// Bandwidth of the disturbance observer where it is compared, in rad/s: 0.1 rad a scan of 1 ms.
 const OBSERVER_RAD_S: f64 = 100.0;
 
