@@ -210,3 +210,48 @@ fn friction_that_fell_by_a_third_is_followed_while_the_machine_runs() {
     assert!(tuned_um > 6.0, "{table}");
     assert!(followed_um < 2.4, "{table}");
 }
+
+#[test]
+fn random_plants_are_those_of_their_seed_and_one_of_them_can_be_run_again() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let bench = |arguments: &[&str], name: &str| {
+        let file = folder.path().join(name);
+        let done = quadrant()
+            .args(["bench", "plants", "machines/xy", "--seed", "5"])
+            .args(arguments)
+            .arg("--out")
+            .arg(&file)
+            .output()
+            .expect("quadrant");
+        let stderr = String::from_utf8_lossy(&done.stderr);
+        assert!(done.status.success(), "{stderr}");
+        let printed = String::from_utf8_lossy(&done.stdout).into_owned();
+        (printed, fs::read_to_string(&file).expect("the CSV"))
+    };
+    let (printed, all) = bench(&["--random", "2"], "all.csv");
+    for words in [
+        "2 random plants of seed 5",
+        "shipped worse than the pulse by more than 0.5 µm:",
+        "cross-talk",
+    ] {
+        assert!(printed.contains(words), "{words}: {printed}");
+    }
+    let (_, again) = bench(
+        &["--random", "1", "--first", "1", "--jobs", "1"],
+        "again.csv",
+    );
+    let rows: Vec<&str> = all.lines().collect();
+    assert_eq!(rows.len(), 1 + 2 * 3, "{all}");
+    let of_second: Vec<&str> = rows.iter().skip(4).copied().collect();
+    assert_eq!(again.lines().skip(1).collect::<Vec<_>>(), of_second);
+    let worst_um = |row: &str| -> f64 {
+        let cells = row.split(',').rev().take(3);
+        cells
+            .map(|cell| cell.parse::<f64>().expect("a number"))
+            .sum()
+    };
+    for plant in rows[1..].chunks(3) {
+        let [shipped, pulse, none] = [0, 1, 2].map(|way| worst_um(plant[way]));
+        assert!(shipped < none && pulse < none, "{plant:?}");
+    }
+}

@@ -2,6 +2,7 @@
 //! every run. One run takes many kills, so that each test strikes on straights, arcs, reversals, junctions, dwells, at the
 //! start and at the end.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use bus::sample::{Feedback, Mode};
@@ -113,6 +114,71 @@ fn bench_with(machine: &str, standby: bool) -> Bench {
     }
     std::fs::write(&file, kept).expect("writing machine.toml");
     bench
+}
+
+/// Level of friction of axis X that the machine went by, scan by scan.
+fn friction_levels(run: &Run) -> BTreeMap<u64, f64> {
+    let samples = Reader::open(&run.out.join("run.mcap")).expect("the log");
+    let levels = samples.filter_map(|sample| match sample {
+        Ok(Sample::Command(command)) if command.axis == 0 => {
+            Some((command.scan, command.friction_level))
+        }
+        _ => None,
+    });
+    levels.collect()
+}
+
+#[test]
+fn a_servo_killed_while_it_learns_what_friction_has_become_is_followed_by_one_that_knows_it() {
+    let [plain, bench] = [false, true].map(|standby| {
+        let bench = bench_with("xy", standby);
+        let file = bench.path().join("plant.toml");
+        let mut plant = std::fs::read_to_string(&file).expect("plant.toml");
+        for (tuned, now) in [
+            ("coulomb_torque_nm = 0.40", "coulomb_torque_nm = 0.28"),
+            ("coulomb_torque_nm = 0.48", "coulomb_torque_nm = 0.34"),
+            ("coulomb_n = 200.0", "coulomb_n = 140.0"),
+            ("coulomb_n = 260.0", "coulomb_n = 180.0"),
+        ] {
+            assert!(plant.contains(tuned), "{tuned}");
+            plant = plant.replace(tuned, now);
+        }
+        std::fs::write(&file, plant).expect("writing plant.toml");
+        bench
+    });
+    let program = bench.file("mixed.ngc", &mixed_program(3));
+    let undisturbed = run(plain.path(), &program);
+    let kill = |process, from| Kills {
+        process,
+        from,
+        every: 700,
+        times: 12,
+        back_after: 12,
+    };
+    let first_kill = 1900;
+    let kills = [kill("servo-X", first_kill), kill("servo-Y", 2250)];
+    let faults = script(&bench, "", &kills);
+    let killed = run_with_faults(&bench, &program, &faults);
+    let levels = friction_levels(&undisturbed);
+    let (at_first, at_last) = (
+        levels[&first_kill],
+        *levels.values().last().expect("levels"),
+    );
+    println!("level of friction {at_first} at the first kill, {at_last} at the end");
+    // It has begun to move, and has not come to where it goes.
+    assert!(
+        at_first < 0.99 && at_last < at_first - 0.02,
+        "{at_first} {at_last}"
+    );
+    let (report, expected) = (killed.good_report(), undisturbed.good_report());
+    assert!(starts(&report, "servo-X") > 8, "{report}");
+    assert_eq!(
+        text(&report, "/motion_digest"),
+        text(&expected, "/motion_digest")
+    );
+    for (scan, level) in friction_levels(&killed) {
+        assert_eq!(levels.get(&scan), Some(&level), "scan {scan}");
+    }
 }
 
 #[test]

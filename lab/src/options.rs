@@ -81,7 +81,7 @@ pub enum BenchCommand {
     /// Blocks planned in a second on one core, beside reading alone, and what a window takes of its period
     Planning(PlanningOptions),
     /// Quadrant protrusions on machines of another structure than the controller's model: friction by place and direction, LuGre, noise,
-    /// lost motion with hysteresis, modes, cutting forces
+    /// lost motion with hysteresis, modes, cutting forces, a soft frame, cross-talk; or on random ones
     Plants(PlantsOptions),
     /// Speed and memory of `quadrant report` on a long log, beside reading, decompressing and checking the same bytes
     Report(BenchReportOptions),
@@ -126,9 +126,20 @@ pub struct PlantsOptions {
     /// Plants, in the order of the table [default: all]
     #[arg(long, value_delimiter = ',', value_name = "NAMES", value_parser = clap::builder::PossibleValuesParser::new(crate::bench::plants::names()))]
     pub plants: Vec<String>,
-    /// Ways of compensating: the machine file as it is, the same without following friction, the friction pulse [default: all]
+    /// Ways of compensating: the machine file as it is, the same without following friction, the friction pulse, nothing [default:
+    /// shipped,tuned,pulse]
     #[arg(long, value_delimiter = ',', value_name = "NAMES", value_parser = clap::builder::PossibleValuesParser::new(crate::bench::plants::way_names()))]
     pub ways: Vec<String>,
+    /// So many random plants in place of the table: every parameter of the plant file ± 40 %, any effects of the table together; each as
+    /// shipped, with the friction pulse and without compensation
+    #[arg(long, value_name = "N", conflicts_with_all = ["plants", "ways"], value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub random: Option<u64>,
+    /// Which random plants
+    #[arg(long, value_name = "S", default_value_t = 1, requires = "random")]
+    pub seed: u64,
+    /// Number of the first of them: one plant again is `--random 1 --first K` with the same seed
+    #[arg(long, value_name = "K", default_value_t = 0, requires = "random")]
+    pub first: u64,
     /// File for the figures of every circle, as CSV
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,

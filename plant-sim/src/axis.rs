@@ -355,11 +355,20 @@ impl AxisSimulation {
         }
     }
 
-    /// True positions now.
+    /// Other axes are where friction of this one is higher by a share than without them, from now on.
+    pub fn rub_more(&mut self, friction_share: f64) {
+        self.state.mechanics.beyond.friction_share = friction_share;
+    }
+
+    /// True positions now: of the motor, and of the table as a tool sees it that does not swing with the frame.
     pub fn instruments(&self) -> InstrumentSample {
         InstrumentSample {
             motor_mm: self.state.mechanics.motor_m * 1e3,
-            table_mm: self.state.mechanics.table_m * 1e3,
+            table_mm: self
+                .state
+                .mechanics
+                .table_from_ground_m(&self.settings.mechanics)
+                * 1e3,
         }
     }
 
@@ -426,7 +435,7 @@ impl AxisState {
     pub fn is_possible(&self) -> bool {
         let m = &self.mechanics;
         let d = &self.drive;
-        let positions = [m.motor_m, m.table_m];
+        let positions = [m.motor_m, m.table_m, m.beyond.frame.off_m];
         let contacts = [&m.motor_friction, &m.table_friction];
         let numbers = [
             m.motor_m_s,
@@ -445,6 +454,8 @@ impl AxisState {
             m.beyond.attached.off_m,
             m.beyond.attached.velocity_m_s,
             m.beyond.cutting.phase_s,
+            m.beyond.frame.velocity_m_s,
+            m.beyond.friction_share,
             self.measurement.encoder_error_m,
         ];
         let slips = m.beyond.lost_motion.force_n.iter();

@@ -7,7 +7,7 @@
     clippy::indexing_slicing
 )]
 
-use bus::sample::{Levels, MAX_SUBSAMPLES};
+use bus::sample::{Levels, MAX_AXES, MAX_SUBSAMPLES};
 use bytemuck::{Pod, Zeroable};
 use master::{
     AuxiliaryFeedback, DriveCommand, DriveFeedback, DriveState, Drives, InputFeedback,
@@ -16,6 +16,7 @@ use master::{
 
 use crate::auxiliary::{AuxiliaryState, SimulatedAuxiliaries};
 use crate::axis::{AxisSimulation, AxisState};
+use crate::cross_talk::{CrossTalk, FRICTION_SHARE_MIN};
 use crate::inputs::{InputsState, SimulatedInputs};
 use crate::probe::{ProbeState, SimulatedProbe};
 
@@ -23,6 +24,8 @@ use crate::probe::{ProbeState, SimulatedProbe};
 #[derive(Debug, Clone)]
 pub struct SimulatedDrives {
     axes: Vec<SimulatedAxis>,
+    /// What axes get of where others are.
+    cross_talk: Vec<CrossTalk>,
     auxiliaries: SimulatedAuxiliaries,
     probe: Option<SimulatedProbe>,
     inputs: SimulatedInputs,
@@ -119,6 +122,7 @@ impl SimulatedDrives {
         };
         SimulatedDrives {
             axes: simulations.into_iter().map(axis).collect(),
+            cross_talk: Vec::new(),
             auxiliaries: SimulatedAuxiliaries::new(None, None, 1e-3),
             probe: None,
             inputs: SimulatedInputs::default(),
@@ -134,9 +138,15 @@ impl SimulatedDrives {
         };
         let axes = &drives.axes;
         if let Some(probe) = &mut drives.probe {
-            probe.stand(|axis| table_mm(axes, axis));
+            let talks = &drives.cross_talk;
+            probe.stand(|axis| table_mm(axes, talks, axis));
         }
         drives
+    }
+
+    /// The same with axes that disturb each other.
+    pub fn with_cross_talk(self, cross_talk: Vec<CrossTalk>) -> SimulatedDrives {
+        SimulatedDrives { cross_talk, ..self }
     }
 
     /// The same with spindle, tool changer and outputs.
@@ -153,10 +163,54 @@ impl SimulatedDrives {
     }
 }
 
-/// Where the table of an axis is now; 0 of one that there is not.
-fn table_mm(axes: &[SimulatedAxis], axis: usize) -> f64 {
-    let axis = axes.get(axis);
-    axis.map_or(0.0, |axis| axis.simulation.instruments().table_mm)
+/// Where a tool sees the table of an axis now; 0 of one that there is not.
+fn table_mm(axes: &[SimulatedAxis], talks: &[CrossTalk], axis: usize) -> f64 {
+    let alone_mm = |axis: usize| {
+        let axis = axes.get(axis);
+        axis.map_or(0.0, |axis| axis.simulation.instruments().table_mm)
+    };
+    let talks = talks.iter().filter(|talk| talk.of == axis);
+    talks.fold(alone_mm(axis), |seen_mm, talk| {
+        seen_mm + talk.error_mm(alone_mm(talk.from))
+    })
+}
+
+/// Friction in the scan that begins, by where the other axes are.
+fn rub(axes: &mut [SimulatedAxis], talks: &[CrossTalk]) {
+    if talks.is_empty() {
+        return;
+    }
+    let mut shares = [0.0; MAX_AXES];
+    for talk in talks {
+        let from_mm = axes
+            .get(talk.from)
+            .map_or(0.0, |axis| axis.simulation.instruments().table_mm);
+        if let Some(share) = shares.get_mut(talk.of) {
+            *share += talk.friction_share(from_mm);
+        }
+    }
+    for (axis, share) in axes.iter_mut().zip(shares) {
+        axis.simulation.rub_more(share.max(FRICTION_SHARE_MIN));
+    }
+}
+
+/// What the tool sees of the other axes in the samples of a scan.
+fn show(axes: &mut [SimulatedAxis], talks: &[CrossTalk]) {
+    if talks.is_empty() {
+        return;
+    }
+    let mut alone = [[0.0; MAX_SUBSAMPLES]; MAX_AXES];
+    for (kept, axis) in alone.iter_mut().zip(axes.iter()) {
+        *kept = axis.samples.map(|sample| sample.table_mm);
+    }
+    for talk in talks {
+        let (Some(axis), Some(from)) = (axes.get_mut(talk.of), alone.get(talk.from)) else {
+            continue;
+        };
+        for (sample, from_mm) in axis.samples.iter_mut().zip(from) {
+            sample.table_mm += talk.error_mm(*from_mm);
+        }
+    }
 }
 
 /// The time over which an axis brakes with the spindle, if it is the one that does.
@@ -196,11 +250,13 @@ impl Drives for SimulatedDrives {
     }
 
     fn exchange(&mut self, commands: &[DriveCommand]) {
+        rub(&mut self.axes, &self.cross_talk);
         for (axis, command) in self.axes.iter_mut().zip(commands) {
             let acting = axis.acting(*command);
             axis.off &= *command != DriveCommand::SwitchOn;
             axis.simulation.scan(&acting, &mut axis.samples);
         }
+        show(&mut self.axes, &self.cross_talk);
         let axes = &self.axes;
         if let Some(probe) = &mut self.probe {
             let samples = axes.first().map_or(1, |axis| {
@@ -311,7 +367,8 @@ impl Drives for SimulatedDrives {
         let axes = &self.axes;
         if let Some(of_this) = &mut self.probe {
             of_this.restore(&bytemuck::pod_read_unaligned(probe));
-            of_this.stand(|axis| table_mm(axes, axis));
+            let talks = &self.cross_talk;
+            of_this.stand(|axis| table_mm(axes, talks, axis));
         }
         Ok(())
     }

@@ -11,6 +11,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
+use crate::sliding_curve::SlidingCurve;
 use crate::variation::Conditions;
 
 /// Elements of one contact.
@@ -51,6 +52,8 @@ pub struct FrictionParameters {
     pub presliding_damping_n_s_per_m: f64,
     /// Time constant with which a slipping element reaches the Stribeck curve, in s.
     pub attraction_s: f64,
+    /// Friction in sliding as measured, viscous part included, in place of the Stribeck curve.
+    pub measured: Option<SlidingCurve>,
 }
 
 /// The constants of [`FrictionSettings::update`] for one microstep length.
@@ -70,6 +73,7 @@ pub struct FrictionSettings {
     /// Stiffness times microstep, in N·s/m.
     spring_step_n_s_per_m: [f64; ELEMENTS],
     attraction_decay: f64,
+    measured: Option<SlidingCurve>,
 }
 
 /// Memory of one contact.
@@ -114,6 +118,7 @@ impl FrictionSettings {
             coulomb_share_n,
             spring_step_n_s_per_m,
             attraction_decay: libm::exp(-step_s / parameters.attraction_s),
+            measured: parameters.measured,
         }
     }
 
@@ -217,6 +222,9 @@ impl FrictionSettings {
         } else {
             forward
         };
+        if let Some(measured) = &self.measured {
+            return at.level * side * measured.force_n(velocity_m_s);
+        }
         let risen_n = (self.stribeck_n(velocity_m_s) - self.coulomb_n) * at.at_rest;
         at.level * side * (self.coulomb_n + risen_n)
     }
@@ -300,6 +308,7 @@ mod tests {
             break_distance_m: [1e-6, 4e-6, 12e-6, 40e-6],
             presliding_damping_n_s_per_m: 6e3,
             attraction_s: 1e-3,
+            measured: None,
         }
     }
 
@@ -482,6 +491,33 @@ mod tests {
             }
             assert!((force_n - expected_n).abs() < 1e-6, "{force_n}");
         }
+    }
+
+    #[test]
+    fn measured_friction_slides_as_its_table_says_and_is_elastic_before() {
+        let rows = [(-0.1, -300.0), (-0.01, -240.0), (0.01, 160.0), (0.1, 190.0)];
+        let parameters = FrictionParameters {
+            measured: SlidingCurve::new(rows.into_iter()),
+            viscous_n_s_per_m: 0.0,
+            ..table_x()
+        };
+        let settings = FrictionSettings::new(&parameters, STEP_S);
+        for (v, expected_n) in [(0.1, 190.0), (0.055, 175.0), (-0.01, -240.0)] {
+            let mut state = FrictionState::default();
+            let mut force_n = 0.0;
+            for _ in 0..40_000 {
+                force_n = settings.update_at(&mut state, v, &Conditions::PLAIN);
+            }
+            assert!((force_n - expected_n).abs() < 1e-6, "{v} m/s: {force_n} N");
+        }
+        let mut state = FrictionState::default();
+        let mut force_n = 0.0;
+        // 0.5 µm at 20 µm/s: each element on its spring.
+        for _ in 0..1000 {
+            force_n = settings.update_at(&mut state, 20e-6, &Conditions::PLAIN);
+        }
+        let springs = 200.0 * 0.5 * (0.35 / 1.0 + 0.30 / 4.0 + 0.20 / 12.0 + 0.15 / 40.0);
+        assert!((force_n - springs).abs() < 0.2, "{force_n} N, {springs} N");
     }
 
     #[test]

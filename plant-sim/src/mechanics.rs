@@ -14,6 +14,7 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::attached_mass::{AttachedMass, AttachedMassState};
 use crate::cutting::{Cutting, CuttingState};
+use crate::frame::{Frame, FrameState};
 use crate::friction::{FrictionLaw, FrictionParameters, FrictionSettings, FrictionState};
 use crate::lost_motion::{LostMotion, LostMotionState};
 use crate::variation::{Variation, VariationState};
@@ -60,6 +61,8 @@ pub struct Beyond {
     pub attached: Option<AttachedMass>,
     /// The cut.
     pub cutting: Option<Cutting>,
+    /// A frame that swings.
+    pub frame: Option<Frame>,
 }
 
 /// What that remembers.
@@ -74,6 +77,10 @@ pub struct BeyondState {
     pub attached: AttachedMassState,
     /// Of the cut.
     pub cutting: CuttingState,
+    /// Of the frame.
+    pub frame: FrameState,
+    /// By which share friction is higher for where other axes are.
+    pub friction_share: f64,
 }
 
 /// The constants of [`MechanicsSettings::run`] for one microstep length.
@@ -99,7 +106,7 @@ pub struct MechanicsSettings {
 pub struct MechanicsState {
     /// Motor position, in m of travel.
     pub motor_m: f64,
-    /// Table position, in m.
+    /// Table position, in m, as all positions here from the frame.
     pub table_m: f64,
     /// Motor velocity, in m/s.
     pub motor_m_s: f64,
@@ -124,6 +131,21 @@ pub struct Effort {
     pub force_square_sum_n2: f64,
 }
 
+impl MechanicsState {
+    /// Where the table is from the ground, in m.
+    pub fn table_from_ground_m(&self, settings: &MechanicsSettings) -> f64 {
+        let swings = settings
+            .beyond
+            .as_ref()
+            .is_some_and(|beyond| beyond.frame.is_some());
+        if swings {
+            self.table_m + self.beyond.frame.off_m
+        } else {
+            self.table_m
+        }
+    }
+}
+
 impl MechanicsSettings {
     /// Prepares the mechanics for microsteps of `step_s`.
     pub fn new(parameters: &MechanicsParameters, step_s: f64) -> Self {
@@ -141,7 +163,9 @@ impl MechanicsSettings {
             table_friction: FrictionSettings::new(&parameters.table_friction, step_s),
             beyond: parameters.beyond.or_else(|| {
                 let contacts = [&parameters.motor_friction, &parameters.table_friction];
-                let plain = contacts.iter().all(|f| f.law == FrictionLaw::MaxwellSlip);
+                let plain = contacts
+                    .iter()
+                    .all(|f| f.law == FrictionLaw::MaxwellSlip && f.measured.is_none());
                 (!plain).then(Beyond::default)
             }),
         }
@@ -230,9 +254,10 @@ impl MechanicsSettings {
     ) {
         let time_s = f64::from(steps) * self.step_s;
         let variation = &mut s.beyond.variation;
-        let at = beyond
+        let mut at = beyond
             .variation
             .update(variation, time_s, s.table_m, s.table_m_s);
+        at.level *= 1.0 + s.beyond.friction_share;
         for _ in 0..steps {
             s.force_n = demand_n + (s.force_n - demand_n) * self.current_decay;
             let faster_m_s = s.motor_m_s - s.table_m_s;
@@ -257,6 +282,12 @@ impl MechanicsSettings {
                 self.motor_step_s_per_kg * (s.force_n + cogging_n - contact_n - motor_friction_n);
             s.table_m_s +=
                 self.table_step_s_per_kg * (contact_n + cutting_n + attached_n - table_friction_n);
+            if let Some(frame) = &beyond.frame {
+                // The tool stands on the ground: what the cut does to it is not the frame's.
+                let faster_m_s = frame.update(&mut s.beyond.frame, contact_n - table_friction_n);
+                s.table_m_s -= faster_m_s;
+                s.beyond.attached.velocity_m_s -= faster_m_s;
+            }
             s.motor_m += self.step_s * s.motor_m_s;
             s.table_m += self.step_s * s.table_m_s;
             effort.force_sum_n += s.force_n;

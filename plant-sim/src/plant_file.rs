@@ -11,8 +11,9 @@ mod tests;
 
 pub use keys::{
     BODIES_MAX, INPUT_LINES_MAX, MotorFriction, PlantAttachedMass, PlantAxis, PlantBox,
-    PlantCutting, PlantCylinder, PlantDrive, PlantFile, PlantInput, PlantLaw, PlantMeasurement,
-    PlantMotor, PlantPlane, PlantProbe, PlantScale, PlantScrew, PlantSphere, PlantSpindle,
-    PlantTable, PlantToolChanger, PlantVariation, TableFriction,
+    PlantCrossTalk, PlantCutting, PlantCylinder, PlantDrive, PlantFile, PlantFrame, PlantInput,
+    PlantLaw, PlantMeasuredFriction, PlantMeasurement, PlantMotor, PlantPlane, PlantProbe,
+    PlantScale, PlantScrew, PlantSphere, PlantSpindle, PlantTable, PlantToolChanger,
+    PlantVariation, TableFriction,
 };
 pub use load::{reference, schema};

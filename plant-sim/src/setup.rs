@@ -5,10 +5,11 @@ use machine::{Axis, Machine, PositionFeedback, ToolChanger};
 
 use crate::auxiliary::SimulatedAuxiliaries;
 use crate::axis::{AxisSettings, AxisSettingsError, AxisSimulation};
+use crate::cross_talk::CrossTalk;
 use crate::drive::DriveParameters;
 use crate::drives::SimulatedDrives;
 use crate::inputs::SimulatedInputs;
-use crate::plant_file::PlantFile;
+use crate::plant_file::{PlantAxis, PlantFile};
 use crate::probe::SimulatedProbe;
 
 /// Machine file and plant file do not fit each other.
@@ -85,7 +86,28 @@ impl PlantFile {
         let probe = probe.map(|probe| SimulatedProbe::new(probe.clone(), slides));
         let inputs = SimulatedInputs::new(self.inputs.clone(), scan_s);
         let drives = SimulatedDrives::with_dead_time(simulations, dead_time_scans);
+        let drives = drives.with_cross_talk(self.cross_talk(machine));
         Ok(drives.with(auxiliary).with_inputs(probe, inputs))
+    }
+
+    /// What axes get of each other, by their indices in the machine file.
+    fn cross_talk(&self, machine: &Machine) -> Vec<CrossTalk> {
+        let index = |name: &str| machine.axes.iter().position(|axis| axis.name == name);
+        let of_axis = |axis: &PlantAxis| {
+            let of = index(&axis.name);
+            let talks = axis.cross_talk.iter().filter_map(move |talk| {
+                Some(CrossTalk {
+                    of: of?,
+                    from: index(&talk.from)?,
+                    squareness_mm_per_mm: talk.squareness_um_per_m * 1e-6,
+                    straightness_mm: talk.straightness_um * 1e-3,
+                    straightness_length_mm: talk.straightness_length_mm,
+                    friction_share_per_mm: talk.friction_share_per_m * 1e-3,
+                })
+            });
+            talks.collect::<Vec<_>>()
+        };
+        self.axes.iter().flat_map(of_axis).collect()
     }
 
     /// Command positions with which the simulated machine starts, in increments: where its encoders are.

@@ -161,7 +161,10 @@ impl ClosedLoop<'_> {
         let rested = self.state.resting_scans > self.settings.model.resting_scans();
         if moves && rested {
             let model = &mut self.state.model;
-            self.state.held_torque_nm += self.settings.model.rest_at(model, self.axis.torque_nm);
+            self.state.held_torque_nm +=
+                self.settings
+                    .model
+                    .rest_at(model, self.learned, self.axis.torque_nm);
         }
         self.state.resting_scans = if moves {
             0

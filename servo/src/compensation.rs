@@ -189,7 +189,7 @@ impl ModelSettings {
             compensation_mm: beside.step_mm,
             ..Added::default()
         };
-        let tuned = self.level * learned.map_or(1.0, |table| table.friction_scale);
+        let tuned = self.tuned(learned);
         let belief = self.adaptation.belief(&state.adaptation, tuned);
         let mut friction_n = [0.0; 2];
         if let Some(model) = &self.inverse_dynamics {
@@ -241,15 +241,27 @@ impl ModelSettings {
         added
     }
 
+    /// Level of friction that the axis begins with: of the machine file, and of what was learned in runs before.
+    fn tuned(&self, learned: Option<&LearnedTable>) -> f64 {
+        self.level * learned.map_or(1.0, |table| table.friction_scale)
+    }
+
     /// The axis is at rest: the model goes by the torque that holds it. What must be fed beside the model for the torque to stay as
     /// it is, in N·m, changes by what this returns; a disturbance observer holds it itself.
-    pub(crate) fn rest_at(&self, state: &mut ModelState, torque_nm: f64) -> f64 {
+    pub(crate) fn rest_at(
+        &self,
+        state: &mut ModelState,
+        learned: Option<&LearnedTable>,
+        torque_nm: f64,
+    ) -> f64 {
         let Some(model) = &self.inverse_dynamics else {
             return 0.0;
         };
         self.adaptation.rest(&mut state.adaptation);
         let before_n = state.inverse_dynamics.force_n;
-        let belief = self.adaptation.belief(&state.adaptation, self.level);
+        let belief = self
+            .adaptation
+            .belief(&state.adaptation, self.tuned(learned));
         model.rest_at(&mut state.inverse_dynamics, torque_nm, &belief);
         let change_n = state.inverse_dynamics.force_n - before_n;
         for fed_nm in &mut state.torque_feed_forward_nm {
@@ -268,11 +280,11 @@ impl ModelSettings {
     }
 
     /// Level of friction that is in force, as a part of the tuned one; 0 without a model.
-    pub(crate) fn friction_level(&self, state: &ModelState) -> f64 {
+    pub(crate) fn friction_level(&self, state: &ModelState, learned: Option<&LearnedTable>) -> f64 {
         if self.inverse_dynamics.is_none() {
             return 0.0;
         }
-        state.adaptation.level(self.level).early
+        state.adaptation.level(self.tuned(learned)).early
     }
 
     /// Compensation of lost motion at rest, in mm, where the model says it.
@@ -467,4 +479,53 @@ fn slip(coulomb_n: f64, curve: &FrictionCurve) -> MaxwellSlip {
         };
     }
     slip
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use std::path::Path;
+
+    use machine::Machine;
+
+    use super::*;
+
+    /// The model of axis X of a shipped machine that does not follow friction, and begins with this part of the tuned one.
+    fn model(level: f64) -> ModelSettings {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
+        let machine = Machine::load(&folder).unwrap();
+        let mut axis = machine.axes.first().unwrap().clone();
+        axis.adaptation.mode = AdaptationMode::Off;
+        axis.adaptation.level = level;
+        ModelSettings::new(&axis, machine.scan_period_s(), 1)
+    }
+
+    #[test]
+    fn the_level_of_friction_is_that_of_the_learned_table_where_friction_is_not_followed() {
+        let table = LearnedTable {
+            friction_scale: 0.7,
+            ..LearnedTable::default()
+        };
+        let (state, learned) = (ModelState::default(), Some(&table));
+        assert_eq!(model(1.0).friction_level(&state, None), 1.0);
+        assert_eq!(model(1.0).friction_level(&state, learned), 0.7);
+        assert!((model(0.9).friction_level(&state, learned) - 0.63).abs() < 1e-12);
+    }
+
+    #[test]
+    fn an_axis_at_rest_is_as_with_friction_tuned_to_what_was_learned() {
+        let table = LearnedTable {
+            friction_scale: 0.7,
+            ..LearnedTable::default()
+        };
+        let at_rest = |model: ModelSettings, learned: Option<&LearnedTable>| {
+            let mut state = ModelState::default();
+            // Below break-away friction of the motor: 0.40 N·m in the model.
+            let change_nm = model.rest_at(&mut state, learned, 0.2);
+            (change_nm, state.inverse_dynamics)
+        };
+        let learned = at_rest(model(1.0), Some(&table));
+        assert_eq!(learned, at_rest(model(0.7), None));
+        assert_ne!(learned, at_rest(model(1.0), None));
+    }
 }

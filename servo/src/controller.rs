@@ -449,7 +449,8 @@ impl Servo {
         command.friction_pulse_mm_s = self.state.reversal.pulse_mm_s;
         command.torque_feed_forward_nm = self.state.model.torque_nm();
         command.torque_cut_nm = self.state.model.torque_cut_nm;
-        command.friction_level = self.settings.model.friction_level(&self.state.model);
+        let (model, learned) = (&self.settings.model, self.learned.as_deref());
+        command.friction_level = model.friction_level(&self.state.model, learned);
         command.friction_unexplained = self.state.model.adaptation.unexplained();
         command.state = self.state.words();
         command

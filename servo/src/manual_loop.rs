@@ -90,7 +90,7 @@ impl ManualLoop<'_> {
     fn rest(&mut self) {
         let model = &self.settings.model;
         let state = &mut *self.state;
-        state.held_torque_nm += model.rest_at(&mut state.model, self.axis.torque_nm);
+        state.held_torque_nm += model.rest_at(&mut state.model, self.learned, self.axis.torque_nm);
         if let Some(compensation_mm) = model.compensation_at_rest_mm(&state.model) {
             state.backlash.compensation_mm = compensation_mm;
         }

@@ -5,18 +5,17 @@ pub(crate) mod methods;
 
 use std::f64::consts::PI;
 use std::fs;
-use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use anyhow::{Context, anyhow};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use machine::{Machine, machine_file};
 use monitor::report::comparison::{self, Comparison, MethodPoints, Point};
 
 use self::measured::{Condition, Line, Measured, csv};
 use self::methods::{METHODS, Method, NEVER_WORSE_UM, REFERENCE};
 use super::lanes::in_order;
+use super::progress::progress_bar;
 use super::runs::{self, Runs};
 use crate::options::CirclesOptions;
 use launcher::check;
@@ -341,21 +340,6 @@ impl Bench {
 
 fn is_worse(line: &Line) -> bool {
     line.worse_um.is_some_and(|um| um > NEVER_WORSE_UM)
-}
-
-fn progress_bar(total: u64) -> ProgressBar {
-    let target = if std::io::stderr().is_terminal() {
-        ProgressDrawTarget::stderr_with_hz(10)
-    } else {
-        ProgressDrawTarget::hidden()
-    };
-    let bar = ProgressBar::with_draw_target(Some(total), target);
-    if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} runs  {msg}  {eta} left")
-    {
-        bar.set_style(style);
-    }
-    launcher::logs::write_above(&bar);
-    bar
 }
 
 /// Keeps this thread, and the runs it starts, on one of the processors.

@@ -6,6 +6,7 @@ mod lanes;
 mod lockstep;
 mod planning;
 pub(crate) mod plants;
+mod progress;
 mod report;
 mod runs;
 

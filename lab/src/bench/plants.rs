@@ -1,29 +1,28 @@
 //! `quadrant bench plants`: what is left at reversals on machines of another structure than the controller's model.
 
+mod course;
+mod distribution;
 mod foreign;
+mod random;
+mod study;
 
-use std::f64::consts::PI;
 use std::fmt::Write as _;
 use std::fs;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use anyhow::Context;
-use bus::sample::Mode;
-use control::path::AxisVector;
 use machine::{AdaptationMode, Machine, ReversalMethod, machine_file};
-use monitor::log::Sample;
-use monitor::measure::{Analysis, Outcome as RunOutcome};
 use plant_sim::plant_file::PlantFile;
-use program::Setup;
 
+use self::course::{Course, Left};
+use self::foreign::{FOREIGN, Foreign};
 use super::lanes::in_order;
-use crate::cell::InProcessCell;
+use super::progress::progress_bar;
 use crate::options::PlantsOptions;
 use launcher::exit::{Failure, Kind, Outcome};
 use launcher::output::say;
 use launcher::signals::Signals;
-
-pub(crate) use foreign::{FOREIGN, Foreign};
 
 /// Circles before the grid, in which the servos see the machine that they drive: radius in mm, feed in mm/min.
 const WARM_UP: [(f64, f64); 6] = [
@@ -49,7 +48,7 @@ pub(crate) struct Way {
 }
 
 /// All of them.
-pub(crate) const WAYS: [Way; 3] = [
+pub(crate) const WAYS: [Way; 4] = [
     Way {
         name: "shipped",
         edit: |_| {},
@@ -73,19 +72,40 @@ pub(crate) const WAYS: [Way; 3] = [
             }
         },
     },
+    Way {
+        name: "none",
+        edit: |machine| {
+            for axis in &mut machine.axes {
+                axis.adaptation.mode = AdaptationMode::Off;
+                axis.torque_feed_forward.friction = false;
+                axis.disturbance_observer.bandwidth_rad_s = 0.0;
+                axis.reversal.method = ReversalMethod::None;
+            }
+        },
+    },
 ];
-
-/// What a program of circles left, circle by circle of the grid, in µm; none where the machine stopped before.
-type Left = Vec<Option<f64>>;
+/// Those of the table, if none is named.
+const TABLE_WAYS: usize = 3;
 
 /// Runs every foreign plant with every way and prints the table.
 pub fn plants(options: &PlantsOptions) -> Outcome {
-    let signals = Signals::catch().environment()?;
     let file = machine_file(&options.machine);
     let machine = Machine::load(&file).input()?;
     let plant = PlantFile::load(&file.with_file_name("plant.toml")).input()?;
+    match options.random {
+        Some(count) => study::random(options, count, &machine, &plant),
+        None => table(options, &machine, &plant),
+    }
+}
+
+/// Every foreign plant with every way.
+fn table(options: &PlantsOptions, machine: &Machine, plant: &PlantFile) -> Outcome {
+    let signals = Signals::catch().environment()?;
     let plants = chosen(&options.plants, FOREIGN, |of| of.name).input()?;
-    let ways = chosen(&options.ways, &WAYS, |of| of.name).input()?;
+    let mut ways = chosen(&options.ways, &WAYS, |of| of.name).input()?;
+    if options.ways.is_empty() {
+        ways.truncate(TABLE_WAYS);
+    }
     say(&format!(
         "protrusion or undercut on the table, mean / worst of twelve circles, µm; {}; after {} other circles",
         options.machine.display(),
@@ -103,25 +123,30 @@ pub fn plants(options: &PlantsOptions) -> Outcome {
     let work = |index: usize, _: usize, failed: &AtomicBool| {
         let job = jobs.get(index).context("a job outside the table");
         let (foreign, way) = job.environment()?;
-        one(&machine, &plant, foreign, way, || {
+        one(machine, plant, foreign, way, || {
             signals.count() > 0 || failed.load(Ordering::Relaxed)
         })
     };
     let mut told = 0;
+    let bar = progress_bar(jobs.len() as u64);
     let found = in_order(options.jobs as usize, jobs.len(), work, |found| {
+        bar.inc(1);
         while let Some(row) = found.get(told..told + ways.len()) {
             let name = jobs.get(told).map_or("", |(foreign, _)| foreign.name);
-            say(&line(name, &ways, row));
+            bar.suspend(|| say(&line(name, &ways, row)));
             told += ways.len();
         }
-    })?;
-    if let Some(out) = &options.out {
-        let named = || format!("{}: cannot be written", out.display());
-        fs::write(out, csv(&machine.name, &jobs, &found))
-            .with_context(named)
-            .environment()?;
-        say(&format!("{}", out.display()));
-    }
+    });
+    bar.finish_and_clear();
+    write(options.out.as_deref(), &csv(&machine.name, &jobs, &found?))
+}
+
+/// Writes the figures where asked to.
+fn write(out: Option<&Path>, text: &str) -> Outcome {
+    let Some(out) = out else { return Ok(()) };
+    let named = || format!("{}: cannot be written", out.display());
+    fs::write(out, text).with_context(named).environment()?;
+    say(&format!("{}", out.display()));
     Ok(())
 }
 
@@ -152,89 +177,22 @@ fn one(
     let (mut machine, mut plant) = (machine.clone(), plant.clone());
     (way.edit)(&mut machine);
     (foreign.edit)(&mut plant);
-    left(&machine, &plant, is_over)
+    Ok(course().run(&machine, &plant, is_over)?.left)
 }
 
-/// What the program of circles leaves on this machine.
-pub(crate) fn left(
-    machine: &Machine,
-    plant: &PlantFile,
-    is_over: impl Fn() -> bool,
-) -> Result<Left, Failure> {
-    let circles = grid();
-    let (text, lines) = program(&circles);
-    let name = "circles.ngc";
-    let path = program::interpret(name, &text, &Setup::of(machine), AxisVector::zeros())
-        .map_err(|problem| anyhow::anyhow!("{problem:?}"))
-        .input()?;
-    let mut analysis = Analysis::new(machine.clone(), path.path);
-    let mut cell = InProcessCell::new(machine, plant, name, &text).input()?;
-    let mut scans = 0_u64;
-    while let Some(published) = cell.scan() {
-        analysis.take(Sample::Feedback(Box::new(*published.feedback)));
-        analysis.take(Sample::Instruments(Box::new(*published.instruments)));
-        for command in published.commands {
-            analysis.take(Sample::Command(Box::new(*command)));
-        }
-        scans += 1;
-        if scans.is_multiple_of(4096) && is_over() {
-            return Err(Failure::Interrupted);
-        }
-        if published.feedback.mode == Mode::Tripped as u32 {
-            break;
-        }
-    }
-    let measured = analysis.finish();
-    let completed = measured.outcome == RunOutcome::Completed;
-    let worst = lines.iter().map(|lines| {
-        let of_circle = measured.reversals.iter().filter(|reversal| {
-            let line = reversal.line.unwrap_or(0);
-            reversal.steady && lines.contains(&line)
-        });
-        let worst_um = of_circle
-            .filter_map(|of| Some(of.protrusion_um?.max(-of.undercut_um?)))
-            .fold(0.0, f64::max);
-        completed.then_some(worst_um)
-    });
-    Ok(worst.collect())
-}
-
-fn grid() -> Vec<(f64, f64)> {
+fn grid() -> Vec<course::Circle> {
     let of_radius = |radius_mm| FEEDS_MM_MIN.map(|feed_mm_min| (radius_mm, feed_mm_min));
     RADII_MM.into_iter().flat_map(of_radius).collect()
 }
 
-/// The program, and the lines of each circle of the grid.
-fn program(circles: &[(f64, f64)]) -> (String, Vec<Vec<u32>>) {
-    let mut text = String::from("G21 G17 G90 G94\n");
-    let mut lines = Vec::new();
-    for (index, (radius_mm, feed_mm_min)) in WARM_UP.iter().chain(circles).enumerate() {
-        let of_circle = circle(&mut text, *radius_mm, *feed_mm_min);
-        if index >= WARM_UP.len() {
-            lines.push(of_circle);
-        }
+/// All of it in one program.
+fn course() -> Course {
+    Course {
+        warm_up: WARM_UP.to_vec(),
+        circles: grid(),
+        turns: TURNS,
+        rest_s: 0.0,
     }
-    text += "M2\n";
-    (text, lines)
-}
-
-/// Turns counter-clockwise and clockwise from 45°; the lines that they stand in.
-fn circle(text: &mut String, radius_mm: f64, feed_mm_min: f64) -> Vec<u32> {
-    let at_mm = radius_mm * libm::cos(0.25 * PI);
-    let _ = write!(text, "G0 X{at_mm:.6} Y{at_mm:.6}\nG4 P0.2\n");
-    let mut lines = Vec::new();
-    for word in ["G3", "G2"] {
-        for _ in 0..TURNS {
-            let _ = writeln!(
-                text,
-                "{word} X{at_mm:.6} Y{at_mm:.6} I{:.6} J{:.6} F{feed_mm_min}",
-                -at_mm, -at_mm
-            );
-            lines.push(text.lines().count() as u32);
-        }
-        *text += "G4 P0.2\n";
-    }
-    lines
 }
 
 /// Mean and worst.

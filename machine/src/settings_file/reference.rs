@@ -105,11 +105,16 @@ fn range(of_key: KeySchema<'_>) -> String {
             {
                 return "texts".into();
             }
-            let (fewest, _) = of_key.length();
+            let (fewest, most) = of_key.length();
+            let count = if fewest == most || most == u64::MAX {
+                fewest.to_string()
+            } else {
+                format!("{fewest} to {most}")
+            };
             let each = of_key
                 .items()
                 .map_or(String::new(), |items| items.range().short());
-            format!("{fewest} values, each {each}")
+            format!("{count} values, each {each}")
         }
         Kind::Table => String::new(),
     }

@@ -25,6 +25,10 @@ pub struct AxisMeter {
     pub following_error_um_series: MinMaxSeries,
     /// Motor torque, in N·m, while the drives were on.
     pub torque_nm: Statistics,
+    /// Scans in which the axis's model asked for more torque than is fed forward, while the drives were on.
+    pub torque_cut_scans: u64,
+    /// What was cut off at most, in N·m.
+    pub torque_cut_nm_peak: f64,
     /// Highest rise of the winding temperature above ambient, in K.
     pub winding_k_peak: f64,
     /// Scans without a command in time.
@@ -66,6 +70,8 @@ impl AxisMeter {
             prediction.take(scan, feedback);
         }
         if let Some(command) = command {
+            self.torque_cut_scans += u64::from(command.torque_cut_nm != 0.0);
+            self.torque_cut_nm_peak = self.torque_cut_nm_peak.max(command.torque_cut_nm.abs());
             self.following_error_mm.take(command.following_error_mm);
             self.following_error_um_percentiles
                 .take(command.following_error_mm * 1e3);
@@ -206,5 +212,33 @@ impl LimitsAudit {
         }
         self.ends.truncate(2);
         self.ends.insert(0, now);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bytemuck::Zeroable;
+
+    use super::*;
+
+    #[test]
+    fn torque_that_is_cut_off_is_counted_and_its_most_kept_while_the_drives_are_on() {
+        let mut meter = AxisMeter::default();
+        let feedback = AxisFeedback::zeroed();
+        for (scan, cut_nm, drives_on) in [
+            (1, 0.0, true),
+            (2, 1.5, true),
+            (3, -4.25, true),
+            (4, 0.0, true),
+            (5, 9.0, false),
+        ] {
+            let mut command = AxisCommand::zeroed();
+            command.torque_cut_nm = cut_nm;
+            meter.take(scan, &feedback, Some(&command), drives_on);
+        }
+        assert_eq!(
+            (meter.torque_cut_scans, meter.torque_cut_nm_peak),
+            (2, 4.25)
+        );
     }
 }

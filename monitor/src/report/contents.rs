@@ -469,9 +469,17 @@ fn drives(report: &Report) -> Section {
     let predictions = report.axes.iter();
     let predictions =
         predictions.filter_map(|axis| Some(axis.prediction.as_ref()?.words(&axis.axis)));
+    let cut = report.axes.iter().filter(|axis| axis.torque_cut_scans > 0);
+    let cut = cut.map(|axis| {
+        let (scans, most_nm) = (axis.torque_cut_scans, axis.torque_cut_nm_peak);
+        format!(
+            "{}: the model asked for more torque than is fed forward in {scans} scans, by up to {most_nm:.2} Nm",
+            axis.axis
+        )
+    });
     let mut blocks = vec![
         Block::Table(table.done()),
-        Block::List(predictions.collect()),
+        Block::List(predictions.chain(cut).collect()),
     ];
     if let Some(axis) = report.axes.first() {
         let ambient_c = axis.ambient_c;

@@ -219,6 +219,10 @@ pub struct AxisReport {
     pub torque_peak_nm: f64,
     /// Torque rms in percent of the continuous torque.
     pub torque_rms_percent: f64,
+    /// Scans in which the axis's model asked for more torque than is fed forward.
+    pub torque_cut_scans: u64,
+    /// What was cut off at most.
+    pub torque_cut_nm_peak: f64,
     /// Highest winding temperature in °C, at an assumed room temperature of `ambient_c`.
     pub winding_c_peak: f64,
     /// Room temperature assumed, in °C: the machine reports the rise only.
@@ -515,6 +519,8 @@ fn axes(evaluation: &Evaluation) -> Vec<AxisReport> {
             torque_rms_nm: r3(meter.torque_nm.rms()),
             torque_peak_nm: r3(meter.torque_nm.peak),
             torque_rms_percent: r3(meter.torque_nm.rms() / axis.motor.rated_torque_nm * 100.0),
+            torque_cut_scans: meter.torque_cut_scans,
+            torque_cut_nm_peak: r3(meter.torque_cut_nm_peak),
             winding_c_peak: r3(AMBIENT_C + meter.winding_k_peak),
             ambient_c: AMBIENT_C,
             prediction: meter

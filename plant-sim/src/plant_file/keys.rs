@@ -7,6 +7,7 @@ use serde::Deserialize;
 
 use crate::friction::ELEMENTS;
 use crate::lost_motion::JENKINS_ELEMENTS;
+use crate::sliding_curve::SIDE_ROWS_MAX;
 
 /// The whole plant file.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
@@ -223,10 +224,20 @@ pub struct PlantAxis {
     pub table: PlantTable,
     /// Linear scale, where there is one.
     pub scale: Option<PlantScale>,
+    /// Friction in steady sliding as somebody measured it at the motor, of motor and table together, viscous friction included: in place
+    /// of Coulomb, static and viscous friction and the Stribeck velocity of both. They share it as they share Coulomb friction, and are
+    /// elastic before they slide as their elements say. Without this table their own keys count.
+    pub measured_friction: Option<PlantMeasuredFriction>,
     /// How friction differs by place, direction, temperature and rest; of motor and table alike. Without this table it does not.
     pub variation: Option<PlantVariation>,
     /// A mass that swings on the table. Without this table there is none.
     pub attached_mass: Option<PlantAttachedMass>,
+    /// A frame that the axis pushes itself away from: a bed on soft feet, a column. Motor, guideways and scale stand on it; the tool
+    /// does not, and sees the table swing. Without this table it stands still.
+    pub frame: Option<PlantFrame>,
+    /// What this axis gets of where another one is: errors of position, which the tool sees and no encoder or scale, and friction.
+    #[schemars(length(max = MAX_AXES), extend("default" = []))]
+    pub cross_talk: Vec<PlantCrossTalk>,
     /// The cut. Without this table nothing is cut.
     pub cutting: Option<PlantCutting>,
     /// What the drive measures wrongly. Without this table nothing.
@@ -234,6 +245,19 @@ pub struct PlantAxis {
     /// Set after reading, in °C.
     #[serde(skip)]
     pub(in crate::plant_file) ambient_c: f64,
+}
+
+/// Friction as measured.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantMeasuredFriction {
+    /// Speeds, rising, none of them 0: at least one in each direction, at most 16.
+    #[schemars(length(min = 2, max = 2 * SIDE_ROWS_MAX), inner(range(min = -10_000, max = 10_000)), extend("unit" = "mm/s"))]
+    pub speed_mm_s: Vec<f64>,
+    /// Force that is needed at each of these speeds, of its sign. By line from speed to speed; slower than the slowest as there, faster
+    /// than the fastest on the line through the last two, as far as it rises.
+    #[schemars(length(min = 2, max = 2 * SIDE_ROWS_MAX), inner(range(min = -100_000, max = 100_000)), extend("unit" = "N"))]
+    pub force_n: Vec<f64>,
 }
 
 /// Friction that is not the same everywhere and always.
@@ -279,6 +303,42 @@ pub struct PlantAttachedMass {
     /// Its damping ratio.
     #[schemars(extend("minimum" = 0.001, "maximum" = 1, "default" = 0.03))]
     pub damping_ratio: f64,
+}
+
+/// A frame that swings.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantFrame {
+    /// Mass that swings in the direction of the axis, without that of its table.
+    #[schemars(extend("unit" = "kg", "minimum" = 1, "maximum" = 1_000_000))]
+    pub mass_kg: f64,
+    /// Frequency at which that mass rings on the ground.
+    #[schemars(extend("unit" = "Hz", "minimum" = 1, "maximum" = 1000))]
+    pub frequency_hz: f64,
+    /// Its damping ratio.
+    #[schemars(extend("minimum" = 0.001, "maximum" = 1, "default" = 0.03))]
+    pub damping_ratio: f64,
+}
+
+/// What an axis gets of where another one is.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantCrossTalk {
+    /// The other axis.
+    #[schemars(extend("enum" = ["X", "Y", "Z", "A", "B", "C", "U", "V", "W"]))]
+    pub from: String,
+    /// Squareness: error of this table's position for each metre of the other's, from 0 on.
+    #[schemars(extend("unit" = "µm/m", "minimum" = -10_000, "maximum" = 10_000, "default" = 0.0))]
+    pub squareness_um_per_m: f64,
+    /// Straightness: amplitude of a wave of that error over the other's travel.
+    #[schemars(extend("unit" = "µm", "minimum" = 0, "maximum" = 1000, "default" = 0.0))]
+    pub straightness_um: f64,
+    /// Length of that wave.
+    #[schemars(extend("unit" = "mm", "minimum" = 1, "maximum" = 100_000, "default" = 300.0))]
+    pub straightness_length_mm: f64,
+    /// Share by which friction of this axis is higher for each metre of the other's position; never below a tenth of it.
+    #[schemars(extend("unit" = "1/m", "minimum" = -100, "maximum" = 100, "default" = 0.0))]
+    pub friction_share_per_m: f64,
 }
 
 /// The force of the cut on the table.

@@ -2,11 +2,13 @@
 
 use crate::attached_mass::AttachedMass;
 use crate::cutting::Cutting;
+use crate::frame::Frame;
 use crate::friction::{FrictionLaw, FrictionParameters};
 use crate::lost_motion::LostMotion;
 use crate::measurement::Measurement;
 use crate::mechanics::{Beyond, MechanicsParameters};
-use crate::plant_file::keys::{PlantAxis, PlantFile, PlantLaw};
+use crate::plant_file::keys::{MotorFriction, PlantAxis, PlantFile, PlantLaw, TableFriction};
+use crate::sliding_curve::SlidingCurve;
 use crate::variation::Variation;
 use crate::winding::WindingParameters;
 
@@ -41,6 +43,13 @@ impl PlantAxis {
         let reduced_mass_kg = m1 * m2 / (m1 + m2);
         let motor = &self.motor.friction;
         let table = &self.table.friction;
+        let motor_n = motor.coulomb_torque_nm / radius_m;
+        let motor_part = motor_n / (motor_n + table.coulomb_n);
+        let curve = self.sliding_curve();
+        let measured = |contact: FrictionParameters, part: f64| match curve {
+            Some(curve) => as_measured(contact, curve.scaled(part)),
+            None => contact,
+        };
         MechanicsParameters {
             motor_mass_kg: m1,
             table_mass_kg: m2,
@@ -52,30 +61,17 @@ impl PlantAxis {
             cogging_n: self.motor.cogging_torque_nm / radius_m,
             cogging_per_m: f64::from(self.motor.cogging_per_turn) / (self.screw.lead_mm * 1e-3),
             current_loop_s: 1.0 / (2.0 * std::f64::consts::PI * self.motor.current_loop_hz),
-            motor_friction: FrictionParameters {
-                law: law(motor.law),
-                coulomb_n: motor.coulomb_torque_nm / radius_m,
-                static_n: motor.static_torque_nm / radius_m,
-                viscous_n_s_per_m: motor.viscous_nm_s_per_rad / (radius_m * radius_m),
-                stribeck_velocity_m_s: motor.stribeck_velocity_mm_s * 1e-3,
-                share: motor.element_share,
-                break_distance_m: motor.break_distance_um.map(|um| um * 1e-6),
-                presliding_damping_n_s_per_m: motor.presliding_damping_n_s_per_m,
-                attraction_s: motor.attraction_ms * 1e-3,
-            },
-            table_friction: FrictionParameters {
-                law: law(table.law),
-                coulomb_n: table.coulomb_n,
-                static_n: table.static_n,
-                viscous_n_s_per_m: table.viscous_n_s_per_m,
-                stribeck_velocity_m_s: table.stribeck_velocity_mm_s * 1e-3,
-                share: table.element_share,
-                break_distance_m: table.break_distance_um.map(|um| um * 1e-6),
-                presliding_damping_n_s_per_m: table.presliding_damping_n_s_per_m,
-                attraction_s: table.attraction_ms * 1e-3,
-            },
+            motor_friction: measured(motor_friction(motor, radius_m), motor_part),
+            table_friction: measured(table_friction(table), 1.0 - motor_part),
             beyond: self.beyond(microstep_s),
         }
+    }
+
+    /// Friction as measured; none where the file says nothing of it, or no curve can be made of what it says.
+    fn sliding_curve(&self) -> Option<SlidingCurve> {
+        let measured = self.measured_friction.as_ref()?;
+        let rows = measured.speed_mm_s.iter().zip(&measured.force_n);
+        SlidingCurve::new(rows.map(|(speed_mm_s, force_n)| (speed_mm_s * 1e-3, *force_n)))
     }
 
     /// What the machine has beside that; none where the file says nothing of it.
@@ -84,6 +80,11 @@ impl PlantAxis {
         let says = self.variation.is_some()
             || self.attached_mass.is_some()
             || self.cutting.is_some()
+            || self.frame.is_some()
+            || self
+                .cross_talk
+                .iter()
+                .any(|talk| talk.friction_share_per_m != 0.0)
             || slips;
         says.then(|| Beyond {
             variation: self
@@ -114,6 +115,9 @@ impl PlantAxis {
                 on_s: of.on_s,
                 off_s: of.off_s,
             }),
+            frame: self
+                .frame
+                .map(|of| Frame::new(of.mass_kg, of.frequency_hz, of.damping_ratio, microstep_s)),
         })
     }
 
@@ -147,5 +151,48 @@ fn law(of: PlantLaw) -> FrictionLaw {
     match of {
         PlantLaw::MaxwellSlip => FrictionLaw::MaxwellSlip,
         PlantLaw::Lugre => FrictionLaw::LuGre,
+    }
+}
+
+/// Bearings, nut and seals, as forces of travel.
+fn motor_friction(of: &MotorFriction, radius_m: f64) -> FrictionParameters {
+    FrictionParameters {
+        law: law(of.law),
+        coulomb_n: of.coulomb_torque_nm / radius_m,
+        static_n: of.static_torque_nm / radius_m,
+        viscous_n_s_per_m: of.viscous_nm_s_per_rad / (radius_m * radius_m),
+        stribeck_velocity_m_s: of.stribeck_velocity_mm_s * 1e-3,
+        share: of.element_share,
+        break_distance_m: of.break_distance_um.map(|um| um * 1e-6),
+        presliding_damping_n_s_per_m: of.presliding_damping_n_s_per_m,
+        attraction_s: of.attraction_ms * 1e-3,
+        measured: None,
+    }
+}
+
+/// Guideways.
+fn table_friction(of: &TableFriction) -> FrictionParameters {
+    FrictionParameters {
+        law: law(of.law),
+        coulomb_n: of.coulomb_n,
+        static_n: of.static_n,
+        viscous_n_s_per_m: of.viscous_n_s_per_m,
+        stribeck_velocity_m_s: of.stribeck_velocity_mm_s * 1e-3,
+        share: of.element_share,
+        break_distance_m: of.break_distance_um.map(|um| um * 1e-6),
+        presliding_damping_n_s_per_m: of.presliding_damping_n_s_per_m,
+        attraction_s: of.attraction_ms * 1e-3,
+        measured: None,
+    }
+}
+
+/// The contact with its sliding friction as measured; its elements break at their distances with what is measured at the lowest speeds.
+fn as_measured(contact: FrictionParameters, curve: SlidingCurve) -> FrictionParameters {
+    FrictionParameters {
+        coulomb_n: curve.slow_n(),
+        static_n: curve.slow_n(),
+        viscous_n_s_per_m: 0.0,
+        measured: Some(curve),
+        ..contact
     }
 }

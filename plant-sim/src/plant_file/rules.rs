@@ -3,7 +3,10 @@
 use machine::settings_file::{At, Rules};
 
 use crate::friction::{ELEMENTS, FrictionParameters};
-use crate::plant_file::keys::{PlantAxis, PlantFile, PlantInput, PlantProbe};
+use crate::plant_file::keys::{
+    PlantAxis, PlantFile, PlantInput, PlantMeasuredFriction, PlantProbe,
+};
+use crate::sliding_curve::SIDE_ROWS_MAX;
 
 /// Highest natural frequency times microstep, in rad. Semi-implicit Euler is stable below 2; at 0.2 the frequency is
 /// right within 0.2 %.
@@ -40,6 +43,10 @@ pub fn judge(rules: &mut Rules<'_>, plant: &PlantFile) {
         );
         shares(rules, at, "motor", &axis.motor.friction.element_share);
         shares(rules, at, "table", &friction.element_share);
+        if let Some(measured) = &axis.measured_friction {
+            measured_friction(rules, at, measured);
+        }
+        cross_talk(rules, at, plant, axis);
     }
     if let Some(probe) = &plant.probe {
         bodies(rules, probe);
@@ -51,6 +58,59 @@ pub fn judge(rules: &mut Rules<'_>, plant: &PlantFile) {
     if rules.all_kept() {
         for (index, axis) in plant.axes.iter().enumerate() {
             microstep(rules, Some((index, axis.name.as_str())), axis, step_us);
+        }
+    }
+}
+
+/// A curve can be made of the rows.
+fn measured_friction(rules: &mut Rules<'_>, at: At<'_>, measured: &PlantMeasuredFriction) {
+    let (speeds, forces) = (&measured.speed_mm_s, &measured.force_n);
+    let mut say = |key: &str, what: &str| rules.say(&["measured_friction", key], at, what);
+    if !speeds.is_sorted_by(|a, b| a < b) || speeds.contains(&0.0) {
+        say(
+            "speed_mm_s",
+            &format!("= {speeds:?} mm/s: must rise, and none must be 0"),
+        );
+    }
+    for (direction, sign) in [("positive", 1.0), ("negative", -1.0)] {
+        let rows = speeds.iter().filter(|speed| *speed * sign > 0.0).count();
+        if !(1..=SIDE_ROWS_MAX).contains(&rows) {
+            let what = format!(
+                "has {rows} speeds in {direction} direction: must be at least 1 and at most {SIDE_ROWS_MAX}"
+            );
+            say("speed_mm_s", &what);
+        }
+    }
+    if forces.len() != speeds.len() {
+        let what = format!(
+            "has {} values: must have {}, one for each of speed_mm_s",
+            forces.len(),
+            speeds.len()
+        );
+        say("force_n", &what);
+    }
+    let mut rows = speeds.iter().zip(forces);
+    if let Some((speed, force)) = rows.find(|(speed, force)| *speed * *force <= 0.0) {
+        let what = format!("= {force} N at {speed} mm/s: friction must have the sign of the speed");
+        say("force_n", &what);
+    }
+}
+
+/// Only another axis of the file disturbs, and each once.
+fn cross_talk(rules: &mut Rules<'_>, at: At<'_>, plant: &PlantFile, axis: &PlantAxis) {
+    for (index, talk) in axis.cross_talk.iter().enumerate() {
+        let others = plant.axes.iter().filter(|other| other.name != axis.name);
+        let mut before = axis.cross_talk.iter().take(index);
+        if others.filter(|other| other.name == talk.from).count() == 0 {
+            let what = format!(
+                "{}: from = {:?}: must be another axis of this file",
+                index + 1,
+                talk.from
+            );
+            rules.say(&["cross_talk"], at, &what);
+        } else if before.any(|other| other.from == talk.from) {
+            let what = format!("{}: from = {:?} is there already", index + 1, talk.from);
+            rules.say(&["cross_talk"], at, &what);
         }
     }
 }
@@ -125,41 +185,105 @@ fn presliding_stiffness_n_per_m(friction: &FrictionParameters) -> f64 {
         .sum()
 }
 
-/// Whether the microstep resolves the stiffest vibration and the fastest decay of each mass, by the bound of one
-/// mass on all its springs: `h·sqrt(k/m)` and `h·c/m`.
+/// A mass of an axis with its springs and dampers.
+struct Swinging {
+    name: &'static str,
+    mass_kg: f64,
+    spring_n_per_m: f64,
+    damper_n_s_per_m: f64,
+}
+
+impl Swinging {
+    /// One that rings at a frequency and damping by itself.
+    fn ringing(name: &'static str, mass_kg: f64, frequency_hz: f64, damping_ratio: f64) -> Self {
+        let rate_rad_s = 2.0 * std::f64::consts::PI * frequency_hz;
+        Swinging {
+            name,
+            mass_kg,
+            spring_n_per_m: mass_kg * rate_rad_s * rate_rad_s,
+            damper_n_s_per_m: 2.0 * damping_ratio * mass_kg * rate_rad_s,
+        }
+    }
+
+    /// Whether a microstep resolves its vibration and its decay.
+    fn is_resolved(&self, step_s: f64) -> bool {
+        let (phase_rad, decay) = self.in_a_step(step_s);
+        phase_rad <= PHASE_PER_MICROSTEP_RAD_MAX && decay <= DECAY_PER_MICROSTEP_MAX
+    }
+
+    /// Phase of its vibration and decay within a microstep, by the bound of one mass on all its springs: `h·sqrt(k/m)` and `h·c/m`.
+    fn in_a_step(&self, step_s: f64) -> (f64, f64) {
+        let phase_rad = step_s * (self.spring_n_per_m / self.mass_kg).sqrt();
+        (phase_rad, step_s * self.damper_n_s_per_m / self.mass_kg)
+    }
+}
+
+impl PlantFile {
+    /// Whether the microstep resolves every vibration and decay, as a file's must.
+    pub fn microstep_fits(&self) -> bool {
+        let step_s = self.microstep_us * 1e-6;
+        let mut all = self.axes.iter().flat_map(|axis| swinging(axis, step_s));
+        all.all(|mass| mass.is_resolved(step_s))
+    }
+}
+
+/// All masses of an axis. What swings together with another one is stiffer by both springs, and on a frame the table is lighter.
+fn swinging(axis: &PlantAxis, step_s: f64) -> Vec<Swinging> {
+    let m = axis.mechanics(step_s);
+    let hysteresis = &axis.screw.hysteresis_um;
+    let slips = axis.screw.hysteresis_n.iter().zip(hysteresis);
+    let screw_n_per_m = slips.fold(m.stiffness_n_per_m, |sum, (n, um)| sum + n / (um * 1e-6));
+    let contact = |name, mass_kg, friction: &FrictionParameters| Swinging {
+        name,
+        mass_kg,
+        spring_n_per_m: screw_n_per_m + presliding_stiffness_n_per_m(friction),
+        damper_n_s_per_m: m.damping_n_s_per_m
+            + friction.presliding_damping_n_s_per_m
+            + friction.viscous_n_s_per_m,
+    };
+    let mut table = contact("table", m.table_mass_kg, &m.table_friction);
+    let mut all = vec![contact("motor", m.motor_mass_kg, &m.motor_friction)];
+    if let Some(of) = &axis.attached_mass {
+        let name = "attached mass";
+        let attached = Swinging::ringing(name, of.mass_kg, of.frequency_hz, of.damping_ratio);
+        table.spring_n_per_m += attached.spring_n_per_m;
+        table.damper_n_s_per_m += attached.damper_n_s_per_m;
+        all.push(attached);
+    }
+    if let Some(of) = &axis.frame {
+        table.mass_kg *= of.mass_kg / (of.mass_kg + table.mass_kg);
+        let (mass_kg, hz) = (of.mass_kg, of.frequency_hz);
+        all.push(Swinging::ringing("frame", mass_kg, hz, of.damping_ratio));
+    }
+    all.push(table);
+    all
+}
+
+/// Whether the microstep resolves the stiffest vibration and the fastest decay of each mass.
 fn microstep(rules: &mut Rules<'_>, at: At<'_>, axis: &PlantAxis, microstep_us: f64) {
     let step_s = microstep_us * 1e-6;
-    let m = axis.mechanics(step_s);
-    for (side, mass_kg, friction) in [
-        ("motor", m.motor_mass_kg, &m.motor_friction),
-        ("table", m.table_mass_kg, &m.table_friction),
-    ] {
-        let spring_n_per_m = m.stiffness_n_per_m + presliding_stiffness_n_per_m(friction);
-        let slips = axis
-            .screw
-            .hysteresis_n
-            .iter()
-            .zip(&axis.screw.hysteresis_um);
-        let spring_n_per_m = slips.fold(spring_n_per_m, |sum, (n, um)| sum + n / (um * 1e-6));
-        let damper_n_s_per_m = m.damping_n_s_per_m
-            + friction.presliding_damping_n_s_per_m
-            + friction.viscous_n_s_per_m;
-        let phase_rad = step_s * (spring_n_per_m / mass_kg).sqrt();
-        let decay = step_s * damper_n_s_per_m / mass_kg;
+    for mass in swinging(axis, step_s) {
+        if mass.is_resolved(step_s) {
+            continue;
+        }
+        let (phase_rad, decay) = mass.in_a_step(step_s);
         let fits_us = microstep_us
             * (PHASE_PER_MICROSTEP_RAD_MAX / phase_rad).min(DECAY_PER_MICROSTEP_MAX / decay);
-        let fits = phase_rad <= PHASE_PER_MICROSTEP_RAD_MAX && decay <= DECAY_PER_MICROSTEP_MAX;
-        if !fits {
-            let whose = at.map_or("", |(_, name)| name);
-            rules.say(
-                &["microstep_us"],
-                None,
-                &format!(
-                    "= {microstep_us} µs: too long for the {side} of axis {whose} \
-                     ({spring_n_per_m:.3e} N/m and {damper_n_s_per_m:.3e} N·s/m on {mass_kg:.4} kg): \
-                     must be at most {fits_us:.3} µs"
-                ),
-            );
-        }
+        let Swinging {
+            name,
+            mass_kg,
+            spring_n_per_m,
+            damper_n_s_per_m,
+        } = mass;
+        let whose = at.map_or("", |(_, name)| name);
+        rules.say(
+            &["microstep_us"],
+            None,
+            &format!(
+                "= {microstep_us} µs: too long for the {name} of axis {whose} \
+                 ({spring_n_per_m:.3e} N/m and {damper_n_s_per_m:.3e} N·s/m on {mass_kg:.4} kg): \
+                 must be at most {fits_us:.3} µs"
+            ),
+        );
     }
 }

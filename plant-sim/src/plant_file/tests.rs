@@ -116,6 +116,78 @@ fn a_microstep_that_cannot_resolve_the_stiffness_is_refused() {
     );
 }
 
+/// The message for the reference file with more tables of axis X.
+fn message_with(tables: &str) -> String {
+    message("[axis.scale]", &format!("{tables}\n[axis.scale]"))
+}
+
+#[test]
+fn a_table_of_friction_of_which_no_curve_can_be_made_is_refused() {
+    for (speeds, forces, says) in [
+        (
+            "-1, 2, 1",
+            "-5, 6, 5",
+            "speed_mm_s = [-1.0, 2.0, 1.0] mm/s: must rise",
+        ),
+        (
+            "-1, 0, 1",
+            "-5, 5, 5",
+            "speed_mm_s = [-1.0, 0.0, 1.0] mm/s: must rise, and none must be 0",
+        ),
+        (
+            "1, 2",
+            "5, 6",
+            "speed_mm_s has 0 speeds in negative direction: must be at least 1 and at most 16",
+        ),
+        (
+            "-1, 1, 2",
+            "-5, 5",
+            "force_n has 2 values: must have 3, one for each of speed_mm_s",
+        ),
+        (
+            "-1, 1",
+            "-5, -6",
+            "force_n = -6 N at 1 mm/s: friction must have the sign of the speed",
+        ),
+    ] {
+        let text = message_with(&format!(
+            "[axis.measured_friction]\nspeed_mm_s = [{speeds}]\nforce_n = [{forces}]\n"
+        ));
+        let says = format!("axis X measured_friction.{says}");
+        assert!(text.contains(&says), "{text}\n{says}");
+    }
+}
+
+#[test]
+fn only_another_axis_of_the_file_disturbs_an_axis_and_each_once() {
+    let from = |name: &str| format!("[[axis.cross_talk]]\nfrom = \"{name}\"\n");
+    for name in ["X", "Z"] {
+        let text = message_with(&from(name));
+        let says = format!("cross_talk 1: from = {name:?}: must be another axis of this file");
+        assert!(text.contains("axis X ") && text.contains(&says), "{text}");
+    }
+    let text = message_with(&(from("Y") + &from("Y")));
+    assert!(
+        text.contains("cross_talk 2: from = \"Y\" is there already"),
+        "{text}"
+    );
+}
+
+#[test]
+fn a_microstep_that_cannot_resolve_what_swings_is_refused() {
+    let swings = "mass_kg = 200.0\nfrequency_hz = 1000.0\n";
+    let text = XY.replace("microstep_us = 25.0", "microstep_us = 50.0");
+    let with = |table: &str| {
+        let tables = format!("[axis.{table}]\n{swings}\n[axis.scale]");
+        PlantFile::parse("plant.toml", &text.replacen("[axis.scale]", &tables, 1))
+    };
+    for (table, name) in [("frame", "frame"), ("attached_mass", "attached mass")] {
+        let refused = with(table).unwrap_err().to_string() + "\n";
+        let says = format!("too long for the {name} of axis X");
+        assert!(refused.contains(&says), "{refused}");
+    }
+}
+
 #[test]
 fn files_that_are_no_text_or_too_long_are_refused() {
     let folder = tempfile::tempdir().unwrap();
