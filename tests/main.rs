@@ -15,6 +15,7 @@ mod docs;
 mod doctor;
 mod faults;
 mod faults_in_process;
+mod foreign_drives;
 mod full_disk;
 mod fuzz_seeds;
 mod house;
