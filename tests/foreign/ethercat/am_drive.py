@@ -11,6 +11,7 @@ from am_sdk import codec
 from am_sdk.backends.simwire import SimNode
 from am_sdk.backends.transport import SdoAbort
 
+import sii
 from coe import NO_OBJECT, NO_SUBINDEX, READ_ONLY, STATE, Abort
 from esc import PREOP
 
@@ -24,6 +25,7 @@ TX_1A00 = [((0x6041, 0), 16), ((0x6061, 0), 8), (GAP, 8), ((0x6064, 0), 32), ((0
 TX_1A01 = [((0x2A21, sub + 1), bits) for sub, bits in enumerate(
     [64, 16, 16, 32, 32, 16, 16, 32] + [16] * 12 + [32, 16, 16])]
 PDOS = {0x1600: RX_1600, 0x1601: RX_1601, 0x1A00: TX_1A00, 0x1A01: TX_1A01}
+MANAGERS = [(0x1000, 128, 0x26), (0x1080, 128, 0x22), (0x1100, 0, 0x64), (0x1400, 0, 0x20)]
 ASSIGNMENTS = {0x1C12: (0x1600, 0x1601), 0x1C13: (0x1A00, 0x1A01)}
 
 
@@ -51,6 +53,9 @@ class AmDrive:
     @property
     def name(self):
         return str(self.joint.identity().device_name)
+
+    managers = MANAGERS
+    coe = sii.SDO | sii.ASSIGN | sii.COMPLETE
 
     @staticmethod
     def default_mapping():

@@ -1,7 +1,6 @@
 """An EtherCAT slave controller's data link: registers, SII, FMMUs, sync managers, AL states (ETG.1000.4, ETG.1000.6).
 
-It serves one slave. What the slave is, an application says: `mapping()`, `sdo_read()`, `sdo_write()`, `exchange()`,
-`comms_lost()`.
+It serves one slave. What the slave is, an application says: `process_data_bytes()`, `exchange()`, `comms_lost()`.
 """
 
 import struct
@@ -15,9 +14,6 @@ SII_CONTROL, SII_ADDRESS, SII_DATA = 0x0502, 0x0504, 0x0508
 FMMU, SM, PORT_TIMES, SYSTEM_TIME, TIME_OFFSET = 0x0600, 0x0800, 0x0900, 0x0910, 0x0920
 FMMUS, SMS = 4, 4
 MAILBOX_OUT, MAILBOX_IN, OUTPUTS, INPUTS = range(SMS)
-# Sync managers as the SII gives them: start, length, control.
-MAILBOX_BYTES = 128
-SM_DEFAULTS = [(0x1000, MAILBOX_BYTES, 0x26), (0x1080, MAILBOX_BYTES, 0x22), (0x1100, 0, 0x64), (0x1400, 0, 0x20)]
 
 # AL status codes.
 INVALID_TRANSITION, UNKNOWN_STATE, BAD_MAILBOX = 0x0011, 0x0012, 0x0016
@@ -27,9 +23,12 @@ DELAY_NS = 300
 
 
 class Esc:
-    def __init__(self, position, last, sii, application, mailbox):
+    """One slave. `managers`: start and length of its mailboxes, as its SII gives them."""
+
+    def __init__(self, position, last, sii, managers, application, mailbox):
         self.position, self.sii, self.application, self.mailbox = position, sii, application, mailbox
-        self.memory = bytearray(0x2000)
+        self.managers = managers
+        self.memory = bytearray(0x4000)
         self.state, self.code = INIT, 0
         self.mailbox_full, self.answer = False, None
         self.outputs_written, self.output_ns = False, 0
@@ -221,7 +220,7 @@ class Esc:
     def hinders(self, wanted):
         """The AL status code of what stands against a state, or 0."""
         if wanted == PREOP:
-            right = [self.sms[index][:2] == SM_DEFAULTS[index][:2] and self.sms[index][3] for index in (MAILBOX_OUT, MAILBOX_IN)]
+            right = [self.sms[index][:2] == self.managers[index][:2] and self.sms[index][3] for index in (MAILBOX_OUT, MAILBOX_IN)]
             return 0 if all(right) else BAD_MAILBOX
         outputs, inputs = self.application.process_data_bytes()
         for index, size, code in ((OUTPUTS, outputs, BAD_OUTPUTS), (INPUTS, inputs, BAD_INPUTS)):

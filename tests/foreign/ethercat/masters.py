@@ -2,7 +2,7 @@
 """Foreign masters on the segment of segment.py: each must find it, configure it and drive its drives.
 
     pip install pysoem kickcat am-sdk==0.2.0
-    masters.py ec0 soem | kickcat | vendor        # segment.py serves the other end
+    masters.py ec0 soem | kickcat | vendor | boot        # segment.py serves the other end
 
 Prints what it found, one line for each fact, and ends with 1 where something is wrong.
 """
@@ -76,6 +76,55 @@ def soem(interface):
     master.close()
 
 
+def offset_of(slave, assignment, wanted):
+    """Where the object lies in the process data, in bits, by the mapping that the slave shows."""
+    at = 0
+    for pdo in range(slave.sdo_read(assignment, 0)[0]):
+        index = int.from_bytes(slave.sdo_read(assignment, pdo + 1), "little")
+        for entry in range(slave.sdo_read(index, 0)[0]):
+            row = int.from_bytes(slave.sdo_read(index, entry + 1), "little")
+            if row >> 16 == wanted:
+                return at
+            at += row & 0xFF
+    return None
+
+
+def boot(interface):
+    """Whatever drives there are: found, mapped as they are, in OP, walked to operation enabled."""
+    import pysoem
+
+    master = pysoem.Master()
+    master.open(interface)
+    say(f"SOEM: {master.config_init()} slaves", len(master.slaves) > 0)
+    places = [(offset_of(slave, 0x1C12, 0x6040), offset_of(slave, 0x1C13, 0x6041)) for slave in master.slaves]
+    master.config_map()
+    say("SOEM: SAFE-OP", master.state_check(pysoem.SAFEOP_STATE, 500_000) == pysoem.SAFEOP_STATE)
+    master.send_processdata()
+    master.receive_processdata(100_000)
+    master.state = pysoem.OP_STATE
+    master.write_state()
+    for _ in range(50):
+        master.send_processdata()
+        master.receive_processdata(100_000)
+        if master.state_check(pysoem.OP_STATE, 2000) == pysoem.OP_STATE:
+            break
+    for _ in range(20):
+        for slave, (control, status) in zip(master.slaves, places):
+            shown = int.from_bytes(slave.input, "little") >> status & 0xFFFF
+            slave.output = (walked(shown) << control).to_bytes(len(slave.output), "little")
+        master.send_processdata()
+        count = master.receive_processdata(100_000)
+    say(f"SOEM: working counter {count} of {master.expected_wkc}", count == master.expected_wkc)
+    master.read_state()
+    for slave, (_, status) in zip(master.slaves, places):
+        shown = int.from_bytes(slave.input, "little") >> status & 0xFFFF
+        say(f"SOEM: {slave.name}, product 0x{slave.id:X}, revision 0x{slave.rev:X}: {len(slave.output)} bytes out, "
+            f"{len(slave.input)} in, OP, statusword 0x{shown:04X}", slave.state & 0x0F == 8 and shown & 0x6F == 0x27)
+    master.state = pysoem.INIT_STATE
+    master.write_state()
+    master.close()
+
+
 def kickcat(interface):
     import kickcat as kc
 
@@ -141,7 +190,8 @@ def vendor(interface):
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3 or sys.argv[2] not in ("soem", "kickcat", "vendor"):
+    masters = {"soem": soem, "kickcat": kickcat, "vendor": vendor, "boot": boot}
+    if len(sys.argv) != 3 or sys.argv[2] not in masters:
         print(__doc__, file=sys.stderr)
         sys.exit(2)
-    {"soem": soem, "kickcat": kickcat, "vendor": vendor}[sys.argv[2]](sys.argv[1])
+    masters[sys.argv[2]](sys.argv[1])

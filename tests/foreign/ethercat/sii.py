@@ -2,11 +2,9 @@
 
 import struct
 
-from esc import SM_DEFAULTS
-
 STRINGS, GENERAL, FMMUS, SYNC_MANAGERS, TX_PDO, RX_PDO, END = 10, 30, 40, 41, 50, 51, 0xFFFF
-# CoE: SDO, PDO assign, complete access.
-COE_DETAILS = 0x01 | 0x04 | 0x20
+# CoE: SDO; with it PDO assignment, PDO configuration, complete access.
+SDO, ASSIGN, CONFIGURE, COMPLETE = 0x01, 0x04, 0x08, 0x20
 
 
 def crc8(data):
@@ -38,9 +36,9 @@ def pdos(mapping, sync_manager):
     return data
 
 
-def image(identity, name, outputs, inputs):
-    """`identity`: vendor, product, revision, serial number."""
-    (out, out_bytes, _), (answer, answer_bytes, _) = SM_DEFAULTS[:2]
+def image(identity, name, managers, outputs, inputs, coe):
+    """`identity`: vendor, product, revision, serial number; `managers`: start, length, control; `coe`: what the mailbox can."""
+    (out, out_bytes, _), (answer, answer_bytes, _) = managers[:2]
     head = bytearray(128)
     # PDI control: no ESC configuration that a master would have to know.
     struct.pack_into("<HH", head, 0, 0x0005, 0)
@@ -48,17 +46,17 @@ def image(identity, name, outputs, inputs):
     struct.pack_into("<IIII", head, 16, *identity)
     struct.pack_into("<HHHHH", head, 0x18 * 2, out, out_bytes, answer, answer_bytes, 0x0004)
     struct.pack_into("<HH", head, 0x3E * 2, 0x0F, 1)
-    size = lambda mapping: sum(bits for _, entries in mapping for _, _, bits in entries) // 8
-    managers = b""
-    for (start, length, control), kind in zip(SM_DEFAULTS, (1, 2, 3, 4)):
+    size = lambda mapping: (sum(bits for _, entries in mapping for _, _, bits in entries) + 7) // 8
+    listed = b""
+    for (start, length, control), kind in zip(managers, (1, 2, 3, 4)):
         length = {3: size(outputs), 4: size(inputs)}.get(kind, length)
-        managers += struct.pack("<HHBBBB", start, length, control, 0, 1, kind)
-    general = struct.pack("<BBBBBBBBBBBBhBBHHHB", 0, 0, 1, 1, 0, COE_DETAILS, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x0011, 0, 0, 0)
+        listed += struct.pack("<HHBBBB", start, length, control, 0, 1, kind)
+    general = struct.pack("<BBBBBBBBBBBBhBBHHHB", 0, 0, 1, 1, 0, coe, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x0011, 0, 0, 0)
     return bytes(head) + b"".join((
         category(STRINGS, strings([name])),
         category(GENERAL, general),
         category(FMMUS, bytes([1, 2, 3, 0])),
-        category(SYNC_MANAGERS, managers),
+        category(SYNC_MANAGERS, listed),
         category(TX_PDO, pdos(inputs, 3)),
         category(RX_PDO, pdos(outputs, 2)),
         struct.pack("<HH", END, 0),
