@@ -154,22 +154,25 @@ impl ClosedLoop<'_> {
     /// Before the program moves an axis that it had left at rest, the model goes by the torque that holds it: after a stop the loop
     /// lets go of springs that the model still has wound up. The torque itself does not change.
     fn rest(&mut self) {
+        let Some(resting_scans) = self.settings.model.resting_scans() else {
+            return;
+        };
         let here = self.setpoints.at(0);
         let ahead = i64::from(self.settings.model.ahead_scans());
         let moves = self.state.program.command_position != here
             || (1..=ahead).any(|scans| self.setpoints.at(scans) != here);
-        let rested = self.state.resting_scans > self.settings.model.resting_scans();
+        let rested = self.state.resting_scans >= resting_scans;
         if moves && rested {
             let model = &mut self.state.model;
+            let torque_nm = self.axis.torque_nm;
             self.state.held_torque_nm +=
-                self.settings
-                    .model
-                    .rest_at(model, self.learned, self.axis.torque_nm);
+                self.settings.model.rest_at(model, self.learned, torque_nm);
         }
-        self.state.resting_scans = if moves {
-            0
-        } else {
-            self.state.resting_scans.saturating_add(1)
+        // It counts no further than matters: an axis at rest is in one state.
+        self.state.resting_scans = match (moves, rested) {
+            (true, _) => 0,
+            (false, true) => resting_scans,
+            (false, false) => self.state.resting_scans.saturating_add(1),
         };
     }
 

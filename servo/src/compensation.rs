@@ -274,9 +274,11 @@ impl ModelSettings {
         -change_n * self.radius_m
     }
 
-    /// Scans after which an axis that is not commanded to move is at rest.
-    pub(crate) fn resting_scans(&self) -> u32 {
-        libm::ceil(RESTING_S / self.scan_s) as u32
+    /// Scans after which an axis that is not commanded to move is at rest; none where friction is not fed forward.
+    pub(crate) fn resting_scans(&self) -> Option<u32> {
+        let model = self.inverse_dynamics?;
+        let feeds = model.parts.friction;
+        feeds.then(|| libm::ceil(RESTING_S / self.scan_s) as u32)
     }
 
     /// Level of friction that is in force, as a part of the tuned one; 0 without a model.

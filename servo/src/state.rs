@@ -54,7 +54,7 @@ pub struct ServoState {
     pub cause: u32,
     /// Scans spent with the torque at its limit, in a row.
     pub torque_limited_scans: u32,
-    /// Scans in a row for which the program has not moved the axis, and is not about to.
+    /// Scans in a row for which the program has not moved the axis, and is not about to, as far as they are counted.
     pub resting_scans: u32,
     /// Torque that is fed beside what the model says, in N·m: what the model was off when the axis was last found at rest. The loop's
     /// integrator holds as much against it.
