@@ -6,9 +6,9 @@ use bus::member::Pace;
 use clap::{Args, Parser, Subcommand};
 use lab::options::{BenchOptions, BenchPongOptions, SoakOptions};
 use launcher::options::{
-    CheckOptions, CleanOptions, DoctorOptions, JogOptions, LoadOptions, OperatorOptions,
-    OptionalStopOptions, OverrideOptions, PlanOptions, ReportOptions, RunOptions, StartOptions,
-    UpOptions,
+    BusOptions, CheckOptions, CleanOptions, DoctorOptions, JogOptions, LoadOptions,
+    OperatorOptions, OptionalStopOptions, OverrideOptions, PlanOptions, ReportOptions, RunOptions,
+    StartOptions, UpOptions,
 };
 use tune::options::{IdentifyOptions, TuneOptions};
 use view::options::{MonitorOptions, ScopeOptions, StatusOptions};
@@ -82,6 +82,8 @@ pub enum Command {
     Clean(CleanOptions),
     /// What this PC offers for real time, what to change, and why: kernel, priorities, limits, timer, memory, processors
     Doctor(DoctorOptions),
+    /// Drives on EtherCAT: drive files, made of a vendor's ESI file and checked
+    Bus(BusOptions),
     /// Identify every axis by short test motions, set its gains and compensations by law, write the machine file
     Tune(TuneOptions),
     /// Identify an axis from a recording that somebody else made: mass, friction, what they do not explain
@@ -102,7 +104,7 @@ pub enum Command {
     Completions(CompletionsOptions),
     /// Write the manual pages
     Man(ManOptions),
-    /// Print what the machine file or the plant file may hold: the page of the reference, or the schema for editors
+    /// Print what the machine file, the plant file or a drive file may hold: the page of the reference, or the schema for editors
     #[command(hide = true)]
     Reference(ReferenceOptions),
     /// The other side of a measurement
@@ -155,7 +157,7 @@ pub struct ManOptions {
 #[derive(Debug, Clone, Args)]
 pub struct ReferenceOptions {
     /// Which file
-    #[arg(value_parser = ["machine", "plant"])]
+    #[arg(value_parser = ["machine", "plant", "drive"])]
     pub file: String,
     /// The JSON Schema for editors in place of the page
     #[arg(long)]

@@ -4,7 +4,7 @@ use bus::sample::Order;
 use clap::Parser;
 use launcher::exit::{self, Outcome};
 use launcher::run::Injection;
-use launcher::{check, doctor, operator, plan, report, run, signals, up};
+use launcher::{check, doctor, drive_files, operator, plan, report, run, signals, up};
 use quadrant::cli::{Cli, Command};
 use quadrant::{manual, roles};
 use view::{live, scope};
@@ -54,6 +54,7 @@ fn obey(command: Command) -> Outcome {
             quadrant::cli::RemoteCommand::Order(options) => live::remote_orders::give(options),
         },
         Command::IceoryxConfig(options) => operator::iceoryx_config(&options),
+        Command::Bus(options) => drive_files::bus(&options),
         Command::Tune(options) => tune::tune(&options),
         Command::Identify(options) => tune::identify_recording(&options),
         Command::Bench(options) => lab::bench::bench(&options),

@@ -7,6 +7,7 @@ use anyhow::Context;
 use clap::CommandFactory;
 use clap_mangen::Man;
 
+use fieldbus::drive_file;
 use launcher::exit::{Kind, Outcome};
 use launcher::output::say;
 use plant_sim::plant_file;
@@ -58,6 +59,8 @@ pub fn reference(options: &ReferenceOptions) -> Outcome {
     let text = match (options.file.as_str(), options.schema) {
         ("machine", false) => machine::reference(),
         ("machine", true) => machine::schema().json(),
+        ("drive", false) => drive_file::reference(),
+        ("drive", true) => drive_file::schema().json(),
         (_, false) => plant_file::reference(),
         (_, true) => plant_file::schema().json(),
     };

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::support::root;
 
 /// The crates in the order of the map in docs: each may use those before it in the list, and not all of them.
-const CRATES: [(&str, &[&str]); 15] = [
+const CRATES: [(&str, &[&str]); 16] = [
     ("bus", &[]),
     ("machine", &["bus"]),
     ("control", &[]),
@@ -15,6 +15,7 @@ const CRATES: [(&str, &[&str]); 15] = [
     ("servo", &["bus", "machine", "control"]),
     ("master", &["bus", "machine", "control"]),
     ("plant-sim", &["bus", "machine", "master"]),
+    ("fieldbus", &["machine"]),
     ("monitor", &["bus", "machine", "control", "program"]),
     (
         "launcher",
@@ -26,6 +27,7 @@ const CRATES: [(&str, &[&str]); 15] = [
             "planner",
             "master",
             "plant-sim",
+            "fieldbus",
             "monitor",
         ],
     ),
@@ -197,6 +199,29 @@ fn only_remote_names_zenoh_and_it_enters_no_cell() {
     let table = features.split("\n[").next().unwrap_or_default();
     let on = table.lines().any(|line| line.starts_with("default"));
     assert!(!on, "remote is not on by default");
+}
+
+/// Files are made and judged before anything runs: nothing that runs in a scan waits for them.
+#[test]
+fn fieldbus_is_not_on_the_scan_path() {
+    for krate in [
+        "bus",
+        "machine",
+        "control",
+        "program",
+        "planner",
+        "servo",
+        "master",
+        "plant-sim",
+    ] {
+        let uses = dependencies(krate);
+        assert!(!uses.iter().any(|used| used == "fieldbus"), "{krate}");
+    }
+    for (path, text) in sources(&root().join("fieldbus/src")) {
+        for word in ["std::thread", "std::net", "std::time"] {
+            assert!(!text.contains(word), "{} uses {word}", path.display());
+        }
+    }
 }
 
 #[test]

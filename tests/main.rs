@@ -13,6 +13,7 @@ mod determinism;
 mod digests;
 mod docs;
 mod doctor;
+mod drive_files;
 mod faults;
 mod faults_in_process;
 mod foreign_drives;

@@ -2,6 +2,7 @@
 
 pub mod check;
 pub mod doctor;
+pub mod drive_files;
 pub mod events;
 pub mod exit;
 mod fault_injector;

@@ -4,7 +4,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use bus::member::Pace;
-use clap::Args;
+use clap::{Args, Subcommand};
 
 use crate::metrics_socket as metrics;
 
@@ -290,4 +290,64 @@ pub fn number(text: &str) -> Result<f64, String> {
 /// A number, with or without its sign of percent.
 fn percent(text: &str) -> Result<f64, String> {
     number(text.strip_suffix('%').unwrap_or(text))
+}
+
+/// What `quadrant bus` takes.
+#[derive(Debug, Clone, Args)]
+pub struct BusOptions {
+    /// Which.
+    #[command(subcommand)]
+    pub command: BusCommand,
+}
+
+/// What can be asked for of drives on a bus.
+#[derive(Debug, Clone, Subcommand)]
+pub enum BusCommand {
+    /// Make a drive file from the ESI file of a drive's vendor
+    DriveFile(DriveFileOptions),
+    /// Check a drive file by itself and, if given, against the vendor's ESI file
+    Check(BusCheckOptions),
+}
+
+/// What `quadrant bus drive-file` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "The ESI file (EtherCAT slave information, XML) comes from the vendor of the drive. From it to a drive file that is good:\n  quadrant bus drive-file Vendor_Drive.xml --out drives/x.toml\n  (fill in what is marked FILL IN in drives/x.toml)\n  quadrant bus check drives/x.toml --esi Vendor_Drive.xml\n\nWhere the file describes several drives they are listed, with what to write for each. Nothing that is there is overwritten. Exit status 2: no drive file can be made, as is printed."
+)]
+pub struct DriveFileOptions {
+    /// The vendor's ESI file
+    pub esi: PathBuf,
+    /// Product code (0x00030924 or decimal), or a part of the name, where the file describes several
+    #[arg(long, value_name = "CODE|NAME")]
+    pub product: Option<String>,
+    /// Revision (0x00010420 or decimal), where the file describes several
+    #[arg(long, value_name = "NUMBER", value_parser = whole_32)]
+    pub revision: Option<u32>,
+    /// Mode of operation [default: the first of csv, cst and csp that the drive can be driven in]
+    #[arg(long, value_parser = ["csv", "cst", "csp"])]
+    pub mode: Option<String>,
+    /// Drive file to write [default: drives/NAME.toml, by the name of the drive]
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+}
+
+/// What `quadrant bus check` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Everything that is wrong is printed, a line each, with what to do; what may not be meant so is a warning. No drive need be there:\n  quadrant bus check drives/x.toml\n  quadrant bus check drives/x.toml --esi Vendor_Drive.xml\n\nExit status 2: something is wrong."
+)]
+pub struct BusCheckOptions {
+    /// The drive file
+    pub drive: PathBuf,
+    /// The vendor's ESI file
+    #[arg(long, value_name = "FILE")]
+    pub esi: Option<PathBuf>,
+}
+
+/// A number of 32 bits, hexadecimal or decimal.
+fn whole_32(text: &str) -> Result<u32, String> {
+    let value = fieldbus::esi::whole(text);
+    value
+        .and_then(|value| u32::try_from(value).ok())
+        .ok_or_else(|| format!("{text:?} is no number such as 0x00010420 or 66592"))
 }

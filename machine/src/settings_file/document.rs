@@ -1,7 +1,7 @@
 //! A TOML document that knows where its keys stand.
 
 use toml::Spanned;
-use toml::de::{DeTable, DeValue, Error};
+use toml::de::{DeArray, DeTable, DeValue, Error};
 
 use crate::settings_file::error::SettingsFileError;
 use crate::settings_file::problems::Place;
@@ -65,9 +65,11 @@ impl<'a> Document<'a> {
             .map_or(1, |before| before.matches('\n').count() + 1)
     }
 
-    /// The place of a key found by its path, with the line of the nearest table where it is absent.
+    /// The place of a key found by its path, with the line of the nearest table where it is absent; in a list a number, counted from 1,
+    /// stands for one of its values.
     pub fn place(&self, axis: Option<(usize, &str)>, path: &[&str]) -> Place {
         let mut table = Some(&self.root);
+        let mut list = None;
         let mut line = 1;
         if let Some((index, _)) = axis {
             let axes = self.root.get("axis").map(Spanned::get_ref);
@@ -76,11 +78,21 @@ impl<'a> Document<'a> {
             table = value.and_then(|value| value.get_ref().as_table());
         }
         for key in path {
-            let Some((found, value)) = table.and_then(|table| table.get_key_value(*key)) else {
-                break;
+            let value = if let Some(list) = list {
+                let Some(value) = listed(list, key) else {
+                    break;
+                };
+                line = self.line(value.span().start);
+                value
+            } else {
+                let Some((found, value)) = table.and_then(|table| table.get_key_value(*key)) else {
+                    break;
+                };
+                line = self.line_of(found, value);
+                value
             };
-            line = self.line_of(found, value);
             table = value.get_ref().as_table();
+            list = value.get_ref().as_array();
         }
         Place {
             line,
@@ -96,4 +108,10 @@ impl<'a> Document<'a> {
         };
         self.line(byte)
     }
+}
+
+/// A value of a list by its number, counted from 1.
+fn listed<'l, 'a>(list: &'l DeArray<'a>, number: &str) -> Option<&'l Spanned<DeValue<'a>>> {
+    let number: usize = number.parse().ok()?;
+    list.get(number.checked_sub(1)?)
 }

@@ -29,7 +29,12 @@ pub fn load<T: DeserializeOwned + JsonSchema>(
     let broken = |error: &toml::de::Error| SettingsFileError::Broken(vec![document.message(error)]);
     let mut table: Table = toml::from_str(text).map_err(|error| broken(&error))?;
     add_defaults(schema.root(), &mut table);
-    let settings = table.try_into().map_err(|error| broken(&error))?;
+    // What does not fit into its field breaks its range too, and that names the key.
+    let settings = match table.try_into() {
+        Ok(settings) => settings,
+        Err(_) if !problems.none() => return Err(problems.into_error()),
+        Err(error) => return Err(broken(&error)),
+    };
     let mut rules = Rules::after(document, problems);
     relations(&mut rules, &settings);
     rules.judge()?;

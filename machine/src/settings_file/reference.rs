@@ -6,6 +6,8 @@ use crate::settings_file::schema::{KeySchema, Kind, Schema};
 
 /// Longest line of prose, in characters.
 const COLUMNS: usize = 120;
+/// What stands for a name that is free.
+const ANY_NAME: &str = "NAME";
 
 /// A page in Markdown: `introduction`, then a section for each table with a line for each key.
 pub fn reference(introduction: &str, schema: &Schema) -> String {
@@ -16,7 +18,7 @@ pub fn reference(introduction: &str, schema: &Schema) -> String {
 
 /// The keys of a table, and the tables in it after them.
 fn keys(page: &mut String, schema: KeySchema<'_>, path: &str) {
-    let any_key = schema.any_key().map(|of_key| ("NAME", of_key));
+    let any_key = schema.any_key().map(|of_key| (ANY_NAME, of_key));
     let (tables, values): (Vec<_>, Vec<_>) = schema
         .keys()
         .chain(any_key)
@@ -30,7 +32,10 @@ fn keys(page: &mut String, schema: KeySchema<'_>, path: &str) {
             "| `{key}` | {} | {} | {} | {} |",
             of_key.unit(),
             range(of_key),
-            default(of_key),
+            default(
+                of_key,
+                schema.required().all(|needed| needed != key) && key != ANY_NAME
+            ),
             meaning(of_key)
         );
     }
@@ -120,9 +125,10 @@ fn range(of_key: KeySchema<'_>) -> String {
     }
 }
 
-fn default(of_key: KeySchema<'_>) -> String {
+fn default(of_key: KeySchema<'_>, may_be_left_out: bool) -> String {
     match of_key.default() {
         Some(default) => format!("`{default}`"),
+        None if may_be_left_out => "none".into(),
         None => "required".into(),
     }
 }

@@ -1,0 +1,125 @@
+//! CiA 402: numbers, sizes and names of its objects, modes of operation, what its option codes mean.
+//!
+//! Source: IEC 61800-7-201 (CiA 402-2), ETG.6010.
+
+mod modes;
+mod option_codes;
+
+pub use modes::{DriveMode, OperatingMode};
+pub use option_codes::{Effect, OptionCode};
+
+/// Number of the device profile.
+pub const PROFILE: u32 = 402;
+
+/// Abort connection option code: what the drive does when the bus falls silent.
+pub const ABORT_CONNECTION: u16 = 0x6007;
+/// Code of the last fault.
+pub const ERROR_CODE: u16 = 0x603F;
+/// Controlword.
+pub const CONTROLWORD: u16 = 0x6040;
+/// Statusword.
+pub const STATUSWORD: u16 = 0x6041;
+/// Quick stop option code.
+pub const QUICK_STOP: u16 = 0x605A;
+/// Disable operation option code.
+pub const DISABLE_OPERATION: u16 = 0x605C;
+/// Halt option code.
+pub const HALT: u16 = 0x605D;
+/// Fault reaction option code.
+pub const FAULT_REACTION: u16 = 0x605E;
+/// Mode of operation.
+pub const MODE: u16 = 0x6060;
+/// Mode of operation in force.
+pub const MODE_DISPLAY: u16 = 0x6061;
+/// Actual position.
+pub const POSITION: u16 = 0x6064;
+/// Actual velocity.
+pub const VELOCITY: u16 = 0x606C;
+/// Target torque.
+pub const TARGET_TORQUE: u16 = 0x6071;
+/// Highest torque.
+pub const MAX_TORQUE: u16 = 0x6072;
+/// Actual torque.
+pub const TORQUE: u16 = 0x6077;
+/// Target position.
+pub const TARGET_POSITION: u16 = 0x607A;
+/// Highest profile velocity.
+pub const MAX_PROFILE_VELOCITY: u16 = 0x607F;
+/// Velocity offset.
+pub const VELOCITY_OFFSET: u16 = 0x60B1;
+/// Torque offset.
+pub const TORQUE_OFFSET: u16 = 0x60B2;
+/// Interpolation time: sub-index 1 mantissa, 2 exponent of ten in seconds.
+pub const INTERPOLATION_TIME: u16 = 0x60C2;
+/// Highest torque in the positive direction.
+pub const POSITIVE_TORQUE_LIMIT: u16 = 0x60E0;
+/// Highest torque in the negative direction.
+pub const NEGATIVE_TORQUE_LIMIT: u16 = 0x60E1;
+/// Target velocity.
+pub const TARGET_VELOCITY: u16 = 0x60FF;
+/// Modes that the drive supports.
+pub const SUPPORTED_MODES: u16 = 0x6502;
+/// Which PDOs the drive receives.
+pub const RECEIVE_ASSIGN: u16 = 0x1C12;
+/// Which PDOs the drive transmits.
+pub const TRANSMIT_ASSIGN: u16 = 0x1C13;
+
+/// Name and size in bits of an object that the controller uses.
+pub fn standard(index: u16, sub: u8) -> Option<(&'static str, u32)> {
+    let known = match (index, sub) {
+        (ABORT_CONNECTION, 0) => ("abort connection option code", 16),
+        (ERROR_CODE, 0) => ("error code", 16),
+        (CONTROLWORD, 0) => ("controlword", 16),
+        (STATUSWORD, 0) => ("statusword", 16),
+        (QUICK_STOP, 0) => ("quick stop option code", 16),
+        (DISABLE_OPERATION, 0) => ("disable operation option code", 16),
+        (HALT, 0) => ("halt option code", 16),
+        (FAULT_REACTION, 0) => ("fault reaction option code", 16),
+        (MODE, 0) => ("mode of operation", 8),
+        (MODE_DISPLAY, 0) => ("mode of operation in force", 8),
+        (POSITION, 0) => ("actual position", 32),
+        (VELOCITY, 0) => ("actual velocity", 32),
+        (TARGET_TORQUE, 0) => ("target torque", 16),
+        (MAX_TORQUE, 0) => ("highest torque", 16),
+        (TORQUE, 0) => ("actual torque", 16),
+        (TARGET_POSITION, 0) => ("target position", 32),
+        (MAX_PROFILE_VELOCITY, 0) => ("highest profile velocity", 32),
+        (VELOCITY_OFFSET, 0) => ("velocity offset", 32),
+        (TORQUE_OFFSET, 0) => ("torque offset", 16),
+        (INTERPOLATION_TIME, 1) => ("interpolation time, mantissa", 8),
+        (INTERPOLATION_TIME, 2) => ("interpolation time, exponent", 8),
+        (POSITIVE_TORQUE_LIMIT, 0) => ("highest positive torque", 16),
+        (NEGATIVE_TORQUE_LIMIT, 0) => ("highest negative torque", 16),
+        (TARGET_VELOCITY, 0) => ("target velocity", 32),
+        _ => return None,
+    };
+    Some(known)
+}
+
+/// Whether an object in process data holds the drive back while it is 0.
+pub fn is_limit(index: u16) -> bool {
+    let limits = [
+        MAX_TORQUE,
+        MAX_PROFILE_VELOCITY,
+        POSITIVE_TORQUE_LIMIT,
+        NEGATIVE_TORQUE_LIMIT,
+    ];
+    limits.contains(&index)
+}
+
+/// An object as messages name it: `6040`, `60C2:1`, with its name where that is known.
+pub fn named(index: u16, sub: u8) -> String {
+    let number = number(index, sub);
+    match standard(index, sub) {
+        Some((name, _)) => format!("{number} ({name})"),
+        None => number,
+    }
+}
+
+/// An object by its number: `6040`, `60C2:1`.
+pub fn number(index: u16, sub: u8) -> String {
+    match sub {
+        0 => format!("{index:04X}"),
+        sub => format!("{index:04X}:{sub}"),
+    }
+}

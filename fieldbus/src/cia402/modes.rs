@@ -1,0 +1,170 @@
+//! Modes of operation.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::{
+    CONTROLWORD, ERROR_CODE, MODE, MODE_DISPLAY, POSITION, STATUSWORD, TARGET_POSITION,
+    TARGET_TORQUE, TARGET_VELOCITY, TORQUE, TORQUE_OFFSET, VELOCITY, VELOCITY_OFFSET,
+};
+
+/// A mode of operation that a drive may support (object 6502).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum DriveMode {
+    /// Profile position.
+    ProfilePosition,
+    /// Velocity, as frequency converters have it.
+    Velocity,
+    /// Profile velocity.
+    ProfileVelocity,
+    /// Profile torque.
+    ProfileTorque,
+    /// Homing.
+    Homing,
+    /// Interpolated position.
+    InterpolatedPosition,
+    /// Cyclic synchronous position.
+    Csp,
+    /// Cyclic synchronous velocity.
+    Csv,
+    /// Cyclic synchronous torque.
+    Cst,
+    /// Cyclic synchronous torque with commutation angle.
+    Cstca,
+}
+
+impl DriveMode {
+    /// All, each with its bit in object 6502 and its word in a drive file.
+    pub const ALL: [(DriveMode, u32, &'static str); 10] = [
+        (DriveMode::ProfilePosition, 0, "profile-position"),
+        (DriveMode::Velocity, 1, "velocity"),
+        (DriveMode::ProfileVelocity, 2, "profile-velocity"),
+        (DriveMode::ProfileTorque, 3, "profile-torque"),
+        (DriveMode::Homing, 5, "homing"),
+        (DriveMode::InterpolatedPosition, 6, "interpolated-position"),
+        (DriveMode::Csp, 7, "csp"),
+        (DriveMode::Csv, 8, "csv"),
+        (DriveMode::Cst, 9, "cst"),
+        (DriveMode::Cstca, 10, "cstca"),
+    ];
+
+    /// Those that a value of object 6502 names.
+    pub fn of(supported: i64) -> Vec<DriveMode> {
+        let named = DriveMode::ALL.iter();
+        let named = named.filter(|(_, bit, _)| (supported >> bit) & 1 == 1);
+        named.map(|(mode, _, _)| *mode).collect()
+    }
+
+    /// Its word in a drive file.
+    pub fn word(self) -> &'static str {
+        let mut all = DriveMode::ALL.iter();
+        all.find(|(mode, _, _)| *mode == self)
+            .map_or("", |(_, _, word)| word)
+    }
+}
+
+/// A mode in which the controller can drive an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum OperatingMode {
+    /// Cyclic synchronous velocity: the controller closes the position loop and adds torque (60B2) where the drive takes it.
+    Csv,
+    /// Cyclic synchronous torque: the controller closes all loops but that of the current.
+    Cst,
+    /// Cyclic synchronous position: the drive closes the position loop; the controller adds velocity (60B1) and torque (60B2) where it
+    /// takes them.
+    Csp,
+}
+
+impl OperatingMode {
+    /// All, the one to prefer first.
+    pub const ALL: [OperatingMode; 3] =
+        [OperatingMode::Csv, OperatingMode::Cst, OperatingMode::Csp];
+
+    /// Its value of object 6060.
+    pub fn value(self) -> i64 {
+        match self {
+            OperatingMode::Csp => 8,
+            OperatingMode::Csv => 9,
+            OperatingMode::Cst => 10,
+        }
+    }
+
+    /// The same as a drive reports it.
+    pub fn as_drive_mode(self) -> DriveMode {
+        match self {
+            OperatingMode::Csp => DriveMode::Csp,
+            OperatingMode::Csv => DriveMode::Csv,
+            OperatingMode::Cst => DriveMode::Cst,
+        }
+    }
+
+    /// Its word in a drive file.
+    pub fn word(self) -> &'static str {
+        self.as_drive_mode().word()
+    }
+
+    /// What the drive must receive.
+    pub fn receive_needed(self) -> &'static [u16] {
+        match self {
+            OperatingMode::Csp => &[CONTROLWORD, TARGET_POSITION],
+            OperatingMode::Csv => &[CONTROLWORD, TARGET_VELOCITY],
+            OperatingMode::Cst => &[CONTROLWORD, TARGET_TORQUE],
+        }
+    }
+
+    /// What it should receive besides.
+    pub fn receive_wanted(self) -> &'static [u16] {
+        match self {
+            OperatingMode::Csp => &[VELOCITY_OFFSET, TORQUE_OFFSET, MODE],
+            OperatingMode::Csv => &[TORQUE_OFFSET, MODE],
+            OperatingMode::Cst => &[MODE],
+        }
+    }
+
+    /// What the drive must transmit.
+    pub fn transmit_needed(self) -> &'static [u16] {
+        match self {
+            OperatingMode::Csp | OperatingMode::Csv => &[STATUSWORD, POSITION],
+            OperatingMode::Cst => &[STATUSWORD, POSITION, TORQUE],
+        }
+    }
+
+    /// What it should transmit besides.
+    pub fn transmit_wanted(self) -> &'static [u16] {
+        match self {
+            OperatingMode::Csp | OperatingMode::Csv => {
+                &[VELOCITY, TORQUE, ERROR_CODE, MODE_DISPLAY]
+            }
+            OperatingMode::Cst => &[VELOCITY, ERROR_CODE, MODE_DISPLAY],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_bits_of_6502_name_modes() {
+        assert_eq!(
+            DriveMode::of(0x380),
+            [DriveMode::Csp, DriveMode::Csv, DriveMode::Cst]
+        );
+        assert_eq!(DriveMode::of(0), []);
+        assert_eq!(DriveMode::of(-1).len(), DriveMode::ALL.len());
+    }
+
+    #[test]
+    fn every_word_is_the_one_that_a_file_is_read_by() {
+        #[derive(Deserialize)]
+        struct Words {
+            modes: Vec<DriveMode>,
+        }
+        let words = DriveMode::ALL.map(|(_, _, word)| format!("{word:?}"));
+        let text = format!("modes = [{}]", words.join(", "));
+        let read: Words = toml::from_str(&text).expect("words");
+        assert_eq!(read.modes, DriveMode::ALL.map(|(mode, _, _)| mode));
+    }
+}

@@ -1,0 +1,429 @@
+//! What must hold between the keys of a drive file.
+
+use machine::settings_file::Rules;
+
+use crate::cia402::{self, OperatingMode, OptionCode};
+use crate::drive_file::keys::{DriveFile, ManagerPurpose, Mapping, ProcessData};
+use crate::process_data::{self, Pdo};
+
+/// What the drive receives begins here, and ends before what it transmits.
+const TRANSMIT_FIRST: u16 = 0x1A00;
+
+/// Bit of a sync manager's control byte that lets it trigger the watchdog (ETG.1000.4).
+pub const WATCHDOG: u8 = 0x40;
+
+/// Judges a drive file by itself.
+pub fn judge(rules: &mut Rules<'_>, drive: &DriveFile) {
+    judge_scaling(rules, drive);
+    judge_mode(rules, drive);
+    judge_process_data(rules, drive);
+    judge_start_up(rules, drive);
+    judge_option_codes(rules, drive);
+    judge_sync_managers(rules, drive);
+}
+
+/// One direction of the process data.
+pub struct Direction<'a> {
+    /// Its key.
+    pub key: &'static str,
+    /// Its PDOs.
+    pub pdos: &'a [Pdo],
+    /// What becomes of their entries.
+    pub mapping: Mapping,
+    /// Most entries of a PDO that is written.
+    pub entries_max: Option<u32>,
+    /// Most PDOs.
+    pub pdos_max: Option<u32>,
+    /// Most bytes.
+    pub bytes_max: Option<u32>,
+}
+
+/// Both directions of the process data.
+pub fn directions(data: &ProcessData) -> [Direction<'_>; 2] {
+    let limits = &data.limits;
+    [
+        Direction {
+            key: "receive",
+            pdos: &data.receive,
+            mapping: data.receive_mapping,
+            entries_max: limits.receive_entries,
+            pdos_max: limits.receive_pdos,
+            bytes_max: limits.receive_bytes,
+        },
+        Direction {
+            key: "transmit",
+            pdos: &data.transmit,
+            mapping: data.transmit_mapping,
+            entries_max: limits.transmit_entries,
+            pdos_max: limits.transmit_pdos,
+            bytes_max: limits.transmit_bytes,
+        },
+    ]
+}
+
+/// The place of an entry, each number counted from 1.
+pub fn place(pdo: usize, entry: usize) -> [String; 2] {
+    [(pdo + 1).to_string(), (entry + 1).to_string()]
+}
+
+fn judge_scaling(rules: &mut Rules<'_>, drive: &DriveFile) {
+    let scaling = &drive.scaling;
+    let mut fill_in = |key: &str, missing: bool, what: &str| {
+        if missing {
+            rules.say(
+                &["scaling", key],
+                None,
+                &format!("is not filled in: {what}"),
+            );
+        }
+    };
+    fill_in(
+        "position_increments",
+        scaling.position_increments == 0,
+        "write the increments of the position (6064) in one turn of the motor, from 608F and 6091 or the data sheet",
+    );
+    fill_in(
+        "velocity_units",
+        scaling.velocity_units == 0,
+        "write the value of the velocity (606C) at velocity_rpm: at 60 the increments of one turn where the drive counts increments/s",
+    );
+    fill_in(
+        "rated_torque_nm",
+        scaling.rated_torque_nm == 0.0,
+        "write the rated torque of the motor in N·m, from its data sheet or 6076",
+    );
+    fill_in(
+        "direction",
+        scaling.direction == 0,
+        "write 1 where the drive counts up in the positive direction of the axis, -1 where it counts down",
+    );
+    fill_in(
+        "dead_time_scans",
+        scaling.dead_time_scans == 0,
+        "write 2 for a drive that follows SYNC0, 1 for one that does not, and more where the drive adds its own",
+    );
+}
+
+fn judge_mode(rules: &mut Rules<'_>, drive: &DriveFile) {
+    let mode = drive.mode.operate;
+    let supported = &drive.mode.supported;
+    if !supported.is_empty() && !supported.contains(&mode.as_drive_mode()) {
+        let can: Vec<&str> = supported.iter().map(|mode| mode.word()).collect();
+        let what = format!(
+            "= \"{}\": the drive supports {}",
+            mode.word(),
+            can.join(", ")
+        );
+        rules.say(&["mode", "operate"], None, &what);
+    }
+    let data = &drive.process_data;
+    for (key, pdos, needed) in [
+        ("receive", &data.receive, mode.receive_needed()),
+        ("transmit", &data.transmit, mode.transmit_needed()),
+    ] {
+        for index in process_data::missing(pdos, needed) {
+            let object = cia402::named(index, 0);
+            let mode = mode.word();
+            let what = format!(
+                "has no {object}: mode {mode} needs it; add it, take a PDO that holds it, or choose another mode.operate"
+            );
+            rules.say(&["process_data", key], None, &what);
+        }
+    }
+    let mode_is_set = process_data::find(&data.receive, cia402::MODE, 0).is_some()
+        || start_value(drive, cia402::MODE, 0) == Some(mode.value());
+    if !mode_is_set {
+        let value = mode.value();
+        let what = format!(
+            "does not set the mode: write {value} to 6060 with an [[start_up.sdo]], or add 6060 to process_data.receive"
+        );
+        rules.say(&["start_up"], None, &what);
+    }
+}
+
+fn judge_process_data(rules: &mut Rules<'_>, drive: &DriveFile) {
+    for direction in directions(&drive.process_data) {
+        if direction.mapping == Mapping::Written && !drive.mailbox.pdo_config {
+            let key = format!("{}_mapping", direction.key);
+            let what = "= \"written\": mailbox.pdo_config = false: the drive's entries are fixed: write \"fixed\", and the drive's own entries";
+            rules.say(&["process_data", &key], None, what);
+        }
+        judge_limits(rules, &direction);
+        for (at, pdo) in direction.pdos.iter().enumerate() {
+            let number = (at + 1).to_string();
+            let transmits = pdo.index >= TRANSMIT_FIRST;
+            if transmits != (direction.key == "transmit") {
+                let what = format!(
+                    "= 0x{:04X}: PDOs that a drive receives are 0x1600 to 0x17FF, those that it transmits 0x1A00 to 0x1BFF",
+                    pdo.index
+                );
+                rules.say(
+                    &["process_data", direction.key, &number, "index"],
+                    None,
+                    &what,
+                );
+            }
+            judge_entries(rules, &direction, at);
+        }
+    }
+}
+
+fn judge_limits(rules: &mut Rules<'_>, direction: &Direction<'_>) {
+    let path = ["process_data", direction.key];
+    let bits = process_data::bits(direction.pdos);
+    if !bits.is_multiple_of(8) {
+        let gap = 8 - bits % 8;
+        let what = format!("is {bits} bits, no whole bytes: add a gap, {{ bits = {gap} }}");
+        rules.say(&path, None, &what);
+    }
+    let bytes = process_data::bytes(direction.pdos);
+    if let Some(most) = direction.bytes_max.filter(|most| bytes > *most) {
+        let what = format!(
+            "is {bytes} bytes: the drive takes {most}; leave out what the mode does not need"
+        );
+        rules.say(&path, None, &what);
+    }
+    let count = direction.pdos.len();
+    if let Some(most) = direction.pdos_max.filter(|most| count > *most as usize) {
+        let what = format!("has {count} PDOs: the drive takes {most}");
+        rules.say(&path, None, &what);
+    }
+    for (at, pdo) in direction.pdos.iter().enumerate() {
+        let count = pdo.entries.len();
+        let written = direction.mapping == Mapping::Written;
+        let most = direction
+            .entries_max
+            .filter(|most| written && count > *most as usize);
+        if let Some(most) = most {
+            let number = (at + 1).to_string();
+            let what = format!(
+                "has {count} entries: the drive takes {most}; leave out what the mode does not need"
+            );
+            rules.say(&[path[0], path[1], &number, "entries"], None, &what);
+        }
+    }
+}
+
+fn judge_entries(rules: &mut Rules<'_>, direction: &Direction<'_>, pdo_at: usize) {
+    let Some(pdo) = direction.pdos.get(pdo_at) else {
+        return;
+    };
+    for (entry_at, entry) in pdo.entries.iter().enumerate() {
+        let [pdo_number, entry_number] = place(pdo_at, entry_at);
+        let path = [
+            "process_data",
+            direction.key,
+            &pdo_number,
+            "entries",
+            &entry_number,
+        ];
+        let mut say = |what: &str| rules.say(&path, None, what);
+        let standard = cia402::standard(entry.index, entry.sub);
+        if let Some((name, bits)) = standard.filter(|(_, bits)| *bits != entry.bits) {
+            let object = cia402::number(entry.index, entry.sub);
+            let found = entry.bits;
+            say(&format!(
+                "is {object} ({name}) with {found} bits: it has {bits}"
+            ));
+        }
+        if !entry.is_gap() && stood_before(direction.pdos, pdo_at, entry_at) {
+            let object = cia402::number(entry.index, entry.sub);
+            say(&format!(
+                "is {object} once more: each object stands in the process data once"
+            ));
+        }
+        if direction.key == "receive" && cia402::is_limit(entry.index) && entry.value == 0 {
+            let object = cia402::named(entry.index, entry.sub);
+            say(&format!(
+                "is {object} with value 0: the drive would be held back to 0; add value = …"
+            ));
+        }
+    }
+}
+
+/// Whether the object of an entry stands in an entry before it.
+fn stood_before(pdos: &[Pdo], pdo_at: usize, entry_at: usize) -> bool {
+    let numbered = pdos.iter().enumerate().flat_map(|(pdo_at, pdo)| {
+        let entries = pdo.entries.iter().enumerate();
+        entries.map(move |(entry_at, entry)| ((pdo_at, entry_at), (entry.index, entry.sub)))
+    });
+    let own = numbered
+        .clone()
+        .find(|(at, _)| *at == (pdo_at, entry_at))
+        .map(|(_, object)| object);
+    let mut before = numbered.take_while(|(at, _)| *at < (pdo_at, entry_at));
+    before.any(|(_, object)| Some(object) == own)
+}
+
+fn judge_start_up(rules: &mut Rules<'_>, drive: &DriveFile) {
+    for (at, sdo) in drive.start_up.sdos.iter().enumerate() {
+        let number = (at + 1).to_string();
+        let object = cia402::named(sdo.index, sdo.sub);
+        if ![8, 16, 32].contains(&sdo.bits) {
+            let what = format!("= {} bits: must be 8, 16 or 32", sdo.bits);
+            rules.say(&["start_up", "sdo", &number, "bits"], None, &what);
+            continue;
+        }
+        let standard = cia402::standard(sdo.index, sdo.sub);
+        if let Some((_, bits)) = standard.filter(|(_, bits)| *bits != sdo.bits) {
+            let what = format!("= {} bits: {object} has {bits}", sdo.bits);
+            rules.say(&["start_up", "sdo", &number, "bits"], None, &what);
+        }
+        let (low, high) = (-(1_i64 << (sdo.bits - 1)), (1_i64 << sdo.bits) - 1);
+        if !(low..=high).contains(&sdo.value) {
+            let what = format!("= {}: does not fit into {} bits", sdo.value, sdo.bits);
+            rules.say(&["start_up", "sdo", &number, "value"], None, &what);
+        }
+        let mode = drive.mode.operate;
+        if sdo.index == cia402::MODE && sdo.value != mode.value() {
+            let what = format!(
+                "= {}: mode.operate = \"{}\" is {}",
+                sdo.value,
+                mode.word(),
+                mode.value()
+            );
+            rules.say(&["start_up", "sdo", &number, "value"], None, &what);
+        }
+        if sdo.index == cia402::INTERPOLATION_TIME && drive.start_up.interpolation_time {
+            let what = format!(
+                "is {object}: start_up.interpolation_time = true sets it to the scan; remove one of the two"
+            );
+            rules.say(&["start_up", "sdo", &number], None, &what);
+        }
+    }
+}
+
+/// What the start-up writes to an object.
+fn start_value(drive: &DriveFile, index: u16, sub: u8) -> Option<i64> {
+    let mut all = drive.start_up.sdos.iter().rev();
+    all.find(|sdo| (sdo.index, sdo.sub) == (index, sub))
+        .map(|sdo| sdo.value)
+}
+
+/// The code that is in force once the drive operates.
+fn in_force(drive: &DriveFile, code: OptionCode) -> Option<i64> {
+    let written = start_value(drive, code.index(), 0);
+    written.or(drive.option_codes.of(code).map(i64::from))
+}
+
+/// A drive that coasts where it must brake is not driven.
+fn judge_option_codes(rules: &mut Rules<'_>, drive: &DriveFile) {
+    for code in [OptionCode::QuickStop, OptionCode::AbortConnection] {
+        let Some(value) = in_force(drive, code) else {
+            continue;
+        };
+        let effect = code.effect(value);
+        if effect.may_coast() {
+            let object = cia402::named(code.index(), 0);
+            let what = format!(
+                "= {value}: {object}: {}; set it to {} with an [[start_up.sdo]], or, where the manual says that it brakes, write here what \
+                 means the same",
+                effect.words(),
+                code.braking()
+            );
+            rules.say(&["option_codes", code.key()], None, &what);
+        }
+    }
+}
+
+fn judge_sync_managers(rules: &mut Rules<'_>, drive: &DriveFile) {
+    let order = [
+        ManagerPurpose::MailboxOut,
+        ManagerPurpose::MailboxIn,
+        ManagerPurpose::Outputs,
+        ManagerPurpose::Inputs,
+    ];
+    for (at, expected) in order.into_iter().enumerate() {
+        let number = (at + 1).to_string();
+        let Some(manager) = drive.sync_managers.get(at) else {
+            continue;
+        };
+        let path = ["sync_manager", &number, "purpose"];
+        if manager.purpose != expected {
+            let what = format!(
+                "= \"{}\": must be \"{}\": the order is mailbox-out, mailbox-in, outputs, inputs",
+                manager.purpose.word(),
+                expected.word()
+            );
+            rules.say(&path, None, &what);
+        }
+        if at < 2 && manager.size_bytes == 0 {
+            let what = "= 0 bytes: a mailbox has a size, from the ESI file";
+            rules.say(&["sync_manager", &number, "size_bytes"], None, what);
+        }
+    }
+}
+
+/// What the controller can do without, and what may not be meant so.
+pub fn warnings(drive: &DriveFile) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let mode = drive.mode.operate;
+    let data = &drive.process_data;
+    for index in process_data::missing(&data.receive, mode.receive_wanted()) {
+        warnings.extend(lack_of(index, mode));
+    }
+    for index in process_data::missing(&data.transmit, mode.transmit_wanted()) {
+        warnings.extend(lack_of(index, mode));
+    }
+    if drive.mode.supported.is_empty() {
+        let mode = mode.word();
+        warnings.push(format!(
+            "modes: not known (6502); whether the drive has {mode} shows when it is switched on"
+        ));
+    }
+    if !drive.start_up.interpolation_time {
+        warnings.push(
+            "60C2 (interpolation time): not set; set the drive's cycle to the scan of the machine with the vendor's own tool".into(),
+        );
+    }
+    for code in OptionCode::ALL {
+        warnings.extend(doubt_about(drive, code));
+    }
+    let mut managers = drive.sync_managers.iter();
+    let outputs = managers.find(|manager| manager.purpose == ManagerPurpose::Outputs);
+    if let Some(outputs) = outputs.filter(|outputs| outputs.control & WATCHDOG == 0) {
+        let (found, with) = (outputs.control, outputs.control | WATCHDOG);
+        warnings.push(format!(
+            "sync manager of the outputs: its watchdog is off (control 0x{found:02X}): the drive may not notice that the bus falls silent; \
+             write control = 0x{with:02X}, unless its manual forbids it"
+        ));
+    }
+    warnings
+}
+
+/// What is lost without an object.
+fn lack_of(index: u16, mode: OperatingMode) -> Option<String> {
+    let without = match index {
+        cia402::TORQUE_OFFSET => {
+            "no torque is added by the controller: friction is not made up for at reversals"
+        }
+        cia402::VELOCITY_OFFSET => "no velocity is added by the controller: the axis lags behind",
+        // Set at start-up then, which is judged.
+        cia402::MODE => return None,
+        cia402::VELOCITY => "the velocity is made from positions",
+        cia402::TORQUE => "torque is not shown, and tuning finds no friction",
+        cia402::ERROR_CODE => "the code of a fault is read after it, not with it",
+        cia402::MODE_DISPLAY => "the mode is believed once it is read at start-up",
+        _ => return None,
+    };
+    let object = cia402::named(index, 0);
+    let mode = mode.word();
+    Some(format!(
+        "{object}: not in the process data of mode {mode}: {without}"
+    ))
+}
+
+/// A code that may let the axis coast, or that nobody knows.
+fn doubt_about(drive: &DriveFile, code: OptionCode) -> Option<String> {
+    let object = cia402::named(code.index(), 0);
+    let Some(value) = in_force(drive, code) else {
+        let matters = !matches!(code, OptionCode::Halt | OptionCode::DisableOperation);
+        return matters.then(|| {
+            format!("{object}: not known; read in the manual what the drive does, and try it with an axis that may coast")
+        });
+    };
+    let effect = code.effect(value);
+    effect
+        .may_coast()
+        .then(|| format!("{object} = {value}: {}", effect.words()))
+}

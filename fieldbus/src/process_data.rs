@@ -1,0 +1,156 @@
+//! Process data: what goes to a drive and comes back in each cycle, bit by bit.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use crate::cia402::{self, OperatingMode};
+
+/// A process data object to exchange, and what is in it.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Pdo {
+    /// Its index: 0x1600 to 0x17FF of what the drive receives, 0x1A00 to 0x1BFF of what it transmits.
+    #[schemars(extend("minimum" = 0x1600, "maximum" = 0x1BFF))]
+    pub index: u16,
+    /// Its entries, in the order of their bits.
+    #[schemars(length(min = 1, max = 255))]
+    pub entries: Vec<Entry>,
+}
+
+/// An entry of a PDO.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Entry {
+    /// Index of the object; 0 for a gap.
+    #[schemars(extend("minimum" = 0, "maximum" = 0xFFFF, "default" = 0))]
+    pub index: u16,
+    /// Sub-index of the object.
+    #[schemars(extend("minimum" = 0, "maximum" = 255, "default" = 0))]
+    pub sub: u8,
+    /// Its size.
+    #[schemars(extend("unit" = "bits", "minimum" = 1, "maximum" = 65_536))]
+    pub bits: u32,
+    /// What is sent where the controller has no command for the object: a torque limit, say. In what the drive transmits it means
+    /// nothing.
+    #[schemars(extend("minimum" = -2_147_483_648_i64, "maximum" = 4_294_967_295_i64, "default" = 0))]
+    pub value: i64,
+}
+
+impl Entry {
+    /// An object of so many bits.
+    pub fn of(index: u16, sub: u8, bits: u32) -> Entry {
+        Entry {
+            index,
+            sub,
+            bits,
+            value: 0,
+        }
+    }
+
+    /// Whether it holds nothing.
+    pub fn is_gap(&self) -> bool {
+        self.index == 0
+    }
+
+    /// It in words.
+    pub fn words(&self) -> String {
+        if self.is_gap() {
+            format!("a gap of {} bits", self.bits)
+        } else {
+            let object = cia402::number(self.index, self.sub);
+            format!("{object} of {} bits", self.bits)
+        }
+    }
+}
+
+/// Size of PDOs that are sent one behind the other, in bits.
+pub fn bits(pdos: &[Pdo]) -> u32 {
+    let entries = pdos.iter().flat_map(|pdo| &pdo.entries);
+    entries.fold(0, |bits, entry| bits.saturating_add(entry.bits))
+}
+
+/// Their size in bytes, begun ones counted.
+pub fn bytes(pdos: &[Pdo]) -> u32 {
+    bits(pdos).div_ceil(8)
+}
+
+/// Where an object begins, in bits from the start of the process data of its direction, and its entry.
+pub fn find(pdos: &[Pdo], index: u16, sub: u8) -> Option<(u32, Entry)> {
+    let mut at_bits: u32 = 0;
+    for entry in pdos.iter().flat_map(|pdo| &pdo.entries) {
+        if !entry.is_gap() && (entry.index, entry.sub) == (index, sub) {
+            return Some((at_bits, *entry));
+        }
+        at_bits = at_bits.saturating_add(entry.bits);
+    }
+    None
+}
+
+/// Which of these objects (sub-index 0) are not there.
+pub fn missing(pdos: &[Pdo], objects: &[u16]) -> Vec<u16> {
+    let mut objects = objects.to_vec();
+    objects.retain(|index| find(pdos, *index, 0).is_none());
+    objects
+}
+
+/// Whether process data in both directions holds what a mode cannot do without.
+pub fn holds(receive: &[Pdo], transmit: &[Pdo], mode: OperatingMode) -> bool {
+    missing(receive, mode.receive_needed()).is_empty()
+        && missing(transmit, mode.transmit_needed()).is_empty()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn with_gaps() -> Vec<Pdo> {
+        let entries = [
+            Entry::of(0x6040, 0, 16),
+            Entry::of(0x2601, 0, 1),
+            Entry::of(0, 0, 7),
+            Entry::of(0x60FF, 0, 32),
+        ];
+        vec![Pdo {
+            index: 0x1600,
+            entries: entries.to_vec(),
+        }]
+    }
+
+    #[test]
+    fn gaps_of_bits_count_and_are_never_found() {
+        let pdos = with_gaps();
+        assert_eq!((bits(&pdos), bytes(&pdos)), (56, 7));
+        assert_eq!(find(&pdos, 0x60FF, 0), Some((24, Entry::of(0x60FF, 0, 32))));
+        assert_eq!(find(&pdos, 0, 0), None);
+    }
+
+    #[test]
+    fn the_second_pdo_begins_where_the_first_ends() {
+        let mut pdos = with_gaps();
+        pdos.extend(with_gaps());
+        pdos[1].entries[0] = Entry::of(0x6060, 0, 8);
+        assert_eq!(find(&pdos, 0x6060, 0), Some((56, Entry::of(0x6060, 0, 8))));
+    }
+
+    #[test]
+    fn a_mode_misses_its_target() {
+        let pdos = with_gaps();
+        assert!(missing(&pdos, OperatingMode::Csv.receive_needed()).is_empty());
+        assert_eq!(
+            missing(&pdos, OperatingMode::Cst.receive_needed()),
+            [0x6071]
+        );
+        assert!(!holds(&pdos, &[], OperatingMode::Csv));
+    }
+
+    #[test]
+    fn sizes_beyond_all_bounds_do_not_overflow() {
+        let entry = Entry::of(0x2000, 0, u32::MAX);
+        let pdos = vec![Pdo {
+            index: 0x1600,
+            entries: vec![entry; 3],
+        }];
+        assert_eq!(bits(&pdos), u32::MAX);
+        assert_eq!(find(&pdos, 0x6040, 0), None);
+    }
+}
