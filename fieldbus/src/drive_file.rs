@@ -1,6 +1,6 @@
 //! Drive files: what the controller must know of a drive before it switches it on.
 //!
-//! [`from_esi`] makes one of a vendor's ESI file, [`write`] gives it its comments, [`load`] reads and judges it, by itself and against an
+//! [`from_esi()`] makes one of a vendor's ESI file, [`write()`] gives it its comments, [`load()`] reads and judges it, by itself and against an
 //! ESI file.
 
 mod against;

@@ -29,6 +29,8 @@ pub struct AxisMeter {
     pub torque_cut_scans: u64,
     /// What was cut off at most, in N·m.
     pub torque_cut_nm_peak: f64,
+    /// What the servo goes by as to friction.
+    pub friction: FrictionMeter,
     /// Highest rise of the winding temperature above ambient, in K.
     pub winding_k_peak: f64,
     /// Scans without a command in time.
@@ -37,6 +39,35 @@ pub struct AxisMeter {
     pub missed_before: u32,
     /// Prediction of the feedback position; none where it is off.
     pub prediction: Option<PredictionMeter>,
+}
+
+/// Friction that a servo with a model goes by, while the drives were on.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct FrictionMeter {
+    /// Level at the end, as a part of the tuned one; none without a model.
+    pub level: Option<f64>,
+    unexplained_sum: f64,
+    ways: u64,
+    last: f64,
+}
+
+impl FrictionMeter {
+    fn take(&mut self, command: &AxisCommand) {
+        if command.friction_level > 0.0 {
+            self.level = Some(command.friction_level);
+        }
+        // It changes once for each way between two reversals.
+        if command.friction_unexplained.is_finite() && command.friction_unexplained != self.last {
+            self.last = command.friction_unexplained;
+            self.unexplained_sum += self.last;
+            self.ways += 1;
+        }
+    }
+
+    /// What a way between two reversals left unexplained in the mean, in percent of Coulomb friction; none where nothing is followed.
+    pub fn unexplained_percent(&self) -> Option<f64> {
+        (self.ways > 0).then(|| 100.0 * self.unexplained_sum / self.ways as f64)
+    }
 }
 
 impl AxisMeter {
@@ -72,6 +103,7 @@ impl AxisMeter {
         if let Some(command) = command {
             self.torque_cut_scans += u64::from(command.torque_cut_nm != 0.0);
             self.torque_cut_nm_peak = self.torque_cut_nm_peak.max(command.torque_cut_nm.abs());
+            self.friction.take(command);
             self.following_error_mm.take(command.following_error_mm);
             self.following_error_um_percentiles
                 .take(command.following_error_mm * 1e3);
@@ -220,6 +252,28 @@ mod tests {
     use bytemuck::Zeroable;
 
     use super::*;
+
+    #[test]
+    fn friction_that_is_not_explained_counts_once_for_each_way_between_two_reversals() {
+        let mut meter = AxisMeter::default();
+        let feedback = AxisFeedback::zeroed();
+        assert_eq!(meter.friction.unexplained_percent(), None);
+        for (scan, unexplained, drives_on) in [
+            (1, 0.0, true),
+            (2, 0.1, true),
+            (3, 0.1, true),
+            (4, 0.3, true),
+            (5, 0.9, false),
+        ] {
+            let mut command = AxisCommand::zeroed();
+            command.friction_level = 0.8;
+            command.friction_unexplained = unexplained;
+            meter.take(scan, &feedback, Some(&command), drives_on);
+        }
+        assert_eq!(meter.friction.level, Some(0.8));
+        let percent = meter.friction.unexplained_percent().expect("two ways");
+        assert!((percent - 20.0).abs() < 1e-9, "{percent}");
+    }
 
     #[test]
     fn torque_that_is_cut_off_is_counted_and_its_most_kept_while_the_drives_are_on() {

@@ -454,6 +454,21 @@ fn reversals(report: &Report) -> Section {
     section("Reversals", blocks)
 }
 
+/// Part of Coulomb friction, in percent, from which on what a servo sees between two reversals is not what it knows.
+const UNEXPLAINED_PERCENT: f64 = 10.0;
+
+/// Where the friction that the model knows is not what the motor meets: what to do.
+fn friction_of_another_kind(axis: &AxisReport) -> Option<String> {
+    let percent = axis.friction_unexplained_percent?;
+    (percent >= UNEXPLAINED_PERCENT).then(|| {
+        format!(
+            "{}: between two reversals {percent:.0} % of Coulomb friction are not what the model knows: a tool cut, or the \
+             friction is of another kind. Ways that leave more than 10 % teach nothing. In the air: `quadrant tune`, or `run --learn-path`",
+            axis.axis
+        )
+    })
+}
+
 fn drives(report: &Report) -> Section {
     let table = Columns::of("axes", &report.axes)
         .words("Axis", |axis| axis.axis.clone())
@@ -477,9 +492,10 @@ fn drives(report: &Report) -> Section {
             axis.axis
         )
     });
+    let foreign = report.axes.iter().filter_map(friction_of_another_kind);
     let mut blocks = vec![
         Block::Table(table.done()),
-        Block::List(predictions.chain(cut).collect()),
+        Block::List(predictions.chain(cut).chain(foreign).collect()),
     ];
     if let Some(axis) = report.axes.first() {
         let ambient_c = axis.ambient_c;

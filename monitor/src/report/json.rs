@@ -223,6 +223,10 @@ pub struct AxisReport {
     pub torque_cut_scans: u64,
     /// What was cut off at most.
     pub torque_cut_nm_peak: f64,
+    /// Friction that the servo went by at the end, in percent of the tuned one; none without a model.
+    pub friction_level_percent: Option<f64>,
+    /// What a way between two reversals left unexplained in the mean, in percent of Coulomb friction; none where nothing is followed.
+    pub friction_unexplained_percent: Option<f64>,
     /// Highest winding temperature in °C, at an assumed room temperature of `ambient_c`.
     pub winding_c_peak: f64,
     /// Room temperature assumed, in °C: the machine reports the rise only.
@@ -521,6 +525,8 @@ fn axes(evaluation: &Evaluation) -> Vec<AxisReport> {
             torque_rms_percent: r3(meter.torque_nm.rms() / axis.motor.rated_torque_nm * 100.0),
             torque_cut_scans: meter.torque_cut_scans,
             torque_cut_nm_peak: r3(meter.torque_cut_nm_peak),
+            friction_level_percent: meter.friction.level.map(|part| r3(100.0 * part)),
+            friction_unexplained_percent: meter.friction.unexplained_percent().map(r3),
             winding_c_peak: r3(AMBIENT_C + meter.winding_k_peak),
             ambient_c: AMBIENT_C,
             prediction: meter

@@ -158,6 +158,8 @@ fn a_report_has_the_names_of_the_interface_and_is_made_again_to_the_byte() {
         "/axes/0/torque_peak_nm",
         "/axes/0/torque_cut_scans",
         "/axes/0/torque_cut_nm_peak",
+        "/axes/0/friction_level_percent",
+        "/axes/0/friction_unexplained_percent",
         "/axes/0/winding_c_peak",
         "/contour_error_um/peak",
         "/contour_error_um/rms",
