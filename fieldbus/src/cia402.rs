@@ -47,6 +47,10 @@ pub const TARGET_POSITION: u16 = 0x607A;
 pub const MAX_PROFILE_VELOCITY: u16 = 0x607F;
 /// Velocity offset.
 pub const VELOCITY_OFFSET: u16 = 0x60B1;
+/// Highest current.
+pub const MAX_CURRENT: u16 = 0x6073;
+/// Highest speed of the motor.
+pub const MAX_MOTOR_SPEED: u16 = 0x6080;
 /// Torque offset.
 pub const TORQUE_OFFSET: u16 = 0x60B2;
 /// Interpolation time: sub-index 1 mantissa, 2 exponent of ten in seconds.
@@ -103,6 +107,8 @@ pub fn is_limit(index: u16) -> bool {
         MAX_PROFILE_VELOCITY,
         POSITIVE_TORQUE_LIMIT,
         NEGATIVE_TORQUE_LIMIT,
+        MAX_CURRENT,
+        MAX_MOTOR_SPEED,
     ];
     limits.contains(&index)
 }

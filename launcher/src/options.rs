@@ -25,14 +25,14 @@ pub struct RunOptions {
     #[arg(long, value_name = "NAME")]
     pub cell: Option<String>,
     /// If the run goes well: learn from it what the model lacks at reversals, into learned.toml beside the machine file
-    #[arg(long, conflicts_with = "no_learned")]
+    #[arg(long, conflicts_with = "no_learned", group = "learns")]
     pub learn: bool,
     /// If the run goes well: learn from it what this program leaves of error along its path by the table's scales, into
     /// learned-path/PROGRAM.csv beside the machine file; the best pass is kept
-    #[arg(long, conflicts_with_all = ["no_learned", "learn"])]
+    #[arg(long, conflicts_with_all = ["no_learned", "learn"], group = "learns")]
     pub learn_path: bool,
     /// With --learn or --learn-path: run so often, each pass with a run directory of its own
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100))]
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "learns", value_parser = clap::value_parser!(u32).range(1..=100))]
     pub passes: u32,
     /// Show `quadrant monitor` in this terminal meanwhile; closing it (q) ends nothing
     #[arg(long)]

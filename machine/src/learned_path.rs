@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
-use crate::learned::{Learned, settings_hash};
+use crate::learned::Learned;
 use crate::load::machine_file;
 use crate::machine::Machine;
 use crate::settings_file::{self, SettingsFileError};
@@ -95,11 +95,21 @@ pub struct LearnedKnot {
     pub correction_mm: Vec<f64>,
 }
 
-/// Names the settings of all axes that a learned path depends on, and what their runs have learned at reversals.
+/// Names the settings that a learned path depends on: how setpoints are made, and of each axis what is in the machine file and what
+/// its runs have learned at reversals.
 pub fn path_settings_hash(machine: &Machine, learned: Option<&Learned>) -> String {
     let mut hash = Xxh3::new();
+    let (scan, interpolation) = (&machine.scan, &machine.interpolation);
+    let made = (
+        scan,
+        interpolation,
+        &machine.path,
+        &machine.positioning,
+        &machine.kinematics,
+    );
+    hash.update(format!("{made:?}").as_bytes());
     for axis in &machine.axes {
-        hash.update(settings_hash(machine, axis).as_bytes());
+        hash.update(format!("{axis:?}").as_bytes());
         let table = learned.and_then(|learned| learned.of(machine, axis));
         let table = table.map(|known| serde_json::to_string(&known.table).unwrap_or_default());
         hash.update(table.unwrap_or_default().as_bytes());

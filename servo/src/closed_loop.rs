@@ -21,6 +21,9 @@ use crate::setpoints::Setpoints;
 use crate::settings::ServoSettings;
 use crate::state::ServoState;
 
+/// Way within the look-ahead from which on an axis that has rested starts, in mm.
+const STARTING_MM: f64 = 1e-3;
+
 /// What is wanted of an axis in one scan, before the guards.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Wanted {
@@ -59,9 +62,9 @@ impl ClosedLoop<'_> {
         let setpoint = self.setpoints.at(0);
         let movement = self.movement();
 
+        self.rest();
         let compensated_before_mm = self.state.backlash.compensation_mm;
         let reversed = self.backlash(setpoint);
-        self.rest();
         let model = self.model(compensated_before_mm);
         let path = path_correction::added(self.settings, self.path, &self.setpoints);
         let proportional_mm_s =
@@ -159,20 +162,27 @@ impl ClosedLoop<'_> {
         };
         let here = self.setpoints.at(0);
         let ahead = i64::from(self.settings.model.ahead_scans());
-        let moves = self.state.program.command_position != here
-            || (1..=ahead).any(|scans| self.setpoints.at(scans) != here);
+        let moves = self.state.program.command_position != here;
+        let will_move = (1..=ahead).any(|scans| self.setpoints.at(scans) != here);
         let rested = self.state.resting_scans >= resting_scans;
-        if moves && rested {
-            let model = &mut self.state.model;
-            let torque_nm = self.axis.torque_nm;
-            self.state.held_torque_nm +=
-                self.settings.model.rest_at(model, self.learned, torque_nm);
+        // A command that creeps stands still for as long, time and again.
+        let starts = self.mm(self.setpoints.at(ahead).saturating_sub(here)).abs() > STARTING_MM;
+        if rested && starts {
+            let model = &self.settings.model;
+            let state = &mut *self.state;
+            state.held_torque_nm +=
+                model.rest_at(&mut state.model, self.learned, self.axis.torque_nm);
+            if let Some(compensation_mm) = model.compensation_at_rest_mm(&state.model) {
+                state.backlash.compensation_mm = compensation_mm;
+            }
         }
         // It counts no further than matters: an axis at rest is in one state.
-        self.state.resting_scans = match (moves, rested) {
-            (true, _) => 0,
-            (false, true) => resting_scans,
-            (false, false) => self.state.resting_scans.saturating_add(1),
+        self.state.resting_scans = if moves || rested && starts {
+            0
+        } else if will_move || rested {
+            self.state.resting_scans.min(resting_scans)
+        } else {
+            self.state.resting_scans.saturating_add(1)
         };
     }
 

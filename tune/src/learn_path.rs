@@ -73,6 +73,9 @@ pub fn learn(run_dir: &Path, machine_path: &Path, machine: &Machine) -> anyhow::
     kept.head.gain = verdict.standing.gain;
     kept.head.passes_no_better = verdict.standing.passes_no_better;
     kept.head.settled = verdict.standing.settled;
+    if verdict.next != Next::Learn {
+        remove(&trial_file)?;
+    }
     write(&best_file, &kept)?;
     if verdict.next == Next::Learn {
         let learned = seen.pass.learned(verdict.standing.gain, CORNER_HZ);
@@ -84,8 +87,6 @@ pub fn learn(run_dir: &Path, machine_path: &Path, machine: &Machine) -> anyhow::
             ..blank
         };
         write(&trial_file, &trial)?;
-    } else {
-        remove(&trial_file)?;
     }
     let last = best.as_ref().and_then(|best| best.head.passes.last());
     Ok(line(&now, last, &verdict.standing.best, verdict.words))

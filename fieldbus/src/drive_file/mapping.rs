@@ -162,12 +162,13 @@ impl Offer<'_> {
             .and_then(|manager| manager.size_max)
             .map_or(u32::MAX, |size| u32::from(size) * 8);
         let mut entries: Vec<Entry> = Vec::new();
-        let mut bits = 0;
+        let mut bits: u32 = 0;
         for (objects, must) in [(self.needed, true), (self.wanted, false)] {
             for index in objects {
-                let takes = self
-                    .mappable(*index)
-                    .filter(|size| entries.len() < most && bits + size <= bits_max);
+                let takes = self.mappable(*index).filter(|size| {
+                    entries.len() < most
+                        && bits.checked_add(*size).is_some_and(|sum| sum <= bits_max)
+                });
                 match takes {
                     Some(size) => {
                         entries.push(Entry::of(*index, 0, size));

@@ -2,7 +2,7 @@
 
 use machine::settings_file::Rules;
 
-use crate::cia402::{self, OperatingMode, OptionCode};
+use crate::cia402::{self, Effect, OperatingMode, OptionCode};
 use crate::drive_file::keys::{DriveFile, ManagerPurpose, Mapping, ProcessData};
 use crate::process_data::{self, Pdo};
 
@@ -323,6 +323,29 @@ fn judge_option_codes(rules: &mut Rules<'_>, drive: &DriveFile) {
             );
             rules.say(&["option_codes", code.key()], None, &what);
         }
+    }
+    judge_fault_at_silence(rules, drive);
+}
+
+/// Where silence of the bus is a fault, the fault reaction is what stops the axis.
+fn judge_fault_at_silence(rules: &mut Rules<'_>, drive: &DriveFile) {
+    let silence = in_force(drive, OptionCode::AbortConnection);
+    let is_fault =
+        silence.map(|value| OptionCode::AbortConnection.effect(value)) == Some(Effect::Fault);
+    let code = OptionCode::FaultReaction;
+    let Some(value) = in_force(drive, code).filter(|_| is_fault) else {
+        return;
+    };
+    let effect = code.effect(value);
+    if effect.may_coast() {
+        let object = cia402::named(code.index(), 0);
+        let what = format!(
+            "= {value}: {object}: {}, and 6007 makes a fault of a bus that falls silent; set it to {} with an [[start_up.sdo]], or, where \
+             the manual says that it brakes, write here what means the same",
+            effect.words(),
+            code.braking()
+        );
+        rules.say(&["option_codes", code.key()], None, &what);
     }
 }
 

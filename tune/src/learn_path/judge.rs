@@ -50,6 +50,15 @@ fn is_beyond(now_um: f64, best_um: f64) -> bool {
     now_um > WORSE * best_um + WORSE_UM
 }
 
+/// A pass that is taken, with the least that passes before have left: what is worse by little each time does not become the measure.
+fn least(now: LearnedPathPass, best: &LearnedPathPass) -> LearnedPathPass {
+    LearnedPathPass {
+        mean_um: now.mean_um.min(best.mean_um),
+        worst_um: now.worst_um.min(best.worst_um),
+        ..now
+    }
+}
+
 fn is_worse(now: &LearnedPathPass, best: &LearnedPathPass) -> bool {
     is_beyond(now.mean_um, best.mean_um) || is_beyond(now.worst_um, best.worst_um)
 }
@@ -81,7 +90,7 @@ pub(super) fn judged(standing: Option<&Standing>, ran_best: bool, now: LearnedPa
         ),
         (true, false) => verdict(
             Standing {
-                best: now,
+                best: least(now, best),
                 ..standing.clone()
             },
             false,
@@ -132,7 +141,11 @@ fn on_trial(standing: &Standing, now: LearnedPathPass) -> Verdict {
     let settled = passes_no_better >= PASSES_NO_BETTER_MAX;
     let again = !better && standing.passes_no_better > 0;
     let standing = Standing {
-        best: if better { now } else { standing.best },
+        best: if better {
+            least(now, &standing.best)
+        } else {
+            standing.best
+        },
         gain: if in_mean && !again { 1.0 } else { 0.5 } * standing.gain,
         passes_no_better,
         settled,
@@ -192,6 +205,21 @@ mod tests {
         assert!(at.settled);
         let kept = judged(Some(&at), true, pass(2.0, 4.0));
         assert_eq!((kept.takes, kept.next), (false, Next::Best));
+    }
+
+    #[test]
+    fn passes_that_are_a_little_worse_at_their_worst_do_not_become_the_measure() {
+        let mut at = standing(2.0);
+        let mut taken = 0;
+        for (mean_um, worst_um) in [(1.9, 4.5), (1.8, 5.1), (1.7, 5.8)] {
+            let found = judged(Some(&at), false, pass(mean_um, worst_um));
+            taken += u32::from(found.takes);
+            at = found.standing;
+        }
+        assert_eq!(taken, 1);
+        assert_eq!(at.best.worst_um, 4.0);
+        let again = judged(Some(&at), true, pass(2.0, 4.2)).standing;
+        assert_eq!((again.best.mean_um, again.best.worst_um), (1.9, 4.0));
     }
 
     #[test]

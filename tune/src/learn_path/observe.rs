@@ -137,7 +137,7 @@ fn pass(
         let nearest = path.nearest(&seen.tag, &tool_mm);
         let (error_mm, behind_mm) = nearest.map_or((AxisVector::zeros(), 0.0), |nearest| {
             let along = nearest.tangent * nearest.across_mm.dot(&nearest.tangent);
-            let behind_mm = (seen.command_mm - tool_mm).dot(&nearest.tangent); // TEMP
+            let behind_mm = (seen.command_mm - tool_mm).dot(&nearest.tangent);
             (along - nearest.across_mm, behind_mm)
         });
         let correction_mm = AxisVector::from_fn(|axis, _| {
