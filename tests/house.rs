@@ -5,6 +5,18 @@ use std::path::{Path, PathBuf};
 
 use crate::support::root;
 
+/// The crates whose code runs inside a scan, and those that it is made of.
+const IN_A_SCAN: [&str; 8] = [
+    "bus",
+    "machine",
+    "control",
+    "program",
+    "planner",
+    "servo",
+    "master",
+    "plant-sim",
+];
+
 /// The crates in the order of the map in docs: each may use those before it in the list, and not all of them.
 const CRATES: [(&str, &[&str]); 16] = [
     ("bus", &[]),
@@ -204,16 +216,7 @@ fn only_remote_names_zenoh_and_it_enters_no_cell() {
 /// Files are made and judged before anything runs: nothing that runs in a scan waits for them.
 #[test]
 fn fieldbus_is_not_on_the_scan_path() {
-    for krate in [
-        "bus",
-        "machine",
-        "control",
-        "program",
-        "planner",
-        "servo",
-        "master",
-        "plant-sim",
-    ] {
+    for krate in IN_A_SCAN {
         let uses = dependencies(krate);
         assert!(!uses.iter().any(|used| used == "fieldbus"), "{krate}");
     }
@@ -302,16 +305,7 @@ fn only_the_simulated_drives_the_launcher_and_the_lab_know_the_plant_file() {
 
 #[test]
 fn results_do_not_depend_on_fused_arithmetic_or_a_native_processor() {
-    for krate in [
-        "bus",
-        "machine",
-        "control",
-        "program",
-        "planner",
-        "servo",
-        "master",
-        "plant-sim",
-    ] {
+    for krate in IN_A_SCAN {
         for (path, text) in sources(&root().join(krate).join("src")) {
             let product = text.split("#[cfg(test)]").next().unwrap_or_default();
             for word in [

@@ -162,28 +162,22 @@ impl ClosedLoop<'_> {
         };
         let here = self.setpoints.at(0);
         let ahead = i64::from(self.settings.model.ahead_scans());
-        let moves = self.state.program.command_position != here;
-        let will_move = (1..=ahead).any(|scans| self.setpoints.at(scans) != here);
         let rested = self.state.resting_scans >= resting_scans;
         // A command that creeps stands still for as long, time and again.
-        let starts = self.mm(self.setpoints.at(ahead).saturating_sub(here)).abs() > STARTING_MM;
-        if rested && starts {
-            let model = &self.settings.model;
-            let state = &mut *self.state;
-            state.held_torque_nm +=
-                model.rest_at(&mut state.model, self.learned, self.axis.torque_nm);
-            if let Some(compensation_mm) = model.compensation_at_rest_mm(&state.model) {
-                state.backlash.compensation_mm = compensation_mm;
-            }
+        let starts =
+            rested && self.mm(self.setpoints.at(ahead).saturating_sub(here)).abs() > STARTING_MM;
+        if starts {
+            self.state
+                .rest_at(&self.settings.model, self.learned, self.axis.torque_nm);
         }
+        let moves = self.state.program.command_position != here;
+        let will_move = || (1..=ahead).any(|scans| self.setpoints.at(scans) != here);
         // It counts no further than matters: an axis at rest is in one state.
-        self.state.resting_scans = if moves || rested && starts {
-            0
-        } else if will_move || rested {
-            self.state.resting_scans.min(resting_scans)
-        } else {
-            self.state.resting_scans.saturating_add(1)
-        };
+        if moves || starts {
+            self.state.resting_scans = 0;
+        } else if !rested && !will_move() {
+            self.state.resting_scans += 1;
+        }
     }
 
     /// What the identified model adds to the commands.

@@ -71,7 +71,8 @@ impl ManualLoop<'_> {
     /// It begins without an error, where the motor stands; from there it is as far to its goal as from the command position.
     fn begin(&mut self) {
         let before = self.compensation();
-        self.rest();
+        self.state
+            .rest_at(&self.settings.model, self.learned, self.axis.torque_nm);
         let compensation = self.compensation();
         let mut program = FollowUpState::closed(self.axis.command_position, self.position);
         // With the table on another side of its gap than was thought, the axis is not where it was taken to be.
@@ -84,16 +85,6 @@ impl ManualLoop<'_> {
         self.state.manual = ManualState::at_rest(table, table.saturating_add(way));
         self.state.program = program;
         self.state.model.moved_by_others();
-    }
-
-    /// The axis is at rest: the model goes by the torque that holds it. The torque itself does not change.
-    fn rest(&mut self) {
-        let model = &self.settings.model;
-        let state = &mut *self.state;
-        state.held_torque_nm += model.rest_at(&mut state.model, self.learned, self.axis.torque_nm);
-        if let Some(compensation_mm) = model.compensation_at_rest_mm(&state.model) {
-            state.backlash.compensation_mm = compensation_mm;
-        }
     }
 
     /// What the motor stands from the table's place to make up for lost motion, in increments; a scale shows the table itself.

@@ -16,10 +16,11 @@ use control::backlash::BacklashState;
 use control::dual_feedback::DualFeedbackState;
 use control::feed_forward::PeriodState;
 use control::follow_up::FollowUpState;
+use control::learned_table::LearnedTable;
 use control::reversal::ReversalState;
 use control::velocity_loop::VelocityLoopState;
 
-use crate::compensation::ModelState;
+use crate::compensation::{ModelSettings, ModelState};
 use crate::manual::ManualState;
 
 /// All that a command depends on beside the feedback and the windows held.
@@ -67,6 +68,19 @@ const _: () = assert!(
 );
 
 impl ServoState {
+    /// The axis is at rest: its model goes by the torque that holds it. The torque itself does not change.
+    pub(crate) fn rest_at(
+        &mut self,
+        model: &ModelSettings,
+        learned: Option<&LearnedTable>,
+        torque_nm: f64,
+    ) {
+        self.held_torque_nm += model.rest_at(&mut self.model, learned, torque_nm);
+        if let Some(compensation_mm) = model.compensation_at_rest_mm(&self.model) {
+            self.backlash.compensation_mm = compensation_mm;
+        }
+    }
+
     /// The state that a command carries.
     pub fn of(command: &AxisCommand) -> ServoState {
         let mut state = ServoState::zeroed();

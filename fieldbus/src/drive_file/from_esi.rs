@@ -158,7 +158,7 @@ fn choose(
     });
     found.ok_or_else(|| {
         let why = if device.modular {
-            "its process data stands in modules, which are not read"
+            "its process data is in modules, which are not read"
         } else {
             "its PDOs hold no controlword (6040) and target with statusword (6041) and position (6064)"
         };

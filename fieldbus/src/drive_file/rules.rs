@@ -229,7 +229,7 @@ fn judge_entries(rules: &mut Rules<'_>, direction: &Direction<'_>, pdo_at: usize
         if !entry.is_gap() && stood_before(direction.pdos, pdo_at, entry_at) {
             let object = cia402::number(entry.index, entry.sub);
             say(&format!(
-                "is {object} once more: each object stands in the process data once"
+                "is {object} once more: each object is in the process data once"
             ));
         }
         if direction.key == "receive" && cia402::is_limit(entry.index) && entry.value == 0 {
@@ -241,7 +241,7 @@ fn judge_entries(rules: &mut Rules<'_>, direction: &Direction<'_>, pdo_at: usize
     }
 }
 
-/// Whether the object of an entry stands in an entry before it.
+/// Whether the object of an entry is in an entry before it.
 fn stood_before(pdos: &[Pdo], pdo_at: usize, entry_at: usize) -> bool {
     let numbered = pdos.iter().enumerate().flat_map(|(pdo_at, pdo)| {
         let entries = pdo.entries.iter().enumerate();

@@ -9,7 +9,7 @@ use launcher::exit::Failure;
 /// called after each with all results up to the first that is missing.
 ///
 /// # Errors
-/// The first failure; no further job is begun after it.
+/// The first failure; no further job is started after it.
 pub fn in_order<T: Send>(
     lanes: usize,
     count: usize,

@@ -29,6 +29,22 @@ def say(fact, good=True):
         sys.exit(1)
 
 
+def into_operation(pysoem, master):
+    """Maps all slaves as they are, and brings them to OP with outputs of zero."""
+    master.config_map()
+    say("SOEM: SAFE-OP", master.state_check(pysoem.SAFEOP_STATE, 500_000) == pysoem.SAFEOP_STATE)
+    master.send_processdata()
+    master.receive_processdata(100_000)
+    master.state = pysoem.OP_STATE
+    master.write_state()
+    for _ in range(50):
+        master.send_processdata()
+        master.receive_processdata(100_000)
+        if master.state_check(pysoem.OP_STATE, 2000) == pysoem.OP_STATE:
+            break
+    say("SOEM: OP", master.state_check(pysoem.OP_STATE, 2000) == pysoem.OP_STATE)
+
+
 def soem(interface):
     import pysoem
 
@@ -42,18 +58,7 @@ def soem(interface):
         say("SOEM: a mapping that is fixed could be written", False)
     except pysoem.SdoError as error:
         say(f"SOEM: SDO abort 0x{error.abort_code:08X}, {error.desc}", error.abort_code == 0x06010002)
-    master.config_map()
-    say("SOEM: SAFE-OP", master.state_check(pysoem.SAFEOP_STATE, 500_000) == pysoem.SAFEOP_STATE)
-    for slave in master.slaves:
-        slave.output = bytes(RX_1600.size)
-    master.state = pysoem.OP_STATE
-    master.write_state()
-    for _ in range(50):
-        master.send_processdata()
-        master.receive_processdata(2000)
-        if master.state_check(pysoem.OP_STATE, 2000) == pysoem.OP_STATE:
-            break
-    say("SOEM: OP", master.state_check(pysoem.OP_STATE, 2000) == pysoem.OP_STATE)
+    into_operation(pysoem, master)
     seen, digest, short, begun, cycles = [], hashlib.sha256(), 0, time.monotonic(), 3000
     for cycle in range(cycles):
         for slave in master.slaves:
@@ -97,17 +102,7 @@ def boot(interface):
     master.open(interface)
     say(f"SOEM: {master.config_init()} slaves", len(master.slaves) > 0)
     places = [(offset_of(slave, 0x1C12, 0x6040), offset_of(slave, 0x1C13, 0x6041)) for slave in master.slaves]
-    master.config_map()
-    say("SOEM: SAFE-OP", master.state_check(pysoem.SAFEOP_STATE, 500_000) == pysoem.SAFEOP_STATE)
-    master.send_processdata()
-    master.receive_processdata(100_000)
-    master.state = pysoem.OP_STATE
-    master.write_state()
-    for _ in range(50):
-        master.send_processdata()
-        master.receive_processdata(100_000)
-        if master.state_check(pysoem.OP_STATE, 2000) == pysoem.OP_STATE:
-            break
+    into_operation(pysoem, master)
     for _ in range(20):
         for slave, (control, status) in zip(master.slaves, places):
             shown = int.from_bytes(slave.input, "little") >> status & 0xFFFF
