@@ -30,6 +30,9 @@ fn foreign_masters_bring_a_segment_of_foreign_drives_into_operation() {
         "KickCAT: statusword 0x4237",
         "am-sdk: enabled",
         "in lockstep the same master saw the same twice",
+        "in lockstep, with the same orders, the record is the same twice",
+        "silence: AL status code 0x1B of all",
+        "three hundred cycles without a frame: AL status code 0x1A of all",
     ] {
         assert!(printed.contains(fact), "no {fact:?} in:\n{printed}");
     }

@@ -1,6 +1,8 @@
 """The drives of a vendor's ESI file (ETG.2000) as applications of slaves: their identity, sync managers, mapping and objects.
 
-What the objects mean, an ESI file does not say: values are kept, and the states of CiA 402 are walked; nothing moves.
+What the objects mean, an ESI file does not say: values are kept, the states of CiA 402 are walked, and while operation is
+enabled the position follows: at once in CSP, by an integrator in CSV (60FF taken for increments a second). No motor, no
+friction, no delay.
 """
 
 import struct
@@ -12,7 +14,9 @@ from esc import PREOP
 
 # Statuswords that follow a controlword, from the state that is shown (CiA 402, IEC 61800-7-201).
 STATES = {0x40: {0x06: 0x21}, 0x21: {0x07: 0x23, 0x00: 0x40}, 0x23: {0x0F: 0x27, 0x06: 0x21, 0x00: 0x40},
-          0x27: {0x07: 0x23, 0x06: 0x21, 0x00: 0x40, 0x02: 0x40}}
+          0x27: {0x07: 0x23, 0x06: 0x21, 0x00: 0x40, 0x02: 0x40}, 0x08: {}}
+ENABLED, FAULT, FAULT_RESET = 0x27, 0x08, 0x80
+CSP, CSV = 8, 9
 
 
 def number(text):
@@ -24,19 +28,20 @@ def true(text):
     return (text or "").strip().lower() in ("1", "true")
 
 
-def devices(files):
+def devices(files, cycle_us):
     found = []
     for file in files:
         root = ElementTree.parse(file).getroot()
         for device in root.iter("Device"):
             kinds = [manager.text for manager in device.findall("Sm")]
             if device.find("Mailbox/CoE") is not None and kinds == ["MBoxOut", "MBoxIn", "Outputs", "Inputs"]:
-                found.append(EsiDevice(number(root.findtext("Vendor/Id")), device))
+                found.append(EsiDevice(number(root.findtext("Vendor/Id")), device, cycle_us))
     return found
 
 
 class EsiDevice:
-    def __init__(self, vendor, device):
+    def __init__(self, vendor, device, cycle_us):
+        self.cycle_s, self.esc = cycle_us * 1e-6, None
         kind = device.find("Type")
         self.identity = vendor, number(kind.get("ProductCode")), number(kind.get("RevisionNo")), 0
         self.name = (kind.text or device.findtext("Name") or "drive").strip()[:60]
@@ -62,7 +67,8 @@ class EsiDevice:
         self.counts = {index: len(pdos) for index, pdos in self.assigned.items()}
         self.entry_counts = {index: len(entries) for index, entries in self.pdos.items()}
         self.values = objects(device)
-        self.status = 0x40
+        self.status, self.cause, self.reset = 0x40, 0, False
+        self.exact_position = float(self.signed(0x6064))
 
     def default_mapping(self):
         return tuple([(pdo, self.pdos[pdo]) for pdo in self.assigned[index]] for index in (0x1C12, 0x1C13))
@@ -76,21 +82,89 @@ class EsiDevice:
         return tuple((sum(bits for _, _, bits in self.mapped(index)) + 7) // 8 for index in (0x1C12, 0x1C13))
 
     def exchange(self, outputs):
-        control, at, word = 0, 0, int.from_bytes(outputs, "little")
-        for index, _, bits in self.mapped(0x1C12):
-            if index == 0x6040:
-                control = word >> at & 0xFFFF
+        at, word, told = 0, int.from_bytes(outputs, "little"), {}
+        for index, sub, bits in self.mapped(0x1C12):
+            if index:
+                told[index, sub] = word >> at & (1 << bits) - 1
+                self.values[index, sub] = told[index, sub].to_bytes((bits + 7) // 8, "little")
             at += bits
-        self.status = STATES[self.status].get(control & 0x0F, self.status)
+        self.walk(told.get((0x6040, 0), 0))
+        self.move()
         shown, at = 0, 0
         for index, sub, bits in self.mapped(0x1C13):
-            value = 0x0200 | self.status if index == 0x6041 else int.from_bytes(self.values.get((index, sub), b""), "little")
+            value = self.statusword if index == 0x6041 else int.from_bytes(self.values.get((index, sub), b""), "little")
             shown |= (value & (1 << bits) - 1) << at
             at += bits
         return shown.to_bytes((at + 7) // 8, "little")
 
+    def walk(self, control):
+        """One transition a cycle; a fault is acknowledged by the rising edge, when its cause is gone."""
+        rises = control & FAULT_RESET and not self.reset
+        self.reset = bool(control & FAULT_RESET)
+        if self.cause:
+            self.status = FAULT
+        elif self.status == FAULT:
+            if rises:
+                self.status = 0x40
+                self.keep(0x603F, 0)
+        else:
+            self.status = STATES[self.status].get(control & 0x0F, self.status)
+
+    def move(self):
+        mode = self.values.get((0x6060, 0), b"\0")[0] or CSP
+        speed = 0
+        if self.status == ENABLED and mode == CSP and (0x607A, 0) in self.values:
+            wanted = self.signed(0x607A)
+            speed, self.exact_position = round((wanted - self.exact_position) / self.cycle_s), float(wanted)
+        elif self.status == ENABLED and mode == CSV:
+            speed = self.signed(0x60FF)
+            self.exact_position += speed * self.cycle_s
+        self.keep(0x6064, round(self.exact_position))
+        self.keep(0x606C, speed)
+        self.keep(0x6061, mode)
+
+    def signed(self, index):
+        return int.from_bytes(self.values.get((index, 0), b""), "little", signed=True)
+
+    def keep(self, index, value):
+        size = len(self.values.get((index, 0), bytes(1 if index == 0x6061 else 4)))
+        self.values[index, 0] = (value & (1 << 8 * size) - 1).to_bytes(size, "little")
+
     def comms_lost(self):
-        self.status = 0x40
+        if self.status != FAULT:
+            self.status = 0x40
+
+    # ---------------------------------------------------------------- what a tester may do to it
+    @property
+    def statusword(self):
+        return 0x0200 | self.status
+
+    @property
+    def position(self):
+        return self.signed(0x6064)
+
+    def fault(self, code):
+        self.cause, self.status = code, FAULT
+        self.keep(0x603F, code)
+
+    def clear(self):
+        self.cause = 0
+
+    def sto(self, on):
+        raise ValueError("a drive of an ESI file has no STO")
+
+    def power_cycle(self):
+        self.status, self.cause = 0x40, 0
+
+    def lack(self, index):
+        self.values = {key: value for key, value in self.values.items() if key[0] != index}
+        for pdo, rows in self.pdos.items():
+            self.pdos[pdo] = [(0, 0, bits) if entry == index else (entry, sub, bits) for entry, sub, bits in rows]
+
+    def shorten_map(self):
+        index = self.assigned[0x1C12][0]
+        self.pdos[index] = self.pdos[index][:-1]
+        self.entry_counts[index] = len(self.pdos[index])
 
     # ---------------------------------------------------------------- objects
     def read(self, index, sub):

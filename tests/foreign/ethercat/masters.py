@@ -29,9 +29,10 @@ def say(fact, good=True):
         sys.exit(1)
 
 
-def into_operation(pysoem, master):
+def into_operation(pysoem, master, mapped=False):
     """Maps all slaves as they are, and brings them to OP with outputs of zero."""
-    master.config_map()
+    if not mapped:
+        master.config_map()
     say("SOEM: SAFE-OP", master.state_check(pysoem.SAFEOP_STATE, 500_000) == pysoem.SAFEOP_STATE)
     master.send_processdata()
     master.receive_processdata(100_000)

@@ -3,93 +3,119 @@
 
     pip install am-sdk==0.2.0
     ip link add ec0 type veth peer name ec1; ip link set ec0 up; ip link set ec1 up
-    segment.py ec1 --drives 3 --lockstep     # a master on ec0
+    segment.py ec1 --drives 3                # a master on ec0; a drive moves on with each frame that brings it outputs
+    segment.py ec1 --drives 3 --lockstep     # the same, watchdogs off, time counts frames: every run is the same
+    segment.py ec1 --drives 3 --clock        # drives run by their own clock, by SYNC0 where a master activates it
 
-Needs the right to open raw sockets (CAP_NET_RAW). A drive moves on by a cycle for each frame that brings it outputs. With
---lockstep its watchdogs are off, so that a master may take what time it likes and sees the same every time.
+Needs the right to open raw sockets (CAP_NET_RAW). control.py gives orders while it runs, judge.py reads what it recorded.
 """
 
 import argparse
-import socket
-import struct
+import gc
+import signal
 import sys
-import time
 
 import sii
+import warm_up
+import wrong
+from bus import Segment
 from coe import Mailbox
-from esc import OP, Esc, frame
-
-ETHERTYPE = 0x88A4
-# A packet that this host itself sends out on the interface is none that came in.
-PACKET_OUTGOING = 4
+from control import Control
+from esc import Esc
+from pace import ByClock, ByFrame
+from port import serve
+from record import Record
 
 
 def am_drives(options):
-    from am_drive import AmDrive
+    from am_drive import AmDrive, sim_options
 
-    return [AmDrive(position, options.cycle_us) for position in range(options.drives)]
+    units = options.units.split(",")
+    return [AmDrive(position, options.cycle_us, units[position % len(units)], sim_options(position, options.sim, options.truth))
+            for position in range(options.drives or (0 if options.esi else len(units)))]
 
 
 def esi_devices(options):
     from esi_device import devices
 
-    return devices(options.esi)
+    return devices(options.esi, options.cycle_us)
 
 
-def slaves(drives):
+def drives(options):
+    return wrong.change(am_drives(options) + (esi_devices(options) if options.esi else []), options)
+
+
+def slaves(drives, options):
     found = []
     for position, drive in enumerate(drives):
         image = sii.image(drive.identity, drive.name, drive.managers, *drive.default_mapping(), drive.coe)
-        mailbox = Mailbox(drive, drive.managers[1][1])
-        found.append(Esc(position, position == len(drives) - 1, image, drive.managers, drive, mailbox))
+        mailbox = Mailbox(drive, drive.managers[1][1]) if drive.coe else None
+        pace = (ByClock if options.clock else ByFrame)(options.cycle_us)
+        drift = options.drift_ppm[position % len(options.drift_ppm)]
+        slave = drive.esc = Esc(position, image, drive, mailbox, pace, drift)
+        slave.watchdog_fixed = getattr(drive, "watchdog_fixed", False)
+        found.append(slave)
     return found
 
 
-def serve(interface, drives, cycle_us, lockstep):
-    port = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(ETHERTYPE))
-    port.bind((interface, ETHERTYPE))
-    port.settimeout(0.005)
-    segment = slaves(drives)
-    print(f"{', '.join(drive.name for drive in drives)} on {interface}", flush=True)
-    frames = 0
-    while True:
-        now_ns = frames * cycle_us * 1000 if lockstep else time.monotonic_ns()
-        if not lockstep:
-            for slave in segment:
-                slave.look_at_watchdog(now_ns)
-        try:
-            received, source = port.recvfrom(2048)
-        except TimeoutError:
-            continue
-        except InterruptedError:
-            continue
-        if source[2] == PACKET_OUTGOING:
-            continue
-        if not lockstep:
-            now_ns = time.monotonic_ns()
-        answer = frame(segment, received, now_ns)
-        if answer is None:
-            continue
-        frames += any(slave.state == OP for slave in segment)
-        port.send(answer)
+def add_options(parser):
+    parser.add_argument("interface")
+    parser.add_argument("--drives", type=int, default=0, help="how many drives of am-sdk (1)")
+    parser.add_argument("--esi", action="append", help="in place of them, or after them: the drives of a vendor's ESI file, once for each file")
+    parser.add_argument("--cycle-us", type=int, default=1000)
+    parser.add_argument("--lockstep", action="store_true", help="time counts frames, no watchdog where frames arrive")
+    parser.add_argument("--clock", action="store_true", help="the drives run by their own clock")
+    parser.add_argument("--drift-ppm", type=lambda text: [float(part) for part in text.split(",")], default=[0.0],
+                        metavar="PPM[,PPM…]", help="how much too fast the slaves' clocks go, by position")
+    parser.add_argument("--control", metavar="PATH", help="a Unix datagram socket for orders (control.py)")
+    parser.add_argument("--at", action="append", default=[], metavar="'FRAME ORDER'",
+                        help="an order before that process-data frame; FRAME may be enabled+N")
+    parser.add_argument("--record", metavar="FILE", help="CSV of what each drive got and did (judge.py)")
+    parser.add_argument("--units", default="M", metavar="UNIT[,UNIT…]", help="am-sdk's units, by position: M, S-S, S-D, H-F, H-T, H-X")
+    parser.add_argument("--sim", action="append", default=[], metavar="[DRIVE:]KEY=VALUE",
+                        help="am-sdk's SimOptions: load_inertia_kgm2, friction_scale, q0_rad, bus_V …")
+    parser.add_argument("--truth", action="append", default=[], metavar="[DRIVE:]KEY=VALUE",
+                        help="am-sdk's TruthPlant in place of its plain one: coulomb_Nm, breakaway_Nm, stribeck_vel_rad_s …")
+    wrong.add_options(parser)
+
+
+def end(*_):
+    raise KeyboardInterrupt
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("interface")
-    parser.add_argument("--drives", type=int, default=1)
-    parser.add_argument("--esi", action="append", help="in place of them: the drives of a vendor's ESI file, once for each file")
-    parser.add_argument("--cycle-us", type=int, default=1000)
-    parser.add_argument("--lockstep", action="store_true")
+    add_options(parser)
     options = parser.parse_args()
+    if options.clock and options.lockstep:
+        parser.error("--clock and --lockstep exclude each other")
+    if options.clock:
+        # A pause for garbage is a late frame; nothing here makes rings of objects cycle by cycle.
+        gc.disable()
+    signal.signal(signal.SIGTERM, end)
+    control = record = None
     try:
-        drives = esi_devices(options) if options.esi else am_drives(options)
-        serve(options.interface, drives, options.cycle_us, options.lockstep)
+        if warm_up.needed():
+            scratch = Segment(slaves(drives(options), options), options.cycle_us, options.lockstep, options.clock)
+            scratch.control = Control(scratch, None, [])
+            warm_up.warm_up(scratch)
+        record = Record(options.record) if options.record else None
+        segment = Segment(slaves(drives(options), options), options.cycle_us, options.lockstep, options.clock, record)
+        control = segment.control = Control(segment, options.control, options.at)
+        serve(options.interface, segment)
     except KeyboardInterrupt:
         return 0
+    except (IndexError, ValueError) as error:
+        print(f"segment.py: {error}", file=sys.stderr)
+        return 2
     except OSError as error:
         print(f"segment.py: {options.interface}: {error.strerror}", file=sys.stderr)
         return 3
+    finally:
+        if control:
+            control.close()
+        if record:
+            record.close()
 
 
 if __name__ == "__main__":

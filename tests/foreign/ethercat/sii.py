@@ -37,27 +37,29 @@ def pdos(mapping, sync_manager):
 
 
 def image(identity, name, managers, outputs, inputs, coe):
-    """`identity`: vendor, product, revision, serial number; `managers`: start, length, control; `coe`: what the mailbox can."""
-    (out, out_bytes, _), (answer, answer_bytes, _) = managers[:2]
+    """`identity`: vendor, product, revision, serial number; `managers`: start, length, control, two of them where there is no
+    mailbox; `coe`: what the mailbox can."""
+    mailbox = len(managers) == 4
+    (out, out_bytes, _), (answer, answer_bytes, _) = managers[:2] if mailbox else ((0, 0, 0), (0, 0, 0))
     head = bytearray(128)
     # PDI control: no ESC configuration that a master would have to know.
     struct.pack_into("<HH", head, 0, 0x0005, 0)
     struct.pack_into("<H", head, 14, crc8(head[:14]))
     struct.pack_into("<IIII", head, 16, *identity)
-    struct.pack_into("<HHHHH", head, 0x18 * 2, out, out_bytes, answer, answer_bytes, 0x0004)
+    struct.pack_into("<HHHHH", head, 0x18 * 2, out, out_bytes, answer, answer_bytes, 0x0004 if mailbox else 0)
     struct.pack_into("<HH", head, 0x3E * 2, 0x0F, 1)
     size = lambda mapping: (sum(bits for _, entries in mapping for _, _, bits in entries) + 7) // 8
     listed = b""
-    for (start, length, control), kind in zip(managers, (1, 2, 3, 4)):
+    for (start, length, control), kind in zip(managers, (1, 2, 3, 4) if mailbox else (3, 4)):
         length = {3: size(outputs), 4: size(inputs)}.get(kind, length)
         listed += struct.pack("<HHBBBB", start, length, control, 0, 1, kind)
     general = struct.pack("<BBBBBBBBBBBBhBBHHHB", 0, 0, 1, 1, 0, coe, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x0011, 0, 0, 0)
     return bytes(head) + b"".join((
         category(STRINGS, strings([name])),
         category(GENERAL, general),
-        category(FMMUS, bytes([1, 2, 3, 0])),
+        category(FMMUS, bytes([1, 2, 3, 0] if mailbox else [1, 2])),
         category(SYNC_MANAGERS, listed),
-        category(TX_PDO, pdos(inputs, 3)),
-        category(RX_PDO, pdos(outputs, 2)),
+        category(TX_PDO, pdos(inputs, 3 if mailbox else 1)),
+        category(RX_PDO, pdos(outputs, 2 if mailbox else 0)),
         struct.pack("<HH", END, 0),
     ))
