@@ -94,6 +94,10 @@ pub enum Command {
     Soak(SoakOptions),
     /// The master of a running cell (started by `run`)
     PlantSim(PlantSimOptions),
+    /// The master over drives on a fieldbus, of a running cell (started by `run`)
+    Master(MasterOptions),
+    /// The owner of the fieldbus, or its standby, of a running cell (started by `run`)
+    Fieldbus(FieldbusOptions),
     /// The planner of a running cell (started by `run`)
     Planner(PlannerOptions),
     /// One servo of a running cell (started by `run`)
@@ -216,12 +220,31 @@ impl SlotOptions {
 /// What `quadrant plant-sim` takes.
 #[derive(Debug, Clone, Args)]
 pub struct PlantSimOptions {
-    /// Its slot in the cell.
+    /// What every master takes.
     #[command(flatten)]
-    pub slot: SlotOptions,
+    pub master: MasterOptions,
     /// Plant file
     #[arg(long)]
     pub plant: PathBuf,
+}
+
+/// What `quadrant fieldbus` takes.
+#[derive(Debug, Clone, Args)]
+pub struct FieldbusOptions {
+    /// Its slot in the cell.
+    #[command(flatten)]
+    pub slot: SlotOptions,
+    /// Seconds that drives may take for one answer in lockstep
+    #[arg(long, default_value_t = 30)]
+    pub answer_limit: u64,
+}
+
+/// What `quadrant master` takes.
+#[derive(Debug, Clone, Args)]
+pub struct MasterOptions {
+    /// Its slot in the cell.
+    #[command(flatten)]
+    pub slot: SlotOptions,
     /// Drives on from the first scan
     #[arg(long)]
     pub enabled: bool,

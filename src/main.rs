@@ -64,6 +64,8 @@ fn obey(command: Command) -> Outcome {
         Command::Man(options) => manual::man(&options),
         Command::Reference(options) => manual::reference(&options),
         Command::PlantSim(options) => roles::plant_sim(&options),
+        Command::Master(options) => roles::master(&options),
+        Command::Fieldbus(options) => roles::fieldbus(&options),
         Command::Planner(options) => roles::planner(&options),
         Command::Servo(options) => roles::servo(&options),
         Command::Recorder(options) => roles::recorder(&options),

@@ -4,9 +4,14 @@ use std::time::Duration;
 
 use launcher::exit::{Kind, Outcome};
 use launcher::logs;
+use machine::Machine;
+use plant_sim::script::orders;
+use plant_sim::script::ports::ScriptedPorts;
 use view::metrics;
 
-use crate::cli::{PlannerOptions, PlantSimOptions, RecorderOptions, ServoOptions};
+use crate::cli::{
+    FieldbusOptions, MasterOptions, PlannerOptions, PlantSimOptions, RecorderOptions, ServoOptions,
+};
 
 /// The master over simulated drives.
 ///
@@ -14,22 +19,61 @@ use crate::cli::{PlannerOptions, PlantSimOptions, RecorderOptions, ServoOptions}
 /// It cannot take part, or cannot go on.
 pub fn plant_sim(options: &PlantSimOptions) -> Outcome {
     logs::init_role();
-    let run_end = if options.end_after_program {
-        master::RunEnd::AfterProgram
-    } else {
-        master::RunEnd::WhenOrdered
-    };
     plant_sim::run(&plant_sim::Options {
-        slot: options.slot.slot(),
         plant: options.plant.clone(),
-        enabled: options.enabled,
-        run_end,
-        orders: options.orders.clone(),
-        faults: options.faults.clone(),
-        fault_blocks: fault_blocks(&options.fault_block),
+        master: options.master.options(),
+        orders: options.master.orders.clone(),
+        faults: options.master.faults.clone(),
+        fault_blocks: fault_blocks(&options.master.fault_block),
+    })
+    .environment()
+}
+
+/// The master over drives on a fieldbus.
+///
+/// # Errors
+/// It cannot take part, or cannot go on.
+pub fn master(options: &MasterOptions) -> Outcome {
+    logs::init_role();
+    let mut machine = Machine::load(&options.slot.slot().machine).environment()?;
+    let blocks = fault_blocks(&options.fault_block);
+    let faults = options.faults.as_deref();
+    let faults = plant_sim::run::load_faults(faults, &blocks, &mut machine).environment()?;
+    let orders = options.orders.as_deref();
+    let orders = orders.map(|path| orders::load(path, &machine));
+    let orders = orders.transpose().environment()?.unwrap_or_default();
+    fieldbus::master_process::run(&options.options(), &machine, |ports, first_scan| {
+        ScriptedPorts::new(ports, faults, orders, first_scan)
+    })
+    .environment()
+}
+
+/// The owner of the fieldbus, or its standby.
+///
+/// # Errors
+/// It cannot take part, or the drives do not.
+pub fn fieldbus(options: &FieldbusOptions) -> Outcome {
+    logs::init_role();
+    fieldbus::process::run(&fieldbus::process::Options {
+        slot: options.slot.slot(),
         answer_limit: Duration::from_secs(options.answer_limit),
     })
     .environment()
+}
+
+impl MasterOptions {
+    fn options(&self) -> master::Options {
+        master::Options {
+            slot: self.slot.slot(),
+            enabled: self.enabled,
+            run_end: if self.end_after_program {
+                master::RunEnd::AfterProgram
+            } else {
+                master::RunEnd::WhenOrdered
+            },
+            answer_limit: Duration::from_secs(self.answer_limit),
+        }
+    }
 }
 
 /// Pairs of a block's line and its first element.

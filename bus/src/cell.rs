@@ -280,6 +280,11 @@ impl CellPaths {
         self.folder().join("page")
     }
 
+    /// The drive page, of a cell with drives on a fieldbus.
+    pub fn drive_page(&self) -> PathBuf {
+        self.folder().join("drives")
+    }
+
     fn iceoryx2_root(&self) -> String {
         format!("{SHARED_MEMORY}/quadrant-{}/iox", self.name)
     }

@@ -3,9 +3,12 @@
 //! **Invariant**: this is the only crate that names iceoryx2 (a test in `tests/` holds it).
 
 pub mod cell;
+pub mod drive_codes;
+pub mod drive_page;
 pub mod kept_parameters;
 pub mod layout;
 pub mod limits;
+mod mapped_page;
 pub mod member;
 pub mod messages;
 mod name;
@@ -14,6 +17,7 @@ mod ownership;
 pub mod port;
 pub mod process;
 pub mod realtime;
+mod robust_lock;
 pub mod room;
 pub mod sample;
 pub mod service;

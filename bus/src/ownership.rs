@@ -92,7 +92,12 @@ impl Ownership {
             .map(|entry| entry.path());
         let folder = place.folder();
         let files = [OWNER_LOCK, MEMBERS_LOCK].map(|name| folder.join(name));
-        let mut paths = vec![folder, place.page(), place.machine_file()];
+        let mut paths = vec![
+            folder,
+            place.page(),
+            place.drive_page(),
+            place.machine_file(),
+        ];
         paths.extend(files);
         paths.extend(services);
         let noted = paths.into_iter();

@@ -9,6 +9,8 @@ use rustix::time::{Timespec, clock_gettime};
 /// SCHED_FIFO priorities of the roles: the clock of the cell above those that answer it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Priority {
+    /// Whoever owns the fieldbus: the master waits for it.
+    Fieldbus,
     /// The master.
     Master,
     /// Servos.
@@ -22,6 +24,7 @@ pub enum Priority {
 impl Priority {
     fn level(self) -> Option<i32> {
         match self {
+            Priority::Fieldbus => Some(65),
             Priority::Master => Some(60),
             Priority::Servo => Some(55),
             Priority::Planner => Some(50),

@@ -693,11 +693,19 @@ pub enum Job {
     Servo = 3,
     /// The recorder.
     Monitor = 4,
+    /// The owner of the fieldbus, or its standby.
+    Fieldbus = 5,
 }
 
 impl Job {
     /// All of them.
-    pub const ALL: [Job; 4] = [Job::Master, Job::Planner, Job::Servo, Job::Monitor];
+    pub const ALL: [Job; 5] = [
+        Job::Master,
+        Job::Planner,
+        Job::Servo,
+        Job::Monitor,
+        Job::Fieldbus,
+    ];
 
     /// Decodes what came over the wire.
     pub fn from_wire(value: u32) -> Option<Job> {
@@ -711,6 +719,7 @@ impl Job {
             Job::Planner => "planner",
             Job::Servo => "servo",
             Job::Monitor => "recorder",
+            Job::Fieldbus => "fieldbus",
         }
     }
 }

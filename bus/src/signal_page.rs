@@ -10,17 +10,13 @@
     clippy::indexing_slicing
 )]
 
-use std::fs::OpenOptions;
-use std::os::fd::AsFd;
-use std::os::unix::fs::OpenOptionsExt;
 use std::ptr::NonNull;
 use std::time::Duration;
 
-use rustix::mm::{MapFlags, ProtFlags};
 use rustix::thread::futex;
 
 use crate::cell::{CellError, CellPaths};
-use crate::room;
+use crate::mapped_page::map_page;
 use crate::sample::{MAX_PARTICIPANTS, OperatorRequest, OperatorResponse, Order};
 
 use atomic::{AtomicU32, AtomicU64, Ordering};
@@ -219,52 +215,7 @@ impl SignalPage {
     }
 
     fn map(place: &CellPaths, create: bool) -> Result<SignalPage, CellError> {
-        let system = |what: &str, source| CellError::System {
-            cell: place.name().into(),
-            what: what.into(),
-            source,
-        };
-        let file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create_new(create)
-            .mode(0o600)
-            .open(place.page())
-            .map_err(|e| system("opening its page (does it run?)", e))?;
-        let length = size_of::<Layout>();
-        if create {
-            room::resize(file.as_fd(), length as u64).map_err(|e| {
-                room::shortage(place.name()).unwrap_or_else(|| system("sizing its page", e.into()))
-            })?;
-        }
-        let found = file
-            .metadata()
-            .map_err(|e| system("reading its page", e))?
-            .len();
-        if found != length as u64 {
-            return Err(CellError::Transport {
-                cell: place.name().into(),
-                what: format!(
-                    "its page has {found} bytes, not {length}: another version of quadrant made it"
-                ),
-            });
-        }
-        // SAFETY: a fresh shared mapping of a file of exactly this length; the layout is valid for any bytes.
-        let address = unsafe {
-            rustix::mm::mmap(
-                std::ptr::null_mut(),
-                length,
-                ProtFlags::READ | ProtFlags::WRITE,
-                MapFlags::SHARED,
-                &file,
-                0,
-            )
-        }
-        .map_err(|e| system("mapping its page", e.into()))?;
-        let layout = NonNull::new(address.cast()).ok_or_else(|| CellError::Transport {
-            cell: place.name().into(),
-            what: "its page was mapped nowhere".into(),
-        })?;
+        let layout = map_page(place, &place.page(), create)?;
         Ok(SignalPage { layout })
     }
 

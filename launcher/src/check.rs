@@ -30,8 +30,10 @@ const TELL_EVERY: Duration = Duration::from_secs(5);
 pub struct Checked {
     /// The machine.
     pub machine: Machine,
-    /// The simulated machine.
-    pub plant: PlantFile,
+    /// The simulated machine; none where the drives are on a fieldbus.
+    pub plant: Option<PlantFile>,
+    /// What drive files give to think about, a line each.
+    pub warnings: Vec<String>,
     /// The program, expanded from where the simulated machine is at the start; none of a long one.
     pub program: Option<Program>,
     /// What a program comes to that is too long to be held whole.
@@ -78,14 +80,16 @@ pub(crate) fn load_changed(
     let path = machine_file(machine);
     let mut machine = Machine::load(&path)?;
     change(&mut machine)?;
-    let plant_path = path.with_file_name("plant.toml");
-    let plant = PlantFile::load(&plant_path)?;
-    let start = plant
-        .start(&machine)
-        .with_context(|| format!("{} and {}", path.display(), plant_path.display()))?;
+    let setups = fieldbus::setups::load(&machine, &path)?;
+    let (plant, start) = match &setups {
+        Some(_) => (None, presumed_start(&machine)),
+        None => {
+            let (plant, start) = simulated_start(&machine, &path)?;
+            (Some(plant), start)
+        }
+    };
     let limits = planner::motion_limits(&machine);
     limits.with_context(|| path.display().to_string())?;
-    program::tool_at(&machine, &start).with_context(|| plant_path.display().to_string())?;
     let (mut short, mut long) = (None, None);
     if let Some(file) = program {
         short = program::load_if_short(&machine, &start, file, SHORT_ELEMENTS)?;
@@ -99,6 +103,7 @@ pub(crate) fn load_changed(
     let checked = Checked {
         machine,
         plant,
+        warnings: setups.map_or_else(Vec::new, |setups| setups.warnings),
         program: short,
         long,
     };
@@ -106,6 +111,28 @@ pub(crate) fn load_changed(
         checked.planner()?;
     }
     Ok(checked)
+}
+
+/// The plant file beside a machine file, and where its axes are at the start.
+fn simulated_start(machine: &Machine, path: &Path) -> anyhow::Result<(PlantFile, [i64; MAX_AXES])> {
+    let plant_path = path.with_file_name("plant.toml");
+    let plant = PlantFile::load(&plant_path)?;
+    let start = plant
+        .start(machine)
+        .with_context(|| format!("{} and {}", path.display(), plant_path.display()))?;
+    program::tool_at(machine, &start).with_context(|| plant_path.display().to_string())?;
+    Ok((plant, start))
+}
+
+/// Where real axes are nobody knows before the drives are asked: a program is checked from the machine's zero, or the end of the travel
+/// nearest to it.
+fn presumed_start(machine: &Machine) -> [i64; MAX_AXES] {
+    let mut start = [0; MAX_AXES];
+    for (place, axis) in start.iter_mut().zip(&machine.axes) {
+        let at_mm = 0.0_f64.clamp(axis.travel_min_mm, axis.travel_max_mm);
+        *place = (at_mm / axis.increment_mm()).round() as i64;
+    }
+    start
 }
 
 /// Reads a long program as far as is asked for, and says how far it is on the way.
@@ -127,6 +154,19 @@ fn survey_file(
 }
 
 impl Checked {
+    /// The simulated machine.
+    ///
+    /// # Errors
+    /// The drives are on a fieldbus.
+    pub fn simulated(&self) -> anyhow::Result<&PlantFile> {
+        self.plant.as_ref().with_context(|| {
+            format!(
+                "machine {}: its drives are on a fieldbus ([bus]), and this works with simulated ones alone",
+                self.machine.name
+            )
+        })
+    }
+
     /// What was accepted with a remark.
     pub fn notes(&self) -> impl Iterator<Item = &Note> {
         let short = self.program.iter().flat_map(|program| &program.notes);
@@ -214,8 +254,17 @@ pub fn check(options: &CheckOptions) -> Outcome {
 
 /// A simulated machine with another dead time than the controller reckons with is a test of robustness, or a mistake.
 fn note_dead_time(checked: &Checked) {
+    for warning in &checked.warnings {
+        say(&format!("  {warning}"));
+    }
+    let Some(plant) = &checked.plant else {
+        say(
+            "  a program is checked from the machine's zero: where the axes are, the drives say when they are started",
+        );
+        return;
+    };
     let reckoned = checked.machine.scan.dead_time_scans;
-    let simulated = checked.plant.drive.dead_time_scans;
+    let simulated = plant.drive.dead_time_scans;
     if reckoned != simulated {
         say(&format!(
             "  dead time: the controller reckons with {reckoned} scans ([scan] dead_time_scans), the simulated drives have {simulated} \

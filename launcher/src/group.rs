@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use bus::cell::{CellPaths, Ownership};
+use bus::drive_page::DrivePage;
 use bus::kept_parameters::name_parameter_file;
 use bus::member::Pace;
 use bus::port::Writer;
@@ -85,8 +86,8 @@ pub struct Plan {
     pub parameter_file: Option<PathBuf>,
     /// Where the programs of user M-codes lie; none if they are not switched on.
     pub user_codes: Option<PathBuf>,
-    /// Copy of the plant file.
-    pub plant_file: PathBuf,
+    /// Copy of the plant file; none where the drives are on a fieldbus.
+    pub plant_file: Option<PathBuf>,
     /// Copy of the program; none in a cell that stays up.
     pub program: Option<PathBuf>,
     /// Where the recorder writes.
@@ -146,9 +147,13 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
     }
     let mut planner = Role::new(machine, Job::Planner.into(), &["planner"]);
     let limit = plan.answer_limit_s.to_string();
-    let plant = path(&plan.plant_file);
-    let arguments = ["plant-sim", "--plant", &plant, "--answer-limit", &limit];
-    let mut master = Role::new(machine, Job::Master.into(), &arguments);
+    let limit = ["--answer-limit", &limit];
+    let mut master = Role::new(machine, Job::Master.into(), &[]);
+    match &plan.plant_file {
+        Some(plant) => master.add(&["plant-sim", "--plant", &path(plant)]),
+        None => master.add(&["master"]),
+    }
+    master.add(&limit);
     if let Some(program) = &plan.program {
         recorder.add(&["--program", &path(program)]);
         planner.add(&["--program", &path(program)]);
@@ -162,10 +167,19 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
         let role = ROLES.get(process.role as usize).unwrap_or(&"?");
         Role::new(machine, process, &["servo", "--axis", axis, "--role", role])
     };
-    let mut others: Vec<Role> = Process::servos(machine).map(servo).collect();
+    let fieldbus = |process: Process| {
+        let mut role = Role::new(machine, process, &["fieldbus"]);
+        role.add(&limit);
+        role
+    };
+    let mut others: Vec<Role> = Process::fieldbus(machine).map(fieldbus).collect();
+    others.extend(Process::servos(machine).map(servo));
     others.extend([planner, master]);
     if let Some(faults) = &plan.faults {
-        let reads = |role: &&mut Role| role.process.job == Job::Master || plan.wrong_samples;
+        let reads = |role: &&mut Role| {
+            let job = role.process.job;
+            job == Job::Master || plan.wrong_samples && job != Job::Fieldbus
+        };
         for role in others.iter_mut().filter(reads) {
             role.add(&["--faults", &path(faults)]);
         }
@@ -261,6 +275,8 @@ pub struct Group {
     pub bus: Bus,
     /// The signal page.
     pub page: SignalPage,
+    /// The drive page, where the drives are on a fieldbus.
+    drive_page: Option<DrivePage>,
     _services: Created,
     cell: Ownership,
 }
@@ -314,6 +330,8 @@ impl Group {
         let bus = Bus::enter(&place, &machine.shape(), "launcher", true)?;
         let services = bus.create_all()?;
         let page = SignalPage::create(&place)?;
+        let drive_page = machine.bus.is_some().then(|| DrivePage::create(&place));
+        let drive_page = drive_page.transpose()?;
         let roster_writer = bus.roster_writer()?;
         cell.keep_spare_room();
         cell.note_made();
@@ -328,6 +346,7 @@ impl Group {
             roster_said: Instant::now(),
             bus,
             page,
+            drive_page,
             _services: services,
             cell,
         };
@@ -567,6 +586,7 @@ impl Group {
             }
             deaths.push(Death::of(member, index, status));
         }
+        self.free_bus(&deaths);
         if !deaths.is_empty() {
             last_look();
             self.bus.clean_dead();
@@ -575,6 +595,16 @@ impl Group {
             self.publish_roster();
         }
         deaths
+    }
+
+    /// After the death of a fieldbus process: the bus is free, unless a standby lives, which takes it over.
+    fn free_bus(&self, deaths: &[Death]) {
+        let died = deaths.iter().any(|death| death.job == Job::Fieldbus);
+        if let Some(page) = self.drive_page.as_ref().filter(|_| died)
+            && !self.lives(Job::Fieldbus)
+        {
+            page.disown();
+        }
     }
 
     /// Waits until all have left, at most `limit`, or until somebody is in a hurry; then ends who is still there, which is no

@@ -14,7 +14,7 @@ use crate::group::Group;
 fn patience(job: Job) -> Duration {
     match job {
         Job::Servo => Duration::from_secs(1),
-        Job::Monitor | Job::Master => Duration::from_secs(5),
+        Job::Monitor | Job::Master | Job::Fieldbus => Duration::from_secs(5),
         // It may be reading a long program.
         Job::Planner => Duration::from_secs(20),
     }
@@ -45,6 +45,8 @@ impl Hangs {
                 Job::Master => Some(group.newest_scan),
                 Job::Monitor => Some(group.page.recorded_scans()),
                 Job::Servo | Job::Planner => group.page.answered_scan(place),
+                // It answers the master alone; its standby sees when it hangs, and the drives have their watchdogs.
+                Job::Fieldbus => None,
             };
             if self.seen.len() <= place {
                 self.seen.resize(place + 1, None);

@@ -22,8 +22,8 @@ pub struct RunDir {
     pub parameter_file: Option<PathBuf>,
     /// Where the programs of user M-codes lie: the machine builder's folder, no copy. None if they are not switched on.
     pub user_codes: Option<PathBuf>,
-    /// Copy of the plant file.
-    pub plant: PathBuf,
+    /// Copy of the plant file; none where the drives are on a fieldbus.
+    pub plant: Option<PathBuf>,
     /// Copy of the program, under its own name; none in the folder of a cell that stays up.
     pub program: Option<PathBuf>,
     /// Copy of the scripted orders, if there are any.
@@ -37,7 +37,7 @@ pub struct RunDir {
 pub struct Sources<'a> {
     /// Machine file.
     pub machine: &'a Path,
-    /// Plant file.
+    /// Plant file, where the drives are simulated.
     pub plant: &'a Path,
     /// Part program.
     pub program: Option<&'a Path>,
@@ -163,6 +163,17 @@ impl RunDir {
         let parameter_file = parameter_file.map(std::path::absolute).transpose()?;
         let user_codes = machine.user_code_folder(sources.machine);
         let user_codes = user_codes.map(std::path::absolute).transpose()?;
+        let simulated = machine.bus.is_none();
+        let beside = sources.machine.parent().unwrap_or(Path::new(""));
+        for drive in machine.axes.iter().filter_map(|axis| axis.drive.as_ref()) {
+            let name = Path::new(&drive.file);
+            if let Some(within) = name.parent() {
+                let within = folder.join(within);
+                fs::create_dir_all(&within)
+                    .with_context(|| format!("{}: cannot be made", within.display()))?;
+            }
+            copy(&beside.join(name), name)?;
+        }
         let subroutines = machine.subroutine_folders;
         let program = sources
             .program
@@ -185,7 +196,7 @@ impl RunDir {
             )?,
             parameter_file,
             user_codes,
-            plant: copy(sources.plant, Path::new("plant.toml"))?,
+            plant: copy_if(simulated.then_some(sources.plant), "plant.toml")?,
             program,
             orders: copy_if(sources.orders, "orders.toml")?,
             faults: copy_if(sources.faults, "faults.toml")?,

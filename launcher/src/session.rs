@@ -8,6 +8,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use bus::cell::CellPaths;
+use bus::drive_codes::cause_words;
 use bus::sample::{Cause, Feedback, Mode, ProgramState};
 use serde_json::Value;
 
@@ -142,7 +143,7 @@ impl Session {
             let program = program.map_or("of another version", ProgramState::word);
             let cause = match Cause::from_wire(feedback.cause) {
                 Some(Cause::None) => String::new(),
-                cause => format!(": {}", cause.map_or("an unknown cause", Cause::words)),
+                _ => format!(": {}", cause_words(feedback)),
             };
             let text = format!("{}{cause}, program {program}", mode.word());
             tracing::info!("by scan {}: {text}", feedback.scan);

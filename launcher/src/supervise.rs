@@ -3,10 +3,11 @@
 use std::time::{Duration, Instant};
 
 use bus::cell::CellPaths;
+use bus::drive_codes::cause_words;
 use bus::member::Pace;
 use bus::messages::MessageReader;
 use bus::port::{OperatorClient, PendingOrder};
-use bus::sample::{Cause, Feedback, Job, Mode, OperatorRequest, Order};
+use bus::sample::{Feedback, Job, Mode, OperatorRequest, Order};
 use bus::signal_page::CellPhase;
 use machine::Machine;
 use plant_sim::script::faults::FaultScript;
@@ -605,7 +606,7 @@ fn stop(group: &Group, operator: &OperatorClient) -> Option<PendingOrder> {
 
 /// Why and where the machine stopped.
 pub fn stop_words(feedback: &Feedback, machine: &Machine) -> String {
-    let cause = Cause::from_wire(feedback.cause).map_or("an unknown cause", Cause::words);
+    let cause = cause_words(feedback);
     let axis = machine
         .axes
         .get(feedback.cause_axis as usize)

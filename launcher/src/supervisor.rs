@@ -65,7 +65,7 @@ impl RestartRules {
     }
 
     /// Judges an untimely death in this place and plans the restart. Who `gave_up` has reported why: another process would fare
-    /// no better. `covered` where another process of the axis goes on.
+    /// no better. `covered` where another process goes on that does the same.
     pub fn judge(
         &mut self,
         index: usize,
@@ -77,6 +77,8 @@ impl RestartRules {
         let replaces = self.replaces(process);
         let without = match process.job {
             Job::Planner | Job::Master => Verdict::Ends,
+            Job::Fieldbus if covered => Verdict::GoesOn,
+            Job::Fieldbus => Verdict::Ends,
             // The master waits for one that is to be replaced: nobody else ends that.
             Job::Servo if replaces && !covered => Verdict::Ends,
             Job::Servo | Job::Monitor => Verdict::GoesOn,
@@ -174,7 +176,7 @@ impl Supervisor {
         let gave_up =
             role.process.job == Job::Master && death.status.code().is_some() && death.took_part;
         let now = self.begun.elapsed();
-        let covered = group.has_other_servo(role.process);
+        let covered = group.is_covered(role.process);
         let rules = &mut self.rules;
         let verdict = rules.judge(death.place, role.process, gave_up, covered, now);
         if verdict != Verdict::Restarts && !gave_up && self.replaces(role.process) {

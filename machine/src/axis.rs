@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::fieldbus::AxisDrive;
 use crate::loops::{FeedForward, PositionLoop, Prediction, VelocityLoop};
 use crate::model::{Adaptation, AxisModel, DisturbanceObserver, TorqueFeedForward};
 use crate::reversal::Reversal;
@@ -63,6 +64,8 @@ pub struct Axis {
     /// A second servo stands by, in the same state to the bit, and takes over in the scan in which the first is silent.
     #[schemars(extend("default" = false))]
     pub standby: bool,
+    /// Its drive on the fieldbus; only with `[bus]`.
+    pub drive: Option<AxisDrive>,
     /// The motor's rating plate.
     pub motor: Motor,
     /// Position loop.

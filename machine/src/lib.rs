@@ -11,6 +11,7 @@
 
 mod auxiliary;
 mod axis;
+mod fieldbus;
 mod interpolation;
 mod kinematics;
 pub mod learned;
@@ -33,6 +34,7 @@ mod whole_file;
 
 pub use auxiliary::{SPINDLE_RAMP_SHARE, Spindle, ToolChange, ToolChanger};
 pub use axis::{Axis, AxisKind, Changeover, DriveMode, Motor, PositionFeedback};
+pub use fieldbus::{AxisDrive, Fieldbus, Sync};
 pub use interpolation::{Interpolation, StraightLines, WithinPeriod};
 pub use kinematics::{Carries, Kinematics, KinematicsKind};
 pub use load::{copy_named_files, machine_file, reference, schema, snapshot, with_parameters};

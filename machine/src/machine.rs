@@ -10,6 +10,7 @@ use serde::Deserialize;
 
 use crate::auxiliary::{Spindle, ToolChange};
 use crate::axis::Axis;
+use crate::fieldbus::Fieldbus;
 use crate::interpolation::Interpolation;
 use crate::kinematics::Kinematics;
 use crate::parameter_file::KeptParameters;
@@ -45,6 +46,8 @@ pub struct Machine {
     pub spindle: Option<Spindle>,
     /// Who changes tools (M6).
     pub tool_change: ToolChange,
+    /// The fieldbus that the drives are on ([how](../howto/drives.md)). Without this table they are simulated.
+    pub bus: Option<Fieldbus>,
     /// An axis: a machine has 1 to 8, each with a letter of its own.
     #[serde(rename = "axis")]
     #[schemars(length(min = 1, max = MAX_AXES))]
@@ -173,6 +176,14 @@ impl Machine {
     pub fn axis_name(&self, axis: usize) -> &str {
         let axis = self.axes.get(axis);
         axis.map_or("?", |axis| axis.name.as_str())
+    }
+
+    /// The place on the cable of an axis's drive.
+    pub fn slave_of(&self, axis: usize) -> usize {
+        let drive = self.axes.get(axis).and_then(|axis| axis.drive.as_ref());
+        drive
+            .and_then(|drive| drive.slave)
+            .map_or(axis, |slave| slave as usize)
     }
 
     /// What the service table needs to know of it.

@@ -12,7 +12,7 @@ pub struct Process {
     pub job: Job,
     /// Axis of a servo, 0 of others.
     pub axis: u32,
-    /// Role of a servo (0 drives, 1 stands by), 0 of others.
+    /// Role of a servo or of a fieldbus process (0 drives, 1 stands by), 0 of others.
     pub role: u32,
 }
 
@@ -67,10 +67,24 @@ impl Process {
         })
     }
 
+    /// The fieldbus processes of a machine: none where its drives are simulated.
+    pub fn fieldbus(machine: &Machine) -> impl Iterator<Item = Process> {
+        let count = machine
+            .bus
+            .as_ref()
+            .map_or(0, |bus| 1 + u32::from(bus.standby));
+        (0..count).map(|role| Process {
+            job: Job::Fieldbus,
+            axis: 0,
+            role,
+        })
+    }
+
     /// All that a cell of this machine can have.
     pub fn all(machine: &Machine) -> Vec<Process> {
         let mut all = vec![Job::Planner.into()];
         all.extend(Process::servos(machine));
+        all.extend(Process::fieldbus(machine));
         all.extend([Job::Master, Job::Monitor].map(Process::from));
         all
     }
@@ -78,7 +92,12 @@ impl Process {
     /// Its name; that of a standby has the role's letter behind it.
     pub fn name(self, machine: &Machine) -> String {
         match self.job {
+            Job::Master if machine.bus.is_some() => "master".into(),
             Job::Master => "plant-sim".into(),
+            Job::Fieldbus => match ROLES.get(self.role as usize) {
+                Some(word) if self.role > 0 => format!("fieldbus-{word}"),
+                _ => "fieldbus".into(),
+            },
             Job::Planner => "planner".into(),
             Job::Monitor => "monitor".into(),
             Job::Servo => {
@@ -97,14 +116,18 @@ impl Process {
     /// The machine has none of that name: what it may be.
     pub fn parse(name: &str, machine: &Machine) -> Result<Process, String> {
         let others = [Job::Planner, Job::Master, Job::Monitor].map(Process::from);
-        if let Some(process) = others.into_iter().find(|one| one.name(machine) == name) {
+        let mut others = others.into_iter().chain(Process::fieldbus(machine));
+        if let Some(process) = others.find(|one| one.name(machine) == name) {
             return Ok(process);
         }
         let Some(servo) = name.strip_prefix("servo-") else {
-            return Err(
-                "must be planner, plant-sim, monitor, servo-X (X: letter of an axis) or servo-X/b"
-                    .into(),
-            );
+            let master = Process::from(Job::Master).name(machine);
+            let fieldbus: String = Process::fieldbus(machine)
+                .map(|process| format!("{}, ", process.name(machine)))
+                .collect();
+            return Err(format!(
+                "must be planner, {master}, {fieldbus}monitor, servo-X (X: letter of an axis) or servo-X/b"
+            ));
         };
         let (letter, word) = servo.split_once(['/', '-']).unwrap_or((servo, "a"));
         let role = ROLES.iter().position(|known| *known == word);

@@ -94,6 +94,8 @@ impl Restart {
             Job::Servo => self.servo != AfterLoss::End || standby,
             Job::Master => self.master == AfterMaster::Wait,
             Job::Monitor => self.monitor == AfterMonitor::Restart,
+            // Its drives have stopped by themselves, or its standby goes on.
+            Job::Fieldbus => true,
         }
     }
 }

@@ -8,6 +8,7 @@ use crate::positioning::RapidProfile;
 use crate::settings_file::{From, Rules};
 
 mod axis;
+mod fieldbus;
 mod kinematics;
 mod model;
 mod reversal;
@@ -25,6 +26,7 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
         rules.at_least(&path, None, high, "rev/min", "speed_min_rpm", low);
     }
     kinematics::judge(rules, machine);
+    fieldbus::judge(rules, machine);
     for (index, axis) in machine.axes.iter().enumerate() {
         let at = Some((index, axis.name.as_str()));
         if machine.axes.iter().take(index).any(|a| a.name == axis.name) {

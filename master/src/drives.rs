@@ -77,8 +77,18 @@ pub enum DriveState {
         /// The drive's own error code (CiA 402 object 603Fh).
         code: u32,
     },
-    /// It does not answer any more.
-    Lost,
+    /// It does not answer any more, or takes no commands.
+    Lost {
+        /// What the bus says of it (AL status code of EtherCAT); 0 where it does not answer at all.
+        code: u32,
+    },
+}
+
+impl DriveState {
+    /// Whether it is lost.
+    pub fn is_lost(self) -> bool {
+        matches!(self, DriveState::Lost { .. })
+    }
 }
 
 /// What one drive shows at the start of a scan.

@@ -17,7 +17,7 @@ use machine::{Machine, Restart, WithinPeriod};
 
 use crate::answers::Answers;
 use crate::digest::MotionDigest;
-use crate::drives::{DriveCommand, DriveState, Drives};
+use crate::drives::{DriveCommand, Drives};
 use crate::window_arbiter::{Dropped, WindowArbiter};
 
 mod auxiliary;
@@ -498,7 +498,7 @@ impl<D: Drives> Master<D> {
     /// Whether the axes are, as far as anybody can see: a drive that does not answer shows no speed.
     fn stands(&self) -> bool {
         self.axes.iter().all(|axis| {
-            axis.drive.state == DriveState::Lost || axis.drive.velocity_mm_s.abs() < STANDSTILL_MM_S
+            axis.drive.state.is_lost() || axis.drive.velocity_mm_s.abs() < STANDSTILL_MM_S
         })
     }
 

@@ -15,6 +15,8 @@ use master::{
 
 const AXES: usize = 2;
 /// Scans that a drive takes to switch on.
+/// A master waits so long for drives that are being switched on, 5 s.
+const PATIENCE_SCANS: u32 = 5000;
 const SWITCH_ON_SCANS: u32 = 40;
 const SPEED_MM_S: f64 = 50.0;
 const SCAN_S: f64 = 1e-3;
@@ -48,7 +50,7 @@ impl Drive {
 
     fn take(&mut self, command: DriveCommand) {
         self.command = command;
-        if self.shown.state == DriveState::Lost {
+        if self.shown.state.is_lost() {
             // Nobody hears any more what it does.
             return;
         }
@@ -291,7 +293,7 @@ fn a_stop_while_drives_are_being_switched_on_ends_the_run_with_drives_off() {
 }
 
 #[test]
-fn a_drive_fault_in_motion_stops_all_axes_with_its_code_and_is_not_acknowledged_while_it_lasts() {
+fn a_drive_fault_in_motion_stops_all_axes_with_its_code_and_only_enable_has_it_reset() {
     let mut bench = Bench::moving();
     bench.show(1, FAULT);
     let feedback = bench.scan_at(SPEED_MM_S);
@@ -311,16 +313,30 @@ fn a_drive_fault_in_motion_stops_all_axes_with_its_code_and_is_not_acknowledged_
     }
     bench.scans(60);
     assert_eq!(bench.drive(0).shown.velocity_mm_s, 0.0, "it has braked");
-    assert_eq!(bench.order(Order::Enable), Refused::NotReady);
     assert_eq!(bench.order(Order::Resume), Refused::Tripped);
     let feedback = bench.scans(1);
     assert_eq!(state(&feedback), (Mode::Tripped, Cause::DriveFault, 1));
+    assert_eq!(
+        bench.drive(1).command,
+        DriveCommand::Brake {
+            deceleration_mm_s2: 1000.0
+        },
+        "nobody has ordered a reset"
+    );
 
-    // Reset, it is off: the code stays until the trip is acknowledged, and the drive is switched on first.
-    bench.show(1, DriveState::Off);
-    let feedback = bench.scans(1);
-    assert_eq!(feedback.axes[1].drive_code, 0x7305);
+    // A fault that cannot be reset is named again once the patience is over.
     assert_eq!(bench.order(Order::Enable), Refused::Not);
+    let feedback = bench.scans(1);
+    assert_eq!(state(&feedback), (Mode::Disabled, Cause::None, NO_AXIS));
+    assert_eq!(bench.drive(1).command, DriveCommand::SwitchOn);
+    let feedback = bench.scans(PATIENCE_SCANS);
+    assert_eq!(state(&feedback), (Mode::Disabled, Cause::DriveFault, 1));
+    assert_eq!(feedback.axes[1].drive_code, 0x7305);
+
+    // Reset on the way, it is off, and is switched on.
+    assert_eq!(bench.order(Order::Enable), Refused::Not);
+    bench.scans(2);
+    bench.show(1, DriveState::Off);
     let feedback = bench.scans(SWITCH_ON_SCANS);
     assert_eq!(state(&feedback), (Mode::Disabled, Cause::None, NO_AXIS));
     assert_eq!(feedback.axes[1].drive_code, 0);
@@ -356,13 +372,12 @@ fn a_fault_while_drives_are_being_switched_on_is_named_at_once() {
     let feedback = bench.scans(1);
     assert_eq!(state(&feedback), (Mode::Disabled, Cause::DriveFault, 0));
     assert_eq!(feedback.axes[0].drive_code, 0x7305);
-    assert_eq!(bench.order(Order::Enable), Refused::NotReady);
 }
 
 #[test]
 fn a_drive_that_vanishes_in_motion_stops_the_others_and_the_run_ends_without_its_speed() {
     let mut bench = Bench::moving();
-    bench.show(1, DriveState::Lost);
+    bench.show(1, DriveState::Lost { code: 0 });
     let feedback = bench.scan_at(SPEED_MM_S);
     assert_eq!(state(&feedback), (Mode::Tripped, Cause::DriveLost, 1));
     assert_eq!(feedback.axes[1].drive_code, 0);
@@ -372,14 +387,34 @@ fn a_drive_that_vanishes_in_motion_stops_the_others_and_the_run_ends_without_its
         feedback.axes[1].velocity_mm_s, SPEED_MM_S,
         "the last that anybody has seen of it"
     );
-    assert_eq!(bench.order(Order::Enable), Refused::NotReady);
     assert_eq!(bench.scans(200).last, 1, "the run ends");
+}
+
+#[test]
+fn a_drive_that_is_plugged_in_again_is_driven_by_an_order_and_not_before() {
+    let mut bench = Bench::moving();
+    bench.show(1, DriveState::Lost { code: 0x1B });
+    bench.scans(60);
+    assert_eq!(bench.order(Order::Enable), Refused::Not);
+    let feedback = bench.scans(10);
+    assert_eq!(state(&feedback), (Mode::Disabled, Cause::None, NO_AXIS));
+    // It does not come: that is named, with what the bus says of it.
+    let feedback = bench.scans(PATIENCE_SCANS);
+    assert_eq!(state(&feedback), (Mode::Disabled, Cause::DriveLost, 1));
+    assert_eq!(feedback.axes[1].drive_code, 0x1B);
+    bench.set(1, |drive| *drive = Drive::off());
+    let feedback = bench.scans(10);
+    assert_eq!(state(&feedback).0, Mode::Disabled);
+    assert_eq!(bench.drive(1).command, DriveCommand::Disabled);
+    assert_eq!(bench.order(Order::Enable), Refused::Not);
+    let feedback = bench.scans(SWITCH_ON_SCANS + 2);
+    assert_eq!(state(&feedback), (Mode::Enabled, Cause::None, NO_AXIS));
 }
 
 #[test]
 fn a_drive_that_is_back_without_its_reference_is_not_driven_before_it_has_one() {
     let mut bench = Bench::moving();
-    bench.show(1, DriveState::Lost);
+    bench.show(1, DriveState::Lost { code: 0 });
     bench.scans(60);
     bench.set(1, |drive| {
         *drive = Drive::off();

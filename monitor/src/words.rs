@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use bus::drive_codes::with_code;
 use bus::sample::{Cause, Feedback};
 use machine::Machine;
 
@@ -12,6 +13,8 @@ pub struct StopCause {
     pub axis: Option<String>,
     /// The cause; none if it is not known here.
     pub cause: Option<Cause>,
+    /// What the drive of the axis says of it; 0 for nothing.
+    pub code: u32,
 }
 
 impl StopCause {
@@ -21,6 +24,10 @@ impl StopCause {
         StopCause {
             axis: axis.map(|axis| axis.name.clone()),
             cause: Cause::from_wire(feedback.cause),
+            code: feedback
+                .axes
+                .get(feedback.cause_axis as usize)
+                .map_or(0, |axis| axis.drive_code),
         }
     }
 
@@ -30,15 +37,16 @@ impl StopCause {
         any.then(|| StopCause::of(machine, feedback))
     }
 
-    fn words(&self) -> &'static str {
-        self.cause.map_or("unknown cause", Cause::words)
+    fn words(&self) -> String {
+        let words = |cause| with_code(cause, self.code);
+        self.cause.map_or_else(|| "unknown cause".into(), words)
     }
 
     /// The letter of the axis, and why.
     pub fn short(&self) -> String {
         match &self.axis {
             Some(axis) => format!("{axis}: {}", self.words()),
-            None => self.words().into(),
+            None => self.words(),
         }
     }
 }
@@ -47,7 +55,7 @@ impl fmt::Display for StopCause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.axis {
             Some(axis) => write!(f, "axis {axis}: {}", self.words()),
-            None => f.write_str(self.words()),
+            None => f.write_str(&self.words()),
         }
     }
 }

@@ -228,7 +228,7 @@ impl Drives for SimulatedDrives {
     fn feedback(&self, axis: usize) -> DriveFeedback {
         let Some(axis) = self.axes.get(axis) else {
             return DriveFeedback {
-                state: DriveState::Lost,
+                state: DriveState::Lost { code: 0 },
                 ..DriveFeedback::default()
             };
         };

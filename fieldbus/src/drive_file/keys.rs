@@ -39,8 +39,8 @@ pub struct DriveFile {
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Identity {
-    /// Number of the vendor.
-    #[schemars(extend("minimum" = 1, "maximum" = 0xFFFF_FFFF_u32))]
+    /// Number of the vendor; 0 of drives that are software.
+    #[schemars(extend("minimum" = 0, "maximum" = 0xFFFF_FFFF_u32))]
     pub vendor: u32,
     /// Name of the vendor, for messages.
     #[schemars(extend("default" = ""))]

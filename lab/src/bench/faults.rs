@@ -160,6 +160,7 @@ fn stock(options: &FaultsOptions) -> anyhow::Result<Stock> {
         options.program.as_deref(),
         check::Depth::Whole,
     )?;
+    let plant = checked.simulated()?.clone();
     let mut alone = checked.machine;
     for axis in &mut alone.axes {
         axis.standby = false;
@@ -185,7 +186,7 @@ fn stock(options: &FaultsOptions) -> anyhow::Result<Stock> {
     let machines = Machines {
         alone,
         standby,
-        plant: checked.plant,
+        plant,
     };
     let programs = programs
         .into_iter()

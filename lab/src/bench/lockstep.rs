@@ -136,7 +136,7 @@ fn cell_us(
 
 /// Physics alone: µs per scan of all axes, at a speed that swings.
 fn physics_us(checked: &check::Checked) -> anyhow::Result<f64> {
-    let mut simulations = checked.plant.simulations(&checked.machine)?;
+    let mut simulations = checked.simulated()?.simulations(&checked.machine)?;
     let mut samples = [master::InstrumentSample::default(); bus::sample::MAX_SUBSAMPLES];
     let taken = checked.machine.subsamples() as usize;
     let period_s = checked.machine.scan_period_s();

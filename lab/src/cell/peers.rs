@@ -304,7 +304,8 @@ impl Peers {
                 self.master_killed = Some(MasterKilled { replaced });
                 return Flow::Leave;
             }
-            Job::Master => {}
+            // The drives of this cell are simulated.
+            Job::Master | Job::Fieldbus => {}
             Job::Planner => {
                 if is_replaced(step, self.planner.life, replaced) {
                     let (name, text) = &self.program;

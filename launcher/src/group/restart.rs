@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
+use bus::sample::Job;
 use machine::Process;
 use rustix::process::{Signal, pidfd_send_signal};
 
@@ -24,14 +25,14 @@ impl Group {
         self.members.get(place).map(|m| &m.role)
     }
 
-    /// Whether another servo of the same axis lives and takes part.
-    pub fn has_other_servo(&self, process: Process) -> bool {
+    /// Whether another process that does the same, a servo of the same axis or a fieldbus process, lives and takes part.
+    pub fn is_covered(&self, process: Process) -> bool {
         let other = |role: &super::Role| {
             let is = role.process;
             is.job == process.job && is.axis == process.axis && is.role != process.role
         };
-        let servo = process.job == bus::sample::Job::Servo;
-        servo
+        let doubled = matches!(process.job, Job::Servo | Job::Fieldbus);
+        doubled
             && (0..self.places())
                 .any(|place| self.role_of(place).is_some_and(other) && self.takes_part(place))
     }
@@ -121,6 +122,7 @@ impl Group {
         }
         let death = Death::of(member, place, status);
         note_death(&mut self.roster, place, status, scan);
+        self.free_bus(std::slice::from_ref(&death));
         self.bus.clean_dead();
         self.newest_scan = scan;
         self.publish_roster();

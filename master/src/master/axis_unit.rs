@@ -136,7 +136,7 @@ impl AxisUnit {
     pub fn drive_cause(&self) -> Cause {
         match self.drive.state {
             DriveState::Fault { .. } => Cause::DriveFault,
-            DriveState::Lost => Cause::DriveLost,
+            DriveState::Lost { .. } => Cause::DriveLost,
             DriveState::Off => Cause::DriveOff,
             DriveState::Ready if !self.drive.referenced => Cause::NotReferenced,
             DriveState::Ready => Cause::None,
@@ -148,8 +148,9 @@ impl AxisUnit {
         self.drive = drive;
         match drive.state {
             DriveState::Fault { code } => self.fault_code = code,
-            _ if self.cause == Cause::DriveFault => {}
-            DriveState::Ready | DriveState::Off | DriveState::Lost => self.fault_code = 0,
+            DriveState::Lost { code } if self.cause != Cause::DriveLost => self.fault_code = code,
+            _ if matches!(self.cause, Cause::DriveFault | Cause::DriveLost) => {}
+            DriveState::Ready | DriveState::Off | DriveState::Lost { .. } => self.fault_code = 0,
         }
     }
 

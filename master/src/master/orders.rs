@@ -243,7 +243,7 @@ impl<D: Drives> Master<D> {
             Mode::Finished => return Err(Refused::Finished.into()),
             Mode::Disabled => {}
         }
-        self.must_be_drivable()?;
+        self.must_be_referenced()?;
         self.may_end = false;
         self.switch_on(true);
         Ok(())
@@ -254,11 +254,8 @@ impl<D: Drives> Master<D> {
         self.axes.iter().all(AxisUnit::is_within_travel)
     }
 
-    /// Every drive can follow commands, and knows where its axis is.
-    fn must_be_drivable(&self) -> Result<(), Refusal> {
-        if !self.drives_can_follow() {
-            return Err(Refused::NotReady.into());
-        }
+    /// Every drive knows where its axis is.
+    fn must_be_referenced(&self) -> Result<(), Refusal> {
         if !self.is_referenced() {
             return Err(Refused::NotReferenced.into());
         }
@@ -270,10 +267,14 @@ impl<D: Drives> Master<D> {
         if self.last || self.may_end {
             return Err(Refused::Finished.into());
         }
-        if !self.is_ready_again() {
+        if !self.is_served_at_rest() {
             return Err(Refused::NotReady.into());
         }
-        self.must_be_drivable()?;
+        // Whoever enables resets faults of drives, and has lost ones started again.
+        if !hold && !self.drives_can_follow() {
+            return Err(Refused::NotReady.into());
+        }
+        self.must_be_referenced()?;
         self.settled_scans = 0;
         self.switch_on(hold);
         Ok(())

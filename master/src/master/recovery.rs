@@ -86,8 +86,13 @@ impl<D: Drives> Master<D> {
     /// Whether a tripped machine could be driven again: all axes stand, and have a servo that follows them and a drive that
     /// follows commands or can be switched on.
     pub(super) fn is_ready_again(&self) -> bool {
+        self.is_served_at_rest() && self.drives_can_follow()
+    }
+
+    /// Whether all axes stand and have a servo that follows them, whatever their drives show.
+    pub(super) fn is_served_at_rest(&self) -> bool {
         let serves = |axis: &AxisUnit| axis.followed && axis.missed_in_a_row == 0;
-        self.stands() && self.drives_can_follow() && self.axes.iter().all(serves)
+        self.stands() && self.axes.iter().all(serves)
     }
 
     /// Whether no drive has a fault or does not answer.
@@ -95,7 +100,7 @@ impl<D: Drives> Master<D> {
         self.axes.iter().all(|axis| {
             !matches!(
                 axis.drive.state,
-                DriveState::Fault { .. } | DriveState::Lost
+                DriveState::Fault { .. } | DriveState::Lost { .. }
             )
         })
     }
@@ -126,7 +131,20 @@ impl<D: Drives> Master<D> {
             scans: libm::ceil(SWITCH_ON_PATIENCE_S / self.scan_period_s) as u64,
             hold,
             at_start: false,
+            forgiven: 0,
         }
+    }
+
+    /// A bit for each axis whose drive has a fault or is lost.
+    fn faulted(&self) -> u32 {
+        let axes = self.axes.iter().enumerate();
+        axes.filter(|(_, axis)| {
+            matches!(
+                axis.drive.state,
+                DriveState::Fault { .. } | DriveState::Lost { .. }
+            )
+        })
+        .fold(0, |bits, (index, _)| bits | 1 << index)
     }
 
     /// Drives on: at once where they all follow commands already, otherwise as soon as they do. A trip ends with it.
@@ -135,14 +153,17 @@ impl<D: Drives> Master<D> {
             self.end_trip(hold);
             return;
         }
+        self.clear_causes();
         if self.mode == Mode::Tripped {
             self.mode = Mode::Disabled;
-            self.clear_causes();
             for axis in &mut self.axes {
                 axis.deviation = 0;
             }
         }
-        self.switching_on = Some(self.switching_on_now(hold));
+        self.switching_on = Some(SwitchingOn {
+            forgiven: self.faulted(),
+            ..self.switching_on_now(hold)
+        });
     }
 
     fn drives_follow(&self) -> bool {
@@ -152,13 +173,17 @@ impl<D: Drives> Master<D> {
 
     /// One scan of drives that are being switched on: ready when they all follow, off again when one does not in time.
     pub(super) fn await_switching_on(&mut self) {
+        let faulted = self.faulted();
         let Some(on) = &mut self.switching_on else {
             return;
         };
         on.scans = on.scans.saturating_sub(1);
+        on.forgiven &= faulted;
         let on = *on;
-        let failed = self.axes.iter().position(|axis| match axis.drive_cause() {
+        let mut axes = self.axes.iter().enumerate();
+        let failed = axes.position(|(index, axis)| match axis.drive_cause() {
             Cause::DriveOff => on.scans == 0,
+            Cause::DriveFault | Cause::DriveLost if on.forgiven >> index & 1 == 1 => on.scans == 0,
             cause => cause != Cause::None,
         });
         if let Some(index) = failed {

@@ -9,4 +9,6 @@ pub struct SwitchingOn {
     pub hold: bool,
     /// The master has started with it: nobody has ordered it.
     pub at_start: bool,
+    /// A bit for each axis whose drive had a fault, or was lost, when it was ordered: it is reset, or started again, on the way.
+    pub forgiven: u32,
 }

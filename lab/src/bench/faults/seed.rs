@@ -278,6 +278,7 @@ pub fn kind_of(job: Job, action: &Action) -> (&'static str, &'static str) {
         Job::Servo => "servo",
         Job::Master => "master",
         Job::Monitor => "monitor",
+        Job::Fieldbus => "fieldbus",
     };
     let what = match action {
         Action::Kill { .. } => "kill",

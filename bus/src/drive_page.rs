@@ -1,0 +1,480 @@
+//! The drive page: what a master and the process that owns the fieldbus hand each other in every scan.
+//!
+//! Outputs and inputs are numbered by cycles. The master writes the outputs of a cycle, then asks for it; the fieldbus process notes a
+//! frame before it is sent, and answers with inputs. Each lies in the slot of its cycle's parity, so that whoever is killed while
+//! writing leaves the cycle before whole. A standby of the fieldbus process reads here how far the one before it came.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use std::ptr::NonNull;
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::time::Duration;
+
+use bytemuck::{Pod, Zeroable};
+
+use crate::cell::{CellError, CellPaths};
+use crate::mapped_page::map_page;
+use crate::robust_lock::RobustLock;
+use crate::signal_page::Signal;
+
+const MAGIC: u64 = u64::from_le_bytes(*b"QUADDRV1");
+
+/// Most slaves on a segment.
+pub const SLAVES_MAX: usize = 16;
+/// Most bytes of process data of a segment: what one Ethernet frame carries beside the other datagrams of a cycle.
+pub const IMAGE_BYTES_MAX: usize = 1024;
+
+/// Where the process data of a slave lie in the image of its segment.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct SlaveWiring {
+    /// Configured station address.
+    pub address: u16,
+    /// Where its outputs begin, in bytes.
+    pub outputs_at: u16,
+    /// Size of its outputs, in bytes.
+    pub output_bytes: u16,
+    /// Where its inputs begin, in bytes.
+    pub inputs_at: u16,
+    /// Size of its inputs, in bytes.
+    pub input_bytes: u16,
+    /// What it adds to the working counter of a logical read and write: 2 with outputs, 1 with inputs.
+    pub working_counter: u16,
+}
+
+/// How a segment is wired: found at start-up, the same until the next.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Wiring {
+    /// Tells the frames of this start-up from those of others.
+    pub nonce: u64,
+    /// Size of the image, in bytes.
+    pub image_bytes: u32,
+    /// How many slaves there are.
+    pub slave_count: u32,
+    /// Working counter of a cycle that everybody took part in.
+    pub working_counter: u32,
+    /// Station address of the reference clock; 0 without distributed clocks.
+    pub reference_clock: u32,
+    /// The slaves, in the order of the cable.
+    pub slaves: [SlaveWiring; SLAVES_MAX],
+}
+
+impl Wiring {
+    /// The slaves that there are.
+    pub fn slaves(&self) -> &[SlaveWiring] {
+        self.slaves
+            .get(..self.slave_count as usize)
+            .unwrap_or(&self.slaves)
+    }
+}
+
+/// What goes to the drives in a cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Outputs {
+    /// The image of the segment; where inputs lie it is 0.
+    pub image: [u8; IMAGE_BYTES_MAX],
+    /// The image that is sent when no other has come for too long: everybody stops.
+    pub silent: [u8; IMAGE_BYTES_MAX],
+}
+
+/// What a slave said of itself in a cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct SlaveState {
+    /// 1 if it answered.
+    pub answered: u16,
+    /// Its AL status.
+    pub al_status: u16,
+    /// Its AL status code.
+    pub al_status_code: u16,
+}
+
+/// What was counted since the start-up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct Counts {
+    /// Cycles that were sent.
+    pub sent: u64,
+    /// Cycles without an answer in time.
+    pub missed: u64,
+    /// Cycles that somebody took no part in.
+    pub short: u64,
+    /// Frames of an earlier cycle, or a second time.
+    pub late: u64,
+    /// Frames of others, and damaged ones.
+    pub foreign: u64,
+    /// Cycles in which the master had nothing new.
+    pub repeated: u64,
+    /// Times that a standby took the bus over.
+    pub taken_over: u64,
+}
+
+/// What came back in a cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Inputs {
+    /// The image of the segment.
+    pub image: [u8; IMAGE_BYTES_MAX],
+    /// 1 if the cycle was answered; otherwise nothing here but `counts` is of this cycle.
+    pub answered: u32,
+    /// Working counter of the process data.
+    pub working_counter: u32,
+    /// The slaves, in the order of the cable.
+    pub slaves: [SlaveState; SLAVES_MAX],
+    /// From sending to the answer, in ns.
+    pub round_trip_ns: u64,
+    /// How far the reference clock is ahead of the cycle's time, in ns; 0 without distributed clocks.
+    pub clock_ahead_ns: i64,
+    /// What was counted.
+    pub counts: Counts,
+}
+
+/// What the fieldbus process does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u32)]
+pub enum BusState {
+    /// Nobody owns the bus, or whoever does is starting it up.
+    Starting = 0,
+    /// Cycles are exchanged.
+    Cycling = 1,
+    /// The last start-up failed: another one must be asked for.
+    Down = 2,
+}
+
+/// Plain data that lie in the page as words.
+#[repr(C, align(64))]
+struct Kept<T, const WORDS: usize> {
+    words: [AtomicU64; WORDS],
+    of: std::marker::PhantomData<T>,
+}
+
+impl<T: Pod, const WORDS: usize> Kept<T, WORDS> {
+    const FITS: () = assert!(size_of::<T>() == 8 * WORDS);
+
+    fn store(&self, value: &T) {
+        let () = Self::FITS;
+        let bytes = bytemuck::bytes_of(value).as_chunks::<8>().0;
+        for (word, bytes) in self.words.iter().zip(bytes) {
+            word.store(u64::from_le_bytes(*bytes), Ordering::Relaxed);
+        }
+    }
+
+    fn load(&self, value: &mut T) {
+        let bytes = bytemuck::bytes_of_mut(value).as_chunks_mut::<8>().0;
+        for (word, bytes) in self.words.iter().zip(bytes) {
+            *bytes = word.load(Ordering::Relaxed).to_le_bytes();
+        }
+    }
+}
+
+const WIRING_WORDS: usize = size_of::<Wiring>() / 8;
+const OUTPUT_WORDS: usize = size_of::<Outputs>() / 8;
+const INPUT_WORDS: usize = size_of::<Inputs>() / 8;
+
+#[repr(C)]
+struct Layout {
+    magic: AtomicU64,
+    /// Process id of who owns the bus, for whoever wants to look after it; 0 for nobody. The lock decides.
+    owner: AtomicU32,
+    state: AtomicU32,
+    ownership: RobustLock,
+    asked: Signal,
+    answered: Signal,
+    /// Cycles, each + 1: 0 before the first.
+    requested_cycle: AtomicU64,
+    answered_cycle: AtomicU64,
+    /// 1 where another start-up is asked for.
+    start_again: AtomicU64,
+    /// Number of the last frame, noted before it is sent.
+    sent_frame: AtomicU64,
+    /// 1 once the master has left in order.
+    left: AtomicU64,
+    wiring: Kept<Wiring, WIRING_WORDS>,
+    outputs: [Kept<Outputs, OUTPUT_WORDS>; 2],
+    inputs: [Kept<Inputs, INPUT_WORDS>; 2],
+}
+
+/// The mapped page.
+pub struct DrivePage {
+    layout: NonNull<Layout>,
+}
+
+impl std::fmt::Debug for DrivePage {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let owner = self.owner();
+        f.debug_struct("DrivePage").field("owner", &owner).finish()
+    }
+}
+
+// SAFETY: the layout consists of atomics only.
+unsafe impl Send for DrivePage {}
+// SAFETY: as above.
+unsafe impl Sync for DrivePage {}
+
+impl Drop for DrivePage {
+    fn drop(&mut self) {
+        // SAFETY: mapped by `map_page` with this length, and no reference outlives `self`.
+        let _ = unsafe { rustix::mm::munmap(self.layout.as_ptr().cast(), size_of::<Layout>()) };
+    }
+}
+
+/// The slot of a cycle.
+fn slot<T>(slots: &[T; 2], cycle: u64) -> &T {
+    let [even, odd] = slots;
+    if cycle.is_multiple_of(2) { even } else { odd }
+}
+
+impl DrivePage {
+    /// Makes the page; for the launcher, after it owns the cell.
+    ///
+    /// # Errors
+    /// [`CellError`].
+    pub fn create(place: &CellPaths) -> Result<DrivePage, CellError> {
+        let layout = map_page(place, &place.drive_page(), true)?;
+        let page = DrivePage { layout };
+        let made = page.layout().ownership.make();
+        made.map_err(|source| CellError::System {
+            cell: place.name().into(),
+            what: "making the lock of its bus".into(),
+            source,
+        })?;
+        page.layout().magic.store(MAGIC, Ordering::Release);
+        Ok(page)
+    }
+
+    /// Maps the page of a running cell.
+    ///
+    /// # Errors
+    /// [`CellError`]; a cell of simulated drives has none.
+    pub fn open(place: &CellPaths) -> Result<DrivePage, CellError> {
+        let layout = map_page(place, &place.drive_page(), false)?;
+        let page = DrivePage { layout };
+        if page.layout().magic.load(Ordering::Acquire) != MAGIC {
+            return Err(CellError::Transport {
+                cell: place.name().into(),
+                what: "its drive page is not of this version of quadrant".into(),
+            });
+        }
+        Ok(page)
+    }
+
+    fn layout(&self) -> &Layout {
+        // SAFETY: mapped for the life of `self`, aligned to a page, atomics only.
+        unsafe { self.layout.as_ref() }
+    }
+
+    /// Rung when a cycle is asked for; the fieldbus process waits here.
+    pub fn asked_signal(&self) -> &Signal {
+        &self.layout().asked
+    }
+
+    /// Rung when a cycle is answered, or never will be; the master waits here.
+    pub fn answered_signal(&self) -> &Signal {
+        &self.layout().answered
+    }
+
+    /// Process id of who owns the bus; 0 for nobody.
+    pub fn owner(&self) -> u32 {
+        self.layout().owner.load(Ordering::Acquire)
+    }
+
+    /// Takes the bus for the calling thread, to its end, as soon as nobody has it; false if another one still has it after this
+    /// time. Whoever has it is gone when its thread is: it cannot send any more.
+    ///
+    /// # Errors
+    /// The lock is damaged.
+    pub fn own(&self, limit: Duration) -> std::io::Result<bool> {
+        let owned = self.layout().ownership.take(limit)?;
+        if owned {
+            let own = std::process::id();
+            self.layout().owner.store(own, Ordering::Release);
+        }
+        Ok(owned)
+    }
+
+    /// Whoever owned the bus has ended, and nobody stands by: the bus is free, and whoever waits for an answer is told. For the
+    /// launcher.
+    pub fn disown(&self) {
+        self.layout().owner.store(0, Ordering::Release);
+        self.set_state(BusState::Starting);
+    }
+
+    /// What the fieldbus process does.
+    pub fn state(&self) -> BusState {
+        match self.layout().state.load(Ordering::Acquire) {
+            1 => BusState::Cycling,
+            2 => BusState::Down,
+            _ => BusState::Starting,
+        }
+    }
+
+    /// Says what the fieldbus process does.
+    pub fn set_state(&self, state: BusState) {
+        self.layout().state.store(state as u32, Ordering::Release);
+        self.layout().answered.raise();
+    }
+
+    /// Asks for another start-up, because drives have been lost; for the master.
+    pub fn ask_to_start_again(&self) {
+        let layout = self.layout();
+        layout.start_again.store(1, Ordering::Release);
+        layout.asked.raise();
+    }
+
+    /// Whether another start-up has been asked for since this was asked last; for the fieldbus process.
+    pub fn take_start_again(&self) -> bool {
+        self.layout().start_again.swap(0, Ordering::AcqRel) == 1
+    }
+
+    /// How the segment is wired; for whoever sees that cycles are exchanged.
+    pub fn wiring(&self) -> Wiring {
+        let mut wiring = Wiring::zeroed();
+        self.layout().wiring.load(&mut wiring);
+        wiring
+    }
+
+    /// Says how the segment is wired; before cycles are exchanged.
+    pub fn set_wiring(&self, wiring: &Wiring) {
+        self.layout().wiring.store(wiring);
+    }
+
+    /// Asks for a cycle with these outputs; for the master.
+    pub fn request(&self, cycle: u64, outputs: &Outputs) {
+        let layout = self.layout();
+        slot(&layout.outputs, cycle).store(outputs);
+        layout
+            .requested_cycle
+            .store(cycle.saturating_add(1), Ordering::Release);
+        layout.asked.raise();
+    }
+
+    /// The cycle that was asked for last.
+    pub fn requested(&self) -> Option<u64> {
+        self.layout()
+            .requested_cycle
+            .load(Ordering::Acquire)
+            .checked_sub(1)
+    }
+
+    /// The outputs of a cycle that was asked for.
+    pub fn outputs(&self, cycle: u64, outputs: &mut Outputs) {
+        slot(&self.layout().outputs, cycle).load(outputs);
+    }
+
+    /// Notes that a frame of this number is about to be sent.
+    pub fn note_sent(&self, frame: u64) {
+        self.layout().sent_frame.store(frame, Ordering::Release);
+    }
+
+    /// The number of the frame that was noted last.
+    pub fn sent(&self) -> u64 {
+        self.layout().sent_frame.load(Ordering::Acquire)
+    }
+
+    /// The master has left in order: the bus is to be put to rest. For the master.
+    pub fn set_left(&self) {
+        let layout = self.layout();
+        layout.left.store(1, Ordering::Release);
+        layout.asked.raise();
+    }
+
+    /// Whether the master has left in order.
+    pub fn has_left(&self) -> bool {
+        self.layout().left.load(Ordering::Acquire) == 1
+    }
+
+    /// Answers a cycle.
+    pub fn answer(&self, cycle: u64, inputs: &Inputs) {
+        let layout = self.layout();
+        slot(&layout.inputs, cycle).store(inputs);
+        layout
+            .answered_cycle
+            .store(cycle.saturating_add(1), Ordering::Release);
+        layout.answered.raise();
+    }
+
+    /// The cycle that was answered last.
+    pub fn answered(&self) -> Option<u64> {
+        self.layout()
+            .answered_cycle
+            .load(Ordering::Acquire)
+            .checked_sub(1)
+    }
+
+    /// What came back in a cycle that was answered; it is overwritten two cycles later.
+    pub fn inputs(&self, cycle: u64, inputs: &mut Inputs) {
+        slot(&self.layout().inputs, cycle).load(inputs);
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn with_page(name: &str, test: impl FnOnce(&DrivePage, &DrivePage)) {
+        let place =
+            CellPaths::new(&format!("drv-{name}-{}", std::process::id() % 100_000)).unwrap();
+        let cell = place.own(std::time::Duration::ZERO).unwrap();
+        let page = DrivePage::create(&place).unwrap();
+        let other = DrivePage::open(&place).unwrap();
+        test(&page, &other);
+        drop(cell);
+        assert!(!place.drive_page().exists());
+    }
+
+    #[test]
+    fn of_many_one_owns_the_bus_and_the_next_one_as_soon_as_its_thread_has_ended() {
+        with_page("own", |page, other| {
+            const SHORT: Duration = Duration::from_millis(2);
+            std::thread::scope(|scope| {
+                let (sender, owned) = std::sync::mpsc::channel();
+                let (end, ends) = std::sync::mpsc::channel::<()>();
+                scope.spawn(move || {
+                    sender.send(page.own(SHORT).unwrap()).unwrap();
+                    let _ = ends.recv();
+                });
+                assert!(owned.recv().unwrap());
+                assert!(!other.own(SHORT).unwrap());
+                end.send(()).unwrap();
+                assert!(other.own(Duration::from_secs(10)).unwrap());
+            });
+            page.set_state(BusState::Cycling);
+            page.disown();
+            assert_eq!((other.state(), other.owner()), (BusState::Starting, 0));
+        });
+    }
+
+    #[test]
+    fn a_cycle_is_read_as_it_was_written_and_the_one_before_stays_whole() {
+        with_page("cycle", |master, bus| {
+            assert_eq!(bus.requested(), None);
+            let mut outputs = Outputs::zeroed();
+            for cycle in 0..3 {
+                outputs.image[3] = cycle as u8;
+                master.request(cycle, &outputs);
+            }
+            assert_eq!(bus.requested(), Some(2));
+            let mut read = Outputs::zeroed();
+            for cycle in 1..3 {
+                bus.outputs(cycle, &mut read);
+                assert_eq!(read.image[3], cycle as u8);
+            }
+            let mut inputs = Inputs::zeroed();
+            inputs.counts.sent = 5;
+            bus.note_sent(77);
+            bus.answer(2, &inputs);
+            let mut seen = Inputs::zeroed();
+            master.inputs(2, &mut seen);
+            assert_eq!((master.answered(), master.sent()), (Some(2), 77));
+            assert_eq!(seen, inputs);
+        });
+    }
+}

@@ -1,0 +1,14 @@
+//! CiA 402 drives behind the seam that simulated ones have: `master::Drives` over process data.
+//!
+//! [`Cia402Drives`] turns what the master commands into outputs and what drives show into feedback; a [`Wire`] carries both. Nothing here
+//! knows of sockets: the process that owns the bus is another one (`crate::process`), and may be killed.
+
+mod axis;
+mod cia402_drives;
+mod field;
+mod page_wire;
+mod state_walk;
+
+pub use cia402_drives::{Cia402Drives, DriveSetup, Wire, WireAnswer};
+pub use page_wire::PageWire;
+pub use state_walk::{DeviceState, StateWalk, Want};

@@ -1,0 +1,383 @@
+//! One drive: what it is sent and what it shows, in its own numbers and in those of the machine.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::drive_page::{Inputs, SlaveState, SlaveWiring};
+use machine::Axis;
+use master::{DriveCommand, DriveFeedback, DriveState};
+
+use super::field::Field;
+use super::state_walk::{DeviceState, QUICK_STOP, StateWalk, Want};
+use crate::cia402::{self, OperatingMode};
+use crate::drive_file::DriveFile;
+use crate::process_data::{self, Pdo};
+
+/// AL status of a slave that takes outputs.
+const OPERATIONAL: u16 = 0x08;
+/// Bit 11 of the statusword: a limit of the drive is active.
+const LIMIT_ACTIVE: u16 = 1 << 11;
+
+/// Fields of the process data of a drive, from the start of its own.
+#[derive(Debug, Clone)]
+pub(super) struct Fields {
+    controlword: Field,
+    mode: Option<Field>,
+    target_velocity: Option<Field>,
+    target_torque: Option<Field>,
+    target_position: Option<Field>,
+    velocity_offset: Option<Field>,
+    torque_offset: Option<Field>,
+    /// What has no command of its own.
+    constants: Vec<(Field, i64)>,
+    statusword: Field,
+    mode_display: Option<Field>,
+    position: Field,
+    velocity: Option<Field>,
+    torque: Option<Field>,
+    error_code: Option<Field>,
+}
+
+fn field(pdos: &[Pdo], index: u16) -> Option<Field> {
+    let (at_bits, entry) = process_data::find(pdos, index, 0)?;
+    Some(Field {
+        at_bits: at_bits as usize,
+        bits: entry.bits,
+    })
+}
+
+impl Fields {
+    /// Of a drive file; none if it has no controlword, statusword or position, which its rules refuse.
+    fn of(drive: &DriveFile) -> Option<Fields> {
+        let (receive, transmit) = (&drive.process_data.receive, &drive.process_data.transmit);
+        let mut at_bits = 0;
+        let mut constants = Vec::new();
+        for entry in receive.iter().flat_map(|pdo| &pdo.entries) {
+            let bits = entry.bits;
+            if !entry.is_gap() && entry.value != 0 && bits <= 32 {
+                constants.push((Field { at_bits, bits }, entry.value));
+            }
+            at_bits += bits as usize;
+        }
+        Some(Fields {
+            controlword: field(receive, cia402::CONTROLWORD)?,
+            mode: field(receive, cia402::MODE),
+            target_velocity: field(receive, cia402::TARGET_VELOCITY),
+            target_torque: field(receive, cia402::TARGET_TORQUE),
+            target_position: field(receive, cia402::TARGET_POSITION),
+            velocity_offset: field(receive, cia402::VELOCITY_OFFSET),
+            torque_offset: field(receive, cia402::TORQUE_OFFSET),
+            constants,
+            statusword: field(transmit, cia402::STATUSWORD)?,
+            mode_display: field(transmit, cia402::MODE_DISPLAY),
+            position: field(transmit, cia402::POSITION)?,
+            velocity: field(transmit, cia402::VELOCITY),
+            torque: field(transmit, cia402::TORQUE),
+            error_code: field(transmit, cia402::ERROR_CODE),
+        })
+    }
+}
+
+/// Factors between the drive's numbers and the machine's.
+#[derive(Debug, Clone, Copy)]
+struct Units {
+    /// mm of travel of one increment; negative where the drive counts the other way.
+    mm_per_increment: f64,
+    /// Value of the drive's velocity at 1 mm/s.
+    velocity_per_mm_s: f64,
+    /// Thousandths of the rated torque at 1 N·m.
+    torque_per_nm: f64,
+}
+
+impl Units {
+    fn of(drive: &DriveFile, lead_mm: f64) -> Units {
+        let scaling = &drive.scaling;
+        let sign = if scaling.direction < 0 { -1.0 } else { 1.0 };
+        let turns = f64::from(scaling.position_turns);
+        let turns_per_increment = turns / f64::from(scaling.position_increments);
+        // In 1 mm/s there are 60/lead rev/min.
+        let rpm_per_mm_s = 60.0 / lead_mm;
+        Units {
+            mm_per_increment: sign * lead_mm * turns_per_increment,
+            velocity_per_mm_s: sign * rpm_per_mm_s * f64::from(scaling.velocity_units)
+                / f64::from(scaling.velocity_rpm),
+            torque_per_nm: sign * 1000.0 / scaling.rated_torque_nm,
+        }
+    }
+}
+
+/// One drive.
+#[derive(Debug, Clone)]
+pub(super) struct DriveAxis {
+    fields: Fields,
+    units: Units,
+    operate: OperatingMode,
+    scan_s: f64,
+    quick_stop_mm_s2: f64,
+    walk: StateWalk,
+    /// Increments counted over the ends of 32 bits.
+    counted: i64,
+    /// It has been seen once: `counted` is its own.
+    seen: bool,
+    device: DeviceState,
+    missed: u32,
+    /// So many cycles in a row may be missed by all before the drive counts as lost. What it makes of that itself it says in the next
+    /// cycle that comes back.
+    missed_max: u32,
+    /// Velocity that is commanded, in mm/s: a stop brakes from there.
+    commanded_mm_s: f64,
+    /// What rounding of velocity targets has left over, in the drive's unit.
+    left_over: f64,
+    shown: DriveFeedback,
+}
+
+impl DriveAxis {
+    /// The drive of an axis, before it has been seen; none if its file lacks what every mode needs.
+    pub fn new(drive: &DriveFile, axis: &Axis, scan_s: f64, missed_max: u32) -> Option<DriveAxis> {
+        Some(DriveAxis {
+            fields: Fields::of(drive)?,
+            units: Units::of(drive, axis.lead_mm),
+            operate: drive.mode.operate,
+            scan_s,
+            quick_stop_mm_s2: axis.quick_stop_mm_s2,
+            walk: StateWalk::default(),
+            counted: 0,
+            seen: false,
+            device: DeviceState::NotReady,
+            missed: 0,
+            missed_max,
+            commanded_mm_s: 0.0,
+            left_over: 0.0,
+            shown: DriveFeedback {
+                referenced: true,
+                state: DriveState::Lost { code: 0 },
+                ..DriveFeedback::default()
+            },
+        })
+    }
+
+    /// What it shows.
+    pub fn shown(&self) -> &DriveFeedback {
+        &self.shown
+    }
+
+    /// Increments counted over the ends of 32 bits.
+    pub fn counted(&self) -> i64 {
+        self.counted
+    }
+
+    /// Goes on from a count that was saved: the drive's own 32 bits are the nearest to it.
+    pub fn count_from(&mut self, counted: i64) {
+        self.counted = counted;
+        self.seen = true;
+    }
+
+    /// Writes what it is sent for a command, and what it is to be sent if no other comes.
+    pub fn command(
+        &mut self,
+        command: &DriveCommand,
+        wiring: &SlaveWiring,
+        image: &mut [u8],
+        silent: &mut [u8],
+    ) {
+        let outputs = |image: &mut [u8], write: &mut dyn FnMut(&mut [u8])| {
+            let from = usize::from(wiring.outputs_at);
+            let to = from + usize::from(wiring.output_bytes);
+            if let Some(own) = image.get_mut(from..to) {
+                own.fill(0);
+                write(own);
+            }
+        };
+        let want = self.want(command);
+        let controlword = self.walk.controlword(self.device, want);
+        let operates = self.device == DeviceState::OperationEnabled;
+        let follows = operates && want != Want::Off;
+        let torque_nm = self.target(command, follows);
+        outputs(image, &mut |own| {
+            self.write_common(own, controlword);
+            self.write_targets(own, torque_nm, follows);
+        });
+        outputs(silent, &mut |own| {
+            let stops = if operates {
+                QUICK_STOP
+            } else {
+                controlword & !0x88
+            };
+            self.write_common(own, stops);
+            self.write_rest(own);
+        });
+    }
+
+    fn want(&self, command: &DriveCommand) -> Want {
+        match command {
+            DriveCommand::Disabled => Want::Off,
+            DriveCommand::SwitchOn => Want::SwitchOn,
+            DriveCommand::Velocity { .. } | DriveCommand::Torque { .. } => Want::Operate,
+            // Without a velocity or position loop of its own to brake in, the drive brakes as it can.
+            DriveCommand::Brake { .. } if self.operate == OperatingMode::Cst => Want::QuickStop,
+            DriveCommand::Brake { .. } => Want::Operate,
+        }
+    }
+
+    /// Takes the command; the torque that goes with it, in N·m.
+    fn target(&mut self, command: &DriveCommand, follows: bool) -> f64 {
+        if !follows {
+            self.commanded_mm_s = 0.0;
+            self.left_over = 0.0;
+            return 0.0;
+        }
+        match *command {
+            DriveCommand::Velocity {
+                velocity_mm_s,
+                torque_offset_nm,
+            } => {
+                self.commanded_mm_s = velocity_mm_s;
+                torque_offset_nm
+            }
+            DriveCommand::Torque { torque_nm } => torque_nm,
+            DriveCommand::Brake { deceleration_mm_s2 } => {
+                let own = self.quick_stop_mm_s2;
+                let named = deceleration_mm_s2 > 0.0 && deceleration_mm_s2 <= own;
+                let step = if named { deceleration_mm_s2 } else { own } * self.scan_s;
+                let slower = (self.commanded_mm_s.abs() - step).max(0.0);
+                self.commanded_mm_s = slower.copysign(self.commanded_mm_s);
+                0.0
+            }
+            DriveCommand::Disabled | DriveCommand::SwitchOn => {
+                self.commanded_mm_s = 0.0;
+                0.0
+            }
+        }
+    }
+
+    fn write_common(&self, own: &mut [u8], controlword: u16) {
+        for (field, value) in &self.fields.constants {
+            field.write(own, *value as u32);
+        }
+        self.fields.controlword.write(own, controlword.into());
+        if let Some(mode) = self.fields.mode {
+            mode.write_signed(own, self.operate.value());
+        }
+    }
+
+    fn write_targets(&mut self, own: &mut [u8], torque_nm: f64, follows: bool) {
+        self.write_rest(own);
+        if !follows {
+            return;
+        }
+        let torque = libm::round(torque_nm * self.units.torque_per_nm) as i64;
+        match self.operate {
+            OperatingMode::Csv => {
+                let wanted = self.commanded_mm_s * self.units.velocity_per_mm_s + self.left_over;
+                let sent = libm::round(wanted);
+                self.left_over = wanted - sent;
+                if let Some(field) = self.fields.target_velocity {
+                    field.write_signed(own, sent as i64);
+                }
+                if let Some(field) = self.fields.torque_offset {
+                    field.write_signed(own, torque);
+                }
+            }
+            OperatingMode::Cst => {
+                if let Some(field) = self.fields.target_torque {
+                    field.write_signed(own, torque);
+                }
+            }
+            // Not driven: start-up refuses it.
+            OperatingMode::Csp => {}
+        }
+    }
+
+    /// Targets that move nothing: no velocity, no torque, the position where it is.
+    fn write_rest(&self, own: &mut [u8]) {
+        let none = [
+            self.fields.target_velocity,
+            self.fields.target_torque,
+            self.fields.velocity_offset,
+            self.fields.torque_offset,
+        ];
+        for field in none.into_iter().flatten() {
+            field.write(own, 0);
+        }
+        if let Some(field) = self.fields.target_position {
+            field.write(own, self.counted as u32);
+        }
+    }
+
+    /// Takes what it showed in a cycle that was answered.
+    pub fn take(&mut self, inputs: &Inputs, wiring: &SlaveWiring, state: &SlaveState) {
+        if state.answered != 1 || state.al_status & 0x1F != OPERATIONAL {
+            self.lose(state.al_status_code.into());
+            return;
+        }
+        let from = usize::from(wiring.inputs_at);
+        let own = inputs
+            .image
+            .get(from..from + usize::from(wiring.input_bytes));
+        let Some(own) = own else {
+            self.lose(0);
+            return;
+        };
+        self.missed = 0;
+        let fields = &self.fields;
+        let statusword = fields.statusword.read(own) as u16;
+        self.device = DeviceState::of(statusword);
+        let raw = fields.position.read_signed(own);
+        let step = raw.wrapping_sub(self.counted as i32);
+        self.counted = if self.seen {
+            self.counted.saturating_add(step.into())
+        } else {
+            raw.into()
+        };
+        let position_mm = self.counted as f64 * self.units.mm_per_increment;
+        let differs_mm = position_mm - self.shown.motor_position_mm;
+        let velocity_mm_s = match fields.velocity {
+            Some(field) => f64::from(field.read_signed(own)) / self.units.velocity_per_mm_s,
+            None if self.seen => differs_mm / self.scan_s,
+            None => 0.0,
+        };
+        self.seen = true;
+        let torque = fields.torque.map_or(0, |field| field.read_signed(own));
+        let in_mode = fields
+            .mode_display
+            .is_none_or(|field| i64::from(field.read_signed(own)) == self.operate.value());
+        let code = fields.error_code.map_or(0, |field| field.read(own));
+        self.shown = DriveFeedback {
+            motor_position_mm: position_mm,
+            scale_position_mm: None,
+            velocity_mm_s,
+            torque_nm: f64::from(torque) / self.units.torque_per_nm,
+            winding_rise_k: 0.0,
+            torque_limited: statusword & LIMIT_ACTIVE != 0,
+            referenced: true,
+            state: match self.device {
+                DeviceState::OperationEnabled if in_mode => DriveState::Ready,
+                DeviceState::Fault | DeviceState::FaultReaction => DriveState::Fault { code },
+                _ => DriveState::Off,
+            },
+        };
+    }
+
+    /// A cycle was not answered: the axis goes on as it was, for a few.
+    pub fn miss(&mut self) {
+        self.missed = self.missed.saturating_add(1);
+        if self.missed >= self.missed_max {
+            self.lose(0);
+        } else {
+            self.shown.motor_position_mm += self.shown.velocity_mm_s * self.scan_s;
+        }
+    }
+
+    /// It does not answer, or takes no outputs, for the reason that the bus has: where it is, nobody knows.
+    pub fn lose(&mut self, code: u32) {
+        self.shown.state = DriveState::Lost { code };
+        self.shown.velocity_mm_s = 0.0;
+        self.shown.torque_nm = 0.0;
+        self.device = DeviceState::NotReady;
+        self.commanded_mm_s = 0.0;
+    }
+}

@@ -1,0 +1,253 @@
+//! All drives of a machine, behind the master's seam.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::drive_page::{Inputs, Outputs, SlaveState, SlaveWiring, Wiring};
+use bus::sample::{MAX_AXES, MAX_SUBSAMPLES};
+use bytemuck::Zeroable;
+use machine::Machine;
+use master::{DriveCommand, DriveFeedback, DriveState, Drives, InstrumentSample, StateRefused};
+
+use super::axis::DriveAxis;
+use crate::drive_file::DriveFile;
+
+/// What came of a cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WireAnswer {
+    /// It was answered.
+    Answered,
+    /// It was not, this time.
+    Missed,
+    /// The bus is not in operation.
+    Down,
+}
+
+/// What carries process data to the drives and back.
+pub trait Wire {
+    /// How the segment is wired now; it may change while the bus is down.
+    fn wiring(&self) -> &Wiring;
+
+    /// Exchanges a cycle; `inputs` are those of the cycle if it was answered.
+    fn exchange(&mut self, outputs: &Outputs, inputs: &mut Inputs) -> WireAnswer;
+
+    /// Asks for the bus to be started up again, because drives have been lost and an operator wants them back.
+    fn start_again(&mut self);
+
+    /// Waits for the time of another scan, where cycles follow the clock.
+    fn pause(&self);
+}
+
+/// The drive of an axis, as its files describe it.
+#[derive(Debug, Clone)]
+pub struct DriveSetup {
+    /// Its drive file.
+    pub drive: DriveFile,
+    /// Its place on the cable, from 0.
+    pub slave: usize,
+}
+
+#[derive(Debug, Clone)]
+struct Axis {
+    drive: DriveAxis,
+    slave: usize,
+    samples: [InstrumentSample; MAX_SUBSAMPLES],
+}
+
+/// Drives over a wire.
+#[derive(Debug)]
+pub struct Cia402Drives<W> {
+    wire: W,
+    axes: Vec<Axis>,
+    outputs: Outputs,
+    inputs: Inputs,
+    subsamples: usize,
+    run_down_scans: u32,
+    start_again_scans: u32,
+    look_scans: u32,
+    /// Scans in a row in which lost drives were to be switched on.
+    wanted_scans: u32,
+}
+
+/// So long drives are given to come to rest before a master takes them over from one that was lost, in s.
+const RUN_DOWN_S: f64 = 3.0;
+/// So long drives are given to show where they are, in s.
+const LOOK_S: f64 = 0.5;
+/// Time between two start-ups of a bus with lost drives, in s.
+const START_AGAIN_S: f64 = 1.0;
+/// Below this speed they are at rest, in mm/s.
+const REST_MM_S: f64 = 0.5;
+
+impl<W: Wire> Cia402Drives<W> {
+    /// The drives of this machine, each set up so; none if a drive file lacks what every mode needs.
+    pub fn new(machine: &Machine, setups: &[DriveSetup], wire: W) -> Option<Cia402Drives<W>> {
+        let scan_s = machine.scan_period_s();
+        let missed_max = machine.scan.watchdog_scans;
+        let axes: Option<Vec<Axis>> = machine
+            .axes
+            .iter()
+            .zip(setups)
+            .map(|(axis, setup)| {
+                Some(Axis {
+                    drive: DriveAxis::new(&setup.drive, axis, scan_s, missed_max)?,
+                    slave: setup.slave,
+                    samples: [InstrumentSample::default(); MAX_SUBSAMPLES],
+                })
+            })
+            .collect();
+        let mut drives = Cia402Drives {
+            wire,
+            axes: axes?,
+            outputs: Outputs::zeroed(),
+            inputs: Inputs::zeroed(),
+            subsamples: machine.subsamples() as usize,
+            run_down_scans: (RUN_DOWN_S / scan_s) as u32,
+            start_again_scans: ((START_AGAIN_S / scan_s) as u32).max(1),
+            look_scans: ((LOOK_S / scan_s) as u32).max(1),
+            wanted_scans: 0,
+        };
+        drives.look();
+        Some(drives)
+    }
+
+    /// Where the drives are is known before the first scan, unless they do not answer at all.
+    fn look(&mut self) {
+        for _ in 0..self.look_scans {
+            self.exchange(&[DriveCommand::Disabled; MAX_AXES]);
+            let shows = |axis: &Axis| !axis.drive.shown().state.is_lost();
+            if self.axes.iter().all(shows) {
+                return;
+            }
+            self.wire.pause();
+        }
+    }
+
+    /// Everybody stops by itself until all are at rest, as far as they show it.
+    fn run_down(&mut self) {
+        for _ in 0..self.run_down_scans {
+            for axis in &mut self.axes {
+                let (wiring, _) = slave(&self.wire, &self.inputs, axis.slave);
+                let (image, silent) = (&mut self.outputs.image, &mut self.outputs.silent);
+                axis.drive
+                    .command(&DriveCommand::Disabled, &wiring, image, silent);
+            }
+            self.outputs.image = self.outputs.silent;
+            self.carry();
+            let rests = |axis: &Axis| axis.drive.shown().velocity_mm_s.abs() < REST_MM_S;
+            if self.axes.iter().all(rests) {
+                return;
+            }
+            self.wire.pause();
+        }
+    }
+
+    /// Drives that are to be switched on and do not answer need another start-up of the bus, tried now and then.
+    fn want_lost_drives_back(&mut self, commands: &[DriveCommand]) {
+        let lost = |axis: &Axis| axis.drive.shown().state.is_lost();
+        if !commands.contains(&DriveCommand::SwitchOn) || !self.axes.iter().any(lost) {
+            self.wanted_scans = 0;
+            return;
+        }
+        if self.wanted_scans.is_multiple_of(self.start_again_scans) {
+            self.wire.start_again();
+        }
+        self.wanted_scans = self.wanted_scans.saturating_add(1);
+    }
+
+    /// Carries the outputs there and the inputs back.
+    fn carry(&mut self) {
+        let answer = self.wire.exchange(&self.outputs, &mut self.inputs);
+        for axis in &mut self.axes {
+            let (wiring, state) = slave(&self.wire, &self.inputs, axis.slave);
+            match answer {
+                WireAnswer::Answered => axis.drive.take(&self.inputs, &wiring, &state),
+                WireAnswer::Missed => axis.drive.miss(),
+                WireAnswer::Down => axis.drive.lose(0),
+            }
+        }
+    }
+}
+
+fn slave(wire: &impl Wire, inputs: &Inputs, index: usize) -> (SlaveWiring, SlaveState) {
+    let wiring = wire.wiring().slaves().get(index).copied();
+    let state = inputs.slaves.get(index).copied();
+    (wiring.unwrap_or_default(), state.unwrap_or_default())
+}
+
+impl<W: Wire> Drives for Cia402Drives<W> {
+    fn count(&self) -> usize {
+        self.axes.len()
+    }
+
+    fn feedback(&self, axis: usize) -> DriveFeedback {
+        let lost = DriveFeedback {
+            state: DriveState::Lost { code: 0 },
+            ..DriveFeedback::default()
+        };
+        self.axes.get(axis).map_or(lost, |axis| *axis.drive.shown())
+    }
+
+    fn exchange(&mut self, commands: &[DriveCommand]) {
+        self.want_lost_drives_back(commands);
+        for (axis, command) in self.axes.iter_mut().zip(commands) {
+            let (wiring, _) = slave(&self.wire, &self.inputs, axis.slave);
+            let (image, silent) = (&mut self.outputs.image, &mut self.outputs.silent);
+            axis.drive.command(command, &wiring, image, silent);
+        }
+        let before = self
+            .axes
+            .iter()
+            .map(|axis| axis.drive.shown().motor_position_mm);
+        let mut before_mm = [0.0; MAX_AXES];
+        for (kept, at) in before_mm.iter_mut().zip(before) {
+            *kept = at;
+        }
+        self.carry();
+        // There is no instrument: what the encoders showed is taken, evenly between two scans.
+        for (axis, before_mm) in self.axes.iter_mut().zip(before_mm) {
+            let now_mm = axis.drive.shown().motor_position_mm;
+            let samples = axis.samples.iter_mut().take(self.subsamples).enumerate();
+            for (sub, sample) in samples {
+                let share = (sub + 1) as f64 / self.subsamples as f64;
+                let at_mm = before_mm + (now_mm - before_mm) * share;
+                *sample = InstrumentSample {
+                    motor_mm: at_mm,
+                    table_mm: at_mm,
+                };
+            }
+        }
+    }
+
+    fn instruments(&self, axis: usize) -> &[InstrumentSample] {
+        let samples = self.axes.get(axis).map(|axis| &axis.samples);
+        samples
+            .and_then(|samples| samples.get(..self.subsamples))
+            .unwrap_or(&[])
+    }
+
+    fn state_bytes(&self) -> usize {
+        self.axes.len() * size_of::<i64>()
+    }
+
+    fn save(&self, bytes: &mut [u8]) {
+        let slots = bytes.chunks_exact_mut(size_of::<i64>());
+        for (slot, axis) in slots.zip(&self.axes) {
+            slot.copy_from_slice(&axis.drive.counted().to_le_bytes());
+        }
+    }
+
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), StateRefused> {
+        let mut counts = bytes.chunks_exact(size_of::<i64>());
+        for axis in &mut self.axes {
+            let counted = counts.next().and_then(|slot| slot.try_into().ok());
+            axis.drive
+                .count_from(i64::from_le_bytes(counted.ok_or(StateRefused)?));
+        }
+        self.run_down();
+        Ok(())
+    }
+}

@@ -1,0 +1,130 @@
+//! The wire of a master: the drive page, at whose other end the fieldbus process is.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use std::time::{Duration, Instant};
+
+use bus::drive_page::{BusState, DrivePage, Inputs, Outputs, Wiring};
+use bus::member::Pace;
+use bus::realtime::now_ns;
+
+use super::cia402_drives::{Wire, WireAnswer};
+
+/// The longest wait at the page without a look around.
+const WAIT_STEP: Duration = Duration::from_millis(20);
+
+/// The wire of a master.
+#[derive(Debug)]
+pub struct PageWire {
+    page: DrivePage,
+    pace: Pace,
+    /// Time for one exchange in realtime; period of a scan.
+    period: Duration,
+    /// In lockstep: how long a fieldbus process may take.
+    answer_limit: Duration,
+    wiring: Wiring,
+    up: bool,
+    cycle: u64,
+}
+
+impl PageWire {
+    /// Over a page; cycles go on from those of a master before.
+    pub fn new(page: DrivePage, pace: Pace, period: Duration, answer_limit: Duration) -> PageWire {
+        let cycle = page.requested().map_or(0, |cycle| cycle.saturating_add(1));
+        PageWire {
+            wiring: page.wiring(),
+            up: false,
+            page,
+            pace,
+            period,
+            answer_limit,
+            cycle,
+        }
+    }
+
+    /// Whether cycles are exchanged. In lockstep time waits until they are, or nobody owns the bus.
+    fn is_up(&mut self) -> bool {
+        let started = Instant::now();
+        loop {
+            let seen = self.page.answered_signal().count();
+            let state = self.page.state();
+            let cycling = state == BusState::Cycling && self.page.owner() != 0;
+            if cycling && !self.up {
+                self.wiring = self.page.wiring();
+            }
+            self.up = cycling;
+            let waits = self.pace == Pace::Lockstep
+                && state == BusState::Starting
+                && self.page.owner() != 0
+                && started.elapsed() < self.answer_limit;
+            if !waits {
+                return cycling;
+            }
+            self.page.answered_signal().wait(seen, WAIT_STEP);
+        }
+    }
+
+    /// Waits for the answer of a cycle.
+    fn await_answer(&self, cycle: u64) -> WireAnswer {
+        let until_ns = now_ns().saturating_add(match self.pace {
+            // The rest of the scan is for the answers of the others.
+            Pace::Realtime => self.period.as_nanos() as u64 / 2,
+            Pace::Lockstep => self.answer_limit.as_nanos() as u64,
+        });
+        loop {
+            let seen = self.page.answered_signal().count();
+            if self.page.answered() == Some(cycle) {
+                return WireAnswer::Answered;
+            }
+            if self.page.state() != BusState::Cycling || self.page.owner() == 0 {
+                return WireAnswer::Down;
+            }
+            let now = now_ns();
+            if now >= until_ns {
+                return WireAnswer::Missed;
+            }
+            let left = Duration::from_nanos(until_ns - now);
+            self.page.answered_signal().wait(seen, left.min(WAIT_STEP));
+        }
+    }
+}
+
+impl Wire for PageWire {
+    fn wiring(&self) -> &Wiring {
+        &self.wiring
+    }
+
+    fn exchange(&mut self, outputs: &Outputs, inputs: &mut Inputs) -> WireAnswer {
+        if !self.is_up() {
+            return WireAnswer::Down;
+        }
+        let cycle = self.cycle;
+        self.cycle = self.cycle.saturating_add(1);
+        self.page.request(cycle, outputs);
+        let answer = self.await_answer(cycle);
+        if answer != WireAnswer::Answered {
+            return answer;
+        }
+        self.page.inputs(cycle, inputs);
+        if inputs.answered == 1 {
+            WireAnswer::Answered
+        } else {
+            WireAnswer::Missed
+        }
+    }
+
+    fn start_again(&mut self) {
+        self.page.ask_to_start_again();
+    }
+
+    fn pause(&self) {
+        if self.pace == Pace::Realtime {
+            std::thread::sleep(self.period);
+        }
+    }
+}

@@ -1,0 +1,9 @@
+//! The wire: a raw socket on a network interface, and the frame of a cycle. A cycle allocates nothing and ends whatever arrives.
+
+mod cycle;
+mod frame;
+mod socket;
+
+pub use cycle::{Cycle, Found};
+pub use frame::{CycleFrame, Received, Tag, request_state};
+pub use socket::{FRAME_BYTES_MAX, LinkError, Origin, Socket};

@@ -1,0 +1,307 @@
+//! Whoever owns the bus.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use std::rc::Rc;
+use std::time::Duration;
+
+use bus::drive_page::{BusState, Counts, IMAGE_BYTES_MAX, Inputs, Outputs, Wiring};
+use bus::member::Pace;
+use bus::realtime::{Priority, now_ns};
+use bytemuck::Zeroable;
+
+use super::Process;
+use super::claim::Claim;
+use crate::link::{Cycle, Found, Socket, Tag, request_state};
+use crate::start_up::start_up;
+
+/// AL state of slaves that nobody drives.
+const INIT: u16 = 1;
+/// The longest wait for the master without a look around.
+const LOOK_AROUND: Duration = Duration::from_millis(100);
+/// Cycles between two looks whether the launcher lives.
+const LOOK_AROUND_CYCLES: u64 = 64;
+/// Share of a scan in which an answer must be back, in realtime.
+const ANSWER_SHARE: f64 = 0.45;
+/// Share of a scan beyond its time after which the master counts as late, and the outputs before are sent again.
+const LATE_SHARE: f64 = 1.5;
+
+/// Whoever owns the bus.
+#[derive(Debug)]
+pub(super) struct Owner<'a> {
+    process: &'a Process,
+    claim: Option<Claim>,
+    segment: Segment,
+}
+
+/// A segment in operation.
+#[derive(Debug)]
+struct Segment {
+    cycle: Cycle,
+    wiring: Wiring,
+    outputs: Outputs,
+    /// Number of the last frame.
+    frame: u64,
+    /// The last cycle of the master that is done with.
+    done: Option<u64>,
+    sent_at_ns: u64,
+    /// Cycles in a row in which the master had nothing new.
+    silent_scans: u32,
+}
+
+/// Why cycles end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum End {
+    Leave,
+    StartAgain,
+}
+
+impl Segment {
+    /// Starts a segment up.
+    fn start(process: &Process) -> anyhow::Result<Segment> {
+        let socket = Rc::new(Socket::open(&process.plan.bus.interface)?);
+        socket.ignore_own();
+        let wiring = start_up(&socket, &process.plan)?;
+        process.page.set_wiring(&wiring);
+        let cycle = Cycle::new(socket, &wiring, Counts::zeroed());
+        Ok(Segment::of(
+            process,
+            cycle,
+            wiring,
+            process.page.requested(),
+        ))
+    }
+
+    fn of(process: &Process, cycle: Cycle, wiring: Wiring, done: Option<u64>) -> Segment {
+        let mut outputs = Outputs::zeroed();
+        if let Some(done) = done {
+            process.page.outputs(done, &mut outputs);
+            // What was asked of a segment before is nothing for this one.
+            outputs.image = outputs.silent;
+        }
+        Segment {
+            frame: process.page.sent().max(cycle.newest_followed()),
+            cycle,
+            wiring,
+            outputs,
+            done,
+            sent_at_ns: now_ns(),
+            silent_scans: 0,
+        }
+    }
+}
+
+impl<'a> Owner<'a> {
+    /// Starts the segment up; the process is ready then.
+    pub fn start(process: &'a Process) -> anyhow::Result<Owner<'a>> {
+        process.page.set_state(BusState::Starting);
+        let claim = Claim::of(&process.plan.bus.interface)?;
+        let segment = Segment::start(process)?;
+        process.member.ready(Priority::Fieldbus);
+        process.page.set_state(BusState::Cycling);
+        Ok(Owner {
+            process,
+            claim: Some(claim),
+            segment,
+        })
+    }
+
+    /// Goes on in place of the owner before: the slaves notice nothing.
+    pub fn take_over(process: &'a Process, mut cycle: Cycle) -> Owner<'a> {
+        let page = &process.page;
+        cycle.follow();
+        cycle.socket().ignore_own();
+        cycle.counts().taken_over += 1;
+        let wiring = page.wiring();
+        let (requested, answered) = (page.requested(), page.answered());
+        let found = requested
+            .filter(|_| requested != answered)
+            .map(|pending| (pending, cycle.found(pending)));
+        let done = match found {
+            // Nobody has sent it yet.
+            Some((_, Found::NotSent)) => answered,
+            _ => requested,
+        };
+        let mut segment = Segment::of(process, cycle, wiring, done);
+        match found {
+            Some((pending, Found::Answered)) => page.answer(pending, segment.cycle.inputs()),
+            Some((pending, Found::Sent { frame })) => {
+                let until_ns = process.answer_until_ns();
+                let inputs = segment.cycle.receive(frame, until_ns, || true);
+                page.answer(pending, inputs);
+            }
+            Some((_, Found::NotSent)) | None => {}
+        }
+        if let Some(done) = done {
+            page.outputs(done, &mut segment.outputs);
+        }
+        page.answered_signal().raise();
+        Owner {
+            process,
+            // The kernel still takes down who had it.
+            claim: None,
+            segment,
+        }
+    }
+
+    /// Exchanges cycles until it is time to leave; the segment is put to rest then.
+    pub fn run(mut self) -> anyhow::Result<()> {
+        while self.segment.cycles(self.process, &mut self.claim) == End::StartAgain {
+            self.process.page.set_state(BusState::Starting);
+            loop {
+                match Segment::start(self.process) {
+                    Ok(segment) => {
+                        tracing::info!("the segment is in operation again");
+                        self.segment = segment;
+                        self.process.page.set_state(BusState::Cycling);
+                        break;
+                    }
+                    Err(error) => tracing::warn!("{error}"),
+                }
+                self.process.page.set_state(BusState::Down);
+                if !self.process.awaits_start() {
+                    return Ok(());
+                }
+                self.process.page.set_state(BusState::Starting);
+            }
+        }
+        self.segment.put_to_rest(self.process);
+        Ok(())
+    }
+}
+
+impl Process {
+    fn answer_until_ns(&self) -> u64 {
+        now_ns().saturating_add(match self.member.slot().pace {
+            Pace::Realtime => (self.period_ns as f64 * ANSWER_SHARE) as u64,
+            Pace::Lockstep => self.answer_limit.as_nanos() as u64,
+        })
+    }
+
+    /// Waits until another start-up is asked for; false when it is time to leave.
+    fn awaits_start(&self) -> bool {
+        loop {
+            let seen = self.page.asked_signal().count();
+            if self.page.take_start_again() {
+                return true;
+            }
+            if self.leaves() {
+                return false;
+            }
+            self.page.asked_signal().wait(seen, LOOK_AROUND);
+        }
+    }
+}
+
+impl Segment {
+    /// Exchanges cycles as they are asked for; in realtime the bus is kept alive while nobody asks.
+    fn cycles(&mut self, process: &Process, claim: &mut Option<Claim>) -> End {
+        let page = &process.page;
+        let realtime = process.member.slot().pace == Pace::Realtime;
+        let late_ns = (process.period_ns as f64 * LATE_SHARE) as u64;
+        let mut looked = self.frame;
+        loop {
+            let seen = page.asked_signal().count();
+            let requested = page.requested();
+            if page.take_start_again() {
+                return End::StartAgain;
+            }
+            if self.frame >= looked + LOOK_AROUND_CYCLES {
+                looked = self.frame;
+                if claim.is_none() {
+                    *claim = Claim::of(&process.plan.bus.interface).ok();
+                }
+                if process.leaves() {
+                    return End::Leave;
+                }
+            }
+            if let Some(cycle) = requested.filter(|_| requested != self.done) {
+                page.outputs(cycle, &mut self.outputs);
+                self.silent_scans = 0;
+                self.done = requested;
+                let inputs = *self.exchange(process, cycle, Image::Asked);
+                page.answer(cycle, &inputs);
+                continue;
+            }
+            let now = now_ns();
+            let due_ns = self.sent_at_ns + late_ns;
+            if !realtime {
+                page.asked_signal().wait(seen, LOOK_AROUND);
+                if page.asked_signal().count() == seen && process.leaves() {
+                    return End::Leave;
+                }
+            } else if now < due_ns {
+                let left = Duration::from_nanos(due_ns - now);
+                page.asked_signal().wait(seen, left);
+            } else {
+                self.keep_alive(process);
+                if page.has_left() || process.member.ending() {
+                    return End::Leave;
+                }
+            }
+        }
+    }
+
+    /// The master is late, or gone: what it asked for last is sent again, and after its watchdog what it wanted for that case.
+    fn keep_alive(&mut self, process: &Process) {
+        self.silent_scans = self.silent_scans.saturating_add(1);
+        let image = if self.silent_scans > process.watchdog_scans {
+            Image::Silent
+        } else {
+            Image::Asked
+        };
+        self.cycle.counts().repeated += 1;
+        let cycle = self.done.unwrap_or(0);
+        self.exchange(process, cycle, image);
+    }
+
+    fn exchange(&mut self, process: &Process, cycle: u64, image: Image) -> &Inputs {
+        self.frame += 1;
+        let image = match image {
+            Image::Asked => &self.outputs.image,
+            Image::Silent => &self.outputs.silent,
+        };
+        process.page.note_sent(self.frame);
+        self.sent_at_ns = now_ns();
+        let frame = self.frame;
+        self.cycle.send(Tag { frame, cycle }, image);
+        let member = &process.member;
+        let patient = || !member.ending();
+        self.cycle
+            .receive(frame, process.answer_until_ns(), patient)
+    }
+
+    /// Nobody drives the slaves any more: they go to INIT.
+    fn put_to_rest(&mut self, process: &Process) {
+        if process.member.slot().pace == Pace::Realtime && !process.page.has_left() {
+            // The master has gone without a word: the drives are given the time to stop.
+            for _ in 0..(500_000_000 / process.period_ns.max(1)) {
+                self.exchange(process, 0, Image::Silent);
+                let until_ns = self.sent_at_ns + process.period_ns;
+                bus::realtime::sleep_until_ns(until_ns);
+            }
+        }
+        let nothing = [0; IMAGE_BYTES_MAX];
+        self.outputs.image = nothing;
+        self.exchange(process, 0, Image::Asked);
+        for slave in self.wiring.slaves() {
+            request_state(self.cycle.socket(), slave.address, INIT);
+        }
+        // The requests are on the cable before the socket goes.
+        self.cycle.socket().wait(20_000_000);
+    }
+}
+
+/// Which outputs a frame carries.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Image {
+    /// Those that were asked for last.
+    Asked,
+    /// Those for a master that is silent.
+    Silent,
+}

@@ -1,0 +1,130 @@
+//! Whoever stands by for the bus: its socket is open, its memory locked; it follows what the owner sends, and waits
+//! for its death at the lock of the drive page.
+
+use std::rc::Rc;
+use std::time::{Duration, Instant};
+
+use bus::drive_page::{BusState, Counts, Wiring};
+use bus::member::Pace;
+use bus::process::watch;
+use bus::realtime::Priority;
+use bytemuck::Zeroable;
+use rustix::process::{Signal, pidfd_send_signal};
+
+use super::Process;
+use crate::link::{Cycle, Socket};
+
+/// Time between two looks at the socket, whose queue must not fill.
+const FOLLOW_EVERY: Duration = Duration::from_millis(2);
+/// Time between two looks whether it is time to leave.
+const LOOK_AROUND: Duration = Duration::from_millis(100);
+/// An owner that has not answered for so many scans hangs; in lockstep there is no clock but this one.
+const HANGS_SCANS: u32 = 20;
+const HANGS_IN_LOCKSTEP: Duration = Duration::from_secs(5);
+
+/// Whoever stands by.
+pub(super) struct Standby<'a> {
+    process: &'a Process,
+    following: Option<(Wiring, Cycle)>,
+    ready: bool,
+    /// While a cycle is open: the last one that was answered, and since when it is the last.
+    pending: Option<(Option<u64>, Instant)>,
+}
+
+/// What a standby is to do.
+pub(super) enum Turn {
+    /// Leave.
+    Leave,
+    /// Go on in place of the owner.
+    TakeOver(Box<Cycle>),
+    /// Start the segment up: the owner died before it was in operation.
+    Start,
+}
+
+impl<'a> Standby<'a> {
+    pub fn new(process: &'a Process) -> Standby<'a> {
+        Standby {
+            process,
+            following: None,
+            ready: false,
+            pending: None,
+        }
+    }
+
+    /// Waits for its turn.
+    pub fn wait(mut self) -> anyhow::Result<Turn> {
+        let page = &self.process.page;
+        let mut looked = Instant::now();
+        loop {
+            self.follow()?;
+            if page.own(FOLLOW_EVERY)? {
+                // An owner that leaves in order has no heir.
+                if page.has_left() || self.process.member.ending() {
+                    return Ok(Turn::Leave);
+                }
+                let cycles = page.state() == BusState::Cycling;
+                return Ok(match self.following.take().filter(|_| cycles) {
+                    Some((_, cycle)) => Turn::TakeOver(Box::new(cycle)),
+                    None => Turn::Start,
+                });
+            }
+            if looked.elapsed() > LOOK_AROUND {
+                looked = Instant::now();
+                if self.process.leaves() {
+                    return Ok(Turn::Leave);
+                }
+            }
+            if self.owner_hangs()
+                && let Ok(owner) = watch(page.owner())
+            {
+                // Two that send would be worse than one that does not: its death passes the bus on.
+                tracing::warn!("the owner of the bus hangs: it is ended");
+                let _ = pidfd_send_signal(&owner, Signal::KILL);
+            }
+        }
+    }
+
+    /// Follows what the owner sends.
+    fn follow(&mut self) -> anyhow::Result<()> {
+        let page = &self.process.page;
+        if page.state() != BusState::Cycling {
+            return Ok(());
+        }
+        let wiring = page.wiring();
+        match &mut self.following {
+            Some((known, cycle)) if known.nonce == wiring.nonce => cycle.follow(),
+            _ => {
+                let socket = Rc::new(Socket::open(&self.process.plan.bus.interface)?);
+                let cycle = Cycle::new(socket, &wiring, Counts::zeroed());
+                self.following = Some((wiring, cycle));
+            }
+        }
+        if !self.ready {
+            self.ready = true;
+            self.process.member.ready(Priority::Fieldbus);
+        }
+        Ok(())
+    }
+
+    /// Whether a cycle has been asked for and not answered for too long.
+    fn owner_hangs(&mut self) -> bool {
+        let page = &self.process.page;
+        let requested = page.requested();
+        let cycling = page.state() == BusState::Cycling;
+        if !cycling || requested == page.answered() {
+            self.pending = None;
+            return false;
+        }
+        let answered = page.answered();
+        let pending = self.pending.get_or_insert((answered, Instant::now()));
+        if pending.0 != answered {
+            *pending = (answered, Instant::now());
+        }
+        let (_, since) = *pending;
+        let limit = match self.process.member.slot().pace {
+            Pace::Realtime => Duration::from_nanos(self.process.period_ns) * HANGS_SCANS,
+            Pace::Lockstep => HANGS_IN_LOCKSTEP,
+        };
+        since.elapsed() > limit
+    }
+}

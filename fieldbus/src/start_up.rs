@@ -1,0 +1,78 @@
+//! Starting a segment up: from power-on to drives in OP that take outputs, each step named when it fails.
+//!
+//! `ethercrab` finds the slaves, reads their memory (SII), reads and writes objects, maps process data and sets distributed clocks. What
+//! every cycle needs is then read back from the slaves: where ethercrab put the process data is what their FMMUs say.
+
+#[cfg(feature = "ethercat")]
+mod configure;
+#[cfg(feature = "ethercat")]
+mod driver;
+mod error;
+#[cfg(feature = "ethercat")]
+mod objects;
+#[cfg(feature = "ethercat")]
+mod operational;
+#[cfg(feature = "ethercat")]
+mod scan;
+#[cfg(feature = "ethercat")]
+mod segment;
+#[cfg(feature = "ethercat")]
+mod wiring;
+
+pub use error::StartUpError;
+#[cfg(feature = "ethercat")]
+pub use objects::{ObjectValue, read_object, write_object};
+#[cfg(feature = "ethercat")]
+pub use scan::{FoundPdo, FoundSlave, scan};
+#[cfg(feature = "ethercat")]
+pub use segment::start_up;
+
+use bus::member::Pace;
+use machine::Fieldbus;
+
+use crate::drives::DriveSetup;
+
+/// What a segment is to be.
+#[derive(Debug, Clone)]
+pub struct SegmentPlan {
+    /// The fieldbus.
+    pub bus: Fieldbus,
+    /// The drives, by axis.
+    pub drives: Vec<DriveSetup>,
+    /// Letters of the axes.
+    pub axes: Vec<String>,
+    /// Scan period, in µs.
+    pub period_us: u32,
+    /// In lockstep drives wait for the PC as long as it takes: their watchdogs are off.
+    pub pace: Pace,
+}
+
+impl SegmentPlan {
+    /// The axis at a place on the cable.
+    pub fn axis_at(&self, slave: usize) -> Option<usize> {
+        self.drives.iter().position(|drive| drive.slave == slave)
+    }
+
+    /// How many slaves there are to be.
+    pub fn slave_count(&self) -> usize {
+        self.drives.len() + self.bus.other_slaves.len()
+    }
+
+    /// A slave as messages name it.
+    pub fn name(&self, slave: usize) -> String {
+        match self.axis_at(slave).and_then(|axis| self.axes.get(axis)) {
+            Some(letter) => format!("axis {letter} (place {slave} on the cable)"),
+            None => format!("place {slave} on the cable"),
+        }
+    }
+}
+
+/// Without the feature there is nothing to start a segment up with.
+#[cfg(not(feature = "ethercat"))]
+#[expect(clippy::missing_errors_doc, reason = "it always fails")]
+pub fn start_up(
+    _socket: &std::rc::Rc<crate::link::Socket>,
+    _plan: &SegmentPlan,
+) -> Result<bus::drive_page::Wiring, StartUpError> {
+    Err(StartUpError::NotBuilt)
+}

@@ -1,0 +1,287 @@
+//! What is written to a slave in PRE-OP, and read back.
+
+use super::SegmentPlan;
+use super::error::StartUpError;
+use super::objects::{Talk, is_missing, words};
+use super::segment::without_watchdog;
+use crate::cia402::{self, OptionCode};
+use crate::drive_file::{DriveFile, Mapping};
+use crate::process_data::Pdo;
+
+/// Divider of the watchdogs: (2498 + 2) · 40 ns = 100 µs (ETG.1000.4).
+const WATCHDOG_DIVIDER: (u16, u16) = (0x0400, 2498);
+/// Time of the watchdog of process data, in units of the divider.
+const PROCESS_DATA_WATCHDOG: u16 = 0x0420;
+const UNITS_PER_MS: u32 = 10;
+
+/// Writes what a slave needs before SAFE-OP; one that is no axis's drive is left as it is, but for its watchdog.
+pub(super) fn configure(
+    talk: &mut Talk<'_, '_, '_>,
+    plan: &SegmentPlan,
+    place: usize,
+) -> Result<(), StartUpError> {
+    set_watchdog(talk, plan)?;
+    let setup = plan.drives.iter().find(|setup| setup.slave == place);
+    let Some(setup) = setup else {
+        return Ok(());
+    };
+    let drive = &setup.drive;
+    map(talk, drive)?;
+    for sdo in &drive.start_up.sdos {
+        talk.set(sdo.index, sdo.sub, sdo.bits, sdo.value)?;
+    }
+    judge_option_codes(talk)?;
+    set_interpolation_time(talk, drive, plan.period_us)?;
+    set_mode(talk, drive)
+}
+
+/// Drives that hear nothing for so long stop by themselves.
+fn set_watchdog(talk: &mut Talk<'_, '_, '_>, plan: &SegmentPlan) -> Result<(), StartUpError> {
+    let units = if without_watchdog(plan) {
+        0
+    } else {
+        (plan.bus.watchdog_ms * UNITS_PER_MS).min(u16::MAX.into()) as u16
+    };
+    let (divider, ticks) = WATCHDOG_DIVIDER;
+    for (register, value) in [(divider, ticks), (PROCESS_DATA_WATCHDOG, units)] {
+        let step = format!("setting its watchdog (register {register:#06x} = {value})");
+        if let Err(error) = talk.set_register(register, value) {
+            return Err(talk.failed(step, words(error)));
+        }
+        match talk.register(register) {
+            Ok(found) if found == value => {}
+            Ok(found) => {
+                let what = format!(
+                    "it holds {found} afterwards: without a watchdog the drive would go on with the last command; it cannot be used"
+                );
+                return Err(talk.failed(step, what));
+            }
+            Err(error) => return Err(talk.failed(step, words(error))),
+        }
+    }
+    Ok(())
+}
+
+/// Chooses the PDOs and writes their entries; what is fixed is compared.
+fn map(talk: &mut Talk<'_, '_, '_>, drive: &DriveFile) -> Result<(), StartUpError> {
+    let data = &drive.process_data;
+    let both = [
+        (cia402::RECEIVE_ASSIGN, data.receive_mapping, &data.receive),
+        (
+            cia402::TRANSMIT_ASSIGN,
+            data.transmit_mapping,
+            &data.transmit,
+        ),
+    ];
+    for (assign, mapping, pdos) in both {
+        if drive.mailbox.pdo_assign || mapping == Mapping::Written {
+            assign_pdos(talk, assign, mapping, pdos)?;
+        }
+        compare(talk, assign, pdos)?;
+    }
+    Ok(())
+}
+
+/// In the order that drives want: no PDO, no entries, entries, PDOs (ETG.1000.6).
+fn assign_pdos(
+    talk: &mut Talk<'_, '_, '_>,
+    assign: u16,
+    mapping: Mapping,
+    pdos: &[Pdo],
+) -> Result<(), StartUpError> {
+    let indices: Vec<i64> = pdos.iter().map(|pdo| pdo.index.into()).collect();
+    if mapping == Mapping::Fixed && assigned(talk, assign).as_ref() == Some(&indices) {
+        return Ok(());
+    }
+    talk.set(assign, 0, 8, 0)?;
+    if mapping == Mapping::Written {
+        for pdo in pdos {
+            talk.set(pdo.index, 0, 8, 0)?;
+            for (place, entry) in (1..).zip(&pdo.entries) {
+                let words = i64::from(entry.index) << 16 | i64::from(entry.sub) << 8;
+                talk.set(pdo.index, place, 32, words | i64::from(entry.bits))?;
+            }
+            talk.set(pdo.index, 0, 8, pdo.entries.len() as i64)?;
+        }
+    }
+    for (place, index) in (1..).zip(&indices) {
+        talk.set(assign, place, 16, *index)?;
+    }
+    talk.set(assign, 0, 8, indices.len() as i64)
+}
+
+/// The PDOs that are chosen; none where that cannot be read.
+fn assigned(talk: &mut Talk<'_, '_, '_>, assign: u16) -> Option<Vec<i64>> {
+    let count = talk.read(assign, 0).ok()?.value;
+    (1..=count.min(64))
+        .map(|place| Some(talk.read(assign, place as u8).ok()?.value as i64))
+        .collect()
+}
+
+/// Whether the drive exchanges what its file says, to the bit.
+fn compare(talk: &mut Talk<'_, '_, '_>, assign: u16, pdos: &[Pdo]) -> Result<(), StartUpError> {
+    let Some(there) = assigned(talk, assign) else {
+        // A drive without these objects has one fixed set of PDOs: its sizes are compared later.
+        return Ok(());
+    };
+    let list = |indices: &[i64]| {
+        let shown: Vec<String> = indices.iter().map(|index| format!("{index:04X}")).collect();
+        shown.join(" ")
+    };
+    let wanted: Vec<i64> = pdos.iter().map(|pdo| pdo.index.into()).collect();
+    let step = format!("comparing its process data ({assign:04X})");
+    let remedy = "make the drive file of the ESI file of this drive (`quadrant bus drive-file`), or have a look with `quadrant bus scan`";
+    if there != wanted {
+        let what = format!(
+            "it exchanges {}, its drive file {}: {remedy}",
+            list(&there),
+            list(&wanted)
+        );
+        return Err(talk.failed(step, what));
+    }
+    for pdo in pdos {
+        let count = match talk.read(pdo.index, 0) {
+            Ok(count) => count.value as usize,
+            Err(_) => continue,
+        };
+        if count != pdo.entries.len() {
+            let what = format!(
+                "{:04X} has {count} entries, in its drive file {}: {remedy}",
+                pdo.index,
+                pdo.entries.len()
+            );
+            return Err(talk.failed(step, what));
+        }
+        for (place, entry) in (1..).zip(&pdo.entries) {
+            let Ok(found) = talk.read(pdo.index, place) else {
+                continue;
+            };
+            let wanted =
+                u64::from(entry.index) << 16 | u64::from(entry.sub) << 8 | u64::from(entry.bits);
+            // Of a gap the size alone counts.
+            let same = if entry.is_gap() {
+                found.value & 0xFF == wanted
+            } else {
+                found.value == wanted
+            };
+            if !same {
+                let object = cia402::number((found.value >> 16) as u16, (found.value >> 8) as u8);
+                let what = format!(
+                    "entry {place} of {:04X} is {object} of {} bits, in its drive file {}: {remedy}",
+                    pdo.index,
+                    found.value & 0xFF,
+                    entry.words()
+                );
+                return Err(talk.failed(step, what));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// No reaction may let the axis coast, whatever the files say: what the drive holds counts.
+fn judge_option_codes(talk: &mut Talk<'_, '_, '_>) -> Result<(), StartUpError> {
+    for code in OptionCode::ALL {
+        let step = format!("reading {}", cia402::named(code.index(), 0));
+        let value = match talk.read(code.index(), 0) {
+            Ok(value) => value.signed(),
+            Err(error) if is_missing(error) => continue,
+            Err(error) => return Err(talk.failed(step, words(error))),
+        };
+        let effect = code.effect(value);
+        if effect.may_coast() && code != OptionCode::Halt {
+            let what = format!(
+                "it is {value}: {}; write {} in [[start_up.sdo]] of the drive file",
+                effect.words(),
+                code.braking()
+            );
+            return Err(talk.failed(step, what));
+        }
+    }
+    Ok(())
+}
+
+/// Mantissa and exponent of ten of the scan, in s; none if one byte cannot say it.
+fn interpolation_time(period_us: u32) -> Option<(i64, i64)> {
+    let (mut mantissa, mut exponent) = (i64::from(period_us), -6);
+    while mantissa % 10 == 0 && mantissa > 0 {
+        mantissa /= 10;
+        exponent += 1;
+    }
+    // ms are what drives know.
+    while exponent > -3 {
+        mantissa *= 10;
+        exponent -= 1;
+    }
+    (mantissa <= 255).then_some((mantissa, exponent))
+}
+
+/// 60C2 is the scan.
+fn set_interpolation_time(
+    talk: &mut Talk<'_, '_, '_>,
+    drive: &DriveFile,
+    period_us: u32,
+) -> Result<(), StartUpError> {
+    const INDEX: u16 = cia402::INTERPOLATION_TIME;
+    let Some((mantissa, exponent)) = interpolation_time(period_us) else {
+        return Ok(());
+    };
+    if drive.start_up.interpolation_time {
+        talk.set(INDEX, 1, 8, mantissa)?;
+        return talk.set(INDEX, 2, 8, exponent);
+    }
+    // It may be there, and something else.
+    let (Ok(found), Ok(power)) = (talk.read(INDEX, 1), talk.read(INDEX, 2)) else {
+        return Ok(());
+    };
+    let seconds = |mantissa: i64, exponent: i64| mantissa as f64 * 10_f64.powi(exponent as i32);
+    let (is, wanted) = (
+        seconds(found.signed(), power.signed()),
+        seconds(mantissa, exponent),
+    );
+    if is != 0.0 && (is - wanted).abs() > 1e-9 {
+        let what = format!(
+            "it is {} ms, the scan {} ms: set start_up.interpolation_time = true in the drive file",
+            is * 1e3,
+            wanted * 1e3
+        );
+        return Err(talk.failed("reading 60C2 (interpolation time)", what));
+    }
+    Ok(())
+}
+
+/// The mode is one that the drive has; where no cycle says it, it is written here.
+fn set_mode(talk: &mut Talk<'_, '_, '_>, drive: &DriveFile) -> Result<(), StartUpError> {
+    let operate = drive.mode.operate;
+    if let Ok(supported) = talk.read(cia402::SUPPORTED_MODES, 0) {
+        let modes = cia402::DriveMode::of(supported.value as i64);
+        if !modes.contains(&operate.as_drive_mode()) {
+            let words: Vec<&str> = modes.iter().map(|mode| mode.word()).collect();
+            let what = format!(
+                "it has {} (6502), and is to operate in {}: make the drive file with `--mode` of one that it has",
+                words.join(", "),
+                operate.word()
+            );
+            return Err(talk.failed("comparing its modes of operation", what));
+        }
+    }
+    let receive = &drive.process_data.receive;
+    if crate::process_data::find(receive, cia402::MODE, 0).is_none() {
+        talk.set(cia402::MODE, 0, 8, operate.value())?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::interpolation_time;
+
+    #[test]
+    fn a_scan_is_said_in_one_byte_and_a_power_of_ten() {
+        assert_eq!(interpolation_time(1000), Some((1, -3)));
+        assert_eq!(interpolation_time(10_000), Some((10, -3)));
+        assert_eq!(interpolation_time(250), Some((25, -5)));
+        assert_eq!(interpolation_time(500), Some((5, -4)));
+        assert_eq!(interpolation_time(125), Some((125, -6)));
+    }
+}

@@ -1,0 +1,84 @@
+//! From SAFE-OP to OP: slaves want process data before they go there.
+
+use std::rc::Rc;
+
+use bus::drive_codes::{al_state, al_status};
+use bus::drive_page::{Counts, IMAGE_BYTES_MAX, Inputs, Wiring};
+use bus::realtime::{now_ns, sleep_until_ns};
+use bytemuck::Zeroable;
+
+use super::SegmentPlan;
+use super::error::StartUpError;
+use super::segment::without_watchdog;
+use crate::link::{Cycle, Socket, Tag, request_state};
+
+const OPERATIONAL: u16 = 0x08;
+/// Bit of the AL status that says that it could not.
+const REFUSED: u16 = 0x10;
+/// A cycle without an answer in this time is missed.
+const ANSWER_NS: u64 = 250_000_000;
+/// So long slaves may take.
+const LIMIT_NS: u64 = 5_000_000_000;
+
+/// Exchanges outputs that move nothing until all slaves are in OP.
+pub(super) fn into_operation(
+    socket: &Rc<Socket>,
+    plan: &SegmentPlan,
+    wiring: &Wiring,
+) -> Result<(), StartUpError> {
+    // Its cycles are none of the master's.
+    let nonce = !wiring.nonce;
+    let mut cycle = Cycle::new(
+        Rc::clone(socket),
+        &Wiring { nonce, ..*wiring },
+        Counts::zeroed(),
+    );
+    let image = [0; IMAGE_BYTES_MAX];
+    let started = now_ns();
+    let mut next_ns = started;
+    let mut inputs = Inputs::zeroed();
+    for number in 0.. {
+        let tag = Tag {
+            frame: number,
+            cycle: number,
+        };
+        cycle.send(tag, &image);
+        inputs = *cycle.receive(number, now_ns() + ANSWER_NS, || true);
+        if number == 0 {
+            for slave in wiring.slaves() {
+                request_state(socket, slave.address, OPERATIONAL);
+            }
+        }
+        let slaves = inputs.slaves.iter().take(wiring.slaves().len());
+        if inputs.answered == 1 && slaves.clone().all(|slave| slave.al_status == OPERATIONAL) {
+            return Ok(());
+        }
+        let refused = slaves.clone().any(|slave| slave.al_status & REFUSED != 0);
+        if number > 0 && refused || now_ns() - started > LIMIT_NS {
+            break;
+        }
+        if !without_watchdog(plan) {
+            next_ns += u64::from(plan.period_us) * 1000;
+            sleep_until_ns(next_ns);
+        }
+    }
+    let slaves = inputs.slaves.iter().take(wiring.slaves().len());
+    let late = slaves
+        .enumerate()
+        .find(|(_, slave)| slave.al_status != OPERATIONAL);
+    let (slave, what) = late.map_or(
+        (plan.bus.interface.clone(), "no frame comes back".into()),
+        |(place, slave)| {
+            let is = al_state(slave.al_status);
+            (
+                plan.name(place),
+                format!("it stays in {is}: {}", al_status(slave.al_status_code)),
+            )
+        },
+    );
+    Err(StartUpError::Step {
+        slave,
+        step: "going from SAFE-OP to OP".into(),
+        what,
+    })
+}

@@ -1,0 +1,162 @@
+//! Who is on a segment.
+
+use std::rc::Rc;
+use std::time::Duration;
+
+use bus::drive_page::SLAVES_MAX;
+use bus::realtime::now_ns;
+
+use super::driver::{Storage, master};
+use super::error::StartUpError;
+use super::objects::{Talk, words};
+use super::segment::IMAGE_BYTES;
+use crate::cia402;
+use crate::link::Socket;
+
+/// Time for a mailbox.
+const MAILBOX: Duration = Duration::from_secs(2);
+
+/// A PDO of a slave.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FoundPdo {
+    /// Its index.
+    pub index: u16,
+    /// Index, sub-index and bits of its entries.
+    pub entries: Vec<(u16, u8, u8)>,
+}
+
+/// A slave as it shows itself.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FoundSlave {
+    /// Its name.
+    pub name: String,
+    /// Vendor, product code, revision, serial number.
+    pub identity: [u32; 4],
+    /// Its station address.
+    pub address: u16,
+    /// Whether it has distributed clocks.
+    pub clocks: bool,
+    /// Device profile (low 16 bits of object 1000), 402 for drives; none where that cannot be read.
+    pub profile: Option<u16>,
+    /// PDOs that it receives.
+    pub receive: Vec<FoundPdo>,
+    /// PDOs that it transmits.
+    pub transmit: Vec<FoundPdo>,
+    /// Delay of the cable up to it, in ns.
+    pub delay_ns: u32,
+}
+
+fn pdos(talk: &mut Talk<'_, '_, '_>, assign: u16) -> Vec<FoundPdo> {
+    let count = talk.read(assign, 0).map_or(0, |count| count.value.min(64));
+    let mut found = Vec::new();
+    for place in 1..=count {
+        let Ok(index) = talk.read(assign, place as u8) else {
+            break;
+        };
+        let index = index.value as u16;
+        let entries = talk.read(index, 0).map_or(0, |count| count.value.min(255));
+        let entry = |talk: &mut Talk<'_, '_, '_>, place: u64| {
+            let word = talk.read(index, place as u8).ok()?.value;
+            Some(((word >> 16) as u16, (word >> 8) as u8, word as u8))
+        };
+        found.push(FoundPdo {
+            index,
+            entries: (1..=entries)
+                .map_while(|place| entry(talk, place))
+                .collect(),
+        });
+    }
+    found
+}
+
+/// Lists the slaves of a segment. All of them go to PRE-OP: not on a segment that runs.
+///
+/// # Errors
+/// [`StartUpError`].
+pub fn scan(socket: &Rc<Socket>) -> Result<Vec<FoundSlave>, StartUpError> {
+    let mut found = Vec::new();
+    with_slaves(socket, |_, talk| {
+        let slave = &talk.slave;
+        let identity = slave.identity();
+        let mut shown = FoundSlave {
+            name: slave.name().to_string(),
+            identity: [
+                identity.vendor_id,
+                identity.product_id,
+                identity.revision,
+                identity.serial,
+            ],
+            address: slave.configured_address(),
+            clocks: slave.dc_support().any(),
+            delay_ns: slave.propagation_delay(),
+            profile: None,
+            receive: Vec::new(),
+            transmit: Vec::new(),
+        };
+        if let Ok(kind) = talk.read(0x1000, 0) {
+            shown.profile = Some(kind.value as u16);
+            shown.receive = pdos(talk, cia402::RECEIVE_ASSIGN);
+            shown.transmit = pdos(talk, cia402::TRANSMIT_ASSIGN);
+        }
+        found.push(shown);
+        Ok(())
+    })?;
+    Ok(found)
+}
+
+/// Does something with every slave of a segment in PRE-OP.
+fn with_slaves(
+    socket: &Rc<Socket>,
+    mut each: impl FnMut(usize, &mut Talk<'_, '_, '_>) -> Result<(), StartUpError>,
+) -> Result<(), StartUpError> {
+    let interface = socket.interface().to_string();
+    let failed = |step: &str, what: String| StartUpError::Step {
+        slave: interface.clone(),
+        step: step.into(),
+        what,
+    };
+    let storage = Box::new(Storage::new());
+    let (main, mut driver) = master(&storage, socket, MAILBOX, 0)
+        .ok_or_else(|| failed("starting", "its frames are in use".into()))?;
+    let group = driver.run(main.init_single_group::<SLAVES_MAX, IMAGE_BYTES>(now_ns));
+    let group = match group {
+        Ok(group) => group,
+        Err(ethercrab::error::Error::Timeout(_)) => return Err(StartUpError::Nobody { interface }),
+        Err(error) => return Err(failed("bringing all slaves to PRE-OP", words(error))),
+    };
+    if group.is_empty() {
+        return Err(StartUpError::Nobody { interface });
+    }
+    for (place, slave) in group.iter(&main).enumerate() {
+        let mut talk = Talk {
+            driver: &mut driver,
+            slave,
+            name: format!("place {place} on the cable"),
+        };
+        each(place, &mut talk)?;
+    }
+    Ok(())
+}
+
+/// Does something with one slave of a segment in PRE-OP.
+pub(super) fn with_slave<T>(
+    socket: &Rc<Socket>,
+    place: usize,
+    what: impl FnOnce(&mut Talk<'_, '_, '_>) -> Result<T, StartUpError>,
+) -> Result<T, StartUpError> {
+    let (mut what, mut done, mut count) = (Some(what), None, 0);
+    with_slaves(socket, |at, talk| {
+        count += 1;
+        if at == place
+            && let Some(what) = what.take()
+        {
+            done = Some(what(talk)?);
+        }
+        Ok(())
+    })?;
+    done.ok_or_else(|| StartUpError::Step {
+        slave: socket.interface().to_string(),
+        step: format!("looking for place {place} on the cable"),
+        what: format!("{count} slaves answer, places are counted from 0"),
+    })
+}

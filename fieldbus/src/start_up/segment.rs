@@ -1,0 +1,201 @@
+//! The whole start-up.
+
+use std::rc::Rc;
+use std::time::Duration;
+
+use bus::drive_page::{SLAVES_MAX, Wiring};
+use bus::member::Pace;
+use bus::realtime::now_ns;
+use ethercrab::subdevice_group::DcConfiguration;
+use ethercrab::{DcSync, MainDevice, SubDeviceGroup, SubDeviceIdentity};
+use machine::Sync;
+
+use super::SegmentPlan;
+use super::configure::configure;
+use super::driver::{Driver, Storage, master};
+use super::error::StartUpError;
+use super::objects::{Talk, words};
+use super::operational::into_operation;
+use super::wiring::read_wiring;
+use crate::link::Socket;
+
+/// Most bytes of process data that ethercrab keeps of its own.
+pub(super) const IMAGE_BYTES: usize = bus::drive_page::IMAGE_BYTES_MAX;
+/// Frames that bring the clocks together before anything is configured.
+const CLOCK_FRAMES: u32 = 2000;
+/// SYNC0 begins so long after it is configured.
+const SYNC0_DELAY: Duration = Duration::from_millis(100);
+
+/// Brings a segment from wherever it is to OP; nothing is enabled. How it is wired.
+///
+/// # Errors
+/// [`StartUpError`].
+pub fn start_up(socket: &Rc<Socket>, plan: &SegmentPlan) -> Result<Wiring, StartUpError> {
+    let storage = Box::new(Storage::new());
+    let longest_ms = plan.drives.iter().map(|setup| {
+        let mailbox = &setup.drive.mailbox;
+        mailbox.request_timeout_ms.max(mailbox.response_timeout_ms)
+    });
+    let mailbox = Duration::from_millis(longest_ms.max().unwrap_or(2000).into());
+    let dc = plan.bus.sync == Sync::Dc;
+    let clock_frames = if dc { CLOCK_FRAMES } else { 0 };
+    let of_segment = |step: &str, what: String| StartUpError::Step {
+        slave: plan.bus.interface.clone(),
+        step: step.into(),
+        what,
+    };
+    let (main, mut driver) = master(&storage, socket, mailbox, clock_frames)
+        .ok_or_else(|| of_segment("starting", "its frames are in use".into()))?;
+    let mut group = find(plan, &main, &mut driver, &of_segment)?;
+    let identities: Vec<(SubDeviceIdentity, String)> = group
+        .iter(&main)
+        .map(|slave| (slave.identity(), slave.name().to_string()))
+        .collect();
+    judge_slaves(plan, &identities)?;
+    for (place, slave) in group.iter(&main).enumerate() {
+        let mut talk = Talk {
+            driver: &mut driver,
+            slave,
+            name: plan.name(place),
+        };
+        configure(&mut talk, plan, place)?;
+    }
+    let into = |step: &'static str| move |error| of_segment(step, words(error));
+    let mut reference_clock = 0;
+    let group = if dc {
+        for mut slave in group.iter_mut(&main) {
+            slave.set_dc_sync(DcSync::Sync0);
+        }
+        reference_clock = group
+            .iter(&main)
+            .find(|slave| slave.dc_support().any())
+            .map_or(0, |slave| slave.configured_address());
+        let group = driver
+            .run(group.into_pre_op_pdi(&main))
+            .map_err(into("mapping process data"))?;
+        let clocks = DcConfiguration {
+            start_delay: SYNC0_DELAY,
+            sync0_period: Duration::from_micros(plan.period_us.into()),
+            sync0_shift: Duration::ZERO,
+        };
+        let group = driver
+            .run(group.configure_dc_sync(&main, clocks))
+            .map_err(into("setting distributed clocks"))?;
+        let safe = driver.run(group.into_safe_op(&main));
+        let group = safe.map_err(into("going from PRE-OP to SAFE-OP"))?;
+        read_wiring(&mut driver, group.iter(&main), plan, reference_clock)?
+    } else {
+        let safe = driver.run(group.into_safe_op(&main));
+        let group = safe.map_err(into("going from PRE-OP to SAFE-OP"))?;
+        read_wiring(&mut driver, group.iter(&main), plan, reference_clock)?
+    };
+    into_operation(socket, plan, &group)?;
+    Ok(group)
+}
+
+/// The slaves of a segment, in PRE-OP.
+fn find(
+    plan: &SegmentPlan,
+    main: &MainDevice<'_>,
+    driver: &mut Driver<'_>,
+    of_segment: &dyn Fn(&str, String) -> StartUpError,
+) -> Result<SubDeviceGroup<SLAVES_MAX, IMAGE_BYTES>, StartUpError> {
+    let found = driver.run(main.init_single_group::<SLAVES_MAX, IMAGE_BYTES>(now_ns));
+    let group = match found {
+        Ok(group) => group,
+        Err(ethercrab::error::Error::Capacity(_)) => {
+            let what = format!(
+                "more than {SLAVES_MAX} slaves answer: quadrant drives no more on one segment"
+            );
+            return Err(of_segment("looking for slaves", what));
+        }
+        Err(error) => return Err(nobody_or(plan, of_segment, error)),
+    };
+    if group.is_empty() {
+        return Err(StartUpError::Nobody {
+            interface: plan.bus.interface.clone(),
+        });
+    }
+    Ok(group)
+}
+
+/// Nobody on the cable, or something else.
+fn nobody_or(
+    plan: &SegmentPlan,
+    of_segment: &dyn Fn(&str, String) -> StartUpError,
+    error: ethercrab::error::Error,
+) -> StartUpError {
+    use ethercrab::error::Error;
+    match error {
+        // The first frame of all did not come back.
+        Error::Timeout(_) => StartUpError::Nobody {
+            interface: plan.bus.interface.clone(),
+        },
+        Error::SendFrame => of_segment(
+            "looking for slaves",
+            "no frame can be sent: is the interface up?".into(),
+        ),
+        error => of_segment("bringing all slaves to PRE-OP", words(error)),
+    }
+}
+
+/// Whether the slaves are those that the machine file names, in its order.
+fn judge_slaves(
+    plan: &SegmentPlan,
+    found: &[(SubDeviceIdentity, String)],
+) -> Result<(), StartUpError> {
+    if found.len() != plan.slave_count() {
+        let names: Vec<String> = (0..plan.slave_count())
+            .map(|place| plan.name(place))
+            .collect();
+        return Err(StartUpError::Count {
+            found: found.len(),
+            expected: plan.slave_count(),
+            named: names.join(", "),
+            remedy: if found.len() < plan.slave_count() {
+                "a cable is loose or a drive is off behind the last one that answers"
+            } else {
+                "name the others in `bus.other_slaves`"
+            },
+            interface: plan.bus.interface.clone(),
+        });
+    }
+    let shown = |vendor: u32, product: u32, revision: u32, name: &str| {
+        format!(
+            "{name:?} (vendor {vendor:#010x}, product {product:#010x}, revision {revision:#010x})"
+        )
+    };
+    for setup in &plan.drives {
+        let Some((there, name)) = found.get(setup.slave) else {
+            continue;
+        };
+        let is = &setup.drive.identity;
+        let same = (there.vendor_id, there.product_id) == (is.vendor, is.product_code);
+        if same && there.revision == is.revision {
+            continue;
+        }
+        let elsewhere = found.iter().position(|(other, _)| {
+            (other.vendor_id, other.product_id, other.revision)
+                == (is.vendor, is.product_code, is.revision)
+        });
+        let remedy = match elsewhere {
+            Some(place) if !same => format!(
+                "such a drive is at place {place}: connect them in the order of the machine file, or set `slave` in [axis.drive]"
+            ),
+            _ if same => "make a drive file of the ESI file of that revision (`quadrant bus drive-file ESI --revision`)".into(),
+            _ => "connect the drive that the machine file names, or make a drive file of this one".into(),
+        };
+        return Err(StartUpError::Identity {
+            slave: plan.name(setup.slave),
+            found: shown(there.vendor_id, there.product_id, there.revision, name),
+            expected: shown(is.vendor, is.product_code, is.revision, &is.name),
+            remedy,
+        });
+    }
+    Ok(())
+}
+
+/// Whether watchdogs are to be off.
+pub(super) fn without_watchdog(plan: &SegmentPlan) -> bool {
+    plan.pace == Pace::Lockstep
+}

@@ -1,0 +1,144 @@
+//! Where the process data of each slave lie: read from the slaves themselves.
+
+use std::ops::Deref;
+
+use bus::drive_page::{IMAGE_BYTES_MAX, SlaveWiring, Wiring};
+use bytemuck::Zeroable;
+use ethercrab::{SubDevice, SubDeviceRef};
+
+use super::SegmentPlan;
+use super::driver::Driver;
+use super::error::StartUpError;
+use super::objects::words;
+use crate::process_data;
+
+/// First register of the first FMMU, and how many a slave can have.
+const FMMU: u16 = 0x0600;
+const FMMU_BYTES: u16 = 16;
+const FMMUS_MAX: u16 = 8;
+/// Register that says how many it has.
+const FMMU_COUNT: u16 = 0x0004;
+
+/// Where bytes of one direction lie.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Place {
+    at: u32,
+    bytes: u32,
+}
+
+impl Place {
+    fn add(&mut self, at: u32, bytes: u32) {
+        if self.bytes == 0 {
+            *self = Place { at, bytes };
+        } else {
+            let end = (self.at + self.bytes).max(at + bytes);
+            self.at = self.at.min(at);
+            self.bytes = end - self.at;
+        }
+    }
+}
+
+/// Reads the wiring of slaves in SAFE-OP and compares it with the drive files.
+pub(super) fn read_wiring<'a, S: Deref<Target = SubDevice>>(
+    driver: &mut Driver<'_>,
+    slaves: impl Iterator<Item = SubDeviceRef<'a, S>>,
+    plan: &SegmentPlan,
+    reference_clock: u16,
+) -> Result<Wiring, StartUpError> {
+    let mut wiring = Wiring::zeroed();
+    wiring.nonce = nonce();
+    wiring.reference_clock = reference_clock.into();
+    let mut end = 0;
+    for ((place, slave), entry) in slaves.enumerate().zip(&mut wiring.slaves) {
+        let (outputs, inputs) = places(driver, &slave).map_err(|error| StartUpError::Step {
+            slave: plan.name(place),
+            step: "reading where its process data lie".into(),
+            what: words(error),
+        })?;
+        judge_sizes(plan, place, outputs.bytes, inputs.bytes)?;
+        let counter = 2 * u16::from(outputs.bytes > 0) + u16::from(inputs.bytes > 0);
+        *entry = SlaveWiring {
+            address: slave.configured_address(),
+            outputs_at: outputs.at as u16,
+            output_bytes: outputs.bytes as u16,
+            inputs_at: inputs.at as u16,
+            input_bytes: inputs.bytes as u16,
+            working_counter: counter,
+        };
+        wiring.working_counter += u32::from(counter);
+        wiring.slave_count += 1;
+        end = end
+            .max(outputs.at + outputs.bytes)
+            .max(inputs.at + inputs.bytes);
+    }
+    if end as usize > IMAGE_BYTES_MAX {
+        return Err(StartUpError::Step {
+            slave: plan.bus.interface.clone(),
+            step: "mapping process data".into(),
+            what: format!(
+                "{end} bytes do not fit into one frame, {IMAGE_BYTES_MAX} do: exchange less with the drives"
+            ),
+        });
+    }
+    wiring.image_bytes = end;
+    Ok(wiring)
+}
+
+/// Where a slave's FMMUs put its outputs and its inputs.
+fn places<S: Deref<Target = SubDevice>>(
+    driver: &mut Driver<'_>,
+    slave: &SubDeviceRef<'_, S>,
+) -> Result<(Place, Place), ethercrab::error::Error> {
+    let (mut outputs, mut inputs) = (Place::default(), Place::default());
+    let count = driver.run(slave.register_read::<u8>(FMMU_COUNT))?;
+    for index in 0..u16::from(count).min(FMMUS_MAX) {
+        let at = FMMU + FMMU_BYTES * index;
+        let fmmu = driver.run(slave.register_read::<[u8; 16]>(at))?;
+        let logical = u32::from_le_bytes([fmmu[0], fmmu[1], fmmu[2], fmmu[3]]);
+        let bytes = u16::from_le_bytes([fmmu[4], fmmu[5]]);
+        if fmmu[12] & 1 == 0 || bytes == 0 {
+            continue;
+        }
+        if fmmu[11] & 1 != 0 {
+            inputs.add(logical, bytes.into());
+        }
+        if fmmu[11] & 2 != 0 {
+            outputs.add(logical, bytes.into());
+        }
+    }
+    Ok((outputs, inputs))
+}
+
+/// A drive exchanges as many bytes as its file says.
+fn judge_sizes(
+    plan: &SegmentPlan,
+    place: usize,
+    outputs: u32,
+    inputs: u32,
+) -> Result<(), StartUpError> {
+    let setup = plan.drives.iter().find(|setup| setup.slave == place);
+    let Some(setup) = setup else {
+        return Ok(());
+    };
+    let data = &setup.drive.process_data;
+    let wanted = (
+        process_data::bytes(&data.receive),
+        process_data::bytes(&data.transmit),
+    );
+    if wanted == (outputs, inputs) {
+        return Ok(());
+    }
+    Err(StartUpError::Step {
+        slave: plan.name(place),
+        step: "comparing its process data".into(),
+        what: format!(
+            "it takes {outputs} bytes and sends {inputs}, its drive file says {} and {}: make the drive file of the ESI file of this drive",
+            wanted.0, wanted.1
+        ),
+    })
+}
+
+/// A number that no other start-up on this PC has.
+fn nonce() -> u64 {
+    bus::realtime::now_ns() ^ u64::from(std::process::id()) << 44
+}

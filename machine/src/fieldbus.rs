@@ -1,0 +1,46 @@
+//! `[bus]` and `[axis.drive]`: drives on a fieldbus.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+/// The fieldbus.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Fieldbus {
+    /// The network interface that the drives are connected to, such as `enp3s0`; they are its only users.
+    pub interface: String,
+    /// When drives act.
+    #[schemars(extend("default" = "sm"))]
+    pub sync: Sync,
+    /// How long a drive goes on without a frame before it stops by itself (register 0420h): a few scans, so that a frame or two may be
+    /// late. In lockstep it is off.
+    #[schemars(extend("unit" = "ms", "minimum" = 1, "maximum" = 1000, "default" = 10))]
+    pub watchdog_ms: u32,
+    /// A second process stands by to take the bus over within a scan when the first one dies.
+    #[schemars(extend("default" = false))]
+    pub standby: bool,
+    /// Places on the cable, from 0, of devices that are no drive of an axis; they are started and left alone.
+    #[schemars(length(max = 15), extend("default" = []), inner(range(min = 0, max = 15)))]
+    pub other_slaves: Vec<u32>,
+}
+
+/// When drives act.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sync {
+    /// When the frame comes (SM-synchronous): the PC's jitter is on the motor.
+    Sm,
+    /// At SYNC0 of the distributed clocks, all at the same time; the PC's clock follows the first drive's.
+    Dc,
+}
+
+/// The drive of an axis.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AxisDrive {
+    /// Its [drive file](drive-file.md), a path below the folder of this file.
+    pub file: String,
+    /// Its place on the cable, from 0. Left out: drives are in the order of the axes.
+    #[schemars(extend("minimum" = 0, "maximum" = 15))]
+    pub slave: Option<u32>,
+}

@@ -1,0 +1,79 @@
+//! Rules of `[bus]` and `[axis.drive]`: every axis has a drive, every drive a place of its own.
+
+use std::path::{Component, Path};
+
+use crate::machine::Machine;
+use crate::settings_file::Rules;
+
+/// Most slaves of a segment.
+const SLAVES_MAX: usize = bus::drive_page::SLAVES_MAX;
+
+pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
+    let mut taken: Vec<(usize, &str)> = Vec::new();
+    for (index, axis) in machine.axes.iter().enumerate() {
+        let at = Some((index, axis.name.as_str()));
+        let Some(drive) = &axis.drive else {
+            if machine.bus.is_some() {
+                let what = "is missing: with [bus] every axis names its drive: [axis.drive] file = \"drives/NAME.toml\"";
+                rules.say(&["drive"], at, what);
+            }
+            continue;
+        };
+        if machine.bus.is_none() {
+            let what = "goes with [bus] alone: name the interface there, or take this table out to simulate the drive";
+            rules.say(&["drive"], at, what);
+            continue;
+        }
+        let below = Path::new(&drive.file).components();
+        let mut below = below.map(|part| matches!(part, Component::Normal(_)));
+        if drive.file.is_empty() || !below.all(|normal| normal) {
+            let what = format!(
+                "= {:?}: must be a path below the folder of this file",
+                drive.file
+            );
+            rules.say(&["drive", "file"], at, &what);
+        }
+        let slave = machine.slave_of(index);
+        if let Some((_, other)) = taken.iter().find(|(taken, _)| *taken == slave) {
+            let what = format!(
+                "= {slave}: is the place of axis {other}: one drive, one axis (a drive of several axes is not driven yet)"
+            );
+            rules.say(&["drive", "slave"], at, &what);
+        }
+        taken.push((slave, &axis.name));
+    }
+    let Some(bus) = &machine.bus else {
+        return;
+    };
+    if bus.interface.is_empty() || bus.interface.len() > 15 || bus.interface.contains(['/', ' ']) {
+        let what = format!(
+            "= {:?}: must be the name of a network interface, such as enp3s0",
+            bus.interface
+        );
+        rules.say(&["bus", "interface"], None, &what);
+    }
+    for other in &bus.other_slaves {
+        let place = *other as usize;
+        if let Some((_, axis)) = taken.iter().find(|(taken, _)| *taken == place) {
+            let what = format!("names {other}, which is the place of axis {axis}");
+            rules.say(&["bus", "other_slaves"], None, &what);
+        }
+        taken.push((place, "?"));
+    }
+    taken.sort_unstable();
+    let places: Vec<usize> = taken.iter().map(|(place, _)| *place).collect();
+    if places.iter().any(|place| *place >= SLAVES_MAX) {
+        let what = format!(
+            "names a place beyond {}: a segment has at most {SLAVES_MAX} slaves",
+            SLAVES_MAX - 1
+        );
+        rules.say(&["bus", "other_slaves"], None, &what);
+    } else if let Some(gap) = (0..places.len()).find(|place| places.get(*place) != Some(place))
+        && places.windows(2).all(|pair| pair.first() != pair.last())
+    {
+        let what = format!(
+            "leaves place {gap} on the cable open: it is that of an axis ([axis.drive] slave), or of another device (other_slaves)"
+        );
+        rules.say(&["bus", "other_slaves"], None, &what);
+    }
+}
