@@ -12,6 +12,9 @@ use master::{MasterError, MasterPorts};
 use crate::drives::{Cia402Drives, PageWire};
 use crate::setups;
 
+/// So long a segment may take to start up.
+const START_LIMIT: Duration = Duration::from_secs(25);
+
 /// Runs a master over the drives of this machine until its run ends or the cell does; `decorate` as in [`master::run`].
 ///
 /// # Errors
@@ -27,6 +30,7 @@ pub fn run<P: MasterPorts<Error = MasterError>>(
     let page = DrivePage::open(&place)?;
     let period = Duration::from_micros(machine.scan.period_us.into());
     let wire = PageWire::new(page, options.slot.pace, period, options.answer_limit);
+    wire.await_start(START_LIMIT);
     let drives = Cia402Drives::new(machine, &setups.drives, wire)
         .context("a drive file lacks controlword, statusword or position")?;
     master::run(options, "master", machine, drives, decorate)?;

@@ -165,15 +165,7 @@ impl RunDir {
         let user_codes = user_codes.map(std::path::absolute).transpose()?;
         let simulated = machine.bus.is_none();
         let beside = sources.machine.parent().unwrap_or(Path::new(""));
-        for drive in machine.axes.iter().filter_map(|axis| axis.drive.as_ref()) {
-            let name = Path::new(&drive.file);
-            if let Some(within) = name.parent() {
-                let within = folder.join(within);
-                fs::create_dir_all(&within)
-                    .with_context(|| format!("{}: cannot be made", within.display()))?;
-            }
-            copy(&beside.join(name), name)?;
-        }
+        machine.copy_drive_files(beside, folder)?;
         let subroutines = machine.subroutine_folders;
         let program = sources
             .program

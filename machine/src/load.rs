@@ -47,6 +47,17 @@ impl Machine {
         (!name.is_empty()).then(|| folder.join(name))
     }
 
+    /// Copies the drive files of its axes from the folder of its file into another.
+    ///
+    /// # Errors
+    /// A file that cannot be copied.
+    pub fn copy_drive_files(&self, from: &Path, to: &Path) -> Result<(), SettingsFileError> {
+        for drive in self.axes.iter().filter_map(|axis| axis.drive.as_ref()) {
+            copy_file(&from.join(&drive.file), &to.join(&drive.file))?;
+        }
+        Ok(())
+    }
+
     /// Checks the text of a machine file; `name` is in the messages. A tool table or parameters in a
     /// file of their own are not read.
     ///
@@ -139,14 +150,16 @@ pub fn snapshot(path: &Path) -> Result<String, SettingsFileError> {
     Ok(document.to_string())
 }
 
-/// Copies what a machine file names, tool table and parameters, into the folder of a copy of it, if it is named from the file's folder.
+/// Copies what a machine file names, tool table, parameters and drive files, into the folder of a copy of it, if it is named from the file's folder.
 ///
 /// # Errors
 /// A machine file that cannot be used, or a file that cannot be copied.
 pub fn copy_named_files(path: &Path, folder: &Path) -> Result<(), SettingsFileError> {
     let path = machine_file(path);
-    let program = Machine::load(&path)?.program;
+    let machine = Machine::load(&path)?;
     let beside = path.parent().unwrap_or(Path::new(""));
+    machine.copy_drive_files(beside, folder)?;
+    let program = machine.program;
     let named = [program.tool_table, program.parameter_file];
     let here = |name: &&String| !name.is_empty() && !Path::new(name).is_absolute();
     for name in named.iter().filter(here) {

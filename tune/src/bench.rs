@@ -26,7 +26,7 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// Sets it up beside the plant that stands beside this machine file; the plant is copied unread.
+    /// Sets it up beside the plant that stands beside this machine file, if its drives are simulated; the plant is copied unread.
     ///
     /// # Errors
     /// The files cannot be copied.
@@ -38,10 +38,12 @@ impl Bench {
             cell: format!("tune-{}", std::process::id()),
             runs: 0,
         };
-        let plant = machine_file(machine).with_file_name("plant.toml");
-        fs::copy(&plant, bench.folder.path().join("plant.toml"))
-            .with_context(|| plant.display().to_string())
-            .input()?;
+        if Machine::load(machine).input()?.bus.is_none() {
+            let plant = machine_file(machine).with_file_name("plant.toml");
+            fs::copy(&plant, bench.folder.path().join("plant.toml"))
+                .with_context(|| plant.display().to_string())
+                .input()?;
+        }
         machine::copy_named_files(machine, bench.folder.path()).input()?;
         Ok(bench)
     }

@@ -47,6 +47,18 @@ impl PageWire {
         }
     }
 
+    /// Waits until the bus is in operation for the first time, at most so long: processes of a cell start side by side.
+    pub fn await_start(&self, limit: Duration) {
+        let started = Instant::now();
+        while self.page.requested().is_none() && started.elapsed() < limit {
+            let seen = self.page.answered_signal().count();
+            if self.page.state() == BusState::Cycling {
+                return;
+            }
+            self.page.answered_signal().wait(seen, WAIT_STEP);
+        }
+    }
+
     /// Whether cycles are exchanged. In lockstep time waits until they are, or nobody owns the bus.
     fn is_up(&mut self) -> bool {
         let started = Instant::now();
