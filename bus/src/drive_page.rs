@@ -130,8 +130,8 @@ pub struct Inputs {
     pub slaves: [SlaveState; SLAVES_MAX],
     /// From sending to the answer, in ns.
     pub round_trip_ns: u64,
-    /// How far the reference clock is ahead of the cycle's time, in ns; 0 without distributed clocks.
-    pub clock_ahead_ns: i64,
+    /// How much later than in the middle between two SYNC0 the frame passed the reference clock, in ns; 0 without distributed clocks.
+    pub clock_late_ns: i64,
     /// What was counted.
     pub counts: Counts,
 }

@@ -182,6 +182,28 @@ struct Clock {
     period_ns: u64,
     next_ns: u64,
     answer_limit: Duration,
+    /// It follows the drives' clock.
+    follows: bool,
+}
+
+/// Of what the scans are off from the drives' clock, so much is made up for in each.
+const FOLLOW_SHARE: f64 = 1.0 / 16.0;
+/// And at most this share of a scan: a late frame moves no clock.
+const FOLLOW_MOST: f64 = 1.0 / 50.0;
+
+impl Clock {
+    /// Follows the drives' clock, against which the last exchange was so much too late.
+    fn follow(&mut self, late_ns: i64) {
+        if late_ns != 0 && !std::mem::replace(&mut self.follows, true) {
+            // Nothing moves yet: the scans begin where the drives want them.
+            let later_ns = late_ns.saturating_neg().rem_euclid(self.period_ns as i64);
+            self.next_ns = self.next_ns.saturating_add_signed(later_ns);
+            return;
+        }
+        let most_ns = self.period_ns as f64 * FOLLOW_MOST;
+        let step_ns = (late_ns as f64 * FOLLOW_SHARE).clamp(-most_ns, most_ns);
+        self.next_ns = self.next_ns.saturating_add_signed(-(step_ns as i64));
+    }
 }
 
 /// The ports of a master process.
@@ -222,6 +244,7 @@ impl BusPorts {
                 period_ns: u64::from(machine.scan.period_us) * 1000,
                 next_ns: 0,
                 answer_limit,
+                follows: false,
             },
             launcher_gone: false,
             recorder_dropped: false,
@@ -463,6 +486,10 @@ impl MasterPorts for BusPorts {
 
     fn roster(&self) -> &Roster {
         &self.roster
+    }
+
+    fn follow_drives(&mut self, late_ns: i64) {
+        self.clock.follow(late_ns);
     }
 
     fn read_roster(&mut self) {

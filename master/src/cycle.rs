@@ -30,6 +30,7 @@ pub fn cycle<D: Drives, P: MasterPorts>(
         return Ok(Flow::Leave);
     }
     ports.publish_instruments(&master.exchange());
+    ports.follow_drives(master.drives().exchanged_late_ns());
     ports.save(&master.latches(), master.drives());
     let Answered::Scan { overrun_scans } = ports.await_answers(scan, ask_planner)? else {
         return Ok(Flow::Leave);

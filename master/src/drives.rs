@@ -195,6 +195,12 @@ pub trait Drives {
         InputFeedback::default()
     }
 
+    /// How much too late the last exchange was for the clock that the drives share, in ns; 0 where they have none. The clock of the
+    /// scans follows it.
+    fn exchanged_late_ns(&self) -> i64 {
+        0
+    }
+
     /// What bench instruments read of `axis` in the last exchange; nothing on a real machine.
     fn instruments(&self, axis: usize) -> &[InstrumentSample];
 

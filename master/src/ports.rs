@@ -52,6 +52,9 @@ pub trait MasterPorts {
     /// Keeps what was latched since; the drives are as they were saved last.
     fn latch(&mut self, latches: &Latches);
 
+    /// The exchange of this scan was so much too late for the drives' clock, in ns: the scans follow it, where they have a clock.
+    fn follow_drives(&mut self, _late_ns: i64) {}
+
     /// Waits for the answers to a scan as the pace wants it.
     ///
     /// # Errors

@@ -69,6 +69,7 @@ pub struct Cia402Drives<W> {
     run_down_scans: u32,
     start_again_scans: u32,
     look_scans: u32,
+    late_ns: i64,
     /// Scans in a row in which lost drives were to be switched on.
     wanted_scans: u32,
 }
@@ -108,6 +109,7 @@ impl<W: Wire> Cia402Drives<W> {
             run_down_scans: (RUN_DOWN_S / scan_s) as u32,
             start_again_scans: ((START_AGAIN_S / scan_s) as u32).max(1),
             look_scans: ((LOOK_S / scan_s) as u32).max(1),
+            late_ns: 0,
             wanted_scans: 0,
         };
         drives.look();
@@ -161,6 +163,9 @@ impl<W: Wire> Cia402Drives<W> {
     /// Carries the outputs there and the inputs back.
     fn carry(&mut self) {
         let answer = self.wire.exchange(&self.outputs, &mut self.inputs);
+        let answered = answer == WireAnswer::Answered;
+        let late_ns = i64::from(answered) * self.inputs.clock_late_ns;
+        self.late_ns = late_ns;
         for axis in &mut self.axes {
             let (wiring, state) = slave(&self.wire, &self.inputs, axis.slave);
             match answer {
@@ -220,6 +225,10 @@ impl<W: Wire> Drives for Cia402Drives<W> {
                 };
             }
         }
+    }
+
+    fn exchanged_late_ns(&self) -> i64 {
+        self.late_ns
     }
 
     fn instruments(&self, axis: usize) -> &[InstrumentSample] {

@@ -27,6 +27,7 @@ pub struct Cycle {
     buffer: [u8; FRAME_BYTES_MAX],
     inputs: Inputs,
     expected: u32,
+    period_ns: u64,
     sent_at_ns: u64,
     followed: Followed,
 }
@@ -39,8 +40,8 @@ struct Followed {
 }
 
 impl Cycle {
-    /// For a segment that is wired so; what was counted goes on.
-    pub fn new(socket: Rc<Socket>, wiring: &Wiring, counts: Counts) -> Cycle {
+    /// For a segment that is wired so, whose SYNC0 has this period; what was counted goes on.
+    pub fn new(socket: Rc<Socket>, wiring: &Wiring, period_ns: u64, counts: Counts) -> Cycle {
         let mut inputs = Inputs::zeroed();
         inputs.counts = counts;
         Cycle {
@@ -49,6 +50,7 @@ impl Cycle {
             buffer: [0; FRAME_BYTES_MAX],
             inputs,
             expected: wiring.working_counter,
+            period_ns,
             sent_at_ns: 0,
             followed: Followed::default(),
         }
@@ -91,6 +93,12 @@ impl Cycle {
         &self.inputs
     }
 
+    /// SYNC0 is at whole scans of the reference clock; a frame is to pass it as far from them as can be.
+    fn late_ns(&self, clock_ns: u64) -> i64 {
+        let phase_ns = clock_ns.checked_rem(self.period_ns).unwrap_or(0);
+        phase_ns as i64 - (self.period_ns / 2) as i64
+    }
+
     /// Takes whatever has come; whether the answer is among it.
     fn take_all(&mut self, number: u64) -> bool {
         while let Some((length, origin)) = self.socket.receive(&mut self.buffer) {
@@ -101,7 +109,7 @@ impl Cycle {
             match self.frame.take(frame, number, &mut self.inputs) {
                 Received::Answer { clock_ns } => {
                     self.inputs.round_trip_ns = now_ns().saturating_sub(self.sent_at_ns);
-                    self.inputs.clock_ahead_ns = clock_ns.map_or(0, |clock| clock as i64);
+                    self.inputs.clock_late_ns = clock_ns.map_or(0, |clock| self.late_ns(clock));
                     let short = self.inputs.working_counter != self.expected;
                     self.inputs.counts.short += u64::from(short);
                     return true;

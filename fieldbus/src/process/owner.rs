@@ -68,7 +68,7 @@ impl Segment {
         socket.ignore_own();
         let wiring = start_up(&socket, &process.plan)?;
         process.page.set_wiring(&wiring);
-        let cycle = Cycle::new(socket, &wiring, Counts::zeroed());
+        let cycle = Cycle::new(socket, &wiring, process.period_ns, Counts::zeroed());
         Ok(Segment::of(
             process,
             cycle,
@@ -91,7 +91,7 @@ impl Segment {
             outputs,
             done,
             sent_at_ns: now_ns(),
-            silent_scans: 0,
+            silent_scans: 1,
         }
     }
 }
@@ -128,6 +128,7 @@ impl<'a> Owner<'a> {
             _ => requested,
         };
         let mut segment = Segment::of(process, cycle, wiring, done);
+        segment.silent_scans = 0;
         match found {
             Some((pending, Found::Answered)) => page.answer(pending, segment.cycle.inputs()),
             Some((pending, Found::Sent { frame })) => {
@@ -229,7 +230,11 @@ impl Segment {
                 continue;
             }
             let now = now_ns();
-            let due_ns = self.sent_at_ns + late_ns;
+            let due_ns = if self.silent_scans == 0 {
+                self.sent_at_ns + late_ns
+            } else {
+                self.next_by_itself_ns(process.period_ns)
+            };
             if !realtime {
                 page.asked_signal().wait(seen, LOOK_AROUND);
                 if page.asked_signal().count() == seen && process.leaves() {
@@ -245,6 +250,13 @@ impl Segment {
                 }
             }
         }
+    }
+
+    /// When the next frame is due while the master asks for none: a scan later, or when the drives' clock wants it.
+    fn next_by_itself_ns(&self, period_ns: u64) -> u64 {
+        let most_ns = (period_ns / 8) as i64;
+        let late_ns = self.cycle.inputs().clock_late_ns / 4;
+        (self.sent_at_ns + period_ns).saturating_add_signed(-late_ns.clamp(-most_ns, most_ns))
     }
 
     /// The master is late, or gone: what it asked for last is sent again, and after its watchdog what it wanted for that case.

@@ -95,7 +95,7 @@ impl<'a> Standby<'a> {
             Some((known, cycle)) if known.nonce == wiring.nonce => cycle.follow(),
             _ => {
                 let socket = Rc::new(Socket::open(&self.process.plan.bus.interface)?);
-                let cycle = Cycle::new(socket, &wiring, Counts::zeroed());
+                let cycle = Cycle::new(socket, &wiring, self.process.period_ns, Counts::zeroed());
                 self.following = Some((wiring, cycle));
             }
         }

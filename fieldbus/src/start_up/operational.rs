@@ -31,20 +31,28 @@ pub(super) fn into_operation(
     let mut cycle = Cycle::new(
         Rc::clone(socket),
         &Wiring { nonce, ..*wiring },
+        u64::from(plan.period_us) * 1000,
         Counts::zeroed(),
     );
     let image = [0; IMAGE_BYTES_MAX];
     let started = now_ns();
     let mut next_ns = started;
     let mut inputs = Inputs::zeroed();
-    for number in 0.. {
+    let period_ns = i64::from(plan.period_us) * 1000;
+    // Where they have clocks, frames come in the middle between two SYNC0 before slaves are asked to act at them.
+    let mut asked = None;
+    for number in 0_u64.. {
         let tag = Tag {
             frame: number,
             cycle: number,
         };
         cycle.send(tag, &image);
         inputs = *cycle.receive(number, now_ns() + ANSWER_NS, || true);
-        if number == 0 {
+        let late_ns = inputs.clock_late_ns;
+        let waits_for_clock = !without_watchdog(plan) && late_ns.abs() > period_ns / 8;
+        let asks = asked.is_none() && !waits_for_clock;
+        if asks {
+            asked = Some(number);
             for slave in wiring.slaves() {
                 request_state(socket, slave.address, OPERATIONAL);
             }
@@ -54,11 +62,12 @@ pub(super) fn into_operation(
             return Ok(());
         }
         let refused = slaves.clone().any(|slave| slave.al_status & REFUSED != 0);
-        if number > 0 && refused || now_ns() - started > LIMIT_NS {
+        if !asks && asked.is_some() && refused || now_ns() - started > LIMIT_NS {
             break;
         }
         if !without_watchdog(plan) {
-            next_ns += u64::from(plan.period_us) * 1000;
+            let step_ns = period_ns - (late_ns / 4).clamp(-period_ns / 8, period_ns / 8);
+            next_ns += step_ns as u64;
             sleep_until_ns(next_ns);
         }
     }

@@ -98,6 +98,10 @@ impl MasterPorts for ScriptedPorts {
         self.ports.read_roster();
     }
 
+    fn follow_drives(&mut self, late_ns: i64) {
+        self.ports.follow_drives(late_ns);
+    }
+
     fn begin_scan(&mut self, feedback: &Feedback, ask_planner: bool) -> Flow {
         let scan = feedback.scan;
         if let Some(injector) = &mut self.injector {
