@@ -6,7 +6,7 @@ use bus::member::Pace;
 use clap::{Args, Parser, Subcommand};
 use lab::options::{BenchOptions, BenchPongOptions, SoakOptions};
 use launcher::options::{
-    BusOptions, CheckOptions, CleanOptions, DoctorOptions, JogOptions, LoadOptions,
+    BusOptions, CheckOptions, CleanOptions, DoctorOptions, HomeOptions, JogOptions, LoadOptions,
     OperatorOptions, OptionalStopOptions, OverrideOptions, PlanOptions, ReportOptions, RunOptions,
     StartOptions, UpOptions,
 };
@@ -63,6 +63,8 @@ pub enum Command {
     OptionalStop(OptionalStopOptions),
     /// Move one axis of a running cell by hand, at the machine file's reduced jog speed: ready, stopped, or at rest in hold
     Jog(JogOptions),
+    /// Home axes of a running cell that have no absolute encoder, one after another: ready, or at rest in hold before a program has begun
+    Home(HomeOptions),
     /// Drives on: ready for a program, or in hold, where nothing moves before `resume`
     Enable(OperatorOptions),
     /// Drives off: at rest in hold or stopped only; the position is not lost when the axes are pushed

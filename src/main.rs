@@ -43,6 +43,7 @@ fn obey(command: Command) -> Outcome {
         Command::Override(options) => operator::set_override(&options),
         Command::OptionalStop(options) => operator::optional_stop(&options),
         Command::Jog(options) => operator::jog(&options),
+        Command::Home(options) => operator::home(&options),
         Command::Enable(options) => operator::simple(Order::Enable, &options),
         Command::Disable(options) => operator::simple(Order::Disable, &options),
         Command::Status(options) => live::status(&options),

@@ -383,6 +383,7 @@ fn code_that_runs_in_a_scan_refuses_to_panic_by_lint() {
         "fieldbus/src/drives/axis.rs",
         "fieldbus/src/drives/cia402_drives.rs",
         "fieldbus/src/drives/field.rs",
+        "fieldbus/src/drives/homing.rs",
         "fieldbus/src/drives/page_wire.rs",
         "fieldbus/src/drives/state_walk.rs",
         "fieldbus/src/link/cycle.rs",

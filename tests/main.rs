@@ -19,6 +19,7 @@ mod faults_in_process;
 mod foreign_drives;
 mod full_disk;
 mod fuzz_seeds;
+mod homing;
 mod house;
 mod identify;
 mod in_process;

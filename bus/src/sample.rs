@@ -265,11 +265,17 @@ pub enum Cause {
     ProbeEarly = 25,
     /// The contact changed in a probing motion while nobody watched it.
     ProbeLost = 26,
+    /// Homing has not found the edge of the home switch within the longest way of a search.
+    HomeSwitch = 27,
+    /// Homing has not found the index of the motor encoder.
+    HomeIndex = 28,
+    /// A drive that homes by itself did not end in time.
+    HomeDrive = 29,
 }
 
 impl Cause {
     /// All of them. A number is never given to another cause: logs keep them.
-    pub const ALL: [Cause; 23] = [
+    pub const ALL: [Cause; 26] = [
         Cause::None,
         Cause::FollowingError,
         Cause::SoftLimit,
@@ -293,6 +299,9 @@ impl Cause {
         Cause::ProbeMissed,
         Cause::ProbeEarly,
         Cause::ProbeLost,
+        Cause::HomeSwitch,
+        Cause::HomeIndex,
+        Cause::HomeDrive,
     ];
 
     /// Whether a servo can know it: of its own axis, and of what it was told.
@@ -343,6 +352,11 @@ impl Cause {
                 "the probe was in contact (G38.2, G38.3) or free (G38.4, G38.5) before its motion began"
             }
             Cause::ProbeLost => "the probe's contact changed while nobody watched it: probe again",
+            Cause::HomeSwitch => {
+                "no edge of the home switch within the search distance: is the direction right, and the input?"
+            }
+            Cause::HomeIndex => "no index of the motor encoder where one should be",
+            Cause::HomeDrive => "the drive did not home in time",
             Cause::Stalled => "master stalled for longer than the watchdog, drives off",
         }
     }
@@ -393,8 +407,40 @@ pub struct AxisFeedback {
     pub unsynchronised_scans: u32,
     /// How often its two servos have commanded different things after they had commanded the same.
     pub differences: u32,
-    /// Kept zero.
-    pub reserved: u32,
+    /// [`Reference`]: whether its positions are those of the machine.
+    pub reference: u32,
+}
+
+/// Whether the positions of an axis are those of the machine.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[repr(u32)]
+pub enum Reference {
+    /// They are: its encoder is absolute, or it was homed.
+    #[default]
+    Known = 0,
+    /// They begin anywhere: it must be homed.
+    Missing = 1,
+    /// It is being homed.
+    Searching = 2,
+}
+
+impl Reference {
+    /// All of them.
+    pub const ALL: [Reference; 3] = [Reference::Known, Reference::Missing, Reference::Searching];
+
+    /// Decodes what came over the wire.
+    pub fn from_wire(value: u32) -> Option<Reference> {
+        Self::ALL.into_iter().find(|state| *state as u32 == value)
+    }
+
+    /// In a word or two.
+    pub fn words(self) -> &'static str {
+        match self {
+            Reference::Known => "homed",
+            Reference::Missing => "not homed",
+            Reference::Searching => "homing",
+        }
+    }
 }
 
 /// So long an axis may be without its standby before it is an alarm, in s: a replacement is there sooner.
@@ -450,6 +496,12 @@ pub enum Driver {
     Manual = 1,
     /// The manual one: it comes to rest where it can.
     ManualStop = 2,
+    /// The manual one, at the search speed of the axis's homing.
+    Search = 3,
+    /// The manual one, at the latch speed of the axis's homing.
+    Latch = 4,
+    /// None of them: the drive holds the axis or homes it, and the servo follows.
+    Drive = 5,
 }
 
 impl Driver {
@@ -459,6 +511,9 @@ impl Driver {
             0 => Driver::Program,
             1 => Driver::Manual,
             2 => Driver::ManualStop,
+            3 => Driver::Search,
+            4 => Driver::Latch,
+            5 => Driver::Drive,
             _ => return None,
         })
     }

@@ -108,7 +108,7 @@ structure!(
         redundancy,
         unsynchronised_scans,
         differences,
-        reserved,
+        reference,
     }
 );
 structure!(

@@ -66,7 +66,7 @@ class AxisFeedback(ctypes.Structure):
         ("redundancy", c_uint32),  # at 104
         ("unsynchronised_scans", c_uint32),  # at 108
         ("differences", c_uint32),  # at 112
-        ("reserved", c_uint32),  # at 116
+        ("reference", c_uint32),  # at 116
     ]
 
     @staticmethod

@@ -6,6 +6,7 @@
 mod axis;
 mod cia402_drives;
 mod field;
+mod homing;
 mod page_wire;
 mod state_walk;
 

@@ -3,11 +3,12 @@
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use machine::{DriveMode, Machine};
+use machine::{Axis, DriveMode, HomingMethod, Machine};
 
-use crate::cia402::OperatingMode;
-use crate::drive_file;
+use crate::cia402::{self, OperatingMode};
+use crate::drive_file::{self, DriveFile};
 use crate::drives::DriveSetup;
+use crate::process_data;
 
 /// Drive files of a machine with a fieldbus, and what to know of them.
 #[derive(Debug, Clone)]
@@ -66,6 +67,7 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
                 axis.name
             );
         }
+        judge_homing(axis, &drive).with_context(|| shown.to_string())?;
         let (of_drive, of_machine) = (drive.scaling.dead_time_scans, machine.scan.dead_time_scans);
         if of_drive != of_machine {
             bail!(
@@ -79,4 +81,27 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
         });
     }
     Ok(Some(setups))
+}
+
+/// What finds the axis's place is there: the drive itself, where it can be asked to in each cycle.
+fn judge_homing(axis: &Axis, drive: &DriveFile) -> anyhow::Result<()> {
+    let Some(homing) = &axis.homing else {
+        return Ok(());
+    };
+    if homing.method != HomingMethod::Drive {
+        bail!(
+            "axis {}: homing.method must be \"drive\" on a bus: switches and index pulses of drives are not read yet",
+            axis.name
+        );
+    }
+    let data = &drive.process_data;
+    let mapped = process_data::find(&data.receive, cia402::MODE, 0).is_some()
+        && process_data::find(&data.transmit, cia402::MODE_DISPLAY, 0).is_some();
+    if !mapped {
+        bail!(
+            "axis {}: homing.method = \"drive\" needs 6060 and 6061 in the process data of its drive file",
+            axis.name
+        );
+    }
+    Ok(())
 }

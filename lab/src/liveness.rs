@@ -245,6 +245,10 @@ impl<'a> Liveness<'a> {
             | Cause::Stalled
             | Cause::Spindle
             | Cause::ToolChange => false,
+            Cause::HomeSwitch | Cause::HomeIndex | Cause::HomeDrive => {
+                let settings = self.machine.axes.get(axis);
+                settings.is_some_and(|settings| settings.homing.is_some())
+            }
             Cause::ProbeMissed => feedback.answer.outcome == AnswerOutcome::Missed as u32,
             Cause::ProbeEarly => feedback.answer.outcome == AnswerOutcome::Early as u32,
             Cause::ProbeLost => feedback.answer.outcome == AnswerOutcome::Lost as u32,

@@ -21,7 +21,12 @@ impl Promises {
             Order::Stop | Order::Down => self.stopped = true,
             Order::Resume => (self.held, self.stopped) = (false, false),
             Order::Enable | Order::Start => self.stopped = false,
-            Order::Override | Order::Disable | Order::Jog | Order::Load | Order::OptionalStop => {}
+            Order::Override
+            | Order::Disable
+            | Order::Jog
+            | Order::Home
+            | Order::Load
+            | Order::OptionalStop => {}
         }
     }
 

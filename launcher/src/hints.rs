@@ -1,6 +1,6 @@
 //! What a machine waits for that does not go on by itself: the orders that bring it on, in the order they are to be given in.
 
-use bus::sample::{Cause, Feedback, Mode, Order, ProgramState};
+use bus::sample::{Cause, Feedback, Mode, Order, ProgramState, Reference};
 use machine::{AfterLoss, Restart};
 
 /// What to do.
@@ -43,6 +43,12 @@ fn lost_a_servo(feedback: &Feedback) -> bool {
     matches!(cause, Some(Cause::ServoLost | Cause::Watchdog))
 }
 
+/// Whether every axis knows its place.
+fn is_homed(feedback: &Feedback) -> bool {
+    let mut axes = feedback.axes().iter();
+    axes.all(|axis| axis.reference == Reference::Known as u32)
+}
+
 /// What a run waits for that does not go on by itself; none where it does, or ends.
 pub fn waits_for(feedback: &Feedback, restart: &Restart) -> Option<Hint> {
     let mode = Mode::from_wire(feedback.mode)?;
@@ -53,6 +59,11 @@ pub fn waits_for(feedback: &Feedback, restart: &Restart) -> Option<Hint> {
             (OFF, &[Order::Enable], None)
         }
         Mode::Disabled => (OFF, &[Order::Enable, Order::Resume], None),
+        Mode::Enabled if feedback.hold == 1 && !is_homed(feedback) => {
+            let homed_first = Some("the machine is not homed");
+            let orders = &[Order::Home, Order::Resume];
+            (homed_first, orders, Some("begins the program"))
+        }
         Mode::Enabled if feedback.hold == 1 => {
             let held = Some("the machine is in hold");
             (held, &[Order::Resume], Some("goes on"))
@@ -133,6 +144,15 @@ mod tests {
         assert_eq!(
             words(&held).as_deref(),
             Some("the machine is in hold: `quadrant resume --cell c` goes on; Ctrl-C ends the run")
+        );
+        let mut not_homed = held;
+        not_homed.axis_count = 2;
+        not_homed.axes[1].reference = Reference::Missing as u32;
+        assert_eq!(
+            words(&not_homed).as_deref(),
+            Some(
+                "the machine is not homed: `quadrant home --cell c`, then `quadrant resume --cell c` begins the program; Ctrl-C ends the run"
+            )
         );
         let after_master = feedback(Mode::Disabled, Cause::MasterLost);
         assert_eq!(

@@ -14,7 +14,9 @@ use client::{order_urgently, running};
 use eyes::Eyes;
 
 use crate::exit::{Failure, Outcome};
-use crate::options::{JogOptions, OperatorOptions, OptionalStopOptions, OverrideOptions};
+use crate::options::{
+    HomeOptions, JogOptions, OperatorOptions, OptionalStopOptions, OverrideOptions,
+};
 use crate::output::say;
 
 /// `hold`, `resume`, `stop`, `enable`, `disable`.
@@ -76,6 +78,36 @@ pub fn jog(options: &JogOptions) -> Outcome {
     ));
     if options.wait {
         return eyes.until_jogged(answer.scan);
+    }
+    Ok(())
+}
+
+/// `home`.
+pub fn home(options: &HomeOptions) -> Outcome {
+    let client = Client::find(options.to.cell.as_deref(), "operator")?;
+    let mut axes = 0u32;
+    for letter in &options.axes {
+        let axis = client.machine.axis_index(&letter.to_uppercase());
+        axes |= 1 << axis.map_err(|e| Failure::Input(anyhow!(e)))?;
+    }
+    let machine = client.machine.axes.iter().enumerate();
+    let homed = machine.filter(|(index, axis)| match axes {
+        0 => axis.homing.is_some(),
+        axes => axes >> index & 1 == 1,
+    });
+    let (indices, names): (Vec<usize>, Vec<&str>) = homed
+        .map(|(index, axis)| (index, axis.name.as_str()))
+        .unzip();
+    let request = OperatorRequest {
+        order: Order::Home as u32,
+        value: f64::from(axes),
+        ..OperatorRequest::default()
+    };
+    let mut eyes = Eyes::open(&client)?;
+    let answer = client.ask(Order::Home, request)?;
+    say(&format!("homing {}", names.join(" ")));
+    if options.wait {
+        return eyes.until_homed(answer.scan, &indices);
     }
     Ok(())
 }

@@ -201,6 +201,22 @@ pub struct JogOptions {
     pub to: OperatorOptions,
 }
 
+/// What `quadrant home` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Prints what happened, or why it was refused, and exits with 0 or 1; also with 1 if\nno cell runs or it does not answer within 5 s, with --wait if an axis is not homed then;\nwith 2 on bad usage.\n\nA machine that has just been switched on:\n  quadrant enable\n  quadrant home --wait\n  quadrant start"
+)]
+pub struct HomeOptions {
+    /// Axis letters [default: all axes that have to be homed]
+    pub axes: Vec<String>,
+    /// Wait until they are homed
+    #[arg(long)]
+    pub wait: bool,
+    /// Which cell.
+    #[command(flatten)]
+    pub to: OperatorOptions,
+}
+
 /// What `quadrant check` takes.
 #[derive(Debug, Clone, Args)]
 pub struct CheckOptions {

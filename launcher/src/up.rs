@@ -62,9 +62,15 @@ pub fn up(options: &UpOptions) -> Outcome {
     group.begin();
     service_manager::ready();
     service_manager::status(&format!("cell {cell_name} is up"));
+    let homes = checked
+        .machine
+        .axes
+        .iter()
+        .any(|axis| axis.homing.is_some());
+    let home = if homes { " | home" } else { "" };
     say(&format!(
         "Cell {cell_name} is up, its drives are off. From any other terminal:\n  \
-         quadrant enable | load PROGRAM | start | hold | resume | stop | jog AXIS DISTANCE | status | monitor | down\n\
+         quadrant enable{home} | load PROGRAM | start | hold | resume | stop | jog AXIS DISTANCE | status | monitor | down\n\
          Every program that is started leaves a run directory in {}",
         folder.display()
     ));

@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::fieldbus::AxisDrive;
+use crate::homing::Homing;
 use crate::loops::{FeedForward, PositionLoop, Prediction, VelocityLoop};
 use crate::model::{Adaptation, AxisModel, DisturbanceObserver, TorqueFeedForward};
 use crate::reversal::Reversal;
@@ -66,6 +67,8 @@ pub struct Axis {
     pub standby: bool,
     /// Its drive on the fieldbus; only with `[bus]`.
     pub drive: Option<AxisDrive>,
+    /// How the axis finds its place after it was switched on ([how](../howto/home.md)). Without this table its encoder is absolute.
+    pub homing: Option<Homing>,
     /// The motor's rating plate.
     pub motor: Motor,
     /// Position loop.

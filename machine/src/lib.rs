@@ -12,6 +12,7 @@
 mod auxiliary;
 mod axis;
 mod fieldbus;
+mod homing;
 mod interpolation;
 mod kinematics;
 pub mod learned;
@@ -35,6 +36,7 @@ mod whole_file;
 pub use auxiliary::{SPINDLE_RAMP_SHARE, Spindle, ToolChange, ToolChanger};
 pub use axis::{Axis, AxisKind, Changeover, DriveMode, Motor, PositionFeedback};
 pub use fieldbus::{AxisDrive, Fieldbus, Sync};
+pub use homing::{Homing, HomingDirection, HomingMethod};
 pub use interpolation::{Interpolation, StraightLines, WithinPeriod};
 pub use kinematics::{Carries, Kinematics, KinematicsKind};
 pub use load::{copy_named_files, machine_file, reference, schema, snapshot, with_parameters};

@@ -288,3 +288,47 @@ fn every_key_has_a_meaning_and_every_number_a_range() {
         judge(of_key, key);
     }
 }
+
+#[test]
+fn an_axis_is_homed_by_what_it_has() {
+    let with = |homing: &str| {
+        let table = format!("homing = {{ {homing} }}\nreversal.method");
+        refused(&[("reversal.method", &table)]).join("\n")
+    };
+    for (homing, says) in [
+        (
+            "method = \"switch\"",
+            "homing.switch_input is missing: this method needs",
+        ),
+        (
+            "method = \"drive\", switch_input = 3",
+            "homing.switch_input = 3: this method looks at no switch",
+        ),
+        (
+            "method = \"index\", search_mm_s = 0.5",
+            "homing.search_mm_s = 0.5 mm/s: must be at least 1 and at most 250 mm/s",
+        ),
+        (
+            "method = \"switch\", switch_input = 64",
+            "homing.switch_input = 64: must be at least 0 and at most 63",
+        ),
+        (
+            "method = \"drive\", order = 0",
+            "homing.order = 0: must be at least 1 and at most 8",
+        ),
+    ] {
+        let said = with(homing);
+        assert!(said.contains(says), "{homing}: {said}");
+    }
+    let by_scale = refused(&[(
+        "reversal.method",
+        "feedback = \"scale\"\nhoming = { method = \"index\" }\nreversal.method",
+    )]);
+    assert!(
+        by_scale[0].contains("needs feedback = \"motor\""),
+        "{by_scale:?}"
+    );
+    let text = SHORTEST.replace("reversal.", "homing.method = \"index\"\nreversal.");
+    let machine = Machine::parse("m.toml", &text).unwrap();
+    assert_eq!(machine.axes[0].search_distance_mm(), 22.0);
+}

@@ -28,6 +28,9 @@ pub enum DriveCommand {
     },
     /// Power on and hold the axis where it is, until the drive shows [`DriveState::Ready`].
     SwitchOn,
+    /// Home by itself (CiA 402 mode 6), then hold the axis. [`DriveFeedback::referenced`] is false from the exchange that takes the
+    /// first of them until the drive has its reference; its position is the machine's then.
+    Home,
 }
 
 impl DriveCommand {
@@ -42,6 +45,7 @@ impl DriveCommand {
             DriveCommand::Torque { torque_nm } => (2, [torque_nm, 0.0]),
             DriveCommand::Brake { deceleration_mm_s2 } => (3, [deceleration_mm_s2, 0.0]),
             DriveCommand::SwitchOn => (4, [0.0; 2]),
+            DriveCommand::Home => (5, [0.0; 2]),
         }
     }
 
@@ -58,6 +62,7 @@ impl DriveCommand {
                 deceleration_mm_s2: first,
             },
             4 => DriveCommand::SwitchOn,
+            5 => DriveCommand::Home,
             _ => return None,
         })
     }
@@ -106,8 +111,12 @@ pub struct DriveFeedback {
     pub winding_rise_k: f64,
     /// The torque limit cut the demand in the last scan.
     pub torque_limited: bool,
-    /// The position is that of the machine: from an absolute encoder, or homed.
+    /// The position is that of the machine: from an absolute encoder, or homed by the drive itself. Of axes that the controller homes
+    /// by a switch or index nobody asks it: their positions begin anywhere, and stay true until the drive is [`Lost`](DriveState::Lost).
     pub referenced: bool,
+    /// Position of the motor encoder, in mm of travel, that was latched at its index, if the index passed in the scan that ended: what
+    /// the touch-probe unit of a drive latches at the zero impulse (CiA 402 objects 60B8h and 60BAh).
+    pub index_mm: Option<f64>,
     /// Whether it follows commands.
     pub state: DriveState,
 }

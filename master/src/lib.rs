@@ -20,6 +20,6 @@ pub use drives::{
     InstrumentSample, StateRefused,
 };
 pub use error::MasterError;
-pub use master::{AuxiliaryLatches, Inner, InnerAxis, Master, RunEnd};
+pub use master::{AuxiliaryLatches, HomingLatches, Inner, InnerAxis, Master, RunEnd};
 pub use ports::{Answered, Flow, MasterPorts};
 pub use run::{Options, run};

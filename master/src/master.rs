@@ -24,6 +24,7 @@ mod auxiliary;
 mod axis_unit;
 mod coupling;
 mod decide;
+mod homing;
 mod inner;
 mod loaded;
 mod orders;
@@ -40,6 +41,8 @@ use auxiliary::Auxiliary;
 pub use auxiliary::AuxiliaryLatches;
 use axis_unit::AxisUnit;
 use decide::Plan;
+use homing::Homing;
+pub use homing::HomingLatches;
 pub use inner::{Inner, InnerAxis};
 use program::Loaded;
 pub use program::RunEnd;
@@ -90,6 +93,8 @@ pub struct Master<D> {
     jog_from: Mode,
     jog_patience_scans: u64,
     jog_mm_s: f64,
+    /// Axes that are being homed.
+    homing: Option<Homing>,
     scan_period_s: f64,
     /// Somebody has asked a machine without drives, or one that has tripped, to stop: the run may end.
     may_end: bool,
@@ -155,6 +160,7 @@ impl<D: Drives> Master<D> {
             jog_from: Mode::Enabled,
             jog_patience_scans: 0,
             jog_mm_s: machine.manual.jog_mm_s,
+            homing: None,
             scan_period_s: machine.scan_period_s(),
             may_end: false,
             ordered_to_end: false,
@@ -237,7 +243,7 @@ impl<D: Drives> Master<D> {
                 redundancy: axis.standby.state as u32,
                 unsynchronised_scans: axis.standby.unsynchronised_scans,
                 differences: axis.standby.differences,
-                reserved: 0,
+                reference: axis.reference as u32,
             };
         }
         feedback
@@ -256,6 +262,13 @@ impl<D: Drives> Master<D> {
         let switching_on = self.switching_on.is_some();
         for (command, axis) in self.drive_commands.iter_mut().zip(&self.axes) {
             *command = axis.drive_command(self.mode, switching_on);
+        }
+        for (index, command) in self.drive_commands.iter_mut().enumerate() {
+            let homes = self.homing.is_some_and(|homing| homing.by_drive(index));
+            if homes && matches!(command, DriveCommand::Brake { .. }) && self.mode == Mode::Jogging
+            {
+                *command = DriveCommand::Home;
+            }
         }
         let together = self.auxiliary.brakes_together();
         if let Some((axis, most_mm_s2)) = together
@@ -311,7 +324,9 @@ impl<D: Drives> Master<D> {
         self.decide_window();
         self.follow_up();
         self.follow_with_spindle();
-        if jog_done {
+        if self.homing.is_some() {
+            self.step_homing(jog_done);
+        } else if jog_done {
             self.end_jog();
         }
         self.advance_mode();
@@ -405,6 +420,7 @@ impl<D: Drives> Master<D> {
         for axis in &mut self.axes {
             axis.driver = Driver::Program;
         }
+        self.give_up_homing();
     }
 
     fn decide_window(&mut self) {
@@ -417,6 +433,7 @@ impl<D: Drives> Master<D> {
         let brakes = self.auxiliary.questions.brakes();
         let commanded = self.axes.iter().map(|axis| axis.command_position);
         let allowed = self.mode == Mode::Enabled
+            && self.is_homed()
             && self.windows.pending_begins_at(commanded)
             && (!brakes || self.windows.pending_rests_no_later());
         self.windows.decide(self.scan + 1, allowed, held_by_all);
@@ -434,6 +451,7 @@ impl<D: Drives> Master<D> {
             let deviation = match self.mode {
                 Mode::Disabled => axis.deviation,
                 Mode::Tripped => 0,
+                _ if axis.driver == Driver::Drive => 0,
                 _ => continue,
             };
             axis.command_position = axis.feedback_position().saturating_add(deviation);

@@ -12,7 +12,7 @@ use bus::sample::MAX_AXES;
 use bytemuck::{Pod, Zeroable};
 
 use crate::drives::{Drives, StateRefused};
-use crate::master::{AuxiliaryLatches, QuestionLatches};
+use crate::master::{AuxiliaryLatches, HomingLatches, QuestionLatches};
 use crate::window_arbiter::Left;
 
 /// What the master had latched.
@@ -47,6 +47,8 @@ pub struct Latches {
     pub auxiliary: AuxiliaryLatches,
     /// What the program asked last, and the answer.
     pub questions: QuestionLatches,
+    /// Where the axes are that have been homed.
+    pub homing: HomingLatches,
 }
 
 /// One saved state: the latches, then the drives.

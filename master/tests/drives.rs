@@ -105,6 +105,11 @@ impl Drives for TestDrives {
     }
 }
 
+fn machine() -> Machine {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
+    Machine::load(&folder).expect("the machine")
+}
+
 struct Bench {
     master: Master<TestDrives>,
     drives: TestDrives,
@@ -114,8 +119,11 @@ struct Bench {
 impl Bench {
     /// A run of one program over these drives; drives on from the first scan if `enabled`.
     fn new(drives: [Drive; AXES], enabled: bool) -> Bench {
-        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
-        let mut machine = Machine::load(&folder).expect("the machine");
+        Bench::of(machine(), drives, enabled)
+    }
+
+    /// The same of this machine.
+    fn of(mut machine: Machine, drives: [Drive; AXES], enabled: bool) -> Bench {
         assert_eq!(machine.scan_period_s(), SCAN_S);
         // It moves its drives without a window: its servos are the kind whose positions nobody can hold against one.
         machine.interpolation.within_period = WithinPeriod::Linear;
@@ -453,4 +461,68 @@ fn an_axis_without_reference_is_not_moved() {
     bench.set(0, |drive| drive.shown.referenced = false);
     let feedback = bench.scan_at(SPEED_MM_S);
     assert_eq!(state(&feedback), (Mode::Tripped, Cause::NotReferenced, 0));
+}
+
+/// The machine of two slides, whose X has to be homed by a method.
+fn homed_by(method: &str) -> Machine {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy/machine.toml");
+    let text = std::fs::read_to_string(path).expect("machine.toml");
+    let table = format!("[axis.homing]\nmethod = {method}\n\n[axis.motor]");
+    let text = text.replacen("[axis.motor]", &table, 1);
+    Machine::parse("machine.toml", &text).expect("a machine")
+}
+
+#[test]
+fn a_homed_axis_is_homed_no_more_once_its_drive_has_been_away() {
+    let drives = [Drive::ready(); AXES];
+    let mut bench = Bench::of(homed_by("\"switch\"\nswitch_input = 0"), drives, true);
+    assert_eq!(bench.master.feedback().axes[0].reference, 1);
+    let mut latches = bench.master.latches();
+    latches.homing.offset[0] = 7_000_000;
+    latches.homing.homed = 1;
+    bench.master.resume(&latches);
+    let feedback = bench.master.feedback();
+    assert_eq!(feedback.axes[0].reference, 0);
+    assert_eq!(feedback.axes[0].motor_position, 7_000_000);
+    assert_eq!(bench.order(Order::Enable), Refused::Not);
+    bench.scans(1);
+    assert_eq!(bench.order(Order::Resume), Refused::Not);
+
+    bench.show(0, DriveState::Lost { code: 0 });
+    let feedback = bench.scans(1);
+    assert_eq!(state(&feedback), (Mode::Tripped, Cause::DriveLost, 0));
+    assert_eq!(feedback.axes[0].reference, 1);
+    bench.show(0, DriveState::Ready);
+    let feedback = bench.scans(20);
+    let references = [0, 1].map(|axis| feedback.axes[axis].reference);
+    assert_eq!(references, [1, 0], "it may be anywhere");
+    assert_eq!(bench.master.latches().homing.homed, 0b10);
+    // Its drive is driven, to home it; no program is.
+    assert_eq!(bench.order(Order::Enable), Refused::Not);
+    bench.scans(1);
+    assert_eq!(bench.order(Order::Resume), Refused::NotReferenced);
+}
+
+#[test]
+fn an_axis_that_its_drive_homes_is_homed_as_long_as_the_drive_says_so() {
+    let mut bench = Bench::of(homed_by("\"drive\""), [Drive::ready(); AXES], true);
+    let feedback = bench.scans(1);
+    assert_eq!((feedback.axes[0].reference, feedback.hold), (0, 0));
+    bench.set(0, |drive| drive.shown.referenced = false);
+    let feedback = bench.scans(1);
+    assert_eq!(feedback.axes[0].reference, 1);
+    assert_eq!(bench.order(Order::Hold), Refused::Not);
+    bench.scans(100);
+    assert_eq!(bench.order(Order::Home), Refused::Not);
+    let feedback = bench.scans(3);
+    assert_eq!(bench.drive(0).command, DriveCommand::Home);
+    assert_eq!(feedback.axes[0].reference, 2);
+    bench.set(0, |drive| {
+        drive.shown.motor_position_mm = 250.0;
+        drive.shown.referenced = true;
+    });
+    let feedback = bench.scans(20);
+    assert_eq!(state(&feedback), (Mode::Enabled, Cause::None, NO_AXIS));
+    assert_eq!(feedback.axes[0].reference, 0);
+    assert_eq!(feedback.axes[0].command_position, 250_000_000);
 }

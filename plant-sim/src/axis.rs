@@ -374,9 +374,18 @@ impl AxisSimulation {
 
     /// Motor encoder now, in whole counts (rounded down), as mm of travel. Absolute: a restart does not lose it.
     pub fn motor_position_mm(&self) -> f64 {
-        let count_m = self.settings.count_m;
+        self.motor_counts() as f64 * self.count_mm()
+    }
+
+    /// Motor encoder now, in whole counts (rounded down), as an absolute one has them.
+    pub fn motor_counts(&self) -> i64 {
         let motor_m = self.state.mechanics.motor_m + self.state.measurement.encoder_error_m;
-        counts(motor_m, count_m) as f64 * (count_m * 1e3)
+        counts(motor_m, self.settings.count_m)
+    }
+
+    /// One count of the motor encoder, in mm of travel.
+    pub fn count_mm(&self) -> f64 {
+        self.settings.count_m * 1e3
     }
 
     /// Linear scale at the table now, in whole steps (rounded down), in mm; none where the axis has no scale.

@@ -17,6 +17,7 @@ use master::{
 use crate::auxiliary::{AuxiliaryState, SimulatedAuxiliaries};
 use crate::axis::{AxisSimulation, AxisState};
 use crate::cross_talk::{CrossTalk, FRICTION_SHARE_MIN};
+use crate::homing::{HomingState, SimulatedHoming};
 use crate::inputs::{InputsState, SimulatedInputs};
 use crate::probe::{ProbeState, SimulatedProbe};
 
@@ -39,6 +40,7 @@ struct SimulatedAxis {
     off: bool,
     /// Commands on their way to the drive, the next one first: as many as the dead time is longer than one scan.
     on_the_way: Vec<DriveCommand>,
+    homing: SimulatedHoming,
 }
 
 /// A command on its way, as it is saved.
@@ -63,14 +65,20 @@ impl SimulatedAxis {
     }
 
     fn state_bytes(&self) -> usize {
-        size_of::<AxisState>() + self.on_the_way.len() * size_of::<SavedCommand>()
+        size_of::<AxisState>()
+            + size_of::<HomingState>()
+            + self.on_the_way.len() * size_of::<SavedCommand>()
     }
 
     fn save(&self, bytes: &mut [u8]) {
-        let Some((state, commands)) = bytes.split_at_mut_checked(size_of::<AxisState>()) else {
+        let Some((state, rest)) = bytes.split_at_mut_checked(size_of::<AxisState>()) else {
             return;
         };
         state.copy_from_slice(bytemuck::bytes_of(self.simulation.state()));
+        let Some((state, commands)) = rest.split_at_mut_checked(size_of::<HomingState>()) else {
+            return;
+        };
+        state.copy_from_slice(bytemuck::bytes_of(self.homing.state()));
         let slots = commands.chunks_exact_mut(size_of::<SavedCommand>());
         for (slot, command) in slots.zip(&self.on_the_way) {
             let (kind, values) = command.parts();
@@ -79,11 +87,15 @@ impl SimulatedAxis {
     }
 
     fn restore(&mut self, bytes: &[u8], braking_s: Option<f64>) -> Result<(), StateRefused> {
-        let (state, commands) = bytes
+        let (state, rest) = bytes
             .split_at_checked(size_of::<AxisState>())
             .ok_or(StateRefused)?;
         self.simulation
             .restore(&bytemuck::pod_read_unaligned(state))?;
+        let (state, commands) = rest
+            .split_at_checked(size_of::<HomingState>())
+            .ok_or(StateRefused)?;
+        self.homing.restore(&bytemuck::pod_read_unaligned(state));
         // What was on its way arrives; after it comes nothing more, and the drive brakes by itself.
         for slot in commands.chunks_exact(size_of::<SavedCommand>()) {
             let saved: SavedCommand = bytemuck::pod_read_unaligned(slot);
@@ -103,6 +115,8 @@ impl SimulatedAxis {
         self.simulation
             .run_down(if finite { together_mm_s2 } else { 0.0 });
         self.on_the_way.fill(DriveCommand::Disabled);
+        let table_mm = self.simulation.instruments().table_mm;
+        self.homing.moved(&self.simulation, table_mm);
     }
 }
 
@@ -119,6 +133,7 @@ impl SimulatedDrives {
             samples: [InstrumentSample::default(); MAX_SUBSAMPLES],
             off: false,
             on_the_way: vec![DriveCommand::Disabled; scans.saturating_sub(1) as usize],
+            homing: SimulatedHoming::default(),
         };
         SimulatedDrives {
             axes: simulations.into_iter().map(axis).collect(),
@@ -142,6 +157,17 @@ impl SimulatedDrives {
             probe.stand(|axis| table_mm(axes, talks, axis));
         }
         drives
+    }
+
+    /// The same with what its axes have to find their places; absolute encoders where it says nothing.
+    pub fn with_homing(
+        mut self,
+        of_axis: impl Fn(usize, &AxisSimulation) -> Option<SimulatedHoming>,
+    ) -> SimulatedDrives {
+        for (index, axis) in self.axes.iter_mut().enumerate() {
+            axis.homing = of_axis(index, &axis.simulation).unwrap_or_default();
+        }
+        self
     }
 
     /// The same with axes that disturb each other.
@@ -234,13 +260,14 @@ impl Drives for SimulatedDrives {
         };
         let simulation = &axis.simulation;
         DriveFeedback {
-            motor_position_mm: simulation.motor_position_mm(),
+            motor_position_mm: axis.homing.shown_mm(simulation),
             scale_position_mm: simulation.scale_position_mm(),
             velocity_mm_s: simulation.velocity_mm_s(),
             torque_nm: simulation.torque_nm(),
             winding_rise_k: simulation.winding_rise_k(),
             torque_limited: simulation.torque_limited(),
-            referenced: true,
+            referenced: axis.homing.referenced(),
+            index_mm: axis.homing.index_mm(),
             state: if axis.off {
                 DriveState::Off
             } else {
@@ -254,7 +281,11 @@ impl Drives for SimulatedDrives {
         for (axis, command) in self.axes.iter_mut().zip(commands) {
             let acting = axis.acting(*command);
             axis.off &= *command != DriveCommand::SwitchOn;
+            axis.homing.hand_over(command, &axis.simulation);
+            let acting = axis.homing.act(acting, &axis.simulation);
             axis.simulation.scan(&acting, &mut axis.samples);
+            let table_mm = axis.simulation.instruments().table_mm;
+            axis.homing.scan(&axis.simulation, table_mm);
         }
         show(&mut self.axes, &self.cross_talk);
         let axes = &self.axes;
@@ -277,6 +308,9 @@ impl Drives for SimulatedDrives {
 
     fn inputs(&self) -> InputFeedback {
         let mut shown = self.inputs.feedback();
+        for axis in &self.axes {
+            shown.digital |= axis.homing.inputs();
+        }
         if let Some(probe) = &self.probe {
             probe.show(&mut shown);
         }

@@ -9,6 +9,7 @@ pub mod drive;
 pub mod drives;
 pub mod frame;
 pub mod friction;
+pub mod homing;
 pub mod inputs;
 pub mod lost_motion;
 pub mod measurement;

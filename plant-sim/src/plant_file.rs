@@ -10,10 +10,10 @@ mod rules;
 mod tests;
 
 pub use keys::{
-    BODIES_MAX, INPUT_LINES_MAX, MotorFriction, PlantAttachedMass, PlantAxis, PlantBox,
-    PlantCrossTalk, PlantCutting, PlantCylinder, PlantDrive, PlantFile, PlantFrame, PlantInput,
-    PlantLaw, PlantMeasuredFriction, PlantMeasurement, PlantMotor, PlantPlane, PlantProbe,
-    PlantScale, PlantScrew, PlantSphere, PlantSpindle, PlantTable, PlantToolChanger,
-    PlantVariation, TableFriction,
+    Actuated, BODIES_MAX, INPUT_LINES_MAX, MotorFriction, PlantAttachedMass, PlantAxis, PlantBox,
+    PlantCrossTalk, PlantCutting, PlantCylinder, PlantDrive, PlantDriveHoming, PlantEncoder,
+    PlantFile, PlantFrame, PlantHomeSwitch, PlantInput, PlantLaw, PlantMeasuredFriction,
+    PlantMeasurement, PlantMotor, PlantPlane, PlantProbe, PlantScale, PlantScrew, PlantSphere,
+    PlantSpindle, PlantTable, PlantToolChanger, PlantVariation, TableFriction,
 };
 pub use load::{reference, schema};

@@ -1,13 +1,14 @@
 //! The simulated axes of a machine: machine file and plant file put together, and checked against each other.
 
 use bus::sample::MAX_AXES;
-use machine::{Axis, Machine, PositionFeedback, ToolChanger};
+use machine::{Axis, HomingMethod, Machine, PositionFeedback, ToolChanger};
 
 use crate::auxiliary::SimulatedAuxiliaries;
 use crate::axis::{AxisSettings, AxisSettingsError, AxisSimulation};
 use crate::cross_talk::CrossTalk;
 use crate::drive::DriveParameters;
 use crate::drives::SimulatedDrives;
+use crate::homing::SimulatedHoming;
 use crate::inputs::SimulatedInputs;
 use crate::plant_file::{PlantAxis, PlantFile};
 use crate::probe::SimulatedProbe;
@@ -29,6 +30,25 @@ pub enum SetupError {
     /// The machine has a spindle, a tool changer or a probe, and the plant has none.
     #[error("the machine file has {0}, but the plant file has no [{1}]")]
     Missing(&'static str, &'static str),
+    /// The machine homes an axis by what the plant does not have.
+    #[error(
+        "axis {axis}: homing.method = {method:?} in the machine file, but the plant file has no [axis.{table}] for it{why}"
+    )]
+    NoHoming {
+        /// Axis.
+        axis: String,
+        /// How it is homed.
+        method: HomingMethod,
+        /// What is missing.
+        table: &'static str,
+        /// What else is wrong with it.
+        why: String,
+    },
+    /// The encoder of an axis is incremental, and the machine file does not know it.
+    #[error(
+        "axis {0}: [axis.encoder] makes the encoder incremental, but the machine file has no [axis.homing] for the axis"
+    )]
+    NeverHomed(String),
     /// The machine counts on an encoder of the spindle that the plant does not have.
     #[error(
         "[spindle] encoder_counts_per_turn is {of_machine} in the machine file, but {of_plant} in the plant file"
@@ -86,8 +106,45 @@ impl PlantFile {
         let probe = probe.map(|probe| SimulatedProbe::new(probe.clone(), slides));
         let inputs = SimulatedInputs::new(self.inputs.clone(), scan_s);
         let drives = SimulatedDrives::with_dead_time(simulations, dead_time_scans);
+        self.judge_homing(machine)?;
         let drives = drives.with_cross_talk(self.cross_talk(machine));
+        let drives = drives.with_homing(|index, simulation| {
+            let axis = self.axis(&machine.axes.get(index)?.name)?;
+            Some(SimulatedHoming::new(axis, simulation, scan_s))
+        });
         Ok(drives.with(auxiliary).with_inputs(probe, inputs))
+    }
+
+    /// Each axis has what it is homed by, and is homed if it has to be.
+    fn judge_homing(&self, machine: &Machine) -> Result<(), SetupError> {
+        for axis in &machine.axes {
+            let Some(plant) = self.axis(&axis.name) else {
+                continue;
+            };
+            let Some(homing) = &axis.homing else {
+                if plant.encoder.is_some() {
+                    return Err(SetupError::NeverHomed(axis.name.clone()));
+                }
+                continue;
+            };
+            let missing = |table, why: &str| SetupError::NoHoming {
+                axis: axis.name.clone(),
+                method: homing.method,
+                table,
+                why: why.into(),
+            };
+            if plant.encoder.is_none() {
+                return Err(missing("encoder", ""));
+            }
+            if homing.method == HomingMethod::Drive && plant.drive_homing.is_none() {
+                return Err(missing("drive_homing", ""));
+            }
+            let wired = plant.home_switch.map(|switch| switch.digital);
+            if homing.method.has_switch() && wired != homing.switch_input {
+                return Err(missing("home_switch", " at the same digital input"));
+            }
+        }
+        Ok(())
     }
 
     /// What axes get of each other, by their indices in the machine file.

@@ -11,7 +11,7 @@ mod auxiliary;
 pub use auxiliary::{ANALOG_OUTPUTS, AuxiliaryState};
 
 /// Number of this format; every message carries it. Any change of what follows is another format.
-pub const FORMAT: u32 = 2;
+pub const FORMAT: u32 = 3;
 /// The largest message, in bytes: a machine file with room to spare.
 pub const MESSAGE_BYTES_MAX: usize = 256 << 10;
 /// The longest text but a machine file, in bytes.
@@ -218,6 +218,8 @@ pub struct AxisState {
     pub differences: u32,
     /// Role that drives.
     pub role: u32,
+    /// Whether it is homed, as in the samples.
+    pub reference: u32,
     /// The newest command of the servo that drives.
     pub command: Option<CommandState>,
     /// Following error now, in µm.

@@ -9,7 +9,7 @@
 use std::sync::Arc;
 
 use bus::sample::{
-    AxisCommand, AxisFeedback, Cause, Driver, Feedback, Mode, Setpoint, WindowHeader,
+    AxisCommand, AxisFeedback, Cause, Driver, Feedback, Mode, Reference, Setpoint, WindowHeader,
 };
 use bytemuck::Zeroable;
 use control::feed_forward::PeriodState;
@@ -21,7 +21,7 @@ use machine::{DriveMode, Machine, PositionFeedback};
 
 use crate::closed_loop::{ClosedLoop, Wanted};
 use crate::held::Refusal;
-use crate::manual::{self, ManualState};
+use crate::manual::{self, ManualState, Pace};
 use crate::manual_loop::ManualLoop;
 use crate::setpoints::Setpoints;
 use crate::settings::{ServoSettings, ServoSettingsError};
@@ -55,6 +55,27 @@ struct Judged<'a> {
 }
 
 impl<'a> Judged<'a> {
+    /// Whether its positions are those of the machine: otherwise nobody knows where its travel is.
+    fn is_homed(&self) -> bool {
+        self.axis.reference == Reference::Known as u32
+    }
+
+    fn pace_of_jog(&self) -> Pace {
+        if self.is_homed() {
+            Pace::Jog
+        } else {
+            Pace::SlowJog
+        }
+    }
+
+    fn pace_of_stop(&self) -> Pace {
+        if self.is_homed() {
+            Pace::Jog
+        } else {
+            Pace::AsItIs
+        }
+    }
+
     /// The position commands around this scan.
     fn setpoints(&self, settings: &'a ServoSettings, windows: &'a Windows) -> Setpoints<'a> {
         let command_position = self.axis.command_position;
@@ -195,8 +216,14 @@ impl Servo {
         let before = self.state.program.command_position;
         let wanted = match driver {
             Driver::Program => self.closed_loop(&scan, scans_passed),
-            Driver::Manual => self.manual(&scan, false),
-            Driver::ManualStop => self.manual(&scan, true),
+            Driver::ManualStop => self.manual(&scan, scan.pace_of_stop(), true),
+            Driver::Manual => self.manual(&scan, scan.pace_of_jog(), false),
+            Driver::Search => self.manual(&scan, Pace::Search, false),
+            Driver::Latch => self.manual(&scan, Pace::Latch, false),
+            Driver::Drive => {
+                self.open_loop(&scan);
+                return self.finish(command);
+            }
         };
         self.drive(&scan, before, &wanted, command)
     }
@@ -331,13 +358,14 @@ impl Servo {
     }
 
     /// The second controller drives the axis (docs/methods/two-controllers.md).
-    fn manual(&mut self, scan: &Judged, stop: bool) -> Wanted {
+    fn manual(&mut self, scan: &Judged, pace: Pace, stop: bool) -> Wanted {
         ManualLoop {
             settings: &self.settings,
             state: &mut self.state,
             learned: self.learned.as_deref(),
             axis: scan.axis,
             position: scan.position,
+            pace,
             stop,
         }
         .scan()
@@ -356,9 +384,11 @@ impl Servo {
         command.feed_forward_mm_s = wanted.feed_forward_mm_s;
         command.jog_done = u32::from(wanted.jog_done);
         let guards = &self.settings.guards;
+        let position = self.state.program.command_position;
+        let travel = guards.positions(before, position, scan.position);
         let broken = guards
             .following_error(wanted.following_error_mm)
-            .or(guards.positions(before, self.state.program.command_position, scan.position))
+            .or(travel.filter(|_| scan.is_homed()))
             .or(guards.speed(wanted.velocity_mm_s));
         if let Some(broken) = broken {
             return self.stop(command, cause(broken));

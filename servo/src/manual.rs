@@ -46,9 +46,27 @@ const MANUAL: u32 = 2;
 pub struct ManualController {
     changeover: Changeover,
     profile: JogProfile,
+    /// Of homing: the search, which is also the fastest that an axis goes that is not homed, and the way to the edge.
+    search: JogProfile,
+    latch: JogProfile,
     speed_per_increment_per_s: f64,
     /// Scans that what is fed forward looks ahead.
     ahead_scans: u32,
+}
+
+/// How fast it may be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Pace {
+    /// A jog.
+    Jog,
+    /// A jog of an axis that is not homed.
+    SlowJog,
+    /// Homing looks for the switch.
+    Search,
+    /// Homing latches.
+    Latch,
+    /// It stops, and is not homed.
+    AsItIs,
 }
 
 /// What [`ManualController`] remembers (docs/methods/two-controllers.md).
@@ -114,8 +132,20 @@ impl ManualController {
         let gain_per_s = axis.position_loop.gain_per_s;
         let scans = |seconds: f64| libm::ceil(seconds / scan_s) as u32;
         let speed_mm_s = machine.manual.jog_mm_s.min(axis.rapid_mm_s);
+        let homing_mm_s = axis
+            .homing
+            .map(|homing| [homing.search_mm_s, homing.latch_mm_s]);
+        let [search_mm_s, latch_mm_s] = homing_mm_s.unwrap_or([speed_mm_s; 2]);
         let acceleration_mm_s2 = ACCELERATION_SHARE * axis.acceleration_mm_s2;
         let increments = |mm: f64| libm::floor(mm / increment_mm) as i64;
+        let profile = |speed_mm_s: f64| {
+            JogProfile::new(
+                increments(speed_mm_s * scan_s),
+                increments(acceleration_mm_s2 * scan_s * scan_s),
+                axis.jerk_mm_s3
+                    .map(|jerk_mm_s3| jerk_mm_s3 * scan_s.powi(3) / increment_mm),
+            )
+        };
         ManualController {
             changeover: Changeover {
                 variant: match axis.changeover {
@@ -129,12 +159,9 @@ impl ManualController {
                 return_tolerance: increments(RETURN_TOLERANCE_MM).max(1),
                 fade_factor: libm::exp(-scan_s / FADE_S),
             },
-            profile: JogProfile::new(
-                increments(speed_mm_s * scan_s),
-                increments(acceleration_mm_s2 * scan_s * scan_s),
-                axis.jerk_mm_s3
-                    .map(|jerk_mm_s3| jerk_mm_s3 * scan_s.powi(3) / increment_mm),
-            ),
+            profile: profile(speed_mm_s),
+            search: profile(search_mm_s.min(axis.rapid_mm_s)),
+            latch: profile(latch_mm_s.min(axis.rapid_mm_s)),
             ahead_scans: ahead_scans.min(AHEAD_SCANS_MAX),
             speed_per_increment_per_s: gain_per_s * increment_mm,
         }
@@ -144,7 +171,7 @@ impl ManualController {
     ///
     /// The command begins to move, and to brake when it is ordered to, only after as many scans as are looked ahead: so nothing
     /// that is fed forward comes late.
-    pub(crate) fn advance(&self, state: &mut ManualState, stop: bool) -> JogCourse {
+    pub(crate) fn advance(&self, state: &mut ManualState, pace: Pace, stop: bool) -> JogCourse {
         if state.may_move() {
             state.moved_scans = state.moved_scans.saturating_add(1);
             state.stopped_scans = if stop {
@@ -162,12 +189,27 @@ impl ManualController {
             },
         };
         let before = (&state.motion, i64::from(state.step));
-        let course = JogCourse::new(&self.profile, before, state.goal, when, self.ahead_scans);
+        let profile = self.profile(pace, state);
+        let course = JogCourse::new(&profile, before, state.goal, when, self.ahead_scans);
         let step = course.at(0).saturating_sub(course.at(-1));
         let largest = i64::from(i32::MAX);
         state.step = step.clamp(-largest, largest) as i32;
         state.motion = course.now();
         course
+    }
+
+    /// What limits it now. An axis that is not homed, and is ordered to stop, gets no faster than it is meanwhile.
+    fn profile(&self, pace: Pace, state: &ManualState) -> JogProfile {
+        match pace {
+            Pace::Jog => self.profile,
+            Pace::SlowJog if self.profile.step_max < self.search.step_max => self.profile,
+            Pace::SlowJog | Pace::Search => self.search,
+            Pace::Latch => self.latch,
+            Pace::AsItIs => JogProfile {
+                step_max: state.motion.lead_step.saturating_abs().max(1),
+                ..self.profile
+            },
+        }
     }
 
     /// `Kp·E2`, in mm/s.

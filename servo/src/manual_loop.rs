@@ -16,7 +16,7 @@ use machine::PositionFeedback;
 
 use crate::closed_loop::Wanted;
 use crate::compensation::{Added, Beside};
-use crate::manual::ManualState;
+use crate::manual::{ManualState, Pace};
 use crate::settings::ServoSettings;
 use crate::state::ServoState;
 
@@ -32,6 +32,8 @@ pub(crate) struct ManualLoop<'a> {
     pub axis: &'a AxisFeedback,
     /// Feedback position, in increments.
     pub position: i64,
+    /// How fast it may be.
+    pub pace: Pace,
     /// It is to come to rest.
     pub stop: bool,
 }
@@ -45,7 +47,7 @@ impl ManualLoop<'_> {
         }
         let moved = self.position.saturating_sub(self.state.program.encoder);
         let manual = &self.settings.manual;
-        let course = manual.advance(&mut self.state.manual, self.stop);
+        let course = manual.advance(&mut self.state.manual, self.pace, self.stop);
         let model = self.model(&course);
         let motor_command = course.at(0).saturating_add(self.compensation());
         let error = motor_command.saturating_sub(self.position);

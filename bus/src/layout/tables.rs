@@ -17,7 +17,7 @@ table!(
 table!(
     AxisFeedback: motor_position, scale_position, command_position, jog_target, command_scan, velocity_mm_s,
     velocity_command_mm_s, torque_nm, winding_k, missed_scans, missed_in_a_row, taken_incarnation, taken_role, cause,
-    torque_limited, driver, drive_code, redundancy, unsynchronised_scans, differences, reserved,
+    torque_limited, driver, drive_code, redundancy, unsynchronised_scans, differences, reference,
 );
 table!(
     Feedback: scan, visible_from, window, armed, voided, program_hash, tag, interrupted_at, cause_scan, program_start @ Axes, setpoint, at_rest, epoch, incarnation, mode,

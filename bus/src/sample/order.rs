@@ -12,7 +12,7 @@ pub struct OperatorRequest {
     pub order: u32,
     /// Index of the axis, of orders to one axis.
     pub axis: u32,
-    /// Its value: override in percent, distance of a jog in mm, number of a program to load.
+    /// Its value: override in percent, distance of a jog in mm, number of a program to load, axes to home as bits.
     pub value: f64,
 }
 
@@ -42,11 +42,13 @@ pub enum Order {
     Down = 10,
     /// Optional stops (M1) are obeyed (value 1) or passed (value 0).
     OptionalStop = 11,
+    /// Home axes, one after another: the value has a bit for each, and is 0 for all that can be homed.
+    Home = 12,
 }
 
 impl Order {
     /// All of them.
-    pub const ALL: [Order; 11] = [
+    pub const ALL: [Order; 12] = [
         Order::Stop,
         Order::Hold,
         Order::Resume,
@@ -58,6 +60,7 @@ impl Order {
         Order::Start,
         Order::Down,
         Order::OptionalStop,
+        Order::Home,
     ];
 
     /// Decodes what came over the wire.
@@ -79,6 +82,7 @@ impl Order {
             Order::Start => "start",
             Order::Down => "down",
             Order::OptionalStop => "optional-stop",
+            Order::Home => "home",
         }
     }
 
@@ -136,11 +140,13 @@ pub enum Refused {
     NotReferenced = 20,
     /// A tap is in its thread.
     InThread = 21,
+    /// The axis has an absolute encoder: there is nothing to home.
+    Absolute = 22,
 }
 
 impl Refused {
     /// All of them.
-    pub const ALL: [Refused; 22] = [
+    pub const ALL: [Refused; 23] = [
         Refused::Not,
         Refused::UnknownOrder,
         Refused::BadValue,
@@ -163,6 +169,7 @@ impl Refused {
         Refused::Ending,
         Refused::NotReferenced,
         Refused::InThread,
+        Refused::Absolute,
     ];
 
     /// Decodes what came over the wire.
@@ -207,6 +214,9 @@ impl Refused {
             Refused::NotReferenced => "an axis has no reference: home it first",
             Refused::InThread => {
                 "a tap is in its thread: resume goes on in step; after another program is loaded the axes are free"
+            }
+            Refused::Absolute => {
+                "the axis has an absolute encoder, or the machine file has no [axis.homing] for it: there is nothing to home"
             }
             Refused::Ending => "the cell is about to end",
         }
@@ -254,7 +264,7 @@ mod tests {
             assert_eq!(Refused::from_wire(reason as u32), Some(reason));
         }
         assert_eq!(Order::from_wire(0), None);
-        assert_eq!(Order::from_wire(12), None);
-        assert_eq!(Refused::from_wire(22), None);
+        assert_eq!(Order::from_wire(13), None);
+        assert_eq!(Refused::from_wire(23), None);
     }
 }

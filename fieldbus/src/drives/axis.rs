@@ -12,6 +12,7 @@ use machine::Axis;
 use master::{DriveCommand, DriveFeedback, DriveState};
 
 use super::field::Field;
+use super::homing::DriveHoming;
 use super::state_walk::{DeviceState, QUICK_STOP, StateWalk, Want};
 use crate::cia402::{self, OperatingMode};
 use crate::drive_file::DriveFile;
@@ -119,6 +120,7 @@ pub(super) struct DriveAxis {
     scan_s: f64,
     quick_stop_mm_s2: f64,
     walk: StateWalk,
+    homing: DriveHoming,
     /// Increments counted over the ends of 32 bits.
     counted: i64,
     /// It has been seen once: `counted` is its own.
@@ -145,6 +147,7 @@ impl DriveAxis {
             scan_s,
             quick_stop_mm_s2: axis.quick_stop_mm_s2,
             walk: StateWalk::default(),
+            homing: DriveHoming::new(axis),
             counted: 0,
             seen: false,
             device: DeviceState::NotReady,
@@ -153,7 +156,7 @@ impl DriveAxis {
             commanded_mm_s: 0.0,
             left_over: 0.0,
             shown: DriveFeedback {
-                referenced: true,
+                referenced: axis.homing.is_none(),
                 state: DriveState::Lost { code: 0 },
                 ..DriveFeedback::default()
             },
@@ -170,10 +173,16 @@ impl DriveAxis {
         self.counted
     }
 
-    /// Goes on from a count that was saved: the drive's own 32 bits are the nearest to it.
-    pub fn count_from(&mut self, counted: i64) {
+    /// Whether it knows its place.
+    pub fn is_referenced(&self) -> bool {
+        self.homing.is_referenced()
+    }
+
+    /// Goes on from a count that was saved, the drive's own 32 bits are the nearest to it; and from its reference.
+    pub fn count_from(&mut self, counted: i64, referenced: bool) {
         self.counted = counted;
         self.seen = true;
+        self.homing.restore(referenced);
     }
 
     /// Writes what it is sent for a command, and what it is to be sent if no other comes.
@@ -193,7 +202,8 @@ impl DriveAxis {
             }
         };
         let want = self.want(command);
-        let controlword = self.walk.controlword(self.device, want);
+        self.homing.command(*command == DriveCommand::Home);
+        let controlword = self.walk.controlword(self.device, want) | self.homing.control_bits();
         let operates = self.device == DeviceState::OperationEnabled;
         let follows = operates && want != Want::Off;
         let torque_nm = self.target(command, follows);
@@ -205,7 +215,7 @@ impl DriveAxis {
             let stops = if operates {
                 QUICK_STOP
             } else {
-                controlword & !0x88
+                controlword & 0x07
             };
             self.write_common(own, stops);
             self.write_rest(own);
@@ -216,7 +226,9 @@ impl DriveAxis {
         match command {
             DriveCommand::Disabled => Want::Off,
             DriveCommand::SwitchOn => Want::SwitchOn,
-            DriveCommand::Velocity { .. } | DriveCommand::Torque { .. } => Want::Operate,
+            DriveCommand::Velocity { .. } | DriveCommand::Torque { .. } | DriveCommand::Home => {
+                Want::Operate
+            }
             // Without a velocity or position loop of its own to brake in, the drive brakes as it can.
             DriveCommand::Brake { .. } if self.operate == OperatingMode::Cst => Want::QuickStop,
             DriveCommand::Brake { .. } => Want::Operate,
@@ -247,7 +259,7 @@ impl DriveAxis {
                 self.commanded_mm_s = slower.copysign(self.commanded_mm_s);
                 0.0
             }
-            DriveCommand::Disabled | DriveCommand::SwitchOn => {
+            DriveCommand::Disabled | DriveCommand::SwitchOn | DriveCommand::Home => {
                 self.commanded_mm_s = 0.0;
                 0.0
             }
@@ -260,7 +272,8 @@ impl DriveAxis {
         }
         self.fields.controlword.write(own, controlword.into());
         if let Some(mode) = self.fields.mode {
-            mode.write_signed(own, self.operate.value());
+            let asked = self.homing.mode().unwrap_or(self.operate.value());
+            mode.write_signed(own, asked);
         }
     }
 
@@ -327,6 +340,11 @@ impl DriveAxis {
         let statusword = fields.statusword.read(own) as u16;
         self.device = DeviceState::of(statusword);
         let raw = fields.position.read_signed(own);
+        let shown_mode = fields.mode_display.map(|field| field.read_signed(own));
+        if self.homing.take(statusword, shown_mode) {
+            // From here on the drive counts from its reference.
+            self.counted = raw.into();
+        }
         let step = raw.wrapping_sub(self.counted as i32);
         self.counted = if self.seen {
             self.counted.saturating_add(step.into())
@@ -342,9 +360,9 @@ impl DriveAxis {
         };
         self.seen = true;
         let torque = fields.torque.map_or(0, |field| field.read_signed(own));
-        let in_mode = fields
-            .mode_display
-            .is_none_or(|field| i64::from(field.read_signed(own)) == self.operate.value());
+        let in_mode = shown_mode.is_none_or(|mode| {
+            i64::from(mode) == self.operate.value() || self.homing.may_show(mode)
+        });
         let code = fields.error_code.map_or(0, |field| field.read(own));
         self.shown = DriveFeedback {
             motor_position_mm: position_mm,
@@ -353,7 +371,8 @@ impl DriveAxis {
             torque_nm: f64::from(torque) / self.units.torque_per_nm,
             winding_rise_k: 0.0,
             torque_limited: statusword & LIMIT_ACTIVE != 0,
-            referenced: true,
+            referenced: self.homing.is_referenced(),
+            index_mm: None,
             state: match self.device {
                 DeviceState::OperationEnabled if in_mode => DriveState::Ready,
                 DeviceState::Fault | DeviceState::FaultReaction => DriveState::Fault { code },
@@ -374,6 +393,8 @@ impl DriveAxis {
 
     /// It does not answer, or takes no outputs, for the reason that the bus has: where it is, nobody knows.
     pub fn lose(&mut self, code: u32) {
+        self.homing.lose();
+        self.shown.referenced = self.homing.is_referenced();
         self.shown.state = DriveState::Lost { code };
         self.shown.velocity_mm_s = 0.0;
         self.shown.torque_nm = 0.0;

@@ -74,6 +74,8 @@ pub struct Cia402Drives<W> {
     wanted_scans: u32,
 }
 
+/// A count, and whether the drive knows its place.
+const SAVED_BYTES: usize = 16;
 /// So long drives are given to come to rest before a master takes them over from one that was lost, in s.
 const RUN_DOWN_S: f64 = 3.0;
 /// So long drives are given to show where they are, in s.
@@ -239,22 +241,24 @@ impl<W: Wire> Drives for Cia402Drives<W> {
     }
 
     fn state_bytes(&self) -> usize {
-        self.axes.len() * size_of::<i64>()
+        self.axes.len() * SAVED_BYTES
     }
 
     fn save(&self, bytes: &mut [u8]) {
-        let slots = bytes.chunks_exact_mut(size_of::<i64>());
-        for (slot, axis) in slots.zip(&self.axes) {
-            slot.copy_from_slice(&axis.drive.counted().to_le_bytes());
+        let slots = bytes.as_chunks_mut::<SAVED_BYTES>().0;
+        for (slot, axis) in slots.iter_mut().zip(&self.axes) {
+            let referenced = u64::from(axis.drive.is_referenced());
+            let words = [axis.drive.counted() as u64, referenced];
+            slot.copy_from_slice(bytemuck::bytes_of(&words));
         }
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), StateRefused> {
-        let mut counts = bytes.chunks_exact(size_of::<i64>());
+        let mut slots = bytes.as_chunks::<SAVED_BYTES>().0.iter();
         for axis in &mut self.axes {
-            let counted = counts.next().and_then(|slot| slot.try_into().ok());
-            axis.drive
-                .count_from(i64::from_le_bytes(counted.ok_or(StateRefused)?));
+            let slot = slots.next().ok_or(StateRefused)?;
+            let [counted, referenced]: [u64; 2] = bytemuck::pod_read_unaligned(slot);
+            axis.drive.count_from(counted as i64, referenced == 1);
         }
         self.run_down();
         Ok(())

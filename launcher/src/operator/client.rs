@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::anyhow;
 use bus::cell::{CellError, CellPaths};
 use bus::observer::{Held, Observer};
-use bus::sample::{Mode, OperatorRequest, OperatorResponse, Order, Refused};
+use bus::sample::{Mode, OperatorRequest, OperatorResponse, Order, Reference, Refused};
 use bus::service::Bus;
 use machine::Machine;
 
@@ -44,6 +44,7 @@ pub(super) fn obeyed(order: Order, answer: &OperatorResponse) -> String {
         (Order::Enable, _) if answer.hold == 1 => "drives on, in hold: resume moves".into(),
         (Order::Enable, _) => "drives on".into(),
         (Order::Disable, _) => "drives off: positions follow the axes".into(),
+        (Order::Home, _) => "homing".into(),
         (Order::Override, _) => format!("override {} %", answer.override_percent),
         _ => format!("{}: done", order.word()),
     }
@@ -149,6 +150,10 @@ impl Client {
             return plain_words(None, answer);
         };
         match reason {
+            Refused::NotReferenced => match self.not_homed() {
+                Some(axes) => format!("not homed: {axes}: `quadrant home {axes}` first"),
+                None => plain_words(Some(reason), answer),
+            },
             Refused::BadValue if order == Order::Load => {
                 "another program was loaded meanwhile: load it again".into()
             }
@@ -163,6 +168,21 @@ impl Client {
             ),
             _ => plain_words(Some(reason), answer),
         }
+    }
+}
+
+impl Client {
+    /// Letters of the axes that are not homed, as the feedback has them; none where it says so of none.
+    fn not_homed(&self) -> Option<String> {
+        let now = super::Eyes::open(self).ok()?.look().ok()?;
+        let axes = now.axes().iter().zip(&self.machine.axes);
+        let missing = axes.filter(|(axis, settings)| {
+            settings.homing.is_some() && axis.reference != Reference::Known as u32
+        });
+        let names: Vec<&str> = missing
+            .map(|(_, settings)| settings.name.as_str())
+            .collect();
+        (!names.is_empty()).then(|| names.join(" "))
     }
 }
 

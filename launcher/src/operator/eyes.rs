@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use anyhow::anyhow;
 use bus::observer::Held;
 use bus::port::Reader;
-use bus::sample::{Feedback, Mode};
+use bus::sample::{Cause, Feedback, Mode, Reference};
 
 use super::Client;
 use super::client::soon_held;
@@ -87,6 +87,40 @@ impl Eyes<'_> {
                 }
             }
             std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Waits until axes whose homing was ordered in `scan` are homed.
+    ///
+    /// # Errors
+    /// They are not when homing ends, with the cause; or the cell is silent.
+    pub fn until_homed(&mut self, scan: u64, axes: &[usize]) -> Outcome {
+        loop {
+            let now = self.look()?;
+            let mode = Mode::from_wire(now.mode);
+            let moves = matches!(mode, Some(Mode::Jogging | Mode::Stopping));
+            if now.scan <= scan || moves {
+                std::thread::sleep(LOOK);
+                continue;
+            }
+            let missing = axes.iter().filter(|index| {
+                let axis = now.axes().get(**index);
+                axis.is_none_or(|axis| axis.reference != Reference::Known as u32)
+            });
+            let names = missing.filter_map(|index| self.client.machine.axes.get(*index));
+            let names: Vec<&str> = names.map(|axis| axis.name.as_str()).collect();
+            if names.is_empty() {
+                say("homed");
+                return Ok(());
+            }
+            let why = match Cause::from_wire(now.cause) {
+                None | Some(Cause::None) => "it was stopped",
+                Some(cause) => cause.words(),
+            };
+            return Err(Failure::Stopped(anyhow!(
+                "not homed: {}: {why}",
+                names.join(" ")
+            )));
         }
     }
 }

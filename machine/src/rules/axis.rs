@@ -1,6 +1,7 @@
 //! Rules of one axis: travel, motor, loops, feedback.
 
 use crate::axis::{Axis, DriveMode, PositionFeedback};
+use crate::homing::HomingMethod;
 use crate::machine::Machine;
 use crate::settings_file::{At, From, Rules};
 
@@ -18,6 +19,7 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine, axis: &Axis, at: At<'_>) 
         rules.say(&["dual_feedback_ms"], at, &what);
     }
     drive_period(rules, machine, axis, at);
+    homing(rules, axis, at);
     let look_ahead_ms = machine.look_ahead_s() * 1e3;
     let (path, advance_ms) = (["feed_forward", "advance_ms"], axis.feed_forward.advance_ms);
     rules.between(&path, at, advance_ms, "ms", 0.0, look_ahead_ms);
@@ -36,4 +38,27 @@ fn drive_period(rules: &mut Rules<'_>, machine: &Machine, axis: &Axis, at: At<'_
         return;
     };
     rules.say(&["velocity_loop", "period_us"], at, &what);
+}
+
+/// A search can find what it looks for, and the place that it gives is one of the machine.
+fn homing(rules: &mut Rules<'_>, axis: &Axis, at: At<'_>) {
+    let Some(homing) = &axis.homing else {
+        return;
+    };
+    let (has_switch, input) = (homing.method.has_switch(), homing.switch_input);
+    if has_switch && input.is_none() {
+        let what = "is missing: this method needs the number of the digital input of the switch";
+        rules.say(&["homing", "switch_input"], at, what);
+    }
+    if let (false, Some(number)) = (has_switch, input) {
+        let what = format!("= {number}: this method looks at no switch");
+        rules.say(&["homing", "switch_input"], at, &what);
+    }
+    if homing.method != HomingMethod::Drive && axis.feedback == PositionFeedback::Scale {
+        let what = "needs feedback = \"motor\": switch and index give the place of the motor's encoder, not of a scale";
+        rules.say(&["homing", "method"], at, what);
+    }
+    let search_mm_s = homing.search_mm_s;
+    let (path, low) = (["homing", "search_mm_s"], homing.latch_mm_s);
+    rules.between(&path, at, search_mm_s, "mm/s", low, axis.rapid_mm_s);
 }

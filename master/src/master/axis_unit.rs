@@ -6,7 +6,7 @@
     clippy::indexing_slicing
 )]
 
-use bus::sample::{AxisCommand, Cause, Driver, Mode};
+use bus::sample::{AxisCommand, Cause, Driver, Mode, Reference};
 use bytemuck::Zeroable;
 use control::guards::AxisGuards;
 use machine::{Axis, DriveMode, Machine, PositionFeedback};
@@ -48,6 +48,10 @@ pub(super) struct AxisUnit {
     pub driver: Driver,
     /// Where a jog is to bring the command position.
     pub jog_target: i64,
+    /// Position of the machine less raw position of the drive, in increments: 0 until the controller has homed the axis.
+    pub offset: i64,
+    /// Whether its positions are those of the machine.
+    pub reference: Reference,
     /// Command position less feedback position when the drives were switched off: the steady deviation of the open loop.
     pub deviation: i64,
 }
@@ -95,6 +99,8 @@ impl AxisUnit {
             guards: guards(settings),
             driver: Driver::Program,
             jog_target: 0,
+            offset: 0,
+            reference: Reference::Missing,
             deviation: 0,
         };
         unit.take_drive(drive);
@@ -108,12 +114,14 @@ impl AxisUnit {
 
     pub fn motor_position(&self) -> i64 {
         self.increments(self.drive.motor_position_mm)
+            .saturating_add(self.offset)
     }
 
     pub fn scale_position(&self) -> i64 {
-        self.drive
-            .scale_position_mm
-            .map_or_else(|| self.motor_position(), |mm| self.increments(mm))
+        self.drive.scale_position_mm.map_or_else(
+            || self.motor_position(),
+            |mm| self.increments(mm).saturating_add(self.offset),
+        )
     }
 
     pub fn feedback_position(&self) -> i64 {
@@ -138,14 +146,20 @@ impl AxisUnit {
             DriveState::Fault { .. } => Cause::DriveFault,
             DriveState::Lost { .. } => Cause::DriveLost,
             DriveState::Off => Cause::DriveOff,
-            DriveState::Ready if !self.drive.referenced => Cause::NotReferenced,
+            DriveState::Ready if !self.may_be_driven() => Cause::NotReferenced,
             DriveState::Ready => Cause::None,
         }
+    }
+
+    /// Whether its drive knows its place, or the axis can be homed.
+    pub fn may_be_driven(&self) -> bool {
+        self.settings.homing.is_some() || self.drive.referenced
     }
 
     /// Takes what the drive shows; the fault that has stopped the axis is remembered.
     pub fn take_drive(&mut self, drive: DriveFeedback) {
         self.drive = drive;
+        self.judge_reference();
         match drive.state {
             DriveState::Fault { code } => self.fault_code = code,
             DriveState::Lost { code } if self.cause != Cause::DriveLost => self.fault_code = code,
@@ -160,6 +174,7 @@ impl AxisUnit {
             Mode::Disabled if switching_on => DriveCommand::SwitchOn,
             Mode::Disabled => DriveCommand::Disabled,
             Mode::Tripped => self.brake(),
+            _ if self.driver == Driver::Drive => self.brake(),
             Mode::Enabled
             | Mode::Stopping
             | Mode::Stopped
@@ -207,8 +222,13 @@ impl AxisUnit {
             && command.stop_deceleration_mm_s2.is_finite();
         let position_mm = command.position as f64 * self.settings.increment_mm();
         let before_mm = self.command_position as f64 * self.settings.increment_mm();
-        let low_mm = self.settings.travel_min_mm.min(before_mm);
-        let high_mm = self.settings.travel_max_mm.max(before_mm);
+        let (travel_low_mm, travel_high_mm) = if self.is_homed() {
+            (self.settings.travel_min_mm, self.settings.travel_max_mm)
+        } else {
+            (before_mm, before_mm)
+        };
+        let low_mm = travel_low_mm.min(before_mm);
+        let high_mm = travel_high_mm.max(before_mm);
         let reachable = position_mm >= low_mm - POSITION_SANITY_MM
             && position_mm <= high_mm + POSITION_SANITY_MM;
         let torque_fits = command.torque_nm.abs() <= self.settings.motor.peak_torque_nm;

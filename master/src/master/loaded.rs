@@ -64,6 +64,7 @@ impl<D: Drives> Master<D> {
     pub(super) fn order_start(&mut self) -> Result<(), Refusal> {
         self.must_stay()?;
         match self.mode {
+            Mode::Ready if !self.is_homed() => return Err(Refused::NotReferenced.into()),
             Mode::Ready if !self.is_within_travel() => return Err(Refused::OutsideTravel.into()),
             Mode::Ready => {}
             Mode::Enabled | Mode::Stopping | Mode::Stopped => return Err(Refused::Running.into()),

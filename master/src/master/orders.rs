@@ -27,6 +27,7 @@ fn moves(order: Order) -> bool {
         | Order::Disable
         | Order::Enable
         | Order::Jog
+        | Order::Home
         | Order::Load
         | Order::Start => true,
         Order::Stop | Order::Hold | Order::Override | Order::Down | Order::OptionalStop => false,
@@ -52,7 +53,13 @@ impl From<Refused> for Refusal {
 impl AxisUnit {
     /// Distances from its command position to the ends of its travel, in increments; from outside, to the far end and no farther
     /// out.
+    /// Nobody knows where the travel of one that is not homed is: it may go as far as that is long.
     fn room(&self) -> (i64, i64) {
+        if !self.is_homed() {
+            let travel_mm = self.settings.travel_max_mm - self.settings.travel_min_mm;
+            let travel = self.increments(travel_mm);
+            return (travel.saturating_neg(), travel);
+        }
         let to = |mm: f64| self.increments(mm).saturating_sub(self.command_position);
         let (low, high) = (
             to(self.settings.travel_min_mm),
@@ -62,6 +69,9 @@ impl AxisUnit {
     }
 
     pub(super) fn is_within_travel(&self) -> bool {
+        if !self.is_homed() {
+            return true;
+        }
         let low = self.increments(self.settings.travel_min_mm);
         let high = self.increments(self.settings.travel_max_mm);
         (low..=high).contains(&self.command_position)
@@ -80,6 +90,7 @@ impl<D: Drives> Master<D> {
             Some(Order::Disable) => self.order_disable(),
             Some(Order::Enable) => self.order_enable(),
             Some(Order::Jog) => self.order_jog(request.axis, request.value),
+            Some(Order::Home) => self.order_home(request.value),
             Some(Order::Load) => self.order_load(request.value),
             Some(Order::Start) => self.order_start(),
             Some(Order::OptionalStop) => self.order_optional_stop(request.value),
@@ -161,6 +172,9 @@ impl<D: Drives> Master<D> {
     fn order_resume(&mut self) -> Result<(), Refusal> {
         let outside = !self.is_within_travel();
         match self.mode {
+            Mode::Enabled | Mode::Ready | Mode::Stopped | Mode::Tripped if !self.is_homed() => {
+                return Err(Refused::NotReferenced.into());
+            }
             Mode::Enabled | Mode::Ready | Mode::Stopped | Mode::Tripped if outside => {
                 return Err(Refused::OutsideTravel.into());
             }
@@ -200,7 +214,7 @@ impl<D: Drives> Master<D> {
     }
 
     /// At rest in hold, or stopped: what an operator may do to the axes is allowed now.
-    fn must_rest(&self) -> Result<(), Refusal> {
+    pub(super) fn must_rest(&self) -> Result<(), Refusal> {
         match self.mode {
             Mode::Enabled if !self.hold => return Err(Refused::NotHeld.into()),
             Mode::Enabled | Mode::Stopped | Mode::Ready => {}
@@ -254,9 +268,9 @@ impl<D: Drives> Master<D> {
         self.axes.iter().all(AxisUnit::is_within_travel)
     }
 
-    /// Every drive knows where its axis is.
+    /// Every drive knows where its axis is, or the axis can be homed.
     fn must_be_referenced(&self) -> Result<(), Refusal> {
-        if !self.is_referenced() {
+        if !self.axes.iter().all(AxisUnit::may_be_driven) {
             return Err(Refused::NotReferenced.into());
         }
         Ok(())
@@ -305,6 +319,10 @@ impl<D: Drives> Master<D> {
         unit.jog_target = unit.command_position.saturating_add(distance as i64);
         unit.driver = Driver::Manual;
         let speed_mm_s = self.jog_mm_s.min(unit.settings.rapid_mm_s);
+        let speed_mm_s = match unit.settings.homing {
+            Some(homing) if !unit.is_homed() => speed_mm_s.min(homing.search_mm_s),
+            _ => speed_mm_s,
+        };
         let patience_s = 1.5 * distance_mm.abs() / speed_mm_s + JOG_PATIENCE_S;
         self.jog_patience_scans = libm::ceil(patience_s / self.scan_period_s) as u64;
         self.jog_from = self.mode;
@@ -314,12 +332,13 @@ impl<D: Drives> Master<D> {
     }
 
     /// The second controllers come to rest where they can.
-    fn stop_jog(&mut self) {
+    pub(super) fn stop_jog(&mut self) {
         for axis in &mut self.axes {
-            if axis.driver == Driver::Manual {
+            if matches!(axis.driver, Driver::Manual | Driver::Search | Driver::Latch) {
                 axis.driver = Driver::ManualStop;
             }
         }
+        self.end_homing();
     }
 
     /// All second controllers are at rest: the program's drive again, in the mode the jog began in.

@@ -100,6 +100,11 @@ impl Questions {
         }
     }
 
+    /// Digital inputs as they are shown, a bit each.
+    pub fn digital(&self) -> u64 {
+        self.shown.digital
+    }
+
     /// What drives and terminals show at the end of a scan in which the axes went from one place to another.
     pub fn take(&mut self, shown: InputFeedback, from: &[i64; MAX_AXES], to: &[i64; MAX_AXES]) {
         self.before = self.shown.digital;

@@ -39,6 +39,7 @@ impl<D: Drives> Master<D> {
         self.program.resume(latches);
         self.auxiliary.resume(&latches.auxiliary);
         self.auxiliary.questions.resume(&latches.questions);
+        self.resume_homing(&latches.homing);
         self.digest.resume(latches.digest);
         self.mode = Mode::Disabled;
         self.switching_on = None;
@@ -65,6 +66,7 @@ impl<D: Drives> Master<D> {
             hold: u32::from(self.hold),
             auxiliary: self.auxiliary.latches,
             questions: self.auxiliary.questions.latches,
+            homing: self.homing_latches(),
         }
     }
 
@@ -106,7 +108,8 @@ impl<D: Drives> Master<D> {
     }
 
     pub(super) fn is_referenced(&self) -> bool {
-        self.axes.iter().all(|axis| axis.drive.referenced)
+        let mut axes = self.axes.iter();
+        axes.all(|axis| axis.may_be_driven() && axis.is_homed())
     }
 
     /// A master that starts with drives on waits for those that are off; nobody has held its program.
@@ -115,9 +118,11 @@ impl<D: Drives> Master<D> {
             let at_start = true;
             self.switching_on = Some(SwitchingOn {
                 at_start,
-                ..self.switching_on_now(false)
+                ..self.switching_on_now(!self.is_homed())
             });
         } else {
+            // Its program waits until the axes are homed, and somebody says so.
+            self.hold |= self.ends() && !self.is_homed();
             // A drive that cannot be driven trips in the first scan, with its cause.
             self.mode = match self.run_end {
                 RunEnd::AfterProgram => Mode::Enabled,

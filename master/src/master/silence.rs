@@ -70,12 +70,15 @@ impl<'a> NextScan<'a> {
 
     /// The guard that the axis breaks, whatever its servo says of it.
     pub fn broken_guard(&self, axis: &AxisUnit, index: usize) -> Cause {
+        if axis.driver == Driver::Drive {
+            return Cause::None;
+        }
         let (command, feedback) = (self.position(axis, index), axis.feedback_position());
         let error_mm = command.saturating_sub(feedback) as f64 * axis.settings.increment_mm();
-        let broken = axis
+        let broken = axis.guards.following_error(error_mm).or(axis
             .guards
-            .following_error(error_mm)
-            .or(axis.guards.feedback(command, feedback));
+            .feedback(command, feedback)
+            .filter(|_| axis.is_homed()));
         match broken {
             None => Cause::None,
             Some(Broken::Travel) => Cause::SoftLimit,
@@ -146,7 +149,8 @@ impl AxisUnit {
             self.command_position = now.copied().unwrap_or(position);
             self.command.position = self.command_position;
             Wanted::Follow {
-                position_mm: position as f64 * self.settings.increment_mm(),
+                position_mm: position.saturating_sub(self.offset) as f64
+                    * self.settings.increment_mm(),
                 velocity_mm_s: next.velocity_mm_s(self, index),
             }
         };

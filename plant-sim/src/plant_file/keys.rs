@@ -224,6 +224,12 @@ pub struct PlantAxis {
     pub table: PlantTable,
     /// Linear scale, where there is one.
     pub scale: Option<PlantScale>,
+    /// The motor encoder is incremental, and begins anywhere. Without this table it is absolute.
+    pub encoder: Option<PlantEncoder>,
+    /// A switch that shows when the table is at one end ([homing](../howto/home.md)).
+    pub home_switch: Option<PlantHomeSwitch>,
+    /// How the drive homes by itself, with a switch of its own.
+    pub drive_homing: Option<PlantDriveHoming>,
     /// Friction in steady sliding as somebody measured it at the motor, of motor and table together, viscous friction included: in place
     /// of Coulomb, static and viscous friction and the Stribeck velocity of both. They share it as they share Coulomb friction, and are
     /// elastic before they slide as their elements say. Without this table their own keys count.
@@ -245,6 +251,70 @@ pub struct PlantAxis {
     /// Set after reading, in °C.
     #[serde(skip)]
     pub(in crate::plant_file) ambient_c: f64,
+}
+
+/// An incremental encoder. It keeps its position as long as the simulation runs, whoever is killed.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantEncoder {
+    /// What it shows when the machine is switched on, wherever the axis is then.
+    #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000))]
+    pub shows_mm: f64,
+    /// True place of one of its indices; the others are whole turns of the motor from it.
+    #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000, "default" = 0.0))]
+    pub index_at_mm: f64,
+}
+
+/// On which side a switch is actuated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Actuated {
+    /// Where the table is below its place.
+    Below,
+    /// Where the table is above its place.
+    Above,
+}
+
+/// A home switch.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantHomeSwitch {
+    /// Number of the digital input that it is wired to.
+    #[schemars(extend("minimum" = 0, "maximum" = DIGITAL_INPUTS - 1))]
+    pub digital: u32,
+    /// True place of the table at which it is actuated.
+    #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000))]
+    pub at_mm: f64,
+    /// On which side it is actuated.
+    #[schemars(extend("default" = "below"))]
+    pub actuated: Actuated,
+    /// Its input shows 0 while it is actuated.
+    #[schemars(extend("default" = false))]
+    pub normally_closed: bool,
+    /// So much further back it is free again.
+    #[schemars(extend("unit" = "µm", "minimum" = 0, "maximum" = 10_000, "default" = 20.0))]
+    pub hysteresis_um: f64,
+    /// It is up to so much off, and differently with each change.
+    #[schemars(extend("unit" = "µm", "minimum" = 0, "maximum" = 10_000, "default" = 0.0))]
+    pub scatter_um: f64,
+    /// Seed of that.
+    #[schemars(extend("minimum" = 0, "maximum" = 4_294_967_295_u64, "default" = 1))]
+    pub seed: u64,
+}
+
+/// How a drive homes by itself: it moves until its switch is actuated, and brakes. If it is at the beginning, it first moves off it.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantDriveHoming {
+    /// Speed towards the switch; negative towards lower positions. Not 0.
+    #[schemars(extend("unit" = "mm/s", "minimum" = -1000, "maximum" = 1000))]
+    pub speed_mm_s: f64,
+    /// True place of the switch.
+    #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000))]
+    pub switch_at_mm: f64,
+    /// Position that the drive gives that place.
+    #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000, "default" = 0.0))]
+    pub position_mm: f64,
 }
 
 /// Friction as measured.

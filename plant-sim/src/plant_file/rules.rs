@@ -47,6 +47,17 @@ pub fn judge(rules: &mut Rules<'_>, plant: &PlantFile) {
             measured_friction(rules, at, measured);
         }
         cross_talk(rules, at, plant, axis);
+        if axis
+            .drive_homing
+            .is_some_and(|drive| drive.speed_mm_s == 0.0)
+        {
+            let path = ["drive_homing", "speed_mm_s"];
+            rules.say(&path, at, "= 0 mm/s: must not be 0");
+        }
+        if axis.drive_homing.is_some() && axis.encoder.is_none() {
+            let what = "needs [axis.encoder]: an absolute encoder has nothing to home";
+            rules.say(&["drive_homing"], at, what);
+        }
     }
     if let Some(probe) = &plant.probe {
         bodies(rules, probe);

@@ -94,8 +94,10 @@ fn request(entry: &Entry, machine: &Machine) -> Result<OperatorRequest, String> 
         Order::Override | Order::OptionalStop => (false, true),
         _ => (false, false),
     };
+    // It homes one axis, or all.
+    let has_axis = entry.axis.is_some() && order != Order::Home;
     for (key, given, wanted) in [
-        ("axis", entry.axis.is_some(), wants_axis),
+        ("axis", has_axis, wants_axis),
         ("value", entry.value.is_some(), wants_value),
     ] {
         if given != wanted {
@@ -110,7 +112,10 @@ fn request(entry: &Entry, machine: &Machine) -> Result<OperatorRequest, String> 
     Ok(OperatorRequest {
         order: order as u32,
         axis,
-        value: entry.value.unwrap_or(0.0),
+        value: match (order, &entry.axis) {
+            (Order::Home, Some(_)) => f64::from(1u32 << axis),
+            _ => entry.value.unwrap_or(0.0),
+        },
     })
 }
 
@@ -142,6 +147,11 @@ mod tests {
                 (9, Order::Jog as u32, 1, -2.5)
             ]
         );
+        let homes = "[[order]]\nscan = 1\norder = \"home\"\n\
+             [[order]]\nscan = 2\norder = \"home\"\naxis = \"Y\"\n";
+        let values = |o: &ScriptedOrder| o.request.value;
+        let homes: Vec<f64> = read(homes).expect("orders").iter().map(values).collect();
+        assert_eq!(homes, [0.0, 2.0]);
         assert_eq!(read(""), Ok(Vec::new()));
     }
 

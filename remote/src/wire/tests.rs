@@ -15,6 +15,7 @@ fn axis() -> AxisState {
         unsynchronised_scans: 0,
         differences: 0,
         role: 0,
+        reference: 0,
         command: Some(CommandState {
             scan: 99,
             position_mm: 1.25,
@@ -149,7 +150,7 @@ fn refused(change: impl FnOnce(&mut Snapshot)) -> String {
 #[test]
 fn each_field_out_of_range_is_refused_by_its_name() {
     let cases: [(&str, String); 12] = [
-        ("format 3", refused(|s| s.format = 3)),
+        ("format 4", refused(|s| s.format = 4)),
         ("pace", refused(|s| s.pace = Some("slow".into()))),
         ("axes", refused(|s| s.axes = vec![axis(); AXES_MAX + 1])),
         ("feedback_mm", refused(|s| s.axes[1].feedback_mm = 7.0)),

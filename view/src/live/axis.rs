@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use bus::sample::{AxisCommand, AxisFeedback, Redundancy};
+use bus::sample::{AxisCommand, AxisFeedback, Redundancy, Reference};
 use machine::{Axis, AxisKind};
 use monitor::turns::Turns;
 use remote::wire::CommandState;
@@ -53,6 +53,9 @@ pub struct AxisView {
     pub differences: u32,
     /// Role of the servo that drives: 0 for a, 1 for b.
     pub role: u32,
+    /// Whether its positions are those of the machine.
+    pub reference: Reference,
+    absolute: bool,
     increment_mm: f64,
     rated_nm: f64,
     by_scale: bool,
@@ -91,6 +94,8 @@ impl AxisView {
             unsynchronised_scans: 0,
             differences: 0,
             role: 0,
+            reference: Reference::Known,
+            absolute: axis.homing.is_none(),
             increment_mm,
             rated_nm: axis.motor.rated_torque_nm,
             by_scale: axis.feedback == machine::PositionFeedback::Scale,
@@ -121,6 +126,7 @@ impl AxisView {
         self.unsynchronised_scans = sample.unsynchronised_scans;
         self.differences = sample.differences;
         self.role = sample.taken_role;
+        self.reference = Reference::from_wire(sample.reference).unwrap_or(Reference::Missing);
         if !driven {
             self.turns.interrupt();
             return None;
@@ -144,6 +150,21 @@ impl AxisView {
         let peak_um = self.frame_peak_um.unwrap_or(0.0).max(error_um.abs());
         self.frame_peak_um = Some(peak_um);
         Some(error_um)
+    }
+
+    /// How it knows its place, in words.
+    pub fn reference_words(&self) -> &'static str {
+        match self.reference {
+            Reference::Known if self.absolute => "absolute",
+            Reference::Missing if self.absolute => "no reference",
+            reference => reference.words(),
+        }
+    }
+
+    /// The same where it has no absolute encoder; none where there is nothing to say.
+    pub fn homing_words(&self) -> Option<&'static str> {
+        let silent = self.absolute && self.reference == Reference::Known;
+        (!silent).then(|| self.reference_words())
     }
 
     /// Friction that the servo goes by and what the last way between two reversals left unexplained, as parts; none where the axis does
@@ -183,6 +204,7 @@ impl AxisView {
         self.unsynchronised_scans = message.unsynchronised_scans;
         self.differences = message.differences;
         self.role = message.role;
+        self.reference = Reference::from_wire(message.reference).unwrap_or(Reference::Missing);
         self.error_um = message.error_um;
         self.error_peak_um = message.error_peak_um;
         self.commanded = message.command;

@@ -119,6 +119,10 @@ fn bottom_line(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
             " stop? the tool comes to rest, a `quadrant run` ends.  y stop   other keys: no",
             palette.warn(),
         ),
+        Prompt::ConfirmHome => Line::styled(
+            " home? all axes that have to be homed move, one after another.  y home   other keys: no",
+            palette.warn(),
+        ),
         Prompt::Answer(tone, words) => Line::styled(format!(" {words}"), palette.of(*tone)),
     };
     let whole = Paragraph::new(line).wrap(Wrap { trim: false });
@@ -130,6 +134,7 @@ const HELP: &str = "\
  r        resume; after a jog it first returns to the path
  s        stop (asks first): like hold, but a `quadrant run` ends
  + -      override 10 % up or down, 0 to 100 %; 0 stands
+ m        home the axes that have no absolute encoder (asks first)
  q  Esc   leave; the machine goes on
  ?        this page
 
@@ -141,6 +146,7 @@ const HELP: &str = "\
  torque   share of the motor's rated torque; ! at its limit
  winding  temperature above ambient
  missed   scans without a command in time, since the start
+ ⌂? ⌂…    the axis is not homed; it is being homed
  circle   radial deviation of the table; dotted: as programmed
  reversal height of the table over the arc just before it; - off
           an arc, or not all scans seen; error: largest around it
@@ -148,7 +154,7 @@ const HELP: &str = "\
  age      scans since a process last answered";
 
 fn help(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
-    let (width, height) = (74.min(area.width), 24.min(area.height));
+    let (width, height) = (74.min(area.width), 26.min(area.height));
     let middle = Rect {
         x: area.x + (area.width - width) / 2,
         y: area.y + (area.height - height) / 2,

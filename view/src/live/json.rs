@@ -125,6 +125,8 @@ struct AxisOf<'a> {
     servo: &'static str,
     standby: &'static str,
     standby_differences: u32,
+    /// absolute, no reference, homed, not homed, homing.
+    reference: &'static str,
     alarm: Option<String>,
 }
 
@@ -346,6 +348,7 @@ fn axes(model: &Model) -> Vec<AxisOf<'_>> {
         servo: ROLES.get(axis.role as usize).copied().unwrap_or("?"),
         standby: axis.redundancy.words(),
         standby_differences: axis.differences,
+        reference: axis.reference_words(),
         alarm: model.standby_alarm(axis),
     })
     .collect()

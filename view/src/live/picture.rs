@@ -122,6 +122,7 @@ fn axis_state(axis: &AxisView) -> AxisState {
         unsynchronised_scans: axis.unsynchronised_scans,
         differences: axis.differences,
         role: axis.role,
+        reference: axis.reference as u32,
         command: axis.commanded,
         error_um: plausible(axis.error_um),
         error_peak_since_um: plausible(axis.look_peak_um),

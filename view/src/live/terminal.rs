@@ -121,16 +121,21 @@ impl View {
         if std::mem::take(&mut self.help) {
             return false;
         }
-        if self.prompt == Prompt::ConfirmStop {
+        let confirmed = match self.prompt {
+            Prompt::ConfirmStop => Some((Order::Stop, "not stopped")),
+            Prompt::ConfirmHome => Some((Order::Home, "not homed")),
+            Prompt::Keys | Prompt::Answer(..) => None,
+        };
+        if let Some((order, otherwise)) = confirmed {
             self.say(Prompt::Keys);
             if code == KeyCode::Char('y') {
-                self.order(Order::Stop, 0.0);
+                self.order(order, 0.0);
             } else {
-                self.say(Prompt::Answer(Tone::Waits, "not stopped".into()));
+                self.say(Prompt::Answer(Tone::Waits, otherwise.into()));
             }
             return false;
         }
-        let order = matches!(code, KeyCode::Char('h' | 'r' | 's' | '+' | '=' | '-'));
+        let order = matches!(code, KeyCode::Char('h' | 'r' | 's' | 'm' | '+' | '=' | '-'));
         if order && !self.feed.takes_orders() {
             let words = "read only from here: orders are given on the controller PC".into();
             self.say(Prompt::Answer(Tone::Waits, words));
@@ -142,6 +147,7 @@ impl View {
             KeyCode::Char('h') => self.order(Order::Hold, 0.0),
             KeyCode::Char('r') => self.order(Order::Resume, 0.0),
             KeyCode::Char('s') => self.say(Prompt::ConfirmStop),
+            KeyCode::Char('m') => self.say(Prompt::ConfirmHome),
             KeyCode::Char('+' | '=') => self.step_override(true),
             KeyCode::Char('-') => self.step_override(false),
             _ => {}

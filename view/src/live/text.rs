@@ -95,6 +95,9 @@ fn axes(text: &mut String, model: &Model) {
             axis.missed_scans,
             ROLES.get(axis.role as usize).copied().unwrap_or("?"),
         );
+        if let Some(words) = axis.homing_words() {
+            let _ = write!(text, "  {words}");
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! The state of a cell in plain words, with what can be done next.
 
-use bus::sample::{Auxiliaries, Cause, Feedback, Mode, ProgramState, Waiting};
+use bus::sample::{Auxiliaries, Cause, Feedback, Mode, ProgramState, Reference, Waiting};
 use machine::Machine;
 use monitor::words::StopCause;
 
@@ -91,12 +91,43 @@ pub fn says(feedback: &Feedback, machine: &Machine) -> Says {
             let next = "nothing to do: it goes on by itself";
             Says::new("✔", "FINISHED", Tone::Good, detail, next)
         }
-        Mode::Ready => ready(feedback, cause),
-        Mode::Jogging => {
-            let (detail, next) = ("an axis is moved by hand", "h brings it to rest");
+        Mode::Ready => {
+            not_homed(feedback, machine, cause).unwrap_or_else(|| ready(feedback, cause))
+        }
+        Mode::Jogging => jogging(feedback, machine),
+    }
+}
+
+fn jogging(feedback: &Feedback, machine: &Machine) -> Says {
+    let next = "h brings it to rest";
+    match axes_that_are(Reference::Searching, feedback, machine) {
+        Some(axes) => {
+            let detail = format!("axis {axes} is being homed");
+            Says::new("⌂", "HOMING", Tone::Waits, &detail, next)
+        }
+        None => {
+            let detail = "an axis is moved by hand";
             Says::new("↔", "JOGGING", Tone::Waits, detail, next)
         }
     }
+}
+
+/// The axes of which this is true, in words; none where it is true of none.
+fn axes_that_are(state: Reference, feedback: &Feedback, machine: &Machine) -> Option<String> {
+    let axes = feedback.axes().iter().zip(&machine.axes);
+    let axes =
+        axes.filter(|(axis, settings)| axis.reference == state as u32 && settings.homing.is_some());
+    let names: Vec<&str> = axes.map(|(_, settings)| settings.name.as_str()).collect();
+    (!names.is_empty()).then(|| names.join(" "))
+}
+
+/// A machine with its drives on that waits to be homed.
+fn not_homed(feedback: &Feedback, machine: &Machine, cause: Option<&str>) -> Option<Says> {
+    let axes = axes_that_are(Reference::Missing, feedback, machine)?;
+    let detail = format!("not homed: {axes}");
+    let next = format!("`quadrant home` homes all, `quadrant home {axes}` these");
+    let detail = cause.map_or(detail.clone(), |cause| format!("{cause}; {detail}"));
+    Some(Says::new("⌂", "NOT HOMED", bad_with(cause), &detail, &next))
 }
 
 /// The tone of a state that has a cause, or waits for somebody.
@@ -165,6 +196,10 @@ fn enabled(feedback: &Feedback, machine: &Machine) -> Says {
         let detail = format!("for {waiting}");
         let next = "goes on by itself; h holds, s stops";
         return Says::new("…", "WAITS", Tone::Waits, &detail, next);
+    }
+    let homed_first = not_homed(feedback, machine, cause(feedback, machine).as_deref());
+    if let Some(says) = homed_first.filter(|_| feedback.hold == 1) {
+        return says;
     }
     let (symbol, state, tone, detail, next) = if feedback.hold == 1 && at_rest(feedback) {
         let next = "r resumes; an axis may be moved now (`quadrant jog X 5`)";

@@ -253,6 +253,9 @@ fn cause_label(cause: Cause) -> &'static str {
         Cause::ProbeMissed => "probe-missed",
         Cause::ProbeEarly => "probe-early",
         Cause::ProbeLost => "probe-lost",
+        Cause::HomeSwitch => "home-switch",
+        Cause::HomeIndex => "home-index",
+        Cause::HomeDrive => "home-drive",
     }
 }
 

@@ -1,5 +1,6 @@
 //! One row per axis.
 
+use bus::sample::Reference;
 use bus::service::ROLES;
 use ratatui::Frame;
 use ratatui::layout::Rect;
@@ -12,6 +13,8 @@ use crate::live::palette::Palette;
 
 /// Characters of a row beside the bars.
 const FIXED: u16 = 76;
+/// Characters of the mark at axes that are not homed.
+const MARK: u16 = 3;
 /// Heights of a bar.
 const BARS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
 /// Share of the limit from which a following error is marked.
@@ -20,7 +23,10 @@ const NEAR_LIMIT: f64 = 0.5;
 /// Draws them, with a line of headings.
 pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let palette = screen.palette;
-    let bars = usize::from(area.width.saturating_sub(FIXED).clamp(4, 60));
+    let mut axes = screen.model.axes.iter();
+    let mark = axes.any(|axis| axis.reference != Reference::Known);
+    let fixed = FIXED + if mark { MARK } else { 0 };
+    let bars = usize::from(area.width.saturating_sub(fixed).clamp(4, 60));
     let heading = format!(
         " {:<5}{:>11}{:>11}{:>9}{:>8} {:<bars$}{:>7}{:>7}{:>7}{:>6} {}",
         "axis",
@@ -44,6 +50,15 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
             .map(|axis| row(axis, bars, palette)),
     );
     frame.render_widget(Paragraph::new(lines), area);
+}
+
+/// A mark at an axis that is not homed.
+fn not_homed(axis: &AxisView) -> &'static str {
+    match axis.reference {
+        Reference::Known => "",
+        Reference::Missing => " ⌂?",
+        Reference::Searching => " ⌂…",
+    }
 }
 
 fn row(axis: &AxisView, bars: usize, palette: Palette) -> Line<'static> {
@@ -87,6 +102,7 @@ fn row(axis: &AxisView, bars: usize, palette: Palette) -> Line<'static> {
             " {}",
             ROLES.get(axis.role as usize).copied().unwrap_or("?")
         )),
+        Span::styled(not_homed(axis), palette.warn()),
     ])
 }
 

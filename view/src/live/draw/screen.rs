@@ -17,6 +17,8 @@ pub enum Prompt {
     Keys,
     /// Whether to stop.
     ConfirmStop,
+    /// Whether to home.
+    ConfirmHome,
     /// What came of an order.
     Answer(Tone, String),
 }

@@ -1,0 +1,459 @@
+//! Homing: axes without absolute encoders find their place, one after another (docs/howto/home.md).
+//!
+//! Each search is a motion of the servo's manual controller. Where the axis is known is latched as what has to be added to the raw
+//! position of its drive; it takes effect while the drive holds the axis by itself, so that no loop sees it jump.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::{Cause, Driver, MAX_AXES, Mode, Reference, Refused};
+use bytemuck::{Pod, Zeroable};
+use machine::{Homing as Settings, HomingMethod};
+
+use super::axis_unit::AxisUnit;
+use super::orders::Refusal;
+use super::{Master, STANDSTILL_MM_S};
+use crate::drives::Drives;
+use crate::window_arbiter::Dropped;
+
+/// Scans that the drive holds the axis before and after its positions change: everybody has seen it by then.
+const HOLD_SCANS: u64 = 8;
+/// A motion may take this much longer than its way at its speed, in s: settling twice, lagging, speeding up.
+const PATIENCE_S: f64 = 5.0;
+/// The same as a share of that time.
+const PATIENCE_SHARE: f64 = 1.5;
+/// The index must come within so many turns of the motor behind the edge of the switch.
+const INDEX_TURNS: f64 = 1.5;
+
+/// What outlives the master.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct HomingLatches {
+    /// Position of the machine less raw position of the drive, by axis, in increments.
+    pub offset: [i64; MAX_AXES],
+    /// Axes that are homed, a bit each.
+    pub homed: u64,
+}
+
+/// What an axis is doing to be homed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Step {
+    /// It stands on the switch: away from it, at search speed.
+    Leave,
+    /// Towards the switch.
+    Search,
+    /// Slowly off the switch.
+    Back,
+    /// Slowly back to its edge.
+    Edge,
+    /// On to the index, from the raw position of the edge; without a switch from where it began.
+    Index { from: i64 },
+    /// The drive does it.
+    Drive,
+    /// The drive holds the axis, and its positions change.
+    Set,
+}
+
+/// Axes that are being homed.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Homing {
+    /// Axes that wait, a bit each.
+    waiting: u32,
+    axis: usize,
+    step: Step,
+    /// Raw position of the reference point, in increments, once it is known.
+    reference: Option<i64>,
+    /// The step's motion has been begun, and scans since.
+    begun: bool,
+    scans: u64,
+    /// It is to come to rest where it can, and to end.
+    ends: bool,
+}
+
+impl Homing {
+    /// Whether the drive of this axis is to home it.
+    pub fn by_drive(&self, index: usize) -> bool {
+        self.axis == index && self.begun && self.step == Step::Drive && !self.ends
+    }
+}
+
+/// What one scan of a step makes out.
+enum Found {
+    /// Nothing yet.
+    Nothing,
+    /// The step has found what it looked for: the axis stops, then this step.
+    Stop(Step),
+    /// It goes on with this step as it moves.
+    GoOn(Step),
+    /// It has not found it.
+    Failed(Cause),
+}
+
+impl AxisUnit {
+    /// Whether a program may move it.
+    pub(super) fn is_homed(&self) -> bool {
+        self.settings.homing.is_none() || self.reference == Reference::Known
+    }
+
+    /// Takes what the drive shows of its reference: one that it has lost is gone.
+    pub(super) fn judge_reference(&mut self) {
+        let keeps = match self.settings.homing.map(|homing| homing.method) {
+            None => {
+                self.reference = if self.drive.referenced {
+                    Reference::Known
+                } else {
+                    Reference::Missing
+                };
+                return;
+            }
+            Some(HomingMethod::Drive) => {
+                if self.drive.referenced && self.reference == Reference::Missing {
+                    self.reference = Reference::Known;
+                }
+                self.drive.referenced
+            }
+            Some(_) => !self.drive.state.is_lost(),
+        };
+        if !keeps && self.reference == Reference::Known {
+            self.reference = Reference::Missing;
+        }
+    }
+
+    /// Position that its drive shows, in increments.
+    fn raw_position(&self) -> i64 {
+        self.increments(self.drive.motor_position_mm)
+    }
+
+    fn switch_is_actuated(&self, homing: &Settings, inputs: u64) -> bool {
+        let shows = homing
+            .switch_input
+            .is_some_and(|input| inputs >> input.min(63) & 1 == 1);
+        shows != homing.switch_normally_closed
+    }
+
+    /// One scan of a step that moves; what it makes out.
+    fn look(&self, homing: &Settings, step: Step, inputs: u64) -> Found {
+        let actuated = self.switch_is_actuated(homing, inputs);
+        match step {
+            Step::Leave if !actuated => Found::Stop(Step::Search),
+            Step::Search if actuated => Found::Stop(Step::Back),
+            Step::Back if !actuated => Found::Stop(Step::Edge),
+            Step::Edge if actuated && homing.method == HomingMethod::SwitchIndex => {
+                Found::GoOn(Step::Index {
+                    from: self.raw_position(),
+                })
+            }
+            Step::Edge if actuated => Found::Stop(Step::Set),
+            Step::Index { .. } if self.drive.index_mm.is_some() => Found::Stop(Step::Set),
+            Step::Index { from } if homing.method == HomingMethod::SwitchIndex => {
+                let most = self.increments(INDEX_TURNS * self.settings.lead_mm);
+                if self.raw_position().abs_diff(from) > most.unsigned_abs() {
+                    Found::Failed(Cause::HomeIndex)
+                } else {
+                    Found::Nothing
+                }
+            }
+            _ => Found::Nothing,
+        }
+    }
+
+    /// Speed, direction as a factor, and driver of a step.
+    fn motion(&self, homing: &Settings, step: Step) -> (f64, i64, Driver) {
+        let sign = homing.direction.sign();
+        let (search, latch) = (homing.search_mm_s, homing.latch_mm_s);
+        match step {
+            Step::Leave => (search, -sign, Driver::Search),
+            Step::Search => (search, sign, Driver::Search),
+            Step::Back => (latch, -sign, Driver::Latch),
+            Step::Edge | Step::Index { .. } => (latch, sign, Driver::Latch),
+            Step::Drive | Step::Set => (latch, 0, Driver::Drive),
+        }
+    }
+}
+
+impl<D: Drives> Master<D> {
+    /// What must outlive this master.
+    pub(super) fn homing_latches(&self) -> HomingLatches {
+        let mut latches = HomingLatches::default();
+        let offsets = latches.offset.iter_mut().zip(&self.axes).enumerate();
+        for (index, (offset, axis)) in offsets {
+            *offset = axis.offset;
+            let known = axis.reference == Reference::Known;
+            latches.homed |= u64::from(known) << index;
+        }
+        latches
+    }
+
+    /// Goes on where a master before this one left. An axis that it was homing is not homed.
+    pub(super) fn resume_homing(&mut self, latches: &HomingLatches) {
+        let offsets = latches.offset.iter().enumerate();
+        for ((index, offset), axis) in offsets.zip(&mut self.axes) {
+            let Some(homing) = axis.settings.homing else {
+                continue;
+            };
+            axis.offset = *offset;
+            let homed = latches.homed >> index & 1 == 1;
+            if homed && homing.method != HomingMethod::Drive {
+                axis.reference = Reference::Known;
+            }
+            axis.judge_reference();
+            axis.command_position = axis.feedback_position();
+        }
+    }
+
+    /// Whether every axis knows its place.
+    pub(super) fn is_homed(&self) -> bool {
+        self.axes.iter().all(AxisUnit::is_homed)
+    }
+
+    /// Homes the axes whose bits are set, or all that can be homed.
+    pub(super) fn order_home(&mut self, bits: f64) -> Result<(), Refusal> {
+        self.must_rest()?;
+        if self.auxiliary.latches.coupled != 0 {
+            return Err(Refused::InThread.into());
+        }
+        if self.windows.has_started() {
+            return Err(Refused::Running.into());
+        }
+        let all = (1u64 << self.axes.len().min(MAX_AXES)) - 1;
+        if bits.fract() != 0.0 || !(0.0..=f64::from(u32::MAX)).contains(&bits) {
+            return Err(Refused::BadValue.into());
+        }
+        if bits as u64 & !all != 0 {
+            return Err(Refused::UnknownAxis.into());
+        }
+        let homes = self
+            .axes
+            .iter()
+            .enumerate()
+            .fold(0, |homes, (index, axis)| {
+                homes | u32::from(axis.settings.homing.is_some()) << index
+            });
+        let asked = bits as u32;
+        let waiting = if asked == 0 { homes } else { asked };
+        if waiting == 0 || waiting & !homes != 0 {
+            return Err(Refused::Absolute.into());
+        }
+        if matches!(
+            self.cause,
+            Cause::HomeSwitch | Cause::HomeIndex | Cause::HomeDrive
+        ) {
+            self.cause = Cause::None;
+            self.cause_axis = u32::MAX;
+            self.cause_scan = 0;
+        }
+        self.jog_from = self.mode;
+        self.mode = Mode::Jogging;
+        self.windows.drop_all(self.scan, Dropped::LeavesPath);
+        self.home_next(waiting);
+        Ok(())
+    }
+
+    /// Begins with the next of the axes that wait; ends without one.
+    fn home_next(&mut self, waiting: u32) {
+        let inputs = self.digital_inputs();
+        let axes = self.axes.iter().enumerate();
+        let due = axes.filter(|(index, _)| waiting >> index & 1 == 1);
+        let due = due.filter_map(|(index, axis)| Some((index, axis.settings.homing?)));
+        let Some((index, homing)) = due.min_by_key(|(index, homing)| (homing.order, *index)) else {
+            self.homing = None;
+            self.end_jog();
+            return;
+        };
+        let Some(axis) = self.axes.get_mut(index) else {
+            return;
+        };
+        axis.reference = Reference::Searching;
+        let step = match homing.method {
+            HomingMethod::Drive => Step::Drive,
+            HomingMethod::Index => Step::Index {
+                from: axis.raw_position(),
+            },
+            _ if axis.switch_is_actuated(&homing, inputs) => Step::Leave,
+            _ => Step::Search,
+        };
+        self.homing = Some(Homing {
+            waiting: waiting & !(1 << index),
+            axis: index,
+            step,
+            reference: None,
+            begun: false,
+            scans: 0,
+            ends: false,
+        });
+        self.auxiliary.latched();
+    }
+
+    /// One scan of homing; `rests`: its motion has come to rest.
+    pub(super) fn step_homing(&mut self, rests: bool) {
+        let inputs = self.digital_inputs();
+        let Some(mut homing) = self.homing else {
+            return;
+        };
+        let Some(axis) = self.axes.get_mut(homing.axis) else {
+            return;
+        };
+        let Some(settings) = axis.settings.homing else {
+            return;
+        };
+        homing.scans = homing.scans.saturating_add(1);
+        if homing.ends {
+            let stands = axis.drive.velocity_mm_s.abs() < STANDSTILL_MM_S;
+            let held = axis.driver == Driver::Drive && homing.scans > HOLD_SCANS && stands;
+            if rests || held || axis.driver == Driver::Program {
+                self.give_up_homing();
+                self.end_jog();
+            } else {
+                self.homing = Some(homing);
+            }
+            return;
+        }
+        self.homing = Some(homing);
+        if !homing.begun {
+            self.begin_step(&settings);
+        } else if axis.driver == Driver::Drive {
+            self.hold_step(&settings);
+        } else {
+            self.move_step(&settings, rests, inputs);
+        }
+    }
+
+    /// Begins the motion of a step, from rest.
+    fn begin_step(&mut self, settings: &Settings) {
+        let Some(homing) = &mut self.homing else {
+            return;
+        };
+        let Some(axis) = self.axes.get_mut(homing.axis) else {
+            return;
+        };
+        let (speed_mm_s, sign, driver) = axis.motion(settings, homing.step);
+        let distance_mm = axis.settings.search_distance_mm();
+        let way = axis.increments(distance_mm).saturating_mul(sign);
+        axis.jog_target = axis.command_position.saturating_add(way);
+        axis.driver = driver;
+        (homing.begun, homing.scans) = (true, 0);
+        let patience_s = match homing.step {
+            Step::Drive => settings.patience_s,
+            Step::Set => PATIENCE_S,
+            _ => PATIENCE_SHARE * distance_mm / speed_mm_s + PATIENCE_S,
+        };
+        // It ends by itself before; `Step::Drive` looks at the time on its own.
+        self.jog_patience_scans = libm::ceil((patience_s + PATIENCE_S) / self.scan_period_s) as u64;
+    }
+
+    /// One scan of a step that the servo drives.
+    fn move_step(&mut self, settings: &Settings, rests: bool, inputs: u64) {
+        let Some(homing) = &mut self.homing else {
+            return;
+        };
+        let Some(axis) = self.axes.get_mut(homing.axis) else {
+            return;
+        };
+        if axis.driver == Driver::ManualStop {
+            if rests {
+                axis.driver = Driver::Program;
+                homing.begun = false;
+            }
+            return;
+        }
+        let found = match axis.look(settings, homing.step, inputs) {
+            Found::Nothing if rests => Found::Failed(match homing.step {
+                Step::Index { .. } => Cause::HomeIndex,
+                _ => Cause::HomeSwitch,
+            }),
+            found => found,
+        };
+        match found {
+            Found::Nothing => {}
+            Found::GoOn(step) => homing.step = step,
+            Found::Stop(step) => {
+                let index = axis.drive.index_mm.map(|mm| axis.increments(mm));
+                homing.reference = match homing.step {
+                    Step::Index { .. } => index,
+                    Step::Edge => Some(axis.raw_position()),
+                    _ => None,
+                };
+                homing.step = step;
+                axis.driver = Driver::ManualStop;
+            }
+            Found::Failed(cause) => {
+                let axis = homing.axis as u32;
+                self.fail_homing(cause, axis);
+            }
+        }
+    }
+
+    /// One scan of a step in which the drive holds the axis or homes it.
+    fn hold_step(&mut self, settings: &Settings) {
+        let patience = libm::ceil(settings.patience_s / self.scan_period_s) as u64;
+        let Some(homing) = &mut self.homing else {
+            return;
+        };
+        let index = homing.axis;
+        let Some(axis) = self.axes.get_mut(index) else {
+            return;
+        };
+        if homing.step == Step::Drive {
+            if axis.drive.referenced {
+                homing.step = Step::Set;
+                homing.scans = 0;
+            } else if homing.scans > patience {
+                self.trip(Cause::HomeDrive, index as u32);
+            }
+            return;
+        }
+        let stands = axis.drive.velocity_mm_s.abs() < STANDSTILL_MM_S;
+        if homing.scans <= HOLD_SCANS || !stands {
+            return;
+        }
+        if let Some(reference) = homing.reference.take() {
+            let position = axis.increments(settings.position_mm);
+            axis.offset = position.saturating_sub(reference);
+            axis.command_position = axis.feedback_position();
+            homing.scans = 0;
+            self.auxiliary.latched();
+            return;
+        }
+        axis.reference = Reference::Known;
+        axis.driver = Driver::Program;
+        let waiting = homing.waiting;
+        self.auxiliary.latched();
+        self.home_next(waiting);
+    }
+
+    /// What was looked for is not there: the axis comes to rest, and whoever ordered it sees why.
+    fn fail_homing(&mut self, cause: Cause, axis: u32) {
+        self.cause = cause;
+        self.cause_axis = axis;
+        self.cause_scan = self.scan + 1;
+        self.stop_jog();
+    }
+
+    /// The axis that is being homed is to come to rest, and is not homed then.
+    pub(super) fn end_homing(&mut self) {
+        if let Some(homing) = &mut self.homing {
+            homing.ends = true;
+            homing.scans = 0;
+        }
+    }
+
+    /// It is not homed, whatever it was before.
+    pub(super) fn give_up_homing(&mut self) {
+        let Some(homing) = self.homing.take() else {
+            return;
+        };
+        if let Some(axis) = self.axes.get_mut(homing.axis) {
+            axis.reference = Reference::Missing;
+            axis.judge_reference();
+        }
+        self.auxiliary.latched();
+    }
+
+    fn digital_inputs(&self) -> u64 {
+        self.auxiliary.questions.digital()
+    }
+}
