@@ -27,6 +27,7 @@ pub fn with_code(cause: Cause, code: u32) -> String {
 /// An error code of a drive: the groups of CiA 402 (IEC 61800-7-201, error codes).
 pub fn drive_error(code: u32) -> &'static str {
     match code & 0xFFFF {
+        0x1000..=0x10FF => "a fault that it does not name further",
         0x2110..=0x212F => "short circuit or earth fault at its input",
         0x2211..=0x2219 | 0x2310..=0x231F => "continuous overcurrent",
         0x2220..=0x222F | 0x2320 | 0x2330..=0x233F => "short circuit or earth fault at the motor",

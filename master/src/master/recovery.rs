@@ -137,19 +137,15 @@ impl<D: Drives> Master<D> {
             hold,
             at_start: false,
             forgiven: 0,
+            awaits_lost: false,
         }
     }
 
-    /// A bit for each axis whose drive has a fault or is lost.
+    /// A bit for each axis whose drive has a fault.
     fn faulted(&self) -> u32 {
         let axes = self.axes.iter().enumerate();
-        axes.filter(|(_, axis)| {
-            matches!(
-                axis.drive.state,
-                DriveState::Fault { .. } | DriveState::Lost { .. }
-            )
-        })
-        .fold(0, |bits, (index, _)| bits | 1 << index)
+        axes.filter(|(_, axis)| matches!(axis.drive.state, DriveState::Fault { .. }))
+            .fold(0, |bits, (index, _)| bits | 1 << index)
     }
 
     /// Drives on: at once where they all follow commands already, otherwise as soon as they do. A trip ends with it.
@@ -167,6 +163,7 @@ impl<D: Drives> Master<D> {
         }
         self.switching_on = Some(SwitchingOn {
             forgiven: self.faulted(),
+            awaits_lost: self.axes.iter().any(|axis| axis.drive.state.is_lost()),
             ..self.switching_on_now(hold)
         });
     }
@@ -188,7 +185,8 @@ impl<D: Drives> Master<D> {
         let mut axes = self.axes.iter().enumerate();
         let failed = axes.position(|(index, axis)| match axis.drive_cause() {
             Cause::DriveOff => on.scans == 0,
-            Cause::DriveFault | Cause::DriveLost if on.forgiven >> index & 1 == 1 => on.scans == 0,
+            Cause::DriveFault if on.forgiven >> index & 1 == 1 => on.scans == 0,
+            Cause::DriveLost if on.awaits_lost => on.scans == 0,
             cause => cause != Cause::None,
         });
         if let Some(index) = failed {

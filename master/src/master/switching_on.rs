@@ -9,6 +9,8 @@ pub struct SwitchingOn {
     pub hold: bool,
     /// The master has started with it: nobody has ordered it.
     pub at_start: bool,
-    /// A bit for each axis whose drive had a fault, or was lost, when it was ordered: it is reset, or started again, on the way.
+    /// A bit for each axis whose drive had a fault when it was ordered: it is reset on the way.
     pub forgiven: u32,
+    /// A drive was lost when it was ordered: the bus is started again on the way, and all are lost for a while.
+    pub awaits_lost: bool,
 }
