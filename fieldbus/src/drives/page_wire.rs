@@ -11,12 +11,16 @@ use std::time::{Duration, Instant};
 
 use bus::drive_page::{BusState, DrivePage, Inputs, Outputs, Wiring};
 use bus::member::Pace;
+use bus::process::watch;
 use bus::realtime::now_ns;
 
 use super::cia402_drives::{Wire, WireAnswer};
 
 /// The longest wait at the page without a look around.
 const WAIT_STEP: Duration = Duration::from_millis(20);
+
+/// A cycle that is open for so long may have lost its owner, with nobody to take the bus over.
+const ORPHANED_NS: u64 = 200_000_000;
 
 /// The wire of a master.
 #[derive(Debug)]
@@ -88,6 +92,7 @@ impl PageWire {
             Pace::Realtime => self.period.as_nanos() as u64 / 2,
             Pace::Lockstep => self.answer_limit.as_nanos() as u64,
         });
+        let look_ns = now_ns() + ORPHANED_NS;
         loop {
             let seen = self.page.answered_signal().count();
             if self.page.answered() == Some(cycle) {
@@ -99,6 +104,10 @@ impl PageWire {
             let now = now_ns();
             if now >= until_ns {
                 return WireAnswer::Missed;
+            }
+            // Without a launcher nobody else reports its death.
+            if now >= look_ns && watch(self.page.owner()).is_err() {
+                return WireAnswer::Down;
             }
             let left = Duration::from_nanos(until_ns - now);
             self.page.answered_signal().wait(seen, left.min(WAIT_STEP));

@@ -74,7 +74,8 @@ impl Cycle {
         self.inputs.counts.sent += 1;
     }
 
-    /// Awaits the answer to a frame that was sent, until this time of the monotonic clock or as long as `patient` says; what came.
+    /// Awaits the answer to a frame that was sent, until this time of the monotonic clock or as long as `patient` says, which is asked
+    /// now and then; what came.
     pub fn receive(
         &mut self,
         number: u64,
@@ -82,13 +83,18 @@ impl Cycle {
         mut patient: impl FnMut() -> bool,
     ) -> &Inputs {
         self.inputs.answered = 0;
+        let mut now = now_ns();
+        let mut look_ns = now + WAIT_STEP_NS;
         while !self.take_all(number) {
-            let now = now_ns();
-            if now >= until_ns || !patient() {
+            if now >= until_ns || now >= look_ns && !patient() {
                 self.inputs.counts.missed += 1;
                 break;
             }
-            self.socket.wait((until_ns - now).min(WAIT_STEP_NS));
+            if now >= look_ns {
+                look_ns = now + WAIT_STEP_NS;
+            }
+            self.socket.wait(until_ns.min(look_ns).saturating_sub(now));
+            now = now_ns();
         }
         &self.inputs
     }

@@ -172,6 +172,7 @@ impl<'a> Owner<'a> {
             }
         }
         self.segment.put_to_rest(self.process);
+        self.process.page.disown();
         Ok(())
     }
 }
@@ -283,7 +284,7 @@ impl Segment {
         let frame = self.frame;
         self.cycle.send(Tag { frame, cycle }, image);
         let member = &process.member;
-        let patient = || !member.ending();
+        let patient = || !member.ending() && member.launcher_lives();
         self.cycle
             .receive(frame, process.answer_until_ns(), patient)
     }
