@@ -84,7 +84,7 @@ pub enum Command {
     Clean(CleanOptions),
     /// What this PC offers for real time, what to change, and why: kernel, priorities, limits, timer, memory, processors
     Doctor(DoctorOptions),
-    /// Drives on EtherCAT: drive files, made of a vendor's ESI file and checked
+    /// Drives on EtherCAT: who is on the cable, objects of drives, drive files made of a vendor's ESI file and checked
     Bus(BusOptions),
     /// Identify every axis by short test motions, set its gains and compensations by law, write the machine file
     Tune(TuneOptions),

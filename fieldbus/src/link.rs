@@ -2,8 +2,10 @@
 
 mod cycle;
 mod frame;
+mod interface;
 mod socket;
 
 pub use cycle::{Cycle, Found};
 pub use frame::{CycleFrame, Received, Tag, request_state};
+pub use interface::{Interface, interfaces};
 pub use socket::{FRAME_BYTES_MAX, LinkError, Origin, Socket};

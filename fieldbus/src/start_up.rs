@@ -8,6 +8,9 @@ mod configure;
 #[cfg(feature = "ethercat")]
 mod driver;
 mod error;
+mod found;
+#[cfg(not(feature = "ethercat"))]
+mod not_built;
 #[cfg(feature = "ethercat")]
 mod objects;
 #[cfg(feature = "ethercat")]
@@ -20,10 +23,13 @@ mod segment;
 mod wiring;
 
 pub use error::StartUpError;
+pub use found::{FoundPdo, FoundSlave, ObjectData, ObjectValue, Written};
+#[cfg(not(feature = "ethercat"))]
+pub use not_built::{read_object, scan, start_up, write_object};
 #[cfg(feature = "ethercat")]
-pub use objects::{ObjectValue, read_object, write_object};
+pub use objects::{read_object, write_object};
 #[cfg(feature = "ethercat")]
-pub use scan::{FoundPdo, FoundSlave, scan};
+pub use scan::scan;
 #[cfg(feature = "ethercat")]
 pub use segment::start_up;
 
@@ -31,6 +37,9 @@ use bus::member::Pace;
 use machine::Fieldbus;
 
 use crate::drives::DriveSetup;
+
+/// Whether this program was built with EtherCAT.
+pub const BUILT: bool = cfg!(feature = "ethercat");
 
 /// What a segment is to be.
 #[derive(Debug, Clone)]
@@ -65,14 +74,4 @@ impl SegmentPlan {
             None => format!("place {slave} on the cable"),
         }
     }
-}
-
-/// Without the feature there is nothing to start a segment up with.
-#[cfg(not(feature = "ethercat"))]
-#[expect(clippy::missing_errors_doc, reason = "it always fails")]
-pub fn start_up(
-    _socket: &std::rc::Rc<crate::link::Socket>,
-    _plan: &SegmentPlan,
-) -> Result<bus::drive_page::Wiring, StartUpError> {
-    Err(StartUpError::NotBuilt)
 }

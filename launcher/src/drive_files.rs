@@ -1,4 +1,4 @@
-//! `quadrant bus drive-file` and `quadrant bus check`: drive files, made of a vendor's ESI file and checked against it.
+//! `quadrant bus`, and of it `drive-file` and `check`: drive files, made of a vendor's ESI file and checked against it.
 
 use std::fs::{self, OpenOptions};
 use std::io::{ErrorKind, Write};
@@ -13,6 +13,7 @@ use fieldbus::process_data;
 use crate::exit::{Kind, Outcome};
 use crate::options::{BusCheckOptions, BusCommand, BusOptions, DriveFileOptions};
 use crate::output::say;
+use crate::{bus_scan, bus_sdo};
 
 /// Longest name of a file that is made of a drive's name, in letters.
 const NAME_LETTERS_MAX: usize = 40;
@@ -20,11 +21,13 @@ const NAME_LETTERS_MAX: usize = 40;
 /// `quadrant bus`.
 ///
 /// # Errors
-/// A file that cannot be used, or written.
+/// A file that cannot be used, or written; a segment that cannot be talked to.
 pub fn bus(options: &BusOptions) -> Outcome {
     match &options.command {
         BusCommand::DriveFile(options) => make(options),
         BusCommand::Check(options) => check(options),
+        BusCommand::Scan(options) => bus_scan::scan(options),
+        BusCommand::Sdo(options) => bus_sdo::sdo(options),
     }
 }
 

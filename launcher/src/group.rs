@@ -26,7 +26,10 @@ use crate::logs;
 use crate::metrics_socket::Listener;
 use crate::run_dir::RunDir;
 
+mod death;
 mod restart;
+
+pub use death::Death;
 
 /// Until then every process must have reported that it is ready.
 const READY_LIMIT: Duration = Duration::from_secs(30);
@@ -204,59 +207,14 @@ struct Member {
     joining: Option<Instant>,
     child: Child,
     ended: OwnedFd,
-    log: Option<JoinHandle<()>>,
+    log: Option<JoinHandle<Option<String>>>,
     status: Option<ExitStatus>,
 }
 
-/// A death that the launcher has dealt with.
-#[derive(Debug, Clone)]
-pub struct Death {
-    /// Which process.
-    pub name: String,
-    /// What it did.
-    pub job: Job,
-    /// How it ended.
-    pub status: ExitStatus,
-    /// Its place in the roster.
-    pub place: usize,
-    /// Another process has taken its place, or is to.
-    pub replaced: bool,
-    /// It had nothing left to do: the last feedback had been published.
-    pub after_end: bool,
-    /// It took part; it did not die on its way into the cell.
-    pub took_part: bool,
-}
-
-impl Death {
-    fn of(member: &Member, place: usize, status: ExitStatus) -> Death {
-        Death {
-            name: member.role.name.clone(),
-            job: member.role.process.job,
-            status,
-            place,
-            replaced: false,
-            after_end: false,
-            took_part: member.joining.is_none(),
-        }
-    }
-
-    /// Whether something is missing since: nobody took its place, and it was needed.
-    pub fn is_loss(&self) -> bool {
-        !self.status.success() && !self.replaced && !self.after_end
-    }
-
-    /// Notes that it died when the run was over. A log is whole only once the recorder has left in order.
-    pub fn note_after_end(&mut self) {
-        self.after_end = self.job != Job::Monitor;
-    }
-
-    /// How it ended, in words.
-    pub fn words(&self) -> String {
-        match (self.status.signal(), self.status.code()) {
-            (Some(signal), _) => format!("killed by signal {signal}"),
-            (None, Some(code)) => format!("ended with status {code}"),
-            (None, None) => "ended".into(),
-        }
+impl Member {
+    /// Waits until all is passed on that it printed; why it gave up, if it said so.
+    fn last_words(&mut self) -> Option<String> {
+        self.log.take()?.join().ok().flatten()
     }
 }
 
@@ -511,8 +469,8 @@ impl Group {
             if interrupted() {
                 bail!("interrupted while the processes were being started");
             }
-            if let Some(death) = self.reap().into_iter().next() {
-                bail!("{} {} before it was ready", death.name, death.words());
+            if let Some(death) = self.collect(|| {}).into_iter().next() {
+                return Err(death.before_ready());
             }
             self.page
                 .launcher_signal()
@@ -568,6 +526,17 @@ impl Group {
 
     /// The same; takes a last look before what they left, samples that nobody has taken among it, is cleaned up.
     pub fn reap_after(&mut self, last_look: impl FnOnce()) -> Vec<Death> {
+        let deaths = self.collect(last_look);
+        for death in &deaths {
+            if let Some(words) = &death.last_words {
+                tracing::error!("{}: {words}", death.name);
+            }
+        }
+        deaths
+    }
+
+    /// The same without a word.
+    fn collect(&mut self, last_look: impl FnOnce()) -> Vec<Death> {
         let mut deaths = Vec::new();
         for (index, member) in self.members.iter_mut().enumerate() {
             if member.status.is_some() {
@@ -577,14 +546,15 @@ impl Group {
                 continue;
             };
             member.status = Some(status);
-            if let Some(log) = member.log.take() {
-                let _ = log.join();
-            }
+            let last_words = member.last_words();
             // Who leaves in order has been ordered to: that is no news, and no sample may depend on when it was noticed.
             if !status.success() {
                 note_death(&mut self.roster, index, status, self.newest_scan);
             }
-            deaths.push(Death::of(member, index, status));
+            deaths.push(Death {
+                last_words,
+                ..Death::of(member, index, status)
+            });
         }
         self.free_bus(&deaths);
         if !deaths.is_empty() {
@@ -658,9 +628,7 @@ impl Group {
         for member in self.members.iter_mut().filter(|member| whom(member)) {
             let _ = pidfd_send_signal(&member.ended, Signal::KILL);
             member.status = member.child.wait().ok();
-            if let Some(log) = member.log.take() {
-                let _ = log.join();
-            }
+            member.last_words();
         }
         self.bus.clean_dead();
     }

@@ -1,5 +1,7 @@
 //! The process group of a cell: started, supervised, restarted, stopped; and the operator's commands to a running one.
 
+mod bus_scan;
+mod bus_sdo;
 pub mod check;
 pub mod doctor;
 pub mod drive_files;

@@ -67,33 +67,65 @@ pub fn init_role() {
 /// Bytes of a child's line; a longer one is passed on in pieces.
 const LINE_MAX: u64 = 4 << 10;
 
-/// Passes a child's lines on until it closes its standard error. It is read whether anybody takes the lines or not: a child
-/// that prints never waits for a terminal.
+/// With this a process begins to say why it gives up: the last that it says.
+const LAST_WORDS: &str = "quadrant: ";
+
+/// Passes a child's lines on until it closes its standard error; why it gave up is kept for whoever waits for the thread. It is read
+/// whether anybody takes the lines or not: a child that prints never waits for a terminal.
 ///
 /// # Errors
 /// There can be no thread for it.
 pub fn forward(
     process: String,
     stderr: ChildStderr,
-) -> std::io::Result<std::thread::JoinHandle<()>> {
+) -> std::io::Result<std::thread::JoinHandle<Option<String>>> {
     let thread = std::thread::Builder::new().name("qd-lines".into());
     thread.spawn(move || {
         let mut lines = BufReader::new(stderr);
         let mut line = Vec::new();
+        let mut last_words: Option<String> = None;
         while let Ok(1..) = (&mut lines).take(LINE_MAX).read_until(b'\n', &mut line) {
             let text = String::from_utf8_lossy(&line);
             let text = text.trim();
-            match text.split_once(' ') {
-                Some(("ERROR", rest)) => tracing::error!("{process}: {}", rest.trim_start()),
-                Some(("WARN", rest)) => tracing::warn!("{process}: {}", rest.trim_start()),
-                Some(("INFO", rest)) => tracing::info!("{process}: {}", rest.trim_start()),
-                Some(("DEBUG", rest)) => tracing::debug!("{process}: {}", rest.trim_start()),
-                Some(("TRACE", rest)) => tracing::trace!("{process}: {}", rest.trim_start()),
-                _ if text.is_empty() => {}
-                // Not a log line: a panic message or a library's complaint.
-                _ => tracing::error!("{process}: {text}"),
+            match (text.strip_prefix(LAST_WORDS), &mut last_words) {
+                (_, Some(words)) if words.len() < LINE_MAX as usize => {
+                    words.push('\n');
+                    words.push_str(text);
+                }
+                (Some(words), None) => last_words = Some(words.into()),
+                _ => pass_on(&process, text),
             }
             line.clear();
         }
+        last_words
     })
+}
+
+/// Passes one line on.
+fn pass_on(process: &str, text: &str) {
+    match text.split_once(' ') {
+        Some(("ERROR", rest)) => tracing::error!("{process}: {}", rest.trim_start()),
+        Some(("WARN", rest)) => tracing::warn!("{process}: {}", rest.trim_start()),
+        Some(("INFO", rest)) => tracing::info!("{process}: {}", rest.trim_start()),
+        Some(("DEBUG", rest)) => tracing::debug!("{process}: {}", rest.trim_start()),
+        Some(("TRACE", rest)) => tracing::trace!("{process}: {}", rest.trim_start()),
+        _ if text.is_empty() => {}
+        // Not a log line: a panic message or a library's complaint.
+        _ => tracing::error!("{process}: {text}"),
+    }
+}
+
+/// Passes a child's lines on, why it gives up among them.
+///
+/// # Errors
+/// There can be no thread for it.
+pub fn forward_all(process: String, stderr: ChildStderr) -> std::io::Result<()> {
+    let lines = forward(process.clone(), stderr)?;
+    let thread = std::thread::Builder::new().name("qd-last".into());
+    thread.spawn(move || {
+        if let Ok(Some(words)) = lines.join() {
+            tracing::error!("{process}: {words}");
+        }
+    })?;
+    Ok(())
 }

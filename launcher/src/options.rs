@@ -272,9 +272,12 @@ pub struct ReportOptions {
 /// What `quadrant doctor` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "Each finding is ok, could be better, or must be changed; the last two with the reason and what to type.\nExit status 3: something must be changed before a cell runs in real time."
+    after_help = "Each finding is ok, could be better, or must be changed; the last two with the reason and what to type.\nWith drives on EtherCAT, their network interface is looked at too:\n  quadrant doctor eth1\n  quadrant doctor machines/mine\n\nExit status 3: something must be changed before a cell runs in real time."
 )]
 pub struct DoctorOptions {
+    /// Look at the network interface of a fieldbus too: its name, or a machine with [bus]
+    #[arg(value_name = "INTERFACE|MACHINE")]
+    pub bus: Option<String>,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
@@ -323,6 +326,10 @@ pub enum BusCommand {
     DriveFile(DriveFileOptions),
     /// Check a drive file by itself and, if given, against the vendor's ESI file
     Check(BusCheckOptions),
+    /// Who is on a segment: names, numbers, states, process data
+    Scan(BusScanOptions),
+    /// Read an object of a slave, or write it
+    Sdo(BusSdoOptions),
 }
 
 /// What `quadrant bus drive-file` takes.
@@ -358,6 +365,64 @@ pub struct BusCheckOptions {
     /// The vendor's ESI file
     #[arg(long, value_name = "FILE")]
     pub esi: Option<PathBuf>,
+}
+
+/// What `quadrant bus scan` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "INTERFACE is a network interface of this PC that goes to the IN port of the first drive, and to nothing else (`ip link` lists them):\n  quadrant bus scan eth1\n  quadrant bus scan eth1 --json\n\nSlaves are listed in the order of the cable: `place` is what `slave` in [axis.drive] of the machine file counts from 0. `vendor`, `product` and `revision` are what [identity] of a drive file has to say, process data what [process_data] has to say. `profile` is 402 with drives of CiA 402. `clocks` says whether sync = \"dc\" is possible.\n\nNothing is enabled. All slaves go to PRE-OP and stay there; a drive that somebody else drives at that time stops by its own reaction. While a cell of quadrant drives the segment, the scan is refused.\n\nExit status 3: no such interface, it is off or has no link, no right to open raw sockets, a cell drives it, or nobody answers."
+)]
+pub struct BusScanOptions {
+    /// The network interface
+    pub interface: String,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What `quadrant bus sdo` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "An object is read where no VALUE is given, and written where one is:\n  quadrant bus sdo eth1 0 6502          which modes the first drive has\n  quadrant bus sdo eth1 0 605A          what it does at a quick stop\n  quadrant bus sdo eth1 0 605A 6        brake, then hold\n  quadrant bus sdo eth1 1 60C2:2 -3     a negative number\n  quadrant bus sdo eth1 1 1008          its name\n\nIndex and sub-index are hexadecimal and decimal, as manuals print them: 60C2:2, 1A00:10. Values are decimal, or hexadecimal with 0x. What was written holds until the drive is switched off, in most drives; what is to hold at every start belongs into [[start_up.sdo]] of the drive file.\n\nNothing is enabled. All slaves of the segment go to PRE-OP and stay there. While a cell of quadrant drives the segment, this is refused.\n\nExit status 3: the interface cannot be used, nobody answers, or the slave refuses, as is printed."
+)]
+pub struct BusSdoOptions {
+    /// The network interface
+    pub interface: String,
+    /// Place of the slave on the cable, from 0
+    pub slave: usize,
+    /// Object: index in hexadecimal, sub-index in decimal (0 where it is left out)
+    #[arg(value_name = "INDEX[:SUB]", value_parser = object)]
+    pub object: (u16, u8),
+    /// Value to write
+    #[arg(value_parser = whole_64, allow_negative_numbers = true)]
+    pub value: Option<i64>,
+    /// Size to write where the object cannot be read
+    #[arg(long, requires = "value", value_parser = bits)]
+    pub bits: Option<u32>,
+}
+
+/// Index and sub-index of an object.
+fn object(text: &str) -> Result<(u16, u8), String> {
+    let (index, sub) = text.split_once(':').unwrap_or((text, "0"));
+    let digits = index.strip_prefix("0x").unwrap_or(index);
+    let plain = digits.bytes().all(|digit| digit.is_ascii_hexdigit());
+    let index = u16::from_str_radix(digits, 16).ok().filter(|_| plain);
+    let sub = sub.parse().ok();
+    index
+        .zip(sub)
+        .ok_or_else(|| format!("{text:?} is no object such as 6064 or 60C2:1"))
+}
+
+/// A whole number, hexadecimal or decimal.
+fn whole_64(text: &str) -> Result<i64, String> {
+    let value = fieldbus::esi::whole(text);
+    value.ok_or_else(|| format!("{text:?} is no whole number such as 6, -3 or 0x1F"))
+}
+
+/// Size of an object that can be written.
+fn bits(text: &str) -> Result<u32, String> {
+    let bits = text.parse().ok().filter(|bits| matches!(bits, 8 | 16 | 32));
+    bits.ok_or_else(|| format!("{text:?} is not 8, 16 or 32"))
 }
 
 /// A number of 32 bits, hexadecimal or decimal.

@@ -212,7 +212,7 @@ impl Session {
             Ok(mut child) => {
                 if let Some(stderr) = child.stderr.take() {
                     // Without a thread nobody reads them, and the report is made nevertheless.
-                    let _ = logs::forward(format!("report of run {run}"), stderr);
+                    let _ = logs::forward_all(format!("report of run {run}"), stderr);
                 }
                 self.report = Some(Report { run, folder, child });
             }

@@ -88,7 +88,10 @@ impl UserCodes {
         match command.spawn() {
             Ok(mut child) => {
                 // What it prints is told; a thread that cannot be had only costs that.
-                let _ = child.stderr.take().map(|lines| logs::forward(name, lines));
+                let _ = child
+                    .stderr
+                    .take()
+                    .map(|lines| logs::forward_all(name, lines));
                 let since = Instant::now();
                 self.running = Some(Running { call, child, since });
             }

@@ -213,9 +213,12 @@ fn start_up(device: &Device, drive: &DriveFile) -> Vec<Sdo> {
     }
     for code in OptionCode::ALL {
         let found = drive.option_codes.of(code).map(i64::from);
-        // Reactions that matter are set in any case: a file tells what comes from the factory, not what somebody has set since.
+        // Reactions that matter are set in any case: a file tells what comes from the factory, not what somebody has set since. Of others
+        // it may not even tell that. The controller orders no halt.
         let matters = matches!(code, OptionCode::QuickStop | OptionCode::AbortConnection);
-        let coasts = found.is_some_and(|value| code.effect(value).may_coast());
+        let coasts = found.map_or(code != OptionCode::Halt, |value| {
+            code.effect(value).may_coast()
+        });
         if (matters || coasts) && takes(device, code.index(), code.braking()) {
             sdos.push(Sdo {
                 index: code.index(),

@@ -10,8 +10,8 @@
 use std::ffi::CString;
 use std::io;
 use std::os::fd::{AsFd, AsRawFd, FromRawFd, OwnedFd};
-use std::path::Path;
 
+use super::interface::interfaces;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 /// Ethertype of EtherCAT.
@@ -26,7 +26,7 @@ const IGNORE_OUTGOING: libc::c_int = 23;
 pub enum LinkError {
     /// There is none of this name.
     #[error(
-        "{interface}: there is no such network interface; there are {there}: name one in [bus] interface"
+        "{interface}: there is no such network interface; there are {there}: name one of them ([bus] interface of a machine file)"
     )]
     NoInterface {
         /// Its name.
@@ -80,33 +80,24 @@ pub struct Socket {
     interface: String,
 }
 
-fn interfaces() -> String {
-    let entries = std::fs::read_dir("/sys/class/net")
-        .into_iter()
-        .flatten()
-        .flatten();
-    let mut names: Vec<String> = entries
-        .map(|entry| entry.file_name().to_string_lossy().into_owned())
-        .filter(|name| name != "lo")
-        .collect();
-    names.sort();
-    if names.is_empty() {
-        "none".into()
-    } else {
-        names.join(", ")
-    }
-}
-
-/// Looks whether an interface can carry frames at all.
+/// Looks whether there is such an interface, and whether it can carry frames.
 fn look_at(interface: &str) -> Result<(), LinkError> {
-    let folder = Path::new("/sys/class/net").join(interface);
-    let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap_or_default();
-    let flags = read("flags");
-    let flags = u32::from_str_radix(flags.trim().trim_start_matches("0x"), 16);
-    if flags.is_ok_and(|flags| flags & libc::IFF_UP as u32 == 0) {
+    let all = interfaces();
+    let Some(found) = all.iter().find(|one| one.name == interface) else {
+        let names: Vec<&str> = all.iter().map(|one| one.name.as_str()).collect();
+        return Err(LinkError::NoInterface {
+            interface: interface.into(),
+            there: if names.is_empty() {
+                "none".into()
+            } else {
+                names.join(", ")
+            },
+        });
+    };
+    if !found.up {
         return Err(LinkError::Down(interface.into()));
     }
-    if read("carrier").trim() == "0" {
+    if !found.link {
         return Err(LinkError::NoLink(interface.into()));
     }
     Ok(())
@@ -123,15 +114,12 @@ impl Socket {
             what,
             source,
         };
-        let no_interface = || LinkError::NoInterface {
-            interface: interface.into(),
-            there: interfaces(),
-        };
-        let name = CString::new(interface).map_err(|_| no_interface())?;
+        look_at(interface)?;
+        let name = CString::new(interface).unwrap_or_default();
         // SAFETY: a C string that lives over the call.
         let index = unsafe { libc::if_nametoindex(name.as_ptr()) };
         if index == 0 {
-            return Err(no_interface());
+            return Err(system("looking for it", io::Error::last_os_error()));
         }
         let kind = libc::SOCK_RAW | libc::SOCK_NONBLOCK | libc::SOCK_CLOEXEC;
         // SAFETY: a plain system call; protocol 0 receives nothing before the socket is bound.
@@ -145,7 +133,6 @@ impl Socket {
         }
         // SAFETY: the descriptor was made just now and belongs to nobody else.
         let socket = unsafe { OwnedFd::from_raw_fd(raw) };
-        look_at(interface)?;
         attach_filter(&socket).map_err(|error| system("filtering its frames", error))?;
         // SAFETY: an all-zero address is a valid one.
         let mut address: libc::sockaddr_ll = unsafe { std::mem::zeroed() };

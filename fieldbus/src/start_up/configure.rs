@@ -2,7 +2,7 @@
 
 use super::SegmentPlan;
 use super::error::StartUpError;
-use super::objects::{Talk, is_missing, words};
+use super::objects::{Source, Talk, is_missing, words};
 use super::segment::without_watchdog;
 use crate::cia402::{self, OptionCode};
 use crate::drive_file::{DriveFile, Mapping};
@@ -28,7 +28,7 @@ pub(super) fn configure(
     let drive = &setup.drive;
     map(talk, drive)?;
     for sdo in &drive.start_up.sdos {
-        talk.set(sdo.index, sdo.sub, sdo.bits, sdo.value)?;
+        talk.set((sdo.index, sdo.sub), sdo.bits, sdo.value, Source::Sdo)?;
     }
     judge_option_codes(talk)?;
     set_interpolation_time(talk, drive, plan.period_us)?;
@@ -93,21 +93,25 @@ fn assign_pdos(
     if mapping == Mapping::Fixed && assigned(talk, assign).as_ref() == Some(&indices) {
         return Ok(());
     }
-    talk.set(assign, 0, 8, 0)?;
+    // Without a PDO or an entry that counts, some drives show none: what was written is compared at the end.
+    talk.put((assign, 0), 8, 0, Source::ProcessData)?;
     if mapping == Mapping::Written {
         for pdo in pdos {
-            talk.set(pdo.index, 0, 8, 0)?;
+            talk.put((pdo.index, 0), 8, 0, Source::ProcessData)?;
             for (place, entry) in (1..).zip(&pdo.entries) {
                 let words = i64::from(entry.index) << 16 | i64::from(entry.sub) << 8;
-                talk.set(pdo.index, place, 32, words | i64::from(entry.bits))?;
+                let words = words | i64::from(entry.bits);
+                talk.put((pdo.index, place), 32, words, Source::ProcessData)?;
             }
-            talk.set(pdo.index, 0, 8, pdo.entries.len() as i64)?;
+            let count = pdo.entries.len() as i64;
+            talk.put((pdo.index, 0), 8, count, Source::ProcessData)?;
         }
     }
     for (place, index) in (1..).zip(&indices) {
-        talk.set(assign, place, 16, *index)?;
+        talk.put((assign, place), 16, *index, Source::ProcessData)?;
     }
-    talk.set(assign, 0, 8, indices.len() as i64)
+    let count = indices.len() as i64;
+    talk.put((assign, 0), 8, count, Source::ProcessData)
 }
 
 /// The PDOs that are chosen; none where that cannot be read.
@@ -191,8 +195,10 @@ fn judge_option_codes(talk: &mut Talk<'_, '_, '_>) -> Result<(), StartUpError> {
         let effect = code.effect(value);
         if effect.may_coast() && code != OptionCode::Halt {
             let what = format!(
-                "it is {value}: {}; write {} in [[start_up.sdo]] of the drive file",
+                "it is {value}: {}; have {} written to it, by an [[start_up.sdo]] of the drive file with index = 0x{:04X}, bits = 16, value = {}",
                 effect.words(),
+                code.braking(),
+                code.index(),
                 code.braking()
             );
             return Err(talk.failed(step, what));
@@ -227,8 +233,8 @@ fn set_interpolation_time(
         return Ok(());
     };
     if drive.start_up.interpolation_time {
-        talk.set(INDEX, 1, 8, mantissa)?;
-        return talk.set(INDEX, 2, 8, exponent);
+        talk.set((INDEX, 1), 8, mantissa, Source::InterpolationTime)?;
+        return talk.set((INDEX, 2), 8, exponent, Source::InterpolationTime);
     }
     // It may be there, and something else.
     let (Ok(found), Ok(power)) = (talk.read(INDEX, 1), talk.read(INDEX, 2)) else {
@@ -255,7 +261,8 @@ fn set_mode(talk: &mut Talk<'_, '_, '_>, drive: &DriveFile) -> Result<(), StartU
     let operate = drive.mode.operate;
     if let Ok(supported) = talk.read(cia402::SUPPORTED_MODES, 0) {
         let modes = cia402::DriveMode::of(supported.value as i64);
-        if !modes.contains(&operate.as_drive_mode()) {
+        // A drive that names none does not tell.
+        if !modes.is_empty() && !modes.contains(&operate.as_drive_mode()) {
             let words: Vec<&str> = modes.iter().map(|mode| mode.word()).collect();
             let what = format!(
                 "it has {} (6502), and is to operate in {}: make the drive file with `--mode` of one that it has",
@@ -267,7 +274,7 @@ fn set_mode(talk: &mut Talk<'_, '_, '_>, drive: &DriveFile) -> Result<(), StartU
     }
     let receive = &drive.process_data.receive;
     if crate::process_data::find(receive, cia402::MODE, 0).is_none() {
-        talk.set(cia402::MODE, 0, 8, operate.value())?;
+        talk.set((cia402::MODE, 0), 8, operate.value(), Source::Mode)?;
     }
     Ok(())
 }

@@ -1,11 +1,16 @@
 //! Objects of a slave: read and written by size, refusals in words.
 
+use std::rc::Rc;
+
 use ethercrab::error::{Error, MailboxError};
 use ethercrab::{SubDevice, SubDeviceRef};
+use ethercrab_wire::{EtherCrabWireRead, EtherCrabWireSized, WireError};
 
 use super::driver::Driver;
 use super::error::StartUpError;
+use super::found::{ObjectData, ObjectValue, Written};
 use crate::cia402;
+use crate::link::Socket;
 
 /// A slave, and the driver that carries what is asked of it.
 pub(super) struct Talk<'a, 'b, 'c> {
@@ -15,30 +20,31 @@ pub(super) struct Talk<'a, 'b, 'c> {
     pub name: String,
 }
 
-/// The value of an object.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ObjectValue {
-    /// Its size, in bits.
-    pub bits: u32,
-    /// The value, without a sign.
-    pub value: u64,
+/// Most bytes of an object that are read.
+const OBJECT_BYTES_MAX: usize = 1024;
+
+/// The bytes of an object, as many as it has.
+struct Bytes(Vec<u8>);
+
+impl EtherCrabWireRead for Bytes {
+    fn unpack_from_slice(bytes: &[u8]) -> Result<Self, WireError> {
+        Ok(Bytes(bytes.to_vec()))
+    }
 }
 
-impl ObjectValue {
-    /// With the sign that its size gives it.
-    pub fn signed(self) -> i64 {
-        let unused = 64 - self.bits.clamp(1, 64);
-        ((self.value << unused) as i64) >> unused
+impl EtherCrabWireSized for Bytes {
+    const PACKED_LEN: usize = OBJECT_BYTES_MAX;
+    type Buffer = [u8; OBJECT_BYTES_MAX];
+
+    fn buffer() -> Self::Buffer {
+        [0; OBJECT_BYTES_MAX]
     }
 }
 
 /// A refusal in words.
 pub(super) fn words(error: Error) -> String {
     match error {
-        Error::Mailbox(MailboxError::Aborted { code, .. }) => {
-            let number = u32::from(code);
-            format!("the drive refuses: {code} ({number:#010x})")
-        }
+        Error::Mailbox(MailboxError::Aborted { code, .. }) => abort_words(code.into()),
         Error::Mailbox(MailboxError::NoReadMailbox | MailboxError::NoWriteMailbox) => {
             "it has no mailbox: no object can be read or written".into()
         }
@@ -50,12 +56,91 @@ pub(super) fn words(error: Error) -> String {
     }
 }
 
+/// An SDO abort code in words (ETG.1000.6, CiA 301).
+fn abort_words(code: u32) -> String {
+    let known = match code {
+        0x0503_0000 | 0x0504_0000 | 0x0504_0001 => "the mailbox got into disorder: try again",
+        WRITE_ONLY => "it can only be written",
+        READ_ONLY => "it can only be read",
+        0x0601_0000 => "not in this way",
+        NO_OBJECT => "the drive has no such object",
+        0x0604_0041 => "it cannot be mapped",
+        0x0604_0042 => "more than the drive can map",
+        0x0604_0043 | 0x0604_0047 => "it contradicts other settings of the drive",
+        0x0606_0000 => "a fault of its hardware",
+        0x0607_0010 | 0x0607_0012 | 0x0607_0013 => "it has another size",
+        NO_SUBINDEX => "the object has no such sub-index",
+        0x0609_0030 => "the value is out of its range",
+        0x0609_0031 => "the value is too high",
+        0x0609_0032 => "the value is too low",
+        0x0800_0020 => "it cannot be stored",
+        0x0800_0021 => "something else has control of the drive: its own panel or software",
+        0x0800_0022 => "not in the state in which the drive is",
+        _ => return format!("the drive refuses, SDO abort {code:#010x}: see its manual"),
+    };
+    format!("{known} (SDO abort {code:#010x})")
+}
+
+const WRITE_ONLY: u32 = 0x0601_0001;
+const READ_ONLY: u32 = 0x0601_0002;
+const NO_OBJECT: u32 = 0x0602_0000;
+const NO_SUBINDEX: u32 = 0x0609_0011;
+
+/// The code with which a slave refused, if it did.
+fn abort_code(error: Error) -> Option<u32> {
+    match error {
+        Error::Mailbox(MailboxError::Aborted { code, .. }) => Some(code.into()),
+        _ => None,
+    }
+}
+
 /// Whether an object is not there at all.
 pub(super) fn is_missing(error: Error) -> bool {
-    let Error::Mailbox(MailboxError::Aborted { code, .. }) = error else {
-        return false;
-    };
-    matches!(u32::from(code), 0x0602_0000 | 0x0609_0011)
+    matches!(abort_code(error), Some(NO_OBJECT | NO_SUBINDEX))
+}
+
+fn is_write_only(error: Error) -> bool {
+    abort_code(error) == Some(WRITE_ONLY)
+}
+
+/// Where a value comes from that is written at the start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Source {
+    /// `[[start_up.sdo]]` of the drive file.
+    Sdo,
+    /// `[process_data]` of the drive file.
+    ProcessData,
+    /// The scan, into 60C2.
+    InterpolationTime,
+    /// `[mode]` of the drive file.
+    Mode,
+}
+
+impl Source {
+    /// What to do when the drive refuses it.
+    fn remedy(self, code: Option<u32>, own_bits: Option<u32>, bits: u32) -> String {
+        match (self, code, own_bits) {
+            (Source::Sdo, Some(NO_OBJECT | NO_SUBINDEX | READ_ONLY), _) => {
+                "take it out of [[start_up.sdo]] of the drive file".into()
+            }
+            (Source::Sdo, _, Some(own)) if own != bits => format!(
+                "it has {own} bits: write bits = {own} in [[start_up.sdo]] of the drive file"
+            ),
+            (Source::Sdo, ..) => "change it in [[start_up.sdo]] of the drive file".into(),
+            (Source::ProcessData, ..) => {
+                "this mapping cannot be written: take the PDOs as the drive has them (`quadrant bus scan` shows them), with receive_mapping and transmit_mapping = \"fixed\" in the drive file".into()
+            }
+            (Source::InterpolationTime, Some(NO_OBJECT | NO_SUBINDEX | READ_ONLY), _) => {
+                "write start_up.interpolation_time = false in the drive file".into()
+            }
+            (Source::InterpolationTime, ..) => {
+                "set scan.period_us of the machine file to a cycle that the drive can do".into()
+            }
+            (Source::Mode, ..) => {
+                "make the drive file with `--mode` of one that the drive has".into()
+            }
+        }
+    }
 }
 
 impl Talk<'_, '_, '_> {
@@ -68,32 +153,20 @@ impl Talk<'_, '_, '_> {
         }
     }
 
-    /// Reads an object of a size that is not known.
+    /// Reads an object, whatever its size.
+    pub fn read_data(&mut self, index: u16, sub: u8) -> Result<ObjectData, Error> {
+        let read = self.slave.sdo_read::<Bytes>(index, sub);
+        let Bytes(bytes) = self.driver.run(read)?;
+        Ok(ObjectData { bytes })
+    }
+
+    /// Reads an object that is a number.
     pub fn read(&mut self, index: u16, sub: u8) -> Result<ObjectValue, Error> {
-        macro_rules! try_size {
-            ($kind:ty) => {
-                match self.driver.run(self.slave.sdo_read::<$kind>(index, sub)) {
-                    Ok(value) => {
-                        return Ok(ObjectValue {
-                            bits: <$kind>::BITS,
-                            value: value.into(),
-                        });
-                    }
-                    // Another size.
-                    Err(Error::Pdu(_) | Error::Wire(_)) => {}
-                    Err(error) => return Err(error),
-                }
-            };
-        }
-        // A size below the object's own would be read cut off, and one above it is an error.
-        try_size!(u64);
-        try_size!(u32);
-        try_size!(u16);
-        try_size!(u8);
-        Err(Error::Mailbox(MailboxError::SdoResponseInvalid {
+        let no_number = Error::Mailbox(MailboxError::SdoResponseInvalid {
             address: index,
             sub_index: sub,
-        }))
+        });
+        self.read_data(index, sub)?.number().ok_or(no_number)
     }
 
     /// Writes an object of so many bits.
@@ -106,16 +179,32 @@ impl Talk<'_, '_, '_> {
         }
     }
 
+    /// Writes an object.
+    pub fn put(
+        &mut self,
+        (index, sub): (u16, u8),
+        bits: u32,
+        value: i64,
+        source: Source,
+    ) -> Result<(), StartUpError> {
+        self.write(index, sub, bits, value).map_err(|error| {
+            let step = format!("writing {} = {value}", cia402::named(index, sub));
+            let own = self.read(index, sub).ok().map(|found| found.bits);
+            let remedy = source.remedy(abort_code(error), own, bits);
+            self.failed(step, format!("{}; {remedy}", words(error)))
+        })
+    }
+
     /// Writes an object and reads it back.
-    pub fn set(&mut self, index: u16, sub: u8, bits: u32, value: i64) -> Result<(), StartUpError> {
+    pub fn set(
+        &mut self,
+        (index, sub): (u16, u8),
+        bits: u32,
+        value: i64,
+        source: Source,
+    ) -> Result<(), StartUpError> {
+        self.put((index, sub), bits, value, source)?;
         let step = format!("writing {} = {value}", cia402::named(index, sub));
-        if let Err(error) = self.write(index, sub, bits, value) {
-            let what = format!(
-                "{}; change it in the drive file, or take it out",
-                words(error)
-            );
-            return Err(self.failed(step, what));
-        }
         let mask = if bits >= 64 {
             u64::MAX
         } else {
@@ -128,8 +217,9 @@ impl Talk<'_, '_, '_> {
             Ok(found) if found.value == (value as u64) & mask => Ok(()),
             Ok(found) => {
                 let what = format!(
-                    "it holds {} afterwards: the drive cut it to what it can do, or it is fixed; write the value it can do into the drive file",
-                    found.signed()
+                    "it holds {} afterwards: the drive cut it to what it can do, or it is fixed; {}",
+                    found.signed(),
+                    source.remedy(None, Some(found.bits), bits)
                 );
                 Err(self.failed(step, what))
             }
@@ -148,49 +238,64 @@ impl Talk<'_, '_, '_> {
     }
 }
 
-fn is_write_only(error: Error) -> bool {
-    let Error::Mailbox(MailboxError::Aborted { code, .. }) = error else {
-        return false;
-    };
-    u32::from(code) == 0x0601_0001
-}
-
-/// Reads an object of a slave of a segment in PRE-OP.
+/// Reads an object of a slave. All slaves of the segment go to PRE-OP: not on one that runs.
 ///
 /// # Errors
 /// [`StartUpError`].
 pub fn read_object(
-    socket: &std::rc::Rc<crate::link::Socket>,
+    socket: &Rc<Socket>,
     place: usize,
     index: u16,
     sub: u8,
-) -> Result<ObjectValue, StartUpError> {
+) -> Result<ObjectData, StartUpError> {
     super::scan::with_slave(socket, place, |talk| {
-        talk.read(index, sub).map_err(|error| {
+        talk.read_data(index, sub).map_err(|error| {
             let step = format!("reading {}", cia402::named(index, sub));
             talk.failed(step, words(error))
         })
     })
 }
 
-/// Writes an object of a slave of a segment in PRE-OP, in the size that it has, and reads it back.
+/// Writes an object of a slave in the size that it has, and reads it back. `bits` is for objects that cannot be read. All slaves of the
+/// segment go to PRE-OP: not on one that runs.
 ///
 /// # Errors
 /// [`StartUpError`].
 pub fn write_object(
-    socket: &std::rc::Rc<crate::link::Socket>,
+    socket: &Rc<Socket>,
     place: usize,
-    index: u16,
-    sub: u8,
+    (index, sub): (u16, u8),
     value: i64,
-) -> Result<ObjectValue, StartUpError> {
+    bits: Option<u32>,
+) -> Result<Written, StartUpError> {
     super::scan::with_slave(socket, place, |talk| {
-        let step = format!("reading {}", cia402::named(index, sub));
-        let before = talk
-            .read(index, sub)
+        let step = format!("writing {} = {value}", cia402::named(index, sub));
+        let before = match talk.read_data(index, sub) {
+            Ok(data) => Some(data),
+            Err(error) if is_write_only(error) => None,
+            Err(error) => return Err(talk.failed(step, words(error))),
+        };
+        let own_bits = before.as_ref().map(|data| 8 * data.bytes.len() as u32);
+        let bits = own_bits.or(bits).ok_or_else(|| {
+            let what = "it cannot be read, so its size is not known: say it with --bits";
+            talk.failed(step.clone(), what)
+        })?;
+        if !matches!(bits, 8 | 16 | 32) {
+            let what = format!("it has {bits} bits: objects of 8, 16 and 32 bits can be written");
+            return Err(talk.failed(step, what));
+        }
+        if !ObjectValue::holds(bits, value) {
+            let (low, high) = (-(1_i64 << (bits - 1)), (1_i64 << bits) - 1);
+            let what = format!("it has {bits} bits, which hold {low} to {high}");
+            return Err(talk.failed(step, what));
+        }
+        talk.write(index, sub, bits, value)
             .map_err(|error| talk.failed(step.clone(), words(error)))?;
-        talk.set(index, sub, before.bits, value)?;
-        talk.read(index, sub)
-            .map_err(|error| talk.failed(step, words(error)))
+        let after = match talk.read_data(index, sub) {
+            Ok(data) => Some(data),
+            Err(error) if is_write_only(error) => None,
+            Err(error) => return Err(talk.failed(format!("{step}, reading it back"), words(error))),
+        };
+        Ok(Written { before, after })
     })
 }

@@ -5,9 +5,12 @@ use std::time::Duration;
 
 use bus::drive_page::SLAVES_MAX;
 use bus::realtime::now_ns;
+use ethercrab::error::Error;
+use ethercrab::{Command, MainDevice};
 
-use super::driver::{Storage, master};
+use super::driver::{Driver, Storage, master};
 use super::error::StartUpError;
+use super::found::{FoundPdo, FoundSlave};
 use super::objects::{Talk, words};
 use super::segment::IMAGE_BYTES;
 use crate::cia402;
@@ -15,36 +18,10 @@ use crate::link::Socket;
 
 /// Time for a mailbox.
 const MAILBOX: Duration = Duration::from_secs(2);
-
-/// A PDO of a slave.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct FoundPdo {
-    /// Its index.
-    pub index: u16,
-    /// Index, sub-index and bits of its entries.
-    pub entries: Vec<(u16, u8, u8)>,
-}
-
-/// A slave as it shows itself.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct FoundSlave {
-    /// Its name.
-    pub name: String,
-    /// Vendor, product code, revision, serial number.
-    pub identity: [u32; 4],
-    /// Its station address.
-    pub address: u16,
-    /// Whether it has distributed clocks.
-    pub clocks: bool,
-    /// Device profile (low 16 bits of object 1000), 402 for drives; none where that cannot be read.
-    pub profile: Option<u16>,
-    /// PDOs that it receives.
-    pub receive: Vec<FoundPdo>,
-    /// PDOs that it transmits.
-    pub transmit: Vec<FoundPdo>,
-    /// Delay of the cable up to it, in ns.
-    pub delay_ns: u32,
-}
+/// Register of the AL status; its code is four bytes behind it.
+const AL_STATUS: u16 = 0x0130;
+/// AL status and AL status code of a slave.
+type AlStatus = (u16, u16);
 
 fn pdos(talk: &mut Talk<'_, '_, '_>, assign: u16) -> Vec<FoundPdo> {
     let count = talk.read(assign, 0).map_or(0, |count| count.value.min(64));
@@ -75,7 +52,7 @@ fn pdos(talk: &mut Talk<'_, '_, '_>, assign: u16) -> Vec<FoundPdo> {
 /// [`StartUpError`].
 pub fn scan(socket: &Rc<Socket>) -> Result<Vec<FoundSlave>, StartUpError> {
     let mut found = Vec::new();
-    with_slaves(socket, |_, talk| {
+    with_slaves(socket, |_, before, talk| {
         let slave = &talk.slave;
         let identity = slave.identity();
         let mut shown = FoundSlave {
@@ -87,6 +64,8 @@ pub fn scan(socket: &Rc<Socket>) -> Result<Vec<FoundSlave>, StartUpError> {
                 identity.serial,
             ],
             address: slave.configured_address(),
+            al_status_before: before.0,
+            al_status_code_before: before.1,
             clocks: slave.dc_support().any(),
             delay_ns: slave.propagation_delay(),
             profile: None,
@@ -104,10 +83,28 @@ pub fn scan(socket: &Rc<Socket>) -> Result<Vec<FoundSlave>, StartUpError> {
     Ok(found)
 }
 
-/// Does something with every slave of a segment in PRE-OP.
+/// In which AL states the slaves are, in the order of the cable.
+fn states(main: &MainDevice<'_>, driver: &mut Driver<'_>) -> Result<Vec<AlStatus>, Error> {
+    let mut states = Vec::new();
+    for place in 0..SLAVES_MAX as u16 {
+        let read = Command::aprd(place, AL_STATUS).receive::<[u8; 6]>(main);
+        match driver.run(read) {
+            Ok([low, high, _, _, code_low, code_high]) => states.push((
+                u16::from_le_bytes([low, high]),
+                u16::from_le_bytes([code_low, code_high]),
+            )),
+            // Nobody is at this place.
+            Err(Error::WorkingCounter { .. }) => break,
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(states)
+}
+
+/// Does something with every slave of a segment in PRE-OP: its place, the AL status that it had before, and a way to talk to it.
 fn with_slaves(
     socket: &Rc<Socket>,
-    mut each: impl FnMut(usize, &mut Talk<'_, '_, '_>) -> Result<(), StartUpError>,
+    mut each: impl FnMut(usize, AlStatus, &mut Talk<'_, '_, '_>) -> Result<(), StartUpError>,
 ) -> Result<(), StartUpError> {
     let interface = socket.interface().to_string();
     let failed = |step: &str, what: String| StartUpError::Step {
@@ -118,12 +115,15 @@ fn with_slaves(
     let storage = Box::new(Storage::new());
     let (main, mut driver) = master(&storage, socket, MAILBOX, 0)
         .ok_or_else(|| failed("starting", "its frames are in use".into()))?;
-    let group = driver.run(main.init_single_group::<SLAVES_MAX, IMAGE_BYTES>(now_ns));
-    let group = match group {
-        Ok(group) => group,
-        Err(ethercrab::error::Error::Timeout(_)) => return Err(StartUpError::Nobody { interface }),
-        Err(error) => return Err(failed("bringing all slaves to PRE-OP", words(error))),
+    let nobody_or = |error| match error {
+        Error::Timeout(_) => StartUpError::Nobody {
+            interface: interface.clone(),
+        },
+        error => failed("bringing all slaves to PRE-OP", words(error)),
     };
+    let before = states(&main, &mut driver).map_err(nobody_or)?;
+    let group = driver.run(main.init_single_group::<SLAVES_MAX, IMAGE_BYTES>(now_ns));
+    let group = group.map_err(nobody_or)?;
     if group.is_empty() {
         return Err(StartUpError::Nobody { interface });
     }
@@ -133,7 +133,8 @@ fn with_slaves(
             slave,
             name: format!("place {place} on the cable"),
         };
-        each(place, &mut talk)?;
+        let before = before.get(place).copied().unwrap_or_default();
+        each(place, before, &mut talk)?;
     }
     Ok(())
 }
@@ -145,7 +146,7 @@ pub(super) fn with_slave<T>(
     what: impl FnOnce(&mut Talk<'_, '_, '_>) -> Result<T, StartUpError>,
 ) -> Result<T, StartUpError> {
     let (mut what, mut done, mut count) = (Some(what), None, 0);
-    with_slaves(socket, |at, talk| {
+    with_slaves(socket, |at, _, talk| {
         count += 1;
         if at == place
             && let Some(what) = what.take()
@@ -157,6 +158,6 @@ pub(super) fn with_slave<T>(
     done.ok_or_else(|| StartUpError::Step {
         slave: socket.interface().to_string(),
         step: format!("looking for place {place} on the cable"),
-        what: format!("{count} slaves answer, places are counted from 0"),
+        what: format!("{count} answer, at places 0 to {}", count - 1),
     })
 }

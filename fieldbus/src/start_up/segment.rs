@@ -17,6 +17,7 @@ use super::error::StartUpError;
 use super::objects::{Talk, words};
 use super::operational::into_operation;
 use super::wiring::read_wiring;
+use crate::drive_file::Identity;
 use crate::link::Socket;
 
 /// Most bytes of process data that ethercrab keeps of its own.
@@ -174,12 +175,13 @@ fn judge_slaves(
         if same && there.revision == is.revision {
             continue;
         }
-        let elsewhere = found.iter().position(|(other, _)| {
-            (other.vendor_id, other.product_id, other.revision)
-                == (is.vendor, is.product_code, is.revision)
+        // At its own place, or at one where a drive of this kind stands rightly, it is none that was taken for another.
+        let elsewhere = (0..).zip(found).find(|(place, (other, _))| {
+            let rightful = plan.drives.iter().find(|setup| setup.slave == *place);
+            is_of(other, is) && rightful.is_none_or(|setup| !is_of(other, &setup.drive.identity))
         });
         let remedy = match elsewhere {
-            Some(place) if !same => format!(
+            Some((place, _)) if !same => format!(
                 "such a drive is at place {place}: connect them in the order of the machine file, or set `slave` in [axis.drive]"
             ),
             _ if same => "make a drive file of the ESI file of that revision (`quadrant bus drive-file ESI --revision`)".into(),
@@ -193,6 +195,12 @@ fn judge_slaves(
         });
     }
     Ok(())
+}
+
+/// Whether a slave is the one of a drive file.
+fn is_of(there: &SubDeviceIdentity, drive: &Identity) -> bool {
+    (there.vendor_id, there.product_id, there.revision)
+        == (drive.vendor, drive.product_code, drive.revision)
 }
 
 /// Whether watchdogs are to be off.

@@ -117,9 +117,7 @@ impl Group {
         let _ = pidfd_send_signal(&member.ended, Signal::KILL);
         let status = member.child.wait().ok()?;
         member.status = Some(status);
-        if let Some(log) = member.log.take() {
-            let _ = log.join();
-        }
+        member.last_words();
         let death = Death::of(member, place, status);
         note_death(&mut self.roster, place, status, scan);
         self.free_bus(std::slice::from_ref(&death));

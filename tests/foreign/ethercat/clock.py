@@ -53,7 +53,7 @@ class Clock:
         back = local + 2 * WIRE_DELAY_NS * behind
         struct.pack_into("<II", self.memory, RECEIVE_TIMES, local & 0xFFFFFFFF, back & 0xFFFFFFFF if behind else 0)
         struct.pack_into("<II", self.memory, RECEIVE_TIMES + 8, 0, 0)
-        struct.pack_into("<Q", self.memory, RECEIVE_TIME_64, local)
+        struct.pack_into("<Q", self.memory, RECEIVE_TIME_64, local & 0xFFFFFFFFFFFFFFFF)
 
     # ---------------------------------------------------------------- control
     def forget_speed(self):

@@ -1,0 +1,20 @@
+//! A cell over EtherCAT, against a segment of foreign drives in a network namespace of its own.
+//!
+//! A binary of its own, because it is built with the feature `ethercat` only:
+//! `cargo test --release --features ethercat --test ethercat`. What it needs: docs/developers/foreign-drives.md.
+
+// Each test binary uses a part of it.
+#[allow(dead_code)]
+#[path = "support.rs"]
+mod support;
+
+#[path = "ethercat/cells.rs"]
+mod cells;
+#[path = "ethercat/commands.rs"]
+mod commands;
+#[path = "ethercat/esi_drives.rs"]
+mod esi_drives;
+#[path = "ethercat/segment.rs"]
+mod segment;
+#[path = "ethercat/wrong_configurations.rs"]
+mod wrong_configurations;
