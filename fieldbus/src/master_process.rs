@@ -15,10 +15,10 @@ use crate::setups;
 /// So long a segment may take to start up.
 const START_LIMIT: Duration = Duration::from_secs(25);
 
-/// Runs a master over the drives of this machine until its run ends or the cell does; `decorate` as in [`master::run`].
+/// Runs a master over the drives of this machine until its run ends or the cell does; `decorate` as in [`master::run()`].
 ///
 /// # Errors
-/// A drive file cannot be used, or as [`master::run`].
+/// A drive file cannot be used, or as [`master::run()`].
 pub fn run<P: MasterPorts<Error = MasterError>>(
     options: &master::Options,
     machine: &Machine,
