@@ -172,6 +172,7 @@ impl<'a> Owner<'a> {
             }
         }
         self.segment.put_to_rest(self.process);
+        self.segment.tell_counts();
         self.process.page.disown();
         Ok(())
     }
@@ -287,6 +288,21 @@ impl Segment {
         let patient = || !member.ending() && member.launcher_lives();
         self.cycle
             .receive(frame, process.answer_until_ns(), patient)
+    }
+
+    /// What came of the cycles since the start-up or the take-over.
+    fn tell_counts(&mut self) {
+        let counts = *self.cycle.counts();
+        tracing::info!(
+            "{} frames: {} without an answer in time, {} that somebody took no part in, {} late, {} foreign or damaged, {} sent again \
+             while the master was silent",
+            counts.sent,
+            counts.missed,
+            counts.short,
+            counts.late,
+            counts.foreign,
+            counts.repeated
+        );
     }
 
     /// Nobody drives the slaves any more: they go to INIT.
