@@ -11,14 +11,13 @@
     clippy::indexing_slicing
 )]
 
-use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 use std::time::Duration;
 
 use bytemuck::{Pod, Zeroable};
 
 use crate::cell::{CellError, CellPaths};
-use crate::mapped_page::map_page;
+use crate::mapped_page::{self, MappedPage};
 use crate::robust_lock::RobustLock;
 use crate::signal_page::Signal;
 
@@ -112,8 +111,6 @@ pub struct Counts {
     pub foreign: u64,
     /// Cycles in which the master had nothing new.
     pub repeated: u64,
-    /// Times that a standby took the bus over.
-    pub taken_over: u64,
 }
 
 /// What came back in a cycle.
@@ -178,6 +175,9 @@ const WIRING_WORDS: usize = size_of::<Wiring>() / 8;
 const OUTPUT_WORDS: usize = size_of::<Outputs>() / 8;
 const INPUT_WORDS: usize = size_of::<Inputs>() / 8;
 
+// SAFETY: atomics only, and a lock of the C library that the kernel and it alone touch.
+unsafe impl mapped_page::Layout for Layout {}
+
 #[repr(C)]
 struct Layout {
     magic: AtomicU64,
@@ -202,27 +202,9 @@ struct Layout {
 }
 
 /// The mapped page.
+#[derive(Debug)]
 pub struct DrivePage {
-    layout: NonNull<Layout>,
-}
-
-impl std::fmt::Debug for DrivePage {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let owner = self.owner();
-        f.debug_struct("DrivePage").field("owner", &owner).finish()
-    }
-}
-
-// SAFETY: the layout consists of atomics only.
-unsafe impl Send for DrivePage {}
-// SAFETY: as above.
-unsafe impl Sync for DrivePage {}
-
-impl Drop for DrivePage {
-    fn drop(&mut self) {
-        // SAFETY: mapped by `map_page` with this length, and no reference outlives `self`.
-        let _ = unsafe { rustix::mm::munmap(self.layout.as_ptr().cast(), size_of::<Layout>()) };
-    }
+    layout: MappedPage<Layout>,
 }
 
 /// The slot of a cycle.
@@ -237,7 +219,7 @@ impl DrivePage {
     /// # Errors
     /// [`CellError`].
     pub fn create(place: &CellPaths) -> Result<DrivePage, CellError> {
-        let layout = map_page(place, &place.drive_page(), true)?;
+        let layout = MappedPage::map(place, &place.drive_page(), true)?;
         let page = DrivePage { layout };
         let made = page.layout().ownership.make();
         made.map_err(|source| CellError::System {
@@ -254,7 +236,7 @@ impl DrivePage {
     /// # Errors
     /// [`CellError`]; a cell of simulated drives has none.
     pub fn open(place: &CellPaths) -> Result<DrivePage, CellError> {
-        let layout = map_page(place, &place.drive_page(), false)?;
+        let layout = MappedPage::map(place, &place.drive_page(), false)?;
         let page = DrivePage { layout };
         if page.layout().magic.load(Ordering::Acquire) != MAGIC {
             return Err(CellError::Transport {
@@ -266,8 +248,7 @@ impl DrivePage {
     }
 
     fn layout(&self) -> &Layout {
-        // SAFETY: mapped for the life of `self`, aligned to a page, atomics only.
-        unsafe { self.layout.as_ref() }
+        &self.layout
     }
 
     /// Rung when a cycle is asked for; the fieldbus process waits here.

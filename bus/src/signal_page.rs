@@ -10,13 +10,12 @@
     clippy::indexing_slicing
 )]
 
-use std::ptr::NonNull;
 use std::time::Duration;
 
 use rustix::thread::futex;
 
 use crate::cell::{CellError, CellPaths};
-use crate::mapped_page::map_page;
+use crate::mapped_page::{self, MappedPage};
 use crate::sample::{MAX_PARTICIPANTS, OperatorRequest, OperatorResponse, Order};
 
 use atomic::{AtomicU32, AtomicU64, Ordering};
@@ -124,6 +123,9 @@ impl Signal {
     }
 }
 
+// SAFETY: atomics only, valid for any bytes.
+unsafe impl mapped_page::Layout for Layout {}
+
 #[repr(C)]
 struct Layout {
     magic: AtomicU64,
@@ -166,19 +168,7 @@ struct PlaceWords {
 /// The mapped page.
 #[derive(Debug)]
 pub struct SignalPage {
-    layout: NonNull<Layout>,
-}
-
-// SAFETY: the layout consists of atomics only.
-unsafe impl Send for SignalPage {}
-// SAFETY: as above.
-unsafe impl Sync for SignalPage {}
-
-impl Drop for SignalPage {
-    fn drop(&mut self) {
-        // SAFETY: mapped by `map` with this length, and no reference outlives `self`.
-        let _ = unsafe { rustix::mm::munmap(self.layout.as_ptr().cast(), size_of::<Layout>()) };
-    }
+    layout: MappedPage<Layout>,
 }
 
 impl SignalPage {
@@ -215,13 +205,12 @@ impl SignalPage {
     }
 
     fn map(place: &CellPaths, create: bool) -> Result<SignalPage, CellError> {
-        let layout = map_page(place, &place.page(), create)?;
+        let layout = MappedPage::map(place, &place.page(), create)?;
         Ok(SignalPage { layout })
     }
 
     fn layout(&self) -> &Layout {
-        // SAFETY: mapped for the life of `self`, aligned to a page, atomics only.
-        unsafe { self.layout.as_ref() }
+        &self.layout
     }
 
     fn urgent(&self, order: Order) -> Option<&Urgent<ANSWER_WORDS, ANSWERS_KEPT>> {

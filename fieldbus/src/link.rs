@@ -6,6 +6,7 @@ mod interface;
 mod socket;
 
 pub use cycle::{Cycle, Found};
+pub(crate) use frame::{AL_STATUS, INIT, OPERATIONAL};
 pub use frame::{CycleFrame, Received, Tag, request_state};
 pub use interface::{Interface, interfaces};
 pub use socket::{FRAME_BYTES_MAX, LinkError, Origin, Socket};

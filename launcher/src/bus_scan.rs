@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use crate::exit::{Failure, Kind, Outcome};
 use crate::options::BusScanOptions;
-use crate::output::say;
+use crate::output::{self, say};
 
 /// Widest line.
 const COLUMNS: usize = 100;
@@ -123,7 +123,7 @@ fn state_words(slave: &FoundSlave) -> String {
     let state = al_state(slave.al_status_before);
     match slave.al_status_code_before {
         0 => state.to_string(),
-        code => format!("{state}: {} (AL status code {code:#06x})", al_status(code)),
+        code => format!("{state}: {}", al_status(code)),
     }
 }
 
@@ -163,16 +163,8 @@ fn entry_words(&(index, sub, bits): &(u16, u8, u8)) -> String {
     }
 }
 
-/// A text behind a beginning, wrapped at spaces.
 fn wrapped(beginning: &str, text: &str) -> Vec<String> {
-    let next = "    ";
-    let options = textwrap::Options::new(COLUMNS)
-        .initial_indent(beginning)
-        .subsequent_indent(next)
-        .word_splitter(textwrap::WordSplitter::NoHyphenation)
-        .break_words(false);
-    let lines = textwrap::wrap(text, options).into_iter();
-    lines.map(std::borrow::Cow::into_owned).collect()
+    output::wrapped(COLUMNS, beginning, "    ", text)
 }
 
 #[derive(Serialize)]

@@ -26,6 +26,17 @@ pub fn never_wait() {
     }
 }
 
+/// A text behind a beginning, wrapped at spaces into lines of so many columns; those after the first begin with `next`.
+pub(crate) fn wrapped(columns: usize, first: &str, next: &str, text: &str) -> Vec<String> {
+    let options = textwrap::Options::new(columns)
+        .initial_indent(first)
+        .subsequent_indent(next)
+        .word_splitter(textwrap::WordSplitter::NoHyphenation)
+        .break_words(false);
+    let lines = textwrap::wrap(text, options).into_iter();
+    lines.map(std::borrow::Cow::into_owned).collect()
+}
+
 /// Writes one text and a line end to standard output.
 pub fn say(text: &str) {
     print(Stream::Out, format!("{text}\n").as_bytes());

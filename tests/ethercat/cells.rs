@@ -40,10 +40,7 @@ impl Done {
 /// Runs the circle over a segment with these options.
 fn run(network: &Network, options: &[&str], faults: Option<&str>) -> Done {
     let _segment: Segment = network.segment(options);
-    let machine = machine(
-        &[("standby = true", "standby = true # and a second one")],
-        &[],
-    );
+    let machine = machine(&[], &[]);
     let program = circle(machine.path());
     let out = machine.path().join("run");
     let cell = crate::support::unique_cell();

@@ -271,24 +271,23 @@ fn refused(network: &Network, wrong: &Wrong) {
     }
 }
 
-#[test]
-fn a_segment_that_is_not_the_one_of_the_files_is_refused_with_what_to_do_and_nothing_is_enabled() {
+fn all_refused(wrongs: &[Wrong]) {
     let Some(network) = Network::new() else {
         return;
     };
-    for wrong in &SEGMENTS {
+    for wrong in wrongs {
         refused(&network, wrong);
     }
 }
 
 #[test]
+fn a_segment_that_is_not_the_one_of_the_files_is_refused_with_what_to_do_and_nothing_is_enabled() {
+    all_refused(&SEGMENTS);
+}
+
+#[test]
 fn files_that_contradict_each_other_are_refused_before_the_cable_is_touched() {
-    let Some(network) = Network::new() else {
-        return;
-    };
-    for wrong in &FILES {
-        refused(&network, wrong);
-    }
+    all_refused(&FILES);
 }
 
 #[test]

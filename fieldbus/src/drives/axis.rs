@@ -16,10 +16,9 @@ use super::homing::DriveHoming;
 use super::state_walk::{DeviceState, QUICK_STOP, StateWalk, Want};
 use crate::cia402::{self, OperatingMode};
 use crate::drive_file::DriveFile;
+use crate::link::OPERATIONAL;
 use crate::process_data::{self, Pdo};
 
-/// AL status of a slave that takes outputs.
-const OPERATIONAL: u16 = 0x08;
 /// Bit 11 of the statusword: a limit of the drive is active.
 const LIMIT_ACTIVE: u16 = 1 << 11;
 

@@ -133,12 +133,7 @@ impl<W: Wire> Cia402Drives<W> {
     /// Everybody stops by itself until all are at rest, as far as they show it.
     fn run_down(&mut self) {
         for _ in 0..self.run_down_scans {
-            for axis in &mut self.axes {
-                let (wiring, _) = slave(&self.wire, &self.inputs, axis.slave);
-                let (image, silent) = (&mut self.outputs.image, &mut self.outputs.silent);
-                axis.drive
-                    .command(&DriveCommand::Disabled, &wiring, image, silent);
-            }
+            self.command(&[DriveCommand::Disabled; MAX_AXES]);
             self.outputs.image = self.outputs.silent;
             self.carry();
             let rests = |axis: &Axis| axis.drive.shown().velocity_mm_s.abs() < REST_MM_S;
@@ -162,12 +157,20 @@ impl<W: Wire> Cia402Drives<W> {
         self.wanted_scans = self.wanted_scans.saturating_add(1);
     }
 
+    /// Writes what the drives are sent for these commands.
+    fn command(&mut self, commands: &[DriveCommand]) {
+        for (axis, command) in self.axes.iter_mut().zip(commands) {
+            let (wiring, _) = slave(&self.wire, &self.inputs, axis.slave);
+            let (image, silent) = (&mut self.outputs.image, &mut self.outputs.silent);
+            axis.drive.command(command, &wiring, image, silent);
+        }
+    }
+
     /// Carries the outputs there and the inputs back.
     fn carry(&mut self) {
         let answer = self.wire.exchange(&self.outputs, &mut self.inputs);
         let answered = answer == WireAnswer::Answered;
-        let late_ns = i64::from(answered) * self.inputs.clock_late_ns;
-        self.late_ns = late_ns;
+        self.late_ns = i64::from(answered) * self.inputs.clock_late_ns;
         for axis in &mut self.axes {
             let (wiring, state) = slave(&self.wire, &self.inputs, axis.slave);
             match answer {
@@ -200,11 +203,7 @@ impl<W: Wire> Drives for Cia402Drives<W> {
 
     fn exchange(&mut self, commands: &[DriveCommand]) {
         self.want_lost_drives_back(commands);
-        for (axis, command) in self.axes.iter_mut().zip(commands) {
-            let (wiring, _) = slave(&self.wire, &self.inputs, axis.slave);
-            let (image, silent) = (&mut self.outputs.image, &mut self.outputs.silent);
-            axis.drive.command(command, &wiring, image, silent);
-        }
+        self.command(commands);
         let before = self
             .axes
             .iter()

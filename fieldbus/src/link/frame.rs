@@ -31,8 +31,12 @@ const STATUS_BYTES: usize = 6;
 const CLOCK_BYTES: usize = 8;
 /// Register of the AL control.
 const AL_CONTROL: u16 = 0x0120;
-/// Register of the AL status.
-const AL_STATUS: u16 = 0x0130;
+/// Register of the AL status; its code is four bytes behind it.
+pub(crate) const AL_STATUS: u16 = 0x0130;
+/// AL state of a slave that nobody drives.
+pub(crate) const INIT: u16 = 0x01;
+/// AL state of a slave that takes outputs.
+pub(crate) const OPERATIONAL: u16 = 0x08;
 /// Register of the system time.
 const SYSTEM_TIME: u16 = 0x0910;
 

@@ -10,18 +10,16 @@
 use std::rc::Rc;
 use std::time::Duration;
 
-use bus::drive_page::{BusState, Counts, IMAGE_BYTES_MAX, Inputs, Outputs, Wiring};
+use bus::drive_page::{BusState, Counts, IMAGE_BYTES_MAX, Outputs, Wiring};
 use bus::member::Pace;
 use bus::realtime::{Priority, now_ns};
 use bytemuck::Zeroable;
 
 use super::Process;
 use super::claim::Claim;
-use crate::link::{Cycle, Found, Socket, Tag, request_state};
+use crate::link::{Cycle, Found, INIT, Socket, Tag, request_state};
 use crate::start_up::start_up;
 
-/// AL state of slaves that nobody drives.
-const INIT: u16 = 1;
 /// The longest wait for the master without a look around.
 const LOOK_AROUND: Duration = Duration::from_millis(100);
 /// Cycles between two looks whether the launcher lives.
@@ -116,7 +114,6 @@ impl<'a> Owner<'a> {
         let page = &process.page;
         cycle.follow();
         cycle.socket().ignore_own();
-        cycle.counts().taken_over += 1;
         let wiring = page.wiring();
         let (requested, answered) = (page.requested(), page.answered());
         let found = requested
@@ -227,8 +224,15 @@ impl Segment {
                 page.outputs(cycle, &mut self.outputs);
                 self.silent_scans = 0;
                 self.done = requested;
-                let inputs = *self.exchange(process, cycle, Image::Asked);
-                page.answer(cycle, &inputs);
+                self.exchange(process, cycle, Image::Asked);
+                page.answer(cycle, self.cycle.inputs());
+                continue;
+            }
+            if !realtime {
+                page.asked_signal().wait(seen, LOOK_AROUND);
+                if page.asked_signal().count() == seen && process.leaves() {
+                    return End::Leave;
+                }
                 continue;
             }
             let now = now_ns();
@@ -237,12 +241,7 @@ impl Segment {
             } else {
                 self.next_by_itself_ns(process.period_ns)
             };
-            if !realtime {
-                page.asked_signal().wait(seen, LOOK_AROUND);
-                if page.asked_signal().count() == seen && process.leaves() {
-                    return End::Leave;
-                }
-            } else if now < due_ns {
+            if now < due_ns {
                 let left = Duration::from_nanos(due_ns - now);
                 page.asked_signal().wait(seen, left);
             } else {
@@ -274,7 +273,7 @@ impl Segment {
         self.exchange(process, cycle, image);
     }
 
-    fn exchange(&mut self, process: &Process, cycle: u64, image: Image) -> &Inputs {
+    fn exchange(&mut self, process: &Process, cycle: u64, image: Image) {
         self.frame += 1;
         let image = match image {
             Image::Asked => &self.outputs.image,
@@ -287,7 +286,7 @@ impl Segment {
         let member = &process.member;
         let patient = || !member.ending() && member.launcher_lives();
         self.cycle
-            .receive(frame, process.answer_until_ns(), patient)
+            .receive(frame, process.answer_until_ns(), patient);
     }
 
     /// What came of the cycles since the start-up or the take-over.

@@ -10,9 +10,8 @@ use bytemuck::Zeroable;
 use super::SegmentPlan;
 use super::error::StartUpError;
 use super::segment::without_watchdog;
-use crate::link::{Cycle, Socket, Tag, request_state};
+use crate::link::{Cycle, OPERATIONAL, Socket, Tag, request_state};
 
-const OPERATIONAL: u16 = 0x08;
 /// Bit of the AL status that says that it could not.
 const REFUSED: u16 = 0x10;
 /// A cycle without an answer in this time is missed.

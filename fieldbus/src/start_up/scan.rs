@@ -14,12 +14,10 @@ use super::found::{FoundPdo, FoundSlave};
 use super::objects::{Talk, words};
 use super::segment::IMAGE_BYTES;
 use crate::cia402;
-use crate::link::Socket;
+use crate::link::{AL_STATUS, Socket};
 
 /// Time for a mailbox.
 const MAILBOX: Duration = Duration::from_secs(2);
-/// Register of the AL status; its code is four bytes behind it.
-const AL_STATUS: u16 = 0x0130;
 /// AL status and AL status code of a slave.
 type AlStatus = (u16, u16);
 

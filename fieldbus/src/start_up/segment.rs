@@ -62,18 +62,20 @@ pub fn start_up(socket: &Rc<Socket>, plan: &SegmentPlan) -> Result<Wiring, Start
         configure(&mut talk, plan, place)?;
     }
     let into = |step: &'static str| move |error| of_segment(step, words(error));
-    let mut reference_clock = 0;
-    let group = if dc {
+    if dc {
         for mut slave in group.iter_mut(&main) {
             slave.set_dc_sync(DcSync::Sync0);
         }
-        reference_clock = group
-            .iter(&main)
-            .find(|slave| slave.dc_support().any())
-            .map_or(0, |slave| slave.configured_address());
-        let group = driver
-            .run(group.into_pre_op_pdi(&main))
-            .map_err(into("mapping process data"))?;
+    }
+    let reference_clock = group
+        .iter(&main)
+        .find(|slave| dc && slave.dc_support().any())
+        .map_or(0, |slave| slave.configured_address());
+    let group = driver
+        .run(group.into_pre_op_pdi(&main))
+        .map_err(into("mapping process data"))?;
+    let safe = into("going from PRE-OP to SAFE-OP");
+    let wiring = if dc {
         let clocks = DcConfiguration {
             start_delay: SYNC0_DELAY,
             sync0_period: Duration::from_micros(plan.period_us.into()),
@@ -82,16 +84,14 @@ pub fn start_up(socket: &Rc<Socket>, plan: &SegmentPlan) -> Result<Wiring, Start
         let group = driver
             .run(group.configure_dc_sync(&main, clocks))
             .map_err(into("setting distributed clocks"))?;
-        let safe = driver.run(group.into_safe_op(&main));
-        let group = safe.map_err(into("going from PRE-OP to SAFE-OP"))?;
+        let group = driver.run(group.into_safe_op(&main)).map_err(safe)?;
         read_wiring(&mut driver, group.iter(&main), plan, reference_clock)?
     } else {
-        let safe = driver.run(group.into_safe_op(&main));
-        let group = safe.map_err(into("going from PRE-OP to SAFE-OP"))?;
+        let group = driver.run(group.into_safe_op(&main)).map_err(safe)?;
         read_wiring(&mut driver, group.iter(&main), plan, reference_clock)?
     };
-    into_operation(socket, plan, &group)?;
-    Ok(group)
+    into_operation(socket, plan, &wiring)?;
+    Ok(wiring)
 }
 
 /// The slaves of a segment, in PRE-OP.

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::finding::{Finding, Grade};
+use crate::output;
 
 const COLUMNS: usize = 80;
 /// Where text begins behind the name of the thing.
@@ -59,13 +60,7 @@ fn change(name: &str, line: &str) -> Vec<String> {
 /// A name and a text behind it, wrapped at spaces.
 fn wrapped(name: &str, text: &str) -> Vec<String> {
     let (first, next) = (format!("{name:INDENT$}"), " ".repeat(INDENT));
-    let options = textwrap::Options::new(COLUMNS)
-        .initial_indent(&first)
-        .subsequent_indent(&next)
-        .word_splitter(textwrap::WordSplitter::NoHyphenation)
-        .break_words(false);
-    let lines = textwrap::wrap(text, options).into_iter();
-    lines.map(std::borrow::Cow::into_owned).collect()
+    output::wrapped(COLUMNS, &first, &next, text)
 }
 
 #[derive(Serialize)]
