@@ -6,7 +6,9 @@ mod interface;
 mod socket;
 
 pub use cycle::{Cycle, Found};
-pub(crate) use frame::{AL_STATUS, INIT, OPERATIONAL};
+#[cfg(feature = "ethercat")]
+pub(crate) use frame::AL_STATUS;
 pub use frame::{CycleFrame, Received, Tag, request_state};
+pub(crate) use frame::{INIT, OPERATIONAL};
 pub use interface::{Interface, interfaces};
 pub use socket::{FRAME_BYTES_MAX, LinkError, Origin, Socket};
