@@ -85,6 +85,24 @@ fn a_start_from_rest_keeps_the_tool_on_its_path() {
 }
 
 #[test]
+fn a_drive_that_closes_the_position_loop_is_no_worse_than_one_that_closes_the_velocity_loop() {
+    let velocity = Bench::of("xy", &[]);
+    let position = Bench::of(
+        "xy",
+        &[("drive_mode = \"velocity\"", "drive_mode = \"position\"")],
+    );
+    for (radius, feed) in [(25.0, 3000.0), (10.0, 10_000.0)] {
+        let with =
+            |bench: &Bench| worst_um(&run(bench.path(), circle(bench, radius, feed)).good_report());
+        let (velocity_um, position_um) = (with(&velocity), with(&position));
+        assert!(
+            position_um <= 1.2 * velocity_um,
+            "R{radius} F{feed}: {position_um} µm, in velocity mode {velocity_um} µm"
+        );
+    }
+}
+
+#[test]
 fn a_linear_scale_is_no_worse_than_the_motor_encoder() {
     let motor = Bench::of("xy", &[]);
     let scale = Bench::of(

@@ -14,7 +14,11 @@ mod cells;
 mod commands;
 #[path = "ethercat/esi_drives.rs"]
 mod esi_drives;
+#[path = "ethercat/runs.rs"]
+mod runs;
 #[path = "ethercat/segment.rs"]
 mod segment;
+#[path = "ethercat/troubles.rs"]
+mod troubles;
 #[path = "ethercat/wrong_configurations.rs"]
 mod wrong_configurations;

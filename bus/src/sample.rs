@@ -661,7 +661,7 @@ pub struct AxisCommand {
     pub role: u32,
     /// Incarnation of this servo, from the roster.
     pub incarnation: u32,
-    /// Drive mode asked for: 0 velocity, 1 torque.
+    /// Drive mode asked for: 0 velocity, 1 torque, 2 position.
     pub drive_mode: u32,
     /// [`Cause`] of a stop this servo asks for.
     pub cause: u32,

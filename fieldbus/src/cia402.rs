@@ -33,6 +33,8 @@ pub const MODE: u16 = 0x6060;
 pub const MODE_DISPLAY: u16 = 0x6061;
 /// Actual position.
 pub const POSITION: u16 = 0x6064;
+/// Following error at which the drive trips, in increments.
+pub const FOLLOWING_ERROR_WINDOW: u16 = 0x6065;
 /// Actual velocity.
 pub const VELOCITY: u16 = 0x606C;
 /// Target torque.
@@ -82,6 +84,7 @@ pub fn standard(index: u16, sub: u8) -> Option<(&'static str, u32)> {
         (MODE, 0) => ("mode of operation", 8),
         (MODE_DISPLAY, 0) => ("mode of operation in force", 8),
         (POSITION, 0) => ("actual position", 32),
+        (FOLLOWING_ERROR_WINDOW, 0) => ("following error window", 32),
         (VELOCITY, 0) => ("actual velocity", 32),
         (TARGET_TORQUE, 0) => ("target torque", 16),
         (MAX_TORQUE, 0) => ("highest torque", 16),

@@ -8,8 +8,11 @@ mod cia402_drives;
 mod field;
 mod homing;
 mod page_wire;
+mod position_target;
 mod state_walk;
+mod units;
 
 pub use cia402_drives::{Cia402Drives, DriveSetup, Wire, WireAnswer};
 pub use page_wire::PageWire;
 pub use state_walk::{DeviceState, StateWalk, Want};
+pub(crate) use units::Units;

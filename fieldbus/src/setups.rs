@@ -7,7 +7,7 @@ use machine::{Axis, DriveMode, HomingMethod, Machine};
 
 use crate::cia402::{self, OperatingMode};
 use crate::drive_file::{self, DriveFile};
-use crate::drives::DriveSetup;
+use crate::drives::{DriveSetup, Units};
 use crate::process_data;
 
 /// Drive files of a machine with a fieldbus, and what to know of them.
@@ -51,20 +51,19 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
         let drive = judged.drive;
         let wanted = match drive.mode.operate {
             OperatingMode::Csv => DriveMode::Velocity,
+            OperatingMode::Csp => DriveMode::Position,
             OperatingMode::Cst => DriveMode::Torque,
-            OperatingMode::Csp => bail!(
-                "{path}: mode.operate = \"csp\": axis {} cannot be driven so yet: use csv or cst (`quadrant bus drive-file --mode`)",
-                axis.name
-            ),
         };
         if axis.drive_mode != wanted {
-            let (word, key) = match wanted {
-                DriveMode::Velocity => ("csv", "velocity"),
-                DriveMode::Torque => ("cst", "torque"),
+            let key = match wanted {
+                DriveMode::Velocity => "velocity",
+                DriveMode::Torque => "torque",
+                DriveMode::Position => "position",
             };
             bail!(
-                "{shown}: axis {}: drive_mode must be \"{key}\": its drive file has mode.operate = \"{word}\"",
-                axis.name
+                "{shown}: axis {}: drive_mode must be \"{key}\": its drive file has mode.operate = \"{}\"",
+                axis.name,
+                drive.mode.operate.word()
             );
         }
         judge_homing(axis, &drive).with_context(|| shown.to_string())?;
@@ -75,9 +74,12 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
                 axis.name
             );
         }
+        let mm_per_increment = Units::of(&drive, axis.lead_mm).mm_per_increment.abs();
+        let window = (axis.following_error_limit_mm / mm_per_increment).round();
         setups.drives.push(DriveSetup {
-            drive,
             slave: machine.slave_of(index),
+            following_error_increments: window as u32,
+            drive,
         });
     }
     Ok(Some(setups))

@@ -13,7 +13,9 @@ use plant_sim::plant_file::PlantFile;
 use plant_sim::script::faults;
 use plant_sim::script::rng::Rng;
 
-const MACHINES: [&str; 4] = ["xy", "xy-fast", "xy-torque", "xyz-mill"];
+const MACHINES: [&str; 5] = ["xy", "xy-fast", "xy-torque", "xyz-mill", POSITION];
+/// A machine whose drives close the position loop; the others are folders.
+const POSITION: &str = "xy with drives in position mode";
 /// Seeds of a run of this test; `SEEDS=500` in the environment for a long one.
 const SEEDS: u64 = 100;
 /// The table's distance from the path, whatever the servo did, in mm.
@@ -21,12 +23,16 @@ const PATH_MM: f64 = 1.0;
 
 /// A machine without standbys, and its plant.
 fn load(name: &str) -> (Machine, PlantFile) {
+    let position = name == POSITION;
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../machines")
-        .join(name);
+        .join(if position { "xy" } else { name });
     let mut machine = Machine::load(&folder).expect("machine.toml");
     for axis in &mut machine.axes {
         axis.standby = false;
+        if position {
+            axis.drive_mode = DriveMode::Position;
+        }
     }
     machine.program.work_offset_mm.clear();
     let plant = PlantFile::load(&folder.join("plant.toml")).expect("plant.toml");

@@ -55,7 +55,7 @@ pub struct Axis {
     /// With a scale: time constant below which the motor encoder is believed rather than the scale.
     #[schemars(extend("unit" = "ms", "minimum" = 0, "maximum" = 1000, "default" = 0.0))]
     pub dual_feedback_ms: f64,
-    /// Who closes the velocity loop.
+    /// Which loops the drive closes.
     #[schemars(extend("default" = "velocity"))]
     pub drive_mode: DriveMode,
     /// How the axis changes over between the program's controller and the one for motion by hand
@@ -112,14 +112,16 @@ pub enum PositionFeedback {
     Scale,
 }
 
-/// Who closes the velocity loop.
+/// Which loops the drive closes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum DriveMode {
-    /// The drive (CiA 402 cyclic synchronous velocity with torque offset).
+    /// That of the velocity (CiA 402 cyclic synchronous velocity with torque offset).
     Velocity,
-    /// The servo (CiA 402 cyclic synchronous torque).
+    /// None but that of the current: the servo closes the others (CiA 402 cyclic synchronous torque).
     Torque,
+    /// Those of position and velocity (CiA 402 cyclic synchronous position with velocity and torque offset).
+    Position,
 }
 
 /// How an axis changes over to its second, manual controller.

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PositionLoop {
-    /// Gain Kp.
+    /// Gain Kp; with `drive_mode = "position"` that of the drive's own loop.
     #[schemars(extend("unit" = "1/s", "exclusiveMinimum" = 0, "maximum" = 1000))]
     pub gain_per_s: f64,
 }

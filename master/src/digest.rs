@@ -15,8 +15,8 @@ use xxhash_rust::xxh3::xxh3_128;
 
 use crate::drives::DriveCommand;
 
-/// Words of one axis: kind and two values of the command, encoder, table.
-const AXIS_WORDS: usize = 5;
+/// Words of one axis: kind and up to three values of the command, encoder, table.
+const AXIS_WORDS: usize = 6;
 /// Words of a scan before its axes: the digest before (two), scan, window, setpoint.
 const HEAD_WORDS: usize = 5;
 
@@ -76,14 +76,12 @@ impl MotionDigest {
 
     /// Takes in one axis after its motion.
     pub fn axis(&mut self, command: &DriveCommand, encoder: i64, table_mm: f64) {
-        let (kind, [a, b]) = command.parts();
-        self.push(&[
-            kind,
-            f64::to_bits(a),
-            f64::to_bits(b),
-            encoder as u64,
-            table_mm.to_bits(),
-        ]);
+        let (kind, [a, b, c]) = command.parts();
+        self.push(&[kind, a.to_bits(), b.to_bits()]);
+        if matches!(command, DriveCommand::Position { .. }) {
+            self.push(&[c.to_bits()]);
+        }
+        self.push(&[encoder as u64, table_mm.to_bits()]);
     }
 
     /// Ends the scan; the value so far, high and low half.

@@ -16,6 +16,15 @@ pub enum DriveCommand {
         /// Torque added at the motor, in N·m.
         torque_offset_nm: f64,
     },
+    /// The drive closes the position loop too (CiA 402 cyclic synchronous position with velocity and torque offset).
+    Position {
+        /// Position of the motor encoder to be at, in mm of travel, as [`DriveFeedback::motor_position_mm`] counts.
+        position_mm: f64,
+        /// Velocity added to what the position loop asks for, in mm/s.
+        velocity_offset_mm_s: f64,
+        /// Torque added at the motor, in N·m.
+        torque_offset_nm: f64,
+    },
     /// The servo closes the velocity loop (CiA 402 cyclic synchronous torque).
     Torque {
         /// Torque at the motor, in N·m.
@@ -34,23 +43,28 @@ pub enum DriveCommand {
 }
 
 impl DriveCommand {
-    /// Its kind and two values, as digests and saved states have it.
-    pub fn parts(&self) -> (u64, [f64; 2]) {
+    /// Its kind and values, as digests and saved states have it; 0 for those that it lacks.
+    pub fn parts(&self) -> (u64, [f64; 3]) {
         match *self {
-            DriveCommand::Disabled => (0, [0.0; 2]),
+            DriveCommand::Disabled => (0, [0.0; 3]),
             DriveCommand::Velocity {
                 velocity_mm_s,
                 torque_offset_nm,
-            } => (1, [velocity_mm_s, torque_offset_nm]),
-            DriveCommand::Torque { torque_nm } => (2, [torque_nm, 0.0]),
-            DriveCommand::Brake { deceleration_mm_s2 } => (3, [deceleration_mm_s2, 0.0]),
-            DriveCommand::SwitchOn => (4, [0.0; 2]),
-            DriveCommand::Home => (5, [0.0; 2]),
+            } => (1, [velocity_mm_s, torque_offset_nm, 0.0]),
+            DriveCommand::Torque { torque_nm } => (2, [torque_nm, 0.0, 0.0]),
+            DriveCommand::Brake { deceleration_mm_s2 } => (3, [deceleration_mm_s2, 0.0, 0.0]),
+            DriveCommand::SwitchOn => (4, [0.0; 3]),
+            DriveCommand::Home => (5, [0.0; 3]),
+            DriveCommand::Position {
+                position_mm,
+                velocity_offset_mm_s,
+                torque_offset_nm,
+            } => (6, [position_mm, velocity_offset_mm_s, torque_offset_nm]),
         }
     }
 
     /// The command of these [`parts`](DriveCommand::parts).
-    pub fn of_parts(kind: u64, [first, second]: [f64; 2]) -> Option<DriveCommand> {
+    pub fn of_parts(kind: u64, [first, second, third]: [f64; 3]) -> Option<DriveCommand> {
         Some(match kind {
             0 => DriveCommand::Disabled,
             1 => DriveCommand::Velocity {
@@ -63,6 +77,11 @@ impl DriveCommand {
             },
             4 => DriveCommand::SwitchOn,
             5 => DriveCommand::Home,
+            6 => DriveCommand::Position {
+                position_mm: first,
+                velocity_offset_mm_s: second,
+                torque_offset_nm: third,
+            },
             _ => return None,
         })
     }

@@ -24,6 +24,7 @@ fn main() {
     let drive = DriveParameters {
         velocity_gain_n_s_per_m: 257_400.0,
         integral_time_ms: 10.0,
+        position_gain_per_s: 50.0,
         period_us: 250,
         torque_limit_nm: 32.0,
         quick_stop_mm_s2: 5_000.0,

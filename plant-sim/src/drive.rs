@@ -19,7 +19,9 @@ pub struct DriveParameters {
     pub velocity_gain_n_s_per_m: f64,
     /// Integral time Ti of the velocity loop, in ms.
     pub integral_time_ms: f64,
-    /// Period of the velocity loop, in µs.
+    /// Gain of the position loop, in 1/s; of a drive that closes it.
+    pub position_gain_per_s: f64,
+    /// Period of its loops, in µs.
     pub period_us: u32,
     /// Torque limit, in N·m; the motor's own peak torque limits as well.
     pub torque_limit_nm: f64,
@@ -33,6 +35,8 @@ pub struct DriveSettings {
     gain_n_s_per_m: f64,
     /// Integral gain times period, Kv/Ti·T, in N·s/m.
     integral_step_n_s_per_m: f64,
+    position_gain_per_s: f64,
+    count_m: f64,
     period_s: f64,
     limit_n: f64,
     quick_stop_m_s2: f64,
@@ -81,6 +85,8 @@ impl DriveSettings {
             gain_n_s_per_m,
             integral_step_n_s_per_m: gain_n_s_per_m * period_s
                 / (parameters.integral_time_ms * 1e-3),
+            position_gain_per_s: parameters.position_gain_per_s,
+            count_m,
             period_s,
             limit_n: parameters.torque_limit_nm.min(peak_torque_nm) / radius_m,
             quick_stop_m_s2: parameters.quick_stop_mm_s2 * 1e-3,
@@ -89,9 +95,10 @@ impl DriveSettings {
         }
     }
 
-    /// One period of the velocity loop: the force demand, in N, held until the next.
+    /// One period of its loops: the force demand, in N, held until the next.
     ///
     /// ```text
+    /// v_cmd = Kp·(x_cmd − counts·e) + v_offset where it closes the position loop;
     /// v = Δcounts·e/T;  I += Kv/Ti·T·(v_cmd − v) unless the limit cuts and the error pushes further;
     /// F = limit(Kv·(v_cmd − v) + I + offset)
     /// ```
@@ -128,6 +135,22 @@ impl DriveSettings {
                 self.enter_loop(state);
                 state.mode = MODE_VELOCITY;
                 state.command_m_s = velocity_mm_s * 1e-3;
+                state.offset_n = torque_offset_nm * self.per_lead_rad_m;
+                self.velocity_loop(state);
+            }
+            DriveCommand::Position {
+                position_mm,
+                velocity_offset_mm_s,
+                torque_offset_nm,
+            } if position_mm.is_finite()
+                && velocity_offset_mm_s.is_finite()
+                && torque_offset_nm.is_finite() =>
+            {
+                let error_m = position_mm * 1e-3 - counts as f64 * self.count_m;
+                self.enter_loop(state);
+                state.mode = MODE_VELOCITY;
+                state.command_m_s =
+                    self.position_gain_per_s * error_m + velocity_offset_mm_s * 1e-3;
                 state.offset_n = torque_offset_nm * self.per_lead_rad_m;
                 self.velocity_loop(state);
             }

@@ -48,7 +48,7 @@ struct SimulatedAxis {
 #[repr(C)]
 struct SavedCommand {
     kind: u64,
-    values: [f64; 2],
+    values: [f64; 3],
 }
 
 impl SimulatedAxis {

@@ -140,10 +140,27 @@ impl SimulatedHoming {
         state.asked = u32::from(asked);
     }
 
+    /// A position is meant as the encoder shows it; the motor counts from elsewhere.
+    fn in_own_counts(&self, command: DriveCommand) -> DriveCommand {
+        let off_mm = self.state.offset as f64 * self.settings.count_mm;
+        match command {
+            DriveCommand::Position {
+                position_mm,
+                velocity_offset_mm_s,
+                torque_offset_nm,
+            } => DriveCommand::Position {
+                position_mm: position_mm - off_mm,
+                velocity_offset_mm_s,
+                torque_offset_nm,
+            },
+            command => command,
+        }
+    }
+
     /// What the drive does in this scan for a command that acts now.
     pub fn act(&mut self, command: DriveCommand, simulation: &AxisSimulation) -> DriveCommand {
         if command != DriveCommand::Home {
-            return command;
+            return self.in_own_counts(command);
         }
         let (Some(drive), state) = (self.settings.drive, &mut self.state) else {
             return command;

@@ -65,6 +65,7 @@ fn drive_parameters(axis: &Axis) -> DriveParameters {
     DriveParameters {
         velocity_gain_n_s_per_m: axis.velocity_loop.gain_n_s_per_m,
         integral_time_ms: axis.velocity_loop.integral_time_ms,
+        position_gain_per_s: axis.position_loop.gain_per_s,
         period_us: axis.velocity_loop.period_us,
         torque_limit_nm: axis.motor.peak_torque_nm,
         quick_stop_mm_s2: axis.quick_stop_mm_s2,

@@ -458,7 +458,7 @@ fn inverse_dynamics(
             .min(1.0 + dead_time_scans + CURRENT_LOOP_SCANS_MAX),
         smoothing_rad_s: smoothing_rad_s(axis, &model, &table, radius_m),
         velocity_delay_scans: match axis.drive_mode {
-            DriveMode::Velocity => 0.0,
+            DriveMode::Velocity | DriveMode::Position => 0.0,
             DriveMode::Torque => dead_time_scans - 1.0,
         },
         motor_friction: slip(model.coulomb_n - table.coulomb_n, &curve),

@@ -400,7 +400,7 @@ impl Servo {
         command.velocity_mm_s = wanted.velocity_mm_s;
         command.torque_nm = wanted.torque_nm;
         let limited = match self.settings.drive_mode {
-            DriveMode::Velocity => scan.axis.torque_limited != 0,
+            DriveMode::Velocity | DriveMode::Position => scan.axis.torque_limited != 0,
             DriveMode::Torque => {
                 let torque = self.settings.velocity_loop.update(
                     &mut self.state.velocity_loop,
@@ -444,6 +444,7 @@ impl Servo {
             drive_mode: match self.settings.drive_mode {
                 DriveMode::Velocity => 0,
                 DriveMode::Torque => 1,
+                DriveMode::Position => 2,
             },
             ..AxisCommand::zeroed()
         }

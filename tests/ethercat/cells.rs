@@ -2,84 +2,54 @@
 //! their power.
 
 use std::fs;
-use std::path::{Path, PathBuf};
-use std::process::Output;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
-use crate::segment::{Network, Segment, machine};
+use crate::runs::{Done, Run, circle, run};
+use crate::segment::{Network, is_enabled, machine};
 use crate::support::root;
-
-/// A circle of R10 with F3000 from where the axes are.
-const CIRCLE: &str = "G21 G90 G17\nG1 X10 Y0 F3000\nG3 X10 Y0 I-10 J0\nG2 X10 Y0 I-10 J0\nM2\n";
-
-fn circle(folder: &Path) -> PathBuf {
-    let path = folder.join("circle.ngc");
-    fs::write(&path, CIRCLE).expect("writing");
-    path
-}
-
-/// A run in lockstep that has ended.
-struct Done {
-    output: Output,
-    report: serde_json::Value,
-}
-
-impl Done {
-    fn text(&self, pointer: &str) -> String {
-        let value = self.report.pointer(pointer);
-        let value = value.and_then(serde_json::Value::as_str);
-        value.unwrap_or_else(|| panic!("no {pointer}")).to_string()
-    }
-
-    fn printed(&self) -> String {
-        String::from_utf8_lossy(&self.output.stderr).into_owned()
-            + &String::from_utf8_lossy(&self.output.stdout)
-    }
-}
-
-/// Runs the circle over a segment with these options.
-fn run(network: &Network, options: &[&str], faults: Option<&str>) -> Done {
-    let _segment: Segment = network.segment(options);
-    let machine = machine(&[], &[]);
-    let program = circle(machine.path());
-    let out = machine.path().join("run");
-    let cell = crate::support::unique_cell();
-    let shown = |path: &Path| path.to_string_lossy().into_owned();
-    let (folder, program, out_name) = (shown(machine.path()), shown(&program), shown(&out));
-    let mut arguments = vec![
-        "run", &folder, &program, "--out", &out_name, "--cell", &cell,
-    ];
-    let script = machine.path().join("script.toml");
-    let script_name = shown(&script);
-    if let Some(faults) = faults {
-        fs::write(&script, faults).expect("writing");
-        arguments.extend(["--faults", &script_name]);
-    }
-    let output = network.quadrant(&arguments);
-    let report = fs::read_to_string(out.join("report.json"));
-    let report = report.unwrap_or_else(|_| panic!("{}", String::from_utf8_lossy(&output.stderr)));
-    Done {
-        output,
-        report: serde_json::from_str(&report).expect("report.json"),
-    }
-}
 
 #[test]
 fn three_foreign_drives_run_a_circle_and_every_run_is_the_same_to_the_bit() {
     let Some(network) = Network::new() else {
         return;
     };
-    let first = run(&network, &["--drives", "3"], None);
+    let first = run(&network, &[], None);
     assert_eq!(
         first.text("/outcome/kind"),
         "completed",
         "{}",
         first.printed()
     );
-    let again = run(&network, &["--drives", "3"], None);
+    let again = run(&network, &[], None);
     for digest in ["/digest", "/motion_digest"] {
         assert_eq!(first.text(digest), again.text(digest), "{digest}");
     }
+}
+
+#[test]
+fn drives_that_close_their_position_loop_follow_the_circle_no_worse() {
+    let Some(network) = Network::new() else {
+        return;
+    };
+    let velocity = run(&network, &[], None);
+    let position = [(); 2].map(|()| {
+        Run {
+            machine: &[("drive_mode = \"velocity\"", "drive_mode = \"position\"")],
+            drive: &[("operate = \"csv\"", "operate = \"csp\"")],
+            ..Run::default()
+        }
+        .run(&network)
+    });
+    let [first, again] = &position;
+    assert_eq!(first.text("/outcome/kind"), "completed");
+    assert_eq!(first.text("/digest"), again.text("/digest"));
+    let peak_um = |done: &Done| {
+        let peak = done.report.pointer("/contour_error_um/peak");
+        peak.and_then(serde_json::Value::as_f64).expect("a number")
+    };
+    let (first_um, velocity_um) = (peak_um(first), peak_um(&velocity));
+    assert!(first_um <= velocity_um, "{first_um} µm, {velocity_um} µm");
 }
 
 #[test]
@@ -87,13 +57,13 @@ fn the_owner_of_the_bus_is_killed_forty_times_and_no_command_is_another_one() {
     let Some(network) = Network::new() else {
         return;
     };
-    let undisturbed = run(&network, &["--drives", "3"], None);
+    let undisturbed = run(&network, &[], None);
     let kills = "[restart]\nrestarts_max = 1000\n\
         [[fault]]\nat = { scan = 700 }\nprocess = \"fieldbus\"\ndo = \"kill\"\nrestart_after_scans = 20\n\
         repeat = { times = 20, every_scans = 60 }\n\
         [[fault]]\nat = { scan = 730 }\nprocess = \"fieldbus-b\"\ndo = \"kill\"\nrestart_after_scans = 20\n\
         repeat = { times = 20, every_scans = 60 }\n";
-    let killed = run(&network, &["--drives", "3"], Some(kills));
+    let killed = run(&network, &[], Some(kills));
     assert_eq!(
         killed.text("/outcome/kind"),
         "completed",
@@ -104,7 +74,7 @@ fn the_owner_of_the_bus_is_killed_forty_times_and_no_command_is_another_one() {
         killed.text("/motion_digest"),
         undisturbed.text("/motion_digest")
     );
-    let again = run(&network, &["--drives", "3"], Some(kills));
+    let again = run(&network, &[], Some(kills));
     assert_eq!(killed.text("/digest"), again.text("/digest"));
 }
 
@@ -121,7 +91,7 @@ fn a_drive_that_vanishes_faults_or_loses_its_power_stops_the_others_in_that_scan
             "drive is off, or did not come on in time, axis Z",
         ),
     ] {
-        let done = run(&network, &["--drives", "3", "--at", order], None);
+        let done = run(&network, &["--at", order], None);
         assert_eq!(done.output.status.code(), Some(1), "{order}");
         let printed = done.printed();
         assert!(printed.contains(words), "{order}: {printed}");
@@ -171,14 +141,45 @@ fn order(network: &Network, cell: &str, words: &[&str]) {
     assert!(done.status.success(), "{words:?}: {printed}");
 }
 
-/// Without a standby the drives stop by themselves; the process is started again, and an operator has the program go on.
+/// Differences between the first target of a drive that operates (607A, in csp) and where it was, in increments, each time that it was
+/// enabled.
+fn first_target_errors(record: &str) -> Vec<i32> {
+    let mut errors = Vec::new();
+    let mut before = [None; 3];
+    for row in record.lines().skip(1) {
+        let cells: Vec<&str> = row.split(',').collect();
+        let (Ok(drive), Ok(position)) = (cells[4].parse::<usize>(), cells[8].parse::<i32>()) else {
+            continue;
+        };
+        let enabled = is_enabled(row);
+        if let (true, Some((false, stood))) = (enabled, before[drive]) {
+            let target: Vec<u8> = (4..8)
+                .filter_map(|at| u8::from_str_radix(cells[6].get(2 * at..2 * at + 2)?, 16).ok())
+                .collect();
+            let target = i32::from_le_bytes(target.try_into().expect("a target"));
+            errors.push(target.wrapping_sub(stood));
+        }
+        before[drive] = Some((enabled, position));
+    }
+    errors
+}
+
+/// Without a standby the drives stop by themselves; the process is started again, and an operator has the program go on. The drives close
+/// their position loops here: a target that is not where the drive is would be a step.
 #[test]
 fn a_bus_without_a_standby_is_started_again_and_the_program_goes_on_from_its_place() {
+    let kills = std::env::var("QUADRANT_KILLS").map_or(2, |kills| kills.parse().expect("a number"));
     let Some(network) = Network::new() else {
         return;
     };
-    let _segment = network.segment(&["--drives", "3"]);
-    let machine = machine(&[("standby = true", "standby = false")], &[]);
+    let segment = network.segment(&["--drives", "3"]);
+    let machine = machine(
+        &[
+            ("standby = true", "standby = false"),
+            ("drive_mode = \"velocity\"", "drive_mode = \"position\""),
+        ],
+        &[("operate = \"csv\"", "operate = \"csp\"")],
+    );
     let program = circle(machine.path());
     let cell = crate::support::unique_cell();
     let shown = |path: &Path| path.to_string_lossy().into_owned();
@@ -197,19 +198,16 @@ fn a_bus_without_a_standby_is_started_again_and_the_program_goes_on_from_its_pla
         .stderr(std::process::Stdio::null())
         .spawn()
         .expect("a cell");
-    await_status(&network, &cell, "starting", |status| {
-        mode(status) == "disabled"
-    });
+    let await_mode = |what: &str, wanted: &str| {
+        await_status(&network, &cell, what, |status| mode(status) == wanted);
+    };
+    await_mode("starting", "disabled");
     order(&network, &cell, &["enable"]);
     order(&network, &cell, &["load", &program]);
     order(&network, &cell, &["override", "10"]);
-    await_status(&network, &cell, "enabling", |status| {
-        mode(status) == "ready"
-    });
+    await_mode("enabling", "ready");
     order(&network, &cell, &["start"]);
-    await_status(&network, &cell, "starting the program", |status| {
-        mode(status) == "enabled"
-    });
+    await_mode("starting the program", "enabled");
     let pid = |status: &serde_json::Value| {
         let processes = status["processes"].as_array().cloned().unwrap_or_default();
         let owner = processes
@@ -217,28 +215,28 @@ fn a_bus_without_a_standby_is_started_again_and_the_program_goes_on_from_its_pla
             .find(|process| process["process"] == "fieldbus");
         owner.and_then(|owner| owner["pid"].as_i64())
     };
-    let status = network.quadrant(&["status", "--json", "--cell", &cell]);
-    let status: serde_json::Value = serde_json::from_slice(&status.stdout).expect("JSON");
-    let owner = pid(&status).unwrap_or_else(|| panic!("no fieldbus in {status}"));
-    crate::support::send(owner as i32, libc::SIGKILL);
-    await_status(&network, &cell, "tripping", |status| {
-        mode(status) == "tripped"
-    });
-    await_status(&network, &cell, "starting the bus", |status| {
-        pid(status).is_some_and(|new| new != owner)
-    });
-    order(&network, &cell, &["enable"]);
-    await_status(&network, &cell, "enabling again", |status| {
-        mode(status) == "enabled"
-    });
+    for _ in 0..kills {
+        let status = network.quadrant(&["status", "--json", "--cell", &cell]);
+        let status: serde_json::Value = serde_json::from_slice(&status.stdout).expect("JSON");
+        assert_eq!(mode(&status), "enabled", "{status}");
+        let owner = pid(&status).unwrap_or_else(|| panic!("no fieldbus in {status}"));
+        crate::support::send(owner as i32, libc::SIGKILL);
+        await_mode("tripping", "tripped");
+        await_status(&network, &cell, "starting the bus", |status| {
+            pid(status).is_some_and(|new| new != owner)
+        });
+        order(&network, &cell, &["enable"]);
+        await_mode("enabling again", "enabled");
+        order(&network, &cell, &["resume"]);
+    }
     order(&network, &cell, &["override", "100"]);
-    order(&network, &cell, &["resume"]);
-    await_status(&network, &cell, "finishing", |status| {
-        mode(status) == "ready"
-    });
+    await_mode("finishing", "ready");
     order(&network, &cell, &["down"]);
     assert!(up.wait().expect("its end").success());
     let report = fs::read_to_string(machine.path().join("up/001-circle/report.json"));
     let report: serde_json::Value = serde_json::from_str(&report.expect("a report")).expect("JSON");
     assert_eq!(report["outcome"]["kind"], "completed");
+    let errors = first_target_errors(&segment.end());
+    assert_eq!(errors.len(), 3 * (kills + 1), "{errors:?}");
+    assert!(errors.iter().all(|error| error.abs() <= 1), "{errors:?}");
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use crate::segment::{MASTER, Network, program};
+use crate::segment::{MASTER, Network, enabled_steps, program};
 use crate::support::{quadrant, root};
 
 /// What no ESI file tells. The drives of `segment.py --esi` take 60FF for increments a second.
@@ -88,8 +88,9 @@ fn machine_of(folder: &Path, found: &Found, count: usize, drive: &str) {
         .map(|place| place.to_string())
         .collect();
     let others = format!("standby = true\nother_slaves = [{}]", others.join(", "));
-    let torque = drive.contains("operate = \"cst\"");
-    let mode = if torque { "torque" } else { "velocity" };
+    let modes = [("csv", "velocity"), ("cst", "torque"), ("csp", "position")];
+    let operates = |(mode, _): &&(&str, &str)| drive.contains(&format!("operate = \"{mode}\""));
+    let (_, mode) = modes.iter().find(operates).expect("a mode");
     let drive_line = format!("file = \"drives/x.toml\"\nslave = {}", found.place);
     let made = format!("{head}[[axis]]{axis}")
         .replace("standby = true", &others)
@@ -102,13 +103,20 @@ fn machine_of(folder: &Path, found: &Found, count: usize, drive: &str) {
 }
 
 /// From the ESI file to a run that ends well.
-fn boots(network: &Network, esi: &Path, found: &Found, count: usize) -> Result<String, String> {
+fn boots(
+    network: &Network,
+    esi: &Path,
+    found: &Found,
+    count: usize,
+    mode: &[&str],
+) -> Result<String, String> {
     let folder = tempfile::tempdir().expect("a folder");
     let esi = esi.to_str().expect("a path");
     let drive = "drives/x.toml";
     let identity = ["--product", &found.product, "--revision", &found.revision];
     let mut arguments = vec!["drive-file", esi, "--out", drive];
     arguments.extend(identity);
+    arguments.extend(mode);
     let made = bus(folder.path(), &arguments)?;
     let path = folder.path().join(drive);
     let mut text = fs::read_to_string(&path).expect("the drive file");
@@ -146,10 +154,15 @@ fn every_drive_of_an_esi_file_runs_with_the_drive_file_that_one_command_makes_of
             let _segment = network.segment(&["--esi", path]);
             scan(&network)
         };
-        for found in &drives {
+        // In the mode that suits best, and in the one that every drive has.
+        let modes: [&[&str]; 2] = [&[], &["--mode", "csp"]];
+        for (found, mode) in drives
+            .iter()
+            .flat_map(|found| modes.map(|mode| (found, mode)))
+        {
             let segment = network.segment(&["--esi", path]);
-            let outcome = boots(&network, esi, found, drives.len());
-            let enabled = segment.end();
+            let outcome = boots(&network, esi, found, drives.len(), mode);
+            let enabled = enabled_steps(&segment.end());
             match outcome {
                 Ok(made) if enabled > 0 => eprintln!("{file}: {made}"),
                 // A boot loader is no drive; its file says so.

@@ -187,8 +187,13 @@ pub struct Segment {
     _folder: TempDir,
 }
 
+/// How many of the drives' steps in a record were made in "operation enabled".
+pub fn enabled_steps(record: &str) -> usize {
+    record.lines().filter(|row| is_enabled(row)).count()
+}
+
 /// What a row of a record says of a drive's statusword.
-fn is_enabled(row: &str) -> bool {
+pub fn is_enabled(row: &str) -> bool {
     /// Operation enabled, of the bits of the state.
     const ENABLED: u32 = 0x27;
     let word = row.split(',').nth(7).and_then(|word| word.parse().ok());
@@ -201,11 +206,10 @@ impl Segment {
         fs::metadata(&self.record).is_ok_and(|record| record.len() > 0)
     }
 
-    /// Ends it; how many of its drives' steps were made in "operation enabled".
-    pub fn end(mut self) -> usize {
+    /// Ends it; its record, a row for each step of a drive.
+    pub fn end(mut self) -> String {
         self.stop();
-        let record = fs::read_to_string(&self.record).expect("the record");
-        record.lines().filter(|row| is_enabled(row)).count()
+        fs::read_to_string(&self.record).expect("the record")
     }
 
     fn stop(&mut self) {

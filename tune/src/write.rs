@@ -76,8 +76,10 @@ pub fn gains(document: &mut DocumentMut, machine: &Machine, index: usize, mass_k
     let known = machine.axes.get(index);
     if let Some((axis, known)) = axes(document).nth(index).zip(known) {
         let timing = Timing::of(machine, known);
-        let gain_per_s = timing.position_gain_per_s();
-        inner(axis, &["position_loop"]).insert("gain_per_s", value(gain_per_s));
+        if timing.drive_mode != DriveMode::Position {
+            let gain_per_s = timing.position_gain_per_s();
+            inner(axis, &["position_loop"]).insert("gain_per_s", value(gain_per_s));
+        }
         let velocity = inner(axis, &["velocity_loop"]);
         velocity.insert(
             "gain_n_s_per_m",
@@ -229,9 +231,13 @@ fn loops(axis: &mut Table, timing: &Timing, mass_kg: f64) {
     } else {
         String::new()
     };
-    let gain_per_s = digits(timing.position_gain_per_s(), 4);
-    let why = format!("tune: Kp, a sixth of the velocity loop's {bandwidth_rad_s:.0} rad/s{less}");
-    Keys::of(axis, &["position_loop"]).set("gain_per_s", gain_per_s, &why);
+    // The position loop of a drive that closes it is the drive's own.
+    if timing.drive_mode != DriveMode::Position {
+        let gain_per_s = digits(timing.position_gain_per_s(), 4);
+        let why =
+            format!("tune: Kp, a sixth of the velocity loop's {bandwidth_rad_s:.0} rad/s{less}");
+        Keys::of(axis, &["position_loop"]).set("gain_per_s", gain_per_s, &why);
+    }
     let mut velocity = Keys::of(axis, &["velocity_loop"]);
     let gain = digits(timing.velocity_gain_n_s_per_m(mass_kg), 4);
     let why = format!("tune: Kv = {mass_kg:.0} kg · {bandwidth_rad_s:.0} rad/s");
@@ -248,6 +254,7 @@ fn feed_forward(axis: &mut Table, timing: &Timing) {
             timing.way_scans()
         ),
         DriveMode::Torque => "tune: half a scan, for torque is fed forward".into(),
+        DriveMode::Position => "tune: a scan, for torque is fed forward".into(),
     };
     let mut forward = Keys::of(axis, &["feed_forward"]);
     forward.set("enabled", true, "");

@@ -310,6 +310,12 @@ fn judge_start_up(rules: &mut Rules<'_>, drive: &DriveFile, device: &Device) {
             }
         }
     }
+    if drive.start_up.following_error_window
+        && !dictionary.writes(cia402::FOLLOWING_ERROR_WINDOW, 0)
+    {
+        let what = "= true: the drive has no 6065 that can be written; write false";
+        rules.say(&["start_up", "following_error_window"], None, what);
+    }
     for (at, sdo) in drive.start_up.sdos.iter().enumerate() {
         let number = (at + 1).to_string();
         let path = ["start_up", "sdo", &number];

@@ -87,6 +87,8 @@ pub fn from_esi(esi: &Esi, device: &Device, mode: Option<OperatingMode>) -> Resu
             interpolation_time: [1, 2]
                 .into_iter()
                 .all(|sub| device.dictionary.writes(cia402::INTERPOLATION_TIME, sub)),
+            following_error_window: mode == OperatingMode::Csp
+                && device.dictionary.writes(cia402::FOLLOWING_ERROR_WINDOW, 0),
             sdos: Vec::new(),
         },
         option_codes: option_codes(device),

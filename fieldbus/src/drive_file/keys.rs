@@ -164,6 +164,10 @@ pub struct Limits {
 pub struct StartUp {
     /// Whether the interpolation time (60C2:1 and 60C2:2) is set to the scan of the machine; `false` where the drive has no such object.
     pub interpolation_time: bool,
+    /// Whether the following error at which a drive in `csp` trips by itself (6065) is set to `following_error_limit_mm` of its axis. The
+    /// drive counts its own error, from target to position.
+    #[schemars(extend("default" = false))]
+    pub following_error_window: bool,
     /// An object to write, in this order.
     #[serde(rename = "sdo")]
     #[schemars(length(max = 256), extend("default" = []))]

@@ -284,12 +284,18 @@ fn judge_start_up(rules: &mut Rules<'_>, drive: &DriveFile) {
             );
             rules.say(&["start_up", "sdo", &number, "value"], None, &what);
         }
-        if sdo.index == cia402::INTERPOLATION_TIME && drive.start_up.interpolation_time {
-            let what = format!(
-                "is {object}: start_up.interpolation_time = true sets it to the scan; remove one of the two"
-            );
-            rules.say(&["start_up", "sdo", &number], None, &what);
-        }
+        let start_up = &drive.start_up;
+        let set_anyway = match sdo.index {
+            cia402::INTERPOLATION_TIME if start_up.interpolation_time => {
+                "interpolation_time = true sets it to the scan"
+            }
+            cia402::FOLLOWING_ERROR_WINDOW if start_up.following_error_window => {
+                "following_error_window = true sets it to the limit of the axis"
+            }
+            _ => continue,
+        };
+        let what = format!("is {object}: start_up.{set_anyway}; remove one of the two");
+        rules.say(&["start_up", "sdo", &number], None, &what);
     }
 }
 

@@ -186,6 +186,12 @@ fn start_up(text: &mut String, drive: &DriveFile, device: &Device) {
         "interpolation_time = {} # 60C2: the scan of the machine",
         start_up.interpolation_time
     );
+    if start_up.following_error_window {
+        add!(
+            text,
+            "following_error_window = true # 6065: following_error_limit_mm of the axis"
+        );
+    }
     for sdo in &start_up.sdos {
         add!(
             text,

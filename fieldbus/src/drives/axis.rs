@@ -11,12 +11,14 @@ use bus::drive_page::{Inputs, SlaveState, SlaveWiring};
 use machine::Axis;
 use master::{DriveCommand, DriveFeedback, DriveState};
 
+use super::cia402_drives::operates;
 use super::field::Field;
 use super::homing::DriveHoming;
+use super::position_target::PositionTarget;
 use super::state_walk::{DeviceState, QUICK_STOP, StateWalk, Want};
+use super::units::Units;
 use crate::cia402::{self, OperatingMode};
 use crate::drive_file::DriveFile;
-use crate::link::OPERATIONAL;
 use crate::process_data::{self, Pdo};
 
 /// Bit 11 of the statusword: a limit of the drive is active.
@@ -82,34 +84,6 @@ impl Fields {
     }
 }
 
-/// Factors between the drive's numbers and the machine's.
-#[derive(Debug, Clone, Copy)]
-struct Units {
-    /// mm of travel of one increment; negative where the drive counts the other way.
-    mm_per_increment: f64,
-    /// Value of the drive's velocity at 1 mm/s.
-    velocity_per_mm_s: f64,
-    /// Thousandths of the rated torque at 1 N·m.
-    torque_per_nm: f64,
-}
-
-impl Units {
-    fn of(drive: &DriveFile, lead_mm: f64) -> Units {
-        let scaling = &drive.scaling;
-        let sign = if scaling.direction < 0 { -1.0 } else { 1.0 };
-        let turns = f64::from(scaling.position_turns);
-        let turns_per_increment = turns / f64::from(scaling.position_increments);
-        // In 1 mm/s there are 60/lead rev/min.
-        let rpm_per_mm_s = 60.0 / lead_mm;
-        Units {
-            mm_per_increment: sign * lead_mm * turns_per_increment,
-            velocity_per_mm_s: sign * rpm_per_mm_s * f64::from(scaling.velocity_units)
-                / f64::from(scaling.velocity_rpm),
-            torque_per_nm: sign * 1000.0 / scaling.rated_torque_nm,
-        }
-    }
-}
-
 /// One drive.
 #[derive(Debug, Clone)]
 pub(super) struct DriveAxis {
@@ -133,6 +107,8 @@ pub(super) struct DriveAxis {
     commanded_mm_s: f64,
     /// What rounding of velocity targets has left over, in the drive's unit.
     left_over: f64,
+    /// Where the drive is to be, if it closes the position loop.
+    target: PositionTarget,
     shown: DriveFeedback,
 }
 
@@ -154,6 +130,7 @@ impl DriveAxis {
             missed_max,
             commanded_mm_s: 0.0,
             left_over: 0.0,
+            target: PositionTarget::default(),
             shown: DriveFeedback {
                 referenced: axis.homing.is_none(),
                 state: DriveState::Lost { code: 0 },
@@ -205,10 +182,18 @@ impl DriveAxis {
         let controlword = self.walk.controlword(self.device, want) | self.homing.control_bits();
         let operates = self.device == DeviceState::OperationEnabled;
         let follows = operates && want != Want::Off;
+        let homes = self.homing.mode().is_some();
+        if !follows || homes || self.shown.state != DriveState::Ready {
+            self.target.leave();
+        }
         let torque_nm = self.target(command, follows);
+        let position_mm = match *command {
+            DriveCommand::Position { position_mm, .. } => Some(position_mm),
+            _ => None,
+        };
         outputs(image, &mut |own| {
             self.write_common(own, controlword);
-            self.write_targets(own, torque_nm, follows);
+            self.write_targets(own, position_mm, torque_nm, follows);
         });
         outputs(silent, &mut |own| {
             let stops = if operates {
@@ -225,9 +210,10 @@ impl DriveAxis {
         match command {
             DriveCommand::Disabled => Want::Off,
             DriveCommand::SwitchOn => Want::SwitchOn,
-            DriveCommand::Velocity { .. } | DriveCommand::Torque { .. } | DriveCommand::Home => {
-                Want::Operate
-            }
+            DriveCommand::Velocity { .. }
+            | DriveCommand::Position { .. }
+            | DriveCommand::Torque { .. }
+            | DriveCommand::Home => Want::Operate,
             // Without a velocity or position loop of its own to brake in, the drive brakes as it can.
             DriveCommand::Brake { .. } if self.operate == OperatingMode::Cst => Want::QuickStop,
             DriveCommand::Brake { .. } => Want::Operate,
@@ -247,6 +233,14 @@ impl DriveAxis {
                 torque_offset_nm,
             } => {
                 self.commanded_mm_s = velocity_mm_s;
+                torque_offset_nm
+            }
+            DriveCommand::Position {
+                velocity_offset_mm_s,
+                torque_offset_nm,
+                ..
+            } => {
+                self.commanded_mm_s = velocity_offset_mm_s;
                 torque_offset_nm
             }
             DriveCommand::Torque { torque_nm } => torque_nm,
@@ -276,7 +270,13 @@ impl DriveAxis {
         }
     }
 
-    fn write_targets(&mut self, own: &mut [u8], torque_nm: f64, follows: bool) {
+    fn write_targets(
+        &mut self,
+        own: &mut [u8],
+        position_mm: Option<f64>,
+        torque_nm: f64,
+        follows: bool,
+    ) {
         self.write_rest(own);
         if !follows {
             return;
@@ -299,8 +299,35 @@ impl DriveAxis {
                     field.write_signed(own, torque);
                 }
             }
-            // Not driven: start-up refuses it.
-            OperatingMode::Csp => {}
+            OperatingMode::Csp => self.write_position_target(own, position_mm, torque),
+        }
+    }
+
+    /// Where the drive is to be; velocity and torque beside it are what its loop need not find out.
+    fn write_position_target(&mut self, own: &mut [u8], target: Option<f64>, torque: i64) {
+        let velocity_mm_s = self.commanded_mm_s;
+        let increments_per_mm = 1.0 / self.units.mm_per_increment;
+        let target = match target {
+            Some(position_mm) => self
+                .target
+                .set(self.counted, position_mm * increments_per_mm),
+            None => self.target.go_on(
+                self.counted,
+                velocity_mm_s * self.scan_s * increments_per_mm,
+            ),
+        };
+        if let Some(field) = self.fields.target_position {
+            field.write(own, target as u32);
+        }
+        let velocity = libm::round(velocity_mm_s * self.units.velocity_per_mm_s) as i64;
+        let offsets = [
+            (self.fields.velocity_offset, velocity),
+            (self.fields.torque_offset, torque),
+        ];
+        for (field, value) in offsets {
+            if let Some(field) = field {
+                field.write_signed(own, value);
+            }
         }
     }
 
@@ -322,7 +349,7 @@ impl DriveAxis {
 
     /// Takes what it showed in a cycle that was answered.
     pub fn take(&mut self, inputs: &Inputs, wiring: &SlaveWiring, state: &SlaveState) {
-        if state.answered != 1 || state.al_status & 0x1F != OPERATIONAL {
+        if !operates(state) {
             self.lose(state.al_status_code.into());
             return;
         }

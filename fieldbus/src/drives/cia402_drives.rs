@@ -15,6 +15,7 @@ use master::{DriveCommand, DriveFeedback, DriveState, Drives, InstrumentSample, 
 
 use super::axis::DriveAxis;
 use crate::drive_file::DriveFile;
+use crate::link::OPERATIONAL;
 
 /// What came of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,6 +50,8 @@ pub struct DriveSetup {
     pub drive: DriveFile,
     /// Its place on the cable, from 0.
     pub slave: usize,
+    /// Following error that trips its axis, in increments of the drive.
+    pub following_error_increments: u32,
 }
 
 #[derive(Debug, Clone)]
@@ -171,15 +174,37 @@ impl<W: Wire> Cia402Drives<W> {
         let answer = self.wire.exchange(&self.outputs, &mut self.inputs);
         let answered = answer == WireAnswer::Answered;
         self.late_ns = i64::from(answered) * self.inputs.clock_late_ns;
+        let sound = answered && self.took_part();
         for axis in &mut self.axes {
             let (wiring, state) = slave(&self.wire, &self.inputs, axis.slave);
             match answer {
-                WireAnswer::Answered => axis.drive.take(&self.inputs, &wiring, &state),
-                WireAnswer::Missed => axis.drive.miss(),
+                WireAnswer::Answered if sound || !operates(&state) => {
+                    axis.drive.take(&self.inputs, &wiring, &state);
+                }
+                WireAnswer::Answered | WireAnswer::Missed => axis.drive.miss(),
                 WireAnswer::Down => axis.drive.lose(0),
             }
         }
     }
+
+    /// Whether every slave that says it operates took part in the exchange of process data, by its working counter. Where one did not,
+    /// nobody knows whose inputs are those of the cycle before. One that is on its way out of operation may count or not.
+    fn took_part(&self) -> bool {
+        let (mut least, mut most) = (0, 0);
+        let slaves = self.wire.wiring().slaves().iter();
+        for (wiring, state) in slaves.zip(&self.inputs.slaves) {
+            most += u32::from(wiring.working_counter);
+            if operates(state) {
+                least += u32::from(wiring.working_counter);
+            }
+        }
+        (least..=most).contains(&self.inputs.working_counter)
+    }
+}
+
+/// Whether a slave answered, and takes outputs.
+pub(super) fn operates(state: &SlaveState) -> bool {
+    state.answered == 1 && state.al_status & 0x1F == OPERATIONAL
 }
 
 fn slave(wire: &impl Wire, inputs: &Inputs, index: usize) -> (SlaveWiring, SlaveState) {

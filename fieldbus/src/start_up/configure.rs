@@ -32,6 +32,11 @@ pub(super) fn configure(
     }
     judge_option_codes(talk)?;
     set_interpolation_time(talk, drive, plan.period_us)?;
+    if drive.start_up.following_error_window {
+        let window = setup.following_error_increments.into();
+        let object = (cia402::FOLLOWING_ERROR_WINDOW, 0);
+        talk.set(object, 32, window, Source::FollowingErrorWindow)?;
+    }
     set_mode(talk, drive)
 }
 

@@ -112,6 +112,8 @@ pub(super) enum Source {
     ProcessData,
     /// The scan, into 60C2.
     InterpolationTime,
+    /// The limit of the axis, into 6065.
+    FollowingErrorWindow,
     /// `[mode]` of the drive file.
     Mode,
 }
@@ -135,6 +137,12 @@ impl Source {
             }
             (Source::InterpolationTime, ..) => {
                 "set scan.period_us of the machine file to a cycle that the drive can do".into()
+            }
+            (Source::FollowingErrorWindow, Some(NO_OBJECT | READ_ONLY), _) => {
+                "write start_up.following_error_window = false in the drive file".into()
+            }
+            (Source::FollowingErrorWindow, ..) => {
+                "set following_error_limit_mm of the axis to what the drive takes".into()
             }
             (Source::Mode, ..) => {
                 "make the drive file with `--mode` of one that the drive has".into()

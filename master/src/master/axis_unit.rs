@@ -189,16 +189,34 @@ impl AxisUnit {
                         velocity_mm_s: self.command.velocity_mm_s,
                         torque_offset_nm: self.command.torque_nm,
                     },
-                    DriveMode::Torque
-                        if self.command.scan == 0 && self.command.incarnation == 0 =>
-                    {
-                        self.brake()
-                    }
+                    DriveMode::Position if self.is_commanded() => self.position_command(),
+                    DriveMode::Position => self.brake(),
+                    DriveMode::Torque if !self.is_commanded() => self.brake(),
                     DriveMode::Torque => DriveCommand::Torque {
                         torque_nm: self.command.torque_nm,
                     },
                 }
             }
+        }
+    }
+
+    /// Whether a servo has commanded anything yet.
+    fn is_commanded(&self) -> bool {
+        self.command.scan != 0 || self.command.incarnation != 0
+    }
+
+    /// What the position loop is to answer, from what the servo asked of a velocity loop: `Kp·e` of its velocity is what its own position
+    /// loop asked for, and `e` from where the motor was then is where it is to be. The drive's loop, of the same gain, does the
+    /// same without the way of the feedback to the servo and back.
+    fn position_command(&self) -> DriveCommand {
+        let command = &self.command;
+        let offset_mm_s = command.feed_forward_mm_s + command.friction_pulse_mm_s;
+        let error_mm =
+            (command.velocity_mm_s - offset_mm_s) / self.settings.position_loop.gain_per_s;
+        DriveCommand::Position {
+            position_mm: self.drive.motor_position_mm + error_mm,
+            velocity_offset_mm_s: offset_mm_s,
+            torque_offset_nm: command.torque_nm,
         }
     }
 

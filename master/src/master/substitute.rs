@@ -37,7 +37,7 @@ pub(super) struct Substitute {
     feed_forward: f64,
     rapid_mm_s: f64,
     quick_stop_mm_s2: f64,
-    torque_mode: bool,
+    drive_mode: DriveMode,
     velocity_gain_nm_s_per_mm: f64,
     peak_torque_nm: f64,
     /// In torque mode, while the master commands: the torque that the velocity loop starts from, in N·m.
@@ -64,7 +64,7 @@ impl Substitute {
             },
             rapid_mm_s: axis.rapid_mm_s,
             quick_stop_mm_s2: axis.quick_stop_mm_s2,
-            torque_mode: axis.drive_mode == DriveMode::Torque,
+            drive_mode: axis.drive_mode,
             velocity_gain_nm_s_per_mm: velocity_loop.gain_nm_s_per_mm,
             peak_torque_nm: axis.motor.peak_torque_nm,
             base_torque_nm: None,
@@ -98,7 +98,15 @@ impl Substitute {
             }
         };
         command.velocity_mm_s = velocity_mm_s.clamp(-self.rapid_mm_s, self.rapid_mm_s);
-        if self.torque_mode {
+        if self.drive_mode == DriveMode::Position {
+            // What the drive's position loop is not to answer.
+            command.feed_forward_mm_s = match wanted {
+                Wanted::Follow { velocity_mm_s, .. } => self.feed_forward * velocity_mm_s,
+                Wanted::Slow => command.velocity_mm_s,
+            };
+            command.friction_pulse_mm_s = 0.0;
+        }
+        if self.drive_mode == DriveMode::Torque {
             let torque_nm = base_nm + self.torque_nm(command.velocity_mm_s, drive.velocity_mm_s);
             command.torque_nm = torque_nm.clamp(-self.peak_torque_nm, self.peak_torque_nm);
         }

@@ -517,6 +517,7 @@ fn axes(evaluation: &Evaluation) -> Vec<AxisReport> {
             drive_mode: match axis.drive_mode {
                 DriveMode::Velocity => "velocity",
                 DriveMode::Torque => "torque",
+                DriveMode::Position => "position",
             },
             following_error_um: following_error(meter),
             missed_scans: meter.missed_scans,

@@ -22,6 +22,7 @@ fn drive(plant: &PlantFile, name: &str) -> DriveParameters {
     DriveParameters {
         velocity_gain_n_s_per_m: (axis.motor_mass_kg() + axis.table.mass_kg) * 300.0,
         integral_time_ms: 10.0,
+        position_gain_per_s: 50.0,
         period_us: 250,
         torque_limit_nm: axis.motor.peak_torque_nm,
         quick_stop_mm_s2: 5_000.0,

@@ -15,7 +15,7 @@ class Segment:
         self.before, self.enabled_frame = b"", None
         self.muted, self.mute_until = 0, None
         self.now_ns = 0
-        self.cut, self.reached = set(), slaves
+        self.cut, self.reached, self.cut_within = set(), slaves, None
         self.was_enabled = [False] * len(slaves)
         self.left = [[] for _ in slaves]
         for slave in slaves:
@@ -30,6 +30,12 @@ class Segment:
             end = min([cut for cut in self.cut if cut > position], default=count)
             slave.show_link(end - 1 - position)
         self.reached = self.slaves[:min(self.cut, default=count)]
+
+    def reached_by(self, datagram):
+        """Which slaves a datagram of the frame reaches: the cable may be cut while the frame is on it."""
+        if self.cut_within and datagram >= self.cut_within[0]:
+            return self.reached[:self.cut_within[1]]
+        return self.reached
 
     def power_cycle(self, slave):
         slave.application.power_cycle()
@@ -68,7 +74,7 @@ class Segment:
         for slave in self.reached:
             slave.frame_number = self.number
         written = sum(slave.output_frames for slave in self.reached)
-        answer = frame(self.reached, received, now_ns) if self.reached else None
+        answer = frame(self.reached_by, received, now_ns) if self.reached else None
         if answer is None:
             return []
         self.frames += 1
@@ -78,6 +84,10 @@ class Segment:
             self.count_outputs(received, now_ns)
         if self.lockstep:
             self.pass_time_behind_cut(now_ns)
+        if self.cut_within:
+            self.cut.add(self.cut_within[1])
+            self.cut_within = None
+            self.link()
         return self.troubles.answers(answer, self.number, now_ns)
 
     def count_outputs(self, received, now_ns):

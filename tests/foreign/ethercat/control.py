@@ -3,6 +3,7 @@
 
     control.py PATH status                 # JSON
     control.py PATH drop 1 | restore 1     # the cable before drive 1; a drive's state is kept
+    control.py PATH drop 1 2               # the same within the next frame: its first two datagrams still reach the drive
     control.py PATH power-cycle 1          # drive 1 is off and on again: INIT, its position as its model keeps it
     control.py PATH fault 1 [CODE] | clear 1 | sto 1 on | sto 1 off
     control.py PATH mute 50                # no frame arrives for 50 ms
@@ -79,7 +80,10 @@ class Control:
     def on_status(self):
         return json.dumps(self.segment.status())
 
-    def on_drop(self, position):
+    def on_drop(self, position, datagrams=None):
+        if datagrams:
+            self.segment.cut_within = int(datagrams), self.slave(position).position
+            return
         self.segment.cut.add(self.slave(position).position)
         self.segment.link()
 

@@ -339,8 +339,10 @@ def is_process_data(received):
     return False
 
 
-def frame(slaves, received, now_ns):
-    """An EtherCAT frame, from its Ethernet header on, as it comes back; None for one that is not whole."""
+def frame(reached, received, now_ns):
+    """An EtherCAT frame, from its Ethernet header on, as it comes back; None for one that is not whole.
+
+    `reached` tells which slaves a datagram of the frame reaches, by its place in it from 0."""
     answer = bytearray(received)
     if len(answer) < 28 or answer[12:14] != b"\x88\xa4":
         return None
@@ -348,10 +350,11 @@ def frame(slaves, received, now_ns):
     end = 16 + (header & 0x07FF)
     if header >> 12 != 1 or end > len(answer):
         return None
-    at, more = 16, True
+    at, more, place = 16, True, 0
     while more:
         if at + 12 > end:
             return None
+        slaves, place = reached(place), place + 1
         command, _, position, offset, length = struct.unpack_from("<BBHHH", answer, at)
         more, size = bool(length & 0x8000), length & 0x07FF
         body = at + 10
@@ -365,7 +368,7 @@ def frame(slaves, received, now_ns):
         before = struct.unpack_from("<H", answer, body + size)[0]
         struct.pack_into("<H", answer, body + size, before + count & 0xFFFF)
         at = body + size + 2
-    for slave in slaves:
+    for slave in reached(0):
         slave.frame_passed(now_ns)
     # The first slave marks what comes back.
     answer[6] |= 2
