@@ -510,3 +510,41 @@ pub fn circle_program(radius: f64, feed: f64, centre: (f64, f64), start_deg: f64
         turn("G2")
     )
 }
+
+/// The line that `quadrant tune` says of the dead time of the drives; the command is interrupted as soon as it has.
+pub fn dead_time_line(tune: &mut Command) -> String {
+    use std::io::BufRead as _;
+    let printed = tempfile::tempfile().expect("a file");
+    let errors = printed.try_clone().expect("a file");
+    let mut child = tune
+        .stdout(Stdio::piped())
+        .stderr(errors)
+        .spawn()
+        .expect("quadrant tune");
+    let out = std::io::BufReader::new(child.stdout.take().expect("a pipe"));
+    let mut lines = out.lines().map_while(Result::ok);
+    let line = lines.find(|line| line.starts_with("dead time, scans: "));
+    let _ = rustix::process::kill_process(
+        rustix::process::Pid::from_child(&child),
+        rustix::process::Signal::INT,
+    );
+    let status = child.wait().expect("an end");
+    line.unwrap_or_else(|| {
+        use std::io::{Read as _, Seek as _};
+        let (mut printed, mut text) = (printed, String::new());
+        let _ = printed
+            .rewind()
+            .and_then(|()| printed.read_to_string(&mut text).map(|_| ()));
+        panic!("{status}: {text}")
+    })
+}
+
+/// What such a line says of an axis, in scans.
+pub fn dead_time_of(line: &str, axis: &str) -> f64 {
+    let (_, found) = line
+        .split_once("found ")
+        .unwrap_or_else(|| panic!("{line}"));
+    let mut each = found.split([',', ':']).map(str::trim);
+    let of = each.find_map(|words| words.strip_prefix(axis)?.trim().parse().ok());
+    of.unwrap_or_else(|| panic!("no number for {axis}: {line}"))
+}

@@ -7,7 +7,7 @@ use std::process::Output;
 use machine::Machine;
 
 use crate::quality::{measure, worst_um};
-use crate::support::{Bench, quadrant};
+use crate::support::{Bench, dead_time_line, dead_time_of, quadrant};
 
 /// The reference machine as somebody might set it who knows nothing of it, with `plant` edits of what is true.
 fn untuned(plant: &[(&str, &str)]) -> Bench {
@@ -120,6 +120,46 @@ fn another_friction_and_another_gap_are_found_as_well() {
 }
 
 /// Half of the lost motion is no gap, but bearings that give way and slip; friction is LuGre; the torque is shown 2 ms late.
+/// A machine that comes with the product, with drives that have this dead time; its own file has 1.
+fn with_dead_time(machine: &str, scans: u32) -> Bench {
+    let bench = Bench::of(machine, &[]);
+    let file = bench.path().join("plant.toml");
+    let text = fs::read_to_string(&file).expect("plant.toml");
+    let drive = format!("[drive]\ndead_time_scans = {scans}\n\n[[axis]]");
+    fs::write(&file, text.replacen("[[axis]]", &drive, 1)).expect("plant.toml");
+    bench
+}
+
+#[test]
+fn the_dead_time_of_the_drives_is_found_to_a_quarter_of_a_scan() {
+    for machine in ["xy", "xy-fast", "xy-torque"] {
+        for scans in 1..=4_u32 {
+            let bench = with_dead_time(machine, scans);
+            let line = dead_time_line(quadrant().arg("tune").arg(bench.path()).arg("--dry-run"));
+            println!("{machine} {scans}: {line}");
+            for axis in ["X", "Y"] {
+                let off = (dead_time_of(&line, axis) - f64::from(scans)).abs();
+                assert!(off <= 0.25, "{machine} with {scans}: {line}");
+            }
+            let right = format!("right is [scan] dead_time_scans = {scans} in the machine file");
+            assert_eq!(line.ends_with(&right), scans != 1, "{line}");
+        }
+    }
+}
+
+#[test]
+fn a_machine_whose_file_has_another_dead_time_is_tuned_for_the_one_that_its_drives_have() {
+    let bench = with_dead_time("xy", 3);
+    let output = tune(bench.path(), &[]);
+    assert_eq!(output.status.code(), Some(0), "{}", words(&output));
+    let machine = Machine::load(bench.path()).expect("the new file");
+    assert_eq!(machine.scan.dead_time_scans, 3);
+    // 4.5 scans of 1 ms less the drive's 0.25 ms.
+    assert_eq!(machine.axes[0].feed_forward.advance_ms, 4.25);
+    let worst = worst_um(&measure(&bench, 25.0, 3000.0, (0.0, 0.0), 45.0));
+    assert!(worst <= 3.9, "{worst} µm");
+}
+
 #[test]
 fn a_machine_that_is_not_as_the_model_says_is_tuned_and_what_was_found_is_told() {
     let scale = "[axis.scale]\nresolution_nm = 50.0      # [typ]\n";

@@ -5,7 +5,7 @@ use std::process::Output;
 use serde_json::Value;
 
 use crate::segment::{MASTER, Network, enabled_steps, machine};
-use crate::support::{quadrant, unique_cell};
+use crate::support::{dead_time_line, dead_time_of, quadrant, unique_cell};
 
 fn stdout(output: &Output) -> String {
     let errors = String::from_utf8_lossy(&output.stderr);
@@ -182,4 +182,28 @@ fn the_doctor_looks_at_the_interface_of_a_machine() {
     // A machine without a bus has no interface to look at.
     let output = quadrant().args(["doctor", "machines/xy"]).output();
     assert_eq!(output.expect("a doctor").status.code(), Some(2));
+}
+
+#[test]
+fn tune_finds_the_dead_time_of_foreign_drives_and_says_what_to_write_where() {
+    let Some(network) = Network::new() else {
+        return;
+    };
+    let folder = machine(&[], &[]);
+    for (options, right) in [
+        (["--drives", "3"].as_slice(), 2.0),
+        (&["--drives", "3", "--delay-frames", "1"], 3.0),
+    ] {
+        let segment = network.segment(options);
+        let mut tune = network.command(env!("CARGO_BIN_EXE_quadrant"));
+        let line = dead_time_line(tune.arg("tune").arg(folder.path()).arg("--dry-run"));
+        println!("{options:?}: {line}");
+        for axis in ["X", "Y", "Z"] {
+            let found = dead_time_of(&line, axis);
+            assert!((found - right).abs() <= 0.25, "{right} scans: {line}");
+        }
+        let write = "right is [scan] dead_time_scans = 3 in the machine file and [scaling] dead_time_scans = 3 in drives/am-m.toml";
+        assert_eq!(line.ends_with(write), right == 3.0, "{line}");
+        assert!(segment.end() > 0);
+    }
 }

@@ -10,6 +10,7 @@ use machine::{Machine, machine_file};
 use tempfile::TempDir;
 use toml_edit::DocumentMut;
 
+use super::dead_time;
 use super::recording::{self, Recording};
 use launcher::exit::{Failure, Kind};
 use launcher::signals::Signals;
@@ -23,6 +24,9 @@ pub struct Bench {
     signals: Signals,
     cell: String,
     runs: u32,
+    /// Drive files in it, and the dead time that they have, in scans.
+    drive_files: Vec<PathBuf>,
+    dead_time_scans: u32,
 }
 
 impl Bench {
@@ -32,13 +36,18 @@ impl Bench {
     /// The files cannot be copied.
     pub fn new(machine: &Path, signals: Signals) -> Result<Bench, Failure> {
         let folder = tempfile::Builder::new().prefix("quadrant-tune-").tempdir();
+        let folder = folder.context("a temporary folder").environment()?;
+        let known = Machine::load(machine).input()?;
+        let files = dead_time::drive_files(&known).into_iter();
         let bench = Bench {
-            folder: folder.context("a temporary folder").environment()?,
+            drive_files: files.map(|file| folder.path().join(file)).collect(),
+            dead_time_scans: known.scan.dead_time_scans,
+            folder,
             signals,
             cell: format!("tune-{}", std::process::id()),
             runs: 0,
         };
-        if Machine::load(machine).input()?.bus.is_none() {
+        if known.bus.is_none() {
             let plant = machine_file(machine).with_file_name("plant.toml");
             fs::copy(&plant, bench.folder.path().join("plant.toml"))
                 .with_context(|| plant.display().to_string())
@@ -77,12 +86,27 @@ impl Bench {
         read.environment()
     }
 
+    /// Gives the drive files the dead time of the machine file, where that has another one than in the run before.
+    fn follow_dead_time(&mut self) -> Result<(), Failure> {
+        let machine = Machine::load(self.folder.path()).input()?;
+        let scans = machine.scan.dead_time_scans;
+        if scans != self.dead_time_scans {
+            for file in &self.drive_files {
+                dead_time::write_drive_file(file, scans)?;
+            }
+            self.dead_time_scans = scans;
+        }
+        Ok(())
+    }
+
     fn run(&mut self, machine: &DocumentMut, program: &str) -> Result<PathBuf, Failure> {
         self.runs += 1;
         let folder = self.folder.path();
         let write = |name: &str, text: &str| fs::write(folder.join(name), text);
         write("machine.toml", &machine.to_string()).environment()?;
         write("motion.ngc", program).environment()?;
+        self.follow_dead_time()?;
+        let folder = self.folder.path();
         let out = folder.join(format!("run-{}", self.runs));
         let printed = folder.join("printed.txt");
         let mut child = Command::new("/proc/self/exe")

@@ -1,6 +1,7 @@
 //! From recordings to the model of an axis: linear least squares, a search over three shape parameters around it.
 //! Method, equations and bounds: docs/methods/tuning.md.
 
+pub mod dead_time;
 pub mod delay;
 mod equations;
 mod noise;

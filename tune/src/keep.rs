@@ -7,11 +7,12 @@ use anyhow::{Context, anyhow};
 use machine::{Machine, replace_file};
 use toml_edit::DocumentMut;
 
+use super::dead_time;
 use super::identify::Found;
 use super::ringing::Ringing;
 use super::smooth;
 use crate::options::TuneOptions;
-use launcher::exit::{Kind, Outcome};
+use launcher::exit::{Failure, Kind, Outcome};
 use launcher::output::say;
 
 /// The table of what was identified.
@@ -104,19 +105,52 @@ pub fn write(options: &TuneOptions, path: &Path, document: &DocumentMut) -> Outc
         say(&format!("written: {}", out.display()));
         return Ok(());
     }
+    let kept = keep_old(path)?;
+    replace_file(path, &text)
+        .with_context(|| path.display().to_string())
+        .environment()?;
+    say_written(path, &kept);
+    Ok(())
+}
+
+/// Gives the drive files the dead time of this machine file, if it has another one than the machine that they were written for, and
+/// keeps the old ones.
+pub fn write_drive_files(
+    options: &TuneOptions,
+    path: &Path,
+    machine: &Machine,
+    document: &DocumentMut,
+) -> Outcome {
+    let new = Machine::parse("the settings found", &document.to_string()).input()?;
+    let scans = new.scan.dead_time_scans;
+    let stays = options.dry_run || options.out.is_some();
+    if stays || scans == machine.scan.dead_time_scans {
+        return Ok(());
+    }
+    for file in dead_time::drive_files(machine) {
+        let path = path.with_file_name(file);
+        let kept = keep_old(&path)?;
+        dead_time::write_drive_file(&path, scans)?;
+        say_written(&path, &kept);
+    }
+    Ok(())
+}
+
+/// Copies a file before it is replaced; where to.
+fn keep_old(path: &Path) -> Result<PathBuf, Failure> {
     let kept = free_name(path);
     fs::copy(path, &kept)
         .with_context(|| kept.display().to_string())
         .environment()?;
-    replace_file(path, &text)
-        .with_context(|| path.display().to_string())
-        .environment()?;
+    Ok(kept)
+}
+
+fn say_written(path: &Path, kept: &Path) {
     say(&format!(
         "written: {}; the old one is {}",
         path.display(),
         kept.display()
     ));
-    Ok(())
 }
 
 /// `machine.toml.before-tune`, numbered from 2 where that is taken.

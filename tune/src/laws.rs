@@ -11,7 +11,7 @@ const INTEGRAL_TIME_MS: f64 = 10.0;
 /// Kp, in 1/s: a sixth of the velocity loop's bandwidth, no overshoot.
 const POSITION_GAIN_PER_S: f64 = 50.0;
 /// Time constant of the current loop, in s: 1/(2π·1000 Hz).
-const CURRENT_LOOP_S: f64 = 0.16e-3;
+pub const CURRENT_LOOP_S: f64 = 0.16e-3;
 /// The gap is traversed in no less time, in ms: faster, the motor's own inertia makes a bump.
 const TRAVERSAL_MS_MIN: f64 = 2.0;
 /// Phase that the way of a command may cost at the bandwidth of a velocity loop that is closed over it, in rad, before the

@@ -1,6 +1,6 @@
 //! `quadrant tune`: short test motions on the running cell tell what each axis has to move; laws make the settings of it.
 //!
-//! 1. strokes with the gains as they are: a first mass, and from it gains by law;
+//! 1. strokes with the gains as they are: a first mass and the dead time of the drives (`dead_time`), and gains by law from them;
 //! 2. strokes, reversals at low and high acceleration, steady speeds: mass, friction, lost motion, gap (`identify`);
 //! 3. does the model fit? If not, nothing is written (`judge`);
 //! 4. what rings after a change of acceleration (`ringing`), and motion that spares it (`smooth`);
@@ -12,6 +12,7 @@
 
 mod bench;
 mod choose;
+mod dead_time;
 mod from_recording;
 mod identify;
 mod judge;
@@ -37,12 +38,14 @@ use toml_edit::DocumentMut;
 
 use crate::options::{TuneOptions, of_axes};
 use bench::Bench;
+use dead_time::DeadTime;
 pub use from_recording::identify as identify_recording;
 use identify::Found;
 use launcher::exit::{Failure, Kind, Outcome};
 use launcher::logs;
 use launcher::output::say;
 use launcher::signals::Signals;
+use ringing::Ringing;
 use test_motions::TestMotions;
 
 /// Tunes a machine.
@@ -66,37 +69,42 @@ pub fn tune(options: &TuneOptions) -> Outcome {
         recordings: options.recordings.as_deref(),
         bench: &mut bench,
     };
-    let seen = tests.run(&document)?;
-    let first: Vec<Found> = seen
-        .models
-        .iter()
-        .filter_map(|of| of.first().copied())
-        .collect();
-    say(&keep::findings(&machine, &first));
-    if let Some(second) = seen.models.iter().map(|of| of.get(1).copied()).collect() {
-        let second: Vec<Found> = second;
-        say("the screw by its wind-up, in place of the torque:");
-        say(&keep::findings(&machine, &second));
-    }
-    say(&keep::ringing(&machine, &seen.rings));
+    let fast = tests.first_strokes(&document)?;
+    let known = &machine;
+    let configured = known.scan.dead_time_scans;
+    let dead_time = DeadTime::find(configured, known, std::slice::from_ref(&fast));
+    let (machine, reckoned) = dead_time.reckoned(known, &document);
+    let mut tests = TestMotions {
+        machine: &machine,
+        ..tests
+    };
+    let mut strokes = tests.strokes(&reckoned, fast)?;
+    let dead_time = DeadTime::find(configured, &machine, &strokes.all);
+    dead_time.tell(known);
+    let rings = std::mem::take(&mut strokes.rings);
+    let models = tests.models(strokes)?;
+    let (machine, reckoned) = dead_time.reckoned(known, &document);
+    let first: Vec<Found> = models.iter().filter_map(|of| of.first().copied()).collect();
+    say_found(&machine, &first, &models, &rings);
     refuse_misfits(&machine, &first)?;
     let settings = |which: usize, pulse: bool| {
-        let mut tuned = document.clone();
-        for (index, (models, given_um)) in seen.models.iter().zip(&given_um).enumerate() {
+        let mut tuned = reckoned.clone();
+        for (index, (models, given_um)) in models.iter().zip(&given_um).enumerate() {
             let Some(found) = models.get(which).or(models.first()) else {
                 continue;
             };
             let method = method(&machine, index, found, pulse);
-            write::settings(&mut tuned, &machine, index, found, *given_um, method);
+            let scans = dead_time.of_axis(index);
+            write::settings(&mut tuned, &machine, index, scans, found, *given_um, method);
         }
-        if let Some(spared) = smooth::worst(&seen.rings) {
+        if let Some(spared) = smooth::worst(&rings) {
             smooth::spare(&mut tuned, &machine, &first, spared);
         }
         tuned
     };
     warn_of_no_scale(&machine, &first, &given_um);
     let mut candidates = vec![("by torque", settings(0, false))];
-    if seen.models.iter().any(|models| models.len() > 1) {
+    if models.iter().any(|models| models.len() > 1) {
         candidates.push(("by wind-up", settings(1, false)));
     }
     candidates.push((choose::PULSE, settings(0, true)));
@@ -105,7 +113,19 @@ pub fn tune(options: &TuneOptions) -> Outcome {
         return Ok(());
     };
     drop(bench);
-    keep::write(options, &path, &best)
+    keep::write(options, &path, &best)?;
+    keep::write_drive_files(options, &path, known, &best)
+}
+
+/// Says what was found, with the screw taken in both ways, and what rings.
+fn say_found(machine: &Machine, first: &[Found], models: &[Vec<Found>], rings: &[Vec<Ringing>]) {
+    say(&keep::findings(machine, first));
+    if let Some(second) = models.iter().map(|of| of.get(1).copied()).collect() {
+        let second: Vec<Found> = second;
+        say("the screw by its wind-up, in place of the torque:");
+        say(&keep::findings(machine, &second));
+    }
+    say(&keep::ringing(machine, rings));
 }
 
 /// The way of compensating reversals that this axis can have.

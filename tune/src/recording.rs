@@ -5,6 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, bail};
+use bus::sample::AxisCommand;
 use machine::Machine;
 use monitor::log::{Reader, Sample};
 
@@ -24,6 +25,10 @@ pub struct Recording {
     pub torque_nm: Vec<f64>,
     /// Velocity command that acts from each of these instants on, in mm/s.
     pub velocity_command_mm_s: Vec<f64>,
+    /// Torque that is commanded beside it from each of these instants on (torque mode: the whole torque), in N·m.
+    pub torque_command_nm: Vec<f64>,
+    /// Dead time with which these commands were brought into step, in scans.
+    pub dead_time_scans: u32,
     /// Kv while it was recorded, in N·s/m.
     pub gain_n_s_per_m: f64,
 }
@@ -32,6 +37,32 @@ impl Recording {
     /// Whether a scale of its own measures the table.
     pub fn has_scale(&self) -> bool {
         self.motor_mm != self.scale_mm
+    }
+
+    /// Leaves what is from the first to the last change of these command positions; a command acts by so many scans later than the scan
+    /// in which it was handed to the drive.
+    fn trim(&mut self, command_position: &[i64], late: usize) -> anyhow::Result<()> {
+        let moves = |i: &usize| command_position[*i] != command_position[i - 1];
+        let first = (1..command_position.len()).find(moves);
+        let last = (1..command_position.len()).rev().find(moves);
+        let (first, last) = first.zip(last).context("an axis was never commanded")?;
+        let from = first.saturating_sub(MARGIN_SCANS);
+        let to = (last + MARGIN_SCANS).min(command_position.len());
+        for commands in [&mut self.velocity_command_mm_s, &mut self.torque_command_nm] {
+            commands.splice(..0, std::iter::repeat_n(0.0, late));
+            commands.truncate(command_position.len());
+        }
+        for values in [
+            &mut self.motor_mm,
+            &mut self.scale_mm,
+            &mut self.torque_nm,
+            &mut self.velocity_command_mm_s,
+            &mut self.torque_command_nm,
+        ] {
+            values.truncate(to);
+            values.drain(..from);
+        }
+        Ok(())
     }
 
     /// The same with a torque that was shown so many scans late brought into step.
@@ -44,10 +75,36 @@ impl Recording {
             &mut aligned.scale_mm,
             &mut aligned.torque_nm,
             &mut aligned.velocity_command_mm_s,
+            &mut aligned.torque_command_nm,
         ] {
             values.truncate(count);
         }
         aligned
+    }
+}
+
+/// The last commands of the two servos of an axis.
+#[derive(Debug, Clone, Default)]
+struct Newest([Vec<(u64, f64)>; 2]);
+
+impl Newest {
+    /// A servo's command may be logged before the master has used the one before it.
+    const KEPT: usize = 4;
+
+    fn take(&mut self, command: &AxisCommand) {
+        if let Some(kept) = self.0.get_mut(command.role as usize) {
+            kept.push((command.scan, command.torque_nm));
+            if kept.len() > Newest::KEPT {
+                kept.remove(0);
+            }
+        }
+    }
+
+    /// Torque of the command that answered the feedback of this scan.
+    fn torque_nm(&self, role: u32, scan: u64) -> Option<f64> {
+        let kept = self.0.get(role as usize)?;
+        let found = kept.iter().rev().find(|(of, _)| *of == scan);
+        found.map(|(_, torque_nm)| *torque_nm)
     }
 }
 
@@ -96,20 +153,31 @@ pub fn read(log: &Path, machine: &Machine) -> anyhow::Result<Vec<Recording>> {
         .iter()
         .map(|axis| Recording {
             scan_s,
+            dead_time_scans: machine.scan.dead_time_scans,
             gain_n_s_per_m: axis.velocity_loop.gain_n_s_per_m,
             ..Recording::default()
         })
         .collect();
     let mut command_positions: Vec<Vec<i64>> = vec![Vec::new(); all.len()];
+    let mut commands: Vec<Newest> = vec![Newest::default(); all.len()];
     while let Some(sample) = reader.next_sample()? {
-        let Sample::Feedback(feedback) = sample else {
-            continue;
+        let feedback = match sample {
+            Sample::Feedback(feedback) => feedback,
+            Sample::Command(command) => {
+                if let Some(newest) = commands.get_mut(command.axis as usize) {
+                    newest.take(&command);
+                }
+                continue;
+            }
+            _ => continue,
         };
         let places = all
             .iter_mut()
             .zip(&mut command_positions)
+            .zip(&commands)
             .zip(&machine.axes);
-        for (((recording, command_position), known), axis) in places.zip(feedback.axes()) {
+        for ((((recording, command_position), newest), known), axis) in places.zip(feedback.axes())
+        {
             let increment_mm = known.increment_mm();
             recording
                 .motor_mm
@@ -121,33 +189,20 @@ pub fn read(log: &Path, machine: &Machine) -> anyhow::Result<Vec<Recording>> {
             recording
                 .velocity_command_mm_s
                 .push(axis.velocity_command_mm_s);
+            let before_nm = recording.torque_command_nm.last().copied();
+            let torque_nm = newest.torque_nm(axis.taken_role, axis.command_scan);
+            recording
+                .torque_command_nm
+                .push(torque_nm.or(before_nm).unwrap_or_default());
             command_position.push(axis.command_position);
         }
     }
     if let Some(why) = reader.cut() {
         bail!("{}: {why}", log.display());
     }
+    let late = (machine.scan.dead_time_scans - 1) as usize;
     for (recording, command_position) in all.iter_mut().zip(&command_positions) {
-        let moves = |i: &usize| command_position[*i] != command_position[i - 1];
-        let first = (1..command_position.len()).find(moves);
-        let last = (1..command_position.len()).rev().find(moves);
-        let (first, last) = first.zip(last).context("an axis was never commanded")?;
-        let from = first.saturating_sub(MARGIN_SCANS);
-        let to = (last + MARGIN_SCANS).min(command_position.len());
-        // A command acts by so much later than the scan in which it was handed to the drive.
-        let late = (machine.scan.dead_time_scans - 1) as usize;
-        let commands = &mut recording.velocity_command_mm_s;
-        commands.splice(..0, std::iter::repeat_n(0.0, late));
-        commands.truncate(command_position.len());
-        for values in [
-            &mut recording.motor_mm,
-            &mut recording.scale_mm,
-            &mut recording.torque_nm,
-            &mut recording.velocity_command_mm_s,
-        ] {
-            values.truncate(to);
-            values.drain(..from);
-        }
+        recording.trim(command_position, late)?;
     }
     Ok(all)
 }

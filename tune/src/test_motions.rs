@@ -29,27 +29,44 @@ pub struct TestMotions<'a> {
     pub bench: &'a mut Bench,
 }
 
-/// What they showed.
-pub struct Seen {
-    /// Models of each axis, the one to prefer first.
-    pub models: Vec<Vec<Found>>,
+/// What strokes at full acceleration showed.
+pub struct Strokes {
+    /// The machine file as the test motions want it, with the gains that they are made with.
+    bare: DocumentMut,
+    /// Strokes with the gains by law and with a part of them, each of all axes.
+    pub all: Vec<Vec<Recording>>,
     /// What rings, axis by axis.
     pub rings: Vec<Vec<Ringing>>,
 }
 
 impl TestMotions<'_> {
-    /// Moves every axis and finds its models.
-    pub fn run(&mut self, document: &DocumentMut) -> Result<Seen, Failure> {
-        let (machine, limits) = (self.machine, self.limits);
+    /// Strokes with the gains as they are: a first look at mass and dead time.
+    pub fn first_strokes(&mut self, document: &DocumentMut) -> Result<Vec<Recording>, Failure> {
+        tracing::info!("strokes with the gains as they are: a first look at mass and dead time");
+        let strokes = motions::strokes(self.machine, self.limits);
+        self.record(&self.bare(document), &strokes, "strokes")
+    }
+
+    /// The document as the test motions want it.
+    fn bare(&self, document: &DocumentMut) -> DocumentMut {
         let mut bare = document.clone();
-        write::bare(&mut bare, machine);
-        write::allow(&mut bare, machine, limits);
-        tracing::info!("strokes with the gains as they are: a first look at the mass");
+        write::bare(&mut bare, self.machine);
+        write::allow(&mut bare, self.machine, self.limits);
+        bare
+    }
+
+    /// Strokes with gains by law for the masses that the first ones tell, and with a part of them.
+    pub fn strokes(
+        &mut self,
+        document: &DocumentMut,
+        first: Vec<Recording>,
+    ) -> Result<Strokes, Failure> {
+        let (machine, limits) = (self.machine, self.limits);
+        let as_they_were = self.bare(document);
+        let mut bare = as_they_were.clone();
+        self.gains(&mut bare, &first)?;
+        tracing::info!("strokes with gains by law, and with part of them: mass and dead time");
         let strokes = motions::strokes(machine, limits);
-        let fast = self.record(&bare, &strokes, "strokes")?;
-        let as_they_were = bare.clone();
-        self.gains(&mut bare, &fast)?;
-        tracing::info!("strokes with gains by law, and with part of them: the mass");
         let by_law = match self.or_skip(&bare, &strokes, "strokes-by-law")? {
             Some(by_law) => by_law,
             None => {
@@ -57,7 +74,7 @@ impl TestMotions<'_> {
                     "the machine stops with gains by law: those of the machine file are used for the test motions"
                 );
                 bare = as_they_were;
-                fast
+                first
             }
         };
         let rings = by_law.iter().map(ringing::ringing).collect();
@@ -67,6 +84,13 @@ impl TestMotions<'_> {
             write::scale_gain(&mut soft, index, SOFT_PART);
         }
         all.extend(self.or_skip(&soft, &strokes, "strokes-soft")?);
+        Ok(Strokes { bare, all, rings })
+    }
+
+    /// Moves every axis in the other ways and finds its models, the one to prefer first.
+    pub fn models(&mut self, strokes: Strokes) -> Result<Vec<Vec<Found>>, Failure> {
+        let (machine, limits) = (self.machine, self.limits);
+        let Strokes { bare, mut all, .. } = strokes;
         for (acceleration_mm_s2, length_mm, count) in motions::REVERSALS {
             tracing::info!("reversals at {acceleration_mm_s2} mm/s², {length_mm} mm apart");
             let mut slow = bare.clone();
@@ -83,10 +107,7 @@ impl TestMotions<'_> {
                 all.iter().filter_map(|of| of.get(index).cloned()).collect();
             identify::models(&of_axis, steady, &Lever::of_lead(axis.lead_mm))
         });
-        Ok(Seen {
-            models: models.collect(),
-            rings,
-        })
+        Ok(models.collect())
     }
 
     /// Gains by law for the masses that these strokes tell.

@@ -151,6 +151,17 @@ pub fn scale_gap(document: &mut DocumentMut, names: &[String], times: f64) {
     }
 }
 
+/// Sets a value of a table of a document, with where it comes from.
+pub(crate) fn set_in(
+    document: &mut DocumentMut,
+    table: &str,
+    key: &str,
+    new: impl Into<Value>,
+    why: &str,
+) {
+    Keys::of(document.as_table_mut(), &[table]).set(key, new, why);
+}
+
 /// The keys of one table of an axis.
 pub(crate) struct Keys<'a>(&'a mut Table);
 
@@ -192,11 +203,12 @@ pub(crate) fn digits(number: f64, count: i32) -> f64 {
     }
 }
 
-/// Writes gains, model and compensations of one axis.
+/// Writes gains, model and compensations of one axis, whose drive has this dead time.
 pub fn settings(
     document: &mut DocumentMut,
     machine: &Machine,
     index: usize,
+    dead_time_scans: f64,
     found: &Found,
     lost_motion_um: Option<f64>,
     method: &str,
@@ -205,7 +217,10 @@ pub fn settings(
     let Some((axis, known)) = axes(document).nth(index).zip(known) else {
         return;
     };
-    let timing = Timing::of(machine, known);
+    let timing = Timing {
+        dead_time_scans,
+        ..Timing::of(machine, known)
+    };
     loops(axis, &timing, found.mass_kg());
     feed_forward(axis, &timing);
     reversal(axis, &timing, found, lost_motion_um, method);

@@ -15,6 +15,7 @@ import gc
 import signal
 import sys
 
+import delay
 import sii
 import warm_up
 import wrong
@@ -42,7 +43,8 @@ def esi_devices(options):
 
 
 def drives(options):
-    return wrong.change(am_drives(options) + (esi_devices(options) if options.esi else []), options)
+    found = am_drives(options) + (esi_devices(options) if options.esi else [])
+    return wrong.change(delay.change(found, options), options)
 
 
 def slaves(drives, options):
@@ -76,6 +78,7 @@ def add_options(parser):
                         help="am-sdk's SimOptions: load_inertia_kgm2, friction_scale, q0_rad, bus_V …")
     parser.add_argument("--truth", action="append", default=[], metavar="[DRIVE:]KEY=VALUE",
                         help="am-sdk's TruthPlant in place of its plain one: coulomb_Nm, breakaway_Nm, stribeck_vel_rad_s …")
+    delay.add_option(parser)
     wrong.add_options(parser)
 
 

@@ -136,8 +136,10 @@ fn parse(name: &str, text: &str, options: &IdentifyOptions) -> anyhow::Result<Fi
             scale_mm: take(Signal::Scale).unwrap_or_else(|| motor_mm.clone()),
             velocity_command_mm_s: take(Signal::VelocityCommand)
                 .unwrap_or_else(|| vec![0.0; motor_mm.len()]),
+            torque_command_nm: vec![0.0; motor_mm.len()],
             torque_nm,
             motor_mm,
+            dead_time_scans: 1,
             gain_n_s_per_m: options.velocity_gain_n_s_per_m,
         },
         is_force,

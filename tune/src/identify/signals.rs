@@ -213,8 +213,8 @@ pub fn half(scan_s: f64, smoothing_s: f64) -> usize {
     (0.5 * smoothing_s / scan_s).round().max(1.0) as usize
 }
 
-/// Two running means.
-fn smooth(values: &[f64], scan_s: f64, smoothing_s: f64) -> Vec<f64> {
+/// Two running means of this length.
+pub fn smooth(values: &[f64], scan_s: f64, smoothing_s: f64) -> Vec<f64> {
     let half = half(scan_s, smoothing_s);
     running_mean(&running_mean(values, half), half)
 }

@@ -72,8 +72,10 @@ fn recording(amplitude_mm: f64, period_s: f64, scale: bool) -> Recording {
             .map(|(own, contact)| (own + contact) / lever)
             .collect(),
         velocity_command_mm_s: vec![0.0; motor_mm.len()],
+        torque_command_nm: vec![0.0; motor_mm.len()],
         scale_mm: if scale { table_mm } else { motor_mm.clone() },
         motor_mm,
+        dead_time_scans: 1,
         gain_n_s_per_m: 0.0,
     }
 }
