@@ -25,10 +25,10 @@ pub struct BenchPongOptions {
 /// What `quadrant soak` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "A run of a program of lines, arcs, dwells and rapids is started on a copy of the machine, on which every loss is\nfollowed by a restart; every axis has a standby in one run, every second in the next. Its processes are killed\n(SIGKILL: planner, servos, standbys, monitor, plant-sim, two at once) and stopped for a while (SIGSTOP), each time as\nsoon as the cell is whole again and some random microseconds later. After the loss of the master the soak sends\n`enable` and `resume` as an operator does. When the program is done, the next run begins.\n\nJudged all the while: no step of a command beyond velocity and acceleration limits; commanded points on the path to\nthe increment; modes change only as documented; the end exact; limits in the run's log; nobody grows, nobody stays\ndead, no process and no file of the cell outlives its run.\n\nExit status 0: no violation; 1: some, printed, with the seed and the folder of the run.\n\n  quadrant soak machines/xy --kills 500"
+    after_help = "A run of a program of lines, arcs, dwells and rapids is started on a copy of the machine, on which every loss is\nfollowed by a restart; every axis has a standby in one run, every second in the next. Its processes are killed\n(SIGKILL: planner, servos, standbys, monitor, plant-sim, two at once) and stopped for a while (SIGSTOP), each time as\nsoon as the cell is whole again and some random microseconds later. With drives on a bus, so are the owner of the bus\nand its standby, which is there in every other run: as long as one of the two is left running, no drive may be lost.\nAfter the loss of the master, and of all drives, the soak sends `enable` and `resume` as an operator does. When the\nprogram is done, the next run begins.\n\nJudged all the while: no step of a command beyond velocity and acceleration limits; commanded points on the path to\nthe increment; modes change only as documented; the end exact; limits in the run's log; nobody grows, nobody stays\ndead, no process and no file of the cell outlives its run.\n\nExit status 0: no violation; 1: some, printed, with the seed and the folder of the run.\n\n  quadrant soak machines/xy --kills 500"
 )]
 pub struct SoakOptions {
-    /// Folder with machine.toml and plant.toml, or the path of a machine.toml; axes X and Y with 30 mm to either side of 0
+    /// Folder with machine.toml and plant.toml or drive files, or the path of a machine.toml; axes X and Y with 30 mm to either side of 0
     #[arg(default_value = BENCH_MACHINE)]
     pub machine: PathBuf,
     /// Processes to kill in all, launchers among them
@@ -40,9 +40,9 @@ pub struct SoakOptions {
     /// realtime: scans at absolute times; lockstep: as fast as the machine goes
     #[arg(long, default_value = "realtime", value_parser = ["realtime", "lockstep"])]
     pub pace: String,
-    /// Kill these alone [default: everybody, also launcher and clients; stop and freeze everybody, hold and stop the machine,
+    /// Kill these alone (plant-sim: the master, also that of drives on a bus) [default: everybody, also launcher and clients; stop and freeze everybody, hold and stop the machine,
     /// keep the processors busy]
-    #[arg(long, value_name = "WHO", value_parser = ["planner", "servo", "monitor", "plant-sim"])]
+    #[arg(long, value_name = "WHO", value_parser = ["planner", "servo", "monitor", "plant-sim", "fieldbus"])]
     pub only: Option<String>,
     /// Shortest pause between a cell that is whole and the next fault; some random 0 to 300 ms come on top. A process that
     /// lived shorter than 500 ms is restarted only after a while (10 ms, doubled each time)

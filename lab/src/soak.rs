@@ -25,7 +25,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, anyhow};
 use bus::process::watch;
 use bus::sample::{Mode, Participant};
-use machine::machine_file;
+use machine::{Machine, machine_file};
 use plant_sim::script::rng::Rng;
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::process::{Signal, pidfd_send_signal};
@@ -89,7 +89,7 @@ struct Soak<'a> {
     violation_count: u64,
     judged: u64,
     unseen: u64,
-    /// Runs that ended in the trip of a starved master.
+    /// Runs that ended in the trip of a starved master, or of drives without frames.
     starved: u64,
     /// Files that clients had left who were killed while their cell ended.
     left_by_clients: u64,
@@ -233,10 +233,17 @@ impl Soak<'_> {
             self.scratch.path().join("machine.toml"),
             machine.to_string(),
         )?;
-        fs::copy(
-            file.with_file_name("plant.toml"),
-            self.scratch.path().join("plant.toml"),
-        )?;
+        let scratch = self.scratch.path();
+        if let Some(bus) = machine.get_mut("bus") {
+            bus["standby"] = value(self.runs % 2 == 1);
+            let beside = file.parent().unwrap_or(Path::new(""));
+            Machine::load(&file)?.copy_drive_files(beside, scratch)?;
+        } else {
+            fs::copy(
+                file.with_file_name("plant.toml"),
+                scratch.join("plant.toml"),
+            )?;
+        }
         Ok(())
     }
 
@@ -246,7 +253,14 @@ impl Soak<'_> {
         self.write_machine().environment()?;
         let seconds = self.program_s();
         let program = self.scratch.path().join("soak.ngc");
-        fs::write(&program, program::generate(&mut self.rng, seconds)).environment()?;
+        let text = program::generate(&mut self.rng, seconds);
+        let on_bus = Machine::load(self.scratch.path()).input()?.bus.is_some();
+        let text = if on_bus {
+            program::from_anywhere(&text)
+        } else {
+            text
+        };
+        fs::write(&program, text).environment()?;
         let Checked {
             machine,
             program: checked,
@@ -353,6 +367,8 @@ impl Soak<'_> {
             return false;
         }
         cell.judge.reactions();
+        cell.judge.drives_are_left &= self.early;
+        cell.judge.drives_are_left |= injection.leaves_drives;
         let (scan, at) = (cell.scan(), Instant::now());
         let signal = if injection.stopped.is_some() {
             Signal::STOP
@@ -562,7 +578,7 @@ impl Soak<'_> {
              operator: {} orders obeyed, {} refused until the machine was ready for them\n\
              growth of a process, in kB at most: {}; at most {} open files; of the cell's shared memory: {} files\n\
              status: of {} looks none saw the machine older than {} scans before a servo's last answer\n\
-             runs that ended in the trip of a starved master: {}; files of clients killed at the end, cleaned up: {}",
+             runs that ended in the trip of a starved master or of drives without frames: {}; files of clients killed at the end, cleaned up: {}",
             self.kills,
             self.faults,
             self.clients,

@@ -240,3 +240,33 @@ fn a_bus_without_a_standby_is_started_again_and_the_program_goes_on_from_its_pla
     assert_eq!(errors.len(), 3 * (kills + 1), "{errors:?}");
     assert!(errors.iter().all(|error| error.abs() <= 1), "{errors:?}");
 }
+
+/// The long one is `quadrant soak machines/xy-ethercat --pace lockstep --hours 1` beside a segment (docs/developers/measurements.md).
+#[test]
+fn a_short_soak_of_the_bus_processes_loses_no_drive_while_one_of_them_lives() {
+    let Some(network) = Network::new() else {
+        return;
+    };
+    let segment = network.segment(&["--drives", "3"]);
+    let soak = network.quadrant(&[
+        "soak",
+        "machines/xy-ethercat",
+        "--pace",
+        "lockstep",
+        "--only",
+        "fieldbus",
+        "--kills",
+        "16",
+        "--seed",
+        "4",
+    ]);
+    let printed = String::from_utf8_lossy(&soak.stdout);
+    let errors = String::from_utf8_lossy(&soak.stderr);
+    assert_eq!(soak.status.code(), Some(0), "{printed}{errors}");
+    assert!(printed.contains("violations: 0"), "{printed}");
+    assert!(
+        printed.contains("kill owner of the bus (standby)"),
+        "{printed}"
+    );
+    assert!(segment.end() > 0);
+}

@@ -9,11 +9,10 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use bus::cell::CellPaths;
+use bus::drive_page::DrivePage;
 use bus::port::{OperatorClient, PendingOrder, Reader};
 use bus::process::watch;
-use bus::sample::{
-    Cause, Feedback, Job, Mode, OperatorRequest, Order, Participant, Refused, Roster,
-};
+use bus::sample::{Feedback, Job, Mode, OperatorRequest, Order, Participant, Refused, Roster};
 use bus::service::{Bus, RECORDER_DEPTH_SCANS};
 use bus::signal_page::SignalPage;
 use control::path::Path as ProgramPath;
@@ -21,7 +20,7 @@ use machine::Machine;
 use rustix::process::{Pid, Signal, kill_process, pidfd_send_signal};
 
 use super::growth::Held;
-use super::judge::Judge;
+use super::judge::{self, Judge};
 
 /// A cell that is not up by then never will be.
 const UP_LIMIT: Duration = Duration::from_secs(30);
@@ -106,6 +105,8 @@ pub struct Cell {
     place: CellPaths,
     bus: Bus,
     page: SignalPage,
+    /// Where frames and drives meet; none where drives are simulated.
+    drive_page: Option<DrivePage>,
     feedback: Reader<Feedback>,
     rosters: Reader<Roster>,
     /// The newest roster.
@@ -191,6 +192,7 @@ impl Cell {
                 bail!("a run ended with {status} before its cell was up");
             }
         };
+        let drive_page = start.machine.bus.is_some().then(|| DrivePage::open(&place));
         // A reader is connected from its first look on.
         let first = feedback.any();
         let roster = rosters.newest(u64::MAX);
@@ -205,6 +207,7 @@ impl Cell {
             ended: None,
             over: None,
             client_killed: None,
+            drive_page: drive_page.transpose()?,
             place,
             bus,
             page,
@@ -343,6 +346,14 @@ impl Cell {
             .collect()
     }
 
+    /// The slot of the process that sends the frames of the bus, if there is one now; none where drives are simulated.
+    pub fn bus_owner(&self) -> Option<Option<usize>> {
+        let owner = self.drive_page.as_ref()?.owner() as i32;
+        let processes = self.processes();
+        let found = processes.iter().find(|process| process.pid == owner);
+        Some(found.map(|process| process.slot))
+    }
+
     /// Everybody is in the roster, and the machine moves on the path or is done.
     pub fn is_whole(&self) -> bool {
         let Some(feedback) = self.judge.newest() else {
@@ -382,7 +393,7 @@ impl Cell {
         let order = match Mode::from_wire(feedback.mode) {
             Some(Mode::Disabled) => Order::Enable,
             // From every other trip of a soak the machine goes on by itself.
-            Some(Mode::Tripped) if feedback.cause == Cause::Stalled as u32 => Order::Enable,
+            Some(Mode::Tripped) if judge::braked_alone(feedback.cause) => Order::Enable,
             Some(Mode::Enabled) if feedback.hold == 1 => Order::Resume,
             _ => return,
         };

@@ -93,6 +93,13 @@ impl Soak<'_> {
         cell.look();
         cell.judge.reactions();
         let scan = cell.scan();
+        let freezes = [
+            Disturbance::Freeze,
+            Disturbance::FreezeGroup,
+            Disturbance::Starve,
+        ];
+        cell.judge.drives_are_left &= self.early;
+        cell.judge.drives_are_left |= freezes.contains(&what);
         self.faults += 1;
         match what {
             Disturbance::KillClients => self.kill_clients(cell),

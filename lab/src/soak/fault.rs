@@ -24,6 +24,10 @@ enum Fault {
     KillPlannerAndServo,
     StopOne,
     StopAll,
+    KillBusOwner,
+    KillBusStandby,
+    KillBus,
+    StopBus,
 }
 
 /// The faults, and how often each is to come among all of them.
@@ -39,19 +43,34 @@ const FAULTS: [(Fault, u64); 9] = [
     (Fault::StopAll, 4),
 ];
 
-fn draw(rng: &mut Rng, only: Option<&str>) -> Fault {
+/// What is done besides where drives are on a bus.
+const BUS_FAULTS: [(Fault, u64); 4] = [
+    (Fault::KillBusOwner, 24),
+    (Fault::KillBusStandby, 8),
+    (Fault::KillBus, 4),
+    (Fault::StopBus, 4),
+];
+
+fn draw(rng: &mut Rng, only: Option<&str>, on_bus: bool) -> Fault {
+    let of_bus: &[_] = if on_bus { &BUS_FAULTS } else { &[] };
     match only {
+        Some("fieldbus") => return pick(rng, &BUS_FAULTS),
         Some("planner") => return Fault::KillPlanner,
         Some("servo") => return Fault::KillDriving,
         Some("monitor") => return Fault::KillMonitor,
         Some("plant-sim") => return Fault::KillMaster,
         _ => {}
     }
-    let all = FAULTS.iter().map(|(_, share)| share).sum();
+    pick(rng, &[FAULTS.as_slice(), of_bus].concat())
+}
+
+/// One of these, each as often as its share says.
+fn pick(rng: &mut Rng, faults: &[(Fault, u64)]) -> Fault {
+    let all = faults.iter().map(|(_, share)| share).sum();
     let mut left = rng.below(all);
-    for (fault, share) in FAULTS {
-        if left < share {
-            return fault;
+    for (fault, share) in faults {
+        if left < *share {
+            return *fault;
         }
         left -= share;
     }
@@ -66,6 +85,8 @@ pub struct Injection {
     pub slots: Vec<usize>,
     /// How long they are stopped; none: killed.
     pub stopped: Option<Duration>,
+    /// Drives on a bus may be left without frames until their own watchdogs act.
+    pub leaves_drives: bool,
 }
 
 impl Injection {
@@ -74,16 +95,40 @@ impl Injection {
             kind,
             slots,
             stopped: None,
+            leaves_drives: false,
+        }
+    }
+
+    fn stop(kind: &'static str, slots: Vec<usize>, time: Duration) -> Injection {
+        Injection {
+            stopped: Some(time),
+            ..Injection::kill(kind, slots)
+        }
+    }
+
+    fn leaving_drives(self) -> Injection {
+        Injection {
+            leaves_drives: true,
+            ..self
         }
     }
 }
 
 /// Draws the next fault for the processes that are there; of one role only, if it is named.
 pub fn next(rng: &mut Rng, cell: &Cell, only: Option<&str>) -> Injection {
-    let fault = draw(rng, only);
+    let on_bus = cell.bus_owner().is_some();
+    let fault = draw(rng, only, on_bus);
     let targets = Targets::choose(rng, cell);
     let of = |job| targets.of(job);
+    let master = if on_bus {
+        "kill master"
+    } else {
+        "kill plant-sim"
+    };
     match fault {
+        Fault::KillBusOwner | Fault::KillBusStandby | Fault::KillBus | Fault::StopBus => {
+            targets.bus(fault, rng, cell.bus_owner().flatten())
+        }
         Fault::KillPlanner => Injection::kill("kill planner", of(Job::Planner)),
         Fault::KillStandby if targets.is_paired() => {
             let standby = targets.servo(Some(1 - targets.driving_role.min(1)));
@@ -101,7 +146,7 @@ pub fn next(rng: &mut Rng, cell: &Cell, only: Option<&str>) -> Injection {
             Injection::kill(kind, targets.servo(Some(targets.driving_role)))
         }
         Fault::KillMonitor => Injection::kill("kill monitor", of(Job::Monitor)),
-        Fault::KillMaster => Injection::kill("kill plant-sim", of(Job::Master)),
+        Fault::KillMaster => Injection::kill(master, of(Job::Master)),
         Fault::KillPlannerAndServo => {
             let kind = if targets.is_paired() {
                 "kill planner and servo (standby)"
@@ -112,11 +157,11 @@ pub fn next(rng: &mut Rng, cell: &Cell, only: Option<&str>) -> Injection {
             Injection::kill(kind, [of(Job::Planner), servo].concat())
         }
         Fault::StopOne => targets.stop_one(rng),
-        Fault::StopAll => Injection {
-            kind: "stop everybody 200 ms",
-            slots: targets.slots.iter().map(|(slot, _)| *slot).collect(),
-            stopped: Some(Duration::from_micros(STOP_ALL_US)),
-        },
+        Fault::StopAll => {
+            let all = targets.slots.iter().map(|(slot, _)| *slot).collect();
+            let time = Duration::from_micros(STOP_ALL_US);
+            Injection::stop("stop everybody 200 ms", all, time).leaving_drives()
+        }
     }
 }
 
@@ -162,12 +207,41 @@ impl Targets {
         self.servo(None).len() > 1
     }
 
+    /// A fault of the processes that send the frames of a bus, of which the one in slot `owner` does so now.
+    fn bus(&self, fault: Fault, rng: &mut Rng, owner: Option<usize>) -> Injection {
+        let all = self.of(Job::Fieldbus);
+        let (now, others): (Vec<usize>, Vec<usize>) =
+            all.iter().partition(|slot| Some(**slot) == owner);
+        match fault {
+            Fault::StopBus => {
+                let kind = "stop the owner of the bus 20-300 ms";
+                Injection::stop(kind, now, some_time(rng)).leaving_drives()
+            }
+            Fault::KillBusStandby if !others.is_empty() => {
+                Injection::kill("kill standby of the bus", others)
+            }
+            Fault::KillBusOwner if !others.is_empty() => {
+                Injection::kill("kill owner of the bus (standby)", now)
+            }
+            _ => {
+                let kind = if others.is_empty() {
+                    "kill owner of the bus (alone)"
+                } else {
+                    "kill both processes of the bus"
+                };
+                Injection::kill(kind, all).leaving_drives()
+            }
+        }
+    }
+
     fn stop_one(&self, rng: &mut Rng) -> Injection {
         let one = rng.pick(&self.slots).copied();
         let kind = one.map_or("stop nobody", |(_, p)| match Job::from_wire(p.job) {
             Some(Job::Planner) => "stop planner 20-300 ms",
             Some(Job::Monitor) => "stop monitor 20-300 ms",
+            Some(Job::Master) if !self.of(Job::Fieldbus).is_empty() => "stop master 20-300 ms",
             Some(Job::Master) => "stop plant-sim 20-300 ms",
+            Some(Job::Fieldbus) => "stop a process of the bus 20-300 ms",
             _ => {
                 let same = |(_, q): &&(usize, Participant)| q.job == p.job && q.axis == p.axis;
                 if self.slots.iter().filter(same).count() > 1 {
@@ -177,13 +251,18 @@ impl Targets {
                 }
             }
         });
-        let (low, high) = STOP_US;
-        Injection {
-            kind,
-            slots: one.map(|(slot, _)| slot).into_iter().collect(),
-            stopped: Some(Duration::from_micros(low + rng.below(high - low))),
+        let slots = one.map(|(slot, _)| slot).into_iter().collect();
+        let stop = Injection::stop(kind, slots, some_time(rng));
+        match one.and_then(|(_, p)| Job::from_wire(p.job)) {
+            Some(Job::Master | Job::Fieldbus) => stop.leaving_drives(),
+            _ => stop,
         }
     }
+}
+
+fn some_time(rng: &mut Rng) -> Duration {
+    let (low, high) = STOP_US;
+    Duration::from_micros(low + rng.below(high - low))
 }
 
 /// Incarnations in slots: another process has a slot once its number is higher.

@@ -39,7 +39,7 @@ pub struct Reactions {
     pub disabled: bool,
     /// All axes braked together.
     pub tripped: bool,
-    /// The master was stalled itself, and waited for its operator.
+    /// The drives braked by themselves: the master was stalled, or their bus was silent. The machine waited for its operator.
     pub stalled: bool,
     /// The tool came to rest on the path, a window in force.
     pub rested: bool,
@@ -51,12 +51,18 @@ pub struct Reactions {
     pub missed_scans: u32,
 }
 
+/// Whether the drives have braked by themselves in a trip of this cause: the machine waits for its operator.
+pub fn braked_alone(cause: u32) -> bool {
+    let causes = [Cause::Stalled, Cause::DriveLost, Cause::DriveOff];
+    causes.iter().any(|of| *of as u32 == cause)
+}
+
 /// How a run has ended that nobody ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Finish {
     /// Its program is done.
     Done,
-    /// The master was starved, and the machine tripped for that.
+    /// The master was starved, or drives on a bus were left without frames, and the machine tripped for that.
     Starved,
     /// Otherwise: a violation.
     Broken,
@@ -78,10 +84,17 @@ pub struct Judge {
     tags: VecDeque<(u64, PathTag)>,
     ends: bool,
     watchdog_scans: u32,
-    /// The trip that the machine is in is that of a master which was late, and its feedback shows by how much.
+    /// The trip that the machine is in is that of a master which was late, and its feedback shows by how much; or of drives on a bus
+    /// that were left without frames.
     is_starved: bool,
     /// The PC stalled while the machine was tripped: its drives have switched off by themselves.
     stalled_in_trip: bool,
+    /// What was done to the cell may leave drives on a bus without frames.
+    pub drives_are_left: bool,
+    /// Drives on a bus stand where they stand, and come on once the run has begun.
+    starts_anywhere: bool,
+    /// They have not been on yet.
+    comes_on: bool,
     /// Since they were last taken.
     pub reactions: Reactions,
     /// In words.
@@ -152,6 +165,9 @@ impl Judge {
             watchdog_scans: machine.scan.watchdog_scans,
             is_starved: false,
             stalled_in_trip: false,
+            drives_are_left: false,
+            starts_anywhere: machine.bus.is_some(),
+            comes_on: machine.bus.is_some(),
             reactions: Reactions::default(),
             violations: Vec::new(),
             violation_count: 0,
@@ -211,7 +227,7 @@ impl Judge {
             } else {
                 self.command_positions(feedback, mode, &before);
             }
-        } else if mode != Mode::Enabled && scan == 0 {
+        } else if mode != Mode::Enabled && scan == 0 && !self.starts_anywhere {
             self.violated(format!("the run begins {}", mode.word()));
         }
         self.travel(feedback, mode);
@@ -239,14 +255,14 @@ impl Judge {
         let allowed = match (from, mode) {
             (a, b) if a == b => true,
             // Drives that have braked by themselves take a while to come on again.
-            (Mode::Tripped, Mode::Disabled) if before.cause == Cause::Stalled as u32 => true,
+            (Mode::Tripped, Mode::Disabled) if braked_alone(before.cause) => true,
             (Mode::Tripped, Mode::Disabled) | (Mode::Disabled, Mode::Enabled)
                 if self.stalled_in_trip =>
             {
                 true
             }
             (_, Mode::Disabled) => restarted,
-            (Mode::Disabled, Mode::Enabled) => feedback.hold == 1,
+            (Mode::Disabled, Mode::Enabled) => feedback.hold == 1 || self.comes_on,
             (Mode::Enabled, Mode::Finished | Mode::Tripped) => true,
             (Mode::Tripped, Mode::Enabled) => true,
             (Mode::Enabled, Mode::Stopping | Mode::Stopped) => self.ends,
@@ -265,6 +281,7 @@ impl Judge {
         }
         if mode == Mode::Enabled {
             self.stalled_in_trip = false;
+            self.comes_on = false;
         }
         if mode == Mode::Tripped && from != Mode::Tripped {
             // A machine that was stalled itself waits for its operator.
@@ -278,7 +295,11 @@ impl Judge {
             }
             let lost =
                 [Cause::ServoLost, Cause::Watchdog, Cause::Stalled].map(|cause| cause as u32);
-            if !lost.contains(&feedback.cause) {
+            let silent = self.drives_are_left
+                && feedback.cause != Cause::Stalled as u32
+                && braked_alone(feedback.cause);
+            self.is_starved |= silent;
+            if !lost.contains(&feedback.cause) && !silent {
                 let why = Cause::from_wire(feedback.cause).map_or("an unknown cause", Cause::words);
                 let axis = self.bounds.get(feedback.cause_axis as usize);
                 let axis = axis.map_or("none", |axis| axis.name.as_str());
@@ -294,7 +315,7 @@ impl Judge {
         let reactions = &mut self.reactions;
         reactions.disabled |= restarted;
         reactions.tripped |= mode == Mode::Tripped;
-        reactions.stalled |= mode == Mode::Tripped && feedback.cause == Cause::Stalled as u32;
+        reactions.stalled |= mode == Mode::Tripped && braked_alone(feedback.cause);
         reactions.rested |=
             mode == Mode::Enabled && !feedback.window.is_none() && feedback.at_rest == 1;
         let controller = |axis: &AxisFeedback| (axis.taken_role, axis.taken_incarnation);
@@ -408,6 +429,10 @@ impl Judge {
                 .rev()
                 .find(|(scan, _)| *scan == axis.command_scan);
             let Some((_, tag)) = tag else { continue };
+            if self.starts_anywhere && tag.element == 0 {
+                // The way to where the program begins.
+                continue;
+            }
             let Some(element) = path.elements.get(tag.element as usize) else {
                 continue;
             };
@@ -605,6 +630,26 @@ mod tests {
             assert_eq!(judge.finish(), finish, "{cause:?} {late_scans}");
             let words = &judge.violations;
             assert_eq!(judge.violation_count, violations, "{cause:?} {words:?}");
+        }
+    }
+
+    #[test]
+    fn drives_on_a_bus_may_be_lost_only_where_they_were_left_without_frames() {
+        for (are_left, finish, violations) in
+            [(true, Finish::Starved, 0), (false, Finish::Broken, 2)]
+        {
+            let mut judge = judge();
+            judge.drives_are_left = are_left;
+            for scan in 0..20 {
+                let mut feedback = at(scan);
+                if scan > 9 {
+                    feedback.mode = Mode::Tripped as u32;
+                    feedback.cause = Cause::DriveLost as u32;
+                }
+                judge.take(&feedback);
+            }
+            assert_eq!(judge.finish(), finish);
+            assert_eq!(judge.violation_count, violations, "{:?}", judge.violations);
         }
     }
 

@@ -12,9 +12,13 @@ const RADIUS_MM: (f64, f64) = (4.0, 12.0);
 /// Half the side of the square that points lie in, in mm.
 const INNER_MM: f64 = HALF_MM - 2.0 * RADIUS_MM.1;
 
+/// First and last block.
+const HEAD: &str = "G21 G17 G90 G94\n";
+const END: &str = "M2\n";
+
 /// A program that takes about so many seconds undisturbed.
 pub fn generate(rng: &mut Rng, seconds: f64) -> String {
-    let mut text = String::from("G21 G17 G90 G94\n");
+    let mut text = String::from(HEAD);
     let (mut x, mut y) = (0.0, 0.0);
     let mut spent_s = 0.0;
     while spent_s < seconds {
@@ -49,7 +53,15 @@ pub fn generate(rng: &mut Rng, seconds: f64) -> String {
             }
         };
     }
-    text + "G1 X5 Y-7 F3000\nM2\n"
+    text + "G1 X5 Y-7 F3000\n" + END
+}
+
+/// The same for axes that stand somewhere near 0 when it begins, as real ones do: its first block goes to a point that is the same from
+/// everywhere, and it ends where it began.
+pub fn from_anywhere(text: &str) -> String {
+    let begins = format!("{HEAD}G1 X1 Y1 F3000\nG1 X0 Y0\n");
+    let ends = format!("G1 X0 Y0 F3000\n{END}");
+    text.replacen(HEAD, &begins, 1).replacen(END, &ends, 1)
 }
 
 /// A coordinate in the inner square, in mm.
