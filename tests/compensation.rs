@@ -84,22 +84,24 @@ fn a_start_from_rest_keeps_the_tool_on_its_path() {
     }
 }
 
+/// Position and velocity come to the drive together: nothing is fed forward further ahead than a scan.
 #[test]
-fn a_drive_that_closes_the_position_loop_is_no_worse_than_one_that_closes_the_velocity_loop() {
+fn a_drive_that_closes_the_position_loop_is_as_good_as_one_that_closes_the_velocity_loop() {
     let velocity = Bench::of("xy", &[]);
     let position = Bench::of(
         "xy",
-        &[("drive_mode = \"velocity\"", "drive_mode = \"position\"")],
+        &[
+            ("drive_mode = \"velocity\"", "drive_mode = \"position\""),
+            ("advance_ms = 2.25", "advance_ms = 1.0"),
+        ],
     );
-    for (radius, feed) in [(25.0, 3000.0), (10.0, 10_000.0)] {
-        let with =
-            |bench: &Bench| worst_um(&run(bench.path(), circle(bench, radius, feed)).good_report());
-        let (velocity_um, position_um) = (with(&velocity), with(&position));
-        assert!(
-            position_um <= 1.2 * velocity_um,
-            "R{radius} F{feed}: {position_um} µm, in velocity mode {velocity_um} µm"
-        );
-    }
+    let with =
+        |bench: &Bench| worst_um(&run(bench.path(), circle(bench, 25.0, 3000.0)).good_report());
+    let (velocity_um, position_um) = (with(&velocity), with(&position));
+    assert!(
+        position_um <= velocity_um + 1.0,
+        "{position_um} µm, in velocity mode {velocity_um} µm"
+    );
 }
 
 #[test]

@@ -453,9 +453,16 @@ fn inverse_dynamics(
         stiffness_n_per_m: table.stiffness_n_per_um * 1e6,
         gap_mm: table.gap_um * 1e-3,
         traversal_s: table.traversal_ms * 1e-3,
-        // A command acts a dead time later and is held for a scan; the force follows it by the current loop.
-        lead_scans: (1.0 + dead_time_scans + torque.current_loop_ms * 1e-3 / scan_s)
-            .min(1.0 + dead_time_scans + CURRENT_LOOP_SCANS_MAX),
+        // A command acts a dead time later and is held for a scan; the force follows it by the current loop. A drive that closes the
+        // position loop gets the position with it, and is there in the scan in which both act.
+        lead_scans: {
+            let late_scans = match axis.drive_mode {
+                DriveMode::Velocity | DriveMode::Torque => dead_time_scans,
+                DriveMode::Position => 0.0,
+            };
+            let current_loop_scans = torque.current_loop_ms * 1e-3 / scan_s;
+            (1.0 + late_scans + current_loop_scans).min(1.0 + late_scans + CURRENT_LOOP_SCANS_MAX)
+        },
         smoothing_rad_s: smoothing_rad_s(axis, &model, &table, radius_m),
         velocity_delay_scans: match axis.drive_mode {
             DriveMode::Velocity | DriveMode::Position => 0.0,

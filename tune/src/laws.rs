@@ -36,7 +36,11 @@ impl Timing {
     pub fn of(machine: &Machine, axis: &Axis) -> Timing {
         Timing {
             scan_s: machine.scan_period_s(),
-            dead_time_scans: machine.scan.dead_time_scans.into(),
+            // A drive that closes the position loop gets position and all that goes with it together.
+            dead_time_scans: match axis.drive_mode {
+                DriveMode::Velocity | DriveMode::Torque => machine.scan.dead_time_scans.into(),
+                DriveMode::Position => 0.0,
+            },
             drive_mode: axis.drive_mode,
             drive_period_s: f64::from(axis.velocity_loop.period_us) * 1e-6,
         }
@@ -112,7 +116,7 @@ impl Timing {
         const BANDWIDTH_RAD_S: f64 = 200.0;
         let one = self.with_one_scan().way_scans();
         if one * self.scan_s * BANDWIDTH_RAD_S <= 0.15 {
-            BANDWIDTH_RAD_S * (one / self.way_scans())
+            BANDWIDTH_RAD_S * (one / self.way_scans()).min(1.0)
         } else {
             0.0
         }

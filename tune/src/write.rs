@@ -217,9 +217,13 @@ pub fn settings(
     let Some((axis, known)) = axes(document).nth(index).zip(known) else {
         return;
     };
-    let timing = Timing {
-        dead_time_scans,
-        ..Timing::of(machine, known)
+    let of_axis = Timing::of(machine, known);
+    let timing = match known.drive_mode {
+        DriveMode::Position => of_axis,
+        DriveMode::Velocity | DriveMode::Torque => Timing {
+            dead_time_scans,
+            ..of_axis
+        },
     };
     loops(axis, &timing, found.mass_kg());
     feed_forward(axis, &timing);
@@ -363,7 +367,8 @@ fn table_model(axis: &mut Table, found: &FoundTable, scan_s: f64) {
     let mass_kg = digits(found.mass_kg, 3);
     table.set("mass_kg", mass_kg, "tune: wind-up over acceleration");
     table.set("coulomb_n", digits(found.friction.coulomb_n(), 4), "");
-    let viscous = digits(found.friction.viscous_n_s_per_m, 3);
+    // As exactly as that of the whole axis, of which it is a part.
+    let viscous = digits(found.friction.viscous_n_s_per_m, 4);
     table.set("viscous_n_s_per_m", viscous, "");
     let stiffness = digits(found.stiffness_n_per_um, 3);
     table.set("stiffness_n_per_um", stiffness, "tune: torque over wind-up");

@@ -22,6 +22,8 @@ pub(super) struct AxisUnit {
     pub settings: Axis,
     /// What its drive shows.
     pub drive: DriveFeedback,
+    /// Position of the motor in the scan before, which the command of this one answers, in mm.
+    answered_motor_mm: f64,
     /// The command in force.
     pub command: AxisCommand,
     /// Where the axis is commanded to be, in increments.
@@ -84,6 +86,7 @@ impl AxisUnit {
         let mut unit = AxisUnit {
             settings: settings.clone(),
             drive: DriveFeedback::default(),
+            answered_motor_mm: 0.0,
             command: AxisCommand::zeroed(),
             command_position: 0,
             missed: 0,
@@ -158,6 +161,7 @@ impl AxisUnit {
 
     /// Takes what the drive shows; the fault that has stopped the axis is remembered.
     pub fn take_drive(&mut self, drive: DriveFeedback) {
+        self.answered_motor_mm = self.drive.motor_position_mm;
         self.drive = drive;
         self.judge_reference();
         match drive.state {
@@ -206,15 +210,21 @@ impl AxisUnit {
     }
 
     /// What the position loop is to answer, from what the servo asked of a velocity loop: `Kp·e` of its velocity is what its own position
-    /// loop asked for, and `e` from where the motor was then is where it is to be. The drive's loop, of the same gain, does the
+    /// loop asked for, and `e` from where the motor was then, in the scan before, is where it is to be. The drive's loop, of the same gain, does the
     /// same without the way of the feedback to the servo and back.
     fn position_command(&self) -> DriveCommand {
         let command = &self.command;
         let offset_mm_s = command.feed_forward_mm_s + command.friction_pulse_mm_s;
         let error_mm =
             (command.velocity_mm_s - offset_mm_s) / self.settings.position_loop.gain_per_s;
+        // The master answers at once.
+        let from_mm = if self.silent {
+            self.drive.motor_position_mm
+        } else {
+            self.answered_motor_mm
+        };
         DriveCommand::Position {
-            position_mm: self.drive.motor_position_mm + error_mm,
+            position_mm: from_mm + error_mm,
             velocity_offset_mm_s: offset_mm_s,
             torque_offset_nm: command.torque_nm,
         }

@@ -21,7 +21,7 @@ const SHARP: f64 = 1.05;
 /// What is known of the drive of an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriveClock {
-    /// Who closes the velocity loop.
+    /// Which loops the drive closes.
     pub mode: DriveMode,
     /// Time by which the speed that it is closed with is older than the encoder, in s.
     pub speed_age_s: f64,
@@ -30,7 +30,11 @@ pub struct DriveClock {
 }
 
 /// Scans from the feedback that a command answers to the scan that it acts in, with fractions; none where these recordings do not tell.
+/// Those of a drive that closes the position loop do not: what it asks of its velocity loop is not recorded.
 pub fn scans(recordings: &[&Recording], drive: &DriveClock) -> Option<f64> {
+    if drive.mode == DriveMode::Position {
+        return None;
+    }
     let scan_s = recordings.first()?.scan_s;
     let moves: Vec<Moves> = recordings.iter().map(|of| Moves::new(of, drive)).collect();
     let lag_scans = drive.current_loop_s / scan_s;
@@ -89,7 +93,7 @@ impl Moves<'_> {
         let pairs = central_mm_s.iter().zip(&bend_mm_s);
         let speed_mm_s: Vec<f64> = pairs.map(|(speed, bend)| speed - bend / 12.0).collect();
         let age_scans = match drive.mode {
-            DriveMode::Velocity => drive.speed_age_s / scan_s,
+            DriveMode::Velocity | DriveMode::Position => drive.speed_age_s / scan_s,
             DriveMode::Torque => 0.0,
         };
         // Between two samples a straight line is smoother than the signal by so much of its bend.
@@ -117,7 +121,7 @@ impl Moves<'_> {
         Moves {
             mode: drive.mode,
             command: match drive.mode {
-                DriveMode::Velocity => &recording.velocity_command_mm_s,
+                DriveMode::Velocity | DriveMode::Position => &recording.velocity_command_mm_s,
                 DriveMode::Torque => &recording.torque_command_nm,
             },
             in_step_scans: recording.dead_time_scans.into(),
@@ -148,7 +152,7 @@ impl Moves<'_> {
         let mut equations = NormalEquations::new(6);
         for i in self.sliding.iter().copied() {
             let behind_mm = match self.mode {
-                DriveMode::Velocity => commanded_mm[i] - self.seen_mm[i],
+                DriveMode::Velocity | DriveMode::Position => commanded_mm[i] - self.seen_mm[i],
                 DriveMode::Torque => 0.0,
             };
             let row = [
