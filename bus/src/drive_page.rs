@@ -11,7 +11,7 @@
     clippy::indexing_slicing
 )]
 
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering, fence};
 use std::time::Duration;
 
 use bytemuck::{Pod, Zeroable};
@@ -25,6 +25,8 @@ const MAGIC: u64 = u64::from_le_bytes(*b"QUADDRV1");
 
 /// Most slaves on a segment.
 pub const SLAVES_MAX: usize = 16;
+/// So often an observer tries to read a cycle that was not overwritten meanwhile.
+const LOOKS_MAX: u32 = 16;
 /// Most bytes of process data of a segment: what one Ethernet frame carries beside the other datagrams of a cycle.
 pub const IMAGE_BYTES_MAX: usize = 1024;
 
@@ -143,6 +145,17 @@ pub enum BusState {
     Cycling = 1,
     /// The last start-up failed: another one must be asked for.
     Down = 2,
+}
+
+impl BusState {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            BusState::Starting => "starting",
+            BusState::Cycling => "in operation",
+            BusState::Down => "down",
+        }
+    }
 }
 
 /// Plain data that lie in the page as words.
@@ -374,6 +387,8 @@ impl DrivePage {
     /// Answers a cycle.
     pub fn answer(&self, cycle: u64, inputs: &Inputs) {
         let layout = self.layout();
+        // Whoever sees a word of them sees too that the cycle before was answered.
+        fence(Ordering::Release);
         slot(&layout.inputs, cycle).store(inputs);
         layout
             .answered_cycle
@@ -392,6 +407,22 @@ impl DrivePage {
     /// What came back in a cycle that was answered; it is overwritten two cycles later.
     pub fn inputs(&self, cycle: u64, inputs: &mut Inputs) {
         slot(&self.layout().inputs, cycle).load(inputs);
+    }
+
+    /// What came back in the cycle that was answered last, whole; for observers, for whom nobody waits. None before the first one,
+    /// and where cycles follow each other so fast that none could be read.
+    pub fn newest_inputs(&self) -> Option<Inputs> {
+        let mut inputs = Inputs::zeroed();
+        for _ in 0..LOOKS_MAX {
+            let cycle = self.answered()?;
+            self.inputs(cycle, &mut inputs);
+            fence(Ordering::Acquire);
+            // Its slot is written to only after the next one was answered.
+            if self.answered() == Some(cycle) {
+                return Some(inputs);
+            }
+        }
+        None
     }
 }
 
@@ -456,6 +487,31 @@ mod tests {
             master.inputs(2, &mut seen);
             assert_eq!((master.answered(), master.sent()), (Some(2), 77));
             assert_eq!(seen, inputs);
+        });
+    }
+
+    #[test]
+    fn an_observer_reads_a_cycle_as_a_whole_while_others_are_answered() {
+        with_page("seen", |bus, observer| {
+            const CYCLES: u64 = 20_000;
+            assert_eq!(observer.newest_inputs(), None);
+            std::thread::scope(|scope| {
+                scope.spawn(move || {
+                    let mut inputs = Inputs::zeroed();
+                    for cycle in 0..CYCLES {
+                        inputs.image.fill(cycle as u8);
+                        inputs.counts.sent = cycle;
+                        bus.answer(cycle, &inputs);
+                    }
+                });
+                while observer.answered() != Some(CYCLES - 1) {
+                    if let Some(seen) = observer.newest_inputs() {
+                        assert_eq!(seen.image, [seen.counts.sent as u8; IMAGE_BYTES_MAX]);
+                    }
+                }
+            });
+            let last = observer.newest_inputs().map(|seen| seen.counts.sent);
+            assert_eq!(last, Some(CYCLES - 1));
         });
     }
 }

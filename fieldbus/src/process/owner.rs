@@ -116,6 +116,9 @@ impl<'a> Owner<'a> {
         cycle.socket().ignore_own();
         let wiring = page.wiring();
         let (requested, answered) = (page.requested(), page.answered());
+        if let Some(newest) = page.newest_inputs() {
+            *cycle.counts() = newest.counts;
+        }
         let found = requested
             .filter(|_| requested != answered)
             .map(|pending| (pending, cycle.found(pending)));
@@ -289,7 +292,7 @@ impl Segment {
             .receive(frame, process.answer_until_ns(), patient);
     }
 
-    /// What came of the cycles since the start-up or the take-over.
+    /// What came of the cycles since the start-up.
     fn tell_counts(&mut self) {
         let counts = *self.cycle.counts();
         tracing::info!(

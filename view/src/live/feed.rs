@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
+use bus::drive_page::DrivePage;
 use bus::member::Pace;
 use bus::messages::MessageReader;
 use bus::observer::{Held, Observer};
@@ -12,6 +13,7 @@ use bus::service::RECORDER_DEPTH_SCANS;
 use machine::Machine;
 use program::{Program, SHORT_ELEMENTS};
 
+use super::fieldbus::BusView;
 use super::model::Model;
 use super::ports::Ports;
 use super::proc::children_of;
@@ -33,6 +35,8 @@ pub struct Feed {
     machine: Machine,
     messages: MessageReader,
     ports: Option<Held<Ports>>,
+    /// Of a cell with a fieldbus.
+    drive_page: Option<DrivePage>,
     program_file: Option<PathBuf>,
     /// Hash of the program that was tried to be read.
     read: Option<u64>,
@@ -50,6 +54,10 @@ impl Feed {
         Ok(Feed {
             ports: Some(held(&cell, Ports::open(bus, &machine))?),
             model: Model::new(cell.place.name(), machine.clone()),
+            drive_page: match machine.bus {
+                Some(_) => DrivePage::open(&cell.place).ok(),
+                None => None,
+            },
             messages: MessageReader::new(cell.place.messages()),
             cell,
             machine,
@@ -72,6 +80,7 @@ impl Feed {
             return;
         };
         self.drain(&mut ports);
+        self.model.bus = self.drive_page.as_ref().map(BusView::of);
         self.ports = Some(ports);
         self.model.end_of_look();
     }

@@ -8,6 +8,7 @@ use bus::service::ROLES;
 use serde::Serialize;
 
 use super::events::Weight;
+use super::fieldbus::slave_words;
 use super::model::Model;
 use super::words;
 
@@ -30,6 +31,9 @@ struct State<'a> {
     /// What it has said to its operator, the last few.
     messages: Vec<MessageOf<'a>>,
     auxiliary: Option<AuxiliaryOf>,
+    /// Of a cell with a fieldbus, seen on the spot.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bus: Option<BusOf<'a>>,
     axes: Vec<AxisOf<'a>>,
     processes: Vec<ProcessOf>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -81,6 +85,34 @@ struct ProgramOf<'a> {
     percent: Option<f64>,
     path_done_mm: Option<f64>,
     path_length_mm: Option<f64>,
+}
+
+/// The fieldbus.
+#[derive(Serialize)]
+struct BusOf<'a> {
+    /// starting, in operation, down.
+    state: &'static str,
+    owner_pid: Option<u32>,
+    standby: bool,
+    frames: u64,
+    missed: u64,
+    short: u64,
+    late: u64,
+    foreign: u64,
+    repeated: u64,
+    round_trip_us: Option<f64>,
+    /// Null without distributed clocks.
+    clock_offset_us: Option<f64>,
+    slaves: Vec<SlaveOf<'a>>,
+}
+
+#[derive(Serialize)]
+struct SlaveOf<'a> {
+    place: usize,
+    /// Whose drive it is; null of other devices.
+    axis: Option<&'a str>,
+    al_state: String,
+    al_status_code: u16,
 }
 
 /// Spindle, coolant, outputs, tool and stops.
@@ -253,10 +285,45 @@ fn state(model: &Model) -> State<'_> {
         program: program(model),
         messages: model.said.iter().map(message).collect(),
         auxiliary: feedback.map(|feedback| auxiliary(&feedback.auxiliary)),
+        bus: fieldbus(model),
         axes: axes(model),
         processes: processes(model),
         remote: remote(model),
     }
+}
+
+fn fieldbus(model: &Model) -> Option<BusOf<'_>> {
+    let bus = model.bus.as_ref()?;
+    let counts = bus.inputs.as_ref().map(|inputs| inputs.counts);
+    let counts = counts.unwrap_or_default();
+    let machine = &model.machine;
+    let axis_at = |place: usize| {
+        let mut axes = machine.axes.iter().enumerate();
+        let found = axes.find(|(index, _)| machine.slave_of(*index) == place);
+        found.map(|(_, axis)| axis.name.as_str())
+    };
+    let slaves = bus.slaves().iter().enumerate();
+    Some(BusOf {
+        state: bus.state.words(),
+        owner_pid: bus.owner_pid,
+        standby: model.has_bus_standby(),
+        frames: counts.sent,
+        missed: counts.missed,
+        short: counts.short,
+        late: counts.late,
+        foreign: counts.foreign,
+        repeated: counts.repeated,
+        round_trip_us: bus.round_trip_us().map(|us| rounded(us, 3)),
+        clock_offset_us: bus.clock_offset_us().map(|us| rounded(us, 3)),
+        slaves: slaves
+            .map(|(place, slave)| SlaveOf {
+                place,
+                axis: axis_at(place),
+                al_state: slave_words(slave),
+                al_status_code: slave.al_status_code,
+            })
+            .collect(),
+    })
 }
 
 fn message(said: &ProgramMessage) -> MessageOf<'_> {
@@ -468,6 +535,30 @@ mod tests {
         held.hold = 0;
         model.feedback(&held);
         assert_eq!(events(&line(&model, &mut reported)), 1);
+    }
+
+    #[test]
+    fn a_bus_is_there_where_the_cell_has_one_with_its_slaves_by_axis() {
+        let mut model = Model::new("t", machine());
+        let value = |model: &Model| -> serde_json::Value {
+            serde_json::from_str(&status(model)).expect("JSON")
+        };
+        assert_eq!(value(&model).get("bus"), None);
+        model.bus = Some(crate::live::fieldbus::tests::example());
+        let value = value(&model);
+        let bus = &value["bus"];
+        assert_eq!(bus["state"], "in operation");
+        assert_eq!(bus["owner_pid"], 77);
+        assert_eq!(bus["standby"], false);
+        assert_eq!(bus["round_trip_us"], 84.6);
+        assert_eq!(bus["clock_offset_us"], -1.25);
+        let counts = ["frames", "missed", "short", "late", "foreign", "repeated"];
+        assert_eq!(
+            counts.map(|key| bus[key].as_u64()),
+            [1000, 2, 3, 4, 5, 6].map(Some)
+        );
+        assert_eq!(bus["slaves"][1]["axis"], "Y");
+        assert_eq!(bus["slaves"][1]["al_state"], "SAFE-OP with an error");
     }
 
     #[test]

@@ -10,6 +10,7 @@ mod circle;
 mod draw;
 pub mod events;
 pub mod feed;
+mod fieldbus;
 mod json;
 mod lines;
 mod looks;

@@ -17,6 +17,7 @@ use remote::wire::ProcessState;
 use super::axis::AxisView;
 use super::circle::CircleView;
 use super::events::{Events, Weight};
+use super::fieldbus::BusView;
 use super::proc::Child;
 use super::reversal::Reversals;
 use super::timing::Timing;
@@ -94,6 +95,8 @@ pub struct Model {
     pub loaded: Option<String>,
     /// Per axis.
     pub axes: Vec<AxisView>,
+    /// The fieldbus, where the cell has one and its page can be read.
+    pub bus: Option<BusView>,
     /// The circle that is travelled.
     pub circle: CircleView,
     /// Reversals since the observer came.
@@ -134,6 +137,7 @@ impl Model {
             program: None,
             loaded: None,
             axes: machine.axes.iter().map(AxisView::of).collect(),
+            bus: None,
             circle: CircleView::default(),
             reversals: Reversals::default(),
             events: Events::default(),
@@ -268,6 +272,16 @@ impl Model {
         let scan = self.feedback.as_ref().map_or(0, |feedback| feedback.scan);
         self.events.roster(roster, scan, &self.machine);
         self.roster = Some(*roster);
+    }
+
+    /// Whether a second process could take the fieldbus over.
+    pub fn has_bus_standby(&self) -> bool {
+        let roster = self.roster.as_ref();
+        let participants = roster.map_or(&[][..], |roster| &roster.participants);
+        let living = participants
+            .iter()
+            .filter(|one| one.job == Job::Fieldbus as u32 && one.live == 1);
+        living.count() > 1
     }
 
     /// Takes what `/proc` says, the last scan that each place was done with, and the last that was recorded.

@@ -28,6 +28,9 @@ pub fn status(model: &Model) -> String {
     if let Some(words) = auxiliary.and_then(|now| monitor::auxiliary::summary(&now)) {
         let _ = write!(text, "\n  {words}");
     }
+    if let Some(bus) = &model.bus {
+        let _ = write!(text, "\n  {}", bus.words());
+    }
     for message in &model.said {
         let _ = write!(text, "\n  says, line {}: {}", message.line, message.text);
     }

@@ -6,6 +6,7 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::Paragraph;
 
 use super::screen::Screen;
+use crate::live::fieldbus::BusView;
 use crate::live::text::progress;
 
 /// Draws them.
@@ -33,6 +34,9 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
         }
         if let Some(words) = monitor::auxiliary::summary(&feedback.auxiliary) {
             first.push(Span::styled(format!("  {words}"), palette.quiet()));
+        }
+        if let Some(words) = model.bus.as_ref().and_then(BusView::alarm) {
+            first.push(Span::styled(format!("  ▲ {words}"), palette.warn()));
         }
         if feedback.overrun_scans > 0 {
             let overrun = format!("  ▲ {} scans overrun", feedback.overrun_scans);
