@@ -14,6 +14,8 @@ mod cells;
 mod commands;
 #[path = "ethercat/esi_drives.rs"]
 mod esi_drives;
+#[path = "ethercat/observed.rs"]
+mod observed;
 #[path = "ethercat/runs.rs"]
 mod runs;
 #[path = "ethercat/segment.rs"]

@@ -274,6 +274,7 @@ fn every_service_has_one_writer() {
     let writers = [
         ("feedback_writer(", "master"),
         ("instruments_writer(", "master"),
+        ("bus_cycle_writer(", "master"),
         ("operator_server(", "master"),
         ("window_writer(", "planner"),
         ("planner_writer(", "planner"),

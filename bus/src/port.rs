@@ -23,8 +23,8 @@ use iceoryx2::service::port_factory::server::ServerCreateError;
 
 use crate::cell::CellError;
 use crate::sample::{
-    AxisCommand, Feedback, Instruments, OperatorRequest, OperatorResponse, PlannerStatus, Roster,
-    Setpoint, WindowHeader,
+    AxisCommand, BusCycle, Feedback, Instruments, OperatorRequest, OperatorResponse, PlannerStatus,
+    Roster, Setpoint, WindowHeader,
 };
 use crate::service::{Bus, PubSub, RECORDER_DEPTH_SCANS, ROLES, Sample, Topic, WINDOW_SETPOINTS};
 
@@ -407,6 +407,28 @@ impl Bus {
         planner_writer planner_reader planner PlannerStatus,
         roster_writer roster_reader roster Roster
     );
+
+    /// The writing end of what the fieldbus does; none where drives are simulated.
+    ///
+    /// # Errors
+    /// [`CellError::Transport`], also if there is a writer already.
+    pub fn bus_cycle_writer(&self) -> Result<Option<Writer<BusCycle>>, CellError> {
+        let topic = self.services.bus_cycle.as_ref();
+        topic
+            .map(|topic| Writer::new(self, &self.open(topic)?, topic))
+            .transpose()
+    }
+
+    /// A reading end of what the fieldbus does, that holds `depth` samples; none where drives are simulated.
+    ///
+    /// # Errors
+    /// [`CellError::Transport`].
+    pub fn bus_cycle_reader(&self, depth: usize) -> Result<Option<Reader<BusCycle>>, CellError> {
+        let topic = self.services.bus_cycle.as_ref();
+        topic
+            .map(|topic| Reader::new(self, topic, depth))
+            .transpose()
+    }
 
     fn command_topic(&self, axis: usize, role: usize) -> Result<&Topic, CellError> {
         self.services

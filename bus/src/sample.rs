@@ -11,6 +11,7 @@ use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
 mod auxiliary;
+mod bus_cycle;
 pub(crate) mod checksum;
 mod inputs;
 mod order;
@@ -837,6 +838,7 @@ pub use auxiliary::{
     ANALOG_OUTPUTS, Auxiliaries, DIGITAL_OUTPUTS, EventCode, FLOOD, Levels, MIST, OUTPUTS_AHEAD,
     ProgramEvent, SpindleCommand, Waiting,
 };
+pub use bus_cycle::BusCycle;
 pub use inputs::{
     ANALOG_INPUTS, Answer, AnswerOutcome, AskedInput, DIGITAL_INPUTS, InputWait, Inputs,
     PROBE_AWAY, PROBE_MUST,

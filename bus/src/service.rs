@@ -21,7 +21,7 @@ use crate::cell::{CellError, CellPaths};
 use crate::room;
 use crate::sample::checksum;
 use crate::sample::{
-    AxisCommand, Feedback, Instruments, MAX_AXES, MAX_WINDOW_SETPOINTS, OperatorRequest,
+    AxisCommand, BusCycle, Feedback, Instruments, MAX_AXES, MAX_WINDOW_SETPOINTS, OperatorRequest,
     OperatorResponse, PlannerStatus, Roster, Setpoint, WindowHeader,
 };
 
@@ -88,6 +88,8 @@ pub struct Services {
     pub feedback: Topic,
     /// Written by the master at the end of each scan; for the recorder only.
     pub instruments: Topic,
+    /// Written by the master at the end of each scan; for observers only. None where drives are simulated.
+    pub bus_cycle: Option<Topic>,
     /// Written by the planner: windows.
     pub setpoint: Topic,
     /// Written by the planner at each period boundary.
@@ -107,6 +109,8 @@ pub struct Shape {
     pub axes: Vec<String>,
     /// Scans in one interpolation period.
     pub period_scans: u32,
+    /// Whether its drives are on a fieldbus.
+    pub has_bus: bool,
 }
 
 impl Services {
@@ -122,6 +126,9 @@ impl Services {
             cell: place.name().into(),
             feedback: topic("feedback".into(), RECORDER_DEPTH_SCANS, 1),
             instruments: topic("instruments".into(), RECORDER_DEPTH_SCANS, 0),
+            bus_cycle: shape
+                .has_bus
+                .then(|| topic("bus_cycle".into(), RECORDER_DEPTH_SCANS, 0)),
             // No history: it would be delivered with the next window, at no particular instant of a scan.
             setpoint: topic("setpoint".into(), periods, 0),
             planner: topic("planner".into(), periods, 1),
@@ -141,7 +148,7 @@ impl Services {
 
     /// How many there are.
     pub(crate) fn count(&self) -> usize {
-        CELL_SERVICES + ROLES.len() * self.commands.len()
+        CELL_SERVICES + usize::from(self.bus_cycle.is_some()) + ROLES.len() * self.commands.len()
     }
 
     /// Shared memory that a cell with these services takes, at most: its segments, the files of iceoryx2, the page, and some
@@ -156,6 +163,10 @@ impl Services {
             .sum();
         let segments = of(&self.feedback, size_of::<Feedback>())
             + of(&self.instruments, size_of::<Instruments>())
+            + self
+                .bus_cycle
+                .as_ref()
+                .map_or(0, |topic| of(topic, size_of::<BusCycle>()))
             + self.setpoint.windows_max() * window
             + of(&self.planner, size_of::<PlannerStatus>())
             + of(&self.roster, size_of::<Roster>())
@@ -224,6 +235,7 @@ samples!(
         counts && feedback.axis_count as usize <= MAX_AXES
     },
     Instruments: scan if |instruments| is_possible(instruments.scan, instruments.visible_from),
+    BusCycle: scan if |cycle| is_possible(cycle.scan, cycle.visible_from),
     AxisCommand: scan [checksum] if |command| is_possible(command.scan, command.visible_from),
     PlannerStatus: scan [checksum] if |status| is_possible(status.scan, status.visible_from),
     Roster: visible_from [checksum] if |roster| roster.visible_from <= SCAN_MAX
@@ -416,6 +428,11 @@ impl Bus {
         let created = Created {
             _feedback: self.create(&services.feedback)?,
             _instruments: self.create(&services.instruments)?,
+            _bus_cycle: services
+                .bus_cycle
+                .as_ref()
+                .map(|topic| self.create(topic))
+                .transpose()?,
             _planner: self.create(&services.planner)?,
             _roster: self.create(&services.roster)?,
             _setpoint: setpoint,
@@ -469,6 +486,7 @@ fn refusal(place: &CellPaths, what: String) -> CellError {
 pub struct Created {
     _feedback: PubSub<Feedback>,
     _instruments: PubSub<Instruments>,
+    _bus_cycle: Option<PubSub<BusCycle>>,
     _planner: PubSub<PlannerStatus>,
     _roster: PubSub<Roster>,
     _setpoint: Windows,

@@ -17,6 +17,7 @@ fn shape() -> Shape {
     Shape {
         axes: vec!["X".into(), "Y".into()],
         period_scans: 4,
+        has_bus: false,
     }
 }
 

@@ -4,8 +4,8 @@ use std::fmt::Write;
 use std::mem::offset_of;
 
 use bus::sample::{
-    Answer, Auxiliaries, AxisCommand, AxisFeedback, Feedback, Inputs, Instruments, Levels,
-    Participant, PathTag, PlannerStatus, ProgramEvent, Roster, WindowId,
+    Answer, Auxiliaries, AxisCommand, AxisFeedback, BusCycle, Feedback, Inputs, Instruments,
+    Levels, Participant, PathTag, PlannerStatus, ProgramEvent, Roster, WindowId,
 };
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -207,6 +207,26 @@ structure!(
     }
 );
 structure!(
+    bus_cycle,
+    BusCycle {
+        scan,
+        visible_from,
+        sent,
+        missed,
+        short,
+        late,
+        foreign,
+        repeated,
+        round_trip_ns,
+        clock_offset_ns,
+        inputs,
+        answered,
+        distributed_clocks,
+        slaves_operational,
+        slave_count,
+    }
+);
+structure!(
     answer,
     Answer {
         value,
@@ -326,6 +346,7 @@ fn the_python_structures_have_the_layout_and_the_names_of_the_samples() {
         inputs,
         feedback,
         instruments,
+        bus_cycle,
         axis_command,
         program_event,
         planner_status,

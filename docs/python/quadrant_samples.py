@@ -234,6 +234,35 @@ class Instruments(ctypes.Structure):
 assert ctypes.sizeof(Instruments) == 1064
 
 
+class BusCycle(ctypes.Structure):
+    """160 bytes."""
+
+    _fields_ = [
+        ("scan", c_uint64),  # at 0
+        ("visible_from", c_uint64),  # at 8
+        ("sent", c_uint64),  # at 16
+        ("missed", c_uint64),  # at 24
+        ("short", c_uint64),  # at 32
+        ("late", c_uint64),  # at 40
+        ("foreign", c_uint64),  # at 48
+        ("repeated", c_uint64),  # at 56
+        ("round_trip_ns", c_uint64),  # at 64
+        ("clock_offset_ns", c_int64),  # at 72
+        ("inputs", c_uint64 * 8),  # at 80
+        ("answered", c_uint32),  # at 144
+        ("distributed_clocks", c_uint32),  # at 148
+        ("slaves_operational", c_uint32),  # at 152
+        ("slave_count", c_uint32),  # at 156
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "quadrant/BusCycle/1"
+
+
+assert ctypes.sizeof(BusCycle) == 160
+
+
 class AxisCommand(ctypes.Structure):
     """1744 bytes."""
 

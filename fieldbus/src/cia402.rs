@@ -57,6 +57,8 @@ pub const MAX_MOTOR_SPEED: u16 = 0x6080;
 pub const TORQUE_OFFSET: u16 = 0x60B2;
 /// Interpolation time: sub-index 1 mantissa, 2 exponent of ten in seconds.
 pub const INTERPOLATION_TIME: u16 = 0x60C2;
+/// Digital inputs: 0 to 3 limit switches, home switch and interlock, 16 to 31 those of the manufacturer.
+pub const DIGITAL_INPUTS: u16 = 0x60FD;
 /// Highest torque in the positive direction.
 pub const POSITIVE_TORQUE_LIMIT: u16 = 0x60E0;
 /// Highest torque in the negative direction.

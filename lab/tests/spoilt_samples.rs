@@ -95,6 +95,7 @@ fn no_wrong_number_in_a_sample_keeps_a_reader_from_the_next_one() {
     let shape = Shape {
         axes: vec!["X".into(), "Y".into()],
         period_scans: 4,
+        has_bus: false,
     };
     let bus = Bus::enter(&place, &shape, "launcher", true).expect("shared memory");
     let _services = bus.create_all().expect("services");
@@ -146,6 +147,7 @@ fn a_feedback_whose_scan_is_wrong_is_taken_for_none() {
     let shape = Shape {
         axes: vec!["X".into(), "Y".into()],
         period_scans: 4,
+        has_bus: false,
     };
     let bus = Bus::enter(&place, &shape, "launcher", true).expect("shared memory");
     let _services = bus.create_all().expect("services");

@@ -191,6 +191,7 @@ impl Machine {
         Shape {
             axes: self.axes.iter().map(|axis| axis.name.clone()).collect(),
             period_scans: self.scan.interpolation_period_scans,
+            has_bus: self.bus.is_some(),
         }
     }
 

@@ -14,7 +14,7 @@ use bus::member::{Member, Pace};
 use bus::port::{Age, OperatorServer, Reader, WindowReader, Writer};
 use bus::realtime;
 use bus::sample::{
-    AxisCommand, Feedback, Instruments, Job, MAX_AXES, MAX_PARTICIPANTS, OperatorRequest,
+    AxisCommand, BusCycle, Feedback, Instruments, Job, MAX_AXES, MAX_PARTICIPANTS, OperatorRequest,
     OperatorResponse, Participant, PlannerStatus, Roster, Setpoint, WindowHeader,
 };
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES, SCAN_DEPTH};
@@ -45,6 +45,7 @@ const ORPHANED_LIMIT: Duration = Duration::from_millis(200);
 struct Ports {
     feedback: Writer<Feedback>,
     instruments: Writer<Instruments>,
+    bus_cycle: Option<Writer<BusCycle>>,
     commands: Vec<[Reader<AxisCommand>; ROLES.len()]>,
     windows: WindowReader,
     planner: Reader<PlannerStatus>,
@@ -58,6 +59,7 @@ impl Ports {
         Ok(Ports {
             feedback: bus.feedback_writer()?,
             instruments: bus.instruments_writer()?,
+            bus_cycle: bus.bus_cycle_writer()?,
             commands: bus
                 .command_readers(SCAN_DEPTH)?
                 .into_iter()
@@ -508,6 +510,12 @@ impl MasterPorts for BusPorts {
 
     fn publish_instruments(&mut self, instruments: &Instruments) {
         self.ports.instruments.send(instruments);
+    }
+
+    fn publish_bus_cycle(&mut self, cycle: &BusCycle) {
+        if let Some(writer) = &mut self.ports.bus_cycle {
+            writer.send(cycle);
+        }
     }
 
     fn save(&mut self, latches: &Latches, drives: &impl Drives) {

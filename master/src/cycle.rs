@@ -29,7 +29,11 @@ pub fn cycle<D: Drives, P: MasterPorts>(
         ports.finish(scan);
         return Ok(Flow::Leave);
     }
-    ports.publish_instruments(&master.exchange());
+    let instruments = master.exchange();
+    if let Some(cycle) = master.bus_cycle() {
+        ports.publish_bus_cycle(&cycle);
+    }
+    ports.publish_instruments(&instruments);
     ports.follow_drives(master.drives().exchanged_late_ns());
     ports.save(&master.latches(), master.drives());
     let Answered::Scan { overrun_scans } = ports.await_answers(scan, ask_planner)? else {

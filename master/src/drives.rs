@@ -1,6 +1,6 @@
 //! The seam to the iron: what a master asks of drives, simulated or on a fieldbus. It cannot tell which they are.
 
-use bus::sample::{ANALOG_INPUTS, Levels};
+use bus::sample::{ANALOG_INPUTS, BusCycle, Levels};
 use bytemuck::{Pod, Zeroable};
 
 /// What a drive is asked to do for one scan.
@@ -227,6 +227,11 @@ pub trait Drives {
     /// scans follows it.
     fn exchanged_late_ns(&self) -> i64 {
         0
+    }
+
+    /// What the fieldbus did in the last exchange, for observers; none where drives are simulated. The master puts in the scan.
+    fn bus_cycle(&self) -> Option<BusCycle> {
+        None
     }
 
     /// What bench instruments read of `axis` in the last exchange; nothing on a real machine.

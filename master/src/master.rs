@@ -9,7 +9,7 @@
 )]
 
 use bus::sample::{
-    AxisFeedback, Cause, Driver, Feedback, Instruments, Job, MAX_AXES, Mode, Roster,
+    AxisFeedback, BusCycle, Cause, Driver, Feedback, Instruments, Job, MAX_AXES, Mode, Roster,
     STANDBY_ALARM_S, Setpoint, WindowHeader, WindowId,
 };
 use bytemuck::Zeroable;
@@ -303,6 +303,16 @@ impl<D: Drives> Master<D> {
         self.auxiliary.questions.take(inputs, &from, &to);
         (out.motion_digest_high, out.motion_digest_low) = self.digest.end();
         out
+    }
+
+    /// What the fieldbus did in the exchange of this scan; none where drives are simulated.
+    pub fn bus_cycle(&self) -> Option<BusCycle> {
+        let cycle = self.drives.bus_cycle()?;
+        Some(BusCycle {
+            scan: self.scan,
+            visible_from: self.scan + 1,
+            ..cycle
+        })
     }
 
     /// A window became visible in this scan.

@@ -1,7 +1,8 @@
 //! What a master sees of its cell.
 
 use bus::sample::{
-    Feedback, Instruments, OperatorRequest, OperatorResponse, Roster, Setpoint, WindowHeader,
+    BusCycle, Feedback, Instruments, OperatorRequest, OperatorResponse, Roster, Setpoint,
+    WindowHeader,
 };
 
 use crate::answers::Answers;
@@ -45,6 +46,9 @@ pub trait MasterPorts {
 
     /// Publishes what the bench instruments read.
     fn publish_instruments(&mut self, instruments: &Instruments);
+
+    /// Publishes what the fieldbus did, where drives are on one.
+    fn publish_bus_cycle(&mut self, _cycle: &BusCycle) {}
 
     /// Keeps what must outlive the master.
     fn save(&mut self, latches: &Latches, drives: &impl Drives);

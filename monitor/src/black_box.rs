@@ -79,7 +79,12 @@ fn scan_bytes(codec: &Codec, machine: &Machine) -> usize {
         + machine.intended_setpoints() as usize * codec.setpoint.bytes;
     let of_period = 2 * HEAD_BYTES + window + codec.planner.bytes;
     let period_scans = machine.scan.interpolation_period_scans.max(1) as usize;
+    let bus_cycle = machine
+        .bus
+        .as_ref()
+        .map_or(0, |_| HEAD_BYTES + codec.bus_cycle.bytes);
     (2 + commands) * HEAD_BYTES
+        + bus_cycle
         + codec.feedback.bytes
         + codec.instruments.bytes
         + commands * codec.command.bytes

@@ -2,8 +2,8 @@
 //!
 //! Each channel has one writer and its own order, and what happens between two channels of one scan is chance. So
 //! every channel is hashed for itself (XXH3, 128 bits, over the message bytes in order) and the channels are put
-//! together in the order of their names. Derived channels (`/axis/…`) and `/event` are left out: the first say nothing
-//! new, the second speaks to people.
+//! together in the order of their names. Derived channels (`/axis/…`), `/event` and `/bus_cycle` are left out: the first say
+//! nothing new, the second speaks to people, and what a wire does (times, damaged frames) is chance.
 
 use std::collections::BTreeMap;
 
@@ -27,7 +27,7 @@ impl ChannelHash {
 
 /// Whether a channel counts in the digest.
 pub fn counts(topic: &str) -> bool {
-    !topic.starts_with("/axis/") && topic != "/event"
+    !topic.starts_with("/axis/") && topic != "/event" && topic != "/bus_cycle"
 }
 
 /// The digest over all channels, as 32 hexadecimal digits.
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn channels_for_people_do_not_count() {
+    fn channels_for_people_and_that_of_the_wire_do_not_count() {
         let (mut feedback, mut derived) = (ChannelHash::default(), ChannelHash::default());
         feedback.update(b"x");
         let alone = combine([("/feedback", &feedback)]);

@@ -6,7 +6,7 @@ use bus::cell::CellError;
 use bus::member::{Member, MemberError, ORPHAN_PATIENCE, Pace};
 use bus::port::{Reader, WindowReader};
 use bus::realtime::Priority;
-use bus::sample::{AxisCommand, Feedback, Instruments, PlannerStatus, Roster};
+use bus::sample::{AxisCommand, BusCycle, Feedback, Instruments, PlannerStatus, Roster};
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES};
 use machine::Machine;
 
@@ -24,6 +24,7 @@ const LOOK_AROUND: Duration = Duration::from_millis(20);
 struct Ports {
     feedback: Reader<Feedback>,
     instruments: Reader<Instruments>,
+    bus_cycle: Option<Reader<BusCycle>>,
     commands: Vec<[Reader<AxisCommand>; ROLES.len()]>,
     windows: WindowReader,
     planner: Reader<PlannerStatus>,
@@ -38,6 +39,7 @@ impl Ports {
         commands
             + self.feedback.failed()
             + self.instruments.failed()
+            + self.bus_cycle.as_ref().map_or(0, Reader::failed)
             + self.planner.failed()
             + self.roster.failed()
     }
@@ -48,6 +50,7 @@ impl Ports {
         Ok(Ports {
             feedback: bus.feedback_reader(depth)?,
             instruments: bus.instruments_reader(depth)?,
+            bus_cycle: bus.bus_cycle_reader(depth)?,
             commands: bus.command_readers(depth)?,
             windows: bus.window_reader(depth)?,
             planner: bus.planner_reader(depth)?,
@@ -67,6 +70,11 @@ impl Ports {
                 continue;
             }
             sinks.take(SampleRef::Roster(&sample))?;
+        }
+        if let Some(reader) = &mut self.bus_cycle {
+            while let Some(sample) = reader.next(scan) {
+                sinks.take(SampleRef::BusCycle(&sample))?;
+            }
         }
         while let Some(sample) = self.instruments.next(scan) {
             sinks.take(SampleRef::Instruments(&sample))?;

@@ -23,6 +23,7 @@ impl Sinks<'_> {
             match sample {
                 SampleRef::Roster(sample) => tap.roster(sample),
                 SampleRef::Instruments(sample) => tap.instruments(sample),
+                SampleRef::BusCycle(sample) => tap.bus_cycle(sample),
                 SampleRef::Command(_, sample) => tap.command(sample),
                 SampleRef::Planner(sample) => tap.planner(sample),
                 SampleRef::Window(..) | SampleRef::Event(_) | SampleRef::Feedback(_) => {}

@@ -1,7 +1,7 @@
 //! A listener beside the log: what the recorder takes, it hands on.
 
 use bus::member::Member;
-use bus::sample::{AxisCommand, Feedback, Instruments, PlannerStatus, Roster};
+use bus::sample::{AxisCommand, BusCycle, Feedback, Instruments, PlannerStatus, Roster};
 use bus::signal_page::SignalPage;
 use machine::Machine;
 
@@ -14,6 +14,8 @@ pub trait Tap {
     fn roster(&mut self, sample: &Roster);
     /// What the instruments saw.
     fn instruments(&mut self, sample: &Instruments);
+    /// What the fieldbus did.
+    fn bus_cycle(&mut self, sample: &BusCycle);
     /// A command of any servo.
     fn command(&mut self, sample: &AxisCommand);
     /// What the planner says.

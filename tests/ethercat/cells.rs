@@ -107,7 +107,7 @@ fn a_drive_that_vanishes_faults_or_loses_its_power_stops_the_others_in_that_scan
 }
 
 /// Waits until `quadrant status --json` of a cell shows this.
-fn await_status(
+pub fn await_status(
     network: &Network,
     cell: &str,
     what: &str,
@@ -128,12 +128,12 @@ fn await_status(
     }
 }
 
-fn mode(status: &serde_json::Value) -> &str {
+pub fn mode(status: &serde_json::Value) -> &str {
     status["mode"].as_str().unwrap_or_default()
 }
 
 /// Gives an order that is taken.
-fn order(network: &Network, cell: &str, words: &[&str]) {
+pub fn order(network: &Network, cell: &str, words: &[&str]) {
     let mut arguments = words.to_vec();
     arguments.extend(["--cell", cell]);
     let done = network.quadrant(&arguments);

@@ -120,6 +120,17 @@ impl Network {
         command.args(arguments).output().expect("running quadrant")
     }
 
+    /// What a server inside answers to GET.
+    pub fn get(&self, url: &str) -> String {
+        const GET: &str =
+            "import sys, urllib.request as r; print(r.urlopen(sys.argv[1]).read().decode())";
+        let mut command = self.command(&self.python);
+        let output = command.args(["-c", GET, url]).output().expect("python");
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{url}: {errors}");
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    }
+
     /// `ip link set` inside.
     pub fn set_link(&self, arguments: &[&str]) {
         let mut command = self.command("ip");

@@ -1,8 +1,8 @@
 //! The fields of every sample, by name. A field that is added to a sample and not here does not compile.
 
 use crate::sample::{
-    Answer, Auxiliaries, AxisCommand, AxisFeedback, Feedback, Inputs, Instruments, Levels,
-    OperatorRequest, Participant, PathTag, PlannerStatus, ProgramEvent, Roster, Setpoint,
+    Answer, Auxiliaries, AxisCommand, AxisFeedback, BusCycle, Feedback, Inputs, Instruments,
+    Levels, OperatorRequest, Participant, PathTag, PlannerStatus, ProgramEvent, Roster, Setpoint,
     WindowHeader, WindowId,
 };
 use crate::table;
@@ -26,6 +26,10 @@ table!(
 table!(
     Instruments: scan, visible_from, motion_digest_high, motion_digest_low, subsamples, axis_count,
     table_mm @ AxesAndSubsamples, motor_mm @ AxesAndSubsamples,
+);
+table!(
+    BusCycle: scan, visible_from, sent, missed, short, late, foreign, repeated, round_trip_ns, clock_offset_ns,
+    inputs @ Axes, answered, distributed_clocks, slaves_operational, slave_count,
 );
 table!(
     AxisCommand: scan, visible_from, position, velocity_mm_s, torque_nm, feed_forward_mm_s, following_error_mm,

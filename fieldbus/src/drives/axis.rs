@@ -42,6 +42,7 @@ pub(super) struct Fields {
     velocity: Option<Field>,
     torque: Option<Field>,
     error_code: Option<Field>,
+    digital_inputs: Option<Field>,
 }
 
 fn field(pdos: &[Pdo], index: u16) -> Option<Field> {
@@ -80,6 +81,7 @@ impl Fields {
             velocity: field(transmit, cia402::VELOCITY),
             torque: field(transmit, cia402::TORQUE),
             error_code: field(transmit, cia402::ERROR_CODE),
+            digital_inputs: field(transmit, cia402::DIGITAL_INPUTS),
         })
     }
 }
@@ -110,6 +112,8 @@ pub(super) struct DriveAxis {
     /// Where the drive is to be, if it closes the position loop.
     target: PositionTarget,
     shown: DriveFeedback,
+    /// Object 60FDh as it was shown last; 0 while the drive is lost.
+    digital_inputs: u32,
 }
 
 impl DriveAxis {
@@ -136,12 +140,18 @@ impl DriveAxis {
                 state: DriveState::Lost { code: 0 },
                 ..DriveFeedback::default()
             },
+            digital_inputs: 0,
         })
     }
 
     /// What it shows.
     pub fn shown(&self) -> &DriveFeedback {
         &self.shown
+    }
+
+    /// Its digital inputs (object 60FDh); 0 where they are not in its process data, and while it is lost.
+    pub fn digital_inputs(&self) -> u32 {
+        self.digital_inputs
     }
 
     /// Increments counted over the ends of 32 bits.
@@ -390,6 +400,7 @@ impl DriveAxis {
             i64::from(mode) == self.operate.value() || self.homing.may_show(mode)
         });
         let code = fields.error_code.map_or(0, |field| field.read(own));
+        self.digital_inputs = fields.digital_inputs.map_or(0, |field| field.read(own));
         self.shown = DriveFeedback {
             motor_position_mm: position_mm,
             scale_position_mm: None,
@@ -426,5 +437,6 @@ impl DriveAxis {
         self.shown.torque_nm = 0.0;
         self.device = DeviceState::NotReady;
         self.commanded_mm_s = 0.0;
+        self.digital_inputs = 0;
     }
 }

@@ -8,7 +8,7 @@
 )]
 
 use bus::drive_page::{Inputs, Outputs, SlaveState, SlaveWiring, Wiring};
-use bus::sample::{MAX_AXES, MAX_SUBSAMPLES};
+use bus::sample::{BusCycle, MAX_AXES, MAX_SUBSAMPLES};
 use bytemuck::Zeroable;
 use machine::Machine;
 use master::{DriveCommand, DriveFeedback, DriveState, Drives, InstrumentSample, StateRefused};
@@ -72,7 +72,8 @@ pub struct Cia402Drives<W> {
     run_down_scans: u32,
     start_again_scans: u32,
     look_scans: u32,
-    late_ns: i64,
+    /// What came of the last exchange.
+    answer: WireAnswer,
     /// Scans in a row in which lost drives were to be switched on.
     wanted_scans: u32,
 }
@@ -114,7 +115,7 @@ impl<W: Wire> Cia402Drives<W> {
             run_down_scans: (RUN_DOWN_S / scan_s) as u32,
             start_again_scans: ((START_AGAIN_S / scan_s) as u32).max(1),
             look_scans: ((LOOK_S / scan_s) as u32).max(1),
-            late_ns: 0,
+            answer: WireAnswer::Down,
             wanted_scans: 0,
         };
         drives.look();
@@ -172,9 +173,8 @@ impl<W: Wire> Cia402Drives<W> {
     /// Carries the outputs there and the inputs back.
     fn carry(&mut self) {
         let answer = self.wire.exchange(&self.outputs, &mut self.inputs);
-        let answered = answer == WireAnswer::Answered;
-        self.late_ns = i64::from(answered) * self.inputs.clock_late_ns;
-        let sound = answered && self.took_part();
+        self.answer = answer;
+        let sound = answer == WireAnswer::Answered && self.took_part();
         for axis in &mut self.axes {
             let (wiring, state) = slave(&self.wire, &self.inputs, axis.slave);
             match answer {
@@ -211,6 +211,10 @@ fn slave(wire: &impl Wire, inputs: &Inputs, index: usize) -> (SlaveWiring, Slave
     let wiring = wire.wiring().slaves().get(index).copied();
     let state = inputs.slaves.get(index).copied();
     (wiring.unwrap_or_default(), state.unwrap_or_default())
+}
+
+fn is_operational(state: &SlaveState) -> bool {
+    state.answered == 1 && state.al_status & 0x1F == OPERATIONAL
 }
 
 impl<W: Wire> Drives for Cia402Drives<W> {
@@ -254,7 +258,40 @@ impl<W: Wire> Drives for Cia402Drives<W> {
     }
 
     fn exchanged_late_ns(&self) -> i64 {
-        self.late_ns
+        let answered = self.answer == WireAnswer::Answered;
+        i64::from(answered) * self.inputs.clock_late_ns
+    }
+
+    fn bus_cycle(&self) -> Option<BusCycle> {
+        let wiring = self.wire.wiring();
+        let counts = &self.inputs.counts;
+        let answered = self.answer == WireAnswer::Answered;
+        let states = self.inputs.slaves.iter().zip(wiring.slaves());
+        let operational = states.filter(|(state, _)| is_operational(state)).count();
+        let mut inputs = [0; MAX_AXES];
+        for (shown, axis) in inputs.iter_mut().zip(&self.axes) {
+            *shown = u64::from(axis.drive.digital_inputs());
+        }
+        Some(BusCycle {
+            scan: 0,
+            visible_from: 0,
+            sent: counts.sent,
+            missed: counts.missed,
+            short: counts.short,
+            late: counts.late,
+            foreign: counts.foreign,
+            repeated: counts.repeated,
+            round_trip_ns: u64::from(answered) * self.inputs.round_trip_ns,
+            clock_offset_ns: self.exchanged_late_ns(),
+            inputs,
+            answered: answered.into(),
+            distributed_clocks: (wiring.reference_clock != 0).into(),
+            slaves_operational: match self.answer {
+                WireAnswer::Down => 0,
+                WireAnswer::Answered | WireAnswer::Missed => operational as u32,
+            },
+            slave_count: wiring.slave_count,
+        })
     }
 
     fn instruments(&self, axis: usize) -> &[InstrumentSample] {

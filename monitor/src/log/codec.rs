@@ -3,8 +3,8 @@
 //! What is in a message is not trusted: it is checked against the layout of its type before it becomes a sample.
 
 use bus::sample::{
-    AxisCommand, Feedback, Instruments, MAX_WINDOW_SETPOINTS, PlannerStatus, Roster, Setpoint,
-    WindowHeader,
+    AxisCommand, BusCycle, Feedback, Instruments, MAX_WINDOW_SETPOINTS, PlannerStatus, Roster,
+    Setpoint, WindowHeader,
 };
 use bytemuck::{Pod, Zeroable};
 
@@ -26,6 +26,7 @@ pub(crate) enum Content {
     Planner,
     Roster,
     Event,
+    BusCycle,
 }
 
 impl Content {
@@ -34,6 +35,7 @@ impl Content {
         Some(match topic {
             "/feedback" => Content::Feedback,
             "/instruments" => Content::Instruments,
+            "/bus_cycle" => Content::BusCycle,
             "/window" => Content::Window,
             "/planner" => Content::Planner,
             "/roster" => Content::Roster,
@@ -47,6 +49,7 @@ impl Content {
         match sample {
             SampleRef::Feedback(_) => Content::Feedback,
             SampleRef::Instruments(_) => Content::Instruments,
+            SampleRef::BusCycle(_) => Content::BusCycle,
             SampleRef::Command(..) => Content::Command,
             SampleRef::Window(..) => Content::Window,
             SampleRef::Planner(_) => Content::Planner,
@@ -56,7 +59,7 @@ impl Content {
     }
 
     pub(crate) fn from_byte(byte: u8) -> Option<Content> {
-        use Content::{Command, Event, Feedback, Instruments, Planner, Roster, Window};
+        use Content::{BusCycle, Command, Event, Feedback, Instruments, Planner, Roster, Window};
         let all = [
             Feedback,
             Instruments,
@@ -65,6 +68,7 @@ impl Content {
             Planner,
             Roster,
             Event,
+            BusCycle,
         ];
         all.into_iter().find(|content| *content as u8 == byte)
     }
@@ -74,6 +78,7 @@ impl Content {
 pub(crate) struct Codec {
     pub(crate) feedback: Layout,
     pub(crate) instruments: Layout,
+    pub(crate) bus_cycle: Layout,
     pub(crate) command: Layout,
     pub(crate) planner: Layout,
     pub(crate) roster: Layout,
@@ -89,6 +94,7 @@ impl Codec {
         Codec {
             feedback: Layout::of::<Feedback>(extent),
             instruments: Layout::of::<Instruments>(extent),
+            bus_cycle: Layout::of::<BusCycle>(extent),
             command: Layout::of::<AxisCommand>(extent),
             planner: Layout::of::<PlannerStatus>(extent),
             roster: Layout::of::<Roster>(extent),
@@ -102,6 +108,7 @@ impl Codec {
         match sample {
             SampleRef::Feedback(s) => self.feedback.encode(bytemuck::bytes_of(s), message),
             SampleRef::Instruments(s) => self.instruments.encode(bytemuck::bytes_of(s), message),
+            SampleRef::BusCycle(s) => self.bus_cycle.encode(bytemuck::bytes_of(s), message),
             SampleRef::Command(_, s) => self.command.encode(bytemuck::bytes_of(s), message),
             SampleRef::Planner(s) => self.planner.encode(bytemuck::bytes_of(s), message),
             SampleRef::Roster(s) => self.roster.encode(bytemuck::bytes_of(s), message),
@@ -129,6 +136,7 @@ impl Codec {
         Some(match content {
             Content::Feedback => Sample::Feedback(Box::new(pod(&self.feedback, body)?)),
             Content::Instruments => Sample::Instruments(Box::new(pod(&self.instruments, body)?)),
+            Content::BusCycle => Sample::BusCycle(Box::new(pod(&self.bus_cycle, body)?)),
             Content::Command => Sample::Command(Box::new(pod(&self.command, body)?)),
             Content::Planner => Sample::Planner(pod(&self.planner, body)?),
             Content::Roster => Sample::Roster(Box::new(pod(&self.roster, body)?)),

@@ -295,6 +295,7 @@ mod tests {
     fn every_schema_reads_exactly_the_bytes_of_its_sample_without_padding() {
         agrees::<Feedback>("Feedback");
         agrees::<Instruments>("Instruments");
+        agrees::<BusCycle>("BusCycle");
         agrees::<AxisCommand>("AxisCommand");
         agrees::<PlannerStatus>("PlannerStatus");
         agrees::<Roster>("Roster");

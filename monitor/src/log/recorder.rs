@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use bus::sample::{
-    AxisCommand, Feedback, Instruments, PlannerStatus, Roster, Setpoint, WindowHeader,
+    AxisCommand, BusCycle, Feedback, Instruments, PlannerStatus, Roster, Setpoint, WindowHeader,
 };
 use machine::Machine;
 use mcap::records::MessageHeader;
@@ -67,6 +67,8 @@ pub struct Recorder {
     codec: Codec,
     /// Channel of each axis' servos: role a, role b (made when first heard).
     commands: Vec<[Option<usize>; 2]>,
+    /// Channel of the fieldbus, of a machine that has one.
+    bus_cycle: Option<usize>,
     rows: Rows,
     whole_rows: Vec<(usize, u64, AxisRow)>,
     flushed: Instant,
@@ -176,6 +178,10 @@ impl Recorder {
             let layout = Layout::of::<AxisCommand>(&extent);
             plan.push((format!("/command/{axis}"), layout));
         }
+        let bus_cycle = machine.bus.is_some().then_some(plan.len());
+        if bus_cycle.is_some() {
+            plan.push(("/bus_cycle".into(), Layout::of::<BusCycle>(&extent)));
+        }
         let mut channels = Vec::new();
         for (topic, layout) in plan {
             channels.push(channel(&mut writer, &topic, layout)?);
@@ -194,6 +200,7 @@ impl Recorder {
             channels,
             codec: Codec::of(&extent),
             commands,
+            bus_cycle,
             rows: Rows::new(machine),
             whole_rows: Vec::new(),
             flushed: Instant::now(),
@@ -211,6 +218,9 @@ impl Recorder {
         let which = match sample {
             SampleRef::Feedback(_) => FEEDBACK,
             SampleRef::Instruments(_) => INSTRUMENTS,
+            SampleRef::BusCycle(_) => self.bus_cycle.ok_or_else(|| {
+                LogError::BadSample("a cycle of a fieldbus: this machine has none".into())
+            })?,
             SampleRef::Command(axis, command) => {
                 self.command_channel(axis, command.role as usize)?
             }

@@ -1,7 +1,7 @@
 //! One sample of a run, whichever channel it came on.
 
 use bus::sample::{
-    AxisCommand, Feedback, Instruments, PlannerStatus, Roster, Setpoint, WindowHeader,
+    AxisCommand, BusCycle, Feedback, Instruments, PlannerStatus, Roster, Setpoint, WindowHeader,
 };
 use xxhash_rust::xxh3::Xxh3;
 
@@ -29,6 +29,8 @@ pub enum Sample {
     Feedback(Box<Feedback>),
     /// What the bench's instruments saw.
     Instruments(Box<Instruments>),
+    /// What the fieldbus did.
+    BusCycle(Box<BusCycle>),
     /// What a servo asked for.
     Command(Box<AxisCommand>),
     /// What the planner published.
@@ -58,6 +60,8 @@ pub enum SampleRef<'a> {
     Feedback(&'a Feedback),
     /// What the bench's instruments saw.
     Instruments(&'a Instruments),
+    /// What the fieldbus did.
+    BusCycle(&'a BusCycle),
     /// What a servo of the axis with this index asked for.
     Command(usize, &'a AxisCommand),
     /// What the planner published: header, intended setpoints, and a checksum of those that brake to rest.
@@ -84,6 +88,7 @@ impl<'a> SampleRef<'a> {
         match self {
             SampleRef::Feedback(sample) => sample.scan,
             SampleRef::Instruments(sample) => sample.scan,
+            SampleRef::BusCycle(sample) => sample.scan,
             SampleRef::Command(_, sample) => sample.scan,
             SampleRef::Window(header, ..) => header.visible_from,
             SampleRef::Planner(sample) => sample.scan,
@@ -99,6 +104,7 @@ impl Sample {
         match self {
             Sample::Feedback(sample) => SampleRef::Feedback(sample),
             Sample::Instruments(sample) => SampleRef::Instruments(sample),
+            Sample::BusCycle(sample) => SampleRef::BusCycle(sample),
             Sample::Command(sample) => SampleRef::Command(axis, sample),
             Sample::Window(window) => {
                 SampleRef::Window(&window.header, &window.setpoints, window.tail_checksum)

@@ -143,6 +143,45 @@ fn write(path: &Path, scans: u64) -> String {
         .unwrap()
 }
 
+/// What a wire did is in the log of a machine with a bus, and in no digest.
+#[test]
+fn a_cycle_of_the_bus_is_read_back_and_counts_in_no_digest() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut on_bus = machine(&["X", "Y"]);
+    let cycle: bus::sample::BusCycle = bus::sample::BusCycle {
+        inputs: [1, 2, 0, 0, 0, 0, 0, 0],
+        round_trip_ns: 81_234,
+        ..scrambled(3)
+    };
+    let record = |machine: &machine::Machine, name: &str| {
+        let path = dir.path().join(name);
+        let mut recorder = Recorder::create(&path, machine, &info()).unwrap();
+        recorder
+            .record(SampleRef::Feedback(&TWO.feedback(3)))
+            .unwrap();
+        let recorded = recorder.record(SampleRef::BusCycle(&cycle));
+        let digest = recorder.digest();
+        recorder.finish(&RunEnd::default()).unwrap();
+        (path, recorded, digest)
+    };
+    let (_, refused, without) = record(&on_bus, "simulated.mcap");
+    assert!(refused.unwrap_err().to_string().contains("fieldbus"));
+    on_bus.bus = Some(machine::Fieldbus {
+        interface: "eth1".into(),
+        sync: machine::Sync::Sm,
+        watchdog_ms: 10,
+        standby: false,
+        other_slaves: Vec::new(),
+    });
+    let (path, recorded, with) = record(&on_bus, "bus.mcap");
+    recorded.unwrap();
+    assert_eq!(with, without);
+    let mut reader = Reader::open(&path).unwrap();
+    let samples: Vec<Sample> = reader.by_ref().map(Result::unwrap).collect();
+    assert!(samples.contains(&Sample::BusCycle(Box::new(cycle))));
+    assert_eq!(reader.digest(), with);
+}
+
 #[test]
 fn what_is_recorded_is_read_back_to_the_bit() {
     let dir = tempfile::tempdir().unwrap();

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use bus::sample::{AxisCommand, Feedback, Instruments};
+use bus::sample::{AxisCommand, BusCycle, Feedback, Instruments};
 
 /// Scans that wait for a silent channel.
 const WAITING_SCANS_MAX: usize = 4096;
@@ -19,6 +19,8 @@ pub struct ScanSet {
     pub feedback: Option<Box<Feedback>>,
     /// What the instruments saw.
     pub instruments: Option<Box<Instruments>>,
+    /// What the fieldbus did; it comes before the instruments, and no scan waits for it.
+    pub bus_cycle: Option<Box<BusCycle>>,
     /// What the servos asked for, per axis; of two roles, which say the same, role a.
     pub commands: Vec<Option<Box<AxisCommand>>>,
 }
@@ -93,6 +95,13 @@ impl Aligner {
     pub fn instruments(&mut self, sample: Box<Instruments>) {
         if let Some(set) = self.set(sample.scan, 1) {
             set.instruments = Some(sample);
+        }
+    }
+
+    /// Takes what the fieldbus did.
+    pub fn bus_cycle(&mut self, sample: Box<BusCycle>) {
+        if let Some(set) = self.waiting.get_mut(&sample.scan) {
+            set.bus_cycle = Some(sample);
         }
     }
 

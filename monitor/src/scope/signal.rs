@@ -1,6 +1,6 @@
 //! What a scope can show: one number per scan, each with its name, its unit and where it comes from.
 
-use bus::sample::{AxisCommand, AxisFeedback, Feedback, Instruments, Mode};
+use bus::sample::{AxisCommand, AxisFeedback, BusCycle, Feedback, Instruments, Mode};
 use control::kinematics::Kinematics;
 use control::path::{AxisVector, Path};
 use machine::{AxisKind, Machine, PositionFeedback};
@@ -20,6 +20,8 @@ enum Dimension {
     Speed,
     /// Torque, in N·m.
     Torque,
+    /// Time, in µs.
+    Time,
     /// Temperature difference, in K.
     Temperature,
     /// Share, in percent.
@@ -74,6 +76,11 @@ const NEWTON_METRES: Unit = Unit {
     suffix: "_nm",
     accepted: &[("Nm", 1.0), ("N·m", 1.0), ("mNm", 1e-3)],
 };
+const MICROSECONDS: Unit = Unit {
+    shown: "µs",
+    suffix: "_us",
+    accepted: &[("us", 1.0), ("µs", 1.0), ("ns", 1e-3), ("ms", 1e3)],
+};
 const KELVIN: Unit = Unit {
     shown: "K",
     suffix: "_k",
@@ -100,6 +107,7 @@ impl Dimension {
             (Dimension::Speed, AxisKind::Linear) => MM_S,
             (Dimension::Speed, AxisKind::Rotary) => DEGREES_S,
             (Dimension::Torque, _) => NEWTON_METRES,
+            (Dimension::Time, _) => MICROSECONDS,
             (Dimension::Temperature, _) => KELVIN,
             (Dimension::Percent, _) => PERCENT,
             (Dimension::Number, _) => NONE,
@@ -169,11 +177,46 @@ const OF_CELL: [(OfCell, &str, Dimension, &str); 7] = [
     (OfCell::OverrunScans, "overrun_scans", Dimension::Number,    "scans skipped because the master was late, in all"),
 ];
 
+/// What is known of the fieldbus in each scan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum OfBus {
+    RoundTrip,
+    ClockOffset,
+    Sent,
+    Missed,
+    Short,
+    Late,
+    Foreign,
+    Repeated,
+    SlavesOperational,
+}
+
+#[rustfmt::skip] // a table
+const OF_BUS: [(OfBus, &str, Dimension, &str); 9] = [
+    (OfBus::RoundTrip,         "round_trip",         Dimension::Time,   "from sending the frame of this scan to its answer; not known without an answer"),
+    (OfBus::ClockOffset,       "clock_offset",       Dimension::Time,   "how much later than in the middle between two SYNC0 the frame passed the reference clock"),
+    (OfBus::Sent,              "sent",               Dimension::Number, "frames sent, in all"),
+    (OfBus::Missed,            "missed",             Dimension::Number, "frames without an answer in time, in all"),
+    (OfBus::Short,             "short",              Dimension::Number, "frames that some slave took no part in, in all"),
+    (OfBus::Late,              "late",               Dimension::Number, "answers that came too late or twice, in all"),
+    (OfBus::Foreign,           "foreign",            Dimension::Number, "frames of others and damaged ones, in all"),
+    (OfBus::Repeated,          "repeated",           Dimension::Number, "frames sent again because the master was silent, in all"),
+    (OfBus::SlavesOperational, "slaves_operational", Dimension::Number, "slaves in operation (AL state OP)"),
+];
+
+/// Of the axes of a machine with a fieldbus: the digital inputs of the drive.
+const INPUTS: (&str, &str) = (
+    "inputs",
+    "digital inputs of the drive (object 60FD) as one number, 0 where its process data lack them",
+);
+
 /// Whose number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum What {
     Axis(usize, OfAxis),
+    Inputs(usize),
     Cell(OfCell),
+    Bus(OfBus),
 }
 
 /// A signal of one machine.
@@ -189,7 +232,7 @@ pub struct Signal {
 }
 
 impl Signal {
-    /// All signals of a machine, axis by axis, then those of the cell.
+    /// All signals of a machine, axis by axis, then those of the cell, then those of its fieldbus.
     pub fn all(machine: &Machine) -> Vec<Signal> {
         let axes = machine.axes.iter().enumerate().flat_map(|(index, axis)| {
             OF_AXIS
@@ -209,7 +252,30 @@ impl Signal {
                 about,
                 what: What::Cell(what),
             });
-        axes.chain(cell).collect()
+        axes.chain(cell).chain(Signal::of_bus(machine)).collect()
+    }
+
+    /// Those that a machine has with a fieldbus.
+    fn of_bus(machine: &Machine) -> Vec<Signal> {
+        if machine.bus.is_none() {
+            return Vec::new();
+        }
+        let signal = |name: String, dimension: Dimension, about, what| Signal {
+            name,
+            unit: dimension.unit(AxisKind::Linear),
+            about,
+            what,
+        };
+        let axes = machine.axes.iter().enumerate();
+        let inputs = axes.map(|(index, axis)| {
+            let (word, about) = INPUTS;
+            let name = format!("{}.{word}", axis.name);
+            signal(name, Dimension::Number, about, What::Inputs(index))
+        });
+        let bus = OF_BUS.iter().map(|&(what, word, dimension, about)| {
+            signal(format!("bus.{word}"), dimension, about, What::Bus(what))
+        });
+        inputs.chain(bus).collect()
     }
 
     /// The signal of this name.
@@ -225,7 +291,11 @@ impl Signal {
         let letters: Vec<&str> = machine.axes.iter().map(|axis| axis.name.as_str()).collect();
         let of_axis: Vec<&str> = OF_AXIS.iter().map(|&(_, word, ..)| word).collect();
         let of_cell: Vec<&str> = OF_CELL.iter().map(|&(_, word, ..)| word).collect();
+        let bus = machine.bus.is_some();
+        let of_bus: Vec<&str> = OF_BUS.iter().map(|&(_, word, ..)| word).collect();
         let right = match wanted.split_once('.') {
+            Some(("bus", _)) if bus => format!("the bus has {}", of_bus.join(", ")),
+            Some(("bus", _)) => format!("machine {} has no bus", machine.name),
             Some((axis, _)) if !letters.iter().any(|l| l.eq_ignore_ascii_case(axis)) => {
                 format!("machine {} has axes {}", machine.name, letters.join(", "))
             }
@@ -398,6 +468,14 @@ impl Eyes {
                 self.of_axis(what, axis, of_feedback, command, set.instruments.as_deref())
             }),
             What::Cell(what) => self.of_cell(what, feedback, set.instruments.as_deref()),
+            What::Inputs(axis) => {
+                let inputs = set
+                    .bus_cycle
+                    .as_ref()
+                    .and_then(|cycle| cycle.inputs.get(axis));
+                inputs.map(|inputs| *inputs as f64)
+            }
+            What::Bus(what) => set.bus_cycle.as_ref().and_then(|cycle| of_bus(what, cycle)),
         };
         value.unwrap_or(f64::NAN)
     }
@@ -470,4 +548,22 @@ impl Eyes {
             OfCell::OverrunScans => f64::from(feedback.overrun_scans),
         })
     }
+}
+
+fn of_bus(what: OfBus, cycle: &BusCycle) -> Option<f64> {
+    Some(match what {
+        OfBus::RoundTrip => cycle
+            .round_trip_s()
+            .map(|_| cycle.round_trip_ns as f64 / 1e3)?,
+        OfBus::ClockOffset => cycle
+            .clock_offset_s()
+            .map(|_| cycle.clock_offset_ns as f64 / 1e3)?,
+        OfBus::Sent => cycle.sent as f64,
+        OfBus::Missed => cycle.missed as f64,
+        OfBus::Short => cycle.short as f64,
+        OfBus::Late => cycle.late as f64,
+        OfBus::Foreign => cycle.foreign as f64,
+        OfBus::Repeated => cycle.repeated as f64,
+        OfBus::SlavesOperational => f64::from(cycle.slaves_operational),
+    })
 }

@@ -1,5 +1,5 @@
 use bus::sample::{
-    AxisCommand, Cause, Feedback, Instruments, Job, Mode, PathTag, Roster, WindowId,
+    AxisCommand, BusCycle, Cause, Feedback, Instruments, Job, Mode, PathTag, Roster, WindowId,
 };
 use bytemuck::Zeroable;
 use control::path::{AxisVector, Element, Feed, Path};
@@ -575,6 +575,81 @@ fn the_ring_stays_as_long_as_it_was_asked_to_be() {
     assert!(large.check().is_ok());
     large.signals.clear();
     assert!(large.check().is_err());
+}
+
+/// The same machine with its drives on a fieldbus.
+fn on_a_bus() -> Machine {
+    Machine {
+        bus: Some(machine::Fieldbus {
+            interface: "eth1".into(),
+            sync: machine::Sync::Dc,
+            watchdog_ms: 10,
+            standby: false,
+            other_slaves: Vec::new(),
+        }),
+        ..two_axes()
+    }
+}
+
+#[test]
+fn what_the_bus_did_is_shown_in_its_scan_and_a_scan_without_an_answer_has_no_time() {
+    let machine = on_a_bus();
+    let names = [
+        "bus.round_trip",
+        "bus.clock_offset",
+        "bus.missed",
+        "Y.inputs",
+    ];
+    let mut settings = settings(&["mode"], "now");
+    let signals = names.iter().map(|name| Signal::parse(name, &machine));
+    settings.signals = signals.collect::<Result<_, _>>().expect("signals");
+    settings.trigger = Trigger::parse("bus.missed rising 0.5", &machine).expect("a trigger");
+    let mut scope = Scope::new(&machine, settings);
+    for scan in 0..400 {
+        let answered = scan != 100;
+        let cycle = BusCycle {
+            scan,
+            visible_from: scan + 1,
+            answered: answered.into(),
+            missed: u64::from(scan >= 100),
+            round_trip_ns: 80_000 + scan,
+            clock_offset_ns: -500,
+            distributed_clocks: 1,
+            inputs: [0, 4, 0, 0, 0, 0, 0, 0],
+            ..BusCycle::default()
+        };
+        // In the order of the recorder: what was made in a scan comes before the feedback of the next.
+        let mut samples = of(scan).samples();
+        samples.insert(1, Sample::BusCycle(Box::new(cycle)));
+        samples.into_iter().for_each(|sample| scope.take(sample));
+    }
+    scope.finish();
+    let capture = scope.next_capture().expect("a capture");
+    assert_eq!(capture.trigger_scan, 100);
+    let row = |scan: u64| {
+        let row = capture.rows.iter().find(|row| row.scan == scan);
+        row.expect("a row").values.clone()
+    };
+    assert_eq!(row(99), [80.099, -0.5, 0.0, 4.0]);
+    assert!(row(100)[0].is_nan() && row(100)[1].is_nan());
+    assert_eq!(row(100)[2..], [1.0, 4.0]);
+    let head = csv::header(&capture);
+    assert!(head.contains("bus.round_trip_us,bus.clock_offset_us,bus.missed,Y.inputs"));
+}
+
+#[test]
+fn a_machine_has_signals_of_a_bus_where_it_has_a_bus() {
+    let refusal = |name: &str, machine: &Machine| {
+        let refused = Signal::parse(name, machine).expect_err(name);
+        refused.to_string()
+    };
+    let simulated = refusal("bus.missed", &two_axes());
+    assert!(simulated.contains("has no bus"), "{simulated}");
+    let unknown = refusal("bus.speed", &on_a_bus());
+    assert!(unknown.contains("the bus has round_trip"), "{unknown}");
+    assert!(Signal::parse("X.inputs", &two_axes()).is_err());
+    let more = Signal::all(&on_a_bus()).len() - Signal::all(&two_axes()).len();
+    assert_eq!(more, 2 + 9);
 }
 
 #[test]

@@ -10,8 +10,8 @@
 
 use bus::member::Pace;
 use bus::sample::{
-    Feedback, Instruments, OperatorRequest, OperatorResponse, Order, Participant, Refused, Roster,
-    Setpoint, WindowHeader,
+    BusCycle, Feedback, Instruments, OperatorRequest, OperatorResponse, Order, Participant,
+    Refused, Roster, Setpoint, WindowHeader,
 };
 use bus::signal_page::FaultStep;
 use master::bus_ports::{BusPorts, WAIT_STEP};
@@ -118,6 +118,10 @@ impl MasterPorts for ScriptedPorts {
 
     fn publish_instruments(&mut self, instruments: &Instruments) {
         self.ports.publish_instruments(instruments);
+    }
+
+    fn publish_bus_cycle(&mut self, cycle: &BusCycle) {
+        self.ports.publish_bus_cycle(cycle);
     }
 
     fn save(&mut self, latches: &Latches, drives: &impl Drives) {

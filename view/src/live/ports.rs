@@ -2,7 +2,7 @@
 
 use bus::cell::CellError;
 use bus::port::Reader;
-use bus::sample::{AxisCommand, Feedback, Instruments, PlannerStatus, Roster};
+use bus::sample::{AxisCommand, BusCycle, Feedback, Instruments, PlannerStatus, Roster};
 use bus::service::{Bus, RECORDER_DEPTH_SCANS};
 use machine::{Machine, Process};
 
@@ -13,6 +13,8 @@ pub struct Ports {
     pub feedback: Reader<Feedback>,
     /// Bench instruments.
     pub instruments: Reader<Instruments>,
+    /// What the fieldbus does, of a cell that has one.
+    pub bus_cycle: Option<Reader<BusCycle>>,
     /// Status of the planner.
     pub planner: Reader<PlannerStatus>,
     /// Who takes part.
@@ -32,10 +34,12 @@ impl Ports {
             .map(|servo| bus.command_reader(servo.axis as usize, servo.role as usize, depth));
         Ok(Ports {
             commands: commands.collect::<Result<_, _>>()?,
-            feedback: bus.feedback_reader(depth)?,
             instruments: bus.instruments_reader(depth)?,
+            bus_cycle: bus.bus_cycle_reader(depth)?,
             planner: bus.planner_reader(1)?,
             roster: bus.roster_reader(16)?,
+            // The last one: of a scan whose feedback comes, all the others do.
+            feedback: bus.feedback_reader(depth)?,
             _bus: bus,
         })
     }

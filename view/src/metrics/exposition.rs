@@ -1,6 +1,8 @@
 //! The numbers as text: OpenMetrics 1.0 (<https://prometheus.io/docs/specs/om/open_metrics_spec/>), or the older text format of
 //! Prometheus for those who do not ask for it. Base units are in the names; every metric is described in docs/howto/metrics.md.
 
+mod fieldbus;
+
 use std::fmt::Error;
 use std::path::Path;
 
@@ -223,6 +225,7 @@ impl Collector for Snapshot {
             }
         }
         self.axes(&mut families)?;
+        fieldbus::families(&mut families, &self.numbers.bus)?;
         self.processes(&mut families)
     }
 }

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use bus::member::Pace;
-use bus::sample::{Cause, Feedback};
+use bus::sample::{BusCycle, Cause, Feedback};
 use machine::{AxisKind, Machine, Process};
 
 /// Upper ends of the buckets of following errors: those of slides, in m, are the first, those of rotary axes, in rad, the last
@@ -220,6 +220,41 @@ impl CellNow {
     }
 }
 
+/// The fieldbus; nothing in a cell whose drives are simulated.
+#[derive(Debug, Default)]
+pub struct BusNumbers {
+    /// The newest cycle, whose counts belong together.
+    newest: Mutex<Option<BusCycle>>,
+    /// From sending to the answer, of the newest cycle that was answered.
+    pub round_trip_s: Number,
+    /// The longest one.
+    pub round_trip_peak_s: Number,
+    /// How late the frame was for the clock that the drives share; none without distributed clocks.
+    pub clock_offset_s: Number,
+    /// Its largest magnitude.
+    pub clock_offset_peak_s: Number,
+}
+
+impl BusNumbers {
+    /// The newest cycle.
+    pub fn newest(&self) -> Option<BusCycle> {
+        *self.newest.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes a cycle.
+    pub fn take(&self, cycle: &BusCycle) {
+        *self.newest.lock().unwrap_or_else(PoisonError::into_inner) = Some(*cycle);
+        if let Some(round_trip_s) = cycle.round_trip_s() {
+            self.round_trip_s.set(round_trip_s);
+            self.round_trip_peak_s.raise_to(round_trip_s);
+        }
+        if let Some(offset_s) = cycle.clock_offset_s() {
+            self.clock_offset_s.set(offset_s);
+            self.clock_offset_peak_s.raise_to(offset_s.abs());
+        }
+    }
+}
+
 /// Everything.
 #[derive(Debug)]
 pub struct Numbers {
@@ -239,6 +274,8 @@ pub struct Numbers {
     trips: [Count; Cause::ALL.len()],
     /// Samples that the recorder did not get.
     pub samples_lost: Count,
+    /// The fieldbus.
+    pub bus: BusNumbers,
     /// Per axis.
     pub axes: Vec<AxisNumbers>,
     /// Per process.
@@ -306,6 +343,7 @@ impl Numbers {
             progress_ratio: Number::default(),
             trips: Default::default(),
             samples_lost: Count::default(),
+            bus: BusNumbers::default(),
             axes: axes.collect(),
             processes: processes.collect(),
         }
@@ -363,6 +401,34 @@ mod tests {
             ProgramState::from_wire(ProgramState::ALL.len() as u32),
             None
         );
+    }
+
+    #[test]
+    fn a_cycle_without_an_answer_leaves_the_times_of_the_one_before() {
+        let numbers = BusNumbers::default();
+        let answered = BusCycle {
+            answered: 1,
+            round_trip_ns: 80_000,
+            clock_offset_ns: -2_000,
+            distributed_clocks: 1,
+            ..BusCycle::default()
+        };
+        numbers.take(&answered);
+        numbers.take(&BusCycle {
+            answered: 0,
+            missed: 1,
+            ..BusCycle::default()
+        });
+        assert_eq!(numbers.newest().map(|cycle| cycle.missed), Some(1));
+        assert_eq!(numbers.round_trip_s.get(), Some(80e-6));
+        assert_eq!(numbers.clock_offset_s.get(), Some(-2e-6));
+        assert_eq!(numbers.clock_offset_peak_s.get(), Some(2e-6));
+        numbers.take(&BusCycle {
+            distributed_clocks: 0,
+            clock_offset_ns: 9_000,
+            ..answered
+        });
+        assert_eq!(numbers.clock_offset_peak_s.get(), Some(2e-6));
     }
 
     #[test]

@@ -7,7 +7,9 @@ use std::thread::JoinHandle;
 
 use bus::cell::CellPaths;
 use bus::member::Member;
-use bus::sample::{AxisCommand, Cause, Feedback, Instruments, Job, Mode, PlannerStatus, Roster};
+use bus::sample::{
+    AxisCommand, BusCycle, Cause, Feedback, Instruments, Job, Mode, PlannerStatus, Roster,
+};
 use bus::signal_page::SignalPage;
 use machine::{Machine, Process};
 use program::Program;
@@ -89,6 +91,12 @@ impl monitor::Tap for Watch {
     fn instruments(&mut self, sample: &Instruments) {
         if let Some(cell) = &mut self.cell {
             cell.model.instruments(sample);
+        }
+    }
+
+    fn bus_cycle(&mut self, sample: &BusCycle) {
+        if let Some(cell) = &mut self.cell {
+            cell.numbers.bus.take(sample);
         }
     }
 

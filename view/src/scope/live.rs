@@ -67,6 +67,11 @@ impl LiveSource {
             while let Some(sample) = ports.roster.next(scan) {
                 scope.take(Sample::Roster(Box::new(sample)));
             }
+            if let Some(reader) = &mut ports.bus_cycle {
+                while let Some(sample) = reader.next(scan) {
+                    scope.take(Sample::BusCycle(Box::new(sample)));
+                }
+            }
             while let Some(sample) = ports.instruments.next(scan) {
                 scope.take(Sample::Instruments(Box::new(sample)));
             }
