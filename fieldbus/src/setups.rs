@@ -66,6 +66,7 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
                 drive.mode.operate.word()
             );
         }
+        judge_inputs(axis, &drive).with_context(|| shown.to_string())?;
         judge_homing(axis, &drive).with_context(|| shown.to_string())?;
         let (of_drive, of_machine) = (drive.scaling.dead_time_scans, machine.scan.dead_time_scans);
         if of_drive != of_machine {
@@ -83,6 +84,22 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
         });
     }
     Ok(Some(setups))
+}
+
+/// Inputs of the drive that are inputs of the machine come in each cycle.
+fn judge_inputs(axis: &Axis, drive: &DriveFile) -> anyhow::Result<()> {
+    let wanted = axis
+        .drive
+        .as_ref()
+        .is_some_and(|drive| !drive.input_bits.is_empty());
+    let mapped = process_data::find(&drive.process_data.transmit, cia402::DIGITAL_INPUTS, 0);
+    if wanted && mapped.is_none() {
+        bail!(
+            "axis {}: drive.input_bits needs 60FD (digital inputs, 32 bits) in process_data.transmit of its drive file",
+            axis.name
+        );
+    }
+    Ok(())
 }
 
 /// What finds the axis's place is there: the drive itself, where it can be asked to in each cycle.

@@ -43,4 +43,19 @@ pub struct AxisDrive {
     /// Its place on the cable, from 0. Left out: drives are in the order of the axes.
     #[schemars(extend("minimum" = 0, "maximum" = 15))]
     pub slave: Option<u32>,
+    /// Bits of its digital inputs (object 60FD) that are digital inputs of the machine, from `first_input` on in this order. The drive
+    /// file must have 60FD in its process data.
+    #[schemars(length(max = 32), extend("default" = []), inner(range(min = 0, max = 31)))]
+    pub input_bits: Vec<u32>,
+    /// Number of the machine's digital input that the first of `input_bits` is.
+    #[schemars(extend("minimum" = 0, "maximum" = bus::sample::DIGITAL_INPUTS - 1, "default" = 0))]
+    pub first_input: u32,
+}
+
+impl AxisDrive {
+    /// Its inputs that are inputs of the machine: bit of the drive, number at the machine.
+    pub fn inputs(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
+        let numbers = self.first_input..;
+        self.input_bits.iter().copied().zip(numbers)
+    }
 }

@@ -10,8 +10,10 @@
 use bus::drive_page::{Inputs, Outputs, SlaveState, SlaveWiring, Wiring};
 use bus::sample::{BusCycle, MAX_AXES, MAX_SUBSAMPLES};
 use bytemuck::Zeroable;
-use machine::Machine;
-use master::{DriveCommand, DriveFeedback, DriveState, Drives, InstrumentSample, StateRefused};
+use machine::{AxisDrive, Machine};
+use master::{
+    DriveCommand, DriveFeedback, DriveState, Drives, InputFeedback, InstrumentSample, StateRefused,
+};
 
 use super::axis::DriveAxis;
 use crate::drive_file::DriveFile;
@@ -58,6 +60,8 @@ pub struct DriveSetup {
 struct Axis {
     drive: DriveAxis,
     slave: usize,
+    /// Its digital inputs that are inputs of the machine: bit of the drive, number at the machine.
+    inputs: Vec<(u32, u32)>,
     samples: [InstrumentSample; MAX_SUBSAMPLES],
 }
 
@@ -102,6 +106,7 @@ impl<W: Wire> Cia402Drives<W> {
                 Some(Axis {
                     drive: DriveAxis::new(&setup.drive, axis, scan_s, missed_max)?,
                     slave: setup.slave,
+                    inputs: axis.drive.iter().flat_map(AxisDrive::inputs).collect(),
                     samples: [InstrumentSample::default(); MAX_SUBSAMPLES],
                 })
             })
@@ -254,6 +259,21 @@ impl<W: Wire> Drives for Cia402Drives<W> {
                     table_mm: at_mm,
                 };
             }
+        }
+    }
+
+    fn inputs(&self) -> InputFeedback {
+        let mut digital = 0;
+        for axis in &self.axes {
+            let shown = axis.drive.digital_inputs();
+            for (bit, number) in &axis.inputs {
+                let is_on = shown.checked_shr(*bit).unwrap_or(0) & 1;
+                digital |= u64::from(is_on).checked_shl(*number).unwrap_or(0);
+            }
+        }
+        InputFeedback {
+            digital,
+            ..InputFeedback::default()
         }
     }
 

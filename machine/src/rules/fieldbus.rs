@@ -2,13 +2,43 @@
 
 use std::path::{Component, Path};
 
+use bus::sample::DIGITAL_INPUTS;
+
+use crate::fieldbus::AxisDrive;
 use crate::machine::Machine;
 use crate::settings_file::Rules;
 
 /// Most slaves of a segment.
 const SLAVES_MAX: usize = bus::drive_page::SLAVES_MAX;
 
+/// An input of the machine is one of one drive.
+fn judge_inputs(rules: &mut Rules<'_>, machine: &Machine) {
+    let mut taken: Vec<(u32, &str)> = Vec::new();
+    for (index, axis) in machine.axes.iter().enumerate() {
+        let at = Some((index, axis.name.as_str()));
+        for (_, number) in axis.drive.iter().flat_map(AxisDrive::inputs) {
+            let of = taken.iter().find(|(taken, _)| *taken == number);
+            let what = match of {
+                Some((_, other)) => format!(
+                    "makes an input of this drive digital input {number}, which is one of axis {other}: choose another first_input"
+                ),
+                None if number as usize >= DIGITAL_INPUTS => format!(
+                    "makes an input of this drive digital input {number}: the last one is {}",
+                    DIGITAL_INPUTS - 1
+                ),
+                None => {
+                    taken.push((number, &axis.name));
+                    continue;
+                }
+            };
+            rules.say(&["drive", "first_input"], at, &what);
+            break;
+        }
+    }
+}
+
 pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
+    judge_inputs(rules, machine);
     let mut taken: Vec<(usize, &str)> = Vec::new();
     for (index, axis) in machine.axes.iter().enumerate() {
         let at = Some((index, axis.name.as_str()));
