@@ -164,6 +164,13 @@ fn first_target_errors(record: &str) -> Vec<i32> {
     errors
 }
 
+/// Process id of the bus process that a status shows.
+fn bus_process(status: &serde_json::Value) -> Option<i64> {
+    let mut processes = status["processes"].as_array()?.iter();
+    let owner = processes.find(|process| process["process"] == "fieldbus")?;
+    owner["pid"].as_i64()
+}
+
 /// Without a standby the drives stop by themselves; the process is started again, and an operator has the program go on. The drives close
 /// their position loops here: a target that is not where the drive is would be a step.
 #[test]
@@ -208,22 +215,15 @@ fn a_bus_without_a_standby_is_started_again_and_the_program_goes_on_from_its_pla
     await_mode("enabling", "ready");
     order(&network, &cell, &["start"]);
     await_mode("starting the program", "enabled");
-    let pid = |status: &serde_json::Value| {
-        let processes = status["processes"].as_array().cloned().unwrap_or_default();
-        let owner = processes
-            .iter()
-            .find(|process| process["process"] == "fieldbus");
-        owner.and_then(|owner| owner["pid"].as_i64())
-    };
     for _ in 0..kills {
         let status = network.quadrant(&["status", "--json", "--cell", &cell]);
         let status: serde_json::Value = serde_json::from_slice(&status.stdout).expect("JSON");
         assert_eq!(mode(&status), "enabled", "{status}");
-        let owner = pid(&status).unwrap_or_else(|| panic!("no fieldbus in {status}"));
+        let owner = bus_process(&status).unwrap_or_else(|| panic!("no fieldbus in {status}"));
         crate::support::send(owner as i32, libc::SIGKILL);
         await_mode("tripping", "tripped");
         await_status(&network, &cell, "starting the bus", |status| {
-            pid(status).is_some_and(|new| new != owner)
+            bus_process(status).is_some_and(|new| new != owner)
         });
         order(&network, &cell, &["enable"]);
         await_mode("enabling again", "enabled");

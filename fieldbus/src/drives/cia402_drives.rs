@@ -218,10 +218,6 @@ fn slave(wire: &impl Wire, inputs: &Inputs, index: usize) -> (SlaveWiring, Slave
     (wiring.unwrap_or_default(), state.unwrap_or_default())
 }
 
-fn is_operational(state: &SlaveState) -> bool {
-    state.answered == 1 && state.al_status & 0x1F == OPERATIONAL
-}
-
 impl<W: Wire> Drives for Cia402Drives<W> {
     fn count(&self) -> usize {
         self.axes.len()
@@ -287,7 +283,7 @@ impl<W: Wire> Drives for Cia402Drives<W> {
         let counts = &self.inputs.counts;
         let answered = self.answer == WireAnswer::Answered;
         let states = self.inputs.slaves.iter().zip(wiring.slaves());
-        let operational = states.filter(|(state, _)| is_operational(state)).count();
+        let operational = states.filter(|(state, _)| operates(state)).count();
         let mut inputs = [0; MAX_AXES];
         for (shown, axis) in inputs.iter_mut().zip(&self.axes) {
             *shown = u64::from(axis.drive.digital_inputs());

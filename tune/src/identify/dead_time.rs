@@ -249,7 +249,7 @@ mod tests {
                 let seen_mm_s = (before_mm[0] - before_mm[1]) / SCAN_S;
                 let torque_nm = 0.4e-3 * GAIN_N_S_PER_M * (asked_mm_s - seen_mm_s);
                 commands.push(match mode {
-                    DriveMode::Velocity => asked_mm_s * 1e-3,
+                    DriveMode::Velocity | DriveMode::Position => asked_mm_s * 1e-3,
                     DriveMode::Torque => torque_nm,
                 });
                 target_mm += wanted_mm_s * SCAN_S;
@@ -287,7 +287,7 @@ mod tests {
         DriveClock {
             mode,
             speed_age_s: match mode {
-                DriveMode::Velocity => f64::from(DRIVE_STEPS) * STEP_S,
+                DriveMode::Velocity | DriveMode::Position => f64::from(DRIVE_STEPS) * STEP_S,
                 DriveMode::Torque => 0.0,
             },
             current_loop_s: CURRENT_LOOP_S,
