@@ -127,6 +127,8 @@ pub struct Inputs {
     pub working_counter: u32,
     /// The slaves, in the order of the cable.
     pub slaves: [SlaveState; SLAVES_MAX],
+    /// When the frame was sent, on the monotonic clock, in ns.
+    pub sent_at_ns: u64,
     /// From sending to the answer, in ns.
     pub round_trip_ns: u64,
     /// How much later than in the middle between two SYNC0 the frame passed the reference clock, in ns; 0 without distributed clocks.

@@ -78,7 +78,9 @@ impl Loop {
     /// What the slaves make of the frame.
     fn pass(&mut self) {
         let image_at = HEAD + DATAGRAM + TAG + COUNTER + DATAGRAM;
-        let statuses = image_at + self.wiring.image_bytes as usize + COUNTER;
+        let counter = image_at + self.wiring.image_bytes as usize;
+        self.answer[counter] = self.wiring.working_counter as u8;
+        let statuses = counter + COUNTER;
         for (place, slave) in self.wiring.slaves().iter().enumerate() {
             let status = statuses + place * (DATAGRAM + STATUS + COUNTER) + DATAGRAM;
             self.answer[status] = 8;

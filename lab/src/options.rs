@@ -78,6 +78,8 @@ pub enum BenchCommand {
     Circles(CirclesOptions),
     /// Whole cells in one process with faults drawn from seeds; every scan is judged by the invariants of docs/developers/invariants.md
     Faults(FaultsOptions),
+    /// How punctually frames leave and how soon they are back: a cell over EtherCAT in real time, beside a bare loop with the same socket
+    Fieldbus(FieldbusBenchOptions),
     /// Blocks planned in a second on one core, beside reading alone, and what a window takes of its period
     Planning(PlanningOptions),
     /// Quadrant protrusions on machines of another structure than the controller's model: friction by place and direction, LuGre, noise,
@@ -104,6 +106,17 @@ pub struct LockstepOptions {
     /// Folder with machine.toml, plant.toml and programs/circle-r25-f3000.ngc
     #[arg(default_value = BENCH_MACHINE)]
     pub machine: PathBuf,
+}
+
+/// What `quadrant bench fieldbus` takes.
+#[derive(Debug, Clone, Args)]
+pub struct FieldbusBenchOptions {
+    /// Folder with machine.toml of a machine with [bus]
+    #[arg(default_value = "machines/xy-ethercat")]
+    pub machine: PathBuf,
+    /// Time of each measurement: bare loop, cell, bare loop
+    #[arg(long, value_name = "S", default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=3600))]
+    pub seconds: u64,
 }
 
 /// What `quadrant bench planning` takes.

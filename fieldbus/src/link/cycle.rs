@@ -69,6 +69,7 @@ impl Cycle {
     /// Sends a frame; one that the interface refuses is one that is missed.
     pub fn send(&mut self, tag: Tag, image: &[u8]) {
         self.sent_at_ns = now_ns();
+        self.inputs.sent_at_ns = self.sent_at_ns;
         let frame = self.frame.fill(tag, image);
         let _ = self.socket.send(frame);
         self.inputs.counts.sent += 1;

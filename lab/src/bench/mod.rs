@@ -2,6 +2,7 @@
 
 pub(crate) mod circles;
 mod faults;
+mod fieldbus;
 mod lanes;
 mod lockstep;
 mod planning;
@@ -23,6 +24,7 @@ pub fn bench(options: &BenchOptions) -> Outcome {
     match options.command.clone().unwrap_or_default() {
         BenchCommand::Circles(options) => circles::circles(&options),
         BenchCommand::Faults(options) => faults::faults(&options),
+        BenchCommand::Fieldbus(options) => fieldbus::fieldbus(&options),
         BenchCommand::Lockstep(options) => lockstep::lockstep(&options),
         BenchCommand::Planning(options) => planning::planning(&options),
         BenchCommand::Plants(options) => plants::plants(&options),
