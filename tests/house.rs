@@ -67,6 +67,7 @@ const CRATES: [(&str, &[&str]); 16] = [
             "servo",
             "master",
             "plant-sim",
+            "fieldbus",
             "monitor",
             "launcher",
         ],
