@@ -30,6 +30,13 @@ impl Done {
         value.unwrap_or_else(|| panic!("no {pointer}")).to_string()
     }
 
+    /// A number of the report.
+    pub fn number(&self, pointer: &str) -> f64 {
+        let value = self.report.pointer(pointer);
+        let value = value.and_then(serde_json::Value::as_f64);
+        value.unwrap_or_else(|| panic!("no {pointer}"))
+    }
+
     /// What was printed, errors first.
     pub fn printed(&self) -> String {
         String::from_utf8_lossy(&self.output.stderr).into_owned()
