@@ -59,7 +59,8 @@ fn a_cell_is_homed_starts_programs_then_and_is_homed_still_after_its_master_was_
     assert_eq!(references(&cell), ["not homed", "not homed"]);
     let first = "not homed: X Y: `quadrant home X Y` first";
     refused(&cell, &["start"], first);
-    assert_eq!(obeyed(&cell, &["home", "x", "--wait"]), "homing X\nhomed\n");
+    let homed = |axes: &str| format!("{0}: homing {axes}\n{0}: homed\n", cell.cell);
+    assert_eq!(obeyed(&cell, &["home", "x", "--wait"]), homed("X"));
     assert_eq!(references(&cell), ["homed", "not homed"]);
     refused(&cell, &["start"], "`quadrant home Y` first");
     let stopped = std::thread::scope(|scope| {
@@ -75,7 +76,7 @@ fn a_cell_is_homed_starts_programs_then_and_is_homed_still_after_its_master_was_
         stopped.text
     );
     std::thread::sleep(std::time::Duration::from_millis(300));
-    assert_eq!(obeyed(&cell, &["home", "--wait"]), "homing X Y\nhomed\n");
+    assert_eq!(obeyed(&cell, &["home", "--wait"]), homed("X Y"));
     assert!(obeyed(&cell, &["status"]).contains("homed"));
 
     send(cell.pid_of("plant-sim"), libc::SIGKILL);

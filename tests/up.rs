@@ -122,12 +122,52 @@ fn programs_of(cell: &LiveCell) -> Vec<PathBuf> {
 
 /// Ends the cell by `quadrant down`: nothing of it is left; its folder, alive until the result is dropped.
 pub(crate) fn down(cell: LiveCell) -> crate::support::Run {
-    assert!(obeyed(&cell, &["down"]).contains("is down"));
+    assert!(obeyed(&cell, &["down"]).contains(": down"));
     let run = cell.finish();
     assert_eq!(run.status(), 0, "{}", run.stderr());
     let left = traces_of(&run.cell);
     assert!(left.is_empty(), "{left:?}");
     run
+}
+
+#[test]
+fn whoever_has_waited_gives_the_next_order_at_once_and_every_answer_names_its_cell() {
+    let (_bench, cell, _, _) = up("realtime");
+    let name = format!("{}: ", cell.cell);
+    for _ in 0..5 {
+        for words in [&["enable"][..], &["jog", "X", "1", "--wait"], &["disable"]] {
+            let said = ask(&cell, words);
+            assert_eq!(said.status, 0, "{words:?}: {}", said.text);
+            let named = said.text.lines().all(|line| line.starts_with(&name));
+            assert!(named, "{words:?}: {}", said.text);
+        }
+    }
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["jog", "X", "20"]);
+    let status = ask(&cell, &["status", "--json"]).text;
+    assert!(status.contains("\"at_rest\": false"), "{status}");
+    refused(&cell, &["disable"], &format!("{name}disable refused"));
+    down(cell);
+}
+
+/// Other cells may run at the same time: several are refused as well.
+#[test]
+fn an_order_that_names_no_cell_moves_no_machine_of_another_folder() {
+    let (_bench, cell, _, _) = up("realtime");
+    let elsewhere = tempfile::tempdir().expect("a folder");
+    let order = quadrant()
+        .arg("enable")
+        .current_dir(elsewhere.path())
+        .output()
+        .expect("the command");
+    let words = String::from_utf8_lossy(&order.stderr).into_owned();
+    assert_eq!(order.status.code(), Some(2), "{words}");
+    assert!(
+        words.contains("--cell") && words.contains(&cell.cell),
+        "{words}"
+    );
+    assert!(ask(&cell, &["status"]).text.contains("DRIVES OFF"));
+    down(cell);
 }
 
 #[test]

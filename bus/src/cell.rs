@@ -190,6 +190,11 @@ impl CellPaths {
         self.folder().join("machine.toml")
     }
 
+    /// File that names the folder of the machine file that the cell was started with.
+    pub fn origin_file(&self) -> PathBuf {
+        self.folder().join("origin")
+    }
+
     /// Folder of the program that was loaded under this number: its one file keeps the program's own name.
     pub fn program_folder(&self, load: u32) -> PathBuf {
         self.programs().join(load.to_string())

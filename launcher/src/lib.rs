@@ -31,4 +31,4 @@ pub mod supervisor;
 mod training;
 pub mod up;
 mod user_codes;
-mod view;
+pub mod view;

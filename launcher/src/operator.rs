@@ -5,6 +5,7 @@ use bus::sample::{OperatorRequest, Order};
 
 mod client;
 mod eyes;
+pub mod origin;
 mod program;
 
 pub use client::{Client, held};
@@ -28,7 +29,8 @@ pub fn simple(order: Order, options: &OperatorOptions) -> Outcome {
 fn given(cell: Option<&str>, order: Order, value: f64) -> Result<String, Failure> {
     match order {
         Order::Stop | Order::Hold => order_urgently(cell, order),
-        _ => Client::find(cell, "operator")?.order(order, value),
+        Order::Enable => Client::to_order(cell)?.enable(),
+        _ => Client::to_order(cell)?.order(order, value),
     }
 }
 
@@ -42,23 +44,23 @@ pub fn order(cell: &str, order: Order, value: f64) -> Result<String, Failure> {
 
 /// `override`.
 pub fn set_override(options: &OverrideOptions) -> Outcome {
-    let client = Client::find(options.to.cell.as_deref(), "operator")?;
+    let client = Client::to_order(options.to.cell.as_deref())?;
     say(&client.order(Order::Override, options.percent)?);
     Ok(())
 }
 
 /// `optional-stop`.
 pub fn optional_stop(options: &OptionalStopOptions) -> Outcome {
-    let client = Client::find(options.to.cell.as_deref(), "operator")?;
+    let client = Client::to_order(options.to.cell.as_deref())?;
     let on = options.state == "on";
     client.order(Order::OptionalStop, f64::from(u8::from(on)))?;
-    say(&format!("optional stop {}", options.state));
+    client.say(&format!("optional stop {}", options.state));
     Ok(())
 }
 
 /// `jog`.
 pub fn jog(options: &JogOptions) -> Outcome {
-    let client = Client::find(options.to.cell.as_deref(), "operator")?;
+    let client = Client::to_order(options.to.cell.as_deref())?;
     let axis = client
         .machine
         .axis_index(&options.axis.to_uppercase())
@@ -70,21 +72,21 @@ pub fn jog(options: &JogOptions) -> Outcome {
     };
     let mut eyes = Eyes::open(&client)?;
     let answer = client.ask(Order::Jog, request)?;
-    say(&format!(
+    client.say(&format!(
         "jogging {} by {} {}",
         options.axis,
         options.distance,
         client.unit(axis)
     ));
     if options.wait {
-        return eyes.until_jogged(answer.scan);
+        return eyes.until_jogged(answer.scan, axis as usize);
     }
     Ok(())
 }
 
 /// `home`.
 pub fn home(options: &HomeOptions) -> Outcome {
-    let client = Client::find(options.to.cell.as_deref(), "operator")?;
+    let client = Client::to_order(options.to.cell.as_deref())?;
     let mut axes = 0u32;
     for letter in &options.axes {
         let axis = client.machine.axis_index(&letter.to_uppercase());
@@ -105,7 +107,7 @@ pub fn home(options: &HomeOptions) -> Outcome {
     };
     let mut eyes = Eyes::open(&client)?;
     let answer = client.ask(Order::Home, request)?;
-    say(&format!("homing {}", names.join(" ")));
+    client.say(&format!("homing {}", names.join(" ")));
     if options.wait {
         return eyes.until_homed(answer.scan, &indices);
     }

@@ -121,7 +121,7 @@ pub struct LoadOptions {
     pub program: PathBuf,
     /// Which cell.
     #[command(flatten)]
-    pub to: CellOptions,
+    pub to: OperatorOptions,
 }
 
 /// What `quadrant start` takes.
@@ -135,7 +135,7 @@ pub struct StartOptions {
     pub wait: bool,
     /// Which cell.
     #[command(flatten)]
-    pub to: CellOptions,
+    pub to: OperatorOptions,
 }
 
 /// What every order to a running cell takes.
@@ -144,7 +144,7 @@ pub struct StartOptions {
     after_help = "Prints what happened, or why it was refused, and exits with 0 or 1; also with 1 if\nno cell runs or it does not answer within 5 s; with 2 on bad usage.\n\nA hold in the middle of a program, a look at the workpiece, and on:\n  quadrant hold\n  quadrant jog Z 20\n  quadrant resume"
 )]
 pub struct OperatorOptions {
-    /// Name of the cell [default: the only one that runs]
+    /// Name of the cell [default: the only one that runs, if its machine lies in this folder, below it or above it; `hold` and `stop` reach it from anywhere]
     #[arg(long, value_name = "NAME")]
     pub cell: Option<String>,
 }

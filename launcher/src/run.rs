@@ -15,6 +15,7 @@ use crate::check::{self, Checked, Depth};
 use crate::events::{Event, Events};
 use crate::exit::{Failure, Kind, Outcome};
 use crate::group::{Group, Plan};
+use crate::operator::origin;
 use crate::options::{CleanOptions, RunOptions};
 use crate::output::{self, say};
 use crate::run_dir::{RunDir, Sources, default_folder, program_name};
@@ -77,6 +78,7 @@ pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Fail
         fault_blocks: fault_blocks.unwrap_or_default(),
         ..Plan::of(&run_dir, options.pace(), options.answer_limit, metrics)
     };
+    origin::note(&place, &machine_path).environment()?;
     let mut group = start(cell, &checked.machine, &plan, &signals)?;
     let mut events = Events::create(&run_dir.folder).environment()?;
     note_started(&group, &mut events);

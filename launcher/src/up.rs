@@ -9,6 +9,7 @@ use machine::machine_file;
 use crate::events::Events;
 use crate::exit::{Failure, Kind, Outcome};
 use crate::group::Plan;
+use crate::operator::origin;
 use crate::options::UpOptions;
 use crate::output::{self, say};
 use crate::run::{make_checked, note_started, own, start};
@@ -53,6 +54,7 @@ pub fn up(options: &UpOptions) -> Outcome {
         doctor::say_what_realtime_lacks();
     }
     let plan = Plan::of(&run_dir, options.pace(), options.answer_limit, metrics);
+    origin::note(&place, &machine_path).environment()?;
     let mut group = start(cell, &checked.machine, &plan, &signals)?;
     let mut events = Events::create(&run_dir.folder).environment()?;
     let shown = std::path::absolute(&run_dir.folder).environment()?;

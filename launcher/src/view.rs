@@ -12,6 +12,8 @@ use crate::output;
 
 /// So long the view may take to give the terminal back; one that takes nothing more cannot be given back.
 const CLOSE_LIMIT: Duration = Duration::from_secs(1);
+/// Set in the environment of a launcher's view.
+pub const OF_A_LAUNCHER: &str = "QUADRANT_VIEW_OF_LAUNCHER";
 const LOOK: Duration = Duration::from_millis(10);
 
 /// The view, as long as it is open.
@@ -42,6 +44,7 @@ impl View {
         }
         let child = Command::new("/proc/self/exe")
             .args(["monitor", "--cell", cell])
+            .env(OF_A_LAUNCHER, "1")
             .spawn()
             .context("starting the view")?;
         output::hold_back();

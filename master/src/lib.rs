@@ -20,6 +20,8 @@ pub use drives::{
     InstrumentSample, StateRefused,
 };
 pub use error::MasterError;
-pub use master::{AuxiliaryLatches, HomingLatches, Inner, InnerAxis, Master, RunEnd};
+pub use master::{
+    AuxiliaryLatches, HomingLatches, Inner, InnerAxis, Master, RunEnd, STANDSTILL_MM_S,
+};
 pub use ports::{Answered, Flow, MasterPorts};
 pub use run::{Options, run};

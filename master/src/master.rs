@@ -53,7 +53,7 @@ use switch::Taken;
 use switching_on::SwitchingOn;
 
 /// Speed below which a braked axis counts as standing, in mm/s.
-const STANDSTILL_MM_S: f64 = 0.5;
+pub const STANDSTILL_MM_S: f64 = 0.5;
 /// Longest wait for the in-position window at the programmed end, in s.
 const IN_POSITION_PATIENCE_S: f64 = 5.0;
 /// The master of a cell, over its drives.

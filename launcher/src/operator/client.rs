@@ -10,7 +10,10 @@ use bus::sample::{Mode, OperatorRequest, OperatorResponse, Order, Reference, Ref
 use bus::service::Bus;
 use machine::Machine;
 
+use super::eyes::Eyes;
+use super::origin;
 use crate::exit::{Failure, Kind};
+use crate::output::say;
 
 /// A cell that has not answered by then is silent.
 const ANSWER_LIMIT: Duration = Duration::from_secs(5);
@@ -23,7 +26,16 @@ const END_SHOWS_WITHIN: Duration = Duration::from_millis(500);
 /// Time between two looks for the answer.
 const LOOK: Duration = Duration::from_millis(2);
 
-pub(super) fn obeyed(order: Order, answer: &OperatorResponse) -> String {
+/// What a cell with its drives on says.
+fn enabled(mode: Option<Mode>, hold: u32) -> &'static str {
+    match (mode, hold) {
+        (Some(Mode::Ready), _) => "drives on, ready",
+        (_, 1) => "drives on, in hold: resume moves",
+        _ => "drives on",
+    }
+}
+
+fn obeyed(order: Order, answer: &OperatorResponse) -> String {
     let mode = Mode::from_wire(answer.mode);
     match (order, mode) {
         (Order::Hold, Some(Mode::Jogging)) => "hold: the jog comes to rest".into(),
@@ -40,9 +52,7 @@ pub(super) fn obeyed(order: Order, answer: &OperatorResponse) -> String {
             "the machine has tripped: it stays where it stands".into()
         }
         (Order::Stop, _) => "stopping: the tool comes to rest".into(),
-        (Order::Enable, Some(Mode::Ready)) => "drives on, ready".into(),
-        (Order::Enable, _) if answer.hold == 1 => "drives on, in hold: resume moves".into(),
-        (Order::Enable, _) => "drives on".into(),
+        (Order::Enable, mode) => enabled(mode, answer.hold).into(),
         (Order::Disable, _) => "drives off: positions follow the axes".into(),
         (Order::Home, _) => "homing".into(),
         (Order::Override, _) => format!("override {} %", answer.override_percent),
@@ -61,6 +71,40 @@ pub struct Client {
 }
 
 impl Client {
+    /// Enters the cell that was named, or the only one that runs if its machine is one of this folder, to give it orders.
+    ///
+    /// # Errors
+    /// It does not run, none does, several do, or it was started elsewhere and not named.
+    pub fn to_order(cell: Option<&str>) -> Result<Client, Failure> {
+        if cell.is_none() {
+            origin::check(&running(None)?.place)?;
+        }
+        Client::find(cell, "operator")
+    }
+
+    /// Drives on: answered when they are. In words, behind the name of the cell.
+    pub(super) fn enable(&self) -> Result<String, Failure> {
+        let mut eyes = Eyes::open(self)?;
+        let request = OperatorRequest {
+            order: Order::Enable as u32,
+            ..OperatorRequest::default()
+        };
+        let answer = self.ask(Order::Enable, request)?;
+        let now = eyes.until_enabled(answer.scan)?;
+        let words = enabled(Mode::from_wire(now.mode), now.hold);
+        Ok(named(self.cell.place.name(), words))
+    }
+
+    /// Prints what came of an order, behind the name of the cell.
+    pub(super) fn say(&self, words: &str) {
+        say(&named(self.cell.place.name(), words));
+    }
+
+    /// An order that came to nothing, behind the name of the cell.
+    pub(super) fn fails(&self, words: &str) -> Failure {
+        Failure::Stopped(anyhow!(named(self.cell.place.name(), words)))
+    }
+
     /// Enters the cell that was named, or the only one that runs, as `who`.
     ///
     /// # Errors
@@ -83,7 +127,7 @@ impl Client {
         }
     }
 
-    /// Sends an order without an axis; what came of it, in words.
+    /// Sends an order without an axis; what came of it, in words, behind the name of the cell.
     pub(super) fn order(&self, order: Order, value: f64) -> Result<String, Failure> {
         let request = OperatorRequest {
             order: order as u32,
@@ -91,7 +135,7 @@ impl Client {
             ..OperatorRequest::default()
         };
         let answer = self.ask(order, request)?;
-        Ok(obeyed(order, &answer))
+        Ok(named(self.cell.place.name(), &obeyed(order, &answer)))
     }
 
     /// Sends an order and waits for its answer; a refusal is a failure with its reason.
@@ -113,7 +157,11 @@ impl Client {
     ) -> Result<OperatorResponse, Failure> {
         match Refused::from_wire(answer.reason) {
             Some(Refused::Not) => Ok(answer),
-            reason => Err(refused(order, &self.words(reason, order, request, &answer))),
+            reason => Err(refused(
+                &self.cell.place,
+                order,
+                &self.words(reason, order, request, &answer),
+            )),
         }
     }
 
@@ -174,7 +222,7 @@ impl Client {
 impl Client {
     /// Letters of the axes that are not homed, as the feedback has them; none where it says so of none.
     fn not_homed(&self) -> Option<String> {
-        let now = super::Eyes::open(self).ok()?.look().ok()?;
+        let now = Eyes::open(self).ok()?.look().ok()?;
         let axes = now.axes().iter().zip(&self.machine.axes);
         let missing = axes.filter(|(axis, settings)| {
             settings.homing.is_some() && axis.reference != Reference::Known as u32
@@ -186,8 +234,13 @@ impl Client {
     }
 }
 
-fn refused(order: Order, why: &str) -> Failure {
-    Failure::Stopped(anyhow!("{} refused: {why}", order.word()))
+/// What a cell answers, behind its name.
+fn named(cell: &str, words: &str) -> String {
+    format!("{cell}: {words}")
+}
+
+fn refused(cell: &CellPaths, order: Order, why: &str) -> Failure {
+    Failure::Stopped(anyhow!("{}: {} refused: {why}", cell.name(), order.word()))
 }
 
 /// Why an order was refused, where no value of its own is the reason.
@@ -204,7 +257,7 @@ fn plain_words(reason: Option<Refused>, answer: &OperatorResponse) -> String {
 }
 
 /// Gives an order that must always come through: stop or hold. It takes no place in the cell, and waits for a master that is being
-/// replaced. What came of it, in words.
+/// replaced: also to a cell that runs alone and was started elsewhere, for at rest it does no harm. What came of it, in words.
 ///
 /// # Errors
 /// No such cell runs, the order is refused, or nobody answers.
@@ -214,8 +267,8 @@ pub fn order_urgently(cell: Option<&str>, order: Order) -> Result<String, Failur
     let answer = || cell.page.urgent_answer(order, number);
     let answer = wait_for_answer(&cell, order, answer, || false)?;
     match Refused::from_wire(answer.reason) {
-        Some(Refused::Not) => Ok(obeyed(order, &answer)),
-        reason => Err(refused(order, &plain_words(reason, &answer))),
+        Some(Refused::Not) => Ok(named(cell.place.name(), &obeyed(order, &answer))),
+        reason => Err(refused(&cell.place, order, &plain_words(reason, &answer))),
     }
 }
 

@@ -5,15 +5,22 @@ use std::time::{Duration, Instant};
 use anyhow::anyhow;
 use bus::observer::Held;
 use bus::port::Reader;
-use bus::sample::{Cause, Feedback, Mode, Reference};
+use bus::sample::{AxisFeedback, Cause, Feedback, Mode, Reference};
+
+use machine::PositionFeedback;
+use master::STANDSTILL_MM_S;
 
 use super::Client;
 use super::client::soon_held;
 use crate::exit::{Failure, Outcome};
-use crate::output::say;
+use crate::supervise::stop_words;
 
 /// A cell of which nothing was heard by then is silent.
 const SILENCE: Duration = Duration::from_secs(10);
+/// So long drives may take to come on; a fieldbus may be started again for it.
+const DRIVES_ON_WITHIN: Duration = Duration::from_secs(10);
+/// So long an axis may take to settle.
+const SETTLED_WITHIN: Duration = Duration::from_secs(2);
 /// Time between two looks.
 const LOOK: Duration = Duration::from_millis(5);
 
@@ -21,6 +28,8 @@ const LOOK: Duration = Duration::from_millis(5);
 pub struct Eyes<'a> {
     reader: Held<Reader<Feedback>>,
     newest: Option<Feedback>,
+    /// The scan since which all axes have been seen to stand.
+    rests_since: Option<u64>,
     heard: Instant,
     client: &'a Client,
 }
@@ -34,6 +43,7 @@ impl Eyes<'_> {
         Ok(Eyes {
             reader: soon_held(&client.cell, || client.bus.feedback_reader(1))?,
             newest: None,
+            rests_since: None,
             heard: Instant::now(),
             client,
         })
@@ -68,23 +78,94 @@ impl Eyes<'_> {
         }
     }
 
-    /// Waits until a jog that was ordered in `scan` has ended.
+    /// Waits until a jog of an axis that was ordered in `scan` has ended and the axis is in position.
     ///
     /// # Errors
     /// The machine has tripped meanwhile, or the cell is silent.
-    pub fn until_jogged(&mut self, scan: u64) -> Outcome {
+    pub fn until_jogged(&mut self, scan: u64, axis: usize) -> Outcome {
+        let mut ended = None;
         loop {
             let now = self.look()?;
             match Mode::from_wire(now.mode) {
                 _ if now.scan <= scan => {}
                 Some(Mode::Jogging) => {}
                 Some(Mode::Tripped) => {
-                    return Err(Failure::Stopped(anyhow!("the machine has tripped")));
+                    return Err(self.client.fails("the machine has tripped"));
                 }
-                _ => {
-                    say("jogged");
+                _ if self.is_in_position(&now, axis) && self.has_rested(&now) => {
+                    self.client.say("jogged");
                     return Ok(());
                 }
+                _ => {
+                    let since: Instant = *ended.get_or_insert_with(Instant::now);
+                    if since.elapsed() > SETTLED_WITHIN {
+                        let words =
+                            "the jog has ended, and the axis is not in position (`in_position_um`)";
+                        return Err(self.client.fails(words));
+                    }
+                }
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Whether all axes have stood for as long as the master asks for before it takes an order that moves one by hand.
+    fn has_rested(&mut self, now: &Feedback) -> bool {
+        let moves = |axis: &AxisFeedback| axis.velocity_mm_s.abs() >= STANDSTILL_MM_S;
+        let on = now.mode != Mode::Disabled as u32;
+        if !on || now.axes().iter().any(moves) {
+            self.rests_since = None;
+            return false;
+        }
+        let since = *self.rests_since.get_or_insert(now.scan);
+        now.scan > since + u64::from(self.client.machine.intended_setpoints())
+    }
+
+    /// Whether an axis is where it is commanded to be, as closely as its machine file asks for.
+    fn is_in_position(&self, now: &Feedback, axis: usize) -> bool {
+        let settings = self.client.machine.axes.get(axis);
+        settings
+            .zip(now.axes().get(axis))
+            .is_some_and(|(of, axis)| {
+                let measured = match of.feedback {
+                    PositionFeedback::Motor => axis.motor_position,
+                    PositionFeedback::Scale => axis.scale_position,
+                };
+                let off = measured.saturating_sub(axis.command_position) as f64;
+                off.abs() * of.increment_mm()
+                    <= (of.in_position_um + of.reversal.backlash_um) * 1e-3
+            })
+    }
+
+    /// Waits until the drives that an order in `scan` switches on are on; what the cell shows then.
+    ///
+    /// # Errors
+    /// The machine trips in place of it, or they are not in time.
+    pub fn until_enabled(&mut self, scan: u64) -> Result<Feedback, Failure> {
+        let asked = Instant::now();
+        loop {
+            let now = self.look()?;
+            let (on, moves) = match Mode::from_wire(now.mode) {
+                Some(Mode::Disabled | Mode::Tripped) => (false, false),
+                Some(Mode::Enabled) => (true, now.hold == 0),
+                Some(Mode::Jogging | Mode::Stopping) => (true, true),
+                _ => (true, false),
+            };
+            if now.scan > scan && now.cause != Cause::None as u32 && now.cause_scan > scan {
+                let why = stop_words(&now, &self.client.machine);
+                return Err(self
+                    .client
+                    .fails(&format!("the drives did not come on: {why}")));
+            }
+            if now.scan > scan && on && (moves || self.has_rested(&now)) {
+                return Ok(now);
+            }
+            if asked.elapsed() > DRIVES_ON_WITHIN {
+                let words = format!(
+                    "the drives are not on after {} s",
+                    DRIVES_ON_WITHIN.as_secs()
+                );
+                return Err(self.client.fails(&words));
             }
             std::thread::sleep(LOOK);
         }
@@ -110,17 +191,15 @@ impl Eyes<'_> {
             let names = missing.filter_map(|index| self.client.machine.axes.get(*index));
             let names: Vec<&str> = names.map(|axis| axis.name.as_str()).collect();
             if names.is_empty() {
-                say("homed");
+                self.client.say("homed");
                 return Ok(());
             }
             let why = match Cause::from_wire(now.cause) {
                 None | Some(Cause::None) => "it was stopped",
                 Some(cause) => cause.words(),
             };
-            return Err(Failure::Stopped(anyhow!(
-                "not homed: {}: {why}",
-                names.join(" ")
-            )));
+            let words = format!("not homed: {}: {why}", names.join(" "));
+            return Err(self.client.fails(&words));
         }
     }
 }

@@ -43,7 +43,7 @@ const LOOK: Duration = Duration::from_millis(5);
 pub fn load(options: &LoadOptions) -> Outcome {
     let file = &options.program;
     let name = program_name(file).input()?.to_string();
-    let client = Client::find(options.to.cell.as_deref(), "operator")?;
+    let client = Client::to_order(options.to.cell.as_deref())?;
     fits(file).input()?;
     let mut eyes = Eyes::open(&client)?;
     let now = eyes.look()?;
@@ -100,7 +100,7 @@ pub fn load(options: &LoadOptions) -> Outcome {
     } else {
         String::new()
     };
-    say(&format!(
+    client.say(&format!(
         "loaded {name}: {read}{given_up}; `quadrant start` begins it"
     ));
     Ok(())
@@ -205,7 +205,7 @@ impl Drop for Laid {
 
 /// `start`.
 pub fn start(options: &StartOptions) -> Outcome {
-    let client = Client::find(options.to.cell.as_deref(), "operator")?;
+    let client = Client::to_order(options.to.cell.as_deref())?;
     // Listens before it asks, so that the shortest program is not missed.
     let mut eyes = Eyes::open(&client)?;
     eyes.look()?;
@@ -221,7 +221,7 @@ pub fn start(options: &StartOptions) -> Outcome {
     };
     let folder = folder_of(&client, answer.run);
     let folder = folder.map_or(String::new(), |folder| format!(": {}", folder.display()));
-    say(&format!("run {} started{hold}{folder}", answer.run));
+    client.say(&format!("run {} started{hold}{folder}", answer.run));
     if !options.wait {
         return Ok(());
     }
@@ -236,14 +236,14 @@ pub fn start(options: &StartOptions) -> Outcome {
         }
         if now.run == answer.run && !started {
             if now.program == ProgramState::Done as u32 {
-                say(&format!("run {} is done", answer.run));
+                client.say(&format!("run {} is done", answer.run));
                 return Ok(());
             }
             return Err(Failure::Stopped(anyhow!("run {} was given up", answer.run)));
         }
         let mode = Mode::from_wire(now.mode);
         if mode == Some(Mode::Finished) && now.last == 1 {
-            say(&format!("run {} is done", answer.run));
+            client.say(&format!("run {} is done", answer.run));
             return Ok(());
         }
         let stands = matches!(mode, Some(Mode::Tripped | Mode::Stopped | Mode::Disabled));
@@ -289,7 +289,7 @@ fn ends_by_itself(client: &Client, launcher: &OwnedFd) -> bool {
 
 /// `down`.
 pub fn down(options: &OperatorOptions) -> Outcome {
-    let client = Client::find(options.cell.as_deref(), "operator")?;
+    let client = Client::to_order(options.cell.as_deref())?;
     let cell = client.cell.place.name().to_string();
     let launcher = watch(client.cell.page.launcher_pid())
         .map_err(|_| Failure::Stopped(anyhow!("cell {cell:?} has just ended")))?;
@@ -316,7 +316,7 @@ pub fn down(options: &OperatorOptions) -> Outcome {
             DOWN_LIMIT.as_secs()
         ))),
         Ok(_) => {
-            say(&format!("cell {cell} is down"));
+            say(&format!("{cell}: down"));
             Ok(())
         }
     }

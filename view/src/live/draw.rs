@@ -123,6 +123,10 @@ fn bottom_line(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
             " home? all axes that have to be homed move, one after another.  y home   other keys: no",
             palette.warn(),
         ),
+        Prompt::ConfirmResume => Line::styled(
+            " resume? the drives come on and the tool moves back to the path.  y resume   other keys: no",
+            palette.warn(),
+        ),
         Prompt::Answer(tone, words) => Line::styled(format!(" {words}"), palette.of(*tone)),
     };
     let whole = Paragraph::new(line).wrap(Wrap { trim: false });
@@ -131,11 +135,11 @@ fn bottom_line(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
 
 const HELP: &str = "\
  h        feed hold: the tool comes to rest on the path and waits
- r        resume; after a jog it first returns to the path
+ r        resume; after a jog it first returns to the path. Asks first where the machine has tripped
  s        stop (asks first): like hold, but a `quadrant run` ends
  + -      override 10 % up or down, 0 to 100 %; 0 stands
  m        home the axes that have no absolute encoder (asks first)
- q  Esc   leave; the machine goes on
+ q  Esc   leave; the machine goes on. Ctrl-Z: for a while, `fg` comes back
  ?        this page
 
  The same from any terminal: quadrant hold, resume, stop …

@@ -15,6 +15,7 @@ mod json;
 mod lines;
 mod looks;
 pub mod model;
+mod override_steps;
 mod palette;
 #[cfg(any(feature = "remote", test))]
 mod picture;

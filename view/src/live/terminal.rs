@@ -5,12 +5,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::time::{Duration, Instant};
 
-use bus::sample::Order;
+use bus::sample::{Mode, Order};
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 
 use super::draw::{Prompt, Screen, draw};
 use super::looks::{FRAME, LISTEN};
+use super::override_steps::OverrideSteps;
 use super::palette::Palette;
 use super::source::Source;
 use super::words::Tone;
@@ -22,8 +23,8 @@ use launcher::signals::Signals;
 const ANSWER_SHOWN: Duration = Duration::from_secs(8);
 /// So long a view that was ordered to leave may take.
 const LEAVE_LIMIT: Duration = Duration::from_millis(500);
-/// Step of the override, in percent.
-const OVERRIDE_STEP: u32 = 10;
+/// Set for the view of a launcher, which ends with it.
+const OF_A_LAUNCHER: &str = launcher::view::OF_A_LAUNCHER;
 
 /// Shows the cell until somebody quits. The terminal is given back as it was however this ends: by key, signal, error or panic.
 pub fn run(feed: Box<dyn Source>) -> Outcome {
@@ -57,6 +58,7 @@ fn leave_for_certain(signals: Arc<Signals>, left: Arc<AtomicBool>) {
 
 /// An order on its way, answered by a thread of its own: a master that is silent must not freeze the screen.
 struct Asked {
+    order: Order,
     answer: Receiver<Result<String, String>>,
 }
 
@@ -67,6 +69,7 @@ struct View {
     prompt: Prompt,
     prompt_since: Instant,
     asked: Option<Asked>,
+    override_steps: OverrideSteps,
 }
 
 impl View {
@@ -78,6 +81,7 @@ impl View {
             prompt: Prompt::Keys,
             prompt_since: Instant::now(),
             asked: None,
+            override_steps: OverrideSteps::default(),
         }
     }
 
@@ -87,6 +91,7 @@ impl View {
             self.feed.look();
             self.feed.follow();
             self.take_answer();
+            self.order_override();
             let screen = Screen {
                 model: self.feed.model(),
                 palette: self.palette,
@@ -103,10 +108,12 @@ impl View {
                 if let Event::Key(key) = event::read()?
                     && key.kind != KeyEventKind::Release
                 {
-                    let interrupt = key.modifiers.contains(KeyModifiers::CONTROL)
-                        && key.code == KeyCode::Char('c');
-                    if interrupt || self.key(key.code) {
-                        return Ok(());
+                    let control = key.modifiers.contains(KeyModifiers::CONTROL);
+                    match key.code {
+                        KeyCode::Char('c') if control => return Ok(()),
+                        KeyCode::Char('z') if control => self.suspend(terminal)?,
+                        code if self.key(code) => return Ok(()),
+                        _ => {}
                     }
                 }
             }
@@ -114,6 +121,20 @@ impl View {
                 return Ok(());
             }
         }
+    }
+
+    /// Gives the terminal back to the shell until `fg`; a launcher's view stays, for its launcher must not stop.
+    fn suspend(&mut self, terminal: &mut DefaultTerminal) -> std::io::Result<()> {
+        if std::env::var_os(OF_A_LAUNCHER).is_some() {
+            let words = "the cell has its launcher in this terminal: q closes the view".into();
+            self.say(Prompt::Answer(Tone::Waits, words));
+            return Ok(());
+        }
+        ratatui::restore();
+        rustix::process::kill_process(rustix::process::getpid(), rustix::process::Signal::TSTP)?;
+        // Here it goes on.
+        *terminal = ratatui::try_init()?;
+        terminal.clear()
     }
 
     /// Acts on a key; true for the one that leaves.
@@ -124,6 +145,7 @@ impl View {
         let confirmed = match self.prompt {
             Prompt::ConfirmStop => Some((Order::Stop, "not stopped")),
             Prompt::ConfirmHome => Some((Order::Home, "not homed")),
+            Prompt::ConfirmResume => Some((Order::Resume, "not resumed")),
             Prompt::Keys | Prompt::Answer(..) => None,
         };
         if let Some((order, otherwise)) = confirmed {
@@ -145,6 +167,7 @@ impl View {
             KeyCode::Char('q') | KeyCode::Esc => return true,
             KeyCode::Char('?') => self.help = true,
             KeyCode::Char('h') => self.order(Order::Hold, 0.0),
+            KeyCode::Char('r') if self.has_tripped() => self.say(Prompt::ConfirmResume),
             KeyCode::Char('r') => self.order(Order::Resume, 0.0),
             KeyCode::Char('s') => self.say(Prompt::ConfirmStop),
             KeyCode::Char('m') => self.say(Prompt::ConfirmHome),
@@ -159,13 +182,28 @@ impl View {
         let Some(feedback) = &self.feed.model().feedback else {
             return;
         };
-        let now = feedback.override_percent;
-        let next = if up {
-            (now + OVERRIDE_STEP).min(100)
-        } else {
-            now.saturating_sub(OVERRIDE_STEP)
-        };
-        self.order(Order::Override, f64::from(next));
+        self.override_steps.step(up, feedback.override_percent);
+    }
+
+    /// Orders what the keys have come to, one order after another.
+    fn order_override(&mut self) {
+        if self.asked.is_some() {
+            return;
+        }
+        if let Some(percent) = self.override_steps.next_order() {
+            self.order(Order::Override, f64::from(percent));
+            if self.asked.is_none() {
+                self.override_steps.give_up();
+            }
+        } else if let Some(feedback) = &self.feed.model().feedback {
+            self.override_steps.seen(feedback.override_percent);
+        }
+    }
+
+    /// Whether a `resume` switches drives on and moves out of a trip.
+    fn has_tripped(&self) -> bool {
+        let feedback = self.feed.model().feedback.as_ref();
+        feedback.and_then(|now| Mode::from_wire(now.mode)) == Some(Mode::Tripped)
     }
 
     fn order(&mut self, order: Order, value: f64) {
@@ -184,7 +222,7 @@ impl View {
             let answer = operator::order(&cell, order, value);
             let _ = sender.send(answer.map_err(|failure| failure_words(&failure)));
         });
-        self.asked = Some(Asked { answer });
+        self.asked = Some(Asked { order, answer });
         self.say(Prompt::Answer(Tone::Waits, format!("{} …", order.word())));
     }
 
@@ -196,6 +234,9 @@ impl View {
                 Err(TryRecvError::Empty) => return,
                 Err(TryRecvError::Disconnected) => (Tone::Bad, "the order came to nothing".into()),
             };
+            if asked.order == Order::Override && tone == Tone::Bad {
+                self.override_steps.give_up();
+            }
             self.asked = None;
             self.say(Prompt::Answer(tone, words));
         } else if self.prompt != Prompt::Keys && self.prompt_since.elapsed() > ANSWER_SHOWN {

@@ -1,8 +1,15 @@
 //! The state of a cell in plain words, with what can be done next.
 
-use bus::sample::{Auxiliaries, Cause, Feedback, Mode, ProgramState, Reference, Waiting};
+use bus::sample::{
+    Auxiliaries, AxisFeedback, Cause, Driver, Feedback, Mode, ProgramState, Reference, Waiting,
+};
 use machine::Machine;
 use monitor::words::StopCause;
+
+/// What can be done while it runs.
+const WHILE_IT_RUNS: &str = "`quadrant hold`, `quadrant stop`";
+/// What can be done in a hold.
+const IN_HOLD: &str = "`quadrant resume` goes on";
 
 /// How a state is meant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,9 +43,25 @@ pub fn cause(feedback: &Feedback, machine: &Machine) -> Option<String> {
     Some(format!("{cause}, in scan {}", feedback.cause_scan))
 }
 
-/// Whether the command rests.
+/// Whether the command rests: that of the program, and what moves axes beside it.
 pub fn at_rest(feedback: &Feedback) -> bool {
-    feedback.at_rest == 1 || feedback.window.is_none()
+    let moved = feedback.axes().iter().any(is_moved_by_hand);
+    (feedback.at_rest == 1 || feedback.window.is_none()) && !moved
+}
+
+/// Whether a controller beside the program moves this axis: in a jog, when homing, on the way back to the path.
+fn is_moved_by_hand(axis: &AxisFeedback) -> bool {
+    match Driver::from_wire(axis.driver) {
+        None | Some(Driver::Program) => false,
+        Some(Driver::Manual) => axis.command_position != axis.jog_target,
+        Some(_) => true,
+    }
+}
+
+/// Whether axes stand where a jog left them, or on a way back to the path that was stopped.
+fn is_beside_path(feedback: &Feedback) -> bool {
+    let by_program = |axis: &AxisFeedback| Driver::from_wire(axis.driver) == Some(Driver::Program);
+    feedback.tag.is_off_path() || !feedback.axes().iter().all(by_program)
 }
 
 impl Says {
@@ -78,9 +101,9 @@ pub fn says(feedback: &Feedback, machine: &Machine) -> Says {
         Mode::Tripped => {
             // Which of the two, the policy says; a fault script may have changed it.
             let next = if feedback.cause == Cause::ServoLost as u32 {
-                "r, or `quadrant enable` and then r, as soon as the servo is back"
+                "`quadrant resume`, or `enable` and then `resume`, as soon as the servo is back"
             } else {
-                "the drives have braked; when all stands: `quadrant enable`, then r"
+                "the drives have braked; when all stands: `quadrant enable`, then `resume`"
             };
             let detail = cause.unwrap_or("a fault");
             Says::new("✖", "TRIPPED", Tone::Bad, detail, next)
@@ -140,13 +163,16 @@ fn bad_with(cause: Option<&str>) -> Tone {
 }
 
 fn stopped(feedback: &Feedback, cause: Option<&str>) -> Says {
-    let detail = cause.unwrap_or("at rest on the path, drives on");
+    let detail = cause.unwrap_or(match is_beside_path(feedback) {
+        true => "at rest beside the path, drives on",
+        false => "at rest on the path, drives on",
+    });
     let next = if cause.is_some() {
         "cannot go on: end the run, look into the cause, start again"
     } else if feedback.load > 0 {
-        "r resumes; `quadrant load` gives the program up"
+        "`quadrant resume` goes on; `load` gives the program up"
     } else {
-        "r resumes; a `quadrant run` ends 0.1 s after a stop"
+        "`quadrant resume` goes on; a `quadrant run` ends 0.1 s after a stop"
     };
     Says::new("■", "STOPPED", bad_with(cause), detail, next)
 }
@@ -154,7 +180,7 @@ fn stopped(feedback: &Feedback, cause: Option<&str>) -> Says {
 fn disabled(feedback: &Feedback, cause: Option<&str>) -> Says {
     let detail = cause.unwrap_or("positions follow the axes");
     let next = match ProgramState::from_wire(feedback.program) {
-        Some(ProgramState::Running) => "`quadrant enable`, then r",
+        Some(ProgramState::Running) => "`quadrant enable`, then `resume`",
         Some(ProgramState::None) => "`quadrant enable`; `quadrant load PROGRAM`; `quadrant start`",
         _ => "`quadrant enable`; `quadrant start`",
     };
@@ -178,9 +204,9 @@ fn ready(feedback: &Feedback, cause: Option<&str>) -> Says {
 fn program_stop(auxiliary: &Auxiliaries) -> Option<Says> {
     let waiting = Waiting::from_wire(auxiliary.waiting).filter(|w| w.is_for_operator())?;
     let (state, next) = match waiting {
-        Waiting::ToolByOperator => ("TOOL CHANGE", "put the tool in, then r resumes"),
-        Waiting::PalletStop => ("PALLET CHANGE", "change the pallet, then r resumes"),
-        _ => ("PROGRAM STOP", "r resumes"),
+        Waiting::ToolByOperator => ("TOOL CHANGE", "put the tool in, then `quadrant resume`"),
+        Waiting::PalletStop => ("PALLET CHANGE", "change the pallet, then `quadrant resume`"),
+        _ => ("PROGRAM STOP", IN_HOLD),
     };
     let detail = monitor::auxiliary::waiting(auxiliary).unwrap_or_default();
     let detail = format!("waits for {detail}");
@@ -194,7 +220,7 @@ fn enabled(feedback: &Feedback, machine: &Machine) -> Says {
     }
     if let Some(waiting) = waiting.filter(|_| feedback.hold == 0 && at_rest(feedback)) {
         let detail = format!("for {waiting}");
-        let next = "goes on by itself; h holds, s stops";
+        let next = "goes on by itself; `quadrant hold`, `quadrant stop`";
         return Says::new("…", "WAITS", Tone::Waits, &detail, next);
     }
     let homed_first = not_homed(feedback, machine, cause(feedback, machine).as_deref());
@@ -202,28 +228,29 @@ fn enabled(feedback: &Feedback, machine: &Machine) -> Says {
         return says;
     }
     let (symbol, state, tone, detail, next) = if feedback.hold == 1 && at_rest(feedback) {
-        let next = "r resumes; an axis may be moved now (`quadrant jog X 5`)";
+        let next = "`quadrant resume` goes on; an axis may be moved now (`jog X 5`)";
         ("‖", "IN HOLD", Tone::Waits, "at rest".to_string(), next)
     } else if feedback.hold == 1 {
         let detail = "comes to rest on the path".to_string();
-        ("‖", "HOLDING", Tone::Waits, detail, "r resumes")
+        ("‖", "HOLDING", Tone::Waits, detail, IN_HOLD)
     } else if feedback.override_percent == 0 {
         let detail = "stands: the override is at 0 %".to_string();
-        ("‖", "STANDS", Tone::Waits, detail, "+ goes on")
+        let next = "`quadrant override 100` goes on";
+        ("‖", "STANDS", Tone::Waits, detail, next)
     } else if feedback.window.is_none() || feedback.at_rest == 1 {
         let detail = "at rest: the planner has sent nothing to go on with".to_string();
         let next = "goes on by itself with the planner's next window";
         ("…", "WAITS", Tone::Waits, detail, next)
     } else if feedback.tag.is_off_path() {
         let detail = "returns to where the path was left".to_string();
-        ("▶", "RETURNS", Tone::Good, detail, "h holds, s stops")
+        ("▶", "RETURNS", Tone::Good, detail, WHILE_IT_RUNS)
     } else if feedback.tag.dwell_remaining_scans > 0 {
         let left_s = f64::from(feedback.tag.dwell_remaining_scans) * machine.scan_period_s();
         let detail = format!("dwell (G4), {left_s:.1} s left");
-        ("▶", "RUNS", Tone::Good, detail, "h holds, s stops")
+        ("▶", "RUNS", Tone::Good, detail, WHILE_IT_RUNS)
     } else {
         let detail = "on the program's path".to_string();
-        ("▶", "RUNS", Tone::Good, detail, "h holds, s stops")
+        ("▶", "RUNS", Tone::Good, detail, WHILE_IT_RUNS)
     };
     Says {
         symbol,
@@ -236,6 +263,8 @@ fn enabled(feedback: &Feedback, machine: &Machine) -> Says {
 
 #[cfg(test)]
 mod tests {
+    use bus::sample::PathTag;
+
     use super::*;
     use crate::live::test_support::{machine, running};
 
@@ -269,6 +298,28 @@ mod tests {
     }
 
     #[test]
+    fn a_stop_beside_the_path_and_an_axis_that_is_jogged_are_said_to_be_what_they_are() {
+        let machine = machine();
+        let mut feedback = running(10);
+        feedback.mode = Mode::Stopped as u32;
+        feedback.at_rest = 1;
+        let detail = |feedback: &Feedback| says(feedback, &machine).detail;
+        assert!(detail(&feedback).contains("at rest on the path"));
+        let returning = Feedback {
+            tag: PathTag::OFF_PATH,
+            ..feedback
+        };
+        assert!(detail(&returning).contains("at rest beside the path"));
+        assert!(at_rest(&feedback));
+        feedback.axes[1].driver = Driver::Manual as u32;
+        feedback.axes[1].jog_target = 5;
+        assert!(!at_rest(&feedback));
+        feedback.axes[1].command_position = 5;
+        assert!(at_rest(&feedback));
+        assert!(detail(&feedback).contains("at rest beside the path"));
+    }
+
+    #[test]
     fn what_the_program_waits_for_is_said_with_its_line() {
         let machine = machine();
         let mut feedback = running(10);
@@ -286,10 +337,7 @@ mod tests {
         feedback.hold = 1;
         feedback.auxiliary.waiting = Waiting::ProgramStop as u32;
         let stop = says(&feedback, &machine);
-        assert_eq!(
-            (stop.state, stop.next.as_str()),
-            ("PROGRAM STOP", "r resumes")
-        );
+        assert_eq!((stop.state, stop.next.as_str()), ("PROGRAM STOP", IN_HOLD));
         feedback.auxiliary.waiting = Waiting::ToolByOperator as u32;
         feedback.auxiliary.levels.tool = 4;
         let tool = says(&feedback, &machine);
@@ -306,7 +354,7 @@ mod tests {
         assert!(
             says(&feedback, &machine)
                 .next
-                .starts_with("r, or `quadrant enable`")
+                .starts_with("`quadrant resume`, or `enable`")
         );
         feedback.cause = Cause::FollowingError as u32;
         let message = says(&feedback, &machine);

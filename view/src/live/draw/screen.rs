@@ -19,6 +19,8 @@ pub enum Prompt {
     ConfirmStop,
     /// Whether to home.
     ConfirmHome,
+    /// Whether to go on out of a trip.
+    ConfirmResume,
     /// What came of an order.
     Answer(Tone, String),
 }

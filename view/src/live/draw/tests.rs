@@ -177,7 +177,7 @@ fn a_view_from_another_machine_says_how_old_it_is_that_it_is_read_only_and_when_
             lines[2]
         );
         assert!(
-            lines[2].contains("on the controller PC: h holds"),
+            lines[2].contains("on the controller PC: `quadrant hold`"),
             "{}",
             lines[2]
         );
