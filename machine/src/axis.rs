@@ -157,6 +157,11 @@ impl AxisKind {
 }
 
 impl Axis {
+    /// The most that an axis in position may be off by its feedback, in µm: its window and its backlash.
+    pub fn in_position_window_um(&self) -> f64 {
+        self.in_position_um + self.reversal.backlash_um
+    }
+
     /// Axis units per increment, in mm.
     pub fn increment_mm(&self) -> f64 {
         self.increment_nm * 1e-6

@@ -541,8 +541,7 @@ impl<D: Drives> Master<D> {
             let off = axis
                 .feedback_position()
                 .saturating_sub(axis.command_position) as f64;
-            let most_mm =
-                (axis.settings.in_position_um + axis.settings.reversal.backlash_um) * 1e-3;
+            let most_mm = axis.settings.in_position_window_um() * 1e-3;
             off.abs() * axis.settings.increment_mm() > most_mm
         });
         self.waited_scans += 1;

@@ -52,7 +52,6 @@ fn obeyed(order: Order, answer: &OperatorResponse) -> String {
             "the machine has tripped: it stays where it stands".into()
         }
         (Order::Stop, _) => "stopping: the tool comes to rest".into(),
-        (Order::Enable, mode) => enabled(mode, answer.hold).into(),
         (Order::Disable, _) => "drives off: positions follow the axes".into(),
         (Order::Home, _) => "homing".into(),
         (Order::Override, _) => format!("override {} %", answer.override_percent),
@@ -76,10 +75,12 @@ impl Client {
     /// # Errors
     /// It does not run, none does, several do, or it was started elsewhere and not named.
     pub fn to_order(cell: Option<&str>) -> Result<Client, Failure> {
-        if cell.is_none() {
-            origin::check(&running(None)?.place)?;
+        let is_named = cell.is_some();
+        let cell = running(cell)?;
+        if !is_named {
+            origin::check(&cell.place)?;
         }
-        Client::find(cell, "operator")
+        Client::enter(cell, "operator")
     }
 
     /// Drives on: answered when they are. In words, behind the name of the cell.
@@ -110,7 +111,11 @@ impl Client {
     /// # Errors
     /// It does not run, none does, or several do.
     pub fn find(cell: Option<&str>, who: &str) -> Result<Client, Failure> {
-        let cell = Rc::new(running(cell)?);
+        Client::enter(running(cell)?, who)
+    }
+
+    fn enter(cell: Observer, who: &str) -> Result<Client, Failure> {
+        let cell = Rc::new(cell);
         let place = &cell.place;
         let machine = Machine::load(&place.machine_file()).map_err(|_| not_running(place))?;
         cell.note_entered();

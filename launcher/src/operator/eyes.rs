@@ -6,7 +6,6 @@ use anyhow::anyhow;
 use bus::observer::Held;
 use bus::port::Reader;
 use bus::sample::{AxisFeedback, Cause, Feedback, Mode, Reference};
-
 use machine::PositionFeedback;
 use master::STANDSTILL_MM_S;
 
@@ -28,7 +27,7 @@ const LOOK: Duration = Duration::from_millis(5);
 pub struct Eyes<'a> {
     reader: Held<Reader<Feedback>>,
     newest: Option<Feedback>,
-    /// The scan since which all axes have been seen to stand.
+    /// The scan since which all axes have been seen at rest.
     rests_since: Option<u64>,
     heard: Instant,
     client: &'a Client,
@@ -109,7 +108,7 @@ impl Eyes<'_> {
         }
     }
 
-    /// Whether all axes have stood for as long as the master asks for before it takes an order that moves one by hand.
+    /// Whether all axes have been at rest for as long as the master asks for before it takes an order that moves one by hand.
     fn has_rested(&mut self, now: &Feedback) -> bool {
         let moves = |axis: &AxisFeedback| axis.velocity_mm_s.abs() >= STANDSTILL_MM_S;
         let on = now.mode != Mode::Disabled as u32;
@@ -132,8 +131,7 @@ impl Eyes<'_> {
                     PositionFeedback::Scale => axis.scale_position,
                 };
                 let off = measured.saturating_sub(axis.command_position) as f64;
-                off.abs() * of.increment_mm()
-                    <= (of.in_position_um + of.reversal.backlash_um) * 1e-3
+                off.abs() * of.increment_mm() <= of.in_position_window_um() * 1e-3
             })
     }
 

@@ -36,7 +36,7 @@ impl OverrideSteps {
         }
     }
 
-    /// An order was refused, or another one came between: the next key begins from what the cell has.
+    /// An order was refused, or not sent: the next key begins from what the cell has.
     pub fn give_up(&mut self) {
         *self = OverrideSteps::default();
     }

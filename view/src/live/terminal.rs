@@ -18,13 +18,12 @@ use super::words::Tone;
 use launcher::exit::{INTERRUPTED, Kind, Outcome, words};
 use launcher::operator;
 use launcher::signals::Signals;
+use launcher::view::OF_A_LAUNCHER;
 
 /// So long an answer stays in the bottom line.
 const ANSWER_SHOWN: Duration = Duration::from_secs(8);
 /// So long a view that was ordered to leave may take.
 const LEAVE_LIMIT: Duration = Duration::from_millis(500);
-/// Set for the view of a launcher, which ends with it.
-const OF_A_LAUNCHER: &str = launcher::view::OF_A_LAUNCHER;
 
 /// Shows the cell until somebody quits. The terminal is given back as it was however this ends: by key, signal, error or panic.
 pub fn run(feed: Box<dyn Source>) -> Outcome {

@@ -49,7 +49,7 @@ pub fn at_rest(feedback: &Feedback) -> bool {
     (feedback.at_rest == 1 || feedback.window.is_none()) && !moved
 }
 
-/// Whether a controller beside the program moves this axis: in a jog, when homing, on the way back to the path.
+/// Whether a controller beside the program moves this axis: in a jog, when homing, on the return to the path.
 fn is_moved_by_hand(axis: &AxisFeedback) -> bool {
     match Driver::from_wire(axis.driver) {
         None | Some(Driver::Program) => false,
@@ -58,7 +58,7 @@ fn is_moved_by_hand(axis: &AxisFeedback) -> bool {
     }
 }
 
-/// Whether axes stand where a jog left them, or on a way back to the path that was stopped.
+/// Whether axes are where a jog left them, or where a return to the path was stopped.
 fn is_beside_path(feedback: &Feedback) -> bool {
     let by_program = |axis: &AxisFeedback| Driver::from_wire(axis.driver) == Some(Driver::Program);
     feedback.tag.is_off_path() || !feedback.axes().iter().all(by_program)

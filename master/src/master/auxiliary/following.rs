@@ -69,7 +69,7 @@ impl<D: Drives> Master<D> {
                 };
                 let now_mm = in_scan(self.scan + 1).unwrap_or(commanded_mm(unit));
                 let next_mm = in_scan(self.scan + 2).unwrap_or(now_mm);
-                let near_um = unit.settings.in_position_um + unit.settings.reversal.backlash_um;
+                let near_um = unit.settings.in_position_window_um();
                 let place_mm = followed_place_mm(now_mm, unit.place_mm(), near_um * 1e-3);
                 Some((place_mm, (next_mm - now_mm) / self.scan_period_s))
             }
