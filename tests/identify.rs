@@ -124,6 +124,8 @@ fn what_tune_records_is_what_identify_reads() {
             "8",
             "--speed-mm-s",
             "X=60,Y=50",
+            "--circles",
+            "25:3000",
             "--recordings",
         ])
         .arg(&folder)

@@ -91,9 +91,11 @@ fn a_program_of_any_length_takes_no_memory() {
 fn a_mistake_far_ahead_stops_the_run_before_its_block_at_rest() {
     let bench = Bench::of("xy", &[]);
     let mut blocks = String::from("G21 G90 F9000\n");
-    // Farther ahead than a run looks before it begins.
+    // Farther ahead than a run looks before it begins: strokes of 100 mm there and back.
     for n in 0..130_000u32 {
-        writeln!(blocks, "G1 X{}", [0.02, 0.0][n as usize % 2]).expect("a string");
+        let along = n % 10_000;
+        let step = along.min(10_000 - along);
+        writeln!(blocks, "G1 X{:.2}", 0.02 * f64::from(step)).expect("a string");
     }
     let line = blocks.lines().count() + 1;
     let program = bench.file("wrong.ngc", &(blocks + "G1 X[SQRT[0 - 1]]\nM2\n"));

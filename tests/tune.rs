@@ -49,6 +49,9 @@ fn untuned(plant: &[(&str, &str)]) -> Bench {
     bench
 }
 
+/// Without the slow circle, which takes most of the time and none of these tests asks for.
+const QUICK: [&str; 2] = ["--circles", "25:3000,10:10000"];
+
 fn tune(machine: &Path, more: &[&str]) -> Output {
     quadrant()
         .arg("tune")
@@ -109,7 +112,8 @@ fn another_friction_and_another_gap_are_found_as_well() {
         ("static_n = 260.0", "static_n = 338.0"),
         ("gap_um = 5.0", "gap_um = 7.5"),
     ]);
-    let output = tune(bench.path(), &[]);
+    // The last one turns as gently as R100 F1000, in half the time.
+    let output = tune(bench.path(), &["--circles", "25:3000,10:10000,25:500"]);
     assert_eq!(output.status.code(), Some(0), "{}", words(&output));
     let machine = Machine::load(bench.path()).expect("the new file");
     let model = machine.axes[0].model.expect("a model");
@@ -147,7 +151,7 @@ fn the_dead_time_of_the_drives_is_found_to_a_quarter_of_a_scan() {
 #[test]
 fn a_machine_whose_file_has_another_dead_time_is_tuned_for_the_one_that_its_drives_have() {
     let bench = with_dead_time("xy", 3);
-    let output = tune(bench.path(), &[]);
+    let output = tune(bench.path(), &QUICK);
     assert_eq!(output.status.code(), Some(0), "{}", words(&output));
     let machine = Machine::load(bench.path()).expect("the new file");
     assert_eq!(machine.scan.dead_time_scans, 3);
@@ -174,7 +178,7 @@ fn a_machine_that_is_not_as_the_model_says_is_tuned_and_what_was_found_is_told()
         ("coulomb_n = ", "law = \"lugre\"\ncoulomb_n = "),
         (scale, &late),
     ]);
-    let output = tune(bench.path(), &[]);
+    let output = tune(bench.path(), &QUICK);
     let printed = words(&output);
     assert_eq!(output.status.code(), Some(0), "{printed}");
     assert!(printed.contains("2.00 ms late"), "{printed}");
@@ -196,7 +200,7 @@ fn a_machine_that_the_model_does_not_fit_is_refused_and_its_file_stays() {
     let bench = untuned(&[("stiffness_n_per_m = 1.2e8", "stiffness_n_per_m = 1.0e6")]);
     let file = bench.path().join("machine.toml");
     let old = fs::read_to_string(&file).expect("machine.toml");
-    let output = tune(bench.path(), &[]);
+    let output = tune(bench.path(), &QUICK);
     assert_eq!(output.status.code(), Some(1), "{}", words(&output));
     let printed = words(&output);
     assert!(
@@ -216,7 +220,7 @@ fn an_axis_that_trips_during_the_test_motions_is_named_and_nothing_is_written() 
         "following_error_limit_mm = 0.02",
     );
     fs::write(&file, &old).expect("machine.toml");
-    let output = tune(bench.path(), &[]);
+    let output = tune(bench.path(), &QUICK);
     assert_eq!(output.status.code(), Some(1), "{}", words(&output));
     let printed = words(&output);
     assert!(
@@ -235,7 +239,11 @@ fn an_axis_without_a_scale_says_so_and_takes_its_lost_motion_as_reported_and_a_d
     let old = fs::read_to_string(&file).expect("machine.toml");
     let output = tune(
         bench.path(),
-        &["--dry-run", "--lost-motion-um", "X=8.3,Y=12.3"],
+        &[
+            &["--dry-run", "--lost-motion-um", "X=8.3,Y=12.3"],
+            &QUICK[..],
+        ]
+        .concat(),
     );
     assert_eq!(output.status.code(), Some(0), "{}", words(&output));
     assert!(words(&output).contains("axis X has no scale"));
@@ -248,7 +256,7 @@ fn an_axis_without_a_scale_says_so_and_takes_its_lost_motion_as_reported_and_a_d
 }
 
 #[test]
-fn a_lost_motion_of_an_axis_that_is_not_there_is_bad_input() {
+fn a_lost_motion_of_an_axis_that_is_not_there_and_a_circle_without_a_feed_are_bad_input() {
     let bench = untuned(&[]);
     let output = tune(bench.path(), &["--lost-motion-um", "Q=8"]);
     assert_eq!(output.status.code(), Some(2), "{}", words(&output));
@@ -256,6 +264,9 @@ fn a_lost_motion_of_an_axis_that_is_not_there_is_bad_input() {
     let output = tune(bench.path(), &["--travel-mm", "X=far"]);
     assert_eq!(output.status.code(), Some(2), "{}", words(&output));
     assert!(words(&output).contains("--travel-mm X=far"));
+    let output = tune(bench.path(), &["--circles", "25"]);
+    assert_eq!(output.status.code(), Some(2), "{}", words(&output));
+    assert!(words(&output).contains("must be RADIUS:FEED"));
 }
 
 /// A table of 100 kg on a screw of 16.68 N/µm, and one of 150 kg on 25.02 N/µm: 65 Hz, damped by 2 %.
@@ -277,7 +288,7 @@ fn a_machine_that_rings_gets_motion_that_spares_it() {
         )
         .replace("damping_ratio = 0.08", "damping_ratio = 0.02");
     fs::write(&file, soft).expect("plant.toml");
-    let output = tune(bench.path(), &[]);
+    let output = tune(bench.path(), &QUICK);
     let said = words(&output);
     assert_eq!(output.status.code(), Some(0), "{said}");
     assert!(said.contains("motion is made to spare"), "{said}");

@@ -27,15 +27,15 @@ type Candidate = (&'static str, DocumentMut);
 pub fn choose(
     machine: &Machine,
     limits: &[Limit],
+    circles: &[Circle],
     bench: &mut Bench,
     before: &DocumentMut,
     candidates: Vec<Candidate>,
 ) -> Result<Option<DocumentMut>, Failure> {
     let candidates = readable(candidates)?;
-    let circles = motions::circles(machine, limits);
     if circles.is_empty() {
         tracing::warn!(
-            "no two slides of {} span a plane for test circles: before and after are not compared",
+            "{}: no two slides span a plane for test circles, or there is no room for any: before and after are not compared",
             machine.name
         );
         return without_circles(machine, limits, bench, candidates).map(Some);
@@ -46,9 +46,9 @@ pub fn choose(
     for (name, document) in present.iter().chain(&candidates) {
         let mut allowed = document.clone();
         write::allow(&mut allowed, machine, limits);
-        columns.push((name, trial::run(bench, &allowed, &circles)?));
+        columns.push((name, trial::run(bench, &allowed, circles)?));
     }
-    print(&circles, &columns);
+    print(circles, &columns);
     let Some(((_, was), found)) = columns.split_first() else {
         return Ok(None);
     };
@@ -81,7 +81,7 @@ pub fn choose(
     say(&format!("Best: {name}."));
     let by_scales = found.iter().all(|(_, column)| trial::by_scales(column));
     if by_scales && name != PULSE {
-        return refine(machine, limits, bench, &circles, document, um).map(Some);
+        return refine(machine, limits, bench, circles, document, um).map(Some);
     }
     Ok(Some(document))
 }

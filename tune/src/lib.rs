@@ -56,6 +56,7 @@ pub fn tune(options: &TuneOptions) -> Outcome {
     let reported = &options.lost_motion_um;
     let given_um = of_axes(&machine, "--lost-motion-um", reported, 0.0..=1000.0).input()?;
     let limits = motions::limits(&machine, options).input()?;
+    let circles = motions::circles(&machine, &limits, &options.circles);
     let text = fs::read_to_string(&path).input()?;
     let document: DocumentMut = text
         .parse()
@@ -108,7 +109,9 @@ pub fn tune(options: &TuneOptions) -> Outcome {
         candidates.push(("by wind-up", settings(1, false)));
     }
     candidates.push((choose::PULSE, settings(0, true)));
-    let chosen = choose::choose(&machine, &limits, &mut bench, &document, candidates)?;
+    let chosen = choose::choose(
+        &machine, &limits, &circles, &mut bench, &document, candidates,
+    )?;
     let Some(best) = chosen else {
         return Ok(());
     };

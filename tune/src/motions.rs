@@ -23,8 +23,6 @@ pub const REVERSALS: [(f64, f64, u32); 5] = [
 ];
 /// Least time at one speed, in s.
 const STEADY_S: f64 = 0.4;
-/// Test circles for before and after: radius in mm, feed in mm/min.
-pub const CIRCLES: [(f64, f64); 3] = [(25.0, 3000.0), (10.0, 10_000.0), (100.0, 1000.0)];
 
 /// What somebody allows the test motions of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -186,10 +184,11 @@ pub struct Circle {
     pub program: String,
 }
 
-/// The test circles that this machine has room for within these limits; none if no two slides span a plane.
-pub fn circles(machine: &Machine, limits: &[Limit]) -> Vec<Circle> {
+/// Those of these test circles, radius in mm and feed in mm/min, that this machine has room for within these limits; none if no two
+/// slides span a plane.
+pub fn circles(machine: &Machine, limits: &[Limit], wanted: &[(f64, f64)]) -> Vec<Circle> {
     let mut all: Vec<Circle> = Vec::new();
-    for (radius_mm, feed_mm_min) in CIRCLES {
+    for &(radius_mm, feed_mm_min) in wanted {
         let circle = circle(machine, limits, radius_mm, feed_mm_min);
         all.extend(circle.filter(|circle| !all.contains(circle)));
     }

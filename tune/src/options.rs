@@ -10,7 +10,7 @@ use machine::Machine;
 /// What `quadrant tune` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "The axes move by themselves, one after the other, up to 20 mm (100 mm/s) to either side of the\nmiddle of their travel; then a few circles, up to 100 mm in radius. --travel-mm, --speed-mm-s and\n--acceleration-mm-s2 allow them less: a number for all axes, or AXIS=number. Shorter and slower\nmotions tell less.\n\nWhat the model does not explain is printed, with what it may cost. Settings with which the machine\nstops are undone. Exit status 1: nothing can be identified, or the machine stops; nothing is written."
+    after_help = "The axes move by themselves, one after the other, up to 20 mm (100 mm/s) to either side of the\nmiddle of their travel; then a few circles, those of --circles for which there is room. --travel-mm, --speed-mm-s and\n--acceleration-mm-s2 allow them less: a number for all axes, or AXIS=number. Shorter and slower\nmotions tell less.\n\nWhat the model does not explain is printed, with what it may cost. Settings with which the machine\nstops are undone. Exit status 1: nothing can be identified, or the machine stops; nothing is written."
 )]
 pub struct TuneOptions {
     /// Folder with machine.toml and plant.toml, or the path of a machine.toml
@@ -37,6 +37,9 @@ pub struct TuneOptions {
         value_delimiter = ','
     )]
     pub acceleration_mm_s2: Vec<String>,
+    /// Circles on which before and after are compared, as RADIUS:FEED in mm and mm/min
+    #[arg(long, value_name = "MM:MM_MIN", value_delimiter = ',', value_parser = circle, default_value = "25:3000,10:10000,100:1000")]
+    pub circles: Vec<(f64, f64)>,
     /// Folder for what the axes did in the test motions, as text that `quadrant identify` reads
     #[arg(long, value_name = "DIR")]
     pub recordings: Option<PathBuf>,
@@ -81,6 +84,14 @@ pub fn of_axes(
         }
     }
     Ok(all)
+}
+
+/// Radius in mm and feed in mm/min of a circle.
+fn circle(text: &str) -> Result<(f64, f64), String> {
+    let wrong = || "must be RADIUS:FEED, in mm and mm/min, like 25:3000".to_string();
+    let (radius, feed) = text.split_once(':').ok_or_else(wrong)?;
+    let number = |text| positive(text).map_err(|_| wrong());
+    Ok((number(radius)?, number(feed)?))
 }
 
 /// What `quadrant identify` takes.

@@ -316,7 +316,8 @@ mod tests {
             travel_mm: Some(10.0),
             ..Limit::default()
         };
-        let circles = crate::motions::circles(&machine, &[limit; 2]);
+        let circles =
+            crate::motions::circles(&machine, &[limit; 2], &[(25.0, 3000.0), (10.0, 10_000.0)]);
         let circle = circles.first().expect("a circle");
         let axes = [(0, &machine.axes[0]), (1, &machine.axes[1])];
         let mut plane = Plane {
@@ -368,7 +369,8 @@ mod tests {
             speed_mm_s: Some(40.0),
             acceleration_mm_s2: Some(100.0),
         };
-        let circles = crate::motions::circles(&machine, &[limit; 2]);
+        let circles =
+            crate::motions::circles(&machine, &[limit; 2], &[(25.0, 3000.0), (10.0, 10_000.0)]);
         assert!(!circles.is_empty());
         for circle in circles {
             let feed_mm_s = circle.feed_mm_min / 60.0;
