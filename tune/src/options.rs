@@ -10,7 +10,7 @@ use machine::Machine;
 /// What `quadrant tune` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "The axes move by themselves, one after the other, up to 20 mm (100 mm/s) to either side of the\nmiddle of their travel; then a few circles, those of --circles for which there is room. --travel-mm, --speed-mm-s and\n--acceleration-mm-s2 allow them less: a number for all axes, or AXIS=number. Shorter and slower\nmotions tell less.\n\nWhat the model does not explain is printed, with what it may cost. Settings with which the machine\nstops are undone. Exit status 1: nothing can be identified, or the machine stops; nothing is written."
+    after_help = "The axes move by themselves, one after the other, up to 20 mm (100 mm/s) to either side of the\nmiddle of their travel; then a few circles, those of --circles for which there is room.\n--travel-mm, --speed-mm-s and --acceleration-mm-s2 allow them less: a number for all axes, or\nAXIS=number. Shorter and slower motions tell less.\n\nWhat the model does not explain is printed, with what it may cost. Settings with which the machine\nstops are undone. Exit status 1: nothing can be identified, or the machine stops; nothing is written."
 )]
 pub struct TuneOptions {
     /// Folder with machine.toml and plant.toml, or the path of a machine.toml

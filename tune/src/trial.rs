@@ -304,6 +304,9 @@ mod tests {
     use super::*;
     use crate::motions::Limit;
 
+    /// Radius in mm and feed in mm/min: those of `--circles` where nobody names others.
+    const CIRCLES: [(f64, f64); 3] = [(25.0, 3000.0), (10.0, 10_000.0), (100.0, 1000.0)];
+
     fn machine() -> Machine {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
         Machine::load(&folder).expect("machines/xy")
@@ -316,8 +319,7 @@ mod tests {
             travel_mm: Some(10.0),
             ..Limit::default()
         };
-        let circles =
-            crate::motions::circles(&machine, &[limit; 2], &[(25.0, 3000.0), (10.0, 10_000.0)]);
+        let circles = crate::motions::circles(&machine, &[limit; 2], &CIRCLES);
         let circle = circles.first().expect("a circle");
         let axes = [(0, &machine.axes[0]), (1, &machine.axes[1])];
         let mut plane = Plane {
@@ -369,8 +371,7 @@ mod tests {
             speed_mm_s: Some(40.0),
             acceleration_mm_s2: Some(100.0),
         };
-        let circles =
-            crate::motions::circles(&machine, &[limit; 2], &[(25.0, 3000.0), (10.0, 10_000.0)]);
+        let circles = crate::motions::circles(&machine, &[limit; 2], &CIRCLES);
         assert!(!circles.is_empty());
         for circle in circles {
             let feed_mm_s = circle.feed_mm_min / 60.0;
