@@ -2,16 +2,17 @@
 
 use bus::sample::Order;
 use clap::Parser;
-use launcher::exit::{self, Outcome};
+use launcher::exit::{self, Kind, Outcome};
 use launcher::run::Injection;
-use launcher::{check, doctor, drive_files, operator, plan, report, run, signals, up};
+use launcher::{check, doctor, drive_files, logs, operator, plan, report, run, signals, up};
 use quadrant::cli::{Cli, Command};
 use quadrant::{manual, roles};
 use view::{live, scope};
 
 fn main() -> std::process::ExitCode {
     signals::survive_file_size_limit();
-    exit::code(obey(Cli::parse().command))
+    let command = Cli::parse().command;
+    exit::code(logs::check_filter().input().and_then(|()| obey(command)))
 }
 
 fn obey(command: Command) -> Outcome {

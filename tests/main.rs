@@ -3,6 +3,7 @@
 mod against;
 mod auxiliary;
 mod bad_input;
+mod bad_input_table;
 mod bad_samples;
 mod bench;
 mod causes;
@@ -46,6 +47,7 @@ mod realtime_faults;
 mod recorder;
 mod robust;
 mod rounding;
+mod said_and_done;
 mod scope;
 mod setpoints;
 mod shared_memory;

@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use bus::sample::MAX_AXES;
 use control::path_part::PathPart;
 use control::totals::{ProgramWalk, Totals};
@@ -77,7 +77,16 @@ pub(crate) fn load_changed(
     depth: Depth,
     change: impl FnOnce(&mut Machine) -> anyhow::Result<()>,
 ) -> anyhow::Result<Checked> {
+    if let Some(program) = program {
+        not_swapped(machine, program)?;
+    }
     let path = machine_file(machine);
+    if !path.exists() {
+        bail!(
+            "{}: is not there: a machine is a folder with machine.toml and plant.toml, or the path of a machine.toml",
+            path.display()
+        );
+    }
     let mut machine = Machine::load(&path)?;
     change(&mut machine)?;
     let setups = fieldbus::setups::load(&machine, &path)?;
@@ -113,9 +122,41 @@ pub(crate) fn load_changed(
     Ok(checked)
 }
 
+/// What is wrong with a program, with its line as every other message has it.
+pub(crate) fn at_line(name: &str, words: &str) -> anyhow::Error {
+    let line = words.strip_prefix("line ").and_then(|rest| {
+        let (line, what) = rest.split_once(": ")?;
+        line.parse::<u32>().is_ok().then_some((line, what))
+    });
+    match line {
+        Some((line, what)) => anyhow!("{name}:{line}: {what}"),
+        None => anyhow!("{name}: {words}"),
+    }
+}
+
+/// A machine is a folder or a TOML file, a program neither.
+fn not_swapped(machine: &Path, program: &Path) -> anyhow::Result<()> {
+    let is_toml = |path: &Path| path.extension().is_some_and(|of| of == "toml");
+    let is_machine = |path: &Path| path.is_dir() || is_toml(path);
+    if is_machine(program) && !is_machine(machine) {
+        bail!(
+            "{} is a machine and {} a program: the machine comes first, then the program",
+            program.display(),
+            machine.display()
+        );
+    }
+    Ok(())
+}
+
 /// The plant file beside a machine file, and where its axes are at the start.
 fn simulated_start(machine: &Machine, path: &Path) -> anyhow::Result<(PlantFile, [i64; MAX_AXES])> {
     let plant_path = path.with_file_name("plant.toml");
+    if !plant_path.exists() {
+        bail!(
+            "{}: is not there: it says what is true of the simulated machine; one with drives on a fieldbus has [bus] in machine.toml",
+            plant_path.display()
+        );
+    }
     let plant = PlantFile::load(&plant_path)?;
     let start = plant
         .start(machine)
@@ -167,10 +208,20 @@ impl Checked {
         })
     }
 
-    /// What was accepted with a remark.
-    pub fn notes(&self) -> impl Iterator<Item = &Note> {
+    /// What of the program was accepted with a remark, in words.
+    pub fn notes(&self) -> Vec<String> {
+        let of_program = self.program.iter();
+        let beside = of_program.filter_map(|program| without_spindle(&self.machine, program));
         let short = self.program.iter().flat_map(|program| &program.notes);
-        short.chain(self.long.iter().flat_map(|survey| &survey.notes))
+        let notes = short.chain(self.long.iter().flat_map(|survey| &survey.notes));
+        beside.chain(notes.map(Note::shown)).collect()
+    }
+
+    /// What of the machine was accepted with a remark, in words.
+    pub fn remarks(&self) -> Vec<String> {
+        let plant = self.plant.iter();
+        let differ = plant.flat_map(|plant| plant.disagreements(&self.machine));
+        self.warnings.iter().cloned().chain(differ).collect()
     }
 
     /// A planner of windows along the program.
@@ -187,9 +238,19 @@ impl Checked {
                 None => bail!("no program was named"),
             }
         };
-        let course = planner::course(&self.machine, program.clone());
-        let (windows, _) = course.with_context(|| program.name.clone())?;
-        Ok(windows)
+        self.planner_along(program.clone())
+    }
+
+    /// The same along this program.
+    ///
+    /// # Errors
+    /// The path cannot be planned within the limits.
+    pub(crate) fn planner_along(&self, program: Program) -> anyhow::Result<WindowPlanner> {
+        let name = program.name.clone();
+        let course = planner::course(&self.machine, program);
+        Ok(course
+            .map_err(|error| at_line(&name, &error.to_string()))?
+            .0)
     }
 
     /// Plans the program as the planner process would, window by window, up to so many setpoints.
@@ -233,7 +294,7 @@ pub fn check(options: &CheckOptions) -> Outcome {
         machine.scan.period_us,
         machine.scan.interpolation_period_scans
     ));
-    note_dead_time(&checked);
+    print_remarks(&checked);
     if checked.program.is_some() {
         let each = |_: &PathPart, _: &PlannedSetpoint| ControlFlow::Continue(());
         let mut windows = checked.planner().input()?;
@@ -245,32 +306,38 @@ pub fn check(options: &CheckOptions) -> Outcome {
             "program {}: {} elements, {:.3} mm: good",
             survey.name, survey.elements, survey.length_mm
         ));
-        for note in &survey.notes {
-            say(&format!("  {}", note.shown()));
-        }
+        print_notes(&checked);
     }
     Ok(())
 }
 
-/// A simulated machine with another dead time than the controller reckons with is a test of robustness, or a mistake.
-fn note_dead_time(checked: &Checked) {
-    for warning in &checked.warnings {
-        say(&format!("  {warning}"));
+/// Says what of the machine was accepted with a remark.
+fn print_remarks(checked: &Checked) {
+    for remark in checked.remarks() {
+        say(&format!("  {remark}"));
     }
-    let Some(plant) = &checked.plant else {
+    if checked.plant.is_none() {
         say(
             "  a program is checked from the machine's zero: where the axes are, the drives say when they are started",
         );
-        return;
-    };
-    let reckoned = checked.machine.scan.dead_time_scans;
-    let simulated = plant.drive.dead_time_scans;
-    if reckoned != simulated {
-        say(&format!(
-            "  dead time: the controller reckons with {reckoned} scans ([scan] dead_time_scans), the simulated drives have {simulated} \
-             ([drive] dead_time_scans in plant.toml)"
-        ));
     }
+}
+
+/// Says what of the program was accepted with a remark.
+fn print_notes(checked: &Checked) {
+    for note in checked.notes() {
+        say(&format!("  {note}"));
+    }
+}
+
+/// S and M3 to M5 where nothing obeys them, in words.
+pub(crate) fn without_spindle(machine: &Machine, program: &Program) -> Option<String> {
+    let mut events = program.events.iter();
+    let event = events.find(|event| !planner::acts_on(machine, &event.kind))?;
+    Some(format!(
+        "line {}: S and M3 to M5 are read and not acted on: no spindle is driven",
+        event.line
+    ))
 }
 
 /// Says what a planned program comes to.
@@ -314,17 +381,8 @@ pub(crate) fn print_totals(checked: &Checked, totals: &Totals) {
             "  path speed limited to {speed_mm_s:.1} mm/s: braking from more does not fit a window"
         ));
     }
-    let acts = |event: &&program::Event| planner::acts_on(&checked.machine, &event.kind);
-    if let Some(event) = program.events.iter().find(|event| !acts(event)) {
-        say(&format!(
-            "  line {}: S and M3 to M5 are read and not acted on: no spindle is driven",
-            event.line
-        ));
-    }
     print_in_step(checked, program);
-    for note in &program.notes {
-        say(&format!("  {}", note.shown()));
-    }
+    print_notes(checked);
 }
 
 /// What threads and taps need of their path and their speed.

@@ -65,6 +65,14 @@ fn words_and_hint(error: &anyhow::Error) -> String {
 
 /// Prints what went wrong, if anything, and gives the status.
 pub fn code(outcome: Outcome) -> ExitCode {
+    // What is printed last may fail too.
+    output::flush();
+    let outcome = match (outcome, output::failure()) {
+        (Ok(()), Some(error)) => Err(Failure::Environment(anyhow::anyhow!(
+            "standard output: {error}: the command was done, and what it had to say is not all there"
+        ))),
+        (outcome, _) => outcome,
+    };
     let (status, error) = match outcome {
         Ok(()) => (0, None),
         Err(Failure::Interrupted) => (INTERRUPTED, None),

@@ -4,8 +4,10 @@ use std::io::{BufRead, BufReader, IsTerminal, Read, Write};
 use std::process::ChildStderr;
 use std::sync::OnceLock;
 
+use anyhow::bail;
 use indicatif::ProgressBar;
 use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::LevelFilter;
 
 use crate::output::{self, Stream};
 
@@ -14,6 +16,68 @@ pub const FILTER_VARIABLE: &str = "QUADRANT_LOG";
 
 fn filter(default: &str) -> EnvFilter {
     EnvFilter::try_from_env(FILTER_VARIABLE).unwrap_or_else(|_| EnvFilter::new(default))
+}
+
+/// What may be named in the filter: the parts of quadrant and the libraries that log.
+const TARGETS: [&str; 20] = [
+    "bus",
+    "control",
+    "fieldbus",
+    "iceoryx2",
+    "lab",
+    "launcher",
+    "machine",
+    "master",
+    "model",
+    "monitor",
+    "planner",
+    "plant_sim",
+    "program",
+    "quadrant",
+    "remote",
+    "servo",
+    "tune",
+    "view",
+    "zenoh",
+    "ethercrab",
+];
+
+/// Whether the filter that is set can be obeyed.
+///
+/// # Errors
+/// It names a level or a part that there is not, or is no filter.
+pub fn check_filter() -> anyhow::Result<()> {
+    let Ok(filter) = std::env::var(FILTER_VARIABLE) else {
+        return Ok(());
+    };
+    let wrong = filter
+        .split(',')
+        .map(str::trim)
+        .find(|directive| !is_directive(directive));
+    match wrong {
+        Some(wrong) if !filter.trim().is_empty() => bail!(
+            "{FILTER_VARIABLE}={filter}: {wrong:?}: must be off, error, warn, info, debug or trace, for one part alone PART=LEVEL, such as \
+             info,servo=trace; parts are {}",
+            TARGETS.join(", ")
+        ),
+        _ => Ok(()),
+    }
+}
+
+fn is_directive(directive: &str) -> bool {
+    let is_level = |word: &str| word.parse::<LevelFilter>().is_ok();
+    let is_target = |word: &str| {
+        let part = word.split("::").next().unwrap_or_default();
+        TARGETS.contains(&part.split(['[', '{']).next().unwrap_or_default())
+    };
+    let parts = match directive.rsplit_once('=') {
+        Some((target, level)) => is_target(target) && is_level(level),
+        None => is_level(directive) || is_target(directive),
+    };
+    parts
+        && directive
+            .parse::<tracing_subscriber::filter::Directive>()
+            .is_ok()
 }
 
 /// The progress bar that stands below the log, once there is one.

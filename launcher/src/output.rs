@@ -1,7 +1,7 @@
 //! What the commands print. A reader that closes its end is no error. The launcher of a cell prints through a queue, so that
 //! a terminal that takes no more (Ctrl-S, a hung ssh link) never keeps it from its processes.
 
-use std::io::Write;
+use std::io::{self, Write};
 use std::sync::OnceLock;
 use std::time::Duration;
 
@@ -15,6 +15,8 @@ const FLUSH_LIMIT: Duration = Duration::from_secs(1);
 
 /// Of a process that supervises a cell.
 static QUEUE: OnceLock<&'static Queue> = OnceLock::new();
+/// The first reason why something could not be written to standard output.
+static FAILED: OnceLock<io::Error> = OnceLock::new();
 
 /// From now on nothing that is printed is waited for: what a terminal or pipe does not take in time is dropped and counted.
 pub fn never_wait() {
@@ -42,18 +44,36 @@ pub fn say(text: &str) {
     print(Stream::Out, format!("{text}\n").as_bytes());
 }
 
+/// Notes that standard output did not take something. Whoever reads a pipe may close it, and a terminal may go: neither is a failure.
+pub fn note_failure(error: io::Error) {
+    let reader_left = error.kind() == io::ErrorKind::BrokenPipe;
+    let terminal_left = error.raw_os_error() == Some(rustix::io::Errno::IO.raw_os_error());
+    if !reader_left && !terminal_left {
+        let _ = FAILED.set(error);
+    }
+}
+
+/// Why something is missing on standard output, if it is.
+pub fn failure() -> Option<&'static io::Error> {
+    FAILED.get()
+}
+
 /// Writes these bytes, which are whole lines.
 pub fn print(stream: Stream, bytes: &[u8]) {
     if let Some(queue) = QUEUE.get() {
         return queue.print(stream, bytes);
     }
-    let _ = match stream {
+    match stream {
         Stream::Out => {
-            let mut out = std::io::stdout().lock();
-            out.write_all(bytes).and_then(|()| out.flush())
+            let mut out = io::stdout().lock();
+            if let Err(error) = out.write_all(bytes).and_then(|()| out.flush()) {
+                note_failure(error);
+            }
         }
-        Stream::Err => std::io::stderr().write_all(bytes),
-    };
+        Stream::Err => {
+            let _ = io::stderr().write_all(bytes);
+        }
+    }
 }
 
 /// Draws on standard error, unless lines wait there: the next picture shows more.

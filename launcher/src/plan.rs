@@ -9,7 +9,7 @@ use anyhow::Context;
 use control::path_part::PathPart;
 use control::time_use::{TimeTable, TimeUse};
 use control::totals::Totals;
-use control::window::PlannedSetpoint;
+use control::window::{PlannedSetpoint, WindowPlanner};
 
 use crate::check::{self, Checked, Depth, print_totals};
 use crate::exit::{Failure, Kind, Outcome};
@@ -17,9 +17,11 @@ use crate::logs;
 use crate::options::PlanOptions;
 use crate::output::say;
 
+use long_dwells::LongDwells;
 use picture::Picture;
 use what_if::WhatIf;
 
+mod long_dwells;
 mod picture;
 mod table;
 mod what_if;
@@ -46,7 +48,7 @@ pub fn plan(options: &PlanOptions) -> Outcome {
     if let Some(program) = &mut changed.program {
         what_if.apply_to_path(program);
     }
-    let (of_changed, table) = time(&changed, |_, _| Ok(())).input()?;
+    let (of_changed, table) = time(&changed, None).input()?;
     say(&format!(
         "what if {}: {:.3} s instead of {:.3} s, {:+.1} %",
         options.what_if.join(", "),
@@ -66,7 +68,7 @@ fn plan_as_is(checked: &Checked, options: &PlanOptions) -> Result<(Totals, TimeT
         None => None,
     };
     let mut picture = options.svg.as_ref().map(|_| Picture::of(checked));
-    let (totals, table) = time(checked, |path, setpoint| {
+    let mut each = |path: &PathPart, setpoint: &PlannedSetpoint| {
         if let Some(picture) = &mut picture {
             picture.setpoint(setpoint);
         }
@@ -74,8 +76,13 @@ fn plan_as_is(checked: &Checked, options: &PlanOptions) -> Result<(Totals, TimeT
             Some(csv) => csv.setpoint(path, setpoint),
             None => Ok(()),
         }
-    })
-    .input()?;
+    };
+    // Only a file has a row for each scan of a dwell.
+    let each_scan = options.csv.is_some();
+    let (totals, table) = match each_scan {
+        true => time_scan_by_scan(checked, &mut each).input()?,
+        false => time(checked, Some(&mut each)).input()?,
+    };
     if let Some(csv) = csv {
         csv.finish()?;
     }
@@ -91,12 +98,35 @@ fn plan_as_is(checked: &Checked, options: &PlanOptions) -> Result<(Totals, TimeT
     Ok((totals, table))
 }
 
-/// Plans a program, and finds where its time goes.
-fn time(
+/// What is done with each setpoint.
+type Each<'a> = &'a mut dyn FnMut(&PathPart, &PlannedSetpoint) -> anyhow::Result<()>;
+
+/// Plans a program, and finds where its time goes. However long its dwells are, they take no longer than a short one.
+fn time(checked: &Checked, each: Option<Each<'_>>) -> anyhow::Result<(Totals, TimeTable)> {
+    let Some(mut program) = checked.program.clone() else {
+        return time_scan_by_scan(checked, &mut |_, _| Ok(()));
+    };
+    let period_s = checked.machine.scan_period_s();
+    let dwells = LongDwells::shorten(&mut program, period_s);
+    let windows = checked.planner_along(program)?;
+    let (mut totals, mut table) = match each {
+        Some(each) => time_along(checked, windows, each)?,
+        None => time_along(checked, windows, &mut |_, _| Ok(()))?,
+    };
+    dwells.give_back(&mut totals, &mut table, period_s);
+    Ok((totals, table))
+}
+
+/// The same with each scan of each dwell.
+fn time_scan_by_scan(checked: &Checked, each: Each<'_>) -> anyhow::Result<(Totals, TimeTable)> {
+    time_along(checked, checked.planner()?, each)
+}
+
+fn time_along(
     checked: &Checked,
-    mut each: impl FnMut(&PathPart, &PlannedSetpoint) -> anyhow::Result<()>,
+    mut windows: WindowPlanner,
+    each: Each<'_>,
 ) -> anyhow::Result<(Totals, TimeTable)> {
-    let mut windows = checked.planner()?;
     let mut time_use = TimeUse::new(windows.limits().clone());
     let mut result = Ok(());
     let totals = checked.walk(&mut windows, u64::MAX, |path, setpoint| {

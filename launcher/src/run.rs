@@ -118,8 +118,11 @@ fn check_all(
     }
     let checked =
         check::load(&options.machine, Some(&options.program), Depth::Beginning).input()?;
+    for remark in checked.remarks() {
+        tracing::warn!("{}: {remark}", options.machine.display());
+    }
     for note in checked.notes() {
-        tracing::warn!("{}: {}", options.program.display(), note.shown());
+        tracing::warn!("{}: {note}", options.program.display());
     }
     if let Some(orders) = &options.orders {
         orders::load(orders, &checked.machine).input()?;

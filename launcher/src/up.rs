@@ -28,6 +28,9 @@ pub fn up(options: &UpOptions) -> Outcome {
         view::check().input()?;
     }
     let checked = check::load(&options.machine, None, check::Depth::Whole).input()?;
+    for remark in checked.remarks() {
+        tracing::warn!("{}: {remark}", options.machine.display());
+    }
     let cell_name = options.cell.as_deref().unwrap_or(&checked.machine.name);
     let place = CellPaths::new(cell_name).input()?;
     let signals = Signals::catch().environment()?;

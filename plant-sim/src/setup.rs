@@ -30,6 +30,22 @@ pub enum SetupError {
     /// The machine has a spindle, a tool changer or a probe, and the plant has none.
     #[error("the machine file has {0}, but the plant file has no [{1}]")]
     Missing(&'static str, &'static str),
+    /// An axis starts where it may not be.
+    #[error(
+        "axis {axis}: start_position_mm = {start} {unit} in the plant file: must be within the travel of the machine file, {low} to {high} {unit}"
+    )]
+    StartOutsideTravel {
+        /// Axis.
+        axis: String,
+        /// Unit of its positions.
+        unit: &'static str,
+        /// Where it starts.
+        start: f64,
+        /// Lowest position.
+        low: f64,
+        /// Highest position.
+        high: f64,
+    },
     /// The machine homes an axis by what the plant does not have.
     #[error(
         "axis {axis}: homing.method = {method:?} in the machine file, but the plant file has no [axis.{table}] for it{why}"
@@ -60,6 +76,9 @@ pub enum SetupError {
         of_plant: u32,
     },
 }
+
+/// A screw is no nearer to its nominal lead than this.
+const LEAD_TOLERANCE: f64 = 1e-3;
 
 fn drive_parameters(axis: &Axis) -> DriveParameters {
     DriveParameters {
@@ -168,11 +187,58 @@ impl PlantFile {
         self.axes.iter().flat_map(of_axis).collect()
     }
 
+    /// Each axis starts within its travel. One that is homed may start anywhere: where it is nobody knows before.
+    fn judge_start(&self, machine: &Machine) -> Result<(), SetupError> {
+        for axis in machine.axes.iter().filter(|axis| axis.homing.is_none()) {
+            let (low, high) = (axis.travel_min_mm, axis.travel_max_mm);
+            let start = self.axis(&axis.name).map(|of| of.start_position_mm);
+            if let Some(start) = start.filter(|start| !(low..=high).contains(start)) {
+                return Err(SetupError::StartOutsideTravel {
+                    axis: axis.name.clone(),
+                    unit: axis.kind.unit(),
+                    start,
+                    low,
+                    high,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Where machine file and plant file differ in what should be one number, in words: a test of robustness, or a mistake.
+    pub fn disagreements(&self, machine: &Machine) -> Vec<String> {
+        let mut words = Vec::new();
+        let (reckoned, simulated) = (machine.scan.dead_time_scans, self.drive.dead_time_scans);
+        if reckoned != simulated {
+            words.push(format!(
+                "dead time: the controller reckons with {reckoned} scans ([scan] dead_time_scans), the simulated drives have {simulated} \
+                 ([drive] dead_time_scans in plant.toml)"
+            ));
+        }
+        for axis in &machine.axes {
+            let Some(screw) = self.axis(&axis.name).map(|of| &of.screw) else {
+                continue;
+            };
+            if (screw.lead_mm / axis.lead_mm - 1.0).abs() > LEAD_TOLERANCE {
+                words.push(format!(
+                    "axis {}: the controller reckons with {} {unit} a turn of the motor (lead_mm), the simulated screw has {} {unit} \
+                     ([axis.screw] lead_mm in plant.toml): torque, gains and model are off by their ratio",
+                    axis.name,
+                    axis.lead_mm,
+                    screw.lead_mm,
+                    unit = axis.kind.unit()
+                ));
+            }
+        }
+        words
+    }
+
     /// Command positions with which the simulated machine starts, in increments: where its encoders are.
     ///
     /// # Errors
     /// [`SetupError`].
     pub fn start(&self, machine: &Machine) -> Result<[i64; MAX_AXES], SetupError> {
+        self.judge_start(machine)?;
         let mut start = [0; MAX_AXES];
         let axes = start.iter_mut().zip(&machine.axes);
         for ((increments, axis), simulation) in axes.zip(&self.simulations(machine)?) {

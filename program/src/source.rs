@@ -65,7 +65,6 @@ fn is_led_to(keyword: Keyword) -> bool {
             | Keyword::Return
             | Keyword::Break
             | Keyword::Continue
-            | Keyword::If
             | Keyword::Do
             | Keyword::Repeat
     )
@@ -217,6 +216,16 @@ impl Source {
         Ok(self.index()?.next(label, from, keywords))
     }
 
+    /// The last line before `from`, in the same file, with one of these words and this label.
+    pub fn last_before(
+        &mut self,
+        label: &str,
+        from: usize,
+        keywords: &[Keyword],
+    ) -> Result<Option<Label>, TextError> {
+        Ok(self.index()?.last_before(label, from, keywords))
+    }
+
     /// Where a subroutine begins: its `sub`, or its number for M98.
     pub fn subroutine(&mut self, label: &str) -> Result<Option<Label>, TextError> {
         Ok(self.index()?.subroutine(label))
@@ -290,6 +299,19 @@ impl Index {
             .get(behind..)?
             .iter()
             .take_while(|label| label.at.line < end)
+            .find(|label| keywords.contains(&label.keyword))
+            .copied()
+    }
+
+    fn last_before(&self, label: &str, from: usize, keywords: &[Keyword]) -> Option<Label> {
+        let file = self.files.partition_point(|&(index, _)| index <= from);
+        let begin = file.checked_sub(1).and_then(|file| self.files.get(file));
+        let begin = begin.map_or(0, |&(index, _)| index);
+        let lines = self.labels.get(label)?;
+        let before = lines.partition_point(|label| label.at.line < from);
+        let before = lines.get(..before)?.iter().rev();
+        before
+            .take_while(|label| label.at.line >= begin)
             .find(|label| keywords.contains(&label.keyword))
             .copied()
     }

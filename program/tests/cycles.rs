@@ -221,7 +221,7 @@ fn each_mistake_in_a_cycle_is_reported_with_its_place_and_what_would_be_right() 
         ),
         (
             "F1 G82 X1 Z-5 R2 P-1",
-            "part.ngc:1:18: P-1: a time is 0 s or more",
+            "part.ngc:1:18: P-1: a time is 0 to 100000 s; M0 waits for the operator",
         ),
         (
             "F1 G83 X1 Z-5 R2",

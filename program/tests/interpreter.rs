@@ -516,7 +516,14 @@ G1 X5",
         ),
         ("S-5", "part.ngc:1:1: S-5: a spindle speed is 0 or more"),
         ("G4", "part.ngc:1:1: G4 without P"),
-        ("G4 P-1", "part.ngc:1:4: P-1: a time is 0 s or more"),
+        (
+            "G4 P-1",
+            "part.ngc:1:4: P-1: a time is 0 to 100000 s; M0 waits for the operator",
+        ),
+        (
+            "G4 P100000000",
+            "part.ngc:1:4: P100000000: a time is 0 to 100000 s; M0 waits for the operator",
+        ),
         ("P5", "part.ngc:1:1: P5: P belongs to G4"),
         ("G0 X1 I5", "part.ngc:1:7: I without an arc"),
         (

@@ -9,17 +9,19 @@ use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, anyhow, bail};
+use anyhow::{anyhow, bail};
 use bus::kept_parameters::{parameter_file, parameters_now};
 use bus::process::watch;
 use bus::sample::{Feedback, Mode, OperatorRequest, Order, ProgramState};
 use machine::parse_parameters;
 use planner::ProgramText;
+use program::Note;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
 
 use super::Client;
 use super::eyes::Eyes;
+use crate::check::{at_line, without_spindle};
 use crate::exit::{Failure, Kind, Outcome};
 use crate::options::{LoadOptions, OperatorOptions, StartOptions};
 use crate::output::say;
@@ -37,6 +39,8 @@ const DOWN_LIMIT: Duration = Duration::from_secs(240);
 const ENDS_BY_ITSELF: Duration = Duration::from_millis(500);
 /// Time between two looks whether it does.
 const ENDS_LOOK: Duration = Duration::from_millis(5);
+/// The recorder comes behind the machine; one that was lost is replaced by then.
+const RECORDED_WITHIN: Duration = Duration::from_secs(10);
 const LOOK: Duration = Duration::from_millis(5);
 
 /// `load`.
@@ -139,18 +143,21 @@ fn check(client: &Client, file: &Path, now: &Feedback) -> anyhow::Result<String>
                 user_codes::check(&folder, &program)?;
             }
             let (elements, length_mm) = (program.path.elements.len(), program.path.length_mm());
-            let notes = program.notes.clone();
-            planner::course(machine, program).with_context(|| name)?;
+            let beside = without_spindle(machine, &program);
+            let notes = program.notes.iter().map(Note::shown);
+            let notes: Vec<String> = beside.into_iter().chain(notes).collect();
+            planner::course(machine, program).map_err(|e| at_line(&name, &e.to_string()))?;
             (notes, elements as u64, length_mm)
         }
         None => {
             let text = ProgramText::File(file.to_path_buf());
             let survey = planner::survey(machine, &text, start, u64::MAX, |_| {})?;
-            (survey.notes, survey.elements, survey.length_mm)
+            let notes = survey.notes.iter().map(Note::shown).collect();
+            (notes, survey.elements, survey.length_mm)
         }
     };
     for note in &notes {
-        say(&note.shown());
+        say(note);
     }
     Ok(format!("{elements} elements, {length_mm:.1} mm"))
 }
@@ -208,7 +215,7 @@ pub fn start(options: &StartOptions) -> Outcome {
     let client = Client::to_order(options.to.cell.as_deref())?;
     // Listens before it asks, so that the shortest program is not missed.
     let mut eyes = Eyes::open(&client)?;
-    eyes.look()?;
+    let loaded = eyes.look()?.load;
     let request = OperatorRequest {
         order: Order::Start as u32,
         ..OperatorRequest::default()
@@ -219,9 +226,10 @@ pub fn start(options: &StartOptions) -> Outcome {
     } else {
         ""
     };
-    let folder = folder_of(&client, answer.run);
-    let folder = folder.map_or(String::new(), |folder| format!(": {}", folder.display()));
-    client.say(&format!("run {} started{hold}{folder}", answer.run));
+    let folder = folder_of(&client, answer.run, loaded);
+    let shown = folder.as_ref();
+    let shown = shown.map_or(String::new(), |folder| format!(": {}", folder.display()));
+    client.say(&format!("run {} started{hold}{shown}", answer.run));
     if !options.wait {
         return Ok(());
     }
@@ -236,15 +244,13 @@ pub fn start(options: &StartOptions) -> Outcome {
         }
         if now.run == answer.run && !started {
             if now.program == ProgramState::Done as u32 {
-                client.say(&format!("run {} is done", answer.run));
-                return Ok(());
+                return done(&client, answer.run, now.scan, folder.as_deref());
             }
             return Err(Failure::Stopped(anyhow!("run {} was given up", answer.run)));
         }
         let mode = Mode::from_wire(now.mode);
         if mode == Some(Mode::Finished) && now.last == 1 {
-            client.say(&format!("run {} is done", answer.run));
-            return Ok(());
+            return done(&client, answer.run, now.scan, folder.as_deref());
         }
         let stands = matches!(mode, Some(Mode::Tripped | Mode::Stopped | Mode::Disabled));
         if now.run == answer.run && (stands || now.last == 1) {
@@ -258,13 +264,41 @@ pub fn start(options: &StartOptions) -> Outcome {
     }
 }
 
-/// Run directory of a run that was started just now, if it can be known.
-fn folder_of(client: &Client, run: u32) -> Option<PathBuf> {
+/// A run is done: whether it was recorded too.
+fn done(client: &Client, run: u32, scan: u64, folder: Option<&Path>) -> Outcome {
+    let asked = Instant::now();
+    let page = &client.cell.page;
+    while page.recorded_scans() <= scan && !client.cell.is_gone() {
+        if asked.elapsed() > RECORDED_WITHIN {
+            break;
+        }
+        std::thread::sleep(LOOK);
+    }
+    let log = folder.map(|folder| folder.join(monitor::log::LOG_FILE));
+    let is_there = |log: &PathBuf| fs::metadata(log).is_ok_and(|of| of.len() > 0);
+    let recorded = client.cell.is_gone() || page.recorded_scans() > scan;
+    if log.as_ref().is_none_or(is_there) && recorded {
+        client.say(&format!("run {run} is done"));
+        return Ok(());
+    }
+    let log = log.unwrap_or_default();
+    let what = if is_there(&log) {
+        "is not all in its log"
+    } else {
+        "was not recorded: there is no log"
+    };
+    Err(Failure::Environment(anyhow!(
+        "{}: run {run} is done, but {what} {}: the terminal of `quadrant up` has the reason",
+        client.cell.place.name(),
+        log.display()
+    )))
+}
+
+/// Run directory of a run that was started just now of the program with the number `load`, if it can be known.
+fn folder_of(client: &Client, run: u32, load: u32) -> Option<PathBuf> {
     let runs = fs::read(client.cell.place.runs_file()).ok()?;
     let runs = PathBuf::from(OsString::from_vec(runs));
-    let loaded = fs::read_dir(client.cell.place.programs()).ok()?.flatten();
-    let numbers = loaded.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
-    let program = client.cell.place.program(numbers.max()?)?;
+    let program = client.cell.place.program(load)?;
     Some(monitor::run_folder(&runs, run, &program))
 }
 

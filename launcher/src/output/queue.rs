@@ -185,7 +185,12 @@ impl Queue {
                     let _ = poll(&mut [PollFd::new(&to, PollFlags::OUT)], None);
                     continue;
                 }
-                Err(_) => return,
+                Err(error) => {
+                    if piece.stream == Stream::Out {
+                        super::note_failure(error.into());
+                    }
+                    return;
+                }
             }
             self.waiting().writes += 1;
             self.changed.notify_all();

@@ -84,9 +84,19 @@ impl Check<'_> {
         }
         for key in schema.required() {
             if !table.contains_key(key) && !replaced.contains(&key) {
-                self.unreadable(place.clone(), &format!(": missing field `{key}`"));
+                self.missing(schema.key(key), key, place);
             }
         }
+    }
+
+    /// A key that must be there is not; of a table, all that must be in it.
+    fn missing(&mut self, schema: Option<KeySchema<'_>>, key: &str, place: &Place) {
+        let needed = schema.map(|schema| needed(schema)).unwrap_or_default();
+        let words = match needed.as_slice() {
+            [] => format!(": missing field `{key}`"),
+            keys => format!(": missing field `{key}`, with {}", keys.join(", ")),
+        };
+        self.unreadable(place.clone(), &words);
     }
 
     /// What an old name is called now.
@@ -218,6 +228,29 @@ fn axis_name(table: &DeTable<'_>, index: usize) -> String {
         Some(DeValue::String(name)) if name.len() <= AXIS_NAME_SHOWN_MAX => name.to_string(),
         _ => (index + 1).to_string(),
     }
+}
+
+/// Keys that must be in a table, or in each table of a list, those of the tables in it among them.
+fn needed(schema: KeySchema<'_>) -> Vec<String> {
+    let table = match schema.kind() {
+        Kind::Table => Some(schema),
+        Kind::List => schema.items().filter(|items| items.kind() == Kind::Table),
+        _ => None,
+    };
+    let Some(table) = table else {
+        return Vec::new();
+    };
+    let of_key = |key| {
+        let inner = table.key(key).map(needed).unwrap_or_default();
+        let inner = inner.iter().map(|inner| format!("{key}.{inner}"));
+        let inner: Vec<String> = inner.collect();
+        if inner.is_empty() {
+            vec![key.to_string()]
+        } else {
+            inner
+        }
+    };
+    table.required().flat_map(of_key).collect()
 }
 
 /// What would be right.

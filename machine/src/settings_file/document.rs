@@ -36,7 +36,14 @@ impl<'a> Document<'a> {
 
     /// An error of the TOML library, with file and line.
     pub fn message(&self, error: &Error) -> String {
-        let (name, what) = (self.name, error.message());
+        let name = self.name;
+        let what = match (error.message(), error.span()) {
+            ("duplicate key", Some(span)) => {
+                let key = self.text.get(span).unwrap_or_default();
+                format!("{key} is there twice: each key and each table once")
+            }
+            (what, _) => what.to_string(),
+        };
         match error.span() {
             Some(span) => format!("{name}:{}: {what}", self.line(span.start)),
             None => format!("{name}: {what}"),

@@ -67,6 +67,13 @@ impl<'a> Rules<'a> {
             from: Some(from),
             high: Some(high),
         };
+        // Limits that follow from a value which is wrong itself are none.
+        let low = match from {
+            From::Above(low) | From::AtLeast(low) => low,
+        };
+        if high <= low && !self.all_kept() {
+            return;
+        }
         if !range.contains(value) {
             let unit = spaced(unit);
             self.say(

@@ -5,8 +5,8 @@ use serde_json::Value as Json;
 use super::cause_sections;
 use super::document::{Block, Columns, Document, Fact, Outcome, Section, digits};
 use super::json::{
-    ArcReport, AuxiliaryReport, AxisReport, FaultReport, OutcomeKind, Report, ReversalReport,
-    ScanRange,
+    ArcReport, AuxiliaryReport, AxisReport, FaultReport, NoteReport, OutcomeKind, Report,
+    ReversalReport, ScanRange,
 };
 use super::match_up::orders;
 use crate::measure::outcome::Reaction;
@@ -23,6 +23,7 @@ const GAPS_MAX: usize = 5;
 pub(super) fn document(report: &Report, circles: &[String]) -> Document {
     let mut sections = vec![
         head(report),
+        section("Remarks on the program", vec![Block::List(notes(report))]),
         section("Faults", vec![Block::List(faults(report))]),
         section(
             "Spindle, coolant, outputs and stops",
@@ -54,6 +55,15 @@ pub(super) fn section(heading: impl Into<String>, blocks: Vec<Block>) -> Section
         heading: heading.into(),
         blocks,
     }
+}
+
+/// What of the program was accepted with a remark.
+fn notes(report: &Report) -> Vec<String> {
+    let line = |note: &NoteReport| match note.count {
+        1 => format!("line {}: {}", note.line, note.text),
+        count => format!("line {}, {count} times: {}", note.line, note.text),
+    };
+    report.notes.iter().map(line).collect()
 }
 
 /// What happened beside the axes; what comes after the first events is in report.json.

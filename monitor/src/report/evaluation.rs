@@ -4,7 +4,7 @@ use std::path::{Path as FilePath, PathBuf};
 
 use control::path::Path;
 use machine::Machine;
-use program::{Along, Answer, ResumeError, Setup};
+use program::{Along, Answer, Note, ResumeError, Setup};
 use serde_json::Value;
 
 use super::error::ReportError;
@@ -48,6 +48,8 @@ pub struct Evaluation {
     pub machine: Machine,
     /// Whether the program read again is the one that ran; none if nothing ran.
     pub program_matches: Option<bool>,
+    /// What of the program was accepted with a remark; nothing of a long one.
+    pub notes: Vec<Note>,
 }
 
 impl Evaluation {
@@ -92,8 +94,9 @@ pub fn run_path(run_dir: &FilePath) -> Result<Option<RunPath>, ReportError> {
         return Ok(None);
     };
     let known = (start, &prescan.answers);
-    let (path, _) = load_path(run_dir, &machine, reader.info(), known)?;
-    Ok(Some(path))
+    Ok(Some(
+        load_path(run_dir, &machine, reader.info(), known)?.path,
+    ))
 }
 
 /// Measures the log, with what has to be known of it before; and what it itself says of that.
@@ -103,13 +106,13 @@ fn evaluate_knowing(
     prescan: &Prescan,
 ) -> Result<(Evaluation, Prescan), ReportError> {
     let mut reader = RunLog::open(run_dir)?;
-    let (path, source_hash) = match &prescan.start {
+    let (path, source_hash, notes) = match &prescan.start {
         Some(start) => {
             let known = (start, &prescan.answers);
-            let (path, source_hash) = load_path(run_dir, machine, reader.info(), known)?;
-            (path, Some(source_hash))
+            let read = load_path(run_dir, machine, reader.info(), known)?;
+            (read.path, Some(read.source_hash), read.notes)
         }
-        None => (Path::default().into(), None),
+        None => (Path::default().into(), None, Vec::new()),
     };
     let mut analysis = Analysis::new(machine.clone(), path);
     analysis.begins_at(reader.info().begins_at());
@@ -139,6 +142,7 @@ fn evaluate_knowing(
             .zip(source_hash)
             .map(|(start, source_hash)| start.program_hash == source_hash),
         machine: machine.clone(),
+        notes,
     };
     Ok((evaluation, found))
 }
@@ -190,13 +194,20 @@ pub(super) fn program_file(run_dir: &FilePath, info: &RunInfo) -> Result<PathBuf
     Ok(run_dir.join(name))
 }
 
-/// The path of the program that ran, with what the machine has answered to it, and its hash.
+/// A program that ran, read again.
+struct Read {
+    path: RunPath,
+    source_hash: u64,
+    notes: Vec<Note>,
+}
+
+/// The program that ran, with what the machine has answered to it.
 fn load_path(
     run_dir: &FilePath,
     machine: &Machine,
     info: &RunInfo,
     (start, answers): (&Start, &Answers),
-) -> Result<(RunPath, u64), ReportError> {
+) -> Result<Read, ReportError> {
     let file = program_file(run_dir, info)?;
     let positions = &start.command_positions;
     let given = answers.given().iter();
@@ -209,9 +220,17 @@ fn load_path(
     let all_but_last = said.split_last().map_or(&[][..], |(_, others)| others);
     let read = short(&said).or_else(|_| short(all_but_last));
     if let Some(program) = read.or_else(|_| short(&[]))? {
-        return Ok((program.path.into(), program.source_hash));
+        return Ok(Read {
+            path: program.path.into(),
+            source_hash: program.source_hash,
+            notes: program.notes,
+        });
     }
     let along = Along::open_knowing(machine, positions, &file, &said)?;
     let source_hash = along.source_hash();
-    Ok((RunPath::Near(Box::new(along)), source_hash))
+    Ok(Read {
+        path: RunPath::Near(Box::new(along)),
+        source_hash,
+        notes: Vec::new(),
+    })
 }

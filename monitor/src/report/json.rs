@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use machine::DriveMode;
+use program::Note;
 use serde::{Deserialize, Serialize};
 
 use super::causes::{BallBarReport, ContourPartsReport, ball_bars, contour_parts};
@@ -82,6 +83,9 @@ pub struct Report {
     pub processes: Vec<ProcessReport>,
     /// What befell them.
     pub faults: Vec<FaultReport>,
+    /// What of the program was accepted with a remark; left out where nothing was.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<NoteReport>,
     /// What happened to spindle, coolant, outputs and tool, and what was waited for; left out where nothing did.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub auxiliary_events: Vec<AuxiliaryReport>,
@@ -98,6 +102,17 @@ pub struct Report {
 
 fn is_none(count: &u64) -> bool {
     *count == 0
+}
+
+/// Something that the program has and that was accepted with a remark.
+#[derive(Debug, Clone, Serialize)]
+pub struct NoteReport {
+    /// First line that has it.
+    pub line: u32,
+    /// How often the program has it.
+    pub count: u32,
+    /// The remark.
+    pub text: String,
 }
 
 /// Something that happened beside the axes.
@@ -455,6 +470,7 @@ impl Report {
             limits: measurements.limits,
             processes: processes(measurements),
             faults: faults(measurements),
+            notes: evaluation.notes.iter().map(note).collect(),
             auxiliary_events: auxiliary_events(measurements),
             messages: evaluation.said.lines.clone(),
             messages_more: evaluation.said.more,
@@ -493,6 +509,14 @@ fn outcome(evaluation: &Evaluation) -> OutcomeReport {
         ),
     };
     OutcomeReport { kind, reason }
+}
+
+fn note(note: &Note) -> NoteReport {
+    NoteReport {
+        line: note.line,
+        count: note.count,
+        text: note.text.clone(),
+    }
 }
 
 fn parts(evaluation: &Evaluation) -> Vec<PartReport> {

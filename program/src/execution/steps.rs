@@ -36,6 +36,7 @@ impl Execution {
         match flow.keyword {
             Keyword::Number => {}
             Keyword::Sub => {
+                self.is_only(flow, index)?;
                 let ends = [Keyword::EndSub];
                 let end = self.find(flow, index, &ends, || without(Keyword::EndSub))?;
                 self.go_behind(end);
@@ -48,17 +49,21 @@ impl Execution {
                 }
             }
             Keyword::Call => self.call(flow)?,
-            Keyword::If | Keyword::ElseIf
-                if value != 0.0 && (flow.keyword == Keyword::If || not_yet) => {}
+            Keyword::If if value != 0.0 => {
+                let ends = [Keyword::EndIf];
+                self.find(flow, index, &ends, || without(Keyword::EndIf))?;
+            }
+            Keyword::ElseIf if value != 0.0 && not_yet => {}
             Keyword::Else if not_yet => {}
             Keyword::If => self.next_branch(index, flow, without(Keyword::EndIf))?,
             Keyword::ElseIf if not_yet => self.next_branch(index, flow, without(Keyword::EndIf))?,
             Keyword::ElseIf | Keyword::Else => {
+                self.is_within_if(flow, index, without(Keyword::If))?;
                 let ends = [Keyword::EndIf];
                 let end = self.find(flow, index, &ends, || without(Keyword::EndIf))?;
                 self.go_behind(end);
             }
-            Keyword::EndIf => {}
+            Keyword::EndIf => self.is_within_if(flow, index, without(Keyword::If))?,
             Keyword::Do => self.begin(flow, LoopKind::Do),
             Keyword::While => self.test(index, flow, value, without(Keyword::EndWhile))?,
             Keyword::Repeat => {
@@ -97,6 +102,34 @@ impl Execution {
         self.next = branch.at;
         self.not_yet = true;
         Ok(())
+    }
+
+    /// A branch, or the end of branches, has its `if` before it.
+    fn is_within_if(
+        &mut self,
+        flow: &FlowWord,
+        index: usize,
+        refusal: Refusal,
+    ) -> Result<(), Refusal> {
+        let words = [Keyword::If, Keyword::EndIf];
+        let before = self.source.last_before(&flow.label, index, &words);
+        let before = before.map_err(|error| refused_text(flow.offset, error))?;
+        match before {
+            Some(before) if before.keyword == Keyword::If => Ok(()),
+            _ => Err(refusal),
+        }
+    }
+
+    /// No other subroutine of the file has the label of the one that begins in this line.
+    fn is_only(&mut self, flow: &FlowWord, index: usize) -> Result<(), Refusal> {
+        let sub = [Keyword::Sub];
+        let other = self.source.next(&flow.label, index, &sub);
+        let other = other.map_err(|error| refused_text(flow.offset, error))?;
+        let Some(other) = other else { return Ok(()) };
+        let (_, line) = self.source.place(other.at.line as u32 + 1);
+        let found = format!("{} is there twice: again in line {line}", flow.shown());
+        let right = "each subroutine of a file has a label of its own";
+        Err(Refusal::new(flow.offset, found, right))
     }
 
     fn begin(&mut self, flow: &FlowWord, kind: LoopKind) {
@@ -232,6 +265,13 @@ impl Execution {
             );
             return Err(Refusal::new(flow.offset, found, right));
         };
+        if begin.keyword == Keyword::Sub {
+            let sub = FlowWord {
+                keyword: Keyword::Sub,
+                ..flow.clone()
+            };
+            self.is_only(&sub, begin.at.line)?;
+        }
         self.enter(&flow.label, begin, flow.offset)?;
         self.interpreter.frames.here().arguments = true;
         self.interpreter.pass(&flow.values);

@@ -1,5 +1,6 @@
 //! The canned cycles: the words of their blocks, and the moves that these become.
 
+use super::modes::{dwell_right, is_dwell};
 use super::*;
 use crate::cycles::{Level, Levels, Turning, Wait};
 
@@ -467,9 +468,9 @@ struct CycleAxes {
 /// Seconds to wait in the hole that the block gives.
 fn seconds_at_the_bottom(words: &Words) -> Result<Option<f64>, Refusal> {
     match words.value('P') {
-        Some(p) if p.value < 0.0 => {
+        Some(p) if !is_dwell(p.value) => {
             let found = format!("P{}", p.value);
-            Err(Refusal::new(p.offset, found, "a time is 0 s or more"))
+            Err(Refusal::new(p.offset, found, dwell_right()))
         }
         given => Ok(given.map(|p| p.value)),
     }

@@ -27,6 +27,19 @@ pub struct SavedModes {
     tool_length: AxisVector,
 }
 
+/// The longest dwell, in s: more than a day.
+const DWELL_MAX_S: f64 = 100_000.0;
+
+/// What is right of the time of a dwell.
+pub(super) fn dwell_right() -> String {
+    format!("a time is 0 to {DWELL_MAX_S} s; M0 waits for the operator")
+}
+
+/// Whether a dwell may have this time, in s.
+pub(super) fn is_dwell(seconds: f64) -> bool {
+    (0.0..=DWELL_MAX_S).contains(&seconds)
+}
+
 impl Interpreter {
     /// The modes of a block, in their order.
     pub(super) fn modes(&mut self, line: u32, words: &Words) -> Result<(), Refusal> {
@@ -140,10 +153,10 @@ impl Interpreter {
                 "G4 without P",
                 "the time in seconds, such as G4 P0.5",
             )),
-            Some(p) if p.value < 0.0 => Err(Refusal::new(
+            Some(p) if !is_dwell(p.value) => Err(Refusal::new(
                 p.offset,
                 format!("P{}", p.value),
-                "a time is 0 s or more",
+                dwell_right(),
             )),
             Some(p) => {
                 if p.value >= 100.0 && p.value.fract() == 0.0 {

@@ -143,7 +143,11 @@ impl Interpreter {
             _ => {
                 let place = words.value('L').map_or(word.offset, |l| l.offset);
                 let right = "L2 and L20 set a work offset, L1, L10 and L11 a tool";
-                Err(Refusal::new(place, format!("G10 L{how}"), right))
+                let found = match words.value('L') {
+                    Some(_) => format!("G10 L{how}"),
+                    None => "G10 without L".into(),
+                };
+                Err(Refusal::new(place, found, right))
             }
         }
     }

@@ -12,7 +12,7 @@ use super::looks::{FRAME, heard};
 use super::source::Source;
 use crate::drawing::text_of;
 use launcher::exit::{Failure, Kind, Outcome};
-use launcher::output::say;
+use launcher::output::{self, say};
 use launcher::signals::Signals;
 
 /// One screen shows this long a time.
@@ -61,7 +61,8 @@ pub fn run(mut feed: Box<dyn Source>) -> Outcome {
             let mut out = std::io::stdout().lock();
             let line = json::line(feed.model(), &mut reported);
             let written = writeln!(out, "{line}").and_then(|()| out.flush());
-            if written.is_err() {
+            if let Err(error) = written {
+                output::note_failure(error);
                 return Ok(());
             }
         }

@@ -23,7 +23,7 @@ use monitor::scope::{Capture, Scope, Settings, csv, picture};
 use crate::options::ScopeOptions;
 use launcher::exit::{Failure, Kind, Outcome};
 use launcher::logs;
-use launcher::output::say;
+use launcher::output::{self, say};
 use launcher::signals::Signals;
 use path::Wanted;
 use source::Source;
@@ -233,7 +233,9 @@ impl<'a> Sink<'a> {
             if file == Path::new("-") {
                 // Nothing else may be in it.
                 let mut out = std::io::stdout().lock();
-                let _ = out.write_all(text.as_bytes()).and_then(|()| out.flush());
+                if let Err(error) = out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+                    output::note_failure(error);
+                }
             } else {
                 append(file, first, &text)
                     .with_context(|| format!("{}: cannot be written", file.display()))
