@@ -61,7 +61,7 @@ pub enum Command {
     Override(OverrideOptions),
     /// Let M1 stop the program of a running cell, or pass it
     OptionalStop(OptionalStopOptions),
-    /// Move one axis of a running cell by hand, at the machine file's reduced jog speed: ready, stopped, or at rest in hold
+    /// Move one axis of a running cell by hand, by a distance or until Ctrl-C: ready, stopped, or at rest in hold
     Jog(JogOptions),
     /// Home axes of a running cell that have no absolute encoder, one after another: ready, or at rest in hold before a program has begun
     Home(HomeOptions),
@@ -69,6 +69,8 @@ pub enum Command {
     Enable(OperatorOptions),
     /// Drives off: at rest in hold or stopped only; the position is not lost when the axes are pushed
     Disable(OperatorOptions),
+    /// Emergency stop by the operator: all axes brake at their limits, spindle and coolant go off, in every state; `enable` ends it
+    Estop(OperatorOptions),
     /// One look at a running cell: state, program, axes, processes
     Status(StatusOptions),
     /// Live view of a running cell: axes, circle, reversals, processes, events; comes and goes without a trace

@@ -25,6 +25,7 @@ mod house;
 mod identify;
 mod in_process;
 mod interruption;
+mod jog;
 mod killed_clients;
 mod learn_path;
 mod leftovers;

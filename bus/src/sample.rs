@@ -272,11 +272,13 @@ pub enum Cause {
     HomeIndex = 28,
     /// A drive that homes by itself did not end in time.
     HomeDrive = 29,
+    /// The operator has ordered an emergency stop.
+    EmergencyStop = 30,
 }
 
 impl Cause {
     /// All of them. A number is never given to another cause: logs keep them.
-    pub const ALL: [Cause; 26] = [
+    pub const ALL: [Cause; 27] = [
         Cause::None,
         Cause::FollowingError,
         Cause::SoftLimit,
@@ -303,6 +305,7 @@ impl Cause {
         Cause::HomeSwitch,
         Cause::HomeIndex,
         Cause::HomeDrive,
+        Cause::EmergencyStop,
     ];
 
     /// Whether a servo can know it: of its own axis, and of what it was told.
@@ -358,6 +361,7 @@ impl Cause {
             }
             Cause::HomeIndex => "no index of the motor encoder where one should be",
             Cause::HomeDrive => "the drive did not home in time",
+            Cause::EmergencyStop => "emergency stop by the operator",
             Cause::Stalled => "master stalled for longer than the watchdog, drives off",
         }
     }

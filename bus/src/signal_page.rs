@@ -26,7 +26,7 @@ mod atomic {
 }
 mod words;
 
-const MAGIC: u64 = u64::from_le_bytes(*b"QUADRAN5");
+const MAGIC: u64 = u64::from_le_bytes(*b"QUADRAN6");
 /// Most faults a script of one run can have.
 pub const FAULTS_MAX: usize = 1024;
 /// Bytes kept for one saved state of the master.
@@ -152,7 +152,7 @@ struct Recorded {
 }
 
 /// Orders that must always come through.
-const URGENT: [Order; 3] = [Order::Stop, Order::Hold, Order::Down];
+const URGENT: [Order; 4] = [Order::Stop, Order::Hold, Order::Down, Order::EmergencyStop];
 const ANSWER_WORDS: usize = size_of::<OperatorResponse>() / 8;
 /// Answers to orders of one kind that are kept for who looks late.
 const ANSWERS_KEPT: usize = 4;
@@ -218,7 +218,7 @@ impl SignalPage {
         self.layout().urgent.get(index)
     }
 
-    /// Gives an order that must always come through: stop, hold, down. Its number, for [`SignalPage::urgent_answer`]; none for
+    /// Gives an order that must always come through: stop, hold, down, emergency stop. Its number, for [`SignalPage::urgent_answer`]; none for
     /// any other order.
     pub fn order_urgently(&self, order: Order) -> Option<u32> {
         let number = self.urgent(order)?.ask();

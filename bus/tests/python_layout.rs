@@ -142,7 +142,7 @@ structure!(
         override_disabled,
         tool,
         coupled,
-        reserved,
+        jog_um_s,
     }
 );
 structure!(

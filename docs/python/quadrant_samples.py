@@ -118,12 +118,12 @@ class Auxiliaries(ctypes.Structure):
         ("override_disabled", c_uint32),  # at 160
         ("tool", c_uint32),  # at 164
         ("coupled", c_uint32),  # at 168
-        ("reserved", c_uint32),  # at 172
+        ("jog_um_s", c_uint32),  # at 172
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Auxiliaries/2"
+        return "quadrant/Auxiliaries/3"
 
 
 assert ctypes.sizeof(Auxiliaries) == 176

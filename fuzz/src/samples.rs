@@ -243,6 +243,7 @@ fn step(cell: &mut Cell, bytes: &mut Bytes<'_>) {
                 order: u32::from(bytes.byte()),
                 axis: u32::from(bytes.byte()),
                 value: f64::from(bytes.byte()),
+                ..OperatorRequest::default()
             };
             if bytes.byte() > 127 {
                 bytes.tamper(&mut request);

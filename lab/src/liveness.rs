@@ -225,7 +225,7 @@ impl<'a> Liveness<'a> {
         let asked = self.asked.get(axis).copied().unwrap_or(0);
         let is_asked = asked & (1 << cause as u32) != 0;
         let true_word = match cause {
-            Cause::None => true,
+            Cause::None | Cause::EmergencyStop => true,
             Cause::ServoLost => self.lost & (1 << axis.min(31)) != 0,
             Cause::Watchdog => shown.is_some_and(|axis| axis.missed_in_a_row > 0),
             Cause::Planner => self.planner == cause as u32,

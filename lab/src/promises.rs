@@ -18,12 +18,14 @@ impl Promises {
     pub fn obeyed(&mut self, order: Order) {
         match order {
             Order::Hold => self.held = true,
-            Order::Stop | Order::Down => self.stopped = true,
+            Order::Stop | Order::Down | Order::EmergencyStop => self.stopped = true,
             Order::Resume => (self.held, self.stopped) = (false, false),
             Order::Enable | Order::Start => self.stopped = false,
             Order::Override
             | Order::Disable
             | Order::Jog
+            | Order::JogOn
+            | Order::JogRenew
             | Order::Home
             | Order::Load
             | Order::OptionalStop => {}

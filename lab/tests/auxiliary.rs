@@ -82,6 +82,7 @@ fn order(order: Order, value: f64) -> OperatorRequest {
         order: order as u32,
         axis: 0,
         value,
+        ..OperatorRequest::default()
     }
 }
 

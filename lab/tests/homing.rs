@@ -121,6 +121,7 @@ impl Bench {
             order: order as u32,
             axis,
             value,
+            ..OperatorRequest::default()
         };
         Refused::from_wire(self.cell.order(&request).reason).expect("a reason")
     }

@@ -71,6 +71,7 @@ fn run(machine: &Machine, plant: &PlantFile) -> Vec<Row> {
                     order: order as u32,
                     axis,
                     value,
+                    ..OperatorRequest::default()
                 };
                 assert_eq!(cell.order(&request).accepted, 1, "{order:?}");
             }

@@ -70,6 +70,7 @@ fn order(order: Order) -> OperatorRequest {
         order: order as u32,
         axis: 0,
         value: 0.0,
+        ..OperatorRequest::default()
     }
 }
 

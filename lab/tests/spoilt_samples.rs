@@ -280,6 +280,7 @@ fn an_order_that_is_nonsense_is_refused_or_is_another_order_and_the_path_is_kept
             order: order as u32,
             axis: 1,
             value: 1.0,
+            ..OperatorRequest::default()
         };
         spoilt(&right, |request, what| wrong.push((request, what)));
         let mut next = 40;

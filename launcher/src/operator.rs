@@ -5,22 +5,22 @@ use bus::sample::{OperatorRequest, Order};
 
 mod client;
 mod eyes;
+mod jog;
 pub mod origin;
 mod program;
 
 pub use client::{Client, held};
+pub use jog::{JogAsked, JogSender, jog, jog_by, look};
 pub use program::{down, load, start};
 
 use client::{order_urgently, running};
 use eyes::Eyes;
 
 use crate::exit::{Failure, Outcome};
-use crate::options::{
-    HomeOptions, JogOptions, OperatorOptions, OptionalStopOptions, OverrideOptions,
-};
+use crate::options::{HomeOptions, OperatorOptions, OptionalStopOptions, OverrideOptions};
 use crate::output::say;
 
-/// `hold`, `resume`, `stop`, `enable`, `disable`.
+/// `hold`, `resume`, `stop`, `enable`, `disable`, `estop`.
 pub fn simple(order: Order, options: &OperatorOptions) -> Outcome {
     say(&given(options.cell.as_deref(), order, 0.0)?);
     Ok(())
@@ -28,7 +28,7 @@ pub fn simple(order: Order, options: &OperatorOptions) -> Outcome {
 
 fn given(cell: Option<&str>, order: Order, value: f64) -> Result<String, Failure> {
     match order {
-        Order::Stop | Order::Hold => order_urgently(cell, order),
+        Order::Stop | Order::Hold | Order::EmergencyStop => order_urgently(cell, order),
         Order::Enable => Client::to_order(cell)?.enable(),
         _ => Client::to_order(cell)?.order(order, value),
     }
@@ -55,32 +55,6 @@ pub fn optional_stop(options: &OptionalStopOptions) -> Outcome {
     let on = options.state == "on";
     client.order(Order::OptionalStop, f64::from(u8::from(on)))?;
     client.say(&format!("optional stop {}", options.state));
-    Ok(())
-}
-
-/// `jog`.
-pub fn jog(options: &JogOptions) -> Outcome {
-    let client = Client::to_order(options.to.cell.as_deref())?;
-    let axis = client
-        .machine
-        .axis_index(&options.axis.to_uppercase())
-        .map_err(|e| Failure::Input(anyhow!(e)))?;
-    let request = OperatorRequest {
-        order: Order::Jog as u32,
-        axis,
-        value: options.distance,
-    };
-    let mut eyes = Eyes::open(&client)?;
-    let answer = client.ask(Order::Jog, request)?;
-    client.say(&format!(
-        "jogging {} by {} {}",
-        options.axis,
-        options.distance,
-        client.unit(axis)
-    ));
-    if options.wait {
-        return eyes.until_jogged(answer.scan, axis as usize);
-    }
     Ok(())
 }
 

@@ -187,12 +187,19 @@ pub struct OptionalStopOptions {
 
 /// What `quadrant jog` takes.
 #[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "By a distance, or until Ctrl-C with a direction in place of it:\n  quadrant jog X 10\n  quadrant jog X -0.5 --speed 120 --wait\n  quadrant jog Z- --speed 1500\n\nA jog with a direction goes on as long as this command renews its order. When it is killed, stopped or cut off, the axis comes to rest by itself, within 200 ms of scans and its braking; it also does 0.1 mm before the end of its travel, and at `hold` and `stop`.\n\nPrints what happened, or why it was refused, and exits with 0 or 1; with 2 on bad usage."
+)]
 pub struct JogOptions {
-    /// Axis letter
+    /// Axis letter, with a sign (X+, X-) to jog until Ctrl-C
+    #[arg(value_name = "AXIS|AXIS+|AXIS-")]
     pub axis: String,
     /// Distance from where the axis stands, in mm (degrees of a rotary axis), signed
     #[arg(allow_negative_numbers = true)]
-    pub distance: f64,
+    pub distance: Option<f64>,
+    /// Speed in mm/min (degrees/min), at most the axis's rapid [default: `jog_mm_s` of the machine file]
+    #[arg(long, value_name = "MM_MIN", allow_negative_numbers = true, value_parser = number)]
+    pub speed: Option<f64>,
     /// Wait until the axis stands
     #[arg(long)]
     pub wait: bool,

@@ -22,8 +22,10 @@ use crate::window_arbiter::{Dropped, WindowArbiter};
 
 mod auxiliary;
 mod axis_unit;
+mod continuous_jog;
 mod coupling;
 mod decide;
+mod emergency_stop;
 mod homing;
 mod inner;
 mod loaded;
@@ -40,6 +42,7 @@ mod switching_on;
 use auxiliary::Auxiliary;
 pub use auxiliary::AuxiliaryLatches;
 use axis_unit::AxisUnit;
+use continuous_jog::ContinuousJog;
 use decide::Plan;
 use homing::Homing;
 pub use homing::HomingLatches;
@@ -93,6 +96,9 @@ pub struct Master<D> {
     jog_from: Mode,
     jog_patience_scans: u64,
     jog_mm_s: f64,
+    /// Speed of the jog under way, in µm/s; 0 for that of the machine file.
+    jog_um_s: u32,
+    continuous_jog: Option<ContinuousJog>,
     /// Axes that are being homed.
     homing: Option<Homing>,
     scan_period_s: f64,
@@ -160,6 +166,8 @@ impl<D: Drives> Master<D> {
             jog_from: Mode::Enabled,
             jog_patience_scans: 0,
             jog_mm_s: machine.manual.jog_mm_s,
+            jog_um_s: 0,
+            continuous_jog: None,
             homing: None,
             scan_period_s: machine.scan_period_s(),
             may_end: false,
@@ -218,6 +226,7 @@ impl<D: Drives> Master<D> {
         feedback.program = self.program.state as u32;
         feedback.run = self.program.run;
         feedback.auxiliary = self.auxiliary.tell();
+        feedback.auxiliary.jog_um_s = self.jog_um_s;
         feedback.messages = self.auxiliary.latches.messages;
         feedback.answer = self.auxiliary.questions.latches.answer;
         feedback.inputs = self.auxiliary.questions.tell();
@@ -430,6 +439,8 @@ impl<D: Drives> Master<D> {
         for axis in &mut self.axes {
             axis.driver = Driver::Program;
         }
+        self.continuous_jog = None;
+        self.jog_um_s = 0;
         self.give_up_homing();
     }
 
@@ -505,6 +516,7 @@ impl<D: Drives> Master<D> {
             | Mode::Ready => {}
         }
         if by_hand {
+            self.await_renewal();
             self.await_jog();
         }
         let standing = match self.mode {

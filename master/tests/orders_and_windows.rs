@@ -462,6 +462,7 @@ fn order(bench: &mut Bench, order: Order, axis: u32, value: f64) -> Refused {
         order: order as u32,
         axis,
         value,
+        ..OperatorRequest::zeroed()
     });
     let reason = Refused::from_wire(answer.reason).expect("a known reason");
     assert_eq!(answer.accepted == 1, reason == Refused::Not);
@@ -609,6 +610,7 @@ fn a_jog_of_nothing_of_no_axis_or_beyond_the_travel_is_refused_with_what_is_allo
         order: Order::Jog as u32,
         axis: 1,
         value: 200.0,
+        ..OperatorRequest::zeroed()
     });
     let command_mm = bench.side.feedback().axes[1].command_position as f64 * 1e-6;
     assert!((answer.allowed_min_mm - (-150.0 - command_mm)).abs() < 1e-9);

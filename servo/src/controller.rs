@@ -61,18 +61,19 @@ impl<'a> Judged<'a> {
     }
 
     fn pace_of_jog(&self) -> Pace {
-        if self.is_homed() {
-            Pace::Jog
-        } else {
-            Pace::SlowJog
+        match (self.is_homed(), self.feedback.auxiliary.jog_um_s) {
+            (true, 0) => Pace::Jog,
+            (false, 0) => Pace::SlowJog,
+            (true, speed_um_s) => Pace::JogAt(speed_um_s),
+            (false, speed_um_s) => Pace::SlowJogAt(speed_um_s),
         }
     }
 
     fn pace_of_stop(&self) -> Pace {
-        if self.is_homed() {
-            Pace::Jog
-        } else {
-            Pace::AsItIs
+        match (self.is_homed(), self.feedback.auxiliary.jog_um_s) {
+            (true, 0) => Pace::Jog,
+            (true, speed_um_s) => Pace::JogAt(speed_um_s),
+            (false, _) => Pace::AsItIs,
         }
     }
 

@@ -50,6 +50,9 @@ pub struct ManualController {
     search: JogProfile,
     latch: JogProfile,
     speed_per_increment_per_s: f64,
+    /// Increments in a scan of 1 µm/s, and the most of a scan.
+    increments_per_um_s: f64,
+    step_most: i64,
     /// Scans that what is fed forward looks ahead.
     ahead_scans: u32,
 }
@@ -61,6 +64,10 @@ pub(crate) enum Pace {
     Jog,
     /// A jog of an axis that is not homed.
     SlowJog,
+    /// A jog at this speed, in µm/s.
+    JogAt(u32),
+    /// The same of an axis that is not homed.
+    SlowJogAt(u32),
     /// Homing looks for the switch.
     Search,
     /// Homing latches.
@@ -163,6 +170,8 @@ impl ManualController {
             search: profile(search_mm_s.min(axis.rapid_mm_s)),
             latch: profile(latch_mm_s.min(axis.rapid_mm_s)),
             ahead_scans: ahead_scans.min(AHEAD_SCANS_MAX),
+            increments_per_um_s: 1e-3 * scan_s / increment_mm,
+            step_most: increments(axis.rapid_mm_s * scan_s).max(1),
             speed_per_increment_per_s: gain_per_s * increment_mm,
         }
     }
@@ -205,10 +214,23 @@ impl ManualController {
             Pace::SlowJog if self.profile.step_max < self.search.step_max => self.profile,
             Pace::SlowJog | Pace::Search => self.search,
             Pace::Latch => self.latch,
+            Pace::JogAt(speed_um_s) => self.at_speed(speed_um_s, self.step_most),
+            Pace::SlowJogAt(speed_um_s) => self.at_speed(speed_um_s, self.search.step_max),
             Pace::AsItIs => JogProfile {
                 step_max: state.motion.lead_step.saturating_abs().max(1),
                 ..self.profile
             },
+        }
+    }
+
+    /// A jog at another speed than that of the machine file, of at most so many increments in a scan.
+    fn at_speed(&self, speed_um_s: u32, step_most: i64) -> JogProfile {
+        let step = libm::floor(f64::from(speed_um_s) * self.increments_per_um_s) as i64;
+        let step_max = step.min(step_most).max(1);
+        JogProfile {
+            step_max,
+            arrives_from: self.profile.arrives_from.min(step_max),
+            ..self.profile
         }
     }
 

@@ -46,7 +46,7 @@ table!(
 );
 table!(
     Auxiliaries: levels, spindle_rpm, spindle_turns, spindle_lag_turns, events_done, line, waiting, blocked, at_speed,
-    optional_stop, override_disabled, tool, coupled, reserved,
+    optional_stop, override_disabled, tool, coupled, jog_um_s,
 );
 table!(Answer: value, scan, tripped @ Axes, rests @ Axes, number, outcome);
 table!(Inputs: analog, digital, contact, reserved);
@@ -54,4 +54,4 @@ table!(
     Participant: death_scan, job, axis, role, incarnation, live, death_signal, death_status, stalled,
 );
 table!(Roster: version, visible_from, participants, checksum);
-table!(OperatorRequest: order, axis, value);
+table!(OperatorRequest: order, axis, value, speed_mm_s, latest_scan, session, deadline_scans);

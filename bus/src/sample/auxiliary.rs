@@ -272,7 +272,7 @@ impl Waiting {
 
 /// What the master says of spindle, coolant, outputs, tool and stops.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Auxiliaries/2")]
+#[type_name("quadrant/Auxiliaries/3")]
 #[repr(C)]
 pub struct Auxiliaries {
     /// Commanded in this scan.
@@ -301,8 +301,8 @@ pub struct Auxiliaries {
     pub tool: u32,
     /// Of the axis that the spindle is in step with, its index and 1; 0 for none.
     pub coupled: u32,
-    /// Kept zero.
-    pub reserved: u32,
+    /// Speed of a jog whose order had one, in µm/s (thousandths of a degree per second); 0 for that of the machine file.
+    pub jog_um_s: u32,
 }
 
 #[cfg(test)]

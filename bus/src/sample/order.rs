@@ -5,15 +5,25 @@ use iceoryx2::prelude::ZeroCopySend;
 
 /// What an operator, or the launcher for him, asks of the master.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/OperatorRequest/2")]
+#[type_name("quadrant/OperatorRequest/3")]
 #[repr(C)]
 pub struct OperatorRequest {
     /// What: see [`Order`].
     pub order: u32,
     /// Index of the axis, of orders to one axis.
     pub axis: u32,
-    /// Its value: override in percent, distance of a jog in mm, number of a program to load, axes to home as bits.
+    /// Its value: override in percent, distance of a jog in mm, direction of a continuous jog, number of a program to load,
+    /// axes to home as bits.
     pub value: f64,
+    /// Speed of a jog, in mm/s; 0 for that of the machine file.
+    pub speed_mm_s: f64,
+    /// The last scan in which it may be obeyed; 0 for any.
+    pub latest_scan: u64,
+    /// Names a continuous jog, so that what was meant for one that is over begins no other. Of `start`, the number of the program
+    /// that is meant, or 0 for any; of `load`, not 0 where a program that was started must not be discarded.
+    pub session: u32,
+    /// Scans that a continuous jog goes on without being renewed; 0 ends it.
+    pub deadline_scans: u32,
 }
 
 /// The orders. Numbers stay what they are: they travel on the wire and are in logs.
@@ -44,11 +54,17 @@ pub enum Order {
     OptionalStop = 11,
     /// Home axes, one after another: the value has a bit for each, and is 0 for all that can be homed.
     Home = 12,
+    /// Move one axis by hand as long as the order is renewed.
+    JogOn = 18,
+    /// Renew or end the continuous jog of this session.
+    JogRenew = 19,
+    /// Brake at the limits and switch off, whatever the machine is doing.
+    EmergencyStop = 20,
 }
 
 impl Order {
     /// All of them.
-    pub const ALL: [Order; 12] = [
+    pub const ALL: [Order; 15] = [
         Order::Stop,
         Order::Hold,
         Order::Resume,
@@ -61,6 +77,9 @@ impl Order {
         Order::Down,
         Order::OptionalStop,
         Order::Home,
+        Order::JogOn,
+        Order::JogRenew,
+        Order::EmergencyStop,
     ];
 
     /// Decodes what came over the wire.
@@ -83,6 +102,9 @@ impl Order {
             Order::Down => "down",
             Order::OptionalStop => "optional-stop",
             Order::Home => "home",
+            Order::JogOn => "jog-on",
+            Order::JogRenew => "jog-renew",
+            Order::EmergencyStop => "estop",
         }
     }
 
@@ -142,11 +164,19 @@ pub enum Refused {
     InThread = 21,
     /// The axis has an absolute encoder: there is nothing to home.
     Absolute = 22,
+    /// The continuous jog of this session is over: a late order does not begin it again.
+    JogOver = 23,
+    /// No jog of the axis may be so fast; the answer carries the speeds that are allowed.
+    JogSpeed = 24,
+    /// It came after the last scan in which it was to be obeyed.
+    TooLate = 25,
+    /// The axis is at the end of its travel.
+    TravelEnd = 26,
 }
 
 impl Refused {
     /// All of them.
-    pub const ALL: [Refused; 23] = [
+    pub const ALL: [Refused; 27] = [
         Refused::Not,
         Refused::UnknownOrder,
         Refused::BadValue,
@@ -170,6 +200,10 @@ impl Refused {
         Refused::NotReferenced,
         Refused::InThread,
         Refused::Absolute,
+        Refused::JogOver,
+        Refused::JogSpeed,
+        Refused::TooLate,
+        Refused::TravelEnd,
     ];
 
     /// Decodes what came over the wire.
@@ -219,6 +253,10 @@ impl Refused {
                 "the axis has an absolute encoder, or the machine file has no [axis.homing] for it: there is nothing to home"
             }
             Refused::Ending => "the cell is about to end",
+            Refused::JogOver => "this jog is over",
+            Refused::JogSpeed => "a jog may not be so fast",
+            Refused::TooLate => "it came too late to be obeyed: give it again",
+            Refused::TravelEnd => "the axis is at the end of its travel: jog it the other way",
         }
     }
 }
@@ -230,7 +268,7 @@ impl Refused {
 pub struct OperatorResponse {
     /// Scan in which it was latched.
     pub scan: u64,
-    /// Distances in mm that a jog of the axis may have, of an order refused as beyond the travel.
+    /// Distances in mm that a jog of the axis may have, of an order refused as beyond the travel; speeds in mm/s of one that is too fast.
     pub allowed_min_mm: f64,
     /// The upper one.
     pub allowed_max_mm: f64,
@@ -254,17 +292,17 @@ mod tests {
 
     #[test]
     fn numbers_and_words_of_orders_and_reasons_are_read_back() {
-        for (index, order) in Order::ALL.into_iter().enumerate() {
-            assert_eq!(order as usize, index + 1);
+        assert!(Order::ALL.is_sorted_by_key(|order| *order as u32));
+        for order in Order::ALL {
             assert_eq!(Order::from_wire(order as u32), Some(order));
             assert_eq!(Order::from_word(order.word()), Some(order));
         }
-        for (index, reason) in Refused::ALL.into_iter().enumerate() {
-            assert_eq!(reason as usize, index);
+        assert!(Refused::ALL.is_sorted_by_key(|reason| *reason as u32));
+        for reason in Refused::ALL {
             assert_eq!(Refused::from_wire(reason as u32), Some(reason));
         }
         assert_eq!(Order::from_wire(0), None);
-        assert_eq!(Order::from_wire(13), None);
-        assert_eq!(Refused::from_wire(23), None);
+        assert_eq!(Order::from_wire(u32::MAX), None);
+        assert_eq!(Refused::from_wire(u32::MAX), None);
     }
 }

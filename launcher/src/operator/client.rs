@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::anyhow;
 use bus::cell::{CellError, CellPaths};
 use bus::observer::{Held, Observer};
+use bus::port::OperatorClient;
 use bus::sample::{Mode, OperatorRequest, OperatorResponse, Order, Reference, Refused};
 use bus::service::Bus;
 use machine::Machine;
@@ -52,6 +53,12 @@ fn obeyed(order: Order, answer: &OperatorResponse) -> String {
             "the machine has tripped: it stays where it stands".into()
         }
         (Order::Stop, _) => "stopping: the tool comes to rest".into(),
+        (Order::EmergencyStop, Some(Mode::Disabled)) => {
+            "emergency stop: the drives are off, and stay so until enable".into()
+        }
+        (Order::EmergencyStop, _) => {
+            "emergency stop: the axes brake at their limits; enable ends it".into()
+        }
         (Order::Disable, _) => "drives off: positions follow the axes".into(),
         (Order::Home, _) => "homing".into(),
         (Order::Override, _) => format!("override {} %", answer.override_percent),
@@ -124,6 +131,11 @@ impl Client {
         Ok(Client { cell, machine, bus })
     }
 
+    /// So many scans of this cell are as long, rounded up.
+    pub fn scans(&self, time: std::time::Duration) -> u32 {
+        (time.as_secs_f64() / self.machine.scan_period_s()).ceil() as u32
+    }
+
     /// Unit of an axis's distances.
     pub(super) fn unit(&self, axis: u32) -> &'static str {
         match self.machine.axes.get(axis as usize).map(|axis| axis.kind) {
@@ -176,7 +188,22 @@ impl Client {
         order: Order,
         request: OperatorRequest,
     ) -> Result<OperatorResponse, Failure> {
-        let operator = soon_held(&self.cell, || self.bus.operator_client())?;
+        let place = self.place()?;
+        self.hear_by(&place, order, request)
+    }
+
+    /// A place among the clients that give orders, for several of them.
+    pub(super) fn place(&self) -> Result<Held<OperatorClient>, Failure> {
+        soon_held(&self.cell, || self.bus.operator_client())
+    }
+
+    /// The same by a place that it has already.
+    pub(super) fn hear_by(
+        &self,
+        operator: &OperatorClient,
+        order: Order,
+        request: OperatorRequest,
+    ) -> Result<OperatorResponse, Failure> {
         let cell = self.cell.place.name();
         let asked = Instant::now();
         loop {
@@ -212,6 +239,12 @@ impl Client {
             }
             Refused::BadValue if order == Order::Override => "an override is 0 to 100 %".into(),
             Refused::BadValue if order == Order::Jog => "a jog is any distance but 0".into(),
+            Refused::JogSpeed => format!(
+                "the speed of a jog of this axis is {} to {} {}/min",
+                answer.allowed_min_mm * 60.0,
+                answer.allowed_max_mm * 60.0,
+                self.unit(request.axis)
+            ),
             Refused::BeyondTravel => format!(
                 "{}: it may be {:.3} to {:.3} {}",
                 reason.words(),
@@ -245,7 +278,11 @@ fn named(cell: &str, words: &str) -> String {
 }
 
 fn refused(cell: &CellPaths, order: Order, why: &str) -> Failure {
-    Failure::Stopped(anyhow!("{}: {} refused: {why}", cell.name(), order.word()))
+    let word = match order {
+        Order::JogOn | Order::JogRenew => Order::Jog.word(),
+        order => order.word(),
+    };
+    Failure::Stopped(anyhow!("{}: {word} refused: {why}", cell.name()))
 }
 
 /// Why an order was refused, where no value of its own is the reason.
@@ -261,7 +298,7 @@ fn plain_words(reason: Option<Refused>, answer: &OperatorResponse) -> String {
     )
 }
 
-/// Gives an order that must always come through: stop or hold. It takes no place in the cell, and waits for a master that is being
+/// Gives an order that must always come through: stop, hold or emergency stop. It takes no place in the cell, and waits for a master that is being
 /// replaced: also to a cell that runs alone and was started elsewhere, for at rest it does no harm. What came of it, in words.
 ///
 /// # Errors

@@ -312,7 +312,7 @@ impl Auxiliary {
                 Some(gear) if gear.mm_per_turn != 0.0 => self.latches.coupled,
                 _ => 0,
             },
-            reserved: 0,
+            jog_um_s: 0,
         }
     }
 

@@ -20,6 +20,8 @@ pub struct Inner {
     pub switching_on: Option<(u64, bool, bool)>,
     /// A jog: the mode it goes back to, and the scans left.
     pub jog: Option<(Mode, u64)>,
+    /// A continuous one: its session, and the scans left without a renewal.
+    pub continuous_jog: Option<(u32, u32)>,
     /// Whether the run may end, was ordered to, ends with its program, and shows its last feedback.
     pub ends: [bool; 4],
     /// Scans since the planner answered last, up to what makes it lost.
@@ -53,6 +55,7 @@ impl<D: Drives> Master<D> {
             rest_scans: self.rest_scans.min(self.rest_scans_min),
             switching_on: self.switching_on.map(|on| (on.scans, on.hold, on.at_start)),
             jog: by_hand.then_some((self.jog_from, self.jog_patience_scans)),
+            continuous_jog: self.continuous_jog.map(|jog| (jog.session, jog.left_scans)),
             ends: [
                 self.may_end,
                 self.ordered_to_end,

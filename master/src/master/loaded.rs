@@ -29,9 +29,12 @@ impl<D: Drives> Master<D> {
         }
     }
 
-    /// Takes another program; one that was started and is stopped is discarded.
-    pub(super) fn order_load(&mut self, number: f64) -> Result<(), Refusal> {
+    /// Takes another program; one that was started and is stopped is discarded, unless that is not meant.
+    pub(super) fn order_load(&mut self, number: f64, spares: bool) -> Result<(), Refusal> {
         self.must_stay()?;
+        if spares && self.program.is_running() {
+            return Err(Refused::Running.into());
+        }
         match self.mode {
             Mode::Ready | Mode::Stopped | Mode::Disabled => {}
             Mode::Enabled => return Err(Refused::Running.into()),
@@ -60,9 +63,12 @@ impl<D: Drives> Master<D> {
     }
 
     /// Begins the program that is loaded, from where the axes are. A hold that is latched stays: nothing moves then before
-    /// somebody resumes.
-    pub(super) fn order_start(&mut self) -> Result<(), Refusal> {
+    /// somebody resumes. Where a number is given, that program is meant and no other.
+    pub(super) fn order_start(&mut self, meant: u32) -> Result<(), Refusal> {
         self.must_stay()?;
+        if meant != 0 && meant != self.program.load {
+            return Err(Refused::BadValue.into());
+        }
         match self.mode {
             Mode::Ready if !self.is_homed() => return Err(Refused::NotReferenced.into()),
             Mode::Ready if !self.is_within_travel() => return Err(Refused::OutsideTravel.into()),

@@ -17,6 +17,8 @@ use super::Master;
 use super::axis_unit::AxisUnit;
 use crate::window_arbiter::Dropped;
 
+/// No jog is slower than this, in mm/s: below it, speeds are not told apart.
+const JOG_MM_S_MIN: f64 = 0.001;
 /// A jog may take this much longer than its way at its speed, in s: settling twice, lagging, speeding up.
 const JOG_PATIENCE_S: f64 = 5.0;
 
@@ -27,18 +29,26 @@ fn moves(order: Order) -> bool {
         | Order::Disable
         | Order::Enable
         | Order::Jog
+        | Order::JogOn
+        | Order::JogRenew
         | Order::Home
         | Order::Load
         | Order::Start => true,
-        Order::Stop | Order::Hold | Order::Override | Order::Down | Order::OptionalStop => false,
+        Order::Stop
+        | Order::Hold
+        | Order::Override
+        | Order::Down
+        | Order::OptionalStop
+        | Order::EmergencyStop => false,
     }
 }
 
-/// An order that was refused: why, and for a jog beyond the travel which distances are allowed, in mm.
+/// An order that was refused: why, and for a jog beyond the travel which distances are allowed, in mm; for one that is too fast,
+/// which speeds, in mm/s.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Refusal {
-    reason: Refused,
-    allowed_mm: (f64, f64),
+    pub(super) reason: Refused,
+    pub(super) allowed_mm: (f64, f64),
 }
 
 impl From<Refused> for Refusal {
@@ -54,7 +64,7 @@ impl AxisUnit {
     /// Distances from its command position to the ends of its travel, in increments; from outside, to the far end and no farther
     /// out.
     /// Nobody knows where the travel of one that is not homed is: it may go as far as that is long.
-    fn room(&self) -> (i64, i64) {
+    pub(super) fn room(&self) -> (i64, i64) {
         if !self.is_homed() {
             let travel_mm = self.settings.travel_max_mm - self.settings.travel_min_mm;
             let travel = self.increments(travel_mm);
@@ -83,16 +93,22 @@ impl<D: Drives> Master<D> {
     pub fn order(&mut self, request: &OperatorRequest) -> OperatorResponse {
         let judged = match Order::from_wire(request.order) {
             Some(order) if self.ordered_to_end && moves(order) => Err(Refused::Ending.into()),
+            Some(_) if request.latest_scan != 0 && self.scan > request.latest_scan => {
+                Err(Refused::TooLate.into())
+            }
             Some(Order::Stop) => self.order_stop(),
             Some(Order::Hold) => self.order_hold(),
             Some(Order::Resume) => self.order_resume(),
             Some(Order::Override) => self.order_override(request.value),
             Some(Order::Disable) => self.order_disable(),
             Some(Order::Enable) => self.order_enable(),
-            Some(Order::Jog) => self.order_jog(request.axis, request.value),
+            Some(Order::Jog) => self.order_jog(request),
+            Some(Order::JogOn) => self.order_jog_on(request),
+            Some(Order::JogRenew) => self.order_jog_renew(request),
+            Some(Order::EmergencyStop) => self.order_emergency_stop(),
             Some(Order::Home) => self.order_home(request.value),
-            Some(Order::Load) => self.order_load(request.value),
-            Some(Order::Start) => self.order_start(),
+            Some(Order::Load) => self.order_load(request.value, request.session != 0),
+            Some(Order::Start) => self.order_start(request.session),
             Some(Order::OptionalStop) => self.order_optional_stop(request.value),
             Some(Order::Down) => {
                 self.end_after_stop();
@@ -294,18 +310,11 @@ impl<D: Drives> Master<D> {
         Ok(())
     }
 
-    fn order_jog(&mut self, axis: u32, distance_mm: f64) -> Result<(), Refusal> {
-        self.must_rest()?;
-        if self.auxiliary.latches.coupled != 0 {
-            return Err(Refused::InThread.into());
-        }
-        let unit = self
-            .axes
-            .get_mut(axis as usize)
-            .ok_or(Refused::UnknownAxis)?;
+    fn order_jog(&mut self, request: &OperatorRequest) -> Result<(), Refusal> {
+        let unit = self.unit_to_jog(request.axis)?;
         let increment_mm = unit.settings.increment_mm();
         // Beyond all machines a distance has no increments.
-        let distance = libm::round(distance_mm / increment_mm);
+        let distance = libm::round(request.value / increment_mm);
         if !distance.is_finite() || distance == 0.0 {
             return Err(Refused::BadValue.into());
         }
@@ -316,23 +325,69 @@ impl<D: Drives> Master<D> {
                 allowed_mm: (low as f64 * increment_mm, high as f64 * increment_mm),
             });
         }
-        unit.jog_target = unit.command_position.saturating_add(distance as i64);
-        unit.driver = Driver::Manual;
-        let speed_mm_s = self.jog_mm_s.min(unit.settings.rapid_mm_s);
+        let speed_mm_s = self.jog_speed(request)?;
+        self.begin_jog(request.axis as usize, distance as i64, speed_mm_s);
+        Ok(())
+    }
+
+    /// The axis that an order is to jog, where one may be jogged.
+    pub(super) fn unit_to_jog(&self, axis: u32) -> Result<&AxisUnit, Refusal> {
+        self.must_rest()?;
+        if self.auxiliary.latches.coupled != 0 {
+            return Err(Refused::InThread.into());
+        }
+        let unit = self.axes.get(axis as usize);
+        Ok(unit.ok_or(Refused::UnknownAxis)?)
+    }
+
+    /// Speed of a jog, in mm/s: none where the machine file has it.
+    pub(super) fn jog_speed(&self, request: &OperatorRequest) -> Result<Option<f64>, Refusal> {
+        let unit = self.axes.get(request.axis as usize);
+        let unit = unit.ok_or(Refused::UnknownAxis)?;
+        let most_mm_s = unit.settings.rapid_mm_s;
+        match request.speed_mm_s {
+            0.0 => Ok(None),
+            speed if (JOG_MM_S_MIN..=most_mm_s).contains(&speed) => Ok(Some(speed)),
+            _ => Err(Refusal {
+                reason: Refused::JogSpeed,
+                allowed_mm: (JOG_MM_S_MIN, most_mm_s),
+            }),
+        }
+    }
+
+    /// The manual controller takes the axis so many increments further.
+    pub(super) fn begin_jog(&mut self, axis: usize, distance: i64, speed_mm_s: Option<f64>) {
+        self.continuous_jog = None;
+        self.set_jog_speed(axis, distance, speed_mm_s);
+        if let Some(unit) = self.axes.get_mut(axis) {
+            unit.jog_target = unit.command_position.saturating_add(distance);
+            unit.driver = Driver::Manual;
+        }
+        self.jog_from = self.mode;
+        self.mode = Mode::Jogging;
+        self.windows.drop_all(self.scan, Dropped::LeavesPath);
+    }
+
+    /// How fast a jog goes over so many increments, and how long it may take.
+    pub(super) fn set_jog_speed(&mut self, axis: usize, distance: i64, speed_mm_s: Option<f64>) {
+        let Some(unit) = self.axes.get(axis) else {
+            return;
+        };
+        self.jog_um_s = speed_mm_s.map_or(0, |speed| libm::round(speed * 1e3).max(1.0) as u32);
+        let speed_mm_s = speed_mm_s.unwrap_or(self.jog_mm_s);
+        let speed_mm_s = speed_mm_s.min(unit.settings.rapid_mm_s);
         let speed_mm_s = match unit.settings.homing {
             Some(homing) if !unit.is_homed() => speed_mm_s.min(homing.search_mm_s),
             _ => speed_mm_s,
         };
-        let patience_s = 1.5 * distance_mm.abs() / speed_mm_s + JOG_PATIENCE_S;
+        let distance_mm = distance.saturating_abs() as f64 * unit.settings.increment_mm();
+        let patience_s = 1.5 * distance_mm / speed_mm_s + JOG_PATIENCE_S;
         self.jog_patience_scans = libm::ceil(patience_s / self.scan_period_s) as u64;
-        self.jog_from = self.mode;
-        self.mode = Mode::Jogging;
-        self.windows.drop_all(self.scan, Dropped::LeavesPath);
-        Ok(())
     }
 
     /// The second controllers come to rest where they can.
     pub(super) fn stop_jog(&mut self) {
+        self.continuous_jog = None;
         for axis in &mut self.axes {
             if matches!(axis.driver, Driver::Manual | Driver::Search | Driver::Latch) {
                 axis.driver = Driver::ManualStop;
@@ -343,6 +398,8 @@ impl<D: Drives> Master<D> {
 
     /// All second controllers are at rest: the program's drive again, in the mode the jog began in.
     pub(super) fn end_jog(&mut self) {
+        self.continuous_jog = None;
+        self.jog_um_s = 0;
         for axis in &mut self.axes {
             axis.driver = Driver::Program;
         }

@@ -43,6 +43,11 @@ struct Entry {
     order: String,
     axis: Option<String>,
     value: Option<f64>,
+    /// Of jogs.
+    speed_mm_s: Option<f64>,
+    /// Of continuous jogs.
+    session: Option<u32>,
+    deadline_scans: Option<u32>,
 }
 
 /// Reads and checks a file of orders for a machine; they come in the order of their scans, those of one scan in the
@@ -90,15 +95,21 @@ fn request(entry: &Entry, machine: &Machine) -> Result<OperatorRequest, String> 
         return Err("load: a script has no program to load".into());
     }
     let (wants_axis, wants_value) = match order {
-        Order::Jog => (true, true),
+        Order::Jog | Order::JogOn => (true, true),
         Order::Override | Order::OptionalStop => (false, true),
         _ => (false, false),
     };
     // It homes one axis, or all.
     let has_axis = entry.axis.is_some() && order != Order::Home;
+    let jogs = matches!(order, Order::Jog | Order::JogOn | Order::JogRenew);
+    let goes_on = matches!(order, Order::JogOn | Order::JogRenew);
+    let has_speed = entry.speed_mm_s.is_some();
     for (key, given, wanted) in [
         ("axis", has_axis, wants_axis),
         ("value", entry.value.is_some(), wants_value),
+        ("speed_mm_s", has_speed, has_speed && jogs),
+        ("session", entry.session.is_some(), goes_on),
+        ("deadline_scans", entry.deadline_scans.is_some(), goes_on),
     ] {
         if given != wanted {
             let how = if wanted { "needs" } else { "has no" };
@@ -116,6 +127,10 @@ fn request(entry: &Entry, machine: &Machine) -> Result<OperatorRequest, String> 
             (Order::Home, Some(_)) => f64::from(1u32 << axis),
             _ => entry.value.unwrap_or(0.0),
         },
+        speed_mm_s: entry.speed_mm_s.unwrap_or(0.0),
+        session: entry.session.unwrap_or(0),
+        deadline_scans: entry.deadline_scans.unwrap_or(0),
+        ..OperatorRequest::default()
     })
 }
 
@@ -168,6 +183,14 @@ mod tests {
             (
                 "scan = 1\norder = \"hold\"\nvalue = 1.0",
                 "hold has no value",
+            ),
+            (
+                "scan = 1\norder = \"jog-on\"\naxis = \"X\"\nvalue = 1.0\nsession = 1",
+                "jog-on needs deadline_scans",
+            ),
+            (
+                "scan = 1\norder = \"hold\"\nspeed_mm_s = 1.0",
+                "hold has no speed_mm_s",
             ),
             ("scan = -1\norder = \"hold\"", "orders.toml:2"),
             ("scan = 1\norder = \"hold\"\nwhen = 2", "unknown field"),

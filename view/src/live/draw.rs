@@ -99,7 +99,9 @@ fn wide(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
 /// A long refusal is shown whole.
 fn bottom_rows(screen: &Screen<'_>, width: u16) -> u16 {
     match &screen.prompt {
-        Prompt::Answer(_, words) => (words.chars().count() as u16 + 8).div_ceil(width).min(3),
+        Prompt::Answer(_, words) | Prompt::Jog(words) => {
+            (words.chars().count() as u16 + 8).div_ceil(width).min(3)
+        }
         _ => 1,
     }
 }
@@ -112,7 +114,7 @@ fn bottom_line(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
             palette.quiet(),
         ),
         Prompt::Keys => Line::styled(
-            " h hold   r resume   s stop   + - override   ? help   q quit this view",
+            " h hold   r resume   s stop   + - override   j jog   ! emergency stop   ? help   q quit",
             palette.quiet(),
         ),
         Prompt::ConfirmStop => Line::styled(
@@ -127,6 +129,7 @@ fn bottom_line(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
             " resume? the drives come on and the tool moves back to the path.  y resume   other keys: no",
             palette.warn(),
         ),
+        Prompt::Jog(words) => Line::styled(format!(" {words}"), palette.warn()),
         Prompt::Answer(tone, words) => Line::styled(format!(" {words}"), palette.of(*tone)),
     };
     let whole = Paragraph::new(line).wrap(Wrap { trim: false });
@@ -138,6 +141,8 @@ const HELP: &str = "\
  r        resume; after a jog it first returns to the path. Asks first where the machine has tripped
  s        stop (asks first): like hold, but a `quadrant run` ends
  + -      override 10 % up or down, 0 to 100 %; 0 stands
+ j        jog by keys: arrows held, or by steps; Esc leaves it
+ !        emergency stop, at once and in every state; `enable` ends it
  m        home the axes that have no absolute encoder (asks first)
  q  Esc   leave; the machine goes on. Ctrl-Z: for a while, `fg` comes back
  ?        this page
@@ -158,7 +163,7 @@ const HELP: &str = "\
  age      scans since a process last answered";
 
 fn help(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
-    let (width, height) = (74.min(area.width), 26.min(area.height));
+    let (width, height) = (74.min(area.width), 28.min(area.height));
     let middle = Rect {
         x: area.x + (area.width - width) / 2,
         y: area.y + (area.height - height) / 2,

@@ -11,6 +11,7 @@ mod draw;
 pub mod events;
 pub mod feed;
 mod fieldbus;
+mod jog_mode;
 mod json;
 mod lines;
 mod looks;

@@ -12,13 +12,14 @@ use remote::orders::{Identity, OrderServer, OrdersError, TlsPlace, give as send}
 use crate::options::{OrderOptions, ServeOptions};
 
 /// What may be ordered from where nobody sees the machine: nothing that needs a place, a program or an axis.
-const ORDERS: [Order; 6] = [
+const ORDERS: [Order; 7] = [
     Order::Hold,
     Order::Resume,
     Order::Stop,
     Order::Enable,
     Order::Disable,
     Order::Override,
+    Order::EmergencyStop,
 ];
 
 fn order_of(word: &str) -> Option<Order> {

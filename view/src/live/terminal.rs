@@ -10,6 +10,7 @@ use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 
 use super::draw::{Prompt, Screen, draw};
+use super::jog_mode::{Came, JogMode};
 use super::looks::{FRAME, LISTEN};
 use super::override_steps::OverrideSteps;
 use super::palette::Palette;
@@ -68,6 +69,7 @@ struct View {
     prompt: Prompt,
     prompt_since: Instant,
     asked: Option<Asked>,
+    jog: Option<JogMode>,
     override_steps: OverrideSteps,
 }
 
@@ -80,6 +82,7 @@ impl View {
             prompt: Prompt::Keys,
             prompt_since: Instant::now(),
             asked: None,
+            jog: None,
             override_steps: OverrideSteps::default(),
         }
     }
@@ -138,6 +141,17 @@ impl View {
 
     /// Acts on a key; true for the one that leaves.
     fn key(&mut self, code: KeyCode) -> bool {
+        if code == KeyCode::Char('!') && self.feed.takes_orders() {
+            // It waits for no answer to another order, and asks nothing.
+            self.asked = None;
+            self.jog = None;
+            self.order(Order::EmergencyStop, 0.0);
+            return false;
+        }
+        if self.jog.is_some() && !self.help {
+            self.jog_key(code);
+            return false;
+        }
         if std::mem::take(&mut self.help) {
             return false;
         }
@@ -145,7 +159,7 @@ impl View {
             Prompt::ConfirmStop => Some((Order::Stop, "not stopped")),
             Prompt::ConfirmHome => Some((Order::Home, "not homed")),
             Prompt::ConfirmResume => Some((Order::Resume, "not resumed")),
-            Prompt::Keys | Prompt::Answer(..) => None,
+            Prompt::Keys | Prompt::Jog(_) | Prompt::Answer(..) => None,
         };
         if let Some((order, otherwise)) = confirmed {
             self.say(Prompt::Keys);
@@ -156,7 +170,10 @@ impl View {
             }
             return false;
         }
-        let order = matches!(code, KeyCode::Char('h' | 'r' | 's' | 'm' | '+' | '=' | '-'));
+        let order = matches!(
+            code,
+            KeyCode::Char('h' | 'r' | 's' | 'm' | 'j' | '!' | '+' | '=' | '-')
+        );
         if order && !self.feed.takes_orders() {
             let words = "read only from here: orders are given on the controller PC".into();
             self.say(Prompt::Answer(Tone::Waits, words));
@@ -170,11 +187,36 @@ impl View {
             KeyCode::Char('r') => self.order(Order::Resume, 0.0),
             KeyCode::Char('s') => self.say(Prompt::ConfirmStop),
             KeyCode::Char('m') => self.say(Prompt::ConfirmHome),
+            KeyCode::Char('j') => self.begin_jogging(),
             KeyCode::Char('+' | '=') => self.step_override(true),
             KeyCode::Char('-') => self.step_override(false),
             _ => {}
         }
         false
+    }
+
+    fn begin_jogging(&mut self) {
+        let model = self.feed.model();
+        let jog = JogMode::of(&model.cell, &model.machine);
+        self.say(Prompt::Jog(jog.words()));
+        self.jog = Some(jog);
+    }
+
+    fn jog_key(&mut self, code: KeyCode) {
+        let Some(jog) = &mut self.jog else { return };
+        match jog.key(code) {
+            Came::Left => {
+                self.jog = None;
+                self.say(Prompt::Keys);
+            }
+            Came::Taken => {
+                let words = jog.words();
+                self.say(Prompt::Jog(words));
+            }
+            Came::Nothing if code == KeyCode::Char('h') => self.order(Order::Hold, 0.0),
+            Came::Nothing if code == KeyCode::Char('?') => self.help = true,
+            Came::Nothing => {}
+        }
     }
 
     fn step_override(&mut self, up: bool) {
@@ -226,6 +268,9 @@ impl View {
     }
 
     fn take_answer(&mut self) {
+        if let Some((tone, words)) = self.jog.as_ref().and_then(JogMode::answer) {
+            self.say(Prompt::Answer(tone, words));
+        }
         if let Some(asked) = &self.asked {
             let (tone, words) = match asked.answer.try_recv() {
                 Ok(Ok(words)) => (Tone::Good, words),
@@ -239,7 +284,8 @@ impl View {
             self.asked = None;
             self.say(Prompt::Answer(tone, words));
         } else if self.prompt != Prompt::Keys && self.prompt_since.elapsed() > ANSWER_SHOWN {
-            self.say(Prompt::Keys);
+            let keys = self.jog.as_ref().map(|jog| Prompt::Jog(jog.words()));
+            self.say(keys.unwrap_or(Prompt::Keys));
         }
     }
 
@@ -249,7 +295,7 @@ impl View {
     }
 }
 
-fn failure_words(failure: &launcher::exit::Failure) -> String {
+pub(super) fn failure_words(failure: &launcher::exit::Failure) -> String {
     use launcher::exit::Failure;
     match failure {
         Failure::Stopped(error) | Failure::Input(error) | Failure::Environment(error) => {

@@ -259,6 +259,7 @@ fn cause_label(cause: Cause) -> &'static str {
         Cause::HomeSwitch => "home-switch",
         Cause::HomeIndex => "home-index",
         Cause::HomeDrive => "home-drive",
+        Cause::EmergencyStop => "emergency-stop",
     }
 }
 

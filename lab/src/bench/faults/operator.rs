@@ -77,8 +77,8 @@ impl Operator {
         self.given.push((feedback.scan, order));
         let answer = cell.order(&OperatorRequest {
             order: order as u32,
-            axis: 0,
             value,
+            ..OperatorRequest::default()
         });
         match Refused::from_wire(answer.reason) {
             Some(Refused::Not) => self.refusals = 0,

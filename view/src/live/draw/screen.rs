@@ -21,6 +21,8 @@ pub enum Prompt {
     ConfirmHome,
     /// Whether to go on out of a trip.
     ConfirmResume,
+    /// Axes are jogged by keys: which, and how.
+    Jog(String),
     /// What came of an order.
     Answer(Tone, String),
 }

@@ -1,0 +1,288 @@
+//! Jogging by keys: a held key moves an axis as long as the terminal repeats it.
+//!
+//! A terminal tells of a key when it is pressed and again and again while it is held, and nothing when it is let go. So the order is
+//! renewed with each repetition, and the axis comes to rest when they stop. The first repetition comes late: so long a tap moves.
+
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::Duration;
+
+use launcher::exit::Failure;
+use launcher::operator::{self, Client, JogAsked, JogSender};
+use machine::{AxisKind, Machine};
+use ratatui::crossterm::event::KeyCode;
+
+use super::terminal::failure_words;
+use super::words::Tone;
+
+/// Until the first repetition of a key.
+const FIRST: Duration = Duration::from_millis(700);
+/// From one repetition to the next.
+const NEXT: Duration = Duration::from_millis(200);
+/// Distances of a step, in mm or degrees.
+const STEPS: [f64; 5] = [0.001, 0.01, 0.1, 1.0, 10.0];
+/// Speeds, in mm/min or degrees/min.
+const SPEEDS: [f64; 10] = [
+    6.0, 30.0, 60.0, 150.0, 300.0, 600.0, 1500.0, 3000.0, 6000.0, 15_000.0,
+];
+
+/// What the keys ask of whoever sends orders.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Ask {
+    /// The key is held.
+    Hold {
+        axis: u32,
+        direction: f64,
+        speed_mm_s: f64,
+    },
+    /// One step.
+    Step {
+        axis: u32,
+        way: f64,
+        speed_mm_s: f64,
+    },
+    /// Come to rest.
+    End,
+}
+
+/// What a key came to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Came {
+    /// It means nothing here.
+    Nothing,
+    /// It was taken.
+    Taken,
+    /// The mode is left.
+    Left,
+}
+
+/// The mode, from `j` to Esc.
+#[derive(Debug)]
+pub struct JogMode {
+    axis: usize,
+    /// Of [`STEPS`]; none as long as the key is held.
+    step: Option<usize>,
+    speed: usize,
+    letters: Vec<(char, &'static str)>,
+    asks: Sender<Ask>,
+    answers: Receiver<(Tone, String)>,
+}
+
+impl JogMode {
+    /// Of a cell and its machine.
+    pub fn of(cell: &str, machine: &Machine) -> JogMode {
+        let (asks, asked) = channel();
+        let (answer, answers) = channel();
+        let cell = cell.to_owned();
+        // It ends with the mode, whose keys it hears no more then.
+        std::thread::spawn(move || send(&cell, &asked, &answer));
+        let usual = machine.manual.jog_mm_s * 60.0;
+        let speed = SPEEDS.iter().rposition(|speed| *speed <= usual);
+        let letter = |axis: &machine::Axis| {
+            let unit = match axis.kind {
+                AxisKind::Rotary => "deg",
+                _ => "mm",
+            };
+            axis.name.chars().next().map(|letter| (letter, unit))
+        };
+        JogMode {
+            axis: 0,
+            step: None,
+            speed: speed.unwrap_or(0),
+            letters: machine.axes.iter().filter_map(letter).collect(),
+            asks,
+            answers,
+        }
+    }
+
+    /// What the bottom line says.
+    pub fn words(&self) -> String {
+        let (letter, unit) = self.letters.get(self.axis).copied().unwrap_or(('?', "mm"));
+        let step = match self.step {
+            None => "while a key is held".to_owned(),
+            Some(step) => format!("by {} {unit}", STEPS.get(step).copied().unwrap_or_default()),
+        };
+        let others: String = self.letters.iter().map(|(letter, _)| *letter).collect();
+        format!(
+            "JOG {letter} {step}, {} {unit}/min   ← → jog   {others} axis   i step   ↑ ↓ speed   space rest   Esc leaves",
+            self.speed()
+        )
+    }
+
+    fn speed(&self) -> f64 {
+        SPEEDS.get(self.speed).copied().unwrap_or(600.0)
+    }
+
+    /// Acts on a key.
+    pub fn key(&mut self, code: KeyCode) -> Came {
+        match code {
+            KeyCode::Right | KeyCode::Char('+' | '=') => self.jog(1.0),
+            KeyCode::Left | KeyCode::Char('-') => self.jog(-1.0),
+            KeyCode::Up => self.speed = (self.speed + 1).min(SPEEDS.len() - 1),
+            KeyCode::Down => self.speed = self.speed.saturating_sub(1),
+            KeyCode::Char('i') => {
+                self.step = match self.step {
+                    None => Some(0),
+                    Some(step) if step + 1 < STEPS.len() => Some(step + 1),
+                    Some(_) => None,
+                };
+                self.ask(Ask::End);
+            }
+            KeyCode::Char(' ') => self.ask(Ask::End),
+            KeyCode::Esc | KeyCode::Char('j' | 'q') => {
+                self.ask(Ask::End);
+                return Came::Left;
+            }
+            KeyCode::Char(key) => {
+                let key = key.to_ascii_uppercase();
+                let Some(axis) = self.letters.iter().position(|(letter, _)| *letter == key) else {
+                    return Came::Nothing;
+                };
+                self.ask(Ask::End);
+                self.axis = axis;
+            }
+            _ => return Came::Nothing,
+        }
+        Came::Taken
+    }
+
+    fn jog(&self, direction: f64) {
+        let (axis, speed_mm_s) = (self.axis as u32, self.speed() / 60.0);
+        let step = self.step.and_then(|step| STEPS.get(step));
+        self.ask(match step {
+            None => Ask::Hold {
+                axis,
+                direction,
+                speed_mm_s,
+            },
+            Some(step) => Ask::Step {
+                axis,
+                way: direction * step,
+                speed_mm_s,
+            },
+        });
+    }
+
+    fn ask(&self, ask: Ask) {
+        let _ = self.asks.send(ask);
+    }
+
+    /// What came of the orders since the last look: the newest answer.
+    pub fn answer(&self) -> Option<(Tone, String)> {
+        self.answers.try_iter().last()
+    }
+}
+
+/// Sends what the keys ask for, until there are no more of them.
+fn send(cell: &str, asked: &Receiver<Ask>, answer: &Sender<(Tone, String)>) {
+    let fails = |failure: &Failure| {
+        let _ = answer.send((Tone::Bad, failure_words(failure)));
+    };
+    let client = match Client::find(Some(cell), "jog keys") {
+        Ok(client) => client,
+        Err(failure) => return fails(&failure),
+    };
+    let mut held: Option<(JogSender<'_>, u32, f64)> = None;
+    loop {
+        let (mut asks, is_left) = match asked.recv() {
+            Ok(ask) => (vec![ask], false),
+            Err(_) => (vec![Ask::End], true),
+        };
+        asks.extend(asked.try_iter());
+        for ask in newest_holds(&asks) {
+            if let Err(failure) = obey(&client, &mut held, ask, answer) {
+                held = None;
+                fails(&failure);
+            }
+        }
+        if is_left {
+            return;
+        }
+    }
+}
+
+/// A key that repeats faster than orders are answered keeps nothing moving when it is let go: of repetitions in a row the last counts.
+fn newest_holds(asks: &[Ask]) -> Vec<Ask> {
+    let is_hold = |ask: &Ask| matches!(ask, Ask::Hold { .. });
+    let followed = asks.iter().skip(1).map(Some).chain([None]);
+    let pairs = asks.iter().zip(followed);
+    let kept = pairs.filter(|(ask, next)| !is_hold(ask) || !next.is_some_and(is_hold));
+    kept.map(|(ask, _)| *ask).collect()
+}
+
+fn obey<'a>(
+    client: &'a Client,
+    held: &mut Option<(JogSender<'a>, u32, f64)>,
+    ask: Ask,
+    answer: &Sender<(Tone, String)>,
+) -> Result<(), Failure> {
+    match ask {
+        Ask::Hold {
+            axis,
+            direction,
+            speed_mm_s,
+        } => {
+            if let Some((sender, of_axis, to)) = held
+                && (*of_axis, *to) == (axis, direction)
+                && sender.renew(client.scans(NEXT), speed_mm_s)?
+            {
+                return Ok(());
+            }
+            if let Some((mut sender, ..)) = held.take() {
+                sender.end()?;
+            }
+            let asked = JogAsked {
+                axis,
+                direction,
+                speed_mm_s,
+                deadline_scans: client.scans(FIRST),
+            };
+            // Coming to rest from the jog before, it is not there yet: the next repetition asks again.
+            let sender = JogSender::begin_soon(client, &asked, &operator::look(client)?)?;
+            *held = sender.map(|sender| (sender, axis, direction));
+        }
+        Ask::Step {
+            axis,
+            way,
+            speed_mm_s,
+        } => {
+            let (_, words) = operator::jog_by(client, axis, way, speed_mm_s)?;
+            let _ = answer.send((Tone::Good, words));
+        }
+        Ask::End => {
+            if let Some((mut sender, ..)) = held.take() {
+                sender.end()?;
+            }
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Ask, newest_holds};
+
+    #[test]
+    fn of_repetitions_in_a_row_the_last_counts_and_nothing_else_is_lost() {
+        let hold = |speed_mm_s| Ask::Hold {
+            axis: 0,
+            direction: 1.0,
+            speed_mm_s,
+        };
+        let step = Ask::Step {
+            axis: 0,
+            way: 0.1,
+            speed_mm_s: 1.0,
+        };
+        let asks = [
+            hold(1.0),
+            hold(2.0),
+            step,
+            step,
+            hold(3.0),
+            Ask::End,
+            hold(4.0),
+        ];
+        let kept = [hold(2.0), step, step, hold(3.0), Ask::End, hold(4.0)];
+        assert_eq!(newest_holds(&asks), kept);
+    }
+}
