@@ -7,8 +7,8 @@ use clap::{Args, Parser, Subcommand};
 use lab::options::{BenchOptions, BenchPongOptions, SoakOptions};
 use launcher::options::{
     BusOptions, CheckOptions, CleanOptions, DoctorOptions, HomeOptions, JogOptions, LoadOptions,
-    OperatorOptions, OptionalStopOptions, OverrideOptions, PlanOptions, ReportOptions, RunOptions,
-    StartOptions, UpOptions,
+    MdiOptions, OperatorOptions, OptionalStopOptions, OverrideOptions, PlanOptions, ReportOptions,
+    RunOptions, StartOptions, UpOptions,
 };
 use tune::options::{IdentifyOptions, TuneOptions};
 use view::options::{MonitorOptions, ScopeOptions, StatusOptions};
@@ -49,6 +49,8 @@ pub enum Command {
     Load(LoadOptions),
     /// Begin the program that is loaded, from where the axes are
     Start(StartOptions),
+    /// Run typed-in blocks, as a small program of their own: ready, and no program under way
+    Mdi(MdiOptions),
     /// End a running cell: the tool comes to rest on the path, then all processes leave
     Down(OperatorOptions),
     /// Feed hold of a running cell: the tool comes to rest on the path and waits for `resume`

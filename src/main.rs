@@ -46,6 +46,7 @@ fn obey(command: Command) -> Outcome {
         Command::Jog(options) => operator::jog(&options),
         Command::Home(options) => operator::home(&options),
         Command::Enable(options) => operator::simple(Order::Enable, &options),
+        Command::Mdi(options) => operator::mdi(&options),
         Command::Estop(options) => operator::simple(Order::EmergencyStop, &options),
         Command::Disable(options) => operator::simple(Order::Disable, &options),
         Command::Status(options) => live::status(&options),

@@ -228,7 +228,12 @@ fn status(cell: &Shared) -> Option<Told> {
     wait(ANSWER_LIMIT, shown).map(|feedback| Told::status(&feedback))
 }
 
-/// Stop and hold go through the page, as `quadrant stop` sends them; the others through the service.
+/// All continuous jogs are the same one: anybody's renewal is one of the last.
+fn jog_session(order: Order) -> u32 {
+    u32::from(matches!(order, Order::JogOn | Order::JogRenew))
+}
+
+/// Stop, hold and emergency stop go through the page, as `quadrant stop` sends them; the others through the service.
 fn give(cell: &Shared, operator: &OperatorClient, order: Order, value: u32) -> Option<Told> {
     if let Some(number) = cell.page.order_urgently(order) {
         let answer = wait(URGENT_LIMIT, || cell.page.urgent_answer(order, number));
@@ -238,6 +243,8 @@ fn give(cell: &Shared, operator: &OperatorClient, order: Order, value: u32) -> O
     let pending = operator.send(OperatorRequest {
         order: order as u32,
         value: value.into(),
+        session: jog_session(order),
+        deadline_scans: 100,
         ..OperatorRequest::default()
     })?;
     let answer = wait(ANSWER_LIMIT, || pending.answer());
@@ -258,13 +265,16 @@ impl Dice {
 
     fn ask(&mut self) -> Ask {
         let value = self.below(100) as u32;
-        match self.below(12) {
+        match self.below(15) {
             0 | 1 => Ask::Give(Order::Hold, 0),
             2 | 3 => Ask::Give(Order::Resume, 0),
             4 | 5 => Ask::Give(Order::Override, value),
             6 => Ask::Give(Order::Stop, 0),
             7 | 8 => Ask::Give(Order::Enable, 0),
             9 => Ask::Give(Order::Start, 0),
+            10 => Ask::Give(Order::EmergencyStop, 0),
+            11 => Ask::Give(Order::JogOn, 1),
+            12 => Ask::Give(Order::JogRenew, 0),
             _ => Ask::Status,
         }
     }

@@ -32,6 +32,7 @@ mod leftovers;
 mod linearizable;
 mod liveness;
 mod long_programs;
+mod mdi;
 mod messages;
 mod metrics;
 mod monitor_live;

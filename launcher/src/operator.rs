@@ -6,11 +6,14 @@ use bus::sample::{OperatorRequest, Order};
 mod client;
 mod eyes;
 mod jog;
+mod mdi;
+mod modal_words;
 pub mod origin;
 mod program;
 
 pub use client::{Client, held};
 pub use jog::{JogAsked, JogSender, jog, jog_by, look};
+pub use mdi::{mdi, mdi_in};
 pub use program::{down, load, start};
 
 use client::{order_urgently, running};

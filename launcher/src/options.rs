@@ -138,6 +138,23 @@ pub struct StartOptions {
     pub to: OperatorOptions,
 }
 
+/// What `quadrant mdi` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "A block, or several, each a line of a small program that runs from where the axes are:\n  quadrant mdi \"G0 X10\"\n  quadrant mdi \"G91 G1 Z-1 F100\" \"G4 P0.5\" \"G0 Z1\"\n\nModes stay for the next block (G90, G20, G54, F, S …; G0 and G1), until the cell ends; the spindle and coolant go off at the end. The program that was loaded is loaded again afterwards. Refused while a program runs, or is held or stopped.\n\nWaits until the block is done. Ctrl-C holds it. Exit status 0: done; 1: refused, stopped or tripped, as is printed; 2: the block is wrong; 130: held by Ctrl-C."
+)]
+pub struct MdiOptions {
+    /// The blocks, each in quotes
+    #[arg(required = true, value_name = "BLOCK")]
+    pub blocks: Vec<String>,
+    /// Do not wait until they are done; the program that was loaded is then to be loaded again by hand
+    #[arg(long)]
+    pub no_wait: bool,
+    /// Which cell.
+    #[command(flatten)]
+    pub to: OperatorOptions,
+}
+
 /// What every order to a running cell takes.
 #[derive(Debug, Clone, Args)]
 #[command(

@@ -234,7 +234,7 @@ impl Client {
                 Some(axes) => format!("not homed: {axes}: `quadrant home {axes}` first"),
                 None => plain_words(Some(reason), answer),
             },
-            Refused::BadValue if order == Order::Load => {
+            Refused::BadValue if matches!(order, Order::Load | Order::Start) => {
                 "another program was loaded meanwhile: load it again".into()
             }
             Refused::BadValue if order == Order::Override => "an override is 0 to 100 %".into(),

@@ -1,10 +1,11 @@
 //! `jog`: by a distance, or in a direction as long as somebody renews the order.
 
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use anyhow::anyhow;
 use bus::observer::Held;
 use bus::port::OperatorClient;
+use bus::realtime;
 use bus::sample::{Driver, Feedback, Mode, OperatorRequest, OperatorResponse, Order, Refused};
 
 use super::Client;
@@ -302,8 +303,7 @@ impl<'a> JogSender<'a> {
 
 /// A name that no other continuous jog of the cell has had lately.
 fn session() -> u32 {
-    let now = SystemTime::now().duration_since(UNIX_EPOCH);
-    let nanoseconds = now.map_or(0, |now| now.as_nanos() as u64);
+    let nanoseconds = realtime::now_ns();
     let mixed =
         (nanoseconds ^ (u64::from(std::process::id()) << 40)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     ((mixed >> 32) as u32).max(1)

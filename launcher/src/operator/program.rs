@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use anyhow::{anyhow, bail};
 use bus::kept_parameters::{parameter_file, parameters_now};
 use bus::process::watch;
-use bus::sample::{Feedback, Mode, OperatorRequest, Order, ProgramState};
+use bus::sample::{Feedback, Mode, OperatorRequest, OperatorResponse, Order, ProgramState};
 use machine::parse_parameters;
 use planner::ProgramText;
 use program::Note;
@@ -52,7 +52,10 @@ pub fn load(options: &LoadOptions) -> Outcome {
     let mut eyes = Eyes::open(&client)?;
     let now = eyes.look()?;
     let started = Instant::now();
-    let read = check(&client, file, &now).input()?;
+    let (notes, read) = check(&client, file, &now).input()?;
+    for note in &notes {
+        say(note);
+    }
     if started.elapsed() > CHECK_LIMIT {
         return Err(Failure::Input(anyhow!(
             "{}: takes {:.0} s to read; a cell waits for its planner for {} s at most: make several programs of it, or use `quadrant run`",
@@ -62,43 +65,8 @@ pub fn load(options: &LoadOptions) -> Outcome {
         )));
     }
     let mut laid = Laid::down(&client, now.load, &name, file)?;
-    let request = OperatorRequest {
-        order: Order::Load as u32,
-        value: f64::from(laid.number),
-        ..OperatorRequest::default()
-    };
-    let answer = client.hear(Order::Load, request);
-    // Unless it was refused the cell has it, or may have: then its launcher takes it away.
-    laid.kept = answer.as_ref().map_or(true, |answer| answer.accepted == 1);
-    client.accepted(Order::Load, &request, answer?)?;
-    let started = Instant::now();
-    loop {
-        let seen = eyes.look()?;
-        let state = ProgramState::from_wire(seen.program);
-        if seen.load > laid.number {
-            return Err(Failure::Stopped(anyhow!(
-                "another program was loaded meanwhile"
-            )));
-        }
-        match state {
-            // The order was obeyed, but is not seen yet.
-            _ if seen.load < laid.number => {}
-            Some(ProgramState::Loading) => {}
-            Some(ProgramState::None) | None => {
-                return Err(Failure::Stopped(anyhow!(
-                    "the planner refuses {name}: its reason stands in the terminal of `quadrant up`"
-                )));
-            }
-            Some(_) => break,
-        }
-        if started.elapsed() > READ_LIMIT {
-            return Err(Failure::Stopped(anyhow!(
-                "the planner has not read {name} after {} s; it is still at it",
-                READ_LIMIT.as_secs()
-            )));
-        }
-        std::thread::sleep(LOOK);
-    }
+    laid.load(&client, false)?;
+    until_read(&mut eyes, laid.number, &name)?;
     let given_up = if now.program == ProgramState::Running as u32 {
         format!("; run {} is given up", now.run)
     } else {
@@ -108,6 +76,38 @@ pub fn load(options: &LoadOptions) -> Outcome {
         "loaded {name}: {read}{given_up}; `quadrant start` begins it"
     ));
     Ok(())
+}
+
+/// Waits until the planner has read a program.
+pub(super) fn until_read(eyes: &mut Eyes<'_>, number: u32, name: &str) -> Result<(), Failure> {
+    let started = Instant::now();
+    loop {
+        let seen = eyes.look()?;
+        let state = ProgramState::from_wire(seen.program);
+        if seen.load > number {
+            return Err(Failure::Stopped(anyhow!(
+                "another program was loaded meanwhile"
+            )));
+        }
+        match state {
+            // The order was obeyed, but is not seen yet.
+            _ if seen.load < number => {}
+            Some(ProgramState::Loading) => {}
+            Some(ProgramState::None) | None => {
+                return Err(Failure::Stopped(anyhow!(
+                    "the planner refuses {name}: its reason stands in the terminal of `quadrant up`"
+                )));
+            }
+            Some(_) => return Ok(()),
+        }
+        if started.elapsed() > READ_LIMIT {
+            return Err(Failure::Stopped(anyhow!(
+                "the planner has not read {name} after {} s; it is still at it",
+                READ_LIMIT.as_secs()
+            )));
+        }
+        std::thread::sleep(LOOK);
+    }
 }
 
 /// A loaded program lies in memory as long as its cell is up.
@@ -124,8 +124,12 @@ fn fits(file: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Checks the program against the machine, from where its axes are; what it is, in words.
-fn check(client: &Client, file: &Path, now: &Feedback) -> anyhow::Result<String> {
+/// Checks the program against the machine, from where its axes are; what is to be noted, and what it is, in words.
+pub(super) fn check(
+    client: &Client,
+    file: &Path,
+    now: &Feedback,
+) -> anyhow::Result<(Vec<String>, String)> {
     let mut machine = client.machine.clone();
     let place = &client.cell.place;
     if let Some(parameters) = parameters_now(place)? {
@@ -156,22 +160,55 @@ fn check(client: &Client, file: &Path, now: &Feedback) -> anyhow::Result<String>
             (notes, survey.elements, survey.length_mm)
         }
     };
-    for note in &notes {
-        say(note);
-    }
-    Ok(format!("{elements} elements, {length_mm:.1} mm"))
+    let words = format!("{elements} elements, {length_mm:.1} mm");
+    Ok((notes, words))
 }
 
 /// A program in the cell's folder; taken away again unless it is kept.
-struct Laid {
-    number: u32,
+pub(super) struct Laid {
+    pub number: u32,
     folder: PathBuf,
     kept: bool,
 }
 
 impl Laid {
     /// Puts the program there under a number that nobody has, above that of the one that is loaded.
-    fn down(client: &Client, loaded: u32, name: &str, program: &Path) -> Result<Laid, Failure> {
+    pub fn down(client: &Client, loaded: u32, name: &str, program: &Path) -> Result<Laid, Failure> {
+        let laid = Laid::empty(client, loaded)?;
+        let to = laid.folder.join(name);
+        copy_program(program, &client.machine.subroutine_folders, &to).environment()?;
+        Ok(laid)
+    }
+
+    /// Puts a copy of the program that is loaded there, as it lies there now; none if it is gone.
+    pub fn again(client: &Client, above: u32, loaded: u32) -> Result<Option<Laid>, Failure> {
+        let from = client.cell.place.program_folder(loaded);
+        let Ok(files) = fs::read_dir(from) else {
+            return Ok(None);
+        };
+        let laid = Laid::empty(client, above)?;
+        for file in files.flatten() {
+            fs::copy(file.path(), laid.folder.join(file.file_name())).environment()?;
+        }
+        Ok(Some(laid))
+    }
+
+    /// Has the cell take it; `spares` a program that was started.
+    pub fn load(&mut self, client: &Client, spares: bool) -> Result<(), Failure> {
+        let request = OperatorRequest {
+            order: Order::Load as u32,
+            value: f64::from(self.number),
+            session: u32::from(spares),
+            ..OperatorRequest::default()
+        };
+        let answer = client.hear(Order::Load, request);
+        // Unless it was refused the cell has it, or may have: then its launcher takes it away.
+        self.kept = answer.as_ref().map_or(true, |answer| answer.accepted == 1);
+        client.accepted(Order::Load, &request, answer?)?;
+        Ok(())
+    }
+
+    fn empty(client: &Client, loaded: u32) -> Result<Laid, Failure> {
         let mut maker = DirBuilder::new();
         let maker = maker.mode(0o700);
         let programs = client.cell.place.programs();
@@ -191,14 +228,11 @@ impl Laid {
                 Err(error) => return Err(Failure::Environment(error.into())),
             }
         };
-        let laid = Laid {
+        Ok(Laid {
             number,
             folder,
             kept: false,
-        };
-        let to = laid.folder.join(name);
-        copy_program(program, &client.machine.subroutine_folders, &to).environment()?;
-        Ok(laid)
+        })
     }
 }
 
@@ -221,47 +255,69 @@ pub fn start(options: &StartOptions) -> Outcome {
         ..OperatorRequest::default()
     };
     let answer = client.ask(Order::Start, request)?;
+    let (words, folder) = started(&client, &answer, loaded);
+    client.say(&words);
+    match options.wait {
+        true => match until_done(&client, &mut eyes, answer.run, &|| false)? {
+            Some(scan) => done(&client, answer.run, scan, folder.as_deref()),
+            None => Ok(()),
+        },
+        false => Ok(()),
+    }
+}
+
+/// The program with the number `load` was started: which run it is, in words, and where its run directory is.
+pub(super) fn started(
+    client: &Client,
+    answer: &OperatorResponse,
+    load: u32,
+) -> (String, Option<PathBuf>) {
     let hold = if answer.hold == 1 {
         ", in hold: resume moves"
     } else {
         ""
     };
-    let folder = folder_of(&client, answer.run, loaded);
+    let folder = folder_of(client, answer.run, load);
     let shown = folder.as_ref();
     let shown = shown.map_or(String::new(), |folder| format!(": {}", folder.display()));
-    client.say(&format!("run {} started{hold}{shown}", answer.run));
-    if !options.wait {
-        return Ok(());
-    }
-    loop {
+    (format!("run {} started{hold}{shown}", answer.run), folder)
+}
+
+/// Waits until a run is done: the scan in which it is; none if `is_over` says so before.
+pub(super) fn until_done(
+    client: &Client,
+    eyes: &mut Eyes<'_>,
+    run: u32,
+    is_over: &dyn Fn() -> bool,
+) -> Result<Option<u64>, Failure> {
+    while !is_over() {
         let now = eyes.look()?;
         let started = now.program == ProgramState::Running as u32;
-        if now.run > answer.run {
+        if now.run > run {
             return Err(Failure::Stopped(anyhow!(
-                "run {} is over and another one has started: how it ended stands in its report",
-                answer.run
+                "run {run} is over and another one has started: how it ended stands in its report"
             )));
         }
-        if now.run == answer.run && !started {
+        if now.run == run && !started {
             if now.program == ProgramState::Done as u32 {
-                return done(&client, answer.run, now.scan, folder.as_deref());
+                return Ok(Some(now.scan));
             }
-            return Err(Failure::Stopped(anyhow!("run {} was given up", answer.run)));
+            return Err(Failure::Stopped(anyhow!("run {run} was given up")));
         }
         let mode = Mode::from_wire(now.mode);
         if mode == Some(Mode::Finished) && now.last == 1 {
-            return done(&client, answer.run, now.scan, folder.as_deref());
+            return Ok(Some(now.scan));
         }
         let stands = matches!(mode, Some(Mode::Tripped | Mode::Stopped | Mode::Disabled));
-        if now.run == answer.run && (stands || now.last == 1) {
+        if now.run == run && (stands || now.last == 1) {
             return Err(Failure::Stopped(anyhow!(
-                "run {} is not done: {}",
-                answer.run,
+                "run {run} is not done: {}",
                 stop_words(&now, &client.machine)
             )));
         }
         std::thread::sleep(LOOK);
     }
+    Ok(None)
 }
 
 /// A run is done: whether it was recorded too.

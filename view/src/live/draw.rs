@@ -99,7 +99,7 @@ fn wide(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
 /// A long refusal is shown whole.
 fn bottom_rows(screen: &Screen<'_>, width: u16) -> u16 {
     match &screen.prompt {
-        Prompt::Answer(_, words) | Prompt::Jog(words) => {
+        Prompt::Answer(_, words) | Prompt::Jog(words) | Prompt::Block(words) => {
             (words.chars().count() as u16 + 8).div_ceil(width).min(3)
         }
         _ => 1,
@@ -114,7 +114,7 @@ fn bottom_line(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
             palette.quiet(),
         ),
         Prompt::Keys => Line::styled(
-            " h hold   r resume   s stop   + - override   j jog   ! emergency stop   ? help   q quit",
+            " h hold  r resume  s stop  +- override  j jog  : block  ! estop  ? help  q quit",
             palette.quiet(),
         ),
         Prompt::ConfirmStop => Line::styled(
@@ -129,6 +129,7 @@ fn bottom_line(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
             " resume? the drives come on and the tool moves back to the path.  y resume   other keys: no",
             palette.warn(),
         ),
+        Prompt::Block(text) => Line::styled(format!(" :{text}▏"), palette.warn()),
         Prompt::Jog(words) => Line::styled(format!(" {words}"), palette.warn()),
         Prompt::Answer(tone, words) => Line::styled(format!(" {words}"), palette.of(*tone)),
     };
@@ -143,6 +144,7 @@ const HELP: &str = "\
  + -      override 10 % up or down, 0 to 100 %; 0 stands
  j        jog by keys: arrows held, or by steps; Esc leaves it
  !        emergency stop, at once and in every state; `enable` ends it
+ :        type a block, Enter runs it, as `quadrant mdi`; arrows: earlier ones
  m        home the axes that have no absolute encoder (asks first)
  q  Esc   leave; the machine goes on. Ctrl-Z: for a while, `fg` comes back
  ?        this page
@@ -163,7 +165,7 @@ const HELP: &str = "\
  age      scans since a process last answered";
 
 fn help(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
-    let (width, height) = (74.min(area.width), 28.min(area.height));
+    let (width, height) = (74.min(area.width), 29.min(area.height));
     let middle = Rect {
         x: area.x + (area.width - width) / 2,
         y: area.y + (area.height - height) / 2,

@@ -36,6 +36,7 @@ mod test_support;
 mod text;
 pub mod timing;
 mod track;
+mod typed_line;
 mod words;
 
 use std::io::IsTerminal;

@@ -15,6 +15,7 @@ use super::looks::{FRAME, LISTEN};
 use super::override_steps::OverrideSteps;
 use super::palette::Palette;
 use super::source::Source;
+use super::typed_line::{Typed, TypedLine};
 use super::words::Tone;
 use launcher::exit::{INTERRUPTED, Kind, Outcome, words};
 use launcher::operator;
@@ -70,6 +71,11 @@ struct View {
     prompt_since: Instant,
     asked: Option<Asked>,
     jog: Option<JogMode>,
+    /// Blocks are typed in.
+    types: bool,
+    line: TypedLine,
+    /// What came of blocks, also while other orders are given.
+    blocks: Vec<Receiver<(Tone, String)>>,
     override_steps: OverrideSteps,
 }
 
@@ -83,6 +89,9 @@ impl View {
             prompt_since: Instant::now(),
             asked: None,
             jog: None,
+            types: false,
+            line: TypedLine::default(),
+            blocks: Vec::new(),
             override_steps: OverrideSteps::default(),
         }
     }
@@ -145,7 +154,12 @@ impl View {
             // It waits for no answer to another order, and asks nothing.
             self.asked = None;
             self.jog = None;
+            self.types = false;
             self.order(Order::EmergencyStop, 0.0);
+            return false;
+        }
+        if self.types {
+            self.type_key(code);
             return false;
         }
         if self.jog.is_some() && !self.help {
@@ -159,7 +173,7 @@ impl View {
             Prompt::ConfirmStop => Some((Order::Stop, "not stopped")),
             Prompt::ConfirmHome => Some((Order::Home, "not homed")),
             Prompt::ConfirmResume => Some((Order::Resume, "not resumed")),
-            Prompt::Keys | Prompt::Jog(_) | Prompt::Answer(..) => None,
+            Prompt::Keys | Prompt::Jog(_) | Prompt::Block(_) | Prompt::Answer(..) => None,
         };
         if let Some((order, otherwise)) = confirmed {
             self.say(Prompt::Keys);
@@ -172,7 +186,7 @@ impl View {
         }
         let order = matches!(
             code,
-            KeyCode::Char('h' | 'r' | 's' | 'm' | 'j' | '!' | '+' | '=' | '-')
+            KeyCode::Char('h' | 'r' | 's' | 'm' | 'j' | ':' | '!' | '+' | '=' | '-')
         );
         if order && !self.feed.takes_orders() {
             let words = "read only from here: orders are given on the controller PC".into();
@@ -188,11 +202,69 @@ impl View {
             KeyCode::Char('s') => self.say(Prompt::ConfirmStop),
             KeyCode::Char('m') => self.say(Prompt::ConfirmHome),
             KeyCode::Char('j') => self.begin_jogging(),
+            KeyCode::Char(':') => {
+                self.types = true;
+                self.say(Prompt::Block(String::new()));
+            }
             KeyCode::Char('+' | '=') => self.step_override(true),
             KeyCode::Char('-') => self.step_override(false),
             _ => {}
         }
         false
+    }
+
+    fn type_key(&mut self, code: KeyCode) {
+        match self.line.key(code) {
+            Typed::More => {
+                let text = self.line.text().to_owned();
+                self.say(Prompt::Block(text));
+            }
+            Typed::Left => {
+                self.types = false;
+                self.say(Prompt::Keys);
+            }
+            Typed::Sent(text) => {
+                self.types = false;
+                self.run_block(text);
+            }
+        }
+    }
+
+    /// Runs a typed-in block beside the view, whose keys act meanwhile.
+    fn run_block(&mut self, text: String) {
+        if self.feed.has_ended() {
+            return self.say(Prompt::Answer(Tone::Waits, "mdi: the run has ended".into()));
+        }
+        let cell = self.feed.model().cell.clone();
+        let (sender, answer) = channel();
+        self.say(Prompt::Answer(Tone::Waits, format!("{text} …")));
+        // Ends by itself: with the block, or with the cell.
+        std::thread::spawn(move || {
+            let says = |words: &str| {
+                let _ = sender.send((Tone::Good, words.to_owned()));
+            };
+            let done = operator::mdi_in(&cell, &text, says);
+            let _ = sender.send(match done {
+                Ok(words) => (Tone::Good, words),
+                Err(failure) => (Tone::Bad, failure_words(&failure)),
+            });
+        });
+        self.blocks.push(answer);
+    }
+
+    /// What came of typed-in blocks since the last look: the newest.
+    fn block_answer(&mut self) -> Option<(Tone, String)> {
+        let mut newest = None;
+        self.blocks.retain(|answers| {
+            loop {
+                match answers.try_recv() {
+                    Ok(answer) => newest = Some(answer),
+                    Err(TryRecvError::Empty) => return true,
+                    Err(TryRecvError::Disconnected) => return false,
+                }
+            }
+        });
+        newest
     }
 
     fn begin_jogging(&mut self) {
@@ -268,6 +340,14 @@ impl View {
     }
 
     fn take_answer(&mut self) {
+        if let Some((tone, words)) = self.block_answer() {
+            self.say(Prompt::Answer(tone, words));
+        }
+        if self.types {
+            // What is being typed stays on the screen.
+            let text = self.line.text().to_owned();
+            return self.say(Prompt::Block(text));
+        }
         if let Some((tone, words)) = self.jog.as_ref().and_then(JogMode::answer) {
             self.say(Prompt::Answer(tone, words));
         }

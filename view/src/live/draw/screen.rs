@@ -23,6 +23,8 @@ pub enum Prompt {
     ConfirmResume,
     /// Axes are jogged by keys: which, and how.
     Jog(String),
+    /// A block is typed in.
+    Block(String),
     /// What came of an order.
     Answer(Tone, String),
 }
