@@ -7,8 +7,8 @@ use clap::{Args, Parser, Subcommand};
 use lab::options::{BenchOptions, BenchPongOptions, SoakOptions};
 use launcher::options::{
     BusOptions, CheckOptions, CleanOptions, DoctorOptions, HomeOptions, JogOptions, LoadOptions,
-    MdiOptions, OperatorOptions, OptionalStopOptions, OverrideOptions, PlanOptions, ReportOptions,
-    RunOptions, StartOptions, UpOptions,
+    MdiOptions, OffsetsOptions, OperatorOptions, OptionalStopOptions, OverrideOptions, PlanOptions,
+    ReportOptions, RunOptions, StartOptions, ToolOptions, UpOptions, ZeroOptions,
 };
 use tune::options::{IdentifyOptions, TuneOptions};
 use view::options::{MonitorOptions, ScopeOptions, StatusOptions};
@@ -67,6 +67,12 @@ pub enum Command {
     Jog(JogOptions),
     /// Home axes of a running cell that have no absolute encoder, one after another: ready, or at rest in hold before a program has begun
     Home(HomeOptions),
+    /// Show or change the work offsets that programs begin with
+    Offsets(OffsetsOptions),
+    /// Show or change the tool table that programs begin with
+    Tool(ToolOptions),
+    /// Touch-off: the place where axes are reads 0, or a value, in a work offset
+    Zero(ZeroOptions),
     /// Drives on: ready for a program, or in hold, where nothing moves before `resume`
     Enable(OperatorOptions),
     /// Drives off: at rest in hold or stopped only; the position is not lost when the axes are pushed

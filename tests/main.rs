@@ -36,6 +36,7 @@ mod mdi;
 mod messages;
 mod metrics;
 mod monitor_live;
+mod offsets;
 mod operator;
 mod paces;
 mod packaging;

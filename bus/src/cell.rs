@@ -16,6 +16,7 @@ use iceoryx2::config::Config;
 use iceoryx2::prelude::{FileName, Path as IoxPath, SemanticString};
 use rustix::fs::{FlockOperation, OFlags, flock};
 
+use crate::kept_parameters::KeptFile;
 use crate::name::{Holder, Name, Taken};
 pub use crate::ownership::Ownership;
 use crate::process::watch;
@@ -224,7 +225,7 @@ impl CellPaths {
     pub fn forget_runs_before(&self, run: u32) {
         let is_behind = |name: &str| {
             let mut parts = name.split('-');
-            let known = matches!(parts.next(), Some("answers" | "parameters"));
+            let known = matches!(parts.next(), Some("answers" | "parameters" | "tools"));
             let of_run = parts.nth(1).and_then(|run| run.parse::<u32>().ok());
             known && of_run.is_some_and(|of| of.saturating_add(1) < run)
         };
@@ -235,14 +236,19 @@ impl CellPaths {
         }
     }
 
-    /// File that names the file of the parameters that programs keep; none where they keep none.
-    pub fn parameter_file(&self) -> PathBuf {
-        self.folder().join("parameter-file")
+    /// File that names a file of the user; none where the cell has none.
+    pub fn kept_file(&self, which: KeptFile) -> PathBuf {
+        self.folder().join(which.named_in())
     }
 
     /// The parameters that a run of a program has begun with.
     pub fn parameters(&self, load: u32, run: u32) -> PathBuf {
         self.folder().join(format!("parameters-{load}-{run}"))
+    }
+
+    /// The tool table that a run of a program has begun with.
+    pub fn tools(&self, load: u32, run: u32) -> PathBuf {
+        self.folder().join(format!("tools-{load}-{run}"))
     }
 
     /// The user M-code that the planner wants to be run.

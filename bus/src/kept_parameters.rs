@@ -12,51 +12,63 @@ use crate::cell::{CellPaths, if_there};
 /// How often this process has asked for what a run begins with.
 static ASKED: AtomicU32 = AtomicU32::new(0);
 
+/// A file of the user that holds something which outlives a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum KeptFile {
+    /// Numbered parameters.
+    Parameters,
+    /// Work offsets.
+    Offsets,
+    /// The tool table.
+    Tools,
+}
+
+impl KeptFile {
+    /// All of them.
+    pub const ALL: [KeptFile; 3] = [KeptFile::Parameters, KeptFile::Offsets, KeptFile::Tools];
+
+    /// Name of the file in the cell's folder that names it.
+    pub(crate) fn named_in(self) -> &'static str {
+        match self {
+            KeptFile::Parameters => "parameter-file",
+            KeptFile::Offsets => "offsets-file",
+            KeptFile::Tools => "tools-file",
+        }
+    }
+}
+
 /// Says which file holds them: for the launcher, before anybody else is there.
 ///
 /// # Errors
 /// The cell's folder cannot be written.
-pub fn name_parameter_file(paths: &CellPaths, file: &Path) -> io::Result<()> {
-    fs::write(paths.parameter_file(), file.as_os_str().as_encoded_bytes())
+pub fn name_kept_file(paths: &CellPaths, which: KeptFile, file: &Path) -> io::Result<()> {
+    fs::write(paths.kept_file(which), file.as_os_str().as_encoded_bytes())
 }
 
-/// The file of the user that holds them; none where programs keep nothing.
+/// The file of the user that holds them; none where a cell has none.
 ///
 /// # Errors
 /// The cell's folder cannot be read.
-pub fn parameter_file(paths: &CellPaths) -> io::Result<Option<PathBuf>> {
-    let name = if_there(fs::read(paths.parameter_file()))?;
+pub fn kept_file(paths: &CellPaths, which: KeptFile) -> io::Result<Option<PathBuf>> {
+    let name = if_there(fs::read(paths.kept_file(which)))?;
     Ok(name.map(|name| PathBuf::from(OsString::from_vec(name))))
 }
 
-/// The text of that file now, empty where it is not there yet; none where programs keep nothing.
+/// The text that a run of a program begins with, kept in a file of this run: whoever asks first makes it, and all others get the same.
 ///
 /// # Errors
-/// The file cannot be read.
-pub fn parameters_now(paths: &CellPaths) -> io::Result<Option<String>> {
-    let Some(file) = parameter_file(paths)? else {
-        return Ok(None);
-    };
-    Ok(Some(
-        if_there(fs::read_to_string(file))?.unwrap_or_default(),
-    ))
-}
-
-/// The text that a run of a program begins with: whoever asks first takes it from the file, and all others get the same.
-///
-/// # Errors
-/// The file cannot be read, or the cell's folder cannot be written.
-pub fn parameters_of_run(paths: &CellPaths, load: u32, run: u32) -> io::Result<Option<String>> {
-    let of_run = paths.parameters(load, run);
-    if let Some(text) = if_there(fs::read_to_string(&of_run))? {
-        return Ok(Some(text));
+/// It cannot be made, or the cell's folder cannot be written.
+pub fn text_of_run<E: From<io::Error>>(
+    of_run: &Path,
+    now: impl FnOnce() -> Result<String, E>,
+) -> Result<String, E> {
+    if let Some(text) = if_there(fs::read_to_string(of_run))? {
+        return Ok(text);
     }
-    let Some(text) = parameters_now(paths)? else {
-        return Ok(None);
-    };
+    let text = now()?;
     // A link is made whole, and by one alone: of a file that no other thread or process has.
     let asked = ASKED.fetch_add(1, Ordering::Relaxed);
-    let mut mine = of_run.clone().into_os_string();
+    let mut mine = of_run.to_path_buf().into_os_string();
     mine.push(format!(".{}.{asked}", std::process::id()));
     let mut options = OpenOptions::new();
     let mut file = options
@@ -65,11 +77,11 @@ pub fn parameters_of_run(paths: &CellPaths, load: u32, run: u32) -> io::Result<O
         .truncate(true)
         .open(&mine)?;
     file.write_all(text.as_bytes())?;
-    let linked = fs::hard_link(&mine, &of_run);
+    let linked = fs::hard_link(&mine, of_run);
     let _ = fs::remove_file(&mine);
     match linked {
-        Err(error) if error.kind() != ErrorKind::AlreadyExists => Err(error),
-        _ => Ok(Some(fs::read_to_string(&of_run)?)),
+        Err(error) if error.kind() != ErrorKind::AlreadyExists => Err(error.into()),
+        _ => Ok(fs::read_to_string(of_run)?),
     }
 }
 
@@ -83,32 +95,29 @@ mod tests {
         fs::create_dir(paths.folder()).expect("the folder");
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("mill.var");
-        let of_run = |run| parameters_of_run(&paths, 1, run).expect("readable");
-        assert_eq!(of_run(1), None, "this cell keeps none");
-        name_parameter_file(&paths, &file).expect("written");
-        assert_eq!(of_run(1).as_deref(), Some(""), "not there yet");
+        let named = || kept_file(&paths, KeptFile::Parameters).expect("readable");
+        assert_eq!(named(), None, "this cell keeps none");
+        name_kept_file(&paths, KeptFile::Parameters, &file).expect("written");
+        assert_eq!(named().as_ref(), Some(&file));
+        let of_run = |run| {
+            let now =
+                || Ok::<_, io::Error>(if_there(fs::read_to_string(&file))?.unwrap_or_default());
+            text_of_run(&paths.parameters(1, run), now).expect("readable")
+        };
+        assert_eq!(of_run(1), "", "not there yet");
         fs::write(&file, "100 1\n").expect("written");
         for _ in 0..50 {
             let all = std::thread::scope(|scope| {
-                let asked = [(); 8]
-                    .map(|()| scope.spawn(|| parameters_of_run(&paths, 1, 2).expect("readable")));
+                let asked = [(); 8].map(|()| scope.spawn(|| of_run(2)));
                 asked.map(|one| one.join().expect("an answer"))
             });
-            assert!(
-                all.iter().all(|text| text.as_deref() == Some("100 1\n")),
-                "{all:?}"
-            );
+            assert!(all.iter().all(|text| text == "100 1\n"), "{all:?}");
             fs::remove_file(paths.parameters(1, 2)).expect("removed");
         }
-        assert_eq!(of_run(2).as_deref(), Some("100 1\n"));
+        assert_eq!(of_run(2), "100 1\n");
         fs::write(&file, "100 2\n").expect("written");
-        assert_eq!(of_run(1).as_deref(), Some(""));
-        assert_eq!(of_run(2).as_deref(), Some("100 1\n"));
-        assert_eq!(
-            parameters_now(&paths).expect("readable").as_deref(),
-            Some("100 2\n")
-        );
-        assert_eq!(of_run(3).as_deref(), Some("100 2\n"));
+        assert_eq!((of_run(1).as_str(), of_run(2).as_str()), ("", "100 1\n"));
+        assert_eq!(of_run(3), "100 2\n");
         let count = || fs::read_dir(paths.folder()).expect("the folder").count();
         let left = count();
         paths.forget_runs_before(3);

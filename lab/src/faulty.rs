@@ -7,10 +7,10 @@ use bus::messages::ProgramMessage;
 use bus::sample::{AxisCommand, Feedback, Job, PlannerStatus, Setpoint, WindowHeader};
 use bus::user_codes::UserCall;
 use machine::settings_file::SettingsFileError;
-use machine::{KeptParameters, Process};
+use machine::{KeptTexts, Machine, Process};
 use planner::ports::UserCode;
 use planner::questions::KeptAnswer;
-use planner::{Place, PlannerError, PlannerPorts, ProgramText};
+use planner::{Left, Place, PlannerError, PlannerPorts, ProgramText};
 use plant_sim::script::faults::{self, FaultScript};
 use servo::{ServoError, ServoPorts};
 
@@ -133,12 +133,13 @@ impl<P: PlannerPorts, F: Fn(usize) -> Option<u64>> PlannerPorts for Faulty<P, F>
     fn parameters(
         &mut self,
         run: Option<(u32, u32)>,
-    ) -> Result<Option<KeptParameters>, SettingsFileError> {
-        self.ports.parameters(run)
+        machine: &Machine,
+    ) -> Result<Option<KeptTexts>, SettingsFileError> {
+        self.ports.parameters(run, machine)
     }
 
-    fn keep_parameters(&mut self, parameters: &KeptParameters) -> bool {
-        self.ports.keep_parameters(parameters)
+    fn keep(&mut self, machine: &Machine, left: &Left) -> bool {
+        self.ports.keep(machine, left)
     }
 
     fn user_code(&mut self, call: &UserCall) -> UserCode {

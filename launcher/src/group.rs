@@ -10,7 +10,6 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use bus::cell::{CellPaths, Ownership};
 use bus::drive_page::DrivePage;
-use bus::kept_parameters::name_parameter_file;
 use bus::member::Pace;
 use bus::port::Writer;
 use bus::process::watch;
@@ -18,7 +17,7 @@ use bus::sample::{Job, Roster};
 use bus::service::{Bus, Created, ROLES, Services};
 use bus::signal_page::{CellPhase, SignalPage};
 use bytemuck::Zeroable;
-use machine::{Machine, Process};
+use machine::{KeptFiles, Machine, Process};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
 
@@ -85,8 +84,8 @@ impl Role {
 pub struct Plan {
     /// Copy of the machine file that all read.
     pub machine_file: PathBuf,
-    /// Where programs keep parameters; none if they keep none.
-    pub parameter_file: Option<PathBuf>,
+    /// The user's files that hold what outlives a run.
+    pub kept_files: KeptFiles,
     /// Where the programs of user M-codes lie; none if they are not switched on.
     pub user_codes: Option<PathBuf>,
     /// Copy of the plant file; none where the drives are on a fieldbus.
@@ -121,7 +120,7 @@ impl Plan {
     ) -> Plan {
         Plan {
             machine_file: run_dir.machine.clone(),
-            parameter_file: run_dir.parameter_file.clone(),
+            kept_files: run_dir.kept_files.clone(),
             user_codes: run_dir.user_codes.clone(),
             plant_file: run_dir.plant.clone(),
             program: run_dir.program.clone(),
@@ -282,9 +281,8 @@ impl Group {
         let machine_file = machine::snapshot(&plan.machine_file)?;
         std::fs::write(place.machine_file(), machine_file)
             .context("copying the machine file into the cell")?;
-        if let Some(file) = &plan.parameter_file {
-            name_parameter_file(&place, file).context("naming the parameter file")?;
-        }
+        let named = plan.kept_files.name_in(&place);
+        named.context("naming the files of offsets and tools")?;
         let bus = Bus::enter(&place, &machine.shape(), "launcher", true)?;
         let services = bus.create_all()?;
         let page = SignalPage::create(&place)?;

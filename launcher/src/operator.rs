@@ -6,15 +6,20 @@ use bus::sample::{OperatorRequest, Order};
 mod client;
 mod eyes;
 mod jog;
+mod kept;
 mod mdi;
 mod modal_words;
+mod offsets;
 pub mod origin;
 mod program;
+mod tools;
 
 pub use client::{Client, held};
 pub use jog::{JogAsked, JogSender, jog, jog_by, look};
 pub use mdi::{mdi, mdi_in};
+pub use offsets::{offsets, zero};
 pub use program::{down, load, start};
+pub use tools::tool;
 
 use client::{order_urgently, running};
 use eyes::Eyes;

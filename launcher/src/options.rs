@@ -225,6 +225,111 @@ pub struct JogOptions {
     pub to: OperatorOptions,
 }
 
+/// What `quadrant offsets` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Shows the work offsets that the next program begins with, or changes them:\n  quadrant offsets\n  quadrant offsets set G55 X=12.5 Y=-3\n  quadrant offsets machines/xy clear G55\n\nThey stand in offsets.toml beside the machine file, which the first change makes; from then on programs keep there what they set (G10 L2, L20, G92). A change acts from the next start on. While a program of a cell that uses the file is started, it is refused (exit status 1). Bad values are refused with what would be right (exit status 2)."
+)]
+pub struct OffsetsOptions {
+    /// Machine folder or file [default: the machine of the running cell]
+    pub machine: Option<PathBuf>,
+    /// Name of the cell [default: the only one that runs, if its machine is one of this folder]
+    #[arg(long, global = true, conflicts_with = "machine")]
+    pub cell: Option<String>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+    /// What is changed.
+    #[command(subcommand)]
+    pub change: Option<OffsetsChange>,
+}
+
+/// A change of work offsets.
+#[derive(Debug, Clone, Subcommand)]
+pub enum OffsetsChange {
+    /// Set axes of a work offset, in machine coordinates; the others stay as they are
+    Set {
+        /// G54 to G59, G59.1 to G59.3
+        offset: String,
+        /// Axis and value in mm (degrees of a rotary axis), such as X=12.5; R turns about Z, in degrees
+        #[arg(required = true, value_name = "AXIS=VALUE")]
+        values: Vec<String>,
+    },
+    /// Clear a work offset, or G92: 0, and for G54 what the machine file says
+    Clear {
+        /// G54 to G59, G59.1 to G59.3, G92
+        offset: String,
+    },
+}
+
+/// What `quadrant tool` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Shows the tool table that the next program begins with, or changes it:\n  quadrant tool\n  quadrant tool set T3 length_mm=40.5 diameter_mm=6 name=\"end mill\"\n  quadrant tool machines/xyz-mill remove T3\n\nIt stands in tools.toml beside the machine file. The first change makes it, with the tools that the machine file has. A change acts from the next start on. While a program of a cell that uses the file is started, it is refused (exit status 1). Bad values are refused with what would be right (exit status 2)."
+)]
+pub struct ToolOptions {
+    /// Machine folder or file [default: the machine of the running cell]
+    pub machine: Option<PathBuf>,
+    /// Name of the cell [default: the only one that runs, if its machine is one of this folder]
+    #[arg(long, global = true, conflicts_with = "machine")]
+    pub cell: Option<String>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+    /// What is changed.
+    #[command(subcommand)]
+    pub change: Option<ToolChangeOptions>,
+}
+
+/// A change of the tool table.
+#[derive(Debug, Clone, Subcommand)]
+pub enum ToolChangeOptions {
+    /// Show the tools
+    List,
+    /// Set what the table says of a tool; a new one is added
+    Set {
+        /// Its number, such as T3
+        tool: String,
+        /// length_mm (along Z), diameter_mm, name, pocket, x_mm, y_mm, a_deg, b_deg, c_deg, u_mm, v_mm, w_mm, front_angle_deg,
+        /// back_angle_deg, orientation
+        #[arg(required = true, value_name = "KEY=VALUE")]
+        values: Vec<String>,
+    },
+    /// Remove a tool from the table
+    Remove {
+        /// Its number, such as T3
+        tool: String,
+    },
+}
+
+/// What `quadrant zero` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Touch-off: makes the place where the axes are read VALUE in a work offset.\n  quadrant zero X Y\n  quadrant zero Z --at 20 --tool T3\n  quadrant zero X --at -3 --offset G55\n\nRefused while an axis moves, without a reference, or while a program is started (exit status 1)."
+)]
+pub struct ZeroOptions {
+    /// Axis letters
+    #[arg(required = true)]
+    pub axes: Vec<String>,
+    /// What the axes are to read where they are, in mm (degrees of a rotary axis)
+    #[arg(long, value_name = "VALUE", default_value_t = 0.0, allow_negative_numbers = true, value_parser = finite)]
+    pub at: f64,
+    /// Work offset [default: the one that programs begin with]
+    #[arg(long, value_name = "G54")]
+    pub offset: Option<String>,
+    /// Tool that touches: its length is taken off [default: none]
+    #[arg(long, value_name = "T3")]
+    pub tool: Option<String>,
+    /// Name of the cell [default: the only one that runs, if its machine is one of this folder]
+    #[arg(long)]
+    pub cell: Option<String>,
+}
+
+fn finite(text: &str) -> Result<f64, String> {
+    let value = text.parse().ok().filter(|value: &f64| value.is_finite());
+    value.ok_or_else(|| format!("{text:?} is no number such as 12.5"))
+}
+
 /// What `quadrant home` takes.
 #[derive(Debug, Clone, Args)]
 #[command(

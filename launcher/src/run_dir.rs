@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
 use chrono::{DateTime, Utc};
-use machine::Machine;
 use machine::learned::LEARNED_FILE;
 use machine::learned_path::LEARNED_PATH_FILE;
+use machine::{KeptFiles, Machine};
 
 /// A run directory with its copies.
 #[derive(Debug)]
@@ -18,8 +18,8 @@ pub struct RunDir {
     pub folder: PathBuf,
     /// Copy of the machine file.
     pub machine: PathBuf,
-    /// Where programs keep parameters: the user's file, no copy. None if they keep none.
-    pub parameter_file: Option<PathBuf>,
+    /// The user's files that hold what outlives a run, no copies.
+    pub kept_files: KeptFiles,
     /// Where the programs of user M-codes lie: the machine builder's folder, no copy. None if they are not switched on.
     pub user_codes: Option<PathBuf>,
     /// Copy of the plant file; none where the drives are on a fieldbus.
@@ -159,8 +159,7 @@ impl RunDir {
             Ok(to)
         };
         let machine = Machine::load(sources.machine)?;
-        let parameter_file = machine.parameter_file(sources.machine);
-        let parameter_file = parameter_file.map(std::path::absolute).transpose()?;
+        let kept_files = machine.kept_files.clone();
         let user_codes = machine.user_code_folder(sources.machine);
         let user_codes = user_codes.map(std::path::absolute).transpose()?;
         let simulated = machine.bus.is_none();
@@ -186,7 +185,7 @@ impl RunDir {
                 &machine::snapshot(sources.machine)?,
                 Path::new("machine.toml"),
             )?,
-            parameter_file,
+            kept_files,
             user_codes,
             plant: copy_if(simulated.then_some(sources.plant), "plant.toml")?,
             program,

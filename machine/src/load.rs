@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use toml_edit::{DocumentMut, Item, TableLike, value};
 
+use crate::kept::{KeptFiles, KeptTexts};
 use crate::machine::Machine;
-use crate::parameter_file::{KeptParameters, parameter_text, parse_parameters};
+use crate::parameter_file::parse_parameters;
 use crate::renamed::RENAMED;
 use crate::rules;
 use crate::settings_file::{self, Schema, SettingsFileError, read_text};
@@ -21,23 +22,21 @@ impl Machine {
         let path = machine_file(path);
         let mut machine = Self::parse(&path.display().to_string(), &read_text(&path)?)?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        if !machine.program.tool_table.is_empty() {
+        let files = KeptFiles::of(&machine, &path);
+        if !machine.program.tool_table.is_empty() && files.tools.is_none() {
             let table = folder.join(&machine.program.tool_table);
             machine.tools = parse_tools(&table.display().to_string(), &read_text(&table)?)?;
         }
-        if let Some(file) = machine.parameter_file(&path) {
-            machine.parameters = read_parameters(&file)?;
+        let mut kept = files.read(&machine)?;
+        if files.offsets.is_none() {
+            // A copy holds what its run began with.
+            kept.parameters.clone_from(&machine.program.parameters);
         }
+        machine.take_kept(kept)?;
+        machine.kept_files = files;
         let folders = machine.program.subroutine_folders.iter();
         machine.subroutine_folders = folders.map(|within| folder.join(within)).collect();
         Ok(machine)
-    }
-
-    /// Where the parameters lie that programs of the machine keep whose machine file this is; none if they keep none.
-    pub fn parameter_file(&self, machine_file: &Path) -> Option<PathBuf> {
-        let name = &self.program.parameter_file;
-        let folder = machine_file.parent().unwrap_or(Path::new(""));
-        (!name.is_empty()).then(|| folder.join(name))
     }
 
     /// Where the programs of user M-codes lie that are named in this machine file; none if they are not switched on.
@@ -72,44 +71,41 @@ impl Machine {
     }
 }
 
-/// The parameters in a file; none if it is not there yet.
-fn read_parameters(file: &Path) -> Result<KeptParameters, SettingsFileError> {
-    if !file.exists() {
-        return Ok(KeptParameters::new());
-    }
-    parse_parameters(&file.display().to_string(), &read_text(file)?)
-}
-
-/// The text in place of a file of parameters that holds none.
-const NO_PARAMETERS: &str = "; none yet\n";
-
-/// The text of a machine file that needs no other file, whose parameters are these.
+/// The text of a machine file that needs no other file, with what a run began with.
 ///
 /// # Errors
 /// It is no TOML.
-pub fn with_parameters(
-    text: &str,
-    parameters: &KeptParameters,
-) -> Result<String, toml_edit::TomlError> {
+pub fn with_kept(text: &str, kept: &KeptTexts) -> Result<String, toml_edit::TomlError> {
     let mut document: DocumentMut = text.parse()?;
-    if let Some(program) = program_of(&mut document) {
-        set_parameters(program, parameters);
-    }
+    set_kept(&mut document, kept);
     Ok(document.to_string())
 }
 
 fn program_of(document: &mut DocumentMut) -> Option<&mut dyn TableLike> {
-    document
-        .get_mut("program")
-        .and_then(Item::as_table_like_mut)
+    let program = document.entry("program").or_insert_with(toml_edit::table);
+    program.as_table_like_mut()
 }
 
-fn set_parameters(program: &mut dyn TableLike, parameters: &KeptParameters) {
-    let text = match parameter_text(parameters) {
-        none if none.is_empty() => NO_PARAMETERS.to_owned(),
-        text => text,
+fn set_kept(document: &mut DocumentMut, kept: &KeptTexts) {
+    let has_nothing = kept.parameters.is_empty() && kept.tools.as_deref().is_none_or(str::is_empty);
+    if has_nothing && !document.contains_key("program") {
+        return;
+    }
+    let Some(program) = program_of(document) else {
+        return;
     };
-    program.insert("parameters", value(text));
+    let mut set = |key: &str, text: &str| {
+        let now = program.get(key).and_then(Item::as_str);
+        match text {
+            _ if now.unwrap_or_default() == text => {}
+            "" => drop(program.remove(key)),
+            text => drop(program.insert(key, value(text))),
+        }
+    };
+    set("parameters", &kept.parameters);
+    if let Some(tools) = &kept.tools {
+        set("tools", tools);
+    }
 }
 
 /// The text of a machine file that needs no other file: a tool table and parameters stand in it,
@@ -125,27 +121,31 @@ pub fn snapshot(path: &Path) -> Result<String, SettingsFileError> {
         what: error.to_string(),
     };
     let mut document: DocumentMut = text.parse().map_err(unreadable)?;
+    let machine = Machine::load(&path)?;
+    let files = &machine.kept_files;
+    let kept = KeptTexts {
+        parameters: machine.program.parameters.clone(),
+        tools: files.tools.as_ref().map(|_| machine.program.tools.clone()),
+    };
+    set_kept(&mut document, &kept);
+    if !document.contains_key("program") {
+        return Ok(text);
+    }
     let Some(program) = program_of(&mut document) else {
         return Ok(text);
     };
     let folder = path.parent().unwrap_or(Path::new(""));
     let named = |item: Item| folder.join(item.as_str().unwrap_or_default());
     let tool_table = program.remove("tool_table").map(named);
-    let parameter_file = program.remove("parameter_file").map(named);
-    let user_codes = program.remove("user_codes").map(named);
-    if tool_table.is_none() && parameter_file.is_none() && user_codes.is_none() {
-        return Ok(text);
-    }
-    if let Some(folder) = user_codes {
+    program.remove("parameter_file");
+    program.remove("offsets");
+    if let Some(folder) = program.remove("user_codes").map(named) {
         // They are run where they are; a copy names their folder in full.
         let folder = std::path::absolute(&folder).unwrap_or(folder);
         program.insert("user_codes", value(folder.to_string_lossy().into_owned()));
     }
-    if let Some(table) = tool_table {
+    if let Some(table) = tool_table.filter(|_| files.tools.is_none()) {
         program.insert("tools", value(read_text(&table)?));
-    }
-    if let Some(file) = parameter_file {
-        set_parameters(program, &read_parameters(&file)?);
     }
     Ok(document.to_string())
 }

@@ -12,6 +12,7 @@ use crate::auxiliary::{Spindle, ToolChange};
 use crate::axis::Axis;
 use crate::fieldbus::Fieldbus;
 use crate::interpolation::Interpolation;
+use crate::kept::KeptFiles;
 use crate::kinematics::Kinematics;
 use crate::parameter_file::KeptParameters;
 use crate::path::PathSettings;
@@ -55,9 +56,12 @@ pub struct Machine {
     /// The tools that `program.tool_table` or `program.tools` names.
     #[serde(skip)]
     pub tools: Vec<Tool>,
-    /// The parameters that `program.parameter_file` or `program.parameters` holds.
+    /// The parameters that `program.parameter_file`, `program.offsets` or `program.parameters` holds.
     #[serde(skip)]
     pub parameters: KeptParameters,
+    /// The files of the user that hold what outlives a run.
+    #[serde(skip)]
+    pub kept_files: KeptFiles,
     /// `program.subroutine_folders`, from the folder of the file.
     #[serde(skip)]
     pub subroutine_folders: Vec<PathBuf>,
@@ -102,8 +106,9 @@ pub struct ProgramSettings {
         "unit": "mm", "minimum": -100_000, "maximum": 100_000, "default": 0.0
     }))]
     pub work_offset_mm: BTreeMap<String, f64>,
-    /// File of the tools, in the form of LinuxCNC (a line for each, such as `T1 P1 D6 Z12.5 ;end mill`), in mm; a path counts from
-    /// the folder of this file. Without it and `tools` every tool can be called, and none has a length.
+    /// File of the tools; a path counts from the folder of this file. One whose name ends with `.toml` is what `quadrant tool` writes; any
+    /// other has the form of LinuxCNC (a line for each, such as `T1 P1 D6 Z12.5 ;end mill`, in mm). Without it `tools.toml` is used where
+    /// it is there, else `tools`. Without any of them every tool can be called, and none has a length.
     #[schemars(extend("default" = ""))]
     pub tool_table: String,
     /// The tools themselves, as the text of such a file. Copies of a machine file hold the table so.
@@ -114,6 +119,10 @@ pub struct ProgramSettings {
     /// with 0.
     #[schemars(extend("default" = ""))]
     pub parameter_file: String,
+    /// File of the work offsets, which `quadrant offsets` and `quadrant zero` write ([how](../howto/set-up.md)); a path counts from the
+    /// folder of this file. Without it and `parameters` it is `offsets.toml`. It need not be there.
+    #[schemars(extend("default" = ""))]
+    pub offsets: String,
     /// The parameters themselves, as the text of such a file. Copies of a machine file hold what a run began with so.
     #[schemars(extend("default" = ""))]
     pub parameters: String,
@@ -152,7 +161,7 @@ pub struct Manual {
 }
 
 impl Machine {
-    /// Whether programs keep parameters from one run to the next.
+    /// Whether anything outlives a run of a program.
     pub fn keeps_parameters(&self) -> bool {
         !self.program.parameter_file.is_empty() || !self.program.parameters.is_empty()
     }

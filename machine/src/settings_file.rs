@@ -36,6 +36,7 @@ mod range;
 mod reference;
 mod rules;
 mod schema;
+mod tables;
 mod text;
 
 pub use check::Renamed;
@@ -45,4 +46,5 @@ pub use range::From;
 pub use reference::reference;
 pub use rules::{At, Rules};
 pub use schema::{KeySchema, Kind, Schema, Word};
+pub use tables::{each_entry, number_of};
 pub use text::{SETTINGS_FILE_BYTES_MAX, read_text};

@@ -5,9 +5,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use bus::cell::CellPaths;
-use bus::kept_parameters::parameters_of_run;
 use bus::sample::{Feedback, ProgramState};
-use machine::{Machine, parse_parameters, with_parameters};
+use machine::{KeptTexts, Machine, with_kept};
 
 use crate::black_box::Home;
 use crate::log::{BEGINS_AT, LogError, Recorder, RunEnd, RunInfo};
@@ -161,7 +160,12 @@ impl Logbook {
             }
         }
         if let Some(place) = &place {
-            note_parameters(place, (load, run), &folder.join(MACHINE_FILE))?;
+            note_kept(
+                place,
+                (load, run),
+                &self.machine,
+                &folder.join(MACHINE_FILE),
+            )?;
         }
         self.open(&folder, &program, run, failed, scan)
     }
@@ -197,27 +201,23 @@ impl Logbook {
     }
 }
 
-/// Writes the parameters that a run has begun with into its machine file: the cell's has those of the start of the cell.
-fn note_parameters(
+/// Writes what a run has begun with into its machine file: the cell's has what was there at the start of the cell.
+fn note_kept(
     place: &CellPaths,
-    (load, run): (u32, u32),
+    run: (u32, u32),
+    machine: &Machine,
     file: &Path,
 ) -> Result<(), MonitorError> {
     let failed = |source| MonitorError::File {
         path: file.display().to_string(),
         source,
     };
-    let Some(parameters) = parameters_of_run(place, load, run).map_err(failed)? else {
-        return Ok(());
-    };
-    let name = file.display().to_string();
     let text = fs::read_to_string(file).map_err(failed)?;
-    let noted = parse_parameters(&name, &parameters)
+    let noted = KeptTexts::of_run(place, run, machine)
         .map_err(|error| error.to_string())
-        .and_then(|parameters| {
-            with_parameters(&text, &parameters).map_err(|error| error.to_string())
-        });
+        .and_then(|kept| with_kept(&text, &kept).map_err(|error| error.to_string()));
     match noted {
+        Ok(noted) if noted == text => Ok(()),
         Ok(text) => fs::write(file, text).map_err(failed),
         // The planner refuses the program, and says so.
         Err(error) => {

@@ -19,7 +19,9 @@ use control::profile::PathState;
 use control::window::{
     Lead, PlanError, PlannedSetpoint, WindowOutcome, WindowPlanner, WindowRequest,
 };
-use machine::{KeptParameters, Machine};
+use machine::Machine;
+
+use crate::kept_parameters::Left;
 use program::{Message, Note, Piece, Progress, Question, Reading, ResumeError, Setup};
 
 use crate::course::{CourseError, Reach, motion_limits, window_planner_ahead};
@@ -299,9 +301,12 @@ impl Course {
         Arc::into_inner(self.refused.take()?)
     }
 
-    /// The parameters that outlive the run, as the blocks that were read leave them.
-    pub fn kept_parameters(&self) -> KeptParameters {
-        self.reading.kept_parameters()
+    /// What outlives the run, as the blocks that were read leave it.
+    pub fn left(&self) -> Left {
+        Left {
+            parameters: self.reading.kept_parameters(),
+            tools: self.reading.tools().to_vec(),
+        }
     }
 
     /// What was accepted with a remark so far.

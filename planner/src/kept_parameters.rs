@@ -1,4 +1,4 @@
-//! The parameters of programs that outlive a run: in the user's file between two runs, and for each run in the cell's folder, as it started with them.
+//! What outlives a run of a program: in the user's files between two runs, and for each run in the cell's folder, as it started with it.
 
 #![deny(
     clippy::unwrap_used,
@@ -7,68 +7,62 @@
     clippy::indexing_slicing
 )]
 
-use std::io;
-
 use bus::cell::CellPaths;
-use bus::kept_parameters::{parameter_file, parameters_now, parameters_of_run};
 use machine::settings_file::SettingsFileError;
-use machine::{KeptParameters, parameter_text, parse_parameters, replace_file};
+use machine::{KeptFiles, KeptParameters, KeptTexts, Machine, Tool};
 
-/// The file of a cell's machine.
-#[derive(Debug)]
-pub(crate) struct ParameterFile {
-    paths: CellPaths,
-    /// Programs come and go; the one program of a run has its parameters in the machine file.
-    stays: bool,
-    /// What was kept last.
-    kept: Option<KeptParameters>,
+/// What a program leaves at its end.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Left {
+    /// The parameters that outlive it.
+    pub parameters: KeptParameters,
+    /// The tools, as it has changed them.
+    pub tools: Vec<Tool>,
 }
 
-impl ParameterFile {
-    pub fn of_cell(paths: CellPaths, stays: bool) -> ParameterFile {
-        ParameterFile {
+/// The files of a cell's machine.
+#[derive(Debug)]
+pub(crate) struct Keeper {
+    paths: CellPaths,
+    /// Programs come and go; the one program of a run has what it begins with in the machine file.
+    stays: bool,
+    /// What was kept last.
+    kept: Option<Left>,
+}
+
+impl Keeper {
+    pub fn of_cell(paths: CellPaths, stays: bool) -> Keeper {
+        Keeper {
             paths,
             stays,
             kept: None,
         }
     }
 
-    /// Those that a run begins with, or that the next one would; none where the machine file holds them.
+    /// What a run begins with, or what the next one would; none where the machine file holds it.
     pub fn read(
         &self,
         run: Option<(u32, u32)>,
-    ) -> Result<Option<KeptParameters>, SettingsFileError> {
+        machine: &Machine,
+    ) -> Result<Option<KeptTexts>, SettingsFileError> {
         if !self.stays {
             return Ok(None);
         }
-        let text = match run {
-            Some((load, run)) => parameters_of_run(&self.paths, load, run),
-            None => parameters_now(&self.paths),
+        let texts = match run {
+            Some(run) => KeptTexts::of_run(&self.paths, run, machine)?,
+            None => KeptFiles::of_cell(&self.paths)?.read(machine)?,
         };
-        let name = match parameter_file(&self.paths) {
-            Ok(Some(file)) => file.display().to_string(),
-            _ => "parameters".to_owned(),
-        };
-        let unreadable = |error: io::Error| SettingsFileError::Unreadable {
-            path: name.clone(),
-            what: error.to_string(),
-        };
-        let text = text.map_err(unreadable)?;
-        text.map(|text| parse_parameters(&name, &text)).transpose()
+        Ok(Some(texts))
     }
 
-    /// Writes them into the user's file, whole or not at all; nowhere where the cell has none.
-    pub fn keep(&mut self, parameters: &KeptParameters) -> io::Result<()> {
-        let Some(file) = parameter_file(&self.paths)? else {
-            return Ok(());
-        };
-        if self.kept.as_ref() == Some(parameters) {
+    /// Writes it into the user's files, each whole or not at all; nowhere where the cell has none.
+    pub fn keep(&mut self, machine: &Machine, left: &Left) -> Result<(), SettingsFileError> {
+        if self.kept.as_ref() == Some(left) {
             return Ok(());
         }
-        let named =
-            |error: io::Error| io::Error::new(error.kind(), format!("{}: {error}", file.display()));
-        replace_file(&file, &parameter_text(parameters)).map_err(named)?;
-        self.kept = Some(parameters.clone());
+        let files = KeptFiles::of_cell(&self.paths)?;
+        files.keep(machine, &left.parameters, &left.tools)?;
+        self.kept = Some(left.clone());
         Ok(())
     }
 }

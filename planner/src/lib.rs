@@ -22,6 +22,7 @@ pub use ahead::AheadError;
 pub use course::{CourseError, course, motion_limits, window_planner};
 pub use events::{EventError, Events, acts_on};
 pub use in_step::needs as needs_in_step;
+pub use kept_parameters::Left;
 pub use place::Place;
 pub use planner::{Decision, Inner, Planner};
 pub use ports::{BusPorts, PlannerPorts};

@@ -19,11 +19,12 @@ use control::profile::PathState;
 use control::speed_map::first_mapped;
 use control::window::{Lead, PlanError, PlannedSetpoint, WindowRequest};
 use machine::settings_file::SettingsFileError;
-use machine::{KeptParameters, Machine};
+use machine::{KeptTexts, Machine};
 use program::Setup;
 
 use crate::ahead::{AheadError, Course};
 use crate::in_step;
+use crate::kept_parameters::Left;
 use crate::place::{PLACE_ELEMENTS, Place};
 use crate::program_text::ProgramText;
 use crate::questions::{KeptAnswer, hash_of};
@@ -129,8 +130,10 @@ pub struct Decision<'a> {
     pub window: Option<(WindowHeader, &'a [Setpoint])>,
     /// What the program says around here: to be written before the two others are published.
     pub messages: &'a [ProgramMessage],
-    /// The program is at its end: these parameters are to be kept before the status is published.
-    pub kept_parameters: Option<KeptParameters>,
+    /// The machine, with what the program began with.
+    pub machine: &'a Machine,
+    /// The program is at its end: what is to be kept before the status is published.
+    pub left: Option<Left>,
     /// The program rests before a user M-code: it is to have run before the status is published.
     pub user_call: Option<UserCall>,
 }
@@ -269,17 +272,21 @@ impl Planner {
         }
     }
 
-    /// Takes the parameters that programs before have kept; the program is read again with others. Whether they could be read.
-    pub fn take_parameters(
-        &mut self,
-        kept: Result<Option<KeptParameters>, SettingsFileError>,
-    ) -> bool {
-        match kept {
-            Ok(Some(kept)) if kept != self.machine.parameters => {
-                self.machine.parameters = kept;
-                self.read_anew();
-            }
-            Ok(_) => {}
+    /// The machine, with what its program began with.
+    pub fn machine(&self) -> &Machine {
+        &self.machine
+    }
+
+    /// Takes what programs before and operators have kept; the program is read again with anything else. Whether it could be read.
+    pub fn take_kept(&mut self, kept: Result<Option<KeptTexts>, SettingsFileError>) -> bool {
+        let taken = match kept {
+            Ok(Some(kept)) => self.machine.take_kept(kept),
+            Ok(None) => Ok(false),
+            Err(error) => Err(error),
+        };
+        match taken {
+            Ok(true) => self.read_anew(),
+            Ok(false) => {}
             Err(error) => {
                 tracing::error!("{error}");
                 self.cause = Cause::Planner;
@@ -369,11 +376,12 @@ impl Planner {
         }
         self.say(feedback);
         let status = self.status(feedback);
-        let kept_parameters = self.parameters_to_keep(&status);
+        let left = self.to_keep(&status);
         let user_call = self.user_call(&status, feedback);
         Decision {
             messages: &self.messages,
-            kept_parameters,
+            machine: &self.machine,
+            left,
             user_call,
             status,
             window: header.map(|header| (header, self.wire.as_slice())),

@@ -21,10 +21,10 @@ use bus::port::{Reader, WindowWriter, Writer};
 use bus::sample::{Feedback, PlannerStatus, Setpoint, WindowHeader};
 use bus::service::SCAN_DEPTH;
 use bus::user_codes::{self, CallEnd, UserCall};
-use machine::KeptParameters;
 use machine::settings_file::SettingsFileError;
+use machine::{KeptTexts, Machine};
 
-use crate::kept_parameters::ParameterFile;
+use crate::kept_parameters::{Keeper, Left};
 use crate::kept_places::KeptPlaces;
 use crate::place::Place;
 use crate::program_text::ProgramText;
@@ -75,22 +75,23 @@ pub trait PlannerPorts {
         false
     }
 
-    /// The parameters that programs have kept: those that a run (load and run) begins with, or those that the next one would; none where the
-    /// machine file holds them.
+    /// What programs and operators have kept: what a run (load and run) begins with, or what the next one would; none where the machine file
+    /// holds it.
     ///
     /// # Errors
     /// They cannot be read.
     fn parameters(
         &mut self,
         run: Option<(u32, u32)>,
-    ) -> Result<Option<KeptParameters>, SettingsFileError> {
-        let _ = run;
+        machine: &Machine,
+    ) -> Result<Option<KeptTexts>, SettingsFileError> {
+        let _ = (run, machine);
         Ok(None)
     }
 
-    /// Keeps the parameters of a program that has come to its end; false if it could not.
-    fn keep_parameters(&mut self, parameters: &KeptParameters) -> bool {
-        let _ = parameters;
+    /// Keeps what a program leaves that has come to its end on this machine; false if it could not.
+    fn keep(&mut self, machine: &Machine, left: &Left) -> bool {
+        let _ = (machine, left);
         true
     }
 
@@ -148,7 +149,7 @@ pub struct BusPorts {
     last: Option<u64>,
     paths: CellPaths,
     places: KeptPlaces,
-    parameters: ParameterFile,
+    keeper: Keeper,
     messages: MessageWriter,
 }
 
@@ -171,7 +172,7 @@ impl BusPorts {
             },
             last: member.slot().after_scan,
             places: KeptPlaces::of_cell(&paths),
-            parameters: ParameterFile::of_cell(paths.clone(), stays),
+            keeper: Keeper::of_cell(paths.clone(), stays),
             messages: MessageWriter::new(paths.messages()),
             paths,
             member,
@@ -233,13 +234,14 @@ impl PlannerPorts for BusPorts {
     fn parameters(
         &mut self,
         run: Option<(u32, u32)>,
-    ) -> Result<Option<KeptParameters>, SettingsFileError> {
-        self.parameters.read(run)
+        machine: &Machine,
+    ) -> Result<Option<KeptTexts>, SettingsFileError> {
+        self.keeper.read(run, machine)
     }
 
-    fn keep_parameters(&mut self, parameters: &KeptParameters) -> bool {
-        self.parameters
-            .keep(parameters)
+    fn keep(&mut self, machine: &Machine, left: &Left) -> bool {
+        self.keeper
+            .keep(machine, left)
             .inspect_err(|error| tracing::error!("{error}: the parameters are not kept"))
             .is_ok()
     }

@@ -81,12 +81,13 @@ pub fn cycle(planner: &mut Planner, ports: &mut impl PlannerPorts) -> bool {
         return false;
     };
     if feedback.load != planner.loaded() {
-        let kept = planner.take_parameters(ports.parameters(None));
+        let kept = planner.take_kept(ports.parameters(None, planner.machine()));
         let program = ports.program(feedback.load).filter(|_| kept);
         planner.load(program, &feedback);
     }
     if planner.is_other_run(&feedback) {
-        planner.take_parameters(ports.parameters(Some((feedback.load, feedback.run))));
+        let run = Some((feedback.load, feedback.run));
+        planner.take_kept(ports.parameters(run, planner.machine()));
         planner.begin_run(ports.answers(feedback.load, feedback.run), &feedback);
     }
     if let Some(answer) = planner.new_answer(&feedback)
@@ -107,8 +108,8 @@ pub fn cycle(planner: &mut Planner, ports: &mut impl PlannerPorts) -> bool {
         ports.publish_window(header, setpoints);
     }
     let mut status = decision.status;
-    let kept = decision.kept_parameters.as_ref();
-    let kept = kept.map(|parameters| ports.keep_parameters(parameters));
+    let kept = decision.left.as_ref();
+    let kept = kept.map(|left| ports.keep(decision.machine, left));
     let user_code = decision
         .user_call
         .as_ref()

@@ -297,6 +297,11 @@ impl Interpreter {
         numbers.map(|number| (number, value(number))).collect()
     }
 
+    /// The tools, as the program has changed them.
+    pub fn tools(&self) -> &[Tool] {
+        &self.tools
+    }
+
     /// Keeps a remark, once of a kind, for its first line.
     pub fn note(&mut self, line: u32, text: &'static str) {
         self.output.notes.keep(line, text);

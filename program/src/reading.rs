@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use control::path::{AxisVector, Element};
-use machine::KeptParameters;
+use machine::{KeptParameters, Tool};
 
 use crate::error::ProgramError;
 use crate::execution::Execution;
@@ -214,6 +214,11 @@ impl Reading {
     /// The parameters that outlive the run, as the blocks that were read so far leave them.
     pub fn kept_parameters(&self) -> KeptParameters {
         self.execution.interpreter.kept_parameters()
+    }
+
+    /// The tools, as the blocks that were read so far leave them.
+    pub fn tools(&self) -> &[Tool] {
+        self.execution.interpreter.tools()
     }
 
     /// How many elements were made since the program's first block.

@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use bus::sample::{AxisCommand, Feedback, PlannerStatus, Setpoint, WindowHeader};
 use control::speed_map::first_mapped;
-use machine::KeptParameters;
+use machine::{KeptParameters, Machine};
 use planner::questions::{KeptAnswer, kept_in};
-use planner::{Place, PlannerPorts, ProgramText};
+use planner::{Left, Place, PlannerPorts, ProgramText};
 use servo::ServoPorts;
 
 use super::queues::{Queue, Window};
@@ -116,8 +116,8 @@ impl PlannerPorts for PlannerQueues {
         true
     }
 
-    fn keep_parameters(&mut self, parameters: &KeptParameters) -> bool {
-        self.kept.parameters = Some(parameters.clone());
+    fn keep(&mut self, _machine: &Machine, left: &Left) -> bool {
+        self.kept.parameters = Some(left.parameters.clone());
         true
     }
 

@@ -10,10 +10,9 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{anyhow, bail};
-use bus::kept_parameters::{parameter_file, parameters_now};
 use bus::process::watch;
 use bus::sample::{Feedback, Mode, OperatorRequest, OperatorResponse, Order, ProgramState};
-use machine::parse_parameters;
+use machine::KeptFiles;
 use planner::ProgramText;
 use program::Note;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -132,10 +131,8 @@ pub(super) fn check(
 ) -> anyhow::Result<(Vec<String>, String)> {
     let mut machine = client.machine.clone();
     let place = &client.cell.place;
-    if let Some(parameters) = parameters_now(place)? {
-        let name = parameter_file(place)?.unwrap_or_default();
-        machine.parameters = parse_parameters(&name.display().to_string(), &parameters)?;
-    }
+    let kept = KeptFiles::of_cell(place)?.read(&machine)?;
+    machine.take_kept(kept)?;
     let machine = &machine;
     let start = now.axes.map(|axis| axis.command_position);
     let name = file.display().to_string();

@@ -10,10 +10,10 @@
 use bus::sample::{Cause, EventCode, Feedback, PlannerStatus, ProgramEvent, ProgramState};
 use bus::user_codes::{CallId, UserCall};
 use control::profile::PathState;
-use machine::KeptParameters;
 
 use super::{Planner, tool_element, tool_tag};
 use crate::ahead::Course;
+use crate::kept_parameters::Left;
 
 impl Planner {
     /// What the program says around where the tool is: texts that the windows on the way may pass, and those that the path has come to.
@@ -149,10 +149,10 @@ impl Planner {
         })
     }
 
-    /// The parameters that are to be kept before this status is published, if the program is at its end.
-    pub(super) fn parameters_to_keep(&self, status: &PlannerStatus) -> Option<KeptParameters> {
+    /// What is to be kept before this status is published, if the program is at its end.
+    pub(super) fn to_keep(&self, status: &PlannerStatus) -> Option<Left> {
         let ends = status.event.code == EventCode::KeepParameters as u32;
         let course = self.course.as_ref().filter(|_| ends);
-        course.map(Course::kept_parameters)
+        course.map(Course::left)
     }
 }

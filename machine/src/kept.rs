@@ -1,0 +1,308 @@
+//! What outlives a run, in files of the user: parameters that programs keep, work offsets, the tool table.
+
+use std::fs::{self, File, TryLockError};
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use bus::cell::CellPaths;
+use bus::kept_parameters::{KeptFile, kept_file, name_kept_file, text_of_run};
+
+use crate::machine::Machine;
+use crate::offsets_file::{offsets_text, parse_offsets};
+use crate::parameter_file::{KeptParameters, is_always_kept, parameter_text, parse_parameters};
+use crate::settings_file::{SettingsFileError, read_text};
+use crate::tool_table::{Tool, parse_tools};
+use crate::tools_file::{parse_tools_file, tool_table_text, tools_file_text};
+use crate::whole_file::replace_file;
+
+/// Name of the file of work offsets beside a machine file that names no other.
+pub const OFFSETS_FILE: &str = "offsets.toml";
+/// Name of the tool table beside a machine file that names no other.
+pub const TOOLS_FILE: &str = "tools.toml";
+
+/// The text in place of parameters where there are none yet.
+const NO_PARAMETERS: &str = "; none yet\n";
+/// A writer that has not let go by then is held up.
+const LOCK_LIMIT: Duration = Duration::from_secs(2);
+const LOCK_LOOK: Duration = Duration::from_millis(2);
+
+/// The files of the user that hold what outlives a run of a machine.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct KeptFiles {
+    /// Numbered parameters; none where the machine file names no such file.
+    pub parameters: Option<PathBuf>,
+    /// Work offsets, which need not be there; none in a copy that holds what its run began with.
+    pub offsets: Option<PathBuf>,
+    /// The tool table, which need not be there: then the machine file's own tools are in force. None where it has the form of LinuxCNC.
+    pub tools: Option<PathBuf>,
+}
+
+/// What they hold, as texts in the form of LinuxCNC.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct KeptTexts {
+    /// Parameters; empty where nothing is kept.
+    pub parameters: String,
+    /// Tools; none where those of the machine file are in force.
+    pub tools: Option<String>,
+}
+
+impl From<io::Error> for SettingsFileError {
+    fn from(error: io::Error) -> Self {
+        SettingsFileError::Unreadable {
+            path: "what a run begins with".into(),
+            what: error.to_string(),
+        }
+    }
+}
+
+/// The text of a file; none if it is not there.
+fn text_if_there(file: Option<&PathBuf>) -> Result<Option<(String, String)>, SettingsFileError> {
+    let there = file.filter(|file| file.exists());
+    let read = |file: &PathBuf| Ok((file.display().to_string(), read_text(file)?));
+    there.map(read).transpose()
+}
+
+impl KeptFiles {
+    /// Those of the machine file that is here.
+    pub(crate) fn of(machine: &Machine, machine_file: &Path) -> KeptFiles {
+        let folder = machine_file.parent().unwrap_or(Path::new(""));
+        let named =
+            |name: &str, default: &str| folder.join(if name.is_empty() { default } else { name });
+        let program = &machine.program;
+        let is_toml = Path::new(&program.tool_table)
+            .extension()
+            .is_some_and(|extension| extension == "toml");
+        let parameters = (!program.parameter_file.is_empty()).then_some(&program.parameter_file);
+        KeptFiles {
+            parameters: parameters.map(|name| folder.join(name)),
+            offsets: program
+                .parameters
+                .is_empty()
+                .then(|| named(&program.offsets, OFFSETS_FILE)),
+            tools: (is_toml || program.tool_table.is_empty())
+                .then(|| named(&program.tool_table, TOOLS_FILE)),
+        }
+    }
+
+    /// Those of a running cell.
+    ///
+    /// # Errors
+    /// The cell's folder cannot be read.
+    pub fn of_cell(paths: &CellPaths) -> io::Result<KeptFiles> {
+        Ok(KeptFiles {
+            parameters: kept_file(paths, KeptFile::Parameters)?,
+            offsets: kept_file(paths, KeptFile::Offsets)?,
+            tools: kept_file(paths, KeptFile::Tools)?,
+        })
+    }
+
+    /// Says to a cell which they are: for the launcher, before anybody else is there.
+    ///
+    /// # Errors
+    /// The cell's folder cannot be written.
+    pub fn name_in(&self, paths: &CellPaths) -> io::Result<()> {
+        let files = [&self.parameters, &self.offsets, &self.tools];
+        for (which, file) in KeptFile::ALL.into_iter().zip(files) {
+            if let Some(file) = file {
+                name_kept_file(paths, which, &std::path::absolute(file)?)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// What they hold now.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or is wrong: with its line, and what would be right.
+    pub fn read(&self, machine: &Machine) -> Result<KeptTexts, SettingsFileError> {
+        let mut parameters = KeptParameters::new();
+        if let Some((name, text)) = text_if_there(self.parameters.as_ref())? {
+            parameters = parse_parameters(&name, &text)?;
+        }
+        let offsets = text_if_there(self.offsets.as_ref())?;
+        if let Some((name, text)) = &offsets {
+            parameters.retain(|number, _| !is_always_kept(*number));
+            parameters.extend(parse_offsets(name, text, machine)?);
+        }
+        let tools = text_if_there(self.tools.as_ref())?;
+        let is_kept = self.parameters.is_some() || offsets.is_some() || tools.is_some();
+        let table = |(name, text): (String, String)| {
+            Ok::<_, SettingsFileError>(tool_table_text(&parse_tools_file(&name, &text)?))
+        };
+        let tools = tools.map(table).transpose()?;
+        let parameters = match is_kept {
+            true if parameters.is_empty() => NO_PARAMETERS.to_owned(),
+            true => parameter_text(&parameters),
+            false => String::new(),
+        };
+        Ok(KeptTexts { parameters, tools })
+    }
+
+    /// Keeps what a program leaves at its end on this machine, which has what the program began with: each file whole or not at all. What
+    /// the program has not changed stays as it is there now.
+    ///
+    /// # Errors
+    /// A file that cannot be written, or is wrong.
+    pub fn keep(
+        &self,
+        machine: &Machine,
+        parameters: &KeptParameters,
+        tools: &[Tool],
+    ) -> Result<(), SettingsFileError> {
+        if let Some(file) = &self.parameters {
+            let text = parameter_text(parameters);
+            replace_file(file, &text).map_err(|error| of_file(file, &error))?;
+        }
+        if let Some(file) = self.offsets.as_ref().filter(|file| file.exists()) {
+            update_offsets(file, machine, |now| {
+                for (number, value) in parameters {
+                    let began = machine.parameters.get(number).copied();
+                    let began = began.unwrap_or_else(|| machine.parameter_default(*number));
+                    if is_always_kept(*number) && began != *value {
+                        now.insert(*number, *value);
+                    }
+                }
+            })?;
+        }
+        if let Some(file) = self.tools.as_ref().filter(|file| file.exists()) {
+            let changed = tools.iter().filter(|tool| !machine.tools.contains(tool));
+            let changed: Vec<&Tool> = changed.collect();
+            if !changed.is_empty() {
+                update_tools(file, |now| {
+                    for tool in changed {
+                        now.retain(|other| other.number != tool.number);
+                        now.push(tool.clone());
+                    }
+                })?;
+            }
+        }
+        Ok(())
+    }
+}
+
+impl KeptTexts {
+    /// What a run of a program in this cell begins with: whoever asks first takes it from the files, and all others get the same.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or is wrong.
+    pub fn of_run(
+        paths: &CellPaths,
+        (load, run): (u32, u32),
+        machine: &Machine,
+    ) -> Result<KeptTexts, SettingsFileError> {
+        let files = KeptFiles::of_cell(paths)?;
+        let now = || files.read(machine);
+        let parameters = text_of_run(&paths.parameters(load, run), || {
+            Ok::<_, SettingsFileError>(now()?.parameters)
+        })?;
+        let tools = files.tools.as_ref().map(|_| {
+            text_of_run(&paths.tools(load, run), || {
+                let own = || machine.program.tools.clone();
+                Ok::<_, SettingsFileError>(now()?.tools.unwrap_or_else(own))
+            })
+        });
+        Ok(KeptTexts {
+            parameters,
+            tools: tools.transpose()?,
+        })
+    }
+}
+
+impl Machine {
+    /// Takes what outlives a run; whether anything is another than before.
+    ///
+    /// # Errors
+    /// Texts that are wrong.
+    pub fn take_kept(&mut self, kept: KeptTexts) -> Result<bool, SettingsFileError> {
+        let parameters = parse_parameters("kept parameters", &kept.parameters)?;
+        let mut is_other = parameters != self.parameters;
+        is_other |= kept.parameters.is_empty() != self.program.parameters.is_empty();
+        self.parameters = parameters;
+        self.program.parameters = kept.parameters;
+        if let Some(text) = kept.tools {
+            let tools = parse_tools("tools", &text)?;
+            is_other |= tools != self.tools;
+            self.tools = tools;
+            self.program.tools = text;
+        }
+        Ok(is_other)
+    }
+}
+
+fn of_file(file: &Path, error: &io::Error) -> SettingsFileError {
+    SettingsFileError::Unreadable {
+        path: file.display().to_string(),
+        what: format!("cannot be written: {error}"),
+    }
+}
+
+/// Changes the work offsets in a file, whole or not at all, one writer at a time.
+///
+/// # Errors
+/// A file that is wrong, cannot be written, or would be wrong.
+pub fn update_offsets(
+    file: &Path,
+    machine: &Machine,
+    change: impl FnOnce(&mut KeptParameters),
+) -> Result<(), SettingsFileError> {
+    let name = file.display().to_string();
+    update(file, |text| {
+        let mut now = parse_offsets(&name, text, machine)?;
+        change(&mut now);
+        let text = offsets_text(&now, machine);
+        // What is written can be read again.
+        parse_offsets(&name, &text, machine).map(|_| text)
+    })
+}
+
+/// Changes the tools in a file, whole or not at all, one writer at a time.
+///
+/// # Errors
+/// A file that is wrong, cannot be written, or would be wrong.
+pub fn update_tools(
+    file: &Path,
+    change: impl FnOnce(&mut Vec<Tool>),
+) -> Result<(), SettingsFileError> {
+    let name = file.display().to_string();
+    update(file, |text| {
+        let mut now = parse_tools_file(&name, text)?;
+        change(&mut now);
+        now.sort_by_key(|tool| tool.number);
+        let text = tools_file_text(&now);
+        parse_tools_file(&name, &text).map(|_| text)
+    })
+}
+
+/// Replaces the text of a file under a lock of its own, unless it is the same.
+fn update(
+    file: &Path,
+    change: impl FnOnce(&str) -> Result<String, SettingsFileError>,
+) -> Result<(), SettingsFileError> {
+    let failed = |error: io::Error| of_file(file, &error);
+    let leads_to = fs::canonicalize(file).unwrap_or_else(|_| file.to_path_buf());
+    let name = leads_to.file_name().unwrap_or_default().to_string_lossy();
+    let lock = leads_to.with_file_name(format!(".{name}.lock"));
+    let mut options = File::options();
+    let lock = options.create(true).truncate(false).write(true).open(lock);
+    let lock = lock.map_err(failed)?;
+    let asked = Instant::now();
+    while let Err(error) = lock.try_lock() {
+        match error {
+            TryLockError::WouldBlock if asked.elapsed() < LOCK_LIMIT => {
+                std::thread::sleep(LOCK_LOOK);
+            }
+            TryLockError::WouldBlock => {
+                let what = "another process is writing it and does not come to an end";
+                return Err(failed(io::Error::new(io::ErrorKind::WouldBlock, what)));
+            }
+            TryLockError::Error(error) => return Err(failed(error)),
+        }
+    }
+    let before = text_if_there(Some(&leads_to))?.map(|(_, text)| text);
+    let text = change(before.as_deref().unwrap_or_default())?;
+    match before.as_ref() == Some(&text) {
+        true => Ok(()),
+        false => replace_file(&leads_to, &text).map_err(failed),
+    }
+}
