@@ -46,6 +46,7 @@ mod positioning;
 mod quality;
 mod questions;
 mod random_runs;
+mod readout;
 mod realtime_faults;
 mod recorder;
 mod robust;

@@ -33,6 +33,7 @@ mod arcs;
 mod beside;
 mod drilling;
 mod machine_words;
+mod modal;
 mod modes;
 mod names;
 mod offsets;
@@ -50,6 +51,7 @@ mod travel;
 mod turning;
 mod use_of_words;
 
+pub use modal::Modal;
 pub use modes::SavedModes;
 pub use output::{Bound, Output};
 pub use surface::SurfaceSpeed;

@@ -9,7 +9,7 @@ use machine::{KeptParameters, Tool};
 use crate::error::ProgramError;
 use crate::execution::Execution;
 use crate::file::{open_text, text_hash};
-use crate::interpreter::Bound;
+use crate::interpreter::{Bound, Modal};
 use crate::program::{Event, Message, Note, ProgramEnd, Setup, check_setup, source_hash};
 use crate::question::{Answer, Question};
 use crate::snapshot;
@@ -214,6 +214,11 @@ impl Reading {
     /// The parameters that outlive the run, as the blocks that were read so far leave them.
     pub fn kept_parameters(&self) -> KeptParameters {
         self.execution.interpreter.kept_parameters()
+    }
+
+    /// The state that the blocks that were read so far leave.
+    pub fn modal(&self) -> Modal {
+        self.execution.interpreter.modal()
     }
 
     /// The tools, as the blocks that were read so far leave them.

@@ -115,7 +115,7 @@ impl Interpreter {
     }
 
     /// Ten times the code of the motion in force.
-    fn motion_mode(&self) -> f64 {
+    pub(super) fn motion_mode(&self) -> f64 {
         match self.motion {
             Motion::None => 800.0,
             Motion::Rapid => 0.0,

@@ -3,6 +3,7 @@
 mod axes;
 mod circle;
 mod panels;
+mod readout;
 mod screen;
 mod top;
 
@@ -43,10 +44,14 @@ pub fn draw(frame: &mut Frame<'_>, screen: &Screen<'_>) {
     ]);
     let [top, axis_rows, rest, bottom] = rows.areas(area);
     top::draw(frame, top, screen);
-    axes::draw(frame, axis_rows, screen);
-    if area.width >= WIDE {
+    if screen.readout {
+        let page = axis_rows.union(rest);
+        readout::draw(frame, page, screen);
+    } else if area.width >= WIDE {
+        axes::draw(frame, axis_rows, screen);
         wide(frame, rest, screen);
     } else {
+        axes::draw(frame, axis_rows, screen);
         narrow(frame, rest, screen);
     }
     bottom_line(frame, bottom, screen);
@@ -147,6 +152,7 @@ const HELP: &str = "\
  :        type a block, Enter runs it, as `quadrant mdi`; arrows: earlier ones
  m        home the axes that have no absolute encoder (asks first)
  q  Esc   leave; the machine goes on. Ctrl-Z: for a while, `fg` comes back
+ d        the readout: work and machine coordinates, large; again: back
  ?        this page
 
  The same from any terminal: quadrant hold, resume, stop …

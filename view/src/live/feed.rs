@@ -4,15 +4,17 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
+use bus::cell::CellPaths;
 use bus::drive_page::DrivePage;
 use bus::member::Pace;
 use bus::messages::MessageReader;
 use bus::observer::{Held, Observer};
 use bus::sample::Feedback;
 use bus::service::RECORDER_DEPTH_SCANS;
-use machine::Machine;
-use program::{Program, SHORT_ELEMENTS};
+use machine::{KeptFiles, KeptTexts, Machine};
+use program::{Modes, Program, SHORT_ELEMENTS, modal_at_start};
 
+use super::dro::Course;
 use super::fieldbus::BusView;
 use super::model::Model;
 use super::ports::Ports;
@@ -150,6 +152,7 @@ impl Feed {
 
     fn look_at_processes(&mut self) {
         self.proc_seen = Some(Instant::now());
+        self.look_at_offsets();
         let page = &self.cell.page;
         let children = children_of(page.launcher_pid());
         if let Some(program) = children.iter().find_map(|child| child.program.clone()) {
@@ -183,7 +186,22 @@ impl Feed {
             return;
         };
         self.read = Some(hash);
-        self.model.program = program_behind(file, &self.machine, feedback);
+        let machine = with_kept(&self.machine, &self.cell.place, feedback);
+        self.model.program = program_behind(file, &machine, feedback);
+        let path = self.model.program.as_ref().map(|program| &program.path);
+        self.model.course = path.and_then(|path| {
+            let modes = Modes::of(&machine, &feedback.program_start, file).ok()?;
+            (modes.source_hash() == hash).then(|| Course::new(&machine, path, modes))
+        });
+    }
+
+    /// What the next program begins with: its work offset, and G92.
+    fn look_at_offsets(&mut self) {
+        let kept = KeptFiles::of_cell(&self.cell.place).ok();
+        let kept = kept.and_then(|files| files.read(&self.machine).ok());
+        let mut machine = self.machine.clone();
+        let taken = kept.and_then(|kept| machine.take_kept(kept).ok());
+        self.model.next_start = taken.map(|_| modal_at_start(&machine));
     }
 
     /// Whether the cell is gone, or about to go.
@@ -226,6 +244,27 @@ impl Feed {
             timing.take(period_ns)
         });
     }
+}
+
+/// The machine with what the run of this feedback began with.
+fn with_kept(machine: &Machine, place: &CellPaths, feedback: &Feedback) -> Machine {
+    if feedback.load == 0 {
+        // The one program of a run: the machine file has what it began with.
+        return machine.clone();
+    }
+    let run = (feedback.load, feedback.run);
+    let kept = match place.parameters(run.0, run.1).exists() {
+        true => KeptTexts::of_run(place, run, machine),
+        false => KeptFiles::of_cell(place)
+            .map_err(Into::into)
+            .and_then(|files| files.read(machine)),
+    };
+    let mut known = machine.clone();
+    // What cannot be read leaves the program unknown, for its hash is another.
+    if let Ok(kept) = kept {
+        let _ = known.take_kept(kept);
+    }
+    known
 }
 
 /// The program that the tags of this feedback belong to, if `file` is it; none of one that cannot be read, is very long or is

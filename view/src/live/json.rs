@@ -7,6 +7,7 @@ use bus::sample::{
 use bus::service::ROLES;
 use serde::Serialize;
 
+use super::dro::{self, Dro};
 use super::events::Weight;
 use super::fieldbus::slave_words;
 use super::model::Model;
@@ -34,6 +35,7 @@ struct State<'a> {
     /// Of a cell with a fieldbus, seen on the spot.
     #[serde(skip_serializing_if = "Option::is_none")]
     bus: Option<BusOf<'a>>,
+    readout: ReadoutOf,
     axes: Vec<AxisOf<'a>>,
     processes: Vec<ProcessOf>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -85,6 +87,27 @@ struct ProgramOf<'a> {
     percent: Option<f64>,
     path_done_mm: Option<f64>,
     path_length_mm: Option<f64>,
+}
+
+/// The digital readout beside the axes; null is what cannot be known.
+#[derive(Serialize)]
+struct ReadoutOf {
+    work_offset: Option<&'static str>,
+    tool: Option<u32>,
+    feed_mm_min: Option<f64>,
+    programmed_feed_mm_min: Option<f64>,
+    rapid: Option<bool>,
+    spindle_rpm: Option<f64>,
+    programmed_spindle_rpm: Option<f64>,
+    /// As the program has them, in its units.
+    feed_word: Option<f64>,
+    speed_word: Option<f64>,
+    active_codes: Vec<String>,
+    block_line: Option<u32>,
+    block_text: Option<String>,
+    /// An estimate: without what braking and stops take.
+    time_left_s: Option<f64>,
+    time_left_is_estimate: bool,
 }
 
 /// The fieldbus.
@@ -142,6 +165,12 @@ struct AxisOf<'a> {
     unit: &'static str,
     command_mm: f64,
     feedback_mm: f64,
+    /// The readout of a slide, in mm; null is what cannot be known.
+    #[serde(flatten)]
+    linear: Option<LinearOf>,
+    /// The readout of a rotary axis, in degrees.
+    #[serde(flatten)]
+    rotary: Option<RotaryOf>,
     velocity_mm_s: f64,
     velocity_command_mm_s: Option<f64>,
     torque_command_nm: Option<f64>,
@@ -160,6 +189,22 @@ struct AxisOf<'a> {
     /// absolute, no reference, homed, not homed, homing.
     reference: &'static str,
     alarm: Option<String>,
+}
+
+#[derive(Serialize)]
+struct LinearOf {
+    work_mm: Option<f64>,
+    machine_mm: f64,
+    distance_to_go_mm: Option<f64>,
+    tool_length_mm: Option<f64>,
+}
+
+#[derive(Serialize)]
+struct RotaryOf {
+    work_deg: Option<f64>,
+    machine_deg: f64,
+    distance_to_go_deg: Option<f64>,
+    tool_length_deg: Option<f64>,
 }
 
 #[derive(Serialize)]
@@ -258,6 +303,7 @@ fn state(model: &Model) -> State<'_> {
     let says = model.says();
     let period_s = model.machine.scan_period_s();
     let cause = feedback.filter(|feedback| feedback.cause != Cause::None as u32);
+    let dro = dro::of(model);
     State {
         cell: &model.cell,
         pace: model.pace.map(|pace| pace.word()),
@@ -286,7 +332,8 @@ fn state(model: &Model) -> State<'_> {
         messages: model.said.iter().map(message).collect(),
         auxiliary: feedback.map(|feedback| auxiliary(&feedback.auxiliary)),
         bus: fieldbus(model),
-        axes: axes(model),
+        axes: axes(model, &dro),
+        readout: readout(model, dro),
         processes: processes(model),
         remote: remote(model),
     }
@@ -393,10 +440,71 @@ fn program(model: &Model) -> ProgramOf<'_> {
     }
 }
 
-fn axes(model: &Model) -> Vec<AxisOf<'_>> {
-    let each = model.axes.iter();
-    each.map(|axis| AxisOf {
+fn readout(model: &Model, dro: Dro) -> ReadoutOf {
+    let auxiliary = model.feedback.as_ref().map(|feedback| &feedback.auxiliary);
+    let round = |value: Option<f64>, digits: i32| value.map(|value| rounded(value, digits));
+    let block = model.block();
+    ReadoutOf {
+        work_offset: dro.work_offset,
+        tool: auxiliary.map(|now| now.tool),
+        feed_mm_min: round(dro.feed_mm_min, 1),
+        programmed_feed_mm_min: round(dro.programmed_feed_mm_min, 3),
+        rapid: dro.rapid,
+        spindle_rpm: auxiliary.map(|now| rounded(now.spindle_rpm, 3)),
+        programmed_spindle_rpm: auxiliary.map(|now| rounded(now.levels.spindle_rpm, 3)),
+        feed_word: dro.feed_word,
+        speed_word: dro.speed_word,
+        active_codes: dro.active_codes,
+        block_line: block.map(|(line, _)| line),
+        block_text: block.map(|(_, text)| text.to_owned()),
+        time_left_s: round(dro.time_left_s, 1),
+        time_left_is_estimate: true,
+    }
+}
+
+/// The readout of an axis: of a slide or of a rotary axis.
+fn readout_of_axis(
+    model: &Model,
+    dro: &Dro,
+    index: usize,
+    machine: f64,
+) -> (Option<LinearOf>, Option<RotaryOf>) {
+    let of = |values: &[Option<f64>]| values.get(index).copied().flatten();
+    let round = |value: Option<f64>| value.map(|value| rounded(value, 6));
+    let (work, to_go) = (round(of(&dro.work)), round(of(&dro.distance_to_go)));
+    let lengths = dro.tool_length.as_ref();
+    let length = round(lengths.and_then(|lengths| lengths.get(index).copied()));
+    let machine = rounded(machine, 6);
+    match model.machine.axes.get(index).is_some_and(dro::is_rotary) {
+        true => (
+            None,
+            Some(RotaryOf {
+                work_deg: work,
+                machine_deg: machine,
+                distance_to_go_deg: to_go,
+                tool_length_deg: length,
+            }),
+        ),
+        false => (
+            Some(LinearOf {
+                work_mm: work,
+                machine_mm: machine,
+                distance_to_go_mm: to_go,
+                tool_length_mm: length,
+            }),
+            None,
+        ),
+    }
+}
+
+fn axes<'a>(model: &'a Model, dro: &Dro) -> Vec<AxisOf<'a>> {
+    let each = model.axes.iter().enumerate();
+    let each =
+        each.map(|(index, axis)| (axis, readout_of_axis(model, dro, index, axis.command_mm)));
+    each.map(|(axis, (linear, rotary))| AxisOf {
         axis: &axis.name,
+        linear,
+        rotary,
         unit: axis.unit,
         command_mm: rounded(axis.command_mm, 6),
         feedback_mm: rounded(axis.feedback_mm, 6),

@@ -8,6 +8,7 @@ mod attach;
 pub mod axis;
 mod circle;
 mod draw;
+pub mod dro;
 pub mod events;
 pub mod feed;
 mod fieldbus;

@@ -11,11 +11,12 @@ use bus::sample::{
 use control::kinematics::Kinematics;
 use control::path::{AxisVector, Element, Feed, Shape};
 use machine::{Machine, Process};
-use program::Program;
+use program::{Modal, Program};
 use remote::wire::ProcessState;
 
 use super::axis::AxisView;
 use super::circle::CircleView;
+use super::dro::Course;
 use super::events::{Events, Weight};
 use super::fieldbus::BusView;
 use super::proc::Child;
@@ -91,6 +92,10 @@ pub struct Model {
     pub planner: Option<PlannerStatus>,
     /// The program, if it could be read.
     pub program: Option<Program>,
+    /// What is known of it for the readout.
+    pub course: Option<Course>,
+    /// The state that the next program begins with, if it is known.
+    pub next_start: Option<Modal>,
     /// File name of the program that was loaded into a cell that stays up.
     pub loaded: Option<String>,
     /// Per axis.
@@ -135,6 +140,8 @@ impl Model {
             feedback_age_s: 0.0,
             planner: None,
             program: None,
+            course: None,
+            next_start: None,
             loaded: None,
             axes: machine.axes.iter().map(AxisView::of).collect(),
             bus: None,

@@ -66,6 +66,7 @@ struct Asked {
 struct View {
     feed: Box<dyn Source>,
     palette: Palette,
+    readout: bool,
     help: bool,
     prompt: Prompt,
     prompt_since: Instant,
@@ -84,6 +85,7 @@ impl View {
         View {
             feed,
             palette: Palette::of_environment(),
+            readout: false,
             help: false,
             prompt: Prompt::Keys,
             prompt_since: Instant::now(),
@@ -107,6 +109,7 @@ impl View {
                 model: self.feed.model(),
                 palette: self.palette,
                 prompt: self.prompt.clone(),
+                readout: self.readout,
                 help: self.help,
             };
             terminal.draw(|frame| draw(frame, &screen))?;
@@ -196,6 +199,7 @@ impl View {
         match code {
             KeyCode::Char('q') | KeyCode::Esc => return true,
             KeyCode::Char('?') => self.help = true,
+            KeyCode::Char('d') => self.readout = !self.readout,
             KeyCode::Char('h') => self.order(Order::Hold, 0.0),
             KeyCode::Char('r') if self.has_tripped() => self.say(Prompt::ConfirmResume),
             KeyCode::Char('r') => self.order(Order::Resume, 0.0),

@@ -5,6 +5,7 @@ use std::fmt::Write;
 
 use bus::service::ROLES;
 
+use super::dro;
 use super::model::Model;
 use remote::wire::ProcessState;
 
@@ -46,6 +47,7 @@ pub fn status(model: &Model) -> String {
     if let Some(words) = progress(model) {
         let _ = write!(text, "\n  {words}");
     }
+    readout(&mut text, model);
     axes(&mut text, model);
     for alarm in model
         .axes
@@ -70,6 +72,45 @@ pub fn status(model: &Model) -> String {
         );
     }
     text
+}
+
+/// The readout: work and machine coordinates, the way to go, feed, codes, time left.
+fn readout(text: &mut String, model: &Model) {
+    let dro = dro::of(model);
+    let number = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:+.4}"));
+    let _ = write!(
+        text,
+        "\n\n  axis          work      machine  distance to go"
+    );
+    if let Some(offset) = dro.work_offset {
+        let _ = write!(text, "    work offset {offset}");
+    }
+    for (index, axis) in model.axes.iter().enumerate() {
+        let of = |values: &[Option<f64>]| number(values.get(index).copied().flatten());
+        let _ = write!(
+            text,
+            "\n  {:<2} {:<3} {:>10}  {:>+11.4}  {:>14}",
+            axis.name,
+            axis.unit,
+            of(&dro.work),
+            axis.command_mm,
+            of(&dro.distance_to_go)
+        );
+    }
+    if let Some(feed) = dro.feed_mm_min {
+        let programmed = match (dro.rapid, dro.programmed_feed_mm_min) {
+            (Some(true), _) => ", programmed rapid".into(),
+            (_, Some(feed)) => format!(", programmed {feed:.0}"),
+            _ => String::new(),
+        };
+        let _ = write!(text, "\n  feed {feed:.0} mm/min{programmed}");
+    }
+    if let Some(left_s) = dro.time_left_s {
+        let _ = write!(text, ", about {left_s:.0} s left (estimate)");
+    }
+    if !dro.active_codes.is_empty() {
+        let _ = write!(text, "\n  {}", dro.active_codes.join(" "));
+    }
 }
 
 /// A line for each axis.

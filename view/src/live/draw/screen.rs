@@ -37,6 +37,8 @@ pub struct Screen<'a> {
     pub palette: Palette,
     /// The bottom line.
     pub prompt: Prompt,
+    /// The readout is shown in place of the panels.
+    pub readout: bool,
     /// The page about the keys lies over it.
     pub help: bool,
 }
@@ -48,6 +50,7 @@ impl<'a> Screen<'a> {
             model,
             palette: Palette::plain(),
             prompt: Prompt::Keys,
+            readout: false,
             help: false,
         }
     }

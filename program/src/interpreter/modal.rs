@@ -1,0 +1,97 @@
+//! What an operator reads of the state of a program: codes in force, offsets, F, S, T.
+
+use super::*;
+
+/// The state of a program at a block, as an operator reads it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Modal {
+    /// Codes in force, such as G1 G17 G90.
+    pub codes: Vec<String>,
+    /// Index of the work offset in force: 0 is G54.
+    pub work_offset: usize,
+    /// F as the program has it, in its unit.
+    pub feed: Option<f64>,
+    /// S as the program has it: rev/min, in G96 m/min or feet/min.
+    pub speed: f64,
+    /// The tool in the spindle; 0 for none.
+    pub tool: u32,
+    offsets: Offsets,
+}
+
+impl Modal {
+    /// A place of the machine in the coordinates of the program, in mm and degrees.
+    pub fn in_program(&self, place: &AxisVector) -> AxisVector {
+        self.offsets.in_program(place)
+    }
+
+    /// What the length of the tool takes off, in mm and degrees.
+    pub fn tool_length(&self) -> AxisVector {
+        self.offsets.tool
+    }
+}
+
+/// A code by ten times its number.
+fn shown(letter: char, tenfold: f64) -> String {
+    format!("{letter}{}", tenfold / 10.0)
+}
+
+impl Interpreter {
+    /// The state that the blocks so far have left.
+    pub fn modal(&self) -> Modal {
+        let either = |first: bool, yes: &str, no: &str| if first { yes } else { no }.to_owned();
+        let system = self.parameters.get(base::WORK_OFFSET).clamp(1.0, 9.0) as usize - 1;
+        let offset = machine::offsets_file::WORK_OFFSETS.get(system);
+        let mut codes = vec![
+            shown('G', self.motion_mode()),
+            shown('G', f64::from(self.plane.0) * 10.0),
+            either(self.inches, "G20", "G21"),
+            shown('G', f64::from(self.compensation_code())),
+            either(self.offsets.tool == AxisVector::zeros(), "G49", "G43"),
+            offset.copied().unwrap_or("G54").to_owned(),
+            shown('G', f64::from(self.path_control)),
+            either(self.incremental, "G91", "G90"),
+            match self.feed_mode {
+                FeedMode::InverseTime => "G93",
+                FeedMode::PerMinute => "G94",
+                FeedMode::PerRevolution => "G95",
+            }
+            .to_owned(),
+            either(self.surface.is_some(), "G96", "G97"),
+            either(self.returns_to_r, "G99", "G98"),
+        ];
+        if self.diameters {
+            codes.push("G7".to_owned());
+        }
+        if self.parameters.get(base::G92_APPLIES) != 0.0 {
+            codes.push("G92".to_owned());
+        }
+        codes.push(match self.spindle.direction {
+            1.. => "M3".to_owned(),
+            0 => "M5".to_owned(),
+            _ => "M4".to_owned(),
+        });
+        let coolant = [("M7", self.coolant[0]), ("M8", self.coolant[1])];
+        codes.extend(
+            coolant
+                .iter()
+                .filter(|(_, on)| *on)
+                .map(|(code, _)| (*code).to_owned()),
+        );
+        if self.coolant == [false; 2] {
+            codes.push("M9".to_owned());
+        }
+        codes.push(either(
+            self.feed_override && self.spindle_override,
+            "M48",
+            "M49",
+        ));
+        Modal {
+            codes,
+            work_offset: system,
+            feed: self.feed.map(|feed| feed.value),
+            speed: self.spindle.speed,
+            tool: self.tool.number,
+            offsets: self.offsets,
+        }
+    }
+}

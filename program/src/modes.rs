@@ -1,0 +1,131 @@
+//! The state of a program along its path, for who shows it.
+
+use std::path::Path as FilePath;
+use std::sync::Arc;
+
+use control::path::AxisVector;
+use machine::Machine;
+
+use crate::bundle::read_program;
+use crate::error::ResumeError;
+use crate::interpreter::{Interpreter, Modal};
+use crate::program::Setup;
+use crate::reading::{Piece, Progress, Reading};
+use crate::resume::tool_at;
+
+/// The state that the next program begins with.
+pub fn modal_at_start(machine: &Machine) -> Modal {
+    let setup = Arc::new(Setup::of(machine));
+    Interpreter::new(&setup, AxisVector::zeros()).modal()
+}
+
+/// The states of a program, by its elements.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Modes {
+    /// The first element in which a state is in force.
+    changes: Vec<(u64, Arc<Modal>)>,
+    /// Behind so many elements nothing is known: the program asks the machine there, is refused, or is at its end.
+    elements: u64,
+    source_hash: u64,
+}
+
+impl Modes {
+    /// Of a program on a machine with its command positions at these increments, up to what it asks the machine.
+    ///
+    /// # Errors
+    /// [`ResumeError`].
+    pub fn of(
+        machine: &Machine,
+        increments: &[i64],
+        file: &FilePath,
+    ) -> Result<Modes, ResumeError> {
+        let start = tool_at(machine, increments)?;
+        let setup = Arc::new(Setup::of(machine));
+        let text = read_program(file, &machine.subroutine_folders)?;
+        let mut reading = Reading::of_text(&file.display().to_string(), &text, &setup, start)?;
+        let mut modes = Modes {
+            changes: vec![(0, Arc::new(reading.modal()))],
+            elements: 0,
+            source_hash: reading.source_hash(),
+        };
+        let mut piece = Piece::default();
+        loop {
+            let first = reading.elements_made();
+            let read = reading.read(1, &mut piece);
+            piece = Piece::default();
+            if !matches!(read, Ok(Progress::More)) && reading.question().is_some() {
+                break;
+            }
+            modes.change(first, reading.modal());
+            modes.elements = reading.elements_made();
+            if !matches!(read, Ok(Progress::More)) {
+                break;
+            }
+        }
+        Ok(modes)
+    }
+
+    fn change(&mut self, first: u64, modal: Modal) {
+        match self.changes.last_mut() {
+            Some((_, last)) if **last == modal => {}
+            Some((at, last)) if *at == first => *last = Arc::new(modal),
+            _ => self.changes.push((first, Arc::new(modal))),
+        }
+    }
+
+    /// The state in an element; none where it is not known.
+    pub fn at(&self, element: u32) -> Option<&Modal> {
+        let element = u64::from(element);
+        if element >= self.elements {
+            return None;
+        }
+        let behind = self.changes.partition_point(|(first, _)| *first <= element);
+        let (_, modal) = self.changes.get(behind.checked_sub(1)?)?;
+        Some(modal)
+    }
+
+    /// Hash of everything that the geometry depends on.
+    pub fn source_hash(&self) -> u64 {
+        self.source_hash
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_element_has_the_state_that_its_own_block_is_read_in() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("modes.ngc");
+        let text = "G21 G90 G54\nG0 X1\nG55\nG10 L2 P2 X5\nG1 X1 F600\nG91\nG92 X0\nG1 X2\nM2\n";
+        std::fs::write(&file, text).unwrap();
+        let machine = FilePath::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
+        let mut machine = Machine::load(&machine).unwrap();
+        machine.program.work_offset_mm.clear();
+        let modes = Modes::of(&machine, &[0; 8], &file).unwrap();
+        let codes = |element| modes.at(element).unwrap().codes.join(" ");
+        assert!(
+            codes(0).starts_with("G0 G17 G21 G40 G49 G54"),
+            "{}",
+            codes(0)
+        );
+        assert!(
+            codes(1).starts_with("G1 G17 G21 G40 G49 G55"),
+            "{}",
+            codes(1)
+        );
+        assert!(
+            codes(2).contains("G91") && codes(2).contains("G92"),
+            "{}",
+            codes(2)
+        );
+        let at = |element, x_mm: f64| {
+            let mut place = AxisVector::zeros();
+            place[0] = x_mm;
+            modes.at(element).unwrap().in_program(&place)[0]
+        };
+        assert_eq!((at(0, 1.0), at(1, 6.0), at(2, 8.0)), (1.0, 1.0, 2.0));
+        assert_eq!(modes.at(3), None);
+    }
+}

@@ -1,0 +1,202 @@
+//! The digital readout: what an operator reads while a program runs, and between two. Data alone; others draw it.
+
+use bus::sample::{Feedback, ProgramState};
+use control::kinematics::Kinematics;
+use control::path::{AxisVector, Element, Feed, Path, Shape};
+use machine::offsets_file::WORK_OFFSETS;
+use machine::{Axis, AxisKind, Machine};
+use program::{Modal, Modes};
+
+use super::model::Model;
+
+/// What is known of a program for the readout.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Course {
+    /// Its states along the path.
+    pub modes: Modes,
+    /// Time to the beginning of each element at full speed, in s.
+    begins_s: Vec<f64>,
+    total_s: f64,
+}
+
+impl Course {
+    /// Of a path and its states.
+    pub fn new(machine: &Machine, path: &Path, modes: Modes) -> Course {
+        let mut total_s = 0.0;
+        let times = path.elements.iter().map(|element| {
+            let begins_s = total_s;
+            total_s += duration_s(machine, element);
+            begins_s
+        });
+        let begins_s = times.collect();
+        Course {
+            modes,
+            begins_s,
+            total_s,
+        }
+    }
+
+    /// Time that is left from a place, at an override: without what speeding up, braking and stops take.
+    fn left_s(&self, element: u32, done: f64, override_percent: u32) -> Option<f64> {
+        let begins_s = *self.begins_s.get(element as usize)?;
+        let behind = self.begins_s.get(element as usize + 1);
+        let ends_s = behind.copied().unwrap_or(self.total_s);
+        let left_s = self.total_s - (begins_s + (ends_s - begins_s) * done.clamp(0.0, 1.0));
+        (override_percent > 0).then(|| left_s * 100.0 / f64::from(override_percent))
+    }
+}
+
+/// What an element takes at full speed.
+fn duration_s(machine: &Machine, element: &Element) -> f64 {
+    let time_s = match (&element.shape, element.feed) {
+        (Shape::Dwell { seconds, .. }, _) => *seconds,
+        (_, Feed::PathMmS(feed_mm_s)) => element.length_mm / feed_mm_s,
+        (shape, Feed::Rapid) => {
+            let way = shape.end() - shape.start();
+            let axes = way.iter().zip(&machine.axes);
+            axes.fold(0.0, |longest: f64, (way, axis)| {
+                longest.max(way.abs() / axis.rapid_mm_s)
+            })
+        }
+    };
+    if time_s.is_finite() { time_s } else { 0.0 }
+}
+
+/// The readout. What cannot be known is none.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Dro {
+    /// Of each axis: where it is commanded to be, in the coordinates of the program, in mm or degrees.
+    pub work: Vec<Option<f64>>,
+    /// Of each axis: the way to the end of the block, signed, in mm or degrees.
+    pub distance_to_go: Vec<Option<f64>>,
+    /// The work offset in force.
+    pub work_offset: Option<&'static str>,
+    /// What the length of the tool takes off along each axis.
+    pub tool_length: Option<Vec<f64>>,
+    /// Feed of the block, in mm/min (degrees where only rotary axes move); none in rapid.
+    pub programmed_feed_mm_min: Option<f64>,
+    /// The block is in rapid.
+    pub rapid: Option<bool>,
+    /// Speed of the tool, in mm/min; of linear axes.
+    pub feed_mm_min: Option<f64>,
+    /// F as the program has it, in its unit.
+    pub feed_word: Option<f64>,
+    /// S as the program has it.
+    pub speed_word: Option<f64>,
+    /// Codes in force.
+    pub active_codes: Vec<String>,
+    /// Estimate of the time that the program still takes.
+    pub time_left_s: Option<f64>,
+}
+
+/// The readout of what is known of a cell.
+pub fn of(model: &Model) -> Dro {
+    let Some(feedback) = &model.feedback else {
+        return Dro::default();
+    };
+    let machine = &model.machine;
+    let axes = machine.axes.len();
+    let mut dro = Dro {
+        work: vec![None; axes],
+        distance_to_go: vec![None; axes],
+        ..Dro::default()
+    };
+    // Where axes are those of the program.
+    let is_plain = program::kinematics_of(machine) == Kinematics::Cartesian;
+    if is_plain {
+        dro.feed_mm_min = Some(speed_mm_min(machine, feedback));
+    }
+    let runs = model.program_state() == Some(ProgramState::Running);
+    let modal = if runs {
+        modal_in_program(model, feedback)
+    } else {
+        model.next_start.as_ref()
+    };
+    if let Some(modal) = modal {
+        dro.work_offset = WORK_OFFSETS.get(modal.work_offset).copied();
+        dro.tool_length = Some(modal.tool_length().iter().take(axes).copied().collect());
+        dro.active_codes.clone_from(&modal.codes);
+        dro.feed_word = modal.feed;
+        dro.speed_word = Some(modal.speed);
+        if is_plain {
+            let work = modal.in_program(&place(machine, feedback));
+            for (slot, value) in dro.work.iter_mut().zip(work.iter()) {
+                *slot = Some(*value);
+            }
+        }
+    }
+    if runs && !feedback.tag.is_off_path() {
+        along_the_path(&mut dro, model, feedback, is_plain);
+    }
+    dro
+}
+
+/// The state in the block of this feedback.
+fn modal_in_program<'a>(model: &'a Model, feedback: &Feedback) -> Option<&'a Modal> {
+    let course = model.course.as_ref()?;
+    let tag = if feedback.tag.is_off_path() {
+        &feedback.interrupted_at
+    } else {
+        &feedback.tag
+    };
+    course.modes.at(tag.element)
+}
+
+/// What can be said of the block that is travelled.
+fn along_the_path(dro: &mut Dro, model: &Model, feedback: &Feedback, is_plain: bool) {
+    let Some(program) = &model.program else {
+        return;
+    };
+    let elements = &program.path.elements;
+    let at = feedback.tag.element as usize;
+    let Some(element) = elements.get(at) else {
+        return;
+    };
+    match element.feed {
+        _ if matches!(element.shape, Shape::Dwell { .. }) => {}
+        Feed::Rapid => dro.rapid = Some(true),
+        Feed::PathMmS(feed_mm_s) => {
+            dro.rapid = Some(false);
+            dro.programmed_feed_mm_min = Some(feed_mm_s * 60.0);
+        }
+    }
+    let of_block = elements
+        .iter()
+        .skip(at)
+        .take_while(|other| other.line == element.line);
+    if is_plain && let Some(last) = of_block.last() {
+        let way = last.end() - place(&model.machine, feedback);
+        for (slot, value) in dro.distance_to_go.iter_mut().zip(way.iter()) {
+            *slot = Some(*value);
+        }
+    }
+    let done = match element.length_mm > 0.0 {
+        true => feedback.tag.distance_mm / element.length_mm,
+        false => 0.0,
+    };
+    let course = model.course.as_ref();
+    dro.time_left_s = course
+        .and_then(|course| course.left_s(feedback.tag.element, done, feedback.override_percent));
+}
+
+/// Command position of the axes.
+fn place(machine: &Machine, feedback: &Feedback) -> AxisVector {
+    let mut place = AxisVector::zeros();
+    let axes = machine.axes.iter().zip(feedback.axes());
+    for (to, (axis, sample)) in place.iter_mut().zip(axes) {
+        *to = sample.command_position as f64 * axis.increment_mm();
+    }
+    place
+}
+
+fn speed_mm_min(machine: &Machine, feedback: &Feedback) -> f64 {
+    let axes = machine.axes.iter().zip(feedback.axes());
+    let linear = axes.filter(|(axis, _)| axis.kind == AxisKind::Linear);
+    let square: f64 = linear.map(|(_, sample)| sample.velocity_mm_s.powi(2)).sum();
+    square.sqrt() * 60.0
+}
+
+/// Unit of an axis at the end of a name.
+pub fn is_rotary(axis: &Axis) -> bool {
+    axis.kind == AxisKind::Rotary
+}
