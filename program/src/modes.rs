@@ -24,6 +24,9 @@ pub fn modal_at_start(machine: &Machine) -> Modal {
 pub struct Modes {
     /// The first element in which a state is in force.
     changes: Vec<(u64, Arc<Modal>)>,
+    /// What happens between elements: its line, the element that it comes before, and the state there. Blocks that move nothing leave
+    /// their state here alone.
+    happenings: Vec<(u32, u64, Arc<Modal>)>,
     /// Behind so many elements nothing is known: the program asks the machine there, is refused, or is at its end.
     elements: u64,
     source_hash: u64,
@@ -45,6 +48,7 @@ impl Modes {
         let mut reading = Reading::of_text(&file.display().to_string(), &text, &setup, start)?;
         let mut modes = Modes {
             changes: vec![(0, Arc::new(reading.modal()))],
+            happenings: vec![],
             elements: 0,
             source_hash: reading.source_hash(),
         };
@@ -52,11 +56,17 @@ impl Modes {
         loop {
             let first = reading.elements_made();
             let read = reading.read(1, &mut piece);
-            piece = Piece::default();
+            let happened = std::mem::take(&mut piece).events;
             if !matches!(read, Ok(Progress::More)) && reading.question().is_some() {
                 break;
             }
             modes.change(first, reading.modal());
+            if let Some((_, now)) = modes.changes.last() {
+                let happened = happened.iter();
+                let happened =
+                    happened.map(|of| (of.line, of.before_element as u64, Arc::clone(now)));
+                modes.happenings.extend(happened);
+            }
             modes.elements = reading.elements_made();
             if !matches!(read, Ok(Progress::More)) {
                 break;
@@ -82,6 +92,15 @@ impl Modes {
         let behind = self.changes.partition_point(|(first, _)| *first <= element);
         let (_, modal) = self.changes.get(behind.checked_sub(1)?)?;
         Some(modal)
+    }
+
+    /// The state where the program waits in a line, at the end of an element or before it; none where that is not known.
+    pub fn where_it_waits(&self, element: u32, line: u32) -> Option<&Modal> {
+        let element = u64::from(element);
+        let near = |at: u64| at == element || at == element + 1;
+        let mut happenings = self.happenings.iter();
+        let found = happenings.find(|(of, at, _)| *of == line && near(*at));
+        found.map(|(_, _, modal)| modal.as_ref())
     }
 
     /// Hash of everything that the geometry depends on.

@@ -6,6 +6,7 @@ use anyhow::anyhow;
 use bus::cell::CellPaths;
 use bus::observer::Observer;
 use bus::sample::{Feedback, Mode, ProgramState};
+use machine::settings_file::SettingsFileError;
 use machine::{AxisKind, KeptFiles, Machine, machine_file};
 
 use super::client::Client;
@@ -101,6 +102,16 @@ pub(super) fn is_started(now: &Feedback) -> bool {
 fn absolute(file: &Path) -> PathBuf {
     let leads_to = std::fs::canonicalize(file).or_else(|_| std::path::absolute(file));
     leads_to.unwrap_or_else(|_| file.to_path_buf())
+}
+
+/// A file that is wrong is bad input; one that cannot be read or written is the environment's.
+pub(super) fn written(done: Result<(), SettingsFileError>) -> Result<(), Failure> {
+    match done {
+        Err(error @ SettingsFileError::Unreadable { .. }) => {
+            Err(Failure::Environment(error.into()))
+        }
+        done => done.input(),
+    }
 }
 
 /// A word such as `X=12.5`, in two.

@@ -10,7 +10,7 @@ use master::STANDSTILL_MM_S;
 use serde_json::{Map, Value, json};
 
 use super::eyes::Eyes;
-use super::kept::{Subject, is_started, number, pair};
+use super::kept::{Subject, is_started, number, pair, written};
 use crate::exit::{Failure, Kind, Outcome};
 use crate::options::{OffsetsChange, OffsetsOptions, ZeroOptions};
 use crate::output::say;
@@ -171,7 +171,7 @@ fn change(
     change: impl FnOnce(&mut KeptParameters),
 ) -> Result<(), Failure> {
     subject.must_be_between_runs(file)?;
-    update_offsets(file, &subject.machine, change).input()
+    written(update_offsets(file, &subject.machine, change))
 }
 
 /// What a work offset is now, in a line.

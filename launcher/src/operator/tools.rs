@@ -7,8 +7,8 @@ use machine::tools_file::{TOOL_NUMBER_MAX, keys_of, set_key, tool_number};
 use machine::{Tool, update_tools};
 use serde_json::{Map, Value, json};
 
-use super::kept::{Subject, pair};
-use crate::exit::{Failure, Kind, Outcome};
+use super::kept::{Subject, pair, written};
+use crate::exit::{Failure, Outcome};
 use crate::options::{ToolChangeOptions, ToolOptions};
 use crate::output::say;
 
@@ -118,14 +118,13 @@ fn change(
 ) -> Result<(), Failure> {
     subject.must_be_between_runs(file)?;
     let own = (!file.exists()).then(|| subject.machine.tools.clone());
-    update_tools(file, |now| {
+    written(update_tools(file, |now| {
         if let Some(own) = own.filter(|_| now.is_empty()) {
             // Those of the machine file, which the file replaces from now on.
             *now = own;
         }
         change(now);
-    })
-    .input()
+    }))
 }
 
 /// The tools, a line each.

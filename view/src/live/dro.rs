@@ -139,6 +139,11 @@ fn modal_in_program<'a>(model: &'a Model, feedback: &Feedback) -> Option<&'a Mod
     } else {
         &feedback.tag
     };
+    let auxiliary = &feedback.auxiliary;
+    if auxiliary.waiting != 0 {
+        // Blocks before it that move nothing have changed the state as well.
+        return course.modes.where_it_waits(tag.element, auxiliary.line);
+    }
     course.modes.at(tag.element)
 }
 
