@@ -8,7 +8,8 @@ use lab::options::{BenchOptions, BenchPongOptions, SoakOptions};
 use launcher::options::{
     BusOptions, CheckOptions, CleanOptions, DoctorOptions, HomeOptions, JogOptions, LoadOptions,
     MdiOptions, OffsetsOptions, OperatorOptions, OptionalStopOptions, OverrideOptions, PlanOptions,
-    ReportOptions, RunOptions, StartOptions, ToolOptions, UpOptions, ZeroOptions,
+    RapidOverrideOptions, ReportOptions, RunOptions, SingleBlockOptions, StartOptions, ToolOptions,
+    UpOptions, ZeroOptions,
 };
 use tune::options::{IdentifyOptions, TuneOptions};
 use view::options::{MonitorOptions, ScopeOptions, StatusOptions};
@@ -59,10 +60,16 @@ pub enum Command {
     Resume(OperatorOptions),
     /// Stop a running cell: the tool comes to rest on the path; a `run` ends then
     Stop(OperatorOptions),
-    /// Set the feed override of a running cell, 0 to 100 percent; 0 stands like a hold
+    /// Set the feed override of a running cell, 0 to 100 percent, up to 200 where its machine file allows it; 0 stands like a hold
     Override(OverrideOptions),
+    /// Set the override of rapids and returns to the path, 0 to 100 percent
+    RapidOverride(RapidOverrideOptions),
+    /// Give up what is left of the program: it is loaded, from its beginning; axes and drives stay as they are
+    Reset(OperatorOptions),
     /// Let M1 stop the program of a running cell, or pass it
     OptionalStop(OptionalStopOptions),
+    /// Run the program of a running cell block by block: it rests at the end of each, and `resume` runs the next
+    SingleBlock(SingleBlockOptions),
     /// Move one axis of a running cell by hand, by a distance or until Ctrl-C: ready, stopped, or at rest in hold
     Jog(JogOptions),
     /// Home axes of a running cell that have no absolute encoder, one after another: ready, or at rest in hold before a program has begun
@@ -263,6 +270,9 @@ pub struct MasterOptions {
     /// End when the program is done or the machine has stopped
     #[arg(long)]
     pub end_after_program: bool,
+    /// Block by block from the start
+    #[arg(long)]
+    pub single_block: bool,
     /// Seconds a living process may take for one answer
     #[arg(long, default_value_t = 30)]
     pub answer_limit: u64,

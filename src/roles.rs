@@ -71,6 +71,9 @@ impl MasterOptions {
             } else {
                 master::RunEnd::WhenOrdered
             },
+            beginning: master::Beginning {
+                single_block: self.single_block,
+            },
             answer_limit: Duration::from_secs(self.answer_limit),
         }
     }

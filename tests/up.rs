@@ -483,3 +483,35 @@ fn a_cell_whose_launcher_is_killed_leaves_no_process_behind() {
     assert!(cleaned.status.success());
     assert!(traces_of(&name).is_empty());
 }
+
+#[test]
+fn a_reset_gives_up_the_rest_of_a_program_and_start_begins_it_again() {
+    let (_bench, mut cell, _, long) = up("lockstep");
+    refused(&cell, &["reset"], "no program is loaded");
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["load", &long]);
+    obeyed(&cell, &["override", "10"]);
+    obeyed(&cell, &["start", "--single-block"]);
+    cell.wait_for(|f| f.hold == 1 && f.at_rest == 1);
+    obeyed(&cell, &["single-block", "off"]);
+    obeyed(&cell, &["resume"]);
+    cell.wait_for(|f| f.hold == 0 && f.at_rest == 0);
+    refused(&cell, &["reset"], "not in hold");
+    obeyed(&cell, &["hold"]);
+    let place = |f: &Feedback| [0, 1].map(|axis: usize| f.axes[axis].command_position);
+    let held = cell.wait_for(|f| f.at_rest == 1);
+    let reset = (0..100).any(|_| {
+        std::thread::sleep(Duration::from_millis(20));
+        ask(&cell, &["reset"]).status == 0
+    });
+    assert!(reset, "it is not taken at rest in hold");
+    let now = cell.wait_for(|f| is(f, Mode::Ready, ProgramState::Loaded));
+    assert_eq!((now.hold, place(&now)), (0, place(&held)));
+    // From its beginning, from where the axes are.
+    obeyed(&cell, &["start"]);
+    let again = cell.wait_for(|f| f.run == 2 && !f.tag.is_off_path());
+    assert_eq!(again.tag.element, 0);
+    obeyed(&cell, &["hold"]);
+    obeyed(&cell, &["down"]);
+    cell.finish();
+}

@@ -123,7 +123,7 @@ structure!(
         tool,
         tool_prepared,
         followed_axis,
-        reserved,
+        blocks_done,
     }
 );
 structure!(
@@ -243,7 +243,7 @@ structure!(
         analog,
         digital,
         contact,
-        reserved,
+        panel,
     }
 );
 structure!(

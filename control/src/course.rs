@@ -545,6 +545,7 @@ impl<'a> Course<'a> {
                     to_mm: end_mm,
                     speed_mm_s,
                     feed_mm_s: stretch.laid.feed_mm_s,
+                    is_rapid: stretch.laid.element.feed == Feed::Rapid,
                     acceleration,
                     from_rest_to_rest: stretch.from_rest_to_rest,
                     ..Segment::default()

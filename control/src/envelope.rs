@@ -27,8 +27,26 @@ const PIECE_MAX: usize = 1 << 20;
 pub(crate) struct EnvelopeKey {
     /// Feed override; 1 is the programmed feed.
     pub feed_override: f64,
+    /// Share of rapids beside it.
+    pub rapid_override: f64,
     /// Whether each block ends at rest.
     pub single_block: bool,
+}
+
+impl EnvelopeKey {
+    /// Share of its speed that a segment is travelled at: no rapid is faster than the axes, and its own override counts besides.
+    pub fn share(&self, segment: &Segment) -> f64 {
+        if segment.is_rapid {
+            self.feed_override.min(1.0) * self.rapid_override
+        } else {
+            self.feed_override
+        }
+    }
+
+    /// Speed cap of a segment.
+    pub fn cap_mm_s(&self, segment: &Segment) -> f64 {
+        segment.cap_mm_s(self.share(segment))
+    }
 }
 
 #[derive(Debug, Clone)]
@@ -119,7 +137,7 @@ impl Envelope {
                     map.segment(index),
                 );
                 let Some(after) = after else { break };
-                let highest = after.highest_mm2_s2(ahead, after.cap_mm_s(self.key.feed_override));
+                let highest = after.highest_mm2_s2(ahead, self.key.cap_mm_s(after));
                 let acceleration_mm_s2 = after.acceleration.at_mm_s2(highest);
                 let reachable = ahead + 2.0 * acceleration_mm_s2 * (after.to_mm - after.from_mm);
                 let cap = self.border_cap_squared(before, after);
@@ -154,9 +172,9 @@ impl Envelope {
     }
 
     fn border_cap_squared(&self, before: Option<&Segment>, after: &Segment) -> f64 {
-        let mut cap = after.cap_mm_s(self.key.feed_override);
+        let mut cap = self.key.cap_mm_s(after);
         if let Some(before) = before {
-            cap = cap.min(before.cap_mm_s(self.key.feed_override));
+            cap = cap.min(self.key.cap_mm_s(before));
             if self.key.single_block && before.ends_block {
                 cap = 0.0;
             }

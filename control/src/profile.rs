@@ -165,6 +165,7 @@ impl<'a> Traveller<'a> {
         let EnvelopeKey {
             feed_override,
             single_block,
+            ..
         } = envelope.key();
         if feed_override <= 0.0 {
             return self.brake();
@@ -204,10 +205,8 @@ impl<'a> Traveller<'a> {
 
     /// Moves on for so long, up to the next wait; what is left of the time then.
     fn travel(&mut self, envelope: &mut Envelope, left_s: &mut f64) {
-        let EnvelopeKey {
-            feed_override,
-            single_block,
-        } = envelope.key();
+        let key = envelope.key();
+        let single_block = key.single_block;
         // At most four phases on a segment, and each segment once.
         let phases_max = 4 * self.map.segment_end().saturating_sub(self.segment) + 4;
         for _ in 0..phases_max {
@@ -217,14 +216,17 @@ impl<'a> Traveller<'a> {
             if segment.is_dwell {
                 return self.arrive_at_dwell(segment);
             }
-            let to_the_end = if let Some(profile) = self.map.profile_of(segment) {
-                if !self.follow_move(segment, profile, feed_override, left_s) {
+            // A rapid at an override of 0 brakes as a feed does.
+            let share = key.share(segment);
+            let of_move = self.map.profile_of(segment).filter(|_| share > 0.0);
+            let to_the_end = if let Some(profile) = of_move {
+                if !self.follow_move(segment, profile, share, left_s) {
                     return;
                 }
                 true
             } else {
                 let end_squared = envelope.squared_mm2_s2(self.map, self.segment + 1);
-                let phase = self.phase(segment, end_squared, segment.cap_mm_s(feed_override));
+                let phase = self.phase(segment, end_squared, segment.cap_mm_s(share));
                 if !self.follow(segment, &phase, left_s) {
                     return;
                 }

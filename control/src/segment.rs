@@ -202,6 +202,8 @@ pub(crate) struct Segment {
     pub acceleration: Acceleration,
     /// Whether a block of the program ends with it.
     pub ends_block: bool,
+    /// Whether it is a rapid.
+    pub is_rapid: bool,
     /// Whether its element begins and ends at rest whatever comes before and after (`positioning`).
     pub from_rest_to_rest: bool,
     /// The tool rests before it: it is the first piece after a place where something happens.

@@ -53,6 +53,8 @@ pub struct WindowRequest {
     pub intended_setpoints: u32,
     /// Share of feeds and rapids to travel at, from 0 (hold) to the highest override; NaN holds.
     pub feed_override: f64,
+    /// Share of rapids to travel at beside that, from 0 to 1.
+    pub rapid_override: f64,
     /// Brake now and stay at rest.
     pub hold: bool,
     /// Stop at the end of each block that can still be reached at rest, and wait there for a start.
@@ -71,6 +73,7 @@ impl Default for WindowRequest {
         Self {
             intended_setpoints: 0,
             feed_override: 1.0,
+            rapid_override: 1.0,
             hold: false,
             single_block: false,
             start: false,
@@ -338,15 +341,7 @@ impl WindowPlanner {
             [] => self.trail.rest_at(start.lead.along_mm),
             leads => self.trail.follow(leads),
         }
-        let feed_override = if request.hold || request.feed_override.is_nan() {
-            0.0
-        } else {
-            request.feed_override.clamp(0.0, self.map.override_max())
-        };
-        self.envelope.select(EnvelopeKey {
-            feed_override,
-            single_block: request.single_block,
-        });
+        self.envelope.select(self.key(request));
         let limits = self.part.limits();
         let mut scans = Scans {
             part: &self.part,
@@ -407,6 +402,7 @@ impl WindowPlanner {
         let start = self.start(from, &WindowRequest::default())?;
         self.envelope.select(EnvelopeKey {
             feed_override: feed_override.clamp(0.0, self.map.override_max()),
+            rapid_override: 1.0,
             single_block: false,
         });
         let mut traveller = Traveller::new(&self.map, self.part.limits(), start.state, u32::MAX);
@@ -421,6 +417,19 @@ impl WindowPlanner {
     /// Whether the speed map holds an element, or the path has none of this number.
     pub fn is_mapped(&self, element: u32) -> bool {
         self.map.is_complete() || self.map.reaches(element)
+    }
+
+    /// What the envelope of a window is computed for.
+    fn key(&self, request: &WindowRequest) -> EnvelopeKey {
+        let holds = request.hold || request.feed_override.is_nan();
+        EnvelopeKey {
+            feed_override: match holds {
+                true => 0.0,
+                false => request.feed_override.clamp(0.0, self.map.override_max()),
+            },
+            rapid_override: request.rapid_override.clamp(0.0, 1.0),
+            single_block: request.single_block,
+        }
     }
 
     /// The setpoint of a state that a window can start from.

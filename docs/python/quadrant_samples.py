@@ -90,12 +90,12 @@ class Levels(ctypes.Structure):
         ("tool", c_uint32),  # at 96
         ("tool_prepared", c_uint32),  # at 100
         ("followed_axis", c_uint32),  # at 104
-        ("reserved", c_uint32),  # at 108
+        ("blocks_done", c_uint32),  # at 108
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Levels/2"
+        return "quadrant/Levels/3"
 
 
 assert ctypes.sizeof(Levels) == 112
@@ -156,12 +156,12 @@ class Inputs(ctypes.Structure):
         ("analog", c_double * 8),  # at 0
         ("digital", c_uint64),  # at 64
         ("contact", c_uint32),  # at 72
-        ("reserved", c_uint32),  # at 76
+        ("panel", c_uint32),  # at 76
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Inputs/1"
+        return "quadrant/Inputs/2"
 
 
 assert ctypes.sizeof(Inputs) == 80

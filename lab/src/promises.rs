@@ -20,6 +20,7 @@ impl Promises {
             Order::Hold => self.held = true,
             Order::Stop | Order::Down | Order::EmergencyStop => self.stopped = true,
             Order::Resume => (self.held, self.stopped) = (false, false),
+            Order::Reset => (self.held, self.stopped) = (false, false),
             Order::Enable | Order::Start => self.stopped = false,
             Order::Override
             | Order::Disable
@@ -28,7 +29,9 @@ impl Promises {
             | Order::JogRenew
             | Order::Home
             | Order::Load
-            | Order::OptionalStop => {}
+            | Order::OptionalStop
+            | Order::SingleBlock
+            | Order::RapidOverride => {}
         }
     }
 

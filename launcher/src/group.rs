@@ -108,6 +108,8 @@ pub struct Plan {
     pub wrong_samples: bool,
     /// Where the recorder is to serve metrics.
     pub metrics: Option<Listener>,
+    /// The program runs block by block from its start.
+    pub single_block: bool,
 }
 
 impl Plan {
@@ -132,6 +134,7 @@ impl Plan {
             wrong_samples: false,
             fault_blocks: Vec::new(),
             metrics,
+            single_block: false,
         }
     }
 }
@@ -160,6 +163,9 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
         recorder.add(&["--program", &path(program)]);
         planner.add(&["--program", &path(program)]);
         master.add(&["--enabled", "--end-after-program"]);
+    }
+    if plan.single_block {
+        master.add(&["--single-block"]);
     }
     if let Some(orders) = &plan.orders {
         master.add(&["--orders", &path(orders)]);

@@ -25,7 +25,10 @@ use client::{order_urgently, running};
 use eyes::Eyes;
 
 use crate::exit::{Failure, Outcome};
-use crate::options::{HomeOptions, OperatorOptions, OptionalStopOptions, OverrideOptions};
+use crate::options::{
+    HomeOptions, OperatorOptions, OptionalStopOptions, OverrideOptions, RapidOverrideOptions,
+    SingleBlockOptions,
+};
 use crate::output::say;
 
 /// `hold`, `resume`, `stop`, `enable`, `disable`, `estop`.
@@ -57,12 +60,27 @@ pub fn set_override(options: &OverrideOptions) -> Outcome {
     Ok(())
 }
 
+/// `rapid-override`.
+pub fn set_rapid_override(options: &RapidOverrideOptions) -> Outcome {
+    let client = Client::to_order(options.to.cell.as_deref())?;
+    say(&client.order(Order::RapidOverride, options.percent)?);
+    Ok(())
+}
+
 /// `optional-stop`.
 pub fn optional_stop(options: &OptionalStopOptions) -> Outcome {
     let client = Client::to_order(options.to.cell.as_deref())?;
     let on = options.state == "on";
     client.order(Order::OptionalStop, f64::from(u8::from(on)))?;
     client.say(&format!("optional stop {}", options.state));
+    Ok(())
+}
+
+/// `single-block`.
+pub fn single_block(options: &SingleBlockOptions) -> Outcome {
+    let client = Client::to_order(options.to.cell.as_deref())?;
+    let on = f64::from(u8::from(options.state == "on"));
+    say(&client.order(Order::SingleBlock, on)?);
     Ok(())
 }
 

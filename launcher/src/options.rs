@@ -34,6 +34,9 @@ pub struct RunOptions {
     /// With --learn or --learn-path: run so often, each pass with a run directory of its own
     #[arg(long, value_name = "N", default_value_t = 1, requires = "learns", value_parser = clap::value_parser!(u32).range(1..=100))]
     pub passes: u32,
+    /// Block by block: the machine rests at the end of every block, and `quadrant resume` from another terminal runs the next
+    #[arg(long, conflicts_with = "learns")]
+    pub single_block: bool,
     /// Show `quadrant monitor` in this terminal meanwhile; closing it (q) ends nothing
     #[arg(long)]
     pub view: bool,
@@ -133,6 +136,9 @@ pub struct StartOptions {
     /// Wait until the program is done
     #[arg(long)]
     pub wait: bool,
+    /// Block by block: the machine rests at the end of every block, and `quadrant resume` runs the next
+    #[arg(long)]
+    pub single_block: bool,
     /// Which cell.
     #[command(flatten)]
     pub to: OperatorOptions,
@@ -188,6 +194,20 @@ pub struct OverrideOptions {
     pub to: OperatorOptions,
 }
 
+/// What `quadrant rapid-override` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Prints what happened, or why it was refused, and exits with 0 or 1; also with 1 if\nno cell runs or it does not answer within 5 s; with 2 on bad usage.\n\nRapids at a quarter, feeds as programmed:\n  quadrant rapid-override 25"
+)]
+pub struct RapidOverrideOptions {
+    /// Share of rapids (G0) and of returns to the path, in percent; 0 stands before the next one
+    #[arg(allow_negative_numbers = true, value_parser = percent)]
+    pub percent: f64,
+    /// Which cell.
+    #[command(flatten)]
+    pub to: OperatorOptions,
+}
+
 /// What `quadrant optional-stop` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
@@ -195,6 +215,20 @@ pub struct OverrideOptions {
 )]
 pub struct OptionalStopOptions {
     /// Whether M1 stops the program
+    #[arg(value_parser = ["on", "off"])]
+    pub state: String,
+    /// Which cell.
+    #[command(flatten)]
+    pub to: OperatorOptions,
+}
+
+/// What `quadrant single-block` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Prints what happened, or why it was refused, and exits with 0 or 1; also with 1 if\nno cell runs or it does not answer within 5 s; with 2 on bad usage.\n\nBlock by block from here, then the rest at once:\n  quadrant single-block on\n  quadrant resume\n  quadrant single-block off\n  quadrant resume"
+)]
+pub struct SingleBlockOptions {
+    /// Whether the machine rests at the end of every block and waits for `resume`
     #[arg(value_parser = ["on", "off"])]
     pub state: String,
     /// Which cell.

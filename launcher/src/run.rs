@@ -76,6 +76,7 @@ pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Fail
     let plan = Plan {
         wrong_samples: injection == Injection::WrongSamples,
         fault_blocks: fault_blocks.unwrap_or_default(),
+        single_block: options.single_block,
         ..Plan::of(&run_dir, options.pace(), options.answer_limit, metrics)
     };
     origin::note(&place, &machine_path).environment()?;

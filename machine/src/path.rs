@@ -16,6 +16,10 @@ pub struct PathSettings {
     /// Tolerance of rotary axes wherever the path is rounded.
     #[schemars(extend("unit" = "°", "exclusiveMinimum" = 0, "maximum" = 5, "default" = 0.05))]
     pub rotary_tolerance_deg: f64,
+    /// Highest override of feeds that the order `override` takes. Above 100 % feeds go as far above what the program asks for as the axes bear;
+    /// rapids never do.
+    #[schemars(extend("unit" = "%", "minimum" = 100, "maximum" = 200, "default" = 100))]
+    pub feed_override_max_percent: u32,
     /// Frequency of the machine that a program's motion does not excite ([method](../methods/smooth-motion.md)). Without it none is spared.
     #[schemars(extend("unit" = "Hz", "minimum" = 2, "maximum" = 1000))]
     pub vibration_hz: Option<f64>,

@@ -21,7 +21,7 @@ pub use drives::{
 };
 pub use error::MasterError;
 pub use master::{
-    AuxiliaryLatches, HomingLatches, Inner, InnerAxis, Master, RunEnd, STANDSTILL_MM_S,
+    AuxiliaryLatches, Beginning, HomingLatches, Inner, InnerAxis, Master, RunEnd, STANDSTILL_MM_S,
 };
 pub use ports::{Answered, Flow, MasterPorts};
 pub use run::{Options, run};

@@ -22,6 +22,7 @@ use crate::window_arbiter::{Dropped, WindowArbiter};
 
 mod auxiliary;
 mod axis_unit;
+mod beginning;
 mod continuous_jog;
 mod coupling;
 mod decide;
@@ -35,6 +36,7 @@ mod questions;
 mod recovery;
 mod redundancy;
 mod silence;
+mod single_block;
 mod substitute;
 mod switch;
 mod switching_on;
@@ -42,6 +44,7 @@ mod switching_on;
 use auxiliary::Auxiliary;
 pub use auxiliary::AuxiliaryLatches;
 use axis_unit::AxisUnit;
+pub use beginning::Beginning;
 use continuous_jog::ContinuousJog;
 use decide::Plan;
 use homing::Homing;
@@ -86,6 +89,7 @@ pub struct Master<D> {
     windows: WindowArbiter,
     hold: bool,
     override_percent: u32,
+    override_max_percent: u32,
     settled_scans: u32,
     waited_scans: u32,
     /// Scans the command has been at rest and the axes have stood, in a row.
@@ -159,6 +163,7 @@ impl<D: Drives> Master<D> {
             windows: WindowArbiter::new(),
             hold: false,
             override_percent: 100,
+            override_max_percent: machine.path.feed_override_max_percent,
             settled_scans: 0,
             waited_scans: 0,
             rest_scans: 0,
@@ -230,6 +235,7 @@ impl<D: Drives> Master<D> {
         feedback.messages = self.auxiliary.latches.messages;
         feedback.answer = self.auxiliary.questions.latches.answer;
         feedback.inputs = self.auxiliary.questions.tell();
+        feedback.inputs.panel = self.auxiliary.latches.panel();
         for (out, axis) in feedback.axes.iter_mut().zip(&self.axes) {
             *out = AxisFeedback {
                 motor_position: axis.motor_position(),

@@ -17,7 +17,7 @@ use crate::bus_ports::BusPorts;
 use crate::cycle::cycle;
 use crate::drives::Drives;
 use crate::error::MasterError;
-use crate::master::{Master, RunEnd};
+use crate::master::{Beginning, Master, RunEnd};
 use crate::ports::{Flow, MasterPorts};
 use crate::saved::{Latches, SavedState};
 
@@ -30,6 +30,8 @@ pub struct Options {
     pub enabled: bool,
     /// When the run ends by itself.
     pub run_end: RunEnd,
+    /// What the operator has chosen before its first scan.
+    pub beginning: Beginning,
     /// In lockstep: how long a live process may take for one answer before the environment counts as broken.
     pub answer_limit: Duration,
 }
@@ -63,6 +65,7 @@ pub fn run<D: Drives, P: MasterPorts<Error = MasterError>>(
         options.enabled,
         options.run_end,
     );
+    master.begin_with(&options.beginning);
     if let Some(latches) = &latches {
         master.resume(latches);
     }

@@ -1,7 +1,8 @@
 //! Spindle, coolant, outputs, tool and stops in words: for the report, the live view and one look at a cell.
 
 use bus::sample::{
-    ANALOG_OUTPUTS, Auxiliaries, DIGITAL_OUTPUTS, FLOOD, Levels, MIST, SpindleCommand, Waiting,
+    ANALOG_OUTPUTS, Auxiliaries, DIGITAL_OUTPUTS, FLOOD, Inputs, Levels, MIST, SpindleCommand,
+    Waiting,
 };
 
 /// The coolant that is on.
@@ -89,6 +90,33 @@ pub fn summary(auxiliary: &Auxiliaries) -> Option<String> {
         words.push("optional stop on".into());
     }
     (!words.is_empty()).then(|| words.join(", "))
+}
+
+/// What the operator has switched otherwise than at the start of a cell, in a few words.
+pub fn panel(inputs: &Inputs) -> Option<String> {
+    let mut words = Vec::new();
+    if inputs.single_block() {
+        words.push("single block".into());
+    }
+    match inputs.rapid_override_percent() {
+        100 => {}
+        percent => words.push(format!("rapids {percent} %")),
+    }
+    (!words.is_empty()).then(|| words.join(", "))
+}
+
+/// What the operator has switched from one scan to a later one.
+pub fn switched(before: &Inputs, now: &Inputs) -> Vec<String> {
+    let mut changes = Vec::new();
+    if before.single_block() != now.single_block() {
+        let word = if now.single_block() { "on" } else { "off" };
+        changes.push(format!("single block {word}"));
+    }
+    let [was, is] = [before, now].map(Inputs::rapid_override_percent);
+    if was != is {
+        changes.push(format!("rapid override {was} % → {is} %"));
+    }
+    changes
 }
 
 /// What differs from one scan to a later one, in the order of cause and effect.

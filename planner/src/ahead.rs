@@ -14,7 +14,7 @@ use std::iter::Peekable;
 use std::sync::Arc;
 
 use bus::sample::{Feedback, MAX_AXES};
-use control::path::Element;
+use control::path::{Element, Feed};
 use control::profile::PathState;
 use control::window::{
     Lead, PlanError, PlannedSetpoint, WindowOutcome, WindowPlanner, WindowRequest,
@@ -324,6 +324,35 @@ impl Course {
         self.is_read && self.refused.is_none() && self.asked.is_none()
     }
 
+    /// Whether the motion from this state begins with a rapid.
+    pub fn is_before_rapid(&self, state: &PathState) -> bool {
+        let path = self.windows.path();
+        let left_mm = |element: u32| match element == state.element {
+            true => state.distance_mm,
+            false => 0.0,
+        };
+        let mut ahead = (state.element..path.end()).map(|element| (path.get(element), element));
+        let next = ahead.find_map(|(of, element)| {
+            let is_left = |of: &&Element| of.is_dwell() || left_mm(element) < of.length_mm;
+            of.filter(is_left)
+        });
+        next.is_some_and(|next| !next.is_dwell() && next.feed == Feed::Rapid)
+    }
+
+    /// Elements up to the end of the block of the program that this state rests at; none within a block, and at the end of the path.
+    pub fn block_end(&self, state: &PathState) -> Option<u32> {
+        let path = self.windows.path();
+        let element = path.get(state.element)?;
+        let does_something = |of: &Element| of.is_dwell() || of.length_mm > 0.0;
+        let is_over = state.distance_mm >= element.length_mm && state.dwell_remaining_scans == 0;
+        if !state.is_at_rest() || !is_over || !does_something(element) {
+            return None;
+        }
+        let mut behind = (state.element.saturating_add(1)..path.end()).map(|next| path.get(next));
+        let next = behind.find_map(|next| next.filter(|next| does_something(next)))?;
+        (next.line != element.line).then_some(state.element.saturating_add(1))
+    }
+
     /// Whether motion from this state waits for an event that is not done.
     pub fn is_held_back(&self, state: &PathState, feedback: &Feedback) -> bool {
         let until_element = self.events.until_element(feedback.auxiliary.events_done);
@@ -344,7 +373,7 @@ impl Course {
         let passes = self.events.passes();
         let windows = &self.windows;
         let pass = in_step::pass_from(passes, windows.path(), from, request.until_element);
-        if let Some(pass) = pass {
+        if let Some(pass) = pass.filter(|_| !from.waits_for_start) {
             let asked = in_step::Request {
                 window: &request,
                 feedback,

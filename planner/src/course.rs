@@ -14,9 +14,6 @@ use program::{Program, kinematics_of};
 
 use crate::events::{EventError, Events};
 
-/// Highest override, as a share of the programmed feed.
-const OVERRIDE_MAX: f64 = 1.0;
-
 /// Why a program cannot be planned on a machine.
 #[derive(Debug, thiserror::Error)]
 pub enum CourseError {
@@ -181,7 +178,7 @@ fn window_settings(machine: &Machine) -> WindowSettings {
     WindowSettings {
         intended_setpoints_max,
         braking_setpoints_max: window_setpoints(machine).saturating_sub(intended_setpoints_max + 1),
-        override_max: OVERRIDE_MAX,
+        override_max: f64::from(machine.path.feed_override_max_percent) / 100.0,
     }
 }
 

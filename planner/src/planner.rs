@@ -30,6 +30,7 @@ use crate::program_text::ProgramText;
 use crate::questions::{KeptAnswer, hash_of};
 use crate::return_to_path::ReturnToPath;
 
+mod blocks;
 mod status;
 
 /// Scans from the feedback a window answers until it can be executed: seen by the servos in the next, admitted by the
@@ -408,7 +409,27 @@ impl Planner {
         } else {
             self.take_over(feedback)?
         };
+        let from = self.waiting_behind_block(from, feedback)?;
         self.window_from(&from, feedback, first_scan)
+    }
+
+    /// What the next window is to do.
+    fn request(&self, from: &From, feedback: &Feedback) -> WindowRequest {
+        let rapid_override = f64::from(feedback.inputs.rapid_override_percent()) / 100.0;
+        let feed_override = f64::from(override_percent(feedback)) / 100.0;
+        WindowRequest {
+            intended_setpoints: self.machine.intended_setpoints(),
+            // A planned return is one of the rapids.
+            feed_override: match from.returns {
+                true => feed_override.min(1.0) * rapid_override,
+                false => feed_override,
+            },
+            rapid_override,
+            hold: feedback.hold == 1 || feedback.auxiliary.blocked == 1,
+            single_block: feedback.inputs.single_block() && !from.returns,
+            repeats_start: from.starts,
+            ..WindowRequest::default()
+        }
     }
 
     /// The window that begins in `first_scan`.
@@ -418,13 +439,7 @@ impl Planner {
         feedback: &Feedback,
         first_scan: u64,
     ) -> Option<WindowHeader> {
-        let request = WindowRequest {
-            intended_setpoints: self.machine.intended_setpoints(),
-            feed_override: f64::from(override_percent(feedback)) / 100.0,
-            hold: feedback.hold == 1 || feedback.auxiliary.blocked == 1,
-            repeats_start: from.starts,
-            ..WindowRequest::default()
-        };
+        let request = self.request(from, feedback);
         let course = self.course.as_mut()?;
         let program_hash = course.program_hash;
         let leads_max = course.windows.limits().smoothing_scans() as usize + 1;
@@ -723,6 +738,7 @@ impl Planner {
         };
         let held = feedback.hold == 1 || feedback.auxiliary.blocked == 1;
         let held = held || override_percent(feedback) == 0;
+        let held = held || self.waits_for_rapids(&state, returns && !done, feedback);
         if held && state.is_at_rest() {
             return None;
         }

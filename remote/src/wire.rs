@@ -11,7 +11,7 @@ mod auxiliary;
 pub use auxiliary::{ANALOG_OUTPUTS, AuxiliaryState};
 
 /// Number of this format; every message carries it. Any change of what follows is another format.
-pub const FORMAT: u32 = 3;
+pub const FORMAT: u32 = 4;
 /// The largest message, in bytes: a machine file with room to spare.
 pub const MESSAGE_BYTES_MAX: usize = 256 << 10;
 /// The longest text but a machine file, in bytes.
@@ -28,6 +28,8 @@ pub const EVENTS_MAX: usize = 100;
 pub const CIRCLE_BINS: usize = 360;
 /// Bars of the timing.
 pub const BARS_MAX: usize = 16;
+/// Highest override of feeds that a machine may have, in percent.
+pub const OVERRIDE_MAX_PERCENT: usize = 200;
 /// No quantity of a machine is larger, in any unit that is used here.
 const NUMBER_MAX: f64 = 1e15;
 
@@ -156,6 +158,8 @@ pub struct MachineState {
     pub cause_scan: u64,
     /// Override in percent.
     pub override_percent: u32,
+    /// What the operator has switched, as in the samples.
+    pub panel: u32,
     /// Scans that the master was late for.
     pub overrun_scans: u32,
     /// Which master it is.
@@ -532,7 +536,11 @@ message!(Snapshot, |message| {
     if let Some(machine) = &message.machine {
         check_number("distance_mm", machine.distance_mm)?;
         machine.auxiliary.check()?;
-        check_count("override_percent", machine.override_percent as usize, 100)?;
+        check_count(
+            "override_percent",
+            machine.override_percent as usize,
+            OVERRIDE_MAX_PERCENT,
+        )?;
         let axis = machine.cause_axis;
         if axis != u32::MAX && axis as usize >= message.axes.len() {
             return Err(refuse("cause_axis", axis));

@@ -74,7 +74,7 @@ pub struct StatusOptions {
 /// What `quadrant monitor` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "Keys: h hold, r resume, s stop (asks first), + - override, j jog, : a block, ! emergency stop, ? help, q quit; the machine goes on.\nWhere standard output is no terminal: a line of JSON every 100 ms until the run ends. NO_COLOR is obeyed."
+    after_help = "Keys: h hold, r resume, s stop (asks first), b block by block, + - override, f rapids, j jog, : a block, ! emergency stop, ? help, q quit; the machine goes on.\nWhere standard output is no terminal: a line of JSON every 100 ms until the run ends. NO_COLOR is obeyed."
 )]
 pub struct MonitorOptions {
     /// Which cell.

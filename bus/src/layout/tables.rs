@@ -42,14 +42,14 @@ table!(
 table!(ProgramEvent: value, number, code, index, line, element, reserved);
 table!(
     Levels: spindle_rpm, orientation_deg, analog, digital, spindle, coolant, tool, tool_prepared, followed_axis,
-    reserved,
+    blocks_done,
 );
 table!(
     Auxiliaries: levels, spindle_rpm, spindle_turns, spindle_lag_turns, events_done, line, waiting, blocked, at_speed,
     optional_stop, override_disabled, tool, coupled, jog_um_s,
 );
 table!(Answer: value, scan, tripped @ Axes, rests @ Axes, number, outcome);
-table!(Inputs: analog, digital, contact, reserved);
+table!(Inputs: analog, digital, contact, panel);
 table!(
     Participant: death_scan, job, axis, role, incarnation, live, death_signal, death_status, stalled,
 );

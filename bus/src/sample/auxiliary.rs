@@ -71,11 +71,13 @@ pub enum EventCode {
     SurfaceLimit = 29,
     /// S in G96, behind both: cutting speed at axis `index`, in m/min.
     SurfaceSpeed = 30,
+    /// Single block: the path rests behind a block, `element` elements of it are done. Its number is 0: no program asks for it.
+    BlockDone = 31,
 }
 
 impl EventCode {
     /// All of them.
-    pub const ALL: [EventCode; 27] = [
+    pub const ALL: [EventCode; 28] = [
         EventCode::SpindleSpeed,
         EventCode::SpindleClockwise,
         EventCode::SpindleCounterClockwise,
@@ -103,6 +105,7 @@ impl EventCode {
         EventCode::SurfaceCentre,
         EventCode::SurfaceLimit,
         EventCode::SurfaceSpeed,
+        EventCode::BlockDone,
     ];
 
     /// Decodes what came over the wire.
@@ -168,7 +171,7 @@ pub const FLOOD: u32 = 2;
 /// What the machine beside its axes is commanded to be: levels, the same in each scan until they change, so that commanding them
 /// again does no harm.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Levels/2")]
+#[type_name("quadrant/Levels/3")]
 #[repr(C)]
 pub struct Levels {
     /// Speed of the spindle, in rev/min, clockwise positive.
@@ -189,8 +192,8 @@ pub struct Levels {
     pub tool_prepared: u32,
     /// Index of the axis that a [following](SpindleCommand::Follow) spindle is in step with.
     pub followed_axis: u32,
-    /// Kept zero.
-    pub reserved: u32,
+    /// For no drive: elements of the path up to the end of the block that single block has stopped behind last, in this run.
+    pub blocks_done: u32,
 }
 
 /// What the program, or the machine, waits for at rest.
@@ -218,11 +221,13 @@ pub enum Waiting {
     PalletStop = 8,
     /// An input shows what M66 waits for, or the wait has lasted too long.
     Input = 9,
+    /// Single block: the block is done, the operator resumes.
+    SingleBlock = 10,
 }
 
 impl Waiting {
     /// All of them, each at its number.
-    pub const ALL: [Waiting; 10] = [
+    pub const ALL: [Waiting; 11] = [
         Waiting::None,
         Waiting::SpindleSpeed,
         Waiting::SpindleStandstill,
@@ -233,6 +238,7 @@ impl Waiting {
         Waiting::OptionalStop,
         Waiting::PalletStop,
         Waiting::Input,
+        Waiting::SingleBlock,
     ];
 
     /// Decodes what came over the wire.
@@ -255,6 +261,7 @@ impl Waiting {
             Waiting::OptionalStop => "the operator (optional stop, M1)",
             Waiting::PalletStop => "the operator (pallet change, M60)",
             Waiting::Input => "an input (M66)",
+            Waiting::SingleBlock => "the operator (single block)",
         }
     }
 
@@ -266,6 +273,7 @@ impl Waiting {
                 | Waiting::ProgramStop
                 | Waiting::OptionalStop
                 | Waiting::PalletStop
+                | Waiting::SingleBlock
         )
     }
 }
@@ -320,7 +328,7 @@ mod tests {
         }
         assert_eq!(EventCode::from_wire(0), None);
         assert_eq!(EventCode::from_wire(19), None);
-        assert_eq!(Waiting::from_wire(10), None);
+        assert_eq!(Waiting::from_wire(11), None);
         assert_eq!(SpindleCommand::from_wire(9), SpindleCommand::Stop);
     }
 }

@@ -141,7 +141,7 @@ pub struct Answer {
 
 /// What the inputs show at the start of a scan.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Inputs/1")]
+#[type_name("quadrant/Inputs/2")]
 #[repr(C)]
 pub struct Inputs {
     /// Analogue inputs.
@@ -150,8 +150,25 @@ pub struct Inputs {
     pub digital: u64,
     /// 1 while the probe is in contact.
     pub contact: u32,
-    /// Kept zero.
-    pub reserved: u32,
+    /// What the operator has switched: bit 0 single block, from bit 8 on by how many percent rapids are slowed down.
+    pub panel: u32,
+}
+
+impl Inputs {
+    /// What is shown of the operator's switches: single block, and the override of rapids in percent.
+    pub fn panel(single_block: bool, rapid_override_percent: u32) -> u32 {
+        u32::from(single_block) | (100 - rapid_override_percent.min(100)) << 8
+    }
+
+    /// Whether the operator has single block switched on.
+    pub fn single_block(&self) -> bool {
+        self.panel & 1 == 1
+    }
+
+    /// Override of rapids, in percent.
+    pub fn rapid_override_percent(&self) -> u32 {
+        100u32.saturating_sub(self.panel >> 8 & 0x7f)
+    }
 }
 
 #[cfg(test)]

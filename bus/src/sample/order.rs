@@ -54,6 +54,12 @@ pub enum Order {
     OptionalStop = 11,
     /// Home axes, one after another: the value has a bit for each, and is 0 for all that can be homed.
     Home = 12,
+    /// The machine comes to rest at the end of every block (value 1), or only where the program says so (value 0).
+    SingleBlock = 13,
+    /// Override of rapids and planned returns.
+    RapidOverride = 14,
+    /// Discard the rest of the program: it is loaded, from its beginning.
+    Reset = 15,
     /// Move one axis by hand as long as the order is renewed.
     JogOn = 18,
     /// Renew or end the continuous jog of this session.
@@ -64,7 +70,7 @@ pub enum Order {
 
 impl Order {
     /// All of them.
-    pub const ALL: [Order; 15] = [
+    pub const ALL: [Order; 18] = [
         Order::Stop,
         Order::Hold,
         Order::Resume,
@@ -77,6 +83,9 @@ impl Order {
         Order::Down,
         Order::OptionalStop,
         Order::Home,
+        Order::SingleBlock,
+        Order::RapidOverride,
+        Order::Reset,
         Order::JogOn,
         Order::JogRenew,
         Order::EmergencyStop,
@@ -102,6 +111,9 @@ impl Order {
             Order::Down => "down",
             Order::OptionalStop => "optional-stop",
             Order::Home => "home",
+            Order::SingleBlock => "single-block",
+            Order::RapidOverride => "rapid-override",
+            Order::Reset => "reset",
             Order::JogOn => "jog-on",
             Order::JogRenew => "jog-renew",
             Order::EmergencyStop => "estop",
@@ -217,7 +229,7 @@ impl Refused {
             Refused::Not => "not refused",
             Refused::UnknownOrder => "there is no such order",
             Refused::BadValue => {
-                "its value is out of range: an override is 0 to 100 %, a jog any distance but 0, optional stops on or off"
+                "its value is out of range: an override is 0 to 100 %, a jog any distance but 0, optional stops and single block on or off"
             }
             Refused::UnknownAxis => "the machine has no such axis",
             Refused::NotAtRest => {

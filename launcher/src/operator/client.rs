@@ -36,6 +36,13 @@ fn enabled(mode: Option<Mode>, hold: u32) -> &'static str {
     }
 }
 
+fn single_block(on: f64) -> &'static str {
+    match on {
+        1.0 => "single block on: the machine rests behind each block, resume runs the next",
+        _ => "single block off",
+    }
+}
+
 fn obeyed(order: Order, answer: &OperatorResponse) -> String {
     let mode = Mode::from_wire(answer.mode);
     match (order, mode) {
@@ -61,6 +68,10 @@ fn obeyed(order: Order, answer: &OperatorResponse) -> String {
         }
         (Order::Disable, _) => "drives off: positions follow the axes".into(),
         (Order::Home, _) => "homing".into(),
+        (Order::Reset, Some(Mode::Disabled)) => {
+            "reset: the program is loaded, from its beginning; the drives are off".into()
+        }
+        (Order::Reset, _) => "reset: the program is loaded, from its beginning".into(),
         (Order::Override, _) => format!("override {} %", answer.override_percent),
         _ => format!("{}: done", order.word()),
     }
@@ -152,7 +163,12 @@ impl Client {
             ..OperatorRequest::default()
         };
         let answer = self.ask(order, request)?;
-        Ok(named(self.cell.place.name(), &obeyed(order, &answer)))
+        let words = match order {
+            Order::SingleBlock => single_block(value).into(),
+            Order::RapidOverride => format!("rapid override {} %", value as u32),
+            _ => obeyed(order, &answer),
+        };
+        Ok(named(self.cell.place.name(), &words))
     }
 
     /// Sends an order and waits for its answer; a refusal is a failure with its reason.
@@ -237,7 +253,15 @@ impl Client {
             Refused::BadValue if matches!(order, Order::Load | Order::Start) => {
                 "another program was loaded meanwhile: load it again".into()
             }
-            Refused::BadValue if order == Order::Override => "an override is 0 to 100 %".into(),
+            Refused::BadValue if order == Order::Override => {
+                match self.machine.path.feed_override_max_percent {
+                    100 => "an override is 0 to 100 %; `feed_override_max_percent` in [path] of the machine file allows up to 200 %".into(),
+                    most => format!("an override is 0 to {most} %"),
+                }
+            }
+            Refused::BadValue if order == Order::RapidOverride => {
+                "an override of rapids is 0 to 100 %".into()
+            }
             Refused::BadValue if order == Order::Jog => "a jog is any distance but 0".into(),
             Refused::JogSpeed => format!(
                 "the speed of a jog of this axis is {} to {} {}/min",

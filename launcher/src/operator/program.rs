@@ -241,17 +241,35 @@ impl Drop for Laid {
     }
 }
 
+/// Orders the start, block by block if that is wanted.
+fn begin(
+    client: &Client,
+    options: &StartOptions,
+    before: &Feedback,
+) -> Result<OperatorResponse, Failure> {
+    if options.single_block {
+        client.order(Order::SingleBlock, 1.0)?;
+    }
+    let request = OperatorRequest {
+        order: Order::Start as u32,
+        ..OperatorRequest::default()
+    };
+    client.ask(Order::Start, request).inspect_err(|_| {
+        // Nothing starts half.
+        if options.single_block && !before.inputs.single_block() {
+            let _ = client.order(Order::SingleBlock, 0.0);
+        }
+    })
+}
+
 /// `start`.
 pub fn start(options: &StartOptions) -> Outcome {
     let client = Client::to_order(options.to.cell.as_deref())?;
     // Listens before it asks, so that the shortest program is not missed.
     let mut eyes = Eyes::open(&client)?;
-    let loaded = eyes.look()?.load;
-    let request = OperatorRequest {
-        order: Order::Start as u32,
-        ..OperatorRequest::default()
-    };
-    let answer = client.ask(Order::Start, request)?;
+    let before = eyes.look()?;
+    let loaded = before.load;
+    let answer = begin(&client, options, &before)?;
     let (words, folder) = started(&client, &answer, loaded);
     client.say(&words);
     match options.wait {

@@ -10,8 +10,8 @@
 )]
 
 use bus::sample::{
-    Auxiliaries, Cause, DIGITAL_OUTPUTS, EventCode, FLOOD, Levels, MIST, Mode, OUTPUTS_AHEAD,
-    PathTag, PlannerStatus, ProgramEvent, SpindleCommand, Waiting,
+    Auxiliaries, Cause, DIGITAL_OUTPUTS, EventCode, FLOOD, Inputs, Levels, MIST, Mode,
+    OUTPUTS_AHEAD, PathTag, PlannerStatus, ProgramEvent, SpindleCommand, Waiting,
 };
 use bytemuck::{Pod, Zeroable};
 use machine::{Machine, ToolChanger};
@@ -66,6 +66,10 @@ pub struct AuxiliaryLatches {
     pub coupled: u32,
     /// Of the axis whose place is the radius, its index and 1; 0 for a speed that follows none.
     pub surface: u32,
+    /// 1 while single block is switched on.
+    pub single_block: u32,
+    /// Override of rapids, in percent.
+    pub rapid_override_percent: u32,
 }
 
 impl AuxiliaryLatches {
@@ -77,6 +81,11 @@ impl AuxiliaryLatches {
             limit if limit > 0.0 => rpm.min(limit),
             _ => rpm,
         }
+    }
+
+    /// What the feedback shows of the operator's switches.
+    pub fn panel(&self) -> u32 {
+        Inputs::panel(self.single_block == 1, self.rapid_override_percent)
     }
 
     /// The gear between an axis and the spindle, while it is one.
@@ -190,6 +199,7 @@ impl Auxiliary {
         Auxiliary {
             latches: AuxiliaryLatches {
                 optional_stop: u32::from(machine.program.optional_stop),
+                rapid_override_percent: 100,
                 ..AuxiliaryLatches::default()
             },
             questions: Questions::new(machine.scan_period_s()),
@@ -344,6 +354,7 @@ impl Auxiliary {
         ];
         if values.iter().chain(&levels.analog).all(sound) {
             self.latches = *latches;
+            self.latches.rapid_override_percent = latches.rapid_override_percent.min(100);
         }
     }
 
@@ -352,15 +363,21 @@ impl Auxiliary {
         self.latches.end_program();
         self.latches.events_done = 0;
         self.latches.messages = 0;
+        self.latches.levels.blocks_done = 0;
         self.messages_after = scan;
         self.questions.forget_program();
         self.forget_asked();
         self.ahead = [ProgramEvent::default(); OUTPUTS_AHEAD];
     }
 
+    /// Whether the planner has said this since the run began.
+    pub fn is_of_run(&self, status: &PlannerStatus) -> bool {
+        status.scan > self.messages_after
+    }
+
     /// The path has come to so many messages: never fewer than before.
     fn take_messages(&mut self, status: &PlannerStatus) {
-        if status.scan > self.messages_after && status.messages > self.latches.messages {
+        if self.is_of_run(status) && status.messages > self.latches.messages {
             self.latches.messages = status.messages;
             self.changed = true;
         }
@@ -562,6 +579,7 @@ impl<D: Drives> Master<D> {
     pub(super) fn heed_events(&mut self, status: &PlannerStatus) {
         self.auxiliary.ahead = status.outputs_ahead;
         self.auxiliary.take_messages(status);
+        self.heed_block(status);
         let recent = status.scan.saturating_add(2 * self.period_scans) >= self.scan;
         if self.auxiliary.begun == 0 || status.event.number == 0 {
             let asked = Some(status.event).filter(|_| recent);

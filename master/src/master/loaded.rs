@@ -94,6 +94,33 @@ impl<D: Drives> Master<D> {
         Ok(())
     }
 
+    /// Gives up what is left of the program, which is loaded then, from its beginning; axes and drives stay as they are, and no hold is
+    /// left. A trip is acknowledged as `enable` does it.
+    pub(super) fn order_reset(&mut self) -> Result<(), Refusal> {
+        self.must_stay()?;
+        match self.program.state {
+            ProgramState::None => return Err(Refused::NoProgram.into()),
+            ProgramState::Loading => return Err(Refused::Loading.into()),
+            ProgramState::Loaded | ProgramState::Running | ProgramState::Done => {}
+        }
+        match self.mode {
+            Mode::Tripped => self.acknowledge(true)?,
+            Mode::Disabled => {}
+            _ => self.must_rest()?,
+        }
+        if matches!(self.mode, Mode::Enabled | Mode::Stopped) {
+            self.mode = Mode::Ready;
+        }
+        self.hold = false;
+        self.windows.forget_path(self.scan);
+        self.auxiliary.forget_program(self.scan);
+        if self.mode == Mode::Ready {
+            self.clear_causes();
+        }
+        self.program.state = ProgramState::Loaded;
+        Ok(())
+    }
+
     /// Comes to rest, on the path or where a jog is, then ends the run, also that of a cell that stays up: it was ordered to, or the
     /// launcher is gone. Nothing takes that back.
     pub fn end_after_stop(&mut self) {

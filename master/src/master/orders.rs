@@ -33,12 +33,15 @@ fn moves(order: Order) -> bool {
         | Order::JogRenew
         | Order::Home
         | Order::Load
-        | Order::Start => true,
+        | Order::Start
+        | Order::Reset => true,
         Order::Stop
         | Order::Hold
         | Order::Override
         | Order::Down
         | Order::OptionalStop
+        | Order::SingleBlock
+        | Order::RapidOverride
         | Order::EmergencyStop => false,
     }
 }
@@ -110,6 +113,9 @@ impl<D: Drives> Master<D> {
             Some(Order::Load) => self.order_load(request.value, request.session != 0),
             Some(Order::Start) => self.order_start(request.session),
             Some(Order::OptionalStop) => self.order_optional_stop(request.value),
+            Some(Order::RapidOverride) => self.order_rapid_override(request.value),
+            Some(Order::Reset) => self.order_reset(),
+            Some(Order::SingleBlock) => self.order_single_block(request.value),
             Some(Order::Down) => {
                 self.end_after_stop();
                 Ok(())
@@ -222,10 +228,18 @@ impl<D: Drives> Master<D> {
     }
 
     fn order_override(&mut self, percent: f64) -> Result<(), Refusal> {
-        if !(0.0..=100.0).contains(&percent) {
+        if !(0.0..=f64::from(self.override_max_percent)).contains(&percent) {
             return Err(Refused::BadValue.into());
         }
         self.override_percent = percent as u32;
+        Ok(())
+    }
+
+    fn order_rapid_override(&mut self, percent: f64) -> Result<(), Refusal> {
+        if !(0.0..=100.0).contains(&percent) {
+            return Err(Refused::BadValue.into());
+        }
+        self.auxiliary.latches.rapid_override_percent = percent as u32;
         Ok(())
     }
 
@@ -293,7 +307,7 @@ impl<D: Drives> Master<D> {
     }
 
     /// Ends a trip, if the machine can be driven again; its run does not end then.
-    fn acknowledge(&mut self, hold: bool) -> Result<(), Refusal> {
+    pub(super) fn acknowledge(&mut self, hold: bool) -> Result<(), Refusal> {
         if self.last || self.may_end {
             return Err(Refused::Finished.into());
         }

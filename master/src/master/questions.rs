@@ -96,7 +96,7 @@ impl Questions {
             analog: self.shown.analog,
             digital: self.shown.digital,
             contact: u32::from(self.shown.contact),
-            reserved: 0,
+            panel: 0,
         }
     }
 

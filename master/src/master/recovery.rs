@@ -27,7 +27,7 @@ impl<D: Drives> Master<D> {
     pub fn resume(&mut self, latches: &Latches) {
         self.windows.restore(&latches.left);
         self.program_start = latches.program_start;
-        self.override_percent = latches.override_percent.min(100);
+        self.override_percent = latches.override_percent.min(self.override_max_percent);
         self.hold = latches.hold == 1;
         self.overrun_scans = latches.overrun_scans;
         self.may_end = latches.may_end == 1;
@@ -220,7 +220,7 @@ impl<D: Drives> Master<D> {
         self.waited_scans = 0;
     }
 
-    fn clear_causes(&mut self) {
+    pub(super) fn clear_causes(&mut self) {
         self.cause = Cause::None;
         self.cause_axis = u32::MAX;
         self.cause_scan = 0;

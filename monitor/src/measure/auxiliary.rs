@@ -1,8 +1,8 @@
 //! What happened beside the axes: each change of spindle, coolant, outputs, tool and stops, with its scan.
 
-use bus::sample::{Auxiliaries, Feedback};
+use bus::sample::{Auxiliaries, Feedback, Inputs};
 
-use crate::auxiliary::changes;
+use crate::auxiliary::{changes, switched};
 
 /// Events that are kept.
 const EVENTS_MAX: usize = 1000;
@@ -19,19 +19,20 @@ pub struct AuxiliaryEvent {
 /// Collects them, scan by scan.
 #[derive(Debug, Clone, Default)]
 pub struct AuxiliaryMeter {
-    before: Option<Auxiliaries>,
+    before: Option<(Auxiliaries, Inputs)>,
     events: Vec<AuxiliaryEvent>,
 }
 
 impl AuxiliaryMeter {
     /// Takes the next scan.
     pub fn take(&mut self, feedback: &Feedback) {
-        let now = feedback.auxiliary;
+        let now = (feedback.auxiliary, feedback.inputs);
         let before = self.before.replace(now).unwrap_or(now);
         if before == now || self.events.len() >= EVENTS_MAX {
             return;
         }
-        let changes = changes(&before, &now).into_iter();
+        let switched = switched(&before.1, &now.1).into_iter();
+        let changes = switched.chain(changes(&before.0, &now.0));
         self.events.extend(changes.map(|words| AuxiliaryEvent {
             scan: feedback.scan,
             words,

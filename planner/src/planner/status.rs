@@ -20,7 +20,9 @@ impl Planner {
     pub(super) fn say(&mut self, feedback: &Feedback) {
         self.messages.clear();
         // What stands behind a stop is said once somebody has resumed.
-        let rests = self.rests_on_path(feedback).filter(|_| feedback.hold == 0);
+        let rests = self.rests_on_path(feedback).filter(|state| {
+            feedback.hold == 0 && self.block_to_stop_behind(state, feedback).is_none()
+        });
         let tag = tool_tag(feedback);
         // Texts carry the number of the run: before it has begun that is the one before.
         let runs = feedback.program == ProgramState::Running as u32
@@ -49,7 +51,7 @@ impl Planner {
     }
 
     /// The state that the axes rest in on the program's path, with nothing on the way.
-    fn rests_on_path(&self, feedback: &Feedback) -> Option<PathState> {
+    pub(super) fn rests_on_path(&self, feedback: &Feedback) -> Option<PathState> {
         let in_force = &self.in_force;
         let rests = feedback.at_rest == 1
             && !feedback.window.is_none()
@@ -62,10 +64,16 @@ impl Planner {
     /// The event that the path rests for now, on the program's path and with nothing on the way.
     fn event(&self, feedback: &Feedback) -> Option<ProgramEvent> {
         let course = self.course.as_ref()?;
-        if feedback.hold == 1 || self.cause != Cause::None {
+        if self.cause != Cause::None {
             return None;
         }
         let state = self.rests_on_path(feedback)?;
+        if let Some(elements) = self.block_to_stop_behind(&state, feedback) {
+            return Some(self.block_done(elements, feedback));
+        }
+        if feedback.hold == 1 {
+            return None;
+        }
         let next = course.events.at_rest(feedback.auxiliary.events_done)?;
         course
             .windows
@@ -74,7 +82,7 @@ impl Planner {
     }
 
     /// The line that the tool is in.
-    fn line(&self, feedback: &Feedback) -> u32 {
+    pub(super) fn line(&self, feedback: &Feedback) -> u32 {
         let path = self.course.as_ref().map(|course| course.windows.path());
         let element = path.and_then(|path| path.get(tool_element(feedback)));
         element.map_or(0, |element| element.line)

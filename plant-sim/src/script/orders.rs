@@ -96,7 +96,9 @@ fn request(entry: &Entry, machine: &Machine) -> Result<OperatorRequest, String> 
     }
     let (wants_axis, wants_value) = match order {
         Order::Jog | Order::JogOn => (true, true),
-        Order::Override | Order::OptionalStop => (false, true),
+        Order::Override | Order::RapidOverride | Order::OptionalStop | Order::SingleBlock => {
+            (false, true)
+        }
         _ => (false, false),
     };
     // It homes one axis, or all.

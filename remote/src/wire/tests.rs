@@ -46,6 +46,7 @@ fn snapshot() -> Snapshot {
             cause_axis: u32::MAX,
             cause_scan: 0,
             override_percent: 100,
+            panel: 0,
             overrun_scans: 0,
             incarnation: 1,
             hold: false,
@@ -156,7 +157,7 @@ fn each_field_out_of_range_is_refused_by_its_name() {
         ("feedback_mm", refused(|s| s.axes[1].feedback_mm = 7.0)),
         (
             "override_percent",
-            refused(|s| s.machine.as_mut().expect("one").override_percent = 101),
+            refused(|s| s.machine.as_mut().expect("one").override_percent = 201),
         ),
         (
             "cause_axis",

@@ -119,7 +119,7 @@ fn bottom_line(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
             palette.quiet(),
         ),
         Prompt::Keys => Line::styled(
-            " h hold  r resume  s stop  +- override  j jog  : block  ! estop  ? help  q quit",
+            " h hold r resume s stop b blocks +- override j jog : block ! estop ? help q quit",
             palette.quiet(),
         ),
         Prompt::ConfirmStop => Line::styled(
@@ -146,14 +146,14 @@ const HELP: &str = "\
  h        feed hold: the tool comes to rest on the path and waits
  r        resume; after a jog it first returns to the path. Asks first where the machine has tripped
  s        stop (asks first): like hold, but a `quadrant run` ends
- + -      override 10 % up or down, 0 to 100 %; 0 stands
+ + -      override 10 % up or down; 0 stands
+ b f      block by block, on and off; rapids at 100, 50, 25, 5 %
  j        jog by keys: arrows held, or by steps; Esc leaves it
  !        emergency stop, at once and in every state; `enable` ends it
  :        type a block, Enter runs it, as `quadrant mdi`; arrows: earlier ones
  m        home the axes that have no absolute encoder (asks first)
- q  Esc   leave; the machine goes on. Ctrl-Z: for a while, `fg` comes back
+ q  Esc   leave; the machine goes on. Ctrl-Z: for a while. ? this page
  d        the readout: work and machine coordinates, large; again: back
- ?        this page
 
  The same from any terminal: quadrant hold, resume, stop …
 

@@ -138,6 +138,9 @@ impl Events {
             );
             self.note(now.scan, Weight::Note, text);
         }
+        for change in monitor::auxiliary::switched(&before.inputs, &now.inputs) {
+            self.note(now.scan, Weight::Note, change);
+        }
         for change in monitor::auxiliary::changes(&before.auxiliary, &now.auxiliary) {
             self.note(now.scan, Weight::Note, change);
         }

@@ -25,6 +25,8 @@ struct State<'a> {
     hold: Option<bool>,
     at_rest: Option<bool>,
     override_percent: Option<u32>,
+    rapid_override_percent: Option<u32>,
+    single_block: Option<bool>,
     cause: Option<CauseOf>,
     overrun_scans: Option<u32>,
     feedback_age_s: f64,
@@ -315,6 +317,8 @@ fn state(model: &Model) -> State<'_> {
         hold: feedback.map(|feedback| feedback.hold == 1),
         at_rest: feedback.map(words::at_rest),
         override_percent: feedback.map(|feedback| feedback.override_percent),
+        rapid_override_percent: feedback.map(|now| now.inputs.rapid_override_percent()),
+        single_block: feedback.map(|now| now.inputs.single_block()),
         cause: cause.map(|feedback| CauseOf {
             code: feedback.cause,
             words: words::cause(feedback, &model.machine).unwrap_or_default(),

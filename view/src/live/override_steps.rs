@@ -11,11 +11,11 @@ pub struct OverrideSteps {
 }
 
 impl OverrideSteps {
-    /// A key; `now` is the override of the cell, in percent.
-    pub fn step(&mut self, up: bool, now: u32) {
+    /// A key; `now` is the override of the cell and `most` the highest that it takes, in percent.
+    pub fn step(&mut self, up: bool, now: u32, most: u32) {
         let from = self.wanted.unwrap_or(now);
         self.wanted = Some(match up {
-            true => (from + STEP).min(100),
+            true => (from + STEP).min(most),
             false => from.saturating_sub(STEP),
         });
     }
@@ -49,27 +49,27 @@ mod tests {
     #[test]
     fn five_keys_before_the_first_answer_are_five_steps() {
         let mut steps = OverrideSteps::default();
-        steps.step(false, 100);
+        steps.step(false, 100, 100);
         assert_eq!(steps.next_order(), Some(90));
         for _ in 0..4 {
-            steps.step(false, 100);
+            steps.step(false, 100, 100);
         }
         assert_eq!(steps.next_order(), Some(50));
         assert_eq!(steps.next_order(), None);
         steps.seen(90);
         assert_eq!(steps.next_order(), None, "it is on its way");
         steps.seen(50);
-        steps.step(true, 50);
+        steps.step(true, 50, 100);
         assert_eq!(steps.next_order(), Some(60));
     }
 
     #[test]
     fn steps_end_at_0_and_100_and_begin_anew_after_a_refusal() {
         let mut steps = OverrideSteps::default();
-        steps.step(true, 100);
+        steps.step(true, 100, 100);
         assert_eq!(steps.next_order(), Some(100));
         steps.give_up();
-        steps.step(false, 5);
+        steps.step(false, 5, 100);
         assert_eq!(steps.next_order(), Some(0));
     }
 }

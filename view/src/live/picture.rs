@@ -1,11 +1,12 @@
 //! A model as messages for another machine, and a model filled from them. Pure.
 
 use bus::member::Pace;
-use bus::sample::{Auxiliaries, Feedback, Job, Levels, PathTag, PlannerStatus, WindowId};
+use bus::sample::{Auxiliaries, Feedback, Inputs, Job, Levels, PathTag, PlannerStatus, WindowId};
 use bytemuck::Zeroable;
 use remote::wire::{
-    AuxiliaryState, AxisState, CIRCLE_BINS, CircleState, FORMAT, MachineState, ProcessState,
-    ProgramState, REVERSALS_MAX, ReversalState, Snapshot, TimingState, plain_text, plausible,
+    AuxiliaryState, AxisState, CIRCLE_BINS, CircleState, FORMAT, MachineState,
+    OVERRIDE_MAX_PERCENT, ProcessState, ProgramState, REVERSALS_MAX, ReversalState, Snapshot,
+    TimingState, plain_text, plausible,
 };
 
 use super::axis::AxisView;
@@ -68,7 +69,8 @@ fn machine_state(feedback: &Feedback, axes: usize) -> MachineState {
         cause: feedback.cause,
         cause_axis: if known { cause_axis } else { u32::MAX },
         cause_scan: feedback.cause_scan,
-        override_percent: feedback.override_percent.min(100),
+        override_percent: feedback.override_percent.min(OVERRIDE_MAX_PERCENT as u32),
+        panel: feedback.inputs.panel,
         overrun_scans: feedback.overrun_scans,
         incarnation: feedback.incarnation,
         hold: feedback.hold == 1,
@@ -249,6 +251,10 @@ fn feedback(state: &MachineState, axis_count: u32) -> Feedback {
         overrun_scans: state.overrun_scans,
         axis_count,
         auxiliary: auxiliaries(&state.auxiliary),
+        inputs: Inputs {
+            panel: state.panel,
+            ..Inputs::default()
+        },
         ..Feedback::zeroed()
     }
 }
@@ -357,6 +363,7 @@ mod tests {
             feedback.program = 3;
             feedback.run = 2;
             busy(&mut feedback.auxiliary);
+            feedback.inputs.panel = Inputs::panel(true, 50);
             if scan == 109 {
                 feedback.mode = Mode::Tripped as u32;
                 feedback.cause = Cause::FollowingError as u32;

@@ -189,7 +189,7 @@ impl View {
         }
         let order = matches!(
             code,
-            KeyCode::Char('h' | 'r' | 's' | 'm' | 'j' | ':' | '!' | '+' | '=' | '-')
+            KeyCode::Char('h' | 'r' | 's' | 'm' | 'b' | 'f' | 'j' | ':' | '!' | '+' | '=' | '-')
         );
         if order && !self.feed.takes_orders() {
             let words = "read only from here: orders are given on the controller PC".into();
@@ -205,6 +205,8 @@ impl View {
             KeyCode::Char('r') => self.order(Order::Resume, 0.0),
             KeyCode::Char('s') => self.say(Prompt::ConfirmStop),
             KeyCode::Char('m') => self.say(Prompt::ConfirmHome),
+            KeyCode::Char('f') => self.step_rapids(),
+            KeyCode::Char('b') => self.switch_single_block(),
             KeyCode::Char('j') => self.begin_jogging(),
             KeyCode::Char(':') => {
                 self.types = true;
@@ -295,11 +297,31 @@ impl View {
         }
     }
 
-    fn step_override(&mut self, up: bool) {
-        let Some(feedback) = &self.feed.model().feedback else {
+    fn switch_single_block(&mut self) {
+        let feedback = self.feed.model().feedback.as_ref();
+        if let Some(is_on) = feedback.map(|now| now.inputs.single_block()) {
+            self.order(Order::SingleBlock, f64::from(u8::from(!is_on)));
+        }
+    }
+
+    /// From one of the usual overrides of rapids to the next lower one, and from the lowest to all.
+    fn step_rapids(&mut self) {
+        let feedback = self.feed.model().feedback.as_ref();
+        let Some(now) = feedback.map(|now| now.inputs.rapid_override_percent()) else {
             return;
         };
-        self.override_steps.step(up, feedback.override_percent);
+        let lower = [50, 25, 5].into_iter().find(|step| *step < now);
+        self.order(Order::RapidOverride, f64::from(lower.unwrap_or(100)));
+    }
+
+    fn step_override(&mut self, up: bool) {
+        let model = self.feed.model();
+        let Some(feedback) = &model.feedback else {
+            return;
+        };
+        let most = model.machine.path.feed_override_max_percent;
+        self.override_steps
+            .step(up, feedback.override_percent, most);
     }
 
     /// Orders what the keys have come to, one order after another.

@@ -18,9 +18,15 @@ pub fn status(model: &Model) -> String {
         let pace = model.pace.map_or("", |pace| pace.word());
         let _ = write!(
             text,
-            "\n  hold {}, override {} %, scan {} ({time_s:.1} s) {pace}, overrun scans {}",
+            "\n  hold {}, override {} %, rapids {} %, single block {}, scan {} ({time_s:.1} s) {pace}, overrun scans {}",
             if feedback.hold == 1 { "on" } else { "off" },
             feedback.override_percent,
+            feedback.inputs.rapid_override_percent(),
+            if feedback.inputs.single_block() {
+                "on"
+            } else {
+                "off"
+            },
             feedback.scan,
             feedback.overrun_scans,
         );

@@ -206,6 +206,10 @@ fn program_stop(auxiliary: &Auxiliaries) -> Option<Says> {
     let (state, next) = match waiting {
         Waiting::ToolByOperator => ("TOOL CHANGE", "put the tool in, then `quadrant resume`"),
         Waiting::PalletStop => ("PALLET CHANGE", "change the pallet, then `quadrant resume`"),
+        Waiting::SingleBlock => (
+            "BLOCK DONE",
+            "`quadrant resume` runs the next block; `quadrant single-block off` before it: all",
+        ),
         _ => ("PROGRAM STOP", IN_HOLD),
     };
     let detail = monitor::auxiliary::waiting(auxiliary).unwrap_or_default();
@@ -236,6 +240,10 @@ fn enabled(feedback: &Feedback, machine: &Machine) -> Says {
     } else if feedback.override_percent == 0 {
         let detail = "stands: the override is at 0 %".to_string();
         let next = "`quadrant override 100` goes on";
+        ("‖", "STANDS", Tone::Waits, detail, next)
+    } else if at_rest(feedback) && feedback.inputs.rapid_override_percent() == 0 {
+        let detail = "stands before a rapid: their override is at 0 %".to_string();
+        let next = "`quadrant rapid-override 100` goes on";
         ("‖", "STANDS", Tone::Waits, detail, next)
     } else if feedback.window.is_none() || feedback.at_rest == 1 {
         let detail = "at rest: the planner has sent nothing to go on with".to_string();

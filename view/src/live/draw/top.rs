@@ -32,6 +32,9 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
                 palette.warn(),
             ));
         }
+        if let Some(words) = monitor::auxiliary::panel(&feedback.inputs) {
+            first.push(Span::styled(format!("  {words}"), palette.warn()));
+        }
         if let Some(words) = monitor::auxiliary::summary(&feedback.auxiliary) {
             first.push(Span::styled(format!("  {words}"), palette.quiet()));
         }

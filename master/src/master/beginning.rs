@@ -1,0 +1,25 @@
+//! How the program that a cell is started with begins.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use super::Master;
+use crate::drives::Drives;
+
+/// What the operator has chosen before the first scan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Beginning {
+    /// Block by block.
+    pub single_block: bool,
+}
+
+impl<D: Drives> Master<D> {
+    /// Takes what was chosen; of a master that replaces another one, what that one has latched counts.
+    pub fn begin_with(&mut self, beginning: &Beginning) {
+        self.auxiliary.latches.single_block = u32::from(beginning.single_block);
+    }
+}
