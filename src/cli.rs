@@ -12,7 +12,7 @@ use launcher::options::{
     UpOptions, ZeroOptions,
 };
 use tune::options::{IdentifyOptions, TuneOptions};
-use view::options::{MonitorOptions, ScopeOptions, StatusOptions};
+use view::options::{MonitorOptions, ScopeOptions, StatusOptions, WebOptions};
 #[cfg(feature = "remote")]
 use view::options::{OrderOptions, ServeOptions};
 
@@ -90,6 +90,8 @@ pub enum Command {
     Status(StatusOptions),
     /// Live view of a running cell: axes, circle, reversals, processes, events; comes and goes without a trace
     Monitor(MonitorOptions),
+    /// The live view of a running cell as a page in the browser, with a token also its orders; comes and goes without a trace
+    Web(WebOptions),
     /// Signals around a trigger, of a running cell or of a log: chart in the terminal, CSV or SVG
     Scope(ScopeOptions),
     /// Seeing a cell from another machine

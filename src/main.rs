@@ -7,7 +7,7 @@ use launcher::run::Injection;
 use launcher::{check, doctor, drive_files, logs, operator, plan, report, run, signals, up};
 use quadrant::cli::{Cli, Command};
 use quadrant::{manual, roles};
-use view::{live, scope};
+use view::{live, scope, web};
 
 fn main() -> std::process::ExitCode {
     signals::survive_file_size_limit();
@@ -57,6 +57,7 @@ fn obey(command: Command) -> Outcome {
         Command::Disable(options) => operator::simple(Order::Disable, &options),
         Command::Status(options) => live::status(&options),
         Command::Monitor(options) => live::monitor(&options),
+        Command::Web(options) => web::web(&options),
         Command::Scope(options) => scope::scope(&options),
         #[cfg(feature = "remote")]
         Command::Remote(options) => match &options.command {

@@ -67,3 +67,4 @@ mod two_users;
 mod unexpected_motion;
 mod up;
 mod user_codes;
+mod web;

@@ -32,3 +32,4 @@ mod training;
 pub mod up;
 mod user_codes;
 pub mod view;
+pub mod web;

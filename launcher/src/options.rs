@@ -7,6 +7,7 @@ use bus::member::Pace;
 use clap::{Args, Subcommand};
 
 use crate::metrics_socket as metrics;
+use crate::web;
 
 /// What `quadrant run` takes.
 #[derive(Debug, Clone, Args)]
@@ -46,6 +47,12 @@ pub struct RunOptions {
     /// Serve metrics for Prometheus (OpenMetrics, docs/howto/metrics.md) at this address or port [without one: 127.0.0.1:7823]
     #[arg(long, value_name = "ADDR", num_args = 0..=1, require_equals = true, default_missing_value = metrics::DEFAULT_ADDRESS, value_parser = metrics::parse_address)]
     pub metrics: Option<SocketAddr>,
+    /// Show the cell as a page in the browser (docs/howto/web.md) at this address or port [without one: 127.0.0.1:8640]
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, require_equals = true, default_missing_value = web::DEFAULT_ADDRESS, value_parser = web::parse_address)]
+    pub web: Option<SocketAddr>,
+    /// With --web: file with the token that orders from the page need; made if it is not there [default: a new token, printed]
+    #[arg(long, value_name = "FILE", requires = "web")]
+    pub token: Option<PathBuf>,
     /// In lockstep: seconds a living process may take for one answer before the run is given up
     #[arg(long, value_name = "SECONDS", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600), hide_short_help = true)]
     pub answer_limit: u64,
@@ -102,6 +109,12 @@ pub struct UpOptions {
     /// Serve metrics for Prometheus (OpenMetrics, docs/howto/metrics.md) at this address or port [without one: 127.0.0.1:7823]
     #[arg(long, value_name = "ADDR", num_args = 0..=1, require_equals = true, default_missing_value = metrics::DEFAULT_ADDRESS, value_parser = metrics::parse_address)]
     pub metrics: Option<SocketAddr>,
+    /// Show the cell as a page in the browser (docs/howto/web.md) at this address or port [without one: 127.0.0.1:8640]
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, require_equals = true, default_missing_value = web::DEFAULT_ADDRESS, value_parser = web::parse_address)]
+    pub web: Option<SocketAddr>,
+    /// With --web: file with the token that orders from the page need; made if it is not there [default: a new token, printed]
+    #[arg(long, value_name = "FILE", requires = "web")]
+    pub token: Option<PathBuf>,
     /// In lockstep: seconds a living process may take for one answer before the cell is given up
     #[arg(long, value_name = "SECONDS", default_value_t = 30, value_parser = clap::value_parser!(u64).range(1..=3600), hide_short_help = true)]
     pub answer_limit: u64,

@@ -22,7 +22,7 @@ use crate::run_dir::{RunDir, Sources, default_folder, program_name};
 use crate::signals::Signals;
 use crate::supervise::{Ending, Subject, Watch, supervise};
 use crate::view::{self, View};
-use crate::{doctor, exit, logs, metrics_socket, report, service_manager, training};
+use crate::{doctor, exit, logs, metrics_socket, report, service_manager, training, web};
 
 /// Members of a dead launcher get so long to stop on the path and leave.
 const MEMBERS_PATIENCE: Duration = Duration::from_secs(10);
@@ -64,6 +64,7 @@ pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Fail
     let cell = own(&place).environment()?;
     let metrics = options.metrics.map(metrics_socket::listen);
     let metrics = metrics.transpose().environment()?;
+    let web = web::Place::open_if(options.web, options.token.as_deref())?;
     let machine_path = machine_file(&options.machine);
     let (run_dir, mut checked) = make_run_dir(options, &machine_path, &checked)?;
     let (faults, fault_blocks) = faults.unzip();
@@ -92,6 +93,7 @@ pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Fail
         machine: &checked.machine,
         faults,
         session: None,
+        page: web::Page::start_if(web, place.name(), options.view)?,
         view: View::open_if(options.view, place.name()).environment()?,
     };
     let ending = supervise(&mut group, subject, watch, &signals, &mut events);

@@ -26,6 +26,7 @@ use crate::standby_alarm::StandbyAlarm;
 use crate::supervisor::{Supervisor, Verdict, goes_on_after_stop};
 use crate::user_codes::UserCodes;
 use crate::view::View;
+use crate::web::Page;
 
 /// So long the machine may take to come to rest once it was ordered to.
 const STOP_LIMIT: Duration = Duration::from_secs(15);
@@ -89,6 +90,8 @@ pub struct Subject<'a> {
     pub faults: Option<FaultScript>,
     /// The programs of a cell that stays up.
     pub session: Option<Session>,
+    /// The page in the browser.
+    pub page: Option<Page>,
     /// The live view in this terminal.
     pub view: Option<View>,
 }
@@ -128,6 +131,7 @@ struct Supervision<'a> {
     group: &'a mut Group,
     machine: &'a Machine,
     session: Option<Session>,
+    page: Option<Page>,
     view: Option<View>,
     user_codes: Option<UserCodes>,
     faults: Option<FaultInjector>,
@@ -195,6 +199,7 @@ impl<'a> Supervision<'a> {
         Supervision {
             machine,
             session: subject.session,
+            page: subject.page,
             view: subject.view,
             user_codes,
             faults: subject.faults.map(FaultInjector::new),
@@ -239,6 +244,9 @@ impl<'a> Supervision<'a> {
         self.group.repeat_roster();
         if let Some(view) = &mut self.view {
             view.look();
+        }
+        if let Some(page) = &mut self.page {
+            page.look();
         }
         self.watch.progress.look();
         self.take_newest();

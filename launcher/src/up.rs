@@ -18,7 +18,7 @@ use crate::session::Session;
 use crate::signals::Signals;
 use crate::supervise::{Ending, Subject, Watch, supervise};
 use crate::view::{self, View};
-use crate::{check, doctor, logs, metrics_socket, service_manager, training};
+use crate::{check, doctor, logs, metrics_socket, service_manager, training, web};
 
 /// Starts the group of a machine and stays until it is ordered to end.
 pub fn up(options: &UpOptions) -> Outcome {
@@ -37,6 +37,7 @@ pub fn up(options: &UpOptions) -> Outcome {
     let cell = own(&place).environment()?;
     let metrics = options.metrics.map(metrics_socket::listen);
     let metrics = metrics.transpose().environment()?;
+    let web = web::Place::open_if(options.web, options.token.as_deref())?;
     let machine_path = machine_file(&options.machine);
     let trained = training::trained(&machine_path, &checked.machine, options.no_learned, None);
     let trained = trained.input()?;
@@ -83,6 +84,7 @@ pub fn up(options: &UpOptions) -> Outcome {
         machine: &checked.machine,
         faults: None,
         session: Some(Session::new(&folder, &place)),
+        page: web::Page::start_if(web, cell_name, options.view)?,
         view: View::open_if(options.view, cell_name).environment()?,
     };
     let ending = supervise(&mut group, subject, watch, &signals, &mut events);

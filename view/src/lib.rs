@@ -1,7 +1,8 @@
-//! A running cell, seen: live view in the terminal, scope, metrics.
+//! A running cell, seen: live view in the terminal, scope, metrics, page in the browser.
 
 mod drawing;
 pub mod live;
 pub mod metrics;
 pub mod options;
 pub mod scope;
+pub mod web;

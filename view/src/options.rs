@@ -1,9 +1,11 @@
 //! What the commands that show a cell take.
 
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use clap::Args;
 use launcher::options::CellOptions;
+use launcher::web;
 use monitor::scope::span::Span;
 
 /// What `quadrant remote serve` takes.
@@ -86,6 +88,26 @@ pub struct MonitorOptions {
     /// Lines of JSON, one every 100 ms; what is new since the line before: reversals, events
     #[arg(long)]
     pub json: bool,
+}
+
+/// What `quadrant web` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Two addresses are printed: one to look, one with a token, with which orders can be given too.\nClosing the browser or this command ends nothing: the machine goes on.\n  quadrant web\n  quadrant web 9000 --cell mill --token ~/.quadrant-token\n\nExit status: 1 if no cell runs; 2 if the token's file is not usable; 3 if the address is taken."
+)]
+pub struct WebOptions {
+    /// Address or port to serve the page at; 0 takes a free port
+    #[arg(value_name = "ADDR", default_value = web::DEFAULT_ADDRESS, value_parser = web::parse_address)]
+    pub address: SocketAddr,
+    /// Name of the cell [default: the only one that runs]
+    #[arg(long, value_name = "NAME")]
+    pub cell: Option<String>,
+    /// File with the token that orders need; made if it is not there [default: a new token, printed]
+    #[arg(long, value_name = "FILE")]
+    pub token: Option<PathBuf>,
+    /// Serve at the listening socket that standard input is
+    #[arg(long, hide = true)]
+    pub inherited: bool,
 }
 
 /// What `quadrant scope` takes.

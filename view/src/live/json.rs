@@ -13,8 +13,9 @@ use super::fieldbus::slave_words;
 use super::model::Model;
 use super::words;
 
+/// What `status --json` prints.
 #[derive(Serialize)]
-struct State<'a> {
+pub struct State<'a> {
     cell: &'a str,
     pace: Option<&'static str>,
     scan: Option<u64>,
@@ -295,12 +296,14 @@ pub struct Reported {
     events: u64,
 }
 
-fn rounded(value: f64, digits: i32) -> f64 {
+/// A number with so many digits behind the point.
+pub fn rounded(value: f64, digits: i32) -> f64 {
     let scale = 10f64.powi(digits);
     (value * scale).round() / scale
 }
 
-fn state(model: &Model) -> State<'_> {
+/// What is known of the cell.
+pub fn state(model: &Model) -> State<'_> {
     let feedback = model.feedback.as_ref();
     let says = model.says();
     let period_s = model.machine.scan_period_s();

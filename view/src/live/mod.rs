@@ -6,16 +6,16 @@
 
 mod attach;
 pub mod axis;
-mod circle;
+pub mod circle;
 mod draw;
 pub mod dro;
 pub mod events;
 pub mod feed;
 mod fieldbus;
 mod jog_mode;
-mod json;
+pub(crate) mod json;
 mod lines;
-mod looks;
+pub(crate) mod looks;
 pub mod model;
 mod override_steps;
 mod palette;
@@ -37,8 +37,9 @@ mod test_support;
 mod text;
 pub mod timing;
 mod track;
+pub mod trail;
 mod typed_line;
-mod words;
+pub(crate) mod words;
 
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};

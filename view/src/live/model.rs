@@ -11,6 +11,7 @@ use bus::sample::{
 use control::kinematics::Kinematics;
 use control::path::{AxisVector, Element, Feed, Shape};
 use machine::{Machine, Process};
+use monitor::measure::contour;
 use program::{Modal, Program};
 use remote::wire::ProcessState;
 
@@ -23,6 +24,7 @@ use super::proc::Child;
 use super::reversal::Reversals;
 use super::timing::Timing;
 use super::track::Track;
+use super::trail::Trail;
 use super::words::{self, Says, Tone};
 
 /// Messages of the program that are shown.
@@ -104,6 +106,8 @@ pub struct Model {
     pub bus: Option<BusView>,
     /// The circle that is travelled.
     pub circle: CircleView,
+    /// Where the tool was; only of an observer who wants to draw it.
+    pub trail: Option<Trail>,
     /// Reversals since the observer came.
     pub reversals: Reversals,
     /// What happened since.
@@ -146,6 +150,7 @@ impl Model {
             axes: machine.axes.iter().map(AxisView::of).collect(),
             bus: None,
             circle: CircleView::default(),
+            trail: None,
             reversals: Reversals::default(),
             events: Events::default(),
             said: VecDeque::new(),
@@ -256,6 +261,7 @@ impl Model {
         {
             *to = from.get(last).copied().unwrap_or(0.0);
         }
+        self.take_trail(sample.scan, &table_mm);
         let (Some(note), Some(program)) = (self.track.of_mut(sample.scan), &self.program) else {
             return;
         };
@@ -272,6 +278,18 @@ impl Model {
         if let Some(radial_um) = self.circle.take(sample.scan, element, &tool_mm, period_s) {
             note.radial_um = radial_um;
         }
+    }
+
+    fn take_trail(&mut self, scan: u64, table_mm: &AxisVector) {
+        let Some(trail) = &mut self.trail else {
+            return;
+        };
+        let tool_mm = self.kinematics.tool(table_mm);
+        let error_um = self.track.of(scan).and_then(|note| {
+            let path = &self.program.as_ref()?.path;
+            contour::error_mm(path, &note.tag, &tool_mm).map(|mm| mm * 1e3)
+        });
+        trail.take(&tool_mm, error_um);
     }
 
     /// Takes a roster.

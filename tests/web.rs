@@ -1,0 +1,470 @@
+//! The page in the browser: what it shows, who may order through it, and that no browser changes a bit of the motion.
+
+mod browser;
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+
+use bus::sample::{Mode, ProgramState};
+use serde_json::Value;
+
+use crate::support::{
+    Bench, LiveCell, circle_program, long_program, quadrant, run_with, send, text,
+};
+use crate::up::{down, is, obeyed, up};
+
+/// Nothing here takes longer.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Where a page is, and its token.
+#[derive(Debug, Clone)]
+struct Page {
+    address: String,
+    token: String,
+}
+
+impl Page {
+    /// As it is printed; what is printed later is read by nobody, who must hold up no one.
+    fn printed(stdout: impl Read + Send + 'static) -> Page {
+        let mut lines = BufReader::new(stdout).lines();
+        let page = loop {
+            let line = lines.next().expect("an address").expect("a line");
+            if let Some((before, token)) = line.split_once("/#token=") {
+                let (_, address) = before.split_once("http://").expect("an address");
+                break Page {
+                    address: address.into(),
+                    token: token.trim().into(),
+                };
+            }
+        };
+        std::thread::spawn(move || lines.count());
+        page
+    }
+
+    /// That of a cell which was started with `--web=0`.
+    fn of(cell: &mut LiveCell) -> Page {
+        Page::printed(cell.child.stdout.take().expect("standard output"))
+    }
+
+    /// Head and body of the answer to a request with these lines in its head.
+    fn ask(&self, first: &str, more: &[&str], body: &str) -> (String, String) {
+        let lines: String = more.iter().map(|line| format!("{line}\r\n")).collect();
+        let host = if more.iter().any(|line| line.starts_with("Host:")) {
+            String::new()
+        } else {
+            format!("Host: {}\r\n", self.address)
+        };
+        let request = format!(
+            "{first} HTTP/1.1\r\n{host}{lines}Content-Length: {}\r\n\r\n{body}",
+            body.len()
+        );
+        let mut stream = TcpStream::connect(&self.address).expect("a connection");
+        stream.set_read_timeout(Some(PATIENCE)).expect("a limit");
+        // Who is refused early may be so while it still writes.
+        let _ = stream.write_all(request.as_bytes());
+        let mut answer = Vec::new();
+        let _ = stream.read_to_end(&mut answer);
+        let answer = String::from_utf8_lossy(&answer).into_owned();
+        let (head, body) = answer.split_once("\r\n\r\n").unwrap_or((&answer, ""));
+        (head.to_string(), body.to_string())
+    }
+
+    fn get(&self, path: &str) -> (String, String) {
+        self.ask(&format!("GET {path}"), &[], "")
+    }
+
+    /// Status and words of the answer to an order with these lines in the head.
+    fn order_with(&self, order: &str, more: &[&str]) -> (u32, String) {
+        let lines = [&["Content-Type: application/json"], more].concat();
+        let (head, body) = self.ask("POST /order", &lines, order);
+        let status = head.split(' ').nth(1).and_then(|word| word.parse().ok());
+        (status.unwrap_or(0), body)
+    }
+
+    fn order(&self, order: &str) -> (u32, String) {
+        let token = format!("Authorization: Bearer {}", self.token);
+        self.order_with(order, &[&token])
+    }
+
+    fn frames(&self) -> Frames {
+        let mut stream = TcpStream::connect(&self.address).expect("a connection");
+        stream.set_read_timeout(Some(PATIENCE)).expect("a limit");
+        let request = format!("GET /frames HTTP/1.1\r\nHost: {}\r\n\r\n", self.address);
+        stream.write_all(request.as_bytes()).expect("a request");
+        Frames(BufReader::new(stream).lines())
+    }
+}
+
+/// The frames that a browser gets.
+struct Frames(std::io::Lines<BufReader<TcpStream>>);
+
+impl Iterator for Frames {
+    type Item = Value;
+
+    fn next(&mut self) -> Option<Value> {
+        loop {
+            let line = self.0.next()?.ok()?;
+            if let Some(data) = line.strip_prefix("data: ") {
+                return Some(serde_json::from_str(data).expect("JSON"));
+            }
+        }
+    }
+}
+
+impl Frames {
+    /// The first frame that is as it is asked for.
+    fn until(&mut self, reached: impl Fn(&Value) -> bool) -> Value {
+        let started = Instant::now();
+        let found = self.find(|frame| reached(frame) || started.elapsed() > PATIENCE);
+        let frame = found.expect("frames");
+        assert!(reached(&frame), "it never came to that: {frame}");
+        frame
+    }
+}
+
+/// A page that was started by hand; dropping it ends it.
+struct ByHand {
+    child: Child,
+    page: Page,
+}
+
+impl ByHand {
+    fn start(cell: &LiveCell, more: &[&str]) -> ByHand {
+        let mut child = quadrant()
+            .args(["web", "0", "--cell", &cell.cell])
+            .args(more)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("the page");
+        let page = Page::printed(child.stdout.take().expect("standard output"));
+        ByHand { child, page }
+    }
+}
+
+impl Drop for ByHand {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn event_with<'a>(frame: &'a Value, words: &str) -> Option<&'a Value> {
+    let events = frame["events"].as_array().expect("events");
+    let mut all = events.iter();
+    all.find(|event| event["event"].as_str().is_some_and(|e| e.contains(words)))
+}
+
+#[test]
+fn the_page_and_all_it_needs_come_from_the_cell() {
+    let bench = Bench::patient("xy", &[]);
+    let program = bench.file("circle.ngc", &long_program());
+    let mut cell = LiveCell::start_with(bench.path(), &program, "realtime", &["--web=0"]);
+    let page = Page::of(&mut cell);
+    let (head, html) = page.get("/");
+    assert!(head.starts_with("HTTP/1.1 200 OK"), "{head}");
+    let policy = "content-security-policy: default-src 'none'; script-src 'self'";
+    assert!(head.to_lowercase().contains(policy), "{head}");
+    for file in ["page.css", "page.js", "icon.svg"] {
+        assert!(html.contains(&format!("\"{file}\"")), "{file}");
+    }
+    let (_, script) = page.get("/page.js");
+    for file in ["pictures.js", "orders.js", "stream.js"] {
+        assert!(script.contains(&format!("\"./{file}\"")), "{file}");
+        let (head, _) = page.get(&format!("/{file}"));
+        assert!(head.starts_with("HTTP/1.1 200 OK"), "{file}: {head}");
+    }
+    for text in [&html, &script] {
+        assert!(
+            !text.contains("//cdn") && !text.contains("https:"),
+            "from here alone"
+        );
+    }
+    assert!(page.get("/etc/passwd").0.starts_with("HTTP/1.1 404"));
+    cell.signal_launcher(libc::SIGTERM);
+    assert_eq!(cell.finish().status(), 130);
+}
+
+#[test]
+fn frames_follow_each_other_to_the_end_and_have_what_is_drawn() {
+    let bench = Bench::patient("xy", &[]);
+    let program = bench.file("circle.ngc", &long_program());
+    let mut cell = LiveCell::start_with(bench.path(), &program, "realtime", &["--web=0"]);
+    let page = Page::of(&mut cell);
+    let mut frames = page.frames();
+    let first = frames.until(|frame| frame["circle"]["running"] == true);
+    let others: Vec<Value> = frames.by_ref().take(20).collect();
+    let number = |frame: &Value| frame["frame"].as_u64().expect("a number");
+    let all: Vec<&Value> = std::iter::once(&first).chain(&others).collect();
+    assert!(all.windows(2).all(|w| number(w[1]) > number(w[0])));
+    assert!(
+        all.windows(2)
+            .all(|w| w[1]["status"]["scan"].as_u64() >= w[0]["status"]["scan"].as_u64())
+    );
+    assert_eq!(first["status"]["program"]["name"], "circle.ngc");
+    assert_eq!(first["says"]["state"], "RUNS");
+    assert_eq!(
+        first["circle"]["deviation_um"].as_array().map(Vec::len),
+        Some(360)
+    );
+    let moved = frames.until(|frame| frame["points"].as_array().is_some_and(|p| !p.is_empty()));
+    let point = &moved["points"][0];
+    let radius_mm = point[0]
+        .as_f64()
+        .expect("X")
+        .hypot(point[1].as_f64().expect("Y"));
+    assert!(
+        (radius_mm - 25.0).abs() < 1.0 && point[3].is_f64(),
+        "{point}"
+    );
+    let json = |path: &str| -> Value { serde_json::from_str(&page.get(path).1).expect(path) };
+    assert_eq!(json("/machine")["axes"][1]["axis"], "Y");
+    let stretches = json("/path")["stretches"]
+        .as_array()
+        .cloned()
+        .expect("stretches");
+    assert!(
+        stretches.iter().any(|s| s["rapid"] == true),
+        "{stretches:?}"
+    );
+    let arc = stretches
+        .iter()
+        .find(|s| s["rapid"] == false)
+        .expect("a circle");
+    assert!(
+        arc["places_mm"]
+            .as_array()
+            .is_some_and(|places| places.len() > 3 * 80)
+    );
+    assert!(
+        json("/trail")["points"]
+            .as_array()
+            .is_some_and(|points| !points.is_empty())
+    );
+    cell.signal_launcher(libc::SIGTERM);
+    let last = frames.last().expect("frames to the end");
+    assert_eq!(last["ended"], true, "{last}");
+    assert_eq!(cell.finish().status(), 130);
+}
+
+#[test]
+fn an_order_needs_the_token_and_comes_from_this_page_alone() {
+    let (_bench, cell, _, long) = up("realtime");
+    let by_hand = ByHand::start(&cell, &[]);
+    let page = &by_hand.page;
+    let enable = r#"{"order":"enable"}"#;
+    let token = format!("Authorization: Bearer {}", page.token);
+    let (status, words) = page.order_with(enable, &[]);
+    assert_eq!(status, 401, "{words}");
+    assert!(words.contains("Authorization: Bearer TOKEN"), "{words}");
+    for wrong in ["Authorization: Bearer 0", &format!("{token}0")] {
+        let (status, words) = page.order_with(enable, &[wrong]);
+        assert_eq!(status, 403, "{wrong}: {words}");
+        assert!(words.contains("not the token of this page"), "{words}");
+    }
+    let elsewhere = page.order_with(enable, &[&token, "Origin: http://evil.example"]);
+    assert_eq!(elsewhere.0, 403, "{elsewhere:?}");
+    let rebound = page.order_with(enable, &[&token, "Host: evil.example:8640"]);
+    assert_eq!(rebound.0, 403, "{rebound:?}");
+    assert!(rebound.1.contains("no name of this PC"), "{rebound:?}");
+    let (head, _) = page.ask("POST /order", &[&token, "Content-Type: text/plain"], enable);
+    assert!(head.starts_with("HTTP/1.1 415"), "{head}");
+    let (head, _) = page.ask("GET /order", &[&token], "");
+    assert!(head.starts_with("HTTP/1.1 405"), "{head}");
+    let (status, words) = page.order(r#"{"order":"down"}"#);
+    assert_eq!(status, 400, "{words}");
+    assert!(words.contains(r#"{"order":"hold"}"#), "{words}");
+    let (status, _) = page.order(&format!(r#"{{"order":"{}"}}"#, "x".repeat(8000)));
+    assert_eq!(status, 413);
+    let mut frames = page.frames();
+    let untouched = frames.next().expect("a frame");
+    assert_eq!(untouched["status"]["mode"], "disabled", "{untouched}");
+    // And with the token it is obeyed.
+    let refused = page.order(r#"{"order":"jog","axis":"X","distance":1}"#);
+    assert_eq!(refused.0, 409, "{refused:?}");
+    assert!(refused.1.contains("jog refused: "), "{refused:?}");
+    let same = format!("Origin: http://{}", page.address);
+    let (status, words) = page.order_with(enable, &[&token, &same]);
+    assert_eq!(
+        (status, words.contains("drives on")),
+        (200, true),
+        "{words}"
+    );
+    frames.until(|frame| frame["status"]["mode"] == "ready");
+    obeyed(&cell, &["load", &long]);
+    for (order, mode) in [
+        (r#"{"order":"start"}"#, "enabled"),
+        (r#"{"order":"override","percent":50}"#, "enabled"),
+        (r#"{"order":"hold"}"#, "enabled"),
+        (r#"{"order":"stop"}"#, "stopped"),
+    ] {
+        let (status, words) = page.order(order);
+        assert_eq!(status, 200, "{order}: {words}");
+        frames.until(|frame| frame["status"]["mode"] == mode);
+    }
+    let last = frames.until(|frame| frame["status"]["override_percent"] == 50);
+    assert!(
+        event_with(&last, "override 100 % → 50 %").is_some(),
+        "{last}"
+    );
+    drop(by_hand);
+    down(cell);
+}
+
+#[test]
+fn the_token_of_a_file_is_printed_nowhere_and_one_that_others_can_read_is_refused() {
+    let (_bench, cell, _, _) = up("realtime");
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("token").display().to_string();
+    let by_hand = ByHand::start(&cell, &["--token", &file]);
+    let token = std::fs::read_to_string(&file).expect("the file");
+    assert!(
+        by_hand.page.token.starts_with("TOKEN"),
+        "{:?}",
+        by_hand.page
+    );
+    let page = Page {
+        token: token.trim().into(),
+        ..by_hand.page.clone()
+    };
+    assert_eq!(page.order(r#"{"order":"enable"}"#).0, 200);
+    drop(by_hand);
+    let open = std::os::unix::fs::PermissionsExt::from_mode(0o644);
+    std::fs::set_permissions(&file, open).expect("its mode");
+    let refused = quadrant()
+        .args(["web", "0", "--cell", &cell.cell, "--token", &file])
+        .output()
+        .expect("the command");
+    let words = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(2), "{words}");
+    assert!(words.contains("chmod 600"), "{words}");
+    down(cell);
+}
+
+/// Where other machines could look, looking needs the token too, and everybody is warned.
+#[test]
+fn at_an_address_that_others_reach_even_looking_needs_the_token() {
+    let (_bench, cell, _, _) = up("realtime");
+    let mut child = quadrant()
+        .args(["web", "0.0.0.0:0", "--cell", &cell.cell])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the page");
+    let printed = Page::printed(child.stdout.take().expect("standard output"));
+    let (_, port) = printed.address.rsplit_once(':').expect("a port");
+    let page = Page {
+        address: format!("127.0.0.1:{port}"),
+        ..printed.clone()
+    };
+    assert!(page.get("/").0.starts_with("HTTP/1.1 200"));
+    for path in ["/frames", "/machine", "/path", "/trail"] {
+        assert!(page.get(path).0.starts_with("HTTP/1.1 401"), "{path}");
+    }
+    let token = format!("Authorization: Bearer {}", page.token);
+    let (head, _) = page.ask("GET /machine", &[&token], "");
+    assert!(head.starts_with("HTTP/1.1 200"), "{head}");
+    send(child.id() as i32, libc::SIGTERM);
+    let ended = child.wait_with_output().expect("its end");
+    let words = String::from_utf8_lossy(&ended.stderr).into_owned();
+    assert!(
+        words.contains("CAN BE REACHED FROM OTHER MACHINES"),
+        "{words}"
+    );
+    assert_eq!(ended.status.code(), Some(0), "{words}");
+    down(cell);
+}
+
+#[test]
+fn a_port_that_is_taken_is_refused_before_anything_starts() {
+    let taken = TcpListener::bind("127.0.0.1:0").expect("a socket");
+    let address = taken.local_addr().expect("its address").to_string();
+    let bench = Bench::of("xy", &[]);
+    let program = circle_program(25.0, 3000.0, (0.0, 0.0), 0.0);
+    let program = bench.file("program.ngc", &program);
+    let run = run_with(bench.path(), &program, &[&format!("--web={address}")]);
+    assert_eq!(run.status(), 3, "{}", run.stderr());
+    let words = format!("the page cannot be served at {address}");
+    assert!(run.stderr().contains(&words), "{}", run.stderr());
+    assert!(!run.out.exists(), "nothing was started");
+}
+
+/// A page with browsers that look, take nothing and are cut off, and whose process is killed in the middle.
+#[test]
+fn no_browser_and_no_dead_page_changes_a_bit_of_the_motion() {
+    let bench = Bench::of("xy", &[]);
+    let turns = long_program();
+    let half: Vec<&str> = turns.lines().take(turns.lines().count() / 2).collect();
+    let program = bench.file("circle.ngc", &format!("{}\nM2\n", half.join("\n")));
+    let alone = run_with(bench.path(), &program, &[]).good_report();
+    let mut cell = LiveCell::start_with(bench.path(), &program, "lockstep", &["--web=0"]);
+    let page = Page::of(&mut cell);
+    let mut looks = page.frames();
+    assert_eq!(looks.by_ref().take(3).count(), 3, "frames");
+    let takes_nothing = page.frames();
+    let mut cut_off = page.frames();
+    cut_off.next().expect("a frame");
+    drop(cut_off);
+    page.order_with(r#"{"order":"stop"}"#, &[]);
+    let process = cell.pid_of(" web ");
+    send(process, libc::SIGKILL);
+    // They come to an end.
+    looks.count();
+    let run = cell.finish();
+    drop(takes_nothing);
+    for digest in ["/motion_digest", "/digest"] {
+        assert_eq!(
+            text(&alone, digest),
+            text(&run.good_report(), digest),
+            "{digest}"
+        );
+    }
+    assert!(
+        run.stderr()
+            .contains("the page in the browser was killed by signal 9"),
+        "{}",
+        run.stderr()
+    );
+}
+
+#[test]
+fn a_page_that_was_killed_is_there_again_with_the_same_address_and_token() {
+    let bench = Bench::patient("xy", &[]);
+    let program = bench.file("circle.ngc", &long_program());
+    let mut cell = LiveCell::start_with(bench.path(), &program, "realtime", &["--web=0"]);
+    let page = Page::of(&mut cell);
+    page.frames().next().expect("a frame");
+    send(cell.pid_of(" web "), libc::SIGKILL);
+    let scan = |frame: &Value| frame["status"]["scan"].as_u64();
+    // Whoever connects meanwhile waits in the socket's queue.
+    let again = page.frames().find(|frame| scan(frame).is_some());
+    assert!(again.is_some(), "the page is there again");
+    let (status, words) = page.order(r#"{"order":"stop"}"#);
+    assert_eq!(status, 200, "{words}");
+    assert_eq!(cell.finish().status(), 1);
+}
+
+/// Who dies shows with its death, and who replaces it with its start.
+#[test]
+fn a_killed_servo_shows_in_a_frame_with_its_death() {
+    let (_bench, mut cell, _, long) = up("realtime");
+    let by_hand = ByHand::start(&cell, &[]);
+    let mut frames = by_hand.page.frames();
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["load", &long]);
+    obeyed(&cell, &["start"]);
+    cell.wait_for(|f| is(f, Mode::Enabled, ProgramState::Running));
+    send(cell.pid_of(" servo "), libc::SIGKILL);
+    let death = |frame: &Value| {
+        let all = frame["status"]["processes"].as_array().cloned();
+        all.unwrap_or_default()
+            .iter()
+            .any(|process| process["last_death"]["signal"] == 9)
+    };
+    let shown = frames.until(death);
+    assert!(event_with(&shown, "servo").is_some(), "{shown}");
+    drop(by_hand);
+    down(cell);
+}

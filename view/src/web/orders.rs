@@ -1,0 +1,206 @@
+//! Orders from the page: those of the command line, word for word.
+//!
+//! Each is given by the command itself, in a process of its own, so that every check, every word of its answer and every limit of
+//! time is the command's. `hold`, `stop` and `estop` need no process: nothing that this PC lacks may keep them back.
+
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use bus::sample::Order;
+use launcher::operator;
+use launcher::web::TOKEN_VARIABLE;
+use serde::Deserialize;
+
+use super::words_of;
+
+/// A command that has not ended by then is ended: each has its own limits, and they are shorter.
+const LIMIT: Duration = Duration::from_secs(30);
+const LOOK: Duration = Duration::from_millis(3);
+/// Axis letters in an order, at most.
+const AXES_MAX: usize = 16;
+
+/// What may be ordered.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(tag = "order", rename_all = "kebab-case", deny_unknown_fields)]
+pub enum WebOrder {
+    /// Feed hold.
+    Hold,
+    /// On after a hold or a stop.
+    Resume,
+    /// To rest on the path.
+    Stop,
+    /// All axes brake at their limits.
+    Estop,
+    /// Begin the program that is loaded.
+    Start,
+    /// Drives on.
+    Enable,
+    /// Drives off.
+    Disable,
+    /// Feed override.
+    Override {
+        /// In percent.
+        percent: f64,
+    },
+    /// Whether M1 stops.
+    OptionalStop {
+        /// It does.
+        on: bool,
+    },
+    /// One axis by hand.
+    Jog {
+        /// Its letter.
+        axis: String,
+        /// In mm (degrees), signed.
+        distance: f64,
+    },
+    /// Home axes.
+    Home {
+        /// Their letters; none for all that have to be homed.
+        #[serde(default)]
+        axes: Vec<String>,
+    },
+}
+
+/// What an order has to look like.
+const EXAMPLES: &str = r#"{"order":"hold"}, "resume", "stop", "estop", "start", "enable", "disable"; {"order":"override","percent":80}; {"order":"optional-stop","on":true}; {"order":"jog","axis":"X","distance":-0.1}; {"order":"home","axes":["X"]}"#;
+
+/// Reads an order.
+///
+/// # Errors
+/// It is none; in words.
+pub fn parse(body: &[u8]) -> Result<WebOrder, String> {
+    let order: WebOrder = serde_json::from_slice(body)
+        .map_err(|error| format!("no order: {error}; an order is one of {EXAMPLES}\n"))?;
+    let is_letter = |axis: &String| {
+        let plain = axis.chars().all(|letter| letter.is_ascii_alphabetic());
+        plain && (1..=2).contains(&axis.len())
+    };
+    let axes: &[String] = match &order {
+        WebOrder::Jog { axis, .. } => std::slice::from_ref(axis),
+        WebOrder::Home { axes } => axes,
+        _ => &[],
+    };
+    if axes.len() > AXES_MAX || !axes.iter().all(is_letter) {
+        return Err("an axis is named by its letter, as X\n".into());
+    }
+    Ok(order)
+}
+
+impl WebOrder {
+    /// The words of the command line.
+    fn arguments(&self) -> Vec<String> {
+        let words = |words: &[&str]| words.iter().map(|word| (*word).to_string()).collect();
+        match self {
+            WebOrder::Hold => words(&["hold"]),
+            WebOrder::Resume => words(&["resume"]),
+            WebOrder::Stop => words(&["stop"]),
+            WebOrder::Estop => words(&["estop"]),
+            WebOrder::Start => words(&["start"]),
+            WebOrder::Enable => words(&["enable"]),
+            WebOrder::Disable => words(&["disable"]),
+            WebOrder::Override { percent } => words(&["override", &percent.to_string()]),
+            WebOrder::OptionalStop { on } => {
+                words(&["optional-stop", if *on { "on" } else { "off" }])
+            }
+            WebOrder::Jog { axis, distance } => words(&["jog", axis, &distance.to_string()]),
+            WebOrder::Home { axes } => {
+                let mut all: Vec<String> = words(&["home"]);
+                all.extend(axes.iter().cloned());
+                all
+            }
+        }
+    }
+
+    /// Gives it to the cell of this name: what came of it, in words; or why nothing did.
+    pub fn give(&self, cell: &str) -> Result<String, String> {
+        let urgent = match self {
+            WebOrder::Hold => Some(Order::Hold),
+            WebOrder::Stop => Some(Order::Stop),
+            WebOrder::Estop => Some(Order::EmergencyStop),
+            _ => None,
+        };
+        let done = match urgent {
+            Some(order) => operator::order(cell, order, 0.0).map_err(|failure| words_of(&failure)),
+            None => command(&self.arguments(), cell),
+        };
+        let (Ok(words) | Err(words)) = &done;
+        tracing::info!("from the page: {}: {words}", self.arguments().join(" "));
+        done
+    }
+}
+
+/// Runs the command; what it prints, and whether it was obeyed.
+fn command(arguments: &[String], cell: &str) -> Result<String, String> {
+    let child = Command::new("/proc/self/exe")
+        .args(arguments)
+        .args(["--cell", cell])
+        .env_remove(TOKEN_VARIABLE)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn();
+    let mut child = child.map_err(|error| format!("the order could not be given: {error}"))?;
+    let since = Instant::now();
+    while matches!(child.try_wait(), Ok(None)) {
+        if since.elapsed() > LIMIT {
+            let _ = child.kill();
+        }
+        std::thread::sleep(LOOK);
+    }
+    let ended = child.wait_with_output();
+    let ended = ended.map_err(|error| format!("what came of the order is not known: {error}"))?;
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).trim().to_string();
+    if ended.status.success() {
+        return Ok(text(&ended.stdout));
+    }
+    let words = text(&ended.stderr);
+    Err(words
+        .strip_prefix("quadrant: ")
+        .map_or(words.clone(), str::to_string))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn orders_are_those_of_the_command_line_word_for_word() {
+        let words = |body: &str| parse(body.as_bytes()).expect(body).arguments().join(" ");
+        assert_eq!(words(r#"{"order":"hold"}"#), "hold");
+        assert_eq!(words(r#"{"order":"override","percent":80}"#), "override 80");
+        assert_eq!(
+            words(r#"{"order":"jog","axis":"X","distance":-0.01}"#),
+            "jog X -0.01"
+        );
+        assert_eq!(words(r#"{"order":"home"}"#), "home");
+        assert_eq!(words(r#"{"order":"home","axes":["X","Z"]}"#), "home X Z");
+        assert_eq!(
+            words(r#"{"order":"optional-stop","on":false}"#),
+            "optional-stop off"
+        );
+    }
+
+    #[test]
+    fn what_is_no_order_is_refused_with_what_is_right() {
+        for body in [
+            "",
+            "hold",
+            r#"{"order":"down"}"#,
+            r#"{"order":"load","program":"/etc/passwd"}"#,
+            r#"{"order":"override"}"#,
+            r#"{"order":"override","percent":"80"}"#,
+            r#"{"order":"override","percent":1e999}"#,
+            r#"{"order":"jog","axis":"X"}"#,
+            r#"{"order":"jog","axis":"X","distance":1,"cell":"other"}"#,
+        ] {
+            let words = parse(body.as_bytes()).expect_err(body);
+            assert!(words.contains(r#"{"order":"jog","axis":"X""#), "{words}");
+        }
+        for axis in ["", "--wait", "XYZ", "X 1", "/"] {
+            let body = format!(r#"{{"order":"jog","axis":"{axis}","distance":1}}"#);
+            let words = parse(body.as_bytes()).expect_err(axis);
+            assert!(words.contains("by its letter"), "{axis}: {words}");
+        }
+    }
+}

@@ -1,0 +1,281 @@
+//! Hands the page and its frames to browsers, over HTTP/1, all in one thread; a browser that is slow, gone or malicious costs a
+//! connection and nothing else.
+//!
+//! Everything has a bound: connections, browsers that look, the head and body of a request, the time for them. A frame that a browser has
+//! not taken when the next one is there is not kept for it. One that takes nothing at all is disconnected by the system after
+//! [`STALLED_MS`].
+
+use std::convert::Infallible;
+use std::net::TcpListener;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use axum::Router;
+use axum::body::{Body, Bytes, to_bytes};
+use axum::extract::{Request, State};
+use axum::http::header::{
+    CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HeaderValue, REFERRER_POLICY,
+    WWW_AUTHENTICATE, X_CONTENT_TYPE_OPTIONS,
+};
+use axum::http::{HeaderMap, HeaderName, StatusCode};
+use axum::middleware::{self, Next};
+use axum::response::{IntoResponse, Response};
+use axum::routing::{get, post};
+use hyper::server::conn::http1;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::service::TowerToHyperService;
+use launcher::web::Token;
+use rustix::net::sockopt;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
+use tokio_stream::StreamExt;
+use tokio_stream::wrappers::WatchStream;
+
+use super::pictures::{Pictures, locked};
+use super::{guard, orders};
+
+/// The most connections at a time; more wait in the socket's queue.
+const CONNECTIONS_MAX: usize = 64;
+/// The most browsers that look at a time.
+const LOOKING_MAX: usize = 12;
+/// The most orders under way at a time: a hold or stop beside one that waits.
+const ORDERS_MAX: usize = 4;
+/// The longest head of a request, and the most that is kept for a connection that is slow.
+const HEAD_BYTES: usize = 16 << 10;
+/// The longest order.
+const ORDER_BYTES: usize = 4 << 10;
+/// What the system keeps for a connection that is slow: a frame or a few.
+const SEND_BYTES: usize = 32 << 10;
+/// The longest time for the head of a request, and for its body.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// A connection that takes nothing is closed by the system after so long.
+const STALLED_MS: u32 = 10_000;
+/// Wait after an accept that failed, as when no descriptor is left.
+const PAUSE: Duration = Duration::from_millis(100);
+/// What the page may load: what comes from here.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+/// What is served.
+#[derive(Clone)]
+pub struct Served {
+    /// The newest frame.
+    pub frames: watch::Receiver<Bytes>,
+    /// What is too large for each frame.
+    pub pictures: Arc<Mutex<Pictures>>,
+    /// What orders need.
+    pub token: Token,
+    /// Only this PC can ask: whoever does may look.
+    pub shown_to_all: bool,
+    /// Name of the cell.
+    pub cell: String,
+}
+
+#[derive(Clone)]
+struct Desk {
+    served: Served,
+    looking: Arc<Semaphore>,
+    ordering: Arc<Semaphore>,
+}
+
+/// Serves at `listener` in a thread of its own, as long as the process lives.
+///
+/// # Errors
+/// The thread cannot be started.
+pub fn start(listener: TcpListener, served: Served) -> std::io::Result<()> {
+    listener.set_nonblocking(true)?;
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .max_blocking_threads(ORDERS_MAX)
+        .build()?;
+    let listener = {
+        let _inside = runtime.enter();
+        tokio::net::TcpListener::from_std(listener)?
+    };
+    let router = router(served);
+    std::thread::Builder::new()
+        .name("qd-web".into())
+        .spawn(move || runtime.block_on(accept(&listener, router)))?;
+    Ok(())
+}
+
+async fn accept(listener: &tokio::net::TcpListener, router: Router) {
+    let connections = Arc::new(Semaphore::new(CONNECTIONS_MAX));
+    loop {
+        let permit = Arc::clone(&connections).acquire_owned().await;
+        let Ok((stream, _)) = listener.accept().await else {
+            tokio::time::sleep(PAUSE).await;
+            continue;
+        };
+        // Without them it is served all the same, only less tightly.
+        let _ = sockopt::set_socket_send_buffer_size(&stream, SEND_BYTES);
+        let _ = sockopt::set_tcp_user_timeout(&stream, STALLED_MS);
+        let _ = stream.set_nodelay(true);
+        let service = TowerToHyperService::new(router.clone());
+        tokio::spawn(async move {
+            // Whether a browser leaves early is its own affair.
+            let _ = http1::Builder::new()
+                .timer(TokioTimer::new())
+                .header_read_timeout(PATIENCE)
+                .keep_alive(false)
+                .max_buf_size(HEAD_BYTES)
+                .serve_connection(TokioIo::new(stream), service)
+                .await;
+            drop(permit);
+        });
+    }
+}
+
+fn router(served: Served) -> Router {
+    let desk = Desk {
+        served,
+        looking: Arc::new(Semaphore::new(LOOKING_MAX)),
+        ordering: Arc::new(Semaphore::new(ORDERS_MAX)),
+    };
+    let file = |kind: &'static str, text: &'static str| {
+        get(move || async move { ([(CONTENT_TYPE, kind)], text) })
+    };
+    const SCRIPT: &str = "text/javascript; charset=utf-8";
+    let shown = Router::new()
+        .route("/frames", get(frames))
+        .route("/machine", get(machine))
+        .route("/path", get(path))
+        .route("/trail", get(trail))
+        .route_layer(middleware::from_fn_with_state(desk.clone(), who_looks));
+    Router::new()
+        .route(
+            "/",
+            file("text/html; charset=utf-8", include_str!("page/page.html")),
+        )
+        .route(
+            "/page.css",
+            file("text/css; charset=utf-8", include_str!("page/page.css")),
+        )
+        .route("/page.js", file(SCRIPT, include_str!("page/page.js")))
+        .route(
+            "/pictures.js",
+            file(SCRIPT, include_str!("page/pictures.js")),
+        )
+        .route("/orders.js", file(SCRIPT, include_str!("page/orders.js")))
+        .route("/stream.js", file(SCRIPT, include_str!("page/stream.js")))
+        .route(
+            "/icon.svg",
+            file("image/svg+xml", include_str!("page/icon.svg")),
+        )
+        .route("/order", post(order))
+        .merge(shown)
+        .fallback(|| async { (StatusCode::NOT_FOUND, "the page is at /\n") })
+        .layer(middleware::from_fn(every_answer))
+        .with_state(desk)
+}
+
+/// Of every request: whom it asks; of every answer: what a browser may do with it.
+async fn every_answer(request: Request, next: Next) -> Response {
+    let mut response = match guard::host(request.headers()) {
+        Ok(()) => next.run(request).await,
+        Err(refusal) => refusal.into_response(),
+    };
+    let headers = response.headers_mut();
+    let mut set = |name: HeaderName, value: &'static str| {
+        headers.insert(name, HeaderValue::from_static(value));
+    };
+    set(CACHE_CONTROL, "no-store");
+    set(CONTENT_SECURITY_POLICY, POLICY);
+    set(X_CONTENT_TYPE_OPTIONS, "nosniff");
+    set(REFERRER_POLICY, "no-referrer");
+    set(
+        HeaderName::from_static("cross-origin-resource-policy"),
+        "same-origin",
+    );
+    response
+}
+
+fn refused((status, words): guard::Refusal) -> Response {
+    let mut response = (status, words).into_response();
+    if status == StatusCode::UNAUTHORIZED {
+        let scheme = HeaderValue::from_static("Bearer");
+        response.headers_mut().insert(WWW_AUTHENTICATE, scheme);
+    }
+    response
+}
+
+/// Where other machines reach the page, looking needs the token too.
+async fn who_looks(State(desk): State<Desk>, request: Request, next: Next) -> Response {
+    if !desk.served.shown_to_all
+        && let Err(refusal) = guard::token(request.headers(), &desk.served.token)
+    {
+        return refused(refusal);
+    }
+    next.run(request).await
+}
+
+/// One browser that looks: its frames, until it leaves.
+async fn frames(State(desk): State<Desk>) -> Response {
+    let Ok(seat) = Arc::clone(&desk.looking).try_acquire_owned() else {
+        return (
+            StatusCode::SERVICE_UNAVAILABLE,
+            format!("{LOOKING_MAX} browsers look at this page already: close one\n"),
+        )
+            .into_response();
+    };
+    let frames = WatchStream::from_changes(desk.served.frames);
+    let frames = frames.map(move |frame| -> Result<Bytes, Infallible> {
+        let _as_long_as_it_looks: &OwnedSemaphorePermit = &seat;
+        Ok(frame)
+    });
+    let kind = [(CONTENT_TYPE, "text/event-stream")];
+    (kind, Body::from_stream(frames)).into_response()
+}
+
+fn json(text: Bytes) -> impl IntoResponse {
+    ([(CONTENT_TYPE, "application/json")], text)
+}
+
+async fn machine(State(desk): State<Desk>) -> impl IntoResponse {
+    json(locked(&desk.served.pictures).machine())
+}
+
+async fn path(State(desk): State<Desk>) -> impl IntoResponse {
+    json(locked(&desk.served.pictures).path())
+}
+
+async fn trail(State(desk): State<Desk>) -> impl IntoResponse {
+    json(locked(&desk.served.pictures).trail())
+}
+
+/// One order: 200 with what came of it, 409 with the reason where the cell refuses it.
+async fn order(State(desk): State<Desk>, headers: HeaderMap, body: Body) -> Response {
+    let may = guard::origin(&headers)
+        .and_then(|()| guard::token(&headers, &desk.served.token))
+        .and_then(|()| guard::kind(&headers));
+    if let Err(refusal) = may {
+        return refused(refusal);
+    }
+    let body = match tokio::time::timeout(PATIENCE, to_bytes(body, ORDER_BYTES)).await {
+        Ok(Ok(body)) => body,
+        Ok(Err(_)) => {
+            let words = format!("an order has at most {ORDER_BYTES} bytes\n");
+            return (StatusCode::PAYLOAD_TOO_LARGE, words).into_response();
+        }
+        Err(_) => {
+            let words = "the order did not come to its end in time\n";
+            return (StatusCode::REQUEST_TIMEOUT, words).into_response();
+        }
+    };
+    let order = match orders::parse(&body) {
+        Ok(order) => order,
+        Err(words) => return (StatusCode::BAD_REQUEST, words).into_response(),
+    };
+    let Ok(_turn) = desk.ordering.try_acquire() else {
+        let words = "the orders before have no answer yet: not given\n";
+        return (StatusCode::SERVICE_UNAVAILABLE, words).into_response();
+    };
+    let cell = desk.served.cell.clone();
+    let given = tokio::task::spawn_blocking(move || order.give(&cell)).await;
+    match given {
+        Ok(Ok(words)) => (StatusCode::OK, words).into_response(),
+        Ok(Err(words)) => (StatusCode::CONFLICT, words).into_response(),
+        Err(_) => {
+            let words = "what came of the order is not known\n";
+            (StatusCode::INTERNAL_SERVER_ERROR, words).into_response()
+        }
+    }
+}
