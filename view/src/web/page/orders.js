@@ -86,7 +86,7 @@ async function give(order) {
 // Steps that come faster than answers are one order.
 async function override(percent) {
   if (token() === "") return;
-  overrideWanted = Math.min(100, Math.max(0, percent));
+  overrideWanted = Math.min(200, Math.max(0, percent));
   $("override-value").textContent = `${overrideWanted} %`;
   if (overrideSending) return;
   overrideSending = true;
