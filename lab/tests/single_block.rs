@@ -81,9 +81,11 @@ fn run(
         let on = feedback.mode == Mode::Enabled as u32;
         let waits = !on && feedback.mode != Mode::Finished as u32 || feedback.hold == 1;
         quiet_scans = if waits { quiet_scans + 1 } else { 0 };
+        if quiet_scans == ORDER_SCANS / 2 {
+            at_stop(&mut cell, seen.stops.len());
+        }
         if quiet_scans == ORDER_SCANS {
             quiet_scans = 0;
-            at_stop(&mut cell, seen.stops.len());
             let next = if on { Order::Resume } else { Order::Enable };
             cell.order(&order(next, 0.0));
         }
