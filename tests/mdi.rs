@@ -48,6 +48,7 @@ fn a_wrong_block_moves_nothing_and_says_where_it_is_wrong() {
         assert_eq!(printed.status, 2, "{blocks:?}: {}", printed.text);
         assert!(printed.text.contains(why), "{blocks:?}: {}", printed.text);
         assert!(!printed.text.contains("/dev/shm"), "{}", printed.text);
+        assert!(!printed.text.contains("5 | "), "{}", printed.text);
     }
     let after = cell.wait_for(|f| f.scan > before.scan + 100);
     assert_eq!((x_nm(&after), after.run), (x_nm(&before), 0));

@@ -179,6 +179,9 @@ impl Written {
         for line in 1..=self.lines + 1 {
             let found = format!("{name}:{}", line + before);
             message = message.replace(&format!("{found}:"), &format!("mdi:{line}:"));
+            // The block as it is shown below.
+            let shown = format!("\n {} | ", line + before);
+            message = message.replace(&shown, &format!("\n {line} | "));
         }
         message.replace(&name, "mdi")
     }
