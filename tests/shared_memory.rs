@@ -56,6 +56,8 @@ fn a_cell_for_which_shared_memory_is_too_small_is_not_started() {
         assert_eq!(output.status.code(), Some(3), "{size}: {printed}");
         assert!(printed.contains("has no room for"), "{size}: {printed}");
         assert!(printed.contains("remount,size="), "{size}: {printed}");
+        let left = out.path().join("run");
+        assert!(!left.exists(), "{size}: the run directory of nothing");
     }
 }
 

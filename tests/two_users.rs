@@ -185,6 +185,11 @@ fn a_cell_of_another_user_is_said_to_be_his_and_left_alone() {
     assert!(words(&run).contains("belongs to user 0"), "{}", words(&run));
     let unnamed = other.quadrant().arg("stop").output().expect("a stop");
     assert_eq!(unnamed.status.code(), Some(1), "{}", words(&unnamed));
+    let says = words(&unnamed);
+    assert!(
+        says.contains(&name) && says.contains("under another user"),
+        "{says}"
+    );
     let stop = quadrant().args(["stop", "--cell", &name]).output();
     assert!(stop.expect("a stop").status.success());
     assert_eq!(cell.finish().status(), 1);

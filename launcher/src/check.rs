@@ -224,6 +224,13 @@ impl Checked {
         self.warnings.iter().cloned().chain(differ).collect()
     }
 
+    /// Time of the program, about, in s; none of a long one.
+    pub(crate) fn seconds(&self) -> Option<f64> {
+        let mut windows = self.planner().ok()?;
+        let start = windows.start_state();
+        windows.time_to_end_s(&start, 1.0).ok()
+    }
+
     /// A planner of windows along the program.
     ///
     /// # Errors

@@ -3,6 +3,7 @@
 mod bus_scan;
 mod bus_sdo;
 pub mod check;
+mod disk_room;
 pub mod doctor;
 pub mod drive_files;
 pub mod events;

@@ -30,8 +30,8 @@ impl Progress {
         scan_period_s: f64,
         bar: bool,
     ) -> Progress {
-        let target = if bar && std::io::stderr().is_terminal() {
-            ProgressDrawTarget::term_like_with_hz(Box::new(BarTerminal::default()), 10)
+        let target = if bar {
+            target()
         } else {
             ProgressDrawTarget::hidden()
         };
@@ -49,6 +49,11 @@ impl Progress {
             newest: None,
             told_of: None,
         }
+    }
+
+    /// Shows the bar from now on, where there is a terminal.
+    pub fn show_bar(&self) {
+        self.bar.set_draw_target(target());
     }
 
     /// Looks and draws; the newest feedback, if there has been one.
@@ -100,6 +105,15 @@ impl Progress {
     /// Takes the bar away.
     pub fn finish(&self) {
         self.bar.finish_and_clear();
+    }
+}
+
+/// Standard error, if it is a terminal.
+fn target() -> ProgressDrawTarget {
+    if std::io::stderr().is_terminal() {
+        ProgressDrawTarget::term_like_with_hz(Box::new(BarTerminal::default()), 10)
+    } else {
+        ProgressDrawTarget::hidden()
     }
 }
 

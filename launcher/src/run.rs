@@ -22,7 +22,9 @@ use crate::run_dir::{RunDir, Sources, default_folder, program_name};
 use crate::signals::Signals;
 use crate::supervise::{Ending, Subject, Watch, supervise};
 use crate::view::{self, View};
-use crate::{doctor, exit, logs, metrics_socket, report, service_manager, training, web};
+use crate::{
+    disk_room, doctor, exit, logs, metrics_socket, report, service_manager, training, web,
+};
 
 /// Members of a dead launcher get so long to stop on the path and leave.
 const MEMBERS_PATIENCE: Duration = Duration::from_secs(10);
@@ -80,8 +82,9 @@ pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Fail
         single_block: options.single_block,
         ..Plan::of(&run_dir, options.pace(), options.answer_limit, metrics)
     };
-    origin::note(&place, &machine_path).environment()?;
-    let mut group = start(cell, &checked.machine, &plan, &signals)?;
+    let started = origin::note(&place, &machine_path).environment();
+    let started = started.and_then(|()| start(cell, &checked.machine, &plan, &signals));
+    let mut group = started.inspect_err(|_| run_dir.discard())?;
     let mut events = Events::create(&run_dir.folder).environment()?;
     note_started(&group, &mut events);
     let watch = Watch::new(&group, &checked.machine, !options.view).environment()?;
@@ -143,6 +146,7 @@ fn make_run_dir(
     let machine = &checked.machine;
     let default = || default_folder(&machine.name, &options.program);
     let folder = options.out.clone().unwrap_or_else(default);
+    disk_room::check(&folder, machine, || checked.seconds()).environment()?;
     let program = checked.program.as_ref().filter(|_| options.learn);
     let program = program.map(|program| format!("{:016x}", program.source_hash));
     let trained = training::trained(

@@ -127,6 +127,11 @@ pub fn program_name(program: &Path) -> anyhow::Result<&str> {
 const HASHED_BYTES: u64 = program::FILE_BYTES_MAX;
 
 impl RunDir {
+    /// Takes it away again: nothing was started.
+    pub fn discard(&self) {
+        let _ = fs::remove_dir_all(&self.folder);
+    }
+
     /// Makes it and copies the sources.
     ///
     /// # Errors

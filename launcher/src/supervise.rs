@@ -242,8 +242,15 @@ impl<'a> Supervision<'a> {
         self.group.wait(Some(self.signals.descriptor()), limit);
         self.group.publish_roster_to_newcomers();
         self.group.repeat_roster();
-        if let Some(view) = &mut self.view {
-            view.look();
+        if self.view.as_mut().is_some_and(View::look) {
+            let (cell, run) = (&self.cell, self.session.is_none());
+            let what = if run { "the run" } else { "the cell" };
+            tracing::info!(
+                "the view is closed, {what} goes on (Ctrl-C ends it; `quadrant monitor --cell {cell}` shows it again)"
+            );
+            if run {
+                self.watch.progress.show_bar();
+            }
         }
         if let Some(page) = &mut self.page {
             page.look();

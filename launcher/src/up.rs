@@ -1,24 +1,27 @@
 //! `quadrant up`: start the group and stay; programs are loaded and started from other terminals.
 
+use std::path::Path;
+
 use anyhow::anyhow;
 use bus::cell::CellPaths;
 use bus::member::Pace;
 use bus::sample::Job;
-use machine::machine_file;
+use machine::{Machine, machine_file};
 
+use crate::check::Checked;
 use crate::events::Events;
 use crate::exit::{Failure, Kind, Outcome};
-use crate::group::Plan;
+use crate::group::{Death, Plan};
 use crate::operator::origin;
 use crate::options::UpOptions;
 use crate::output::{self, say};
 use crate::run::{make_checked, note_started, own, start};
-use crate::run_dir::{Sources, dated_folder};
+use crate::run_dir::{RunDir, Sources, dated_folder};
 use crate::session::Session;
 use crate::signals::Signals;
 use crate::supervise::{Ending, Subject, Watch, supervise};
 use crate::view::{self, View};
-use crate::{check, doctor, logs, metrics_socket, service_manager, training, web};
+use crate::{check, disk_room, doctor, logs, metrics_socket, service_manager, training, web};
 
 /// Starts the group of a machine and stays until it is ordered to end.
 pub fn up(options: &UpOptions) -> Outcome {
@@ -39,27 +42,16 @@ pub fn up(options: &UpOptions) -> Outcome {
     let metrics = metrics.transpose().environment()?;
     let web = web::Place::open_if(options.web, options.token.as_deref())?;
     let machine_path = machine_file(&options.machine);
-    let trained = training::trained(&machine_path, &checked.machine, options.no_learned, None);
-    let trained = trained.input()?;
-    let folder = options.out.clone();
-    let folder = folder.unwrap_or_else(|| dated_folder(&format!("{cell_name}-up")));
-    let sources = Sources {
-        machine: &machine_path,
-        plant: &machine_path.with_file_name("plant.toml"),
-        program: None,
-        learned: trained.as_deref(),
-        learned_path: None,
-        orders: None,
-        faults: None,
-    };
-    let (run_dir, mut checked) = make_checked(&folder, &sources)?;
+    let (run_dir, mut checked) = make_folder(options, &machine_path, &checked, cell_name)?;
+    let folder = run_dir.folder.clone();
     checked.machine.restart = checked.machine.restart.of_staying();
     if options.pace() == Pace::Realtime {
         doctor::say_what_realtime_lacks();
     }
     let plan = Plan::of(&run_dir, options.pace(), options.answer_limit, metrics);
-    origin::note(&place, &machine_path).environment()?;
-    let mut group = start(cell, &checked.machine, &plan, &signals)?;
+    let started = origin::note(&place, &machine_path).environment();
+    let started = started.and_then(|()| start(cell, &checked.machine, &plan, &signals));
+    let mut group = started.inspect_err(|_| run_dir.discard())?;
     let mut events = Events::create(&run_dir.folder).environment()?;
     let shown = std::path::absolute(&run_dir.folder).environment()?;
     std::fs::write(place.runs_file(), shown.as_os_str().as_encoded_bytes()).environment()?;
@@ -68,18 +60,7 @@ pub fn up(options: &UpOptions) -> Outcome {
     group.begin();
     service_manager::ready();
     service_manager::status(&format!("cell {cell_name} is up"));
-    let homes = checked
-        .machine
-        .axes
-        .iter()
-        .any(|axis| axis.homing.is_some());
-    let home = if homes { " | home" } else { "" };
-    say(&format!(
-        "Cell {cell_name} is up, its drives are off. From any other terminal:\n  \
-         quadrant enable{home} | load PROGRAM | start | hold | resume | stop | jog AXIS DISTANCE | status | monitor | down\n\
-         Every program that is started leaves a run directory in {}",
-        folder.display()
-    ));
+    say_up(cell_name, &checked.machine, &folder);
     let subject = Subject {
         machine: &checked.machine,
         faults: None,
@@ -90,6 +71,42 @@ pub fn up(options: &UpOptions) -> Outcome {
     let ending = supervise(&mut group, subject, watch, &signals, &mut events);
     drop(group);
     conclude(&ending, cell_name)
+}
+
+/// Makes the folder of the cell.
+fn make_folder(
+    options: &UpOptions,
+    machine_path: &Path,
+    checked: &Checked,
+    cell_name: &str,
+) -> Result<(RunDir, Checked), Failure> {
+    let trained = training::trained(machine_path, &checked.machine, options.no_learned, None);
+    let trained = trained.input()?;
+    let folder = options.out.clone();
+    let folder = folder.unwrap_or_else(|| dated_folder(&format!("{cell_name}-up")));
+    let sources = Sources {
+        machine: machine_path,
+        plant: &machine_path.with_file_name("plant.toml"),
+        program: None,
+        learned: trained.as_deref(),
+        learned_path: None,
+        orders: None,
+        faults: None,
+    };
+    disk_room::check(&folder, &checked.machine, || None).environment()?;
+    make_checked(&folder, &sources)
+}
+
+/// Says that the cell is up, and what can be done with it.
+fn say_up(cell_name: &str, machine: &Machine, folder: &Path) {
+    let homes = machine.axes.iter().any(|axis| axis.homing.is_some());
+    let home = if homes { " | home" } else { "" };
+    say(&format!(
+        "Cell {cell_name} is up, its drives are off. From any other terminal:\n  \
+         quadrant enable{home} | load PROGRAM | start | hold | resume | stop | jog AXIS DISTANCE | status | monitor | down\n\
+         Every program that is started leaves a run directory in {}",
+        folder.display()
+    ));
 }
 
 fn conclude(ending: &Ending, cell: &str) -> Outcome {
@@ -122,6 +139,12 @@ fn conclude(ending: &Ending, cell: &str) -> Outcome {
         )));
     }
     say(&format!("Cell {cell} is down"));
+    let no_room = |death: &&Death| death.job == Job::Monitor && death.status.code() == Some(3);
+    if ending.deaths.iter().any(|death| no_room(&death)) {
+        return Err(Failure::Environment(anyhow!(
+            "the recorder could not go on: a log is not whole, as was said above"
+        )));
+    }
     if ending.interruptions > 0 {
         return Err(Failure::Interrupted);
     }

@@ -51,13 +51,15 @@ impl View {
         Ok(Some(View { child: Some(child) }))
     }
 
-    /// Reaps it once somebody has closed it.
-    pub fn look(&mut self) {
+    /// Reaps it once somebody has closed it; whether that was just now.
+    pub fn look(&mut self) -> bool {
         let closed = |child: &mut Child| !matches!(child.try_wait(), Ok(None));
-        if self.child.as_mut().is_some_and(closed) {
+        let closed = self.child.as_mut().is_some_and(closed);
+        if closed {
             self.child = None;
             output::release();
         }
+        closed
     }
 }
 

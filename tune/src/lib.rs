@@ -56,7 +56,7 @@ pub fn tune(options: &TuneOptions) -> Outcome {
     let reported = &options.lost_motion_um;
     let given_um = of_axes(&machine, "--lost-motion-um", reported, 0.0..=1000.0).input()?;
     let limits = motions::limits(&machine, options).input()?;
-    let circles = motions::circles(&machine, &limits, &options.circles);
+    let circles = motions::named_circles(&machine, &limits, &options.circles).input()?;
     let text = fs::read_to_string(&path).input()?;
     let document: DocumentMut = text
         .parse()

@@ -3,6 +3,7 @@
 use std::f64::consts::PI;
 use std::fmt::Write;
 
+use anyhow::bail;
 use machine::{Axis, AxisKind, Machine};
 
 use crate::options::TuneOptions;
@@ -182,6 +183,37 @@ pub struct Circle {
     pub centre_mm: [f64; 2],
     /// Two turns counter-clockwise and two clockwise around it.
     pub program: String,
+}
+
+/// Test circles where nobody names others: the default of `--circles`.
+pub const CIRCLES: [(f64, f64); 3] = [(25.0, 3000.0), (10.0, 10_000.0), (100.0, 1000.0)];
+
+/// The test circles that were named; of the usual ones those that this machine has room for.
+///
+/// # Errors
+/// There is no room for one that was named.
+pub fn named_circles(
+    machine: &Machine,
+    limits: &[Limit],
+    named: &[(f64, f64)],
+) -> anyhow::Result<Vec<Circle>> {
+    // Where no two slides span a plane it is said that there are no circles.
+    let Some((_, axes, _)) = plane(machine).filter(|_| named != CIRCLES) else {
+        return Ok(circles(machine, limits, named));
+    };
+    for &(radius_mm, feed_mm_min) in named {
+        if circle(machine, limits, radius_mm, feed_mm_min).is_some() {
+            continue;
+        }
+        let most_mm = axes.map(|axis| 0.49 * (axis.travel_max_mm - axis.travel_min_mm));
+        bail!(
+            "--circles {radius_mm}:{feed_mm_min}: there is no room for it: the radius is at most {:.1} mm, with the travel of {} and {}",
+            most_mm[0].min(most_mm[1]),
+            axes[0].name,
+            axes[1].name
+        );
+    }
+    Ok(circles(machine, limits, named))
 }
 
 /// Those of these test circles, radius in mm and feed in mm/min, that this machine has room for within these limits; none if no two

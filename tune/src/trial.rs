@@ -302,10 +302,7 @@ pub fn table(circles: &[Circle], columns: &[(&str, &Column)]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::motions::Limit;
-
-    /// Radius in mm and feed in mm/min: those of `--circles` where nobody names others.
-    const CIRCLES: [(f64, f64); 3] = [(25.0, 3000.0), (10.0, 10_000.0), (100.0, 1000.0)];
+    use crate::motions::{CIRCLES, Limit};
 
     fn machine() -> Machine {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");

@@ -424,11 +424,21 @@ pub(super) fn running(cell: Option<&str>) -> Result<Observer, Failure> {
         return Observer::of(place.clone()).ok_or_else(|| not_running(&place));
     }
     let mut running = Vec::new();
+    let mut of_others = Vec::new();
     for name in CellPaths::names() {
-        running.extend(Observer::of(CellPaths::new(&name).input()?));
+        let place = CellPaths::new(&name).input()?;
+        if place.must_be_ours().is_err() {
+            of_others.push(name);
+        } else {
+            running.extend(Observer::of(place));
+        }
     }
     let names: Vec<&str> = running.iter().map(|cell| cell.place.name()).collect();
     match names.len() {
+        0 if !of_others.is_empty() => Err(Failure::Stopped(anyhow!(
+            "no cell of yours runs; {} runs under another user, who alone can give it orders and look at it",
+            of_others.join(", ")
+        ))),
         0 => Err(Failure::Stopped(anyhow!(
             "no cell runs: `quadrant up MACHINE` starts one that stays, `quadrant run` one for a program"
         ))),

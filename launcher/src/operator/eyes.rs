@@ -141,6 +141,7 @@ impl Eyes<'_> {
     /// The machine trips in place of it, or they are not in time.
     pub fn until_enabled(&mut self, scan: u64) -> Result<Feedback, Failure> {
         let asked = Instant::now();
+        let mut were_on = false;
         loop {
             let now = self.look()?;
             let (on, moves) = match Mode::from_wire(now.mode) {
@@ -158,6 +159,11 @@ impl Eyes<'_> {
             if now.scan > scan && on && (moves || self.has_rested(&now)) {
                 return Ok(now);
             }
+            if now.scan > scan && !on && were_on {
+                let words = "the drives are off again: another order took this one back";
+                return Err(self.client.fails(words));
+            }
+            were_on |= now.scan > scan && on;
             if asked.elapsed() > DRIVES_ON_WITHIN {
                 let words = format!(
                     "the drives are not on after {} s",

@@ -30,6 +30,8 @@ use source::Source;
 
 /// Columns where there is no terminal that says how many it has.
 const COLUMNS: usize = 80;
+/// Nobody is told of a wait that is over by then.
+const TELL_AFTER: Duration = Duration::from_secs(1);
 /// So long a capture that has started is waited for beyond the time limit and its own length.
 const GRACE: Duration = Duration::from_secs(5);
 
@@ -86,6 +88,7 @@ fn capture(
         .map(|span| Duration::from_secs_f64(span.seconds(period_us)));
     let patience = Duration::from_secs_f64(options.after.seconds(period_us)) + GRACE;
     let started = Instant::now();
+    let mut told = !source.is_live();
     let wanted_captures = if options.every {
         u64::MAX
     } else {
@@ -108,6 +111,13 @@ fn capture(
         }
         if interrupted.count() > 0 {
             return Err(Failure::Interrupted);
+        }
+        if !told && !scope.is_capturing() && sink.count == 0 && started.elapsed() > TELL_AFTER {
+            told = true;
+            tracing::info!(
+                "waiting for trigger {:?} (Ctrl-C ends it, --timeout limits it)",
+                options.trigger
+            );
         }
         let Some(limit) = limit else {
             continue;

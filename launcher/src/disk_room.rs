@@ -1,0 +1,62 @@
+//! Room on the disk for a log, looked at before anything starts.
+
+use std::path::Path;
+
+use anyhow::bail;
+use machine::Machine;
+use rustix::fs::statvfs;
+
+/// Without so much there is no room for the copies and the events of a run.
+const LEAST_BYTES: u64 = 1_000_000;
+/// With more than this nobody reckons how long a program takes: hours of log.
+const PLENTY_BYTES: u64 = 20_000_000_000;
+/// A scan of a machine of one axis takes so much of a log,
+const SCAN_BYTES: f64 = 300.0;
+/// and so much more for each axis.
+const AXIS_BYTES: f64 = 310.0;
+
+/// Bytes that the log of so many seconds takes, about.
+fn log_bytes(machine: &Machine, seconds: f64) -> f64 {
+    let of_scan = SCAN_BYTES + AXIS_BYTES * machine.axes.len() as f64;
+    of_scan * seconds / machine.scan_period_s()
+}
+
+/// Looks for room where a run directory is to be made; says so where the log of so many seconds will not find it.
+///
+/// # Errors
+/// There is next to none.
+pub fn check(
+    folder: &Path,
+    machine: &Machine,
+    seconds: impl FnOnce() -> Option<f64>,
+) -> anyhow::Result<()> {
+    let there = folder.ancestors().find(|of| of.exists());
+    let there = there.filter(|of| !of.as_os_str().is_empty());
+    let there = there.unwrap_or(Path::new("."));
+    // What says nothing of its room is no reason.
+    let Ok(found) = statvfs(there) else {
+        return Ok(());
+    };
+    let free = found.f_bavail.saturating_mul(found.f_frsize);
+    if found.f_blocks > 0 && free < LEAST_BYTES {
+        bail!(
+            "{}: the disk has no room for a run: {:.1} MB are free, at least {:.1} MB are needed",
+            folder.display(),
+            free as f64 / 1e6,
+            LEAST_BYTES as f64 / 1e6
+        );
+    }
+    if found.f_blocks == 0 || free > PLENTY_BYTES {
+        return Ok(());
+    }
+    let needed = seconds().map_or(0.0, |seconds| log_bytes(machine, seconds));
+    if needed > free as f64 {
+        tracing::warn!(
+            "{}: the log of this program takes about {:.0} MB, and {:.1} MB are free: it will not be whole",
+            folder.display(),
+            needed / 1e6,
+            free as f64 / 1e6
+        );
+    }
+    Ok(())
+}
