@@ -11,7 +11,7 @@ use launcher::options::{
     RapidOverrideOptions, ReportOptions, RunOptions, SingleBlockOptions, StartOptions, ToolOptions,
     UpOptions, ZeroOptions,
 };
-use tune::options::{IdentifyOptions, TuneOptions};
+use tune::options::{IdentifyOptions, NewMachineOptions, TuneOptions};
 use view::options::{MonitorOptions, ScopeOptions, StatusOptions, WebOptions};
 #[cfg(feature = "remote")]
 use view::options::{OrderOptions, ServeOptions};
@@ -33,6 +33,21 @@ pub struct Cli {
     pub command: Command,
 }
 
+/// What `quadrant new` takes.
+#[derive(Debug, Args)]
+pub struct NewOptions {
+    /// What is new.
+    #[command(subcommand)]
+    pub what: NewWhat,
+}
+
+/// What can be new.
+#[derive(Debug, Subcommand)]
+pub enum NewWhat {
+    /// A folder with machine file, plant file and a first program, that checks and runs
+    Machine(NewMachineOptions),
+}
+
 /// What can be asked for.
 #[derive(Debug, Subcommand)]
 pub enum Command {
@@ -44,6 +59,8 @@ pub enum Command {
     Plan(PlanOptions),
     /// Make report and plots again from a run's log; or hold one run against another
     Report(ReportOptions),
+    /// Write the folder of a new machine: asked for, or from a few numbers for each axis
+    New(NewOptions),
     /// Start the process group and stay; programs are loaded and started from other terminals, until `down`
     Up(UpOptions),
     /// Load a program into a cell that is up; one that was started and is stopped is discarded

@@ -34,6 +34,9 @@ fn obey(command: Command) -> Outcome {
         Command::Report(options) => report::report(&options),
         Command::Doctor(options) => doctor::doctor(&options),
         Command::Clean(options) => run::clean(&options),
+        Command::New(options) => match &options.what {
+            quadrant::cli::NewWhat::Machine(options) => tune::new_machine::new_machine(options),
+        },
         Command::Up(options) => up::up(&options),
         Command::Load(options) => operator::load(&options),
         Command::Start(options) => operator::start(&options),

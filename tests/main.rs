@@ -36,6 +36,7 @@ mod mdi;
 mod messages;
 mod metrics;
 mod monitor_live;
+mod new_machine;
 mod offsets;
 mod operator;
 mod paces;

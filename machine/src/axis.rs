@@ -8,6 +8,7 @@ use crate::homing::Homing;
 use crate::loops::{FeedForward, PositionLoop, Prediction, VelocityLoop};
 use crate::model::{Adaptation, AxisModel, DisturbanceObserver, TorqueFeedForward};
 use crate::reversal::Reversal;
+use crate::transmission::Transmission;
 
 /// One axis.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
@@ -46,9 +47,11 @@ pub struct Axis {
     /// In-position window.
     #[schemars(extend("unit" = "µm", "exclusiveMinimum" = 0, "maximum" = 10_000, "default" = 20.0))]
     pub in_position_um: f64,
-    /// Travel of the table in one turn of the motor.
-    #[schemars(extend("unit" = "mm", "exclusiveMinimum" = 0, "maximum" = 1000))]
+    /// Travel of the axis in one turn of the motor.
+    #[schemars(extend("unit" = "mm", "exclusiveMinimum" = 0, "maximum" = 1000, "unless" = "transmission"))]
     pub lead_mm: f64,
+    /// Screw, rack, belt or gear, in place of `lead_mm`.
+    pub transmission: Option<Transmission>,
     /// Where the servo's position comes from ([method](../methods/full-closed-loop.md)).
     #[schemars(extend("default" = "motor"))]
     pub feedback: PositionFeedback,

@@ -6,8 +6,8 @@
 //! Each key is declared once, as a field of a struct with its meaning, unit, range and default ([`settings_file`] says how); the
 //! struct of the whole file is [`Machine`]. Rules that relate several keys are in `rules`.
 //!
-//! Slides are in mm. Rotary axes use the same keys with degrees in place of millimetres (`rapid_mm_s` is degrees per
-//! second there): they share the code of slides. What forces and masses mean there: docs/methods/pivot-axis.md.
+//! Slides are in mm. Rotary axes are in degrees, and share the code of slides: their keys (`rapid_deg_s`) become those of a slide that
+//! stands for them (`rapid_mm_s`) when the file is read. What forces and masses mean there: docs/methods/pivot-axis.md.
 
 mod auxiliary;
 mod axis;
@@ -34,6 +34,7 @@ mod rules;
 pub mod settings_file;
 mod tool_table;
 pub mod tools_file;
+pub mod transmission;
 mod whole_file;
 
 pub use auxiliary::{SPINDLE_RAMP_SHARE, Spindle, ToolChange, ToolChanger};

@@ -11,6 +11,7 @@ use crate::renamed::RENAMED;
 use crate::rules;
 use crate::settings_file::{self, Schema, SettingsFileError, read_text};
 use crate::tool_table::parse_tools;
+use crate::transmission;
 
 impl Machine {
     /// Reads and checks a machine file; `path` is the file or its folder.
@@ -63,11 +64,22 @@ impl Machine {
     /// # Errors
     /// As [`Machine::load`].
     pub fn parse(name: &str, text: &str) -> Result<Machine, SettingsFileError> {
-        let mut machine: Machine = settings_file::load(name, text, RENAMED, rules::judge)?;
+        let mut machine: Machine =
+            settings_file::load_with(name, text, RENAMED, leads, rules::judge)?;
         machine.tools = parse_tools(&format!("{name}: tools"), &machine.program.tools)?;
         machine.parameters =
             parse_parameters(&format!("{name}: parameters"), &machine.program.parameters)?;
         Ok(machine)
+    }
+}
+
+/// Gives every axis with a transmission its lead.
+fn leads(file: &mut toml::Table) {
+    let axes = file.get_mut("axis").and_then(toml::Value::as_array_mut);
+    for axis in axes.into_iter().flatten() {
+        axis.as_table_mut()
+            .into_iter()
+            .for_each(transmission::complete);
     }
 }
 

@@ -24,6 +24,7 @@ pub mod prediction;
 pub mod reversal;
 mod run_path;
 pub mod series;
+pub mod travelled;
 
 #[cfg(test)]
 mod fault_tests;
@@ -52,6 +53,7 @@ use outcome::StopReason;
 use reversal::{ReversalMeter, ReversalResult};
 pub use run_path::RunPath;
 use series::Statistics;
+use travelled::Travelled;
 
 /// Gaps that are listed; what is missing beyond them is counted only.
 const GAPS_MAX: usize = 1000;
@@ -71,6 +73,8 @@ pub struct Measurements {
     pub contour_error_mm: Statistics,
     /// Where it comes from.
     pub contour_parts: ContourParts,
+    /// Where the tool was, and how far off the path.
+    pub travelled: Travelled,
     /// Peaks of every block that was travelled, by line of the program, in order.
     pub blocks: Vec<(u32, BlockPeaks)>,
     /// Every run of arcs on one circle, in order of travel.
@@ -113,6 +117,7 @@ pub struct Analysis {
     audit: LimitsAudit,
     contour_mm: Statistics,
     contour_parts: ContourPartsMeter,
+    travelled: Travelled,
     blocks: BlockMeter,
     arcs: ArcMeter,
     reversals: Vec<ReversalMeter>,
@@ -154,6 +159,7 @@ impl Analysis {
             audit: LimitsAudit::new(&machine),
             contour_mm: Statistics::default(),
             contour_parts: ContourPartsMeter::new(&kinematics, &increments_mm, period_s),
+            travelled: Travelled::default(),
             blocks: BlockMeter::default(),
             arcs: ArcMeter::new(path.whole(), &kinematics, period_s),
             reversals: increments_mm
@@ -238,6 +244,7 @@ impl Analysis {
             axes: self.axes,
             contour_error_mm: self.contour_mm,
             contour_parts: self.contour_parts.finish(),
+            travelled: self.travelled,
             blocks: self.blocks.finish(),
             arcs,
             ball_bars,
@@ -395,6 +402,7 @@ impl Analysis {
         let count = (instruments.subsamples as usize).min(bus::sample::MAX_SUBSAMPLES);
         let axes = self.axes.len();
         let mut largest_mm = 0.0f64;
+        let mut last_mm = None;
         let executing = !feedback.window.is_none();
         // Behind a gap the motor side is not known before the compensation in force is.
         let whole = follows || self.backlash_scan == feedback.scan.checked_sub(1);
@@ -411,11 +419,15 @@ impl Analysis {
             if let Some(error_mm) = self.path.error_mm(&feedback.tag, &table) {
                 self.contour_mm.take(error_mm);
                 largest_mm = largest_mm.max(error_mm);
+                last_mm = Some(table);
             }
             let share = (sub + 1) as f64 / count as f64;
             if whole {
                 self.arcs.sample(set.scan as f64 + share, &table, &motor);
             }
+        }
+        if let Some(tool_mm) = last_mm {
+            self.travelled.take(tool_mm, largest_mm);
         }
         if whole {
             self.take_contour_parts(set, feedback, instruments);

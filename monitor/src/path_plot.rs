@@ -1,4 +1,4 @@
-//! A path, coloured by the speed along it.
+//! A path, coloured by the speed or the error along it.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ const WIDTH: i32 = 1000;
 const HEIGHT: i32 = 820;
 /// Where the path is drawn, in pixels: left, top, right, bottom.
 const FRAME: [f64; 4] = [70.0, 60.0, 860.0, 760.0];
-/// Speeds of the same colour: so many steps up to the highest.
+/// Values of the same colour: so many steps up to the highest.
 const STEPS: usize = 8;
 /// From slow to fast: red over yellow to blue, told apart by those who do not see red and green as well.
 const COLOURS: [RGBColor; STEPS] = [
@@ -32,8 +32,34 @@ const NEAR_PX: f64 = 0.3;
 pub struct PathPoint {
     /// In the plane that is drawn, in mm.
     pub place_mm: [f64; 2],
-    /// Along the path, in mm/s.
-    pub speed_mm_s: f64,
+    /// What its colour shows.
+    pub value: f64,
+}
+
+/// What the colours of a path mean.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Meaning {
+    /// Speed along the path, in mm/s: what is slow is red.
+    SpeedMmS,
+    /// Contour error, in µm: what is far off is red.
+    ContourErrorUm,
+}
+
+impl Meaning {
+    fn unit(self) -> &'static str {
+        match self {
+            Meaning::SpeedMmS => "mm/s",
+            Meaning::ContourErrorUm => "µm",
+        }
+    }
+
+    /// The colour of a step.
+    fn colour(self, step: usize) -> Option<&'static RGBColor> {
+        match self {
+            Meaning::SpeedMmS => COLOURS.get(step),
+            Meaning::ContourErrorUm => COLOURS.get((STEPS - 1).checked_sub(step)?),
+        }
+    }
 }
 
 /// From mm to the picture; one mm is as long in both directions.
@@ -80,37 +106,36 @@ pub fn draw(
     file: &Path,
     title: &str,
     axes: [&str; 2],
+    meaning: Meaning,
     points: &[PathPoint],
 ) -> Result<(), PlotError> {
-    let fastest_mm_s = points
-        .iter()
-        .map(|point| point.speed_mm_s)
-        .fold(0.0, f64::max);
+    let highest = points.iter().map(|point| point.value).fold(0.0, f64::max);
     let scale = Scale::of(points);
     plot::write(file, (WIDTH, HEIGHT), |area| {
         plot::text(area, title, at(FRAME[0], 28.0), 16, &INK, HPos::Left)?;
-        lines(area, points, &scale, fastest_mm_s)?;
+        lines(area, points, &scale, (meaning, highest))?;
         rulers(area, &scale, axes)?;
-        legend(area, fastest_mm_s)
+        legend(area, meaning, highest)
     })
 }
 
-/// The step of a speed.
-fn step(speed_mm_s: f64, fastest_mm_s: f64) -> usize {
-    let share = if fastest_mm_s > 0.0 {
-        speed_mm_s / fastest_mm_s
-    } else {
-        0.0
-    };
+/// The step of a value.
+fn step(value: f64, highest: f64) -> usize {
+    let share = if highest > 0.0 { value / highest } else { 0.0 };
     ((share * STEPS as f64) as usize).min(STEPS - 1)
 }
 
 /// A line for each stretch of one colour.
-fn lines(area: &Area, points: &[PathPoint], scale: &Scale, fastest_mm_s: f64) -> Drawn {
+fn lines(
+    area: &Area,
+    points: &[PathPoint],
+    scale: &Scale,
+    (meaning, highest): (Meaning, f64),
+) -> Drawn {
     let mut stretch: Vec<(i32, i32)> = Vec::new();
     let (mut drawn, mut colour) = (None::<(f64, f64)>, None);
     let finish = |stretch: &mut Vec<(i32, i32)>, colour: Option<usize>| -> Drawn {
-        let colour = colour.and_then(|step| COLOURS.get(step));
+        let colour = colour.and_then(|step| meaning.colour(step));
         if let (Some(colour), true) = (colour, stretch.len() > 1) {
             plot::line(area, std::mem::take(stretch), stroke(*colour, 1.6))?;
         }
@@ -119,7 +144,7 @@ fn lines(area: &Area, points: &[PathPoint], scale: &Scale, fastest_mm_s: f64) ->
     };
     for point in points {
         let place = scale.px(point.place_mm);
-        let here = Some(step(point.speed_mm_s, fastest_mm_s));
+        let here = Some(step(point.value, highest));
         let near = |before: (f64, f64)| {
             (place.0 - before.0).abs().max((place.1 - before.1).abs()) < NEAR_PX
         };
@@ -186,15 +211,16 @@ fn round_step_mm(about_mm: f64) -> f64 {
 }
 
 /// What the colours mean.
-fn legend(area: &Area, fastest_mm_s: f64) -> Drawn {
+fn legend(area: &Area, meaning: Meaning, highest: f64) -> Drawn {
     let [_, top, right, _] = FRAME;
     let (x, mut y) = (right + 20.0, top + 10.0);
-    plot::text(area, "mm/s", at(x, y), 12, &INK, HPos::Left)?;
-    for (index, colour) in COLOURS.iter().enumerate().rev() {
+    plot::text(area, meaning.unit(), at(x, y), 12, &INK, HPos::Left)?;
+    let colours = (0..STEPS).rev();
+    for (index, colour) in colours.filter_map(|step| Some((step, meaning.colour(step)?))) {
         y += 22.0;
         plot::line(area, vec![at(x, y), at(x + 24.0, y)], stroke(*colour, 6.0))?;
-        let of = |index: usize| fastest_mm_s * index as f64 / STEPS as f64;
-        let decimals = usize::from(fastest_mm_s < 20.0);
+        let of = |index: usize| highest * index as f64 / STEPS as f64;
+        let decimals = usize::from(highest < 20.0);
         let words = format!("{:.decimals$} – {:.decimals$}", of(index), of(index + 1));
         plot::text(area, &words, at(x + 32.0, y), 11, &SOFT, HPos::Left)?;
     }

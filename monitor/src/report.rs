@@ -18,6 +18,7 @@ mod gaps;
 mod html;
 mod json;
 mod match_up;
+mod path_picture;
 mod side_by_side;
 mod text;
 mod tracking_plot;
@@ -46,7 +47,8 @@ pub fn make_report(run_dir: &Path) -> Result<Report, ReportError> {
     let report = Report::new(&evaluation);
     let circles = circle_plot::draw_all(run_dir, &evaluation)?;
     tracking_plot::draw(run_dir, &[&evaluation], &[])?;
-    let document = contents::document(&report, &circles);
+    let path = path_picture::draw(run_dir, &evaluation)?;
+    let document = contents::document(&report, &contents::Pictures { path, circles });
     files::write(run_dir, "report.txt", &text::render(&document))?;
     files::write(run_dir, "report.html", &html::render(&document, run_dir)?)?;
     files::write(run_dir, "report.json", &report.to_json())?;

@@ -6,6 +6,7 @@ mod keys;
 mod load;
 mod parameters;
 mod rules;
+mod simple;
 #[cfg(test)]
 mod tests;
 
@@ -13,7 +14,7 @@ pub use keys::{
     Actuated, BODIES_MAX, INPUT_LINES_MAX, MotorFriction, PlantAttachedMass, PlantAxis, PlantBox,
     PlantCrossTalk, PlantCutting, PlantCylinder, PlantDrive, PlantDriveHoming, PlantEncoder,
     PlantFile, PlantFrame, PlantHomeSwitch, PlantInput, PlantLaw, PlantMeasuredFriction,
-    PlantMeasurement, PlantMotor, PlantPlane, PlantProbe, PlantScale, PlantScrew, PlantSphere,
-    PlantSpindle, PlantTable, PlantToolChanger, PlantVariation, TableFriction,
+    PlantMeasurement, PlantMotor, PlantPlane, PlantProbe, PlantScale, PlantScrew, PlantSimple,
+    PlantSphere, PlantSpindle, PlantTable, PlantToolChanger, PlantVariation, TableFriction,
 };
 pub use load::{reference, schema};

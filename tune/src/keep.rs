@@ -4,7 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
-use machine::{Machine, replace_file};
+use machine::settings_file::N_PER_NM;
+use machine::{AxisKind, Machine, replace_file};
 use toml_edit::DocumentMut;
 
 use super::dead_time;
@@ -21,31 +22,47 @@ pub fn findings(machine: &Machine, all: &[Found]) -> String {
         "axis     mass friction  static  Stribeck  viscous | table friction stiffness    gap  lost motion | unexplained\n           kg        N   ratio      mm/s    N·s/m |    kg        N      N/µm     µm           µm | torque N",
     );
     for (axis, found) in machine.axes.iter().zip(all) {
+        // A rotary axis is shown in its own units, not as the slide that stands for it.
+        let (force, mass) = match axis.kind {
+            AxisKind::Linear => (1.0, 1.0),
+            AxisKind::Rotary => (N_PER_NM, N_PER_NM * N_PER_NM),
+        };
+        let places = if axis.kind == AxisKind::Rotary { 3 } else { 1 };
         text += &format!(
-            "\n{:4} {:8.1} {:8.1} {:7.3} {:9.2} {:8.0} |",
+            "\n{:4} {:8.places$} {:8.places$} {:7.3} {:9.2} {:8.*} |",
             axis.name,
-            found.mass_kg(),
-            found.coulomb_n(),
+            found.mass_kg() / mass,
+            found.coulomb_n() / force,
             found.motor.static_ratio,
             found.motor.stribeck_mm_s,
-            found.viscous_n_s_per_m(),
+            places - 1,
+            found.viscous_n_s_per_m() / mass,
         );
         text += &found
             .table
             .map_or(format!(" {:49} |", "no scale: not known"), |table| {
                 format!(
                     " {:5.1} {:8.1} {:9.1} {:6.2} {:12.2} |",
-                    table.mass_kg,
-                    table.friction.coulomb_n(),
-                    table.stiffness_n_per_um,
+                    table.mass_kg / mass,
+                    table.friction.coulomb_n() / force,
+                    table.stiffness_n_per_um / mass,
                     table.gap_um,
                     found.lost_motion_um(),
                 )
             });
         text += &format!(
             " {:.1}; cogging {:.3} N·m, {} a turn",
-            found.residual_n, found.cogging_nm, found.cogging_per_turn
+            found.residual_n / force,
+            found.cogging_nm,
+            found.cogging_per_turn
         );
+    }
+    if machine
+        .axes
+        .iter()
+        .any(|axis| axis.kind == AxisKind::Rotary)
+    {
+        text += "\nrotary axes: kg·m², N·m, °/s, N·m·s/rad; stiffness in millions of N·m/rad, gap and lost motion in mdeg, cogging and torque in N·m at the motor";
     }
     text
 }

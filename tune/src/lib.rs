@@ -22,6 +22,7 @@ pub mod learn;
 pub mod learn_path;
 mod least_squares;
 mod motions;
+pub mod new_machine;
 pub mod options;
 mod recording;
 mod ringing;
@@ -33,6 +34,7 @@ mod write;
 use std::fs;
 
 use anyhow::{Context, anyhow};
+use machine::settings_file::{with_own_units, with_slides};
 use machine::{Machine, PositionFeedback, ReversalMethod, machine_file};
 use toml_edit::DocumentMut;
 
@@ -58,10 +60,12 @@ pub fn tune(options: &TuneOptions) -> Outcome {
     let limits = motions::limits(&machine, options).input()?;
     let circles = motions::named_circles(&machine, &limits, &options.circles).input()?;
     let text = fs::read_to_string(&path).input()?;
-    let document: DocumentMut = text
+    let original: DocumentMut = text
         .parse()
         .with_context(|| path.display().to_string())
         .input()?;
+    // All methods know slides alone; the file is written back as it speaks.
+    let document = with_slides(&machine::schema(), &original);
     let signals = Signals::catch().environment()?;
     let mut bench = Bench::new(&options.machine, signals)?;
     let mut tests = TestMotions {
@@ -116,6 +120,7 @@ pub fn tune(options: &TuneOptions) -> Outcome {
         return Ok(());
     };
     drop(bench);
+    let best = with_own_units(&machine::schema(), &best, &original);
     keep::write(options, &path, &best)?;
     keep::write_drive_files(options, &path, known, &best)
 }

@@ -45,6 +45,25 @@ pub struct TuneOptions {
     pub recordings: Option<PathBuf>,
 }
 
+/// What `quadrant new machine` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "An axis is its letter and what is known of it: X:travel=-200..200,lead=10. X Y Z U V W are slides, in mm,\nkg and N; A B C turn, in degrees, kg·m² and N·m about the axis.\n\n  travel=LOW..HIGH    the only thing that must be given\n  lead=MM             screw: travel in one turn [default: 10]\n  rack=MODULExTEETH   rack, with the teeth of its pinion: rack=2x20\n  belt=PITCHxTEETH    toothed belt, with the teeth of its pulley: belt=5x24\n  ratio=TURNS         turns of the motor for one of screw, pinion or pulley [default: 1]\n  gear=TURNS          rotary: turns of the motor for one of the axis [default: 90]\n  speed=, acceleration=    highest, per second and per second²\n  mass= or inertia=   what moves, without the motor [default: 100 kg, 0.5 kg·m²]\n  torque=, rotor=     motor: continuous torque in N·m, inertia in kg·m² [default: what the acceleration needs]\n  friction=, gap=     in N and µm; rotary in N·m and thousandths of a degree\n  start=              where it stands at first [default: 0, or the end of the travel next to it]\n\nWithout --axis on a terminal the numbers are asked for. The files say which values are estimated; they are\nplain text, to be changed.\n\nA gantry mill with a rotary axis:\n  quadrant new machine my-gantry --axis X:travel=0..1200,rack=2x20,ratio=10,mass=150 \\\n      --axis Y:travel=0..800,lead=20,mass=60 --axis Z:travel=-200..0,lead=10,mass=25 --axis A:travel=-3600..3600,gear=60"
+)]
+pub struct NewMachineOptions {
+    /// The new folder
+    pub folder: PathBuf,
+    /// An axis: LETTER:KEY=VALUE,… (see below); once for each
+    #[arg(long, value_name = "AXIS")]
+    pub axis: Vec<String>,
+    /// Name of the machine and of its cell [default: that of the folder]
+    #[arg(long, value_name = "NAME")]
+    pub name: Option<String>,
+    /// Scan period in µs: 250, or a multiple of it up to 2000
+    #[arg(long, value_name = "US", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(250..=2000))]
+    pub scan_us: u32,
+}
+
 /// Values of an option, axis by axis: `AXIS=number`, or a number for all.
 ///
 /// # Errors

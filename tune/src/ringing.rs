@@ -10,6 +10,10 @@ use nalgebra::{Complex, DMatrix, DVector};
 
 use super::recording::Recording;
 
+/// Relative precision of a singular value decomposition: nalgebra's own.
+const SVD_PRECISION: f64 = 5.0 * f64::EPSILON;
+/// Steps after which it is given up: it takes a few for each of its values, and without a bound some would never end.
+const SVD_STEPS_MAX: usize = 10_000;
 /// Signals are looked at in steps of about this, in s: a mode that matters is below 200 Hz.
 const STEP_S: f64 = 1e-3;
 /// Rows of the matrix whose columns are pieces of the signal: 80 ms, a period and a half of 20 Hz.
@@ -169,23 +173,31 @@ fn subspace(spans: &[Vec<f64>]) -> Option<(DMatrix<f64>, Vec<f64>)> {
 fn poles(subspace: &DMatrix<f64>, order: usize) -> Vec<Complex<f64>> {
     let before = subspace.view((0, 0), (ROWS - 1, order)).into_owned();
     let after = subspace.view((1, 0), (ROWS - 1, order)).into_owned();
-    let turn = before.svd(true, true).solve(&after, 1e-12);
+    let parts = before.try_svd(true, true, SVD_PRECISION, SVD_STEPS_MAX);
+    let turn = parts.and_then(|parts| parts.solve(&after, 1e-12).ok());
     turn.map_or(Vec::new(), |turn| {
         turn.complex_eigenvalues().iter().copied().collect()
     })
 }
 
-/// Amplitude of each pole's oscillation at the beginning of the spans, in µm.
+/// Amplitude of each pole's oscillation at the beginning of the spans, in µm; of one that grows at their end.
 fn sizes_um(spans: &[Vec<f64>], poles: &[Complex<f64>]) -> Vec<f64> {
     let mut squares = vec![0.0; poles.len()];
     for span in spans {
+        // What grows is counted from the end of the span: numbers of many orders of magnitude are never decomposed.
+        let last = span.len() as i32 - 1;
+        let power = |pole: &Complex<f64>, row: usize| match row as i32 {
+            row if pole.norm_sqr() > 1.0 => pole.powi(row - last),
+            row => pole.powi(row),
+        };
         let powers = DMatrix::from_fn(span.len(), poles.len(), |row, column| {
             poles
                 .get(column)
-                .map_or(Complex::default(), |pole| pole.powi(row as i32))
+                .map_or(Complex::default(), |pole| power(pole, row))
         });
         let values = DVector::from_iterator(span.len(), span.iter().map(|of| Complex::from(*of)));
-        if let Ok(sizes) = powers.svd(true, true).solve(&values, 1e-9) {
+        let parts = powers.try_svd(true, true, SVD_PRECISION, SVD_STEPS_MAX);
+        if let Some(Ok(sizes)) = parts.map(|parts| parts.solve(&values, 1e-9)) {
             for (sum, size) in squares.iter_mut().zip(sizes.iter()) {
                 *sum += 4.0 * size.norm_sqr();
             }

@@ -6,7 +6,7 @@ use anyhow::Context;
 use control::totals::Totals;
 use control::window::PlannedSetpoint;
 use machine::AxisKind;
-use monitor::path_plot::{self, PathPoint};
+use monitor::path_plot::{self, Meaning, PathPoint};
 
 use crate::check::Checked;
 
@@ -57,7 +57,7 @@ impl Picture {
         }
         self.points.push(PathPoint {
             place_mm,
-            speed_mm_s: setpoint.state.speed_mm_s,
+            value: setpoint.state.speed_mm_s,
         });
     }
 
@@ -75,7 +75,7 @@ impl Picture {
         let names = self
             .axes
             .map(|axis| checked.machine.axes.get(axis).map_or("", |of| &of.name));
-        path_plot::draw(file, &title, names, &self.points)
+        path_plot::draw(file, &title, names, Meaning::SpeedMmS, &self.points)
             .with_context(|| format!("{}: cannot be drawn", file.display()))
     }
 }

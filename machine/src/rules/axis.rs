@@ -4,6 +4,7 @@ use crate::axis::{Axis, DriveMode, PositionFeedback};
 use crate::homing::HomingMethod;
 use crate::machine::Machine;
 use crate::settings_file::{At, From, Rules};
+use crate::transmission;
 
 pub fn judge(rules: &mut Rules<'_>, machine: &Machine, axis: &Axis, at: At<'_>) {
     let (low, high) = (From::Above(axis.travel_min_mm), 100_000.0);
@@ -17,6 +18,9 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine, axis: &Axis, at: At<'_>) 
             axis.dual_feedback_ms
         );
         rules.say(&["dual_feedback_ms"], at, &what);
+    }
+    if let Some(of) = &axis.transmission {
+        transmission::judge(rules, at, &[], of, axis.kind);
     }
     drive_period(rules, machine, axis, at);
     homing(rules, axis, at);

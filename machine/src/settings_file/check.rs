@@ -5,6 +5,7 @@ use toml::de::{DeArray, DeTable, DeValue};
 
 use crate::settings_file::document::Document;
 use crate::settings_file::error::SettingsFileError;
+use crate::settings_file::own_units::{self, OwnUnit};
 use crate::settings_file::problems::{Place, Problems};
 use crate::settings_file::range::spaced;
 use crate::settings_file::schema::{KeySchema, Kind};
@@ -35,6 +36,7 @@ pub fn check(
     let mut check = Check {
         document,
         renamed,
+        rotary_axes: own_units::rotary_axes(document),
         problems: Problems::of(document.name()),
         readable: true,
     };
@@ -54,6 +56,7 @@ pub fn check(
 struct Check<'d> {
     document: &'d Document<'d>,
     renamed: &'d [Renamed],
+    rotary_axes: Vec<bool>,
     problems: Problems,
     /// Whether every key that must be there is, and every value is of its type.
     readable: bool,
@@ -62,17 +65,33 @@ struct Check<'d> {
 impl Check<'_> {
     fn table(&mut self, schema: KeySchema<'_>, table: &DeTable<'_>, place: &Place) {
         let mut replaced = Vec::new();
+        let is_rotary = self.is_rotary(place);
         for (key, value) in table {
             let name = key.get_ref().as_ref();
             let at = place.key(name, self.document.line_of(key, value));
-            match (schema.key(name), self.new_name(&at.full_path())) {
-                (Some(of_key), _) => self.value(of_key, value, at),
-                (None, Some(new)) => {
+            let of_slide = own_units::slide_key(schema, name);
+            match (schema.key(name), self.new_name(&at.full_path()), of_slide) {
+                (Some(of_key), _, _) => self.value(of_key, None, value, at),
+                (None, Some(new), _) => {
                     replaced.push(new);
                     self.unreadable(at, &format!(": is now called {new}"));
                 }
-                (None, None) => {
-                    let known: Vec<&str> = schema.keys().map(|(key, _)| key).collect();
+                (None, None, Some((key, of_key, unit))) if is_rotary => {
+                    replaced.push(key);
+                    if table.contains_key(key) {
+                        let words = format!(": is there as `{key}` too: one of them");
+                        self.unreadable(at.clone(), &words);
+                    }
+                    self.value(of_key, Some(unit), value, at);
+                }
+                (None, None, Some((key, ..))) if place.axis.is_some() => {
+                    let words = format!(
+                        ": is a key of a rotary axis (kind = \"rotary\"); of this one it is `{key}`"
+                    );
+                    self.unreadable(at, &words);
+                }
+                (None, None, _) => {
+                    let known = shown_keys(schema, schema.keys().map(|(key, _)| key), is_rotary);
                     let place = Place {
                         line: at.line,
                         ..place.clone()
@@ -82,21 +101,42 @@ impl Check<'_> {
                 }
             }
         }
+        self.missing(schema, table, place, &replaced);
+    }
+
+    /// Keys that must be there and are not.
+    fn missing(
+        &mut self,
+        schema: KeySchema<'_>,
+        table: &DeTable<'_>,
+        place: &Place,
+        replaced: &[&str],
+    ) {
         for key in schema.required() {
-            if !table.contains_key(key) && !replaced.contains(&key) {
-                self.missing(schema.key(key), key, place);
+            let unless = schema.key(key).and_then(KeySchema::unless);
+            if table.contains_key(key)
+                || replaced.contains(&key)
+                || unless.is_some_and(|other| table.contains_key(other))
+            {
+                continue;
             }
+            let is_rotary = self.is_rotary(place);
+            let shown = shown_keys(schema, [key].into_iter(), is_rotary).concat();
+            let needed = schema.key(key).map(|of_key| needed(of_key, is_rotary));
+            let with = match needed.unwrap_or_default().as_slice() {
+                [] => String::new(),
+                keys => format!(", with {}", keys.join(", ")),
+            };
+            let or = unless.map_or(String::new(), |other| format!(", or a table `{other}`"));
+            let words = format!(": missing field `{shown}`{or}{with}");
+            self.unreadable(place.clone(), &words);
         }
     }
 
-    /// A key that must be there is not; of a table, all that must be in it.
-    fn missing(&mut self, schema: Option<KeySchema<'_>>, key: &str, place: &Place) {
-        let needed = schema.map(|schema| needed(schema)).unwrap_or_default();
-        let words = match needed.as_slice() {
-            [] => format!(": missing field `{key}`"),
-            keys => format!(": missing field `{key}`, with {}", keys.join(", ")),
-        };
-        self.unreadable(place.clone(), &words);
+    /// Whether a place is one of a rotary axis.
+    fn is_rotary(&self, place: &Place) -> bool {
+        let index = place.axis.as_ref().map(|(index, _)| *index);
+        index.is_some_and(|index| self.rotary_axes.get(index) == Some(&true))
     }
 
     /// What an old name is called now.
@@ -106,23 +146,25 @@ impl Check<'_> {
             .map(|renamed| renamed.new)
     }
 
-    fn value(&mut self, schema: KeySchema<'_>, value: &Spanned<DeValue<'_>>, place: Place) {
+    fn value(
+        &mut self,
+        schema: KeySchema<'_>,
+        unit: Option<&OwnUnit>,
+        value: &Spanned<DeValue<'_>>,
+        place: Place,
+    ) {
         match (schema.kind(), value.get_ref()) {
             (Kind::Table, DeValue::Table(table)) => self.table(schema, table, &place),
-            (Kind::List, DeValue::Array(list)) => self.list(schema, list, place),
+            (Kind::List, DeValue::Array(list)) => self.list(schema, unit, list, place),
             (Kind::Text, DeValue::String(text)) => self.text(schema, text, place),
             (Kind::Flag, DeValue::Boolean(_)) => {}
             (Kind::Whole | Kind::Number, DeValue::Integer(number)) => {
                 let number = i64::from_str_radix(number.as_str(), number.radix());
-                self.number(
-                    schema,
-                    number.ok().map(|number| number as f64),
-                    value,
-                    place,
-                );
+                let number = number.ok().map(|number| number as f64);
+                self.number(schema, unit, number, value, place);
             }
             (Kind::Number, DeValue::Float(number)) => {
-                self.number(schema, number.as_str().parse().ok(), value, place);
+                self.number(schema, unit, number.as_str().parse().ok(), value, place);
             }
             (kind, _) => {
                 let words = match kind {
@@ -150,7 +192,13 @@ impl Check<'_> {
         }
     }
 
-    fn list(&mut self, schema: KeySchema<'_>, list: &DeArray<'_>, place: Place) {
+    fn list(
+        &mut self,
+        schema: KeySchema<'_>,
+        unit: Option<&OwnUnit>,
+        list: &DeArray<'_>,
+        place: Place,
+    ) {
         let (fewest, most) = schema.length();
         let count = list.len() as u64;
         if !(fewest..=most).contains(&count) {
@@ -177,13 +225,14 @@ impl Check<'_> {
                     ..place.clone()
                 },
             };
-            self.value(of_item, item, at);
+            self.value(of_item, unit, item, at);
         }
     }
 
     fn number(
         &mut self,
         schema: KeySchema<'_>,
+        own_unit: Option<&OwnUnit>,
         number: Option<f64>,
         value: &Spanned<DeValue<'_>>,
         place: Place,
@@ -192,9 +241,12 @@ impl Check<'_> {
             let found = self.shown(value);
             return self.unreadable(place, &format!("{found}: has too many digits"));
         };
-        let range = schema.range();
+        let (range, unit) = match own_unit {
+            Some(own) => (schema.range().divided(own.factor), own.unit),
+            None => (schema.range(), schema.unit()),
+        };
         if !range.contains(number) {
-            let unit = spaced(schema.unit());
+            let unit = spaced(unit);
             let words = format!(" = {number}{unit}: must be {range}{unit}");
             self.problems.add(place, &words);
         }
@@ -231,7 +283,7 @@ fn axis_name(table: &DeTable<'_>, index: usize) -> String {
 }
 
 /// Keys that must be in a table, or in each table of a list, those of the tables in it among them.
-fn needed(schema: KeySchema<'_>) -> Vec<String> {
+fn needed(schema: KeySchema<'_>, is_rotary: bool) -> Vec<String> {
     let table = match schema.kind() {
         Kind::Table => Some(schema),
         Kind::List => schema.items().filter(|items| items.kind() == Kind::Table),
@@ -240,12 +292,13 @@ fn needed(schema: KeySchema<'_>) -> Vec<String> {
     let Some(table) = table else {
         return Vec::new();
     };
-    let of_key = |key| {
-        let inner = table.key(key).map(needed).unwrap_or_default();
+    let of_key = |key: &str| {
+        let inner = table.key(key).map(|inner| needed(inner, is_rotary));
+        let inner = inner.unwrap_or_default();
         let inner = inner.iter().map(|inner| format!("{key}.{inner}"));
         let inner: Vec<String> = inner.collect();
         if inner.is_empty() {
-            vec![key.to_string()]
+            shown_keys(table, [key].into_iter(), is_rotary)
         } else {
             inner
         }
@@ -253,9 +306,21 @@ fn needed(schema: KeySchema<'_>) -> Vec<String> {
     table.required().flat_map(of_key).collect()
 }
 
+/// Keys as they are called on a slide or on a rotary axis.
+fn shown_keys<'k>(
+    schema: KeySchema<'_>,
+    keys: impl Iterator<Item = &'k str>,
+    is_rotary: bool,
+) -> Vec<String> {
+    let own = |key| own_units::own_key(schema, key).filter(|_| is_rotary);
+    keys.map(|key| own(key).map_or(key.to_string(), |(own, _)| own))
+        .collect()
+}
+
 /// What would be right.
-fn expected(words: &[&str]) -> String {
-    match words {
+fn expected<T: AsRef<str>>(words: &[T]) -> String {
+    let words: Vec<&str> = words.iter().map(AsRef::as_ref).collect();
+    match words.as_slice() {
         [] => "there are no fields here".into(),
         [one] => format!("expected `{one}`"),
         [one, two] => format!("expected `{one}` or `{two}`"),

@@ -1,9 +1,10 @@
 //! A TOML document that knows where its keys stand.
 
 use toml::Spanned;
-use toml::de::{DeArray, DeTable, DeValue, Error};
+use toml::de::{DeArray, DeString, DeTable, DeValue, Error};
 
 use crate::settings_file::error::SettingsFileError;
+use crate::settings_file::own_units::{self, OwnUnit};
 use crate::settings_file::problems::Place;
 
 /// A TOML document with the positions of its keys.
@@ -84,7 +85,8 @@ impl<'a> Document<'a> {
             line = value.map_or(line, |value| self.line(value.span().start));
             table = value.and_then(|value| value.get_ref().as_table());
         }
-        for key in path {
+        let mut shown: Vec<String> = path.iter().map(|key| key.to_string()).collect();
+        for (depth, key) in path.iter().enumerate() {
             let value = if let Some(list) = list {
                 let Some(value) = listed(list, key) else {
                     break;
@@ -92,19 +94,47 @@ impl<'a> Document<'a> {
                 line = self.line(value.span().start);
                 value
             } else {
-                let Some((found, value)) = table.and_then(|table| table.get_key_value(*key)) else {
+                let Some((name, found, value)) = table.and_then(|table| entry(table, key)) else {
                     break;
                 };
                 line = self.line_of(found, value);
+                if let Some(shown) = shown.get_mut(depth) {
+                    *shown = name;
+                }
                 value
             };
             table = value.get_ref().as_table();
             list = value.get_ref().as_array();
         }
+        let path: Vec<&str> = shown.iter().map(String::as_str).collect();
         Place {
             line,
-            ..Place::unknown(axis, path)
+            ..Place::unknown(axis, &path)
         }
+    }
+
+    /// By which unit of its own a rotary axis has a key, if it does.
+    pub fn own_unit(&self, axis: Option<(usize, &str)>, path: &[&str]) -> Option<&'static OwnUnit> {
+        let place = self.place(axis, path);
+        let (key, shown) = (path.last()?, place.path.rsplit('.').next()?);
+        own_units::names(key).find_map(|(name, unit)| (name == shown).then_some(unit))
+    }
+
+    /// Whether it has this key.
+    pub fn has(&self, axis: Option<(usize, &str)>, path: &[&str]) -> bool {
+        let mut table = Some(&self.root);
+        if let Some((index, _)) = axis {
+            let axes = self.root.get("axis").map(Spanned::get_ref);
+            let value = axes.and_then(|axes| axes.get(index));
+            table = value.and_then(|value| value.get_ref().as_table());
+        }
+        let (Some((key, tables)), true) = (path.split_last(), table.is_some()) else {
+            return false;
+        };
+        for name in tables {
+            table = table.and_then(|table| table.get(*name)?.get_ref().as_table());
+        }
+        table.is_some_and(|table| entry(table, key).is_some())
     }
 
     /// Line of a key and its value: of a table its header.
@@ -115,6 +145,18 @@ impl<'a> Document<'a> {
         };
         self.line(byte)
     }
+}
+
+/// A key of a table with its value, and its name there: of a rotary axis also one of its own.
+fn entry<'t, 'a>(
+    table: &'t DeTable<'a>,
+    key: &str,
+) -> Option<(String, &'t Spanned<DeString<'a>>, &'t Spanned<DeValue<'a>>)> {
+    let named = |name: String| {
+        let (found, value) = table.get_key_value(name.as_str())?;
+        Some((name, found, value))
+    };
+    named(key.to_string()).or_else(|| own_units::names(key).find_map(|(name, _)| named(name)))
 }
 
 /// A value of a list by its number, counted from 1.

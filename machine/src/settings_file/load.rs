@@ -8,6 +8,7 @@ use toml::{Table, Value};
 use crate::settings_file::check::{Renamed, check};
 use crate::settings_file::document::Document;
 use crate::settings_file::error::SettingsFileError;
+use crate::settings_file::own_units;
 use crate::settings_file::rules::Rules;
 use crate::settings_file::schema::{KeySchema, Schema};
 
@@ -23,11 +24,27 @@ pub fn load<T: DeserializeOwned + JsonSchema>(
     renamed: &[Renamed],
     relations: impl FnOnce(&mut Rules<'_>, &T),
 ) -> Result<T, SettingsFileError> {
+    load_with(name, text, renamed, |_| (), relations)
+}
+
+/// As [`load`]; `complete` adds what follows from other keys of a file whose keys are all known and of their type.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_with<T: DeserializeOwned + JsonSchema>(
+    name: &str,
+    text: &str,
+    renamed: &[Renamed],
+    complete: impl FnOnce(&mut Table),
+    relations: impl FnOnce(&mut Rules<'_>, &T),
+) -> Result<T, SettingsFileError> {
     let document = Document::parse(name, text)?;
     let schema = Schema::of::<T>();
     let problems = check(&document, schema.root(), renamed)?;
     let broken = |error: &toml::de::Error| SettingsFileError::Broken(vec![document.message(error)]);
     let mut table: Table = toml::from_str(text).map_err(|error| broken(&error))?;
+    own_units::into_slides(schema.root(), &mut table);
+    complete(&mut table);
     add_defaults(schema.root(), &mut table);
     // What does not fit into its field breaks its range too, and that names the key.
     let settings = match table.try_into() {

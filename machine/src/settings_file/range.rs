@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use crate::settings_file::own_units;
+
 /// The lower end of a range.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum From {
@@ -21,6 +23,18 @@ pub struct Range {
 }
 
 impl Range {
+    /// The same range of values that are divided.
+    pub(in crate::settings_file) fn divided(self, by: f64) -> Range {
+        let divided = |limit: f64| own_units::divided(limit, by);
+        Range {
+            from: self.from.map(|from| match from {
+                From::AtLeast(low) => From::AtLeast(divided(low)),
+                From::Above(low) => From::Above(divided(low)),
+            }),
+            high: self.high.map(divided),
+        }
+    }
+
     /// Whether a value lies in it; NaN lies in none.
     pub fn contains(&self, value: f64) -> bool {
         let above = match self.from {

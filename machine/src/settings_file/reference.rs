@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use crate::settings_file::own_units;
 use crate::settings_file::schema::{KeySchema, Kind, Schema};
 
 /// Longest line of prose, in characters.
@@ -27,15 +28,21 @@ fn keys(page: &mut String, schema: KeySchema<'_>, path: &str) {
         page.push_str("\n| key | unit | range | default | meaning |\n|---|---|---|---|---|\n");
     }
     for (key, of_key) in values {
+        let own = own_units::own_key(schema, key).filter(|_| is_of_axis(path));
+        let own = own.map_or(String::new(), |(own, unit)| {
+            format!("; rotary `{own}`, {}", unit.unit)
+        });
+        let unless = of_key.unless();
+        let may_be_left_out = schema.required().all(|needed| needed != key) && key != ANY_NAME;
         let _ = writeln!(
             page,
-            "| `{key}` | {} | {} | {} | {} |",
+            "| `{key}`{own} | {} | {} | {} | {} |",
             of_key.unit(),
             range(of_key),
-            default(
-                of_key,
-                schema.required().all(|needed| needed != key) && key != ANY_NAME
-            ),
+            match unless {
+                Some(other) => format!("required without `{other}`"),
+                None => default(of_key, may_be_left_out),
+            },
             meaning(of_key)
         );
     }
@@ -49,10 +56,10 @@ fn keys(page: &mut String, schema: KeySchema<'_>, path: &str) {
             Kind::List => format!("[[{path}]]"),
             _ => format!("[{path}]"),
         };
-        let presence = if schema.required().any(|needed| needed == key) {
-            ""
-        } else {
-            " May be left out."
+        let presence = match of_key.unless() {
+            Some(other) => format!(" Is left out with `{other}`."),
+            None if schema.required().any(|needed| needed == key) => String::new(),
+            None => " May be left out.".into(),
         };
         let meaning = of_key.meaning();
         let _ = write!(page, "\n## `{title}`\n\n");
@@ -61,6 +68,11 @@ fn keys(page: &mut String, schema: KeySchema<'_>, path: &str) {
             keys(page, inner, &path);
         }
     }
+}
+
+/// Whether a table is one of an axis, which may be rotary.
+fn is_of_axis(path: &str) -> bool {
+    path.split('.').next() == Some("axis")
 }
 
 /// A paragraph, broken into lines.

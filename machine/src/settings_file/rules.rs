@@ -36,6 +36,12 @@ impl<'a> Rules<'a> {
         }
     }
 
+    /// Whether the file has this key.
+    pub fn has(&self, axis: At<'_>, path: &[&str]) -> bool {
+        let document = self.document.as_ref();
+        document.is_some_and(|document| document.has(axis, path))
+    }
+
     /// A rule is broken: reports it of the key at `path`.
     pub fn say(&mut self, path: &[&str], axis: At, what: &str) {
         let place = match &self.document {
@@ -75,7 +81,8 @@ impl<'a> Rules<'a> {
             return;
         }
         if !range.contains(value) {
-            let unit = spaced(unit);
+            let (value, unit, by) = self.shown(path, axis, value, unit);
+            let (range, unit) = (range.divided(by), spaced(unit));
             self.say(
                 path,
                 axis,
@@ -108,9 +115,19 @@ impl<'a> Rules<'a> {
         low: f64,
     ) {
         if value < low {
-            let unit = spaced(unit);
+            let (value, unit, by) = self.shown(path, axis, value, unit);
+            let (low, unit) = (low / by, spaced(unit));
             let what = format!("= {value}{unit}: must be at least {low_key} = {low}{unit}");
             self.say(path, axis, &what);
+        }
+    }
+
+    /// A value and its unit as the file has it, and by what it is divided for it.
+    fn shown<'u>(&self, path: &[&str], axis: At, value: f64, unit: &'u str) -> (f64, &'u str, f64) {
+        let document = self.document.as_ref();
+        match document.and_then(|document| document.own_unit(axis, path)) {
+            Some(own) => (value / own.factor, own.unit, own.factor),
+            None => (value, unit, 1.0),
         }
     }
 

@@ -5,6 +5,7 @@ use schemars::transform::transform_subschemas;
 use schemars::{JsonSchema, Schema as JsonSchemaValue};
 use serde_json::{Map, Value, json};
 
+use crate::settings_file::own_units;
 use crate::settings_file::range::{From, Range};
 
 /// The schema of a settings file.
@@ -58,7 +59,14 @@ impl Schema {
     /// The JSON Schema for editors, whose help shows the description alone: unit, range and default stand there too.
     pub fn json(&self) -> String {
         let mut shown = self.0.clone();
+        let axis = shown
+            .get_mut("properties")
+            .and_then(|keys| keys.get_mut("axis"));
+        if let Some(axis) = axis.and_then(|axes| axes.get_mut("items")) {
+            for_rotary(axis);
+        }
         describe(&mut shown);
+        without_unless(&mut shown);
         format!("{shown:#}\n")
     }
 }
@@ -102,6 +110,51 @@ fn plain(schema: &mut JsonSchemaValue) {
     }
 }
 
+/// Lets editors take the keys of an axis by the names that they have on a rotary one too.
+fn for_rotary(schema: &mut Value) {
+    let whole = schema.clone();
+    let Some(Value::Object(keys)) = schema.get_mut("properties") else {
+        return;
+    };
+    let mut own = Vec::new();
+    for (key, of_key) in keys.iter_mut() {
+        for_rotary(of_key);
+        if let Some((name, unit)) = own_units::own_key(KeySchema(&whole), key) {
+            let mut of_own = of_key.clone();
+            own_units::of_rotary(&mut of_own, unit);
+            own.push((key.clone(), name, of_own));
+        }
+    }
+    let mut known = Vec::new();
+    for (key, name, of_own) in own {
+        keys.insert(name, of_own);
+        known.push(key);
+    }
+    if let Some(Value::Array(required)) = schema.get_mut("required") {
+        required.retain(|key| known.iter().all(|known| key != known));
+    }
+}
+
+/// Takes out what is no word of JSON Schema; what another key makes needless is not required.
+fn without_unless(schema: &mut Value) {
+    let mut needless = Vec::new();
+    if let Some(Value::Object(keys)) = schema.get_mut("properties") {
+        for (key, of_key) in keys.iter_mut() {
+            without_unless(of_key);
+            let unless = of_key
+                .as_object_mut()
+                .and_then(|of_key| of_key.shift_remove("unless"));
+            needless.extend(unless.map(|_| key.clone()));
+        }
+    }
+    if let Some(items) = schema.get_mut("items") {
+        without_unless(items);
+    }
+    if let Some(Value::Array(required)) = schema.get_mut("required") {
+        required.retain(|key| needless.iter().all(|needless| key != needless));
+    }
+}
+
 fn describe(schema: &mut Value) {
     let facts = KeySchema(schema).facts();
     let Some(object) = schema.as_object_mut() else {
@@ -139,6 +192,19 @@ impl<'a> KeySchema<'a> {
     /// Its unit; none of what is a plain number or no number.
     pub fn unit(self) -> &'a str {
         self.text("unit")
+    }
+
+    /// The unit of its numbers, whether it is one or a list of them.
+    pub(in crate::settings_file) fn number_unit(self) -> &'a str {
+        match self.items() {
+            Some(of_item) => of_item.unit(),
+            None => self.unit(),
+        }
+    }
+
+    /// The key of the same table that makes this one needless.
+    pub fn unless(self) -> Option<&'a str> {
+        self.0.get("unless").and_then(Value::as_str)
     }
 
     fn text(self, word: &str) -> &'a str {

@@ -75,7 +75,9 @@ pub fn make_against(a: &Path, b: &Path, settings: Vec<Setting>) -> Result<Writte
     })?;
     tracking_plot::draw(&folder, &runs, &names)?;
     let circles = circle_plot::draw_all_against(&folder, runs, &names)?;
-    let [of_a, of_b] = reports.each_ref().map(|r| contents::document(r, &[]));
+    let [of_a, of_b] = reports
+        .each_ref()
+        .map(|r| contents::document(r, &contents::Pictures::default()));
     let compared = SideBySide::of(&of_a, &of_b);
     let document = document(&reports, &names, &settings, &compared, &circles);
     let json = to_json(&reports, &names, &settings, compared.json);

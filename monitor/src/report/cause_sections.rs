@@ -9,7 +9,7 @@ use super::json::Report;
 const DIAGNOSED_MAX: usize = 8;
 
 /// Where the contour error comes from.
-pub(super) fn contour_parts(report: &Report) -> Section {
+pub(super) fn contour_parts(report: &Report, path_picture: bool) -> Section {
     let parts = report.contour_parts.iter().flat_map(|all| &all.parts);
     let table = Columns::of("parts of the contour error", parts)
         .words("Source", |part| part.words())
@@ -24,10 +24,14 @@ pub(super) fn contour_parts(report: &Report) -> Section {
             (part.words(), id)
         });
     let note = "Across the path, at the end of each scan. Share: of the sum of all mean squares. Reversals: 50 ms and 0.1 mm behind each; lost motion, dynamics and rest are of the time outside them. Step: lost motion, + where the table stays behind.";
-    section(
-        "Where the contour error comes from",
-        vec![Block::Note(note.into()), Block::Table(table.done())],
-    )
+    let mut blocks = vec![Block::Note(note.into()), Block::Table(table.done())];
+    if path_picture {
+        blocks.push(Block::Plot {
+            file: "path.svg".into(),
+            caption: "Path of the tool, coloured by its contour error".into(),
+        });
+    }
+    section("Where the contour error comes from", blocks)
 }
 
 /// Circles that were travelled both ways.

@@ -19,8 +19,17 @@ const AUXILIARY_EVENTS_MAX: usize = 40;
 /// Gaps of the log that are named in a line before it says how many more there are.
 const GAPS_MAX: usize = 5;
 
-/// The document of a run; `circles` are the files of its ball-bar plots.
-pub(super) fn document(report: &Report, circles: &[String]) -> Document {
+/// Pictures of a run beside that of the following error.
+#[derive(Debug, Default)]
+pub(super) struct Pictures {
+    /// Whether there is one of the path.
+    pub path: bool,
+    /// Files of the ball-bar plots.
+    pub circles: Vec<String>,
+}
+
+/// The document of a run.
+pub(super) fn document(report: &Report, pictures: &Pictures) -> Document {
     let mut sections = vec![
         head(report),
         section("Remarks on the program", vec![Block::List(notes(report))]),
@@ -33,10 +42,10 @@ pub(super) fn document(report: &Report, circles: &[String]) -> Document {
             "Messages of the program",
             vec![Block::List(messages(report))],
         ),
-        cause_sections::contour_parts(report),
+        cause_sections::contour_parts(report, pictures.path),
         following_error(report),
         blocks(report),
-        arcs(report, circles),
+        arcs(report, &pictures.circles),
     ];
     sections.extend(cause_sections::ball_bars(report));
     sections.extend([reversals(report), drives(report), foot(report)]);

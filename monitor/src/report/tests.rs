@@ -115,6 +115,7 @@ fn a_report_has_the_names_of_the_interface_and_is_made_again_to_the_byte() {
         "report.txt",
         "report.html",
         "tracking.svg",
+        "path.svg",
         "circle-1.svg",
         "circle-2.svg",
     ];

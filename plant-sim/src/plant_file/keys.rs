@@ -1,7 +1,8 @@
 //! The keys of the plant file, each declared once with meaning, unit and range (`machine::settings_file` says how).
 
 use bus::sample::{ANALOG_INPUTS, DIGITAL_INPUTS, DIGITAL_OUTPUTS, MAX_AXES};
-use machine::DEAD_TIME_SCANS_MAX;
+use machine::transmission::Transmission;
+use machine::{AxisKind, DEAD_TIME_SCANS_MAX};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -213,14 +214,22 @@ pub struct PlantAxis {
     /// Its letter, as in the machine file.
     #[schemars(extend("enum" = ["X", "Y", "Z", "A", "B", "C", "U", "V", "W"]))]
     pub name: String,
+    /// Linear or rotary. A rotary axis has the keys of a slide in units of its own: degrees for mm, and torques about the axis.
+    #[schemars(extend("default" = "linear"))]
+    pub kind: AxisKind,
     /// Where the axis is when the machine is switched on for the first time.
     #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000))]
     pub start_position_mm: f64,
+    /// The axis by the few numbers that people know of theirs, in place of `motor`, `screw` and `table`.
+    pub simple: Option<PlantSimple>,
     /// Motor with encoder and current loop.
+    #[schemars(extend("unless" = "simple"))]
     pub motor: PlantMotor,
-    /// Ball screw.
+    /// Ball screw, rack, belt or gear.
+    #[schemars(extend("unless" = "simple"))]
     pub screw: PlantScrew,
     /// Table.
+    #[schemars(extend("unless" = "simple"))]
     pub table: PlantTable,
     /// Linear scale, where there is one.
     pub scale: Option<PlantScale>,
@@ -251,6 +260,45 @@ pub struct PlantAxis {
     /// Set after reading, in °C.
     #[serde(skip)]
     pub(in crate::plant_file) ambient_c: f64,
+}
+
+/// An axis by a few numbers. Half of its friction is at the motor, half at the table; what is not here is as on the machines that come
+/// with Quadrant ([typical values](../methods/physics.md)).
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantSimple {
+    /// Mass that moves, with the workpiece.
+    #[schemars(extend("unit" = "kg", "minimum" = 0.1, "maximum" = 100_000))]
+    pub mass_kg: f64,
+    /// Travel in one turn of the motor.
+    #[schemars(extend("unit" = "mm", "minimum" = 0.1, "maximum" = 1000, "unless" = "transmission"))]
+    pub lead_mm: f64,
+    /// Screw, rack, belt or gear, in place of `lead_mm`.
+    pub transmission: Option<Transmission>,
+    /// Continuous torque of the motor.
+    #[schemars(extend("unit" = "N·m", "minimum" = 0.001, "maximum" = 100_000))]
+    pub rated_torque_nm: f64,
+    /// Peak torque of the motor, at least the continuous one; without it three times that.
+    #[schemars(extend("unit" = "N·m", "minimum" = 0.001, "maximum" = 1_000_000))]
+    pub peak_torque_nm: Option<f64>,
+    /// Inertia of what turns with the motor: rotor, coupling, screw or gear.
+    #[schemars(extend("unit" = "kg·m²", "minimum" = 1e-7, "maximum" = 100))]
+    pub rotor_inertia_kg_m2: f64,
+    /// Friction in steady sliding, all of it, as felt at the table.
+    #[schemars(extend("unit" = "N", "minimum" = 0.001, "maximum" = 100_000))]
+    pub coulomb_n: f64,
+    /// Break-away friction, at least `coulomb_n`; without it 1.3 times that.
+    #[schemars(extend("unit" = "N", "minimum" = 0.001, "maximum" = 100_000))]
+    pub static_n: Option<f64>,
+    /// Viscous friction.
+    #[schemars(extend("unit" = "N·s/m", "minimum" = 0, "maximum" = 1_000_000, "default" = 0.0))]
+    pub viscous_n_s_per_m: f64,
+    /// Stiffness between motor and table.
+    #[schemars(extend("unit" = "N/µm", "minimum" = 0.01, "maximum" = 10_000, "default" = 120.0))]
+    pub stiffness_n_per_um: f64,
+    /// Backlash gap between them.
+    #[schemars(extend("unit" = "µm", "minimum" = 0, "maximum" = 1000, "default" = 0.0))]
+    pub gap_um: f64,
 }
 
 /// An incremental encoder. It keeps its position as long as the simulation runs, whoever is killed.
@@ -543,8 +591,10 @@ pub struct MotorFriction {
 #[serde(deny_unknown_fields)]
 pub struct PlantScrew {
     /// Travel in one turn of the motor.
-    #[schemars(extend("unit" = "mm", "minimum" = 0.1, "maximum" = 1000))]
+    #[schemars(extend("unit" = "mm", "minimum" = 0.1, "maximum" = 1000, "unless" = "transmission"))]
     pub lead_mm: f64,
+    /// Screw, rack, belt or gear, in place of `lead_mm`.
+    pub transmission: Option<Transmission>,
     /// Axial stiffness between motor and table.
     #[schemars(extend("unit" = "N/m", "minimum" = 10_000, "maximum" = 10_000_000_000_u64))]
     pub stiffness_n_per_m: f64,

@@ -5,7 +5,7 @@ use std::path::Path;
 use machine::settings_file::{self, Schema, SettingsFileError, read_text};
 
 use crate::plant_file::keys::PlantFile;
-use crate::plant_file::rules;
+use crate::plant_file::{rules, simple};
 
 impl PlantFile {
     /// Reads and checks a plant file; `path` is the file or its folder.
@@ -27,7 +27,8 @@ impl PlantFile {
     /// # Errors
     /// As [`PlantFile::load`].
     pub fn parse(name: &str, text: &str) -> Result<PlantFile, SettingsFileError> {
-        let mut plant: PlantFile = settings_file::load(name, text, &[], rules::judge)?;
+        let mut plant: PlantFile =
+            settings_file::load_with(name, text, &[], simple::complete, rules::judge)?;
         for axis in &mut plant.axes {
             axis.ambient_c = plant.ambient_c;
         }

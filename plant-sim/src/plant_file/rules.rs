@@ -1,11 +1,13 @@
 //! The rules of the plant file that relate several keys. What concerns one key alone is at the key.
 
 use machine::settings_file::{At, Rules};
+use machine::transmission;
 
 use crate::friction::{ELEMENTS, FrictionParameters};
 use crate::plant_file::keys::{
     PlantAxis, PlantFile, PlantInput, PlantMeasuredFriction, PlantProbe,
 };
+use crate::plant_file::simple;
 use crate::sliding_curve::SIDE_ROWS_MAX;
 
 /// Highest natural frequency times microstep, in rad. Semi-implicit Euler is stable below 2; at 0.2 the frequency is
@@ -29,6 +31,12 @@ pub fn judge(rules: &mut Rules<'_>, plant: &PlantFile) {
         if plant.axes.iter().take(index).any(|a| a.name == axis.name) {
             let what = format!("= {:?}: another axis has this name", axis.name);
             rules.say(&["name"], at, &what);
+        }
+        if let Some(of) = &axis.simple {
+            simple::judge(rules, at, axis, of);
+        }
+        if let Some(of) = &axis.screw.transmission {
+            transmission::judge(rules, at, &["screw"], of, axis.kind);
         }
         motor(rules, at, axis);
         let friction = &axis.table.friction;

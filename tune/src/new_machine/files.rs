@@ -1,0 +1,310 @@
+//! The files of a new machine, with a word on every value.
+
+use anyhow::Context;
+use machine::{DriveMode, Machine};
+
+use super::axis::{Drive, NewAxis, rounded};
+use crate::laws::Timing;
+use crate::write::digits;
+
+/// The program that comes with it, below its folder.
+pub const PROGRAM: &str = "programs/first.ngc";
+/// Largest radius of the circle in that program, in mm.
+const RADIUS_MM_MAX: f64 = 20.0;
+/// Longest stroke of an axis in that program, in mm or degrees.
+const STROKE_MAX: f64 = 100.0;
+/// Feed of that program, in mm/min.
+const FEED_MM_MIN_MAX: f64 = 2000.0;
+
+/// What the files are made of.
+#[derive(Debug, Clone, Copy)]
+pub struct Files<'a> {
+    /// The machine's name.
+    pub name: &'a str,
+    /// Scan period, in µs.
+    pub scan_us: u32,
+    /// Step of the simulation, in µs.
+    pub microstep_us: f64,
+    /// Its axes.
+    pub axes: &'a [NewAxis],
+}
+
+impl Files<'_> {
+    /// Every file with its text.
+    ///
+    /// # Errors
+    /// The machine cannot be one, with the reason.
+    pub fn all(&self) -> anyhow::Result<[(&'static str, String); 3]> {
+        Ok([
+            ("machine.toml", self.machine()?),
+            ("plant.toml", self.plant()),
+            (PROGRAM, self.program()),
+        ])
+    }
+
+    fn machine(&self) -> anyhow::Result<String> {
+        let head = format!(
+            "# Machine {name}: what the controller knows. Every key: `quadrant reference machine`, and the book.\n\
+             # \"estimated\" are values that nobody gave; loops are by law from the mass. `quadrant tune` measures and sets them.\n\
+             # Rotary axes are in degrees, kg·m² and N·m about the axis.\n\
+             name = \"{name}\"\n\n\
+             [scan]\n\
+             period_us = {scan_us}\n\
+             interpolation_period_scans = 8\n\
+             look_ahead_periods = 2\n\
+             watchdog_scans = {watchdog}          # an ordinary PC may stall 50 ms; 4 on a hard real-time one\n",
+            name = self.name,
+            scan_us = self.scan_us,
+            watchdog = 50_000 / self.scan_us,
+        );
+        let drive_period_us = if self.scan_us.is_multiple_of(250) {
+            250
+        } else {
+            self.scan_us
+        };
+        let timing = Timing {
+            scan_s: f64::from(self.scan_us) * 1e-6,
+            dead_time_scans: 1.0,
+            drive_mode: DriveMode::Velocity,
+            drive_period_s: f64::from(drive_period_us) * 1e-6,
+        };
+        let axes = self.axes.iter();
+        let text = axes.fold(head, |text, axis| {
+            text + &machine_axis(axis, &timing, drive_period_us)
+        });
+        Machine::parse("machine.toml", &text).context("a machine of these axes cannot be")?;
+        Ok(text)
+    }
+
+    fn plant(&self) -> String {
+        let head = format!(
+            "# What is true of the simulated machine {}; the controller does not read it. Every key: `quadrant reference plant`.\n\
+             # In place of [axis.simple] an axis can have [axis.motor], [axis.screw] and [axis.table] with all that is known of it.\n\
+             microstep_us = {:?}       # resolves the stiffest spring\n\
+             ambient_c = 20.0\n",
+            self.name, self.microstep_us
+        );
+        self.axes
+            .iter()
+            .fold(head, |text, axis| text + &plant_axis(axis))
+    }
+
+    /// A circle where two slides span a plane; else there and back with every axis.
+    fn program(&self) -> String {
+        let mut text = format!(
+            "(A first program for {}: each axis, then a circle where there are two slides.)\nG21 G90 G40\n",
+            self.name
+        );
+        let slide = |letters: [&str; 2]| {
+            let axis = |letter| self.axes.iter().find(|axis| axis.letter == letter);
+            Some((axis(letters[0])?, axis(letters[1])?))
+        };
+        let planes = [
+            ("G17", ["X", "Y"], "I"),
+            ("G18", ["Z", "X"], "K"),
+            ("G19", ["Y", "Z"], "J"),
+        ];
+        for axis in self.axes {
+            let (low, high) = axis.travel;
+            let stroke = (0.1 * (high - low)).min(STROKE_MAX);
+            let away = axis.start
+                + if axis.start + stroke > high {
+                    -stroke
+                } else {
+                    stroke
+                };
+            text += &format!(
+                "G0 {0}{1:.3}\nG0 {0}{2:.3}\n",
+                axis.letter, away, axis.start
+            );
+        }
+        let plane = planes
+            .iter()
+            .find_map(|(code, letters, offset)| Some((code, slide(*letters)?, offset)));
+        if let Some((code, (first, second), offset)) = plane {
+            let room =
+                |axis: &NewAxis| (axis.start - axis.travel.0).max(axis.travel.1 - axis.start);
+            let half = |axis: &NewAxis| 0.5 * (axis.travel.1 - axis.travel.0);
+            let radius = RADIUS_MM_MAX.min(0.4 * half(first)).min(0.4 * half(second));
+            let centre = |axis: &NewAxis| {
+                axis.start
+                    .clamp(axis.travel.0 + radius, axis.travel.1 - radius)
+            };
+            let radius = rounded(radius.min(room(first)));
+            let (a, b) = (centre(first), centre(second));
+            let feed = FEED_MM_MIN_MAX
+                .min(30.0 * first.speed)
+                .min(30.0 * second.speed);
+            let begin = a - radius;
+            text += &format!(
+                "{code}\nG0 {0}{begin:.3} {1}{b:.3}\nG2 {0}{begin:.3} {1}{b:.3} {offset}{radius:.3} F{feed:.0}\nG0 {0}{2:.3} {1}{3:.3}\n",
+                first.letter, second.letter, first.start, second.start
+            );
+        }
+        text + "M2\n"
+    }
+}
+
+/// What stands behind a value: nothing where it was given.
+fn why(axis: &NewAxis, key: &str, otherwise: &str) -> String {
+    if axis.was_given(key) {
+        String::new()
+    } else {
+        format!("  # estimated{otherwise}")
+    }
+}
+
+/// The transmission of an axis, with what follows from it.
+fn transmission(axis: &NewAxis, table: &str) -> String {
+    let ratio = axis.ratio;
+    let lead = digits(axis.lead(), 5);
+    match axis.drive {
+        Drive::Screw(lead) if ratio == 1.0 => {
+            let why = why(axis, "lead", "");
+            format!(
+                "lead_mm = {lead:?}          # travel in one turn of the motor{}\n",
+                why.replace("  #", ",")
+            )
+        }
+        Drive::Screw(lead_mm) => {
+            format!(
+                "[{table}]     # {lead} mm in one turn of the motor\nscrew_lead_mm = {lead_mm:?}\ngear_ratio = {ratio:?}\n"
+            )
+        }
+        Drive::Rack(module_mm, teeth) => format!(
+            "[{table}]     # {lead} mm in one turn of the motor\nrack_module_mm = {module_mm:?}\npinion_teeth = {teeth}\ngear_ratio = {ratio:?}\n"
+        ),
+        Drive::Belt(pitch_mm, teeth) => format!(
+            "[{table}]     # {lead} mm in one turn of the motor\nbelt_pitch_mm = {pitch_mm:?}\npulley_teeth = {teeth}\ngear_ratio = {ratio:?}\n"
+        ),
+        Drive::Table => format!(
+            "[{table}]     # {lead}° in one turn of the motor\ngear_ratio = {:?}{}\n",
+            360.0 / axis.lead(),
+            why(axis, "gear", "")
+        ),
+    }
+}
+
+/// Names and units of an axis's keys.
+struct Words {
+    kind: &'static str,
+    length: &'static str,
+    speed: &'static str,
+    acceleration: &'static str,
+    gain: &'static str,
+}
+
+impl Words {
+    fn of(axis: &NewAxis) -> Words {
+        if axis.is_rotary() {
+            Words {
+                kind: "kind = \"rotary\"         # in degrees\n",
+                length: "deg",
+                speed: "deg_s",
+                acceleration: "deg_s2",
+                gain: "gain_nm_s_per_rad",
+            }
+        } else {
+            Words {
+                kind: "",
+                length: "mm",
+                speed: "mm_s",
+                acceleration: "mm_s2",
+                gain: "gain_n_s_per_m",
+            }
+        }
+    }
+}
+
+fn machine_axis(axis: &NewAxis, timing: &Timing, drive_period_us: u32) -> String {
+    let words = Words::of(axis);
+    let transmission = transmission(axis, "axis.transmission");
+    let (lead, table) = if transmission.starts_with('[') {
+        (String::new(), format!("\n{transmission}"))
+    } else {
+        (transmission, String::new())
+    };
+    let gain = digits(
+        timing.velocity_gain_n_s_per_m(axis.all_mass_kg()) / axis.per_slide(),
+        4,
+    );
+    let limit = if axis.is_rotary() { 1.0 } else { 2.0 };
+    let peak = 3.0 * axis.torque_nm;
+    let torque = why(axis, "torque", ": the acceleration with a reserve");
+    format!(
+        "\n[[axis]]\nname = \"{letter}\"\n{kind}\
+         travel_min_{length} = {low:?}\ntravel_max_{length} = {high:?}\n\
+         rapid_{speed} = {rapid:?}{rapid_why}\n\
+         acceleration_{acceleration} = {most:?}{most_why}\n\
+         quick_stop_{acceleration} = {quick:?}  # braking, with the peak torque\n\
+         following_error_limit_{length} = {limit:?}\n\
+         {lead}drive_mode = \"velocity\"\n\
+         {table}\n\
+         [axis.motor]\nrated_torque_nm = {rated:?}{torque}\npeak_torque_nm = {peak:?}  # estimated: three times that\n\n\
+         [axis.position_loop]\ngain_per_s = {position_gain:?}  # by law\n\n\
+         [axis.velocity_loop]\n{gain_key} = {gain:?}  # by law, from the mass with the motor's\n\
+         integral_time_ms = {integral:?}  # by law\nperiod_us = {drive_period_us}\n\n\
+         [axis.feed_forward]\nadvance_ms = {advance:?}  # by law: the way of a command\n\n\
+         [axis.reversal]\nmethod = \"none\"  # `quadrant tune` finds what the axis needs\n",
+        letter = axis.letter,
+        kind = words.kind,
+        length = words.length,
+        speed = words.speed,
+        acceleration = words.acceleration,
+        low = axis.travel.0,
+        high = axis.travel.1,
+        rapid = axis.speed,
+        rapid_why = why(axis, "speed", ""),
+        most = axis.acceleration,
+        most_why = why(axis, "acceleration", ""),
+        quick = 2.0 * axis.acceleration,
+        rated = axis.torque_nm,
+        peak = digits(peak, 4),
+        position_gain = digits(timing.position_gain_per_s(), 4),
+        gain_key = words.gain,
+        integral = digits(timing.integral_time_ms(), 4),
+        advance = digits(timing.advance_ms(), 4),
+    )
+}
+
+fn plant_axis(axis: &NewAxis) -> String {
+    let transmission = transmission(axis, "axis.simple.transmission");
+    let (lead, table) = if transmission.starts_with('[') {
+        (String::new(), format!("\n{transmission}"))
+    } else {
+        (transmission, String::new())
+    };
+    let rotary = axis.is_rotary();
+    let kind = Words::of(axis).kind;
+    let (length, mass, force, gap) = if rotary {
+        ("deg", "inertia_kg_m2", "coulomb_nm", "gap_mdeg")
+    } else {
+        ("mm", "mass_kg", "coulomb_n", "gap_um")
+    };
+    let stiffness = match axis.drive {
+        Drive::Screw(_) => "stiffness_n_per_um = 120.0  # estimated\n",
+        Drive::Rack(..) => "stiffness_n_per_um = 60.0  # estimated\n",
+        Drive::Belt(..) => "stiffness_n_per_um = 20.0  # estimated\n",
+        Drive::Table => "stiffness_nm_per_rad = 200_000.0  # estimated\n",
+    };
+    format!(
+        "\n[[axis]]\nname = \"{letter}\"\n{kind}start_position_{length} = {start:?}\n\n\
+         [axis.simple]\n{mass} = {moved:?}{mass_why}\n\
+         rotor_inertia_kg_m2 = {rotor:?}{rotor_why}\n\
+         rated_torque_nm = {rated:?}\npeak_torque_nm = {peak:?}\n\
+         {force} = {friction:?}{friction_why}\n{stiffness}\
+         {gap} = {backlash:?}{gap_why}\n{lead}{table}",
+        letter = axis.letter,
+        start = axis.start,
+        moved = axis.moved,
+        mass_why = why(axis, if rotary { "inertia" } else { "mass" }, ""),
+        rotor = axis.rotor_kg_m2,
+        rotor_why = why(axis, "rotor", ": motor, coupling, screw or gear"),
+        rated = axis.torque_nm,
+        peak = digits(3.0 * axis.torque_nm, 4),
+        friction = axis.friction,
+        friction_why = why(axis, "friction", ": in steady sliding, all of it"),
+        backlash = axis.gap,
+        gap_why = why(axis, "gap", ": backlash"),
+    )
+}
