@@ -113,7 +113,7 @@ fn check_says_which_speed_the_spindle_does_not_have() {
     let shown = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(2), "{shown}");
     assert!(
-        shown.contains("line 1: S9000: the spindle of this machine turns at"),
+        shown.contains("fast.ngc:1: S9000: the spindle of this machine turns at"),
         "{shown}"
     );
 }
