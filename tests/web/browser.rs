@@ -47,6 +47,8 @@ impl Browser {
                     .split_whitespace(),
             )
             .arg(format!("--user-data-dir={}", profile.path().display()))
+            // What a browser that is killed leaves behind goes with its profile.
+            .env("TMPDIR", profile.path())
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::null())
