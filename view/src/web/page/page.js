@@ -331,6 +331,7 @@ function link(how, why) {
 orders.prepare();
 viewButtons();
 theme(false);
-new ResizeObserver(() => { path.dirty = circle.dirty = true; }).observe(document.body);
+const resized = new ResizeObserver(() => { path.dirty = circle.dirty = true; });
+for (const picture of [path, circle]) resized.observe(picture.canvas);
 requestAnimationFrame(drawAll);
 follow(orders.token, show, link);
