@@ -343,6 +343,9 @@ pub struct RecorderOptions {
     /// Part program, for the log's metadata
     #[arg(long)]
     pub program: Option<PathBuf>,
+    /// Write no log
+    #[arg(long)]
+    pub no_log: bool,
     /// Serve metrics at the listening socket that standard input is
     #[arg(long)]
     pub metrics: bool,

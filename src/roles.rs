@@ -122,6 +122,7 @@ pub fn recorder(options: &RecorderOptions) -> Outcome {
         slot: options.slot.slot(),
         out: options.out.clone(),
         program: options.program.clone(),
+        records: !options.no_log,
     };
     let tap = watch.as_mut().map(|watch| watch as &mut dyn monitor::Tap);
     monitor::run(&options, tap).environment()

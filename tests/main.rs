@@ -26,6 +26,7 @@ mod identify;
 mod in_process;
 mod interruption;
 mod jog;
+mod kept_logs;
 mod killed_clients;
 mod learn_path;
 mod leftovers;

@@ -188,7 +188,7 @@ fn what_arm_or_slide_cannot_reach_is_refused_before_motion_with_its_line() {
         ("G3 X0 Y100 J20 F1000", vec![":3:", "axis Y", "140.0000"]),
         ("G1 Y200 F1000", vec![":3:4:", "axis Y"]),
         // The slide under X would be at 200 + 38.2 mm.
-        ("G1 X200 F1000", vec!["line 3", "the slide under X", "220"]),
+        ("G1 X200 F1000", vec![":3:", "the slide under X", "220"]),
         ("G1 B10 F1000", vec![":3:4", "B"]),
     ] {
         let program = bench.file("far.ngc", &format!("{head}{block}\nM2\n"));

@@ -353,13 +353,14 @@ fn hold_and_the_end_of_its_sender_stop_it_and_no_renewal_goes_on_with_it() {
     }
 }
 
-/// Whichever servo or planner is killed in whichever scan, the axis comes to rest within its travel. (A master that is killed ends a
-/// cell within one process.)
+const RESTARTS: &str = "[restart]\nplanner = \"resume\"\nservo = \"wait\"\nmaster = \"wait\"\n";
+
+/// Whoever is killed in whichever scan, the axis comes to rest, and the program can be gone on with to its end.
 #[test]
 fn whoever_is_killed_while_an_axis_is_jogged_it_comes_to_rest() {
-    for who in ["servo-X", "servo-Y", "planner"] {
+    for who in ["servo-X", "servo-Y", "planner", "plant-sim"] {
         for scan in (HELD + 10..HELD + 900).step_by(43) {
-            let mut held = Held::of("xy", &kill(who, scan, 30));
+            let mut held = Held::of("xy", &format!("{RESTARTS}{}", kill(who, scan, 30)));
             assert_eq!(held.order(&on(1.0, 20.0)).accepted, 1);
             let begun = held.now.scan;
             let mut late_mm = None;
@@ -374,11 +375,17 @@ fn whoever_is_killed_while_an_axis_is_jogged_it_comes_to_rest() {
             }
             let what = format!("{who} killed in scan {scan}: {:?}", held.mode());
             assert!(held.rests(), "{what}");
-            // A run that has tripped ends before.
-            let crept_mm = late_mm.map_or(0.0, |late_mm| held.x_mm() - late_mm);
-            assert!(crept_mm.abs() < 0.01, "{what}: {crept_mm}");
+            let late_mm = late_mm.unwrap_or_else(|| panic!("{what}: the run is over"));
+            assert!((held.x_mm() - late_mm).abs() < 0.01, "{what}: {late_mm}");
             assert_ne!(held.mode(), Mode::Jogging, "{what}");
             assert!(held.x_mm() < 60.0, "{what}: {}", held.x_mm());
+            if held.mode() != Mode::Enabled {
+                assert_eq!(held.order(&order(Order::Enable)).accepted, 1, "{what}");
+                held.scan_to(held.now.scan + 300);
+            }
+            assert_eq!(held.order(&order(Order::Resume)).accepted, 1, "{what}");
+            held.scan_to(held.now.scan + 20_000);
+            assert_eq!(held.mode(), Mode::Finished, "{what}");
         }
     }
 }

@@ -64,7 +64,21 @@ impl Depth {
 /// # Errors
 /// Whatever is wrong with them, for people.
 pub fn load(machine: &Path, program: Option<&Path>, depth: Depth) -> anyhow::Result<Checked> {
-    load_changed(machine, program, depth, |_| Ok(()))
+    let checked = load_changed(machine, program, depth, |_| Ok(()))?;
+    checked.starts_within(&machine_file(machine))?;
+    Ok(checked)
+}
+
+/// The same of a machine whose axes may stand where they should not: a cell that is up waits until somebody has jogged them inwards.
+///
+/// # Errors
+/// As [`load`], but for the start.
+pub(crate) fn load_wherever_it_stands(machine: &Path) -> anyhow::Result<Checked> {
+    let checked = load_changed(machine, None, Depth::Whole, |_| Ok(()))?;
+    if let Err(outside) = checked.starts_within(&machine_file(machine)) {
+        tracing::warn!("{outside:#}; jog it inwards before a program");
+    }
+    Ok(checked)
 }
 
 /// The same of a machine that is changed before anything is made of it.
@@ -163,6 +177,18 @@ fn simulated_start(machine: &Machine, path: &Path) -> anyhow::Result<(PlantFile,
         .with_context(|| format!("{} and {}", path.display(), plant_path.display()))?;
     program::tool_at(machine, &start).with_context(|| plant_path.display().to_string())?;
     Ok((plant, start))
+}
+
+impl Checked {
+    /// Whether every axis of the simulated machine starts within its travel.
+    fn starts_within(&self, path: &Path) -> anyhow::Result<()> {
+        let within = self
+            .plant
+            .as_ref()
+            .map_or(Ok(()), |plant| plant.starts_within(&self.machine));
+        let plant_path = path.with_file_name("plant.toml");
+        within.with_context(|| format!("{} and {}", path.display(), plant_path.display()))
+    }
 }
 
 /// Where real axes are nobody knows before the drives are asked: a program is checked from the machine's zero, or the end of the travel

@@ -40,7 +40,7 @@ pub fn check(
     let free = found.f_bavail.saturating_mul(found.f_frsize);
     if found.f_blocks > 0 && free < LEAST_BYTES {
         bail!(
-            "{}: the disk has no room for a run: {:.1} MB are free, at least {:.1} MB are needed",
+            "{}: the disk has no room for a run: {:.1} MB are free, at least {:.1} MB are needed; `[log] keep_mb` removes old runs",
             folder.display(),
             free as f64 / 1e6,
             LEAST_BYTES as f64 / 1e6
@@ -52,7 +52,7 @@ pub fn check(
     let needed = seconds().map_or(0.0, |seconds| log_bytes(machine, seconds));
     if needed > free as f64 {
         tracing::warn!(
-            "{}: the log of this program takes about {:.0} MB, and {:.1} MB are free: it will not be whole",
+            "{}: the log of this program takes about {:.0} MB, and {:.1} MB are free: it will not be whole (--log events records none)",
             folder.display(),
             needed / 1e6,
             free as f64 / 1e6

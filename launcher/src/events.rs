@@ -8,6 +8,8 @@ use anyhow::Context;
 use rustix::fs::{FallocateFlags, fallocate};
 use serde::Serialize;
 
+use crate::retention;
+
 /// Room on the disk that is reserved for the events of a run: some 600.
 const RESERVED_BYTES: u64 = 64 << 10;
 /// Lines that may wait for room on the disk.
@@ -68,9 +70,18 @@ impl Events {
         let path = run_dir.join("events.jsonl");
         let file = File::create(&path)
             .with_context(|| format!("{}: cannot be written", path.display()))?;
+        retention::hold(&file);
         // Where the log fills the disk, the end of the run is noted all the same. Not every file system can do it.
         let _ = fallocate(&file, FallocateFlags::KEEP_SIZE, 0, RESERVED_BYTES);
         Ok(Events::to(file))
+    }
+
+    /// Those of a run of which nothing is kept.
+    ///
+    /// # Errors
+    /// There is no `/dev/null`.
+    pub fn nowhere() -> anyhow::Result<Events> {
+        Ok(Events::to(File::create("/dev/null")?))
     }
 }
 

@@ -94,6 +94,8 @@ pub struct Plan {
     pub program: Option<PathBuf>,
     /// Where the recorder writes.
     pub out: PathBuf,
+    /// Whether it writes every sample.
+    pub records: bool,
     /// Pace.
     pub pace: Pace,
     /// Seconds a living process may take for one answer in lockstep.
@@ -127,6 +129,7 @@ impl Plan {
             plant_file: run_dir.plant.clone(),
             program: run_dir.program.clone(),
             out: run_dir.folder.clone(),
+            records: true,
             pace,
             answer_limit_s,
             orders: run_dir.orders.clone(),
@@ -147,6 +150,9 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
         Job::Monitor.into(),
         &["recorder", "--out", &path(&plan.out)],
     );
+    if !plan.records {
+        recorder.add(&["--no-log"]);
+    }
     if plan.metrics.is_some() {
         recorder.add(&["--metrics"]);
     }

@@ -20,6 +20,7 @@ pub mod output;
 pub mod plan;
 pub mod progress;
 pub mod report;
+mod retention;
 pub mod run;
 pub mod run_dir;
 mod service_manager;

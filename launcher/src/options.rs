@@ -25,12 +25,15 @@ pub struct RunOptions {
     /// Name of the cell, when several share a PC [default: the machine's own name]
     #[arg(long, value_name = "NAME")]
     pub cell: Option<String>,
+    /// What is recorded: full, every sample and a report; events, what happened to the processes alone; off, neither (a report needs full)
+    #[arg(long, value_name = "WHAT", default_value = "full", value_parser = ["off", "events", "full"])]
+    pub log: String,
     /// If the run goes well: learn from it what the model lacks at reversals, into learned.toml beside the machine file
-    #[arg(long, conflicts_with = "no_learned", group = "learns")]
+    #[arg(long, conflicts_with_all = ["no_learned", "log"], group = "learns")]
     pub learn: bool,
     /// If the run goes well: learn from it what this program leaves of error along its path by the table's scales, into
     /// learned-path/PROGRAM.csv beside the machine file; the best pass is kept
-    #[arg(long, conflicts_with_all = ["no_learned", "learn"], group = "learns")]
+    #[arg(long, conflicts_with_all = ["no_learned", "learn", "log"], group = "learns")]
     pub learn_path: bool,
     /// With --learn or --learn-path: run so often, each pass with a run directory of its own
     #[arg(long, value_name = "N", default_value_t = 1, requires = "learns", value_parser = clap::value_parser!(u32).range(1..=100))]
@@ -100,6 +103,9 @@ pub struct UpOptions {
     /// Name of the cell, when several share a PC [default: the machine's own name]
     #[arg(long, value_name = "NAME")]
     pub cell: Option<String>,
+    /// What is recorded: full, every sample and a report; events, what happened to the processes alone; off, neither (a report needs full)
+    #[arg(long, value_name = "WHAT", default_value = "full", value_parser = ["off", "events", "full"])]
+    pub log: String,
     /// Show `quadrant monitor` in this terminal meanwhile; closing it (q) ends nothing
     #[arg(long)]
     pub view: bool,

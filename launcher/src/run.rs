@@ -18,6 +18,7 @@ use crate::group::{Group, Plan};
 use crate::operator::origin;
 use crate::options::{CleanOptions, RunOptions};
 use crate::output::{self, say};
+use crate::retention::Retention;
 use crate::run_dir::{RunDir, Sources, default_folder, program_name};
 use crate::signals::Signals;
 use crate::supervise::{Ending, Subject, Watch, supervise};
@@ -28,6 +29,11 @@ use crate::{
 
 /// Members of a dead launcher get so long to stop on the path and leave.
 const MEMBERS_PATIENCE: Duration = Duration::from_secs(10);
+
+/// Of `--log`: every sample.
+pub const FULL: &str = "full";
+/// Of `--log`: nothing.
+pub const OFF: &str = "off";
 
 /// A process that has ended holds its lock for a moment.
 const CLEAN_PATIENCE: Duration = Duration::from_millis(500);
@@ -68,6 +74,9 @@ pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Fail
     let metrics = metrics.transpose().environment()?;
     let web = web::Place::open_if(options.web, options.token.as_deref())?;
     let machine_path = machine_file(&options.machine);
+    if let Some(retention) = Retention::of(&checked.machine) {
+        retention.apply();
+    }
     let (run_dir, mut checked) = make_run_dir(options, &machine_path, &checked)?;
     let (faults, fault_blocks) = faults.unzip();
     if let Some(script) = &faults {
@@ -77,6 +86,7 @@ pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Fail
         doctor::say_what_realtime_lacks();
     }
     let plan = Plan {
+        records: options.log == FULL,
         wrong_samples: injection == Injection::WrongSamples,
         fault_blocks: fault_blocks.unwrap_or_default(),
         single_block: options.single_block,
@@ -85,7 +95,7 @@ pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Fail
     let started = origin::note(&place, &machine_path).environment();
     let started = started.and_then(|()| start(cell, &checked.machine, &plan, &signals));
     let mut group = started.inspect_err(|_| run_dir.discard())?;
-    let mut events = Events::create(&run_dir.folder).environment()?;
+    let mut events = make_events(&run_dir, &options.log)?;
     note_started(&group, &mut events);
     let watch = Watch::new(&group, &checked.machine, !options.view).environment()?;
     group.begin();
@@ -101,13 +111,24 @@ pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Fail
     };
     let ending = supervise(&mut group, subject, watch, &signals, &mut events);
     drop(group);
-    let made = report::make(&run_dir.folder);
+    let made = (options.log == FULL).then(|| report::make(&run_dir.folder));
     conclude(ending, made, &run_dir.folder)?;
     Ok(Completed {
         folder: run_dir.folder,
         machine_file: machine_path,
         machine: checked.machine,
     })
+}
+
+/// Opens the events of a run, if they are kept.
+///
+/// # Errors
+/// They cannot be written.
+pub fn make_events(run_dir: &RunDir, log: &str) -> Result<Events, Failure> {
+    match log {
+        OFF => Events::nowhere().environment(),
+        _ => Events::create(&run_dir.folder).environment(),
+    }
 }
 
 /// A fault script; with it, where the blocks that it names begin on the path (line and element).
@@ -146,7 +167,8 @@ fn make_run_dir(
     let machine = &checked.machine;
     let default = || default_folder(&machine.name, &options.program);
     let folder = options.out.clone().unwrap_or_else(default);
-    disk_room::check(&folder, machine, || checked.seconds()).environment()?;
+    let seconds = || checked.seconds().filter(|_| options.log == FULL);
+    disk_room::check(&folder, machine, seconds).environment()?;
     let program = checked.program.as_ref().filter(|_| options.learn);
     let program = program.map(|program| format!("{:016x}", program.source_hash));
     let trained = training::trained(
@@ -175,11 +197,9 @@ fn make_run_dir(
 /// It cannot be made, or what was copied is not right.
 pub fn make_checked(folder: &Path, sources: &Sources<'_>) -> Result<(RunDir, Checked), Failure> {
     let run_dir = RunDir::make(folder, sources).environment()?;
-    match check::load(
-        &run_dir.machine,
-        run_dir.program.as_deref(),
-        Depth::Beginning,
-    ) {
+    // Where the axes start has been judged, or waits for a jog.
+    let program = run_dir.program.as_deref();
+    match check::load_changed(&run_dir.machine, program, Depth::Beginning, |_| Ok(())) {
         Ok(checked) => Ok((run_dir, checked)),
         Err(error) => {
             let _ = std::fs::remove_dir_all(&run_dir.folder);
@@ -252,13 +272,17 @@ fn load_faults(path: &Path, checked: &Checked, injection: Injection) -> anyhow::
     Ok((script, blocks))
 }
 
-fn conclude(ending: Ending, made: anyhow::Result<String>, folder: &Path) -> Outcome {
+fn conclude(ending: Ending, made: Option<anyhow::Result<String>>, folder: &Path) -> Outcome {
     match &made {
-        Ok(text) => {
+        None => say(&format!(
+            "Without a log (--log), so without a report. Run directory: {}",
+            folder.display()
+        )),
+        Some(Ok(text)) => {
             say(text);
             say(&format!("Run directory: {}", folder.display()));
         }
-        Err(error) => {
+        Some(Err(error)) => {
             let why = exit::words(error);
             tracing::error!("no report could be made of {}: {why}", folder.display());
         }
@@ -300,7 +324,7 @@ fn conclude(ending: Ending, made: anyhow::Result<String>, folder: &Path) -> Outc
             Err(Failure::Interrupted)
         }
         Some(Mode::Finished) => {
-            made.map_err(Failure::Environment)?;
+            made.transpose().map_err(Failure::Environment)?;
             Ok(())
         }
         _ => Err(Failure::Stopped(anyhow!(ending.stop))),

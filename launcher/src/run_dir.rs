@@ -11,6 +11,8 @@ use machine::learned::LEARNED_FILE;
 use machine::learned_path::LEARNED_PATH_FILE;
 use machine::{KeptFiles, Machine};
 
+use crate::retention::RUNS;
+
 /// A run directory with its copies.
 #[derive(Debug)]
 pub struct RunDir {
@@ -61,7 +63,7 @@ pub fn default_folder(machine: &str, program: &Path) -> PathBuf {
 
 /// `runs/NAME-TIME`, one that is not there yet.
 pub fn dated_folder(name: &str) -> PathBuf {
-    let base = format!("runs/{name}-{}", stamp(Utc::now()));
+    let base = format!("{RUNS}/{name}-{}", stamp(Utc::now()));
     let mut folder = PathBuf::from(&base);
     let mut number = 2;
     while folder.exists() {

@@ -14,6 +14,7 @@ use serde_json::Value;
 
 use crate::events::{Event, Events};
 use crate::logs;
+use crate::retention::{RUNS, Retention};
 use crate::signals::Signals;
 
 /// So long the reports that are still being made may hold up the end of the cell.
@@ -51,6 +52,10 @@ pub struct Session {
     over: Option<(u32, u64)>,
     /// One at a time.
     report: Option<Report>,
+    /// What is kept of earlier runs, if not all.
+    retention: Option<Retention>,
+    /// No logs are written.
+    without_logs: bool,
     /// The cell has ended.
     ended: bool,
 }
@@ -66,8 +71,15 @@ impl Drop for Session {
 
 impl Session {
     /// Of the cell in `place`, with one folder in `folder` for each program.
-    pub fn new(folder: &Path, place: &CellPaths) -> Session {
+    pub fn new(
+        folder: &Path,
+        place: &CellPaths,
+        retention: Option<Retention>,
+        without_logs: bool,
+    ) -> Session {
         Session {
+            retention: retention.filter(|_| folder.starts_with(RUNS)),
+            without_logs,
             folder: folder.into(),
             place: place.clone(),
             reported: 0,
@@ -187,6 +199,9 @@ impl Session {
         self.reap(scan, events);
         while self.report.is_none() && self.reported < self.logged {
             self.reported += 1;
+            if self.without_logs {
+                continue;
+            }
             let Some(folder) = self.folder_of(self.reported) else {
                 tracing::warn!("run {} has left no log", self.reported);
                 continue;
@@ -247,6 +262,9 @@ impl Session {
         tracing::info!("run {}: {text}", report.run);
         events.write(&Event::of_cell(scan, "run over", Some(text)));
         self.report = None;
+        if let Some(retention) = &self.retention {
+            retention.apply();
+        }
     }
 }
 

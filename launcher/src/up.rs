@@ -9,13 +9,13 @@ use bus::sample::Job;
 use machine::{Machine, machine_file};
 
 use crate::check::Checked;
-use crate::events::Events;
 use crate::exit::{Failure, Kind, Outcome};
 use crate::group::{Death, Plan};
 use crate::operator::origin;
 use crate::options::UpOptions;
 use crate::output::{self, say};
-use crate::run::{make_checked, note_started, own, start};
+use crate::retention::Retention;
+use crate::run::{FULL, make_checked, make_events, note_started, own, start};
 use crate::run_dir::{RunDir, Sources, dated_folder};
 use crate::session::Session;
 use crate::signals::Signals;
@@ -30,7 +30,7 @@ pub fn up(options: &UpOptions) -> Outcome {
     if options.view {
         view::check().input()?;
     }
-    let checked = check::load(&options.machine, None, check::Depth::Whole).input()?;
+    let checked = check::load_wherever_it_stands(&options.machine).input()?;
     for remark in checked.remarks() {
         tracing::warn!("{}: {remark}", options.machine.display());
     }
@@ -42,29 +42,39 @@ pub fn up(options: &UpOptions) -> Outcome {
     let metrics = metrics.transpose().environment()?;
     let web = web::Place::open_if(options.web, options.token.as_deref())?;
     let machine_path = machine_file(&options.machine);
+    let retention = Retention::of(&checked.machine);
+    if let Some(retention) = &retention {
+        retention.apply();
+    }
     let (run_dir, mut checked) = make_folder(options, &machine_path, &checked, cell_name)?;
     let folder = run_dir.folder.clone();
     checked.machine.restart = checked.machine.restart.of_staying();
     if options.pace() == Pace::Realtime {
         doctor::say_what_realtime_lacks();
     }
-    let plan = Plan::of(&run_dir, options.pace(), options.answer_limit, metrics);
+    let records = options.log == FULL;
+    let plan = Plan {
+        records,
+        ..Plan::of(&run_dir, options.pace(), options.answer_limit, metrics)
+    };
     let started = origin::note(&place, &machine_path).environment();
     let started = started.and_then(|()| start(cell, &checked.machine, &plan, &signals));
     let mut group = started.inspect_err(|_| run_dir.discard())?;
-    let mut events = Events::create(&run_dir.folder).environment()?;
-    let shown = std::path::absolute(&run_dir.folder).environment()?;
-    std::fs::write(place.runs_file(), shown.as_os_str().as_encoded_bytes()).environment()?;
+    let mut events = make_events(&run_dir, &options.log)?;
+    if records {
+        let shown = std::path::absolute(&run_dir.folder).environment()?;
+        std::fs::write(place.runs_file(), shown.as_os_str().as_encoded_bytes()).environment()?;
+    }
     note_started(&group, &mut events);
     let watch = Watch::new(&group, &checked.machine, false).environment()?;
     group.begin();
     service_manager::ready();
     service_manager::status(&format!("cell {cell_name} is up"));
-    say_up(cell_name, &checked.machine, &folder);
+    say_up(cell_name, &checked.machine, records, &folder);
     let subject = Subject {
         machine: &checked.machine,
         faults: None,
-        session: Some(Session::new(&folder, &place)),
+        session: Some(Session::new(&folder, &place, retention, !records)),
         page: web::Page::start_if(web, cell_name, options.view)?,
         view: View::open_if(options.view, cell_name).environment()?,
     };
@@ -98,13 +108,18 @@ fn make_folder(
 }
 
 /// Says that the cell is up, and what can be done with it.
-fn say_up(cell_name: &str, machine: &Machine, folder: &Path) {
+fn say_up(cell_name: &str, machine: &Machine, records: bool, folder: &Path) {
     let homes = machine.axes.iter().any(|axis| axis.homing.is_some());
     let home = if homes { " | home" } else { "" };
+    let logs = if records {
+        "Every program that is started leaves a run directory"
+    } else {
+        "No program leaves a log (--log); what the cell was made of is"
+    };
     say(&format!(
         "Cell {cell_name} is up, its drives are off. From any other terminal:\n  \
          quadrant enable{home} | load PROGRAM | start | hold | resume | stop | jog AXIS DISTANCE | status | monitor | down\n\
-         Every program that is started leaves a run directory in {}",
+         {logs} in {}",
         folder.display()
     ));
 }

@@ -14,6 +14,7 @@ use crate::fieldbus::Fieldbus;
 use crate::interpolation::Interpolation;
 use crate::kept::KeptFiles;
 use crate::kinematics::Kinematics;
+use crate::log_keeping::LogKeeping;
 use crate::parameter_file::KeptParameters;
 use crate::path::PathSettings;
 use crate::positioning::Positioning;
@@ -42,6 +43,8 @@ pub struct Machine {
     pub manual: Manual,
     /// What follows when a process is lost ([all cases](faults.md)).
     pub restart: Restart,
+    /// How much of the [logs of earlier runs](run-directory.md) is kept. Without a key, all.
+    pub log: LogKeeping,
     /// The spindle ([spindle, coolant, outputs and stops](../howto/spindle.md)). Without this table S, M3, M4, M5 and M19 are read and
     /// not acted on.
     pub spindle: Option<Spindle>,

@@ -59,6 +59,13 @@ impl Logbook {
             new_home: None,
         };
         match &options.program {
+            Some(program) if !options.records => {
+                let machine = options.out.join(MACHINE_FILE);
+                logbook.new_home = Some(Home {
+                    directory: options.out.clone(),
+                    info: run_info(options, &machine, Some(program))?,
+                });
+            }
             Some(program) => logbook.open(&options.out, program, 1, 0, 0)?,
             None => logbook.new_home = Some(logbook.home_between()?),
         }
@@ -68,7 +75,7 @@ impl Logbook {
     /// Before this feedback is recorded: ends the log of a program that is over and begins that of one that was started.
     /// Whether one was started.
     pub fn turn(&mut self, feedback: &Feedback, failed: u64) -> Result<bool, MonitorError> {
-        if self.options.program.is_none() {
+        if self.options.program.is_none() && self.options.records {
             let started = feedback.program == ProgramState::Running as u32;
             let run = started.then_some(feedback.run);
             if self.open.as_ref().map(|open| open.run) != run {

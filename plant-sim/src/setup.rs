@@ -188,7 +188,10 @@ impl PlantFile {
     }
 
     /// Each axis starts within its travel. One that is homed may start anywhere: where it is nobody knows before.
-    fn judge_start(&self, machine: &Machine) -> Result<(), SetupError> {
+    ///
+    /// # Errors
+    /// The first that does not.
+    pub fn starts_within(&self, machine: &Machine) -> Result<(), SetupError> {
         for axis in machine.axes.iter().filter(|axis| axis.homing.is_none()) {
             let (low, high) = (axis.travel_min_mm, axis.travel_max_mm);
             let start = self.axis(&axis.name).map(|of| of.start_position_mm);
@@ -238,7 +241,6 @@ impl PlantFile {
     /// # Errors
     /// [`SetupError`].
     pub fn start(&self, machine: &Machine) -> Result<[i64; MAX_AXES], SetupError> {
-        self.judge_start(machine)?;
         let mut start = [0; MAX_AXES];
         let axes = start.iter_mut().zip(&machine.axes);
         for ((increments, axis), simulation) in axes.zip(&self.simulations(machine)?) {

@@ -185,10 +185,10 @@ pub struct Circle {
     pub program: String,
 }
 
-/// Test circles where nobody names others: the default of `--circles`.
+/// Test circles where nobody names others.
 pub const CIRCLES: [(f64, f64); 3] = [(25.0, 3000.0), (10.0, 10_000.0), (100.0, 1000.0)];
 
-/// The test circles that were named; of the usual ones those that this machine has room for.
+/// The test circles that were named, or those of the usual ones that this machine has room for.
 ///
 /// # Errors
 /// There is no room for one that was named.
@@ -197,14 +197,16 @@ pub fn named_circles(
     limits: &[Limit],
     named: &[(f64, f64)],
 ) -> anyhow::Result<Vec<Circle>> {
-    // Where no two slides span a plane it is said that there are no circles.
-    let Some((_, axes, _)) = plane(machine).filter(|_| named != CIRCLES) else {
-        return Ok(circles(machine, limits, named));
-    };
+    if named.is_empty() {
+        return Ok(circles(machine, limits, &CIRCLES));
+    }
     for &(radius_mm, feed_mm_min) in named {
         if circle(machine, limits, radius_mm, feed_mm_min).is_some() {
             continue;
         }
+        let Some((_, axes, _)) = plane(machine) else {
+            bail!("--circles: this machine has no two slides that span a plane");
+        };
         let most_mm = axes.map(|axis| 0.49 * (axis.travel_max_mm - axis.travel_min_mm));
         bail!(
             "--circles {radius_mm}:{feed_mm_min}: there is no room for it: the radius is at most {:.1} mm, with the travel of {} and {}",

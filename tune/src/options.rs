@@ -10,7 +10,7 @@ use machine::Machine;
 /// What `quadrant tune` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "The axes move by themselves, one after the other, up to 20 mm (100 mm/s) to either side of the\nmiddle of their travel; then a few circles, those of --circles for which there is room.\n--travel-mm, --speed-mm-s and --acceleration-mm-s2 allow them less: a number for all axes, or\nAXIS=number. Shorter and slower motions tell less.\n\nWhat the model does not explain is printed, with what it may cost. Settings with which the machine\nstops are undone. Exit status 1: nothing can be identified, or the machine stops; nothing is written."
+    after_help = "The axes move by themselves, one after the other, up to 20 mm (100 mm/s) to either side of the\nmiddle of their travel; then a few circles, those of --circles.\n--travel-mm, --speed-mm-s and --acceleration-mm-s2 allow them less: a number for all axes, or\nAXIS=number. Shorter and slower motions tell less.\n\nWhat the model does not explain is printed, with what it may cost. Settings with which the machine\nstops are undone. Exit status 1: nothing can be identified, or the machine stops; nothing is written."
 )]
 pub struct TuneOptions {
     /// Folder with machine.toml and plant.toml, or the path of a machine.toml
@@ -37,8 +37,8 @@ pub struct TuneOptions {
         value_delimiter = ','
     )]
     pub acceleration_mm_s2: Vec<String>,
-    /// Circles on which before and after are compared, as RADIUS:FEED in mm and mm/min
-    #[arg(long, value_name = "MM:MM_MIN", value_delimiter = ',', value_parser = circle, default_value = "25:3000,10:10000,100:1000")]
+    /// Circles on which before and after are compared, as RADIUS:FEED in mm and mm/min; one for which there is no room is refused [default: those of 25:3000, 10:10000 and 100:1000 for which there is room]
+    #[arg(long, value_name = "MM:MM_MIN", value_delimiter = ',', value_parser = circle)]
     pub circles: Vec<(f64, f64)>,
     /// Folder for what the axes did in the test motions, as text that `quadrant identify` reads
     #[arg(long, value_name = "DIR")]

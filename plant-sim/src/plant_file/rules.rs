@@ -189,6 +189,7 @@ fn shares(rules: &mut Rules<'_>, at: At<'_>, side: &str, share: &[f64; ELEMENTS]
     let sum: f64 = share.iter().sum();
     let fits = (sum - 1.0).abs() <= SHARE_TOLERANCE;
     if !fits {
+        let sum = libm::round(sum * 1e6) / 1e6;
         let what = format!("= {share:?}: the sum must be 1, not {sum}");
         rules.say(&[side, "friction", "element_share"], at, &what);
     }
