@@ -90,7 +90,7 @@ fn everything_that_is_wrong_is_said_at_once_in_the_order_of_the_file() {
         found,
         [
             "m.toml:4: scan.period_us = 1000.5: must be a whole number",
-            "m.toml:7: axis X: missing field `lead_mm`",
+            "m.toml:7: axis X: missing field `lead_mm`, or a table `transmission`",
             "m.toml:11: axis X rapid_mm_s = -250 mm/s: must be above 0 and at most 5000 mm/s",
             "m.toml:16: axis X position_loop: unknown field `gian_per_s`, expected `gain_per_s`",
             "m.toml:16: axis X position_loop: missing field `gain_per_s`",

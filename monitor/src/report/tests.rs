@@ -268,7 +268,11 @@ fn the_page_stands_alone_and_says_first_how_it_ended() {
     // Names of vocabularies are not fetched; nothing else may name a place in the net.
     let places = page.replace("xmlns=\"http://www.w3.org/2000/svg\"", "");
     assert!(!places.contains("http"), "names a place in the net");
-    assert_eq!(page.matches("<svg ").count(), 3, "tracking and two circles");
+    assert_eq!(
+        page.matches("<svg ").count(),
+        4,
+        "path, tracking and two circles"
+    );
     let body = page.split("<body>").nth(1).unwrap();
     let outcome = body.find("Completed.").unwrap();
     assert!(outcome < body.find("<table").unwrap() && outcome < body.find("<svg").unwrap());
