@@ -151,7 +151,7 @@ fn refused(change: impl FnOnce(&mut Snapshot)) -> String {
 #[test]
 fn each_field_out_of_range_is_refused_by_its_name() {
     let cases: [(&str, String); 12] = [
-        ("format 4", refused(|s| s.format = 4)),
+        ("format 5", refused(|s| s.format = 5)),
         ("pace", refused(|s| s.pace = Some("slow".into()))),
         ("axes", refused(|s| s.axes = vec![axis(); AXES_MAX + 1])),
         ("feedback_mm", refused(|s| s.axes[1].feedback_mm = 7.0)),

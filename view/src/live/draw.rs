@@ -144,29 +144,25 @@ fn bottom_line(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
 
 const HELP: &str = "\
  h        feed hold: the tool comes to rest on the path and waits
- r        resume; after a jog it first returns to the path. Asks first where the machine has tripped
+ r        resume, after a jog by way of the path; asks first after a trip
  s        stop (asks first): like hold, but a `quadrant run` ends
  + -      override 10 % up or down; 0 stands
  b f      block by block, on and off; rapids at 100, 50, 25, 5 %
  j        jog by keys: arrows held, or by steps; Esc leaves it
  !        emergency stop, at once and in every state; `enable` ends it
- :        type a block, Enter runs it, as `quadrant mdi`; arrows: earlier ones
+ :        type a block, Enter runs it (`quadrant mdi`); arrows: history
  m        home the axes that have no absolute encoder (asks first)
  q  Esc   leave; the machine goes on. Ctrl-Z: for a while. ? this page
  d        the readout: work and machine coordinates, large; again: back
-
  The same from any terminal: quadrant hold, resume, stop …
-
- error    following error as the servo reckons it (the command is
-          one scan ahead of the feedback beside it); peak: since
-          this view came; bars: largest of each 0.1 s, newest right
+ error    following error as the servo reckons it; peak: since this view
+          came; bars: largest of each 0.1 s, newest right
  torque   share of the motor's rated torque; ! at its limit
  winding  temperature above ambient
  missed   scans without a command in time, since the start
  ⌂? ⌂…    the axis is not homed; it is being homed
  circle   radial deviation of the table; dotted: as programmed
- reversal height of the table over the arc just before it; - off
-          an arc, or not all scans seen; error: largest around it
+ reversal height over the arc just before it; - off an arc, or not seen
  period   between scans, this view's own waking-up included
  age      scans since a process last answered";
 

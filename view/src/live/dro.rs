@@ -104,7 +104,7 @@ pub fn of(model: &Model) -> Dro {
     // Where axes are those of the program.
     let is_plain = program::kinematics_of(machine) == Kinematics::Cartesian;
     if is_plain {
-        dro.feed_mm_min = Some(speed_mm_min(machine, feedback));
+        dro.feed_mm_min = Some(speed_mm_min(model));
     }
     let runs = model.program_state() == Some(ProgramState::Running);
     let modal = if runs {
@@ -194,10 +194,10 @@ fn place(machine: &Machine, feedback: &Feedback) -> AxisVector {
     place
 }
 
-fn speed_mm_min(machine: &Machine, feedback: &Feedback) -> f64 {
-    let axes = machine.axes.iter().zip(feedback.axes());
+fn speed_mm_min(model: &Model) -> f64 {
+    let axes = model.machine.axes.iter().zip(&model.axes);
     let linear = axes.filter(|(axis, _)| axis.kind == AxisKind::Linear);
-    let square: f64 = linear.map(|(_, sample)| sample.velocity_mm_s.powi(2)).sum();
+    let square: f64 = linear.map(|(_, of)| of.velocity_mm_s.powi(2)).sum();
     square.sqrt() * 60.0
 }
 
