@@ -5,10 +5,8 @@ mod common;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use bus::sample::{
-    Cause, FLOOD, Feedback, Levels, MIST, Mode, OperatorRequest, Order, SpindleCommand, Waiting,
-};
-use common::{kill, seeds};
+use bus::sample::{Cause, FLOOD, Feedback, Levels, MIST, Mode, Order, SpindleCommand, Waiting};
+use common::{kill, order, seeds};
 use control::path::Feed;
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::{Course, Judge};
@@ -75,15 +73,6 @@ fn feedbacks(machine: &Machine, plant: &PlantFile, text: &str) -> Vec<Feedback> 
         assert!(all.len() < 100_000, "the run does not end: {text}");
     }
     all
-}
-
-fn order(order: Order, value: f64) -> OperatorRequest {
-    OperatorRequest {
-        order: order as u32,
-        axis: 0,
-        value,
-        ..OperatorRequest::default()
-    }
 }
 
 fn moves(feedback: &Feedback) -> bool {

@@ -4,8 +4,8 @@ mod common;
 
 use std::path::Path;
 
-use bus::sample::{Cause, Feedback, Mode, OperatorRequest, Order, Refused};
-use common::{kill, seeds};
+use bus::sample::{Cause, Feedback, Mode, Order, Refused};
+use common::{kill, order, seeds};
 use control::path_part::PathPart;
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::{Course, Judge};
@@ -38,15 +38,6 @@ struct Row {
     turns: f64,
     /// True speed, in rev/min.
     rpm: f64,
-}
-
-fn order(order: Order, value: f64) -> OperatorRequest {
-    OperatorRequest {
-        order: order as u32,
-        axis: 0,
-        value,
-        ..OperatorRequest::default()
-    }
 }
 
 struct Run {

@@ -1,8 +1,11 @@
 //! Overrides of feeds and of rapids, each of its own kind.
 
+mod common;
+
 use std::path::Path;
 
-use bus::sample::{Feedback, Mode, OperatorRequest, Order, Refused};
+use bus::sample::{Feedback, Mode, Order, Refused};
+use common::order;
 use lab::cell::InProcessCell;
 use machine::Machine;
 use plant_sim::plant_file::PlantFile;
@@ -16,14 +19,6 @@ fn mill(feed_override_max_percent: u32) -> (Machine, PlantFile) {
     machine.path.feed_override_max_percent = feed_override_max_percent;
     let plant = PlantFile::load(&folder.join("plant.toml")).expect("plant.toml");
     (machine, plant)
-}
-
-fn order(order: Order, value: f64) -> OperatorRequest {
-    OperatorRequest {
-        order: order as u32,
-        value,
-        ..OperatorRequest::default()
-    }
 }
 
 /// Scans of a program with these orders before its first; the last feedback.

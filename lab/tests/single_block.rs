@@ -4,8 +4,8 @@ mod common;
 
 use std::path::Path;
 
-use bus::sample::{Feedback, Mode, OperatorRequest, Order, Waiting};
-use common::kill;
+use bus::sample::{Feedback, Mode, Order, Waiting};
+use common::{kill, order};
 use lab::cell::{InProcessCell, Script};
 use machine::Machine;
 use plant_sim::plant_file::PlantFile;
@@ -25,14 +25,6 @@ fn mill() -> (Machine, PlantFile) {
     machine.program.work_offset_mm.clear();
     let plant = PlantFile::load(&folder.join("plant.toml")).expect("plant.toml");
     (machine, plant)
-}
-
-fn order(order: Order, value: f64) -> OperatorRequest {
-    OperatorRequest {
-        order: order as u32,
-        value,
-        ..OperatorRequest::default()
-    }
 }
 
 /// A stop: what is waited for, its line, where the axes are commanded to be.

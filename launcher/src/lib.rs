@@ -3,6 +3,7 @@
 mod bus_scan;
 mod bus_sdo;
 pub mod check;
+mod closing;
 mod disk_room;
 pub mod doctor;
 pub mod drive_files;
@@ -12,6 +13,7 @@ mod fault_injector;
 mod group;
 mod hangs;
 pub mod hints;
+pub mod listening;
 pub mod logs;
 pub mod metrics_socket;
 pub mod operator;

@@ -1,10 +1,12 @@
 //! The socket that metrics are served at: opened by the launcher before anything starts, handed to the recorder.
 
-use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
+use std::net::{SocketAddr, TcpListener};
 use std::os::fd::OwnedFd;
 use std::sync::Arc;
 
 use anyhow::Context;
+
+use crate::listening::{self, another, is_loopback};
 
 /// Port where none is named: the letters QUAD on a telephone. Below 9100, where the registered exporters of Prometheus begin, and
 /// below the ports that Linux gives to clients (32768 on).
@@ -31,12 +33,7 @@ impl Listener {
 /// # Errors
 /// Neither; in words.
 pub fn parse_address(text: &str) -> Result<SocketAddr, String> {
-    if let Ok(port) = text.parse::<u16>() {
-        return Ok(SocketAddr::new(Ipv4Addr::LOCALHOST.into(), port));
-    }
-    text.parse().map_err(|_| {
-        format!("must be an address and a port ({DEFAULT_ADDRESS}, [::1]:{PORT}) or a port alone; 0 takes a free one")
-    })
+    listening::parse_address(text, DEFAULT_ADDRESS, PORT)
 }
 
 /// Opens the socket and says where; loudly if it can be reached from other machines.
@@ -45,10 +42,7 @@ pub fn parse_address(text: &str) -> Result<SocketAddr, String> {
 /// The address is taken or not one of this PC's.
 pub fn listen(address: SocketAddr) -> anyhow::Result<Listener> {
     let listener = TcpListener::bind(address).with_context(|| {
-        let other = match address.port().checked_add(1) {
-            Some(port) if address.port() != 0 => SocketAddr::new(address.ip(), port),
-            _ => SocketAddr::new(address.ip(), 0),
-        };
+        let other = another(address);
         format!("--metrics={address}: cannot listen there (another cell? then --metrics={other})")
     })?;
     let address = listener.local_addr()?;
@@ -60,15 +54,6 @@ pub fn listen(address: SocketAddr) -> anyhow::Result<Listener> {
         );
     }
     Ok(Listener(Arc::new(listener)))
-}
-
-fn is_loopback(ip: IpAddr) -> bool {
-    match ip {
-        IpAddr::V4(ip) => ip.is_loopback(),
-        IpAddr::V6(ip) => {
-            ip.is_loopback() || ip.to_ipv4_mapped().is_some_and(|v4| v4.is_loopback())
-        }
-    }
 }
 
 #[cfg(test)]
@@ -86,21 +71,5 @@ mod tests {
             assert!(error.contains(DEFAULT_ADDRESS), "{wrong}: {error}");
         }
         assert_eq!(parse_address(DEFAULT_ADDRESS).map(|a| a.port()), Ok(PORT));
-    }
-
-    #[test]
-    fn only_loopback_addresses_are_taken_for_this_pcs_alone() {
-        for (text, alone) in [
-            ("127.0.0.1", true),
-            ("127.9.9.9", true),
-            ("::1", true),
-            ("::ffff:127.0.0.1", true),
-            ("0.0.0.0", false),
-            ("::", false),
-            ("192.168.0.4", false),
-        ] {
-            let ip: IpAddr = text.parse().expect(text);
-            assert_eq!(is_loopback(ip), alone, "{text}");
-        }
     }
 }

@@ -3,11 +3,11 @@
 
 use std::io::IsTerminal;
 use std::process::{Child, Command};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::{Context, bail};
-use rustix::process::{Pid, Signal, kill_process};
 
+use crate::closing::close;
 use crate::output;
 
 /// So long the view may take to give the terminal back; one that takes nothing more cannot be given back.
@@ -68,18 +68,7 @@ impl Drop for View {
         let Some(mut child) = self.child.take() else {
             return;
         };
-        if let Some(pid) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
-            let _ = kill_process(pid, Signal::TERM);
-        }
-        let since = Instant::now();
-        while matches!(child.try_wait(), Ok(None)) {
-            if since.elapsed() > CLOSE_LIMIT {
-                let _ = child.kill();
-                let _ = child.wait();
-                break;
-            }
-            std::thread::sleep(LOOK);
-        }
+        close(&mut child, CLOSE_LIMIT, LOOK);
         output::release();
     }
 }

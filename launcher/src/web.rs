@@ -13,11 +13,13 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use rustix::process::{Pid, Signal, kill_process, set_parent_process_death_signal};
+use rustix::process::{Signal, set_parent_process_death_signal};
 
-pub use socket::{DEFAULT_ADDRESS, PORT, is_loopback, parse_address};
+pub use crate::listening::is_loopback;
+pub use socket::{DEFAULT_ADDRESS, PORT, parse_address};
 pub use token::{TOKEN_VARIABLE, Token};
 
+use crate::closing::close;
 use crate::exit::{Failure, Kind};
 use crate::output::say;
 
@@ -88,7 +90,7 @@ impl Place {
         (self.listener, self.address, self.token)
     }
 
-    /// Says where the page is; loudly if it can be reached from other machines. A token that stands in a file is not printed.
+    /// Says where the page is; loudly if it can be reached from other machines. A token that is in a file is not printed.
     pub fn announce(&self) {
         let page = socket::page(self.address);
         let orders = match &self.token_file {
@@ -208,15 +210,6 @@ impl Drop for Page {
         let Some(mut child) = self.child.take() else {
             return;
         };
-        let _ = kill_process(Pid::from_child(&child), Signal::TERM);
-        let since = Instant::now();
-        while matches!(child.try_wait(), Ok(None)) {
-            if since.elapsed() > CLOSE_LIMIT {
-                let _ = child.kill();
-                let _ = child.wait();
-                break;
-            }
-            std::thread::sleep(LOOK);
-        }
+        close(&mut child, CLOSE_LIMIT, LOOK);
     }
 }

@@ -1,9 +1,11 @@
 //! The socket of the page.
 
-use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
+use std::net::{SocketAddr, TcpListener};
 use std::os::fd::AsFd;
 
 use anyhow::{Context, bail};
+
+use crate::listening::{self, another};
 
 /// Port where none is named: below those that Linux gives to clients (32768 on).
 pub const PORT: u16 = 8640;
@@ -15,12 +17,7 @@ pub const DEFAULT_ADDRESS: &str = "127.0.0.1:8640";
 /// # Errors
 /// Neither; in words.
 pub fn parse_address(text: &str) -> Result<SocketAddr, String> {
-    if let Ok(port) = text.parse::<u16>() {
-        return Ok(SocketAddr::new(Ipv4Addr::LOCALHOST.into(), port));
-    }
-    text.parse().map_err(|_| {
-        format!("must be an address and a port ({DEFAULT_ADDRESS}, [::1]:{PORT}) or a port alone; 0 takes a free one")
-    })
+    listening::parse_address(text, DEFAULT_ADDRESS, PORT)
 }
 
 /// Opens the socket.
@@ -29,11 +26,7 @@ pub fn parse_address(text: &str) -> Result<SocketAddr, String> {
 /// The address is taken or not one of this PC's.
 pub fn listen(address: SocketAddr) -> anyhow::Result<TcpListener> {
     TcpListener::bind(address).with_context(|| {
-        let port = match address.port() {
-            0 => 0,
-            port => port.checked_add(1).unwrap_or(0),
-        };
-        let other = SocketAddr::new(address.ip(), port);
+        let other = another(address);
         format!("the page cannot be served at {address} (another cell's? then --web={other})")
     })
 }
@@ -59,16 +52,6 @@ pub fn page(address: SocketAddr) -> String {
         return format!("http://{name}:{}/", address.port());
     }
     format!("http://{address}/")
-}
-
-/// Whether only this PC reaches it.
-pub fn is_loopback(ip: IpAddr) -> bool {
-    match ip {
-        IpAddr::V4(ip) => ip.is_loopback(),
-        IpAddr::V6(ip) => {
-            ip.is_loopback() || ip.to_ipv4_mapped().is_some_and(|v4| v4.is_loopback())
-        }
-    }
 }
 
 #[cfg(test)]
