@@ -292,6 +292,9 @@ pub struct MasterOptions {
     /// Block by block from the start
     #[arg(long)]
     pub single_block: bool,
+    /// Line that its program begins at; 0 for its beginning
+    #[arg(long, default_value_t = 0)]
+    pub start_line: u32,
     /// Seconds a living process may take for one answer
     #[arg(long, default_value_t = 30)]
     pub answer_limit: u64,

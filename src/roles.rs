@@ -73,6 +73,7 @@ impl MasterOptions {
             },
             beginning: master::Beginning {
                 single_block: self.single_block,
+                start_line: self.start_line,
             },
             answer_limit: Duration::from_secs(self.answer_limit),
         }

@@ -515,3 +515,42 @@ fn a_reset_gives_up_the_rest_of_a_program_and_start_begins_it_again() {
     obeyed(&cell, &["down"]);
     cell.finish();
 }
+
+#[test]
+fn a_program_starts_at_a_line_and_goes_on_from_there() {
+    let (bench, mut cell, ..) = up("lockstep");
+    let part = "G21 G90\nG0 X10\nG1 X20 F3000\n(a word)\nG1 Y20\nG1 X0\nM2\n";
+    let part = bench.file("part.ngc", part).display().to_string();
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["load", &part]);
+    let no_motion = ask(&cell, &["start", "--line", "4"]);
+    assert_eq!(no_motion.status, 2, "{}", no_motion.text);
+    let what = "part.ngc:4: no motion begins here";
+    assert!(no_motion.text.contains(what), "{}", no_motion.text);
+    assert!(
+        no_motion.text.contains("as lines 3 and 5 do"),
+        "{}",
+        no_motion.text
+    );
+    let now = cell.wait_for(|_| true);
+    assert_eq!(now.run, 0, "a refused line has started something");
+    let said = obeyed(&cell, &["start", "--line", "5", "--wait"]);
+    assert!(
+        said.contains("run 1 started") && said.contains(", at line 5"),
+        "{said}"
+    );
+    assert!(said.contains("run 1 is done"), "{said}");
+    // The second motion of the program was never made: its line was 3.
+    let end = cell.wait_for(|f| is(f, Mode::Ready, ProgramState::Done));
+    assert!(end.auxiliary.start_line == 0);
+    obeyed(&cell, &["hold"]);
+    let said = obeyed(&cell, &["start", "--line", "3"]);
+    assert!(said.contains("in hold: resume moves"), "{said}");
+    refused(&cell, &["load", &part], "a program is running");
+    obeyed(&cell, &["resume"]);
+    let begun = cell.wait_for(|f| f.run == 2 && !f.window.is_none() && !f.tag.is_off_path());
+    assert_eq!(begun.tag.element, 1);
+    cell.wait_for(|f| is(f, Mode::Ready, ProgramState::Done));
+    obeyed(&cell, &["down"]);
+    assert_eq!(cell.finish().output.status.code(), Some(0));
+}

@@ -205,6 +205,11 @@ impl MessageReader {
         if self.is_other_run(feedback) {
             self.skip_to(feedback, 0);
         }
+        if feedback.auxiliary.start_line != 0 {
+            // What stands before the line that a program is started at is not said.
+            self.skip_to(feedback, feedback.messages);
+            return Heard::default();
+        }
         let done =
             feedback.program == ProgramState::Done as u32 || feedback.mode == Mode::Finished as u32;
         let mut heard = Heard::default();

@@ -526,7 +526,7 @@ impl Driver {
 
 /// What the master says each scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Feedback/7")]
+#[type_name("quadrant/Feedback/8")]
 #[repr(C)]
 pub struct Feedback {
     /// Number of the scan that begins with this sample.

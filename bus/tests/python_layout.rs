@@ -143,6 +143,8 @@ structure!(
         tool,
         coupled,
         jog_um_s,
+        start_line,
+        reserved,
     }
 );
 structure!(

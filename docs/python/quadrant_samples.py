@@ -102,7 +102,7 @@ assert ctypes.sizeof(Levels) == 112
 
 
 class Auxiliaries(ctypes.Structure):
-    """176 bytes."""
+    """184 bytes."""
 
     _fields_ = [
         ("levels", Levels),  # at 0
@@ -119,14 +119,16 @@ class Auxiliaries(ctypes.Structure):
         ("tool", c_uint32),  # at 164
         ("coupled", c_uint32),  # at 168
         ("jog_um_s", c_uint32),  # at 172
+        ("start_line", c_uint32),  # at 176
+        ("reserved", c_uint32),  # at 180
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Auxiliaries/3"
+        return "quadrant/Auxiliaries/4"
 
 
-assert ctypes.sizeof(Auxiliaries) == 176
+assert ctypes.sizeof(Auxiliaries) == 184
 
 
 class Answer(ctypes.Structure):
@@ -168,7 +170,7 @@ assert ctypes.sizeof(Inputs) == 80
 
 
 class Feedback(ctypes.Structure):
-    """1616 bytes."""
+    """1624 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -198,18 +200,18 @@ class Feedback(ctypes.Structure):
         ("run", c_uint32),  # at 232
         ("messages", c_uint32),  # at 236
         ("auxiliary", Auxiliaries),  # at 240
-        ("answer", Answer),  # at 416
-        ("inputs", Inputs),  # at 568
-        ("axes", AxisFeedback * 8),  # at 648
-        ("checksum", c_uint64),  # at 1608
+        ("answer", Answer),  # at 424
+        ("inputs", Inputs),  # at 576
+        ("axes", AxisFeedback * 8),  # at 656
+        ("checksum", c_uint64),  # at 1616
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Feedback/7"
+        return "quadrant/Feedback/8"
 
 
-assert ctypes.sizeof(Feedback) == 1616
+assert ctypes.sizeof(Feedback) == 1624
 
 
 class Instruments(ctypes.Structure):

@@ -15,7 +15,7 @@ use bus::sample::{
     Roster,
 };
 use machine::{KeptParameters, Machine, Process};
-use master::{Flow, Master, RunEnd, cycle::cycle};
+use master::{Beginning, Flow, Master, RunEnd, cycle::cycle};
 use plant_sim::SimulatedDrives;
 use plant_sim::plant_file::PlantFile;
 use servo::Servo;
@@ -112,6 +112,14 @@ impl InProcessCell {
             machine,
             ended: false,
         })
+    }
+
+    /// Before the first scan: the program begins at a line.
+    pub fn begin_at_line(&mut self, line: u32) {
+        self.master.begin_with(&Beginning {
+            start_line: line,
+            ..Beginning::default()
+        });
     }
 
     /// One scan; `None` once the run has ended.

@@ -38,6 +38,8 @@ pub struct Checked {
     pub program: Option<Program>,
     /// What a program comes to that is too long to be held whole.
     pub long: Option<Survey>,
+    /// Command positions that it is expanded from, in increments.
+    pub start: [i64; MAX_AXES],
 }
 
 /// How much of a long program is looked at.
@@ -129,11 +131,26 @@ pub(crate) fn load_changed(
         warnings: setups.map_or_else(Vec::new, |setups| setups.warnings),
         program: short,
         long,
+        start,
     };
     if checked.program.is_some() {
         checked.planner()?;
     }
     Ok(checked)
+}
+
+/// Whether a program can be started at a line, from these command positions.
+pub(crate) fn start_line(
+    machine: &Machine,
+    file: &Path,
+    start: [i64; MAX_AXES],
+    line: u32,
+) -> anyhow::Result<()> {
+    let text = ProgramText::File(file.to_path_buf());
+    let name = file.file_name().unwrap_or(file.as_os_str()).display();
+    planner::start_place(machine, &text, start, line)
+        .map(|_| ())
+        .map_err(|error| at_line(&name.to_string(), &error.to_string()))
 }
 
 /// What is wrong with a program, with its line as every other message has it.

@@ -112,6 +112,8 @@ pub struct Plan {
     pub metrics: Option<Listener>,
     /// The program runs block by block from its start.
     pub single_block: bool,
+    /// The line that it begins at; none for its beginning.
+    pub start_line: Option<u32>,
 }
 
 impl Plan {
@@ -138,6 +140,7 @@ impl Plan {
             fault_blocks: Vec::new(),
             metrics,
             single_block: false,
+            start_line: None,
         }
     }
 }
@@ -172,6 +175,9 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
     }
     if plan.single_block {
         master.add(&["--single-block"]);
+    }
+    if let Some(line) = plan.start_line {
+        master.add(&["--start-line", &line.to_string()]);
     }
     if let Some(orders) = &plan.orders {
         master.add(&["--orders", &path(orders)]);

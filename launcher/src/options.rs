@@ -41,6 +41,10 @@ pub struct RunOptions {
     /// Block by block: the machine rests at the end of every block, and `quadrant resume` from another terminal runs the next
     #[arg(long, conflicts_with = "learns")]
     pub single_block: bool,
+    /// Begin at this line of the program: modes, tool, spindle, coolant and outputs are as the blocks before it leave them, and the
+    /// tool goes there with Z last (or first, if it is below)
+    #[arg(long, value_name = "LINE", conflicts_with = "learns", value_parser = clap::value_parser!(u32).range(1..))]
+    pub from_line: Option<u32>,
     /// Show `quadrant monitor` in this terminal meanwhile; closing it (q) ends nothing
     #[arg(long)]
     pub view: bool,
@@ -149,9 +153,12 @@ pub struct LoadOptions {
 /// What `quadrant start` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "With --wait, exit status 0: the program is done; 1: it was stopped, tripped or given up, as is printed."
+    after_help = "With --line, nothing before that line is travelled: modes, tool, spindle, coolant and outputs are set as the blocks before\nit leave them, then the tool goes straight to above the place and down to it (or up first, if it is below), at the\nspeed of returns, and the program goes on from there. Jog to where that way is free, and `quadrant hold` before if in\ndoubt: then nothing moves before `resume`. The line has to move the tool; M0, M1 and user M-codes before it are passed\nover, and a program that probes or reads inputs before it is refused.\n\nWith --wait, exit status 0: the program is done; 1: it was stopped, tripped or given up, as is printed; 2: no program begins at that line."
 )]
 pub struct StartOptions {
+    /// Begin at this line of the program
+    #[arg(long, value_name = "LINE", value_parser = clap::value_parser!(u32).range(1..))]
+    pub line: Option<u32>,
     /// Wait until the program is done
     #[arg(long)]
     pub wait: bool,

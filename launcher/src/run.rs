@@ -90,6 +90,7 @@ pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Fail
         wrong_samples: injection == Injection::WrongSamples,
         fault_blocks: fault_blocks.unwrap_or_default(),
         single_block: options.single_block,
+        start_line: options.from_line,
         ..Plan::of(&run_dir, options.pace(), options.answer_limit, metrics)
     };
     let started = origin::note(&place, &machine_path).environment();
@@ -150,6 +151,9 @@ fn check_all(
     }
     for note in checked.notes() {
         tracing::warn!("{}: {note}", options.program.display());
+    }
+    if let Some(line) = options.from_line {
+        check::start_line(&checked.machine, &options.program, checked.start, line).input()?;
     }
     if let Some(orders) = &options.orders {
         orders::load(orders, &checked.machine).input()?;

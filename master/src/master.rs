@@ -37,6 +37,7 @@ mod recovery;
 mod redundancy;
 mod silence;
 mod single_block;
+mod start_at_line;
 mod substitute;
 mod switch;
 mod switching_on;
@@ -345,6 +346,7 @@ impl<D: Drives> Master<D> {
         self.hold_without_planner(answers, roster);
         self.hold_without_standby();
         self.judge_axes();
+        self.end_approach();
         self.step_auxiliary();
         self.decide_window();
         self.follow_up();

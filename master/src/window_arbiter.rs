@@ -151,6 +151,14 @@ impl WindowArbiter {
         self.shown = PathTag::default();
     }
 
+    /// The path of a program begins at this place, where the axes are not yet.
+    pub fn begin_at(&mut self, scan: u64, place: PathTag, program_hash: u64) {
+        self.drop_all(scan, Dropped::LeavesPath);
+        self.interrupted_at = place;
+        self.left_program = program_hash;
+        self.shown = PathTag::OFF_PATH;
+    }
+
     /// Whether the path has been started: a window of it was in force once.
     pub fn has_started(&self) -> bool {
         !self.in_force.is_none() || !self.interrupted_at.is_off_path()

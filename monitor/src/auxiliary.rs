@@ -167,6 +167,12 @@ pub fn changes(before: &Auxiliaries, now: &Auxiliaries) -> Vec<String> {
         let word = if now.optional_stop == 1 { "on" } else { "off" };
         changes.push(format!("optional stop {word}"));
     }
+    if before.start_line != now.start_line {
+        changes.push(match now.start_line {
+            0 => format!("begins at line {}", before.start_line),
+            line => format!("to begin at line {line}"),
+        });
+    }
     if (before.waiting, before.line) != (now.waiting, now.line) {
         match waiting(now) {
             Some(what) => changes.push(format!("waits for {what}")),

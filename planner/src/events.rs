@@ -559,6 +559,12 @@ impl Events {
         (!planned.in_motion).then_some(&planned.event)
     }
 
+    /// The first one that is not known to be done, and whether it is done in motion.
+    pub fn next(&self) -> Option<(ProgramEvent, bool)> {
+        let planned = self.planned.front()?;
+        Some((planned.event, planned.in_motion))
+    }
+
     /// Q of the user M-code of this number.
     pub fn second_value(&self, number: u32) -> f64 {
         self.planned(number).map_or(0.0, |planned| planned.second)

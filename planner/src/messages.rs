@@ -103,6 +103,17 @@ impl Messages {
         self.written += out.len();
     }
 
+    /// Lets go of those that are due: they are not to be said.
+    pub fn skip(&mut self, is_due: impl Fn(u32, u32) -> bool) {
+        while let Some(next) = self.waiting.front()
+            && is_due(next.element, next.events)
+        {
+            self.passed = next.message.number;
+            self.waiting.pop_front();
+            self.written = self.written.saturating_sub(1);
+        }
+    }
+
     /// The path comes to those that are written and due; `is_due` judges by the element and the event that they stand between.
     pub fn pass(&mut self, is_due: impl Fn(u32, u32) -> bool) {
         while self.written > 0

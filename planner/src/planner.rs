@@ -25,12 +25,16 @@ use program::Setup;
 use crate::ahead::{AheadError, Course};
 use crate::in_step;
 use crate::kept_parameters::Left;
+use crate::line_search::LineSearch;
 use crate::place::{PLACE_ELEMENTS, Place};
 use crate::program_text::ProgramText;
 use crate::questions::{KeptAnswer, hash_of};
-use crate::return_to_path::ReturnToPath;
+use crate::return_to_path::{ReturnToPath, Way};
+
+use start_at_line::seeks_line;
 
 mod blocks;
+mod start_at_line;
 mod status;
 
 /// Scans from the feedback a window answers until it can be executed: seen by the servos in the next, admitted by the
@@ -168,6 +172,8 @@ pub struct Planner {
     answers: Vec<KeptAnswer>,
     run: Option<(u32, u32)>,
     return_to_path: Option<ReturnToPath>,
+    /// The search for the line that the program is to be started at.
+    search: Option<LineSearch>,
     in_force: Published,
     pending: Published,
     sequence: u32,
@@ -212,6 +218,7 @@ impl Planner {
             answers: Vec::new(),
             run: None,
             return_to_path: None,
+            search: None,
             in_force: Published::none(setpoints_max),
             pending: Published::none(setpoints_max),
             sequence: 0,
@@ -348,8 +355,11 @@ impl Planner {
 
     /// Places that are to be kept for planners after this one.
     pub fn new_places(&mut self) -> Vec<Place> {
-        let course = self.course.as_mut();
-        let places = course.map_or_else(Vec::new, |course| std::mem::take(&mut course.places));
+        let places = match (&mut self.search, &mut self.course) {
+            (Some(search), _) => search.take_places(),
+            (None, Some(course)) => std::mem::take(&mut course.places),
+            (None, None) => Vec::new(),
+        };
         let of_this_run = places.into_iter().filter_map(|place| {
             let answers_hash = self.answers_hash(place.answers)?;
             Some(Place {
@@ -362,6 +372,7 @@ impl Planner {
 
     /// Answers the feedback of a period boundary (or of a later scan, if it woke late).
     pub fn scan(&mut self, feedback: &Feedback) -> Decision<'_> {
+        self.seek_line(feedback);
         self.read_on(feedback);
         let header = self.next_window(feedback);
         if let Some(header) = header {
@@ -512,6 +523,7 @@ impl Planner {
             && self.program.is_some()
             && self.pending.is_none()
             && !is_blocked(feedback)
+            && seeks_line(feedback).is_none()
     }
 
     /// Whether the master wants no motion before this planner has told what it knows.
@@ -672,12 +684,7 @@ impl Planner {
             interrupted_at.dwell_remaining_scans,
         );
         if feedback.program_hash != course.program_hash {
-            tracing::error!(
-                "{}: changed since the program was started; it cannot go on in the middle of another one",
-                self.program_name()
-            );
-            self.cause = Cause::Planner;
-            return None;
+            return self.is_another_program();
         }
         let place =
             resumed.and_then(|state| Some((state, windows.setpoint(&state)?.position_increments)));
@@ -700,9 +707,14 @@ impl Planner {
                 return Some(From::program(state, true));
             }
         }
-        let plans = |way: &ReturnToPath| way.from == here && way.to == state;
+        let way = match feedback.auxiliary.start_line {
+            _ if coupled => Way::InThread,
+            0 => Way::Straight,
+            _ => Way::Approach,
+        };
+        let plans = |of: &ReturnToPath| (of.from, of.to, of.way) == (here, state, way);
         if !self.return_to_path.as_ref().is_some_and(plans) {
-            match ReturnToPath::new(&self.machine, here, state, windows.path(), coupled) {
+            match ReturnToPath::new(&self.machine, here, state, windows.path(), way) {
                 Ok(return_to_path) => self.return_to_path = Some(return_to_path),
                 Err(error) => {
                     tracing::error!("{error}");
@@ -720,9 +732,14 @@ impl Planner {
         })
     }
 
-    fn program_name(&self) -> String {
-        let program = self.program.as_ref();
-        program.map_or_else(String::new, ProgramText::name)
+    fn is_another_program(&mut self) -> Option<From> {
+        let name = self.program.as_ref().map(ProgramText::name);
+        tracing::error!(
+            "{}: changed since the program was started; it cannot go on in the middle of another one",
+            name.unwrap_or_default()
+        );
+        self.cause = Cause::Planner;
+        None
     }
 
     /// The state before `first_scan` in the window in force; none where nothing is left to plan.

@@ -34,6 +34,17 @@ const ACCELERATION_SHARE: f64 = 0.1;
 /// Speed of the return with a tap in its thread, in mm/s: some ten turns a minute, which a spindle has at once.
 const IN_THREAD_MM_S: f64 = 0.2;
 
+/// How a return goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Way {
+    /// In a straight line.
+    Straight,
+    /// A tap in its thread: in a straight line and slowly.
+    InThread,
+    /// To where a program is to be started: Z goes down last, or up first.
+    Approach,
+}
+
 /// A planned return.
 #[derive(Debug, Clone)]
 pub(crate) struct ReturnToPath {
@@ -41,25 +52,27 @@ pub(crate) struct ReturnToPath {
     pub from: [i64; MAX_AXES],
     /// State of the program it leads to.
     pub to: PathState,
+    /// How it goes.
+    pub way: Way,
     /// Plans along it.
     pub windows: WindowPlanner,
 }
 
 impl ReturnToPath {
     /// From the command positions to the place of `to` on the path of the program. Both ends are within the travel, so is the line
-    /// between them; the run-up is on the path, where the tool has been. A tap in its thread goes straight and slowly.
+    /// between them and the corner of an approach; the run-up is on the path, where the tool has been.
     pub fn new(
         machine: &Machine,
         from: [i64; MAX_AXES],
         to: PathState,
         program: &PathPart,
-        in_thread: bool,
+        way: Way,
     ) -> Result<ReturnToPath, CourseError> {
         let mut rotary = ALL_LINEAR;
         for (is_rotary, axis) in rotary.iter_mut().zip(&machine.axes) {
             *is_rotary = axis.kind == AxisKind::Rotary;
         }
-        let (speed_mm_s, chords) = if in_thread {
+        let (speed_mm_s, chords) = if way == Way::InThread {
             (IN_THREAD_MM_S.min(machine.manual.return_mm_s), 0)
         } else {
             (machine.manual.return_mm_s, RUN_UP_CHORDS)
@@ -67,10 +80,17 @@ impl ReturnToPath {
         let feed = Feed::PathMmS(speed_mm_s);
         let start = program::tool_at(machine, &from)?;
         let mut here = start;
-        let mut elements = Vec::with_capacity(RUN_UP_CHORDS as usize + 2);
-        for chord in (0..=chords).rev() {
+        let mut elements = Vec::with_capacity(RUN_UP_CHORDS as usize + 3);
+        let run_up = (0..=chords).rev().map(|chord| {
             let back_mm = RUN_UP_MM * f64::from(chord) / f64::from(RUN_UP_CHORDS);
-            let there = point_before(program, &to, back_mm).unwrap_or(start);
+            point_before(program, &to, back_mm).unwrap_or(start)
+        });
+        let run_up: Vec<AxisVector> = run_up.collect();
+        let z_axis = machine.axes.iter().position(|axis| axis.name == "Z");
+        let corner = z_axis.filter(|_| way == Way::Approach);
+        let corner = corner.zip(run_up.first());
+        let corner = corner.map(|(z_axis, first)| corner_of_approach(&start, first, z_axis));
+        for there in corner.into_iter().chain(run_up) {
             let line = Shape::Line {
                 from: here,
                 to: there,
@@ -86,9 +106,24 @@ impl ReturnToPath {
         Ok(ReturnToPath {
             from,
             to,
+            way,
             windows: window_planner(&gently(machine), Path { elements }, start)?,
         })
     }
+}
+
+/// Where an approach turns: above its end where it begins above it, and above its beginning otherwise.
+fn corner_of_approach(from: &AxisVector, to: &AxisVector, z_axis: usize) -> AxisVector {
+    let z = |of: &AxisVector| of.get(z_axis).copied().unwrap_or_default();
+    let (mut corner, height) = if z(from) >= z(to) {
+        (*to, z(from))
+    } else {
+        (*from, z(to))
+    };
+    if let Some(of_corner) = corner.get_mut(z_axis) {
+        *of_corner = height;
+    }
+    corner
 }
 
 /// The machine with the accelerations of a return.
@@ -124,6 +159,22 @@ fn point_before(path: &PathPart, place: &PathState, back_mm: f64) -> Option<Axis
 mod tests {
     use super::*;
     use control::limits::{AxisLimits, MotionLimits};
+
+    #[test]
+    fn an_approach_goes_over_the_workpiece_and_never_through_it() {
+        let point = |x: f64, z: f64| {
+            let mut point = AxisVector::zeros();
+            (point[0], point[2]) = (x, z);
+            point
+        };
+        for (from, to, corner) in [
+            (point(0.0, 50.0), point(9.0, -2.0), point(9.0, 50.0)),
+            (point(9.0, -5.0), point(0.0, 3.0), point(9.0, 3.0)),
+            (point(1.0, 3.0), point(0.0, 3.0), point(0.0, 3.0)),
+        ] {
+            assert_eq!(corner_of_approach(&from, &to, 2), corner);
+        }
+    }
 
     #[test]
     fn the_run_up_goes_back_over_element_ends_and_no_farther_than_the_start() {

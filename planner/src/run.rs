@@ -16,7 +16,7 @@ use bus::sample::{Cause, ProgramEvent};
 use machine::Machine;
 use machine::settings_file::SettingsFileError;
 
-use crate::planner::{Planner, tool_element};
+use crate::planner::Planner;
 use crate::ports::{BusPorts, PlannerPorts, UserCode};
 use crate::program_text::ProgramText;
 
@@ -123,9 +123,9 @@ pub fn cycle(planner: &mut Planner, ports: &mut impl PlannerPorts) -> bool {
     }
     ports.publish_status(&status);
     ports.answered(feedback.scan);
-    let tool = tool_element(&feedback);
+    let needed_from = planner.needed_from(&feedback);
     for place in planner.new_places() {
-        ports.keep_place(&place, tool);
+        ports.keep_place(&place, needed_from);
     }
     true
 }

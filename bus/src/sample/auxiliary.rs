@@ -73,11 +73,13 @@ pub enum EventCode {
     SurfaceSpeed = 30,
     /// Single block: the path rests behind a block, `element` elements of it are done. Its number is 0: no program asks for it.
     BlockDone = 31,
+    /// Start at a line: what stands before it is set, which is `value` events; its first motion is `element`.
+    StartAt = 32,
 }
 
 impl EventCode {
     /// All of them.
-    pub const ALL: [EventCode; 28] = [
+    pub const ALL: [EventCode; 29] = [
         EventCode::SpindleSpeed,
         EventCode::SpindleClockwise,
         EventCode::SpindleCounterClockwise,
@@ -106,6 +108,7 @@ impl EventCode {
         EventCode::SurfaceLimit,
         EventCode::SurfaceSpeed,
         EventCode::BlockDone,
+        EventCode::StartAt,
     ];
 
     /// Decodes what came over the wire.
@@ -280,7 +283,7 @@ impl Waiting {
 
 /// What the master says of spindle, coolant, outputs, tool and stops.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Auxiliaries/3")]
+#[type_name("quadrant/Auxiliaries/4")]
 #[repr(C)]
 pub struct Auxiliaries {
     /// Commanded in this scan.
@@ -311,6 +314,10 @@ pub struct Auxiliaries {
     pub coupled: u32,
     /// Speed of a jog whose order had one, in µm/s (thousandths of a degree per second); 0 for that of the machine file.
     pub jog_um_s: u32,
+    /// Line that the program is to be started at, until the tool is on its path there; 0 for none.
+    pub start_line: u32,
+    /// Kept zero.
+    pub reserved: u32,
 }
 
 #[cfg(test)]

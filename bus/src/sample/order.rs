@@ -13,7 +13,7 @@ pub struct OperatorRequest {
     /// Index of the axis, of orders to one axis.
     pub axis: u32,
     /// Its value: override in percent, distance of a jog in mm, direction of a continuous jog, number of a program to load,
-    /// axes to home as bits.
+    /// line to start at (0: the beginning), axes to home as bits.
     pub value: f64,
     /// Speed of a jog, in mm/s; 0 for that of the machine file.
     pub speed_mm_s: f64,

@@ -20,7 +20,7 @@ use rustix::process::{Signal, pidfd_send_signal};
 
 use super::Client;
 use super::eyes::Eyes;
-use crate::check::{at_line, without_spindle};
+use crate::check::{self, at_line, without_spindle};
 use crate::exit::{Failure, Kind, Outcome};
 use crate::options::{LoadOptions, OperatorOptions, StartOptions};
 use crate::output::say;
@@ -252,6 +252,13 @@ fn begin(
     }
     let request = OperatorRequest {
         order: Order::Start as u32,
+        value: f64::from(options.line.unwrap_or(0)),
+        // A line is one of the program that was looked at.
+        session: if options.line.is_some() {
+            before.load
+        } else {
+            0
+        },
         ..OperatorRequest::default()
     };
     client.ask(Order::Start, request).inspect_err(|_| {
@@ -262,6 +269,20 @@ fn begin(
     })
 }
 
+/// Whether the program that is loaded can be started at a line, from where the axes stand.
+fn begins_at(client: &Client, now: &Feedback, line: u32) -> anyhow::Result<()> {
+    let place = &client.cell.place;
+    let Some(file) = place.program(now.load) else {
+        // Without a program the cell refuses to start.
+        return Ok(());
+    };
+    let mut machine = client.machine.clone();
+    let kept = KeptFiles::of_cell(place)?.read(&machine)?;
+    machine.take_kept(kept)?;
+    let start = now.axes.map(|axis| axis.command_position);
+    check::start_line(&machine, &file, start, line)
+}
+
 /// `start`.
 pub fn start(options: &StartOptions) -> Outcome {
     let client = Client::to_order(options.to.cell.as_deref())?;
@@ -269,9 +290,13 @@ pub fn start(options: &StartOptions) -> Outcome {
     let mut eyes = Eyes::open(&client)?;
     let before = eyes.look()?;
     let loaded = before.load;
+    if let Some(line) = options.line {
+        begins_at(&client, &before, line).input()?;
+    }
     let answer = begin(&client, options, &before)?;
     let (words, folder) = started(&client, &answer, loaded);
-    client.say(&words);
+    let at = options.line.map(|line| format!(", at line {line}"));
+    client.say(&(words + &at.unwrap_or_default()));
     match options.wait {
         true => match until_done(&client, &mut eyes, answer.run, &|| false)? {
             Some(scan) => done(&client, answer.run, scan, folder.as_deref()),

@@ -70,6 +70,10 @@ pub struct AuxiliaryLatches {
     pub single_block: u32,
     /// Override of rapids, in percent.
     pub rapid_override_percent: u32,
+    /// Line that the program is to be started at, until the tool is on its path; 0 for none.
+    pub start_line: u32,
+    /// Kept zero.
+    pub reserved: u32,
 }
 
 impl AuxiliaryLatches {
@@ -156,6 +160,7 @@ impl AuxiliaryLatches {
         self.override_disabled = 0;
         self.stopped_for = Waiting::None as u32;
         self.line = 0;
+        self.start_line = 0;
     }
 }
 
@@ -323,6 +328,8 @@ impl Auxiliary {
                 _ => 0,
             },
             jog_um_s: 0,
+            start_line: self.latches.start_line,
+            reserved: 0,
         }
     }
 
@@ -405,11 +412,20 @@ impl Auxiliary {
     }
 
     /// Whether it is the next event, and one that there is.
-    fn is_next(&self, event: &ProgramEvent) -> bool {
+    pub fn is_next(&self, event: &ProgramEvent) -> bool {
         let known = EventCode::from_wire(event.code).is_some() && event.value.is_finite();
         known && event.number != 0 && event.number == self.latches.events_done.saturating_add(1)
     }
 
+    /// The path begins behind so many events of the program; what planners said before this scan was of what stands before it.
+    pub fn begin_behind(&mut self, events: u32, scan: u64) {
+        self.latches.events_done = events;
+        self.messages_after = scan;
+        self.forget_asked();
+        self.changed = true;
+    }
+
+    /// The event that was done.
     pub fn count(&mut self, event: &ProgramEvent) {
         self.latches.events_done = event.number;
         self.changed = true;
@@ -580,9 +596,14 @@ impl<D: Drives> Master<D> {
         self.auxiliary.ahead = status.outputs_ahead;
         self.auxiliary.take_messages(status);
         self.heed_block(status);
+        self.heed_start(status);
         let recent = status.scan.saturating_add(2 * self.period_scans) >= self.scan;
+        let is_of_run = self.auxiliary.is_of_run(status);
         if self.auxiliary.begun == 0 || status.event.number == 0 {
-            let asked = Some(status.event).filter(|_| recent);
+            let to_do = |event: &ProgramEvent| {
+                recent && is_of_run && event.code != EventCode::StartAt as u32
+            };
+            let asked = Some(status.event).filter(to_do);
             self.auxiliary.asked = asked.unwrap_or_default();
         }
     }
@@ -615,7 +636,8 @@ impl<D: Drives> Master<D> {
             self.end_wait(cause);
             return;
         }
-        let rests = on_path && self.windows.at_rest(self.scan) && self.stands();
+        let may_set = on_path || self.seeks_line();
+        let rests = may_set && self.windows.at_rest(self.scan) && self.stands();
         let next = self.auxiliary.is_next(&self.auxiliary.asked);
         let held = self.hold && self.auxiliary.begun == 0;
         if !rests || !next || held {

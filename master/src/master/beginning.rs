@@ -15,11 +15,14 @@ use crate::drives::Drives;
 pub struct Beginning {
     /// Block by block.
     pub single_block: bool,
+    /// At this line; 0 for the beginning.
+    pub start_line: u32,
 }
 
 impl<D: Drives> Master<D> {
     /// Takes what was chosen; of a master that replaces another one, what that one has latched counts.
     pub fn begin_with(&mut self, beginning: &Beginning) {
         self.auxiliary.latches.single_block = u32::from(beginning.single_block);
+        self.auxiliary.latches.start_line = beginning.start_line;
     }
 }

@@ -12,6 +12,7 @@ use bus::sample::{Cause, Mode, ProgramState, Refused};
 use crate::drives::Drives;
 
 use super::orders::Refusal;
+use super::start_at_line::line_of;
 use super::{Master, RunEnd};
 
 impl<D: Drives> Master<D> {
@@ -63,9 +64,10 @@ impl<D: Drives> Master<D> {
     }
 
     /// Begins the program that is loaded, from where the axes are. A hold that is latched stays: nothing moves then before
-    /// somebody resumes. Where a number is given, that program is meant and no other.
-    pub(super) fn order_start(&mut self, meant: u32) -> Result<(), Refusal> {
+    /// somebody resumes. Where a number is given, that program is meant and no other; where a line is, it begins there.
+    pub(super) fn order_start(&mut self, meant: u32, line: f64) -> Result<(), Refusal> {
         self.must_stay()?;
+        let line = line_of(line)?;
         if meant != 0 && meant != self.program.load {
             return Err(Refused::BadValue.into());
         }
@@ -87,6 +89,7 @@ impl<D: Drives> Master<D> {
         }
         self.windows.forget_path(self.scan);
         self.auxiliary.forget_program(self.scan);
+        self.auxiliary.latches.start_line = line;
         self.program.state = ProgramState::Running;
         self.program.run = self.program.run.saturating_add(1);
         self.waited_scans = 0;

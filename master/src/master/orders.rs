@@ -111,7 +111,7 @@ impl<D: Drives> Master<D> {
             Some(Order::EmergencyStop) => self.order_emergency_stop(),
             Some(Order::Home) => self.order_home(request.value),
             Some(Order::Load) => self.order_load(request.value, request.session != 0),
-            Some(Order::Start) => self.order_start(request.session),
+            Some(Order::Start) => self.order_start(request.session, request.value),
             Some(Order::OptionalStop) => self.order_optional_stop(request.value),
             Some(Order::RapidOverride) => self.order_rapid_override(request.value),
             Some(Order::Reset) => self.order_reset(),

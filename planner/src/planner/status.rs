@@ -11,6 +11,7 @@ use bus::sample::{Cause, EventCode, Feedback, PlannerStatus, ProgramEvent, Progr
 use bus::user_codes::{CallId, UserCall};
 use control::profile::PathState;
 
+use super::start_at_line::seeks_line;
 use super::{Planner, tool_element, tool_tag};
 use crate::ahead::Course;
 use crate::kept_parameters::Left;
@@ -46,6 +47,10 @@ impl Planner {
         };
         let until = last.unwrap_or(0).max(tag.element).saturating_add(1);
         let messages = &mut course.events.messages;
+        if feedback.auxiliary.start_line != 0 {
+            messages.skip(is_due);
+            return;
+        }
         messages.write(until, is_due, &mut self.messages);
         messages.pass(is_due);
     }
@@ -63,6 +68,9 @@ impl Planner {
 
     /// The event that the path rests for now, on the program's path and with nothing on the way.
     fn event(&self, feedback: &Feedback) -> Option<ProgramEvent> {
+        if seeks_line(feedback).is_some() {
+            return self.event_to_start(feedback);
+        }
         let course = self.course.as_ref()?;
         if self.cause != Cause::None {
             return None;
@@ -90,18 +98,20 @@ impl Planner {
 
     pub(super) fn status(&self, feedback: &Feedback) -> PlannerStatus {
         let (path_length_mm, path_done_mm, program_hash) =
-            self.course.as_ref().map_or((0.0, 0.0, 0), |course| {
-                let path = course.windows.path();
-                // Off the path, what is done is what was done when it was left.
-                let tag = tool_tag(feedback);
-                let behind = path.get(tag.element);
-                let before_mm = behind.map_or(0.0, |_| path.length_before_mm(tag.element));
-                let whole_mm = match course.is_over() {
-                    true => path.length_mm(),
-                    false => 0.0,
-                };
-                (whole_mm, before_mm + tag.distance_mm, course.program_hash)
-            });
+            self.course
+                .as_ref()
+                .map_or((0.0, 0.0, self.sought_hash()), |course| {
+                    let path = course.windows.path();
+                    // Off the path, what is done is what was done when it was left.
+                    let tag = tool_tag(feedback);
+                    let behind = path.get(tag.element);
+                    let before_mm = behind.map_or(0.0, |_| path.length_before_mm(tag.element));
+                    let whole_mm = match course.is_over() {
+                        true => path.length_mm(),
+                        false => 0.0,
+                    };
+                    (whole_mm, before_mm + tag.distance_mm, course.program_hash)
+                });
         let last = if self.pending.is_none() {
             &self.in_force
         } else {

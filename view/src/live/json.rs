@@ -157,6 +157,8 @@ struct AuxiliaryOf {
     analog_outputs: [f64; ANALOG_OUTPUTS],
     /// What is waited for, in words, and its line.
     waiting: Option<String>,
+    /// The line that the program is to begin at, until the tool is there.
+    start_line: Option<u32>,
     events_done: u32,
     optional_stop: bool,
     override_enabled: bool,
@@ -402,6 +404,7 @@ fn auxiliary(now: &Auxiliaries) -> AuxiliaryOf {
         digital_outputs: monitor::auxiliary::digital_outputs(levels),
         analog_outputs: levels.analog,
         waiting: monitor::auxiliary::waiting(now),
+        start_line: (now.start_line != 0).then_some(now.start_line),
         events_done: now.events_done,
         optional_stop: now.optional_stop == 1,
         override_enabled: now.override_disabled == 0,

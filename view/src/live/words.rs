@@ -245,10 +245,18 @@ fn enabled(feedback: &Feedback, machine: &Machine) -> Says {
         let detail = "stands before a rapid: their override is at 0 %".to_string();
         let next = "`quadrant rapid-override 100` goes on";
         ("‖", "STANDS", Tone::Waits, detail, next)
+    } else if feedback.auxiliary.start_line != 0 && feedback.interrupted_at.is_off_path() {
+        let detail = format!("looks for line {}", feedback.auxiliary.start_line);
+        let next = "sets what stands before it, and goes there";
+        ("…", "WAITS", Tone::Waits, detail, next)
     } else if feedback.window.is_none() || feedback.at_rest == 1 {
         let detail = "at rest: the planner has sent nothing to go on with".to_string();
         let next = "goes on by itself with the planner's next window";
         ("…", "WAITS", Tone::Waits, detail, next)
+    } else if feedback.tag.is_off_path() && feedback.auxiliary.start_line != 0 {
+        let line = feedback.auxiliary.start_line;
+        let detail = format!("goes to where line {line} begins");
+        ("▶", "APPROACHES", Tone::Good, detail, WHILE_IT_RUNS)
     } else if feedback.tag.is_off_path() {
         let detail = "returns to where the path was left".to_string();
         ("▶", "RETURNS", Tone::Good, detail, WHILE_IT_RUNS)
