@@ -157,6 +157,14 @@ impl AxisKind {
             AxisKind::Rotary => "deg",
         }
     }
+
+    /// Its unit of deviations: a thousandth of that of positions.
+    pub fn deviation_unit(self) -> &'static str {
+        match self {
+            AxisKind::Linear => "µm",
+            AxisKind::Rotary => "mdeg",
+        }
+    }
 }
 
 impl Axis {

@@ -73,13 +73,16 @@ pub fn ringing(machine: &Machine, all: &[Vec<Ringing>]) -> String {
     for (axis, rings) in machine.axes.iter().zip(all) {
         let of = |of: &Ringing| {
             format!(
-                "{:.1} Hz, damping ratio {:.3}, {:.1} µm",
-                of.frequency_hz, of.damping_ratio, of.amplitude_um
+                "{:.1} Hz, damping ratio {:.3}, {:.1} {}",
+                of.frequency_hz,
+                of.damping_ratio,
+                of.amplitude_um,
+                axis.kind.deviation_unit()
             )
         };
         let found: Vec<String> = rings.iter().map(of).collect();
         let found = match found.as_slice() {
-            [] => "none above 0.5 µm".to_owned(),
+            [] => format!("none above 0.5 {}", axis.kind.deviation_unit()),
             found => found.join("; "),
         };
         text += &format!("\n{:4} {found}", axis.name);

@@ -1,6 +1,7 @@
 //! Edits of the machine file that keep everything else as it is.
 
-use machine::{DriveMode, Machine};
+use machine::settings_file::N_PER_NM;
+use machine::{AxisKind, DriveMode, Machine};
 use toml_edit::{Array, DocumentMut, Item, Table, Value, table, value};
 
 use super::identify::{BREAK_UM, ELEMENTS, Found, Friction, Table as FoundTable};
@@ -225,9 +226,9 @@ pub fn settings(
             ..of_axis
         },
     };
-    loops(axis, &timing, found.mass_kg());
+    loops(axis, &timing, found.mass_kg(), known.kind);
     feed_forward(axis, &timing);
-    reversal(axis, &timing, found, lost_motion_um, method);
+    reversal(axis, &timing, found, (lost_motion_um, known.kind), method);
     torque(axis, &timing, found, method);
     model(axis, found);
     let known_table = known.model.and_then(|model| model.table);
@@ -243,7 +244,23 @@ pub fn settings(
     }
 }
 
-fn loops(axis: &mut Table, timing: &Timing, mass_kg: f64) {
+/// What moves, in words: of a rotary axis its moment of inertia, not the mass of the slide that stands for it.
+fn mass_words(kind: AxisKind, mass_kg: f64) -> String {
+    match kind {
+        AxisKind::Linear => format!("{mass_kg:.0} kg"),
+        AxisKind::Rotary => format!("{} kg·m²", digits(mass_kg / (N_PER_NM * N_PER_NM), 4)),
+    }
+}
+
+/// A force in words: of a rotary axis the torque about it.
+fn force_words(kind: AxisKind, force_n: f64) -> String {
+    match kind {
+        AxisKind::Linear => format!("{force_n:.0} N"),
+        AxisKind::Rotary => format!("{} N·m", digits(force_n / N_PER_NM, 4)),
+    }
+}
+
+fn loops(axis: &mut Table, timing: &Timing, mass_kg: f64, kind: AxisKind) {
     let bandwidth_rad_s = timing.velocity_bandwidth_rad_s();
     let less = if timing.dead_time_scans > 1.0 {
         format!(", less for a dead time of {} scans", timing.dead_time_scans)
@@ -259,7 +276,8 @@ fn loops(axis: &mut Table, timing: &Timing, mass_kg: f64) {
     }
     let mut velocity = Keys::of(axis, &["velocity_loop"]);
     let gain = digits(timing.velocity_gain_n_s_per_m(mass_kg), 4);
-    let why = format!("tune: Kv = {mass_kg:.0} kg · {bandwidth_rad_s:.0} rad/s");
+    let mass = mass_words(kind, mass_kg);
+    let why = format!("tune: Kv = {mass} · {bandwidth_rad_s:.0} rad/s");
     velocity.set("gain_n_s_per_m", gain, &why);
     let integral_time_ms = digits(timing.integral_time_ms(), 4);
     let why = format!("tune: Ti, three times 1/({bandwidth_rad_s:.0} rad/s)");
@@ -286,10 +304,10 @@ fn reversal(
     axis: &mut Table,
     timing: &Timing,
     found: &Found,
-    lost_motion_um: Option<f64>,
+    (lost_motion_um, kind): (Option<f64>, AxisKind),
     method: &str,
 ) {
-    let force_n = found.coulomb_n();
+    let force = force_words(kind, found.coulomb_n());
     let mut reversal = Keys::of(axis, &["reversal"]);
     let why = "tune: none | backlash | friction-pulse | contact-force";
     reversal.set("method", method, why);
@@ -304,7 +322,7 @@ fn reversal(
         reversal.set("backlash_um", lost_um, "lost motion, as reported");
     }
     reversal.set("shape", "decaying", "");
-    let why = format!("tune: 2F/Kv, F = {force_n:.0} N; for method = \"friction-pulse\"");
+    let why = format!("tune: 2F/Kv, F = {force}; for method = \"friction-pulse\"");
     reversal.set("pulse_mm_s", digits(timing.pulse_mm_s(found), 3), &why);
     let pulse_ms = digits(timing.integral_time_ms(), 4);
     reversal.set("pulse_ms", pulse_ms, "tune: Ti");
@@ -404,4 +422,18 @@ fn curve(axis: &mut Table, path: &[&str], friction: &Friction) {
     let static_ratio = digits(friction.static_ratio, 3);
     curve.set("static_ratio", static_ratio, "tune: steady speeds");
     curve.set("stribeck_mm_s", digits(friction.stribeck_mm_s, 3), "");
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_rotary_axis_moves_is_said_about_the_axis_and_not_as_the_slide_that_stands_for_it() {
+        let kg = 2.5 * N_PER_NM * N_PER_NM;
+        assert_eq!(mass_words(AxisKind::Rotary, kg), "2.5 kg·m²");
+        assert_eq!(mass_words(AxisKind::Linear, 864.4), "864 kg");
+        assert_eq!(force_words(AxisKind::Rotary, 10.95 * N_PER_NM), "10.95 N·m");
+        assert_eq!(force_words(AxisKind::Linear, 450.6), "451 N");
+    }
 }
