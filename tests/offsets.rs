@@ -327,3 +327,40 @@ fn killed_everywhere(file: &Path, words: Words<'_>, trace: &Path) {
     assert!(last.is_some_and(|output| output.status.success()));
     assert!(text().contains("= 5.0"));
 }
+
+/// A slide has its offset in mm and a rotary axis in degrees, under a table that says so.
+#[test]
+fn the_machine_file_gives_a_rotary_axis_its_work_offset_in_degrees() {
+    let home = tempfile::tempdir().expect("a folder");
+    let folder = home.path().join("gantry");
+    let made = quadrant()
+        .args(["new", "machine"])
+        .arg(&folder)
+        .args(["--axis", "X:travel=0..300", "--axis", "A:travel=-360..360"])
+        .output()
+        .expect("running quadrant");
+    assert!(made.status.success(), "{made:?}");
+    let file = folder.join("machine.toml");
+    let text = fs::read_to_string(&file).expect("machine.toml");
+    let offsets =
+        "[program.work_offset_mm]\nX = 12.5\n\n[program.work_offset_deg]\nA = -30.0\n\n[[axis]]";
+    fs::write(&file, text.replacen("[[axis]]", offsets, 1)).expect("machine.toml");
+    let output = quadrant()
+        .arg("offsets")
+        .arg(&folder)
+        .arg("--json")
+        .output()
+        .expect("running quadrant");
+    let shown: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let g54 = &shown["offsets"][0];
+    assert_eq!(
+        g54["position_mm"],
+        serde_json::json!({ "X": 12.5 }),
+        "{shown}"
+    );
+    assert_eq!(
+        g54["position_deg"],
+        serde_json::json!({ "A": -30.0 }),
+        "{shown}"
+    );
+}

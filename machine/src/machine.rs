@@ -70,6 +70,20 @@ pub struct Machine {
     pub subroutine_folders: Vec<PathBuf>,
 }
 
+impl ProgramSettings {
+    /// Work offset G54 of a letter, in mm or degrees; none where the file has none.
+    pub fn work_offset(&self, letter: &str) -> Option<f64> {
+        let of_rotary = self.work_offset_deg.get(letter);
+        of_rotary.or(self.work_offset_mm.get(letter)).copied()
+    }
+
+    /// Programs begin in machine coordinates.
+    pub fn clear_work_offsets(&mut self) {
+        self.work_offset_mm.clear();
+        self.work_offset_deg.clear();
+    }
+}
+
 /// Longest dead time of the drives, in scans.
 pub const DEAD_TIME_SCANS_MAX: u32 = 8;
 
@@ -109,6 +123,12 @@ pub struct ProgramSettings {
         "unit": "mm", "minimum": -100_000, "maximum": 100_000, "default": 0.0
     }))]
     pub work_offset_mm: BTreeMap<String, f64>,
+    /// The same of rotary axes.
+    #[schemars(extend("additionalProperties" = {
+        "type": "number", "description": "Work offset of the rotary axis of this letter.",
+        "unit": "°", "minimum": -100_000, "maximum": 100_000, "default": 0.0
+    }))]
+    pub work_offset_deg: BTreeMap<String, f64>,
     /// File of the tools; a path counts from the folder of this file. One whose name ends with `.toml` is what `quadrant tool` writes; any
     /// other has the form of LinuxCNC (a line for each, such as `T1 P1 D6 Z12.5 ;end mill`, in mm). Without it `tools.toml` is used where
     /// it is there, else `tools`. Without any of them every tool can be called, and none has a length.

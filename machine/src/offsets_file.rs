@@ -56,8 +56,8 @@ impl Machine {
         }
         let at = number.checked_sub(5221).map(|at| at as usize);
         let letter = at.and_then(|at| OFFSET_LETTERS.get(at..=at));
-        let offset = letter.and_then(|letter| self.program.work_offset_mm.get(letter));
-        offset.copied().unwrap_or(0.0)
+        let offset = letter.and_then(|letter| self.program.work_offset(letter));
+        offset.unwrap_or(0.0)
     }
 }
 

@@ -103,15 +103,40 @@ fn work_offsets(rules: &mut Rules<'_>, machine: &Machine) {
         }
         match machine.axes.iter().find(|axis| &axis.name == letter) {
             None => rules.say(&path, None, "names an axis that the machine does not have"),
-            Some(Axis {
-                travel_min_mm: low,
-                travel_max_mm: high,
-                ..
-            }) => {
-                rules.range(&path, None, *value, "mm", From::AtLeast(*low), *high);
+            Some(axis) => offset_within_travel(rules, &path, axis, *value),
+        }
+    }
+    for (letter, value) in &machine.program.work_offset_deg {
+        let path = ["program", "work_offset_deg", letter.as_str()];
+        let axis = machine.axes.iter().find(|axis| &axis.name == letter);
+        match axis.map(|axis| (axis.kind, axis)) {
+            Some((AxisKind::Rotary, _)) if machine.program.work_offset_mm.contains_key(letter) => {
+                rules.say(
+                    &path,
+                    None,
+                    "is also in [program.work_offset_mm]: say it once",
+                );
+            }
+            Some((AxisKind::Rotary, axis)) => {
+                if !kinematics::judge_arm(rules, machine, &path, letter) {
+                    offset_within_travel(rules, &path, axis, *value);
+                }
+            }
+            _ => {
+                let what = "names no rotary axis: those of slides are in [program.work_offset_mm]";
+                rules.say(&path, None, what);
             }
         }
     }
+}
+
+fn offset_within_travel(rules: &mut Rules<'_>, path: &[&str], axis: &Axis, value: f64) {
+    let (low, high) = (axis.travel_min_mm, axis.travel_max_mm);
+    let unit = match axis.kind {
+        AxisKind::Linear => "mm",
+        AxisKind::Rotary => "°",
+    };
+    rules.range(path, None, value, unit, From::AtLeast(low), high);
 }
 
 /// Least heat has what it is computed from.

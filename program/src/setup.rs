@@ -40,11 +40,8 @@ impl Setup {
             }
         }
         for (offset, axis) in work_offset.iter_mut().zip(&axes) {
-            let offsets = &machine.program.work_offset_mm;
-            *offset = offsets
-                .get(axis.letter.to_string().as_str())
-                .copied()
-                .unwrap_or(0.0);
+            let letter = axis.letter.to_string();
+            *offset = machine.program.work_offset(&letter).unwrap_or(0.0);
         }
         Setup {
             axes,

@@ -61,6 +61,17 @@ fn arm_range(rules: &mut Rules<'_>, machine: &Machine, kinematics: &Kinematics) 
     rules.range(&path, None, max_deg, "°", From::Above(min_deg), high);
 }
 
+/// Refuses a work offset of the arm's axis, which programs do not name. Whether it was that.
+pub fn judge_arm(rules: &mut Rules<'_>, machine: &Machine, path: &[&str], letter: &str) -> bool {
+    let kinematics = machine.kinematics.as_ref();
+    let is_arm = kinematics.is_some_and(|kinematics| letter == kinematics.arm_axis);
+    if is_arm {
+        let what = "names the arm, which is in the place of Y: name Y";
+        rules.say(path, None, what);
+    }
+    is_arm
+}
+
 /// Judges the work offsets of Y, which no axis has, and of the arm's axis, which programs do not name. Whether it was one of
 /// them.
 pub fn judge_work_offset(
@@ -73,13 +84,10 @@ pub fn judge_work_offset(
         return false;
     };
     let path = ["program", "work_offset_mm", letter];
-    if letter == kinematics.arm_axis {
-        rules.say(
-            &path,
-            None,
-            "names the arm, which is in the place of Y: name Y",
-        );
-    } else if letter == "Y" {
+    if judge_arm(rules, machine, &path, letter) {
+        return true;
+    }
+    if letter == "Y" {
         let reach_mm = kinematics.arm_length_mm;
         rules.between(&path, None, value, "mm", -reach_mm, reach_mm);
     } else {
