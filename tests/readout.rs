@@ -140,3 +140,70 @@ fn in_hold_the_way_to_go_leads_to_the_end_of_the_block_and_after_a_jog_nothing_i
     );
     down(cell);
 }
+
+/// What turns is read in degrees, under names that say so; where nothing but that moves, the feed is in degrees too.
+#[test]
+fn a_rotary_axis_and_its_feed_are_read_in_degrees() {
+    let home = tempfile::tempdir().expect("a folder");
+    let folder = home.path().join("table");
+    let made = quadrant()
+        .args(["new", "machine"])
+        .arg(&folder)
+        .args([
+            "--axis",
+            "X:travel=0..300",
+            "--axis",
+            "A:travel=-3600..3600",
+        ])
+        .output()
+        .expect("running quadrant");
+    assert!(made.status.success(), "{made:?}");
+    let program = folder.join("turn.ngc");
+    let turn = "G21 G90 G94\nG0 X10 A5\nM0\nG1 A3000 F1200\nM2\n";
+    std::fs::write(&program, turn).expect("written");
+    let mut cell = LiveCell::up(&folder, "realtime");
+    cell.wait_for(|_| true);
+    let program = program.display().to_string();
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["load", &program]);
+    obeyed(&cell, &["start"]);
+    let stop = at_stop(&mut cell, 3);
+    let [x, a] = [&stop["axes"][0], &stop["axes"][1]];
+    assert_eq!((&x["unit"], &a["unit"]), (&"mm".into(), &"deg".into()));
+    assert!((a["command_deg"].as_f64().expect("degrees") - 5.0).abs() < 1e-5);
+    assert!(a["following_error_mdeg"].is_f64() && a["velocity_deg_s"].is_f64());
+    for key in [
+        "command_mm",
+        "feedback_mm",
+        "velocity_mm_s",
+        "following_error_um",
+        "work_mm",
+    ] {
+        assert!(
+            a.get(key).is_none() && x.get(key).is_some(),
+            "{key}: {stop}"
+        );
+    }
+    obeyed(&cell, &["resume"]);
+    cell.wait_for(|now| now.axes[1].velocity_mm_s > 15.0);
+    let turns = status(&cell);
+    assert_eq!(
+        turns["readout"]["programmed_feed_deg_min"], 1200.0,
+        "{turns}"
+    );
+    assert!(
+        turns["readout"]["programmed_feed_mm_min"].is_null(),
+        "{turns}"
+    );
+    let shown = quadrant()
+        .args(["status", "--cell", &cell.cell])
+        .output()
+        .expect("a status");
+    let shown = String::from_utf8_lossy(&shown.stdout);
+    assert!(
+        shown.contains("deg/min, programmed 1200") && shown.contains("mdeg"),
+        "{shown}"
+    );
+    obeyed(&cell, &["stop"]);
+    down(cell);
+}

@@ -149,10 +149,8 @@ impl Client {
 
     /// Unit of an axis's distances.
     pub(super) fn unit(&self, axis: u32) -> &'static str {
-        match self.machine.axes.get(axis as usize).map(|axis| axis.kind) {
-            Some(machine::AxisKind::Rotary) => "degrees",
-            _ => "mm",
-        }
+        let axis = self.machine.axes.get(axis as usize);
+        axis.map_or("mm", |axis| axis.kind.unit())
     }
 
     /// Sends an order without an axis; what came of it, in words, behind the name of the cell.

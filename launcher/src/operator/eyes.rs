@@ -98,9 +98,13 @@ impl Eyes<'_> {
                 _ => {
                     let since: Instant = *ended.get_or_insert_with(Instant::now);
                     if since.elapsed() > SETTLED_WITHIN {
+                        let key = match self.client.unit(axis as u32) {
+                            "deg" => "in_position_mdeg",
+                            _ => "in_position_um",
+                        };
                         let words =
-                            "the jog has ended, and the axis is not in position (`in_position_um`)";
-                        return Err(self.client.fails(words));
+                            format!("the jog has ended, and the axis is not in position (`{key}`)");
+                        return Err(self.client.fails(&words));
                     }
                 }
             }

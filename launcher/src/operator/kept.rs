@@ -85,10 +85,10 @@ impl Subject {
     pub fn unit(&self, letter: char) -> &'static str {
         let axes = &self.machine.axes;
         let axis = axes.iter().find(|axis| axis.name.starts_with(letter));
-        match axis.map(|axis| axis.kind) {
-            Some(AxisKind::Rotary) => "°",
-            _ if letter == 'R' => "°",
-            _ => "mm",
+        match axis {
+            Some(axis) => axis.kind.unit(),
+            None if letter == 'R' => AxisKind::Rotary.unit(),
+            None => AxisKind::Linear.unit(),
         }
     }
 }

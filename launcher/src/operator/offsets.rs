@@ -273,7 +273,7 @@ fn json_of(subject: &Subject, file: &Path) -> String {
             "offset": name,
             "in_force": name == in_force(machine),
             "position_mm": position(first, "mm"),
-            "position_deg": position(first, "°"),
+            "position_deg": position(first, "deg"),
             "rotation_deg": value(machine, first + 9),
         })
     });
@@ -285,7 +285,7 @@ fn json_of(subject: &Subject, file: &Path) -> String {
         "g92": {
             "applies": value(machine, G92_APPLIES) != 0.0,
             "position_mm": position(G92_APPLIES + 1, "mm"),
-            "position_deg": position(G92_APPLIES + 1, "°"),
+            "position_deg": position(G92_APPLIES + 1, "deg"),
         },
     });
     serde_json::to_string_pretty(&all).unwrap_or_default()

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use bus::sample::{AxisCommand, AxisFeedback, Redundancy, Reference};
-use machine::{Axis, AxisKind};
+use machine::Axis;
 use monitor::turns::Turns;
 use remote::wire::CommandState;
 
@@ -17,6 +17,8 @@ pub struct AxisView {
     pub name: String,
     /// Unit of its positions.
     pub unit: &'static str,
+    /// Unit of its deviations.
+    pub error_unit: &'static str,
     /// Command position, in mm (degrees).
     pub command_mm: f64,
     /// Motor encoder, or scale where the servo uses it, in mm (degrees).
@@ -72,10 +74,8 @@ impl AxisView {
         let increment_mm = axis.increment_mm();
         AxisView {
             name: axis.name.clone(),
-            unit: match axis.kind {
-                AxisKind::Linear => "mm",
-                AxisKind::Rotary => "deg",
-            },
+            unit: axis.kind.unit(),
+            error_unit: axis.kind.deviation_unit(),
             command_mm: 0.0,
             feedback_mm: 0.0,
             error_um: None,

@@ -73,8 +73,10 @@ pub struct Dro {
     pub work_offset: Option<&'static str>,
     /// What the length of the tool takes off along each axis.
     pub tool_length: Option<Vec<f64>>,
-    /// Feed of the block, in mm/min (degrees where only rotary axes move); none in rapid.
+    /// Feed of the block, in mm/min; none in rapid.
     pub programmed_feed_mm_min: Option<f64>,
+    /// Only rotary axes move in the block: both feeds are in degrees/min.
+    pub is_feed_of_rotary: bool,
     /// The block is in rapid.
     pub rapid: Option<bool>,
     /// Speed of the tool, in mm/min; of linear axes.
@@ -87,6 +89,17 @@ pub struct Dro {
     pub active_codes: Vec<String>,
     /// Estimate of the time that the program still takes.
     pub time_left_s: Option<f64>,
+}
+
+impl Dro {
+    /// Unit of both feeds.
+    pub fn feed_unit(&self) -> &'static str {
+        if self.is_feed_of_rotary {
+            "deg/min"
+        } else {
+            "mm/min"
+        }
+    }
 }
 
 /// The readout of what is known of a cell.
@@ -104,7 +117,7 @@ pub fn of(model: &Model) -> Dro {
     // Where axes are those of the program.
     let is_plain = program::kinematics_of(machine) == Kinematics::Cartesian;
     if is_plain {
-        dro.feed_mm_min = Some(speed_mm_min(model));
+        dro.feed_mm_min = Some(speed_mm_min(model, AxisKind::Linear));
     }
     let runs = model.program_state() == Some(ProgramState::Running);
     let modal = if runs {
@@ -157,6 +170,10 @@ fn along_the_path(dro: &mut Dro, model: &Model, feedback: &Feedback, is_plain: b
     let Some(element) = elements.get(at) else {
         return;
     };
+    if is_plain && moves_rotary_axes_alone(&model.machine, element) {
+        dro.is_feed_of_rotary = true;
+        dro.feed_mm_min = Some(speed_mm_min(model, AxisKind::Rotary));
+    }
     match element.feed {
         _ if matches!(element.shape, Shape::Dwell { .. }) => {}
         Feed::Rapid => dro.rapid = Some(true),
@@ -194,10 +211,21 @@ fn place(machine: &Machine, feedback: &Feedback) -> AxisVector {
     place
 }
 
-fn speed_mm_min(model: &Model) -> f64 {
+/// Whether a block moves rotary axes and no slide: its feed is in degrees then.
+fn moves_rotary_axes_alone(machine: &Machine, element: &Element) -> bool {
+    let way = element.end() - element.start();
+    let moves = |kind: AxisKind| {
+        let mut axes = machine.axes.iter().zip(way.iter());
+        axes.any(|(axis, way)| axis.kind == kind && *way != 0.0)
+    };
+    moves(AxisKind::Rotary) && !moves(AxisKind::Linear)
+}
+
+/// Speed of the axes of a kind together, in mm/min or degrees/min.
+fn speed_mm_min(model: &Model, kind: AxisKind) -> f64 {
     let axes = model.machine.axes.iter().zip(&model.axes);
-    let linear = axes.filter(|(axis, _)| axis.kind == AxisKind::Linear);
-    let square: f64 = linear.map(|(_, of)| of.velocity_mm_s.powi(2)).sum();
+    let of_kind = axes.filter(|(axis, _)| axis.kind == kind);
+    let square: f64 = of_kind.map(|(_, of)| of.velocity_mm_s.powi(2)).sum();
     square.sqrt() * 60.0
 }
 

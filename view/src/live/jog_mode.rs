@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use launcher::exit::Failure;
 use launcher::operator::{self, Client, JogAsked, JogSender};
-use machine::{AxisKind, Machine};
+use machine::Machine;
 use ratatui::crossterm::event::KeyCode;
 
 use super::terminal::failure_words;
@@ -78,10 +78,7 @@ impl JogMode {
         let usual = machine.manual.jog_mm_s * 60.0;
         let speed = SPEEDS.iter().rposition(|speed| *speed <= usual);
         let letter = |axis: &machine::Axis| {
-            let unit = match axis.kind {
-                AxisKind::Rotary => "deg",
-                _ => "mm",
-            };
+            let unit = axis.kind.unit();
             axis.name.chars().next().map(|letter| (letter, unit))
         };
         JogMode {

@@ -1,4 +1,5 @@
-//! A model as JSON: names end in units and stay what they are. Positions of rotary axes are in degrees (`unit`), under the same names.
+//! A model as JSON: names end in units and stay what they are. What is in mm or µm of a slide
+//! is in degrees or thousandths of a degree of a rotary axis, under names that say so.
 
 use bus::messages::ProgramMessage;
 use bus::sample::{
@@ -7,6 +8,7 @@ use bus::sample::{
 use bus::service::ROLES;
 use serde::Serialize;
 
+use super::axis::AxisView;
 use super::dro::{self, Dro};
 use super::events::Weight;
 use super::fieldbus::slave_words;
@@ -99,6 +101,11 @@ struct ReadoutOf {
     tool: Option<u32>,
     feed_mm_min: Option<f64>,
     programmed_feed_mm_min: Option<f64>,
+    /// Where only rotary axes move, in place of both.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    feed_deg_min: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    programmed_feed_deg_min: Option<f64>,
     rapid: Option<bool>,
     spindle_rpm: Option<f64>,
     programmed_spindle_rpm: Option<f64>,
@@ -168,19 +175,13 @@ struct AuxiliaryOf {
 struct AxisOf<'a> {
     axis: &'a str,
     unit: &'static str,
-    command_mm: f64,
-    feedback_mm: f64,
-    /// The readout of a slide, in mm; null is what cannot be known.
+    /// What a slide has in mm; null is what cannot be known.
     #[serde(flatten)]
     linear: Option<LinearOf>,
-    /// The readout of a rotary axis, in degrees.
+    /// What a rotary axis has in degrees.
     #[serde(flatten)]
     rotary: Option<RotaryOf>,
-    velocity_mm_s: f64,
-    velocity_command_mm_s: Option<f64>,
     torque_command_nm: Option<f64>,
-    following_error_um: Option<f64>,
-    following_error_peak_um: f64,
     torque_nm: f64,
     torque_percent: f64,
     torque_limited: bool,
@@ -198,18 +199,30 @@ struct AxisOf<'a> {
 
 #[derive(Serialize)]
 struct LinearOf {
+    command_mm: f64,
+    feedback_mm: f64,
     work_mm: Option<f64>,
     machine_mm: f64,
     distance_to_go_mm: Option<f64>,
     tool_length_mm: Option<f64>,
+    velocity_mm_s: f64,
+    velocity_command_mm_s: Option<f64>,
+    following_error_um: Option<f64>,
+    following_error_peak_um: f64,
 }
 
 #[derive(Serialize)]
 struct RotaryOf {
+    command_deg: f64,
+    feedback_deg: f64,
     work_deg: Option<f64>,
     machine_deg: f64,
     distance_to_go_deg: Option<f64>,
     tool_length_deg: Option<f64>,
+    velocity_deg_s: f64,
+    velocity_command_deg_s: Option<f64>,
+    following_error_mdeg: Option<f64>,
+    following_error_peak_mdeg: f64,
 }
 
 #[derive(Serialize)]
@@ -268,7 +281,30 @@ struct ReversalOf<'a> {
     scan: u64,
     height_um: Option<f64>,
     undercut_um: Option<f64>,
-    following_error_peak_um: f64,
+    #[serde(flatten)]
+    error: ErrorPeak,
+}
+
+/// Following error of an axis around its reversal.
+#[derive(Serialize)]
+pub enum ErrorPeak {
+    /// Of a slide.
+    #[serde(rename = "following_error_peak_um")]
+    Um(f64),
+    /// Of a rotary axis.
+    #[serde(rename = "following_error_peak_mdeg")]
+    Mdeg(f64),
+}
+
+impl ErrorPeak {
+    /// Of an axis, rounded to so many digits.
+    pub fn of(model: &Model, axis: u32, error_peak_um: f64, digits: i32) -> Self {
+        let value = rounded(error_peak_um, digits);
+        match model.machine.axes.get(axis as usize) {
+            Some(axis) if dro::is_rotary(axis) => ErrorPeak::Mdeg(value),
+            _ => ErrorPeak::Um(value),
+        }
+    }
 }
 
 #[derive(Serialize)]
@@ -454,11 +490,16 @@ fn readout(model: &Model, dro: Dro) -> ReadoutOf {
     let auxiliary = model.feedback.as_ref().map(|feedback| &feedback.auxiliary);
     let round = |value: Option<f64>, digits: i32| value.map(|value| rounded(value, digits));
     let block = model.block();
+    let rotary = dro.is_feed_of_rotary;
+    let feed = round(dro.feed_mm_min, 1);
+    let programmed = round(dro.programmed_feed_mm_min, 3);
     ReadoutOf {
         work_offset: dro.work_offset,
         tool: auxiliary.map(|now| now.tool),
-        feed_mm_min: round(dro.feed_mm_min, 1),
-        programmed_feed_mm_min: round(dro.programmed_feed_mm_min, 3),
+        feed_mm_min: feed.filter(|_| !rotary),
+        programmed_feed_mm_min: programmed.filter(|_| !rotary),
+        feed_deg_min: feed.filter(|_| rotary),
+        programmed_feed_deg_min: programmed.filter(|_| rotary),
         rapid: dro.rapid,
         spindle_rpm: auxiliary.map(|now| rounded(now.spindle_rpm, 3)),
         programmed_spindle_rpm: auxiliary.map(|now| rounded(now.levels.spindle_rpm, 3)),
@@ -472,57 +513,62 @@ fn readout(model: &Model, dro: Dro) -> ReadoutOf {
     }
 }
 
-/// The readout of an axis: of a slide or of a rotary axis.
-fn readout_of_axis(
+/// What an axis has in mm or in degrees: a slide, or a rotary axis.
+fn own_units(
     model: &Model,
     dro: &Dro,
     index: usize,
-    machine: f64,
+    axis: &AxisView,
 ) -> (Option<LinearOf>, Option<RotaryOf>) {
     let of = |values: &[Option<f64>]| values.get(index).copied().flatten();
     let round = |value: Option<f64>| value.map(|value| rounded(value, 6));
-    let (work, to_go) = (round(of(&dro.work)), round(of(&dro.distance_to_go)));
     let lengths = dro.tool_length.as_ref();
-    let length = round(lengths.and_then(|lengths| lengths.get(index).copied()));
-    let machine = rounded(machine, 6);
+    let length = lengths.and_then(|lengths| lengths.get(index).copied());
+    let linear = LinearOf {
+        command_mm: rounded(axis.command_mm, 6),
+        feedback_mm: rounded(axis.feedback_mm, 6),
+        work_mm: round(of(&dro.work)),
+        machine_mm: rounded(axis.command_mm, 6),
+        distance_to_go_mm: round(of(&dro.distance_to_go)),
+        tool_length_mm: round(length),
+        velocity_mm_s: rounded(axis.velocity_mm_s, 4),
+        velocity_command_mm_s: axis.commanded.map(|c| rounded(c.velocity_mm_s, 4)),
+        following_error_um: axis.error_um.map(|error_um| rounded(error_um, 3)),
+        following_error_peak_um: rounded(axis.error_peak_um, 3),
+    };
     match model.machine.axes.get(index).is_some_and(dro::is_rotary) {
-        true => (
-            None,
-            Some(RotaryOf {
-                work_deg: work,
-                machine_deg: machine,
-                distance_to_go_deg: to_go,
-                tool_length_deg: length,
-            }),
-        ),
-        false => (
-            Some(LinearOf {
-                work_mm: work,
-                machine_mm: machine,
-                distance_to_go_mm: to_go,
-                tool_length_mm: length,
-            }),
-            None,
-        ),
+        true => (None, Some(linear.into())),
+        false => (Some(linear), None),
+    }
+}
+
+impl From<LinearOf> for RotaryOf {
+    /// The same numbers: inside, a degree is what a mm is.
+    fn from(of: LinearOf) -> Self {
+        RotaryOf {
+            command_deg: of.command_mm,
+            feedback_deg: of.feedback_mm,
+            work_deg: of.work_mm,
+            machine_deg: of.machine_mm,
+            distance_to_go_deg: of.distance_to_go_mm,
+            tool_length_deg: of.tool_length_mm,
+            velocity_deg_s: of.velocity_mm_s,
+            velocity_command_deg_s: of.velocity_command_mm_s,
+            following_error_mdeg: of.following_error_um,
+            following_error_peak_mdeg: of.following_error_peak_um,
+        }
     }
 }
 
 fn axes<'a>(model: &'a Model, dro: &Dro) -> Vec<AxisOf<'a>> {
     let each = model.axes.iter().enumerate();
-    let each =
-        each.map(|(index, axis)| (axis, readout_of_axis(model, dro, index, axis.command_mm)));
+    let each = each.map(|(index, axis)| (axis, own_units(model, dro, index, axis)));
     each.map(|(axis, (linear, rotary))| AxisOf {
         axis: &axis.name,
         linear,
         rotary,
         unit: axis.unit,
-        command_mm: rounded(axis.command_mm, 6),
-        feedback_mm: rounded(axis.feedback_mm, 6),
-        velocity_mm_s: rounded(axis.velocity_mm_s, 4),
-        velocity_command_mm_s: axis.commanded.map(|c| rounded(c.velocity_mm_s, 4)),
         torque_command_nm: axis.commanded.map(|c| rounded(c.torque_nm, 4)),
-        following_error_um: axis.error_um.map(|error_um| rounded(error_um, 3)),
-        following_error_peak_um: rounded(axis.error_peak_um, 3),
         torque_nm: rounded(axis.torque_nm, 4),
         torque_percent: rounded(axis.torque_share * 100.0, 2),
         torque_limited: axis.torque_limited,
@@ -607,7 +653,7 @@ pub fn line(model: &Model, reported: &mut Reported) -> String {
                 scan: reversal.scan,
                 height_um: reversal.height_um.map(|um| rounded(um, 3)),
                 undercut_um: reversal.undercut_um.map(|um| rounded(um, 3)),
-                following_error_peak_um: rounded(reversal.error_peak_um, 3),
+                error: ErrorPeak::of(model, reversal.axis, reversal.error_peak_um, 3),
             })
             .collect(),
         events: fresh_events

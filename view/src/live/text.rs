@@ -109,7 +109,7 @@ fn readout(text: &mut String, model: &Model) {
             (_, Some(feed)) => format!(", programmed {feed:.0}"),
             _ => String::new(),
         };
-        let _ = write!(text, "\n  feed {feed:.0} mm/min{programmed}");
+        let _ = write!(text, "\n  feed {feed:.0} {}{programmed}", dro.feed_unit());
     }
     if let Some(left_s) = dro.time_left_s {
         let _ = write!(text, ", about {left_s:.0} s left (estimate)");
@@ -126,9 +126,9 @@ fn axes(text: &mut String, model: &Model) {
         "\n\n  axis      command     feedback  following error  torque  winding  friction  missed  servo"
     );
     for axis in &model.axes {
-        let error = axis
-            .error_um
-            .map_or("-".into(), |error_um| format!("{error_um:+.1} µm"));
+        let error = axis.error_um.map_or("-".into(), |error_um| {
+            format!("{error_um:+.1} {}", axis.error_unit)
+        });
         let _ = write!(
             text,
             "\n  {:<2} {:<3} {:>+10.4}  {:>+11.4}  {error:>15}  {:>4.0} %  {:>+5.1} K  {:>8}  {:>6}  {}",

@@ -6,7 +6,7 @@ use serde::Serialize;
 use super::pictures::{Drawn, shown};
 use crate::live::circle::CircleView;
 use crate::live::events::Weight;
-use crate::live::json::{self, State, rounded};
+use crate::live::json::{self, ErrorPeak, State, rounded};
 use crate::live::model::Model;
 use crate::live::trail::TrailPoint;
 use crate::live::words::Tone;
@@ -82,7 +82,8 @@ struct Reversal<'a> {
     scan: u64,
     height_um: Option<f64>,
     undercut_um: Option<f64>,
-    following_error_peak_um: f64,
+    #[serde(flatten)]
+    error: ErrorPeak,
 }
 
 #[derive(Serialize)]
@@ -169,7 +170,7 @@ fn reversals(model: &Model) -> Vec<Reversal<'_>> {
             scan: reversal.scan,
             height_um: reversal.height_um.map(|um| rounded(um, 2)),
             undercut_um: reversal.undercut_um.map(|um| rounded(um, 2)),
-            following_error_peak_um: rounded(reversal.error_peak_um, 2),
+            error: ErrorPeak::of(model, reversal.axis, reversal.error_peak_um, 2),
         })
         .collect()
 }

@@ -5,6 +5,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use axum::body::Bytes;
 use control::path::{AxisVector, Element, Feed, Path, Shape};
+use machine::AxisKind;
 use serde::Serialize;
 use serde_json::json;
 
@@ -128,14 +129,26 @@ pub fn shown(point: &TrailPoint) -> (f64, f64, f64, Option<f64>) {
 fn machine(model: &Model) -> Bytes {
     let machine = &model.machine;
     let axes = machine.axes.iter().zip(&model.axes).map(|(axis, view)| {
-        json!({
-            "axis": axis.name,
-            "unit": view.unit,
-            "minimum_mm": axis.travel_min_mm,
-            "maximum_mm": axis.travel_max_mm,
-            "following_error_limit_um": view.error_limit_um,
-            "homes": axis.homing.is_some(),
-        })
+        let homes = axis.homing.is_some();
+        let (low, high) = (axis.travel_min_mm, axis.travel_max_mm);
+        match axis.kind {
+            AxisKind::Linear => json!({
+                "axis": axis.name,
+                "unit": view.unit,
+                "minimum_mm": low,
+                "maximum_mm": high,
+                "following_error_limit_um": view.error_limit_um,
+                "homes": homes,
+            }),
+            AxisKind::Rotary => json!({
+                "axis": axis.name,
+                "unit": view.unit,
+                "minimum_deg": low,
+                "maximum_deg": high,
+                "following_error_limit_mdeg": view.error_limit_um,
+                "homes": homes,
+            }),
+        }
     });
     let text = json!({
         "cell": model.cell,

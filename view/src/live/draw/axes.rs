@@ -23,8 +23,8 @@ const NEAR_LIMIT: f64 = 0.5;
 /// Draws them, with a line of headings.
 pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let palette = screen.palette;
-    let mut axes = screen.model.axes.iter();
-    let mark = axes.any(|axis| axis.reference != Reference::Known);
+    let axes = || screen.model.axes.iter();
+    let mark = axes().any(|axis| axis.reference != Reference::Known);
     let fixed = FIXED + if mark { MARK } else { 0 };
     let bars = usize::from(area.width.saturating_sub(fixed).clamp(4, 60));
     let heading = format!(
@@ -32,7 +32,7 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
         "axis",
         "command",
         "feedback",
-        "error µm",
+        error_heading(axes()),
         "peak",
         "history",
         "torque",
@@ -42,14 +42,17 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
         "by"
     );
     let mut lines = vec![Line::styled(heading, palette.title())];
-    lines.extend(
-        screen
-            .model
-            .axes
-            .iter()
-            .map(|axis| row(axis, bars, palette)),
-    );
+    lines.extend(axes().map(|axis| row(axis, bars, palette)));
     frame.render_widget(Paragraph::new(lines), area);
+}
+
+/// What errors are in: µm, or where some are those of rotary axes, thousandths of the unit of the row.
+pub fn error_heading<'a>(mut axes: impl Iterator<Item = &'a AxisView>) -> &'static str {
+    if axes.any(|axis| axis.error_unit != "µm") {
+        "µm, mdeg"
+    } else {
+        "error µm"
+    }
 }
 
 /// A mark at an axis that is not homed.
@@ -113,7 +116,7 @@ fn friction(axis: &AxisView) -> String {
     })
 }
 
-/// A number of µm in at most eight characters.
+/// A number of µm or mdeg in at most eight characters.
 fn number(value_um: f64, signed: bool) -> String {
     let digits = if value_um.abs() < 1000.0 { 1 } else { 0 };
     if signed {

@@ -6,6 +6,7 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::Paragraph;
 use remote::wire::ProcessState;
 
+use super::axes::error_heading;
 use super::screen::{Screen, panel};
 use crate::live::events::Weight;
 use crate::live::text::standby_words;
@@ -18,7 +19,10 @@ pub fn reversals(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let inside = panel(frame, area, &title, palette);
     let heading = format!(
         " {:<5}{:>8}{:>11}{:>10}",
-        "axis", "at s", "height µm", "error µm"
+        "axis",
+        "at s",
+        "height µm",
+        error_heading(model.axes.iter())
     );
     let mut lines = vec![Line::styled(heading, palette.quiet())];
     let rows = usize::from(inside.height.saturating_sub(1));

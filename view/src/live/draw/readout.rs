@@ -109,7 +109,7 @@ fn feed_words(dro: &Dro) -> String {
         (_, Some(feed)) => format!("{feed:.0}"),
         _ => UNKNOWN.into(),
     };
-    format!("{actual} mm/min, programmed {programmed}")
+    format!("{actual} {}, programmed {programmed}", dro.feed_unit())
 }
 
 fn spindle_words(screen: &Screen<'_>, dro: &Dro) -> String {

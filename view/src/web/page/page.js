@@ -76,16 +76,17 @@ function axes(frame) {
     const [, position, error, torque] = row.children;
     const work = axis.work_mm ?? axis.work_deg;
     const goes = axis.distance_to_go_mm ?? axis.distance_to_go_deg;
-    put(position.children[0], fixed(work ?? axis.feedback_mm, 3));
-    put(position.children[1], axis.unit === "deg" ? "°" : "mm");
-    const second = [`machine ${fixed(axis.machine_mm ?? axis.machine_deg ?? axis.feedback_mm, 3)}`];
+    put(position.children[0], fixed(work ?? axis.feedback_mm ?? axis.feedback_deg, 3));
+    put(position.children[1], axis.unit);
+    const second = [`machine ${fixed(axis.machine_mm ?? axis.machine_deg, 3)}`];
     if (goes !== undefined && goes !== null) second.push(`to go ${fixed(goes, 3)}`);
     if (!["absolute", "homed"].includes(axis.reference)) second.push(axis.reference);
     if (axis.alarm) second.push(axis.alarm);
     put(position.children[2], second.join("   "));
-    const unit = axis.unit === "deg" ? "m°" : "µm";
-    put(error.children[0], `${fixed(axis.following_error_um, 1)} ${unit}`);
-    level(error.children[1], axis.following_error_um / limits.following_error_limit_um);
+    const unit = axis.unit === "deg" ? "mdeg" : "µm";
+    const off = axis.following_error_um ?? axis.following_error_mdeg;
+    put(error.children[0], `${fixed(off, 1)} ${unit}`);
+    level(error.children[1], off / (limits.following_error_limit_um ?? limits.following_error_limit_mdeg));
     put(torque.children[0], `${fixed(axis.torque_percent, 0)} %${axis.torque_limited ? " limit" : ""}`);
     level(torque.children[1], axis.torque_percent / 100);
   });
@@ -95,9 +96,11 @@ function numbers(frame) {
   const { status } = frame;
   const linear = status.axes.filter(axis => axis.unit === "mm");
   const readout = status.readout ?? {};
-  const feed = readout.feed_mm_min ?? Math.hypot(...linear.map(axis => axis.velocity_mm_s)) * 60;
-  const wanted = readout.rapid ? " of rapid" : readout.programmed_feed_mm_min ? ` of ${Math.round(readout.programmed_feed_mm_min)}` : "";
-  const shown = [["Feed", `${Math.round(feed)}${wanted} mm/min`], ["Override", `${status.override_percent ?? "–"} %`]];
+  const feed = readout.feed_mm_min ?? readout.feed_deg_min ?? Math.hypot(...linear.map(axis => axis.velocity_mm_s)) * 60;
+  const programmed = readout.programmed_feed_mm_min ?? readout.programmed_feed_deg_min;
+  const wanted = readout.rapid ? " of rapid" : programmed ? ` of ${Math.round(programmed)}` : "";
+  const unit = readout.feed_deg_min === undefined ? "mm/min" : "deg/min";
+  const shown = [["Feed", `${Math.round(feed)}${wanted} ${unit}`], ["Override", `${status.override_percent ?? "–"} %`]];
   if (readout.work_offset) shown.push(["Offset", readout.work_offset]);
   if (status.auxiliary && status.auxiliary.spindle !== "stopped") shown.push(["Spindle", status.auxiliary.spindle]);
   if (status.auxiliary?.tool) shown.push(["Tool", `T${status.auxiliary.tool}`]);
@@ -180,7 +183,9 @@ function reversals(frame) {
       `${reversal.axis} ${reversal.new_direction > 0 ? "+" : "−"}`, `${fixed(time(reversal.scan), 2)} s`,
       reversal.height_um === null ? "–" : `${fixed(reversal.height_um, 1)} µm`,
       reversal.undercut_um === null ? "–" : `${fixed(reversal.undercut_um, 1)} µm`,
-      `${fixed(reversal.following_error_peak_um, 1)} µm`,
+      reversal.following_error_peak_mdeg === undefined
+        ? `${fixed(reversal.following_error_peak_um, 1)} µm`
+        : `${fixed(reversal.following_error_peak_mdeg, 1)} mdeg`,
     ];
     row.append(...cells.map(text => element("td", text)));
     return row;
