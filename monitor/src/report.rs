@@ -19,6 +19,7 @@ mod html;
 mod json;
 mod match_up;
 mod path_picture;
+mod ranking;
 mod side_by_side;
 mod text;
 mod tracking_plot;

@@ -1,12 +1,14 @@
 //! The ball-bar test (ISO 230-4): what circles that are travelled both ways show together.
 //!
 //! All runs on one circle at one feed and in one direction are taken together, their steady parts, in bins of 0.25°
-//! (`profile`). Of a circle that has both directions this gives
+//! (`profile`). Of a circle this gives
 //!
 //! - *G(b)*, the bidirectional circular deviation: highest minus lowest of both paths about one centre, the mean of the
 //!   least-squares centres of both directions;
 //! - *H*, the hysteresis: largest distance between the mean curves of both directions at one angle;
 //! - the causes of the deviation, ranked (`diagnosis`), where the axes are those of the program.
+//!
+//! A circle that has one direction only has no G(b) and no H, and squareness is not told from servo mismatch.
 
 mod cause;
 mod diagnosis;
@@ -54,19 +56,19 @@ pub struct OneWay {
     pub radial_um: (f64, f64),
 }
 
-/// A circle that was travelled both ways.
+/// A circle that was travelled both ways, or one way.
 #[derive(Debug, Clone)]
 pub struct BallBar {
     /// The circle; its direction means nothing.
     pub circle: Circle,
-    /// Counter-clockwise.
-    pub counter_clockwise: OneWay,
-    /// Clockwise.
-    pub clockwise: OneWay,
+    /// Counter-clockwise; none where it was not travelled so.
+    pub counter_clockwise: Option<OneWay>,
+    /// Clockwise; none where it was not travelled so.
+    pub clockwise: Option<OneWay>,
     /// The common centre, from the programmed one, in µm.
     pub centre_um: [f64; 2],
-    /// Bidirectional circular deviation G(b), in µm.
-    pub bidirectional_um: f64,
+    /// Bidirectional circular deviation G(b), in µm; none of one direction.
+    pub bidirectional_um: Option<f64>,
     /// Hysteresis H, in µm, and where, in degrees from the first axis.
     pub hysteresis: Option<(f64, f64)>,
     /// What causes it; none where it cannot be told.
@@ -120,15 +122,19 @@ impl BallBarMeter {
         }
     }
 
-    /// What the circles with both directions show. `lead_mm` gives the lead of an axis of the program's coordinates; none
-    /// where coordinates are not axes.
+    /// What the circles show: those with both directions, and those with one that was measured nearly all round. `lead_mm`
+    /// gives the lead of an axis of the program's coordinates; none where coordinates are not axes.
     pub fn finish(self, lead_mm: impl Fn(usize) -> Option<f64>) -> Vec<BallBar> {
         let circles = self.circles.into_iter();
         circles
-            .filter_map(|(circle, [counter_clockwise, clockwise])| {
-                let ways = [counter_clockwise?, clockwise?];
+            .filter(|(_, ways)| match ways {
+                [Some(_), Some(_)] => true,
+                [Some(way), None] | [None, Some(way)] => way.is_diagnosed(),
+                [None, None] => false,
+            })
+            .map(|(circle, ways)| {
                 let leads = circle.plane.map(&lead_mm);
-                Some(of_both(circle, &ways, leads))
+                together(circle, &ways, leads)
             })
             .collect()
     }
@@ -144,6 +150,11 @@ impl Way {
         for (sum_um, mm) in self.centre_sum_um.iter_mut().zip(arc.table.fit.centre_mm) {
             *sum_um += mm * 1e3;
         }
+    }
+
+    /// Whether enough of a turn was measured for causes to be told apart.
+    fn is_diagnosed(&self) -> bool {
+        self.profile.measured_deg() >= DIAGNOSED_DEG_MIN
     }
 
     fn centre_um(&self) -> [f64; 2] {
@@ -162,22 +173,27 @@ impl Way {
     }
 }
 
-fn of_both(circle: Circle, ways: &[Way; 2], leads_mm: [Option<f64>; 2]) -> BallBar {
+fn together(circle: Circle, ways: &[Option<Way>; 2], leads_mm: [Option<f64>; 2]) -> BallBar {
     let [one, other] = ways;
-    let (of_one, of_other) = (one.centre_um(), other.centre_um());
-    let centre_um = [
-        0.5 * (of_one[0] + of_other[0]),
-        0.5 * (of_one[1] + of_other[1]),
-    ];
-    let [range, of_other] = [&one.profile, &other.profile].map(|way| way.range_um(centre_um));
-    let bidirectional_um = range.1.max(of_other.1) - range.0.min(of_other.0);
-    let measured = ways
-        .iter()
-        .all(|way| way.profile.measured_deg() >= DIAGNOSED_DEG_MIN);
-    let angular_speed_rad_s = one.speed_mm_s.max(other.speed_mm_s) / circle.radius_mm;
+    let known = || ways.iter().flatten();
+    let count = known().count().max(1) as f64;
+    let centres = known().map(Way::centre_um);
+    let centre_um = centres.fold([0.0; 2], |sum, [x_um, y_um]| {
+        [sum[0] + x_um / count, sum[1] + y_um / count]
+    });
+    let both = one.as_ref().zip(other.as_ref());
+    let bidirectional_um = both.map(|(one, other)| {
+        let [range, of_other] = [one, other].map(|way| way.profile.range_um(centre_um));
+        range.1.max(of_other.1) - range.0.min(of_other.0)
+    });
+    let hysteresis =
+        both.and_then(|(one, other)| profile::hysteresis(&one.profile, &other.profile));
+    let speed_mm_s = known().map(|way| way.speed_mm_s).fold(0.0, f64::max);
+    let angular_speed_rad_s = speed_mm_s / circle.radius_mm;
     let [first, second] = leads_mm;
-    let lead_mm = first.zip(second).filter(|_| measured);
-    let diagnosis = lead_mm.and_then(|(first_mm, second_mm)| {
+    let leads_mm = first.zip(second);
+    let leads_mm = leads_mm.filter(|_| known().all(Way::is_diagnosed));
+    let diagnosis = leads_mm.and_then(|(first_mm, second_mm)| {
         let setting = Setting {
             radius_mm: circle.radius_mm,
             centre_mm: circle.centre_mm,
@@ -185,16 +201,24 @@ fn of_both(circle: Circle, ways: &[Way; 2], leads_mm: [Option<f64>; 2]) -> BallB
             window_rad: window_rad(angular_speed_rad_s),
             lead_mm: [first_mm, second_mm],
         };
-        let readings = |way: &Way| way.profile.readings().collect::<Vec<_>>();
-        let (of_one, of_other) = (readings(one), readings(other));
-        diagnose(&setting, &[(1.0, &of_one), (-1.0, &of_other)])
+        let signs = [1.0, -1.0].into_iter().zip(ways);
+        let directions = signs.filter_map(|(sign, way)| {
+            let readings = way.as_ref()?.profile.readings();
+            Some((sign, readings.collect::<Vec<_>>()))
+        });
+        let directions: Vec<_> = directions.collect();
+        let readings = directions.iter();
+        let readings: Vec<_> = readings
+            .map(|(sign, all)| (*sign, all.as_slice()))
+            .collect();
+        diagnose(&setting, &readings)
     });
     BallBar {
-        counter_clockwise: one.result(),
-        clockwise: other.result(),
+        counter_clockwise: one.as_ref().map(Way::result),
+        clockwise: other.as_ref().map(Way::result),
         centre_um,
         bidirectional_um,
-        hysteresis: profile::hysteresis(&one.profile, &other.profile),
+        hysteresis,
         diagnosis,
         circle,
     }

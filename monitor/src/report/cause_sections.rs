@@ -5,8 +5,8 @@ use super::contents::section;
 use super::document::{Block, Columns, Section};
 use super::json::Report;
 
-/// Circles whose causes the text lists; all are in report.json.
-const DIAGNOSED_MAX: usize = 8;
+/// Circles whose causes are listed, of those travelled both ways and of those travelled one way; all are in report.json.
+const DIAGNOSED_MAX: [usize; 2] = [8, 3];
 
 /// Where the contour error comes from.
 pub(super) fn contour_parts(report: &Report, path_picture: bool) -> Section {
@@ -34,21 +34,24 @@ pub(super) fn contour_parts(report: &Report, path_picture: bool) -> Section {
     section("Where the contour error comes from", blocks)
 }
 
-/// Circles that were travelled both ways.
+/// Circles that were travelled both ways, and one way.
 pub(super) fn ball_bars(report: &Report) -> Vec<Section> {
     let feed = |bar: &BallBarReport| bar.feed_mm_min;
-    let of = |way: &OneWayReport| way.circular_deviation_um;
-    let range = |way: &OneWayReport| {
-        let deviation = way.radial_deviation_um;
-        format!("{:+.2} / {:+.2}", deviation.max, deviation.min)
+    let of = |way: &Option<OneWayReport>| Some(way.as_ref()?.circular_deviation_um);
+    let range = |way: &Option<OneWayReport>| {
+        let deviation = way.as_ref().map(|way| way.radial_deviation_um);
+        deviation.map_or("–".into(), |deviation| {
+            format!("{:+.2} / {:+.2}", deviation.max, deviation.min)
+        })
     };
-    let table = Columns::of("ball_bar", &report.ball_bar)
+    let all = report.ball_bar.iter().chain(&report.one_way_circles);
+    let table = Columns::of("ball_bar", all)
         .words("Plane", |bar| bar.plane.clone())
         .number("Radius", "mm", 3, |bar| Some(bar.radius_mm))
         .number("Feed", "mm/min", 0, feed)
-        .number("G ccw", "µm", 2, |bar| Some(of(&bar.counter_clockwise)))
-        .number("G cw", "µm", 2, |bar| Some(of(&bar.clockwise)))
-        .number("G(b)", "µm", 2, |b| Some(b.bidirectional_deviation_um))
+        .number("G ccw", "µm", 2, |bar| of(&bar.counter_clockwise))
+        .number("G cw", "µm", 2, |bar| of(&bar.clockwise))
+        .number("G(b)", "µm", 2, |b| b.bidirectional_deviation_um)
         .key("bidirectional_deviation_um")
         .number("H", "µm", 2, |bar| bar.hysteresis_um)
         .key("hysteresis_um")
@@ -63,13 +66,16 @@ pub(super) fn ball_bars(report: &Report) -> Vec<Section> {
             ];
             (name(bar), id)
         });
-    let note = "Circles travelled both ways, in the terms of ISO 230-4: circular deviation G of each direction, G(b) of both about one centre, hysteresis H between their mean curves, radial deviation F from the programmed radius, highest / lowest.";
+    let note = "Circles, in the terms of ISO 230-4: circular deviation G of each direction, G(b) of both about one centre, hysteresis H between their mean curves, radial deviation F from the programmed radius, highest / lowest.";
     let mut sections = vec![section(
         "Ball-bar test",
         vec![Block::Note(note.into()), Block::Table(table.done())],
     )];
-    let told = report.ball_bar.iter().filter(|bar| bar.causes.is_some());
-    sections.extend(told.take(DIAGNOSED_MAX).map(causes));
+    let lists = [&report.ball_bar, &report.one_way_circles];
+    for (list, most) in lists.into_iter().zip(DIAGNOSED_MAX) {
+        let told = list.iter().filter(|bar| bar.causes.is_some());
+        sections.extend(told.take(most).map(causes));
+    }
     sections
 }
 
@@ -84,21 +90,24 @@ fn name(bar: &BallBarReport) -> String {
 fn causes(bar: &BallBarReport) -> Section {
     let all = bar.causes.iter().flatten();
     let none = bar.causes.as_ref().is_some_and(Vec::is_empty);
-    let size = |cause: &CauseReport| {
-        let decimals = if cause.unit == "ms" { 3 } else { 2 };
-        format!("{:.decimals$} {}", cause.value, cause.unit)
-    };
     let table = Columns::of("causes", all)
         .words("Cause", |cause| cause.words(&bar.plane))
         .number("Effect", "µm", 2, |cause| Some(cause.effect_um))
         .number("Share", "%", 1, |cause| Some(cause.share_percent))
-        .written("Size", "", size)
+        .written("Size", "", CauseReport::size)
         .done();
     let blocks = if none {
         vec![Block::Text("Nothing above 0.05 µm.".into())]
     } else {
-        let note = "Fitted to both directions together. Effect: from the lowest to the highest of what a cause does to the radius, the programmed circle included; share: among the sum of all effects.";
-        vec![Block::Note(note.into()), Block::Table(table)]
+        let fitted = if bar.is_both_ways() {
+            "Fitted to both directions together."
+        } else {
+            "Travelled in one direction only: squareness and servo mismatch leave the same mark there; travel the circle the other way too to tell them apart."
+        };
+        let note = format!(
+            "{fitted} Effect: from the lowest to the highest of what a cause does to the radius, the programmed circle included; share: among the sum of all effects."
+        );
+        vec![Block::Note(note), Block::Table(table)]
     };
     let heading = format!("What the deviation of {} comes from", name(bar));
     section(heading, blocks)

@@ -1,5 +1,4 @@
-//! What the report says of where errors come from: the ball-bar test of circles travelled both ways, and the parts of the
-//! contour error.
+//! What the report says of where errors come from: the ball-bar test of circles, and the parts of the contour error.
 
 use serde::Serialize;
 
@@ -8,7 +7,7 @@ use super::json::{MaxMin, max_min, r3};
 use crate::measure::ball_bar::{BallBar, CauseKind, OneWay, Part};
 use crate::measure::contour_parts::ContourCause;
 
-/// A circle that was travelled both ways, in the terms of ISO 230-4.
+/// A circle that was travelled both ways, or one way, in the terms of ISO 230-4.
 #[derive(Debug, Clone, Serialize)]
 pub struct BallBarReport {
     /// Axes of its plane.
@@ -19,14 +18,14 @@ pub struct BallBarReport {
     pub radius_mm: f64,
     /// Programmed feed; null at rapid.
     pub feed_mm_min: Option<f64>,
-    /// Counter-clockwise.
-    pub counter_clockwise: OneWayReport,
-    /// Clockwise.
-    pub clockwise: OneWayReport,
+    /// Counter-clockwise; null where it was not travelled so.
+    pub counter_clockwise: Option<OneWayReport>,
+    /// Clockwise; null where it was not travelled so.
+    pub clockwise: Option<OneWayReport>,
     /// Common centre minus programmed centre: the mean of the least-squares centres of both directions.
     pub centre_offset_um: [f64; 2],
-    /// Highest minus lowest deviation of both directions about that centre: G(b).
-    pub bidirectional_deviation_um: f64,
+    /// Highest minus lowest deviation of both directions about that centre: G(b); null of one direction.
+    pub bidirectional_deviation_um: Option<f64>,
     /// Largest distance between the mean curves of both directions at one angle: H.
     pub hysteresis_um: Option<f64>,
     /// Where that is, from the first axis of the plane towards the second.
@@ -67,6 +66,9 @@ pub struct CauseReport {
     pub value: f64,
     /// Unit of the size.
     pub unit: &'static str,
+    /// Travel after which a cyclic error repeats; left out of other causes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pitch_mm: Option<f64>,
     /// From the lowest to the highest of what it does to the radius, the programmed circle included.
     pub effect_um: f64,
     /// Its effect among the sum of all effects.
@@ -86,16 +88,37 @@ impl CauseReport {
         let (first, second) = (letters.next(), letters.next());
         let (first, second) = (first.unwrap_or('?'), second.unwrap_or('?'));
         match self.cause {
-            CauseKind::LostMotion => format!("lost motion of {axis} {turned}"),
+            CauseKind::LostMotion => format!("backlash of {axis} {turned}"),
             CauseKind::ReversalSpike => format!("reversal spike of {axis} {turned}"),
             CauseKind::Squareness => format!("squareness of {first} and {second}"),
-            CauseKind::Scaling => format!("{first} longer than {second}"),
-            CauseKind::ServoMismatch => format!("{first} later than {second}"),
-            CauseKind::Radius => "radius, both directions".into(),
-            CauseKind::Cyclic => format!("cyclic error of {axis}"),
+            CauseKind::Scaling => format!("scaling mismatch, {first} longer than {second}"),
+            CauseKind::ServoMismatch => format!("servo mismatch, {first} later than {second}"),
+            CauseKind::SquarenessOrServoMismatch => {
+                format!("squareness or servo mismatch of {first} and {second}")
+            }
+            CauseKind::Radius => "radius".into(),
+            CauseKind::Cyclic => match self.pitch_mm {
+                Some(pitch_mm) => format!("cyclic error of {axis}, every {pitch_mm} mm"),
+                None => format!("cyclic error of {axis}"),
+            },
             CauseKind::Vibration => "vibration".into(),
             CauseKind::Unexplained => "not explained".into(),
         }
+    }
+}
+
+impl BallBarReport {
+    /// Whether it was travelled in both directions.
+    pub(super) fn is_both_ways(&self) -> bool {
+        self.counter_clockwise.is_some() && self.clockwise.is_some()
+    }
+}
+
+impl CauseReport {
+    /// Its size with its unit.
+    pub(super) fn size(&self) -> String {
+        let decimals = if self.unit == "ms" { 3 } else { 2 };
+        format!("{:.decimals$} {}", self.value, self.unit)
     }
 }
 
@@ -141,13 +164,15 @@ impl ContourPartReport {
     }
 }
 
-/// The circles that were travelled both ways.
-pub(super) fn ball_bars(evaluation: &Evaluation) -> Vec<BallBarReport> {
+/// The circles that were travelled both ways, and those that were travelled one way.
+pub(super) fn ball_bars(evaluation: &Evaluation) -> (Vec<BallBarReport>, Vec<BallBarReport>) {
     let measured = evaluation.measurements.ball_bars.iter();
-    measured.map(|one| ball_bar(one, evaluation)).collect()
+    let all = measured.map(|one| ball_bar(one, evaluation));
+    all.partition(BallBarReport::is_both_ways)
 }
 
-fn ball_bar(measured: &BallBar, evaluation: &Evaluation) -> BallBarReport {
+/// One circle.
+pub(super) fn ball_bar(measured: &BallBar, evaluation: &Evaluation) -> BallBarReport {
     let circle = &measured.circle;
     let letters = circle.plane.map(|axis| evaluation.coordinate(axis));
     let cause = |part: &Part| CauseReport {
@@ -156,6 +181,7 @@ fn ball_bar(measured: &BallBar, evaluation: &Evaluation) -> BallBarReport {
         new_direction: part.cause.new_direction,
         value: r3(part.value),
         unit: part.unit,
+        pitch_mm: part.pitch_mm.map(r3),
         effect_um: r3(part.effect_um),
         share_percent: r3(part.share_percent),
     };
@@ -165,10 +191,10 @@ fn ball_bar(measured: &BallBar, evaluation: &Evaluation) -> BallBarReport {
         centre_mm: circle.centre_mm.map(|mm| libm::round(mm * 1e6) / 1e6 + 0.0),
         radius_mm: libm::round(circle.radius_mm * 1e6) / 1e6,
         feed_mm_min: circle.feed_mm_s.map(|feed| r3(feed * 60.0)),
-        counter_clockwise: one_way(&measured.counter_clockwise),
-        clockwise: one_way(&measured.clockwise),
+        counter_clockwise: measured.counter_clockwise.as_ref().map(one_way),
+        clockwise: measured.clockwise.as_ref().map(one_way),
         centre_offset_um: measured.centre_um.map(r3),
-        bidirectional_deviation_um: r3(measured.bidirectional_um),
+        bidirectional_deviation_um: measured.bidirectional_um.map(r3),
         hysteresis_um: measured.hysteresis.map(|(um, _)| r3(um)),
         hysteresis_at_deg: measured.hysteresis.map(|(_, deg)| r3(deg)),
         deviation_rms_um: diagnosis.map(|found| r3(found.deviation_rms_um)),

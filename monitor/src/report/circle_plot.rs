@@ -6,8 +6,10 @@ use std::path::Path;
 use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
 
+use super::causes;
 use super::evaluation::Evaluation;
 use super::match_up::matched;
+use super::ranking;
 use crate::measure::arc::plots::{PLOTS_MAX, RUNS_MAX, in_one_plot, shown};
 use crate::measure::arc::{ArcResult, CurvePoint, Quadrant};
 use crate::measure::ball_bar::BallBar;
@@ -21,6 +23,8 @@ const BASE_PX: f64 = 235.0;
 const DIVISION_PX: f64 = 36.0;
 /// Divisions on each side.
 const DIVISIONS: i32 = 3;
+/// Where the numbers of the quadrants stand, from the centre, in pixels.
+const QUADRANT_PX: f64 = 40.0;
 /// Top of the captions.
 const CAPTIONS_Y: i32 = 900;
 
@@ -103,7 +107,10 @@ fn draw(path: &Path, runs: &[&ArcResult], evaluation: &Evaluation) -> Result<(),
         .iter()
         .find(|bar| in_one_plot(&bar.circle, &first.circle));
     let height = CAPTIONS_Y + 20 + 60 * runs.len() as i32 + 30 * i32::from(together.is_some());
-    plot::write(path, (WIDTH, height), |area| {
+    let told = together.filter(|bar| bar.diagnosis.is_some());
+    let ranked = told.map(|bar| causes::ball_bar(bar, evaluation));
+    let width = WIDTH + ranked.as_ref().map_or(0, |_| ranking::PANEL);
+    plot::write(path, (width, height), |area| {
         let division_um = division_um(runs);
         title(area, first, evaluation)?;
         grid(area, first, evaluation)?;
@@ -118,8 +125,11 @@ fn draw(path: &Path, runs: &[&ArcResult], evaluation: &Evaluation) -> Result<(),
             arrows(area, run)?;
         }
         captions(area, runs, division_um)?;
-        match together {
-            Some(bar) => together_caption(area, bar, runs.len()),
+        if let Some(bar) = together {
+            together_caption(area, bar, runs.len())?;
+        }
+        match &ranked {
+            Some(bar) => ranking::draw(area, f64::from(WIDTH), bar),
             None => Ok(()),
         }
     })
@@ -254,6 +264,13 @@ fn grid(area: &Area, first: &ArcResult, evaluation: &Evaluation) -> Drawn {
         };
         ring(area, division.into(), style)?;
     }
+    cross(area)?;
+    for (index, quadrant) in ["I", "II", "III", "IV"].into_iter().enumerate() {
+        let angle_rad = (index as f64 + 0.5) * FRAC_PI_2;
+        let divisions = (QUADRANT_PX - BASE_PX) / DIVISION_PX;
+        let place = place(angle_rad, divisions);
+        plot::text(area, quadrant, place, 13, &SOFT, HPos::Center)?;
+    }
     for (index, angle) in [0.0, 1.0, 2.0, 3.0]
         .map(|k| k * FRAC_PI_2)
         .into_iter()
@@ -263,6 +280,18 @@ fn grid(area: &Area, first: &ArcResult, evaluation: &Evaluation) -> Drawn {
         let sign = if index < 2 { "+" } else { "−" };
         let label = format!("{}{sign}", evaluation.coordinate(axis));
         plot::text(area, &label, place(angle, 4.4), 17, &INK, HPos::Center)?;
+    }
+    Ok(())
+}
+
+/// The least-squares centre.
+fn cross(area: &Area) -> Drawn {
+    for (x, y) in [(9.0, 0.0), (0.0, 9.0)] {
+        let ends = vec![
+            at(CENTRE.0 - x, CENTRE.1 - y),
+            at(CENTRE.0 + x, CENTRE.1 + y),
+        ];
+        plot::line(area, ends, plot::stroke(INK, 1.4))?;
     }
     Ok(())
 }
@@ -373,10 +402,12 @@ fn together_caption(area: &Area, bar: &BallBar, runs: usize) -> Drawn {
         format!("  ·  hysteresis H {um:.1} µm at {deg:.0}°")
     });
     let [x_um, y_um] = bar.centre_um;
-    let line = format!(
-        "both directions:  G(b) {:.1} µm{hysteresis}  ·  common centre {x_um:+.1} / {y_um:+.1} µm",
-        bar.bidirectional_um
-    );
+    let line = match bar.bidirectional_um {
+        Some(um) => format!(
+            "both directions:  G(b) {um:.1} µm{hysteresis}  ·  common centre {x_um:+.1} / {y_um:+.1} µm"
+        ),
+        None => "one direction only: no hysteresis H and no G(b)".into(),
+    };
     let y = f64::from(CAPTIONS_Y + 60 * runs as i32);
     plot::text(area, &line, at(86.0, y), 15, &INK, HPos::Left)
 }

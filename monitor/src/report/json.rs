@@ -72,6 +72,9 @@ pub struct Report {
     /// Circles that were travelled both ways; left out where none was.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub ball_bar: Vec<BallBarReport>,
+    /// Circles that were travelled one way, nearly all round; left out where none was.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub one_way_circles: Vec<BallBarReport>,
     /// Changes of direction of a command.
     pub reversals: Vec<ReversalReport>,
     /// How many more there were; left out where all are listed.
@@ -425,6 +428,7 @@ impl Report {
         let whole = evaluation.parts.len() == 1;
         let wall_s = end.as_ref().filter(|_| whole).map(|end| end.wall_s);
         let machine_s = measurements.scans as f64 * measurements.scan_period_s;
+        let (ball_bar, one_way_circles) = ball_bars(evaluation);
         let queue_losses = end.as_ref().map_or(0, |end| end.queue_losses);
         Report {
             quadrant: info.quadrant.clone(),
@@ -464,7 +468,8 @@ impl Report {
                 .iter()
                 .map(|result| arc(result, evaluation))
                 .collect(),
-            ball_bar: ball_bars(evaluation),
+            ball_bar,
+            one_way_circles,
             reversals: reversals(evaluation),
             reversals_not_listed: evaluation.measurements.reversals_not_listed,
             limits: measurements.limits,

@@ -60,12 +60,13 @@ impl CurvesKept {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::measure::arc::result::Deviations;
     use crate::measure::fit::{Fit, FitKind};
 
-    fn arc(radius_mm: f64, measured_deg: f64) -> ArcResult {
+    /// A run on a circle without deviations.
+    pub(crate) fn arc(radius_mm: f64, measured_deg: f64) -> ArcResult {
         let fit = Fit {
             kind: FitKind::LeastSquares,
             centre_mm: [0.0; 2],

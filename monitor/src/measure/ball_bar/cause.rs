@@ -10,9 +10,14 @@
 //! | scaling | δx = s·x/2, δy = −s·y/2 | R·s/2·cos 2θ |
 //! | squareness | δx = α·y | R·α/2·sin 2θ |
 //! | servo mismatch | δx = −τ·vx/2, δy = τ·vy/2 | d·R·ω·τ/2·sin 2θ |
-//! | lost motion b of X | δx = −b/2·sgn vx | d·b/2·sgn(sin θ)·cos θ, either side of the axis for itself |
+//! | lost motion b of X | δx = −b/2·sgn vx, from the way b behind a reversal on | d·b/2·sgn(sin θ)·cos θ, either side of the axis for itself |
 //! | reversal spike of X | late after its reversal | h·(φ/p)·exp(1 − φ/p), φ the angle since the reversal |
 //! | cyclic error of X | δx = a·sin(2π·n·x/lead) + b·cos(…) | δx·cos θ |
+//!
+//! On the way b behind a reversal, δx goes from one side to the other with the travel R·(1 − cos φ): a step as the plot of a
+//! ball-bar shows it is what it looks like from afar. A negative b, of too much compensation, is a step.
+//!
+//! With one direction d is the same everywhere: squareness and servo mismatch leave the same mark, and are one unknown.
 //!
 //! Sources: ISO 230-4:2022 (terms); Kakino, Ihara, Shinohara, "Accuracy Inspection of NC Machine Tools by Double Ball Bar
 //! Method", Hanser 1993 (the marks). The shape of a spike is a sum of such bumps with peaks p at 1/32 to 1/4 of the
@@ -44,6 +49,8 @@ pub enum CauseKind {
     Scaling,
     /// One axis follows later than the other.
     ServoMismatch,
+    /// One of the two, or both: a circle that was travelled one way does not tell them apart.
+    SquarenessOrServoMismatch,
     /// Both travel too far or not far enough, in both directions alike: dynamics at this feed, or scale.
     Radius,
     /// An error that repeats with the turns of a screw.
@@ -107,9 +114,21 @@ pub(super) enum Mark {
     Scaling,
     Squareness,
     ServoMismatch,
-    LostMotion { axis: usize, side: f64 },
-    Bump { side_rad: f64, peak_rad: f64 },
-    Cyclic { axis: usize, wave: f64, sine: bool },
+    /// `wide_mm` is about how large it is: on that way behind the reversal the table stays where it is.
+    LostMotion {
+        axis: usize,
+        side: f64,
+        wide_mm: f64,
+    },
+    Bump {
+        side_rad: f64,
+        peak_rad: f64,
+    },
+    Cyclic {
+        axis: usize,
+        wave: f64,
+        sine: bool,
+    },
 }
 
 /// Angle in −π … π.
@@ -130,7 +149,11 @@ impl Mark {
             Mark::Scaling => libm::cos(2.0 * angle_rad),
             Mark::Squareness => libm::sin(2.0 * angle_rad),
             Mark::ServoMismatch => direction * libm::sin(2.0 * angle_rad),
-            Mark::LostMotion { axis, side } => {
+            Mark::LostMotion {
+                axis,
+                side,
+                wide_mm,
+            } => {
                 // The speed of the first axis has the sign of −d·sin θ, that of the second of d·cos θ.
                 let speed = match axis {
                     0 => -direction * libm::sin(angle_rad),
@@ -138,7 +161,19 @@ impl Mark {
                 };
                 let on_side = along(axis) * side > 0.0;
                 let late = if speed < 0.0 { 0.5 } else { -0.5 };
-                if on_side { late * along(axis) } else { 0.0 }
+                let behind = speed * side < 0.0;
+                // From the reversal on the axis has travelled R·(1 − cos φ); only then the table follows.
+                let way_mm = setting.radius_mm * (1.0 - along(axis).abs());
+                let taken_up = if behind && way_mm < wide_mm {
+                    2.0 * way_mm / wide_mm - 1.0
+                } else {
+                    1.0
+                };
+                if on_side {
+                    late * taken_up * along(axis)
+                } else {
+                    0.0
+                }
             }
             Mark::Bump { side_rad, peak_rad } => {
                 let behind_rad = direction * wrapped(angle_rad - side_rad);
@@ -163,25 +198,34 @@ impl Mark {
     }
 }
 
-/// All unknowns of a circle, each with its cause; those of the centre, which is set up and no error of the machine, have
-/// none.
-pub(super) fn marks(setting: &Setting) -> Vec<(Option<Cause>, Mark)> {
+/// All unknowns of a circle that was travelled both ways or one way, each with its cause; those of the centre, which is set
+/// up and no error of the machine, have none.
+pub(super) fn marks(setting: &Setting, both_ways: bool) -> Vec<(Option<Cause>, Mark)> {
     let plain = |kind, mark| (Some(Cause::of(kind)), mark);
     let mut marks = vec![
         (None, Mark::Centre(0)),
         (None, Mark::Centre(1)),
         plain(CauseKind::Radius, Mark::Radius),
         plain(CauseKind::Scaling, Mark::Scaling),
-        plain(CauseKind::Squareness, Mark::Squareness),
-        plain(CauseKind::ServoMismatch, Mark::ServoMismatch),
     ];
+    if both_ways {
+        marks.push(plain(CauseKind::Squareness, Mark::Squareness));
+        marks.push(plain(CauseKind::ServoMismatch, Mark::ServoMismatch));
+    } else {
+        let either = CauseKind::SquarenessOrServoMismatch;
+        marks.push(plain(either, Mark::Squareness));
+    }
     let (before_rad, behind_rad) = setting.window_rad;
     for axis in 0..2 {
         for side in [1.0, -1.0] {
             // At the positive end of its travel an axis turns to the negative.
             let new_direction = Some(if side > 0.0 { -1 } else { 1 });
             let cause = |kind| Some(Cause::of_axis(kind, axis, new_direction));
-            let lost = Mark::LostMotion { axis, side };
+            let lost = Mark::LostMotion {
+                axis,
+                side,
+                wide_mm: 0.0,
+            };
             marks.push((cause(CauseKind::LostMotion), lost));
             let turned_rad = if side > 0.0 { 0.0 } else { PI };
             let side_rad = axis as f64 * FRAC_PI_2 + turned_rad;

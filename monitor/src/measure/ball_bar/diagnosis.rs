@@ -1,5 +1,5 @@
 //! Which part of a circle's deviation is explained by which cause: the marks of all causes ([`super::cause`]), fitted
-//! together by least squares to the mean radial deviation of both directions.
+//! together by least squares to the mean radial deviation of both directions, or of the one that there is.
 //!
 //! `e(θ, d) = Σ unknown · mark(θ, d) + rest`. A cause counts if what it does is above 0.05 µm and five times its standard
 //! error; the others are left out and the fit is made again without them. Of the rest, *vibration* is what lies outside the
@@ -24,6 +24,8 @@ const EFFECT_MIN_UM: f64 = 0.05;
 const STANDARD_ERRORS: f64 = 5.0;
 /// Added to the diagonal of the normal matrix of unit columns: marks that a part of a turn cannot tell apart stay small.
 const RIDGE: f64 = 1e-9;
+/// How often the way on which lost motion is taken up is set to what was found of it: the first time it is a step.
+const WIDTH_STEPS: usize = 2;
 /// What swings slower is no vibration, in s.
 const SLOW_S: f64 = 0.040;
 /// Shortest mean that a bin is held against, in bins to either side.
@@ -38,6 +40,8 @@ pub struct Part {
     pub value: f64,
     /// Unit of the size.
     pub unit: &'static str,
+    /// Travel after which a cyclic error repeats, in mm; none of other causes.
+    pub pitch_mm: Option<f64>,
     /// From the lowest to the highest of what it does to the radius, in µm.
     pub effect_um: f64,
     /// Share of the sum of all effects, in percent.
@@ -58,16 +62,25 @@ pub struct Diagnosis {
 /// The readings of one direction, +1 counter-clockwise, one for each bin of a turn.
 pub type Direction<'a> = (f64, &'a [Option<Reading>]);
 
-/// Finds the causes of the deviation of both directions together. None where a fit is not possible.
-pub fn diagnose(setting: &Setting, directions: &[Direction; 2]) -> Option<Diagnosis> {
-    let mut fit = Fitted::of(setting, directions, marks(setting))?;
+/// Finds the causes of the deviation of all directions together: both, or one. None where a fit is not possible.
+pub fn diagnose(setting: &Setting, directions: &[Direction]) -> Option<Diagnosis> {
+    let both_ways = directions.len() > 1;
+    let mut columns = marks(setting, both_ways);
+    for _ in 0..WIDTH_STEPS {
+        columns = Fitted::of(setting, directions, columns)?.with_widths();
+    }
+    let mut fit = Fitted::of(setting, directions, columns)?;
     let kept: Vec<_> = fit.significant(setting, directions);
     fit = Fitted::of(setting, directions, kept)?;
     let mut parts: Vec<Part> = Vec::new();
     for (cause, columns) in fit.causes() {
         let effect_um = fit.range(setting, directions, &columns).effect_um();
         let (value, unit) = fit.value(setting, directions, cause, &columns);
-        parts.push(part(cause, value, unit, effect_um));
+        let pitch_mm = fit.pitch_mm(&columns);
+        parts.push(Part {
+            pitch_mm,
+            ..part(cause, value, unit, effect_um)
+        });
     }
     let rest = Rest::of(setting, directions, &fit);
     let (vibration_um, slow_um) = (rest.vibration_rms_um(), rest.slow_rms_um());
@@ -97,13 +110,14 @@ fn part(cause: Cause, value: f64, unit: &'static str, effect_um: f64) -> Part {
         cause,
         value,
         unit,
+        pitch_mm: None,
         effect_um,
         share_percent: 0.0,
     }
 }
 
-/// All readings of both directions.
-fn readings<'a>(directions: &'a [Direction<'a>; 2]) -> impl Iterator<Item = (f64, &'a Reading)> {
+/// All readings of all directions.
+fn readings<'a>(directions: &'a [Direction<'a>]) -> impl Iterator<Item = (f64, &'a Reading)> {
     directions.iter().flat_map(|(direction, readings)| {
         let readings = readings.iter().flatten();
         readings.map(|reading| (*direction, reading))
@@ -149,7 +163,7 @@ impl Fitted {
     /// Normal equations of unit columns.
     fn of(
         setting: &Setting,
-        directions: &[Direction; 2],
+        directions: &[Direction],
         columns: Vec<(Option<Cause>, Mark)>,
     ) -> Option<Fitted> {
         let size = columns.len();
@@ -192,6 +206,30 @@ impl Fitted {
         })
     }
 
+    /// The columns, those of lost motion with the way on which what was found of it is taken up.
+    fn with_widths(self) -> Vec<(Option<Cause>, Mark)> {
+        let Fitted {
+            columns,
+            unknowns_um,
+            ..
+        } = self;
+        let found_um = unknowns_um.iter();
+        let columns = columns.into_iter().zip(found_um);
+        let wide = columns.map(|((cause, mark), found_um)| match mark {
+            Mark::LostMotion { axis, side, .. } => {
+                let wide_mm = found_um.max(0.0) * 1e-3;
+                let mark = Mark::LostMotion {
+                    axis,
+                    side,
+                    wide_mm,
+                };
+                (cause, mark)
+            }
+            other => (cause, other),
+        });
+        wide.collect()
+    }
+
     /// Columns of each cause.
     fn causes(&self) -> BTreeMap<Cause, Vec<usize>> {
         let mut causes: BTreeMap<Cause, Vec<usize>> = BTreeMap::new();
@@ -218,7 +256,7 @@ impl Fitted {
         columns.iter().filter_map(of).sum()
     }
 
-    fn range(&self, setting: &Setting, directions: &[Direction; 2], columns: &[usize]) -> Range {
+    fn range(&self, setting: &Setting, directions: &[Direction], columns: &[usize]) -> Range {
         let mut range = Range::default();
         for (direction, reading) in readings(directions) {
             range.take(self.at_um(setting, columns, (direction, reading.angle_rad)));
@@ -230,7 +268,7 @@ impl Fitted {
     fn significant(
         &self,
         setting: &Setting,
-        directions: &[Direction; 2],
+        directions: &[Direction],
     ) -> Vec<(Option<Cause>, Mark)> {
         let mut keeps: Vec<bool> = self.columns.iter().map(|(c, _)| c.is_none()).collect();
         for (_, columns) in self.causes() {
@@ -278,7 +316,7 @@ impl Fitted {
 
     /// Height of a spike as it was measured, without the other causes: where the fitted one has at least a third of its own,
     /// for no sum of bumps has the very tip.
-    fn height_um(&self, setting: &Setting, directions: &[Direction; 2], columns: &[usize]) -> f64 {
+    fn height_um(&self, setting: &Setting, directions: &[Direction], columns: &[usize]) -> f64 {
         let fitted_um = self.range(setting, directions, columns).extreme_um();
         let all: Vec<usize> = (0..self.columns.len()).collect();
         let mut height_um = fitted_um;
@@ -298,7 +336,7 @@ impl Fitted {
     fn value(
         &self,
         setting: &Setting,
-        directions: &[Direction; 2],
+        directions: &[Direction],
         cause: Cause,
         columns: &[usize],
     ) -> (f64, &'static str) {
@@ -314,13 +352,31 @@ impl Fitted {
                 (2.0 * first_um / speed_mm_s, "ms")
             }
             CauseKind::ReversalSpike => (self.height_um(setting, directions, columns), "µm"),
-            CauseKind::Cyclic => {
-                let pairs = unknowns.chunks(2);
-                let amplitude = |pair: &[f64]| pair.iter().map(|um| um * um).sum::<f64>();
-                let largest = pairs.map(amplitude).fold(0.0, f64::max);
-                (libm::sqrt(largest), "µm")
-            }
+            CauseKind::Cyclic => (self.largest_wave_um(columns).0, "µm"),
             _ => (first_um, "µm"),
+        }
+    }
+
+    /// Amplitude of the largest wave among the columns of a cyclic error, in µm, and its first column; sine and cosine of a
+    /// wave follow each other.
+    fn largest_wave_um(&self, columns: &[usize]) -> (f64, Option<usize>) {
+        let of = |index: &usize| self.unknowns_um.get(*index).copied().unwrap_or(0.0);
+        let waves = columns.chunks(2).map(|pair| {
+            let square_um2: f64 = pair.iter().map(|index| of(index) * of(index)).sum();
+            (libm::sqrt(square_um2), pair.first().copied())
+        });
+        waves.fold(
+            (0.0, None),
+            |most, wave| if wave.0 > most.0 { wave } else { most },
+        )
+    }
+
+    /// Travel after which the largest wave among these columns repeats, in mm; none where they are of no cyclic error.
+    fn pitch_mm(&self, columns: &[usize]) -> Option<f64> {
+        let (_, first) = self.largest_wave_um(columns);
+        match self.columns.get(first?)? {
+            (_, Mark::Cyclic { wave, .. }) => Some(TAU / wave),
+            _ => None,
         }
     }
 }
@@ -347,7 +403,7 @@ struct Rest {
 }
 
 impl Rest {
-    fn of(setting: &Setting, directions: &[Direction; 2], fit: &Fitted) -> Rest {
+    fn of(setting: &Setting, directions: &[Direction], fit: &Fitted) -> Rest {
         let mut rest = Rest::default();
         let all: Vec<usize> = (0..fit.columns.len()).collect();
         let of_centre = fit.columns.iter().enumerate();

@@ -68,8 +68,12 @@ fn path(
         y_um -= 0.5e-3 * faults.scaling_um_m * y_mm;
         x_um -= 0.5 * faults.lag_ms * vx;
         y_um += 0.5 * faults.lag_ms * vy;
-        x_um -= 0.5 * faults.lost_um[0] * vx.signum();
-        y_um -= 0.5 * faults.lost_um[1] * vy.signum();
+        // Behind a reversal the table stays until the gap is taken up.
+        let since_rad = |turned_rad: f64| (direction * (angle_rad - turned_rad)).rem_euclid(PI);
+        let way_um = |turned_rad: f64| 1e3 * radius_mm * (1.0 - libm::cos(since_rad(turned_rad)));
+        let [x_lost_um, y_lost_um] = faults.lost_um;
+        x_um -= vx.signum() * (way_um(0.0).min(x_lost_um) - 0.5 * x_lost_um);
+        y_um -= vy.signum() * (way_um(FRAC_PI_2).min(y_lost_um) - 0.5 * y_lost_um);
         let width_rad = 0.15 * setting.window_rad.1;
         for (axis, (um, height_um)) in [&mut x_um, &mut y_um]
             .into_iter()
@@ -102,6 +106,17 @@ fn diagnosed(faults: &Faults, setting: &Setting, seed: u64) -> Diagnosis {
     });
     let [one, other] = &profiles;
     diagnose(setting, &[(1.0, one), (-1.0, other)]).unwrap()
+}
+
+/// The same of one direction alone.
+fn diagnosed_one_way(faults: &Faults, setting: &Setting, direction: f64, seed: u64) -> Diagnosis {
+    let mut profile = Profile::default();
+    for [x, y] in path(faults, setting, direction, seed) {
+        let radial_mm = (x * x + y * y).sqrt() - setting.radius_mm;
+        profile.take(libm::atan2(y, x), radial_mm * 1e3);
+    }
+    let readings: Vec<_> = profile.readings().collect();
+    diagnose(setting, &[(direction, &readings)]).unwrap()
 }
 
 fn found(diagnosis: &Diagnosis, kind: CauseKind, axis: Option<usize>) -> Vec<Part> {
@@ -237,8 +252,12 @@ fn each_cause_alone_is_found_with_its_size_and_leads_the_list() {
         );
         let first = diagnosis.parts[0];
         assert_eq!((first.cause.kind, first.cause.axis), (kind, axis));
-        // The tip of a spike that is no sum of bumps.
-        let most_um = if spike { 0.3 * f64::abs(size) } else { 0.25 };
+        // The tip of a spike that is no sum of bumps; the end of the way on which a gap is taken up, within a bin.
+        let most_um = match kind {
+            ReversalSpike => 0.3 * f64::abs(size),
+            LostMotion => f64::max(0.08 * f64::abs(size), 0.25),
+            _ => 0.25,
+        };
         only(&diagnosis, &[kind], most_um);
         let shares: f64 = diagnosis.parts.iter().map(|part| part.share_percent).sum();
         assert!((shares - 100.0).abs() < 1e-9);
@@ -359,4 +378,101 @@ fn both_directions_of_one_circle_give_g_of_b_and_h() {
     assert!((apart_um - 6.0).abs() < 0.1, "{apart_um}");
     let from_reversal_rad = at_deg.to_radians() % PI;
     assert!(from_reversal_rad.min(PI - from_reversal_rad) < 0.02);
+}
+
+#[test]
+fn a_cyclic_error_is_named_with_its_pitch_also_where_that_is_half_the_lead() {
+    let faults = Faults {
+        cyclic_um: 1.5,
+        ..Faults::default()
+    };
+    let of_lead = setting(50.0, 50.0);
+    let pitch_mm = |diagnosis: &Diagnosis| {
+        let parts = found(diagnosis, CauseKind::Cyclic, Some(0));
+        assert!((parts[0].value - 1.5).abs() < 0.05, "{diagnosis:?}");
+        parts[0].pitch_mm.expect("a pitch")
+    };
+    assert!((pitch_mm(&diagnosed(&faults, &of_lead, 6)) - 10.0).abs() < 1e-9);
+    let profiles = [1.0, -1.0].map(|direction| {
+        let mut profile = Profile::default();
+        for [x, y] in path(&faults, &of_lead, direction, 6) {
+            profile.take(libm::atan2(y, x), 1e3 * ((x * x + y * y).sqrt() - 50.0));
+        }
+        profile.readings().collect::<Vec<_>>()
+    });
+    let of_half = Setting {
+        lead_mm: [20.0, 20.0],
+        ..of_lead
+    };
+    let [one, other] = &profiles;
+    let diagnosis = diagnose(&of_half, &[(1.0, one), (-1.0, other)]).unwrap();
+    assert!((pitch_mm(&diagnosis) - 10.0).abs() < 1e-9);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn one_direction_alone_does_not_tell_squareness_from_servo_mismatch_and_says_so(
+        radius_mm in 20.0..100.0f64,
+        feed_mm_s in 15.0..100.0f64,
+        scaling_um_m in -100.0..100.0f64,
+        squareness_um in -4.0..4.0f64,
+        servo_um in -4.0..4.0f64,
+        x_lost_um in -8.0..8.0f64,
+        y_lost_um in -8.0..8.0f64,
+        clockwise: bool,
+        seed: u64,
+    ) {
+        let setting = setting(radius_mm, feed_mm_s);
+        let faults = Faults {
+            scaling_um_m,
+            // Each by its amplitude: R·α/2 and v·τ/2.
+            squareness_um_m: 2.0 * squareness_um / radius_mm * 1e3,
+            lag_ms: 2.0 * servo_um / feed_mm_s,
+            lost_um: [x_lost_um, y_lost_um],
+            ..Faults::default()
+        };
+        let direction = if clockwise { -1.0 } else { 1.0 };
+        let diagnosis = diagnosed_one_way(&faults, &setting, direction, seed);
+        for kind in [CauseKind::Squareness, CauseKind::ServoMismatch] {
+            prop_assert!(found(&diagnosis, kind, None).is_empty(), "{diagnosis:?}");
+        }
+        let near = |kind, axis, size: f64, within: f64| {
+            let got = value(&diagnosis, kind, axis);
+            prop_assert!((got - size).abs() <= within, "{kind:?} {axis:?}: {got}, not {size}: {diagnosis:?}");
+            Ok(())
+        };
+        let either_um = squareness_um + direction * servo_um;
+        near(CauseKind::SquarenessOrServoMismatch, None, either_um, 0.5)?;
+        near(CauseKind::Scaling, None, scaling_um_m, 2.0 * 500.0 / radius_mm)?;
+        near(CauseKind::LostMotion, Some(0), x_lost_um, 1.2)?;
+        near(CauseKind::LostMotion, Some(1), y_lost_um, 1.2)?;
+    }
+}
+
+#[test]
+fn a_circle_with_one_direction_has_no_h_and_no_g_of_b_and_an_arc_is_no_circle() {
+    let setting = setting(50.0, 50.0);
+    let faults = Faults {
+        lost_um: [6.0, 0.0],
+        ..Faults::default()
+    };
+    let mut arc = crate::measure::arc::plots::tests::arc(50.0, 360.0);
+    arc.circle.clockwise = true;
+    let all = path(&faults, &setting, -1.0, 7);
+    let bars = |samples: &mut dyn Iterator<Item = [f64; 2]>| {
+        let mut meter = BallBarMeter::default();
+        meter.take(&arc, samples);
+        meter.finish(|_| Some(10.0))
+    };
+    let found = bars(&mut all.into_iter());
+    let bar = &found[0];
+    assert!(bar.counter_clockwise.is_none() && bar.clockwise.is_some());
+    assert_eq!((bar.bidirectional_um, bar.hysteresis), (None, None));
+    let diagnosis = bar.diagnosis.as_ref().expect("causes");
+    assert!((value(diagnosis, CauseKind::LostMotion, Some(0)) - 6.0).abs() < 0.2);
+    // 200° of it.
+    let part = path(&faults, &setting, -1.0, 7).take(4000);
+    assert!(bars(&mut part.into_iter()).is_empty());
 }
