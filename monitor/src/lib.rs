@@ -11,6 +11,7 @@ pub mod auxiliary;
 pub mod black_box;
 pub mod deaths;
 pub mod digest;
+mod label_layout;
 pub mod log;
 mod logbook;
 pub mod measure;

@@ -427,7 +427,12 @@ impl Analysis {
             }
         }
         if let Some(tool_mm) = last_mm {
-            self.travelled.take(tool_mm, largest_mm);
+            let error = travelled::Error {
+                mm: largest_mm,
+                scan: feedback.scan,
+                line: self.path.line(&feedback.tag).unwrap_or(0),
+            };
+            self.travelled.take(tool_mm, error);
         }
         if whole {
             self.take_contour_parts(set, feedback, instruments);

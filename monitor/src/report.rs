@@ -19,6 +19,7 @@ mod html;
 mod json;
 mod match_up;
 mod path_picture;
+mod peaks;
 mod ranking;
 mod side_by_side;
 mod text;
@@ -37,6 +38,7 @@ pub use json::{
     OutcomeReport, PartReport, PeakRms, PeakRmsPercentiles, PredictionReport, ProcessReport,
     Report, ReversalReport, ScanRange,
 };
+pub use peaks::PeakReport;
 
 /// Measures the log in a run directory and writes `report.json`, `report.txt`, `report.html` and the plots there.
 ///
@@ -48,7 +50,7 @@ pub fn make_report(run_dir: &Path) -> Result<Report, ReportError> {
     let report = Report::new(&evaluation);
     let circles = circle_plot::draw_all(run_dir, &evaluation)?;
     tracking_plot::draw(run_dir, &[&evaluation], &[])?;
-    let path = path_picture::draw(run_dir, &evaluation)?;
+    let path = path_picture::draw(run_dir, &evaluation, &report)?;
     let document = contents::document(&report, &contents::Pictures { path, circles });
     files::write(run_dir, "report.txt", &text::render(&document))?;
     files::write(run_dir, "report.html", &html::render(&document, run_dir)?)?;

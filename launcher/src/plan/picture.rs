@@ -6,7 +6,7 @@ use anyhow::Context;
 use control::totals::Totals;
 use control::window::PlannedSetpoint;
 use machine::AxisKind;
-use monitor::path_plot::{self, Meaning, PathPoint};
+use monitor::path_plot::{self, Meaning, PathPicture, PathPoint};
 
 use crate::check::Checked;
 
@@ -72,10 +72,18 @@ impl Picture {
             "{name} on {}: {:.3} s, {:.1} mm",
             checked.machine.name, totals.time_s, totals.distance_mm
         );
-        let names = self
-            .axes
-            .map(|axis| checked.machine.axes.get(axis).map_or("", |of| &of.name));
-        path_plot::draw(file, &title, names, Meaning::SpeedMmS, &self.points)
+        let axes = self.axes.map(|axis| {
+            let axis = checked.machine.axes.get(axis);
+            axis.map_or(("", ""), |of| (of.name.as_str(), of.kind.unit()))
+        });
+        let picture = PathPicture {
+            title: &title,
+            axes,
+            meaning: Meaning::SpeedMmS,
+            points: &self.points,
+            labels: &[],
+        };
+        path_plot::draw(file, &picture)
             .with_context(|| format!("{}: cannot be drawn", file.display()))
     }
 }

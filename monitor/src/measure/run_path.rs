@@ -40,6 +40,11 @@ impl RunPath {
         self.whole().line_of(element as usize)
     }
 
+    /// Line of the program that a tag is in; none if it names no element.
+    pub fn line(&mut self, tag: &PathTag) -> Option<u32> {
+        self.look(tag, |path, tag| path.line_of(tag.element as usize))
+    }
+
     /// Distance of a point from the path near a tag, in mm; none if the tag names no element.
     pub fn error_mm(&mut self, tag: &PathTag, point: &AxisVector) -> Option<f64> {
         self.look(tag, |path, tag| contour::error_mm(path, tag, point))

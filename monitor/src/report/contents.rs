@@ -9,6 +9,7 @@ use super::json::{
     ReversalReport, ScanRange,
 };
 use super::match_up::orders;
+use super::peaks::PeakReport;
 use crate::measure::outcome::Reaction;
 use crate::said::Line;
 
@@ -42,6 +43,7 @@ pub(super) fn document(report: &Report, pictures: &Pictures) -> Document {
             "Messages of the program",
             vec![Block::List(messages(report))],
         ),
+        contour_peaks(report),
         cause_sections::contour_parts(report, pictures.path),
         following_error(report),
         blocks(report),
@@ -312,6 +314,19 @@ fn following_error(report: &Report) -> Section {
             },
         ],
     )
+}
+
+/// Where the contour error was largest.
+fn contour_peaks(report: &Report) -> Section {
+    let line = |peak: &PeakReport| peak.block.map_or("–".into(), |line| line.to_string());
+    let table = Columns::of("contour_peaks", &report.contour_peaks)
+        .number("Error", "µm", 2, |peak| Some(peak.contour_error_um))
+        .written("Line", "", line)
+        .number("at", "s", 3, |peak| Some(time_s(report, peak.scan)))
+        .words("Machine position", PeakReport::place)
+        .words("Block", |peak| peak.text.clone())
+        .done();
+    section("Greatest contour errors", vec![Block::Table(table)])
 }
 
 fn blocks(report: &Report) -> Section {

@@ -3,7 +3,7 @@
 use std::path::{Path as FilePath, PathBuf};
 
 use control::path::Path;
-use machine::Machine;
+use machine::{AxisKind, Machine};
 use program::{Along, Answer, Note, ResumeError, Setup};
 use serde_json::Value;
 
@@ -26,6 +26,8 @@ pub struct Ended {
 
 /// What the measurement of one log gave.
 pub struct Evaluation {
+    /// The run directory.
+    pub run_dir: PathBuf,
     /// What was measured.
     pub measurements: Measurements,
     /// What was known when the run began.
@@ -58,6 +60,18 @@ impl Evaluation {
         let setup = Setup::of(&self.machine);
         let axis = setup.axes.get(index);
         axis.map_or("?".into(), |axis| axis.letter.to_string())
+    }
+
+    /// Unit of a coordinate of the path.
+    pub(super) fn coordinate_unit(&self, index: usize) -> &'static str {
+        let setup = Setup::of(&self.machine);
+        let rotary = setup.axes.get(index).is_some_and(|axis| axis.rotary);
+        let kind = if rotary {
+            AxisKind::Rotary
+        } else {
+            AxisKind::Linear
+        };
+        kind.unit()
     }
 }
 
@@ -128,6 +142,7 @@ fn evaluate_knowing(
         }
     }
     let evaluation = Evaluation {
+        run_dir: run_dir.into(),
         measurements: analysis.finish(),
         info: reader.info().clone(),
         end: reader.end(),

@@ -10,6 +10,7 @@ use super::causes::{BallBarReport, ContourPartsReport, ball_bars, contour_parts}
 use super::evaluation::Evaluation;
 pub use super::gaps::ScanRange;
 use super::gaps::{missing_scans, samples_lost};
+use super::peaks::{PeakReport, contour_peaks};
 use crate::measure::arc::{ArcResult, Deviations};
 use crate::measure::axis::{AMBIENT_C, AxisMeter, LimitCounts};
 use crate::measure::fit::FitKind;
@@ -65,6 +66,8 @@ pub struct Report {
     pub contour_error_um: PeakRms,
     /// Where it comes from; null where nothing could be read.
     pub contour_parts: Option<ContourPartsReport>,
+    /// Where it was largest, the largest first.
+    pub contour_peaks: Vec<PeakReport>,
     /// Peaks per block.
     pub blocks: Vec<BlockReport>,
     /// Runs of arcs on one circle.
@@ -462,6 +465,7 @@ impl Report {
                 rms: r3(measurements.contour_error_mm.rms() * 1e3),
             },
             contour_parts: contour_parts(evaluation),
+            contour_peaks: contour_peaks(evaluation),
             blocks: blocks(evaluation),
             arcs: measurements
                 .arcs

@@ -94,7 +94,9 @@ impl Text {
                 self.wrapped(&format!("{title}: {}", known.join(", ")), "", "  ");
             }
             Block::Table(table) => self.table(table),
-            Block::Plot { .. } => {}
+            Block::Plot { file, caption } => {
+                self.wrapped(&format!("Picture {file}: {caption}."), "", "  ");
+            }
         }
     }
 
