@@ -5,6 +5,7 @@
 //! are the recorder's, and are in the log.
 
 pub mod against;
+mod axes;
 mod cause_sections;
 mod causes;
 mod circle_plot;
@@ -30,13 +31,13 @@ mod tests;
 
 use std::path::Path;
 
+pub use axes::{AxisReport, BlockReport, PeakRmsPercentiles, PredictionReport};
 pub use causes::{BallBarReport, CauseReport, ContourPartReport, ContourPartsReport, OneWayReport};
 pub use error::ReportError;
 pub use evaluation::{Evaluation, evaluate, run_path};
 pub use json::{
-    ArcReport, AxisReport, BlockReport, Death, FaultReport, LogReport, MaxMin, OutcomeKind,
-    OutcomeReport, PartReport, PeakRms, PeakRmsPercentiles, PredictionReport, ProcessReport,
-    Report, ReversalReport, ScanRange,
+    ArcReport, Death, FaultReport, LogReport, MaxMin, OutcomeKind, OutcomeReport, PartReport,
+    PeakRms, ProcessReport, Report, ReversalReport, ScanRange,
 };
 pub use peaks::PeakReport;
 

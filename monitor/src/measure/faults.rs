@@ -509,6 +509,7 @@ impl Watched {
             if moved_mm.abs() > most_mm {
                 return Some(Positions::Lost {
                     axis: axis.name.clone(),
+                    unit: axis.kind.unit(),
                     moved_mm,
                     most_mm,
                 });

@@ -144,9 +144,11 @@ pub enum Positions {
     Lost {
         /// Its letter.
         axis: String,
-        /// How far it was from where it had been, in mm.
+        /// Unit of its positions.
+        unit: &'static str,
+        /// How far it was from where it had been, in mm (degrees).
         moved_mm: f64,
-        /// How far it can have come, in mm.
+        /// How far it can have come, in mm (degrees).
         most_mm: f64,
     },
 }
@@ -184,11 +186,12 @@ impl fmt::Display for Reaction {
                     Some(Positions::Kept) => f.write_str("; positions kept"),
                     Some(Positions::Lost {
                         axis,
+                        unit,
                         moved_mm,
                         most_mm,
                     }) => write!(
                         f,
-                        "; axis {axis} came back {moved_mm:.3} mm from where it was: at most {most_mm:.3} mm would be right"
+                        "; axis {axis} came back {moved_mm:.3} {unit} from where it was: at most {most_mm:.3} {unit} would be right"
                     ),
                 }
             }

@@ -1,6 +1,6 @@
 //! The sections of a report about where errors come from.
 
-use super::causes::{BallBarReport, CauseReport, OneWayReport};
+use super::causes::{BallBarReport, CauseReport, ContourPartReport, OneWayReport};
 use super::contents::section;
 use super::document::{Block, Columns, Section};
 use super::json::Report;
@@ -17,7 +17,7 @@ pub(super) fn contour_parts(report: &Report, path_picture: bool) -> Section {
         .key("part_rms_um")
         .number("Share", "%", 1, |part| Some(part.share_percent))
         .number("Peak", "µm", 2, |part| part.peak_um)
-        .number("Step", "µm", 2, |part| part.step_um)
+        .written("Step", "", ContourPartReport::step)
         .named("contour_parts", |_, part| {
             let cause = serde_json::to_value(part.cause).unwrap_or_default();
             let id = vec![("cause", cause), ("axis", part.axis.clone().into())];

@@ -1,5 +1,6 @@
 //! What the report says of where errors come from: the ball-bar test of circles, and the parts of the contour error.
 
+use machine::AxisKind;
 use serde::Serialize;
 
 use super::evaluation::Evaluation;
@@ -146,11 +147,23 @@ pub struct ContourPartReport {
     pub peak_um: Option<f64>,
     /// Step between the directions of lost motion, + where the table stays behind; null for the others.
     pub step_um: Option<f64>,
+    /// The same of a rotary axis, in thousandths of a degree; left out of all others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step_mdeg: Option<f64>,
     /// Its mean square among the sum of those of all parts.
     pub share_percent: f64,
 }
 
 impl ContourPartReport {
+    /// Its step with its unit; a dash where it has none.
+    pub(super) fn step(&self) -> String {
+        match (self.step_um, self.step_mdeg) {
+            (Some(um), _) => format!("{um:.2} µm"),
+            (None, Some(mdeg)) => format!("{mdeg:.2} mdeg"),
+            (None, None) => "–".into(),
+        }
+    }
+
     /// In words.
     pub(super) fn words(&self) -> String {
         let axis = self.axis.as_deref().unwrap_or_default();
@@ -221,12 +234,17 @@ pub(super) fn contour_parts(evaluation: &Evaluation) -> Option<ContourPartsRepor
         Some(axis.name.clone())
     };
     let um = |mm: f64| r3(mm * 1e3);
+    let is_rotary = |axis: Option<usize>| {
+        let axis = axis.and_then(|axis| evaluation.machine.axes.get(axis));
+        axis.is_some_and(|axis| axis.kind == AxisKind::Rotary)
+    };
     let parts = measured.parts.iter().map(|part| ContourPartReport {
         cause: part.cause,
         axis: part.axis.and_then(name),
         rms_um: um(part.rms_mm),
         peak_um: part.peak_mm.map(um),
-        step_um: part.step_mm.map(um),
+        step_um: part.step_mm.map(um).filter(|_| !is_rotary(part.axis)),
+        step_mdeg: part.step_mm.map(um).filter(|_| is_rotary(part.axis)),
         share_percent: r3(part.share_percent),
     });
     (measured.readings > 0).then(|| ContourPartsReport {

@@ -1,12 +1,14 @@
 //! What a report has to say: the document of one run.
 
+use machine::AxisKind;
 use serde_json::Value as Json;
 
+use super::axes::{AxisReport, PeakRmsPercentiles};
 use super::cause_sections;
 use super::document::{Block, Columns, Document, Fact, Outcome, Section, digits};
 use super::json::{
-    ArcReport, AuxiliaryReport, AxisReport, FaultReport, NoteReport, OutcomeKind, Report,
-    ReversalReport, ScanRange,
+    ArcReport, AuxiliaryReport, FaultReport, NoteReport, OutcomeKind, Report, ReversalReport,
+    ScanRange,
 };
 use super::match_up::orders;
 use super::peaks::PeakReport;
@@ -186,7 +188,10 @@ fn head(report: &Report) -> Section {
 fn glance(report: &Report) -> Vec<Fact> {
     let worst = |values: &mut dyn Iterator<Item = f64>| values.reduce(f64::max);
     let (contour, axes) = (report.contour_error_um, report.axes.iter());
-    let following = worst(&mut axes.map(|axis| axis.following_error_um.peak));
+    let slides = axes.clone().filter_map(|axis| axis.following_error_um);
+    let slides = worst(&mut slides.map(|error| error.peak));
+    let rotary = axes.filter_map(|axis| axis.following_error_mdeg);
+    let rotary = worst(&mut rotary.map(|error| error.peak));
     let circular = worst(&mut report.arcs.iter().map(|arc| arc.circular_deviation_um));
     let protrusions = steady_reversals(report).into_iter();
     let protrusion = worst(&mut protrusions.map(|(protrusion, _)| protrusion));
@@ -194,7 +199,8 @@ fn glance(report: &Report) -> Vec<Fact> {
     vec![
         Fact::um("Contour error, peak", contour.peak).key("contour_error_um/peak"),
         Fact::um("Contour error, rms", contour.rms).key("contour_error_um/rms"),
-        Fact::um("Following error, peak", following),
+        Fact::um("Following error, peak", slides),
+        Fact::new("Following error of rotary axes, peak", rotary, "mdeg", 2),
         Fact::um("Circular deviation, worst", circular),
         Fact::um("Protrusion, worst", protrusion),
         Fact::count("Missed scans", missed.sum::<u64>()),
@@ -290,29 +296,57 @@ fn axis_name(_: usize, axis: &AxisReport) -> (String, Vec<(&'static str, Json)>)
     (name.clone(), vec![("axis", name.into())])
 }
 
-fn following_error(report: &Report) -> Section {
-    let table = Columns::of("axes", &report.axes)
+/// Following errors of slides, or of rotary axes.
+fn following_errors<'r>(
+    axes: impl Iterator<Item = &'r AxisReport>,
+    of: fn(&AxisReport) -> Option<PeakRmsPercentiles>,
+    unit: &'static str,
+    [p99, peak, rms]: [&'static str; 3],
+) -> Block {
+    let table = Columns::of("axes", axes)
         .words("Axis", |axis| axis.axis.clone())
-        .number("50 %", "µm", 2, |axis| Some(axis.following_error_um.p50))
-        .number("95 %", "µm", 2, |axis| Some(axis.following_error_um.p95))
-        .number("99 %", "µm", 2, |axis| Some(axis.following_error_um.p99))
-        .key("following_error_um/p99")
-        .number("Peak", "µm", 2, |axis| Some(axis.following_error_um.peak))
-        .key("following_error_um/peak")
-        .number("rms", "µm", 2, |axis| Some(axis.following_error_um.rms))
-        .key("following_error_um/rms")
+        .number("50 %", unit, 2, |axis| Some(of(axis)?.p50))
+        .number("95 %", unit, 2, |axis| Some(of(axis)?.p95))
+        .number("99 %", unit, 2, |axis| Some(of(axis)?.p99))
+        .key(p99)
+        .number("Peak", unit, 2, |axis| Some(of(axis)?.peak))
+        .key(peak)
+        .number("rms", unit, 2, |axis| Some(of(axis)?.rms))
+        .key(rms)
         .named("axes", axis_name);
+    Block::Table(table.done())
+}
+
+fn following_error(report: &Report) -> Section {
     let note = "Command minus feedback, compensation not counted. 50, 95 and 99 % of the scans with drives on do not exceed; at most 0.8 % too high.";
+    let axes = || report.axes.iter();
+    let slides = following_errors(
+        axes().filter(|axis| !axis.is_rotary()),
+        |axis| axis.following_error_um,
+        AxisKind::Linear.deviation_unit(),
+        [
+            "following_error_um/p99",
+            "following_error_um/peak",
+            "following_error_um/rms",
+        ],
+    );
+    let rotary = following_errors(
+        axes().filter(|axis| axis.is_rotary()),
+        |axis| axis.following_error_mdeg,
+        AxisKind::Rotary.deviation_unit(),
+        [
+            "following_error_mdeg/p99",
+            "following_error_mdeg/peak",
+            "following_error_mdeg/rms",
+        ],
+    );
+    let plot = Block::Plot {
+        file: "tracking.svg".into(),
+        caption: "Following error of every axis over time".into(),
+    };
     section(
         "Following error",
-        vec![
-            Block::Note(note.into()),
-            Block::Table(table.done()),
-            Block::Plot {
-                file: "tracking.svg".into(),
-                caption: "Following error of every axis over time".into(),
-            },
-        ],
+        vec![Block::Note(note.into()), slides, rotary, plot],
     )
 }
 
@@ -335,9 +369,10 @@ fn blocks(report: &Report) -> Section {
         .count("Scans", |block| block.scans)
         .number("Contour error", "µm", 2, |b| Some(b.contour_error_um_peak))
         .largest(BLOCKS_IN_TEXT);
-    for AxisReport { axis, .. } in &report.axes {
-        table = table.number(format!("Error {axis}"), "µm", 2, |block| {
-            block.following_error_um_peak.get(axis).copied()
+    for of in &report.axes {
+        let title = format!("Error {}", of.axis);
+        table = table.number(title, of.deviation_unit(), 2, |block| {
+            block.following_error_peak(&of.axis)
         });
     }
     let note = "A block is a line of the program, all passes through it together. Contour error, and following error of each axis; of many blocks those with the largest contour error.";

@@ -1,21 +1,19 @@
-//! `report.json`: the names of the README, and some more. Lengths of errors are in µm, rounded to 1 nm.
+//! `report.json`: the names of the README, and some more. Lengths of errors are in µm, rounded to 1 nm; deviations of rotary axes
+//! in thousandths of a degree, rounded to a millionth.
 
-use std::collections::BTreeMap;
-
-use machine::DriveMode;
 use program::Note;
 use serde::{Deserialize, Serialize};
 
+use super::axes::{AxisReport, BlockReport, axes};
 use super::causes::{BallBarReport, ContourPartsReport, ball_bars, contour_parts};
 use super::evaluation::Evaluation;
 pub use super::gaps::ScanRange;
 use super::gaps::{missing_scans, samples_lost};
 use super::peaks::{PeakReport, contour_peaks};
 use crate::measure::arc::{ArcResult, Deviations};
-use crate::measure::axis::{AMBIENT_C, AxisMeter, LimitCounts};
+use crate::measure::axis::LimitCounts;
 use crate::measure::fit::FitKind;
 use crate::measure::outcome::{Loss, Reaction, StopReason};
-use crate::measure::prediction::PredictionMeter;
 use crate::measure::{Measurements, Outcome};
 use crate::said::Line;
 
@@ -184,36 +182,6 @@ pub struct PeakRms {
     pub rms: f64,
 }
 
-/// Peak, root mean square and percentiles of the magnitude.
-///
-/// A percentile is too high by at most 0.8 %, never too low: see [`crate::measure::axis::percentiles`].
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct PeakRmsPercentiles {
-    /// Largest absolute value.
-    pub peak: f64,
-    /// Root mean square.
-    pub rms: f64,
-    /// Half of the scans do not exceed it.
-    pub p50: f64,
-    /// 95 % do not.
-    pub p95: f64,
-    /// 99 % do not.
-    pub p99: f64,
-}
-
-/// One block: a line of the program, all passes through it together.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct BlockReport {
-    /// Line of the program.
-    pub block: u32,
-    /// Scans that the command stood in it, holds included.
-    pub scans: u64,
-    /// Largest distance of the table from the programmed path.
-    pub contour_error_um_peak: f64,
-    /// Largest following error, by axis.
-    pub following_error_um_peak: BTreeMap<String, f64>,
-}
-
 /// Highest and lowest.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct MaxMin {
@@ -221,71 +189,6 @@ pub struct MaxMin {
     pub max: f64,
     /// Lowest.
     pub min: f64,
-}
-
-/// One axis.
-#[derive(Debug, Clone, Serialize)]
-pub struct AxisReport {
-    /// Its letter.
-    pub axis: String,
-    /// `velocity` or `torque`.
-    pub drive_mode: &'static str,
-    /// Command minus feedback, compensation not counted, while the drives were on.
-    pub following_error_um: PeakRmsPercentiles,
-    /// Scans without a command in time.
-    pub missed_scans: u32,
-    /// Motor torque, root mean square, while the drives were on.
-    pub torque_rms_nm: f64,
-    /// Highest motor torque.
-    pub torque_peak_nm: f64,
-    /// Torque rms in percent of the continuous torque.
-    pub torque_rms_percent: f64,
-    /// Scans in which the axis's model asked for more torque than is fed forward.
-    pub torque_cut_scans: u64,
-    /// What was cut off at most.
-    pub torque_cut_nm_peak: f64,
-    /// Friction that the servo went by at the end, in percent of the tuned one; none without a model.
-    pub friction_level_percent: Option<f64>,
-    /// What a way between two reversals left unexplained in the mean, in percent of Coulomb friction; none where nothing is followed.
-    pub friction_unexplained_percent: Option<f64>,
-    /// Highest winding temperature in °C, at an assumed room temperature of `ambient_c`.
-    pub winding_c_peak: f64,
-    /// Room temperature assumed, in °C: the machine reports the rise only.
-    pub ambient_c: f64,
-    /// What the prediction of the feedback does; null where it is off.
-    pub prediction: Option<PredictionReport>,
-}
-
-/// Prediction of the feedback position of one axis (docs/methods/prediction.md), all rms while the drives were on.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct PredictionReport {
-    /// Divisor of the first difference.
-    pub m: f64,
-    /// Delay that is made up for, in ms.
-    pub horizon_ms: f64,
-    /// Error of the sample as it is, after that delay.
-    pub unpredicted_error_um: f64,
-    /// Error of the prediction.
-    pub predicted_error_um: f64,
-    /// Noise that the prediction adds to the position.
-    pub added_noise_um: f64,
-    /// The same at the velocity command.
-    pub added_noise_mm_s: f64,
-}
-
-impl PredictionReport {
-    /// What it does for this axis, in words.
-    pub(super) fn words(&self, axis: &str) -> String {
-        format!(
-            "{axis} feedback {:.2} ms ahead (m = {}): error {:.2} instead of {:.2} µm rms, noise added {:.4} µm = {:.4} mm/s",
-            self.horizon_ms,
-            self.m,
-            self.predicted_error_um,
-            self.unpredicted_error_um,
-            self.added_noise_um,
-            self.added_noise_mm_s
-        )
-    }
 }
 
 /// One run of arcs on one circle.
@@ -466,7 +369,11 @@ impl Report {
             },
             contour_parts: contour_parts(evaluation),
             contour_peaks: contour_peaks(evaluation),
-            blocks: blocks(evaluation),
+            blocks: measurements
+                .blocks
+                .iter()
+                .map(|(line, peaks)| BlockReport::of(*line, peaks, &machine.axes))
+                .collect(),
             arcs: measurements
                 .arcs
                 .iter()
@@ -538,76 +445,6 @@ fn parts(evaluation: &Evaluation) -> Vec<PartReport> {
             cut: part.cut.is_some(),
         })
         .collect()
-}
-
-fn axes(evaluation: &Evaluation) -> Vec<AxisReport> {
-    let measurements = &evaluation.measurements;
-    let measured = measurements.axes.iter();
-    measured
-        .zip(&evaluation.machine.axes)
-        .map(|(meter, axis)| AxisReport {
-            axis: axis.name.clone(),
-            drive_mode: match axis.drive_mode {
-                DriveMode::Velocity => "velocity",
-                DriveMode::Torque => "torque",
-                DriveMode::Position => "position",
-            },
-            following_error_um: following_error(meter),
-            missed_scans: meter.missed_scans,
-            torque_rms_nm: r3(meter.torque_nm.rms()),
-            torque_peak_nm: r3(meter.torque_nm.peak),
-            torque_rms_percent: r3(meter.torque_nm.rms() / axis.motor.rated_torque_nm * 100.0),
-            torque_cut_scans: meter.torque_cut_scans,
-            torque_cut_nm_peak: r3(meter.torque_cut_nm_peak),
-            friction_level_percent: meter.friction.level.map(|part| r3(100.0 * part)),
-            friction_unexplained_percent: meter.friction.unexplained_percent().map(r3),
-            winding_c_peak: r3(AMBIENT_C + meter.winding_k_peak),
-            ambient_c: AMBIENT_C,
-            prediction: meter
-                .prediction
-                .as_ref()
-                .map(|p| prediction(p, measurements.scan_period_s)),
-        })
-        .collect()
-}
-
-fn following_error(meter: &AxisMeter) -> PeakRmsPercentiles {
-    let percentile = |percent| r3(meter.following_error_um_percentiles.at(percent));
-    PeakRmsPercentiles {
-        peak: r3(meter.following_error_mm.peak * 1e3),
-        rms: r3(meter.following_error_mm.rms() * 1e3),
-        p50: percentile(50.0),
-        p95: percentile(95.0),
-        p99: percentile(99.0),
-    }
-}
-
-fn blocks(evaluation: &Evaluation) -> Vec<BlockReport> {
-    let names = || evaluation.machine.axes.iter().map(|axis| axis.name.clone());
-    let blocks = evaluation.measurements.blocks.iter();
-    blocks
-        .map(|(line, peaks)| BlockReport {
-            block: *line,
-            scans: peaks.scans,
-            contour_error_um_peak: r3(peaks.contour_error_mm * 1e3),
-            following_error_um_peak: names()
-                .zip(peaks.following_error_mm.map(|mm| r3(mm * 1e3)))
-                .collect(),
-        })
-        .collect()
-}
-
-fn prediction(meter: &PredictionMeter, scan_period_s: f64) -> PredictionReport {
-    // Noise of an encoder is a few nm: finer than other errors.
-    let fine = |value: f64| libm::round(value * 1e6) / 1e6;
-    PredictionReport {
-        m: meter.m(),
-        horizon_ms: r3(scan_period_s * 1e3 / meter.m()),
-        unpredicted_error_um: r3(meter.unpredicted_um.rms()),
-        predicted_error_um: r3(meter.predicted_um.rms()),
-        added_noise_um: fine(meter.added_noise_um()),
-        added_noise_mm_s: fine(meter.added_noise_mm_s()),
-    }
 }
 
 fn arc(result: &ArcResult, evaluation: &Evaluation) -> ArcReport {

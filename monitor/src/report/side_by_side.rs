@@ -13,10 +13,14 @@ use super::match_up::matched;
 
 /// The headings of a comparison in their order, and the keys whose numbers stand below each. What has another key is only in
 /// the report.json.
-const TOPICS: [(&str, &[&str]); 11] = [
+const TOPICS: [(&str, &[&str]); 12] = [
     ("Contour error on the table, in µm", &["contour_error_um"]),
     ("Parts of the contour error, rms in µm", &["part_rms_um"]),
     ("Following error, in µm", &["following_error_um"]),
+    (
+        "Following error of rotary axes, in mdeg",
+        &["following_error_mdeg"],
+    ),
     ("Circular deviation G, in µm", &["circular_deviation_um"]),
     (
         "Both directions of a circle together G(b), in µm",

@@ -244,7 +244,7 @@ fn the_peaks_of_the_blocks_are_those_of_the_run() {
     };
     assert!(of(4).contour_error_um_peak > 5.0 * of(6).contour_error_um_peak);
     for axis in &report.axes {
-        let error = &axis.following_error_um;
+        let error = axis.following_error_um.expect("slides");
         assert!(error.p50 <= error.p95 && error.p95 <= error.p99 && error.p99 <= error.peak);
         let peaks = report
             .blocks

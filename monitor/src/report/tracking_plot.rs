@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use machine::AxisKind;
 use plotters::prelude::*;
 
 use super::evaluation::Evaluation;
@@ -69,8 +70,10 @@ fn draw_axis(area: &Area, runs: &[&Evaluation], axis: usize) -> Drawn {
         values.join(" and ")
     };
     let name = runs.first().and_then(|run| run.machine.axes.get(axis));
+    let unit = name.map_or(AxisKind::Linear, |axis| axis.kind);
+    let unit = unit.deviation_unit();
     let name = format!(
-        "{}:  peak {} µm, rms {} µm",
+        "{}:  peak {} {unit}, rms {} {unit}",
         name.map_or("?", |axis| axis.name.as_str()),
         joined(&|meter| format!("{:.1}", meter.following_error_mm.peak * 1e3)),
         joined(&|meter| format!("{:.2}", meter.following_error_mm.rms() * 1e3))
@@ -88,10 +91,10 @@ fn draw_axis(area: &Area, runs: &[&Evaluation], axis: usize) -> Drawn {
     let mut curves: Vec<Curve> = curves.collect();
     // The last one lies on top: A, which is the one looked at.
     curves.reverse();
-    draw_panel(area, (&name, name_colour), &curves)
+    draw_panel(area, (&name, name_colour), unit, &curves)
 }
 
-fn draw_panel(area: &Area, caption: (&str, RGBColor), curves: &[Curve]) -> Drawn {
+fn draw_panel(area: &Area, caption: (&str, RGBColor), unit: &str, curves: &[Curve]) -> Drawn {
     let bins = || curves.iter().flat_map(|(bins, _)| bins);
     let most = bins().fold(0.0f64, |most, bin| most.max(bin.1.abs()).max(bin.2.abs()));
     let limit = if most > 0.0 { most * 1.1 } else { 1.0 };
@@ -103,7 +106,7 @@ fn draw_panel(area: &Area, caption: (&str, RGBColor), curves: &[Curve]) -> Drawn
         below: 36,
         x: if last > first { first..last } else { 0.0..1.0 },
         y: -limit..limit,
-        titles: ("time in s", "µm"),
+        titles: ("time in s", unit),
         labels: (None, 7),
         label_pixels: 13,
         x_label: None,
