@@ -201,10 +201,7 @@ fn an_arm_that_stands_outside_its_range_is_refused() {
     let bench = Bench::of("xzb-pivot", &[]);
     let file = bench.path().join("plant.toml");
     let plant = fs::read_to_string(&file).expect("plant.toml");
-    let turned = plant.replace(
-        "start_position_mm = 0.0   # degrees",
-        "start_position_mm = 61.0",
-    );
+    let turned = plant.replace("start_position_deg = 0.0", "start_position_deg = 61.0");
     assert_ne!(plant, turned);
     fs::write(&file, turned).expect("plant.toml");
     refused(
@@ -246,4 +243,33 @@ fn settings_of_an_arm_that_make_no_sense_are_refused_with_line_and_rule() {
         let bench = Bench::of("xzb-pivot", &[(what, by)]);
         refused(&bench, &shipped("line.ngc"), &["machine.toml:", expected]);
     }
+}
+
+/// An arm is told in degrees: its errors stand under other names than those of a slide.
+#[test]
+fn the_report_of_an_arm_has_its_errors_in_thousandths_of_a_degree() {
+    let bench = Bench::of("xzb-pivot", &[]);
+    let run = run(bench.path(), shipped("circle-r20-y60-f3000.ngc"));
+    let report = run.good_report();
+    let [x, b] = [&report["axes"][0], &report["axes"][1]];
+    assert_eq!((&x["axis"], &b["axis"]), (&"X".into(), &"B".into()));
+    assert!(x["following_error_um"]["peak"].is_f64() && x.get("following_error_mdeg").is_none());
+    assert!(b["following_error_mdeg"]["peak"].is_f64() && b.get("following_error_um").is_none());
+    let block = &report["blocks"][0];
+    assert!(block["following_error_um_peak"]["X"].is_f64(), "{block}");
+    assert!(block["following_error_mdeg_peak"]["B"].is_f64(), "{block}");
+    assert!(
+        block["following_error_um_peak"].get("B").is_none(),
+        "{block}"
+    );
+    let text = fs::read_to_string(run.out.join("report.txt")).expect("report.txt");
+    assert!(
+        text.contains("Following error of rotary axes, peak"),
+        "{text}"
+    );
+    let picture = fs::read_to_string(run.out.join("tracking.svg")).expect("tracking.svg");
+    assert!(picture.contains("mdeg, rms"), "the panel of B");
+    // The tool is in X, Y and Z.
+    let path = fs::read_to_string(run.out.join("path.svg")).expect("path.svg");
+    assert!(path.contains("Y mm"), "the path of the tool");
 }
