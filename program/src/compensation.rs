@@ -41,7 +41,7 @@ const SWEEP_ROUNDING_RAD: f64 = 0.001;
 const FARTHEST_MM: f64 = 1e12;
 
 /// The most moves and events that wait for the next move in the plane.
-const WAITING_MAX: usize = 1_000;
+pub(crate) const WAITING_MAX: usize = 1_000;
 
 /// Where the tool is, seen along the contour.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,5 +1,6 @@
 //! The state of a program along its path, for who shows it.
 
+use std::collections::VecDeque;
 use std::path::Path as FilePath;
 use std::sync::Arc;
 
@@ -7,6 +8,7 @@ use control::path::AxisVector;
 use machine::Machine;
 
 use crate::bundle::read_program;
+use crate::compensation::WAITING_MAX;
 use crate::error::ResumeError;
 use crate::interpreter::{Interpreter, Modal};
 use crate::program::Setup;
@@ -53,20 +55,37 @@ impl Modes {
             source_hash: reading.source_hash(),
         };
         let mut piece = Piece::default();
+        // Beside a contour an element comes out some blocks later than its own.
+        let mut recent: VecDeque<(u32, Arc<Modal>)> = VecDeque::new();
         loop {
             let first = reading.elements_made();
             let read = reading.read(1, &mut piece);
-            let happened = std::mem::take(&mut piece).events;
+            let Piece {
+                elements, events, ..
+            } = std::mem::take(&mut piece);
             if !matches!(read, Ok(Progress::More)) && reading.question().is_some() {
                 break;
             }
-            modes.change(first, reading.modal());
-            if let Some((_, now)) = modes.changes.last() {
-                let happened = happened.iter();
-                let happened =
-                    happened.map(|of| (of.line, of.before_element as u64, Arc::clone(now)));
-                modes.happenings.extend(happened);
+            let modal = reading.modal();
+            let now = match modes.changes.last() {
+                Some((_, last)) if **last == modal => Arc::clone(last),
+                _ => Arc::new(modal),
+            };
+            if recent.len() >= WAITING_MAX {
+                recent.pop_front();
             }
+            recent.push_back((reading.line_read(), Arc::clone(&now)));
+            for (element, number) in elements.iter().zip(first..) {
+                let mut of_block = recent.iter().rev();
+                let found = of_block.find(|(line, _)| *line == element.line);
+                modes.change(number, found.map_or(&now, |(_, modal)| modal));
+            }
+            if elements.is_empty() {
+                modes.change(first, &now);
+            }
+            let happened = events.iter();
+            let happened = happened.map(|of| (of.line, of.before_element as u64, Arc::clone(&now)));
+            modes.happenings.extend(happened);
             modes.elements = reading.elements_made();
             if !matches!(read, Ok(Progress::More)) {
                 break;
@@ -75,11 +94,11 @@ impl Modes {
         Ok(modes)
     }
 
-    fn change(&mut self, first: u64, modal: Modal) {
+    fn change(&mut self, first: u64, modal: &Arc<Modal>) {
         match self.changes.last_mut() {
-            Some((_, last)) if **last == modal => {}
-            Some((at, last)) if *at == first => *last = Arc::new(modal),
-            _ => self.changes.push((first, Arc::new(modal))),
+            Some((_, last)) if *last == *modal => {}
+            Some((at, last)) if *at == first => *last = Arc::clone(modal),
+            _ => self.changes.push((first, Arc::clone(modal))),
         }
     }
 
@@ -112,6 +131,19 @@ impl Modes {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn beside_a_contour_each_element_has_the_state_of_its_own_block() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("beside.ngc");
+        let text = "G21 G90 T1 M6\nF250\nG41 D1\nG1 X20 Y5\nF2000\nX30\nF700\nX30 Y30\nG40\nG1 X40 Y40\nM2\n";
+        std::fs::write(&file, text).unwrap();
+        let machine = FilePath::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xyz-mill");
+        let machine = Machine::load(&machine).unwrap();
+        let modes = Modes::of(&machine, &[0; 8], &file).unwrap();
+        let feeds = [0, 1].map(|element| modes.at(element).unwrap().feed);
+        assert_eq!(feeds, [Some(250.0), Some(2000.0)]);
+    }
 
     #[test]
     fn each_element_has_the_state_that_its_own_block_is_read_in() {

@@ -226,6 +226,11 @@ impl Reading {
         self.execution.interpreter.tools()
     }
 
+    /// The line that was read last, counted from 1.
+    pub fn line_read(&self) -> u32 {
+        self.execution.interpreter.line
+    }
+
     /// How many elements were made since the program's first block.
     pub fn elements_made(&self) -> u64 {
         self.execution.interpreter.elements_made()

@@ -83,9 +83,12 @@ fn narrow(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
 
 /// Three columns: circle; reversals and timing; processes and events.
 fn wide(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
+    let lists = panels::REVERSALS_WIDTH + panels::PROCESSES_WIDTH;
+    // A circle is as wide as it is high, in characters that are half as wide; what is left over is for the events.
+    let round = 2 * area.height;
     let columns = Layout::horizontal([
-        Constraint::Percentage(44),
-        Constraint::Percentage(26),
+        Constraint::Length(area.width.saturating_sub(lists).min(round)),
+        Constraint::Length(panels::REVERSALS_WIDTH),
         Constraint::Min(1),
     ]);
     let [left, middle, right] = columns.areas(area);

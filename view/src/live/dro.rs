@@ -9,6 +9,9 @@ use program::{Modal, Modes};
 
 use super::model::Model;
 
+/// Half of the last digit that is shown, in mm or degrees.
+const HALF_A_DIGIT: f64 = 0.5e-4;
+
 /// What is known of a program for the readout.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Course {
@@ -134,7 +137,7 @@ pub fn of(model: &Model) -> Dro {
         if is_plain {
             let work = modal.in_program(&place(machine, feedback));
             for (slot, value) in dro.work.iter_mut().zip(work.iter()) {
-                *slot = Some(*value);
+                *slot = Some(without_sign_of_nothing(*value));
             }
         }
     }
@@ -189,7 +192,7 @@ fn along_the_path(dro: &mut Dro, model: &Model, feedback: &Feedback, is_plain: b
     if is_plain && let Some(last) = of_block.last() {
         let way = last.end() - place(&model.machine, feedback);
         for (slot, value) in dro.distance_to_go.iter_mut().zip(way.iter()) {
-            *slot = Some(*value);
+            *slot = Some(without_sign_of_nothing(*value));
         }
     }
     let done = match element.length_mm > 0.0 {
@@ -209,6 +212,15 @@ fn place(machine: &Machine, feedback: &Feedback) -> AxisVector {
         *to = sample.command_position as f64 * axis.increment_mm();
     }
     place
+}
+
+/// What is less than half of the last digit that is shown is nothing, and nothing has no sign.
+fn without_sign_of_nothing(value: f64) -> f64 {
+    if value.abs() < HALF_A_DIGIT {
+        0.0
+    } else {
+        value
+    }
 }
 
 /// Whether a block moves rotary axes and no slide: its feed is in degrees then.

@@ -12,6 +12,11 @@ use crate::live::events::Weight;
 use crate::live::text::standby_words;
 use crate::live::timing::BARS_US;
 
+/// Columns that the list of reversals needs.
+pub const REVERSALS_WIDTH: u16 = 37;
+/// Columns that the list of processes needs.
+pub const PROCESSES_WIDTH: u16 = 46;
+
 /// The last reversals, newest first.
 pub fn reversals(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let (model, palette) = (screen.model, screen.palette);

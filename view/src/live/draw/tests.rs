@@ -138,6 +138,26 @@ fn help_question_and_answer_lie_over_the_screen() {
 }
 
 #[test]
+fn with_room_for_three_columns_no_list_is_cut() {
+    let mut model = model();
+    let mut roster = Roster::zeroed();
+    roster.participants[0] = Participant {
+        death_scan: u64::MAX,
+        job: Job::Master as u32,
+        incarnation: 1,
+        live: 1,
+        ..Participant::default()
+    };
+    model.roster(&roster);
+    for width in [120, 132, 160] {
+        let all = shown(&Screen::plain(&model), width, 36).join("\n");
+        for part in ["height µm  error µm", "starts   age state", " machine"] {
+            assert!(all.contains(part), "no {part:?} at {width}:\n{all}");
+        }
+    }
+}
+
+#[test]
 fn any_size_and_a_model_of_nothing_are_drawn_without_a_panic() {
     let empty = Model::new("t", machine());
     let full = model();
