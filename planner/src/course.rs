@@ -7,7 +7,7 @@ use control::path::{AxisVector, Element, MAX_AXES, Path};
 use control::pivot::{OutOfReach, PivotY};
 use control::positioning::{MotorLoad, Positioning, RatingError};
 use control::rounding::RoundingSettings;
-use control::setpoint_settings::{SetpointSettings, StraightLines};
+use control::setpoint_settings::{SecondMotors, SetpointSettings, StraightLines};
 use control::window::{PlanError, WindowPlanner, WindowSettings};
 use machine::{self, AxisKind, Machine, RapidProfile};
 use program::{Program, kinematics_of};
@@ -45,7 +45,7 @@ pub enum CourseError {
 /// Increments too coarse for the limits at this scan period.
 pub fn motion_limits(machine: &Machine) -> Result<MotionLimits, LimitsError> {
     let axes: Vec<AxisLimits> = machine
-        .axes
+        .program_axes()
         .iter()
         .map(|axis| AxisLimits {
             velocity_mm_s: axis.rapid_mm_s,
@@ -62,6 +62,11 @@ pub fn motion_limits(machine: &Machine) -> Result<MotionLimits, LimitsError> {
         kinematics: kinematics_of(machine),
         rounding: rounding_of(machine),
         vibration_hz: machine.path.vibration_hz,
+        second_motors: machine
+            .gantries()
+            .fold(SecondMotors::default(), |motors, pair| {
+                motors.with(pair.follower, pair.leader)
+            }),
     };
     MotionLimits::with_setpoints(&axes, machine.scan_period_s(), setpoints)
 }
@@ -69,7 +74,7 @@ pub fn motion_limits(machine: &Machine) -> Result<MotionLimits, LimitsError> {
 /// How paths are rounded on a machine.
 fn rounding_of(machine: &Machine) -> RoundingSettings {
     let mut rotary = [false; MAX_AXES];
-    for (is_rotary, axis) in rotary.iter_mut().zip(&machine.axes) {
+    for (is_rotary, axis) in rotary.iter_mut().zip(machine.program_axes()) {
         *is_rotary = axis.kind == AxisKind::Rotary;
     }
     RoundingSettings {
@@ -88,7 +93,7 @@ fn positioning(machine: &Machine) -> Result<Option<Positioning>, CourseError> {
         return Ok(None);
     }
     let mut positioning = Positioning::default();
-    for (load, axis) in positioning.loads.iter_mut().zip(&machine.axes) {
+    for (load, axis) in positioning.loads.iter_mut().zip(machine.program_axes()) {
         let Some(model) = &axis.model else { continue };
         let of_axis = MotorLoad::new(
             axis.rated_force_n(),

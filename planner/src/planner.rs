@@ -9,8 +9,8 @@
 
 use bus::messages::ProgramMessage;
 use bus::sample::{
-    Cause, Feedback, MAX_AXES, Mode, PathTag, PlannerStatus, ProgramState, Setpoint, WindowHeader,
-    WindowId,
+    Cause, Feedback, MAX_AXES, Mode, PathTag, PlannerStatus, ProgramState, Reference, Setpoint,
+    WindowHeader, WindowId,
 };
 use bus::user_codes::UserCall;
 use bus::window::checksum;
@@ -260,8 +260,23 @@ impl Planner {
         if self.program.is_none() {
             self.cause = Cause::Planner;
         } else if feedback.program == ProgramState::Loading as u32 {
-            self.expanded_from(command_positions(feedback), feedback);
+            self.expanded_from(self.presumed_start(feedback), feedback);
         }
+    }
+
+    /// Command positions to read a program from. Where an axis without a reference is, nobody knows: somewhere within its travel. Once
+    /// it is homed, the program is read again from there.
+    fn presumed_start(&self, feedback: &Feedback) -> [i64; MAX_AXES] {
+        let mut start = command_positions(feedback);
+        let shown = feedback.axes().iter().zip(&self.machine.axes);
+        for (place, (shown, axis)) in start.iter_mut().zip(shown) {
+            if shown.reference != Reference::Known as u32 {
+                let increments = |mm: f64| libm::round(mm / axis.increment_mm()) as i64;
+                let low = increments(axis.travel_min_mm);
+                *place = (*place).clamp(low, increments(axis.travel_max_mm).max(low));
+            }
+        }
+        start
     }
 
     /// Whether this feedback is of another run than the answers that the planner knows.
@@ -524,6 +539,7 @@ impl Planner {
             && self.pending.is_none()
             && !is_blocked(feedback)
             && seeks_line(feedback).is_none()
+            && is_referenced(feedback)
     }
 
     /// Whether the master wants no motion before this planner has told what it knows.
@@ -794,6 +810,12 @@ fn override_percent(feedback: &Feedback) -> u32 {
     } else {
         feedback.override_percent
     }
+}
+
+/// Whether every axis knows its place: before that no program can be read from it.
+fn is_referenced(feedback: &Feedback) -> bool {
+    let mut axes = feedback.axes().iter();
+    axes.all(|axis| axis.reference == Reference::Known as u32)
 }
 
 /// Whether the master wants no motion yet. Whoever moves comes to rest first.

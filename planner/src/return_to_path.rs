@@ -69,7 +69,7 @@ impl ReturnToPath {
         way: Way,
     ) -> Result<ReturnToPath, CourseError> {
         let mut rotary = ALL_LINEAR;
-        for (is_rotary, axis) in rotary.iter_mut().zip(&machine.axes) {
+        for (is_rotary, axis) in rotary.iter_mut().zip(machine.program_axes()) {
             *is_rotary = axis.kind == AxisKind::Rotary;
         }
         let (speed_mm_s, chords) = if way == Way::InThread {
