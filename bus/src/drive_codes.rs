@@ -20,6 +20,10 @@ pub fn with_code(cause: Cause, code: u32) -> String {
         Cause::DriveLost if code != 0 => {
             format!("{words} as it should: {}", al_status(code as u16))
         }
+        Cause::Skew => {
+            let skew_mm = f64::from(code as i32) * 1e-3;
+            format!("{words}: {:.3}", skew_mm.abs())
+        }
         _ => words.into(),
     }
 }

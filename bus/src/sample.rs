@@ -274,11 +274,13 @@ pub enum Cause {
     HomeDrive = 29,
     /// The operator has ordered an emergency stop.
     EmergencyStop = 30,
+    /// The two motors of a gantry are further apart than they may be; the axis is the second of them.
+    Skew = 31,
 }
 
 impl Cause {
     /// All of them. A number is never given to another cause: logs keep them.
-    pub const ALL: [Cause; 27] = [
+    pub const ALL: [Cause; 28] = [
         Cause::None,
         Cause::FollowingError,
         Cause::SoftLimit,
@@ -306,6 +308,7 @@ impl Cause {
         Cause::HomeIndex,
         Cause::HomeDrive,
         Cause::EmergencyStop,
+        Cause::Skew,
     ];
 
     /// Whether a servo can know it: of its own axis, and of what it was told.
@@ -362,6 +365,7 @@ impl Cause {
             Cause::HomeIndex => "no index of the motor encoder where one should be",
             Cause::HomeDrive => "the drive did not home in time",
             Cause::EmergencyStop => "emergency stop by the operator",
+            Cause::Skew => "the two motors of the gantry are too far apart (skew)",
             Cause::Stalled => "master stalled for longer than the watchdog, drives off",
         }
     }
@@ -404,7 +408,8 @@ pub struct AxisFeedback {
     pub torque_limited: u32,
     /// [`Driver`]: which of the axis's two controllers drives.
     pub driver: u32,
-    /// The drive's own error code while it reports a fault, else 0 (CiA 402 object 603Fh).
+    /// The drive's own error code while it reports a fault, else 0 (CiA 402 object 603Fh). With [`Cause::Skew`] the skew that it was,
+    /// in µm, as an `i32`.
     pub drive_code: u32,
     /// [`Redundancy`] of the axis.
     pub redundancy: u32,

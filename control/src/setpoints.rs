@@ -14,8 +14,13 @@ use crate::setpoint_settings::StraightLines;
 
 impl MotionLimits {
     /// The setpoint of the place `distance_mm` along an element, in increments; 0 for unused axes. A pure function of both: any
-    /// planner makes the same setpoint there.
+    /// planner makes the same setpoint there. Second motors have that of their axis.
     pub fn setpoint(&self, element: &Element, distance_mm: f64) -> [i64; MAX_AXES] {
+        let increments = self.setpoint_of_path(element, distance_mm);
+        self.setpoints().second_motors.follow(increments)
+    }
+
+    fn setpoint_of_path(&self, element: &Element, distance_mm: f64) -> [i64; MAX_AXES] {
         let setpoints = self.setpoints();
         if let Shape::Line { from, to } = &element.shape
             && setpoints.kinematics == Kinematics::Cartesian
@@ -95,10 +100,37 @@ pub(crate) fn nearest(value: f64) -> i64 {
 }
 
 #[cfg(test)]
+#[allow(clippy::indexing_slicing, clippy::unwrap_used)]
 mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::path::Feed;
+    use crate::setpoint_settings::{SecondMotors, SetpointSettings};
+
+    #[test]
+    fn a_second_motor_has_the_setpoint_of_its_axis_on_every_kind_of_line() {
+        let slide = AxisLimits {
+            velocity_mm_s: 250.0,
+            acceleration_mm_s2: 2000.0,
+            jerk_mm_s3: f64::INFINITY,
+            increment_mm: 1e-6,
+        };
+        let mut to = AxisVector::zeros();
+        (to[0], to[1]) = (3.0, -7.0);
+        let line = Element::line(1, AxisVector::zeros(), to, Feed::Rapid);
+        for straight_lines in [StraightLines::Rounded, StraightLines::MasterAxis] {
+            let settings = SetpointSettings {
+                straight_lines,
+                second_motors: SecondMotors::default().with(2, 1),
+                ..SetpointSettings::default()
+            };
+            let limits = MotionLimits::with_setpoints(&[slide; 2], 1e-3, settings).unwrap();
+            let [x, y, y2, rest @ ..] = limits.setpoint(&line, 0.5 * line.length_mm);
+            assert_eq!((x, y, y2), (1_500_000, -3_500_000, -3_500_000));
+            assert_eq!(rest, [0; 5]);
+        }
+    }
 
     proptest! {
         #[test]

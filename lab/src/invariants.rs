@@ -516,6 +516,7 @@ impl<'a> Judge<'a> {
         for (value, samples) in table.iter_mut().zip(&instruments.table_mm) {
             *value = samples.get(last).copied().unwrap_or(0.0);
         }
+        self.machine.to_program_axes(table.as_mut_slice());
         self.course.limits.setpoints().kinematics.tool(&table)
     }
 

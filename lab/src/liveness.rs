@@ -244,7 +244,8 @@ impl<'a> Liveness<'a> {
             | Cause::NotReferenced
             | Cause::Stalled
             | Cause::Spindle
-            | Cause::ToolChange => false,
+            | Cause::ToolChange
+            | Cause::Skew => false,
             Cause::HomeSwitch | Cause::HomeIndex | Cause::HomeDrive => {
                 let settings = self.machine.axes.get(axis);
                 settings.is_some_and(|settings| settings.homing.is_some())

@@ -403,7 +403,7 @@ pub(crate) fn print_totals(checked: &Checked, totals: &Totals) {
         totals.time_s,
         totals.setpoints
     ));
-    for (index, axis) in checked.machine.axes.iter().enumerate() {
+    for (index, axis) in checked.machine.program_axes().iter().enumerate() {
         let unit = axis.kind.unit();
         let share = |shares: &[f64]| shares.get(index).copied().unwrap_or(0.0) * 100.0;
         let jerk = axis.jerk_mm_s3.map_or(String::new(), |limit| {

@@ -89,7 +89,7 @@ pub fn home(options: &HomeOptions) -> Outcome {
     let client = Client::to_order(options.to.cell.as_deref())?;
     let mut axes = 0u32;
     for letter in &options.axes {
-        let axis = client.machine.axis_index(&letter.to_uppercase());
+        let axis = client.machine.program_axis_index(&letter.to_uppercase());
         axes |= 1 << axis.map_err(|e| Failure::Input(anyhow!(e)))?;
     }
     let machine = client.machine.axes.iter().enumerate();

@@ -158,6 +158,12 @@ fn check_all(
     if let Some(orders) = &options.orders {
         orders::load(orders, &checked.machine).input()?;
     }
+    let two_motors = checked.machine.gantries().next().is_some();
+    if options.learn_path && two_motors {
+        let refused =
+            "--learn-path: learns only where each axis has one motor, and the machine has a gantry";
+        return Err(anyhow!(refused)).input();
+    }
     let faults = options.faults.as_deref();
     let faults = faults.map(|path| load_faults(path, &checked, injection));
     Ok((checked, faults.transpose().input()?))

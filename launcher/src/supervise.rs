@@ -3,11 +3,10 @@
 use std::time::{Duration, Instant};
 
 use bus::cell::CellPaths;
-use bus::drive_codes::cause_words;
 use bus::member::Pace;
 use bus::messages::MessageReader;
 use bus::port::{OperatorClient, PendingOrder};
-use bus::sample::{Feedback, Job, Mode, OperatorRequest, Order};
+use bus::sample::{Cause, Feedback, Job, Mode, OperatorRequest, Order};
 use bus::signal_page::CellPhase;
 use machine::Machine;
 use plant_sim::script::faults::FaultScript;
@@ -621,10 +620,16 @@ fn stop(group: &Group, operator: &OperatorClient) -> Option<PendingOrder> {
 
 /// Why and where the machine stopped.
 pub fn stop_words(feedback: &Feedback, machine: &Machine) -> String {
-    let cause = cause_words(feedback);
+    let index = feedback.cause_axis as usize;
+    let code = feedback.axes.get(index).map_or(0, |axis| axis.drive_code);
+    let cause = Cause::from_wire(feedback.cause);
+    let cause = cause.map_or_else(
+        || "an unknown cause".into(),
+        |cause| machine.cause_words(cause, index, code),
+    );
     let axis = machine
         .axes
-        .get(feedback.cause_axis as usize)
+        .get(index)
         .map_or(String::new(), |axis| format!(", axis {}", axis.name));
     match Mode::from_wire(feedback.mode) {
         Some(Mode::Tripped) => format!(

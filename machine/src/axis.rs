@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::fieldbus::AxisDrive;
+use crate::gantry::Gantry;
 use crate::homing::Homing;
 use crate::loops::{FeedForward, PositionLoop, Prediction, VelocityLoop};
 use crate::model::{Adaptation, AxisModel, DisturbanceObserver, TorqueFeedForward};
@@ -14,8 +15,10 @@ use crate::transmission::Transmission;
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Axis {
-    /// Its letter in part programs.
-    #[schemars(extend("enum" = ["X", "Y", "Z", "A", "B", "C", "U", "V", "W"]))]
+    /// Its letter in part programs; of the second motor of a gantry the letter of its axis with a 2 behind it.
+    #[schemars(extend("enum" = [
+        "X", "Y", "Z", "A", "B", "C", "U", "V", "W", "X2", "Y2", "Z2", "A2", "B2", "C2", "U2", "V2", "W2"
+    ]))]
     pub name: String,
     /// Linear or rotary.
     #[schemars(extend("default" = "linear"))]
@@ -72,6 +75,8 @@ pub struct Axis {
     pub drive: Option<AxisDrive>,
     /// How the axis finds its place after it was switched on ([how](../howto/home.md)). Without this table its encoder is absolute.
     pub homing: Option<Homing>,
+    /// This is the second motor of an axis that two motors drive ([how](../howto/gantry.md)). Such axes come last in the file.
+    pub gantry: Option<Gantry>,
     /// The motor's rating plate.
     pub motor: Motor,
     /// Position loop.

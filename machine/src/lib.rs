@@ -12,6 +12,7 @@
 mod auxiliary;
 mod axis;
 mod fieldbus;
+mod gantry;
 mod homing;
 mod interpolation;
 mod kept;
@@ -41,6 +42,7 @@ mod whole_file;
 pub use auxiliary::{SPINDLE_RAMP_SHARE, Spindle, ToolChange, ToolChanger};
 pub use axis::{Axis, AxisKind, Changeover, DriveMode, Motor, PositionFeedback};
 pub use fieldbus::{AxisDrive, Fieldbus, Sync};
+pub use gantry::{Gantry, GantryPair, SECOND_MOTOR};
 pub use homing::{Homing, HomingDirection, HomingMethod};
 pub use interpolation::{Interpolation, StraightLines, WithinPeriod};
 pub use kept::{KeptFiles, KeptTexts, OFFSETS_FILE, TOOLS_FILE, update_offsets, update_tools};

@@ -9,6 +9,7 @@ use crate::settings_file::{From, Rules};
 
 mod axis;
 mod fieldbus;
+mod gantry;
 mod kinematics;
 mod model;
 mod reversal;
@@ -37,6 +38,7 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
             );
         }
         axis::judge(rules, machine, axis, at);
+        gantry::judge(rules, machine, index, axis, at);
         reversal::judge(rules, machine, axis, at);
         model::judge(rules, machine, axis, at);
     }
@@ -103,6 +105,9 @@ fn work_offsets(rules: &mut Rules<'_>, machine: &Machine) {
         }
         match machine.axes.iter().find(|axis| &axis.name == letter) {
             None => rules.say(&path, None, "names an axis that the machine does not have"),
+            Some(axis) if axis.is_follower() => {
+                rules.say(&path, None, "names a second motor: offsets are of its axis");
+            }
             Some(axis) => offset_within_travel(rules, &path, axis, *value),
         }
     }
@@ -149,7 +154,7 @@ fn minimum_heat(rules: &mut Rules<'_>, machine: &Machine) {
         let what = "= \"minimum-heat\": the heat of axes behind [kinematics] is not computed; use \"constant-acceleration\"";
         rules.say(&path, None, what);
     }
-    for axis in &machine.axes {
+    for axis in machine.program_axes() {
         if axis.kind == AxisKind::Linear && axis.model.is_none() {
             let what = format!(
                 "= \"minimum-heat\": axis {} has no [axis.model]: add its mass_kg (motor, screw and table) and coulomb_n, \

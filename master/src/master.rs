@@ -13,7 +13,7 @@ use bus::sample::{
     STANDBY_ALARM_S, Setpoint, WindowHeader, WindowId,
 };
 use bytemuck::Zeroable;
-use machine::{Machine, Restart, WithinPeriod};
+use machine::{GantryPair, Machine, Restart, WithinPeriod};
 
 use crate::answers::Answers;
 use crate::digest::MotionDigest;
@@ -27,6 +27,7 @@ mod continuous_jog;
 mod coupling;
 mod decide;
 mod emergency_stop;
+mod gantry;
 mod homing;
 mod inner;
 mod loaded;
@@ -67,6 +68,8 @@ const IN_POSITION_PATIENCE_S: f64 = 5.0;
 #[derive(Debug, Clone)]
 pub struct Master<D> {
     axes: Vec<AxisUnit>,
+    /// Axes with two motors.
+    gantries: Vec<GantryPair>,
     drives: D,
     /// The commands of one scan, by axis.
     drive_commands: Vec<DriveCommand>,
@@ -146,6 +149,7 @@ impl<D: Drives> Master<D> {
             drive_commands: vec![DriveCommand::Disabled; axes.len()],
             switching_on: None,
             axes,
+            gantries: machine.gantries().collect(),
             drives,
             scan: first_scan,
             incarnation,
@@ -190,6 +194,8 @@ impl<D: Drives> Master<D> {
             subsamples: machine.subsamples(),
             digest: MotionDigest::new(),
         };
+        master.align_gantries();
+        master.couple_gantries();
         if enabled {
             master.start_with_drives_on();
         }
@@ -287,11 +293,8 @@ impl<D: Drives> Master<D> {
             }
         }
         let together = self.auxiliary.brakes_together();
-        if let Some((axis, most_mm_s2)) = together
-            && let Some(DriveCommand::Brake { deceleration_mm_s2 }) =
-                self.drive_commands.get_mut(axis)
-        {
-            *deceleration_mm_s2 = deceleration_mm_s2.min(most_mm_s2);
+        if let Some((axis, most_mm_s2)) = together {
+            self.brake_evenly(axis, most_mm_s2);
         }
         self.drives.command_levels(&self.auxiliary.levels());
         self.drives.exchange(&self.drive_commands);
@@ -321,6 +324,19 @@ impl<D: Drives> Master<D> {
         out
     }
 
+    /// Brakes of an axis that is in step with the spindle, of both motors of a gantry, are no harder than this.
+    fn brake_evenly(&mut self, axis: usize, most_mm_s2: f64) {
+        let second = self.gantries.iter().find(|pair| pair.leader == axis);
+        let motors = [Some(axis), second.map(|pair| pair.follower)];
+        for motor in motors.into_iter().flatten() {
+            if let Some(DriveCommand::Brake { deceleration_mm_s2 }) =
+                self.drive_commands.get_mut(motor)
+            {
+                *deceleration_mm_s2 = deceleration_mm_s2.min(most_mm_s2);
+            }
+        }
+    }
+
     /// What the fieldbus did in the exchange of this scan; none where drives are simulated.
     pub fn bus_cycle(&self) -> Option<BusCycle> {
         let cycle = self.drives.bus_cycle()?;
@@ -345,6 +361,8 @@ impl<D: Drives> Master<D> {
         self.heed_planner(answers, roster);
         self.hold_without_planner(answers, roster);
         self.hold_without_standby();
+        self.lose_references_together();
+        self.judge_skew();
         self.judge_axes();
         self.end_approach();
         self.step_auxiliary();
@@ -357,6 +375,7 @@ impl<D: Drives> Master<D> {
             self.end_jog();
         }
         self.advance_mode();
+        self.couple_gantries();
         self.scan += 1;
     }
 

@@ -224,6 +224,8 @@ impl Analysis {
             .reversals
             .into_iter()
             .enumerate()
+            // A second motor turns round with its axis.
+            .take(self.machine.program_axes().len())
             .flat_map(|(axis, meter)| meter.finish(axis, &self.machine, self.path.whole(), &arcs))
             .collect();
         reversals.sort_by_key(|reversal| (reversal.scan, reversal.axis));
@@ -313,6 +315,11 @@ impl Analysis {
                 self.contour_parts.command(index, command.position);
             }
         }
+        for pair in self.machine.gantries().filter(|_| drives_on) {
+            if let Some(axis) = self.axes.get_mut(pair.follower) {
+                axis.skew_mm.take(self.machine.skew_mm(&pair, feedback));
+            }
+        }
         self.audit.take(feedback);
         self.auxiliary.take(feedback);
         let contour_mm = self.path_deviation(set, feedback, drives_on, follows);
@@ -343,6 +350,12 @@ impl Analysis {
         self.blocks.take(line, contour_mm, errors);
     }
 
+    /// Places of all motors as those of the axes that the program names.
+    fn of_program(&self, mut motors_mm: AxisVector) -> AxisVector {
+        self.machine.to_program_axes(motors_mm.as_mut_slice());
+        motors_mm
+    }
+
     /// The backlash compensation that is in force in the next scan.
     fn take_backlash(&mut self, set: &ScanSet) {
         for (index, backlash_mm) in self.backlash_mm.iter_mut().enumerate() {
@@ -364,11 +377,8 @@ impl Analysis {
             };
         };
         let count = (instruments.subsamples as usize).min(bus::sample::MAX_SUBSAMPLES);
-        let table = row_of(
-            &instruments.table_mm,
-            count.saturating_sub(1),
-            self.axes.len(),
-        );
+        let last = count.saturating_sub(1);
+        let table = self.of_program(row_of(&instruments.table_mm, last, self.axes.len()));
         let tool_mm = self.kinematics.tool(&table);
         let left = if feedback.tag.is_off_path() {
             &feedback.interrupted_at
@@ -411,11 +421,10 @@ impl Analysis {
         }
         for sub in 0..count {
             // From here on everything is in the coordinates of the program: where the axes had the tool on the part.
-            let table = self
-                .kinematics
-                .tool(&row_of(&instruments.table_mm, sub, axes));
+            let table = self.of_program(row_of(&instruments.table_mm, sub, axes));
+            let table = self.kinematics.tool(&table);
             let motor = row_of(&instruments.motor_mm, sub, axes) - self.backlash_mm;
-            let motor = self.kinematics.tool(&motor);
+            let motor = self.kinematics.tool(&self.of_program(motor));
             if let Some(error_mm) = self.path.error_mm(&feedback.tag, &table) {
                 self.contour_mm.take(error_mm);
                 largest_mm = largest_mm.max(error_mm);
@@ -446,8 +455,9 @@ impl Analysis {
         let Some(last) = count.min(bus::sample::MAX_SUBSAMPLES).checked_sub(1) else {
             return;
         };
-        let table = row_of(&seen.table_mm, last, axes);
+        let table = self.of_program(row_of(&seen.table_mm, last, axes));
         let motor = row_of(&seen.motor_mm, last, axes) - self.backlash_mm;
+        let motor = self.of_program(motor);
         let mut commanded = AxisVector::zeros();
         let of_axes = commanded.iter_mut().zip(&self.machine.axes).enumerate();
         for (index, (place, axis)) in of_axes {
@@ -456,6 +466,7 @@ impl Analysis {
             };
             *place = command.position as f64 * axis.increment_mm();
         }
+        let commanded = self.of_program(commanded);
         let mut nearest = |axes: &AxisVector| {
             let tool = self.kinematics.tool(axes);
             self.path.nearest(&feedback.tag, &tool)

@@ -2,7 +2,6 @@
 
 use std::fmt;
 
-use bus::drive_codes::with_code;
 use bus::sample::{Cause, Feedback};
 use machine::Machine;
 
@@ -15,19 +14,25 @@ pub struct StopCause {
     pub cause: Option<Cause>,
     /// What the drive of the axis says of it; 0 for nothing.
     pub code: u32,
+    /// Both in words.
+    words: String,
 }
 
 impl StopCause {
     /// What a feedback names.
     pub fn of(machine: &Machine, feedback: &Feedback) -> StopCause {
-        let axis = machine.axes.get(feedback.cause_axis as usize);
+        let index = feedback.cause_axis as usize;
+        let axis = machine.axes.get(index);
+        let cause = Cause::from_wire(feedback.cause);
+        let code = feedback.axes.get(index).map_or(0, |axis| axis.drive_code);
         StopCause {
             axis: axis.map(|axis| axis.name.clone()),
-            cause: Cause::from_wire(feedback.cause),
-            code: feedback
-                .axes
-                .get(feedback.cause_axis as usize)
-                .map_or(0, |axis| axis.drive_code),
+            cause,
+            code,
+            words: cause.map_or_else(
+                || "unknown cause".into(),
+                |cause| machine.cause_words(cause, index, code),
+            ),
         }
     }
 
@@ -37,16 +42,11 @@ impl StopCause {
         any.then(|| StopCause::of(machine, feedback))
     }
 
-    fn words(&self) -> String {
-        let words = |cause| with_code(cause, self.code);
-        self.cause.map_or_else(|| "unknown cause".into(), words)
-    }
-
     /// The letter of the axis, and why.
     pub fn short(&self) -> String {
         match &self.axis {
-            Some(axis) => format!("{axis}: {}", self.words()),
-            None => self.words(),
+            Some(axis) => format!("{axis}: {}", self.words),
+            None => self.words.clone(),
         }
     }
 }
@@ -54,8 +54,8 @@ impl StopCause {
 impl fmt::Display for StopCause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.axis {
-            Some(axis) => write!(f, "axis {axis}: {}", self.words()),
-            None => f.write_str(&self.words()),
+            Some(axis) => write!(f, "axis {axis}: {}", self.words),
+            None => f.write_str(&self.words),
         }
     }
 }

@@ -10,6 +10,7 @@
 use bytemuck::{Pod, Zeroable};
 use master::{DriveCommand, InstrumentSample, StateRefused};
 
+use crate::bridge::Bridge;
 use crate::drive::{DriveParameters, DriveSettings, DriveState};
 use crate::measurement::{Measurement, MeasurementState, TORQUES_KEPT};
 use crate::mechanics::{MechanicsSettings, MechanicsState};
@@ -126,6 +127,67 @@ pub struct RunDown {
     pub scans: u32,
     /// Whether the axis came to rest; false only for a drive whose loop oscillates.
     pub at_rest: bool,
+}
+
+/// Whether a drive that brakes holds its axis within a count of one place.
+#[derive(Debug, Clone, Copy)]
+struct RestWatch {
+    still: u32,
+    place: i64,
+    rest_scans: u32,
+}
+
+impl RestWatch {
+    fn of(axis: &AxisSimulation) -> RestWatch {
+        RestWatch {
+            still: 0,
+            place: axis.state.drive.counts,
+            rest_scans: ((REST_S / axis.settings.scan_s) as u32).max(REST_SCANS_MIN),
+        }
+    }
+
+    /// One scan later: whether it has done so for 50 ms.
+    fn stands(&mut self, axis: &AxisSimulation) -> bool {
+        let drive = &axis.state.drive;
+        let stays = drive.command_m_s == 0.0 && drive.counts.abs_diff(self.place) <= 1;
+        if stays {
+            self.still += 1;
+        } else {
+            (self.still, self.place) = (0, drive.counts);
+        }
+        self.still >= self.rest_scans
+    }
+}
+
+/// Scans until one of them says that all stands, within a bound.
+fn run_down_with(scan_s: f64, mut scan: impl FnMut() -> bool) -> RunDown {
+    let scans_max = (RUN_DOWN_S_MAX / scan_s) as u32;
+    for scans in 1..=scans_max {
+        if scan() {
+            return RunDown {
+                scans,
+                at_rest: true,
+            };
+        }
+    }
+    RunDown {
+        scans: scans_max,
+        at_rest: false,
+    }
+}
+
+/// How far a scan is.
+#[derive(Debug, Clone, Copy, Default)]
+struct Progress {
+    /// Microsteps to the end of the scan, to the drive's next period and to the next sample.
+    left: u32,
+    until_drive: u32,
+    until_sample: u32,
+    /// Samples taken.
+    samples: usize,
+    force_sum_n: f64,
+    force_square_sum_n2: f64,
+    limited: bool,
 }
 
 /// One simulated axis: settings and state.
@@ -270,44 +332,66 @@ impl AxisSimulation {
     /// sample every 250 µs (one per scan where the scan is shorter), the last at the end of the scan; it should hold
     /// [`AxisSettings::samples_per_scan`], further samples are dropped and further places left alone.
     pub fn scan(&mut self, command: &DriveCommand, samples: &mut [InstrumentSample]) {
-        let settings = &self.settings;
-        let mut places = samples.iter_mut();
-        let mut force_sum_n = 0.0;
-        let mut force_square_sum_n2 = 0.0;
-        let mut limited = false;
-        let mut left = settings.microsteps_per_scan;
-        let mut until_drive = 0;
-        let mut until_sample = settings.microsteps_per_sample;
-        while left > 0 {
-            if until_drive == 0 {
-                let mut motor_m = self.state.mechanics.motor_m;
-                if let Some(measurement) = &settings.measurement {
-                    motor_m += measurement.encoder(&mut self.state.measurement, motor_m);
-                }
-                let counts = counts(motor_m, settings.count_m);
-                settings
-                    .drive
-                    .update(&mut self.state.drive, command, counts);
-                limited |= self.state.drive.limited != 0;
-                until_drive = settings.microsteps_per_drive_period;
-            }
-            let steps = until_drive.min(until_sample).min(left);
-            let effort =
-                settings
-                    .mechanics
-                    .run(&mut self.state.mechanics, steps, self.state.drive.demand_n);
-            force_sum_n += effort.force_sum_n;
-            force_square_sum_n2 += effort.force_square_sum_n2;
-            left -= steps;
-            until_drive -= steps;
-            until_sample -= steps;
-            if until_sample == 0 {
-                until_sample = settings.microsteps_per_sample;
-                if let Some(place) = places.next() {
-                    *place = self.instruments();
-                }
-            }
+        let mut progress = self.begin_scan();
+        while progress.left > 0 {
+            self.run(&mut progress, command, samples, u32::MAX);
         }
+        self.end_scan(&progress);
+    }
+
+    /// Before the first microstep of a scan.
+    fn begin_scan(&self) -> Progress {
+        Progress {
+            left: self.settings.microsteps_per_scan,
+            until_sample: self.settings.microsteps_per_sample,
+            ..Progress::default()
+        }
+    }
+
+    /// Some microsteps of a scan, at most so many and no farther than to the drive's next period or the next sample.
+    fn run(
+        &mut self,
+        progress: &mut Progress,
+        command: &DriveCommand,
+        samples: &mut [InstrumentSample],
+        steps_max: u32,
+    ) {
+        let settings = &self.settings;
+        if progress.until_drive == 0 {
+            let mut motor_m = self.state.mechanics.motor_m;
+            if let Some(measurement) = &settings.measurement {
+                motor_m += measurement.encoder(&mut self.state.measurement, motor_m);
+            }
+            let counts = counts(motor_m, settings.count_m);
+            settings
+                .drive
+                .update(&mut self.state.drive, command, counts);
+            progress.limited |= self.state.drive.limited != 0;
+            progress.until_drive = settings.microsteps_per_drive_period;
+        }
+        let steps = progress.until_drive.min(progress.until_sample);
+        let steps = steps.min(progress.left).min(steps_max);
+        let demand_n = self.state.drive.demand_n;
+        let effort = settings
+            .mechanics
+            .run(&mut self.state.mechanics, steps, demand_n);
+        progress.force_sum_n += effort.force_sum_n;
+        progress.force_square_sum_n2 += effort.force_square_sum_n2;
+        progress.left -= steps;
+        progress.until_drive -= steps;
+        progress.until_sample -= steps;
+        if progress.until_sample == 0 {
+            progress.until_sample = settings.microsteps_per_sample;
+            if let Some(place) = samples.get_mut(progress.samples) {
+                *place = self.instruments();
+            }
+            progress.samples += 1;
+        }
+    }
+
+    /// After the last microstep of a scan.
+    fn end_scan(&mut self, progress: &Progress) {
+        let settings = &self.settings;
         if let Some(measurement) = &settings.measurement {
             let torque_nm = self.state.mechanics.force_n * settings.radius_m;
             measurement.encoder(&mut self.state.measurement, self.state.mechanics.motor_m);
@@ -315,11 +399,11 @@ impl AxisSimulation {
         }
         let microsteps = f64::from(settings.microsteps_per_scan);
         let radius_m = settings.radius_m;
-        self.state.torque_mean_nm = radius_m * force_sum_n / microsteps;
-        self.state.torque_limited = u64::from(limited);
+        self.state.torque_mean_nm = radius_m * progress.force_sum_n / microsteps;
+        self.state.torque_limited = u64::from(progress.limited);
         settings.winding.update(
             &mut self.state.winding,
-            radius_m * radius_m * force_square_sum_n2 / microsteps,
+            radius_m * radius_m * progress.force_square_sum_n2 / microsteps,
         );
     }
 
@@ -330,29 +414,12 @@ impl AxisSimulation {
     /// quick stop where it is not above 0. Bounded by 20 s of simulated time.
     pub fn run_down(&mut self, deceleration_mm_s2: f64) -> RunDown {
         let command = DriveCommand::Brake { deceleration_mm_s2 };
-        let scans_max = (RUN_DOWN_S_MAX / self.settings.scan_s) as u32;
-        let rest_scans = ((REST_S / self.settings.scan_s) as u32).max(REST_SCANS_MIN);
-        let (mut still, mut place) = (0, self.state.drive.counts);
-        for scans in 1..=scans_max {
+        let scan_s = self.settings.scan_s;
+        let mut rest = RestWatch::of(self);
+        run_down_with(scan_s, || {
             self.scan(&command, &mut []);
-            let drive = &self.state.drive;
-            let stays = drive.command_m_s == 0.0 && drive.counts.abs_diff(place) <= 1;
-            if stays {
-                still += 1;
-            } else {
-                (still, place) = (0, drive.counts);
-            }
-            if still >= rest_scans {
-                return RunDown {
-                    scans,
-                    at_rest: true,
-                };
-            }
-        }
-        RunDown {
-            scans: scans_max,
-            at_rest: false,
-        }
+            rest.stands(self)
+        })
     }
 
     /// Other axes are where friction of this one is higher by a share than without them, from now on.
@@ -439,6 +506,55 @@ impl AxisSimulation {
     }
 }
 
+/// Two axes whose tables a bridge joins, the first motor's before the second's.
+pub struct Joined<'a> {
+    /// The axes.
+    pub ends: [&'a mut AxisSimulation; 2],
+    /// What joins their tables.
+    pub bridge: &'a Bridge,
+}
+
+impl Joined<'_> {
+    /// Advances both one scan, each with its command and its samples ([`AxisSimulation::scan`]). In every microstep the bridge acts on
+    /// both tables first.
+    pub fn scan(&mut self, commands: [&DriveCommand; 2], samples: [&mut [InstrumentSample]; 2]) {
+        let [first, second] = &mut self.ends;
+        let ([command, other], [samples, others]) = (commands, samples);
+        let mut progress = [first.begin_scan(), second.begin_scan()];
+        let [of_first, of_second] = &mut progress;
+        while of_first.left > 0 && of_second.left > 0 {
+            let force_n = self
+                .bridge
+                .force_n(&first.state.mechanics, &second.state.mechanics);
+            first
+                .settings
+                .mechanics
+                .push_table(&mut first.state.mechanics, force_n);
+            second
+                .settings
+                .mechanics
+                .push_table(&mut second.state.mechanics, -force_n);
+            first.run(of_first, command, samples, 1);
+            second.run(of_second, other, others, 1);
+        }
+        first.end_scan(of_first);
+        second.end_scan(of_second);
+    }
+
+    /// Lets both drives brake until both axes stand, as [`AxisSimulation::run_down`].
+    pub fn run_down(&mut self, deceleration_mm_s2: f64) -> RunDown {
+        let command = DriveCommand::Brake { deceleration_mm_s2 };
+        let scan_s = self.ends[0].settings.scan_s;
+        let mut rest = [RestWatch::of(self.ends[0]), RestWatch::of(self.ends[1])];
+        run_down_with(scan_s, || {
+            self.scan([&command; 2], [&mut [], &mut []]);
+            let [first, second] = &mut rest;
+            let stand = [first.stands(self.ends[0]), second.stands(self.ends[1])];
+            stand == [true; 2]
+        })
+    }
+}
+
 impl AxisState {
     /// Whether a machine could be in this state: every number finite, positions within a kilometre.
     pub fn is_possible(&self) -> bool {
@@ -466,6 +582,7 @@ impl AxisState {
             m.beyond.frame.velocity_m_s,
             m.beyond.friction_share,
             self.measurement.encoder_error_m,
+            self.measurement.time_s,
         ];
         let slips = m.beyond.lost_motion.force_n.iter();
         let torques = self.measurement.torque_nm.iter();

@@ -15,7 +15,8 @@ use master::{
 };
 
 use crate::auxiliary::{AuxiliaryState, SimulatedAuxiliaries};
-use crate::axis::{AxisSimulation, AxisState};
+use crate::axis::{AxisSimulation, AxisState, Joined};
+use crate::bridge::Bridge;
 use crate::cross_talk::{CrossTalk, FRICTION_SHARE_MIN};
 use crate::homing::{HomingState, SimulatedHoming};
 use crate::inputs::{InputsState, SimulatedInputs};
@@ -25,6 +26,8 @@ use crate::probe::{ProbeState, SimulatedProbe};
 #[derive(Debug, Clone)]
 pub struct SimulatedDrives {
     axes: Vec<SimulatedAxis>,
+    /// Tables that are joined.
+    bridges: Vec<BridgedAxes>,
     /// What axes get of where others are.
     cross_talk: Vec<CrossTalk>,
     auxiliaries: SimulatedAuxiliaries,
@@ -32,9 +35,22 @@ pub struct SimulatedDrives {
     inputs: SimulatedInputs,
 }
 
+/// A bridge, and the axes whose tables it joins.
+#[derive(Debug, Clone, Copy)]
+pub struct BridgedAxes {
+    /// Index of the first motor's axis.
+    pub first: usize,
+    /// Index of the second motor's axis.
+    pub second: usize,
+    /// What joins them.
+    pub bridge: Bridge,
+}
+
 #[derive(Debug, Clone)]
 struct SimulatedAxis {
     simulation: AxisSimulation,
+    /// The command that acts in this scan.
+    acts: DriveCommand,
     samples: [InstrumentSample; MAX_SUBSAMPLES],
     /// It has braked by itself for want of commands, and is off until it is switched on.
     off: bool,
@@ -86,7 +102,8 @@ impl SimulatedAxis {
         }
     }
 
-    fn restore(&mut self, bytes: &[u8], braking_s: Option<f64>) -> Result<(), StateRefused> {
+    /// Takes a saved state, with the commands that were on their way.
+    fn restore(&mut self, bytes: &[u8]) -> Result<(), StateRefused> {
         let (state, rest) = bytes
             .split_at_checked(size_of::<AxisState>())
             .ok_or(StateRefused)?;
@@ -96,28 +113,94 @@ impl SimulatedAxis {
             .split_at_checked(size_of::<HomingState>())
             .ok_or(StateRefused)?;
         self.homing.restore(&bytemuck::pod_read_unaligned(state));
-        // What was on its way arrives; after it comes nothing more, and the drive brakes by itself.
-        for slot in commands.chunks_exact(size_of::<SavedCommand>()) {
+        let slots = commands.chunks_exact(size_of::<SavedCommand>());
+        for (slot, on_the_way) in slots.zip(&mut self.on_the_way) {
             let saved: SavedCommand = bytemuck::pod_read_unaligned(slot);
-            let command = DriveCommand::of_parts(saved.kind, saved.values).ok_or(StateRefused)?;
-            self.simulation.scan(&command, &mut self.samples);
+            *on_the_way = DriveCommand::of_parts(saved.kind, saved.values).ok_or(StateRefused)?;
         }
-        self.run_down(braking_s);
         Ok(())
     }
 
-    /// No command names a deceleration any more: the drive's own quick stop counts, or the time in which a spindle stops that the
-    /// axis is in step with.
-    fn run_down(&mut self, braking_s: Option<f64>) {
+    /// A deceleration in mm/s² that brings it to rest in this time; 0 where nobody says so, for the drive's own quick stop.
+    fn evenly_mm_s2(&self, braking_s: Option<f64>) -> f64 {
         let speed_mm_s = self.simulation.velocity_mm_s().abs();
         let together_mm_s2 = braking_s.map_or(0.0, |braking_s| speed_mm_s / braking_s);
         let finite = together_mm_s2.is_finite();
-        self.simulation
-            .run_down(if finite { together_mm_s2 } else { 0.0 });
+        if finite { together_mm_s2 } else { 0.0 }
+    }
+
+    /// Nothing more comes to it.
+    fn has_run_down(&mut self) {
         self.on_the_way.fill(DriveCommand::Disabled);
         let table_mm = self.simulation.instruments().table_mm;
         self.homing.moved(&self.simulation, table_mm);
     }
+}
+
+/// An axis that moves alone, or two that a bridge joins.
+enum Moved<'a> {
+    Alone(&'a mut SimulatedAxis),
+    Joined([&'a mut SimulatedAxis; 2], &'a Bridge),
+}
+
+/// Does it with everything that moves, with the index of its first axis.
+fn each_moved(
+    axes: &mut [SimulatedAxis],
+    bridges: &[BridgedAxes],
+    mut act: impl FnMut(usize, Moved<'_>),
+) {
+    for index in 0..axes.len() {
+        if bridges.iter().any(|of| of.second == index) {
+            continue;
+        }
+        let joined = bridges.iter().find(|of| of.first == index);
+        if let Some(of) = joined {
+            if let Ok(ends) = axes.get_disjoint_mut([of.first, of.second]) {
+                act(index, Moved::Joined(ends, &of.bridge));
+            }
+        } else if let Some(axis) = axes.get_mut(index) {
+            act(index, Moved::Alone(axis));
+        }
+    }
+}
+
+/// One scan of all axes, with the commands that act in it.
+fn advance(axes: &mut [SimulatedAxis], bridges: &[BridgedAxes]) {
+    each_moved(axes, bridges, |_, moved| match moved {
+        Moved::Alone(axis) => axis.simulation.scan(&axis.acts, &mut axis.samples),
+        Moved::Joined([first, second], bridge) => Joined {
+            ends: [&mut first.simulation, &mut second.simulation],
+            bridge,
+        }
+        .scan(
+            [&first.acts, &second.acts],
+            [&mut first.samples, &mut second.samples],
+        ),
+    });
+}
+
+/// All axes that are not off brake by themselves. No command names a deceleration any more: the drive's own quick stop counts, or the
+/// time in which a spindle stops that an axis is in step with.
+fn run_down(axes: &mut [SimulatedAxis], bridges: &[BridgedAxes], together: Option<(usize, f64)>) {
+    each_moved(axes, bridges, |index, moved| {
+        let braking_s = of_axis(together, index);
+        match moved {
+            Moved::Alone(axis) if axis.off => {}
+            Moved::Alone(axis) => {
+                let evenly_mm_s2 = axis.evenly_mm_s2(braking_s);
+                axis.simulation.run_down(evenly_mm_s2);
+                axis.has_run_down();
+            }
+            Moved::Joined([first, second], _) if first.off && second.off => {}
+            Moved::Joined([first, second], bridge) => {
+                let evenly_mm_s2 = first.evenly_mm_s2(braking_s);
+                let ends = [&mut first.simulation, &mut second.simulation];
+                Joined { ends, bridge }.run_down(evenly_mm_s2);
+                first.has_run_down();
+                second.has_run_down();
+            }
+        }
+    });
 }
 
 impl SimulatedDrives {
@@ -130,6 +213,7 @@ impl SimulatedDrives {
     pub fn with_dead_time(simulations: Vec<AxisSimulation>, scans: u32) -> SimulatedDrives {
         let axis = |simulation| SimulatedAxis {
             simulation,
+            acts: DriveCommand::Disabled,
             samples: [InstrumentSample::default(); MAX_SUBSAMPLES],
             off: false,
             on_the_way: vec![DriveCommand::Disabled; scans.saturating_sub(1) as usize],
@@ -137,6 +221,7 @@ impl SimulatedDrives {
         };
         SimulatedDrives {
             axes: simulations.into_iter().map(axis).collect(),
+            bridges: Vec::new(),
             cross_talk: Vec::new(),
             auxiliaries: SimulatedAuxiliaries::new(None, None, 1e-3),
             probe: None,
@@ -168,6 +253,11 @@ impl SimulatedDrives {
             axis.homing = of_axis(index, &axis.simulation).unwrap_or_default();
         }
         self
+    }
+
+    /// The same with tables that are joined.
+    pub fn with_bridges(self, bridges: Vec<BridgedAxes>) -> SimulatedDrives {
+        SimulatedDrives { bridges, ..self }
     }
 
     /// The same with axes that disturb each other.
@@ -282,8 +372,10 @@ impl Drives for SimulatedDrives {
             let acting = axis.acting(*command);
             axis.off &= *command != DriveCommand::SwitchOn;
             axis.homing.hand_over(command, &axis.simulation);
-            let acting = axis.homing.act(acting, &axis.simulation);
-            axis.simulation.scan(&acting, &mut axis.samples);
+            axis.acts = axis.homing.act(acting, &axis.simulation);
+        }
+        advance(&mut self.axes, &self.bridges);
+        for axis in &mut self.axes {
             let table_mm = axis.simulation.instruments().table_mm;
             axis.homing.scan(&axis.simulation, table_mm);
         }
@@ -325,9 +417,8 @@ impl Drives for SimulatedDrives {
         let together = self.auxiliaries.brakes_together();
         self.auxiliaries.run_down();
         // A drive that is off has nothing to brake with.
-        let axes = self.axes.iter_mut().enumerate();
-        for (index, axis) in axes.filter(|(_, axis)| !axis.off) {
-            axis.run_down(of_axis(together, index));
+        run_down(&mut self.axes, &self.bridges, together);
+        for axis in &mut self.axes {
             axis.off = true;
         }
     }
@@ -391,13 +482,22 @@ impl Drives for SimulatedDrives {
         self.inputs.restore(&bytemuck::pod_read_unaligned(inputs));
         let together = self.auxiliaries.brakes_together();
         self.auxiliaries.run_down();
-        for (index, axis) in self.axes.iter_mut().enumerate() {
+        for axis in &mut self.axes {
             let (slot, rest) = bytes
                 .split_at_checked(axis.state_bytes())
                 .ok_or(StateRefused)?;
-            axis.restore(slot, of_axis(together, index))?;
+            axis.restore(slot)?;
             bytes = rest;
         }
+        // What was on its way arrives; after it comes nothing more, and the drives brake by themselves.
+        let on_the_way = self.axes.first().map_or(0, |axis| axis.on_the_way.len());
+        for next in 0..on_the_way {
+            for axis in &mut self.axes {
+                axis.acts = axis.on_the_way.get(next).copied().unwrap_or_default();
+            }
+            advance(&mut self.axes, &self.bridges);
+        }
+        run_down(&mut self.axes, &self.bridges, together);
         let axes = &self.axes;
         if let Some(of_this) = &mut self.probe {
             of_this.restore(&bytemuck::pod_read_unaligned(probe));

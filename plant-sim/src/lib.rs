@@ -1,8 +1,9 @@
 //! Simulated drives, motors, mechanics and friction, and the process that runs a master over them.
 
-pub mod attached_mass;
+mod attached_mass;
 pub mod auxiliary;
 pub mod axis;
+pub mod bridge;
 pub mod cross_talk;
 pub mod cutting;
 pub mod drive;

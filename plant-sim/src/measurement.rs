@@ -31,6 +31,12 @@ pub struct Measurement {
     pub torque_noise_nm: f64,
     /// Seed of the noise.
     pub seed: u64,
+    /// What the encoder's coupling slips by, in m, and when, in s.
+    pub slip_m: f64,
+    /// See there.
+    pub slip_at_s: f64,
+    /// Scan, in s.
+    pub scan_s: f64,
 }
 
 /// What [`Measurement`] remembers.
@@ -43,6 +49,8 @@ pub struct MeasurementState {
     pub encoder_error_m: f64,
     /// Torques of the last scans as they were shown or will be, the newest first, in N·m.
     pub torque_nm: [f64; TORQUES_KEPT],
+    /// Time since the beginning, in s.
+    pub time_s: f64,
 }
 
 impl Measurement {
@@ -53,6 +61,9 @@ impl Measurement {
         let within = libm::sin(2.0 * std::f64::consts::PI * fraction);
         state.encoder_error_m =
             self.period_error_m * within + self.encoder_noise_m * self.noise(state);
+        if self.slip_m != 0.0 && state.time_s >= self.slip_at_s {
+            state.encoder_error_m += self.slip_m;
+        }
         state.encoder_error_m
     }
 
@@ -67,6 +78,7 @@ impl Measurement {
         state.torque_nm.rotate_right(1);
         let [newest, ..] = &mut state.torque_nm;
         *newest = shown_nm;
+        state.time_s += self.scan_s;
     }
 
     /// The torque that is shown, in N·m.
@@ -106,6 +118,23 @@ mod tests {
         assert_eq!(all, run());
         let square: f64 = all.iter().map(|x| x * x).sum::<f64>() / 20_000.0;
         assert!((square.sqrt() - 1e-8).abs() < 2e-10, "{}", square.sqrt());
+    }
+
+    #[test]
+    fn a_coupling_slips_once_at_its_time() {
+        let measurement = Measurement {
+            slip_m: 3e-4,
+            slip_at_s: 2e-3,
+            scan_s: 1e-3,
+            ..Measurement::default()
+        };
+        let mut state = MeasurementState::default();
+        let shown = (0..5).map(|_| {
+            let error_m = measurement.encoder(&mut state, 0.1);
+            measurement.torque(&mut state, 0.0);
+            error_m
+        });
+        assert_eq!(shown.collect::<Vec<_>>(), [0.0, 0.0, 3e-4, 3e-4, 3e-4]);
     }
 
     #[test]

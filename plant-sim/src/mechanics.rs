@@ -197,6 +197,12 @@ impl MechanicsSettings {
         self.cogging_n * sine_of_turns(motor_m * self.cogging_per_m)
     }
 
+    /// Before a microstep: another body pushes the table with this force, in N, for one microstep.
+    #[inline]
+    pub fn push_table(&self, state: &mut MechanicsState, force_n: f64) {
+        state.table_m_s += self.table_step_s_per_kg * force_n;
+    }
+
     /// Runs `steps` microsteps with the force demand held: semi-implicit Euler, velocities first (docs/methods/physics.md §3).
     ///
     /// `F ← u + (F − u)·exp(−h/τI)`, `M1·v1' = F + cogging(x1) − fc − friction1(v1)`, `M2·v2' = fc − friction2(v2)`.

@@ -12,9 +12,10 @@ mod tests;
 
 pub use keys::{
     Actuated, BODIES_MAX, INPUT_LINES_MAX, MotorFriction, PlantAttachedMass, PlantAxis, PlantBox,
-    PlantCrossTalk, PlantCutting, PlantCylinder, PlantDrive, PlantDriveHoming, PlantEncoder,
-    PlantFile, PlantFrame, PlantHomeSwitch, PlantInput, PlantLaw, PlantMeasuredFriction,
-    PlantMeasurement, PlantMotor, PlantPlane, PlantProbe, PlantScale, PlantScrew, PlantSimple,
-    PlantSphere, PlantSpindle, PlantTable, PlantToolChanger, PlantVariation, TableFriction,
+    PlantBridge, PlantCrossTalk, PlantCutting, PlantCylinder, PlantDrive, PlantDriveHoming,
+    PlantEncoder, PlantFile, PlantFrame, PlantHomeSwitch, PlantInput, PlantLaw,
+    PlantMeasuredFriction, PlantMeasurement, PlantMotor, PlantPlane, PlantProbe, PlantScale,
+    PlantScrew, PlantSimple, PlantSphere, PlantSpindle, PlantTable, PlantToolChanger,
+    PlantVariation, TableFriction,
 };
 pub use load::{reference, schema};

@@ -5,9 +5,10 @@ use machine::{Axis, HomingMethod, Machine, PositionFeedback, ToolChanger};
 
 use crate::auxiliary::SimulatedAuxiliaries;
 use crate::axis::{AxisSettings, AxisSettingsError, AxisSimulation};
+use crate::bridge::Bridge;
 use crate::cross_talk::CrossTalk;
 use crate::drive::DriveParameters;
-use crate::drives::SimulatedDrives;
+use crate::drives::{BridgedAxes, SimulatedDrives};
 use crate::homing::SimulatedHoming;
 use crate::inputs::SimulatedInputs;
 use crate::plant_file::{PlantAxis, PlantFile};
@@ -60,6 +61,16 @@ pub enum SetupError {
         /// What else is wrong with it.
         why: String,
     },
+    /// A second motor drives nothing that its axis moves with.
+    #[error(
+        "axis {0}: is the second motor of a gantry in the machine file, but the plant file has no [axis.bridge] for it"
+    )]
+    NoBridge(String),
+    /// What a bridge joins in the plant is no gantry of the machine.
+    #[error(
+        "axis {0}: [axis.bridge] joins it to another motor, but the machine file has no [axis.gantry] for it"
+    )]
+    NoGantry(String),
     /// The encoder of an axis is incremental, and the machine file does not know it.
     #[error(
         "axis {0}: [axis.encoder] makes the encoder incremental, but the machine file has no [axis.homing] for the axis"
@@ -127,6 +138,7 @@ impl PlantFile {
         let inputs = SimulatedInputs::new(self.inputs.clone(), scan_s);
         let drives = SimulatedDrives::with_dead_time(simulations, dead_time_scans);
         self.judge_homing(machine)?;
+        let drives = drives.with_bridges(self.bridges(machine)?);
         let drives = drives.with_cross_talk(self.cross_talk(machine));
         let drives = drives.with_homing(|index, simulation| {
             let axis = self.axis(&machine.axes.get(index)?.name)?;
@@ -165,6 +177,35 @@ impl PlantFile {
             }
         }
         Ok(())
+    }
+
+    /// What joins the motors of the machine's gantries.
+    fn bridges(&self, machine: &Machine) -> Result<Vec<BridgedAxes>, SetupError> {
+        let mut bridges = Vec::new();
+        for (index, axis) in machine.axes.iter().enumerate() {
+            let plant = self.axis(&axis.name);
+            let pair = machine.gantries().find(|pair| pair.follower == index);
+            let of_plant = plant.and_then(|plant| Some((plant, plant.bridge?)));
+            match (pair, of_plant) {
+                (None, None) => {}
+                (None, Some(_)) => return Err(SetupError::NoGantry(axis.name.clone())),
+                (Some(_), None) => return Err(SetupError::NoBridge(axis.name.clone())),
+                (Some(pair), Some((second, bridge))) => {
+                    let first = self.bridged(second);
+                    let mass_kg = first.map_or(second.table.mass_kg, |axis| axis.table.mass_kg);
+                    bridges.push(BridgedAxes {
+                        first: pair.leader,
+                        second: pair.follower,
+                        bridge: Bridge::new(
+                            bridge.stiffness_n_per_um * 1e6,
+                            bridge.damping_ratio,
+                            [mass_kg, second.table.mass_kg],
+                        ),
+                    });
+                }
+            }
+        }
+        Ok(bridges)
     }
 
     /// What axes get of each other, by their indices in the machine file.
@@ -259,6 +300,7 @@ impl PlantFile {
                 return Err(SetupError::UnknownAxis(axis.name.clone()));
             }
         }
+        self.bridges(machine)?;
         machine
             .axes
             .iter()

@@ -18,7 +18,8 @@ use crate::{interpret, kinematics_of, read_program};
 /// The axes are where no program can start.
 pub fn tool_at(machine: &Machine, increments: &[i64]) -> Result<AxisVector, OutOfReach> {
     let mut axes = AxisVector::zeros();
-    for ((value, axis), increments) in axes.iter_mut().zip(&machine.axes).zip(increments) {
+    let named = axes.iter_mut().zip(machine.program_axes());
+    for ((value, axis), increments) in named.zip(increments) {
         *value = *increments as f64 * axis.increment_mm();
     }
     let kinematics = kinematics_of(machine);

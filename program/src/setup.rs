@@ -15,7 +15,7 @@ impl Setup {
     pub fn of(machine: &Machine) -> Setup {
         let mut work_offset = AxisVector::zeros();
         let mut axes: Vec<AxisSetup> = machine
-            .axes
+            .program_axes()
             .iter()
             .map(|axis| AxisSetup {
                 letter: axis.name.chars().next().unwrap_or('?'),

@@ -176,6 +176,12 @@ impl ManualController {
         }
     }
 
+    /// The same that counts a motor as settled after the time it takes, whatever the motor does.
+    pub(crate) fn settling_in_time(mut self) -> ManualController {
+        self.changeover.standing_increments = i64::MAX;
+        self
+    }
+
     /// One scan of the command generation.
     ///
     /// The command begins to move, and to brake when it is ordered to, only after as many scans as are looked ahead: so nothing

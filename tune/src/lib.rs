@@ -55,6 +55,15 @@ pub fn tune(options: &TuneOptions) -> Outcome {
     logs::init_launcher();
     let path = machine_file(&options.machine);
     let machine = Machine::load(&path).input()?;
+    if let Some(pair) = machine.gantries().next() {
+        let [first, second] = [pair.leader, pair.follower].map(|axis| machine.axis_name(axis));
+        let refused = anyhow!(
+            "{}: {first} and {second} are the two motors of a gantry: tune moves one motor at a time and would skew it; set the loops \
+             of such a machine by hand, or tune one end with the bridge taken off, as a machine of its own",
+            path.display()
+        );
+        return Err(refused).input();
+    }
     let reported = &options.lost_motion_um;
     let given_um = of_axes(&machine, "--lost-motion-um", reported, 0.0..=1000.0).input()?;
     let limits = motions::limits(&machine, options).input()?;

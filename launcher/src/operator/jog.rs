@@ -56,7 +56,7 @@ pub fn jog(options: &JogOptions) -> Outcome {
     let client = Client::to_order(options.to.cell.as_deref())?;
     let axis = client
         .machine
-        .axis_index(&letter.to_uppercase())
+        .program_axis_index(&letter.to_uppercase())
         .map_err(|e| Failure::Input(anyhow!(e)))?;
     let speed_mm_s = options.speed.unwrap_or(0.0) / 60.0;
     match (direction, options.distance) {

@@ -31,7 +31,8 @@ pub(super) struct AxisUnit {
     pub missed: u32,
     pub missed_in_a_row: u32,
     pub cause: Cause,
-    /// Code of its drive's fault, one that has stopped the axis until the trip is acknowledged; 0 without one.
+    /// Code of its drive's fault, one that has stopped the axis until the trip is acknowledged; 0 without one. Of a skew what it
+    /// was, in µm, signed.
     pub fault_code: u32,
     pub taken_incarnation: u32,
     /// Which of its servos is active.
@@ -42,6 +43,8 @@ pub(super) struct AxisUnit {
     pub standby: Standby,
     /// Its servo is silent or lost: the master commands it.
     pub silent: bool,
+    /// It is one of two motors of a gantry.
+    pub in_gantry: bool,
     /// How the master does.
     pub substitute: Substitute,
     /// What the master guards itself, whatever the servo says.
@@ -98,6 +101,10 @@ impl AxisUnit {
             followed: false,
             standby: Standby::default(),
             silent: false,
+            in_gantry: machine
+                .gantries()
+                .flat_map(|pair| [pair.leader, pair.follower])
+                .any(|index| machine.axis_name(index) == settings.name),
             substitute: Substitute::new(machine, settings),
             guards: guards(settings),
             driver: Driver::Program,
@@ -167,7 +174,10 @@ impl AxisUnit {
         match drive.state {
             DriveState::Fault { code } => self.fault_code = code,
             DriveState::Lost { code } if self.cause != Cause::DriveLost => self.fault_code = code,
-            _ if matches!(self.cause, Cause::DriveFault | Cause::DriveLost) => {}
+            _ if matches!(
+                self.cause,
+                Cause::DriveFault | Cause::DriveLost | Cause::Skew
+            ) => {}
             DriveState::Ready | DriveState::Off | DriveState::Lost { .. } => self.fault_code = 0,
         }
     }

@@ -2,6 +2,9 @@
 //!
 //! Each search is a motion of the servo's manual controller. Where the axis is known is latched as what has to be added to the raw
 //! position of its drive; it takes effect while the drive holds the axis by itself, so that no loop sees it jump.
+//!
+//! The two motors of a gantry move together, and a motion ends when both have found what they look for, each by its own switch and
+//! index. Once both know their places the bridge is squared: the second motor is commanded to be where the first is.
 
 #![deny(
     clippy::unwrap_used,
@@ -58,15 +61,38 @@ enum Step {
     Set,
 }
 
+/// One motor of the axis that is being homed.
+#[derive(Debug, Clone, Copy)]
+struct Motor {
+    /// Its place among the axes.
+    axis: usize,
+    /// What it looks for.
+    step: Step,
+    /// What it has found leads to this step, once the other motor has found it too.
+    next: Option<Step>,
+    /// Raw position of the reference point, in increments, once it is known.
+    reference: Option<i64>,
+}
+
+impl Motor {
+    fn new(axis: usize, step: Step) -> Motor {
+        Motor {
+            axis,
+            step,
+            next: None,
+            reference: None,
+        }
+    }
+}
+
 /// Axes that are being homed.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Homing {
     /// Axes that wait, a bit each.
     waiting: u32,
-    axis: usize,
-    step: Step,
-    /// Raw position of the reference point, in increments, once it is known.
-    reference: Option<i64>,
+    /// The axis's own motor, and its second one.
+    motor: Motor,
+    second: Option<Motor>,
     /// The step's motion has been begun, and scans since.
     begun: bool,
     scans: u64,
@@ -77,7 +103,16 @@ pub(super) struct Homing {
 impl Homing {
     /// Whether the drive of this axis is to home it.
     pub fn by_drive(&self, index: usize) -> bool {
-        self.axis == index && self.begun && self.step == Step::Drive && !self.ends
+        let motor = &self.motor;
+        motor.axis == index && self.begun && motor.step == Step::Drive && !self.ends
+    }
+
+    fn motors(&self) -> impl Iterator<Item = &Motor> {
+        std::iter::once(&self.motor).chain(&self.second)
+    }
+
+    fn motors_mut(&mut self) -> impl Iterator<Item = &mut Motor> {
+        std::iter::once(&mut self.motor).chain(&mut self.second)
     }
 }
 
@@ -223,13 +258,16 @@ impl<D: Drives> Master<D> {
         if bits.fract() != 0.0 || !(0.0..=f64::from(u32::MAX)).contains(&bits) {
             return Err(Refused::BadValue.into());
         }
-        if bits as u64 & !all != 0 {
+        let followers = self.gantries.iter();
+        let followers = followers.fold(0u64, |bits, pair| bits | 1 << pair.follower.min(63));
+        if bits as u64 & (!all | followers) != 0 {
             return Err(Refused::UnknownAxis.into());
         }
         let homes = self
             .axes
             .iter()
             .enumerate()
+            .filter(|(index, _)| !self.is_follower(*index))
             .fold(0, |homes, (index, axis)| {
                 homes | u32::from(axis.settings.homing.is_some()) << index
             });
@@ -264,23 +302,32 @@ impl<D: Drives> Master<D> {
             self.end_jog();
             return;
         };
-        let Some(axis) = self.axes.get_mut(index) else {
-            return;
-        };
-        axis.reference = Reference::Searching;
-        let step = match homing.method {
+        let second = self.led_by(index).map(|pair| pair.follower);
+        let mut leaves = false;
+        for motor in [Some(index), second].into_iter().flatten() {
+            let Some(axis) = self.axes.get_mut(motor) else {
+                return;
+            };
+            axis.reference = Reference::Searching;
+            let settings = axis.settings.homing;
+            leaves |= settings.is_some_and(|of| axis.switch_is_actuated(&of, inputs));
+        }
+        let first_step = |axis: &AxisUnit| match homing.method {
             HomingMethod::Drive => Step::Drive,
             HomingMethod::Index => Step::Index {
                 from: axis.raw_position(),
             },
-            _ if axis.switch_is_actuated(&homing, inputs) => Step::Leave,
+            _ if leaves => Step::Leave,
             _ => Step::Search,
+        };
+        let motor = |axis: usize| {
+            let step = self.axes.get(axis).map_or(Step::Search, first_step);
+            Motor::new(axis, step)
         };
         self.homing = Some(Homing {
             waiting: waiting & !(1 << index),
-            axis: index,
-            step,
-            reference: None,
+            motor: motor(index),
+            second: second.map(motor),
             begun: false,
             scans: 0,
             ends: false,
@@ -294,7 +341,7 @@ impl<D: Drives> Master<D> {
         let Some(mut homing) = self.homing else {
             return;
         };
-        let Some(axis) = self.axes.get_mut(homing.axis) else {
+        let Some(axis) = self.axes.get_mut(homing.motor.axis) else {
             return;
         };
         let Some(settings) = axis.settings.homing else {
@@ -318,7 +365,7 @@ impl<D: Drives> Master<D> {
         } else if axis.driver == Driver::Drive {
             self.hold_step(&settings);
         } else {
-            self.move_step(&settings, rests, inputs);
+            self.move_step(rests, inputs);
         }
     }
 
@@ -327,62 +374,90 @@ impl<D: Drives> Master<D> {
         let Some(homing) = &mut self.homing else {
             return;
         };
-        let Some(axis) = self.axes.get_mut(homing.axis) else {
+        let Motor {
+            axis: index, step, ..
+        } = homing.motor;
+        let Some(axis) = self.axes.get_mut(index) else {
             return;
         };
-        let (speed_mm_s, sign, driver) = axis.motion(settings, homing.step);
+        let (speed_mm_s, sign, driver) = axis.motion(settings, step);
         let distance_mm = axis.settings.search_distance_mm();
         let way = axis.increments(distance_mm).saturating_mul(sign);
         axis.jog_target = axis.command_position.saturating_add(way);
         axis.driver = driver;
         (homing.begun, homing.scans) = (true, 0);
-        let patience_s = match homing.step {
+        let patience_s = match step {
             Step::Drive => settings.patience_s,
             Step::Set => PATIENCE_S,
             _ => PATIENCE_SHARE * distance_mm / speed_mm_s + PATIENCE_S,
         };
         // It ends by itself before; `Step::Drive` looks at the time on its own.
         self.jog_patience_scans = libm::ceil((patience_s + PATIENCE_S) / self.scan_period_s) as u64;
+        self.follow_by_hand(index);
     }
 
     /// One scan of a step that the servo drives.
-    fn move_step(&mut self, settings: &Settings, rests: bool, inputs: u64) {
-        let Some(homing) = &mut self.homing else {
+    fn move_step(&mut self, rests: bool, inputs: u64) {
+        let Some(mut homing) = self.homing else {
             return;
         };
-        let Some(axis) = self.axes.get_mut(homing.axis) else {
-            return;
-        };
-        if axis.driver == Driver::ManualStop {
+        let driver = self.axes.get(homing.motor.axis).map(|axis| axis.driver);
+        if driver == Some(Driver::ManualStop) {
             if rests {
-                axis.driver = Driver::Program;
+                self.drive_homing(&homing, Driver::Program);
                 homing.begun = false;
+                self.homing = Some(homing);
             }
             return;
         }
-        let found = match axis.look(settings, homing.step, inputs) {
-            Found::Nothing if rests => Found::Failed(match homing.step {
-                Step::Index { .. } => Cause::HomeIndex,
-                _ => Cause::HomeSwitch,
-            }),
-            found => found,
-        };
-        match found {
-            Found::Nothing => {}
-            Found::GoOn(step) => homing.step = step,
-            Found::Stop(step) => {
-                let index = axis.drive.index_mm.map(|mm| axis.increments(mm));
-                homing.reference = match homing.step {
-                    Step::Index { .. } => index,
-                    Step::Edge => Some(axis.raw_position()),
-                    _ => None,
-                };
-                homing.step = step;
-                axis.driver = Driver::ManualStop;
+        let mut failed = None;
+        for motor in homing.motors_mut().filter(|motor| motor.next.is_none()) {
+            let Some(axis) = self.axes.get(motor.axis) else {
+                return;
+            };
+            let Some(settings) = &axis.settings.homing else {
+                return;
+            };
+            let found = match axis.look(settings, motor.step, inputs) {
+                Found::Nothing if rests => Found::Failed(match motor.step {
+                    Step::Index { .. } => Cause::HomeIndex,
+                    _ => Cause::HomeSwitch,
+                }),
+                found => found,
+            };
+            match found {
+                Found::Nothing => {}
+                Found::GoOn(step) => motor.step = step,
+                Found::Stop(step) => {
+                    let index = axis.drive.index_mm.map(|mm| axis.increments(mm));
+                    motor.reference = match motor.step {
+                        Step::Index { .. } => index,
+                        Step::Edge => Some(axis.raw_position()),
+                        _ => None,
+                    };
+                    motor.next = Some(step);
+                }
+                Found::Failed(cause) => failed = failed.or(Some((cause, motor.axis as u32))),
             }
-            Found::Failed(cause) => {
-                let axis = homing.axis as u32;
-                self.fail_homing(cause, axis);
+        }
+        if let Some((cause, axis)) = failed {
+            self.homing = Some(homing);
+            return self.fail_homing(cause, axis);
+        }
+        if homing.motors().all(|motor| motor.next.is_some()) {
+            for motor in homing.motors_mut() {
+                motor.step = motor.next.take().unwrap_or(motor.step);
+            }
+            self.drive_homing(&homing, Driver::ManualStop);
+        }
+        self.homing = Some(homing);
+    }
+
+    /// Gives the motors of the axis that is being homed another driver.
+    fn drive_homing(&mut self, homing: &Homing, driver: Driver) {
+        for motor in homing.motors() {
+            if let Some(axis) = self.axes.get_mut(motor.axis) {
+                axis.driver = driver;
             }
         }
     }
@@ -393,36 +468,65 @@ impl<D: Drives> Master<D> {
         let Some(homing) = &mut self.homing else {
             return;
         };
-        let index = homing.axis;
-        let Some(axis) = self.axes.get_mut(index) else {
-            return;
-        };
-        if homing.step == Step::Drive {
-            if axis.drive.referenced {
-                homing.step = Step::Set;
+        let index = homing.motor.axis;
+        if homing.motor.step == Step::Drive {
+            let axis = self.axes.get(index);
+            if axis.is_some_and(|axis| axis.drive.referenced) {
+                homing.motor.step = Step::Set;
                 homing.scans = 0;
             } else if homing.scans > patience {
                 self.trip(Cause::HomeDrive, index as u32);
             }
             return;
         }
-        let stands = axis.drive.velocity_mm_s.abs() < STANDSTILL_MM_S;
-        if homing.scans <= HOLD_SCANS || !stands {
+        let scans = homing.scans;
+        let stands = homing.motors().all(|motor| {
+            let axis = self.axes.get(motor.axis);
+            axis.is_none_or(|axis| axis.drive.velocity_mm_s.abs() < STANDSTILL_MM_S)
+        });
+        if scans <= HOLD_SCANS || !stands {
             return;
         }
-        if let Some(reference) = homing.reference.take() {
-            let position = axis.increments(settings.position_mm);
-            axis.offset = position.saturating_sub(reference);
-            axis.command_position = axis.feedback_position();
-            homing.scans = 0;
+        if self.set_references() {
             self.auxiliary.latched();
             return;
         }
-        axis.reference = Reference::Known;
-        axis.driver = Driver::Program;
-        let waiting = homing.waiting;
+        let Some(homing) = self.homing else {
+            return;
+        };
+        for motor in homing.motors() {
+            if let Some(axis) = self.axes.get_mut(motor.axis) {
+                axis.reference = Reference::Known;
+                axis.driver = Driver::Program;
+            }
+        }
         self.auxiliary.latched();
-        self.home_next(waiting);
+        self.home_next(homing.waiting);
+    }
+
+    /// Gives the motors the places that they have found; false once that is done.
+    fn set_references(&mut self) -> bool {
+        let Some(homing) = &mut self.homing else {
+            return false;
+        };
+        let mut sets = false;
+        for motor in homing.motors_mut() {
+            let axis = self.axes.get_mut(motor.axis);
+            let Some((reference, axis)) = motor.reference.take().zip(axis) else {
+                continue;
+            };
+            let position_mm = axis
+                .settings
+                .homing
+                .map_or(0.0, |homing| homing.position_mm);
+            axis.offset = axis.increments(position_mm).saturating_sub(reference);
+            axis.command_position = axis.feedback_position();
+            sets = true;
+        }
+        if sets {
+            homing.scans = 0;
+        }
+        sets
     }
 
     /// What was looked for is not there: the axis comes to rest, and whoever ordered it sees why.
@@ -446,10 +550,13 @@ impl<D: Drives> Master<D> {
         let Some(homing) = self.homing.take() else {
             return;
         };
-        if let Some(axis) = self.axes.get_mut(homing.axis) {
-            axis.reference = Reference::Missing;
-            axis.judge_reference();
+        for motor in homing.motors() {
+            if let Some(axis) = self.axes.get_mut(motor.axis) {
+                axis.reference = Reference::Missing;
+                axis.judge_reference();
+            }
         }
+        self.align_gantries();
         self.auxiliary.latched();
     }
 

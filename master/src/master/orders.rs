@@ -351,6 +351,7 @@ impl<D: Drives> Master<D> {
             return Err(Refused::InThread.into());
         }
         let unit = self.axes.get(axis as usize);
+        let unit = unit.filter(|_| !self.is_follower(axis as usize));
         Ok(unit.ok_or(Refused::UnknownAxis)?)
     }
 
@@ -369,7 +370,7 @@ impl<D: Drives> Master<D> {
         }
     }
 
-    /// The manual controller takes the axis so many increments further.
+    /// The manual controller takes the axis so many increments further, with both motors of a gantry.
     pub(super) fn begin_jog(&mut self, axis: usize, distance: i64, speed_mm_s: Option<f64>) {
         self.continuous_jog = None;
         self.set_jog_speed(axis, distance, speed_mm_s);
@@ -377,6 +378,7 @@ impl<D: Drives> Master<D> {
             unit.jog_target = unit.command_position.saturating_add(distance);
             unit.driver = Driver::Manual;
         }
+        self.follow_by_hand(axis);
         self.jog_from = self.mode;
         self.mode = Mode::Jogging;
         self.windows.drop_all(self.scan, Dropped::LeavesPath);

@@ -122,7 +122,7 @@ impl AxisUnit {
     }
 
     /// Commands an axis with a closed loop whose servo is silent or lost, along the window until that ends at rest: the fault
-    /// waits until then. A jog comes to rest where it can.
+    /// waits until then. A jog comes to rest where it can; one of a gantry trips at once, so that both motors brake together.
     pub(super) fn bridge_silence(
         &mut self,
         taken: &Taken,
@@ -134,6 +134,9 @@ impl AxisUnit {
         let missed = matches!(taken, Taken::Missed) && self.missed_in_a_row >= SILENT_SCANS;
         let by_hand = self.driver != Driver::Program;
         let never_commanded = self.command.incarnation == 0;
+        if missed && by_hand && self.in_gantry && fault == Cause::None {
+            return Cause::Watchdog;
+        }
         if !(lost || missed) || lost && by_hand || never_commanded {
             return fault;
         }

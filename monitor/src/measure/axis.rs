@@ -35,6 +35,8 @@ pub struct AxisMeter {
     pub winding_k_peak: f64,
     /// Scans without a command in time.
     pub missed_scans: u32,
+    /// Of a second motor its position less that of its axis's first, in mm, while the drives were on.
+    pub skew_mm: Statistics,
     /// As many had been missed when the run began.
     pub missed_before: u32,
     /// Prediction of the feedback position; none where it is off.

@@ -63,6 +63,22 @@ pub struct AxisReport {
     pub ambient_c: f64,
     /// What the prediction of the feedback does; null where it is off.
     pub prediction: Option<PredictionReport>,
+    /// Of the second motor of a gantry; left out of all others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gantry: Option<GantryReport>,
+}
+
+/// The skew of a gantry: position of its second motor less that of its first, while the drives were on.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct GantryReport {
+    /// The axis whose second motor it is.
+    pub leader: String,
+    /// Largest magnitude.
+    pub skew_um_peak: f64,
+    /// Root mean square.
+    pub skew_um_rms: f64,
+    /// The limit of the machine file.
+    pub skew_um_max: f64,
 }
 
 /// Prediction of the feedback position of one axis (docs/methods/prediction.md), all rms while the drives were on. Of a rotary
@@ -163,6 +179,12 @@ impl AxisReport {
             winding_c_peak: r3(AMBIENT_C + meter.winding_k_peak),
             ambient_c: AMBIENT_C,
             prediction: prediction.map(|p| PredictionReport::of(p, axis.kind, scan_period_s)),
+            gantry: axis.gantry.as_ref().map(|gantry| GantryReport {
+                leader: gantry.leader.clone(),
+                skew_um_peak: r3(meter.skew_mm.peak * 1e3),
+                skew_um_rms: r3(meter.skew_mm.rms() * 1e3),
+                skew_um_max: r3(gantry.skew_max_mm * 1e3),
+            }),
         }
     }
 

@@ -564,7 +564,13 @@ fn drives(report: &Report) -> Section {
     let foreign = report.axes.iter().filter_map(friction_of_another_kind);
     let mut blocks = vec![
         Block::Table(table.done()),
-        Block::List(predictions.chain(cut).chain(foreign).collect()),
+        Block::List(
+            predictions
+                .chain(cut)
+                .chain(foreign)
+                .chain(skews(report))
+                .collect(),
+        ),
     ];
     if let Some(axis) = report.axes.first() {
         let ambient_c = axis.ambient_c;
@@ -573,6 +579,21 @@ fn drives(report: &Report) -> Section {
         )));
     }
     section("Drives", blocks)
+}
+
+/// How far apart the two motors of each gantry were.
+fn skews(report: &Report) -> impl Iterator<Item = String> + '_ {
+    report.axes.iter().filter_map(|axis| {
+        let gantry = axis.gantry.as_ref()?;
+        Some(format!(
+            "{leader} and {}: skew of the gantry at most {:.2} µm, {:.2} µm rms; {:.0} µm are allowed",
+            axis.axis,
+            gantry.skew_um_peak,
+            gantry.skew_um_rms,
+            gantry.skew_um_max,
+            leader = gantry.leader,
+        ))
+    })
 }
 
 fn foot(report: &Report) -> Section {

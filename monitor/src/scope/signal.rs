@@ -3,7 +3,7 @@
 use bus::sample::{AxisCommand, AxisFeedback, BusCycle, Feedback, Instruments, Mode};
 use control::kinematics::Kinematics;
 use control::path::{AxisVector, Path};
-use machine::{AxisKind, Machine, PositionFeedback};
+use machine::{AxisKind, GantryPair, Machine, PositionFeedback};
 
 use super::error::ScopeError;
 use crate::measure::align::ScanSet;
@@ -441,6 +441,7 @@ pub struct Eyes {
     increment_mm: Vec<f64>,
     by_scale: Vec<bool>,
     kinematics: Kinematics,
+    gantries: Vec<GantryPair>,
     /// Path of the program, once it is known.
     pub path: Option<KnownPath>,
 }
@@ -456,6 +457,7 @@ impl Eyes {
                 .map(|a| a.feedback == PositionFeedback::Scale)
                 .collect(),
             kinematics: program::kinematics_of(machine),
+            gantries: machine.gantries().collect(),
             path: None,
         }
     }
@@ -533,6 +535,9 @@ impl Eyes {
                 let rows = instruments.table_mm.iter().take(self.increment_mm.len());
                 for (to, row) in table_mm.iter_mut().zip(rows) {
                     *to = *row.get(last)?;
+                }
+                for pair in &self.gantries {
+                    pair.meet(table_mm.as_mut_slice());
                 }
                 let tool_mm = self.kinematics.tool(&table_mm);
                 contour::error_mm(&path()?.path, &feedback.tag, &tool_mm)? * 1e3

@@ -211,8 +211,10 @@ pub struct PlantInput {
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlantAxis {
-    /// Its letter, as in the machine file.
-    #[schemars(extend("enum" = ["X", "Y", "Z", "A", "B", "C", "U", "V", "W"]))]
+    /// Its name, as in the machine file.
+    #[schemars(extend("enum" = [
+        "X", "Y", "Z", "A", "B", "C", "U", "V", "W", "X2", "Y2", "Z2", "A2", "B2", "C2", "U2", "V2", "W2"
+    ]))]
     pub name: String,
     /// Linear or rotary. A rotary axis has the keys of a slide in units of its own: degrees for mm, and torques about the axis.
     #[schemars(extend("default" = "linear"))]
@@ -231,6 +233,9 @@ pub struct PlantAxis {
     /// Table.
     #[schemars(extend("unless" = "simple"))]
     pub table: PlantTable,
+    /// The bridge that joins the table of a second motor (`X2`) to that of its axis (`X`). Each of the two has its own part of the
+    /// mass and the friction.
+    pub bridge: Option<PlantBridge>,
     /// Linear scale, where there is one.
     pub scale: Option<PlantScale>,
     /// The motor encoder is incremental, and begins anywhere. Without this table it is absolute.
@@ -299,6 +304,18 @@ pub struct PlantSimple {
     /// Backlash gap between them.
     #[schemars(extend("unit" = "µm", "minimum" = 0, "maximum" = 1000, "default" = 0.0))]
     pub gap_um: f64,
+}
+
+/// The bridge of a gantry ([equations](../methods/physics.md#a-bridge-between-two-motors)).
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantBridge {
+    /// Force between its two ends for each µm that one is ahead of the other.
+    #[schemars(extend("unit" = "N/µm", "minimum" = 0.01, "maximum" = 10_000, "default" = 20.0))]
+    pub stiffness_n_per_um: f64,
+    /// Damping of the two ends against each other.
+    #[schemars(extend("minimum" = 0, "maximum" = 1, "default" = 0.05))]
+    pub damping_ratio: f64,
 }
 
 /// An incremental encoder. It keeps its position as long as the simulation runs, whoever is killed.
@@ -505,6 +522,12 @@ pub struct PlantMeasurement {
     /// Seed of the noise.
     #[schemars(extend("minimum" = 0, "maximum" = 4_294_967_295_u64, "default" = 1))]
     pub seed: u64,
+    /// The encoder's coupling slips once: from then on it shows so much more, of travel. A fault to try what the machine does.
+    #[schemars(extend("unit" = "µm", "minimum" = -100_000, "maximum" = 100_000, "default" = 0.0))]
+    pub slip_um: f64,
+    /// When it slips, from the first scan on.
+    #[schemars(extend("unit" = "s", "minimum" = 0, "maximum" = 1_000_000, "default" = 0.0))]
+    pub slip_at_s: f64,
 }
 
 /// By which law a contact rubs.

@@ -1,5 +1,7 @@
 //! What the simulation takes from the plant file, in its own units.
 
+use machine::SECOND_MOTOR;
+
 use crate::attached_mass::AttachedMass;
 use crate::cutting::Cutting;
 use crate::frame::Frame;
@@ -16,6 +18,12 @@ impl PlantFile {
     /// The axis of this name.
     pub fn axis(&self, name: &str) -> Option<&PlantAxis> {
         self.axes.iter().find(|axis| axis.name == name)
+    }
+
+    /// The axis whose table a bridge joins to this one's.
+    pub fn bridged(&self, axis: &PlantAxis) -> Option<&PlantAxis> {
+        axis.bridge?;
+        self.axis(axis.name.strip_suffix(SECOND_MOTOR)?)
     }
 
     /// The microstep in whole nanoseconds.
@@ -133,6 +141,9 @@ impl PlantAxis {
             torque_step_nm: of.torque_step_percent * percent_nm,
             torque_noise_nm: of.torque_noise_percent * percent_nm,
             seed: of.seed,
+            slip_m: of.slip_um * 1e-6,
+            slip_at_s: of.slip_at_s,
+            scan_s,
         })
     }
 

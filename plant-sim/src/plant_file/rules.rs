@@ -35,6 +35,13 @@ pub fn judge(rules: &mut Rules<'_>, plant: &PlantFile) {
         if let Some(of) = &axis.simple {
             simple::judge(rules, at, axis, of);
         }
+        if axis.bridge.is_some() && plant.bridged(axis).is_none() {
+            let what = format!(
+                "needs the name of a second motor, such as \"X2\" with another axis \"X\": {:?} is none, or its axis is not there",
+                axis.name
+            );
+            rules.say(&["bridge"], at, &what);
+        }
         if let Some(of) = &axis.screw.transmission {
             transmission::judge(rules, at, &["screw"], of, axis.kind);
         }
@@ -76,7 +83,13 @@ pub fn judge(rules: &mut Rules<'_>, plant: &PlantFile) {
     // Only what is right by itself can be judged against the microstep.
     if rules.all_kept() {
         for (index, axis) in plant.axes.iter().enumerate() {
-            microstep(rules, Some((index, axis.name.as_str())), axis, step_us);
+            microstep(
+                rules,
+                plant,
+                Some((index, axis.name.as_str())),
+                axis,
+                step_us,
+            );
         }
     }
 }
@@ -242,13 +255,16 @@ impl PlantFile {
     /// Whether the microstep resolves every vibration and decay, as a file's must.
     pub fn microstep_fits(&self) -> bool {
         let step_s = self.microstep_us * 1e-6;
-        let mut all = self.axes.iter().flat_map(|axis| swinging(axis, step_s));
+        let mut all = self
+            .axes
+            .iter()
+            .flat_map(|axis| swinging(self, axis, step_s));
         all.all(|mass| mass.is_resolved(step_s))
     }
 }
 
 /// All masses of an axis. What swings together with another one is stiffer by both springs, and on a frame the table is lighter.
-fn swinging(axis: &PlantAxis, step_s: f64) -> Vec<Swinging> {
+fn swinging(plant: &PlantFile, axis: &PlantAxis, step_s: f64) -> Vec<Swinging> {
     let m = axis.mechanics(step_s);
     let hysteresis = &axis.screw.hysteresis_um;
     let slips = axis.screw.hysteresis_n.iter().zip(hysteresis);
@@ -263,6 +279,21 @@ fn swinging(axis: &PlantAxis, step_s: f64) -> Vec<Swinging> {
     };
     let mut table = contact("table", m.table_mass_kg, &m.table_friction);
     let mut all = vec![contact("motor", m.motor_mass_kg, &m.motor_friction)];
+    let joins = |other: &&PlantAxis| {
+        let first = plant.bridged(other);
+        other.name == axis.name || first.is_some_and(|first| first.name == axis.name)
+    };
+    let bridge = plant
+        .axes
+        .iter()
+        .filter(joins)
+        .find_map(|other| other.bridge);
+    if let Some(of) = bridge {
+        let stiffness_n_per_m = of.stiffness_n_per_um * 1e6;
+        table.spring_n_per_m += stiffness_n_per_m;
+        table.damper_n_s_per_m +=
+            2.0 * of.damping_ratio * (stiffness_n_per_m * table.mass_kg).sqrt();
+    }
     if let Some(of) = &axis.attached_mass {
         let name = "attached mass";
         let attached = Swinging::ringing(name, of.mass_kg, of.frequency_hz, of.damping_ratio);
@@ -280,9 +311,15 @@ fn swinging(axis: &PlantAxis, step_s: f64) -> Vec<Swinging> {
 }
 
 /// Whether the microstep resolves the stiffest vibration and the fastest decay of each mass.
-fn microstep(rules: &mut Rules<'_>, at: At<'_>, axis: &PlantAxis, microstep_us: f64) {
+fn microstep(
+    rules: &mut Rules<'_>,
+    plant: &PlantFile,
+    at: At<'_>,
+    axis: &PlantAxis,
+    microstep_us: f64,
+) {
     let step_s = microstep_us * 1e-6;
-    for mass in swinging(axis, step_s) {
+    for mass in swinging(plant, axis, step_s) {
         if mass.is_resolved(step_s) {
             continue;
         }

@@ -120,7 +120,7 @@ fn request(entry: &Entry, machine: &Machine) -> Result<OperatorRequest, String> 
     }
     let axis = match &entry.axis {
         None => 0,
-        Some(letter) => machine.axis_index(letter)?,
+        Some(letter) => machine.program_axis_index(letter)?,
     };
     Ok(OperatorRequest {
         order: order as u32,

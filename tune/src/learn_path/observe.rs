@@ -41,6 +41,10 @@ pub(crate) fn observe(
         program::kinematics_of(machine) == Kinematics::Cartesian,
         "learns along the path only where each axis moves the tool in a straight line of its own"
     );
+    ensure!(
+        machine.gantries().next().is_none(),
+        "learns along the path only where each axis has one motor"
+    );
     let Some(RunPath::Whole(path)) = monitor::report::run_path(run_dir)? else {
         bail!("the program has too many elements to be learned along its path");
     };

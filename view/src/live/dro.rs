@@ -136,7 +136,8 @@ pub fn of(model: &Model) -> Dro {
         dro.speed_word = Some(modal.speed);
         if is_plain {
             let work = modal.in_program(&place(machine, feedback));
-            for (slot, value) in dro.work.iter_mut().zip(work.iter()) {
+            let named = dro.work.iter_mut().take(machine.program_axes().len());
+            for (slot, value) in named.zip(work.iter()) {
                 *slot = Some(without_sign_of_nothing(*value));
             }
         }
@@ -191,7 +192,8 @@ fn along_the_path(dro: &mut Dro, model: &Model, feedback: &Feedback, is_plain: b
         .take_while(|other| other.line == element.line);
     if is_plain && let Some(last) = of_block.last() {
         let way = last.end() - place(&model.machine, feedback);
-        for (slot, value) in dro.distance_to_go.iter_mut().zip(way.iter()) {
+        let named = model.machine.program_axes().len();
+        for (slot, value) in dro.distance_to_go.iter_mut().take(named).zip(way.iter()) {
             *slot = Some(without_sign_of_nothing(*value));
         }
     }
@@ -235,7 +237,7 @@ fn moves_rotary_axes_alone(machine: &Machine, element: &Element) -> bool {
 
 /// Speed of the axes of a kind together, in mm/min or degrees/min.
 fn speed_mm_min(model: &Model, kind: AxisKind) -> f64 {
-    let axes = model.machine.axes.iter().zip(&model.axes);
+    let axes = model.machine.program_axes().iter().zip(&model.axes);
     let of_kind = axes.filter(|(axis, _)| axis.kind == kind);
     let square: f64 = of_kind.map(|(_, of)| of.velocity_mm_s.powi(2)).sum();
     square.sqrt() * 60.0

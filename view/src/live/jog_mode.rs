@@ -85,7 +85,7 @@ impl JogMode {
             axis: 0,
             step: None,
             speed: speed.unwrap_or(0),
-            letters: machine.axes.iter().filter_map(letter).collect(),
+            letters: machine.program_axes().iter().filter_map(letter).collect(),
             asks,
             answers,
         }

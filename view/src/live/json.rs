@@ -194,6 +194,9 @@ struct AxisOf<'a> {
     standby_differences: u32,
     /// absolute, no reference, homed, not homed, homing.
     reference: &'static str,
+    /// Of the second motor of a gantry: its position less that of the axis's first.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    skew_um: Option<f64>,
     alarm: Option<String>,
 }
 
@@ -562,9 +565,13 @@ impl From<LinearOf> for RotaryOf {
 
 fn axes<'a>(model: &'a Model, dro: &Dro) -> Vec<AxisOf<'a>> {
     let each = model.axes.iter().enumerate();
-    let each = each.map(|(index, axis)| (axis, own_units(model, dro, index, axis)));
-    each.map(|(axis, (linear, rotary))| AxisOf {
+    let each = each.map(|(index, axis)| {
+        let readout = own_units(model, dro, index, axis);
+        (axis, model.skew_um(index), readout)
+    });
+    each.map(|(axis, skew_um, (linear, rotary))| AxisOf {
         axis: &axis.name,
+        skew_um: skew_um.map(|um| rounded(um, 3)),
         linear,
         rotary,
         unit: axis.unit,

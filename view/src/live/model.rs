@@ -10,7 +10,7 @@ use bus::sample::{
 };
 use control::kinematics::Kinematics;
 use control::path::{AxisVector, Element, Feed, Shape};
-use machine::{Machine, Process};
+use machine::{GantryPair, Machine, Process};
 use monitor::measure::contour;
 use program::{Modal, Program};
 use remote::wire::ProcessState;
@@ -250,6 +250,20 @@ impl Model {
         }
     }
 
+    /// The gantries of the machine, each with its skew in µm, as far as it is known.
+    pub fn skews(&self) -> impl Iterator<Item = (GantryPair, f64)> + '_ {
+        let gantries = self.machine.gantries();
+        gantries.filter_map(|pair| Some((pair, self.skew_um(pair.follower)?)))
+    }
+
+    /// How far the second motor of a gantry is ahead of its axis's first, in µm; none of other motors.
+    pub fn skew_um(&self, axis: usize) -> Option<f64> {
+        let mut gantries = self.machine.gantries();
+        let pair = gantries.find(|pair| pair.follower == axis)?;
+        let feedback = self.feedback.as_ref()?;
+        Some(self.machine.skew_mm(&pair, feedback) * 1e3)
+    }
+
     /// Takes what the instruments saw of a scan.
     pub fn instruments(&mut self, sample: &Instruments) {
         let last = (sample.subsamples as usize).clamp(1, MAX_SUBSAMPLES) - 1;
@@ -261,6 +275,7 @@ impl Model {
         {
             *to = from.get(last).copied().unwrap_or(0.0);
         }
+        self.machine.to_program_axes(table_mm.as_mut_slice());
         self.take_trail(sample.scan, &table_mm);
         let (Some(note), Some(program)) = (self.track.of_mut(sample.scan), &self.program) else {
             return;

@@ -91,7 +91,8 @@ fn readout(text: &mut String, model: &Model) {
     if let Some(offset) = dro.work_offset {
         let _ = write!(text, "    work offset {offset}");
     }
-    for (index, axis) in model.axes.iter().enumerate() {
+    let named = model.machine.program_axes().len();
+    for (index, axis) in model.axes.iter().enumerate().take(named) {
         let of = |values: &[Option<f64>]| number(values.get(index).copied().flatten());
         let _ = write!(
             text,
@@ -101,6 +102,16 @@ fn readout(text: &mut String, model: &Model) {
             of(&dro.work),
             axis.command_mm,
             of(&dro.distance_to_go)
+        );
+    }
+    for (pair, skew_um) in model.skews() {
+        let name = |index| model.machine.axis_name(index);
+        let _ = write!(
+            text,
+            "\n  skew of {} and {} {skew_um:+.1} µm, at most {:.0}",
+            name(pair.leader),
+            name(pair.follower),
+            pair.skew_max_mm * 1e3
         );
     }
     if let Some(feed) = dro.feed_mm_min {

@@ -260,6 +260,7 @@ fn cause_label(cause: Cause) -> &'static str {
         Cause::HomeIndex => "home-index",
         Cause::HomeDrive => "home-drive",
         Cause::EmergencyStop => "emergency-stop",
+        Cause::Skew => "skew",
     }
 }
 

@@ -186,6 +186,8 @@ const RIGHT: PlantMeasurement = PlantMeasurement {
     torque_step_percent: 0.0,
     torque_noise_percent: 0.0,
     seed: 1,
+    slip_um: 0.0,
+    slip_at_s: 0.0,
 };
 
 fn each(plant: &mut PlantFile, edit: impl Fn(&mut PlantAxis)) {

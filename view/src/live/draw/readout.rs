@@ -42,7 +42,8 @@ fn positions(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>, dro: &Dro, 
         "axis", "work", "machine", "distance to go"
     );
     let mut lines = vec![Line::styled(heading, palette.title())];
-    for (index, axis) in screen.model.axes.iter().enumerate() {
+    let named = screen.model.machine.program_axes().len();
+    for (index, axis) in screen.model.axes.iter().enumerate().take(named) {
         let of = |values: &[Option<f64>]| number(values.get(index).copied().flatten());
         if spaced {
             lines.push(Line::raw(""));
@@ -54,6 +55,15 @@ fn positions(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>, dro: &Dro, 
             Span::raw(format!("{:>18}", number(Some(axis.command_mm)))),
             Span::raw(format!("{:>18}", of(&dro.distance_to_go))),
         ]));
+    }
+    for (pair, skew_um) in screen.model.skews() {
+        let name = |index| screen.model.machine.axis_name(index);
+        lines.push(Line::raw(format!(
+            "  skew of {} and {} {skew_um:+.1} µm, at most {:.0}",
+            name(pair.leader),
+            name(pair.follower),
+            pair.skew_max_mm * 1e3
+        )));
     }
     frame.render_widget(Paragraph::new(lines), inside);
 }
