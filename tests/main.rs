@@ -20,6 +20,7 @@ mod faults_in_process;
 mod foreign_drives;
 mod full_disk;
 mod fuzz_seeds;
+mod gantry;
 mod greatest_errors;
 mod homing;
 mod house;

@@ -6,7 +6,7 @@ use std::process::Output;
 
 use tempfile::TempDir;
 
-use crate::support::{number, quadrant, run, text};
+use crate::support::{number, quadrant, run, run_with, text};
 
 /// A gantry mill with a rotary axis.
 const GANTRY: [&str; 4] = [
@@ -67,6 +67,34 @@ fn a_gantry_of_rack_belt_screw_and_gear_checks_and_runs_as_written() {
 }
 
 #[test]
+fn a_machine_with_incremental_encoders_says_that_it_must_be_homed_and_runs_once_it_is() {
+    let home = TempDir::new().expect("a folder");
+    let folder = home.path().join("mine");
+    let axes = [
+        "X:travel=-200..200,lead=10,encoder=incremental",
+        "Z:travel=-100..0,rack=2x20,ratio=10,encoder=incremental",
+        "A:travel=-90..90,gear=90,encoder=incremental",
+        "Y:travel=-150..150",
+    ];
+    let output = new_machine(&folder, &axes);
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{said}");
+    for part in ["encoders of X Z A are incremental", "quadrant home --wait"] {
+        assert!(said.contains(part), "{said}");
+    }
+    let program = folder.join("programs/first.ngc");
+    let orders =
+        "[[order]]\nscan = 300\norder = \"home\"\n[[order]]\nscan = 60000\norder = \"resume\"\n";
+    let file = folder.join("orders.toml");
+    fs::write(&file, orders).expect("written");
+    let file = file.display().to_string();
+    let report = run_with(&folder, &program, &["--orders", &file]).good_report();
+    // The zero of each axis is the true one: the table is where the program says.
+    let peak_um = number(&report, "/contour_error_um/peak");
+    assert!(peak_um > 0.0 && peak_um < 500.0, "{peak_um}");
+}
+
+#[test]
 fn a_folder_that_is_there_and_numbers_that_fit_no_machine_are_refused_and_nothing_is_written() {
     for (axes, why) in [
         (&[][..], "which axes has it?"),
@@ -91,6 +119,14 @@ fn a_folder_that_is_there_and_numbers_that_fit_no_machine_are_refused_and_nothin
             "the motor would turn little but itself",
         ),
         (&["X:travel=0..100,start=200"], "must be within the travel"),
+        (
+            &["X:travel=0..30,lead=10,encoder=incremental"],
+            "the travel must be at least 4 turns",
+        ),
+        (
+            &["X:travel=0..100,encoder=sincos"],
+            "must be absolute or incremental",
+        ),
     ] {
         let said = refused(axes);
         assert!(said.contains(why), "{axes:?}: {said}");

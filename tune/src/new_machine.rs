@@ -43,18 +43,43 @@ pub fn new_machine(options: &NewMachineOptions) -> Outcome {
          {folder}/machine.toml      what the controller knows\n  \
          {folder}/plant.toml        what is true of the simulated machine\n  \
          {folder}/{}   a program to begin with\n\n\
-         It checks and runs. Next:\n\n  \
-         quadrant run {folder} {folder}/{}\n  \
-         quadrant tune {folder}\n  \
+         {}\n  \
          quadrant new machine --help      what an axis can be given",
         axes.iter()
             .map(NewAxis::summary)
             .collect::<Vec<_>>()
             .join("; "),
         files::PROGRAM,
-        files::PROGRAM,
+        next(&options.folder, &axes),
     ));
     Ok(())
+}
+
+/// What to do with the new folder.
+fn next(folder: &Path, axes: &[NewAxis]) -> String {
+    let shown = folder.display();
+    let homed = axes.iter().filter(|axis| axis.incremental);
+    let homed: Vec<&str> = homed.map(|axis| axis.letter.as_str()).collect();
+    if !homed.is_empty() {
+        return format!(
+            "It checks, and runs once it is homed: the encoders of {} are incremental. Next:\n\n  \
+             quadrant up {shown}          the cell, which stays up; in another terminal:\n  \
+             quadrant enable\n  \
+             quadrant home --wait\n  \
+             quadrant load {shown}/{}\n  \
+             quadrant start",
+            homed.join(" "),
+            files::PROGRAM,
+        );
+    }
+    let tune = match axes.iter().any(|axis| axis.two_motors) {
+        true => String::new(),
+        false => format!("\n  quadrant tune {shown}"),
+    };
+    format!(
+        "It checks and runs. Next:\n\n  quadrant run {shown} {shown}/{}{tune}",
+        files::PROGRAM
+    )
 }
 
 /// The machine's name: given, or that of its folder.

@@ -15,8 +15,12 @@ const TORQUE_RESERVE: f64 = 1.3;
 const ROTOR_PART_MAX: f64 = 0.6;
 /// Speed of an estimated motor at rapids, in turns per second: 3000 rev/min.
 const MOTOR_TURNS_S: f64 = 50.0;
+/// Friction at the two ends of a simulated bridge is that much less and more than half of it: as a carriage out of the middle makes it.
+const OTHER_END_SHARE: f64 = 0.2;
+/// Turns of the motor that the travel of an axis has at least that is homed by switch and index.
+const HOMING_TURNS_MIN: f64 = 4.0;
 /// Keys of an axis.
-const KEYS: &str = "travel, lead, rack, belt, gear, ratio, speed, acceleration, mass, inertia, torque, rotor, friction, gap, start";
+const KEYS: &str = "travel, lead, rack, belt, gear, ratio, speed, acceleration, mass, inertia, torque, rotor, friction, gap, start, motors, encoder";
 
 /// What moves the axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,6 +62,10 @@ pub struct NewAxis {
     pub gap: f64,
     /// Where it stands at first.
     pub start: f64,
+    /// Two motors drive it, one at each end of a bridge; what moves, its friction and the motor are of one of them.
+    pub two_motors: bool,
+    /// It has incremental encoders, and a switch to be homed by.
+    pub incremental: bool,
     /// Keys that were given.
     given: Vec<String>,
 }
@@ -162,6 +170,9 @@ impl NewAxis {
         let gap = given
             .number("gap", 0.0, true)?
             .unwrap_or(if rotary { 1.0 } else { 3.0 });
+        let two_motors = two_motors(given, rotary)?;
+        let incremental = incremental(given)?;
+        let half = if two_motors { 0.5 } else { 1.0 };
         let middle = 0.0_f64.clamp(travel.0, travel.1);
         let mut axis = NewAxis {
             letter: letter.to_string(),
@@ -170,15 +181,25 @@ impl NewAxis {
             ratio,
             speed,
             acceleration,
-            moved,
+            moved: half * moved,
             torque_nm: 0.0,
             rotor_kg_m2: 0.0,
-            friction,
+            friction: half * friction,
             gap,
             start: given.number("start", f64::MIN, true)?.unwrap_or(middle),
+            two_motors,
+            incremental,
             given: given.0.iter().map(|(key, _)| (*key).to_string()).collect(),
         };
         axis.motor(given)?;
+        let turns = (travel.1 - travel.0) / lead;
+        if incremental && turns < HOMING_TURNS_MIN {
+            bail!(
+                "encoder=incremental: the travel must be at least {HOMING_TURNS_MIN} turns of the motor, so that switch and index \
+                 have their place: {} here",
+                rounded(turns)
+            );
+        }
         if !(travel.0..=travel.1).contains(&axis.start) {
             bail!(
                 "start={}: must be within the travel, {} to {}",
@@ -257,12 +278,37 @@ impl NewAxis {
         self.acceleration * 1e-3
     }
 
+    /// It as the first motor has it: of a gantry, the end of the bridge that rubs less.
+    pub fn one_end(&self) -> NewAxis {
+        self.rubbing(1.0 - OTHER_END_SHARE)
+    }
+
+    /// The other end of the bridge, which rubs more by as much.
+    pub fn other_end(&self) -> NewAxis {
+        self.rubbing(1.0 + OTHER_END_SHARE)
+    }
+
+    fn rubbing(&self, share: f64) -> NewAxis {
+        if !self.two_motors {
+            return self.clone();
+        }
+        NewAxis {
+            friction: rounded(share * self.friction),
+            ..self.clone()
+        }
+    }
+
     /// It in a few words.
     pub fn summary(&self) -> String {
         let unit = if self.is_rotary() { "°" } else { " mm" };
         let (low, high) = self.travel;
+        let motors = if self.two_motors {
+            "two motors of"
+        } else {
+            "motor"
+        };
         format!(
-            "{} {low} to {high}{unit}, motor {} N·m",
+            "{} {low} to {high}{unit}, {motors} {} N·m",
             self.letter, self.torque_nm
         )
     }
@@ -322,6 +368,25 @@ fn drive(given: &Given<'_>, rotary: bool) -> anyhow::Result<(Drive, f64)> {
         _ => bail!("one of lead, rack and belt"),
     };
     Ok((drive, ratio.unwrap_or(1.0)))
+}
+
+/// Whether two motors drive it.
+fn two_motors(given: &Given<'_>, rotary: bool) -> anyhow::Result<bool> {
+    match given.text("motors") {
+        None | Some("1") => Ok(false),
+        Some("2") if rotary => bail!("motors=2: is for slides (X, Y, Z, U, V, W)"),
+        Some("2") => Ok(true),
+        Some(other) => bail!("motors={other}: must be 1 or 2"),
+    }
+}
+
+/// Whether its encoder is incremental.
+fn incremental(given: &Given<'_>) -> anyhow::Result<bool> {
+    match given.text("encoder") {
+        None | Some("absolute") => Ok(false),
+        Some("incremental") => Ok(true),
+        Some(other) => bail!("encoder={other}: must be absolute or incremental"),
+    }
 }
 
 /// Way of the axis in one turn of screw, pinion, pulley or table.

@@ -1,7 +1,7 @@
 //! The files of a new machine, with a word on every value.
 
 use anyhow::Context;
-use machine::{DriveMode, Machine};
+use machine::{DriveMode, Machine, SECOND_MOTOR};
 
 use super::axis::{Drive, NewAxis, rounded};
 use crate::laws::Timing;
@@ -13,6 +13,12 @@ pub const PROGRAM: &str = "programs/first.ngc";
 const RADIUS_MM_MAX: f64 = 20.0;
 /// Longest stroke of an axis in that program, in mm or degrees.
 const STROKE_MAX: f64 = 100.0;
+/// Skew of a new gantry at which it trips, in mm.
+const SKEW_MAX_MM: f64 = 0.2;
+/// Fastest search for a home switch, in mm/s or degrees per second.
+const SEARCH_MAX: f64 = 20.0;
+/// What joins the two ends of a gantry (docs/methods/physics.md, "A bridge between two motors").
+const PLANT_BRIDGE: &str = "\n[axis.bridge]          # joins it to the axis of its letter\nstiffness_n_per_um = 20.0  # estimated\n";
 /// Feed of that program, in mm/min.
 const FEED_MM_MIN_MAX: f64 = 2000.0;
 
@@ -68,9 +74,15 @@ impl Files<'_> {
             drive_mode: DriveMode::Velocity,
             drive_period_s: f64::from(drive_period_us) * 1e-6,
         };
-        let axes = self.axes.iter();
-        let text = axes.fold(head, |text, axis| {
-            text + &machine_axis(axis, &timing, drive_period_us)
+        let axes = self.axes.iter().enumerate();
+        let text = axes.fold(head, |text, (index, axis)| {
+            let text = text + &machine_axis(axis, &axis.letter, &timing, drive_period_us);
+            text + &homing(axis, index)
+        });
+        let text = self.second_motors().fold(text, |text, (input, axis)| {
+            let name = format!("{}{SECOND_MOTOR}", axis.letter);
+            let text = text + &machine_axis(axis, &name, &timing, drive_period_us);
+            text + &gantry(axis) + &homing(axis, input)
         });
         Machine::parse("machine.toml", &text).context("a machine of these axes cannot be")?;
         Ok(text)
@@ -84,9 +96,23 @@ impl Files<'_> {
              ambient_c = 20.0\n",
             self.name, self.microstep_us
         );
-        self.axes
-            .iter()
-            .fold(head, |text, axis| text + &plant_axis(axis))
+        let axes = self.axes.iter().enumerate();
+        let text = axes.fold(head, |text, (index, axis)| {
+            let plant = plant_axis(&axis.one_end(), &axis.letter);
+            text + &plant + &plant_homing(axis, index)
+        });
+        self.second_motors().fold(text, |text, (input, axis)| {
+            let name = format!("{}{SECOND_MOTOR}", axis.letter);
+            let plant = plant_axis(&axis.other_end(), &name);
+            text + &plant + PLANT_BRIDGE + &plant_homing(axis, input)
+        })
+    }
+
+    /// The axes that have one, each with the digital input of its switch.
+    fn second_motors(&self) -> impl Iterator<Item = (usize, &NewAxis)> {
+        let axes = self.axes.iter().filter(|axis| axis.two_motors);
+        axes.enumerate()
+            .map(|(index, axis)| (self.axes.len() + index, axis))
     }
 
     /// A circle where two slides span a plane; else there and back with every axis.
@@ -216,7 +242,7 @@ impl Words {
     }
 }
 
-fn machine_axis(axis: &NewAxis, timing: &Timing, drive_period_us: u32) -> String {
+fn machine_axis(axis: &NewAxis, name: &str, timing: &Timing, drive_period_us: u32) -> String {
     let words = Words::of(axis);
     let transmission = transmission(axis, "axis.transmission");
     let (lead, table) = if transmission.starts_with('[') {
@@ -232,7 +258,7 @@ fn machine_axis(axis: &NewAxis, timing: &Timing, drive_period_us: u32) -> String
     let peak = 3.0 * axis.torque_nm;
     let torque = why(axis, "torque", ": the acceleration with a reserve");
     format!(
-        "\n[[axis]]\nname = \"{letter}\"\n{kind}\
+        "\n[[axis]]\nname = \"{name}\"\n{kind}\
          travel_min_{length} = {low:?}\ntravel_max_{length} = {high:?}\n\
          rapid_{speed} = {rapid:?}{rapid_why}\n\
          acceleration_{acceleration} = {most:?}{most_why}\n\
@@ -246,7 +272,6 @@ fn machine_axis(axis: &NewAxis, timing: &Timing, drive_period_us: u32) -> String
          integral_time_ms = {integral:?}  # by law\nperiod_us = {drive_period_us}\n\n\
          [axis.feed_forward]\nadvance_ms = {advance:?}  # by law: the way of a command\n\n\
          [axis.reversal]\nmethod = \"none\"  # `quadrant tune` finds what the axis needs\n",
-        letter = axis.letter,
         kind = words.kind,
         length = words.length,
         speed = words.speed,
@@ -267,7 +292,56 @@ fn machine_axis(axis: &NewAxis, timing: &Timing, drive_period_us: u32) -> String
     )
 }
 
-fn plant_axis(axis: &NewAxis) -> String {
+/// What a second motor is to its axis.
+fn gantry(axis: &NewAxis) -> String {
+    format!(
+        "\n[axis.gantry]          # the second motor of {letter}: programs and operators name {letter} alone\n\
+         leader = \"{letter}\"\nskew_max_mm = {SKEW_MAX_MM:?}      # estimated: what the bridge bears\n",
+        letter = axis.letter,
+    )
+}
+
+/// Where an axis with an incremental encoder has its switch and the index behind it: half a turn of the motor and a whole one from
+/// the lower end of the travel.
+fn reference_point(axis: &NewAxis) -> (f64, f64) {
+    let lead = axis.lead();
+    let from_end = |turns: f64| digits(axis.travel.0 + turns * lead, 9);
+    (from_end(0.5), from_end(1.0))
+}
+
+fn homing(axis: &NewAxis, input: usize) -> String {
+    if !axis.incremental {
+        return String::new();
+    }
+    let words = Words::of(axis);
+    let (index_at, _) = reference_point(axis);
+    let search = rounded((0.1 * axis.speed).min(SEARCH_MAX));
+    format!(
+        "\n[axis.homing]          # the encoder is incremental: `quadrant home` before anything else\n\
+         method = \"switch-index\"\nswitch_input = {input}\ndirection = \"negative\"\n\
+         search_{speed} = {search:?}  # estimated\nlatch_{speed} = {latch:?}  # estimated\n\
+         position_{length} = {index_at:?}  # of the index behind the edge of the switch\norder = {order}\n",
+        speed = words.speed,
+        length = words.length,
+        latch = rounded(0.1 * search),
+        order = if axis.letter == "Z" { 1 } else { 2 },
+    )
+}
+
+fn plant_homing(axis: &NewAxis, input: usize) -> String {
+    if !axis.incremental {
+        return String::new();
+    }
+    let length = Words::of(axis).length;
+    let (index_at, switch_at) = reference_point(axis);
+    let shows = digits(axis.travel.1 - axis.travel.0, 4);
+    format!(
+        "\n[axis.encoder]         # incremental: it begins anywhere\nshows_{length} = {shows:?}\nindex_at_{length} = {index_at:?}\n\n\
+         [axis.home_switch]\ndigital = {input}\nat_{length} = {switch_at:?}\n"
+    )
+}
+
+fn plant_axis(axis: &NewAxis, name: &str) -> String {
     let transmission = transmission(axis, "axis.simple.transmission");
     let (lead, table) = if transmission.starts_with('[') {
         (String::new(), format!("\n{transmission}"))
@@ -288,22 +362,29 @@ fn plant_axis(axis: &NewAxis) -> String {
         Drive::Table => "stiffness_nm_per_rad = 200_000.0  # estimated\n",
     };
     format!(
-        "\n[[axis]]\nname = \"{letter}\"\n{kind}start_position_{length} = {start:?}\n\n\
+        "\n[[axis]]\nname = \"{name}\"\n{kind}start_position_{length} = {start:?}\n\n\
          [axis.simple]\n{mass} = {moved:?}{mass_why}\n\
          rotor_inertia_kg_m2 = {rotor:?}{rotor_why}\n\
          rated_torque_nm = {rated:?}\npeak_torque_nm = {peak:?}\n\
          {force} = {friction:?}{friction_why}\n{stiffness}\
          {gap} = {backlash:?}{gap_why}\n{lead}{table}",
-        letter = axis.letter,
         start = axis.start,
         moved = axis.moved,
-        mass_why = why(axis, if rotary { "inertia" } else { "mass" }, ""),
+        mass_why = match (axis.two_motors, axis.was_given("mass")) {
+            (false, _) => why(axis, if rotary { "inertia" } else { "mass" }, ""),
+            (true, true) => "  # half of what moves: each motor has one end of the bridge".into(),
+            (true, false) => "  # estimated: half of what moves".into(),
+        },
         rotor = axis.rotor_kg_m2,
         rotor_why = why(axis, "rotor", ": motor, coupling, screw or gear"),
         rated = axis.torque_nm,
         peak = digits(3.0 * axis.torque_nm, 4),
         friction = axis.friction,
-        friction_why = why(axis, "friction", ": in steady sliding, all of it"),
+        friction_why = if axis.two_motors {
+            "  # at this end of the bridge: no two guideways are alike".into()
+        } else {
+            why(axis, "friction", ": in steady sliding, all of it")
+        },
         backlash = axis.gap,
         gap_why = why(axis, "gap", ": backlash"),
     )
