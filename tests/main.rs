@@ -38,6 +38,7 @@ mod long_programs;
 mod mdi;
 mod messages;
 mod metrics;
+mod modulo;
 mod monitor_live;
 mod new_machine;
 mod offsets;

@@ -23,14 +23,18 @@ pub struct Axis {
     /// Linear or rotary.
     #[schemars(extend("default" = "linear"))]
     pub kind: AxisKind,
+    /// A rotary axis that turns without end, such as a rotary table ([what a word does](g-code.md#axes-that-turn-without-end)): it has
+    /// no travel, and its places are shown from 0 to 360 degrees.
+    #[schemars(extend("default" = false))]
+    pub modulo: bool,
     /// Increment of positions between the processes; of a rotary axis 1 stands for 10⁻⁶ degrees.
     #[schemars(extend("unit" = "nm", "minimum" = 0.01, "maximum" = 10_000, "default" = 1.0))]
     pub increment_nm: f64,
     /// Lower end of the travel, in machine coordinates.
-    #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000))]
+    #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000, "unless" = "modulo"))]
     pub travel_min_mm: f64,
     /// Upper end of the travel, above `travel_min_mm`.
-    #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000))]
+    #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000, "unless" = "modulo"))]
     pub travel_max_mm: f64,
     /// Highest speed; also that of rapids.
     #[schemars(extend("unit" = "mm/s", "exclusiveMinimum" = 0, "maximum" = 5000))]
@@ -172,7 +176,31 @@ impl AxisKind {
     }
 }
 
+/// One turn of a rotary axis, in degrees.
+pub const TURN_DEG: f64 = 360.0;
+/// An axis that turns without end counts so far to either side, in degrees: 100,000 turns.
+pub(crate) const ENDLESS_DEG: f64 = 100_000.0 * TURN_DEG;
+
 impl Axis {
+    /// A place of it as people read it: within one turn where it turns without end.
+    pub fn shown(&self, place_mm: f64) -> f64 {
+        if !self.modulo {
+            return place_mm;
+        }
+        let within = place_mm.rem_euclid(TURN_DEG);
+        // Just below 0 the remainder rounds to a whole turn.
+        if within < TURN_DEG { within } else { 0.0 }
+    }
+
+    /// The way that a search may take as a whole: its travel, or a turn where it has none.
+    pub fn range_mm(&self) -> f64 {
+        if self.modulo {
+            TURN_DEG
+        } else {
+            self.travel_max_mm - self.travel_min_mm
+        }
+    }
+
     /// The most that an axis in position may be off by its feedback, in µm: its window and its backlash.
     pub fn in_position_window_um(&self) -> f64 {
         self.in_position_um + self.reversal.backlash_um
@@ -186,5 +214,23 @@ impl Axis {
     /// Force at the table that the motor's continuous torque makes: T·2π/lead, in N.
     pub fn rated_force_n(&self) -> f64 {
         self.motor.rated_torque_nm * std::f64::consts::TAU / (self.lead_mm * 1e-3)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::expect_used)]
+mod tests {
+    use crate::machine::Machine;
+
+    #[test]
+    fn places_of_an_axis_that_turns_without_end_are_shown_within_a_turn() {
+        let text = include_str!("../../machines/xy/machine.toml");
+        let machine = Machine::parse("machine.toml", text).expect("the machine");
+        let mut axis = machine.axes.into_iter().next().expect("an axis");
+        assert_eq!(axis.shown(725.5), 725.5);
+        axis.modulo = true;
+        for (place, shown) in [(725.5, 5.5), (360.0, 0.0), (-10.0, 350.0), (-1e-20, 0.0)] {
+            assert_eq!(axis.shown(place), shown, "{place}");
+        }
     }
 }

@@ -88,7 +88,7 @@ impl HomingDirection {
 impl Axis {
     /// Longest way of a search, in mm; 0 for an axis with an absolute encoder.
     pub fn search_distance_mm(&self) -> f64 {
-        let travel_mm = self.travel_max_mm - self.travel_min_mm;
+        let travel_mm = self.range_mm();
         self.homing.map_or(0.0, |homing| {
             homing
                 .search_distance_mm

@@ -40,7 +40,7 @@ pub mod transmission;
 mod whole_file;
 
 pub use auxiliary::{SPINDLE_RAMP_SHARE, Spindle, ToolChange, ToolChanger};
-pub use axis::{Axis, AxisKind, Changeover, DriveMode, Motor, PositionFeedback};
+pub use axis::{Axis, AxisKind, Changeover, DriveMode, Motor, PositionFeedback, TURN_DEG};
 pub use fieldbus::{AxisDrive, Fieldbus, Sync};
 pub use gantry::{Gantry, GantryPair, SECOND_MOTOR};
 pub use homing::{Homing, HomingDirection, HomingMethod};

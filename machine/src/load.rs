@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use toml_edit::{DocumentMut, Item, TableLike, value};
 
+use crate::axis::ENDLESS_DEG;
 use crate::kept::{KeptFiles, KeptTexts};
 use crate::machine::Machine;
 use crate::parameter_file::parse_parameters;
@@ -65,7 +66,7 @@ impl Machine {
     /// As [`Machine::load`].
     pub fn parse(name: &str, text: &str) -> Result<Machine, SettingsFileError> {
         let mut machine: Machine =
-            settings_file::load_with(name, text, RENAMED, leads, rules::judge)?;
+            settings_file::load_with(name, text, RENAMED, complete, rules::judge)?;
         machine.tools = parse_tools(&format!("{name}: tools"), &machine.program.tools)?;
         machine.parameters =
             parse_parameters(&format!("{name}: parameters"), &machine.program.parameters)?;
@@ -73,13 +74,22 @@ impl Machine {
     }
 }
 
-/// Gives every axis with a transmission its lead.
-fn leads(file: &mut toml::Table) {
+/// Gives every axis with a transmission its lead, and every axis that turns without end a travel beyond what it will ever turn.
+fn complete(file: &mut toml::Table) {
     let axes = file.get_mut("axis").and_then(toml::Value::as_array_mut);
     for axis in axes.into_iter().flatten() {
-        axis.as_table_mut()
-            .into_iter()
-            .for_each(transmission::complete);
+        let Some(axis) = axis.as_table_mut() else {
+            continue;
+        };
+        transmission::complete(axis);
+        if axis.get("modulo").and_then(toml::Value::as_bool) == Some(true) {
+            for (key, end) in [
+                ("travel_min_mm", -ENDLESS_DEG),
+                ("travel_max_mm", ENDLESS_DEG),
+            ] {
+                axis.entry(key).or_insert(toml::Value::Float(end));
+            }
+        }
     }
 }
 

@@ -20,8 +20,8 @@ use crate::winding::{WindingSettings, WindingState};
 /// Period of the bench instruments, in µs.
 pub const INSTRUMENT_PERIOD_US: u32 = 250;
 
-/// Positions farther from zero than this, in m, are not those of a machine.
-const POSITION_M_MAX: f64 = 1e3;
+/// Positions farther from zero than this, in m, are not those of a machine: an axis that turns without end counts 1 m for 1000 degrees.
+const POSITION_M_MAX: f64 = 1e5;
 /// Scans without one count of movement after which an axis is at rest (beside the time in [`REST_S`]).
 const REST_SCANS_MIN: u32 = 4;
 /// Time without one count of movement after which an axis is at rest, in s.

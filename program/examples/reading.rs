@@ -43,6 +43,7 @@ fn setup() -> Arc<Setup> {
         travel_min: -1000.0,
         travel_max: 1000.0,
         rotary: false,
+        modulo: false,
     });
     Arc::new(Setup {
         axes: axes.into(),

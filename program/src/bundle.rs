@@ -285,6 +285,7 @@ mod tests {
                 travel_min: -10.0,
                 travel_max: 10.0,
                 rotary: false,
+                modulo: false,
             }],
             ..Setup::default()
         };

@@ -191,6 +191,7 @@ mod tests {
             travel_min: -100.0,
             travel_max: 100.0,
             rotary: false,
+            modulo: false,
         };
         let setup = Setup {
             axes: vec![axis('X'), axis('Y')],

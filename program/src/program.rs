@@ -24,6 +24,8 @@ pub struct AxisSetup {
     pub travel_max: f64,
     /// Whether it turns (degrees) instead of sliding (mm).
     pub rotary: bool,
+    /// Whether it turns without end: an absolute word is a place within a turn, and it gets there on the shorter way.
+    pub modulo: bool,
 }
 
 /// The machine as the interpreter needs to know it.
@@ -318,7 +320,7 @@ pub fn source_hash(text: TextHash, setup: &Setup, start: &AxisVector) -> u64 {
         hash.update(&u32::from(axis.letter).to_le_bytes());
         hash.update(&axis.travel_min.to_bits().to_le_bytes());
         hash.update(&axis.travel_max.to_bits().to_le_bytes());
-        hash.update(&[u8::from(axis.rotary)]);
+        hash.update(&[u8::from(axis.rotary) | u8::from(axis.modulo) << 1]);
     }
     for component in setup.work_offset.iter().chain(start.iter()) {
         hash.update(&component.to_bits().to_le_bytes());

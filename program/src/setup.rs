@@ -22,6 +22,7 @@ impl Setup {
                 travel_min: axis.travel_min_mm,
                 travel_max: axis.travel_max_mm,
                 rotary: axis.kind == AxisKind::Rotary,
+                modulo: axis.modulo,
             })
             .collect();
         if let Kinematics::PivotY(pivot) = kinematics_of(machine) {
@@ -32,6 +33,7 @@ impl Setup {
                     travel_min: low_mm,
                     travel_max: high_mm,
                     rotary: false,
+                    modulo: false,
                 };
             }
             if let Some(slide) = axes.get_mut(pivot.slide) {

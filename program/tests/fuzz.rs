@@ -15,6 +15,7 @@ fn machines() -> [Setup; 2] {
             travel_min: -400.0,
             travel_max: 400.0,
             rotary: letter == 'A',
+            modulo: false,
         });
     }
     [mill(1e9), five]

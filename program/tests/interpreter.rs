@@ -213,6 +213,7 @@ fn rotary_axes_are_fed_in_degrees_even_in_inches() {
         travel_min: -720.0,
         travel_max: 720.0,
         rotary: true,
+        modulo: false,
     });
     let path = interpret("part", "G20\nF60\nG1 A90\nA180 X1\nM2", &setup, at(&[]))
         .unwrap()
@@ -224,6 +225,62 @@ fn rotary_axes_are_fed_in_degrees_even_in_inches() {
     assert_eq!(
         (path.elements[1].length_mm, path.elements[1].feed),
         (25.4, Feed::PathMmS(25.4))
+    );
+}
+
+/// Where each block leads an axis A that turns without end, from a place of it, with G54 at 30 degrees.
+fn turned_to(start: f64, text: &str) -> Vec<f64> {
+    let mut setup = mill(200.0);
+    setup.axes.push(AxisSetup {
+        letter: 'A',
+        travel_min: -1e6,
+        travel_max: 1e6,
+        rotary: true,
+        modulo: true,
+    });
+    setup.work_offset = at(&[0.0, 0.0, 0.0, 30.0]);
+    let program = interpret("part", text, &setup, at(&[0.0, 0.0, 0.0, start]));
+    let program = program.unwrap_or_else(|error| panic!("{error}"));
+    let elements = program.path.elements.iter();
+    elements.map(|element| element.end()[3]).collect()
+}
+
+#[test]
+fn an_axis_that_turns_without_end_goes_to_absolute_places_on_the_shorter_way() {
+    // The program's 350 is the machine's 380, or 20.
+    assert_eq!(
+        turned_to(10.0, "G0 A350\nA10\nA180\nA0\nM2"),
+        [20.0, 40.0, 210.0, 390.0]
+    );
+    // Far from zero it is the same, and many turns in a word are none.
+    assert_eq!(turned_to(7210.0, "G0 A350\nM2"), [7220.0]);
+    assert_eq!(turned_to(10.0, "G0 A1070\nA-10\nM2"), [20.0]);
+    // The block that needs more than straight motion goes the same way, and machine coordinates.
+    assert_eq!(
+        turned_to(10.0, "G1 X1 A350 F100\nG2 X2 R0.5 A10\nM2"),
+        [20.0, 40.0]
+    );
+    assert_eq!(turned_to(-710.0, "G53 G0 A350\nM2"), [-730.0]);
+    assert_eq!(turned_to(725.0, "G28\nM2"), [720.0]);
+    // Where X and Y are turned as well.
+    assert_eq!(turned_to(10.0, "G10 L2 P1 R45\nG0 X1 A350\nM2"), [20.0]);
+}
+
+/// The example of Fanuc's manual B-63534EN/02, 20.2.1: movements of -150, -30, -80, 380 and -840 degrees.
+#[test]
+fn an_axis_that_turns_without_end_moves_as_with_fanucs_roll_over() {
+    let example = "G10 L2 P1 A0\nG90 G0 A-150.0\nG90 A540.0\nG90 A-620.0\nG91 A380.0\nG91 A-840.0\nM2";
+    assert_eq!(
+        turned_to(0.0, example),
+        [-150.0, -180.0, -260.0, 120.0, -720.0]
+    );
+}
+
+#[test]
+fn in_incremental_mode_it_turns_as_many_turns_as_are_said() {
+    assert_eq!(
+        turned_to(10.0, "G91 G0 A720\nA-1080\nG90 A350\nM2"),
+        [730.0, -350.0, -340.0]
     );
 }
 

@@ -165,7 +165,7 @@ fn ended(client: &Client, now: &Feedback, axis: u32, ordered_off: bool) -> Outco
     let at_mm = feedback.command_position as f64 * settings.increment_mm();
     let left_mm = (settings.travel_max_mm - at_mm).min(at_mm - settings.travel_min_mm);
     let (name, unit) = (&settings.name, client.unit(axis));
-    let place = format!("{name} is at rest at {at_mm:.3} {unit}");
+    let place = format!("{name} is at rest at {:.3} {unit}", settings.shown(at_mm));
     if now.mode == Mode::Tripped as u32 {
         return Err(client.fails("the machine has tripped"));
     }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::anyhow;
 use bus::sample::{Feedback, Mode, Reference};
 use machine::offsets_file::{G92_APPLIES, IN_FORCE, WORK_OFFSETS, first_parameter, parameter_of};
-use machine::{Axis, KeptParameters, Machine, update_offsets};
+use machine::{Axis, KeptParameters, Machine, TURN_DEG, update_offsets};
 use master::STANDSTILL_MM_S;
 use serde_json::{Map, Value, json};
 
@@ -142,6 +142,7 @@ fn judge(machine: &Machine, parameter: u32, first: u32, value: f64) -> Result<()
     let axis = letter.and_then(|letter| axis_of(machine, *letter));
     let (what, low, high) = match (letter, axis) {
         (None, _) => ("R", -360.0, 360.0),
+        (Some(_), Some(axis)) if axis.modulo => (axis.name.as_str(), -TURN_DEG, TURN_DEG),
         (Some(_), Some(axis)) => {
             let length = axis.travel_max_mm - axis.travel_min_mm;
             let (low, high) = (axis.travel_min_mm - length, axis.travel_max_mm + length);
@@ -361,7 +362,7 @@ impl Touched<'_> {
         let mut axes = control::path::AxisVector::zeros();
         let samples = self.machine.axes.iter().zip(self.now.axes());
         for (to, (axis, sample)) in axes.iter_mut().zip(samples) {
-            *to = sample.command_position as f64 * axis.increment_mm();
+            *to = axis.shown(sample.command_position as f64 * axis.increment_mm());
         }
         let tool = program::kinematics_of(self.machine).tool(&axes);
         let setup = program::Setup::of(self.machine);

@@ -1,14 +1,19 @@
 //! Rules of one axis: travel, motor, loops, feedback.
 
-use crate::axis::{Axis, DriveMode, PositionFeedback};
+use crate::axis::{Axis, AxisKind, DriveMode, PositionFeedback};
 use crate::homing::HomingMethod;
+use crate::kinematics::Kinematics;
 use crate::machine::Machine;
 use crate::settings_file::{At, From, Rules};
 use crate::transmission;
 
 pub fn judge(rules: &mut Rules<'_>, machine: &Machine, axis: &Axis, at: At<'_>) {
-    let (low, high) = (From::Above(axis.travel_min_mm), 100_000.0);
-    rules.range(&["travel_max_mm"], at, axis.travel_max_mm, "mm", low, high);
+    if axis.modulo {
+        endless(rules, machine, axis, at);
+    } else {
+        let (low, high) = (From::Above(axis.travel_min_mm), 100_000.0);
+        rules.range(&["travel_max_mm"], at, axis.travel_max_mm, "mm", low, high);
+    }
     let (path, motor) = (["motor", "peak_torque_nm"], &axis.motor);
     let (peak_nm, rated_nm) = (motor.peak_torque_nm, motor.rated_torque_nm);
     rules.at_least(&path, at, peak_nm, "N·m", "rated_torque_nm", rated_nm);
@@ -27,6 +32,25 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine, axis: &Axis, at: At<'_>) 
     let look_ahead_ms = machine.look_ahead_s() * 1e3;
     let (path, advance_ms) = (["feed_forward", "advance_ms"], axis.feed_forward.advance_ms);
     rules.between(&path, at, advance_ms, "ms", 0.0, look_ahead_ms);
+}
+
+/// An axis that turns without end turns, and has no ends.
+fn endless(rules: &mut Rules<'_>, machine: &Machine, axis: &Axis, at: At<'_>) {
+    if axis.kind != AxisKind::Rotary {
+        let what = "= true: a slide has ends: needs kind = \"rotary\"";
+        rules.say(&["modulo"], at, what);
+    }
+    for key in ["travel_min_mm", "travel_max_mm"] {
+        if rules.has(at, &[key]) {
+            let what = "goes without `modulo`: an axis that turns without end has no travel";
+            rules.say(&[key], at, what);
+        }
+    }
+    let is_arm = |kinematics: &Kinematics| kinematics.arm_axis == axis.name;
+    if machine.kinematics.as_ref().is_some_and(is_arm) {
+        let what = "= true: the arm of [kinematics] does not turn without end";
+        rules.say(&["modulo"], at, what);
+    }
 }
 
 /// The drive's loop fits into a scan.

@@ -53,7 +53,7 @@ fn name(rules: &mut Rules<'_>, axis: &Axis, gantry: &Gantry, at: At<'_>) {
 
 /// What setpoints are made by, and how the motors brake, is the same of both.
 fn same(rules: &mut Rules<'_>, axis: &Axis, leader: &Axis, at: At<'_>) {
-    if axis.kind != leader.kind {
+    if (axis.kind, axis.modulo) != (leader.kind, leader.modulo) {
         let what = format!(
             "must be as of axis {}, whose second motor it is",
             leader.name

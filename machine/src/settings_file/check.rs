@@ -114,12 +114,15 @@ impl Check<'_> {
     ) {
         for key in schema.required() {
             let unless = schema.key(key).and_then(KeySchema::unless);
-            if table.contains_key(key)
-                || replaced.contains(&key)
-                || unless.is_some_and(|other| table.contains_key(other))
-            {
+            let flag = unless.filter(|other| schema.is_flag(other));
+            let is_set = |other: &str| match table.get(other).map(Spanned::get_ref) {
+                Some(DeValue::Boolean(set)) => *set,
+                is_there => is_there.is_some() && flag.is_none(),
+            };
+            if table.contains_key(key) || replaced.contains(&key) || unless.is_some_and(is_set) {
                 continue;
             }
+            let unless = unless.filter(|_| flag.is_none());
             let is_rotary = self.is_rotary(place);
             let shown = shown_keys(schema, [key].into_iter(), is_rotary).concat();
             let needed = schema.key(key).map(|of_key| needed(of_key, is_rotary));

@@ -202,9 +202,14 @@ impl<'a> KeySchema<'a> {
         }
     }
 
-    /// The key of the same table that makes this one needless.
+    /// The key of the same table that makes this one needless: by being there, or of a flag by being true.
     pub fn unless(self) -> Option<&'a str> {
         self.0.get("unless").and_then(Value::as_str)
+    }
+
+    /// Whether the key of this name in a table is true or false.
+    pub(in crate::settings_file) fn is_flag(self, name: &str) -> bool {
+        self.key(name).is_some_and(|key| key.kind() == Kind::Flag)
     }
 
     fn text(self, word: &str) -> &'a str {

@@ -37,6 +37,7 @@ pub fn setup(text: &str) -> Setup {
                 travel_min: -1e9,
                 travel_max: 1e9,
                 rotary: "ABC".contains(letter),
+                modulo: false,
             })
             .collect(),
         tools: TOOLS.clone(),

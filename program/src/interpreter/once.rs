@@ -98,6 +98,9 @@ impl Interpreter {
         {
             *component = *here;
         }
+        for (index, component) in home.iter_mut().enumerate() {
+            *component = self.on_shorter_way(index, *component);
+        }
         self.rapid_to(line, words, home, word.offset)
     }
 

@@ -10,6 +10,8 @@ pub struct Axes {
     letters: u32,
     /// Which of them turn; none does.
     has_rotary: bool,
+    /// Which of them turn without end; none does.
+    has_endless: bool,
     /// Each: the index of its letter, the lowest and the highest place.
     each: Vec<(usize, f64, f64)>,
 }
@@ -24,6 +26,7 @@ impl Axes {
                 .iter()
                 .fold(0, |bits, axis| bits | 1 << letter_of(axis.letter)),
             has_rotary: setup.axes.iter().any(|axis| axis.rotary),
+            has_endless: setup.axes.iter().any(|axis| axis.modulo),
             each: setup
                 .axes
                 .iter()
@@ -126,6 +129,11 @@ impl Interpreter {
             }
             let from = if self.incremental { *component } else { *zero };
             *component = from + value;
+        }
+        if self.axes.has_endless && !self.incremental {
+            for (index, component) in target.iter_mut().enumerate() {
+                *component = self.on_shorter_way(index, *component);
+            }
         }
         target
     }

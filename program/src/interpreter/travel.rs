@@ -6,6 +6,7 @@ use crate::flat::Flat;
 use crate::polar::Polar;
 use crate::reader::Word;
 use crate::words::mask_of;
+use machine::TURN_DEG;
 
 /// Words that say where.
 const PLACES: u32 = mask_of(AXIS_LETTERS) | mask_of("@^");
@@ -170,11 +171,21 @@ impl Interpreter {
                 *component = if self.incremental {
                     *component + value
                 } else {
-                    zero + value
+                    self.on_shorter_way(index, zero + value)
                 };
             }
         }
         target
+    }
+
+    /// Where an axis goes for an absolute place: one that turns without end to the nearest of the places that are whole turns apart,
+    /// of two as near in positive direction. (Fanuc, parameters ROA = 1 and RAB = 0 of 1008.)
+    pub(super) fn on_shorter_way(&self, index: usize, place: f64) -> f64 {
+        let endless = self.setup.axes.get(index).is_some_and(|axis| axis.modulo);
+        let here = self.position.get(index).copied().filter(|_| endless);
+        here.map_or(place, |here| {
+            place + TURN_DEG * libm::floor((here - place) / TURN_DEG + 0.5)
+        })
     }
 
     /// Where polar words lead: X and Y by them, the other axes by their own words.
@@ -219,10 +230,13 @@ impl Interpreter {
             }
         }
         if self.incremental {
-            self.position + self.turned(place)
-        } else {
-            self.in_machine(&place)
+            return self.position + self.turned(place);
         }
+        let mut target = self.in_machine(&place);
+        for (index, component) in target.iter_mut().enumerate() {
+            *component = self.on_shorter_way(index, *component);
+        }
+        target
     }
 
     /// G53: the words are machine coordinates.
@@ -245,7 +259,7 @@ impl Interpreter {
         let mut target = self.position;
         for (index, component) in target.iter_mut().enumerate().take(self.setup.axes.len()) {
             if let Some(value) = self.axis_value(words, index) {
-                *component = value;
+                *component = self.on_shorter_way(index, value);
             }
         }
         Ok(target)

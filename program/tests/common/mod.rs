@@ -12,6 +12,7 @@ pub fn slide(letter: char, travel_min: f64, travel_max: f64) -> AxisSetup {
         travel_min,
         travel_max,
         rotary: false,
+        modulo: false,
     }
 }
 

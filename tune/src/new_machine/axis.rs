@@ -42,6 +42,8 @@ pub struct NewAxis {
     pub letter: String,
     /// Ends of its travel.
     pub travel: (f64, f64),
+    /// It has none, and turns without end: half a turn to either side is there for the program to begin with.
+    pub endless: bool,
     /// What moves it.
     pub drive: Drive,
     /// Turns of the motor for one of screw, pinion, pulley or table.
@@ -138,7 +140,15 @@ impl NewAxis {
 
     fn of(letter: &str, given: &Given<'_>) -> anyhow::Result<NewAxis> {
         let rotary = is_rotary(letter);
-        let travel = travel(given)?;
+        let endless = given.text("travel") == Some("endless");
+        if endless && !rotary {
+            bail!("travel=endless: is for rotary axes (A, B, C)");
+        }
+        let travel = if endless {
+            (-180.0, 180.0)
+        } else {
+            travel(given)?
+        };
         let (drive, ratio) = drive(given, rotary)?;
         let lead = turn(drive) / ratio;
         let (other, key) = if rotary {
@@ -177,6 +187,7 @@ impl NewAxis {
         let mut axis = NewAxis {
             letter: letter.to_string(),
             travel,
+            endless,
             drive,
             ratio,
             speed,
@@ -192,6 +203,11 @@ impl NewAxis {
             given: given.0.iter().map(|(key, _)| (*key).to_string()).collect(),
         };
         axis.motor(given)?;
+        if incremental && endless {
+            bail!(
+                "encoder=incremental: is for axes with a travel; give an endless one [axis.homing] by hand"
+            );
+        }
         let turns = (travel.1 - travel.0) / lead;
         if incremental && turns < HOMING_TURNS_MIN {
             bail!(
@@ -302,6 +318,9 @@ impl NewAxis {
     pub fn summary(&self) -> String {
         let unit = if self.is_rotary() { "°" } else { " mm" };
         let (low, high) = self.travel;
+        if self.endless {
+            return format!("{} without end, motor {} N·m", self.letter, self.torque_nm);
+        }
         let motors = if self.two_motors {
             "two motors of"
         } else {

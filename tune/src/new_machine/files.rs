@@ -255,12 +255,18 @@ fn machine_axis(axis: &NewAxis, name: &str, timing: &Timing, drive_period_us: u3
         4,
     );
     let limit = if axis.is_rotary() { 1.0 } else { 2.0 };
+    let travel = match (axis.endless, axis.travel) {
+        (true, _) => "modulo = true           # it turns without end\n".into(),
+        (false, (low, high)) => format!(
+            "travel_min_{0} = {low:?}\ntravel_max_{0} = {high:?}\n",
+            words.length
+        ),
+    };
     let peak = 3.0 * axis.torque_nm;
     let torque = why(axis, "torque", ": the acceleration with a reserve");
     format!(
         "\n[[axis]]\nname = \"{name}\"\n{kind}\
-         travel_min_{length} = {low:?}\ntravel_max_{length} = {high:?}\n\
-         rapid_{speed} = {rapid:?}{rapid_why}\n\
+         {travel}rapid_{speed} = {rapid:?}{rapid_why}\n\
          acceleration_{acceleration} = {most:?}{most_why}\n\
          quick_stop_{acceleration} = {quick:?}  # braking, with the peak torque\n\
          following_error_limit_{length} = {limit:?}\n\
@@ -276,8 +282,6 @@ fn machine_axis(axis: &NewAxis, name: &str, timing: &Timing, drive_period_us: u3
         length = words.length,
         speed = words.speed,
         acceleration = words.acceleration,
-        low = axis.travel.0,
-        high = axis.travel.1,
         rapid = axis.speed,
         rapid_why = why(axis, "speed", ""),
         most = axis.acceleration,

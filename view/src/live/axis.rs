@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use bus::sample::{AxisCommand, AxisFeedback, Redundancy, Reference};
-use machine::Axis;
+use machine::{Axis, TURN_DEG};
 use monitor::turns::Turns;
 use remote::wire::CommandState;
 
@@ -58,6 +58,7 @@ pub struct AxisView {
     /// Whether its positions are those of the machine.
     pub reference: Reference,
     absolute: bool,
+    modulo: bool,
     increment_mm: f64,
     rated_nm: f64,
     by_scale: bool,
@@ -96,6 +97,7 @@ impl AxisView {
             role: 0,
             reference: Reference::Known,
             absolute: axis.homing.is_none(),
+            modulo: axis.modulo,
             increment_mm,
             rated_nm: axis.motor.rated_torque_nm,
             by_scale: axis.feedback == machine::PositionFeedback::Scale,
@@ -106,15 +108,25 @@ impl AxisView {
         }
     }
 
+    /// A place in mm or degrees, of an axis that turns without end within a turn.
+    fn shown(&self, increments: i64) -> f64 {
+        let place_mm = increments as f64 * self.increment_mm;
+        if self.modulo {
+            place_mm.rem_euclid(TURN_DEG)
+        } else {
+            place_mm
+        }
+    }
+
     /// Takes the feedback of one scan; a reversal, if its command has gone far enough in a new direction.
     pub fn feedback(&mut self, scan: u64, sample: &AxisFeedback, driven: bool) -> Option<Turn> {
-        self.command_mm = sample.command_position as f64 * self.increment_mm;
+        self.command_mm = self.shown(sample.command_position);
         let position = if self.by_scale {
             sample.scale_position
         } else {
             sample.motor_position
         };
-        self.feedback_mm = position as f64 * self.increment_mm;
+        self.feedback_mm = self.shown(position);
         self.velocity_mm_s = sample.velocity_mm_s;
         self.torque_nm = sample.torque_nm;
         self.torque_share = sample.torque_nm / self.rated_nm;

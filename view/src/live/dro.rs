@@ -137,8 +137,8 @@ pub fn of(model: &Model) -> Dro {
         if is_plain {
             let work = modal.in_program(&place(machine, feedback));
             let named = dro.work.iter_mut().take(machine.program_axes().len());
-            for (slot, value) in named.zip(work.iter()) {
-                *slot = Some(without_sign_of_nothing(*value));
+            for ((slot, value), axis) in named.zip(work.iter()).zip(&machine.axes) {
+                *slot = Some(without_sign_of_nothing(axis.shown(*value)));
             }
         }
     }

@@ -5,7 +5,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use axum::body::Bytes;
 use control::path::{AxisVector, Element, Feed, Path, Shape};
-use machine::AxisKind;
+use machine::{AxisKind, TURN_DEG};
 use serde::Serialize;
 use serde_json::json;
 
@@ -130,7 +130,10 @@ fn machine(model: &Model) -> Bytes {
     let machine = &model.machine;
     let axes = machine.axes.iter().zip(&model.axes).map(|(axis, view)| {
         let homes = axis.homing.is_some();
-        let (low, high) = (axis.travel_min_mm, axis.travel_max_mm);
+        let (low, high) = match axis.modulo {
+            true => (0.0, TURN_DEG),
+            false => (axis.travel_min_mm, axis.travel_max_mm),
+        };
         match axis.kind {
             AxisKind::Linear => json!({
                 "axis": axis.name,
