@@ -269,7 +269,8 @@ fn an_axis_that_turns_without_end_goes_to_absolute_places_on_the_shorter_way() {
 /// The example of Fanuc's manual B-63534EN/02, 20.2.1: movements of -150, -30, -80, 380 and -840 degrees.
 #[test]
 fn an_axis_that_turns_without_end_moves_as_with_fanucs_roll_over() {
-    let example = "G10 L2 P1 A0\nG90 G0 A-150.0\nG90 A540.0\nG90 A-620.0\nG91 A380.0\nG91 A-840.0\nM2";
+    let example =
+        "G10 L2 P1 A0\nG90 G0 A-150.0\nG90 A540.0\nG90 A-620.0\nG91 A380.0\nG91 A-840.0\nM2";
     assert_eq!(
         turned_to(0.0, example),
         [-150.0, -180.0, -260.0, 120.0, -720.0]
