@@ -147,7 +147,6 @@ pub enum Command {
     /// Write the manual pages
     Man(ManOptions),
     /// Print what the machine file, the plant file or a drive file may hold: the page of the reference, or the schema for editors
-    #[command(hide = true)]
     Reference(ReferenceOptions),
     /// The other side of a measurement
     #[command(hide = true)]

@@ -344,7 +344,7 @@ fn from_another_terminal_orders_are_obeyed_or_refused_with_the_reason() {
     obeyed(&["hold"], "comes to rest on the path");
     cell.wait_for(|f| f.at_rest == 1);
     std::thread::sleep(std::time::Duration::from_millis(300));
-    refused(&["jog", "X", "1000"], "it may be -");
+    refused(&["jog", "X", "1000"], "a jog may be -");
     refused(&["jog", "Y", "0"], "any distance but 0");
     refused(&["jog", "Y", "NaN"], "any distance but 0");
     let (status, printed) = order(&name, &["jog", "Q", "1"]);

@@ -261,6 +261,11 @@ impl CellPaths {
         self.folder().join("user-code-end")
     }
 
+    /// The modes that typed-in blocks leave to the next one, as blocks.
+    pub fn typed_modes(&self) -> PathBuf {
+        self.folder().join("mdi")
+    }
+
     /// What the program says: the texts around the place that its path has come to.
     pub fn messages(&self) -> PathBuf {
         self.folder().join("messages")

@@ -15,7 +15,7 @@ use bus::port::{Age, OperatorServer, Reader, WindowReader, Writer};
 use bus::realtime;
 use bus::sample::{
     AxisCommand, BusCycle, Feedback, Instruments, Job, MAX_AXES, MAX_PARTICIPANTS, OperatorRequest,
-    OperatorResponse, Participant, PlannerStatus, Roster, Setpoint, WindowHeader,
+    OperatorResponse, Participant, PlannerStatus, Roster, Setpoint, Waiting, WindowHeader,
 };
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES, SCAN_DEPTH};
 use bus::signal_page::CellPhase;
@@ -32,6 +32,8 @@ use crate::saved::{Latches, SavedState};
 const LOOK_AROUND_SCANS: u64 = 64;
 /// Scans between two looks whether an operator asks for something.
 const OPERATOR_SCANS: u64 = 4;
+/// In lockstep so many scans of a program that waits for somebody pass at full speed.
+const STOOD_SCANS: u64 = 2_000;
 /// Answers are visible in the scan after the feedback that they answer, and nobody has a later feedback than the master has
 /// published.
 const HORIZON_SCANS: u64 = 1;
@@ -219,6 +221,8 @@ pub struct BusPorts {
     launcher_gone: bool,
     /// The recorder has stalled and is not waited for any more.
     recorder_dropped: bool,
+    /// Scans in a row in which a program has waited for somebody.
+    waited_for_operator_scans: u64,
     /// Who took part when this scan was published.
     asked_in_scan: Asked,
     /// Signals to the master before anybody was signalled in this scan; none where nobody is to answer it.
@@ -250,6 +254,7 @@ impl BusPorts {
             },
             launcher_gone: false,
             recorder_dropped: false,
+            waited_for_operator_scans: 0,
             asked_in_scan: [0; MAX_PARTICIPANTS],
             seen_before_waking: None,
             saved: None,
@@ -454,6 +459,14 @@ impl BusPorts {
         overrun as u32
     }
 
+    /// Lockstep: where a program stands and waits for somebody, scans pass no faster than time does, once some have: nobody wants hours
+    /// of a standing machine in a log. No sample knows of it.
+    fn await_operator(&mut self) {
+        if self.waited_for_operator_scans > STOOD_SCANS {
+            realtime::sleep_until_ns(realtime::now_ns() + self.clock.period_ns);
+        }
+    }
+
     /// Waits for the answers to a scan as the pace wants it. In lockstep whoever is `excused` is not waited for once it has
     /// reported that it is done with the scan: no answer of it counts.
     ///
@@ -466,6 +479,7 @@ impl BusPorts {
         excused: &dyn Fn(&Participant) -> bool,
     ) -> Result<Answered, MasterError> {
         if self.clock.pace == Pace::Lockstep {
+            self.await_operator();
             self.await_recorder(scan);
             let overrun_scans = 0;
             return Ok(if self.await_everybody(scan, ask_planner, excused)? {
@@ -504,6 +518,12 @@ impl MasterPorts for BusPorts {
     }
 
     fn begin_scan(&mut self, feedback: &Feedback, ask_planner: bool) -> Flow {
+        let waiting = Waiting::from_wire(feedback.auxiliary.waiting);
+        let stands = waiting.is_some_and(Waiting::is_for_operator) && feedback.hold == 1;
+        self.waited_for_operator_scans = match stands {
+            true => self.waited_for_operator_scans.saturating_add(1),
+            false => 0,
+        };
         self.publish_feedback(feedback, ask_planner);
         Flow::GoOn
     }

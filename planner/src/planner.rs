@@ -29,7 +29,7 @@ use crate::line_search::LineSearch;
 use crate::place::{PLACE_ELEMENTS, Place};
 use crate::program_text::ProgramText;
 use crate::questions::{KeptAnswer, hash_of};
-use crate::return_to_path::{ReturnToPath, Way};
+use crate::return_to_path::ReturnToPath;
 
 use start_at_line::seeks_line;
 
@@ -723,14 +723,9 @@ impl Planner {
                 return Some(From::program(state, true));
             }
         }
-        let way = match feedback.auxiliary.start_line {
-            _ if coupled => Way::InThread,
-            0 => Way::Straight,
-            _ => Way::Approach,
-        };
-        let plans = |of: &ReturnToPath| (of.from, of.to, of.way) == (here, state, way);
+        let plans = |way: &ReturnToPath| way.from == here && way.to == state;
         if !self.return_to_path.as_ref().is_some_and(plans) {
-            match ReturnToPath::new(&self.machine, here, state, windows.path(), way) {
+            match ReturnToPath::new(&self.machine, here, state, windows.path(), coupled) {
                 Ok(return_to_path) => self.return_to_path = Some(return_to_path),
                 Err(error) => {
                     tracing::error!("{error}");

@@ -34,16 +34,9 @@ const ACCELERATION_SHARE: f64 = 0.1;
 /// Speed of the return with a tap in its thread, in mm/s: some ten turns a minute, which a spindle has at once.
 const IN_THREAD_MM_S: f64 = 0.2;
 
-/// How a return goes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Way {
-    /// In a straight line.
-    Straight,
-    /// A tap in its thread: in a straight line and slowly.
-    InThread,
-    /// To where a program is to be started: Z goes down last, or up first.
-    Approach,
-}
+/// Where Z and the axes beside it are both further off than this, in mm, Z goes down last, or up first: whoever lifted the tool had a
+/// reason. A nearer place is returned to in a straight line, as after a trip.
+const OVER_MM: f64 = 1.0;
 
 /// A planned return.
 #[derive(Debug, Clone)]
@@ -52,27 +45,26 @@ pub(crate) struct ReturnToPath {
     pub from: [i64; MAX_AXES],
     /// State of the program it leads to.
     pub to: PathState,
-    /// How it goes.
-    pub way: Way,
     /// Plans along it.
     pub windows: WindowPlanner,
 }
 
 impl ReturnToPath {
     /// From the command positions to the place of `to` on the path of the program. Both ends are within the travel, so is the line
-    /// between them and the corner of an approach; the run-up is on the path, where the tool has been.
+    /// between them and the corner above; the run-up is on the path, where the tool has been. A tap in its thread goes straight and
+    /// slowly.
     pub fn new(
         machine: &Machine,
         from: [i64; MAX_AXES],
         to: PathState,
         program: &PathPart,
-        way: Way,
+        in_thread: bool,
     ) -> Result<ReturnToPath, CourseError> {
         let mut rotary = ALL_LINEAR;
         for (is_rotary, axis) in rotary.iter_mut().zip(machine.program_axes()) {
             *is_rotary = axis.kind == AxisKind::Rotary;
         }
-        let (speed_mm_s, chords) = if way == Way::InThread {
+        let (speed_mm_s, chords) = if in_thread {
             (IN_THREAD_MM_S.min(machine.manual.return_mm_s), 0)
         } else {
             (machine.manual.return_mm_s, RUN_UP_CHORDS)
@@ -87,9 +79,8 @@ impl ReturnToPath {
         });
         let run_up: Vec<AxisVector> = run_up.collect();
         let z_axis = machine.axes.iter().position(|axis| axis.name == "Z");
-        let corner = z_axis.filter(|_| way == Way::Approach);
-        let corner = corner.zip(run_up.first());
-        let corner = corner.map(|(z_axis, first)| corner_of_approach(&start, first, z_axis));
+        let over = z_axis.filter(|_| !in_thread).zip(run_up.first());
+        let corner = over.and_then(|(z_axis, first)| corner_above(&start, first, z_axis));
         for there in corner.into_iter().chain(run_up) {
             let line = Shape::Line {
                 from: here,
@@ -106,24 +97,22 @@ impl ReturnToPath {
         Ok(ReturnToPath {
             from,
             to,
-            way,
             windows: window_planner(&gently(machine), Path { elements }, start)?,
         })
     }
 }
 
-/// Where an approach turns: above its end where it begins above it, and above its beginning otherwise.
-fn corner_of_approach(from: &AxisVector, to: &AxisVector, z_axis: usize) -> AxisVector {
-    let z = |of: &AxisVector| of.get(z_axis).copied().unwrap_or_default();
-    let (mut corner, height) = if z(from) >= z(to) {
-        (*to, z(from))
+/// Where a return turns: above its end where it begins above it, and above its beginning otherwise. None where it goes straight.
+fn corner_above(from: &AxisVector, to: &AxisVector, z_axis: usize) -> Option<AxisVector> {
+    let (from_z, to_z) = (*from.get(z_axis)?, *to.get(z_axis)?);
+    let (mut corner, height) = if from_z >= to_z {
+        (*to, from_z)
     } else {
-        (*from, z(to))
+        (*from, to_z)
     };
-    if let Some(of_corner) = corner.get_mut(z_axis) {
-        *of_corner = height;
-    }
-    corner
+    *corner.get_mut(z_axis)? = height;
+    let aside_mm = (corner - if from_z >= to_z { *from } else { *to }).norm();
+    ((from_z - to_z).abs() > OVER_MM && aside_mm > OVER_MM).then_some(corner)
 }
 
 /// The machine with the accelerations of a return.
@@ -161,18 +150,21 @@ mod tests {
     use control::limits::{AxisLimits, MotionLimits};
 
     #[test]
-    fn an_approach_goes_over_the_workpiece_and_never_through_it() {
+    fn a_return_goes_over_the_workpiece_and_never_through_it() {
         let point = |x: f64, z: f64| {
             let mut point = AxisVector::zeros();
             (point[0], point[2]) = (x, z);
             point
         };
         for (from, to, corner) in [
-            (point(0.0, 50.0), point(9.0, -2.0), point(9.0, 50.0)),
-            (point(9.0, -5.0), point(0.0, 3.0), point(9.0, 3.0)),
-            (point(1.0, 3.0), point(0.0, 3.0), point(0.0, 3.0)),
+            (point(0.0, 50.0), point(9.0, -2.0), Some(point(9.0, 50.0))),
+            (point(9.0, -5.0), point(0.0, 3.0), Some(point(9.0, 3.0))),
+            // Pushed by a trip, lifted straight up, moved aside at its height.
+            (point(0.3, 0.2), point(0.0, 0.0), None),
+            (point(0.0, 50.0), point(0.2, 3.0), None),
+            (point(40.0, 3.5), point(0.0, 3.0), None),
         ] {
-            assert_eq!(corner_of_approach(&from, &to, 2), corner);
+            assert_eq!(corner_above(&from, &to, 2), corner);
         }
     }
 

@@ -184,6 +184,9 @@ pub struct Interpreter {
     returned: (f64, bool),
     pub frames: Frames,
     pub state_known: bool,
+    /// A bit for each axis that a block was refused for, as long as it is outside its travel.
+    #[serde(skip)]
+    told_outside: u32,
     /// The line that is read, counted from 1.
     #[serde(skip)]
     pub line: u32,
@@ -233,6 +236,7 @@ impl Interpreter {
             returned: (0.0, false),
             frames: Frames::default(),
             state_known: true,
+            told_outside: 0,
             line: 0,
             ended: None,
             output: Output::default(),

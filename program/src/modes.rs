@@ -21,6 +21,18 @@ pub fn modal_at_start(machine: &Machine) -> Modal {
     Interpreter::new(&setup, AxisVector::zeros()).modal()
 }
 
+/// The state that these blocks leave, which move nothing; the one that the next program begins with if they cannot be read.
+pub fn modal_behind(machine: &Machine, blocks: &str) -> Modal {
+    let setup = Arc::new(Setup::of(machine));
+    let mut piece = Piece::default();
+    let reading = Reading::of_text("blocks", blocks, &setup, AxisVector::zeros());
+    let read = reading.and_then(|mut reading| {
+        reading.read(usize::MAX, &mut piece)?;
+        Ok(reading.modal())
+    });
+    read.unwrap_or_else(|_| modal_at_start(machine))
+}
+
 /// The states of a program, by its elements.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Modes {
@@ -131,6 +143,19 @@ impl Modes {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn typed_in_blocks_leave_their_modes() {
+        let machine = FilePath::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xyz-mill");
+        let machine = Machine::load(&machine).unwrap();
+        let modal = modal_behind(&machine, "G21\nG91 G55\nF600 G43 H1 G1\n");
+        let codes = modal.codes.join(" ");
+        for code in ["G43", "G55", "G91"] {
+            assert!(codes.contains(code), "no {code}: {codes}");
+        }
+        assert_eq!((modal.feed, modal.tool_length()[2]), (Some(600.0), 40.0));
+        assert_eq!(modal_behind(&machine, "G43 H9\n"), modal_at_start(&machine));
+    }
 
     #[test]
     fn beside_a_contour_each_element_has_the_state_of_its_own_block() {

@@ -32,6 +32,7 @@ mod trial;
 mod write;
 
 use std::fs;
+use std::path::Path;
 
 use anyhow::{Context, anyhow};
 use machine::settings_file::{with_own_units, with_slides};
@@ -50,6 +51,22 @@ use launcher::signals::Signals;
 use ringing::Ringing;
 use test_motions::TestMotions;
 
+/// Its motions begin by themselves: nobody is there to home an axis first.
+fn must_know_its_places(machine: &Machine, path: &Path) -> Result<(), Failure> {
+    let homed = machine.axes.iter().filter(|axis| axis.homing.is_some());
+    let homed: Vec<&str> = homed.map(|axis| axis.name.as_str()).collect();
+    if homed.is_empty() {
+        return Ok(());
+    }
+    let refused = anyhow!(
+        "{}: {} must be homed, and tune moves by itself: tune a copy of the machine without [axis.homing], with absolute encoders in \
+         its plant file, and take the values over",
+        path.display(),
+        homed.join(" ")
+    );
+    Err(refused).input()
+}
+
 /// Tunes a machine.
 pub fn tune(options: &TuneOptions) -> Outcome {
     logs::init_launcher();
@@ -64,6 +81,7 @@ pub fn tune(options: &TuneOptions) -> Outcome {
         );
         return Err(refused).input();
     }
+    must_know_its_places(&machine, &path)?;
     let reported = &options.lost_motion_um;
     let given_um = of_axes(&machine, "--lost-motion-um", reported, 0.0..=1000.0).input()?;
     let limits = motions::limits(&machine, options).input()?;

@@ -254,7 +254,7 @@ impl Refused {
             Refused::NoProgram => "no program is loaded: load one first",
             Refused::Loading => "the program is still being read: wait a moment",
             Refused::Running => {
-                "a program is running: resume goes on with it; once stopped, load discards it"
+                "a program is running: resume goes on with it; stop, then load or reset, discards it"
             }
             Refused::NotRunning => "no program is running: start runs the one that is loaded",
             Refused::NotReferenced => "an axis has no reference: home it first",

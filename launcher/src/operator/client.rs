@@ -268,7 +268,7 @@ impl Client {
                 self.unit(request.axis)
             ),
             Refused::BeyondTravel => format!(
-                "{}: it may be {:.3} to {:.3} {}",
+                "{}: from here a jog may be {:+.3} to {:+.3} {}",
                 reason.words(),
                 answer.allowed_min_mm,
                 answer.allowed_max_mm,
@@ -441,9 +441,15 @@ pub(super) fn running(cell: Option<&str>) -> Result<Observer, Failure> {
             "no cell runs: `quadrant up MACHINE` starts one that stays, `quadrant run` one for a program"
         ))),
         1 => Ok(running.remove(0)),
-        _ => Err(Failure::Input(anyhow!(
-            "several cells run: name one with --cell: {}",
-            names.join(", ")
-        ))),
+        _ => {
+            let places: Vec<&CellPaths> = running.iter().map(|cell| &cell.place).collect();
+            let of_folder = origin::only_one_of_this_folder(&places);
+            let refused = || {
+                let names = names.join(", ");
+                anyhow!("several cells run: name one with --cell: {names}")
+            };
+            let index = of_folder.ok_or_else(refused).input()?;
+            Ok(running.remove(index))
+        }
     }
 }

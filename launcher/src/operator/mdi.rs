@@ -74,7 +74,7 @@ impl Block {
             return Err(client.fails(&format!("mdi refused: {}", why.words())));
         }
         let place = &client.cell.place;
-        let kept = place.folder().join("mdi");
+        let kept = place.typed_modes();
         let mut modes = ModalWords::read(&kept);
         let written = Written::of(&place.folder(), &modes, text)?;
         let (notes, _) = check(client, &written.file, &now)

@@ -24,10 +24,8 @@ pub fn note(cell: &CellPaths, machine_file: &Path) -> std::io::Result<()> {
 /// # Errors
 /// It is not, or where its machine file lies is not known.
 pub(super) fn check(cell: &CellPaths) -> Result<(), Failure> {
-    let here = std::env::current_dir().and_then(std::fs::canonicalize);
-    let here = here.environment()?;
-    let noted = std::fs::read(cell.origin_file()).ok();
-    let machine = noted.map(|bytes| PathBuf::from(OsString::from_vec(bytes)));
+    let here = here().environment()?;
+    let machine = folder_of(cell);
     if machine
         .as_deref()
         .is_some_and(|machine| is_of(machine, &here))
@@ -39,6 +37,25 @@ pub(super) fn check(cell: &CellPaths) -> Result<(), Failure> {
     Err(Failure::Input(anyhow!(
         "the only cell that runs is {name:?}, started {machine}, which is not in this folder: if it is meant, say so with --cell {name}"
     )))
+}
+
+/// Which of several cells was started from a machine in this folder, below it or above it, where only one was.
+pub(super) fn only_one_of_this_folder(cells: &[&CellPaths]) -> Option<usize> {
+    let here = here().ok()?;
+    let is_meant = |cell: &CellPaths| folder_of(cell).is_some_and(|machine| is_of(&machine, &here));
+    let mut meant = (0..).zip(cells).filter(|(_, cell)| is_meant(cell));
+    let (index, _) = meant.next()?;
+    meant.next().is_none().then_some(index)
+}
+
+fn here() -> std::io::Result<PathBuf> {
+    std::env::current_dir().and_then(std::fs::canonicalize)
+}
+
+/// The folder of the machine that a cell was started with, if it is noted.
+fn folder_of(cell: &CellPaths) -> Option<PathBuf> {
+    let noted = std::fs::read(cell.origin_file()).ok()?;
+    Some(PathBuf::from(OsString::from_vec(noted)))
 }
 
 /// Whether a machine lies in or below a folder, or the folder in or below that of the machine.

@@ -334,8 +334,14 @@ impl Interpreter {
         Ok(Feed::PathMmS(length * f.value / 60.0))
     }
 
-    /// The axes that would leave their travel, and where.
-    pub(super) fn outside(&self, words: &Words, shapes: &[Shape], offset: usize) -> Vec<Refusal> {
+    /// The axes that would leave their travel, and where. One that a block before was refused for and that this block does not name is
+    /// not told again.
+    pub(super) fn outside(
+        &mut self,
+        words: &Words,
+        shapes: &[Shape],
+        offset: usize,
+    ) -> Vec<Refusal> {
         let mut refusals = Vec::new();
         for (index, axis) in self.setup.axes.iter().enumerate() {
             let mut worst: Option<f64> = None;
@@ -357,9 +363,16 @@ impl Interpreter {
                     }
                 }
             }
+            let bit = 1 << index;
+            let was_told = self.told_outside & bit != 0;
             let Some(value) = worst else {
+                self.told_outside &= !bit;
                 continue;
             };
+            if was_told && words.value(axis.letter).is_none() {
+                continue;
+            }
+            self.told_outside |= bit;
             let unit = if axis.rotary { "degrees" } else { "mm" };
             let zero = self.offsets.zero.get(index).copied().unwrap_or(0.0);
             let mut found = format!("axis {} would reach {value:.4} {unit}", axis.letter);

@@ -63,6 +63,7 @@ pub struct AxisView {
     rated_nm: f64,
     by_scale: bool,
     follows_friction: bool,
+    has_model: bool,
     frame_peak_um: Option<f64>,
     /// Largest magnitude of the following error in the last look; none if no command was seen in it.
     pub look_peak_um: Option<f64>,
@@ -101,6 +102,7 @@ impl AxisView {
             increment_mm,
             rated_nm: axis.motor.rated_torque_nm,
             by_scale: axis.feedback == machine::PositionFeedback::Scale,
+            has_model: axis.model.is_some(),
             follows_friction: axis.adaptation.mode == machine::AdaptationMode::On,
             frame_peak_um: None,
             look_peak_um: None,
@@ -184,6 +186,15 @@ impl AxisView {
     pub fn friction(&self) -> Option<(f64, f64)> {
         let command = self.commanded.filter(|_| self.follows_friction)?;
         Some((command.friction_level, command.friction_unexplained))
+    }
+
+    /// The same in words.
+    pub fn friction_words(&self) -> String {
+        match self.friction() {
+            Some((level, _)) => format!("{:.0}%", level * 100.0),
+            None if self.has_model => "tuned".into(),
+            None => "none".into(),
+        }
     }
 
     /// Ends one look: what was largest since the one before goes into the history.

@@ -74,6 +74,8 @@ pub struct Dro {
     pub distance_to_go: Vec<Option<f64>>,
     /// The work offset in force.
     pub work_offset: Option<&'static str>,
+    /// It is that of the next typed-in block, not of a program.
+    pub is_typed: bool,
     /// What the length of the tool takes off along each axis.
     pub tool_length: Option<Vec<f64>>,
     /// Feed of the block, in mm/min; none in rapid.
@@ -129,6 +131,7 @@ pub fn of(model: &Model) -> Dro {
         model.next_start.as_ref()
     };
     if let Some(modal) = modal {
+        dro.is_typed = !runs && model.next_is_typed;
         dro.work_offset = WORK_OFFSETS.get(modal.work_offset).copied();
         dro.tool_length = Some(modal.tool_length().iter().take(axes).copied().collect());
         dro.active_codes.clone_from(&modal.codes);

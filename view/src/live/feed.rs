@@ -1,5 +1,6 @@
 //! Takes samples from a running cell into a model; nobody in the cell waits for it.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::time::{Duration, Instant};
@@ -12,7 +13,7 @@ use bus::observer::{Held, Observer};
 use bus::sample::Feedback;
 use bus::service::RECORDER_DEPTH_SCANS;
 use machine::{KeptFiles, KeptTexts, Machine};
-use program::{Modes, Program, SHORT_ELEMENTS, modal_at_start};
+use program::{Modes, Program, SHORT_ELEMENTS, modal_at_start, modal_behind};
 
 use super::dro::Course;
 use super::fieldbus::BusView;
@@ -195,13 +196,18 @@ impl Feed {
         });
     }
 
-    /// What the next program begins with: its work offset, and G92.
+    /// What the next typed-in block begins with; where none was typed in, that is what the next program begins with.
     fn look_at_offsets(&mut self) {
         let kept = KeptFiles::of_cell(&self.cell.place).ok();
         let kept = kept.and_then(|files| files.read(&self.machine).ok());
         let mut machine = self.machine.clone();
         let taken = kept.and_then(|kept| machine.take_kept(kept).ok());
-        self.model.next_start = taken.map(|_| modal_at_start(&machine));
+        let typed = fs::read_to_string(self.cell.place.typed_modes()).ok();
+        self.model.next_is_typed = typed.is_some();
+        self.model.next_start = taken.map(|_| match &typed {
+            Some(blocks) => modal_behind(&machine, blocks),
+            None => modal_at_start(&machine),
+        });
     }
 
     /// Whether the cell is gone, or about to go.

@@ -89,7 +89,12 @@ fn readout(text: &mut String, model: &Model) {
         "\n\n  axis          work      machine  distance to go"
     );
     if let Some(offset) = dro.work_offset {
-        let _ = write!(text, "    work offset {offset}");
+        let whose = if dro.is_typed {
+            " of typed-in blocks"
+        } else {
+            ""
+        };
+        let _ = write!(text, "    work offset {offset}{whose}");
     }
     let named = model.machine.program_axes().len();
     for (index, axis) in model.axes.iter().enumerate().take(named) {
@@ -149,10 +154,7 @@ fn axes(text: &mut String, model: &Model) {
             axis.feedback_mm,
             axis.torque_share * 100.0,
             axis.winding_k,
-            axis.friction().map_or("tuned".into(), |(level, _)| format!(
-                "{:.0} %",
-                level * 100.0
-            )),
+            axis.friction_words(),
             axis.missed_scans,
             ROLES.get(axis.role as usize).copied().unwrap_or("?"),
         );

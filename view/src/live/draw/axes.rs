@@ -99,7 +99,11 @@ fn row(axis: &AxisView, bars: usize, palette: Palette) -> Line<'static> {
         Span::raw(format!("{:>8} ", number(axis.error_peak_um, false))),
         Span::styled(format!("{:<bars$}", history(axis, bars)), palette.good()),
         Span::styled(torque, torque_style),
-        Span::raw(format!("{:>7.1}{:>7}", axis.winding_k, friction(axis))),
+        Span::raw(format!(
+            "{:>7.1}{:>7}",
+            axis.winding_k,
+            axis.friction_words()
+        )),
         Span::styled(format!("{missed:>6}"), missed_style),
         Span::raw(format!(
             " {}",
@@ -107,13 +111,6 @@ fn row(axis: &AxisView, bars: usize, palette: Palette) -> Line<'static> {
         )),
         Span::styled(not_homed(axis), palette.warn()),
     ])
-}
-
-/// Friction that the servo goes by.
-fn friction(axis: &AxisView) -> String {
-    axis.friction().map_or("tuned".into(), |(level, _)| {
-        format!("{:.0}%", level * 100.0)
-    })
 }
 
 /// A number of µm or mdeg in at most eight characters.
