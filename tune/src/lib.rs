@@ -34,7 +34,7 @@ mod write;
 use std::fs;
 use std::path::Path;
 
-use anyhow::{Context, anyhow};
+use anyhow::{Context, anyhow, bail};
 use machine::settings_file::{with_own_units, with_slides};
 use machine::{Machine, PositionFeedback, ReversalMethod, machine_file};
 use toml_edit::DocumentMut;
@@ -71,16 +71,7 @@ fn must_know_its_places(machine: &Machine, path: &Path) -> Result<(), Failure> {
 pub fn tune(options: &TuneOptions) -> Outcome {
     logs::init_launcher();
     let path = machine_file(&options.machine);
-    let machine = Machine::load(&path).input()?;
-    if let Some(pair) = machine.gantries().next() {
-        let [first, second] = [pair.leader, pair.follower].map(|axis| machine.axis_name(axis));
-        let refused = anyhow!(
-            "{}: {first} and {second} are the two motors of a gantry: tune moves one motor at a time and would skew it; set the loops \
-             of such a machine by hand, or tune one end with the bridge taken off, as a machine of its own",
-            path.display()
-        );
-        return Err(refused).input();
-    }
+    let machine = without_gantry(&path).input()?;
     must_know_its_places(&machine, &path)?;
     let reported = &options.lost_motion_um;
     let given_um = of_axes(&machine, "--lost-motion-um", reported, 0.0..=1000.0).input()?;
@@ -150,6 +141,20 @@ pub fn tune(options: &TuneOptions) -> Outcome {
     let best = with_own_units(&machine::schema(), &best, &original);
     keep::write(options, &path, &best)?;
     keep::write_drive_files(options, &path, known, &best)
+}
+
+/// The machine of a file; nobody moves one motor of a gantry alone.
+fn without_gantry(path: &Path) -> anyhow::Result<Machine> {
+    let machine = Machine::load(path)?;
+    let Some(pair) = machine.gantries().next() else {
+        return Ok(machine);
+    };
+    let [first, second] = [pair.leader, pair.follower].map(|axis| machine.axis_name(axis));
+    bail!(
+        "{}: {first} and {second} are the two motors of a gantry: tune moves one motor at a time and would skew it; set the loops \
+         of such a machine by hand, or tune one end with the bridge taken off, as a machine of its own",
+        path.display()
+    )
 }
 
 /// Says what was found, with the screw taken in both ways, and what rings.

@@ -35,13 +35,7 @@ pub fn judge(rules: &mut Rules<'_>, plant: &PlantFile) {
         if let Some(of) = &axis.simple {
             simple::judge(rules, at, axis, of);
         }
-        if axis.bridge.is_some() && plant.bridged(axis).is_none() {
-            let what = format!(
-                "needs the name of a second motor, such as \"X2\" with another axis \"X\": {:?} is none, or its axis is not there",
-                axis.name
-            );
-            rules.say(&["bridge"], at, &what);
-        }
+        bridge(rules, at, plant, axis);
         if let Some(of) = &axis.screw.transmission {
             transmission::judge(rules, at, &["screw"], of, axis.kind);
         }
@@ -91,6 +85,17 @@ pub fn judge(rules: &mut Rules<'_>, plant: &PlantFile) {
                 step_us,
             );
         }
+    }
+}
+
+/// A bridge joins a second motor to its axis.
+fn bridge(rules: &mut Rules<'_>, at: At<'_>, plant: &PlantFile, axis: &PlantAxis) {
+    if axis.bridge.is_some() && plant.bridged(axis).is_none() {
+        let what = format!(
+            "needs the name of a second motor, such as \"X2\" with another axis \"X\": {:?} is none, or its axis is not there",
+            axis.name
+        );
+        rules.say(&["bridge"], at, &what);
     }
 }
 

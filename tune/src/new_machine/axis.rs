@@ -140,15 +140,7 @@ impl NewAxis {
 
     fn of(letter: &str, given: &Given<'_>) -> anyhow::Result<NewAxis> {
         let rotary = is_rotary(letter);
-        let endless = given.text("travel") == Some("endless");
-        if endless && !rotary {
-            bail!("travel=endless: is for rotary axes (A, B, C)");
-        }
-        let travel = if endless {
-            (-180.0, 180.0)
-        } else {
-            travel(given)?
-        };
+        let (endless, travel) = travel_or_turn(given, rotary)?;
         let (drive, ratio) = drive(given, rotary)?;
         let lead = turn(drive) / ratio;
         let (other, key) = if rotary {
@@ -203,28 +195,33 @@ impl NewAxis {
             given: given.0.iter().map(|(key, _)| (*key).to_string()).collect(),
         };
         axis.motor(given)?;
-        if incremental && endless {
+        axis.fits()?;
+        Ok(axis)
+    }
+
+    /// Its numbers go together.
+    fn fits(&self) -> anyhow::Result<()> {
+        let (low, high) = self.travel;
+        if self.incremental && self.endless {
             bail!(
                 "encoder=incremental: is for axes with a travel; give an endless one [axis.homing] by hand"
             );
         }
-        let turns = (travel.1 - travel.0) / lead;
-        if incremental && turns < HOMING_TURNS_MIN {
+        let turns = (high - low) / self.lead();
+        if self.incremental && turns < HOMING_TURNS_MIN {
             bail!(
                 "encoder=incremental: the travel must be at least {HOMING_TURNS_MIN} turns of the motor, so that switch and index \
                  have their place: {} here",
                 rounded(turns)
             );
         }
-        if !(travel.0..=travel.1).contains(&axis.start) {
+        if !(low..=high).contains(&self.start) {
             bail!(
-                "start={}: must be within the travel, {} to {}",
-                axis.start,
-                travel.0,
-                travel.1
+                "start={}: must be within the travel, {low} to {high}",
+                self.start
             );
         }
-        Ok(axis)
+        Ok(())
     }
 
     /// A motor that can do it, where none is given.
@@ -349,6 +346,15 @@ fn given(text: &str) -> anyhow::Result<Given<'_>> {
         all.push((key, value));
     }
     Ok(Given(all))
+}
+
+/// Whether it turns without end, and its travel; of one that does, a turn.
+fn travel_or_turn(given: &Given<'_>, rotary: bool) -> anyhow::Result<(bool, (f64, f64))> {
+    match given.text("travel") {
+        Some("endless") if !rotary => bail!("travel=endless: is for rotary axes (A, B, C)"),
+        Some("endless") => Ok((true, (-180.0, 180.0))),
+        _ => Ok((false, travel(given)?)),
+    }
 }
 
 fn travel(given: &Given<'_>) -> anyhow::Result<(f64, f64)> {
