@@ -103,6 +103,10 @@ fn both_motors_get_the_same_setpoints_and_the_skew_stays_small_through_arcs_and_
     let program = bench.file("mixed.ngc", PROGRAM);
     let ended = run(bench.path(), &program);
     let report = ended.good_report();
+    // What a program does not name has no place on the part.
+    let place = report["contour_peaks"][0]["position_mm"].as_object();
+    let letters: Vec<&String> = place.expect("a peak").keys().collect();
+    assert_eq!(letters, ["X", "Y"]);
     let skew_um = skew_um_peak(&report);
     println!(
         "skew {skew_um} µm, contour error {} µm",

@@ -165,10 +165,10 @@ mod tests {
         ];
         (codes, 0u32..3, 0u32..2).prop_map(|(code, index, on)| ProgramEvent {
             code: code as u32,
-            index: if code == EventCode::DigitalOutput {
-                1
-            } else {
-                index
+            index: match code {
+                EventCode::DigitalOutput => 1,
+                EventCode::ToolChange | EventCode::ToolPrepare => index,
+                _ => 0,
             },
             value: f64::from(on),
             ..ProgramEvent::default()

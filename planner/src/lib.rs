@@ -19,6 +19,8 @@ pub mod questions;
 mod return_to_path;
 mod run;
 mod survey;
+#[cfg(test)]
+mod test_spindle;
 
 pub use ahead::AheadError;
 pub use course::{CourseError, course, motion_limits, window_planner};

@@ -51,28 +51,11 @@ use launcher::signals::Signals;
 use ringing::Ringing;
 use test_motions::TestMotions;
 
-/// Its motions begin by themselves: nobody is there to home an axis first.
-fn must_know_its_places(machine: &Machine, path: &Path) -> Result<(), Failure> {
-    let homed = machine.axes.iter().filter(|axis| axis.homing.is_some());
-    let homed: Vec<&str> = homed.map(|axis| axis.name.as_str()).collect();
-    if homed.is_empty() {
-        return Ok(());
-    }
-    let refused = anyhow!(
-        "{}: {} must be homed, and tune moves by itself: tune a copy of the machine without [axis.homing], with absolute encoders in \
-         its plant file, and take the values over",
-        path.display(),
-        homed.join(" ")
-    );
-    Err(refused).input()
-}
-
 /// Tunes a machine.
 pub fn tune(options: &TuneOptions) -> Outcome {
     logs::init_launcher();
     let path = machine_file(&options.machine);
-    let machine = without_gantry(&path).input()?;
-    must_know_its_places(&machine, &path)?;
+    let machine = machine_to_tune(&path).input()?;
     let reported = &options.lost_motion_um;
     let given_um = of_axes(&machine, "--lost-motion-um", reported, 0.0..=1000.0).input()?;
     let limits = motions::limits(&machine, options).input()?;
@@ -143,18 +126,27 @@ pub fn tune(options: &TuneOptions) -> Outcome {
     keep::write_drive_files(options, &path, known, &best)
 }
 
-/// The machine of a file; nobody moves one motor of a gantry alone.
-fn without_gantry(path: &Path) -> anyhow::Result<Machine> {
+/// The machine, if `tune` can move it: its motions begin by themselves, so nobody is there to home an axis first.
+fn machine_to_tune(path: &Path) -> anyhow::Result<Machine> {
     let machine = Machine::load(path)?;
-    let Some(pair) = machine.gantries().next() else {
-        return Ok(machine);
-    };
-    let [first, second] = [pair.leader, pair.follower].map(|axis| machine.axis_name(axis));
-    bail!(
-        "{}: {first} and {second} are the two motors of a gantry: tune moves one motor at a time and would skew it; set the loops \
-         of such a machine by hand, or tune one end with the bridge taken off, as a machine of its own",
-        path.display()
-    )
+    let file = path.display();
+    if let Some(pair) = machine.gantries().next() {
+        let [first, second] = [pair.leader, pair.follower].map(|axis| machine.axis_name(axis));
+        bail!(
+            "{file}: {first} and {second} are the two motors of a gantry: tune moves one motor at a time and would skew it; set the \
+             loops of such a machine by hand, or tune one end with the bridge taken off, as a machine of its own"
+        );
+    }
+    let homed = machine.axes.iter().filter(|axis| axis.homing.is_some());
+    let homed: Vec<&str> = homed.map(|axis| axis.name.as_str()).collect();
+    if !homed.is_empty() {
+        bail!(
+            "{file}: {} must be homed, and tune moves by itself: tune a copy of the machine without [axis.homing], with absolute \
+             encoders in its plant file, and take the values over",
+            homed.join(" ")
+        );
+    }
+    Ok(machine)
 }
 
 /// Says what was found, with the screw taken in both ways, and what rings.

@@ -1,22 +1,16 @@
 #![allow(clippy::expect_used, clippy::indexing_slicing, clippy::panic)]
 
 use super::*;
+use crate::test_spindle::spindle;
 use bus::sample::{EventCode, ProgramEvent};
 use control::path_part::PathPart;
 use control::speed_map::first_mapped;
-use machine::Spindle;
 
 fn machine() -> Machine {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
     let mut machine = Machine::load(&folder).expect("the machine");
     machine.program.work_offset_mm.clear();
-    machine.spindle = Some(Spindle {
-        speed_min_rpm: 100.0,
-        speed_max_rpm: 6000.0,
-        at_speed_percent: 5.0,
-        patience_s: 5.0,
-        ..Spindle::default()
-    });
+    machine.spindle = Some(spindle());
     machine
 }
 

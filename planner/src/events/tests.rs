@@ -2,20 +2,16 @@
 
 use super::*;
 
+use crate::test_spindle::spindle;
+
 use control::path::AxisVector;
 use program::{Setup, interpret};
 
-fn machine(spindle: bool) -> Machine {
+fn machine(turns: bool) -> Machine {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
     let mut machine = Machine::load(&folder).expect("the machine");
     machine.program.work_offset_mm.clear();
-    machine.spindle = spindle.then_some(Spindle {
-        speed_min_rpm: 100.0,
-        speed_max_rpm: 6000.0,
-        at_speed_percent: 5.0,
-        patience_s: 5.0,
-        ..Spindle::default()
-    });
+    machine.spindle = turns.then(spindle);
     machine
 }
 

@@ -1,11 +1,13 @@
 #![allow(clippy::expect_used, clippy::indexing_slicing, clippy::panic)]
 
 use super::*;
-use crate::events::Events;
+use crate::test_spindle::spindle;
 
 fn machine() -> Machine {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xyz-mill");
-    Machine::load(&folder).expect("the machine")
+    let mut machine = Machine::load(&folder).expect("the machine");
+    machine.spindle = Some(spindle());
+    machine
 }
 
 fn found(text: &str, line: u32) -> Result<StartPlace, String> {
@@ -48,14 +50,6 @@ fn what_its_own_line_switches_is_left_to_the_line() {
     let place = found(text, 3).expect("a place");
     let flood = codes(&place).iter().any(|of| of.0 == EventCode::Flood);
     assert!(!flood);
-    let events = Events::of(
-        &machine(),
-        &[],
-        &mut control::path::Path {
-            elements: Vec::new(),
-        },
-    );
-    assert!(events.expect("none").is_empty());
     // S, M3, and nothing of line 3.
     assert_eq!(place.events, 2);
 }
@@ -93,5 +87,5 @@ fn a_long_program_is_read_over_several_periods() {
     }
     text.push_str("M2\n");
     let place = found(&text, 39_000).expect("a place");
-    assert_eq!(place.element, 39_000 - 3);
+    assert_eq!(place.element, 39_000 - 2);
 }

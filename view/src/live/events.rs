@@ -87,10 +87,10 @@ impl Events {
     /// Notes something small: added to the last event of its kind, if that is not long ago.
     fn note_often(&mut self, scan: u64, kind: Often, scans: u32, machine: &Machine) {
         let text = |scans: u32| match kind {
-            Often::Overrun => format!("master: {scans} scans late"),
+            Often::Overrun => format!("master: {} late", counted(scans)),
             Often::Missed { axis } => {
                 let name = machine.axis_name(axis as usize);
-                format!("{name}: no command in {scans} scans")
+                format!("{name}: no command in {}", counted(scans))
             }
         };
         for event in self.last.iter_mut().rev() {
@@ -240,6 +240,13 @@ impl Events {
                 self.note(scan, Weight::Warning, text);
             }
         }
+    }
+}
+
+fn counted(scans: u32) -> String {
+    match scans {
+        1 => "1 scan".into(),
+        _ => format!("{scans} scans"),
     }
 }
 
