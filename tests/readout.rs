@@ -141,6 +141,23 @@ fn in_hold_the_way_to_go_leads_to_the_end_of_the_block_and_after_a_jog_nothing_i
     down(cell);
 }
 
+#[test]
+fn behind_a_block_of_single_block_the_work_coordinates_are_those_of_the_program() {
+    let bench = Bench::patient("xy", &[]);
+    let text = "G21 G90 G94\nG92 X100\nG1 X140 F3000\nG1 Y20\nM2\n";
+    let program = bench.file("line.ngc", text).display().to_string();
+    let mut cell = LiveCell::up(bench.path(), "lockstep");
+    cell.wait_for(|_| true);
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["load", &program]);
+    obeyed(&cell, &["start", "--single-block"]);
+    cell.wait_for(|now| now.auxiliary.waiting != 0 && now.hold == 1);
+    let stopped = status(&cell);
+    let work_mm = stopped["axes"][0]["work_mm"].as_f64().expect("known");
+    assert!((work_mm - 140.0).abs() < 1e-3, "{stopped}");
+    down(cell);
+}
+
 /// What turns is read in degrees, under names that say so; where nothing but that moves, the feed is in degrees too.
 #[test]
 fn a_rotary_axis_and_its_feed_are_read_in_degrees() {

@@ -1,6 +1,6 @@
 //! The digital readout: what an operator reads while a program runs, and between two. Data alone; others draw it.
 
-use bus::sample::{Feedback, ProgramState};
+use bus::sample::{Feedback, ProgramState, Waiting};
 use control::kinematics::Kinematics;
 use control::path::{AxisVector, Element, Feed, Path, Shape};
 use machine::offsets_file::WORK_OFFSETS;
@@ -160,7 +160,9 @@ fn modal_in_program<'a>(model: &'a Model, feedback: &Feedback) -> Option<&'a Mod
         &feedback.tag
     };
     let auxiliary = &feedback.auxiliary;
-    if auxiliary.waiting != 0 {
+    // Behind a block of single block nothing waits in a line of its own.
+    let waits_in_line = auxiliary.waiting != 0 && auxiliary.waiting != Waiting::SingleBlock as u32;
+    if waits_in_line {
         // Blocks before it that move nothing have changed the state as well.
         return course.modes.where_it_waits(tag.element, auxiliary.line);
     }

@@ -47,6 +47,23 @@ pub enum WebOrder {
         /// It does.
         on: bool,
     },
+    /// Give up the rest of the program.
+    Reset,
+    /// Whether the machine rests behind each block.
+    SingleBlock {
+        /// It does.
+        on: bool,
+    },
+    /// Override of rapids.
+    RapidOverride {
+        /// In percent.
+        percent: f64,
+    },
+    /// The axis reads 0 where it is.
+    Zero {
+        /// Its letter.
+        axis: String,
+    },
     /// One axis by hand.
     Jog {
         /// Its letter.
@@ -63,7 +80,7 @@ pub enum WebOrder {
 }
 
 /// What an order has to look like.
-const EXAMPLES: &str = r#"{"order":"hold"}, "resume", "stop", "estop", "start", "enable", "disable"; {"order":"override","percent":80}; {"order":"optional-stop","on":true}; {"order":"jog","axis":"X","distance":-0.1}; {"order":"home","axes":["X"]}"#;
+const EXAMPLES: &str = r#"{"order":"hold"}, "resume", "stop", "estop", "start", "reset", "enable", "disable"; {"order":"override","percent":80}, "rapid-override"; {"order":"single-block","on":true}, "optional-stop"; {"order":"zero","axis":"X"}; {"order":"jog","axis":"X","distance":-0.1}; {"order":"home","axes":["X"]}"#;
 
 /// Reads an order.
 ///
@@ -77,7 +94,7 @@ pub fn parse(body: &[u8]) -> Result<WebOrder, String> {
         plain && (1..=2).contains(&axis.len())
     };
     let axes: &[String] = match &order {
-        WebOrder::Jog { axis, .. } => std::slice::from_ref(axis),
+        WebOrder::Jog { axis, .. } | WebOrder::Zero { axis } => std::slice::from_ref(axis),
         WebOrder::Home { axes } => axes,
         _ => &[],
     };
@@ -91,6 +108,7 @@ impl WebOrder {
     /// The words of the command line.
     fn arguments(&self) -> Vec<String> {
         let words = |words: &[&str]| words.iter().map(|word| (*word).to_string()).collect();
+        let switch = |on: bool| if on { "on" } else { "off" };
         match self {
             WebOrder::Hold => words(&["hold"]),
             WebOrder::Resume => words(&["resume"]),
@@ -100,9 +118,11 @@ impl WebOrder {
             WebOrder::Enable => words(&["enable"]),
             WebOrder::Disable => words(&["disable"]),
             WebOrder::Override { percent } => words(&["override", &percent.to_string()]),
-            WebOrder::OptionalStop { on } => {
-                words(&["optional-stop", if *on { "on" } else { "off" }])
-            }
+            WebOrder::OptionalStop { on } => words(&["optional-stop", switch(*on)]),
+            WebOrder::Reset => words(&["reset"]),
+            WebOrder::SingleBlock { on } => words(&["single-block", switch(*on)]),
+            WebOrder::RapidOverride { percent } => words(&["rapid-override", &percent.to_string()]),
+            WebOrder::Zero { axis } => words(&["zero", axis]),
             WebOrder::Jog { axis, distance } => words(&["jog", axis, &distance.to_string()]),
             WebOrder::Home { axes } => {
                 let mut all: Vec<String> = words(&["home"]);
@@ -179,6 +199,16 @@ mod tests {
             words(r#"{"order":"optional-stop","on":false}"#),
             "optional-stop off"
         );
+        assert_eq!(
+            words(r#"{"order":"single-block","on":true}"#),
+            "single-block on"
+        );
+        assert_eq!(
+            words(r#"{"order":"rapid-override","percent":25}"#),
+            "rapid-override 25"
+        );
+        assert_eq!(words(r#"{"order":"zero","axis":"Z"}"#), "zero Z");
+        assert_eq!(words(r#"{"order":"reset"}"#), "reset");
     }
 
     #[test]

@@ -2,12 +2,15 @@
 
 const KEY = "quadrant-token";
 const INCREMENTS = [0.001, 0.01, 0.1, 1, 10];
+const RAPIDS = [100, 50, 25, 5];
 const ANSWER_MS = 10000;
 
 const $ = id => document.getElementById(id);
 let increment = 1;
 let tripped = () => false;
 let overrideSeen = 100;
+let rapidsSeen = 100;
+let singleBlock = false;
 let overrideWanted = null;
 let overrideSending = false;
 let cleared;
@@ -50,7 +53,7 @@ async function confirmed(words) {
 }
 
 export async function send(order) {
-  const name = [order.order, order.axis, order.distance, order.percent].filter(part => part !== undefined).join(" ");
+  const name = [order.order, order.axis, order.distance, order.percent, order.on].filter(part => part !== undefined).join(" ");
   answer("waits", `${name} …`);
   try {
     const response = await fetch("order", {
@@ -77,6 +80,7 @@ async function give(order) {
     stop: "Stop the machine? The tool comes to rest on the path.",
     home: "Home? Axes move.",
     start: "Start the program that is loaded? Axes move.",
+    reset: "Reset? The rest of the program is given up; it stays loaded.",
     resume: tripped() ? "Resume after a trip? Drives come on and axes move." : null,
   };
   if (asks[order] && !await confirmed(asks[order])) return answer("waits", `${order}: not given`);
@@ -98,7 +102,28 @@ async function override(percent) {
   overrideSending = false;
 }
 
+// The next step below the one that is in force; from the last, all of it again.
+function rapids() {
+  if (token() === "") return;
+  const percent = RAPIDS.find(step => step < rapidsSeen) ?? RAPIDS[0];
+  send({ order: "rapid-override", percent });
+}
+
+function blocks() {
+  if (token() !== "") send({ order: "single-block", on: !singleBlock });
+}
+
+export async function zero(axis) {
+  const words = `Zero ${axis}? It reads 0 where it is, from the next start on.`;
+  if (await confirmed(words)) send({ order: "zero", axis });
+}
+
 export function seen(status) {
+  rapidsSeen = status.rapid_override_percent ?? rapidsSeen;
+  singleBlock = status.single_block ?? singleBlock;
+  $("rapids").firstChild.data = `${rapidsSeen} % `;
+  $("blocks").firstChild.data = `Blocks ${singleBlock ? "on" : "off"} `;
+  $("blocks").setAttribute("aria-pressed", `${singleBlock}`);
   tripped = () => status.mode === "tripped";
   overrideSeen = status.override_percent ?? overrideSeen;
   if (overrideWanted === null) $("override-value").textContent = `${overrideSeen} %`;
@@ -140,6 +165,8 @@ export function prepare() {
   for (const button of document.querySelectorAll("[data-step]")) {
     button.onclick = () => override((overrideWanted ?? overrideSeen) + Number(button.dataset.step));
   }
+  $("rapids").onclick = rapids;
+  $("blocks").onclick = blocks;
   document.querySelector("[data-percent]").onclick = () => override(100);
   $("token-form").onsubmit = event => {
     event.preventDefault();
@@ -154,7 +181,7 @@ export function prepare() {
     const step = { "+": 10, "=": 10, "-": -10 }[event.key];
     const button = document.querySelector(`[data-key="${CSS.escape(event.key)}"]:not([hidden])`);
     if (step) override((overrideWanted ?? overrideSeen) + step);
-    else if (button && !$("pad").hidden) give(button.dataset.order);
+    else if (button && !$("pad").hidden) button.click();
     else if (event.key === "?") $("help").showModal();
   });
 }

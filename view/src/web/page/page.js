@@ -50,13 +50,15 @@ function axisRows(machine) {
       button.onclick = () => orders.jog(axis, direction);
       return button;
     });
+    const zero = element("button", "0", { type: "button", "aria-label": `Zero ${axis}`, title: `${axis} reads 0 here` });
+    zero.onclick = () => orders.zero(axis);
     const name = element("td", axis);
     row.append(
       name,
       cell("", element("span", "", { class: "position" }), element("span", "", { class: "unit" }), element("span", "", { class: "second" })),
       cell("error", element("span", ""), bar()),
       cell("more torque", element("span", ""), bar()),
-      cell("jog", buttons[0], " ", buttons[1]),
+      cell("jog", buttons[0], " ", buttons[1], " ", zero),
     );
     return row;
   }));
