@@ -3,11 +3,14 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 use bus::sample::ProgramState;
 use machine::tools_file::parse_tools_file;
 use machine::{KeptParameters, Machine};
+use rustix::process::{Pid, Signal};
+use serde_json::Value;
 
 use crate::support::{Bench, LiveCell, quadrant, run, run_with, text};
 use crate::tools::tool;
@@ -326,6 +329,160 @@ fn killed_everywhere(file: &Path, words: Words<'_>, trace: &Path) {
     let last = change("5", &["-o", "/dev/null"]);
     assert!(last.is_some_and(|output| output.status.success()));
     assert!(text().contains("= 5.0"));
+}
+
+/// What a run of a program did to the file.
+struct Kept {
+    before: String,
+    /// At every look since.
+    seen: Vec<String>,
+    /// System calls of the planner.
+    calls: Vec<String>,
+    killed: bool,
+}
+
+/// A cell whose planner is killed while it keeps what a program has set.
+struct Keeping<'a> {
+    cell: LiveCell,
+    strace: &'a Path,
+    bench: &'a Bench,
+    file: &'a Path,
+}
+
+impl Keeping<'_> {
+    fn text(&self) -> String {
+        fs::read_to_string(self.file).expect("the file")
+    }
+
+    fn planner(&self) -> u64 {
+        let status = ask(&self.cell, &["status", "--json"]).text;
+        let status: Value = serde_json::from_str(&status).expect("JSON");
+        let processes = status["processes"].as_array().expect("processes");
+        let planner = processes.iter().find(|of| of["process"] == "planner");
+        planner
+            .and_then(|of| of["pid"].as_u64())
+            .expect("a planner")
+    }
+
+    /// A program that sets X of G54; at its end the planner is killed at this system call, if there is one. None where nobody may
+    /// trace.
+    fn run(&mut self, x_mm: f64, kill: Option<(&str, usize)>) -> Option<Kept> {
+        let program = format!("G21 G91 G94\nG1 X0.01 F6000\nM0\nG90 G10 L2 P1 X{x_mm}\nM2\n");
+        let program = self.bench.file("sets.ngc", &program).display().to_string();
+        obeyed(&self.cell, &["load", &program]);
+        obeyed(&self.cell, &["start"]);
+        self.cell
+            .wait_for(|now| now.auxiliary.waiting != 0 && now.hold == 1);
+        let (before, planner) = (self.text(), self.planner());
+        let trace = self.bench.path().join("trace");
+        let mut command = Command::new(self.strace);
+        command.args(["-qq", "-f", "-p", &planner.to_string()]);
+        command
+            .args(["-e", &format!("trace={CALLS}"), "-o"])
+            .arg(&trace);
+        if let Some((name, nth)) = kill {
+            command.args(["-e", &format!("inject={name}:signal=KILL:when={nth}")]);
+        }
+        let mut tracer = command.stderr(Stdio::null()).spawn().expect("strace");
+        let is_traced = || {
+            let status = fs::read_to_string(format!("/proc/{planner}/status")).unwrap_or_default();
+            status.contains("TracerPid:") && !status.contains("TracerPid:\t0")
+        };
+        let since = Instant::now();
+        while !is_traced() {
+            if since.elapsed() > Duration::from_secs(5) {
+                let _ = tracer.kill();
+                let _ = tracer.wait();
+                return None;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        obeyed(&self.cell, &["resume"]);
+        let mut seen = vec![self.text()];
+        let mut asked = Instant::now();
+        loop {
+            let text = self.text();
+            if seen.last() != Some(&text) {
+                seen.push(text);
+            }
+            let now = self.cell.wait_for(|_| true);
+            if now.program == ProgramState::Done as u32 {
+                break;
+            }
+            // Who waits for somebody, because the planner was lost, is told to go on.
+            if asked.elapsed() > Duration::from_secs(1) {
+                let _ = (ask(&self.cell, &["enable"]), ask(&self.cell, &["resume"]));
+                asked = Instant::now();
+            }
+        }
+        seen.push(self.text());
+        // A planner that lives is let go.
+        let _ = kill_process(&tracer);
+        let _ = tracer.wait();
+        let traced = fs::read_to_string(trace).expect("a trace");
+        let names = traced.lines().filter_map(|line| line.split_once('('));
+        let names = names.filter_map(|(before, _)| before.split_whitespace().last());
+        Some(Kept {
+            before,
+            seen,
+            calls: names.map(str::to_string).collect(),
+            killed: self.planner() != planner,
+        })
+    }
+}
+
+/// Ends a tracer so that it lets go of what it traces.
+fn kill_process(child: &Child) -> rustix::io::Result<()> {
+    rustix::process::kill_process(Pid::from_child(child), Signal::TERM)
+}
+
+/// Killed at its system calls at the end of a program (at eight, or as many as `QUADRANT_KILLS` says): the file is old or new at every
+/// look, and new in the end.
+#[test]
+fn whenever_the_planner_is_killed_at_the_end_of_a_program_the_file_is_old_or_new() {
+    let Some(strace) = tool("strace") else {
+        return;
+    };
+    let restart =
+        "[restart]\nplanner = \"resume\"\nrestarts_max = 100000\nwithin_s = 1.0\n\n[scan]\n";
+    let bench = Bench::patient("xy", &[("[scan]\n", restart)]);
+    let file = bench.path().join("offsets.toml");
+    fs::write(&file, "[G54]\nX = 1.0\n").expect("written");
+    let mut cell = LiveCell::up(bench.path(), "lockstep");
+    cell.wait_for(|_| true);
+    obeyed(&cell, &["enable"]);
+    let mut keeping = Keeping {
+        cell,
+        strace: &strace,
+        bench: &bench,
+        file: &file,
+    };
+    if let Some(Kept { calls, .. }) = keeping.run(2.0, None) {
+        let kills = std::env::var("QUADRANT_KILLS").ok();
+        let kills: usize = kills.and_then(|count| count.parse().ok()).unwrap_or(8);
+        let mut killed = 0;
+        for kill in 0..kills {
+            let at = kill * calls.len() / kills;
+            let same = calls[..=at].iter().filter(|name| **name == calls[at]);
+            let nth = same.count();
+            let x_mm = 3.0 + (kill % 2) as f64;
+            let kept = keeping.run(x_mm, Some((&calls[at], nth))).expect("traced");
+            let new = kept.seen.last().expect("a look");
+            assert!(new.contains(&format!("X = {x_mm:.1}\n")), "{new}");
+            let mut looks = kept.seen.iter();
+            let sound = looks.all(|text| *text == kept.before || text == new);
+            assert!(sound, "killed at {at} of {}: {:?}", calls.len(), kept.seen);
+            killed += usize::from(kept.killed);
+        }
+        eprintln!(
+            "the planner was killed {killed} times over {} calls",
+            calls.len()
+        );
+        assert!(killed * 2 > kills, "{killed} of {kills}");
+    } else {
+        eprintln!("strace may not trace a process here: the check is left out");
+    }
+    down(keeping.cell);
 }
 
 /// A slide has its offset in mm and a rotary axis in degrees, under a table that says so.
