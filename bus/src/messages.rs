@@ -206,7 +206,7 @@ impl MessageReader {
             self.skip_to(feedback, 0);
         }
         if feedback.auxiliary.start_line != 0 {
-            // What stands before the line that a program is started at is not said.
+            // Messages of blocks before the line that a program is started at are not published.
             self.skip_to(feedback, feedback.messages);
             return Heard::default();
         }

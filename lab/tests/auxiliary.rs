@@ -3,58 +3,28 @@
 mod common;
 
 use std::fmt::Write as _;
-use std::path::Path;
 
 use bus::sample::{Cause, FLOOD, Feedback, Levels, MIST, Mode, Order, SpindleCommand, Waiting};
-use common::{kill, order, seeds};
+use common::{AT_SPEED_SHARE, kill, load, mill_with_spindle, order, seeds};
 use control::path::Feed;
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::{Course, Judge};
-use machine::{KeptParameters, Machine, Spindle, ToolChange, ToolChanger};
-use plant_sim::plant_file::{PlantFile, PlantSpindle, PlantToolChanger};
+use machine::{KeptParameters, Machine, ToolChanger};
+use plant_sim::plant_file::{PlantFile, PlantSpindle};
 use plant_sim::script::faults;
 use plant_sim::script::rng::Rng;
 
 /// Seeds of a run of this test; `SEEDS=500` in the environment for a long one.
 const SEEDS: u64 = 40;
 const SPEED_RPM: f64 = 3000.0;
-const AT_SPEED_SHARE: f64 = 0.05;
 /// From an order of the operator to the next.
 const ORDER_SCANS: u64 = 40;
 /// What the tool may be further off the path than undisturbed, in mm.
 const PATH_MM: f64 = 0.05;
 
-/// A machine that comes with the product, and its plant.
-fn load(name: &str) -> (Machine, PlantFile) {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../machines")
-        .join(name);
-    let mut machine = Machine::load(&folder).expect("machine.toml");
-    machine.program.work_offset_mm.clear();
-    let plant = PlantFile::load(&folder.join("plant.toml")).expect("plant.toml");
-    (machine, plant)
-}
-
-/// The mill with a spindle and a tool changer, whose programs keep #101.
+/// The mill, whose programs keep #101.
 fn mill() -> (Machine, PlantFile) {
-    let (mut machine, mut plant) = load("xyz-mill");
-    machine.spindle = Some(Spindle {
-        speed_min_rpm: 100.0,
-        speed_max_rpm: 8000.0,
-        at_speed_percent: 100.0 * AT_SPEED_SHARE,
-        patience_s: 4.0,
-        ..Spindle::default()
-    });
-    machine.tool_change = ToolChange {
-        by: ToolChanger::Changer,
-        patience_s: 3.0,
-    };
-    plant.spindle = Some(PlantSpindle {
-        acceleration_rpm_s: 6000.0,
-        orientation_rpm: 120.0,
-        ..PlantSpindle::default()
-    });
-    plant.tool_changer = Some(PlantToolChanger { change_s: 0.25 });
+    let (mut machine, plant) = mill_with_spindle();
     machine.program.parameters = "101 4".into();
     machine.parameters = [(101, 4.0)].into();
     (machine, plant)

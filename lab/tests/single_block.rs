@@ -2,10 +2,8 @@
 
 mod common;
 
-use std::path::Path;
-
 use bus::sample::{Feedback, Mode, Order, Waiting};
-use common::{kill, order};
+use common::{going_on, kill, load, order, waited};
 use lab::cell::{InProcessCell, Script};
 use machine::Machine;
 use plant_sim::plant_file::PlantFile;
@@ -18,14 +16,6 @@ const PROGRAM: &str =
     "G21 G91\nG1 X10 F3000\nG1 Y10\nG4 P0.1\nM8\nG2 X6 Y6 I6\nM0\nG0 X-5\nG1 Y-1\nM2\n";
 const BLOCK: u32 = Waiting::SingleBlock as u32;
 const M0: u32 = Waiting::ProgramStop as u32;
-
-fn mill() -> (Machine, PlantFile) {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xyz-mill");
-    let mut machine = Machine::load(&folder).expect("machine.toml");
-    machine.program.work_offset_mm.clear();
-    let plant = PlantFile::load(&folder.join("plant.toml")).expect("plant.toml");
-    (machine, plant)
-}
 
 /// A stop: what is waited for, its line, where the axes are commanded to be.
 type Stop = (u32, u32, [i64; 3]);
@@ -70,16 +60,13 @@ fn run(
             seen.stops.push((stop.0, stop.1, places(&feedback)));
             seen.scans.push(feedback.scan);
         }
-        let on = feedback.mode == Mode::Enabled as u32;
-        let waits = !on && feedback.mode != Mode::Finished as u32 || feedback.hold == 1;
-        quiet_scans = if waits { quiet_scans + 1 } else { 0 };
+        quiet_scans = waited(quiet_scans, &feedback);
         if quiet_scans == ORDER_SCANS / 2 {
             at_stop(&mut cell, seen.stops.len());
         }
         if quiet_scans == ORDER_SCANS {
             quiet_scans = 0;
-            let next = if on { Order::Resume } else { Order::Enable };
-            cell.order(&order(next, 0.0));
+            cell.order(&going_on(&feedback));
         }
     }
     let last = seen.last.expect("a scan");
@@ -89,7 +76,7 @@ fn run(
 
 #[test]
 fn the_machine_rests_exactly_at_the_end_of_each_block_and_resume_runs_the_next() {
-    let (machine, plant) = mill();
+    let (machine, plant) = load("xyz-mill");
     let seen = run(&machine, &plant, None, |_, _| {});
     let stops: Vec<(u32, u32)> = seen.stops.iter().map(|stop| (stop.0, stop.1)).collect();
     let expected = [
@@ -123,7 +110,7 @@ fn the_machine_rests_exactly_at_the_end_of_each_block_and_resume_runs_the_next()
 
 #[test]
 fn switched_off_in_a_stop_the_rest_runs_at_once_and_switched_on_again_it_stops_again() {
-    let (machine, plant) = mill();
+    let (machine, plant) = load("xyz-mill");
     let seen = run(&machine, &plant, None, |cell, stops| {
         let on = f64::from(u8::from(stops != 2));
         assert_eq!(cell.order(&order(Order::SingleBlock, on)).accepted, 1);
@@ -135,7 +122,7 @@ fn switched_off_in_a_stop_the_rest_runs_at_once_and_switched_on_again_it_stops_a
 
 #[test]
 fn whoever_is_killed_around_a_stop_it_is_made_once_and_at_its_place() {
-    let (machine, plant) = mill();
+    let (machine, plant) = load("xyz-mill");
     let undisturbed = run(&machine, &plant, None, |_, _| {});
     let mut kills = 0;
     for (index, stop) in undisturbed.scans.iter().enumerate() {

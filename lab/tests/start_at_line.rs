@@ -3,14 +3,12 @@
 
 mod common;
 
-use std::path::Path;
-
 use bus::sample::{Feedback, Levels, Mode, Order, PathTag};
-use common::{kill, number, order};
+use common::{going_on, kill, mill_with_spindle, number, order, waited};
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::Course;
-use machine::{Machine, Spindle, ToolChange, ToolChanger};
-use plant_sim::plant_file::{PlantFile, PlantSpindle, PlantToolChanger};
+use machine::Machine;
+use plant_sim::plant_file::PlantFile;
 use plant_sim::script::faults;
 
 /// From a stop to the order that ends it.
@@ -23,32 +21,6 @@ const PROGRAM: &str = "G21 G90 G61\nT1 M6\nS1000 M3\nM8 M64 P2\nG0 Z-10\nG0 X10 
                        M9\nM7 S1500\n(MSG, second half)\nG2 X30 Y20 J10\nG1 Y30\nM64 P3\nG1 X10\nG0 Z-5\nM5\nM2\n";
 const LINE: u32 = 13;
 const ELEMENT: u32 = 4;
-
-/// The mill with a spindle and a tool changer.
-fn mill() -> (Machine, PlantFile) {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xyz-mill");
-    let mut machine = Machine::load(&folder).expect("machine.toml");
-    let mut plant = PlantFile::load(&folder.join("plant.toml")).expect("plant.toml");
-    machine.program.work_offset_mm.clear();
-    machine.spindle = Some(Spindle {
-        speed_min_rpm: 100.0,
-        speed_max_rpm: 8000.0,
-        at_speed_percent: 5.0,
-        patience_s: 4.0,
-        ..Spindle::default()
-    });
-    machine.tool_change = ToolChange {
-        by: ToolChanger::Changer,
-        patience_s: 3.0,
-    };
-    plant.spindle = Some(PlantSpindle {
-        acceleration_rpm_s: 6000.0,
-        orientation_rpm: 120.0,
-        ..PlantSpindle::default()
-    });
-    plant.tool_changer = Some(PlantToolChanger { change_s: 0.1 });
-    (machine, plant)
-}
 
 /// What a run did.
 #[derive(Debug, Default)]
@@ -86,13 +58,10 @@ fn run(machine: &Machine, plant: &PlantFile, line: u32, faults: Option<&str>) ->
         let feedback = *published.feedback;
         assert!(feedback.scan < 60_000, "the run does not end");
         seen.all.push(feedback);
-        let on = feedback.mode == Mode::Enabled as u32;
-        let waits = !on && feedback.mode != Mode::Finished as u32 || feedback.hold == 1;
-        quiet_scans = if waits { quiet_scans + 1 } else { 0 };
+        quiet_scans = waited(quiet_scans, &feedback);
         if quiet_scans == ORDER_SCANS {
             quiet_scans = 0;
-            let next = if on { Order::Resume } else { Order::Enable };
-            cell.order(&order(next, 0.0));
+            cell.order(&going_on(&feedback));
         }
     }
     assert_eq!(seen.last().mode, Mode::Finished as u32);
@@ -124,10 +93,10 @@ fn off_path_mm(course: &Course, tag: &PathTag, at: &[f64; 3]) -> f64 {
     least_mm
 }
 
-/// What is wrong with a run that was begun at the line: the tool is on the path from there on and nowhere on it before, and has
+/// What is wrong with a run that was started at the line: the tool is on the path from there on and nowhere on it before, and has
 /// travelled above its depth.
 fn judge(machine: &Machine, course: &Course, seen: &Seen) {
-    let mut begun = false;
+    let mut started = false;
     let first = seen.first_on(ELEMENT);
     let places = |feedback: &Feedback| -> [f64; 3] {
         std::array::from_fn(|axis| position_mm(machine, feedback, axis))
@@ -141,14 +110,14 @@ fn judge(machine: &Machine, course: &Course, seen: &Seen) {
         before = at;
         if feedback.window.is_none() || feedback.tag.is_off_path() {
             assert!(
-                begun || !travels || at[2] > target[2] - PATH_MM,
+                started || !travels || at[2] > target[2] - PATH_MM,
                 "scan {}: through the workpiece at {} mm",
                 feedback.scan,
                 at[2]
             );
             continue;
         }
-        begun = true;
+        started = true;
         let tag = feedback.tag;
         assert!(tag.element >= ELEMENT, "scan {}: {tag:?}", feedback.scan);
         let off_mm = off_path_mm(course, &tag, &at);
@@ -170,38 +139,38 @@ fn levels_at(feedback: &Feedback) -> (Levels, u32, u32) {
 
 #[test]
 fn at_its_line_the_program_is_as_if_it_had_come_there() {
-    let (machine, plant) = mill();
+    let (machine, plant) = mill_with_spindle();
     let course = Course::of(&machine, &plant, "any.ngc", PROGRAM).expect("a course");
     let whole = run(&machine, &plant, 0, None);
-    let begun = run(&machine, &plant, LINE, None);
-    judge(&machine, &course, &begun);
-    let [of_whole, of_begun] = [&whole, &begun].map(|seen| levels_at(seen.first_on(ELEMENT)));
-    assert_eq!(of_begun, of_whole);
-    assert_eq!(of_begun.0.spindle_rpm, 1500.0);
-    assert!(begun.first_on(ELEMENT).auxiliary.at_speed == 1);
+    let started = run(&machine, &plant, LINE, None);
+    judge(&machine, &course, &started);
+    let [of_whole, of_started] = [&whole, &started].map(|seen| levels_at(seen.first_on(ELEMENT)));
+    assert_eq!(of_started, of_whole);
+    assert_eq!(of_started.0.spindle_rpm, 1500.0);
+    assert!(started.first_on(ELEMENT).auxiliary.at_speed == 1);
     // M0 stands before it.
-    assert!(begun.all.iter().all(|feedback| feedback.hold == 0));
+    assert!(started.all.iter().all(|feedback| feedback.hold == 0));
     for axis in 0..3 {
-        let [a, b] = [&whole, &begun].map(|seen| seen.last().axes[axis].command_position);
+        let [a, b] = [&whole, &started].map(|seen| seen.last().axes[axis].command_position);
         assert_eq!(a, b, "axis {axis}");
     }
     assert_eq!(
-        begun.last().auxiliary.levels.digital,
+        started.last().auxiliary.levels.digital,
         whole.last().auxiliary.levels.digital
     );
-    assert_eq!(begun.last().auxiliary.start_line, 0);
+    assert_eq!(started.last().auxiliary.start_line, 0);
 }
 
 #[test]
 fn a_run_from_a_line_is_the_same_to_the_bit_every_time() {
-    let (machine, plant) = mill();
+    let (machine, plant) = mill_with_spindle();
     let [a, b] = [(); 2].map(|()| run(&machine, &plant, LINE, None));
     assert!(a.all == b.all);
 }
 
 #[test]
 fn whoever_is_killed_on_the_way_the_program_begins_at_its_line_with_its_levels() {
-    let (machine, plant) = mill();
+    let (machine, plant) = mill_with_spindle();
     let course = Course::of(&machine, &plant, "any.ngc", PROGRAM).expect("a course");
     let undisturbed = run(&machine, &plant, LINE, None);
     let first = undisturbed.first_on(ELEMENT);
@@ -233,7 +202,7 @@ fn whoever_is_killed_on_the_way_the_program_begins_at_its_line_with_its_levels()
 
 #[test]
 fn a_jog_on_the_way_is_followed_by_another_approach() {
-    let (machine, plant) = mill();
+    let (machine, plant) = mill_with_spindle();
     let course = Course::of(&machine, &plant, "any.ngc", PROGRAM).expect("a course");
     let undisturbed = run(&machine, &plant, LINE, None);
     let program = ("any.ngc", PROGRAM);

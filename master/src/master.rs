@@ -486,9 +486,14 @@ impl<D: Drives> Master<D> {
             && (!brakes || self.windows.pending_rests_no_later());
         self.windows.decide(self.scan + 1, allowed, held_by_all);
         if !started && self.windows.has_started() {
-            for (start, axis) in self.program_start.iter_mut().zip(&self.axes) {
-                *start = axis.command_position;
-            }
+            self.start_program_here();
+        }
+    }
+
+    /// The program is expanded from where the axes are commanded to be.
+    fn start_program_here(&mut self) {
+        for (start, axis) in self.program_start.iter_mut().zip(&self.axes) {
+            *start = axis.command_position;
         }
     }
 

@@ -192,6 +192,11 @@ impl WindowArbiter {
         self.in_force.tag(self.in_force.setpoint(scan))
     }
 
+    /// Whether the setpoint executed in this scan is one of the program's path.
+    pub fn is_on_path(&self, scan: u64) -> bool {
+        self.tag_in(scan).is_some_and(|tag| !tag.is_off_path())
+    }
+
     /// Whether the window in force brings the program to its end.
     pub fn ends_program(&self) -> bool {
         self.in_force.header.ends_program == 1

@@ -443,7 +443,7 @@ impl Analysis {
             };
             self.travelled.take(tool_mm, error);
         }
-        // Where the path was left nobody follows it: standing tripped, jogged and on the way back.
+        // Tripped, in a jog and on the return to path no axis is to follow the path.
         let left = feedback.window.is_none() && !feedback.interrupted_at.is_off_path();
         if whole && !left && !feedback.tag.is_off_path() {
             self.take_contour_parts(set, feedback, instruments);

@@ -103,27 +103,26 @@ impl Messages {
         self.written += out.len();
     }
 
-    /// Lets go of those that are due: they are not to be said.
+    /// Lets go of those that are due: they are not to be published.
     pub fn skip(&mut self, is_due: impl Fn(u32, u32) -> bool) {
-        while let Some(next) = self.waiting.front()
-            && is_due(next.element, next.events)
-        {
-            self.passed = next.message.number;
-            self.waiting.pop_front();
-            self.written = self.written.saturating_sub(1);
-        }
+        while self.pass_next(&is_due) {}
     }
 
     /// The path comes to those that are written and due; `is_due` judges by the element and the event that they stand between.
     pub fn pass(&mut self, is_due: impl Fn(u32, u32) -> bool) {
-        while self.written > 0
-            && let Some(next) = self.waiting.front()
-            && is_due(next.element, next.events)
-        {
-            self.passed = next.message.number;
-            self.waiting.pop_front();
-            self.written -= 1;
-        }
+        while self.written > 0 && self.pass_next(&is_due) {}
+    }
+
+    /// The path comes to the next one, if it is due.
+    fn pass_next(&mut self, is_due: &impl Fn(u32, u32) -> bool) -> bool {
+        let next = self.waiting.front();
+        let Some(next) = next.filter(|next| is_due(next.element, next.events)) else {
+            return false;
+        };
+        self.passed = next.message.number;
+        self.waiting.pop_front();
+        self.written = self.written.saturating_sub(1);
+        true
     }
 }
 

@@ -1,7 +1,61 @@
 //! What the tests share.
 #![allow(dead_code, reason = "each test uses its part")]
 
-use bus::sample::{OperatorRequest, Order};
+use std::path::Path;
+
+use bus::sample::{Feedback, Mode, OperatorRequest, Order};
+use machine::{Machine, Spindle, ToolChange, ToolChanger};
+use plant_sim::plant_file::{PlantFile, PlantSpindle, PlantToolChanger};
+
+/// Of [`mill_with_spindle`].
+pub const AT_SPEED_SHARE: f64 = 0.05;
+
+/// A machine that comes with the product, and its plant; programs begin at its zero.
+pub fn load(name: &str) -> (Machine, PlantFile) {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../machines")
+        .join(name);
+    let mut machine = Machine::load(&folder).expect("machine.toml");
+    machine.program.work_offset_mm.clear();
+    let plant = PlantFile::load(&folder.join("plant.toml")).expect("plant.toml");
+    (machine, plant)
+}
+
+/// The mill with a spindle and a tool changer.
+pub fn mill_with_spindle() -> (Machine, PlantFile) {
+    let (mut machine, mut plant) = load("xyz-mill");
+    machine.spindle = Some(Spindle {
+        speed_min_rpm: 100.0,
+        speed_max_rpm: 8000.0,
+        at_speed_percent: 100.0 * AT_SPEED_SHARE,
+        patience_s: 4.0,
+        ..Spindle::default()
+    });
+    machine.tool_change = ToolChange {
+        by: ToolChanger::Changer,
+        patience_s: 3.0,
+    };
+    plant.spindle = Some(PlantSpindle {
+        acceleration_rpm_s: 6000.0,
+        orientation_rpm: 120.0,
+        ..PlantSpindle::default()
+    });
+    plant.tool_changer = Some(PlantToolChanger { change_s: 0.25 });
+    (machine, plant)
+}
+
+/// Scans in a row, up to this one, in which the machine has waited for its operator, if it was so many before.
+pub fn waited(scans: u64, feedback: &Feedback) -> u64 {
+    let on = feedback.mode == Mode::Enabled as u32;
+    let waits = !on && feedback.mode != Mode::Finished as u32 || feedback.hold == 1;
+    if waits { scans + 1 } else { 0 }
+}
+
+/// What an operator orders to go on.
+pub fn going_on(feedback: &Feedback) -> OperatorRequest {
+    let on = feedback.mode == Mode::Enabled as u32;
+    order(if on { Order::Resume } else { Order::Enable }, 0.0)
+}
 
 /// Seeds of a run of a test: as many as `SEEDS` in the environment says, for a long one.
 pub fn seeds(usual: u64) -> u64 {

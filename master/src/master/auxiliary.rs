@@ -611,7 +611,7 @@ impl<D: Drives> Master<D> {
     /// One scan of events: outputs in motion, then the event that the path rests for.
     pub(super) fn step_auxiliary(&mut self) {
         let tag = self.windows.tag_in(self.scan);
-        let on_path = tag.is_some_and(|tag| !tag.is_off_path());
+        let on_path = self.windows.is_on_path(self.scan);
         let spindle_fails = self.auxiliary.shown.spindle_code != 0
             && self.auxiliary.levels().spindle != SpindleCommand::Stop as u32;
         if spindle_fails {

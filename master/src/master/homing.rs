@@ -18,7 +18,7 @@ use bytemuck::{Pod, Zeroable};
 use machine::{Homing as Settings, HomingMethod};
 
 use super::axis_unit::AxisUnit;
-use super::orders::Refusal;
+use super::orders::{Refusal, whole_number};
 use super::{Master, STANDSTILL_MM_S};
 use crate::drives::Drives;
 use crate::window_arbiter::Dropped;
@@ -255,12 +255,10 @@ impl<D: Drives> Master<D> {
             return Err(Refused::Running.into());
         }
         let all = (1u64 << self.axes.len().min(MAX_AXES)) - 1;
-        if bits.fract() != 0.0 || !(0.0..=f64::from(u32::MAX)).contains(&bits) {
-            return Err(Refused::BadValue.into());
-        }
+        let asked = whole_number(bits)?;
         let followers = self.gantries.iter();
         let followers = followers.fold(0u64, |bits, pair| bits | 1 << pair.follower.min(63));
-        if bits as u64 & (!all | followers) != 0 {
+        if u64::from(asked) & (!all | followers) != 0 {
             return Err(Refused::UnknownAxis.into());
         }
         let homes = self
@@ -271,7 +269,6 @@ impl<D: Drives> Master<D> {
             .fold(0, |homes, (index, axis)| {
                 homes | u32::from(axis.settings.homing.is_some()) << index
             });
-        let asked = bits as u32;
         let waiting = if asked == 0 { homes } else { asked };
         if waiting == 0 || waiting & !homes != 0 {
             return Err(Refused::Absolute.into());

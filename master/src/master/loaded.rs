@@ -11,8 +11,7 @@ use bus::sample::{Cause, Mode, ProgramState, Refused};
 
 use crate::drives::Drives;
 
-use super::orders::Refusal;
-use super::start_at_line::line_of;
+use super::orders::{Refusal, whole_number};
 use super::{Master, RunEnd};
 
 impl<D: Drives> Master<D> {
@@ -43,9 +42,9 @@ impl<D: Drives> Master<D> {
             Mode::Jogging => return Err(Refused::Jogging.into()),
             Mode::Tripped => return Err(Refused::Tripped.into()),
         }
-        let is_number = number.fract() == 0.0 && (1.0..=f64::from(u32::MAX)).contains(&number);
+        let number = whole_number(number)?;
         // Numbers go up: a late order does not bring an earlier program back.
-        if !is_number || number as u32 <= self.program.load {
+        if number <= self.program.load {
             return Err(Refused::BadValue.into());
         }
         if self.mode == Mode::Stopped {
@@ -58,7 +57,7 @@ impl<D: Drives> Master<D> {
             self.cause = Cause::None;
             self.cause_scan = 0;
         }
-        self.program.load = number as u32;
+        self.program.load = number;
         self.program.state = ProgramState::Loading;
         Ok(())
     }
@@ -67,7 +66,7 @@ impl<D: Drives> Master<D> {
     /// somebody resumes. Where a number is given, that program is meant and no other; where a line is, it begins there.
     pub(super) fn order_start(&mut self, meant: u32, line: f64) -> Result<(), Refusal> {
         self.must_stay()?;
-        let line = line_of(line)?;
+        let line = whole_number(line)?;
         if meant != 0 && meant != self.program.load {
             return Err(Refused::BadValue.into());
         }

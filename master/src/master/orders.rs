@@ -46,6 +46,16 @@ fn moves(order: Order) -> bool {
     }
 }
 
+/// The value of an order that is a count, a number or a set of bits.
+pub(super) fn whole_number(value: f64) -> Result<u32, Refusal> {
+    let is_whole = value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&value);
+    if is_whole {
+        Ok(value as u32)
+    } else {
+        Err(Refused::BadValue.into())
+    }
+}
+
 /// An order that was refused: why, and for a jog beyond the travel which distances are allowed, in mm; for one that is too fast,
 /// which speeds, in mm/s.
 #[derive(Debug, Clone, Copy)]
