@@ -5,6 +5,7 @@ mod auxiliary;
 mod bad_input;
 mod bad_input_table;
 mod bad_samples;
+mod beginning;
 mod bench;
 mod causes;
 mod compensation;

@@ -9,7 +9,7 @@ use crate::up::{ask, down, obeyed};
 /// Places that the program commands in coordinates of its own: shifted, with G92, with the length of a tool, turned, incremental.
 const PROGRAM: &str = "G21 G90 G94 G54\nG0 X3 Y4 Z-5\nM0\nG55\nG1 X1 Y2 F3000\nM0\nG92 X10 Y20\nG1 X12 Y21\nM0\nG43 H1\nG1 Z-45\nM0\nG91\nG1 X-1.5\nM0\nG49 G90 G92.1 G54\nG1 X0 Y0 F1200 Z-5\nM2\n";
 
-fn status(cell: &LiveCell) -> Value {
+pub(crate) fn status(cell: &LiveCell) -> Value {
     let output = quadrant()
         .args(["status", "--json", "--cell", &cell.cell])
         .output()

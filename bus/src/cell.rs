@@ -45,7 +45,7 @@ fn all_makers_live(segment: &Path) -> bool {
 }
 
 /// What was read of a file; none of one that is not there.
-pub(crate) fn if_there<T>(read: io::Result<T>) -> io::Result<Option<T>> {
+pub fn if_there<T>(read: io::Result<T>) -> io::Result<Option<T>> {
     match read {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
         read => read.map(Some),
@@ -225,9 +225,10 @@ impl CellPaths {
     pub fn forget_runs_before(&self, run: u32) {
         let is_behind = |name: &str| {
             let mut parts = name.split('-');
-            let known = matches!(parts.next(), Some("answers" | "parameters" | "tools"));
-            let of_run = parts.nth(1).and_then(|run| run.parse::<u32>().ok());
-            known && of_run.is_some_and(|of| of.saturating_add(1) < run)
+            let of_run = ["answers", "beginning", "modes", "parameters", "tools"];
+            let known = parts.next().is_some_and(|what| of_run.contains(&what));
+            let of = parts.next_back().and_then(|run| run.parse::<u32>().ok());
+            known && of.is_some_and(|of| of.saturating_add(1) < run)
         };
         for entry in fs::read_dir(self.folder()).into_iter().flatten().flatten() {
             if entry.file_name().to_str().is_some_and(is_behind) {
@@ -251,6 +252,16 @@ impl CellPaths {
         self.folder().join(format!("tools-{load}-{run}"))
     }
 
+    /// Tool, offset and modes that a run of a program has begun with.
+    pub fn beginning(&self, load: u32, run: u32) -> PathBuf {
+        self.folder().join(format!("beginning-{load}-{run}"))
+    }
+
+    /// The modes that a run has left at its end.
+    pub fn modes(&self, run: u32) -> PathBuf {
+        self.folder().join(format!("modes-{run}"))
+    }
+
     /// The user M-code that the planner wants to be run.
     pub fn user_code_call(&self) -> PathBuf {
         self.folder().join("user-code")
@@ -259,11 +270,6 @@ impl CellPaths {
     /// How the user M-code that ran last has ended.
     pub fn user_code_end(&self) -> PathBuf {
         self.folder().join("user-code-end")
-    }
-
-    /// The modes that typed-in blocks leave to the next one, as blocks.
-    pub fn typed_modes(&self) -> PathBuf {
-        self.folder().join("mdi")
     }
 
     /// What the program says: the texts around the place that its path has come to.

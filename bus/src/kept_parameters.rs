@@ -21,11 +21,18 @@ pub enum KeptFile {
     Offsets,
     /// The tool table.
     Tools,
+    /// The tool in the spindle.
+    Spindle,
 }
 
 impl KeptFile {
     /// All of them.
-    pub const ALL: [KeptFile; 3] = [KeptFile::Parameters, KeptFile::Offsets, KeptFile::Tools];
+    pub const ALL: [KeptFile; 4] = [
+        KeptFile::Parameters,
+        KeptFile::Offsets,
+        KeptFile::Tools,
+        KeptFile::Spindle,
+    ];
 
     /// Name of the file in the cell's folder that names it.
     pub(crate) fn named_in(self) -> &'static str {
@@ -33,6 +40,7 @@ impl KeptFile {
             KeptFile::Parameters => "parameter-file",
             KeptFile::Offsets => "offsets-file",
             KeptFile::Tools => "tools-file",
+            KeptFile::Spindle => "spindle-file",
         }
     }
 }

@@ -531,7 +531,7 @@ impl Driver {
 
 /// What the master says each scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Feedback/8")]
+#[type_name("quadrant/Feedback/9")]
 #[repr(C)]
 pub struct Feedback {
     /// Number of the scan that begins with this sample.
@@ -844,8 +844,8 @@ impl Roster {
 }
 
 pub use auxiliary::{
-    ANALOG_OUTPUTS, Auxiliaries, DIGITAL_OUTPUTS, EventCode, FLOOD, Levels, MIST, OUTPUTS_AHEAD,
-    ProgramEvent, SpindleCommand, Waiting,
+    ANALOG_OUTPUTS, Auxiliaries, DIGITAL_OUTPUTS, EventCode, FLOOD, Levels, MIST, MODES_RESET,
+    OUTPUTS_AHEAD, ProgramEvent, SpindleCommand, Waiting,
 };
 pub use bus_cycle::BusCycle;
 pub use inputs::{

@@ -4,7 +4,7 @@
 use std::path::Path;
 
 use bus::messages::ProgramMessage;
-use bus::sample::{AxisCommand, Feedback, Job, PlannerStatus, Setpoint, WindowHeader};
+use bus::sample::{Auxiliaries, AxisCommand, Feedback, Job, PlannerStatus, Setpoint, WindowHeader};
 use bus::user_codes::UserCall;
 use machine::settings_file::SettingsFileError;
 use machine::{KeptTexts, Machine, Process};
@@ -134,8 +134,17 @@ impl<P: PlannerPorts, F: Fn(usize) -> Option<u64>> PlannerPorts for Faulty<P, F>
         &mut self,
         run: Option<(u32, u32)>,
         machine: &Machine,
+        shown: &Auxiliaries,
     ) -> Result<Option<KeptTexts>, SettingsFileError> {
-        self.ports.parameters(run, machine)
+        self.ports.parameters(run, machine, shown)
+    }
+
+    fn keep_modes(&mut self, run: u32, modes: &str) -> bool {
+        self.ports.keep_modes(run, modes)
+    }
+
+    fn keep_tool(&mut self, machine: &Machine, tool: u32) {
+        self.ports.keep_tool(machine, tool);
     }
 
     fn keep(&mut self, machine: &Machine, left: &Left) -> bool {

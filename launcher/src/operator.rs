@@ -8,7 +8,6 @@ mod eyes;
 mod jog;
 mod kept;
 mod mdi;
-mod modal_words;
 mod offsets;
 pub mod origin;
 mod program;

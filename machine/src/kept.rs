@@ -7,7 +7,9 @@ use std::time::{Duration, Instant};
 
 use bus::cell::CellPaths;
 use bus::kept_parameters::{KeptFile, kept_file, name_kept_file, text_of_run};
+use bus::sample::Auxiliaries;
 
+use crate::beginning::{Beginning, SPINDLE_FILE, parse_spindle_file, spindle_file_text};
 use crate::machine::Machine;
 use crate::offsets_file::{offsets_text, parse_offsets};
 use crate::parameter_file::{KeptParameters, is_always_kept, parameter_text, parse_parameters};
@@ -36,15 +38,19 @@ pub struct KeptFiles {
     pub offsets: Option<PathBuf>,
     /// The tool table, which need not be there: then the machine file's own tools are in force. None where it has the form of LinuxCNC.
     pub tools: Option<PathBuf>,
+    /// The tool in the spindle, which need not be there; none in a copy that holds what its run began with.
+    pub spindle: Option<PathBuf>,
 }
 
-/// What they hold, as texts in the form of LinuxCNC.
+/// What they hold, as texts, parameters and tools in the form of LinuxCNC.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct KeptTexts {
     /// Parameters; empty where nothing is kept.
     pub parameters: String,
     /// Tools; none where those of the machine file are in force.
     pub tools: Option<String>,
+    /// [`Beginning`]: tool, offset and modes.
+    pub begins_with: String,
 }
 
 impl From<io::Error> for SettingsFileError {
@@ -82,6 +88,8 @@ impl KeptFiles {
                 .then(|| named(&program.offsets, OFFSETS_FILE)),
             tools: (is_toml || program.tool_table.is_empty())
                 .then(|| named(&program.tool_table, TOOLS_FILE)),
+            spindle: (program.begins_with.is_empty() && program.parameters.is_empty())
+                .then(|| folder.join(SPINDLE_FILE)),
         }
     }
 
@@ -94,6 +102,7 @@ impl KeptFiles {
             parameters: kept_file(paths, KeptFile::Parameters)?,
             offsets: kept_file(paths, KeptFile::Offsets)?,
             tools: kept_file(paths, KeptFile::Tools)?,
+            spindle: kept_file(paths, KeptFile::Spindle)?,
         })
     }
 
@@ -102,7 +111,7 @@ impl KeptFiles {
     /// # Errors
     /// The cell's folder cannot be written.
     pub fn name_in(&self, paths: &CellPaths) -> io::Result<()> {
-        let files = [&self.parameters, &self.offsets, &self.tools];
+        let files = [&self.parameters, &self.offsets, &self.tools, &self.spindle];
         for (which, file) in KeptFile::ALL.into_iter().zip(files) {
             if let Some(file) = file {
                 name_kept_file(paths, which, &std::path::absolute(file)?)?;
@@ -136,7 +145,16 @@ impl KeptFiles {
             true => parameter_text(&parameters),
             false => String::new(),
         };
-        Ok(KeptTexts { parameters, tools })
+        let spindle = self.spindle.as_ref();
+        let begins_with = match (spindle, text_if_there(spindle)?) {
+            (Some(file), Some((_, text))) => parse_spindle_file(file, &text)?.text(),
+            _ => String::new(),
+        };
+        Ok(KeptTexts {
+            parameters,
+            tools,
+            begins_with,
+        })
     }
 
     /// Keeps what a program leaves at its end on this machine, which has what the program began with: each file whole or not at all. What
@@ -182,7 +200,25 @@ impl KeptFiles {
 }
 
 impl KeptTexts {
-    /// What a run of a program in this cell begins with: whoever asks first takes it from the files, and all others get the same.
+    /// What the next run of a program in this cell would begin with now.
+    ///
+    /// # Errors
+    /// A file that cannot be read, or is wrong.
+    pub fn now(
+        paths: &CellPaths,
+        machine: &Machine,
+        shown: &Auxiliaries,
+    ) -> Result<KeptTexts, SettingsFileError> {
+        let kept = KeptFiles::of_cell(paths)?.read(machine)?;
+        let begins_with = Beginning::now(paths, machine, shown)?.text();
+        Ok(KeptTexts {
+            begins_with,
+            ..kept
+        })
+    }
+
+    /// What a run of a program in this cell begins with: the first process that asks takes it from the files and from what the master
+    /// shows, and all others get the same.
     ///
     /// # Errors
     /// A file that cannot be read, or is wrong.
@@ -190,8 +226,12 @@ impl KeptTexts {
         paths: &CellPaths,
         (load, run): (u32, u32),
         machine: &Machine,
+        shown: &Auxiliaries,
     ) -> Result<KeptTexts, SettingsFileError> {
         let files = KeptFiles::of_cell(paths)?;
+        let begins_with = text_of_run(&paths.beginning(load, run), || {
+            Ok::<_, SettingsFileError>(Beginning::now(paths, machine, shown)?.text())
+        })?;
         let now = || files.read(machine);
         let parameters = text_of_run(&paths.parameters(load, run), || {
             Ok::<_, SettingsFileError>(now()?.parameters)
@@ -205,6 +245,7 @@ impl KeptTexts {
         Ok(KeptTexts {
             parameters,
             tools: tools.transpose()?,
+            begins_with,
         })
     }
 }
@@ -218,6 +259,10 @@ impl Machine {
         let parameters = parse_parameters("kept parameters", &kept.parameters)?;
         let mut is_other = parameters != self.parameters;
         is_other |= kept.parameters.is_empty() != self.program.parameters.is_empty();
+        let beginning = Beginning::parse("begins_with", &kept.begins_with)?;
+        is_other |= beginning != self.beginning;
+        self.beginning = beginning;
+        self.program.begins_with = kept.begins_with;
         self.parameters = parameters;
         self.program.parameters = kept.parameters;
         if let Some(text) = kept.tools {
@@ -235,6 +280,14 @@ fn of_file(file: &Path, error: &io::Error) -> SettingsFileError {
         path: file.display().to_string(),
         what: format!("cannot be written: {error}"),
     }
+}
+
+/// Writes the tool in the spindle into its file, whole or not at all.
+///
+/// # Errors
+/// A file that cannot be written.
+pub fn keep_tool(file: &Path, tool: u32) -> Result<(), SettingsFileError> {
+    update(file, |_| Ok(spindle_file_text(tool)))
 }
 
 /// Changes the work offsets in a file, whole or not at all, one writer at a time.

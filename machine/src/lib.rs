@@ -11,6 +11,7 @@
 
 mod auxiliary;
 mod axis;
+mod beginning;
 mod fieldbus;
 mod gantry;
 mod homing;
@@ -41,11 +42,14 @@ mod whole_file;
 
 pub use auxiliary::{SPINDLE_RAMP_SHARE, Spindle, ToolChange, ToolChanger};
 pub use axis::{Axis, AxisKind, Changeover, DriveMode, Motor, PositionFeedback, TURN_DEG};
+pub use beginning::{Beginning, MODES_OF_END, SPINDLE_FILE};
 pub use fieldbus::{AxisDrive, Fieldbus, Sync};
 pub use gantry::{Gantry, GantryPair, SECOND_MOTOR};
 pub use homing::{Homing, HomingDirection, HomingMethod};
 pub use interpolation::{Interpolation, StraightLines, WithinPeriod};
-pub use kept::{KeptFiles, KeptTexts, OFFSETS_FILE, TOOLS_FILE, update_offsets, update_tools};
+pub use kept::{
+    KeptFiles, KeptTexts, OFFSETS_FILE, TOOLS_FILE, keep_tool, update_offsets, update_tools,
+};
 pub use kinematics::{Carries, Kinematics, KinematicsKind};
 pub use load::{copy_named_files, machine_file, reference, schema, snapshot, with_kept};
 pub use log_keeping::LogKeeping;

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use toml_edit::{DocumentMut, Item, TableLike, value};
 
 use crate::axis::ENDLESS_DEG;
+use crate::beginning::Beginning;
 use crate::kept::{KeptFiles, KeptTexts};
 use crate::machine::Machine;
 use crate::parameter_file::parse_parameters;
@@ -33,6 +34,9 @@ impl Machine {
         if files.offsets.is_none() {
             // A copy holds what its run began with.
             kept.parameters.clone_from(&machine.program.parameters);
+        }
+        if files.spindle.is_none() {
+            kept.begins_with.clone_from(&machine.program.begins_with);
         }
         machine.take_kept(kept)?;
         machine.kept_files = files;
@@ -70,6 +74,8 @@ impl Machine {
         machine.tools = parse_tools(&format!("{name}: tools"), &machine.program.tools)?;
         machine.parameters =
             parse_parameters(&format!("{name}: parameters"), &machine.program.parameters)?;
+        let beginning = format!("{name}: begins_with");
+        machine.beginning = Beginning::parse(&beginning, &machine.program.begins_with)?;
         Ok(machine)
     }
 }
@@ -109,7 +115,8 @@ fn program_of(document: &mut DocumentMut) -> Option<&mut dyn TableLike> {
 }
 
 fn set_kept(document: &mut DocumentMut, kept: &KeptTexts) {
-    let has_nothing = kept.parameters.is_empty() && kept.tools.as_deref().is_none_or(str::is_empty);
+    let texts = [&kept.parameters, &kept.begins_with];
+    let has_nothing = texts.into_iter().chain(&kept.tools).all(String::is_empty);
     if has_nothing && !document.contains_key("program") {
         return;
     }
@@ -125,6 +132,7 @@ fn set_kept(document: &mut DocumentMut, kept: &KeptTexts) {
         }
     };
     set("parameters", &kept.parameters);
+    set("begins_with", &kept.begins_with);
     if let Some(tools) = &kept.tools {
         set("tools", tools);
     }
@@ -147,6 +155,7 @@ pub fn snapshot(path: &Path) -> Result<String, SettingsFileError> {
     let files = &machine.kept_files;
     let kept = KeptTexts {
         parameters: machine.program.parameters.clone(),
+        begins_with: machine.program.begins_with.clone(),
         tools: files.tools.as_ref().map(|_| machine.program.tools.clone()),
     };
     set_kept(&mut document, &kept);

@@ -10,6 +10,7 @@ use serde::Deserialize;
 
 use crate::auxiliary::{Spindle, ToolChange};
 use crate::axis::Axis;
+use crate::beginning::Beginning;
 use crate::fieldbus::Fieldbus;
 use crate::interpolation::Interpolation;
 use crate::kept::KeptFiles;
@@ -62,6 +63,9 @@ pub struct Machine {
     /// The parameters that `program.parameter_file`, `program.offsets` or `program.parameters` holds.
     #[serde(skip)]
     pub parameters: KeptParameters,
+    /// The tool in the spindle, the offset that is applied and the modes that the next program begins with.
+    #[serde(skip)]
+    pub beginning: Beginning,
     /// The files of the user that hold what outlives a run.
     #[serde(skip)]
     pub kept_files: KeptFiles,
@@ -149,6 +153,10 @@ pub struct ProgramSettings {
     /// The parameters themselves, as the text of such a file. Copies of a machine file hold what a run began with so.
     #[schemars(extend("default" = ""))]
     pub parameters: String,
+    /// Tool in the spindle, offset and modes that the program begins with, as a text; without it the tool is that of `spindle.toml`
+    /// beside this file, which need not be there. Copies of a machine file hold what a run began with so.
+    #[schemars(extend("default" = ""))]
+    pub begins_with: String,
     /// Folders in which subroutines are looked for that a program calls and does not hold, after the program's own; paths count
     /// from the folder of this file.
     #[schemars(extend("default" = []))]

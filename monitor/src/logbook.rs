@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use bus::cell::CellPaths;
-use bus::sample::{Feedback, ProgramState};
+use bus::sample::{Auxiliaries, Feedback, ProgramState};
 use machine::{KeptTexts, Machine, with_kept};
 
 use crate::black_box::Home;
@@ -171,6 +171,7 @@ impl Logbook {
                 place,
                 (load, run),
                 &self.machine,
+                &feedback.auxiliary,
                 &folder.join(MACHINE_FILE),
             )?;
         }
@@ -213,6 +214,7 @@ fn note_kept(
     place: &CellPaths,
     run: (u32, u32),
     machine: &Machine,
+    shown: &Auxiliaries,
     file: &Path,
 ) -> Result<(), MonitorError> {
     let failed = |source| MonitorError::File {
@@ -220,7 +222,7 @@ fn note_kept(
         source,
     };
     let text = fs::read_to_string(file).map_err(failed)?;
-    let noted = KeptTexts::of_run(place, run, machine)
+    let noted = KeptTexts::of_run(place, run, machine, shown)
         .map_err(|error| error.to_string())
         .and_then(|kept| with_kept(&text, &kept).map_err(|error| error.to_string()));
     match noted {

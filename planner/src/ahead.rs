@@ -309,6 +309,11 @@ impl Course {
         }
     }
 
+    /// The modes that the blocks which were read leave to the next run.
+    pub fn modes_left(&self) -> String {
+        self.reading.modes_left()
+    }
+
     /// What was accepted with a remark so far.
     pub fn notes(&self) -> Vec<Note> {
         self.reading.notes()

@@ -131,11 +131,17 @@ fn wire(kind: &EventKind) -> Option<(EventCode, u32, f64, bool)> {
         EventKind::AwaitInput { asked, timeout_s } => {
             (EventCode::AwaitInput, asked.wire(), timeout_s, false)
         }
+        EventKind::ToolOffsetOf(tool) => (EventCode::ToolOffsetOf, tool, 0.0, true),
+        EventKind::ToolOffset { axis, value } => (EventCode::ToolOffset, axis, value, true),
         // What follows the spindle is the planner's; a cutting speed is three events.
         EventKind::SpindleFollowed(_) | EventKind::SpindleReleased | EventKind::SurfaceSpeed(_) => {
             return None;
         }
     })
+}
+
+fn is_of_offset(code: u32) -> bool {
+    code == EventCode::ToolOffset as u32 || code == EventCode::ToolOffsetOf as u32
 }
 
 fn is_of_spindle(kind: &EventKind) -> bool {
@@ -402,6 +408,13 @@ impl Events {
 
     fn wait(&mut self, line: u32, of_wire: (EventCode, u32, f64, bool)) {
         let (code, index, value, in_motion) = of_wire;
+        if is_of_offset(code as u32) {
+            // The last one before a motion is the one that counts.
+            let same = |of: &ProgramEvent| {
+                of.code == code as u32 && (of.index == index || code == EventCode::ToolOffsetOf)
+            };
+            self.waiting.retain(|planned| !same(&planned.event));
+        }
         self.waiting.push(Planned {
             in_motion,
             second: 0.0,
@@ -431,6 +444,7 @@ impl Events {
             self.wait(line, (EventCode::AwaitSpindle, 0, 0.0, false));
         }
         self.spindle_ahead.meet(element);
+        self.offsets_give_way();
         let in_motion = self.waiting.iter().filter(|planned| planned.in_motion);
         if let Some(one_too_many) = in_motion.clone().nth(OUTPUTS_AHEAD) {
             return Err(EventError {
@@ -447,6 +461,17 @@ impl Events {
         self.couple_along(element)?;
         self.plan_waiting(number);
         Ok(())
+    }
+
+    /// An offset of the tool is set in motion where the master can be told of it beside the outputs, else at rest.
+    fn offsets_give_way(&mut self) {
+        let in_motion = self.waiting.iter().filter(|planned| planned.in_motion);
+        if in_motion.count() > OUTPUTS_AHEAD {
+            let of_offset = |planned: &&mut Planned| is_of_offset(planned.event.code);
+            for planned in self.waiting.iter_mut().filter(of_offset) {
+                planned.in_motion = false;
+            }
+        }
     }
 
     /// A tap goes along the axis of its first motion.

@@ -20,7 +20,7 @@ pub(crate) struct LevelsBefore {
     turns: Option<ProgramEvent>,
     /// What it was told before the first tool change: it goes on with that where the tool is in already.
     turns_before: Option<ProgramEvent>,
-    /// Mist, flood, outputs and overrides: the last of each.
+    /// Mist, flood, outputs, overrides and the offset of the tool: the last of each.
     switched: Vec<ProgramEvent>,
     coupled: bool,
 }
@@ -45,8 +45,12 @@ impl LevelsBefore {
             | EventCode::Flood
             | EventCode::DigitalOutput
             | EventCode::AnalogOutput
+            | EventCode::ToolOffsetOf
+            | EventCode::ToolOffset
             | EventCode::Overrides => {
-                let same = |of: &ProgramEvent| of.code == event.code && of.index == event.index;
+                let one = code == EventCode::ToolOffsetOf;
+                let same =
+                    |of: &ProgramEvent| of.code == event.code && (one || of.index == event.index);
                 self.switched.retain(|of| !same(of));
                 self.switched.push(*event);
             }

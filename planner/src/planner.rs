@@ -137,6 +137,8 @@ pub struct Decision<'a> {
     pub messages: &'a [ProgramMessage],
     /// The machine, with what the program began with.
     pub machine: &'a Machine,
+    /// The window is the last one: the modes to be kept before it is published.
+    pub modes: Option<String>,
     /// The program is at its end: what is to be kept before the status is published.
     pub left: Option<Left>,
     /// The program rests before a user M-code: it is to have run before the status is published.
@@ -404,10 +406,14 @@ impl Planner {
         self.say(feedback);
         let status = self.status(feedback);
         let left = self.to_keep(&status);
+        let ends = header.is_some_and(|header| header.ends_program == 1);
+        let modes = self.course.as_ref().filter(|_| ends);
+        let modes = modes.map(Course::modes_left);
         let user_call = self.user_call(&status, feedback);
         Decision {
             messages: &self.messages,
             machine: &self.machine,
+            modes,
             left,
             user_call,
             status,

@@ -18,7 +18,7 @@ use bus::cell::{CellError, CellPaths};
 use bus::member::{Member, Pace};
 use bus::messages::{MessageWriter, ProgramMessage};
 use bus::port::{Reader, WindowWriter, Writer};
-use bus::sample::{Feedback, PlannerStatus, Setpoint, WindowHeader};
+use bus::sample::{Auxiliaries, Feedback, PlannerStatus, Setpoint, WindowHeader};
 use bus::service::SCAN_DEPTH;
 use bus::user_codes::{self, CallEnd, UserCall};
 use machine::settings_file::SettingsFileError;
@@ -75,8 +75,8 @@ pub trait PlannerPorts {
         false
     }
 
-    /// What programs and operators have kept: what a run (load and run) begins with, or what the next one would; none where the machine file
-    /// holds it.
+    /// What programs and operators have kept, and what the master shows: what a run (load and run) begins with, or what the next one would;
+    /// none where the machine file holds it.
     ///
     /// # Errors
     /// They cannot be read.
@@ -84,9 +84,21 @@ pub trait PlannerPorts {
         &mut self,
         run: Option<(u32, u32)>,
         machine: &Machine,
+        shown: &Auxiliaries,
     ) -> Result<Option<KeptTexts>, SettingsFileError> {
-        let _ = (run, machine);
+        let _ = (run, machine, shown);
         Ok(None)
+    }
+
+    /// Keeps the modes that a run leaves to the next one; false if it could not.
+    fn keep_modes(&mut self, run: u32, modes: &str) -> bool {
+        let _ = (run, modes);
+        true
+    }
+
+    /// Keeps the tool in the spindle over the end of the cell, on a machine as this planner began with it.
+    fn keep_tool(&mut self, machine: &Machine, tool: u32) {
+        let _ = (machine, tool);
     }
 
     /// Keeps what a program leaves that has come to its end on this machine; false if it could not.
@@ -235,8 +247,24 @@ impl PlannerPorts for BusPorts {
         &mut self,
         run: Option<(u32, u32)>,
         machine: &Machine,
+        shown: &Auxiliaries,
     ) -> Result<Option<KeptTexts>, SettingsFileError> {
-        self.keeper.read(run, machine)
+        self.keeper.read(run, machine, shown)
+    }
+
+    fn keep_modes(&mut self, run: u32, modes: &str) -> bool {
+        self.keeper
+            .keep_modes(run, modes)
+            .inspect_err(|error| tracing::error!("{error}: the modes are not kept"))
+            .is_ok()
+    }
+
+    fn keep_tool(&mut self, machine: &Machine, tool: u32) {
+        if let Err(error) = self.keeper.keep_tool(machine, tool) {
+            tracing::warn!(
+                "{error}: a cell after this one does not know that tool {tool} is in the spindle"
+            );
+        }
     }
 
     fn keep(&mut self, machine: &Machine, left: &Left) -> bool {

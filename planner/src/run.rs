@@ -81,13 +81,15 @@ pub fn cycle(planner: &mut Planner, ports: &mut impl PlannerPorts) -> bool {
         return false;
     };
     if feedback.load != planner.loaded() {
-        let kept = planner.take_kept(ports.parameters(None, planner.machine()));
+        let kept =
+            planner.take_kept(ports.parameters(None, planner.machine(), &feedback.auxiliary));
         let program = ports.program(feedback.load).filter(|_| kept);
         planner.load(program, &feedback);
     }
+    ports.keep_tool(planner.machine(), feedback.auxiliary.tool);
     if planner.is_other_run(&feedback) {
         let run = Some((feedback.load, feedback.run));
-        planner.take_kept(ports.parameters(run, planner.machine()));
+        planner.take_kept(ports.parameters(run, planner.machine(), &feedback.auxiliary));
         planner.begin_run(ports.answers(feedback.load, feedback.run), &feedback);
     }
     if let Some(answer) = planner.new_answer(&feedback)
@@ -104,7 +106,9 @@ pub fn cycle(planner: &mut Planner, ports: &mut impl PlannerPorts) -> bool {
     if !decision.messages.is_empty() {
         ports.write_messages(feedback.load, feedback.run, decision.messages);
     }
-    if let Some((header, setpoints)) = &decision.window {
+    let modes = decision.modes.as_ref();
+    let are_kept = modes.is_none_or(|modes| ports.keep_modes(feedback.run, modes));
+    if let Some((header, setpoints)) = decision.window.as_ref().filter(|_| are_kept) {
         ports.publish_window(header, setpoints);
     }
     let mut status = decision.status;
@@ -118,7 +122,7 @@ pub fn cycle(planner: &mut Planner, ports: &mut impl PlannerPorts) -> bool {
     if kept == Some(false) || user_code.is_some_and(|code| code != UserCode::Good) {
         status.event = ProgramEvent::default();
     }
-    if kept == Some(false) || user_code == Some(UserCode::Failed) {
+    if kept == Some(false) || !are_kept || user_code == Some(UserCode::Failed) {
         status.cause = Cause::Planner as u32;
     }
     ports.publish_status(&status);

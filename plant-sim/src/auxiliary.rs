@@ -54,6 +54,13 @@ impl SimulatedAuxiliaries {
         }
     }
 
+    /// The same with a tool in the spindle.
+    pub fn with_tool(mut self, tool: u32) -> SimulatedAuxiliaries {
+        self.state.tool = tool;
+        self.state.outputs.tool = tool;
+        self
+    }
+
     /// One scan under these levels.
     pub fn scan(&mut self, levels: &Levels) {
         let before = self.state.outputs.tool;

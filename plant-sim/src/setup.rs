@@ -112,6 +112,7 @@ impl PlantFile {
         let dead_time_scans = self.drive.dead_time_scans;
         let scan_s = machine.scan_period_s();
         let auxiliary = SimulatedAuxiliaries::new(self.spindle, self.tool_changer, scan_s);
+        let auxiliary = auxiliary.with_tool(machine.beginning.tool);
         if machine.spindle.is_some() && self.spindle.is_none() {
             return Err(SetupError::Missing("[spindle]", "spindle"));
         }

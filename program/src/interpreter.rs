@@ -52,7 +52,7 @@ mod turning;
 mod use_of_words;
 
 pub use modal::Modal;
-pub use modes::SavedModes;
+pub use modes::{SavedModes, unknown_mode};
 pub use output::{Bound, Output};
 pub use surface::SurfaceSpeed;
 pub use turning::is_turning;
@@ -99,6 +99,17 @@ pub enum FeedMode {
     PerRevolution,
 }
 
+impl FeedMode {
+    /// Number of its code.
+    fn code(self) -> u32 {
+        match self {
+            FeedMode::InverseTime => 93,
+            FeedMode::PerMinute => 94,
+            FeedMode::PerRevolution => 95,
+        }
+    }
+}
+
 /// An F word: its value, and the length of its unit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct FeedWord {
@@ -122,6 +133,8 @@ pub struct InSpindle {
     pub prepared: Option<u32>,
     /// The one in the spindle; 0 for none.
     pub number: u32,
+    /// The one whose offset is applied; 0 where it is none's.
+    pub offset_of: u32,
 }
 
 /// The state of a program at a block, and what it made so far. All that later blocks depend on is in here; a copy goes on from the
@@ -242,6 +255,7 @@ impl Interpreter {
             output: Output::default(),
         };
         interpreter.set_first_offsets();
+        interpreter.begin();
         interpreter
     }
 

@@ -108,7 +108,7 @@ pub use execution::{BLOCKS_MAX, interpret};
 pub use file::{FILE_BYTES_MAX, load, read_text, write_text_hash};
 pub use interpreter::{Modal, SurfaceSpeed};
 pub use machine::{Tool, parse_tools};
-pub use modes::{Modes, modal_at_start, modal_behind};
+pub use modes::{Modes, modal_at_start};
 pub use parameters::Parameters;
 pub use program::{AxisSetup, Block, Event, EventKind, Message, Note, Program, ProgramEnd, Setup};
 pub use question::{Answer, Question};

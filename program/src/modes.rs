@@ -21,18 +21,6 @@ pub fn modal_at_start(machine: &Machine) -> Modal {
     Interpreter::new(&setup, AxisVector::zeros()).modal()
 }
 
-/// The state that these blocks leave, which move nothing; the one that the next program begins with if they cannot be read.
-pub fn modal_behind(machine: &Machine, blocks: &str) -> Modal {
-    let setup = Arc::new(Setup::of(machine));
-    let mut piece = Piece::default();
-    let reading = Reading::of_text("blocks", blocks, &setup, AxisVector::zeros());
-    let read = reading.and_then(|mut reading| {
-        reading.read(usize::MAX, &mut piece)?;
-        Ok(reading.modal())
-    });
-    read.unwrap_or_else(|_| modal_at_start(machine))
-}
-
 /// The states of a program, by its elements.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Modes {
@@ -145,19 +133,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn typed_in_blocks_leave_their_modes() {
-        let machine = FilePath::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xyz-mill");
-        let machine = Machine::load(&machine).unwrap();
-        let modal = modal_behind(&machine, "G21\nG91 G55\nF600 G43 H1 G1\n");
-        let codes = modal.codes.join(" ");
-        for code in ["G43", "G55", "G91"] {
-            assert!(codes.contains(code), "no {code}: {codes}");
-        }
-        assert_eq!((modal.feed, modal.tool_length()[2]), (Some(600.0), 40.0));
-        assert_eq!(modal_behind(&machine, "G43 H9\n"), modal_at_start(&machine));
-    }
-
-    #[test]
     fn beside_a_contour_each_element_has_the_state_of_its_own_block() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("beside.ngc");
@@ -199,7 +174,10 @@ mod tests {
         let at = |element, x_mm: f64| {
             let mut place = AxisVector::zeros();
             place[0] = x_mm;
-            modes.at(element).unwrap().in_program(&place)[0]
+            modes
+                .at(element)
+                .unwrap()
+                .in_program(&place, &AxisVector::zeros())[0]
         };
         assert_eq!((at(0, 1.0), at(1, 6.0), at(2, 8.0)), (1.0, 1.0, 2.0));
         assert_eq!(modes.at(3), None);

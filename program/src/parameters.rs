@@ -14,6 +14,8 @@ pub const POSITION_LETTERS: &str = "XYZABCUVW";
 pub mod base {
     /// Where the probe tripped; 5070 tells whether it did.
     pub const PROBED: u32 = 5061;
+    /// The offset of the tool that is applied.
+    pub const APPLIED: u32 = 5081;
     /// Where G28 leads.
     pub const HOME_28: u32 = 5161;
     /// Where G30 leads.
@@ -26,7 +28,7 @@ pub mod base {
     pub const G54: u32 = 5221;
     /// What M66 read.
     pub const INPUT: u32 = 5399;
-    /// The tool in the spindle: number, nine offsets, diameter, front and back angle, orientation.
+    /// The tool in the spindle, as the table has it: number, nine offsets, diameter, front and back angle, orientation.
     pub const TOOL: u32 = 5400;
     /// Where the tool is, in the coordinates of the program.
     pub const POSITION: u32 = 5420;

@@ -2,12 +2,12 @@
 
 use bus::sample::AskedInput;
 use control::path::{AxisVector, MAX_AXES, Path};
-use machine::{KeptParameters, Tool};
+use machine::{Beginning, KeptParameters, Tool};
 use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::Xxh3;
 
 use crate::error::ProgramError;
-use crate::interpreter::SurfaceSpeed;
+use crate::interpreter::{SurfaceSpeed, unknown_mode};
 use crate::letters::AXIS_LETTERS;
 use crate::parameters::Parameters;
 use crate::question::Answer;
@@ -37,6 +37,8 @@ pub struct Setup {
     pub work_offset: AxisVector,
     /// Parameters that programs before this one have kept; the work offset of G54 among them goes before [`Setup::work_offset`].
     pub parameters: KeptParameters,
+    /// The tool in the spindle, the offset that is applied and the modes in force.
+    pub beginning: Beginning,
     /// The tools that there are; without any, every tool can be called, and none has a length.
     pub tools: Vec<Tool>,
     /// Whether blocks with `/` before them are left out (block delete).
@@ -112,6 +114,15 @@ pub enum EventKind {
     ToolChange(u32),
     /// M61: this tool is in the spindle already.
     ToolIs(u32),
+    /// G43, G49: the offset that is applied is that of this tool; 0 where it is none's.
+    ToolOffsetOf(u32),
+    /// Behind it: the offset along an axis, in mm or degrees.
+    ToolOffset {
+        /// Index of the axis.
+        axis: u32,
+        /// The offset.
+        value: f64,
+    },
     /// M0: waits for the operator.
     ProgramStop,
     /// M1: the same, if he asked for it.
@@ -302,6 +313,12 @@ pub fn check_setup(name: &str, setup: &Setup, start: &AxisVector) -> Result<(), 
             );
         }
     }
+    if let Some(word) = unknown_mode(&setup.beginning.modes) {
+        return refuse(
+            format!("{word} among the modes that the program begins with"),
+            "words such as G1 G18 G91 F600",
+        );
+    }
     if !finite(start) || !finite(&setup.work_offset) {
         return refuse(
             "start position or work offset that is not a number".into(),
@@ -338,6 +355,7 @@ pub fn source_hash(text: TextHash, setup: &Setup, start: &AxisVector) -> u64 {
         hash.update(&number.to_le_bytes());
         hash.update(&value.to_bits().to_le_bytes());
     }
+    hash.update(setup.beginning.text().as_bytes());
     if setup.tolerance_mm > 0.0 {
         hash.update(&setup.tolerance_mm.to_bits().to_le_bytes());
     }

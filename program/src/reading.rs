@@ -216,6 +216,11 @@ impl Reading {
         self.execution.interpreter.kept_parameters()
     }
 
+    /// The modes that the next run begins with, as the words of a block.
+    pub fn modes_left(&self) -> String {
+        self.execution.interpreter.modes_left()
+    }
+
     /// The state that the blocks that were read so far leave.
     pub fn modal(&self) -> Modal {
         self.execution.interpreter.modal()

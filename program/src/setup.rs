@@ -49,6 +49,7 @@ impl Setup {
             axes,
             work_offset,
             parameters: machine.parameters.clone(),
+            beginning: machine.beginning.clone(),
             tools: machine.tools.clone(),
             block_delete: machine.program.block_delete,
             tolerance_mm: machine.path.tolerance_mm,

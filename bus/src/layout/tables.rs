@@ -46,7 +46,8 @@ table!(
 );
 table!(
     Auxiliaries: levels, spindle_rpm, spindle_turns, spindle_lag_turns, events_done, line, waiting, blocked, at_speed,
-    optional_stop, override_disabled, tool, coupled, jog_um_s, start_line, reserved,
+    optional_stop, override_disabled, tool, coupled, jog_um_s, start_line,
+    tool_offset_of, tool_offset, modes_of_run, reserved,
 );
 table!(Answer: value, scan, tripped @ Axes, rests @ Axes, number, outcome);
 table!(Inputs: analog, digital, contact, panel);

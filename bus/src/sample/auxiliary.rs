@@ -4,6 +4,8 @@
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
+use super::MAX_AXES;
+
 /// Digital outputs that a program can switch, M62 to M65 P0 to P63.
 pub const DIGITAL_OUTPUTS: usize = 64;
 /// Analogue outputs that a program can set, M67 and M68 E0 to E7.
@@ -75,11 +77,15 @@ pub enum EventCode {
     BlockDone = 31,
     /// Start at a line: what stands before it is set, which is `value` events; its first motion is `element`.
     StartAt = 32,
+    /// G43 and G49, with the motion behind them: the offset of the tool along axis `index` is `value`, in mm or degrees.
+    ToolOffset = 33,
+    /// Before it: that is the offset of tool `index`; 0 where it is none's.
+    ToolOffsetOf = 34,
 }
 
 impl EventCode {
     /// All of them.
-    pub const ALL: [EventCode; 29] = [
+    pub const ALL: [EventCode; 31] = [
         EventCode::SpindleSpeed,
         EventCode::SpindleClockwise,
         EventCode::SpindleCounterClockwise,
@@ -109,6 +115,8 @@ impl EventCode {
         EventCode::SurfaceSpeed,
         EventCode::BlockDone,
         EventCode::StartAt,
+        EventCode::ToolOffset,
+        EventCode::ToolOffsetOf,
     ];
 
     /// Decodes what came over the wire.
@@ -283,7 +291,7 @@ impl Waiting {
 
 /// What the master says of spindle, coolant, outputs, tool and stops.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Auxiliaries/4")]
+#[type_name("quadrant/Auxiliaries/5")]
 #[repr(C)]
 pub struct Auxiliaries {
     /// Commanded in this scan.
@@ -316,9 +324,19 @@ pub struct Auxiliaries {
     pub jog_um_s: u32,
     /// Line that the program is to be started at, until the tool is on its path there; 0 for none.
     pub start_line: u32,
+    /// Number of the tool whose offset is applied (G43); 0 for none, or one of the program's own (G43.1).
+    pub tool_offset_of: u32,
+    /// Offset of the tool that is applied, by axis, in mm and degrees; all 0 after G49.
+    pub tool_offset: [f64; MAX_AXES],
+    /// The run whose modes are in force between two runs: the last one that came to its end. 0 before the first;
+    /// [`MODES_RESET`] where a run was given up, or `reset` was ordered.
+    pub modes_of_run: u32,
     /// Kept zero.
     pub reserved: u32,
 }
+
+/// No run's modes are in force, but those that M2 leaves.
+pub const MODES_RESET: u32 = u32::MAX;
 
 #[cfg(test)]
 mod tests {

@@ -7,9 +7,11 @@ use anyhow::anyhow;
 use bus::cell::{CellError, CellPaths};
 use bus::observer::{Held, Observer};
 use bus::port::OperatorClient;
-use bus::sample::{Mode, OperatorRequest, OperatorResponse, Order, Reference, Refused};
+use bus::sample::{
+    Auxiliaries, Mode, OperatorRequest, OperatorResponse, Order, Reference, Refused,
+};
 use bus::service::Bus;
-use machine::Machine;
+use machine::{KeptTexts, Machine};
 
 use super::eyes::Eyes;
 use super::origin;
@@ -280,6 +282,17 @@ impl Client {
 }
 
 impl Client {
+    /// The machine with all that the next program begins with: offsets, tools, parameters, and what the master shows.
+    ///
+    /// # Errors
+    /// A file of the user or of the cell cannot be read, or is wrong.
+    pub(super) fn machine_of_next_program(&self, shown: &Auxiliaries) -> anyhow::Result<Machine> {
+        let mut machine = self.machine.clone();
+        let kept = KeptTexts::now(&self.cell.place, &machine, shown)?;
+        machine.take_kept(kept)?;
+        Ok(machine)
+    }
+
     /// Letters of the axes that are not homed, as the feedback has them; none where it says so of none.
     fn not_homed(&self) -> Option<String> {
         let now = Eyes::open(self).ok()?.look().ok()?;

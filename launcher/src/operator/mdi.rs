@@ -9,7 +9,6 @@ use bus::sample::{Feedback, Mode, OperatorRequest, Order, ProgramState, Refused}
 use super::Client;
 use super::client::order_urgently;
 use super::eyes::Eyes;
-use super::modal_words::ModalWords;
 use super::program::{Laid, check, started, until_done, until_read};
 use crate::exit::{Failure, Kind, Outcome, words};
 use crate::options::MdiOptions;
@@ -73,10 +72,7 @@ impl Block {
         if let Some(why) = why_not(&now) {
             return Err(client.fails(&format!("mdi refused: {}", why.words())));
         }
-        let place = &client.cell.place;
-        let kept = place.typed_modes();
-        let mut modes = ModalWords::read(&kept);
-        let written = Written::of(&place.folder(), &modes, text)?;
+        let written = Written::of(&client.cell.place.folder(), text)?;
         let (notes, _) = check(client, &written.file, &now)
             .map_err(|error| Failure::Input(anyhow!(written.of_blocks(&words(&error)))))?;
         for note in &notes {
@@ -103,8 +99,6 @@ impl Block {
                 return Err(failure);
             }
         };
-        modes.take(text);
-        modes.write(&kept).environment()?;
         says(&started(client, &answer, laid.number).0);
         Ok(Block {
             run: answer.run,
@@ -152,38 +146,25 @@ fn why_not(now: &Feedback) -> Option<Refused> {
     }
 }
 
-/// The blocks as a program, behind the modes that those before have left; taken away again.
+/// The blocks as a program; taken away again.
 struct Written {
     file: std::path::PathBuf,
-    lines: usize,
 }
 
 impl Written {
-    fn of(folder: &Path, modes: &ModalWords, text: &str) -> Result<Written, Failure> {
+    fn of(folder: &Path, text: &str) -> Result<Written, Failure> {
         let folder = folder.join(format!("mdi-{}", std::process::id()));
         fs::create_dir_all(&folder).environment()?;
         let written = Written {
             file: folder.join(NAME),
-            lines: text.lines().count(),
         };
-        let program = format!("{}{text}\nM2\n", modes.text());
-        fs::write(&written.file, program).environment()?;
+        fs::write(&written.file, format!("{text}\n%\n")).environment()?;
         Ok(written)
     }
 
-    /// A message of the program, as one of the typed-in blocks: their first line is line 1.
+    /// A message of the program, as one of the typed-in blocks.
     fn of_blocks(&self, message: &str) -> String {
-        let before = ModalWords::lines();
-        let name = self.file.display().to_string();
-        let mut message = message.to_owned();
-        for line in 1..=self.lines + 1 {
-            let found = format!("{name}:{}", line + before);
-            message = message.replace(&format!("{found}:"), &format!("mdi:{line}:"));
-            // The block as it is shown below.
-            let shown = format!("\n {} | ", line + before);
-            message = message.replace(&shown, &format!("\n {line} | "));
-        }
-        message.replace(&name, "mdi")
+        message.replace(&self.file.display().to_string(), "mdi")
     }
 }
 

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::anyhow;
 use bus::sample::{Feedback, Mode, Reference};
-use machine::offsets_file::{G92_APPLIES, IN_FORCE, WORK_OFFSETS, first_parameter, parameter_of};
+use machine::offsets_file::{G92_APPLIES, WORK_OFFSETS, first_parameter, parameter_of};
 use machine::{Axis, KeptParameters, Machine, TURN_DEG, update_offsets};
 use master::STANDSTILL_MM_S;
 use serde_json::{Map, Value, json};
@@ -50,12 +50,10 @@ pub fn offsets(options: &OffsetsOptions) -> Outcome {
 pub fn zero(options: &ZeroOptions) -> Outcome {
     let subject = Subject::of(None, options.cell.as_deref())?;
     let file = file_of(&subject)?;
-    let machine = &subject.machine;
     let client = subject.client.as_ref();
-    let now = client
-        .map(|client| Eyes::open(client)?.look())
-        .transpose()?;
-    let now = now.ok_or_else(|| Failure::Input(anyhow!("no cell runs")))?;
+    let client = client.ok_or_else(|| Failure::Input(anyhow!("no cell runs")))?;
+    let now = Eyes::open(client)?.look()?;
+    let machine = &client.machine_of_next_program(&now.auxiliary).input()?;
     let letters = options.axes.iter().map(|word| letter_of(machine, word));
     let letters = letters.collect::<Result<Vec<_>, _>>()?;
     may_touch_off(&subject, &now, &letters)?;
@@ -66,7 +64,8 @@ pub fn zero(options: &ZeroOptions) -> Outcome {
     };
     let first = first_of(offset)?;
     let length = options.tool.as_deref();
-    let length = length.map_or(Ok([0.0; 9]), |name| tool_length(machine, name))?;
+    let applied = machine.beginning.offset_by_letter();
+    let length = length.map_or(Ok(applied), |name| tool_length(machine, name))?;
     let found = Touched {
         machine,
         now: &now,
@@ -98,8 +97,8 @@ fn first_of(offset: &str) -> Result<u32, Failure> {
 }
 
 fn in_force(machine: &Machine) -> &'static str {
-    let index = value(machine, IN_FORCE) - 1.0;
-    WORK_OFFSETS.get(index as usize).copied().unwrap_or("G54")
+    let index = machine.work_offset_in_force();
+    WORK_OFFSETS.get(index).copied().unwrap_or("G54")
 }
 
 /// A parameter as the next program begins with it.

@@ -12,7 +12,6 @@ use std::time::{Duration, Instant};
 use anyhow::{anyhow, bail};
 use bus::process::watch;
 use bus::sample::{Feedback, Mode, OperatorRequest, OperatorResponse, Order, ProgramState};
-use machine::{KeptFiles, Machine};
 use planner::ProgramText;
 use program::Note;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -123,21 +122,13 @@ fn fits(file: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The machine with the offsets, tools and parameters that the next program begins with.
-fn machine_of_next_program(client: &Client) -> anyhow::Result<Machine> {
-    let mut machine = client.machine.clone();
-    let kept = KeptFiles::of_cell(&client.cell.place)?.read(&machine)?;
-    machine.take_kept(kept)?;
-    Ok(machine)
-}
-
 /// Checks the program against the machine, from where its axes are; what is to be noted, and what it is, in words.
 pub(super) fn check(
     client: &Client,
     file: &Path,
     now: &Feedback,
 ) -> anyhow::Result<(Vec<String>, String)> {
-    let machine = &machine_of_next_program(client)?;
+    let machine = &client.machine_of_next_program(&now.auxiliary)?;
     let start = now.axes.map(|axis| axis.command_position);
     let name = file.display().to_string();
     let short = program::load_if_short(machine, &start, file, program::SHORT_ELEMENTS)?;
@@ -279,7 +270,7 @@ fn begins_at(client: &Client, now: &Feedback, line: u32) -> anyhow::Result<()> {
         // Without a program the cell refuses to start.
         return Ok(());
     };
-    let machine = machine_of_next_program(client)?;
+    let machine = client.machine_of_next_program(&now.auxiliary)?;
     let start = now.axes.map(|axis| axis.command_position);
     check::start_line(&machine, &file, start, line)
 }

@@ -10,7 +10,7 @@
 )]
 
 use bus::sample::{
-    Auxiliaries, Cause, DIGITAL_OUTPUTS, EventCode, FLOOD, Inputs, Levels, MIST, Mode,
+    Auxiliaries, Cause, DIGITAL_OUTPUTS, EventCode, FLOOD, Inputs, Levels, MAX_AXES, MIST, Mode,
     OUTPUTS_AHEAD, PathTag, PlannerStatus, ProgramEvent, SpindleCommand, Waiting,
 };
 use bytemuck::{Pod, Zeroable};
@@ -46,6 +46,8 @@ pub struct AuxiliaryLatches {
     pub surface_limit_rpm: f64,
     /// Place of the axis that the spindle turns about, in mm.
     pub surface_centre_mm: f64,
+    /// Offset of the tool that is applied, by axis, in mm and degrees.
+    pub tool_offset: [f64; MAX_AXES],
     /// Events of the program that are done.
     pub events_done: u32,
     /// 1 clockwise, 2 counter-clockwise, 0 at rest.
@@ -72,6 +74,10 @@ pub struct AuxiliaryLatches {
     pub rapid_override_percent: u32,
     /// Line that the program is to be started at, until the tool is on its path; 0 for none.
     pub start_line: u32,
+    /// Number of the tool whose offset is applied; 0 for none.
+    pub tool_offset_of: u32,
+    /// The run whose modes are in force, 0 or [`MODES_RESET`].
+    pub modes_of_run: u32,
     /// Kept zero.
     pub reserved: u32,
 }
@@ -205,6 +211,13 @@ impl Auxiliary {
             latches: AuxiliaryLatches {
                 optional_stop: u32::from(machine.program.optional_stop),
                 rapid_override_percent: 100,
+                tool: machine.beginning.tool,
+                levels: Levels {
+                    tool: machine.beginning.tool,
+                    ..Levels::default()
+                },
+                tool_offset: machine.beginning_offset(),
+                tool_offset_of: machine.beginning.offset_of,
                 ..AuxiliaryLatches::default()
             },
             questions: Questions::new(machine.scan_period_s()),
@@ -329,6 +342,9 @@ impl Auxiliary {
             },
             jog_um_s: 0,
             start_line: self.latches.start_line,
+            tool_offset_of: self.latches.tool_offset_of,
+            tool_offset: self.latches.tool_offset,
+            modes_of_run: self.latches.modes_of_run,
             reserved: 0,
         }
     }
@@ -359,7 +375,8 @@ impl Auxiliary {
             latches.surface_limit_rpm,
             latches.surface_centre_mm,
         ];
-        if values.iter().chain(&levels.analog).all(sound) {
+        let offset = &latches.tool_offset;
+        if values.iter().chain(&levels.analog).chain(offset).all(sound) {
             self.latches = *latches;
             self.latches.rapid_override_percent = latches.rapid_override_percent.min(100);
         }
@@ -511,6 +528,12 @@ impl Auxiliary {
                 latches.tool = event.index;
                 latches.levels.tool = event.index;
             }
+            Some(EventCode::ToolOffset) => {
+                if let Some(along) = latches.tool_offset.get_mut(event.index as usize) {
+                    *along = event.value;
+                }
+            }
+            Some(EventCode::ToolOffsetOf) => latches.tool_offset_of = event.index,
             _ => {}
         }
     }

@@ -7,7 +7,7 @@
     clippy::indexing_slicing
 )]
 
-use bus::sample::{Cause, Mode, ProgramState, Refused};
+use bus::sample::{Cause, MODES_RESET, Mode, ProgramState, Refused};
 
 use crate::drives::Drives;
 
@@ -52,6 +52,9 @@ impl<D: Drives> Master<D> {
         }
         self.windows.forget_path(self.scan);
         self.auxiliary.forget_program(self.scan);
+        if self.program.is_running() {
+            self.auxiliary.latches.modes_of_run = MODES_RESET;
+        }
         if self.cause == Cause::Planner {
             // It could not go on with the program before.
             self.cause = Cause::None;
@@ -116,6 +119,7 @@ impl<D: Drives> Master<D> {
         self.hold = false;
         self.windows.forget_path(self.scan);
         self.auxiliary.forget_program(self.scan);
+        self.auxiliary.latches.modes_of_run = MODES_RESET;
         if self.mode == Mode::Ready {
             self.clear_causes();
         }
@@ -138,6 +142,7 @@ impl<D: Drives> Master<D> {
     pub(super) fn end_program(&mut self) {
         self.windows.forget_path(self.scan);
         self.program.state = ProgramState::Done;
+        self.auxiliary.latches.modes_of_run = self.program.run;
         self.mode = Mode::Ready;
     }
 

@@ -136,7 +136,10 @@ fn steps(program: &Program, setup: &Setup) -> Vec<Step> {
 /// An event; a tap is told by what happens in it.
 fn tell(kind: EventKind, surface: &mut Option<SurfaceSpeed>, steps: &mut Vec<Step>) {
     match kind {
-        EventKind::SpindleCoupled(_) | EventKind::SpindleUncoupled => return,
+        EventKind::SpindleCoupled(_)
+        | EventKind::SpindleUncoupled
+        | EventKind::ToolOffsetOf(_)
+        | EventKind::ToolOffset { .. } => return,
         EventKind::SurfaceSpeed(new) => return surface_words(surface.replace(new), new, steps),
         EventKind::SpindleSpeedRpm(_) => *surface = None,
         _ => {}

@@ -19,9 +19,10 @@ pub struct Modal {
 }
 
 impl Modal {
-    /// A place of the machine in the coordinates of the program, in mm and degrees.
-    pub fn in_program(&self, place: &AxisVector) -> AxisVector {
-        self.offsets.in_program(place)
+    /// A place of the machine in the coordinates of the program, with this offset of the tool applied, in mm and degrees.
+    pub fn in_program(&self, place: &AxisVector, tool_offset: &AxisVector) -> AxisVector {
+        self.offsets
+            .in_program(&(place - tool_offset + self.offsets.tool))
     }
 
     /// What the length of the tool takes off, in mm and degrees.
@@ -36,6 +37,11 @@ fn shown(letter: char, tenfold: f64) -> String {
 }
 
 impl Interpreter {
+    /// Whether an offset of a tool is applied, also one of 0.
+    pub(super) fn applies_offset(&self) -> bool {
+        self.tool.offset_of != 0 || self.offsets.tool != AxisVector::zeros()
+    }
+
     /// The state that the blocks so far have left.
     pub fn modal(&self) -> Modal {
         let either = |first: bool, yes: &str, no: &str| if first { yes } else { no }.to_owned();
@@ -46,16 +52,11 @@ impl Interpreter {
             shown('G', f64::from(self.plane.0) * 10.0),
             either(self.inches, "G20", "G21"),
             shown('G', f64::from(self.compensation_code())),
-            either(self.offsets.tool == AxisVector::zeros(), "G49", "G43"),
+            either(self.applies_offset(), "G43", "G49"),
             offset.copied().unwrap_or("G54").to_owned(),
             shown('G', f64::from(self.path_control)),
             either(self.incremental, "G91", "G90"),
-            match self.feed_mode {
-                FeedMode::InverseTime => "G93",
-                FeedMode::PerMinute => "G94",
-                FeedMode::PerRevolution => "G95",
-            }
-            .to_owned(),
+            shown('G', f64::from(self.feed_mode.code()) * 10.0),
             either(self.surface.is_some(), "G96", "G97"),
             either(self.returns_to_r, "G99", "G98"),
         ];

@@ -1,6 +1,8 @@
 //! The modes that a block sets, and those that M70 to M73 save and restore.
 
 use super::*;
+use machine::MODES_OF_END;
+use machine::offsets_file::WORK_OFFSETS;
 use serde::{Deserialize, Serialize};
 
 /// What M70 and M73 save (LinuxCNC manual, *M70 Save Modal State*).
@@ -25,6 +27,7 @@ pub struct SavedModes {
     /// Length of the tool that counts (G43), all 0 after G49.
     #[serde(with = "snapshot::vector")]
     tool_length: AxisVector,
+    tool_length_of: u32,
 }
 
 /// The longest dwell, in s: more than a day.
@@ -44,11 +47,7 @@ impl Interpreter {
     /// The modes of a block, in their order.
     pub(super) fn modes(&mut self, line: u32, words: &Words) -> Result<(), Refusal> {
         if let Some((number, _)) = words.code(Group::Plane) {
-            self.plane = match number {
-                180 => (18, ['Z', 'X'], ['K', 'I']),
-                190 => (19, ['Y', 'Z'], ['J', 'K']),
-                _ => (17, ['X', 'Y'], ['I', 'J']),
-            };
+            self.plane = plane_of_code(number);
         }
         if let Some((number, _)) = words.code(Group::Units) {
             self.inches = number == 200;
@@ -107,11 +106,7 @@ impl Interpreter {
     /// G93 to G95, and F.
     pub(super) fn feed_words(&mut self, line: u32, words: &Words) -> Result<(), Refusal> {
         if let Some((number, _)) = words.code(Group::FeedMode) {
-            let mode = match number {
-                930 => FeedMode::InverseTime,
-                950 => FeedMode::PerRevolution,
-                _ => FeedMode::PerMinute,
-            };
+            let mode = feed_mode_of_code(number);
             if mode != self.feed_mode {
                 // A feed of another kind is none.
                 self.feed = None;
@@ -194,6 +189,95 @@ impl Interpreter {
         Ok(())
     }
 
+    /// The tool, the offset and the modes that the run begins with.
+    pub(super) fn begin(&mut self) {
+        self.begin_with_tool();
+        let setup = Arc::clone(&self.setup);
+        for (letter, value) in mode_words(&setup.beginning.modes).flatten() {
+            self.take_mode(letter, value);
+        }
+        self.take_offsets();
+    }
+
+    fn take_mode(&mut self, letter: char, value: f64) {
+        let code = (value * 10.0).round() as u32;
+        match (letter, code) {
+            ('F', _) => {
+                self.feed = (value > 0.0).then_some(FeedWord {
+                    value,
+                    unit_mm: self.unit_mm(),
+                });
+            }
+            ('S', _) => self.spindle.speed = value,
+            ('P', _) => self.path_words[0] = Some(value),
+            ('Q', _) => self.path_words[1] = Some(value),
+            (_, 0) => self.motion = Motion::Rapid,
+            (_, 10) => self.motion = Motion::Line,
+            (_, 20 | 30) => {
+                self.motion = Motion::Arc {
+                    clockwise: code == 20,
+                };
+            }
+            (_, 170 | 180 | 190) => self.plane = plane_of_code(code),
+            (_, 200 | 210) => self.inches = code == 200,
+            (_, 70 | 80) => self.diameters = code == 70,
+            (_, 610 | 611 | 640) => {
+                self.path_control = code;
+                self.path_words = [None; 2];
+            }
+            (_, 900 | 910) => self.incremental = code == 910,
+            (_, 901 | 911) => self.arc_absolute = code == 901,
+            (_, 930 | 940 | 950) => self.feed_mode = feed_mode_of_code(code),
+            (_, 980 | 990) => self.returns_to_r = code == 990,
+            _ => {
+                if let Some(system) = work_offset_of_code(code) {
+                    self.parameters.set(base::WORK_OFFSET, system);
+                }
+            }
+        }
+    }
+
+    /// The modes that the run leaves to the next one, as the words of a block; M2 and M30 leave [`MODES_OF_END`] and what they do not
+    /// change. Spindle, coolant, compensation and override end with each run, and so does a motion that is more than a line or an arc.
+    pub fn modes_left(&self) -> String {
+        let ends = matches!(self.ended, Some(ProgramEnd::M2(_) | ProgramEnd::M30(_)));
+        let mut words = vec![if self.inches { "G20" } else { "G21" }.to_owned()];
+        let mut when = |is: bool, word: &str| {
+            if is {
+                words.push(word.to_owned());
+            }
+        };
+        when(self.diameters, "G7");
+        when(self.arc_absolute, "G90.1");
+        when(self.returns_to_r, "G99");
+        words.push(format!("G{}", f64::from(self.path_control) / 10.0));
+        let tolerances = ['P', 'Q'].into_iter().zip(self.path_words);
+        words.extend(tolerances.filter_map(|(letter, value)| Some(format!("{letter}{}", value?))));
+        if self.surface.is_none() && self.spindle.speed != 0.0 {
+            words.push(format!("S{}", self.spindle.speed));
+        }
+        if ends {
+            words.push(MODES_OF_END.to_owned());
+            return words.join(" ");
+        }
+        let motion = match self.motion {
+            Motion::Rapid | Motion::Line | Motion::Arc { .. } => self.motion_mode() / 10.0,
+            _ => 80.0,
+        };
+        words.push(format!("G{motion} G{}", self.plane.0));
+        words.push(if self.incremental { "G91" } else { "G90" }.to_owned());
+        let system = self.parameters.get(base::WORK_OFFSET).clamp(1.0, 9.0) as usize - 1;
+        words.extend(WORK_OFFSETS.get(system).map(|name| (*name).to_owned()));
+        words.push(format!("G{}", self.feed_mode.code()));
+        if let Some(feed) = self
+            .feed
+            .filter(|_| self.feed_mode != FeedMode::InverseTime)
+        {
+            words.push(format!("F{}", feed.value * feed.unit_mm / self.unit_mm()));
+        }
+        words.join(" ")
+    }
+
     fn saved_modes(&self) -> SavedModes {
         SavedModes {
             plane: self.plane,
@@ -213,6 +297,7 @@ impl Interpreter {
             path_words: self.path_words,
             work_offset: self.parameters.get(base::WORK_OFFSET),
             tool_length: self.offsets.tool,
+            tool_length_of: self.tool.offset_of,
         }
     }
 
@@ -232,7 +317,7 @@ impl Interpreter {
         // Which length counts is no mode, only whether one does.
         let counts = |length: &AxisVector| *length != AxisVector::zeros();
         if counts(&saved.tool_length) != counts(&self.offsets.tool) {
-            self.offsets.tool = saved.tool_length;
+            self.apply_offset(line, saved.tool_length, saved.tool_length_of);
         }
         self.take_offsets();
         let mode_changes =
@@ -253,6 +338,80 @@ impl Interpreter {
             self.event(line, EventKind::OverridesEnabled(saved.feed_override));
         }
     }
+}
+
+/// The words of a block of modes; none in place of one that is no mode.
+fn mode_words(modes: &str) -> impl Iterator<Item = Option<(char, f64)>> {
+    modes.split_whitespace().map(|word| {
+        let letter = word.chars().next()?;
+        let value: f64 = word.get(letter.len_utf8()..)?.parse().ok()?;
+        let code = (value * 10.0).round() as u32;
+        let known = match letter {
+            'F' | 'S' | 'P' | 'Q' => true,
+            'G' => {
+                matches!(
+                    code,
+                    0 | 10
+                        | 20
+                        | 30
+                        | 70
+                        | 80
+                        | 170
+                        | 180
+                        | 190
+                        | 200
+                        | 210
+                        | 400
+                        | 610
+                        | 611
+                        | 640
+                        | 800
+                        | 900
+                        | 901
+                        | 910
+                        | 911
+                        | 930
+                        | 940
+                        | 950
+                        | 970
+                        | 980
+                        | 990
+                ) || work_offset_of_code(code).is_some()
+            }
+            _ => false,
+        };
+        (known && (0.0..1e9).contains(&value)).then_some((letter, value))
+    })
+}
+
+/// What is no mode in a block that a run is to begin with.
+pub fn unknown_mode(modes: &str) -> Option<&str> {
+    let mut words = modes.split_whitespace().zip(mode_words(modes));
+    words.find_map(|(word, known)| known.is_none().then_some(word))
+}
+
+/// The plane of ten times a code: its number, axis letters, and the offset letters that belong to them.
+fn plane_of_code(code: u32) -> (u32, [char; 2], [char; 2]) {
+    match code {
+        180 => (18, ['Z', 'X'], ['K', 'I']),
+        190 => (19, ['Y', 'Z'], ['J', 'K']),
+        _ => (17, ['X', 'Y'], ['I', 'J']),
+    }
+}
+
+fn feed_mode_of_code(code: u32) -> FeedMode {
+    match code {
+        930 => FeedMode::InverseTime,
+        950 => FeedMode::PerRevolution,
+        _ => FeedMode::PerMinute,
+    }
+}
+
+/// The number of a work offset, 1 for G54, of ten times its code.
+fn work_offset_of_code(code: u32) -> Option<f64> {
+    let name = format!("G{}", f64::from(code) / 10.0);
+    let index = WORK_OFFSETS.iter().position(|known| **known == name)?;
+    Some(index as f64 + 1.0)
 }
 
 /// The motion of a code of cycles, splines or threads, given ten times its number; none of G80.

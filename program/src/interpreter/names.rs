@@ -96,7 +96,7 @@ impl Interpreter {
             "_plane" => f64::from(self.plane.0) * 10.0,
             "_motion_mode" => self.motion_mode(),
             "_ccomp" => f64::from(self.compensation_code()),
-            "_tool_offset" => is(self.offsets.tool != AxisVector::zeros()),
+            "_tool_offset" => is(self.applies_offset()),
             "_retract_r_plane" => is(self.returns_to_r),
             "_retract_old_z" => is(!self.returns_to_r),
             "_call_level" => self.frames.depth() as f64,

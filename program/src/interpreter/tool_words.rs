@@ -66,6 +66,47 @@ impl Interpreter {
         Ok(())
     }
 
+    /// The tool and the offset that a run begins with.
+    pub(super) fn begin_with_tool(&mut self) {
+        let setup = Arc::clone(&self.setup);
+        self.tool.number = setup.beginning.tool;
+        self.tool.offset_of = setup.beginning.offset_of;
+        self.offsets.tool = self.by_axis(&setup.beginning.offset_by_letter());
+        self.show_tool_parameters();
+        self.show_applied_offset();
+        self.refresh_zero();
+    }
+
+    /// Applies another offset of the tool, that of tool `of`, or none's.
+    pub(super) fn apply_offset(&mut self, line: u32, offset: AxisVector, of: u32) {
+        if of != self.tool.offset_of {
+            self.event(line, EventKind::ToolOffsetOf(of));
+        }
+        for axis in 0..self.setup.axes.len() {
+            let (before, now) = (self.offsets.tool.get(axis), offset.get(axis).copied());
+            if let Some(value) = now.filter(|now| before != Some(now)) {
+                let axis = axis as u32;
+                self.event(line, EventKind::ToolOffset { axis, value });
+            }
+        }
+        self.tool.offset_of = of;
+        self.offsets.tool = offset;
+        self.show_applied_offset();
+        self.refresh_zero();
+    }
+
+    /// The parameters that tell of the offset that is applied (LinuxCNC 2.10, `Interp::convert_tool_length_offset`).
+    fn show_applied_offset(&mut self) {
+        for index in 0..self.setup.axes.len() {
+            if let (Some(number), Some(value)) = (
+                self.number_of(base::APPLIED, index),
+                self.offsets.tool.get(index).copied(),
+            ) {
+                self.parameters.set(number, value);
+            }
+        }
+    }
+
     /// The parameters that tell of the tool in the spindle.
     fn show_tool_parameters(&mut self) {
         let tool = self.tool_of(self.tool.number).cloned().unwrap_or_default();
@@ -84,15 +125,12 @@ impl Interpreter {
         }
     }
 
-    /// The offsets of a tool, by axis.
-    fn tool_vector(&self, tool: &Tool) -> AxisVector {
+    /// Offsets by letter, by axis.
+    fn by_axis(&self, offset: &[f64; 9]) -> AxisVector {
         let mut vector = AxisVector::zeros();
         for (component, axis) in vector.iter_mut().zip(&self.setup.axes) {
             let at = POSITION_LETTERS.find(axis.letter);
-            *component = at
-                .and_then(|at| tool.offset.get(at))
-                .copied()
-                .unwrap_or(0.0);
+            *component = at.and_then(|at| offset.get(at)).copied().unwrap_or(0.0);
         }
         vector
     }
@@ -103,60 +141,55 @@ impl Interpreter {
             return Ok(());
         };
         let before = self.offsets.tool;
-        match number {
-            490 => self.offsets.tool = AxisVector::zeros(),
+        let (offset, of) = match number {
+            490 => (AxisVector::zeros(), 0),
             431 => {
-                for index in 0..self.setup.axes.len() {
-                    let value = self.axis_value(words, index);
-                    if let (Some(value), Some(component)) =
-                        (value, self.offsets.tool.get_mut(index))
-                    {
-                        *component = value;
-                    }
+                let mut offset = before;
+                for (index, component) in offset.iter_mut().enumerate() {
+                    *component = self.axis_value(words, index).unwrap_or(*component);
                 }
                 AXIS_LETTERS.chars().for_each(|letter| words.remove(letter));
+                (offset, 0)
             }
-            _ => {
-                let length = self.tool_of_h(line, words, word.offset)?;
-                self.offsets.tool = if number == 430 {
-                    length
-                } else {
-                    self.offsets.tool + length
-                };
-            }
-        }
+            430 => self.tool_of_h(line, words, word.offset)?,
+            _ => (
+                before + self.tool_of_h(line, words, word.offset)?.0,
+                self.tool.offset_of,
+            ),
+        };
+        self.apply_offset(line, offset, of);
         // Cycles in a row return with the tip of the tool to where it was before them.
         if let Some(series) = &mut self.series {
-            let longer = self.offsets.tool - before;
+            let longer = offset - before;
             series.initial_mm += longer.get(series.drill_axis).copied().unwrap_or(0.0);
         }
-        self.refresh_zero();
         Ok(())
     }
 
-    /// The length of the tool that H names, or of the one in the spindle.
+    /// The offset of the tool that H names, or of the one in the spindle, and its number.
     fn tool_of_h(
         &mut self,
         line: u32,
         words: &Words,
         offset: usize,
-    ) -> Result<AxisVector, Refusal> {
+    ) -> Result<(AxisVector, u32), Refusal> {
         let (number, place) = match words.value('H') {
             Some(h) if h.value > 0.0 => (h.value as u32, h.offset),
             _ => (self.tool.number, offset),
         };
         if let Some(tool) = self.tool_of(number) {
-            return Ok(self.tool_vector(tool));
+            return Ok((self.by_axis(&tool.offset), number));
         }
         if self.tools.is_empty() {
             self.note(line, "G43: there is no tool table, so tools have no length; name one in the machine file: [program] tool_table");
-            return Ok(AxisVector::zeros());
+            return Ok((AxisVector::zeros(), number));
         }
         if number == 0 {
-            return Ok(AxisVector::zeros());
+            self.note(line, "G43 without a tool in the spindle: nothing is taken off, as with G49 (T and M6 before it, or H, say which tool is meant)");
+            return Ok((AxisVector::zeros(), 0));
         }
         self.check_tool(number, place, format!("G43 H{number}"))?;
-        Ok(AxisVector::zeros())
+        Ok((AxisVector::zeros(), number))
     }
 
     /// G10 L1, L10 and L11: changes what the table says of a tool.

@@ -74,8 +74,6 @@ pub struct Dro {
     pub distance_to_go: Vec<Option<f64>>,
     /// The work offset in force.
     pub work_offset: Option<&'static str>,
-    /// It is that of the next typed-in block, not of a program.
-    pub is_typed: bool,
     /// What the length of the tool takes off along each axis.
     pub tool_length: Option<Vec<f64>>,
     /// Feed of the block, in mm/min; none in rapid.
@@ -124,6 +122,8 @@ pub fn of(model: &Model) -> Dro {
     if is_plain {
         dro.feed_mm_min = Some(speed_mm_min(model, AxisKind::Linear));
     }
+    let applied = feedback.auxiliary.tool_offset.iter();
+    dro.tool_length = Some(applied.take(axes).copied().collect());
     let runs = model.program_state() == Some(ProgramState::Running);
     let modal = if runs {
         modal_in_program(model, feedback)
@@ -131,14 +131,13 @@ pub fn of(model: &Model) -> Dro {
         model.next_start.as_ref()
     };
     if let Some(modal) = modal {
-        dro.is_typed = !runs && model.next_is_typed;
         dro.work_offset = WORK_OFFSETS.get(modal.work_offset).copied();
-        dro.tool_length = Some(modal.tool_length().iter().take(axes).copied().collect());
         dro.active_codes.clone_from(&modal.codes);
         dro.feed_word = modal.feed;
         dro.speed_word = Some(modal.speed);
         if is_plain {
-            let work = modal.in_program(&place(machine, feedback));
+            let applied = AxisVector::from(feedback.auxiliary.tool_offset);
+            let work = modal.in_program(&place(machine, feedback), &applied);
             let named = dro.work.iter_mut().take(machine.program_axes().len());
             for ((slot, value), axis) in named.zip(work.iter()).zip(&machine.axes) {
                 *slot = Some(without_sign_of_nothing(axis.shown(*value)));

@@ -1,6 +1,5 @@
 //! Takes samples from a running cell into a model; nobody in the cell waits for it.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::time::{Duration, Instant};
@@ -12,8 +11,8 @@ use bus::messages::MessageReader;
 use bus::observer::{Held, Observer};
 use bus::sample::Feedback;
 use bus::service::RECORDER_DEPTH_SCANS;
-use machine::{KeptFiles, KeptTexts, Machine};
-use program::{Modes, Program, SHORT_ELEMENTS, modal_at_start, modal_behind};
+use machine::{KeptTexts, Machine};
+use program::{Modes, Program, SHORT_ELEMENTS, modal_at_start};
 
 use super::dro::Course;
 use super::fieldbus::BusView;
@@ -196,18 +195,16 @@ impl Feed {
         });
     }
 
-    /// What the next typed-in block begins with; where none was typed in, that is what the next program begins with.
+    /// What the next program or typed-in block begins with.
     fn look_at_offsets(&mut self) {
-        let kept = KeptFiles::of_cell(&self.cell.place).ok();
-        let kept = kept.and_then(|files| files.read(&self.machine).ok());
+        let Some(feedback) = &self.model.feedback else {
+            return;
+        };
+        let shown = &feedback.auxiliary;
         let mut machine = self.machine.clone();
-        let taken = kept.and_then(|kept| machine.take_kept(kept).ok());
-        let typed = fs::read_to_string(self.cell.place.typed_modes()).ok();
-        self.model.next_is_typed = typed.is_some();
-        self.model.next_start = taken.map(|_| match &typed {
-            Some(blocks) => modal_behind(&machine, blocks),
-            None => modal_at_start(&machine),
-        });
+        let kept = KeptTexts::now(&self.cell.place, &machine, shown);
+        let taken = kept.and_then(|kept| machine.take_kept(kept));
+        self.model.next_start = taken.is_ok().then(|| modal_at_start(&machine));
     }
 
     /// Whether the cell is gone, or about to go.
@@ -259,11 +256,10 @@ fn with_kept(machine: &Machine, place: &CellPaths, feedback: &Feedback) -> Machi
         return machine.clone();
     }
     let run = (feedback.load, feedback.run);
+    let shown = &feedback.auxiliary;
     let kept = match place.parameters(run.0, run.1).exists() {
-        true => KeptTexts::of_run(place, run, machine),
-        false => KeptFiles::of_cell(place)
-            .map_err(Into::into)
-            .and_then(|files| files.read(machine)),
+        true => KeptTexts::of_run(place, run, machine, shown),
+        false => KeptTexts::now(place, machine, shown),
     };
     let mut known = machine.clone();
     // What cannot be read leaves the program unknown, for its hash is another.

@@ -98,8 +98,6 @@ pub struct Model {
     pub course: Option<Course>,
     /// The state that the next program begins with, if it is known.
     pub next_start: Option<Modal>,
-    /// It is that of the next typed-in block: a program begins with its own.
-    pub next_is_typed: bool,
     /// File name of the program that was loaded into a cell that stays up.
     pub loaded: Option<String>,
     /// Per axis.
@@ -148,7 +146,6 @@ impl Model {
             program: None,
             course: None,
             next_start: None,
-            next_is_typed: false,
             loaded: None,
             axes: machine.axes.iter().map(AxisView::of).collect(),
             bus: None,

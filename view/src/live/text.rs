@@ -89,12 +89,7 @@ fn readout(text: &mut String, model: &Model) {
         "\n\n  axis          work      machine  distance to go"
     );
     if let Some(offset) = dro.work_offset {
-        let whose = if dro.is_typed {
-            " of typed-in blocks"
-        } else {
-            ""
-        };
-        let _ = write!(text, "    work offset {offset}{whose}");
+        let _ = write!(text, "    work offset {offset}");
     }
     let named = model.machine.program_axes().len();
     for (index, axis) in model.axes.iter().enumerate().take(named) {

@@ -33,7 +33,6 @@ fn number(value: Option<f64>) -> String {
 fn positions(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>, dro: &Dro, spaced: bool) {
     let palette = screen.palette;
     let title = match dro.work_offset {
-        Some(offset) if dro.is_typed => format!("readout of typed-in blocks, work offset {offset}"),
         Some(offset) => format!("readout, work offset {offset}"),
         None => "readout".into(),
     };
