@@ -1,5 +1,7 @@
 //! Our interpreter against LinuxCNC's, where that is installed (Debian's linuxcnc-uspace).
 
+#[path = "common/diameters.rs"]
+mod diameters;
 #[path = "../examples/linuxcnc/fuzz.rs"]
 #[allow(dead_code, reason = "shared with the example")]
 mod fuzz;
@@ -86,6 +88,36 @@ fn programs_of_the_grammar_make_the_same_motions_as_linuxcnc() {
     assert!(round.found.is_empty(), "{round}");
     // Programs that neither takes show little.
     assert!(round.tally.moving[0] as u64 > programs / 3, "{round}");
+}
+
+#[test]
+fn every_motion_in_every_plane_is_made_as_by_linuxcnc_with_x_as_radius_and_as_diameter() {
+    if skipped() {
+        return;
+    }
+    let pairs = diameters::pairs();
+    let texts: Vec<&String> = pairs
+        .iter()
+        .flat_map(|pair| [&pair.radii, &pair.diameters])
+        .collect();
+    let (mut different, mut same) = (Vec::new(), 0);
+    let folder = fuzz::Folder::new();
+    let mut theirs = theirs::Theirs::start();
+    for text in &texts {
+        let judged = verdict::judge(&mut theirs, &folder.write(0, text));
+        match judged.verdict {
+            Verdict::Same => same += 1,
+            Verdict::RefusedByBoth(..) => {}
+            verdict if known::reason(text, &verdict).is_some() => {}
+            verdict => different.push(format!("{verdict}\n{text}")),
+        }
+    }
+    assert!(different.is_empty(), "{}", different.join("\n"));
+    assert!(
+        same > texts.len() / 2,
+        "{same} of {} are the same",
+        texts.len()
+    );
 }
 
 #[test]

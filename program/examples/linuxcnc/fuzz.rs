@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Instant;
 
 use crate::generate::{self, Kinds};
@@ -248,22 +249,24 @@ fn counts(line: &str) -> bool {
 }
 
 /// Where the programs lie; gone at the end.
-struct Folder(PathBuf);
+pub struct Folder(PathBuf);
 
 impl Folder {
-    fn new() -> Folder {
+    pub fn new() -> Folder {
         let shared = Path::new("/dev/shm");
         let base = if shared.is_dir() {
             shared.to_owned()
         } else {
             std::env::temp_dir()
         };
-        let path = base.join(format!("quadrant-fuzz-{}", std::process::id()));
+        static NEXT: AtomicU32 = AtomicU32::new(0);
+        let number = NEXT.fetch_add(1, Ordering::Relaxed);
+        let path = base.join(format!("quadrant-fuzz-{}-{number}", std::process::id()));
         std::fs::create_dir_all(&path).expect("a folder for programs");
         Folder(path)
     }
 
-    fn write(&self, index: usize, text: &str) -> PathBuf {
+    pub fn write(&self, index: usize, text: &str) -> PathBuf {
         let file = self.0.join(format!("{index}.ngc"));
         std::fs::write(&file, text).expect("writing a program");
         file

@@ -47,6 +47,7 @@ struct Generator {
     plane: usize,
     absolute: bool,
     centre_absolute: bool,
+    diameters: bool,
     inverse_time: bool,
     fed: bool,
     /// A block may go on without saying how.
@@ -69,6 +70,7 @@ pub fn program(seed: u64, kinds: Kinds) -> String {
         plane: 17,
         absolute: true,
         centre_absolute: false,
+        diameters: false,
         inverse_time: false,
         fed: false,
         going_on: false,
@@ -216,16 +218,19 @@ impl Generator {
             } else {
                 ("", "G0")
             };
-            put!(
-                self,
-                "{way} {}{} {}{}{feed}\n",
-                axes[0],
-                at[0],
-                axes[1],
-                at[1]
-            );
+            let words = self.place_words(axes, at);
+            put!(self, "{way}{words}{feed}\n");
         }
         at
+    }
+
+    /// The words that lead to a place in the plane.
+    fn place_words(&self, axes: [char; 3], at: [f64; 2]) -> String {
+        let word = |(axis, value): (&char, f64)| match (axis, self.diameters) {
+            ('X', true) => format!(" X{}", 2.0 * value),
+            _ => format!(" {axis}{value}"),
+        };
+        axes.iter().zip(at).map(word).collect()
     }
 
     fn arc(&mut self) {
@@ -257,7 +262,7 @@ impl Generator {
         }
         let mut words = code.to_owned();
         if !full || self.draw.once_in(2) {
-            words += &format!(" {}{} {}{}", axes[0], end[0], axes[1], end[1]);
+            words += &self.place_words(axes, end);
         }
         if self.draw.once_in(4) {
             words += &format!(" {}{}", axes[2], self.number());
@@ -427,7 +432,9 @@ impl Generator {
             "G91.1"
         };
         let feed = if self.inverse_time { "G93" } else { "G94" };
-        put!(self, "G{} {distance} {centre} {feed} F100\n", self.plane);
+        let x = if self.diameters { "G7" } else { "G8" };
+        let plane = self.plane;
+        put!(self, "G{plane} {distance} {centre} {feed} {x} F100\n");
     }
 
     fn mode(&mut self) {
@@ -455,6 +462,7 @@ impl Generator {
             "G99",
             "G97",
             "G8",
+            "G7",
             "M70",
             "G18 G91",
             "G17 G90",
@@ -466,6 +474,8 @@ impl Generator {
                 "G19" => self.plane = 19,
                 "G90" => self.absolute = true,
                 "G91" => self.absolute = false,
+                "G7" => self.diameters = true,
+                "G8" => self.diameters = false,
                 "G90.1" => self.centre_absolute = true,
                 "G91.1" => self.centre_absolute = false,
                 "G93" => self.inverse_time = true,

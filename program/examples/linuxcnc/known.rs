@@ -67,7 +67,7 @@ fn taps_upright(seen: &Seen) -> bool {
 }
 
 /// By the manual or NIST; ours keeps to them.
-const BY_THE_RULES: [Known; 28] = [
+const BY_THE_RULES: [Known; 30] = [
     known(
         Differs,
         "",
@@ -130,6 +130,18 @@ const BY_THE_RULES: [Known; 28] = [
         "",
         taps_upright,
         "G84 or G74 outside G17: theirs feeds to permuted axes (2.9)",
+    ),
+    known(
+        TheirsRefuses,
+        "L word with no G10",
+        |seen| seen.has_code(740),
+        "L in a block of G74: refused by theirs (manual, G74: L holes)",
+    ),
+    known(
+        Differs,
+        "theirs: clockwise",
+        |seen| seen.has_code(880),
+        "G88: theirs leaves the way out to the operator, ours makes what he has left of it",
     ),
     known(
         Differs,

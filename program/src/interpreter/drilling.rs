@@ -313,11 +313,11 @@ impl Interpreter {
         };
         let drill_letter = axes.drill_letter;
         let r = self
-            .level(words, 'R')
+            .level(self.length_mm(words, 'R'))
             .or(kept.map(|kept| kept.r))
             .ok_or_else(|| missing('R', "the level to feed from"))?;
         let bottom = self
-            .level(words, drill_letter)
+            .level(self.axis_value(words, axes.drill_axis))
             .or(kept.map(|kept| kept.bottom))
             .ok_or_else(|| missing(drill_letter, "the bottom of the hole"))?;
         let given_s = seconds_at_the_bottom(words)?.or(kept.map(|kept| kept.dwell_s));
@@ -379,7 +379,7 @@ impl Interpreter {
                 None => return Err(missing(letter, "the step aside, to pass the hole,")),
             }
         }
-        match self.level(words, axes.level_letter) {
+        match self.level(self.length_mm(words, axes.level_letter)) {
             Some(level) => series.top = level,
             None if stays => {}
             None => return Err(missing(axes.level_letter, "the level to bore up to")),
@@ -387,10 +387,14 @@ impl Interpreter {
         Ok(())
     }
 
+    /// A length that the block gives beside its axis words.
+    fn length_mm(&self, words: &Words, letter: char) -> Option<f64> {
+        words.value(letter).map(|word| word.value * self.unit_mm())
+    }
+
     /// A level that the block gives.
-    fn level(&self, words: &Words, letter: char) -> Option<Level> {
-        words.value(letter).map(|word| {
-            let mm = word.value * self.unit_mm();
+    fn level(&self, given_mm: Option<f64>) -> Option<Level> {
+        given_mm.map(|mm| {
             if self.incremental {
                 Level::From(mm)
             } else {

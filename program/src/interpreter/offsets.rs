@@ -174,10 +174,14 @@ impl Interpreter {
     pub(super) fn axis_value(&self, words: &Words, index: usize) -> Option<f64> {
         let letter = self.setup.axes.get(index)?.letter;
         let value = words.value(letter)?.value * self.unit_of(index);
-        Some(if self.diameters && letter == 'X' {
-            value / 2.0
-        } else {
-            value
+        Some(match letter {
+            'X' => self.radius_of(value),
+            _ => value,
         })
+    }
+
+    /// The radius that a length along X stands for: half of it where it is a diameter (G7).
+    pub(super) fn radius_of(&self, length: f64) -> f64 {
+        if self.diameters { length / 2.0 } else { length }
     }
 }

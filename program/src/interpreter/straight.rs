@@ -124,8 +124,8 @@ impl Interpreter {
             }
             let unit = if *rotary { 1.0 } else { unit_mm };
             let mut value = block.values.get(letter).copied().unwrap_or_default() * unit;
-            if self.diameters && letter == x {
-                value /= 2.0;
+            if letter == x {
+                value = self.radius_of(value);
             }
             let from = if self.incremental { *component } else { *zero };
             *component = from + value;

@@ -166,8 +166,8 @@ impl Interpreter {
         let needed = |letter: char, what: &str| {
             value(letter).ok_or_else(|| Refusal::new(offset, format!("G76 without {letter}"), what))
         };
-        // In G7 they are diameters, as X is.
-        let across = if self.diameters { 0.5 } else { 1.0 };
+        // Along X, as X itself.
+        let across = |letter, what| needed(letter, what).map(|length| self.radius_of(length));
         let tapers = whole(words, 'L', 3.0)?;
         let thread = Threading {
             from: self.position,
@@ -176,9 +176,9 @@ impl Interpreter {
             z_axis,
             pitch_mm: self.unit_mm() * needed('P', "the pitch of the thread")?,
             unit_mm: self.unit_mm(),
-            crest: across * needed('I', "from the tool to the crest of the thread")?,
-            first_cut: across * needed('J', "the depth of the first cut")?,
-            depth: across * needed('K', "the full depth of the thread")?,
+            crest: across('I', "from the tool to the crest of the thread")?,
+            first_cut: across('J', "the depth of the first cut")?,
+            depth: across('K', "the full depth of the thread")?,
             degression: value('R').unwrap_or(1.0),
             slide_deg: value('Q').unwrap_or(0.0),
             spring_passes: whole(words, 'H', SPRING_PASSES_MAX)?,
