@@ -240,6 +240,12 @@ impl MessageReader {
     }
 }
 
+/// The last text that the path has come to, where it is still there.
+pub fn last_said(path: &Path, feedback: &Feedback) -> Option<ProgramMessage> {
+    let file = File::open(path).ok()?;
+    read(&file, (feedback.load, feedback.run), feedback.messages)
+}
+
 fn read(file: &File, (load, run): (u32, u32), number: u32) -> Option<ProgramMessage> {
     let mut slot = Slot::zeroed();
     let bytes = bytemuck::bytes_of_mut(&mut slot);

@@ -276,11 +276,13 @@ pub enum Cause {
     EmergencyStop = 30,
     /// The two motors of a gantry are further apart than they may be; the axis is the second of them.
     Skew = 31,
+    /// The program has given itself up by (ABORT, …): its text is the last message.
+    Abort = 32,
 }
 
 impl Cause {
     /// All of them. A number is never given to another cause: logs keep them.
-    pub const ALL: [Cause; 28] = [
+    pub const ALL: [Cause; 29] = [
         Cause::None,
         Cause::FollowingError,
         Cause::SoftLimit,
@@ -309,6 +311,7 @@ impl Cause {
         Cause::HomeDrive,
         Cause::EmergencyStop,
         Cause::Skew,
+        Cause::Abort,
     ];
 
     /// Whether a servo can know it: of its own axis, and of what it was told.
@@ -367,6 +370,7 @@ impl Cause {
             Cause::EmergencyStop => "emergency stop by the operator",
             Cause::Skew => "the two motors of the gantry are too far apart (skew)",
             Cause::Stalled => "master stalled for longer than the watchdog, drives off",
+            Cause::Abort => "given up by the program itself (ABORT)",
         }
     }
 }

@@ -223,7 +223,7 @@ impl<'a> Liveness<'a> {
         let axis = feedback.cause_axis as usize;
         let shown = feedback.axes().get(axis);
         let asked = self.asked.get(axis).copied().unwrap_or(0);
-        let is_asked = asked & (1 << cause as u32) != 0;
+        let is_asked = cause.is_of_servo() && asked & (1 << cause as u32) != 0;
         let true_word = match cause {
             Cause::None | Cause::EmergencyStop => true,
             Cause::ServoLost => self.lost & (1 << axis.min(31)) != 0,
@@ -250,6 +250,7 @@ impl<'a> Liveness<'a> {
                 let settings = self.machine.axes.get(axis);
                 settings.is_some_and(|settings| settings.homing.is_some())
             }
+            Cause::Abort => feedback.messages > 0,
             Cause::ProbeMissed => feedback.answer.outcome == AnswerOutcome::Missed as u32,
             Cause::ProbeEarly => feedback.answer.outcome == AnswerOutcome::Early as u32,
             Cause::ProbeLost => feedback.answer.outcome == AnswerOutcome::Lost as u32,

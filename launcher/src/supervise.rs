@@ -1,10 +1,11 @@
 //! The launcher's loop: it watches the group, restarts who is lost, and stops it in order when asked to or when it has to.
 
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use bus::cell::CellPaths;
 use bus::member::Pace;
-use bus::messages::MessageReader;
+use bus::messages::{MessageReader, last_said};
 use bus::port::{OperatorClient, PendingOrder};
 use bus::sample::{Cause, Feedback, Job, Mode, OperatorRequest, Order};
 use bus::signal_page::CellPhase;
@@ -319,7 +320,7 @@ impl<'a> Supervision<'a> {
         };
         let is_tripped = feedback.mode == Mode::Tripped as u32;
         if is_tripped && !self.tripped {
-            let how = stop_words(feedback, self.machine);
+            let how = stop_words(feedback, self.machine, None);
             tracing::error!("{how}");
             let event = Event::of_cell(feedback.scan, "trip", Some(how));
             self.events.write(&event);
@@ -536,7 +537,8 @@ impl<'a> Supervision<'a> {
         }
         let mut stop = String::new();
         if let Some(last) = &last {
-            stop = stop_words(last, self.machine);
+            let messages = CellPaths::new(&self.cell).map(|place| place.messages());
+            stop = stop_words(last, self.machine, messages.ok().as_deref());
             let kind = self.outcome(last, in_order);
             self.events.write(&Event {
                 outcome: self.session.is_none().then_some(kind),
@@ -618,8 +620,8 @@ fn stop(group: &Group, operator: &OperatorClient) -> Option<PendingOrder> {
     sent
 }
 
-/// Why and where the machine stopped.
-pub fn stop_words(feedback: &Feedback, machine: &Machine) -> String {
+/// Why and where the machine stopped; of a program that has given itself up also what it says, from the file of messages.
+pub fn stop_words(feedback: &Feedback, machine: &Machine, messages: Option<&Path>) -> String {
     let index = feedback.cause_axis as usize;
     let code = feedback.axes.get(index).map_or(0, |axis| axis.drive_code);
     let cause = Cause::from_wire(feedback.cause);
@@ -631,6 +633,13 @@ pub fn stop_words(feedback: &Feedback, machine: &Machine) -> String {
         .axes
         .get(index)
         .map_or(String::new(), |axis| format!(", axis {}", axis.name));
+    let given_up = Some(Cause::Abort) == Cause::from_wire(feedback.cause);
+    let said = messages
+        .filter(|_| given_up)
+        .and_then(|messages| last_said(messages, feedback));
+    let said = said.map_or(String::new(), |said| {
+        format!(", line {}: {}", said.line, said.text)
+    });
     match Mode::from_wire(feedback.mode) {
         Some(Mode::Tripped) => format!(
             "the machine tripped in scan {}: {cause}{axis}",
@@ -638,7 +647,7 @@ pub fn stop_words(feedback: &Feedback, machine: &Machine) -> String {
         ),
         Some(mode) if feedback.cause != 0 => {
             format!(
-                "the machine is {} in scan {}: {cause}",
+                "the machine is {} in scan {}: {cause}{said}",
                 mode.word(),
                 feedback.scan
             )

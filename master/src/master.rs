@@ -537,8 +537,10 @@ impl<D: Drives> Master<D> {
                     };
                 }
             }
-            Mode::Finished if !self.ends() && self.settled_scans > self.settle_scans => {
-                self.end_program();
+            Mode::Finished | Mode::Stopped
+                if !self.ends() && self.settled_scans > self.settle_scans =>
+            {
+                self.leave_program();
             }
             Mode::Disabled
             | Mode::Stopped

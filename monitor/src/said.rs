@@ -125,6 +125,8 @@ pub struct Said {
     pub lines: Vec<Line>,
     /// Those behind them.
     pub more: u64,
+    /// The last one.
+    pub last: Option<Line>,
     /// Those that are lost.
     pub dropped: u64,
 }
@@ -142,7 +144,10 @@ impl Said {
             };
             if let Some(dropped) = line.dropped {
                 said.dropped += u64::from(dropped);
-            } else if said.lines.len() < most {
+                continue;
+            }
+            said.last = Some(line.clone());
+            if said.lines.len() < most {
                 said.lines.push(line);
             } else {
                 said.more += 1;

@@ -164,7 +164,7 @@ impl Course {
             Progress::Asks => self.ask()?,
             Progress::Ended(end) => {
                 let elements = self.windows.path().end();
-                self.events.end_program(elements, end.line());
+                self.events.end_program(elements, end);
                 self.end();
             }
         }

@@ -16,7 +16,7 @@ use bus::sample::{
 };
 use control::path::{Element, Feed, Path};
 use machine::{Machine, Spindle};
-use program::{Event, EventKind, Message, SurfaceSpeed};
+use program::{Event, EventKind, Message, ProgramEnd, SurfaceSpeed};
 
 use crate::in_step::{InStepError, Pass, Steps};
 use crate::messages::{Messages, WAITING_MAX};
@@ -324,7 +324,7 @@ impl Events {
         for event in events {
             all.read(event)?;
         }
-        all.end_program(path.elements.len() as u32, 0);
+        all.end_program(path.elements.len() as u32, ProgramEnd::FileEnd);
         Ok(all)
     }
 
@@ -487,10 +487,13 @@ impl Events {
         Ok(())
     }
 
-    /// The program ends behind so many elements, in this line: once everything is done its parameters are kept.
-    pub fn end_program(&mut self, elements: u32, line: u32) {
+    /// The program ends so behind so many elements: once everything is done its parameters are kept.
+    pub fn end_program(&mut self, elements: u32, end: ProgramEnd) {
         if self.keeps_parameters {
-            self.wait(line, (EventCode::KeepParameters, 0, 0.0, false));
+            self.wait(end.line(), (EventCode::KeepParameters, 0, 0.0, false));
+        }
+        if let ProgramEnd::Abort(line) = end {
+            self.wait(line, (EventCode::Abort, 0, 0.0, false));
         }
         self.end(elements);
     }

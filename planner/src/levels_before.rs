@@ -66,6 +66,7 @@ impl LevelsBefore {
             | EventCode::KeepParameters
             | EventCode::UserCode
             | EventCode::BlockDone
+            | EventCode::Abort
             | EventCode::StartAt => {}
         }
     }

@@ -376,26 +376,12 @@ impl Execution {
         if line.is_empty() || (line.block_delete && self.interpreter.setup.block_delete) {
             return false;
         }
-        if known && !line.comments.is_empty() {
-            self.interpreter.say(index, &line.comments);
-        }
-        if line.words.is_empty() && line.assignments.is_empty() && line.flow.is_none() {
-            return false;
-        }
-        if !self.mark(index) {
+        if line.is_block() && !self.mark(index) {
             let found = format!("more than {BLOCKS_MAX} blocks");
             self.refuse_line(self.here, found, "split the program");
             return true;
         }
-        let number = index as u32 + 1;
-        if line.block_delete {
-            let text = "block delete (/) is not switched on: such blocks run ([program] block_delete in the machine file)";
-            self.interpreter.note(number, text);
-        }
-        if line.blanks_in_number {
-            let text = "blanks inside a number mean nothing: X1 2 is X12";
-            self.interpreter.note(number, text);
-        }
+        self.note_reading(line);
         for (target, value) in line.assignments.drain(..) {
             self.interpreter.assign(target, value);
         }
@@ -404,7 +390,13 @@ impl Execution {
             self.refuse_line(self.here, found, "fewer names, or numbered parameters");
             return true;
         }
+        if known && !line.comments.is_empty() {
+            let comments = line.comments.as_slice();
+            self.interpreter
+                .obey_comments(comments, line.flow.is_some());
+        }
         let result = match &line.flow {
+            _ if self.interpreter.ended.is_some() => Ok(()),
             Some(flow) if known => self
                 .flow(index, flow, not_yet)
                 .map_err(|refusal| vec![refusal]),
@@ -423,6 +415,19 @@ impl Execution {
                 true
             }
             None => false,
+        }
+    }
+
+    /// Notes what was read with leniency.
+    fn note_reading(&mut self, line: &Line) {
+        let number = self.interpreter.line;
+        if line.block_delete {
+            let text = "block delete (/) is not switched on: such blocks run ([program] block_delete in the machine file)";
+            self.interpreter.note(number, text);
+        }
+        if line.blanks_in_number {
+            let text = "blanks inside a number mean nothing: X1 2 is X12";
+            self.interpreter.note(number, text);
         }
     }
 

@@ -193,6 +193,8 @@ pub struct Interpreter {
     #[serde(skip)]
     asked: Option<Question>,
     answers_taken: usize,
+    /// Between PROBEOPEN and PROBECLOSE.
+    logs_probes: bool,
     /// #<_value>, and whether the last subroutine returned one.
     returned: (f64, bool),
     pub frames: Frames,
@@ -246,6 +248,7 @@ impl Interpreter {
             parameters: Parameters::default(),
             asked: None,
             answers_taken: 0,
+            logs_probes: false,
             returned: (0.0, false),
             frames: Frames::default(),
             state_known: true,

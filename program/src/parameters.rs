@@ -32,6 +32,8 @@ pub mod base {
     pub const TOOL: u32 = 5400;
     /// Where the tool is, in the coordinates of the program.
     pub const POSITION: u32 = 5420;
+    /// Above 0 while (DEBUG, …) is shown.
+    pub const DEBUG_SHOWN: u32 = 5599;
 }
 
 /// Parameters and their values: #1 to #5602 and the global names. A copy costs little until one of the two is changed.
@@ -45,10 +47,12 @@ pub struct Parameters {
 
 impl Default for Parameters {
     fn default() -> Self {
-        Self {
+        let mut parameters = Self {
             numbered: Arc::new(vec![0.0; NUMBER_MAX as usize + 1]),
             global: Arc::default(),
-        }
+        };
+        parameters.set(base::DEBUG_SHOWN, 1.0);
+        parameters
     }
 }
 

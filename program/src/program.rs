@@ -203,6 +203,8 @@ pub enum ProgramEnd {
     M99(u32),
     /// By the closing `%` on this line.
     Percent(u32),
+    /// Given up by (ABORT, …) on this line, whose text is the last message.
+    Abort(u32),
     /// With the file, by no word of its own.
     FileEnd,
 }
@@ -211,7 +213,11 @@ impl ProgramEnd {
     /// Its line; 0 of none.
     pub fn line(&self) -> u32 {
         match *self {
-            Self::M2(line) | Self::M30(line) | Self::M99(line) | Self::Percent(line) => line,
+            Self::M2(line)
+            | Self::M30(line)
+            | Self::M99(line)
+            | Self::Percent(line)
+            | Self::Abort(line) => line,
             Self::FileEnd => 0,
         }
     }

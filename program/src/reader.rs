@@ -25,13 +25,44 @@ pub struct Word {
 pub enum CommentKind {
     /// MSG: shown to the operator as it stands.
     Message,
-    /// DEBUG and PRINT: shown to the operator, parameters replaced by their values.
+    /// DEBUG: the same as PRINT, unless #5599 is 0.
+    Debug,
+    /// PRINT: shown to the operator, parameters replaced by their values.
     Print,
     /// LOG: written into the log, parameters replaced by their values.
     Log,
     /// LOGOPEN, LOGAPPEND, LOGCLOSE: no file but the run's own is written.
     LogFile,
+    /// PROBEOPEN: from here on what a probe finds is written into the log.
+    ProbeOpen,
+    /// PROBECLOSE: from here on it is not.
+    ProbeClose,
+    /// ABORT: the program is given up, parameters of its text replaced by their values.
+    Abort,
+    /// ABORT without a comma at once behind it: it does nothing.
+    NoAbort,
+    /// PY, PYRUN, PYRELOAD: refused.
+    Python,
 }
+
+/// The words of comments that ask for something, with what stands behind each of them (LinuxCNC manual, *G Code Overview*: comments;
+/// interp_convert.cc, `convert_comment`; emccanon.cc, `COMMENT`). Their case means nothing.
+const COMMENT_WORDS: [(&str, &str, CommentKind); 14] = [
+    ("msg", ",", CommentKind::Message),
+    ("debug", ",", CommentKind::Debug),
+    ("print", ",", CommentKind::Print),
+    ("log", ",", CommentKind::Log),
+    ("logopen", ",", CommentKind::LogFile),
+    ("logappend", ",", CommentKind::LogFile),
+    ("logclose", "", CommentKind::LogFile),
+    ("probeopen", " ", CommentKind::ProbeOpen),
+    ("probeclose", "", CommentKind::ProbeClose),
+    ("abort", ",", CommentKind::Abort),
+    ("abort", "", CommentKind::NoAbort),
+    ("py", ",", CommentKind::Python),
+    ("pyrun", ",", CommentKind::Python),
+    ("pyreload", "", CommentKind::Python),
+];
 
 /// What one line holds.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -65,10 +96,16 @@ impl Line {
 
     /// Nothing is to be done.
     pub fn is_empty(&self) -> bool {
-        self.words.is_empty()
-            && self.assignments.is_empty()
-            && self.flow.is_none()
-            && self.comments.is_empty()
+        !self.is_block() && self.comments.is_empty()
+    }
+
+    /// It does more than say something.
+    pub fn is_block(&self) -> bool {
+        let mut comments = self.comments.iter();
+        !self.words.is_empty()
+            || !self.assignments.is_empty()
+            || self.flow.is_some()
+            || comments.any(|(kind, _)| *kind == CommentKind::Abort)
     }
 }
 
@@ -108,11 +145,12 @@ pub fn read_line(text: &str, lookup: &impl Lookup, line: &mut Line) -> Result<()
         let offset = cursor.offset;
         match byte {
             b' ' | b'\t' => cursor.offset += 1,
+            b';' if text.starts_with(";py,") => return Err(refused_python("py", offset)),
             b';' => break,
             b'(' => {
                 let end = comment_end(text, offset)?;
                 let inside = text.get(offset + 1..end - 1).unwrap_or_default();
-                line.comments.extend(active_comment(inside));
+                line.comments.extend(active_comment(inside, offset)?);
                 cursor.offset = end;
             }
             b'/' if line.words.is_empty() && !line.block_delete => {
@@ -215,21 +253,44 @@ pub fn comment_end(text: &str, offset: usize) -> Result<usize, Unreadable> {
     }
 }
 
-/// What the inside of a comment asks for, if anything.
-fn active_comment(inside: &str) -> Option<(CommentKind, String)> {
-    let (word, rest) = inside.split_once(',').unwrap_or((inside, ""));
-    let is_closing = word.trim().eq_ignore_ascii_case("logclose");
-    if !inside.contains(',') && !is_closing {
-        return None;
-    }
-    let kind = match word.trim().to_ascii_lowercase().as_str() {
-        "msg" => CommentKind::Message,
-        "debug" | "print" => CommentKind::Print,
-        "log" => CommentKind::Log,
-        "logopen" | "logappend" | "logclose" => CommentKind::LogFile,
-        _ => return None,
+/// What the inside of a comment asks for, if anything. Blanks may stand before its word, and none between the word and its comma.
+fn active_comment(
+    inside: &str,
+    offset: usize,
+) -> Result<Option<(CommentKind, String)>, Unreadable> {
+    let inside = inside.trim_start();
+    let length = inside
+        .find(|c: char| !c.is_ascii_alphabetic())
+        .unwrap_or(inside.len());
+    let (word, rest) = inside.split_at(length);
+    let found = COMMENT_WORDS.iter().find(|(of, behind, _)| {
+        word.eq_ignore_ascii_case(of)
+            && match *behind {
+                "" => rest.trim_start().is_empty() || rest.trim_start().starts_with(','),
+                behind => rest.starts_with(behind) || rest.is_empty() && behind == " ",
+            }
+    });
+    let Some((_, behind, kind)) = found else {
+        return Ok(None);
     };
-    Some((kind, rest.trim().to_owned()))
+    if *kind == CommentKind::Python {
+        return Err(refused_python(word, offset));
+    }
+    let text = rest.get(behind.len()..).unwrap_or_default();
+    Ok(Some((*kind, text.trim().to_owned())))
+}
+
+/// Python in a comment.
+fn refused_python(word: &str, offset: usize) -> Unreadable {
+    let right = "O-words and expressions compute, user M-codes (M100 to M199) run programs of the machine builder";
+    Unreadable {
+        offset,
+        found: format!(
+            "a comment of {}, which runs Python in LinuxCNC",
+            word.to_uppercase()
+        ),
+        right: right.to_owned(),
+    }
 }
 
 /// The character at an offset as a person can read it.

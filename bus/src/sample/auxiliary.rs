@@ -81,11 +81,13 @@ pub enum EventCode {
     ToolOffset = 33,
     /// Before it: that is the offset of tool `index`; 0 where it is none's.
     ToolOffsetOf = 34,
+    /// (ABORT, …): the program is given up.
+    Abort = 35,
 }
 
 impl EventCode {
     /// All of them.
-    pub const ALL: [EventCode; 31] = [
+    pub const ALL: [EventCode; 32] = [
         EventCode::SpindleSpeed,
         EventCode::SpindleClockwise,
         EventCode::SpindleCounterClockwise,
@@ -117,6 +119,7 @@ impl EventCode {
         EventCode::StartAt,
         EventCode::ToolOffset,
         EventCode::ToolOffsetOf,
+        EventCode::Abort,
     ];
 
     /// Decodes what came over the wire.

@@ -155,7 +155,7 @@ impl Eyes<'_> {
                 _ => (true, false),
             };
             if now.scan > scan && now.cause != Cause::None as u32 && now.cause_scan > scan {
-                let why = stop_words(&now, &self.client.machine);
+                let why = stop_words(&now, &self.client.machine, None);
                 return Err(self
                     .client
                     .fails(&format!("the drives did not come on: {why}")));

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::anyhow;
-use bus::sample::{Feedback, Mode, OperatorRequest, Order, ProgramState, Refused};
+use bus::sample::{Cause, Feedback, Mode, OperatorRequest, Order, ProgramState, Refused};
 
 use super::Client;
 use super::client::order_urgently;
@@ -109,11 +109,16 @@ impl Block {
     /// Waits until they are done, then loads the program from before again; false if it was interrupted.
     fn until_done(mut self, client: &Client, is_over: &dyn Fn() -> bool) -> Result<bool, Failure> {
         let mut eyes = Eyes::open(client)?;
-        if until_done(client, &mut eyes, self.run, is_over)?.is_none() {
-            return Ok(false);
+        let done = until_done(client, &mut eyes, self.run, is_over);
+        // Blocks that have given themselves up leave the machine ready for what comes next, as those that are done.
+        let has_given_up = |now: Feedback| now.cause == Cause::Abort as u32;
+        let leaves =
+            matches!(done, Ok(Some(_))) || done.is_err() && eyes.look().is_ok_and(has_given_up);
+        if !leaves {
+            return done.map(|_| false);
         }
         load_again(client, &mut eyes, &mut self.earlier)?;
-        Ok(true)
+        done.map(|_| true)
     }
 }
 

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{anyhow, bail};
 use bus::process::watch;
-use bus::sample::{Feedback, Mode, OperatorRequest, OperatorResponse, Order, ProgramState};
+use bus::sample::{Cause, Feedback, Mode, OperatorRequest, OperatorResponse, Order, ProgramState};
 use planner::ProgramText;
 use program::Note;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -322,9 +322,13 @@ pub(super) fn until_done(
     run: u32,
     is_over: &dyn Fn() -> bool,
 ) -> Result<Option<u64>, Failure> {
+    let messages = client.cell.place.messages();
+    let stop_words = |now: &Feedback| stop_words(now, &client.machine, Some(&messages));
     while !is_over() {
         let now = eyes.look()?;
         let started = now.program == ProgramState::Running as u32;
+        // Once it has come to rest it is left, and can be started again.
+        let leaves = now.cause == Cause::Abort as u32 && started && now.last == 0;
         if now.run > run {
             return Err(Failure::Stopped(anyhow!(
                 "run {run} is over and another one has started: how it ended stands in its report"
@@ -334,17 +338,21 @@ pub(super) fn until_done(
             if now.program == ProgramState::Done as u32 {
                 return Ok(Some(now.scan));
             }
-            return Err(Failure::Stopped(anyhow!("run {run} was given up")));
+            let why = match Cause::from_wire(now.cause) {
+                Some(Cause::Abort) => format!(": {}", stop_words(&now)),
+                _ => String::new(),
+            };
+            return Err(Failure::Stopped(anyhow!("run {run} was given up{why}")));
         }
         let mode = Mode::from_wire(now.mode);
         if mode == Some(Mode::Finished) && now.last == 1 {
             return Ok(Some(now.scan));
         }
         let stands = matches!(mode, Some(Mode::Tripped | Mode::Stopped | Mode::Disabled));
-        if now.run == run && (stands || now.last == 1) {
+        if now.run == run && (stands && !leaves || now.last == 1) {
             return Err(Failure::Stopped(anyhow!(
                 "run {run} is not done: {}",
-                stop_words(&now, &client.machine)
+                stop_words(&now)
             )));
         }
         std::thread::sleep(LOOK);

@@ -158,7 +158,7 @@ impl AuxiliaryLatches {
     }
 
     /// The program is done, or another one is to begin: spindle at rest, coolant off. Outputs and tool stay.
-    fn end_program(&mut self) {
+    pub fn end_program(&mut self) {
         self.stop_spindle();
         self.coupled = 0;
         self.surface = 0;
@@ -694,6 +694,11 @@ impl<D: Drives> Master<D> {
         if waiting != Waiting::None {
             let cause = auxiliary.wait(waiting);
             self.end_wait(cause);
+            return;
+        }
+        if event.code == EventCode::Abort as u32 {
+            self.stop_for(Cause::Abort);
+            self.auxiliary.forget_asked();
             return;
         }
         let stop = auxiliary.stop_of(&event);

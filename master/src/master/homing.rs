@@ -275,7 +275,7 @@ impl<D: Drives> Master<D> {
         }
         if matches!(
             self.cause,
-            Cause::HomeSwitch | Cause::HomeIndex | Cause::HomeDrive
+            Cause::HomeSwitch | Cause::HomeIndex | Cause::HomeDrive | Cause::Abort
         ) {
             self.cause = Cause::None;
             self.cause_axis = u32::MAX;

@@ -55,11 +55,7 @@ impl<D: Drives> Master<D> {
         if self.program.is_running() {
             self.auxiliary.latches.modes_of_run = MODES_RESET;
         }
-        if self.cause == Cause::Planner {
-            // It could not go on with the program before.
-            self.cause = Cause::None;
-            self.cause_scan = 0;
-        }
+        self.forget_program_cause();
         self.program.load = number;
         self.program.state = ProgramState::Loading;
         Ok(())
@@ -91,6 +87,7 @@ impl<D: Drives> Master<D> {
         }
         self.windows.forget_path(self.scan);
         self.auxiliary.forget_program(self.scan);
+        self.forget_program_cause();
         self.auxiliary.latches.start_line = line;
         self.program.state = ProgramState::Running;
         self.program.run = self.program.run.saturating_add(1);
@@ -138,12 +135,29 @@ impl<D: Drives> Master<D> {
         self.stop();
     }
 
-    /// The program is done: the machine is ready for it again, or for another one.
-    pub(super) fn end_program(&mut self) {
+    /// The program is done, or has given itself up: the machine is ready for it again, from its beginning, or for another one. Why it was
+    /// given up is shown until one begins. A program that was stopped otherwise stays where it is.
+    pub(super) fn leave_program(&mut self) {
+        self.program.state = match (self.mode, self.cause) {
+            (Mode::Finished, _) => ProgramState::Done,
+            (_, Cause::Abort) => ProgramState::Loaded,
+            _ => return,
+        };
         self.windows.forget_path(self.scan);
-        self.program.state = ProgramState::Done;
-        self.auxiliary.latches.modes_of_run = self.program.run;
+        self.auxiliary.latches.modes_of_run = match self.program.state {
+            ProgramState::Done => self.program.run,
+            _ => MODES_RESET,
+        };
+        self.auxiliary.latches.end_program();
         self.mode = Mode::Ready;
+    }
+
+    /// The program before could not go on, or has given itself up: another one, or the same once more, can.
+    fn forget_program_cause(&mut self) {
+        if matches!(self.cause, Cause::Planner | Cause::Abort) {
+            self.cause = Cause::None;
+            self.cause_scan = 0;
+        }
     }
 
     fn must_stay(&self) -> Result<(), Refusal> {

@@ -419,12 +419,22 @@ fn outcome(evaluation: &Evaluation) -> OutcomeReport {
             let why = (kind == OutcomeKind::Stopped).then(|| ended.text.clone());
             (kind, why)
         }
-        (Outcome::Stopped(reason), _) => (
-            OutcomeKind::Stopped,
-            from_outside.or(Some(reason.to_string())),
-        ),
+        (Outcome::Stopped(reason), _) => {
+            let text = reason.to_string() + &said_at_the_end(evaluation, reason);
+            (OutcomeKind::Stopped, from_outside.or(Some(text)))
+        }
     };
     OutcomeReport { kind, reason }
+}
+
+/// What a program that has given itself up said then.
+fn said_at_the_end(evaluation: &Evaluation, reason: &StopReason) -> String {
+    let given_up =
+        matches!(reason, StopReason::Cause(of) if of.cause == Some(bus::sample::Cause::Abort));
+    match evaluation.said.last.as_ref().filter(|_| given_up) {
+        Some(said) => format!(", line {}: {}", said.line.unwrap_or(0), said.text),
+        None => String::new(),
+    }
 }
 
 fn note(note: &Note) -> NoteReport {

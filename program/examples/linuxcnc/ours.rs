@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 
 use control::path::{AxisVector, Feed, Shape};
 use machine::{Tool, parse_tools};
-use program::{AxisSetup, EventKind, Program, Setup, SurfaceSpeed};
+use program::{AxisSetup, EventKind, Program, ProgramEnd, Setup, SurfaceSpeed};
 
 use crate::trace::{Circle, LETTERS, Place, Step, Trace, Way};
 
@@ -51,6 +51,11 @@ pub fn run(file: &Path, text: &str) -> Trace {
     let setup = setup(text);
     let result = std::panic::catch_unwind(|| program::load(file, &setup, AxisVector::zeros()));
     match result {
+        // Theirs ends with an error, and the text of it.
+        Ok(Ok(program)) if matches!(program.end, ProgramEnd::Abort(_)) => {
+            let said = program.messages.last();
+            Err(said.map_or(String::new(), |said| said.text.clone()))
+        }
         Ok(Ok(program)) => Ok(steps(&program, &setup)),
         Ok(Err(error)) => Err(error.problems.first().map_or(String::new(), |problem| {
             let line = problem.place.map_or(0, |(line, _)| line);

@@ -148,6 +148,7 @@ impl Interpreter {
         match (question, answer) {
             (Question::Probe { element, .. }, Answer::Tripped { at, rests }) => {
                 self.probed(element, at, rests, true);
+                self.log_probe(element.line);
             }
             (
                 Question::Probe {

@@ -3,21 +3,57 @@
 use super::*;
 use crate::expression::Cursor;
 
+const LOG_FILE: &str = "LOGOPEN, LOGAPPEND and LOGCLOSE name no file: what (LOG, …) says stands in the run's own messages.jsonl";
+const PROBE_FILE: &str = "PROBEOPEN names no file: what the probe finds up to PROBECLOSE stands in the run's own messages.jsonl";
+const ABORTS: &str = "(ABORT, …) gives the program up here: what stands behind it is not read";
+const NO_ABORT: &str = "a comment that does nothing, as in LinuxCNC: (ABORT, …) gives the program up, with its comma at once behind the word";
+const BESIDE_O_WORD: &str = "a comment on the line of an O-word says and does nothing, as in LinuxCNC: put it on a line of its own";
+
 impl Interpreter {
-    /// Keeps what the comments of a line say.
-    pub fn say(&mut self, index: usize, comments: &[(CommentKind, String)]) {
+    /// Does what the comments of a line ask for, up to an ABORT.
+    pub fn obey_comments(&mut self, comments: &[(CommentKind, String)], beside_o_word: bool) {
         for (kind, text) in comments {
-            let text = match kind {
-                CommentKind::Message => text.clone(),
-                CommentKind::Print | CommentKind::Log => self.with_values(text),
-                CommentKind::LogFile => {
-                    let text = "LOGOPEN, LOGAPPEND and LOGCLOSE name no file: what (LOG, …) says stands in the run's own messages.jsonl";
-                    self.note(index as u32 + 1, text);
-                    continue;
-                }
-            };
-            let log_only = *kind == CommentKind::Log;
-            self.output.say(index as u32 + 1, log_only, text);
+            if beside_o_word {
+                self.note(self.line, BESIDE_O_WORD);
+            } else if self.ended.is_none() {
+                self.obey_comment(*kind, text);
+            }
+        }
+    }
+
+    fn obey_comment(&mut self, kind: CommentKind, text: &str) {
+        let line = self.line;
+        match kind {
+            CommentKind::Message => self.output.say(line, false, text.to_owned()),
+            CommentKind::Debug if self.parameters.get(base::DEBUG_SHOWN) <= 0.0 => {}
+            CommentKind::Debug | CommentKind::Print | CommentKind::Log => {
+                let text = self.with_values(text);
+                self.output.say(line, kind == CommentKind::Log, text);
+            }
+            CommentKind::LogFile => self.note(line, LOG_FILE),
+            CommentKind::ProbeOpen | CommentKind::ProbeClose => {
+                self.logs_probes = kind == CommentKind::ProbeOpen;
+                self.note(line, PROBE_FILE);
+            }
+            CommentKind::Abort => {
+                self.note(line, ABORTS);
+                let text = self.with_values(text);
+                self.output.say(line, false, text);
+                self.ended = Some(ProgramEnd::Abort(line));
+            }
+            CommentKind::NoAbort => self.note(line, NO_ABORT),
+            // The reader refuses it.
+            CommentKind::Python => {}
+        }
+    }
+
+    /// Writes into the log where a probe has tripped, if that is wanted: nine numbers, in the coordinates and unit of the program.
+    pub(super) fn log_probe(&mut self, line: u32) {
+        if self.logs_probes {
+            let numbers = base::PROBED..base::PROBED + 9;
+            let shown = numbers.map(|number| format!("{:.6}", self.parameters.get(number)));
+            let text = shown.collect::<Vec<_>>().join(" ");
+            self.output.say(line, true, text);
         }
     }
 

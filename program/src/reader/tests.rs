@@ -62,7 +62,7 @@ fn comments_that_say_something_are_kept() {
         line.comments,
         [
             (CommentKind::Message, "change the jaws".to_owned()),
-            (CommentKind::Print, "#1".to_owned())
+            (CommentKind::Debug, "#1".to_owned())
         ]
     );
 }

@@ -365,7 +365,11 @@ pub fn state(model: &Model) -> State<'_> {
         single_block: feedback.map(|now| now.inputs.single_block()),
         cause: cause.map(|feedback| CauseOf {
             code: feedback.cause,
-            words: words::cause(feedback, &model.machine).unwrap_or_default(),
+            words: words::cause(feedback, &model.machine)
+                .into_iter()
+                .chain(model.given_up())
+                .collect::<Vec<_>>()
+                .join("; "),
             axis: (feedback.cause_axis != u32::MAX).then(|| {
                 model
                     .machine

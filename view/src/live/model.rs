@@ -5,8 +5,8 @@ use std::collections::VecDeque;
 use bus::member::Pace;
 use bus::messages::ProgramMessage;
 use bus::sample::{
-    AxisCommand, Feedback, Instruments, Job, MAX_SUBSAMPLES, Mode, PlannerStatus, ProgramState,
-    Roster, STANDBY_ALARM_S,
+    AxisCommand, Cause, Feedback, Instruments, Job, MAX_SUBSAMPLES, Mode, PlannerStatus,
+    ProgramState, Roster, STANDBY_ALARM_S,
 };
 use control::kinematics::Kinematics;
 use control::path::{AxisVector, Element, Feed, Shape};
@@ -456,6 +456,13 @@ impl Model {
         Some((line, program.block_text(line).unwrap_or_default().trim()))
     }
 
+    /// Where the program has given itself up, and what it said then.
+    pub fn given_up(&self) -> Option<String> {
+        let given_up = self.feedback.as_ref()?.cause == Cause::Abort as u32;
+        let said = self.said.back().filter(|_| given_up)?;
+        Some(format!("line {}: {}", said.line, said.text))
+    }
+
     /// The state in words.
     pub fn says(&self) -> Says {
         let Some(feedback) = &self.feedback else {
@@ -468,6 +475,9 @@ impl Model {
             };
         };
         let mut says = words::says(feedback, &self.machine);
+        if let Some(text) = self.given_up() {
+            says.detail = format!("{}; {text}", says.detail);
+        }
         if let Some(link) = self.link.as_ref().filter(|link| link.lost) {
             says = Says {
                 symbol: "✖",

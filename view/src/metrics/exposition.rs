@@ -261,6 +261,7 @@ fn cause_label(cause: Cause) -> &'static str {
         Cause::HomeDrive => "home-drive",
         Cause::EmergencyStop => "emergency-stop",
         Cause::Skew => "skew",
+        Cause::Abort => "abort",
     }
 }
 
