@@ -5,6 +5,7 @@
 
 use std::f64::consts::PI;
 
+use crate::parameters::check_settable;
 use crate::reader::{Unreadable, shown};
 use crate::straight;
 
@@ -26,6 +27,16 @@ pub trait Lookup {
     fn numbered(&self, number: u32) -> Result<f64, (String, String)>;
     /// The value of `#<name>`, if it is defined; lower case, without blanks.
     fn named(&self, name: &str) -> Option<f64>;
+    /// Refuses a parameter that a program cannot set.
+    ///
+    /// # Errors
+    /// What was found, and what would be right.
+    fn check_settable(&self, target: &Target) -> Result<(), (String, String)> {
+        match target {
+            Target::Numbered(number) => check_settable(*number),
+            Target::Named(_) => Ok(()),
+        }
+    }
 }
 
 /// Which parameter is named, such as for setting it.
@@ -253,11 +264,16 @@ impl<'a> Cursor<'a> {
                 .or_else(|(found, right)| self.error_at(start, found, &right)),
             Target::Named(name) => lookup.named(&name).ok_or(()).or_else(|()| {
                 let found = format!("#<{name}> has no value");
-                self.error_at(
-                    start,
-                    found,
-                    "set it before it is used; EXISTS[#<name>] asks whether it is set",
-                )
+                let right = match name.split_once('[') {
+                    Some(("_hal", _)) => {
+                        "there are no pins of HAL: M66 reads inputs of the machine"
+                    }
+                    Some(("_ini", _)) => {
+                        "there is no INI file of LinuxCNC: set a parameter of your own"
+                    }
+                    _ => "set it before it is used; EXISTS[#<name>] asks whether it is set",
+                };
+                self.error_at(start, found, right)
             }),
         }
     }

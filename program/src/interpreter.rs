@@ -17,7 +17,7 @@ use crate::execution::BLOCKS_MAX;
 use crate::expression::{Lookup, Target};
 use crate::frames::{Frame, Frames};
 use crate::letters::AXIS_LETTERS;
-use crate::parameters::{NUMBER_MAX, Parameters, base};
+use crate::parameters::{NUMBER_MAX, Parameters, acts_in_fanuc, base};
 use crate::program::{Event, EventKind, Message, Note, ProgramEnd, Setup};
 use crate::question::Question;
 use crate::reader::{CommentKind, Line};
@@ -64,6 +64,9 @@ const TRAVEL_ROUNDING: f64 = 1e-6;
 
 /// The most elements of one path; an arc block makes up to two, a drilling block as many as it has moves.
 pub const ELEMENTS_MAX: u64 = 2 * BLOCKS_MAX as u64;
+
+/// What is said of a parameter that would act in Fanuc's language.
+const ACTS_IN_FANUC: &str = "a parameter that sets an output (#1100 to #1135), an offset (#2001 to #2999) or a counter of parts (#3901, #3902) in Fanuc's language: here it is the program's own and sets nothing";
 
 /// The most holes of one drilling block.
 const REPEATS_MAX: f64 = 10_000.0;
@@ -398,7 +401,12 @@ impl Interpreter {
     /// Sets a parameter.
     pub fn assign(&mut self, target: Target, value: f64) {
         match target {
-            Target::Numbered(number) => self.parameters.set(number, value),
+            Target::Numbered(number) => {
+                if acts_in_fanuc(number) {
+                    self.note(self.line, ACTS_IN_FANUC);
+                }
+                self.parameters.set(number, value);
+            }
             Target::Named(name) if name.starts_with('_') => self.parameters.set_named(name, value),
             Target::Named(name) => {
                 self.frames.here().named.insert(name, value);

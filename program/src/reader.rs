@@ -165,15 +165,7 @@ pub fn read_line(text: &str, lookup: &impl Lookup, line: &mut Line) -> Result<()
                 let found = format!("{} on a % line", shown(text, offset));
                 return unreadable(offset, found, "% stands alone on its line");
             }
-            b'#' => {
-                let target = cursor.target(lookup)?;
-                if !cursor.take(b'=') {
-                    let right = "a parameter is set with =, such as #1=5, or used behind a letter, such as X#1";
-                    return unreadable(offset, "a parameter by itself".into(), right);
-                }
-                let value = cursor.value(lookup)?;
-                line.assignments.push((target, value));
-            }
+            b'#' => line.assignments.push(read_assignment(&mut cursor, lookup)?),
             b'o' | b'O' if line.words.iter().all(|word| word.letter == 'N') => {
                 line.flow = Some(read_flow_word(&mut cursor, lookup)?);
             }
@@ -194,6 +186,24 @@ pub fn read_line(text: &str, lookup: &impl Lookup, line: &mut Line) -> Result<()
     }
     line.blanks_in_number = cursor.blanks_in_number;
     Ok(())
+}
+
+/// Reads the parameter that is set next, and its value.
+fn read_assignment(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<(Target, f64), Unreadable> {
+    let offset = cursor.offset;
+    let unreadable = |found, right| Unreadable {
+        offset,
+        found,
+        right,
+    };
+    let target = cursor.target(lookup)?;
+    let refused = |(found, right)| unreadable(found, right);
+    lookup.check_settable(&target).map_err(refused)?;
+    if !cursor.take(b'=') {
+        let right = "a parameter is set with =, such as #1=5, or used behind a letter, such as X#1";
+        return Err(unreadable("a parameter by itself".into(), right.into()));
+    }
+    Ok((target, cursor.value(lookup)?))
 }
 
 /// Reads the word whose letter is next; a plain number of few digits without the detour over text.

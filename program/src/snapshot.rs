@@ -165,29 +165,34 @@ pub mod named {
     }
 }
 
-/// Numbered parameters, of which most are 0.
+/// Numbered parameters, of which most were never set.
 pub mod numbered {
     use std::sync::Arc;
 
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-    /// Writes those that are not 0 to the bit.
-    pub fn serialize<S: Serializer>(values: &Arc<Vec<f64>>, to: S) -> Result<S::Ok, S::Error> {
+    /// Writes those that were set.
+    pub fn serialize<S: Serializer>(
+        values: &Arc<Vec<Option<f64>>>,
+        to: S,
+    ) -> Result<S::Ok, S::Error> {
         let set: Vec<(u32, f64)> = (0..)
             .zip(values.iter().copied())
-            .filter(|(_, value)| value.to_bits() != 0)
+            .filter_map(|(number, value)| Some((number, value?)))
             .collect();
         (values.len() as u32, set).serialize(to)
     }
 
     /// Reads them.
-    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Arc<Vec<f64>>, D::Error> {
+    pub fn deserialize<'de, D: Deserializer<'de>>(
+        from: D,
+    ) -> Result<Arc<Vec<Option<f64>>>, D::Error> {
         let (length, set) = <(u32, Vec<(u32, f64)>)>::deserialize(from)?;
         let length = length.min(crate::parameters::NUMBER_MAX + 1);
-        let mut values = vec![0.0; length as usize];
+        let mut values = vec![None; length as usize];
         for (number, value) in set {
             if let Some(slot) = values.get_mut(number as usize) {
-                *slot = value;
+                *slot = Some(value);
             }
         }
         Ok(Arc::new(values))

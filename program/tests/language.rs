@@ -33,8 +33,8 @@ fn parameters_are_set_after_the_whole_block_is_read() {
 
 #[test]
 fn names_are_local_to_a_subroutine_unless_they_begin_with_a_line() {
-    let text = "#<a>=1 #<_b>=2\no<s> sub\n#<a>=7\nG0 X#<a> Y#<_b>\n#<_b>=3\no<s> endsub\n\
-                o<s> call\nG0 X#<a> Y#<_b>\nM2";
+    let text = "#<a>=1 #<_deep>=2\no<s> sub\n#<a>=7\nG0 X#<a> Y#<_deep>\n#<_deep>=3\no<s> endsub\n\
+                o<s> call\nG0 X#<a> Y#<_deep>\nM2";
     assert_eq!(ends(text), [[7.0, 2.0, 0.0], [1.0, 3.0, 0.0]]);
 }
 

@@ -2,14 +2,18 @@
 //! Parameters*, *System Parameters*).
 
 use super::*;
-use crate::parameters::POSITION_LETTERS;
+use crate::parameters::{POSITION_LETTERS, check_settable};
 
 impl Lookup for Interpreter {
     fn numbered(&self, number: u32) -> Result<f64, (String, String)> {
         if (base::POSITION..base::POSITION + 9).contains(&number) {
             return Ok(self.position_of((number - base::POSITION) as usize));
         }
-        Ok(self.parameters.get(number))
+        // Where the state is not known, no number is missing.
+        match self.parameters.read(number) {
+            Err(_) if !self.state_known => Ok(0.0),
+            read => read,
+        }
     }
 
     fn named(&self, name: &str) -> Option<f64> {
@@ -22,6 +26,21 @@ impl Lookup for Interpreter {
         };
         // Where the state is not known, no name is missing.
         value.or((!self.state_known).then_some(0.0))
+    }
+
+    fn check_settable(&self, target: &Target) -> Result<(), (String, String)> {
+        match target {
+            Target::Numbered(number) => check_settable(*number),
+            // LinuxCNC has no such names.
+            Target::Named(name) if matches!(name.as_str(), "_control_mode" | "_path_control") => {
+                Ok(())
+            }
+            Target::Named(name) if name.starts_with('_') && self.predefined(name).is_some() => {
+                let right = "it tells of the machine; a name of your own, such as #<_depth>";
+                Err((format!("#<{name}>, which is read-only"), right.to_owned()))
+            }
+            Target::Named(_) => Ok(()),
+        }
     }
 }
 
