@@ -4,9 +4,11 @@ use std::fs;
 use std::path::Path;
 use std::process::Output;
 
+use bus::sample::{Feedback, MAX_AXES, Reference};
+use monitor::log::{Reader, Sample};
 use tempfile::TempDir;
 
-use crate::support::{number, quadrant, run, run_with, text};
+use crate::support::{Run, number, quadrant, run, run_with, text};
 
 /// A gantry mill with a rotary axis.
 const GANTRY: [&str; 4] = [
@@ -72,7 +74,7 @@ fn a_machine_with_incremental_encoders_says_that_it_must_be_homed_and_runs_once_
     let folder = home.path().join("mine");
     let axes = [
         "X:travel=-200..200,lead=10,encoder=incremental",
-        "Z:travel=-100..0,rack=2x20,ratio=10,encoder=incremental",
+        "Z:travel=-100..0,rack=2x20,ratio=10,encoder=incremental,start=-60",
         "A:travel=-90..90,gear=90,encoder=incremental",
         "Y:travel=-150..150",
     ];
@@ -88,10 +90,41 @@ fn a_machine_with_incremental_encoders_says_that_it_must_be_homed_and_runs_once_
     let file = folder.join("orders.toml");
     fs::write(&file, orders).expect("written");
     let file = file.display().to_string();
-    let report = run_with(&folder, &program, &["--orders", &file]).good_report();
+    let ended = run_with(&folder, &program, &["--orders", &file]);
+    let report = ended.good_report();
+    assert_goes_up_first(&ended);
     // The zero of each axis is the true one: the table is where the program says.
     let peak_um = number(&report, "/contour_error_um/peak");
     assert!(peak_um > 0.0 && peak_um < 500.0, "{peak_um}");
+}
+
+/// Z, the second axis, is homed before the others move, and its first millimetre is upwards.
+fn assert_goes_up_first(run: &Run) {
+    let samples = Reader::open(&run.out.join("run.mcap")).expect("the log");
+    let feedbacks = samples.filter_map(|sample| match sample {
+        Ok(Sample::Feedback(feedback)) => Some(*feedback),
+        _ => None,
+    });
+    let places = |of: &Feedback| of.axes.map(|axis| axis.motor_position);
+    let (mut from, mut first) = ([0; MAX_AXES], None);
+    for feedback in feedbacks {
+        let [x, z, a, ..] = feedback.axes;
+        if z.reference == Reference::Known as u32 {
+            assert!(first.is_some_and(|way| way > 0), "{first:?}");
+            assert_ne!((x.reference, a.reference), (0, 0));
+            return;
+        }
+        if feedback.scan == 300 {
+            from = places(&feedback);
+        } else if feedback.scan > 300 {
+            let now = places(&feedback);
+            let ways: [i64; MAX_AXES] = std::array::from_fn(|axis| now[axis] - from[axis]);
+            first = first.or(Some(ways[1]).filter(|way| way.abs() > 1_000_000));
+            let others = [ways[0], ways[2], ways[3]];
+            assert!(others.iter().all(|way| way.abs() < 20_000), "{ways:?}");
+        }
+    }
+    panic!("Z was never homed");
 }
 
 #[test]
@@ -123,6 +156,7 @@ fn a_folder_that_is_there_and_numbers_that_fit_no_machine_are_refused_and_nothin
             &["X:travel=0..30,lead=10,encoder=incremental"],
             "the travel must be at least 4 turns",
         ),
+        (&["Z:travel=0..100,lifts=up"], "lifts=up: must be yes or no"),
         (
             &["X:travel=0..100,encoder=sincos"],
             "must be absolute or incremental",

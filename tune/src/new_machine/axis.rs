@@ -20,7 +20,7 @@ const OTHER_END_SHARE: f64 = 0.2;
 /// Turns of the motor that the travel of an axis has at least that is homed by switch and index.
 const HOMING_TURNS_MIN: f64 = 4.0;
 /// Keys of an axis.
-const KEYS: &str = "travel, lead, rack, belt, gear, ratio, speed, acceleration, mass, inertia, torque, rotor, friction, gap, start, motors, encoder";
+const KEYS: &str = "travel, lead, rack, belt, gear, ratio, speed, acceleration, mass, inertia, torque, rotor, friction, gap, start, motors, encoder, lifts";
 
 /// What moves the axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,6 +68,8 @@ pub struct NewAxis {
     pub two_motors: bool,
     /// It has incremental encoders, and a switch to be homed by.
     pub incremental: bool,
+    /// Whether it takes the tool off the work towards higher positions, if that was said.
+    pub lifts: Option<bool>,
     /// Keys that were given.
     given: Vec<String>,
 }
@@ -192,6 +194,7 @@ impl NewAxis {
             start: given.number("start", f64::MIN, true)?.unwrap_or(middle),
             two_motors,
             incremental,
+            lifts: lifts(given)?,
             given: given.0.iter().map(|(key, _)| (*key).to_string()).collect(),
         };
         axis.motor(given)?;
@@ -411,6 +414,16 @@ fn incremental(given: &Given<'_>) -> anyhow::Result<bool> {
         None | Some("absolute") => Ok(false),
         Some("incremental") => Ok(true),
         Some(other) => bail!("encoder={other}: must be absolute or incremental"),
+    }
+}
+
+/// Whether it is said to lift.
+fn lifts(given: &Given<'_>) -> anyhow::Result<Option<bool>> {
+    match given.text("lifts") {
+        None => Ok(None),
+        Some("yes") => Ok(Some(true)),
+        Some("no") => Ok(Some(false)),
+        Some(other) => bail!("lifts={other}: must be yes or no"),
     }
 }
 

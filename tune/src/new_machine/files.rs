@@ -77,12 +77,12 @@ impl Files<'_> {
         let axes = self.axes.iter().enumerate();
         let text = axes.fold(head, |text, (index, axis)| {
             let text = text + &machine_axis(axis, &axis.letter, &timing, drive_period_us);
-            text + &homing(axis, index)
+            text + &homing(axis, index, self.lifts(axis))
         });
         let text = self.second_motors().fold(text, |text, (input, axis)| {
             let name = format!("{}{SECOND_MOTOR}", axis.letter);
             let text = text + &machine_axis(axis, &name, &timing, drive_period_us);
-            text + &gantry(axis) + &homing(axis, input)
+            text + &gantry(axis) + &homing(axis, input, self.lifts(axis))
         });
         Machine::parse("machine.toml", &text).context("a machine of these axes cannot be")?;
         Ok(text)
@@ -99,12 +99,23 @@ impl Files<'_> {
         let axes = self.axes.iter().enumerate();
         let text = axes.fold(head, |text, (index, axis)| {
             let plant = plant_axis(&axis.one_end(), &axis.letter);
-            text + &plant + &plant_homing(axis, index)
+            text + &plant + &plant_homing(axis, index, self.lifts(axis))
         });
         self.second_motors().fold(text, |text, (input, axis)| {
             let name = format!("{}{SECOND_MOTOR}", axis.letter);
             let plant = plant_axis(&axis.other_end(), &name);
-            text + &plant + PLANT_BRIDGE + &plant_homing(axis, input)
+            text + &plant + PLANT_BRIDGE + &plant_homing(axis, input, self.lifts(axis))
+        })
+    }
+
+    /// Whether an axis takes the tool off the work towards higher positions: Z and W do (ISO 841), and X and U of a lathe, which has
+    /// no Y; or what was said of it. It is homed that way, and before the others.
+    fn lifts(&self, axis: &NewAxis) -> bool {
+        let has = |letter: &str| self.axes.iter().any(|axis| axis.letter == letter);
+        axis.lifts.unwrap_or_else(|| match axis.letter.as_str() {
+            "Z" | "W" => true,
+            "X" | "U" => has("Z") && !has("Y"),
+            _ => false,
         })
     }
 
@@ -305,43 +316,52 @@ fn gantry(axis: &NewAxis) -> String {
     )
 }
 
-/// Where an axis with an incremental encoder has its switch and the index behind it: half a turn of the motor and a whole one from
-/// the lower end of the travel.
-fn reference_point(axis: &NewAxis) -> (f64, f64) {
-    let lead = axis.lead();
-    let from_end = |turns: f64| digits(axis.travel.0 + turns * lead, 9);
+/// Where an axis with an incremental encoder has its index and the switch in front of it: half a turn of the motor and a whole one from
+/// the end of the travel that it is homed at.
+fn reference_point(axis: &NewAxis, lifts: bool) -> (f64, f64) {
+    let (end, inwards) = if lifts {
+        (axis.travel.1, -axis.lead())
+    } else {
+        (axis.travel.0, axis.lead())
+    };
+    let from_end = |turns: f64| digits(end + turns * inwards, 9);
     (from_end(0.5), from_end(1.0))
 }
 
-fn homing(axis: &NewAxis, input: usize) -> String {
+fn homing(axis: &NewAxis, input: usize, lifts: bool) -> String {
     if !axis.incremental {
         return String::new();
     }
     let words = Words::of(axis);
-    let (index_at, _) = reference_point(axis);
+    let (index_at, _) = reference_point(axis, lifts);
     let search = rounded((0.1 * axis.speed).min(SEARCH_MAX));
+    let (direction, order, why) = if lifts {
+        ("positive", 1, "  # off the work, and before the others")
+    } else {
+        ("negative", 2, "")
+    };
     format!(
         "\n[axis.homing]          # the encoder is incremental: `quadrant home` before anything else\n\
-         method = \"switch-index\"\nswitch_input = {input}\ndirection = \"negative\"\n\
+         method = \"switch-index\"\nswitch_input = {input}\ndirection = \"{direction}\"{why}\n\
          search_{speed} = {search:?}  # estimated\nlatch_{speed} = {latch:?}  # estimated\n\
          position_{length} = {index_at:?}  # of the index behind the edge of the switch\norder = {order}\n",
         speed = words.speed,
         length = words.length,
         latch = rounded(0.1 * search),
-        order = if axis.letter == "Z" { 1 } else { 2 },
     )
 }
 
-fn plant_homing(axis: &NewAxis, input: usize) -> String {
+fn plant_homing(axis: &NewAxis, input: usize, lifts: bool) -> String {
     if !axis.incremental {
         return String::new();
     }
     let length = Words::of(axis).length;
-    let (index_at, switch_at) = reference_point(axis);
+    let (index_at, switch_at) = reference_point(axis, lifts);
     let shows = digits(axis.travel.1 - axis.travel.0, 4);
+    let actuated = if lifts { "actuated = \"above\"\n" } else { "" };
     format!(
         "\n[axis.encoder]         # incremental: it begins anywhere\nshows_{length} = {shows:?}\nindex_at_{length} = {index_at:?}\n\n\
-         [axis.home_switch]\ndigital = {input}\nat_{length} = {switch_at:?}\n"
+         [axis.home_switch]\ndigital = {input}\nat_{length} = {switch_at:?}\n{actuated}"
     )
 }
 
@@ -392,4 +412,85 @@ fn plant_axis(axis: &NewAxis, name: &str) -> String {
         backlash = axis.gap,
         gap_why = why(axis, "gap", ": backlash"),
     )
+}
+
+#[cfg(test)]
+#[allow(clippy::expect_used)]
+mod tests {
+    use machine::HomingDirection;
+
+    use super::*;
+
+    fn machine_of(described: &[&str]) -> Machine {
+        let axes = described.iter().map(|text| NewAxis::read(text));
+        let axes: Vec<NewAxis> = axes.collect::<anyhow::Result<_>>().expect("axes");
+        let files = Files {
+            name: "homed",
+            scan_us: 1000,
+            microstep_us: 5.0,
+            axes: &axes,
+        };
+        let text = files.machine().expect("a machine file");
+        Machine::parse("machine.toml", &text).expect("a machine")
+    }
+
+    /// Letters of the axes of a machine in the order in which they are homed, those that are homed upwards with a `+`.
+    fn homed(described: &[&str]) -> String {
+        let machine = machine_of(described);
+        let axes = machine.axes.iter().filter(|axis| !axis.is_follower());
+        let mut homed: Vec<_> = axes.filter_map(|axis| Some((axis.homing?, axis))).collect();
+        homed.sort_by_key(|(homing, _)| homing.order);
+        let words = homed.iter().map(|(homing, axis)| {
+            let up = homing.direction == HomingDirection::Positive;
+            let name = format!("{}{}", axis.name, if up { "+" } else { "-" });
+            // The reference point is near the end that it is looked for at.
+            let middle_mm = 0.5 * (axis.travel_min_mm + axis.travel_max_mm);
+            assert_eq!(homing.position_mm > middle_mm, up, "{name}");
+            name
+        });
+        words.collect::<Vec<_>>().join(" ")
+    }
+
+    const X: &str = "X:travel=-200..200,encoder=incremental";
+    const Y: &str = "Y:travel=-150..150,belt=5x24,ratio=5,encoder=incremental";
+    const Z: &str = "Z:travel=-300..0,encoder=incremental";
+
+    #[test]
+    fn axes_that_lift_the_tool_are_homed_upwards_and_before_the_others() {
+        assert_eq!(homed(&[X, Y, Z]), "Z+ X- Y-");
+        assert_eq!(homed(&[Z, Y, X]), "Z+ Y- X-");
+        assert_eq!(homed(&[X, "Y:travel=-150..150", Z]), "Z+ X-");
+        let gantry = "X:travel=0..1200,rack=2x20,ratio=10,motors=2,encoder=incremental";
+        let table = "A:travel=-90..90,encoder=incremental";
+        assert_eq!(homed(&[table, gantry, Y, Z]), "Z+ A- X- Y-");
+        let bridge = "Z:travel=0..400,motors=2,encoder=incremental";
+        assert_eq!(homed(&[X, Y, bridge]), "Z+ X- Y-");
+        let quill = "W:travel=-80..0,encoder=incremental";
+        assert_eq!(homed(&[X, Y, "Z:travel=-300..0", quill]), "W+ X- Y-");
+        // A lathe: X goes away from the axis of the spindle.
+        assert_eq!(homed(&[Z, X]), "Z+ X+");
+        assert_eq!(homed(&[X, Y]), "X- Y-");
+    }
+
+    #[test]
+    fn what_is_said_of_an_axis_counts_more_than_its_letter() {
+        let lifts = format!("{Y},lifts=yes");
+        assert_eq!(homed(&[X, &lifts, Z]), "Y+ Z+ X-");
+        let lies = format!("{Z},lifts=no");
+        assert_eq!(homed(&[X, &lifts, &lies]), "Y+ X- Z-");
+        let wrong = NewAxis::read("Z:travel=-300..0,lifts=up").expect_err("no word");
+        let said = format!("{wrong:#}");
+        assert!(said.contains("lifts=up: must be yes or no"), "{said}");
+    }
+
+    #[test]
+    fn both_motors_of_a_bridge_that_lifts_are_homed_alike() {
+        let machine = machine_of(&["Z:travel=0..400,motors=2,encoder=incremental"]);
+        let ways: Vec<_> = machine.axes.iter().filter_map(|axis| axis.homing).collect();
+        assert_eq!(ways.len(), 2);
+        assert!(
+            ways.iter()
+                .all(|of| of.direction == HomingDirection::Positive)
+        );
+    }
 }
