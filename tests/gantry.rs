@@ -2,12 +2,13 @@
 
 use std::fs;
 
-use bus::sample::{Feedback, Mode};
+use bus::sample::{Feedback, Mode, ProgramState};
 use machine::Machine;
 use monitor::log::{Reader, Sample};
 use serde_json::Value;
 
-use crate::support::{Bench, Run, number, quadrant, run, run_with, text};
+use crate::support::{Bench, Run, number, quadrant, run, run_with, send, text};
+use crate::up::{is, obeyed, up_on};
 
 /// The largest skew that these machines have while all is well: two motors with the same loops on a bridge.
 const SKEW_UM: f64 = 20.0;
@@ -312,8 +313,8 @@ fn both_motors_home_by_their_own_switches_and_indices_and_the_bridge_is_square_t
         &[
             (skewed, &start),
             ("digital = 2\nat_mm = -190.0", "digital = 2\nat_mm = -189.6"),
-            // A bridge that these motors can hold askew.
-            ("stiffness_n_per_um = 20.0", "stiffness_n_per_um = 5.0"),
+            // A bridge that its guideways can hold askew.
+            ("stiffness_n_per_um = 20.0", "stiffness_n_per_um = 0.3"),
         ],
     );
     let program = bench.file("mixed.ngc", PROGRAM);
@@ -362,6 +363,128 @@ fn a_gantry_that_is_found_too_skew_by_homing_trips_and_is_not_homed() {
     );
     let last = feedbacks(&ended).pop().expect("a feedback");
     assert_eq!((last.axes[0].reference, last.axes[2].reference), (1, 1));
+}
+
+/// A gantry that stands right before its switches, and is homed within some seconds.
+fn quickly_homed(edits: &[(&str, &str)]) -> Bench {
+    let bench = gantry_with(",encoder=incremental,start=-185");
+    let quick = [("latch_mm_s = 2.0", "latch_mm_s = 10.0")];
+    edited(bench, "machine.toml", &[&quick, edits].concat())
+}
+
+#[test]
+fn homing_that_is_held_leaves_a_gantry_that_is_enabled_homed_and_runs_its_program() {
+    // The two encoders begin at different places.
+    let encoder = |shows: &str| {
+        format!("shows_mm = {shows}\nindex_at_mm = -195.0\n\n[axis.home_switch]\ndigital = 2")
+    };
+    let of_second = (&*encoder("400.0"), &*encoder("-77.7"));
+    let bench = edited(quickly_homed(&[]), "plant.toml", &[of_second]);
+    let program = bench.file("mixed.ngc", PROGRAM);
+    let orders = [
+        (300, "home"),
+        (700, "hold"),
+        (1_500, "disable"),
+        (1_800, "enable"),
+        (3_000, "home"),
+        (9_000, "resume"),
+    ];
+    let orders =
+        orders.map(|(scan, order)| format!("[[order]]\nscan = {scan}\norder = \"{order}\"\n"));
+    let orders = bench
+        .file("orders.toml", &orders.concat())
+        .display()
+        .to_string();
+    let ended = run_with(bench.path(), &program, &["--orders", &orders]);
+    let report = ended.good_report();
+    let all = feedbacks(&ended);
+    let references = |scan: u64| {
+        let at = all.iter().find(|of| of.scan == scan).expect("a scan");
+        [at.axes[0].reference, at.axes[2].reference]
+    };
+    let seen = [290, 600, 1_700, 2_900, 8_900].map(references);
+    assert_eq!(seen, [[1, 1], [2, 2], [1, 1], [1, 1], [0, 0]]);
+    assert!(all.iter().all(|of| of.mode != Mode::Tripped as u32));
+    let skew_um = skew_um_peak(&report);
+    assert!(skew_um < 100.0, "{skew_um}");
+    let error_um = number(&report, "/contour_error_um/peak");
+    assert!(error_um < 100.0, "{error_um}");
+}
+
+#[test]
+fn a_gantry_is_enabled_and_homed_after_an_emergency_stop_and_a_dead_master_in_its_second_homing() {
+    let bench = quickly_homed(&[("watchdog_scans = 50", "watchdog_scans = 1000")]);
+    let (_bench, mut cell, short, _) = up_on(bench, "realtime");
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["home", "--wait"]);
+    obeyed(&cell, &["home"]);
+    obeyed(&cell, &["estop"]);
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["home", "--wait"]);
+    obeyed(&cell, &["home"]);
+    send(cell.pid_of("plant-sim"), libc::SIGKILL);
+    cell.wait_for(|now| now.incarnation == 2);
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["home", "--wait"]);
+    let now = cell.wait_for(|_| true);
+    assert_eq!([now.axes[0].reference, now.axes[2].reference], [0, 0]);
+    obeyed(&cell, &["load", &short]);
+    cell.wait_for(|now| is(now, Mode::Ready, ProgramState::Loaded));
+    obeyed(&cell, &["start"]);
+    cell.wait_for(|now| is(now, Mode::Ready, ProgramState::Done));
+    obeyed(&cell, &["down"]);
+    assert_eq!(cell.finish().status(), 0);
+}
+
+/// Largest difference of the torques of the two motors, in percent of the rated one: of a scan, and smoothed as the master does it.
+fn torque_difference_percent(run: &Run, rated_nm: f64) -> (f64, f64) {
+    let (mut smooth, mut peak, mut smooth_peak) = (0.0f64, 0.0f64, 0.0f64);
+    for feedback in feedbacks(run) {
+        let [x, _, x2, ..] = feedback.axes;
+        let now = 100.0 * (x2.torque_nm - x.torque_nm) / rated_nm;
+        smooth += (now - smooth) / 500.0;
+        peak = peak.max(now.abs());
+        smooth_peak = smooth_peak.max(smooth.abs());
+    }
+    (peak, smooth_peak)
+}
+
+#[test]
+fn motors_that_share_the_work_stay_far_below_the_difference_of_torques_that_trips() {
+    let mass = "mass_kg = 100.0";
+    for more in ["", ",ratio=2,speed=200", ",acceleration=4000,speed=400"] {
+        for askew in [false, true] {
+            let mut bench = gantry_with(more);
+            if askew {
+                // The carriage is at one end, where the guideway rubs twice as much.
+                let file = bench.path().join("plant.toml");
+                let plant = fs::read_to_string(&file).expect("a plant");
+                let [before, x, y, x2] = plant.split("[[axis]]").collect::<Vec<_>>()[..] else {
+                    panic!("three axes: {plant}");
+                };
+                assert!(x.contains(mass) && x2.contains(mass), "{plant}");
+                let x = x.replace(mass, "mass_kg = 60.0");
+                let x2 = x2.replace(mass, "mass_kg = 140.0");
+                let plant = [before, &x, y, &x2].join("[[axis]]");
+                fs::write(&file, plant).expect("a plant");
+                bench = edited(
+                    bench,
+                    "plant.toml",
+                    &[("coulomb_n = 72.0", "coulomb_n = 150.0")],
+                );
+            }
+            let machine = Machine::load(bench.path()).expect("a machine");
+            let rated_nm = machine.axes[0].motor.rated_torque_nm;
+            let program = bench.file("mixed.ngc", PROGRAM);
+            let ended = run(bench.path(), &program);
+            ended.good_report();
+            let (peak, smooth) = torque_difference_percent(&ended, rated_nm);
+            println!(
+                "{more:?}, askew {askew}: {peak:.1} % of {rated_nm} N·m, smoothed {smooth:.1} %"
+            );
+            assert!(smooth > 0.0 && smooth < 60.0, "{more:?}, {askew}: {smooth}");
+        }
+    }
 }
 
 /// Each edit of the machine file, with a part of what `check` says of it.

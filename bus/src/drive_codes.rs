@@ -24,6 +24,7 @@ pub fn with_code(cause: Cause, code: u32) -> String {
             let skew_mm = f64::from(code as i32) * 1e-3;
             format!("{words}: {:.3}", skew_mm.abs())
         }
+        Cause::GantryTorque => format!("{words}: {} %", (code as i32).unsigned_abs()),
         _ => words.into(),
     }
 }

@@ -278,11 +278,13 @@ pub enum Cause {
     Skew = 31,
     /// The program has given itself up by (ABORT, …): its text is the last message.
     Abort = 32,
+    /// The two motors of a gantry pull against each other for too long; the axis is the second of them.
+    GantryTorque = 33,
 }
 
 impl Cause {
     /// All of them. A number is never given to another cause: logs keep them.
-    pub const ALL: [Cause; 29] = [
+    pub const ALL: [Cause; 30] = [
         Cause::None,
         Cause::FollowingError,
         Cause::SoftLimit,
@@ -312,6 +314,7 @@ impl Cause {
         Cause::EmergencyStop,
         Cause::Skew,
         Cause::Abort,
+        Cause::GantryTorque,
     ];
 
     /// Whether a servo can know it: of its own axis, and of what it was told.
@@ -369,6 +372,7 @@ impl Cause {
             Cause::HomeDrive => "the drive did not home in time",
             Cause::EmergencyStop => "emergency stop by the operator",
             Cause::Skew => "the two motors of the gantry are too far apart (skew)",
+            Cause::GantryTorque => "the two motors of the gantry pull against each other",
             Cause::Stalled => "master stalled for longer than the watchdog, drives off",
             Cause::Abort => "given up by the program itself (ABORT)",
         }
@@ -413,7 +417,7 @@ pub struct AxisFeedback {
     /// [`Driver`]: which of the axis's two controllers drives.
     pub driver: u32,
     /// The drive's own error code while it reports a fault, else 0 (CiA 402 object 603Fh). With [`Cause::Skew`] the skew that it was,
-    /// in µm, as an `i32`.
+    /// in µm, as an `i32`; with [`Cause::GantryTorque`] the difference of the torques, in percent of the rated one, likewise.
     pub drive_code: u32,
     /// [`Redundancy`] of the axis.
     pub redundancy: u32,

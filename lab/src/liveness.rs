@@ -49,7 +49,7 @@ pub struct Liveness<'a> {
     /// Per axis, the last scan in which its standby was in step, or none was to be.
     in_step: [u64; MAX_AXES],
     /// Per axis, what its servos asked for in the scan before, a bit for each cause.
-    asked: [u32; MAX_AXES],
+    asked: [u64; MAX_AXES],
     /// The planner's cause in its last status.
     planner: u32,
     /// Axes that have lost a servo so far, a bit for each.
@@ -98,7 +98,7 @@ impl<'a> Liveness<'a> {
         self.asked = [0; MAX_AXES];
         for command in published.commands {
             if let Some(asked) = self.asked.get_mut(command.axis as usize) {
-                *asked |= 1u32.checked_shl(command.cause).unwrap_or(0);
+                *asked |= 1u64.checked_shl(command.cause).unwrap_or(0);
             }
         }
         if let Some(status) = published.status {
@@ -223,7 +223,7 @@ impl<'a> Liveness<'a> {
         let axis = feedback.cause_axis as usize;
         let shown = feedback.axes().get(axis);
         let asked = self.asked.get(axis).copied().unwrap_or(0);
-        let is_asked = cause.is_of_servo() && asked & (1 << cause as u32) != 0;
+        let is_asked = asked >> cause as u32 & 1 == 1;
         let true_word = match cause {
             Cause::None | Cause::EmergencyStop => true,
             Cause::ServoLost => self.lost & (1 << axis.min(31)) != 0,
@@ -245,7 +245,8 @@ impl<'a> Liveness<'a> {
             | Cause::Stalled
             | Cause::Spindle
             | Cause::ToolChange
-            | Cause::Skew => false,
+            | Cause::Skew
+            | Cause::GantryTorque => false,
             Cause::HomeSwitch | Cause::HomeIndex | Cause::HomeDrive => {
                 let settings = self.machine.axes.get(axis);
                 settings.is_some_and(|settings| settings.homing.is_some())

@@ -21,6 +21,10 @@ pub struct Gantry {
     /// Largest skew, position of this motor less that of the leader's. The machine trips beyond it.
     #[schemars(extend("unit" = "mm", "exclusiveMinimum" = 0, "maximum" = 100))]
     pub skew_max_mm: f64,
+    /// Largest lasting difference of the torques of the two motors, each in percent of its rated torque. Motors that share the work of an
+    /// axis stay below 100 %; more means that they pull against each other over the bridge. The machine trips beyond it.
+    #[schemars(extend("unit" = "%", "exclusiveMinimum" = 0, "maximum" = 600, "default" = 100.0))]
+    pub torque_difference_max_percent: f64,
 }
 
 /// Two motors of one axis, by their places among the axes of the machine.
@@ -32,6 +36,8 @@ pub struct GantryPair {
     pub follower: usize,
     /// Largest skew, in mm.
     pub skew_max_mm: f64,
+    /// Largest lasting difference of their torques, in percent of the rated ones.
+    pub torque_difference_max_percent: f64,
 }
 
 impl GantryPair {
@@ -70,6 +76,7 @@ impl Machine {
                 leader,
                 follower,
                 skew_max_mm: gantry.skew_max_mm,
+                torque_difference_max_percent: gantry.torque_difference_max_percent,
             })
         })
     }
@@ -106,16 +113,23 @@ impl Machine {
     /// A cause of a stop of an axis in words, with the code that its feedback has for it.
     pub fn cause_words(&self, cause: Cause, axis: usize, code: u32) -> String {
         let words = with_code(cause, code);
-        let pair = self.gantry_of(axis).filter(|_| cause == Cause::Skew);
-        match pair {
-            Some(pair) => format!(
-                "{words} between {} and {}, at most {} {} is allowed",
-                self.axis_name(pair.leader),
-                self.axis_name(pair.follower),
+        let Some(pair) = self.gantry_of(axis) else {
+            return words;
+        };
+        let motors = [pair.leader, pair.follower].map(|motor| self.axis_name(motor));
+        let [leader, follower] = motors;
+        match cause {
+            Cause::Skew => format!(
+                "{words} between {leader} and {follower}, at most {} {} is allowed",
                 pair.skew_max_mm,
                 self.axes.get(axis).map_or("mm", |axis| axis.kind.unit()),
             ),
-            None => words,
+            Cause::GantryTorque => format!(
+                "{words} of their rated torque between {leader} and {follower}, at most {} % is allowed: enable lets the bridge relax; \
+                 where it comes again, compare position_mm of the two, or square the bridge",
+                pair.torque_difference_max_percent,
+            ),
+            _ => words,
         }
     }
 

@@ -13,7 +13,7 @@ use bus::sample::{
     STANDBY_ALARM_S, Setpoint, WindowHeader, WindowId,
 };
 use bytemuck::Zeroable;
-use machine::{GantryPair, Machine, Restart, WithinPeriod};
+use machine::{Machine, Restart, WithinPeriod};
 
 use crate::answers::Answers;
 use crate::digest::MotionDigest;
@@ -49,6 +49,7 @@ use axis_unit::AxisUnit;
 pub use beginning::Beginning;
 use continuous_jog::ContinuousJog;
 use decide::Plan;
+use gantry::Gantry;
 use homing::Homing;
 pub use homing::HomingLatches;
 pub use inner::{Inner, InnerAxis};
@@ -69,7 +70,7 @@ const IN_POSITION_PATIENCE_S: f64 = 5.0;
 pub struct Master<D> {
     axes: Vec<AxisUnit>,
     /// Axes with two motors.
-    gantries: Vec<GantryPair>,
+    gantries: Vec<Gantry>,
     drives: D,
     /// The commands of one scan, by axis.
     drive_commands: Vec<DriveCommand>,
@@ -149,7 +150,7 @@ impl<D: Drives> Master<D> {
             drive_commands: vec![DriveCommand::Disabled; axes.len()],
             switching_on: None,
             axes,
-            gantries: machine.gantries().collect(),
+            gantries: machine.gantries().map(Gantry::new).collect(),
             drives,
             scan: first_scan,
             incarnation,
@@ -296,6 +297,7 @@ impl<D: Drives> Master<D> {
         if let Some((axis, most_mm_s2)) = together {
             self.brake_evenly(axis, most_mm_s2);
         }
+        self.command_let_go();
         self.drives.command_levels(&self.auxiliary.levels());
         self.drives.exchange(&self.drive_commands);
         self.auxiliary.take(self.drives.auxiliary());
@@ -326,7 +328,7 @@ impl<D: Drives> Master<D> {
 
     /// Brakes of an axis that is in step with the spindle, of both motors of a gantry, are no harder than this.
     fn brake_evenly(&mut self, axis: usize, most_mm_s2: f64) {
-        let second = self.gantries.iter().find(|pair| pair.leader == axis);
+        let second = self.led_by(axis);
         let motors = [Some(axis), second.map(|pair| pair.follower)];
         for motor in motors.into_iter().flatten() {
             if let Some(DriveCommand::Brake { deceleration_mm_s2 }) =
@@ -363,6 +365,7 @@ impl<D: Drives> Master<D> {
         self.hold_without_standby();
         self.lose_references_together();
         self.judge_skew();
+        self.judge_torques();
         self.judge_axes();
         self.end_approach();
         self.step_auxiliary();
@@ -376,6 +379,7 @@ impl<D: Drives> Master<D> {
         }
         self.advance_mode();
         self.couple_gantries();
+        self.let_gantries_go();
         self.scan += 1;
     }
 
@@ -468,6 +472,8 @@ impl<D: Drives> Master<D> {
         }
         self.continuous_jog = None;
         self.jog_um_s = 0;
+        // References that went with the cause outlive this master.
+        self.auxiliary.latched();
         self.give_up_homing();
     }
 

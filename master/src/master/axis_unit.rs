@@ -176,7 +176,7 @@ impl AxisUnit {
             DriveState::Lost { code } if self.cause != Cause::DriveLost => self.fault_code = code,
             _ if matches!(
                 self.cause,
-                Cause::DriveFault | Cause::DriveLost | Cause::Skew
+                Cause::DriveFault | Cause::DriveLost | Cause::Skew | Cause::GantryTorque
             ) => {}
             DriveState::Ready | DriveState::Off | DriveState::Lost { .. } => self.fault_code = 0,
         }

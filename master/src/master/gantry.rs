@@ -1,5 +1,5 @@
 //! The two motors of a gantry: both have the same command position wherever nothing else gives them one, they are moved by hand
-//! together, and the skew between them is guarded (docs/howto/gantry.md).
+//! together, and the skew between them and the torques with which they pull against each other are guarded (docs/howto/gantry.md).
 
 #![deny(
     clippy::unwrap_used,
@@ -11,22 +11,102 @@
 use bus::sample::{Cause, Driver, Mode, Reference};
 use machine::GantryPair;
 
-use super::Master;
 use super::axis_unit::AxisUnit;
-use crate::drives::Drives;
+use super::{Master, STANDSTILL_MM_S};
+use crate::drives::{DriveCommand, Drives};
+
+/// Time constant of what counts as a lasting difference of torques, in s.
+const LASTING_S: f64 = 0.5;
+/// A motor with less than this share of its rated torque pulls at nothing: what drives that are off show.
+const SLACK_SHARE: f64 = 0.1;
+
+/// A gantry as the master sees it.
+#[derive(Debug, Clone)]
+pub(super) struct Gantry {
+    pub pair: GantryPair,
+    /// Torque of the second motor less that of the first, in percent of the rated ones, through a low-pass.
+    difference_percent: f64,
+    /// Neither motor is driven: the bridge relaxes.
+    let_go: bool,
+}
+
+impl Gantry {
+    pub fn new(pair: GantryPair) -> Gantry {
+        Gantry {
+            pair,
+            difference_percent: 0.0,
+            let_go: false,
+        }
+    }
+
+    fn motors(&self) -> [usize; 2] {
+        [self.pair.leader, self.pair.follower]
+    }
+
+    /// `d += (d_now − d)·T/τ`.
+    fn take_torques(&mut self, axes: &[AxisUnit], scan_s: f64) {
+        let [leader, follower] = self.motors().map(|motor| {
+            let axis = axes.get(motor);
+            axis.map_or(0.0, AxisUnit::torque_share)
+        });
+        let now_percent = 100.0 * (follower - leader);
+        self.difference_percent += (now_percent - self.difference_percent) * scan_s / LASTING_S;
+    }
+
+    /// Whether the motors pull against each other; no number is too much.
+    fn is_strained(&self) -> bool {
+        let most_percent = self.pair.torque_difference_max_percent;
+        !(-most_percent..=most_percent).contains(&self.difference_percent)
+    }
+
+    /// Whether its motors are to be homed: until then both count from one place.
+    fn is_not_homed(&self, axes: &[AxisUnit]) -> bool {
+        let mut motors = self.motors().into_iter();
+        motors.any(|motor| axes.get(motor).is_some_and(|axis| !axis.is_homed()))
+    }
+
+    /// A fault of the two, shown as one of the second motor: what they know of their places is not believed any more.
+    fn fault(&self, axes: &mut [AxisUnit], cause: Cause, code: f64) {
+        let second = axes.get_mut(self.pair.follower);
+        let Some(second) = second.filter(|axis| axis.cause == Cause::None) else {
+            return;
+        };
+        second.cause = cause;
+        second.fault_code = (libm::round(code) as i32) as u32;
+        self.forget_places(axes);
+    }
+
+    fn forget_places(&self, axes: &mut [AxisUnit]) {
+        for motor in self.motors() {
+            let axis = axes.get_mut(motor);
+            if let Some(axis) = axis.filter(|axis| axis.settings.homing.is_some()) {
+                axis.reference = Reference::Missing;
+            }
+        }
+    }
+}
+
+impl AxisUnit {
+    fn torque_share(&self) -> f64 {
+        self.drive.torque_nm / self.settings.motor.rated_torque_nm
+    }
+
+    fn stands(&self) -> bool {
+        self.drive.velocity_mm_s.abs() < STANDSTILL_MM_S
+    }
+}
 
 impl<D: Drives> Master<D> {
     /// The gantry whose first motor is that of this axis.
     pub(super) fn led_by(&self, leader: usize) -> Option<GantryPair> {
-        self.gantries
-            .iter()
-            .find(|pair| pair.leader == leader)
-            .copied()
+        let mut gantries = self.gantries.iter();
+        let gantry = gantries.find(|of| of.pair.leader == leader);
+        gantry.map(|of| of.pair)
     }
 
     /// Whether this is the second motor of an axis: no order names it.
     pub(super) fn is_follower(&self, axis: usize) -> bool {
-        self.gantries.iter().any(|pair| pair.follower == axis)
+        self.gantries.iter().any(|of| of.pair.follower == axis)
     }
 
     /// The second motor does by hand what its leader has just been told to.
@@ -43,16 +123,68 @@ impl<D: Drives> Master<D> {
     }
 
     /// Encoders that begin anywhere, or have lost their place: both motors count from where the first one does, so that skew is what
-    /// it has become since.
+    /// it has become since. Only where neither motor pulls: what strains the bridge would count as square.
     pub(super) fn align_gantries(&mut self) {
-        for pair in &self.gantries {
-            let leader = self.axes.get(pair.leader);
+        for gantry in &self.gantries {
+            if !gantry.is_not_homed(&self.axes) {
+                continue;
+            }
+            let leader = self.axes.get(gantry.pair.leader);
             let place = leader.map(AxisUnit::feedback_position);
-            let is_lost = |axis: &&mut AxisUnit| axis.settings.homing.is_some() && !axis.is_homed();
-            let follower = self.axes.get_mut(pair.follower).filter(is_lost);
+            let follower = self.axes.get_mut(gantry.pair.follower);
             if let (Some(place), Some(axis)) = (place, follower) {
-                axis.offset = place.saturating_sub(axis.feedback_position());
+                let apart = place.saturating_sub(axis.feedback_position());
+                axis.offset = axis.offset.saturating_add(apart);
                 axis.command_position = axis.feedback_position();
+            }
+        }
+    }
+
+    /// Whether a gantry is to be let go before it is driven, so that its bridge relaxes and its motors are aligned.
+    pub(super) fn must_align(&self) -> bool {
+        let mut gantries = self.gantries.iter();
+        gantries.any(|of| of.is_not_homed(&self.axes))
+    }
+
+    /// The first motor of those that are let go which still moves or pulls.
+    pub(super) fn not_slack(&self) -> Option<usize> {
+        let let_go = self.gantries.iter().filter(|of| of.let_go);
+        let_go.flat_map(Gantry::motors).find(|motor| {
+            let slack = |axis: &AxisUnit| axis.stands() && axis.torque_share().abs() < SLACK_SHARE;
+            !self.axes.get(*motor).is_none_or(slack)
+        })
+    }
+
+    /// Gantries whose motors drive nothing in the next scan: those that are to be aligned, and in a trip, at rest, those that hold a
+    /// bridge askew.
+    pub(super) fn let_gantries_go(&mut self) {
+        let relaxes = self.switching_on.is_some_and(|on| on.relaxes);
+        let lost = self.axes.iter().any(|axis| axis.drive.state.is_lost());
+        for gantry in &mut self.gantries {
+            let axes = &self.axes;
+            gantry.let_go = match self.mode {
+                // A lost drive is started again first, and shows where it is then.
+                Mode::Disabled => relaxes && !lost && gantry.is_not_homed(axes),
+                Mode::Tripped => {
+                    let mut motors = gantry.motors().into_iter();
+                    let stand = motors.all(|motor| axes.get(motor).is_none_or(AxisUnit::stands));
+                    let second = axes.get(gantry.pair.follower);
+                    let askew = second.is_some_and(|axis| {
+                        matches!(axis.cause, Cause::Skew | Cause::GantryTorque)
+                    });
+                    gantry.let_go || stand && (askew || gantry.is_strained())
+                }
+                _ => false,
+            };
+        }
+    }
+
+    /// What the motors that are let go are commanded.
+    pub(super) fn command_let_go(&mut self) {
+        let let_go = self.gantries.iter().filter(|of| of.let_go);
+        for motor in let_go.flat_map(Gantry::motors) {
+            if let Some(command) = self.drive_commands.get_mut(motor) {
+                *command = DriveCommand::Disabled;
             }
         }
     }
@@ -63,7 +195,7 @@ impl<D: Drives> Master<D> {
         if self.windows.has_window() {
             return;
         }
-        for pair in &self.gantries {
+        for Gantry { pair, .. } in &self.gantries {
             let by_program = |axis: &&AxisUnit| axis.driver == Driver::Program;
             let leader = self.axes.get(pair.leader).filter(by_program);
             let Some(place) = leader.map(|axis| axis.command_position) else {
@@ -78,25 +210,14 @@ impl<D: Drives> Master<D> {
 
     /// The two motors of a gantry are homed together: what one has lost, the other does not know either.
     pub(super) fn lose_references_together(&mut self) {
-        let mut changed = false;
-        for pair in &self.gantries {
-            let known = |axis: usize| {
-                let axis = self.axes.get(axis);
+        for gantry in &self.gantries {
+            let [leader, follower] = gantry.motors().map(|motor| {
+                let axis = self.axes.get(motor);
                 axis.is_some_and(|axis| axis.reference == Reference::Known)
-            };
-            if known(pair.leader) == known(pair.follower) {
-                continue;
+            });
+            if leader != follower {
+                gantry.forget_places(&mut self.axes);
             }
-            for motor in [pair.leader, pair.follower] {
-                let axis = self.axes.get_mut(motor);
-                if let Some(axis) = axis.filter(|axis| axis.settings.homing.is_some()) {
-                    axis.reference = Reference::Missing;
-                    changed = true;
-                }
-            }
-        }
-        if changed {
-            self.align_gantries();
         }
     }
 
@@ -105,13 +226,14 @@ impl<D: Drives> Master<D> {
         if matches!(self.mode, Mode::Disabled | Mode::Tripped) {
             return;
         }
-        for pair in &self.gantries {
-            let (Some(leader), Some(follower)) =
-                (self.axes.get(pair.leader), self.axes.get(pair.follower))
-            else {
+        for gantry in &self.gantries {
+            let (Some(leader), Some(follower)) = (
+                self.axes.get(gantry.pair.leader),
+                self.axes.get(gantry.pair.follower),
+            ) else {
                 continue;
             };
-            // Before both are homed, positions count from how they were when the master began.
+            // Before both are homed, positions count from how they were when they were aligned.
             if leader.reference != follower.reference {
                 continue;
             }
@@ -119,13 +241,29 @@ impl<D: Drives> Master<D> {
                 .feedback_position()
                 .saturating_sub(leader.feedback_position());
             let skew_mm = skew as f64 * follower.settings.increment_mm();
-            let Some(axis) = self.axes.get_mut(pair.follower) else {
-                continue;
-            };
-            if skew_mm.abs() > pair.skew_max_mm && axis.cause == Cause::None {
-                axis.cause = Cause::Skew;
-                axis.fault_code = (libm::round(skew_mm * 1e3) as i32) as u32;
+            if skew_mm.abs() > gantry.pair.skew_max_mm {
+                gantry.fault(&mut self.axes, Cause::Skew, skew_mm * 1e3);
             }
+        }
+    }
+
+    /// A driven gantry whose motors pull against each other for too long has a fault: of its second motor, with the difference of their
+    /// torques in whole percent of the rated ones as its code.
+    pub(super) fn judge_torques(&mut self) {
+        let driven = !matches!(self.mode, Mode::Disabled | Mode::Tripped);
+        for gantry in &mut self.gantries {
+            gantry.take_torques(&self.axes, self.scan_period_s);
+            if driven && gantry.is_strained() {
+                let code = gantry.difference_percent;
+                gantry.fault(&mut self.axes, Cause::GantryTorque, code);
+            }
+        }
+    }
+
+    /// What the motors pulled with before counts no more.
+    pub(super) fn forget_torques(&mut self) {
+        for gantry in &mut self.gantries {
+            gantry.difference_percent = 0.0;
         }
     }
 }

@@ -24,7 +24,7 @@ use crate::drives::Drives;
 use crate::window_arbiter::Dropped;
 
 /// Scans that the drive holds the axis before and after its positions change: everybody has seen it by then.
-const HOLD_SCANS: u64 = 8;
+pub(super) const HOLD_SCANS: u64 = 8;
 /// A motion may take this much longer than its way at its speed, in s: settling twice, lagging, speeding up.
 const PATIENCE_S: f64 = 5.0;
 /// The same as a share of that time.
@@ -257,7 +257,7 @@ impl<D: Drives> Master<D> {
         let all = (1u64 << self.axes.len().min(MAX_AXES)) - 1;
         let asked = whole_number(bits)?;
         let followers = self.gantries.iter();
-        let followers = followers.fold(0u64, |bits, pair| bits | 1 << pair.follower.min(63));
+        let followers = followers.fold(0u64, |bits, of| bits | 1 << of.pair.follower.min(63));
         if u64::from(asked) & (!all | followers) != 0 {
             return Err(Refused::UnknownAxis.into());
         }
@@ -553,7 +553,6 @@ impl<D: Drives> Master<D> {
                 axis.judge_reference();
             }
         }
-        self.align_gantries();
         self.auxiliary.latched();
     }
 

@@ -13,6 +13,7 @@ use machine::AfterLoss;
 use crate::drives::{DriveState, Drives};
 
 use super::axis_unit::AxisUnit;
+use super::homing::HOLD_SCANS;
 use super::switching_on::SwitchingOn;
 use super::{Master, RunEnd};
 use crate::answers::Answers;
@@ -20,6 +21,8 @@ use crate::saved::Latches;
 
 /// Longest wait for drives that are being switched on, in s.
 const SWITCH_ON_PATIENCE_S: f64 = 5.0;
+/// A bridge whose motors have neither moved nor pulled for so long is relaxed, in s.
+const RELAX_S: f64 = 0.3;
 
 impl<D: Drives> Master<D> {
     /// Goes on where a master before this one left: drives off, positions as the encoders say, the place on the path
@@ -133,12 +136,18 @@ impl<D: Drives> Master<D> {
 
     fn switching_on_now(&self, hold: bool) -> SwitchingOn {
         SwitchingOn {
-            scans: libm::ceil(SWITCH_ON_PATIENCE_S / self.scan_period_s) as u64,
+            scans: self.scans_of(SWITCH_ON_PATIENCE_S),
             hold,
             at_start: false,
             forgiven: 0,
             awaits_lost: false,
+            relaxes: self.must_align(),
+            slack_scans: 0,
         }
+    }
+
+    fn scans_of(&self, time_s: f64) -> u64 {
+        libm::ceil(time_s / self.scan_period_s) as u64
     }
 
     /// A bit for each axis whose drive has a fault.
@@ -150,7 +159,7 @@ impl<D: Drives> Master<D> {
 
     /// Drives on: at once where they all follow commands already, otherwise as soon as they do. A trip ends with it.
     pub(super) fn switch_on(&mut self, hold: bool) {
-        if self.drives_follow() {
+        if self.drives_follow() && !self.must_align() {
             self.end_trip(hold);
             return;
         }
@@ -182,6 +191,10 @@ impl<D: Drives> Master<D> {
         on.scans = on.scans.saturating_sub(1);
         on.forgiven &= faulted;
         let on = *on;
+        if on.relaxes && !self.axes.iter().any(|axis| axis.drive.state.is_lost()) {
+            self.await_slack();
+            return;
+        }
         let mut axes = self.axes.iter().enumerate();
         let failed = axes.position(|(index, axis)| match axis.drive_cause() {
             Cause::DriveOff => on.scans == 0,
@@ -190,20 +203,43 @@ impl<D: Drives> Master<D> {
             cause => cause != Cause::None,
         });
         if let Some(index) = failed {
-            self.switching_on = None;
             let cause = self.axes.get(index).map(AxisUnit::drive_cause);
-            let cause = cause.unwrap_or(Cause::DriveOff);
-            if on.at_start {
-                // Nobody has asked for it who could ask again: a run ends by it.
-                self.trip(cause, index as u32);
-            } else {
-                self.cause = cause;
-                self.cause_axis = index as u32;
-                self.cause_scan = self.scan + 1;
-            }
+            self.stay_off(cause.unwrap_or(Cause::DriveOff), index);
         } else if self.drives_follow() {
             self.switching_on = None;
             self.end_trip(on.hold);
+        }
+    }
+
+    /// One scan of bridges that relax while their motors are let go. Everybody has seen the new positions before a loop is closed.
+    fn await_slack(&mut self) {
+        let not_slack = self.not_slack();
+        let relaxed = self.scans_of(RELAX_S);
+        let Some(on) = &mut self.switching_on else {
+            return;
+        };
+        on.slack_scans = match not_slack {
+            None => on.slack_scans.saturating_add(1),
+            Some(_) => 0,
+        };
+        if on.slack_scans > relaxed + HOLD_SCANS {
+            on.relaxes = false;
+        } else if on.slack_scans == relaxed {
+            self.align_gantries();
+        } else if let Some(index) = not_slack.filter(|_| on.scans == 0) {
+            self.stay_off(Cause::DriveOff, index);
+        }
+    }
+
+    /// Drives that were to be switched on stay off. At the start nobody has asked for it who could ask again: a run ends by it.
+    fn stay_off(&mut self, cause: Cause, index: usize) {
+        let on = self.switching_on.take();
+        if on.is_some_and(|on| on.at_start) {
+            self.trip(cause, index as u32);
+        } else {
+            self.cause = cause;
+            self.cause_axis = index as u32;
+            self.cause_scan = self.scan + 1;
         }
     }
 
@@ -216,6 +252,7 @@ impl<D: Drives> Master<D> {
             self.mode = self.idle_mode();
         }
         self.clear_causes();
+        self.forget_torques();
         self.rest_scans = 0;
         self.waited_scans = 0;
     }

@@ -13,4 +13,8 @@ pub struct SwitchingOn {
     pub forgiven: u32,
     /// A drive was lost when it was ordered: the bus is started again on the way, and all are lost for a while.
     pub awaits_lost: bool,
+    /// Motors of gantries that are not homed are let go first: their bridges relax, and both motors count from one place then.
+    pub relaxes: bool,
+    /// Scans in a row in which these motors have neither moved nor pulled.
+    pub slack_scans: u64,
 }

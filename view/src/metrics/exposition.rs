@@ -262,6 +262,7 @@ fn cause_label(cause: Cause) -> &'static str {
         Cause::EmergencyStop => "emergency-stop",
         Cause::Skew => "skew",
         Cause::Abort => "abort",
+        Cause::GantryTorque => "gantry-torque",
     }
 }
 

@@ -1,0 +1,587 @@
+//! Homing that is interrupted: whatever comes, in whatever step of whichever homing, the machine can be enabled and homed again, or
+//! ends. Master, servos and simulated drives are driven scan by scan, and copied where a run is to be interrupted.
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::sync::Arc;
+
+use bus::sample::{
+    AxisCommand, Cause, Feedback, Job, Mode, OperatorRequest, Order, PlannerStatus, ProgramState,
+    Reference, Refused, Roster,
+};
+use bytemuck::Zeroable;
+use machine::{Machine, Process};
+use master::saved::SavedState;
+use master::{Answers, Drives, Master, RunEnd};
+use plant_sim::SimulatedDrives;
+use plant_sim::plant_file::PlantFile;
+use servo::Servo;
+use tune::options::NewMachineOptions;
+
+/// True places of the switches of the two motors, and of the indices behind them, in mm.
+const SWITCHES_MM: [f64; 2] = [-190.0, -189.6];
+const INDICES_MM: [f64; 2] = [-191.0, -191.3];
+/// A servo that died is back so many scans later.
+const RESTARTS_SCANS: u64 = 30;
+
+/// A machine as `quadrant new machine` writes it, whose X is homed: on one motor or two, with standbys or without.
+fn machine(motors: u32, standby: bool) -> (Machine, PlantFile) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let written = folder.path().join("homed");
+    let axis = format!(
+        "X:travel=-200..200,lead=10,mass=200,motors={motors},encoder=incremental,start=-188"
+    );
+    let options = NewMachineOptions {
+        folder: written.clone(),
+        axis: vec![axis],
+        name: None,
+        scan_us: 1000,
+    };
+    assert!(tune::new_machine::new_machine(&options).is_ok());
+    let mut machine = Machine::load(&written).expect("machine.toml");
+    let mut plant = PlantFile::load(&written.join("plant.toml")).expect("plant.toml");
+    for (index, axis) in machine.axes.iter_mut().enumerate() {
+        axis.standby = standby;
+        let homing = axis.homing.as_mut().expect("homing");
+        homing.position_mm = INDICES_MM[index];
+        (homing.search_mm_s, homing.latch_mm_s) = (40.0, 10.0);
+    }
+    for (index, axis) in plant.axes.iter_mut().enumerate() {
+        let encoder = axis.encoder.as_mut().expect("an encoder");
+        encoder.index_at_mm = INDICES_MM[index];
+        encoder.shows_mm = [400.0, -77.7][index];
+        let switch = axis.home_switch.as_mut().expect("a switch");
+        switch.at_mm = SWITCHES_MM[index];
+    }
+    (machine, plant)
+}
+
+/// One servo process.
+#[derive(Clone)]
+struct Member {
+    place: usize,
+    axis: usize,
+    role: usize,
+    servo: Servo,
+    /// What it commanded in the scan before.
+    said: Option<AxisCommand>,
+}
+
+#[derive(Clone)]
+struct Cell {
+    machine: Arc<Machine>,
+    plant: Arc<PlantFile>,
+    master: Master<SimulatedDrives>,
+    saved: SavedState,
+    incarnation: u32,
+    members: Vec<Member>,
+    roster: Roster,
+    /// Places of processes that come back, and when.
+    joining: Vec<(usize, u64)>,
+    /// The servo of this axis breaks off in the next scan.
+    trips: Option<usize>,
+    now: Feedback,
+    /// Largest torque of a motor that is driven, in shares of the rated one, while it stands.
+    held_share: f64,
+    ended: bool,
+}
+
+impl Cell {
+    fn new(machine: Machine, plant: PlantFile) -> Cell {
+        let drives = plant.drives(&machine).expect("drives");
+        let saved = SavedState::of(&drives);
+        let mut roster = Roster::zeroed();
+        let servos: Vec<Process> = Process::servos(&machine).collect();
+        let everybody = [Process::from(Job::Planner)];
+        let all = everybody.into_iter().chain(servos.iter().copied());
+        for (place, process) in roster.participants.iter_mut().zip(all) {
+            *place = process.first();
+        }
+        let member = |(place, process): (usize, &Process)| Member {
+            place: place + 1,
+            axis: process.axis as usize,
+            role: process.role as usize,
+            servo: Servo::new(&machine, process.axis as usize, process.role, 1).expect("a servo"),
+            said: None,
+        };
+        Cell {
+            members: servos.iter().enumerate().map(member).collect(),
+            master: Master::new(&machine, drives, 1, 0, false, RunEnd::WhenOrdered),
+            machine: Arc::new(machine),
+            plant: Arc::new(plant),
+            saved,
+            incarnation: 1,
+            roster,
+            joining: Vec::new(),
+            trips: None,
+            now: Feedback::zeroed(),
+            held_share: 0.0,
+            ended: false,
+        }
+    }
+
+    fn scan(&mut self) {
+        self.now = self.master.feedback();
+        if self.master.is_last() {
+            self.ended = true;
+            return;
+        }
+        self.admit();
+        self.master.exchange();
+        let latches = self.master.latches();
+        self.saved.save(&latches, self.master.drives());
+        let answers = self.answers();
+        self.master.close_scan(&answers, &self.roster);
+        if self.master.take_latched() {
+            self.saved.latch(&self.master.latches());
+        }
+        for (axis, settings) in self.now.axes.iter().zip(&self.machine.axes) {
+            let stands = axis.velocity_mm_s.abs() < 0.05 && axis.velocity_command_mm_s == 0.0;
+            if self.mode() == Mode::Ready && stands {
+                let share = axis.torque_nm.abs() / settings.motor.rated_torque_nm;
+                self.held_share = self.held_share.max(share);
+            }
+        }
+    }
+
+    fn admit(&mut self) {
+        let scan = self.now.scan;
+        let due = |(_, at): &(usize, u64)| *at <= scan;
+        for (place, _) in self.joining.extract_if(.., |of| due(of)) {
+            let participant = &mut self.roster.participants[place];
+            participant.live = 1;
+            participant.incarnation += 1;
+            for member in self.members.iter_mut().filter(|of| of.place == place) {
+                member.servo = member.servo.replacement(participant.incarnation);
+            }
+        }
+    }
+
+    fn answers(&mut self) -> Answers {
+        let mut answers = Answers::NONE;
+        let before: Vec<_> = self.members.iter().map(|of| of.said).collect();
+        for (index, member) in self.members.iter_mut().enumerate() {
+            member.said = None;
+            if self.roster.participants[member.place].live == 0 {
+                continue;
+            }
+            for peer in before.iter().enumerate().filter(|(of, _)| *of != index) {
+                if let Some(command) = peer.1.filter(|c| c.axis as usize == member.axis) {
+                    member.servo.follow(&command, &self.now);
+                }
+            }
+            let mut command = member.servo.scan(&self.now);
+            if self.trips == Some(member.axis) {
+                command.cause = Cause::FollowingError as u32;
+            }
+            member.said = Some(command);
+            answers.commands[member.axis][member.role] = Some(command);
+        }
+        self.trips = None;
+        let planner = self.roster.participants[0];
+        let status = PlannerStatus {
+            scan: self.now.scan,
+            load: self.now.load,
+            incarnation: planner.incarnation,
+            ..PlannerStatus::zeroed()
+        };
+        answers.planner = (planner.live == 1).then_some(status);
+        answers
+    }
+
+    fn scans(&mut self, count: u64) {
+        for _ in 0..count {
+            self.scan();
+        }
+    }
+
+    /// Goes on until it is so, for so many scans at most; whether it is.
+    fn until(&mut self, scans: u64, is: impl Fn(&Cell) -> bool) -> bool {
+        (0..scans).any(|_| {
+            self.scan();
+            is(self)
+        })
+    }
+
+    fn order(&mut self, order: Order) -> Refused {
+        let value = if order == Order::Load { 1.0 } else { 0.0 };
+        let request = OperatorRequest {
+            order: order as u32,
+            value,
+            ..OperatorRequest::default()
+        };
+        let answer = self.master.order(&request);
+        self.saved.latch(&self.master.latches());
+        Refused::from_wire(answer.reason).expect("a reason")
+    }
+
+    fn mode(&self) -> Mode {
+        Mode::from_wire(self.now.mode).expect("a mode")
+    }
+
+    fn cause(&self) -> Cause {
+        Cause::from_wire(self.now.cause).expect("a cause")
+    }
+
+    fn is_homed(&self) -> bool {
+        let mut axes = self.now.axes().iter();
+        axes.all(|axis| axis.reference == Reference::Known as u32)
+    }
+
+    /// Drives on, ready.
+    fn ready(&mut self) {
+        assert_eq!(self.order(Order::Enable), Refused::Not);
+        assert!(
+            self.until(1_000, |of| of.mode() == Mode::Ready),
+            "not ready"
+        );
+        self.scans(200);
+    }
+
+    /// What makes one step of homing another than the one before.
+    fn step(&self) -> impl PartialEq + fmt::Debug + use<> {
+        let drives = self.master.drives();
+        let axes = 0..self.machine.axes.len();
+        let of_axis = |axis: usize| {
+            let now = &self.now.axes[axis];
+            let finds = drives.feedback(axis).index_mm.is_some();
+            (now.driver, now.reference, finds)
+        };
+        let of_axes: Vec<_> = axes.map(of_axis).collect();
+        (self.mode(), of_axes, drives.inputs().digital)
+    }
+
+    fn suffer(&mut self, what: Interruption) {
+        let ordered = match what {
+            Interruption::Ordered(order) => self.order(order),
+            _ => Refused::Not,
+        };
+        let jogging = matches!(self.mode(), Mode::Jogging | Mode::Stopping);
+        match what {
+            Interruption::Ordered(Order::Disable | Order::Reset) => {
+                assert!(!jogging || ordered != Refused::Not, "{ordered:?}");
+            }
+            Interruption::Ordered(_) => assert_eq!(ordered, Refused::Not),
+            Interruption::Trip(axis) => self.trips = Some(axis),
+            Interruption::Death(job, axis) => self.dies(job, axis),
+            Interruption::MasterDies => self.replace_master(),
+            Interruption::LauncherDies => self.master.end_after_stop(),
+        }
+    }
+
+    /// Who drives dies.
+    fn dies(&mut self, job: Job, axis: usize) {
+        let role = self.now.axes[axis].taken_role;
+        let mut participants = self.roster.participants.iter().enumerate();
+        let is_it = |p: &bus::sample::Participant| {
+            p.job == job as u32 && p.axis == axis as u32 && p.role == role && p.live == 1
+        };
+        if let Some((place, _)) = participants.find(|(_, p)| is_it(p)) {
+            self.roster.participants[place].live = 0;
+            self.joining.push((place, self.now.scan + RESTARTS_SCANS));
+        }
+    }
+
+    fn replace_master(&mut self) {
+        let mut drives = self.plant.drives(&self.machine).expect("drives");
+        let latches = self.saved.restore(&mut drives).expect("what was saved");
+        self.incarnation += 1;
+        let first = latches.scan + 1;
+        let end = RunEnd::WhenOrdered;
+        self.master = Master::new(&self.machine, drives, self.incarnation, first, false, end);
+        self.master.resume(&latches);
+    }
+
+    /// True place of a motor less the place that the machine shows, in mm.
+    fn off_mm(&self, axis: usize) -> f64 {
+        let samples = self.master.drives().instruments(axis);
+        let true_mm = samples.last().map_or(f64::NAN, |of| of.motor_mm);
+        let shown = self.master.feedback().axes[axis].motor_position;
+        true_mm - shown as f64 * self.machine.axes[axis].increment_mm()
+    }
+}
+
+/// What can come between.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Interruption {
+    Ordered(Order),
+    /// The servo of an axis breaks off.
+    Trip(usize),
+    Death(Job, usize),
+    MasterDies,
+    LauncherDies,
+}
+
+fn interruptions(axes: usize) -> Vec<Interruption> {
+    let orders = [
+        Order::EmergencyStop,
+        Order::Hold,
+        Order::Stop,
+        Order::Disable,
+        Order::Reset,
+        Order::Down,
+    ];
+    let mut all: Vec<_> = orders.map(Interruption::Ordered).into();
+    for axis in 0..axes {
+        all.push(Interruption::Trip(axis));
+        all.push(Interruption::Death(Job::Servo, axis));
+    }
+    all.push(Interruption::Death(Job::Planner, 0));
+    all.extend([Interruption::MasterDies, Interruption::LauncherDies]);
+    all
+}
+
+/// After an interruption the cell has ended where it was to, or can be enabled and homed; why not.
+fn recovers(cell: &mut Cell, what: Interruption) -> Result<(), String> {
+    let still = |of: &Cell| !matches!(of.mode(), Mode::Jogging | Mode::Stopping);
+    if !cell.until(5_000, |of| of.ended || still(of)) {
+        return Err(format!("it moves on: {:?}", cell.mode()));
+    }
+    if matches!(
+        what,
+        Interruption::LauncherDies | Interruption::Ordered(Order::Down)
+    ) {
+        let refused = cell.order(Order::Home);
+        let ends = cell.until(1_000, |of| of.ended);
+        return match (refused, ends) {
+            (Refused::Ending, true) => Ok(()),
+            other => Err(format!("the cell does not end: {other:?}")),
+        };
+    }
+    if cell.machine.axes[0].standby && matches!(what, Interruption::Death(..)) && !cell.is_homed() {
+        return Err(format!("the standby has not homed it: {:?}", cell.cause()));
+    }
+    cell.scans(300);
+    if matches!(cell.mode(), Mode::Tripped | Mode::Disabled) {
+        let reason = cell.order(Order::Enable);
+        if reason != Refused::Not {
+            return Err(format!("enable is refused: {reason:?}"));
+        }
+    }
+    let on = cell.until(1_000, |of| of.mode() == Mode::Ready);
+    cell.scans(200);
+    if !on || cell.mode() != Mode::Ready {
+        let why = (cell.mode(), cell.cause());
+        return Err(format!("it does not come on, or trips again: {why:?}"));
+    }
+    let reason = cell.order(Order::Home);
+    if reason != Refused::Not {
+        return Err(format!("home is refused: {reason:?}"));
+    }
+    cell.scans(2);
+    let ends = cell.until(10_000, |of| of.mode() != Mode::Jogging);
+    cell.scans(100);
+    let found = (ends, cell.mode(), cell.is_homed(), cell.cause());
+    if found != (true, Mode::Ready, true, Cause::None) {
+        return Err(format!("it is not homed: {found:?}"));
+    }
+    let off_mm = (0..cell.machine.axes.len()).map(|axis| cell.off_mm(axis).abs());
+    let off_mm = off_mm.fold(0.0, f64::max);
+    if off_mm > 0.005 {
+        return Err(format!("its zero is off by {off_mm} mm"));
+    }
+    match cell.held_share < 0.5 {
+        true => Ok(()),
+        false => Err(format!(
+            "it held with {} of the rated torque",
+            cell.held_share
+        )),
+    }
+}
+
+/// A step shorter than this has no middle.
+const SHORT_SCANS: u64 = 20;
+
+/// Scans of a homing in which it is to be interrupted: where a step begins, and in its middle.
+fn moments(mut cell: Cell) -> BTreeSet<u64> {
+    let mut begins = vec![0_u64];
+    let mut step = cell.step();
+    let mut scan = 0;
+    while scan < 2 || cell.mode() == Mode::Jogging {
+        cell.scan();
+        scan += 1;
+        let now = cell.step();
+        if now != step {
+            begins.push(scan);
+            step = now;
+        }
+        assert!(scan < 20_000, "homing never ends");
+    }
+    assert!(cell.is_homed(), "{:?}", cell.cause());
+    let steps = begins.windows(2).filter(|of| of[1] - of[0] > SHORT_SCANS);
+    let middles: Vec<_> = steps.map(|of| of[0].midpoint(of[1])).collect();
+    begins.into_iter().chain(middles).collect()
+}
+
+/// Each of these interruptions in each step of a homing that has just been ordered: how many, and which the machine did not recover from.
+fn interrupted(name: &str, mut cell: Cell, all: &[Interruption]) -> (usize, Vec<String>) {
+    let (mut count, mut wrong) = (0, Vec::new());
+    let mut at = 0;
+    for moment in moments(cell.clone()) {
+        cell.scans(moment - at);
+        at = moment;
+        for what in all {
+            let mut cell = cell.clone();
+            cell.held_share = 0.0;
+            cell.suffer(*what);
+            count += 1;
+            if let Err(why) = recovers(&mut cell, *what) {
+                let step = cell.now.scan;
+                wrong.push(format!(
+                    "{name}, {what:?} after {moment} scans: {why} in scan {step}"
+                ));
+            }
+        }
+    }
+    (count, wrong)
+}
+
+/// The first homing of a machine, and the second, each interrupted by what is asked for.
+fn table(motors: u32, standby: bool, asked: impl Fn(&Interruption) -> bool) {
+    let (machine, plant) = machine(motors, standby);
+    let mut cell = Cell::new(machine, plant);
+    cell.scans(5);
+    assert_eq!(cell.order(Order::Load), Refused::Not);
+    cell.scans(20);
+    assert_eq!(cell.now.program, ProgramState::Loaded as u32);
+    cell.ready();
+    let mut all = interruptions(cell.machine.axes.len());
+    all.retain(asked);
+    let homings = ["first", "second"].map(|which| {
+        cell.scans(300);
+        assert_eq!(cell.order(Order::Home), Refused::Not, "{which}");
+        let begun = cell.clone();
+        cell.scans(2);
+        assert!(cell.until(20_000, |of| of.mode() != Mode::Jogging));
+        assert!(cell.is_homed(), "{which}");
+        (format!("{which} homing of {motors} motors"), begun)
+    });
+    let (mut count, mut wrong) = (0, Vec::new());
+    std::thread::scope(|scope| {
+        let all = &all;
+        let of = homings.map(|(name, cell)| scope.spawn(move || interrupted(&name, cell, all)));
+        for (counted, found) in of.map(|thread| thread.join().expect("a homing")) {
+            count += counted;
+            wrong.extend(found);
+        }
+    });
+    println!("{count} interruptions with {motors} motors, standby {standby}");
+    let shown = wrong.iter().take(40).cloned().collect::<Vec<_>>();
+    assert!(
+        wrong.is_empty() && count > 100,
+        "{} of {count}:\n{}",
+        wrong.len(),
+        shown.join("\n")
+    );
+}
+
+#[test]
+fn an_axis_can_be_homed_after_any_interruption_of_any_step_of_its_homing() {
+    table(1, false, |_| true);
+}
+
+#[test]
+fn a_gantry_can_be_homed_after_any_interruption_of_any_step_of_its_first_homing_and_its_second() {
+    table(2, false, |_| true);
+}
+
+#[test]
+fn deaths_in_any_step_of_the_homing_of_a_gantry_with_standbys_leave_one_that_can_be_homed() {
+    let dies =
+        |what: &Interruption| matches!(what, Interruption::Death(..) | Interruption::MasterDies);
+    table(2, true, dies);
+}
+
+/// A gantry whose second index is not where the machine file says, by so much, ready to be homed.
+fn wrongly_described(off_mm: f64) -> Cell {
+    let (mut machine, plant) = machine(2, false);
+    let second = machine.axes[1].homing.as_mut().expect("homing");
+    second.position_mm += off_mm;
+    let mut cell = Cell::new(machine, plant);
+    cell.scans(5);
+    cell.ready();
+    cell
+}
+
+/// Torques of the two motors, in percent of the rated one.
+fn torques_percent(cell: &Cell) -> [f64; 2] {
+    let rated_nm = cell.machine.axes[0].motor.rated_torque_nm;
+    [0, 1].map(|axis| 100.0 * cell.now.axes[axis].torque_nm / rated_nm)
+}
+
+#[test]
+fn a_gantry_that_trips_while_it_homes_lets_its_bridge_go_and_is_driven_again_without_strain() {
+    // Too skew by the limit, and within it: the bridge bears neither.
+    for (off_mm, cause) in [(-0.3, Cause::Skew), (0.15, Cause::GantryTorque)] {
+        let mut cell = wrongly_described(off_mm);
+        for which in ["first", "second"] {
+            let what = format!("{off_mm} mm off, {which} homing");
+            assert_eq!(cell.order(Order::Home), Refused::Not, "{what}");
+            assert!(
+                cell.until(20_000, |of| of.mode() == Mode::Tripped),
+                "{what}"
+            );
+            let words = cell.machine.cause_words(
+                cell.cause(),
+                cell.now.cause_axis as usize,
+                cell.now.axes[1].drive_code,
+            );
+            println!("{what}: {words}, {:?} %", torques_percent(&cell));
+            assert_eq!((cell.cause(), cell.now.cause_axis), (cause, 1), "{what}");
+            assert!(words.contains("between X and X2"), "{words}");
+            cell.scans(500);
+            // Nobody holds a bridge askew in a trip.
+            assert_eq!(cell.mode(), Mode::Tripped);
+            assert_eq!(torques_percent(&cell), [0.0; 2], "{what}");
+            assert_eq!(cell.order(Order::Enable), Refused::Not, "{what}");
+            assert!(cell.until(1_000, |of| of.mode() == Mode::Ready), "{what}");
+            let references = [0, 1].map(|axis| cell.now.axes[axis].reference);
+            assert_eq!(references, [Reference::Missing as u32; 2], "{what}");
+            for _ in 0..1_000 {
+                cell.scan();
+                let torques = torques_percent(&cell);
+                assert!(
+                    torques.iter().all(|of| of.abs() < 50.0),
+                    "{what}: {torques:?}"
+                );
+            }
+            assert_eq!((cell.mode(), cell.cause()), (Mode::Ready, Cause::None));
+        }
+    }
+}
+
+#[test]
+fn motors_that_pull_against_each_other_are_let_go_after_any_trip() {
+    // The emergency stop comes while the bridge is being squared in vain.
+    for after in [5, 20, 40, 60] {
+        let mut cell = wrongly_described(0.15);
+        assert_eq!(cell.order(Order::Home), Refused::Not);
+        assert!(cell.until(20_000, Cell::is_homed));
+        cell.scans(after);
+        assert_eq!(cell.order(Order::EmergencyStop), Refused::Not);
+        cell.scans(1_000);
+        assert_eq!(
+            (cell.mode(), cell.cause()),
+            (Mode::Tripped, Cause::EmergencyStop)
+        );
+        let torques = torques_percent(&cell);
+        println!("stopped after {after} scans: {torques:?} %");
+        let difference = (torques[1] - torques[0]).abs();
+        assert!(difference < 100.0, "{torques:?}");
+    }
+}
+
+#[test]
+fn a_machine_file_says_which_difference_of_torques_is_too_much() {
+    let usual = wrongly_described(0.15);
+    let mut lenient = Machine::clone(&usual.machine);
+    let gantry = lenient.axes[1].gantry.as_mut().expect("a gantry");
+    assert_eq!(gantry.torque_difference_max_percent, 100.0);
+    gantry.torque_difference_max_percent = 600.0;
+    let mut cell = Cell::new(lenient, PlantFile::clone(&usual.plant));
+    cell.scans(5);
+    cell.ready();
+    assert_eq!(cell.order(Order::Home), Refused::Not);
+    assert!(cell.until(20_000, |of| of.mode() == Mode::Tripped));
+    assert_eq!(cell.cause(), Cause::TorqueLimit);
+}
