@@ -20,6 +20,8 @@ mod observed;
 mod runs;
 #[path = "ethercat/segment.rs"]
 mod segment;
+#[path = "ethercat/start_ups.rs"]
+mod start_ups;
 #[path = "ethercat/troubles.rs"]
 mod troubles;
 #[path = "ethercat/wrong_configurations.rs"]

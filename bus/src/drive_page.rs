@@ -11,6 +11,7 @@
     clippy::indexing_slicing
 )]
 
+use std::marker::PhantomData;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering, fence};
 use std::time::Duration;
 
@@ -21,7 +22,7 @@ use crate::mapped_page::{self, MappedPage};
 use crate::robust_lock::RobustLock;
 use crate::signal_page::Signal;
 
-const MAGIC: u64 = u64::from_le_bytes(*b"QUADDRV1");
+const MAGIC: u64 = u64::from_le_bytes(*b"QUADDRV2");
 
 /// Most slaves on a segment.
 pub const SLAVES_MAX: usize = 16;
@@ -141,18 +142,21 @@ pub struct Inputs {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u32)]
 pub enum BusState {
-    /// Nobody owns the bus, or whoever does is starting it up.
-    Starting = 0,
+    /// Nobody owns the bus.
+    Free = 0,
     /// Cycles are exchanged.
     Cycling = 1,
     /// The last start-up failed: another one must be asked for.
     Down = 2,
+    /// Its owner starts it up.
+    Starting = 3,
 }
 
 impl BusState {
     /// In words.
     pub fn words(self) -> &'static str {
         match self {
+            BusState::Free => "without an owner",
             BusState::Starting => "starting",
             BusState::Cycling => "in operation",
             BusState::Down => "down",
@@ -164,7 +168,7 @@ impl BusState {
 #[repr(C, align(64))]
 struct Kept<T, const WORDS: usize> {
     words: [AtomicU64; WORDS],
-    of: std::marker::PhantomData<T>,
+    of: PhantomData<T>,
 }
 
 impl<T: Pod, const WORDS: usize> Kept<T, WORDS> {
@@ -196,8 +200,6 @@ unsafe impl mapped_page::Layout for Layout {}
 #[repr(C)]
 struct Layout {
     magic: AtomicU64,
-    /// Process id of who owns the bus, for whoever wants to look after it; 0 for nobody. The lock decides.
-    owner: AtomicU32,
     state: AtomicU32,
     ownership: RobustLock,
     asked: Signal,
@@ -220,6 +222,21 @@ struct Layout {
 #[derive(Debug)]
 pub struct DrivePage {
     layout: MappedPage<Layout>,
+}
+
+/// The bus in the hands of the thread that took it, until this is dropped: what has an owner ends with it, however that ends.
+#[derive(Debug)]
+pub struct OwnedBus<'a> {
+    page: &'a DrivePage,
+    /// A lock is given back by the thread that has taken it.
+    _of_thread: PhantomData<*const ()>,
+}
+
+impl Drop for OwnedBus<'_> {
+    fn drop(&mut self) {
+        self.page.disown();
+        self.page.layout().ownership.release();
+    }
 }
 
 /// The slot of a cycle.
@@ -276,38 +293,37 @@ impl DrivePage {
         &self.layout().answered
     }
 
-    /// Process id of who owns the bus; 0 for nobody.
-    pub fn owner(&self) -> u32 {
-        self.layout().owner.load(Ordering::Acquire)
+    /// Process id of who owns the bus, which takes it with its first thread; none while nobody that lives does.
+    pub fn owner(&self) -> Option<u32> {
+        Some(self.layout().ownership.holder()).filter(|holder| *holder != 0)
     }
 
-    /// Takes the bus for the calling thread, to its end, as soon as nobody has it; false if another one still has it after this
-    /// time. Whoever has it is gone when its thread is: it cannot send any more.
+    /// Takes the bus for the calling thread as soon as nobody has it; none if another one still has it after this time. An owner is
+    /// gone when its thread is: it cannot send any more.
     ///
     /// # Errors
     /// The lock is damaged.
-    pub fn own(&self, limit: Duration) -> std::io::Result<bool> {
+    pub fn own(&self, limit: Duration) -> std::io::Result<Option<OwnedBus<'_>>> {
         let owned = self.layout().ownership.take(limit)?;
-        if owned {
-            let own = std::process::id();
-            self.layout().owner.store(own, Ordering::Release);
-        }
-        Ok(owned)
+        Ok(owned.then(|| OwnedBus {
+            page: self,
+            _of_thread: PhantomData,
+        }))
     }
 
     /// Whoever owned the bus has ended, and nobody stands by: the bus is free, and whoever waits for an answer is told. For the
     /// launcher.
     pub fn disown(&self) {
-        self.layout().owner.store(0, Ordering::Release);
-        self.set_state(BusState::Starting);
+        self.set_state(BusState::Free);
     }
 
-    /// What the fieldbus process does.
+    /// What the fieldbus process does; of one that was killed, what it did, until another one says something else.
     pub fn state(&self) -> BusState {
         match self.layout().state.load(Ordering::Acquire) {
             1 => BusState::Cycling,
             2 => BusState::Down,
-            _ => BusState::Starting,
+            3 => BusState::Starting,
+            _ => BusState::Free,
         }
     }
 
@@ -433,9 +449,12 @@ impl DrivePage {
 mod tests {
     use super::*;
 
+    fn place(name: &str) -> CellPaths {
+        CellPaths::new(&format!("drv-{name}-{}", std::process::id() % 100_000)).unwrap()
+    }
+
     fn with_page(name: &str, test: impl FnOnce(&DrivePage, &DrivePage)) {
-        let place =
-            CellPaths::new(&format!("drv-{name}-{}", std::process::id() % 100_000)).unwrap();
+        let place = place(name);
         let cell = place.own(std::time::Duration::ZERO).unwrap();
         let page = DrivePage::create(&place).unwrap();
         let other = DrivePage::open(&place).unwrap();
@@ -452,17 +471,38 @@ mod tests {
                 let (sender, owned) = std::sync::mpsc::channel();
                 let (end, ends) = std::sync::mpsc::channel::<()>();
                 scope.spawn(move || {
-                    sender.send(page.own(SHORT).unwrap()).unwrap();
+                    // As if it were killed: nothing of it runs any more.
+                    std::mem::forget(page.own(SHORT).unwrap().unwrap());
+                    page.set_state(BusState::Cycling);
+                    sender.send(rustix::thread::gettid()).unwrap();
                     let _ = ends.recv();
                 });
-                assert!(owned.recv().unwrap());
-                assert!(!other.own(SHORT).unwrap());
+                let owner = owned.recv().unwrap().as_raw_nonzero().get();
+                assert!(other.own(SHORT).unwrap().is_none());
+                assert_eq!(other.owner(), Some(owner as u32));
                 end.send(()).unwrap();
-                assert!(other.own(Duration::from_secs(10)).unwrap());
+                let heir = other.own(Duration::from_secs(10)).unwrap();
+                assert!(heir.is_some());
+                // It learns what the one before did.
+                assert_eq!(page.state(), BusState::Cycling);
             });
-            page.set_state(BusState::Cycling);
-            page.disown();
-            assert_eq!((other.state(), other.owner()), (BusState::Starting, 0));
+            assert_eq!((page.state(), page.owner()), (BusState::Free, None));
+        });
+    }
+
+    /// A lock that is unmapped while it is held is nobody's for ever: the kernel looks for it when the holder dies, and finds nothing.
+    #[test]
+    fn an_owner_that_ends_by_itself_leaves_a_bus_that_the_next_one_takes() {
+        with_page("leave", |page, other| {
+            std::thread::spawn(|| {
+                let page = DrivePage::open(&place("leave")).unwrap();
+                let _bus = page.own(Duration::ZERO).unwrap().unwrap();
+                page.set_state(BusState::Down);
+            })
+            .join()
+            .unwrap();
+            assert_eq!((other.state(), other.owner()), (BusState::Free, None));
+            assert!(page.own(Duration::ZERO).unwrap().is_some());
         });
     }
 

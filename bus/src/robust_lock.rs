@@ -2,6 +2,7 @@
 //!
 //! The kernel lets go of a robust mutex (`pthread_mutexattr_setrobust`, POSIX.1-2008) first of all when a thread exits, before it takes
 //! the memory and the descriptors of the process: a pidfd tells of the death milliseconds later where a packet socket is to be closed.
+//! It does so only where the lock is still mapped then: a holder that lives gives it back before it unmaps it.
 
 #![deny(
     clippy::unwrap_used,
@@ -12,6 +13,7 @@
 
 use std::cell::UnsafeCell;
 use std::io;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 unsafe extern "C" {
@@ -23,12 +25,15 @@ unsafe extern "C" {
     ) -> libc::c_int;
 }
 
-/// The lock. Whoever has taken it holds it to the end of its thread.
+/// The lock. Its holder gives it back, or dies.
 #[repr(C, align(64))]
 pub(crate) struct RobustLock(UnsafeCell<libc::pthread_mutex_t>);
 
 // SAFETY: it is touched by the functions of the C library for shared mutexes alone.
 unsafe impl Sync for RobustLock {}
+
+/// Bits of a futex word that name the thread that holds it; the kernel clears them when that dies (robust futex ABI).
+const HOLDER: u32 = 0x3FFF_FFFF;
 
 fn checked(result: libc::c_int) -> io::Result<()> {
     match result {
@@ -86,5 +91,18 @@ impl RobustLock {
             }
             error => Err(io::Error::from_raw_os_error(error)),
         }
+    }
+
+    /// Gives it back; for the thread that holds it.
+    pub fn release(&self) {
+        // SAFETY: the mutex was made; one that this thread does not hold is left as it is.
+        unsafe { libc::pthread_mutex_unlock(self.0.get()) };
+    }
+
+    /// The thread that holds it; 0 if none that lives does.
+    pub fn holder(&self) -> u32 {
+        // SAFETY: a mutex begins with its futex word, aligned, and is changed atomically.
+        let word = unsafe { AtomicU32::from_ptr(self.0.get().cast()) };
+        word.load(Ordering::Acquire) & HOLDER
     }
 }

@@ -55,14 +55,13 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
         watchdog_scans: machine.scan.watchdog_scans,
         answer_limit: options.answer_limit,
     };
-    let owner = if process.page.own(Duration::ZERO)? {
-        Owner::start(&process)?
-    } else {
-        match Standby::new(&process).wait()? {
+    let owner = match process.page.own(Duration::ZERO)? {
+        Some(bus) => Owner::start(&process, bus)?,
+        None => match Standby::new(&process).wait()? {
             Turn::Leave => return Ok(()),
-            Turn::TakeOver(cycle) => Owner::take_over(&process, *cycle),
-            Turn::Start => Owner::start(&process)?,
-        }
+            Turn::TakeOver(bus, cycle) => Owner::take_over(&process, bus, *cycle),
+            Turn::Start(bus) => Owner::start(&process, bus)?,
+        },
     };
     owner.run()
 }

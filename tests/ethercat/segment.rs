@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _};
+use std::os::unix::net::UnixDatagram;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdout, Command, Output, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -169,6 +170,8 @@ impl Network {
             .env("PYTHONDONTWRITEBYTECODE", "1")
             .args(["segment.py", DRIVES, "--lockstep", "--record"])
             .arg(&record)
+            .arg("--control")
+            .arg(folder.path().join("control"))
             .args(options)
             .stdout(Stdio::piped())
             .spawn()
@@ -184,7 +187,7 @@ impl Network {
             child: Some(child),
             _printed: out,
             record,
-            _folder: folder,
+            folder,
         }
     }
 }
@@ -195,7 +198,7 @@ pub struct Segment {
     /// What it prints; it ends when nobody can read that any more.
     _printed: BufReader<ChildStdout>,
     record: PathBuf,
-    _folder: TempDir,
+    folder: TempDir,
 }
 
 /// How many of the drives' steps in a record were made in "operation enabled".
@@ -212,6 +215,20 @@ pub fn is_enabled(row: &str) -> bool {
 }
 
 impl Segment {
+    /// Gives it an order (`control.py`); its answer.
+    pub fn order(&self, words: &str) -> String {
+        let own = self.folder.path().join("answer");
+        let port = UnixDatagram::bind(&own).expect("a port");
+        let order = port.send_to(words.as_bytes(), self.folder.path().join("control"));
+        order.unwrap_or_else(|error| panic!("{words}: {error}"));
+        let mut answer = [0; 65536];
+        let length = port.recv(&mut answer).expect("an answer");
+        fs::remove_file(own).expect("its port");
+        let answer = String::from_utf8_lossy(&answer[..length]).into_owned();
+        assert!(!answer.starts_with("error"), "{words}: {answer}");
+        answer
+    }
+
     /// Whether its drives have made steps already.
     pub fn is_driven(&self) -> bool {
         fs::metadata(&self.record).is_ok_and(|record| record.len() > 0)

@@ -11,7 +11,6 @@ use std::time::{Duration, Instant};
 
 use bus::drive_page::{BusState, DrivePage, Inputs, Outputs, Wiring};
 use bus::member::Pace;
-use bus::process::watch;
 use bus::realtime::now_ns;
 
 use super::cia402_drives::{Wire, WireAnswer};
@@ -63,20 +62,19 @@ impl PageWire {
         }
     }
 
-    /// Whether cycles are exchanged. In lockstep time waits until they are, or nobody owns the bus.
+    /// Whether cycles are exchanged. In lockstep time waits while the segment is started up.
     fn is_up(&mut self) -> bool {
         let started = Instant::now();
         loop {
             let seen = self.page.answered_signal().count();
             let state = self.page.state();
-            let cycling = state == BusState::Cycling && self.page.owner() != 0;
+            let cycling = state == BusState::Cycling;
             if cycling && !self.up {
                 self.wiring = self.page.wiring();
             }
             self.up = cycling;
             let waits = self.pace == Pace::Lockstep
                 && state == BusState::Starting
-                && self.page.owner() != 0
                 && started.elapsed() < self.answer_limit;
             if !waits {
                 return cycling;
@@ -98,7 +96,7 @@ impl PageWire {
             if self.page.answered() == Some(cycle) {
                 return WireAnswer::Answered;
             }
-            if self.page.state() != BusState::Cycling || self.page.owner() == 0 {
+            if self.page.state() != BusState::Cycling {
                 return WireAnswer::Down;
             }
             let now = now_ns();
@@ -106,7 +104,7 @@ impl PageWire {
                 return WireAnswer::Missed;
             }
             // Without a launcher nobody else reports its death.
-            if now >= look_ns && watch(self.page.owner()).is_err() {
+            if now >= look_ns && self.page.owner().is_none() {
                 return WireAnswer::Down;
             }
             let left = Duration::from_nanos(until_ns - now);

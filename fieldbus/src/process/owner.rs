@@ -8,20 +8,23 @@
 )]
 
 use std::rc::Rc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use bus::drive_page::{BusState, Counts, IMAGE_BYTES_MAX, Outputs, Wiring};
+use bus::drive_page::{BusState, Counts, IMAGE_BYTES_MAX, Outputs, OwnedBus, Wiring};
 use bus::member::Pace;
 use bus::realtime::{Priority, now_ns};
+use bus::signal_page::CellPhase;
 use bytemuck::Zeroable;
 
 use super::Process;
 use super::claim::Claim;
-use crate::link::{Cycle, Found, INIT, Socket, Tag, request_state};
+use crate::link::{Cycle, Found, INIT, LinkError, Socket, Tag, request_state};
 use crate::start_up::start_up;
 
 /// The longest wait for the master without a look around.
 const LOOK_AROUND: Duration = Duration::from_millis(100);
+/// So long the kernel may take to take down an owner that has died.
+const TAKEN_DOWN: Duration = Duration::from_millis(500);
 /// Cycles between two looks whether the launcher lives.
 const LOOK_AROUND_CYCLES: u64 = 64;
 /// Share of a scan in which an answer must be back, in realtime.
@@ -34,7 +37,10 @@ const LATE_SHARE: f64 = 1.5;
 pub(super) struct Owner<'a> {
     process: &'a Process,
     claim: Option<Claim>,
-    segment: Segment,
+    /// None where the last start-up failed.
+    segment: Option<Segment>,
+    /// Given back last.
+    _bus: OwnedBus<'a>,
 }
 
 /// A segment in operation.
@@ -95,22 +101,64 @@ impl Segment {
 }
 
 impl<'a> Owner<'a> {
-    /// Starts the segment up; the process is ready then.
-    pub fn start(process: &'a Process) -> anyhow::Result<Owner<'a>> {
-        process.page.set_state(BusState::Starting);
-        let claim = Claim::of(&process.plan.bus.interface)?;
-        let segment = Segment::start(process)?;
-        process.member.ready(Priority::Fieldbus);
-        process.page.set_state(BusState::Cycling);
-        Ok(Owner {
+    /// Starts the segment up; the process is ready then. A cell does not begin without its drives; one that runs waits for them.
+    pub fn start(process: &'a Process, bus: OwnedBus<'a>) -> anyhow::Result<Owner<'a>> {
+        let mut owner = Owner {
             process,
-            claim: Some(claim),
-            segment,
-        })
+            claim: None,
+            segment: None,
+            _bus: bus,
+        };
+        if let Err(error) = owner.start_segment() {
+            if process.member.page.phase() == CellPhase::Starting {
+                return Err(error);
+            }
+            tracing::warn!("{error}");
+            process.member.ready(Priority::Fieldbus);
+        }
+        Ok(owner)
+    }
+
+    /// Starts the segment up; where that fails the bus is down.
+    fn start_segment(&mut self) -> anyhow::Result<()> {
+        let process = self.process;
+        process.page.set_state(BusState::Starting);
+        self.segment = None;
+        let started = self.claim().and_then(|()| Segment::start(process));
+        match started {
+            Ok(segment) => {
+                process.member.ready(Priority::Fieldbus);
+                self.segment = Some(segment);
+                // It is the one that was asked for meanwhile.
+                process.page.take_start_again();
+                process.page.set_state(BusState::Cycling);
+                Ok(())
+            }
+            Err(error) => {
+                process.page.set_state(BusState::Down);
+                Err(error)
+            }
+        }
+    }
+
+    /// Claims the interface; the kernel may still take down an owner before, which had it.
+    fn claim(&mut self) -> anyhow::Result<()> {
+        let interface = &self.process.plan.bus.interface;
+        let until = Instant::now() + TAKEN_DOWN;
+        while self.claim.is_none() {
+            match Claim::of(interface) {
+                Ok(claim) => self.claim = Some(claim),
+                Err(LinkError::Taken(_)) if Instant::now() < until => {
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+                Err(error) => return Err(error.into()),
+            }
+        }
+        Ok(())
     }
 
     /// Goes on in place of the owner before: the slaves notice nothing.
-    pub fn take_over(process: &'a Process, mut cycle: Cycle) -> Owner<'a> {
+    pub fn take_over(process: &'a Process, bus: OwnedBus<'a>, mut cycle: Cycle) -> Owner<'a> {
         let page = &process.page;
         cycle.follow();
         cycle.socket().ignore_own();
@@ -146,35 +194,33 @@ impl<'a> Owner<'a> {
             process,
             // The kernel still takes down who had it.
             claim: None,
-            segment,
+            segment: Some(segment),
+            _bus: bus,
         }
     }
 
     /// Exchanges cycles until it is time to leave; the segment is put to rest then.
     pub fn run(mut self) -> anyhow::Result<()> {
-        while self.segment.cycles(self.process, &mut self.claim) == End::StartAgain {
-            self.process.page.set_state(BusState::Starting);
-            loop {
-                match Segment::start(self.process) {
-                    Ok(segment) => {
-                        tracing::info!("the segment is in operation again");
-                        self.segment = segment;
-                        self.process.page.set_state(BusState::Cycling);
-                        break;
+        loop {
+            match &mut self.segment {
+                Some(segment) => {
+                    if segment.cycles(self.process, &mut self.claim) == End::Leave {
+                        segment.put_to_rest(self.process);
+                        segment.tell_counts();
+                        return Ok(());
                     }
-                    Err(error) => tracing::warn!("{error}"),
                 }
-                self.process.page.set_state(BusState::Down);
-                if !self.process.awaits_start() {
-                    return Ok(());
+                None => {
+                    if !self.process.awaits_start() {
+                        return Ok(());
+                    }
                 }
-                self.process.page.set_state(BusState::Starting);
+            }
+            match self.start_segment() {
+                Ok(()) => tracing::info!("the segment is in operation again"),
+                Err(error) => tracing::warn!("{error}"),
             }
         }
-        self.segment.put_to_rest(self.process);
-        self.segment.tell_counts();
-        self.process.page.disown();
-        Ok(())
     }
 }
 

@@ -4,7 +4,7 @@
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
-use bus::drive_page::{BusState, Counts, Wiring};
+use bus::drive_page::{BusState, Counts, OwnedBus, Wiring};
 use bus::member::Pace;
 use bus::process::watch;
 use bus::realtime::Priority;
@@ -32,13 +32,13 @@ pub(super) struct Standby<'a> {
 }
 
 /// What a standby is to do.
-pub(super) enum Turn {
+pub(super) enum Turn<'a> {
     /// Leave.
     Leave,
     /// Go on in place of the owner.
-    TakeOver(Box<Cycle>),
+    TakeOver(OwnedBus<'a>, Box<Cycle>),
     /// Start the segment up: the owner died before it was in operation.
-    Start,
+    Start(OwnedBus<'a>),
 }
 
 impl<'a> Standby<'a> {
@@ -52,20 +52,20 @@ impl<'a> Standby<'a> {
     }
 
     /// Waits for its turn.
-    pub fn wait(mut self) -> anyhow::Result<Turn> {
+    pub fn wait(mut self) -> anyhow::Result<Turn<'a>> {
         let page = &self.process.page;
         let mut looked = Instant::now();
         loop {
             self.follow()?;
-            if page.own(FOLLOW_EVERY)? {
+            if let Some(bus) = page.own(FOLLOW_EVERY)? {
                 // An owner that leaves in order has no heir.
                 if page.has_left() || self.process.member.ending() {
                     return Ok(Turn::Leave);
                 }
                 let cycles = page.state() == BusState::Cycling;
                 return Ok(match self.following.take().filter(|_| cycles) {
-                    Some((_, cycle)) => Turn::TakeOver(Box::new(cycle)),
-                    None => Turn::Start,
+                    Some((_, cycle)) => Turn::TakeOver(bus, Box::new(cycle)),
+                    None => Turn::Start(bus),
                 });
             }
             if looked.elapsed() > LOOK_AROUND {
@@ -75,7 +75,7 @@ impl<'a> Standby<'a> {
                 }
             }
             if self.owner_hangs()
-                && let Ok(owner) = watch(page.owner())
+                && let Some(Ok(owner)) = page.owner().map(watch)
             {
                 // Two that send would be worse than one that does not: its death passes the bus on.
                 tracing::warn!("the owner of the bus hangs: it is ended");
@@ -84,13 +84,22 @@ impl<'a> Standby<'a> {
         }
     }
 
-    /// Follows what the owner sends.
+    /// Follows what the owner sends; where the last start-up failed it is ready to try the next one.
     fn follow(&mut self) -> anyhow::Result<()> {
-        let page = &self.process.page;
-        if page.state() != BusState::Cycling {
-            return Ok(());
+        match self.process.page.state() {
+            BusState::Free | BusState::Starting => return Ok(()),
+            BusState::Cycling => self.follow_frames()?,
+            BusState::Down => {}
         }
-        let wiring = page.wiring();
+        if !self.ready {
+            self.ready = true;
+            self.process.member.ready(Priority::Fieldbus);
+        }
+        Ok(())
+    }
+
+    fn follow_frames(&mut self) -> anyhow::Result<()> {
+        let wiring = self.process.page.wiring();
         match &mut self.following {
             Some((known, cycle)) if known.nonce == wiring.nonce => cycle.follow(),
             _ => {
@@ -98,10 +107,6 @@ impl<'a> Standby<'a> {
                 let cycle = Cycle::new(socket, &wiring, self.process.period_ns, Counts::zeroed());
                 self.following = Some((wiring, cycle));
             }
-        }
-        if !self.ready {
-            self.ready = true;
-            self.process.member.ready(Priority::Fieldbus);
         }
         Ok(())
     }

@@ -348,9 +348,10 @@ impl Cell {
 
     /// The slot of the process that sends the frames of the bus, if there is one now; none where drives are simulated.
     pub fn bus_owner(&self) -> Option<Option<usize>> {
-        let owner = self.drive_page.as_ref()?.owner() as i32;
+        let owner = self.drive_page.as_ref()?.owner();
         let processes = self.processes();
-        let found = processes.iter().find(|process| process.pid == owner);
+        let is_owner = |process: &&Process| Some(process.pid as u32) == owner;
+        let found = processes.iter().find(is_owner);
         Some(found.map(|process| process.slot))
     }
 

@@ -16,6 +16,8 @@ class Segment:
         self.muted, self.mute_until = 0, None
         self.now_ns = 0
         self.cut, self.reached, self.cut_within = set(), slaves, None
+        # How many more frames without process data come through before the cable breaks before all drives.
+        self.start_up_frames = None
         self.was_enabled = [False] * len(slaves)
         self.left = [[] for _ in slaves]
         for slave in slaves:
@@ -68,6 +70,8 @@ class Segment:
         self.now_ns = now_ns
         if data:
             self.control.before_frame(self.number)
+        if not data:
+            self.count_start_up()
         if self.is_muted(now_ns):
             self.muted += 1
             return []
@@ -89,6 +93,14 @@ class Segment:
             self.cut_within = None
             self.link()
         return self.troubles.answers(answer, self.number, now_ns)
+
+    def count_start_up(self):
+        if self.start_up_frames == 0:
+            self.start_up_frames = None
+            self.cut.add(0)
+            self.link()
+        elif self.start_up_frames:
+            self.start_up_frames -= 1
 
     def count_outputs(self, received, now_ns):
         self.output_frames += 1
@@ -144,7 +156,7 @@ class Segment:
     def status(self):
         return {
             "frames": self.frames, "process_data_frames": self.number, "output_frames": self.output_frames,
-            "duplicates": self.duplicates, "muted": self.muted, "enabled_frame": self.enabled_frame,
+            "duplicates": self.duplicates, "muted": self.muted, "enabled_frame": self.enabled_frame, "cut": sorted(self.cut),
             "troubles": self.troubles.done, "drives": [self.status_of(slave) for slave in self.slaves]}
 
     def status_of(self, slave):

@@ -4,6 +4,7 @@
     control.py PATH status                 # JSON
     control.py PATH drop 1 | restore 1     # the cable before drive 1; a drive's state is kept
     control.py PATH drop 1 2               # the same within the next frame: its first two datagrams still reach the drive
+    control.py PATH drop-after 40          # the cable before drive 0, after so many frames without process data: in a start-up
     control.py PATH power-cycle 1          # drive 1 is off and on again: INIT, its position as its model keeps it
     control.py PATH fault 1 [CODE] | clear 1 | sto 1 on | sto 1 off
     control.py PATH mute 50                # no frame arrives for 50 ms
@@ -86,6 +87,9 @@ class Control:
             return
         self.segment.cut.add(self.slave(position).position)
         self.segment.link()
+
+    def on_drop_after(self, frames):
+        self.segment.start_up_frames = int(frames)
 
     def on_restore(self, position):
         self.segment.cut.discard(self.slave(position).position)

@@ -9,7 +9,7 @@ const AL_ERROR: u16 = 0x10;
 /// The fieldbus, seen from outside.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BusView {
-    /// What its owner does.
+    /// What its owner does; it dies with it.
     pub state: BusState,
     /// Process id of the owner; none while nobody has it.
     pub owner_pid: Option<u32>,
@@ -38,32 +38,39 @@ impl BusView {
     /// What this page shows now.
     pub fn of(page: &DrivePage) -> BusView {
         let wiring = page.wiring();
+        let owner_pid = page.owner();
         BusView {
-            state: page.state(),
-            owner_pid: Some(page.owner()).filter(|pid| *pid != 0),
+            state: owner_pid.map_or(BusState::Free, |_| page.state()),
+            owner_pid,
             slave_count: wiring.slaves().len(),
             distributed_clocks: wiring.reference_clock != 0,
             inputs: page.newest_inputs(),
         }
     }
 
-    /// The slaves, in the order of the cable; none before the first cycle.
+    /// What came back in the last cycle, while cycles are exchanged: of a bus that is not in operation it would be what was once.
+    fn now(&self) -> Option<&Inputs> {
+        let inputs = self.inputs.as_ref();
+        inputs.filter(|_| self.state == BusState::Cycling)
+    }
+
+    /// The slaves, in the order of the cable; none before the first cycle, and while the bus is not in operation.
     pub fn slaves(&self) -> &[SlaveState] {
-        let all = self.inputs.as_ref().map(|inputs| &inputs.slaves);
+        let all = self.now().map(|inputs| &inputs.slaves);
         all.and_then(|slaves| slaves.get(..self.slave_count))
             .unwrap_or(&[])
     }
 
     /// From sending to the answer, in µs; none if the last cycle was not answered.
     pub fn round_trip_us(&self) -> Option<f64> {
-        let inputs = self.inputs.as_ref().filter(|inputs| inputs.answered == 1);
+        let inputs = self.now().filter(|inputs| inputs.answered == 1);
         inputs.map(|inputs| inputs.round_trip_ns as f64 * 1e-3)
     }
 
     /// How much later than in the middle between two SYNC0 the last frame passed the reference clock, in µs; none without distributed
     /// clocks, or if the last cycle was not answered.
     pub fn clock_offset_us(&self) -> Option<f64> {
-        let inputs = self.inputs.as_ref().filter(|inputs| inputs.answered == 1);
+        let inputs = self.now().filter(|inputs| inputs.answered == 1);
         let known = inputs.filter(|_| self.distributed_clocks);
         known.map(|inputs| inputs.clock_late_ns as f64 * 1e-3)
     }
@@ -74,15 +81,11 @@ impl BusView {
         let Some(inputs) = &self.inputs else {
             return words;
         };
-        let operational = self
-            .slaves()
-            .iter()
-            .filter(|slave| slave_words(slave) == "OP");
-        words += &format!(
-            ", {} of {} slaves in OP",
-            operational.count(),
-            self.slave_count
-        );
+        if self.state == BusState::Cycling {
+            let slaves = self.slaves().iter();
+            let operational = slaves.filter(|slave| slave_words(slave) == "OP").count();
+            words += &format!(", {operational} of {} slaves in OP", self.slave_count);
+        }
         if let Some(us) = self.round_trip_us() {
             words += &format!(", round trip {us:.0} µs");
         }
@@ -166,6 +169,17 @@ pub mod tests {
         view.state = BusState::Starting;
         assert_eq!(view.words(), "bus starting");
         assert!(view.slaves().is_empty());
+    }
+
+    #[test]
+    fn a_bus_that_is_not_in_operation_tells_what_was_counted_and_of_no_slave_how_it_was() {
+        for state in [BusState::Free, BusState::Starting, BusState::Down] {
+            let view = BusView { state, ..example() };
+            let words = format!("bus {}, 1000 frames, 2 missed, 3 short", state.words());
+            assert_eq!(view.words(), words);
+            assert!(view.slaves().is_empty());
+            assert_eq!((view.round_trip_us(), view.clock_offset_us()), (None, None));
+        }
     }
 
     #[test]
