@@ -50,6 +50,10 @@ impl Page {
 
     /// Head and body of the answer to a request with these lines in its head.
     fn ask(&self, first: &str, more: &[&str], body: &str) -> (String, String) {
+        self.send(first, more, body).head_and_body()
+    }
+
+    fn send(&self, first: &str, more: &[&str], body: &str) -> Asked {
         let lines: String = more.iter().map(|line| format!("{line}\r\n")).collect();
         let host = if more.iter().any(|line| line.starts_with("Host:")) {
             String::new()
@@ -64,11 +68,7 @@ impl Page {
         stream.set_read_timeout(Some(PATIENCE)).expect("a limit");
         // Who is refused early may be so while it still writes.
         let _ = stream.write_all(request.as_bytes());
-        let mut answer = Vec::new();
-        let _ = stream.read_to_end(&mut answer);
-        let answer = String::from_utf8_lossy(&answer).into_owned();
-        let (head, body) = answer.split_once("\r\n\r\n").unwrap_or((&answer, ""));
-        (head.to_string(), body.to_string())
+        Asked(stream)
     }
 
     fn get(&self, path: &str) -> (String, String) {
@@ -78,14 +78,18 @@ impl Page {
     /// Status and words of the answer to an order with these lines in the head.
     fn order_with(&self, order: &str, more: &[&str]) -> (u32, String) {
         let lines = [&["Content-Type: application/json"], more].concat();
-        let (head, body) = self.ask("POST /order", &lines, order);
-        let status = head.split(' ').nth(1).and_then(|word| word.parse().ok());
-        (status.unwrap_or(0), body)
+        self.send("POST /order", &lines, order).answer()
     }
 
     fn order(&self, order: &str) -> (u32, String) {
+        self.send_order(order).answer()
+    }
+
+    /// Gives an order with the token; its answer is read later.
+    fn send_order(&self, order: &str) -> Asked {
         let token = format!("Authorization: Bearer {}", self.token);
-        self.order_with(order, &[&token])
+        let lines = ["Content-Type: application/json", &token];
+        self.send("POST /order", &lines, order)
     }
 
     fn frames(&self) -> Frames {
@@ -94,6 +98,26 @@ impl Page {
         let request = format!("GET /frames HTTP/1.1\r\nHost: {}\r\n\r\n", self.address);
         stream.write_all(request.as_bytes()).expect("a request");
         Frames(BufReader::new(stream).lines())
+    }
+}
+
+/// A request that was sent.
+struct Asked(TcpStream);
+
+impl Asked {
+    fn head_and_body(mut self) -> (String, String) {
+        let mut answer = Vec::new();
+        let _ = self.0.read_to_end(&mut answer);
+        let answer = String::from_utf8_lossy(&answer).into_owned();
+        let (head, body) = answer.split_once("\r\n\r\n").unwrap_or((&answer, ""));
+        (head.to_string(), body.to_string())
+    }
+
+    /// Status and words.
+    fn answer(self) -> (u32, String) {
+        let (head, body) = self.head_and_body();
+        let status = head.split(' ').nth(1).and_then(|word| word.parse().ok());
+        (status.unwrap_or(0), body)
     }
 }
 
@@ -310,6 +334,79 @@ fn an_order_needs_the_token_and_comes_from_this_page_alone() {
         "{last}"
     );
     drop(by_hand);
+    down(cell);
+}
+
+/// Connections that take room and say little: every third nothing, every third half a request, every third a byte now and then.
+fn silent_connections(address: &str, count: usize) -> Vec<TcpStream> {
+    let each = (0..count).map(|number| {
+        let mut stream = TcpStream::connect(address).expect("a connection");
+        let said: &[u8] = match number % 3 {
+            0 => b"",
+            1 => b"POST /order HTTP/1.1\r\nHost: ",
+            _ => b"P",
+        };
+        // One that is gone already says nothing.
+        let _ = stream.write_all(said);
+        stream
+    });
+    each.collect()
+}
+
+/// The master stands still, so that no order has an answer: what is given then is given although others wait.
+#[test]
+fn an_urgent_order_comes_through_however_many_connections_are_silent_and_orders_wait() {
+    const SILENT: usize = 1000;
+    const OVERRIDE: &str = r#"{"order":"override","percent":50}"#;
+    let (_bench, cell, _, _) = up("realtime");
+    obeyed(&cell, &["enable"]);
+    let by_hand = ByHand::start(&cell, &[]);
+    let page = &by_hand.page;
+    for (order, says) in [
+        ("hold", "hold: latched"),
+        ("stop", "at rest"),
+        ("disable", "drives off"),
+        ("estop", "emergency stop: the drives are off"),
+    ] {
+        let mut silent = silent_connections(&page.address, SILENT);
+        let master = cell.pid_of(" plant-sim ");
+        send(master, libc::SIGSTOP);
+        std::thread::scope(|scope| {
+            let (told, refusals) = std::sync::mpsc::channel();
+            for _ in 0..5 {
+                let told = told.clone();
+                scope.spawn(move || {
+                    let (status, words) = page.order(OVERRIDE);
+                    if status == 503 {
+                        let _ = told.send(words);
+                    }
+                });
+            }
+            let words = refusals.recv().expect("four wait, and one is refused");
+            assert!(words.contains("not given"), "{words}");
+            for stream in silent.iter_mut().skip(2).step_by(3) {
+                let _ = stream.write_all(b"O");
+            }
+            let since = Instant::now();
+            let urgent = page.send_order(&format!(r#"{{"order":"{order}"}}"#));
+            // It is given by the time that one behind it is refused.
+            let (status, words) = page.order(OVERRIDE);
+            println!("{order} and one behind it: {:?}", since.elapsed());
+            assert_eq!(status, 503, "{order}: {words}");
+            send(master, libc::SIGCONT);
+            let (status, words) = urgent.answer();
+            assert_eq!(status, 200, "{order}: {words}");
+            assert!(words.contains(says), "{order}: {words}");
+        });
+        let open = silent.iter().filter(|stream| {
+            let _ = stream.set_nonblocking(true);
+            let mut stream: &TcpStream = stream;
+            let read = stream.read(&mut [0; 512]);
+            read.is_err_and(|error| error.kind() == std::io::ErrorKind::WouldBlock)
+        });
+        let open = open.count();
+        assert!(open <= 64, "{open} of {SILENT} are still open");
+    }
     down(cell);
 }
 

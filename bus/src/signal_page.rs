@@ -152,7 +152,13 @@ struct Recorded {
 }
 
 /// Orders that must always come through.
-const URGENT: [Order; 4] = [Order::Stop, Order::Hold, Order::Down, Order::EmergencyStop];
+const URGENT: [Order; 5] = [
+    Order::Stop,
+    Order::Hold,
+    Order::Down,
+    Order::EmergencyStop,
+    Order::Disable,
+];
 const ANSWER_WORDS: usize = size_of::<OperatorResponse>() / 8;
 /// Answers to orders of one kind that are kept for who looks late.
 const ANSWERS_KEPT: usize = 4;
@@ -218,8 +224,8 @@ impl SignalPage {
         self.layout().urgent.get(index)
     }
 
-    /// Gives an order that must always come through: stop, hold, down, emergency stop. Its number, for [`SignalPage::urgent_answer`]; none for
-    /// any other order.
+    /// Gives an order that must always come through: stop, hold, down, emergency stop, drives off. Its number, for
+    /// [`SignalPage::urgent_answer`]; none for any other order.
     pub fn order_urgently(&self, order: Order) -> Option<u32> {
         let number = self.urgent(order)?.ask();
         self.master_signal().raise();

@@ -13,7 +13,7 @@ pub mod origin;
 mod program;
 mod tools;
 
-pub use client::{Client, held};
+pub use client::{Client, Given, held};
 pub use jog::{JogAsked, JogSender, jog, jog_by, look};
 pub use mdi::{mdi, mdi_in};
 pub use offsets::{offsets, zero};
@@ -38,7 +38,9 @@ pub fn simple(order: Order, options: &OperatorOptions) -> Outcome {
 
 fn given(cell: Option<&str>, order: Order, value: f64) -> Result<String, Failure> {
     match order {
-        Order::Stop | Order::Hold | Order::EmergencyStop => order_urgently(cell, order),
+        Order::Stop | Order::Hold | Order::EmergencyStop | Order::Disable => {
+            order_urgently(cell, order)
+        }
         Order::Enable => Client::to_order(cell)?.enable(),
         _ => Client::to_order(cell)?.order(order, value),
     }

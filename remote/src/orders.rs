@@ -41,7 +41,7 @@ const TICKET_LIMIT: Duration = Duration::from_secs(1);
 /// So long an answer is waited for.
 const ANSWER_LIMIT: Duration = Duration::from_millis(2800);
 /// Orders that wait for no other.
-const URGENT: [&str; 2] = ["stop", "hold"];
+const URGENT: [&str; 4] = ["stop", "hold", "estop", "disable"];
 
 /// Why no order can be given or taken.
 #[derive(Debug, thiserror::Error)]

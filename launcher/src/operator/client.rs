@@ -333,19 +333,62 @@ fn plain_words(reason: Option<Refused>, answer: &OperatorResponse) -> String {
     )
 }
 
-/// Gives an order that must always come through: stop, hold or emergency stop. It takes no place in the cell, and waits for a master that is being
-/// replaced: also to a cell that runs alone and was started elsewhere, for at rest it does no harm. What came of it, in words.
+/// An order that must always come through, given: stop, hold, emergency stop or drives off. It takes no place in the cell, and waits
+/// for a master that is being replaced.
+pub struct Given {
+    cell: Observer,
+    order: Order,
+    number: u32,
+    at: Instant,
+}
+
+impl Given {
+    /// Gives it; nobody waits. A stop also to a cell that runs alone and was started elsewhere, for at rest it does no harm.
+    ///
+    /// # Errors
+    /// No such cell runs.
+    pub fn give(cell: Option<&str>, order: Order) -> Result<Given, Failure> {
+        let is_named = cell.is_some();
+        let cell = running(cell)?;
+        if order == Order::Disable && !is_named {
+            origin::check(&cell.place)?;
+        }
+        Ok(Given {
+            number: cell.page.order_urgently(order).unwrap_or_default(),
+            cell,
+            order,
+            at: Instant::now(),
+        })
+    }
+
+    /// What came of it, in words; none while that is not known.
+    ///
+    /// # Errors
+    /// It is refused, or nobody answers.
+    pub fn outcome(&self) -> Option<Result<String, Failure>> {
+        let (cell, order) = (&self.cell, self.order);
+        let answer = || cell.page.urgent_answer(order, self.number);
+        let found = look_for_answer(cell, order, self.at, &answer, &|| false)?;
+        Some(
+            found.and_then(|answer| match Refused::from_wire(answer.reason) {
+                Some(Refused::Not) => Ok(named(cell.place.name(), &obeyed(order, &answer))),
+                reason => Err(refused(&cell.place, order, &plain_words(reason, &answer))),
+            }),
+        )
+    }
+}
+
+/// Gives an order that must always come through. What came of it, in words.
 ///
 /// # Errors
-/// No such cell runs, the order is refused, or nobody answers.
+/// As [`Given::give`] and [`Given::outcome`].
 pub fn order_urgently(cell: Option<&str>, order: Order) -> Result<String, Failure> {
-    let cell = running(cell)?;
-    let number = cell.page.order_urgently(order).unwrap_or_default();
-    let answer = || cell.page.urgent_answer(order, number);
-    let answer = wait_for_answer(&cell, order, answer, || false)?;
-    match Refused::from_wire(answer.reason) {
-        Some(Refused::Not) => Ok(named(cell.place.name(), &obeyed(order, &answer))),
-        reason => Err(refused(&cell.place, order, &plain_words(reason, &answer))),
+    let given = Given::give(cell, order)?;
+    loop {
+        if let Some(outcome) = given.outcome() {
+            return outcome;
+        }
+        std::thread::sleep(LOOK);
     }
 }
 
@@ -358,25 +401,39 @@ fn wait_for_answer(
 ) -> Result<OperatorResponse, Failure> {
     let asked = Instant::now();
     loop {
-        // Looked at first: what was answered before the end is there after it.
-        let (gone, closed) = (cell.is_gone(), is_closed());
-        if let Some(answer) = answer() {
-            return Ok(answer);
-        }
-        if gone || closed || asked.elapsed() > ANSWER_LIMIT {
-            let how = match (gone, closed) {
-                (true, _) => "has ended",
-                (false, true) => "has lost its master, which had the order",
-                (false, false) => "does not answer",
-            };
-            return Err(Failure::Stopped(anyhow!(
-                "cell {:?} {how}: {} may or may not have been obeyed",
-                cell.place.name(),
-                order.word()
-            )));
+        if let Some(found) = look_for_answer(cell, order, asked, &answer, &is_closed) {
+            return found;
         }
         std::thread::sleep(LOOK);
     }
+}
+
+/// The answer to an order that was given then, or why there will be none.
+fn look_for_answer(
+    cell: &Observer,
+    order: Order,
+    asked: Instant,
+    answer: &dyn Fn() -> Option<OperatorResponse>,
+    is_closed: &dyn Fn() -> bool,
+) -> Option<Result<OperatorResponse, Failure>> {
+    // Looked at first: what was answered before the end is there after it.
+    let (gone, closed) = (cell.is_gone(), is_closed());
+    if let Some(answer) = answer() {
+        return Some(Ok(answer));
+    }
+    if !gone && !closed && asked.elapsed() <= ANSWER_LIMIT {
+        return None;
+    }
+    let how = match (gone, closed) {
+        (true, _) => "has ended",
+        (false, true) => "has lost its master, which had the order",
+        (false, false) => "does not answer",
+    };
+    Some(Err(Failure::Stopped(anyhow!(
+        "cell {:?} {how}: {} may or may not have been obeyed",
+        cell.place.name(),
+        order.word()
+    ))))
 }
 
 /// Ports of a client, held while its cell runs. Clients that were killed leave their places taken until the launcher cleans up

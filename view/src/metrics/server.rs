@@ -14,12 +14,12 @@ use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper::{Method, Request, Response, StatusCode};
 use hyper_util::rt::TokioIo;
-use tokio::sync::Semaphore;
 
 use super::exposition::{self, Dialect};
 use super::served::Served;
+use crate::guests::Guests;
 
-/// The most connections at a time; more wait in the socket's queue.
+/// The most connections at a time; the oldest goes where another one comes.
 const CONNECTIONS_MAX: usize = 16;
 /// The longest head of a request.
 const HEAD_BYTES: usize = 8 << 10;
@@ -60,15 +60,14 @@ async fn accept(
     listener: &tokio::net::TcpListener,
     respond: Arc<impl Fn(&Request<Incoming>) -> Response<String> + Send + Sync + 'static>,
 ) {
-    let connections = Arc::new(Semaphore::new(CONNECTIONS_MAX));
+    let guests = Guests::at_most(CONNECTIONS_MAX);
     loop {
-        let permit = Arc::clone(&connections).acquire_owned().await;
         let Ok((stream, _)) = listener.accept().await else {
             tokio::time::sleep(PAUSE).await;
             continue;
         };
         let respond = Arc::clone(&respond);
-        tokio::spawn(async move {
+        guests.serve(|_| async move {
             let service = service_fn(async |request| Ok::<_, Infallible>(respond(&request)));
             let connection = http1::Builder::new()
                 .keep_alive(false)
@@ -77,8 +76,9 @@ async fn accept(
                 .serve_connection(TokioIo::new(stream), service);
             // Whether a client leaves early is its own affair.
             let _ = tokio::time::timeout(PATIENCE, connection).await;
-            drop(permit);
         });
+        // What it has sent already is read before the next one comes.
+        tokio::task::yield_now().await;
     }
 }
 
@@ -205,7 +205,7 @@ mod tests {
         silent.set_nonblocking(false).expect("a socket");
         assert!(text.starts_with("HTTP/1.1 200 OK"), "{text}");
         assert!(text.ends_with("# EOF\n"), "{text}");
-        // As many as there may be and more: the scrape is answered once the first of them are closed.
+        // As many as there may be and more: the oldest go, and the scrape is answered while others are silent still.
         let idle: Vec<TcpStream> = (0..CONNECTIONS_MAX + 4).map(|_| connect()).collect();
         let text = answer(address, "GET /metrics HTTP/1.1\r\n\r\n");
         assert!(text.starts_with("HTTP/1.1 200 OK"), "{text}");

@@ -1,13 +1,14 @@
 //! Orders from the page: those of the command line, word for word.
 //!
 //! Each is given by the command itself, in a process of its own, so that every check, every word of its answer and every limit of
-//! time is the command's. `hold`, `stop` and `estop` need no process: nothing that this PC lacks may keep them back.
+//! time is the command's. `hold`, `stop`, `estop` and `disable` need no process: nothing that this PC lacks, and no other order, may
+//! keep them back.
 
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use bus::sample::Order;
-use launcher::operator;
+use launcher::operator::Given;
 use launcher::web::TOKEN_VARIABLE;
 use serde::Deserialize;
 
@@ -132,26 +133,52 @@ impl WebOrder {
         }
     }
 
-    /// Gives it to the cell of this name: what came of it, in words; or why nothing did.
-    pub fn give(&self, cell: &str) -> Result<String, String> {
-        let urgent = match self {
+    /// As an order that waits for no other.
+    pub fn urgent(&self) -> Option<Order> {
+        match self {
             WebOrder::Hold => Some(Order::Hold),
             WebOrder::Stop => Some(Order::Stop),
             WebOrder::Estop => Some(Order::EmergencyStop),
+            WebOrder::Disable => Some(Order::Disable),
             _ => None,
-        };
-        let done = match urgent {
-            Some(order) => operator::order(cell, order, 0.0).map_err(|failure| words_of(&failure)),
-            None => command(&self.arguments(), cell),
-        };
-        let (Ok(words) | Err(words)) = &done;
-        tracing::info!("from the page: {}: {words}", self.arguments().join(" "));
-        done
+        }
+    }
+
+    /// Gives it to the cell of this name: what came of it, in words; or why nothing did.
+    pub fn give(&self, cell: &str) -> Outcome {
+        let arguments = self.arguments();
+        told(&arguments.join(" "), command(&arguments, cell))
     }
 }
 
+/// What came of an order, in words; or why nothing did.
+pub type Outcome = Result<String, String>;
+
+/// Gives an urgent order to the cell of this name, at once; what is returned waits for what comes of it.
+pub fn give_urgently(order: Order, cell: &str) -> impl Future<Output = Outcome> + Send + use<> {
+    let given = Given::give(Some(cell), order);
+    async move {
+        let outcome = match given {
+            Ok(given) => loop {
+                if let Some(outcome) = given.outcome() {
+                    break outcome;
+                }
+                tokio::time::sleep(LOOK).await;
+            },
+            Err(failure) => Err(failure),
+        };
+        told(order.word(), outcome.map_err(|failure| words_of(&failure)))
+    }
+}
+
+fn told(order: &str, outcome: Outcome) -> Outcome {
+    let (Ok(words) | Err(words)) = &outcome;
+    tracing::info!("from the page: {order}: {words}");
+    outcome
+}
+
 /// Runs the command; what it prints, and whether it was obeyed.
-fn command(arguments: &[String], cell: &str) -> Result<String, String> {
+fn command(arguments: &[String], cell: &str) -> Outcome {
     let child = Command::new("/proc/self/exe")
         .args(arguments)
         .args(["--cell", cell])

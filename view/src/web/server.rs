@@ -3,7 +3,8 @@
 //!
 //! Everything has a bound: connections, browsers that look, the head and body of a request, the time for them. A frame that a browser has
 //! not taken when the next one is there is not kept for it. One that takes nothing at all is disconnected by the system after
-//! [`STALLED_MS`].
+//! [`STALLED_MS`]. Of connections that neither look nor order the oldest goes where another one comes ([`Guests`]), so that an order
+//! is read at once however many are silent, and urgent orders need no turn.
 
 use std::convert::Infallible;
 use std::net::TcpListener;
@@ -12,7 +13,7 @@ use std::time::Duration;
 
 use axum::Router;
 use axum::body::{Body, Bytes, to_bytes};
-use axum::extract::{Request, State};
+use axum::extract::{Extension, Request, State};
 use axum::http::header::{
     CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HeaderValue, REFERRER_POLICY,
     WWW_AUTHENTICATE, X_CONTENT_TYPE_OPTIONS,
@@ -21,7 +22,9 @@ use axum::http::{HeaderMap, HeaderName, StatusCode};
 use axum::middleware::{self, Next};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
+use hyper::body::Incoming;
 use hyper::server::conn::http1;
+use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use launcher::web::Token;
@@ -32,13 +35,16 @@ use tokio_stream::wrappers::WatchStream;
 
 use super::pictures::{Pictures, locked};
 use super::{guard, orders};
+use crate::guests::{Guest, Guests};
 
-/// The most connections at a time; more wait in the socket's queue.
-const CONNECTIONS_MAX: usize = 64;
+/// The most connections at a time that neither look nor order.
+const GUESTS_MAX: usize = 64;
 /// The most browsers that look at a time.
 const LOOKING_MAX: usize = 12;
-/// The most orders under way at a time: a hold or stop beside one that waits.
+/// The most orders under way at a time; urgent ones need no turn.
 const ORDERS_MAX: usize = 4;
+/// The most urgent orders whose answers are waited for at a time; more are given all the same.
+const URGENT_MAX: usize = 64;
 /// The longest head of a request, and the most that is kept for a connection that is slow.
 const HEAD_BYTES: usize = 16 << 10;
 /// The longest order.
@@ -74,6 +80,7 @@ struct Desk {
     served: Served,
     looking: Arc<Semaphore>,
     ordering: Arc<Semaphore>,
+    urgent: Arc<Semaphore>,
 }
 
 /// Serves at `listener` in a thread of its own, as long as the process lives.
@@ -98,9 +105,8 @@ pub fn start(listener: TcpListener, served: Served) -> std::io::Result<()> {
 }
 
 async fn accept(listener: &tokio::net::TcpListener, router: Router) {
-    let connections = Arc::new(Semaphore::new(CONNECTIONS_MAX));
+    let guests = Guests::at_most(GUESTS_MAX);
     loop {
-        let permit = Arc::clone(&connections).acquire_owned().await;
         let Ok((stream, _)) = listener.accept().await else {
             tokio::time::sleep(PAUSE).await;
             continue;
@@ -109,8 +115,12 @@ async fn accept(listener: &tokio::net::TcpListener, router: Router) {
         let _ = sockopt::set_socket_send_buffer_size(&stream, SEND_BYTES);
         let _ = sockopt::set_tcp_user_timeout(&stream, STALLED_MS);
         let _ = stream.set_nodelay(true);
-        let service = TowerToHyperService::new(router.clone());
-        tokio::spawn(async move {
+        let router = TowerToHyperService::new(router.clone());
+        guests.serve(|guest| async move {
+            let service = service_fn(move |mut request: hyper::Request<Incoming>| {
+                request.extensions_mut().insert(guest.clone());
+                router.call(request)
+            });
             // Whether a browser leaves early is its own affair.
             let _ = http1::Builder::new()
                 .timer(TokioTimer::new())
@@ -119,8 +129,9 @@ async fn accept(listener: &tokio::net::TcpListener, router: Router) {
                 .max_buf_size(HEAD_BYTES)
                 .serve_connection(TokioIo::new(stream), service)
                 .await;
-            drop(permit);
         });
+        // What it has sent already is read before the next one comes.
+        tokio::task::yield_now().await;
     }
 }
 
@@ -129,6 +140,7 @@ fn router(served: Served) -> Router {
         served,
         looking: Arc::new(Semaphore::new(LOOKING_MAX)),
         ordering: Arc::new(Semaphore::new(ORDERS_MAX)),
+        urgent: Arc::new(Semaphore::new(URGENT_MAX)),
     };
     let file = |kind: &'static str, text: &'static str| {
         get(move || async move { ([(CONTENT_TYPE, kind)], text) })
@@ -208,7 +220,7 @@ async fn who_looks(State(desk): State<Desk>, request: Request, next: Next) -> Re
 }
 
 /// One browser that looks: its frames, until it leaves.
-async fn frames(State(desk): State<Desk>) -> Response {
+async fn frames(State(desk): State<Desk>, Extension(guest): Extension<Guest>) -> Response {
     let Ok(seat) = Arc::clone(&desk.looking).try_acquire_owned() else {
         return (
             StatusCode::SERVICE_UNAVAILABLE,
@@ -216,6 +228,7 @@ async fn frames(State(desk): State<Desk>) -> Response {
         )
             .into_response();
     };
+    guest.stays();
     let frames = WatchStream::from_changes(desk.served.frames);
     let frames = frames.map(move |frame| -> Result<Bytes, Infallible> {
         let _as_long_as_it_looks: &OwnedSemaphorePermit = &seat;
@@ -242,7 +255,12 @@ async fn trail(State(desk): State<Desk>) -> impl IntoResponse {
 }
 
 /// One order: 200 with what came of it, 409 with the reason where the cell refuses it.
-async fn order(State(desk): State<Desk>, headers: HeaderMap, body: Body) -> Response {
+async fn order(
+    State(desk): State<Desk>,
+    Extension(guest): Extension<Guest>,
+    headers: HeaderMap,
+    body: Body,
+) -> Response {
     let may = guard::origin(&headers)
         .and_then(|()| guard::token(&headers, &desk.served.token))
         .and_then(|()| guard::kind(&headers));
@@ -264,13 +282,28 @@ async fn order(State(desk): State<Desk>, headers: HeaderMap, body: Body) -> Resp
         Ok(order) => order,
         Err(words) => return (StatusCode::BAD_REQUEST, words).into_response(),
     };
-    let Ok(_turn) = desk.ordering.try_acquire() else {
-        let words = "the orders before have no answer yet: not given\n";
-        return (StatusCode::SERVICE_UNAVAILABLE, words).into_response();
-    };
     let cell = desk.served.cell.clone();
-    let given = tokio::task::spawn_blocking(move || order.give(&cell)).await;
-    match given {
+    // What is given stays given where the browser leaves, and its turn is taken as long as it is under way.
+    let given = match order.urgent() {
+        Some(order) => {
+            let outcome = orders::give_urgently(order, &cell);
+            let Ok(turn) = desk.urgent.try_acquire_owned() else {
+                let words = "given; the orders before have no answer yet\n";
+                return (StatusCode::ACCEPTED, words).into_response();
+            };
+            guest.stays();
+            tokio::spawn(async move { (outcome.await, turn) }).await
+        }
+        None => {
+            let Ok(turn) = desk.ordering.try_acquire_owned() else {
+                let words = "the orders before have no answer yet: not given\n";
+                return (StatusCode::SERVICE_UNAVAILABLE, words).into_response();
+            };
+            guest.stays();
+            tokio::task::spawn_blocking(move || (order.give(&cell), turn)).await
+        }
+    };
+    match given.map(|(outcome, _)| outcome) {
         Ok(Ok(words)) => (StatusCode::OK, words).into_response(),
         Ok(Err(words)) => (StatusCode::CONFLICT, words).into_response(),
         Err(_) => {
