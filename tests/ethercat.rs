@@ -10,6 +10,8 @@ mod support;
 
 #[path = "ethercat/cells.rs"]
 mod cells;
+#[path = "ethercat/clocks.rs"]
+mod clocks;
 #[path = "ethercat/commands.rs"]
 mod commands;
 #[path = "ethercat/esi_drives.rs"]

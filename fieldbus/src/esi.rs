@@ -167,6 +167,8 @@ pub struct SyncMode {
     pub sync0_cycle_factor: i32,
     /// Shift of SYNC0 in ns.
     pub sync0_shift_ns: i64,
+    /// Shift of SYNC1 from SYNC0 in ns.
+    pub sync1_shift_ns: i64,
 }
 
 /// An SDO that the vendor wants written before operation (`InitCmd`).

@@ -4,6 +4,8 @@
 //! every cycle needs is then read back from the slaves: where ethercrab put the process data is what their FMMUs say.
 
 #[cfg(feature = "ethercat")]
+mod clocks;
+#[cfg(feature = "ethercat")]
 mod configure;
 #[cfg(feature = "ethercat")]
 mod driver;

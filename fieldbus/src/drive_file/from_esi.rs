@@ -289,6 +289,7 @@ fn sync_mode(mode: &esi::SyncMode) -> SyncMode {
         sync0_shift_ns: mode
             .sync0_shift_ns
             .clamp(i64::from(i32::MIN), i64::from(i32::MAX)),
+        sync1_shift_ns: mode.sync1_shift_ns.clamp(0, i64::from(u32::MAX)),
     }
 }
 

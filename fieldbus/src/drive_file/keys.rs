@@ -29,7 +29,7 @@ pub struct DriveFile {
     #[serde(rename = "sync_manager")]
     #[schemars(length(min = 4, max = 16))]
     pub sync_managers: Vec<SyncManager>,
-    /// The ways in which the drive can be synchronised.
+    /// The ways in which the drive can be synchronised. Where the machine file has `sync = "dc"` the first one that has SYNC0 is in force; no way at all stands for SYNC0 in every scan, others alone for none.
     #[serde(rename = "sync_mode")]
     #[schemars(length(max = 16), extend("default" = []))]
     pub sync_modes: Vec<SyncMode>,
@@ -311,4 +311,7 @@ pub struct SyncMode {
     /// Shift of SYNC0 from the start of the cycle.
     #[schemars(extend("unit" = "ns", "minimum" = -2_147_483_648_i64, "maximum" = 2_147_483_647, "default" = 0))]
     pub sync0_shift_ns: i64,
+    /// Time from SYNC0 to SYNC1, where that is in use: 0 for both at once.
+    #[schemars(extend("unit" = "ns", "minimum" = 0, "maximum" = 4_294_967_295_i64, "default" = 0))]
+    pub sync1_shift_ns: i64,
 }

@@ -268,5 +268,8 @@ fn sync_modes(text: &mut String, drive: &DriveFile) {
         add!(text, "sync0_cycle_ns = {}", mode.sync0_cycle_ns);
         add!(text, "sync0_cycle_factor = {}", mode.sync0_cycle_factor);
         add!(text, "sync0_shift_ns = {}", mode.sync0_shift_ns);
+        if mode.sync1_shift_ns != 0 {
+            add!(text, "sync1_shift_ns = {}", mode.sync1_shift_ns);
+        }
     }
 }

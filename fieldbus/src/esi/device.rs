@@ -148,6 +148,7 @@ fn sync_modes<'a>(dc: Node<'a, 'a>) -> Vec<SyncMode> {
                 .and_then(|cycle| number_in(cycle, "Factor"))
                 .unwrap_or(1),
             sync0_shift_ns: number_of(mode, "ShiftTimeSync0").unwrap_or(0),
+            sync1_shift_ns: number_of(mode, "ShiftTimeSync1").unwrap_or(0),
         }
     });
     modes.collect()

@@ -6,11 +6,11 @@ use std::time::Duration;
 use bus::drive_page::{SLAVES_MAX, Wiring};
 use bus::member::Pace;
 use bus::realtime::now_ns;
-use ethercrab::subdevice_group::DcConfiguration;
-use ethercrab::{DcSync, MainDevice, SubDeviceGroup, SubDeviceIdentity};
+use ethercrab::{MainDevice, SubDeviceGroup, SubDeviceIdentity};
 use machine::Sync;
 
 use super::SegmentPlan;
+use super::clocks::set_clocks;
 use super::configure::configure;
 use super::driver::{Driver, Storage, master};
 use super::error::StartUpError;
@@ -24,8 +24,6 @@ use crate::link::Socket;
 pub(super) const IMAGE_BYTES: usize = bus::drive_page::IMAGE_BYTES_MAX;
 /// Frames that bring the clocks together before anything is configured.
 const CLOCK_FRAMES: u32 = 2000;
-/// SYNC0 begins so long after it is configured.
-const SYNC0_DELAY: Duration = Duration::from_millis(100);
 
 /// Brings a segment from wherever it is to OP; nothing is enabled. How it is wired.
 ///
@@ -47,7 +45,7 @@ pub fn start_up(socket: &Rc<Socket>, plan: &SegmentPlan) -> Result<Wiring, Start
     };
     let (main, mut driver) = master(&storage, socket, mailbox, clock_frames)
         .ok_or_else(|| of_segment("starting", "its frames are in use".into()))?;
-    let mut group = find(plan, &main, &mut driver, &of_segment)?;
+    let group = find(plan, &main, &mut driver, &of_segment)?;
     let identities: Vec<(SubDeviceIdentity, String)> = group
         .iter(&main)
         .map(|slave| (slave.identity(), slave.name().to_string()))
@@ -62,34 +60,17 @@ pub fn start_up(socket: &Rc<Socket>, plan: &SegmentPlan) -> Result<Wiring, Start
         configure(&mut talk, plan, place)?;
     }
     let into = |step: &'static str| move |error| of_segment(step, words(error));
-    if dc {
-        for mut slave in group.iter_mut(&main) {
-            slave.set_dc_sync(DcSync::Sync0);
-        }
-    }
-    let reference_clock = group
-        .iter(&main)
-        .find(|slave| dc && slave.dc_support().any())
-        .map_or(0, |slave| slave.configured_address());
+    let reference_clock = match dc {
+        true => set_clocks(&mut driver, plan, &main, &group)?,
+        false => 0,
+    };
     let group = driver
         .run(group.into_pre_op_pdi(&main))
         .map_err(into("mapping process data"))?;
-    let safe = into("going from PRE-OP to SAFE-OP");
-    let wiring = if dc {
-        let clocks = DcConfiguration {
-            start_delay: SYNC0_DELAY,
-            sync0_period: Duration::from_micros(plan.period_us.into()),
-            sync0_shift: Duration::ZERO,
-        };
-        let group = driver
-            .run(group.configure_dc_sync(&main, clocks))
-            .map_err(into("setting distributed clocks"))?;
-        let group = driver.run(group.into_safe_op(&main)).map_err(safe)?;
-        read_wiring(&mut driver, group.iter(&main), plan, reference_clock)?
-    } else {
-        let group = driver.run(group.into_safe_op(&main)).map_err(safe)?;
-        read_wiring(&mut driver, group.iter(&main), plan, reference_clock)?
-    };
+    let group = driver
+        .run(group.into_safe_op(&main))
+        .map_err(into("going from PRE-OP to SAFE-OP"))?;
+    let wiring = read_wiring(&mut driver, group.iter(&main), plan, reference_clock)?;
     into_operation(socket, plan, &wiring)?;
     Ok(wiring)
 }

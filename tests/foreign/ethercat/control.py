@@ -5,6 +5,7 @@
     control.py PATH drop 1 | restore 1     # the cable before drive 1; a drive's state is kept
     control.py PATH drop 1 2               # the same within the next frame: its first two datagrams still reach the drive
     control.py PATH drop-after 40          # the cable before drive 0, after so many frames without process data: in a start-up
+    control.py PATH registers 1 0x0980 2   # what lies there in the memory of slave 1, in hex
     control.py PATH power-cycle 1          # drive 1 is off and on again: INIT, its position as its model keeps it
     control.py PATH fault 1 [CODE] | clear 1 | sto 1 on | sto 1 off
     control.py PATH mute 50                # no frame arrives for 50 ms
@@ -87,6 +88,10 @@ class Control:
             return
         self.segment.cut.add(self.slave(position).position)
         self.segment.link()
+
+    def on_registers(self, position, address, count):
+        at = int(address, 0)
+        return self.slave(position).memory[at:at + int(count)].hex()
 
     def on_drop_after(self, frames):
         self.segment.start_up_frames = int(frames)
