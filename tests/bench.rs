@@ -1,10 +1,14 @@
-//! `quadrant bench circles`, a small grid through real processes, and `quadrant bench plants`.
+//! `quadrant bench`: every bench, and that none of them, and no tool that starts cells, leaves anything behind.
 
 use std::fs;
-use std::process::Stdio;
+use std::os::unix::process::ExitStatusExt as _;
+use std::process::{Child, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::support::{quadrant, send};
+use tempfile::TempDir;
+
+use crate::leftovers::wait_until_gone;
+use crate::support::{Bench, PATIENCE, children_of, quadrant, send};
 
 #[test]
 fn a_small_grid_gives_a_table_a_csv_and_a_plot() {
@@ -98,50 +102,226 @@ fn a_grid_the_machine_cannot_run_is_refused_before_anything_starts() {
     }
 }
 
+/// A bench: words of its figures after a short form, and a form that goes on for minutes with what it starts meanwhile.
+struct Known {
+    name: &'static str,
+    short: Option<(&'static [&'static str], &'static str)>,
+    long: &'static [&'static str],
+    roles: &'static [&'static str],
+}
+
+const RUN: &[&str] = &["quadrant run", "quadrant servo"];
+/// All of them. Those without a short form have tests of their own below; a cell of the one of the fieldbus needs drives on a bus:
+/// tests/ethercat/observed.rs.
+const BENCHES: [Known; 7] = [
+    Known {
+        name: "lockstep",
+        short: Some((&["--rounds", "1"], "hand-overs by a bare ring of")),
+        long: &["--rounds", "1000"],
+        roles: &["quadrant bench-pong"],
+    },
+    Known {
+        name: "circles",
+        short: None,
+        long: &["--radii", "100", "--feeds", "1000", "--jobs", "2"],
+        roles: RUN,
+    },
+    Known {
+        name: "faults",
+        short: Some((&["--seeds", "1"], "scans judged")),
+        long: &["--seeds", "1000000"],
+        roles: &[],
+    },
+    Known {
+        name: "fieldbus",
+        short: None,
+        long: &[],
+        roles: &[],
+    },
+    Known {
+        name: "planning",
+        short: Some((
+            &["machines/xy", "machines/xy/programs/circle-r25-f3000.ngc"],
+            "planned/s",
+        )),
+        long: &["machines/xy"],
+        roles: &[],
+    },
+    Known {
+        name: "plants",
+        short: None,
+        long: &["--random", "1000"],
+        roles: &[],
+    },
+    Known {
+        name: "report",
+        short: None,
+        long: &["--minutes", "60"],
+        roles: RUN,
+    },
+];
+
 #[test]
-fn an_interrupted_bench_leaves_no_process_and_no_file() {
-    let temporary = tempfile::tempdir().expect("a temporary folder");
-    let mut bench = quadrant()
-        .args(["bench", "circles", "machines/xy", "--radii", "100"])
-        .args(["--feeds", "1000", "--jobs", "2"])
-        .env("TMPDIR", temporary.path())
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("quadrant");
-    let mark = format!("bench-{}-", bench.id());
-    let started = Instant::now();
-    let waiting = |what: &str| {
-        assert!(started.elapsed() < Duration::from_secs(120), "{what}");
-        std::thread::sleep(Duration::from_millis(20));
-    };
-    while !processes_with(&mark)
-        .iter()
-        .any(|line| line.contains("servo"))
-    {
-        waiting("no run ever started");
+fn every_bench_of_the_command_line_stands_in_the_table_of_this_test() {
+    let help = quadrant().args(["bench", "--help"]).output().expect("help");
+    let help = String::from_utf8_lossy(&help.stdout).into_owned();
+    let (_, commands) = help.split_once("Commands:\n").expect("commands");
+    let (commands, _) = commands.split_once("\n\n").expect("options behind them");
+    let names = commands
+        .lines()
+        .filter(|line| line.starts_with("  ") && !line.starts_with("   "))
+        .filter_map(|line| line.split_whitespace().next())
+        .filter(|name| *name != "help");
+    let names: Vec<&str> = names.collect();
+    assert_eq!(names, BENCHES.map(|bench| bench.name));
+}
+
+#[test]
+fn every_bench_ends_well_in_its_short_form_and_gives_figures() {
+    for Known { name, short, .. } in &BENCHES {
+        let Some((words, figure)) = short else {
+            continue;
+        };
+        let done = quadrant().args(["bench", name]).args(*words).output();
+        let done = done.expect("quadrant");
+        let printed = String::from_utf8_lossy(&done.stdout);
+        let stderr = String::from_utf8_lossy(&done.stderr);
+        assert!(done.status.success(), "{name}: {stderr}");
+        assert!(printed.contains(figure), "{name}: {printed}");
+        let is_number = |word: &str| word.parse::<f64>().is_ok();
+        assert!(
+            printed.split_whitespace().any(is_number),
+            "{name}: {printed}"
+        );
     }
-    send(bench.id() as i32, libc::SIGINT);
-    let status = loop {
-        if let Some(status) = bench.try_wait().expect("the bench") {
-            break status;
+}
+
+/// A bench or a tool that was started, with all that it starts.
+struct Started {
+    child: Child,
+    name: String,
+    temporary: TempDir,
+    begun: Instant,
+}
+
+impl Started {
+    fn new(words: &[&str]) -> Started {
+        let temporary = tempfile::tempdir().expect("a temporary folder");
+        let child = quadrant()
+            .args(words)
+            .env("TMPDIR", temporary.path())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("quadrant");
+        Started {
+            child,
+            name: words.join(" "),
+            temporary,
+            begun: Instant::now(),
         }
-        waiting("the bench does not end");
-    };
-    assert_eq!(status.code(), Some(130));
-    assert_eq!(processes_with(&mark), Vec::<String>::new());
-    let left: Vec<_> = fs::read_dir(temporary.path())
+    }
+
+    /// Waits a moment for something that must come.
+    fn wait(&self, what: &str) {
+        assert!(self.begun.elapsed() < PATIENCE, "{}: {what}", self.name);
+        std::thread::sleep(Duration::from_millis(5));
+    }
+
+    /// Its children and theirs.
+    fn descendants(&self) -> Vec<(i32, String)> {
+        let mut found = children_of(self.child.id());
+        let mut next = 0;
+        while let Some((pid, _)) = found.get(next) {
+            found.extend(children_of(*pid as u32));
+            next += 1;
+        }
+        found
+    }
+
+    /// Sends it a signal while all these words are in command lines of its descendants: nothing of it stays. How it ended.
+    fn ends_with_all(mut self, signal: i32, roles: &[&str]) -> (ExitStatus, TempDir) {
+        let descendants = loop {
+            let all = self.descendants();
+            let lines = |role: &&str| all.iter().any(|(_, line)| line.contains(*role));
+            if roles.iter().all(lines) {
+                break all;
+            }
+            self.wait("it never came to that");
+            assert!(
+                self.child.try_wait().expect("it").is_none(),
+                "{}",
+                self.name
+            );
+        };
+        send(self.child.id() as i32, signal);
+        let status = loop {
+            if let Some(status) = self.child.try_wait().expect("it") {
+                break status;
+            }
+            self.wait("it does not end");
+        };
+        wait_until_gone(&descendants);
+        // What it has started since then is named by its cell.
+        let mark = format!("-{}", self.child.id());
+        while processes_with("--cell ")
+            .iter()
+            .any(|line| is_of(line, &mark))
+        {
+            self.wait("something of it lives on");
+        }
+        let shared = fs::read_dir("/dev/shm").expect("/dev/shm").flatten();
+        let shared: Vec<String> = shared
+            .map(|entry| entry.file_name().to_string_lossy().into_owned())
+            .filter(|name| is_of(name, &mark))
+            .collect();
+        assert!(shared.is_empty(), "{}: {shared:?}", self.name);
+        (status, self.temporary)
+    }
+}
+
+/// Whether a command line or a file is of a cell that is named by this process id.
+fn is_of(text: &str, mark: &str) -> bool {
+    let mut behind = text
+        .match_indices(mark)
+        .map(|(at, _)| &text[at + mark.len()..]);
+    behind.any(|rest| !rest.starts_with(|c: char| c.is_ascii_digit()))
+}
+
+/// With the roles that are there when it is ended.
+fn ended_in_the_middle(words: &[&str], roles: &[&str]) {
+    Started::new(words).ends_with_all(libc::SIGKILL, roles);
+    let (status, temporary) = Started::new(words).ends_with_all(libc::SIGINT, roles);
+    // One that has neither processes nor files is ended by the signal itself.
+    let by_signal = roles.is_empty() && status.signal() == Some(libc::SIGINT);
+    assert!(
+        status.code() == Some(130) || by_signal,
+        "{words:?}: {status}"
+    );
+    let left = fs::read_dir(temporary.path())
         .expect("the folder")
-        .flatten()
-        .map(|entry| entry.path())
-        .collect();
-    assert!(left.is_empty(), "{left:?}");
-    let shared = fs::read_dir("/dev/shm").expect("/dev/shm").flatten();
-    let shared: Vec<String> = shared
-        .map(|entry| entry.file_name().to_string_lossy().into_owned())
-        .filter(|name| name.contains(&mark))
-        .collect();
-    assert!(shared.is_empty(), "{shared:?}");
+        .flatten();
+    let left: Vec<_> = left.map(|entry| entry.path()).collect();
+    assert!(by_signal || left.is_empty(), "{words:?}: {left:?}");
+}
+
+#[test]
+fn a_bench_that_is_killed_or_interrupted_leaves_no_process_and_no_shared_memory() {
+    for bench in BENCHES.iter().filter(|bench| !bench.long.is_empty()) {
+        let words = [&["bench", bench.name], bench.long].concat();
+        ended_in_the_middle(&words, bench.roles);
+    }
+}
+
+#[test]
+fn a_tool_that_is_killed_or_interrupted_leaves_no_process_and_no_shared_memory() {
+    let machine = Bench::of("xy", &[]);
+    let machine = machine.path().display().to_string();
+    ended_in_the_middle(&["tune", &machine, "--dry-run"], RUN);
+    ended_in_the_middle(
+        &["soak", &machine, "--kills", "1000", "--only", "planner"],
+        RUN,
+    );
 }
 
 /// Command lines of processes that have `mark` in them.

@@ -17,7 +17,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 /// Nothing here takes longer, whatever else this PC does.
-const PATIENCE: Duration = Duration::from_secs(120);
+pub const PATIENCE: Duration = Duration::from_secs(120);
 
 /// The workspace.
 pub fn root() -> PathBuf {
@@ -318,23 +318,7 @@ impl LiveCell {
 
     /// Process ids and command lines of the launcher's children.
     pub fn children(&self) -> Vec<(i32, String)> {
-        let parent = format!("{}", self.child.id());
-        let mut children = Vec::new();
-        for entry in fs::read_dir("/proc").expect("/proc").flatten() {
-            let Ok(pid) = entry.file_name().to_string_lossy().parse::<i32>() else {
-                continue;
-            };
-            let Ok(stat) = fs::read_to_string(entry.path().join("stat")) else {
-                continue;
-            };
-            let after_name = stat.rsplit_once(')').map_or("", |(_, rest)| rest);
-            if after_name.split_whitespace().nth(1) == Some(parent.as_str()) {
-                let line = fs::read(entry.path().join("cmdline")).unwrap_or_default();
-                let line = String::from_utf8_lossy(&line).replace('\0', " ");
-                children.push((pid, line));
-            }
-        }
-        children
+        children_of(self.child.id())
     }
 
     /// The process id of the child whose command line has `role` in it.
@@ -373,6 +357,27 @@ impl LiveCell {
             _folder: self.folder.take().expect("still there"),
         }
     }
+}
+
+/// Process ids and command lines of the children of a process.
+pub fn children_of(parent: u32) -> Vec<(i32, String)> {
+    let parent = parent.to_string();
+    let mut children = Vec::new();
+    for entry in fs::read_dir("/proc").expect("/proc").flatten() {
+        let Ok(pid) = entry.file_name().to_string_lossy().parse::<i32>() else {
+            continue;
+        };
+        let Ok(stat) = fs::read_to_string(entry.path().join("stat")) else {
+            continue;
+        };
+        let after_name = stat.rsplit_once(')').map_or("", |(_, rest)| rest);
+        if after_name.split_whitespace().nth(1) == Some(parent.as_str()) {
+            let line = fs::read(entry.path().join("cmdline")).unwrap_or_default();
+            let line = String::from_utf8_lossy(&line).replace('\0', " ");
+            children.push((pid, line));
+        }
+    }
+    children
 }
 
 fn drain(pipe: Option<impl std::io::Read + Send + 'static>) -> std::thread::JoinHandle<Vec<u8>> {

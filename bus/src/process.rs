@@ -1,9 +1,14 @@
-//! Processes, watched by descriptor.
+//! Processes: watched by descriptor, and tied to the one that starts them.
 
 use std::io;
 use std::os::fd::OwnedFd;
+use std::os::unix::process::CommandExt;
+use std::process::Command;
 
-use rustix::process::{Pid, PidfdFlags, pidfd_open};
+use rustix::io::Errno;
+use rustix::process::{
+    Pid, PidfdFlags, Signal, getpid, getppid, pidfd_open, set_parent_process_death_signal,
+};
 
 /// A descriptor that becomes readable when the process ends.
 ///
@@ -15,4 +20,19 @@ pub fn watch(pid: u32) -> io::Result<OwnedFd> {
         .and_then(Pid::from_raw)
         .ok_or_else(|| io::Error::from(io::ErrorKind::NotFound))?;
     Ok(pidfd_open(pid, PidfdFlags::empty())?)
+}
+
+/// Ties the process that a command starts to the one that starts it: the kernel sends it this signal when the thread that starts it has
+/// ended, and so when its process has, however it ended. One whose parent has ended before that does not start.
+pub fn end_with_parent(command: &mut Command, signal: Signal) -> &mut Command {
+    let parent = getpid();
+    let tie = move || {
+        set_parent_process_death_signal(Some(signal))?;
+        match getppid() == Some(parent) {
+            true => Ok(()),
+            false => Err(Errno::SRCH.into()),
+        }
+    };
+    // SAFETY: between fork and exec nothing but two system calls is made.
+    unsafe { command.pre_exec(tie) }
 }

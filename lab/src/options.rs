@@ -93,10 +93,13 @@ impl Default for BenchCommand {
     fn default() -> Self {
         BenchCommand::Lockstep(LockstepOptions {
             machine: BENCH_MACHINE.into(),
+            rounds: ROUNDS,
         })
     }
 }
 
+/// Rounds of `quadrant bench lockstep` if no number is given.
+const ROUNDS: u32 = 5;
 /// Machine that is measured if none is named.
 const BENCH_MACHINE: &str = "machines/xy";
 
@@ -106,6 +109,9 @@ pub struct LockstepOptions {
     /// Folder with machine.toml, plant.toml and programs/circle-r25-f3000.ngc
     #[arg(default_value = BENCH_MACHINE)]
     pub machine: PathBuf,
+    /// Rounds of all measurements; the median counts
+    #[arg(long, value_name = "N", default_value_t = ROUNDS, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub rounds: u32,
 }
 
 /// What `quadrant bench fieldbus` takes.

@@ -3,6 +3,7 @@
 mod bus_scan;
 mod bus_sdo;
 pub mod check;
+pub mod child;
 mod closing;
 mod disk_room;
 pub mod doctor;

@@ -7,13 +7,12 @@ use std::time::{Duration, Instant};
 
 use anyhow::bail;
 use bus::cell::CellPaths;
+use bus::process::end_with_parent;
 use bus::user_codes::{self, CallEnd, CallId, UserCall};
 use machine::Machine;
 use program::{EventKind, Program};
 use rustix::fs::Access;
-use rustix::process::{
-    Pid, Signal, WaitId, WaitIdOptions, kill_process_group, set_parent_process_death_signal, waitid,
-};
+use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
 
 use crate::logs;
 
@@ -79,10 +78,7 @@ impl UserCodes {
             .stderr(Stdio::piped())
             // Ctrl-C goes to the launcher alone.
             .process_group(0);
-        // SAFETY: between fork and exec nothing but one system call is made.
-        unsafe {
-            command.pre_exec(|| Ok(set_parent_process_death_signal(Some(Signal::KILL))?));
-        }
+        end_with_parent(&mut command, Signal::KILL);
         let (p, q, line) = (call.p, call.q, call.line);
         tracing::info!("line {line}: {name} runs, P {p} Q {q}");
         match command.spawn() {

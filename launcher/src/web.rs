@@ -13,7 +13,8 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use rustix::process::{Signal, set_parent_process_death_signal};
+use bus::process::end_with_parent;
+use rustix::process::Signal;
 
 pub use crate::listening::is_loopback;
 pub use socket::{DEFAULT_ADDRESS, PORT, parse_address};
@@ -164,10 +165,7 @@ impl Page {
         if self.silent {
             command.stdout(Stdio::null()).stderr(Stdio::null());
         }
-        // SAFETY: between fork and exec nothing but one system call is made.
-        unsafe {
-            command.pre_exec(|| Ok(set_parent_process_death_signal(Some(Signal::TERM))?));
-        }
+        end_with_parent(&mut command, Signal::TERM);
         self.child = Some(command.spawn().context("starting the page")?);
         Ok(())
     }

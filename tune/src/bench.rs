@@ -2,8 +2,6 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
-use std::time::Duration;
 
 use anyhow::{Context, anyhow};
 use machine::{Machine, machine_file};
@@ -12,11 +10,9 @@ use toml_edit::DocumentMut;
 
 use super::dead_time;
 use super::recording::{self, Recording};
+use launcher::child;
 use launcher::exit::{Failure, Kind};
 use launcher::signals::Signals;
-
-/// How often a running child and the interruptions are looked at.
-const LOOK_EVERY: Duration = Duration::from_millis(20);
 
 /// Where test motions run.
 pub struct Bench {
@@ -109,33 +105,16 @@ impl Bench {
         let folder = self.folder.path();
         let out = folder.join(format!("run-{}", self.runs));
         let printed = folder.join("printed.txt");
-        let mut child = Command::new("/proc/self/exe")
-            .arg("run")
+        let mut child = child::command("run")
             .arg(folder)
             .arg(folder.join("motion.ngc"))
             .args(["--pace", "lockstep", "--cell", &self.cell, "--out"])
             .arg(&out)
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
             .stderr(fs::File::create(&printed).environment()?)
             .spawn()
             .context("starting a run")
             .environment()?;
-        let mut reported = 0;
-        let status = loop {
-            if let Some(status) = child.try_wait().environment()? {
-                break status;
-            }
-            // From a terminal the child has heard of it already; once more stops it at once, which is as well.
-            let interrupted = self.signals.count();
-            if interrupted > reported {
-                reported = interrupted;
-                if let Some(pid) = rustix::process::Pid::from_raw(child.id() as i32) {
-                    let _ = rustix::process::kill_process(pid, rustix::process::Signal::TERM);
-                }
-            }
-            std::thread::sleep(LOOK_EVERY);
-        };
+        let status = child::wait(&mut child, &self.signals).environment()?;
         if self.signals.count() > 0 {
             return Err(Failure::Interrupted);
         }

@@ -1,7 +1,7 @@
 //! `quadrant bench fieldbus`: how punctually frames leave and how soon they are back, in a cell and in a bare loop with the same socket.
 
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::Child;
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
@@ -17,6 +17,7 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use super::runs;
 use crate::options::FieldbusBenchOptions;
+use launcher::child;
 use launcher::exit::{Failure, Kind, Outcome};
 use launcher::output::say;
 use launcher::signals::Signals;
@@ -141,18 +142,14 @@ fn bare_loop(
 fn in_a_cell(machine: &Path, frames: u64, interrupted: &dyn Fn() -> bool) -> anyhow::Result<Seen> {
     let scratch = runs::scratch()?;
     let name = format!("bench-{}", std::process::id());
-    let mut child = Command::new(std::env::current_exe()?)
-        .arg("up")
+    let mut child = child::command("up")
         .arg(machine)
         .args(["--cell", &name, "--out"])
         .arg(scratch.path().join("up"))
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
         .spawn()?;
     let seen = observe(&name, &mut child, frames, interrupted);
-    let pid = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
-    if let (None, Some(pid)) = (child.try_wait()?, pid) {
-        kill_process(pid, Signal::INT)?;
+    if child.try_wait()?.is_none() {
+        kill_process(Pid::from_child(&child), Signal::INT)?;
     }
     child.wait()?;
     seen

@@ -1,29 +1,35 @@
 //! `quadrant bench lockstep`: speed of a whole cell beside physics alone and the bare hand-over between two processes.
 
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Child;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow};
 use bus::cell::CellPaths;
 use bus::sample::{AxisCommand, Feedback};
 use bus::service::{Bus, SCAN_DEPTH};
-use bus::signal_page::{CellPhase, SignalPage};
+use bus::signal_page::SignalPage;
 use bytemuck::Zeroable;
 use machine::Machine;
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
 use super::runs::{self, Runs};
 use crate::options::{BenchPongOptions, LockstepOptions};
 use launcher::check;
+use launcher::child;
 use launcher::exit::{Failure, Kind, Outcome};
 use launcher::output::say;
 use launcher::signals::Signals;
 
-/// Runs of the whole cell; the median counts.
-const RUNS: usize = 5;
 /// Hand-overs there and back for the floor.
 const ROUND_TRIPS: u32 = 50_000;
+/// How often either side looks whether the other is there, and for an interruption.
+const LOOK_EVERY: Duration = Duration::from_millis(10);
+/// How often this side looks whether the other is ready.
+const START_LOOK: Duration = Duration::from_millis(2);
+/// So long another process that was in the cell may take to leave.
+const CLEAN_PATIENCE: Duration = Duration::from_secs(1);
 /// Scans of physics alone.
 const PHYSICS_SCANS: usize = 20_000;
 
@@ -53,14 +59,14 @@ pub fn lockstep(options: &LockstepOptions) -> Outcome {
     let period_us = f64::from(checked.machine.scan.period_us);
     let period_scans = f64::from(checked.machine.scan.interpolation_period_scans);
     let mut rounds = Vec::new();
-    for _ in 0..RUNS {
+    for _ in 0..options.rounds {
         let (scan_us, factor) = cell_us(&runs, options, &program, period_us)?;
         rounds.push(Round {
             scan_us,
             factor,
             physics_us: physics_us(&checked).environment()?,
-            ring_us: hand_over_us(&options.machine, Ball::Ring).environment()?,
-            sample_us: hand_over_us(&options.machine, Ball::Sample).environment()?,
+            ring_us: hand_over_us(&options.machine, Ball::Ring, &signals)?,
+            sample_us: hand_over_us(&options.machine, Ball::Sample, &signals)?,
         });
     }
     let median = |take: fn(&Round) -> f64| {
@@ -78,10 +84,11 @@ pub fn lockstep(options: &LockstepOptions) -> Outcome {
     // Master to each servo in turn and back; to the planner and back once a period.
     let hand_overs = checked.machine.axes.len() as f64 + 1.0 + 1.0 / period_scans;
     say(&format!(
-        "lockstep: {} with {}, recorder on, {} processes, median of {RUNS} rounds",
+        "lockstep: {} with {}, recorder on, {} processes, median of {} rounds",
         options.machine.display(),
         program.display(),
-        checked.machine.axes.len() + 3
+        checked.machine.axes.len() + 3,
+        options.rounds
     ));
     print_round(&middle, hand_overs, period_us);
     Ok(())
@@ -164,77 +171,113 @@ enum Ball {
 }
 
 /// Half a round trip of two processes at two signals of a signal page, both on one processor, in µs.
-fn hand_over_us(machine: &Path, ball: Ball) -> anyhow::Result<f64> {
+fn hand_over_us(machine: &Path, ball: Ball, signals: &Signals) -> Result<f64, Failure> {
     let core = bus::realtime::processors().first().copied().unwrap_or(0);
-    let name = format!("pong-{}", std::process::id());
-    let cell = CellPaths::new(&name)?.own(Duration::ZERO)?;
-    let settings = Machine::load(machine)?;
-    let bus = Bus::enter(cell.place(), &settings.shape(), "ping", true)?;
-    let _services = bus.create_all()?;
-    let page = SignalPage::create(cell.place())?;
-    let mut pong = Command::new("/proc/self/exe")
-        .args(["bench-pong", "--cell", &name, "--core", &core.to_string()])
+    let place = CellPaths::new(&format!("pong-{}", std::process::id())).environment()?;
+    let pong = child::command("bench-pong")
+        .args(["--cell", place.name(), "--core", &core.to_string()])
         .arg("--machine")
         .arg(machine)
         .args((ball == Ball::Sample).then_some("--samples"))
-        .stdin(Stdio::null())
-        .spawn()
-        .context("starting the other side")?;
-    while page.ready_incarnation(0) != 1 {
-        let seen = page.launcher_signal().count();
-        if page.ready_incarnation(0) != 1 {
-            page.launcher_signal()
-                .wait(seen, Duration::from_millis(100));
-        }
-        if let Some(status) = pong.try_wait()? {
-            bail!("the other side ended with {status}");
-        }
-    }
+        .spawn();
+    let pong = pong.context("starting the other side").environment()?;
+    let mut ping = Ping { pong, signals };
     let before = bus::realtime::processors();
-    bus::realtime::stay_on(core);
-    let mut feedback_out = bus.feedback_writer()?;
-    let mut commands_in = bus.command_reader(0, 0, SCAN_DEPTH)?;
-    let mut feedback = Feedback::zeroed();
-    let started = Instant::now();
-    for scan in 0..ROUND_TRIPS {
-        let seen = page.master_signal().count();
-        if ball == Ball::Sample {
-            feedback.scan = scan.into();
-            feedback_out.send(&feedback);
+    let round_trip_us = ping.round_trip_us(&place, machine, ball, core);
+    bus::realtime::stay_on_all(&before);
+    let _ = kill_process(Pid::from_child(&ping.pong), Signal::TERM);
+    if !ping.pong.wait().environment()?.success() {
+        // What it has left goes.
+        place.own(CLEAN_PATIENCE).environment()?;
+    }
+    Ok(round_trip_us? / 2.0)
+}
+
+/// This side of the ping-pong.
+struct Ping<'a> {
+    pong: Child,
+    signals: &'a Signals,
+}
+
+impl Ping<'_> {
+    fn round_trip_us(
+        &mut self,
+        place: &CellPaths,
+        machine: &Path,
+        ball: Ball,
+        core: usize,
+    ) -> Result<f64, Failure> {
+        let page = loop {
+            match SignalPage::open(place) {
+                Ok(page) if page.ready_incarnation(0) == 1 => break page,
+                _ => self.look()?,
+            }
+            std::thread::sleep(START_LOOK);
+        };
+        let shape = Machine::load(machine).environment()?.shape();
+        let bus = Bus::enter(place, &shape, "ping", false).environment()?;
+        let mut feedback_out = bus.feedback_writer().environment()?;
+        let mut commands_in = bus.command_reader(0, 0, SCAN_DEPTH).environment()?;
+        let mut feedback = Feedback::zeroed();
+        bus::realtime::stay_on(core);
+        let started = Instant::now();
+        for scan in 0..ROUND_TRIPS {
+            let seen = page.master_signal().count();
+            if ball == Ball::Sample {
+                feedback.scan = scan.into();
+                feedback.visible_from = feedback.scan;
+                feedback_out.send(&feedback);
+            }
+            page.scan_signal().raise();
+            while page.master_signal().count() == seen {
+                page.master_signal().wait(seen, LOOK_EVERY);
+                if page.master_signal().count() == seen {
+                    self.look()?;
+                }
+            }
+            if ball == Ball::Sample && commands_in.any().is_none() {
+                return Err(anyhow!("the other side sent nothing")).environment();
+            }
         }
-        page.scan_signal().raise();
-        while page.master_signal().count() == seen {
-            page.master_signal().wait(seen, Duration::from_secs(1));
+        Ok(started.elapsed().as_secs_f64() * 1e6 / f64::from(ROUND_TRIPS))
+    }
+
+    /// Whether the other side is there, and nobody interrupts.
+    fn look(&mut self) -> Outcome {
+        if self.signals.count() > 0 {
+            return Err(Failure::Interrupted);
         }
-        if ball == Ball::Sample && commands_in.any().is_none() {
-            bail!("the other side sent nothing");
+        match self.pong.try_wait().environment()? {
+            None => Ok(()),
+            Some(status) => Err(anyhow!("the other side ended with {status}")).environment(),
         }
     }
-    let round_trip_us = started.elapsed().as_secs_f64() * 1e6 / f64::from(ROUND_TRIPS);
-    bus::realtime::stay_on_all(&before);
-    page.set_phase(CellPhase::Ending);
-    pong.wait()?;
-    Ok(round_trip_us / 2.0)
 }
 
-/// The other side of the ping-pong.
+/// The other side of the ping-pong, which plays until it is told to end, or its parent has ended. The cell is its own: so that
+/// nothing of it stays where the bench is killed.
 pub fn pong(options: &BenchPongOptions) -> Outcome {
-    pong_until_ended(options).environment()
+    let signals = Signals::catch().environment()?;
+    pong_until_ended(options, &signals).environment()
 }
 
-fn pong_until_ended(options: &BenchPongOptions) -> anyhow::Result<()> {
-    let place = CellPaths::new(&options.cell)?;
-    let page = SignalPage::open(&place)?;
+fn pong_until_ended(options: &BenchPongOptions, signals: &Signals) -> anyhow::Result<()> {
+    let cell = CellPaths::new(&options.cell)?.own(Duration::ZERO)?;
     let machine = Machine::load(&options.machine)?;
-    let bus = Bus::enter(&place, &machine.shape(), "pong", false)?;
+    let bus = Bus::enter(cell.place(), &machine.shape(), "pong", true)?;
+    let _services = bus.create_all()?;
+    let page = SignalPage::create(cell.place())?;
     let mut feedback_in = bus.feedback_reader(SCAN_DEPTH)?;
     let mut commands_out = bus.command_writer(0, 0)?;
     bus::realtime::stay_on(options.core);
     let mut seen = page.scan_signal().count();
     page.set_ready(0, 1);
-    while page.phase() != CellPhase::Ending {
+    loop {
         if page.scan_signal().count() == seen {
-            page.scan_signal().wait(seen, Duration::from_secs(1));
+            page.scan_signal().wait(seen, LOOK_EVERY);
+            if page.scan_signal().count() == seen && signals.count() > 0 {
+                return Ok(());
+            }
             continue;
         }
         seen = page.scan_signal().count();
@@ -248,5 +291,4 @@ fn pong_until_ended(options: &BenchPongOptions) -> anyhow::Result<()> {
         }
         page.master_signal().raise();
     }
-    Ok(())
 }

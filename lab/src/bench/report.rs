@@ -3,7 +3,6 @@
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
@@ -14,6 +13,7 @@ use tempfile::TempDir;
 
 use super::runs::{self, Runs};
 use crate::options::BenchReportOptions;
+use launcher::child;
 use launcher::exit::{Failure, Kind, Outcome};
 use launcher::output::say;
 use launcher::signals::Signals;
@@ -49,11 +49,12 @@ pub fn report(options: &BenchReportOptions) -> Outcome {
     };
     let (mut floors, mut costs) = (Vec::new(), Vec::new());
     for _ in 0..ROUNDS {
+        floors.push(floor_of(&run_dir).input()?);
+        let cost = cost_of_report(&run_dir, &signals);
         if signals.count() > 0 {
             return Err(Failure::Interrupted);
         }
-        floors.push(floor_of(&run_dir).input()?);
-        costs.push(cost_of_report(&run_dir).environment()?);
+        costs.push(cost.environment()?);
     }
     floors.sort_by(|a, b| a.cpu_s.total_cmp(&b.cpu_s));
     costs.sort_by(|a, b| a.wall_s.total_cmp(&b.wall_s));
@@ -159,23 +160,22 @@ fn thread_cpu_s() -> f64 {
 }
 
 /// Makes the report in a process of its own.
-fn cost_of_report(run_dir: &Path) -> anyhow::Result<Cost> {
+fn cost_of_report(run_dir: &Path, signals: &Signals) -> anyhow::Result<Cost> {
     let started = Instant::now();
-    let mut child = Command::new("/proc/self/exe")
-        .arg("report")
+    let mut child = child::command("report")
         .arg(run_dir)
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
         .spawn()
         .context("starting a report")?;
     let proc = PathBuf::from(format!("/proc/{}", child.id()));
-    let pid = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
-    let pid = pid.context("its process id")?;
+    let pid = Pid::from_child(&child);
     // Ended, but still there to be asked how long it took.
     let ended = WaitIdOptions::EXITED | WaitIdOptions::NOWAIT | WaitIdOptions::NOHANG;
     let mut peak_kb = 0;
     while waitid(WaitId::Pid(pid), ended)?.is_none() {
         peak_kb = peak_kb.max(peak_kb_in(&proc).unwrap_or(0));
+        if signals.count() > 0 {
+            child.kill()?;
+        }
         std::thread::sleep(LOOK_EVERY);
     }
     let wall_s = started.elapsed().as_secs_f64();

@@ -1,23 +1,15 @@
 //! Runs of a bench: each through real processes in a cell of its own, in a folder that is gone afterwards.
 
 use std::fs;
-use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
-use std::time::Duration;
 
 use anyhow::{Context, anyhow};
-use bus::process::watch;
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use tempfile::TempDir;
 
+use launcher::child;
 use launcher::exit::{Failure, Kind};
 use launcher::signals::Signals;
-
-/// How often a run is looked at for an interruption.
-const LOOK_EVERY: Duration = Duration::from_millis(50);
 
 /// A folder for the files of a bench, removed when dropped.
 ///
@@ -96,22 +88,16 @@ impl Runs<'_> {
         }
         let out = self.out(lane);
         let cell = format!("bench-{}-{lane}", std::process::id());
-        let mut child = Command::new("/proc/self/exe")
-            .arg("run")
+        let mut child = child::command("run")
             .arg(machine)
             .arg(program)
             .args(["--pace", "lockstep", "--cell", &cell, "--out"])
             .arg(&out)
             .args(options)
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::inherit())
-            // Ctrl-C goes to the bench alone, which hands it on.
-            .process_group(0)
             .spawn()
             .context("starting a run")
             .environment()?;
-        let status = self.wait(&mut child)?;
+        let status = child::wait(&mut child, self.signals).environment()?;
         if self.signals.count() > 0 {
             return Err(Failure::Interrupted);
         }
@@ -123,34 +109,5 @@ impl Runs<'_> {
             });
         }
         Ok(())
-    }
-
-    /// Waits for the run's end; each interruption is handed on to it.
-    fn wait(&self, child: &mut Child) -> Result<ExitStatus, Failure> {
-        let mut handed_on = 0;
-        let ended = watch(child.id()).ok();
-        loop {
-            if let Some(status) = child.try_wait().environment()? {
-                return Ok(status);
-            }
-            let interruptions = self.signals.count();
-            if interruptions > handed_on {
-                handed_on = interruptions;
-                let pid = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
-                if let Some(pid) = pid {
-                    let _ = kill_process(pid, Signal::INT);
-                }
-            }
-            let limit = Timespec {
-                tv_sec: 0,
-                tv_nsec: LOOK_EVERY.subsec_nanos().into(),
-            };
-            match &ended {
-                Some(ended) => {
-                    let _ = poll(&mut [PollFd::new(ended, PollFlags::IN)], Some(&limit));
-                }
-                None => std::thread::sleep(LOOK_EVERY),
-            }
-        }
     }
 }

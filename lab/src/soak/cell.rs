@@ -2,9 +2,8 @@
 
 use std::fs::{self, File};
 use std::os::fd::OwnedFd;
-use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
@@ -16,6 +15,7 @@ use bus::sample::{Feedback, Job, Mode, OperatorRequest, Order, Participant, Refu
 use bus::service::{Bus, RECORDER_DEPTH_SCANS};
 use bus::signal_page::SignalPage;
 use control::path::Path as ProgramPath;
+use launcher::child;
 use machine::Machine;
 use rustix::process::{Pid, Signal, kill_process, pidfd_send_signal};
 
@@ -160,18 +160,12 @@ impl Cell {
     pub fn start(start: &Start<'_>) -> anyhow::Result<Cell> {
         let place = CellPaths::new(start.name)?;
         let published = File::create(start.published).context("a file for what the run says")?;
-        let mut child = Command::new("/proc/self/exe")
-            .arg0("quadrant")
-            .arg("run")
+        let mut child = child::command("run")
             .arg(start.machine_folder)
             .arg(start.program)
             .args(["--pace", start.pace, "--cell", start.name, "--out"])
             .arg(start.out)
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
             .stderr(published)
-            // Ctrl-C goes to the soak alone, which hands it on.
-            .process_group(0)
             .spawn()
             .context("starting a run")?;
         let launcher = child.id();
@@ -439,16 +433,10 @@ impl Cell {
 
     /// Starts a command of an operator's to the cell.
     pub fn client(&self, words: &[&str]) -> Option<Child> {
-        Command::new("/proc/self/exe")
-            .arg0("quadrant")
-            .args(words)
-            .args(["--cell", self.place.name()])
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .process_group(0)
-            .spawn()
-            .ok()
+        let (subcommand, rest) = words.split_first()?;
+        let mut command = child::command(subcommand);
+        command.args(rest).args(["--cell", self.place.name()]);
+        command.stderr(Stdio::null()).spawn().ok()
     }
 
     /// Sends a signal to the launcher, unless it has ended.

@@ -2,8 +2,9 @@
 
 use std::fs;
 use std::io;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::process::{Child, Command, Stdio};
 
 /// Where freezers may be made: the first version of control groups, mixed, the second; with the file that freezes and its words.
 const PLACES: [(&str, &str, [&str; 2]); 3] = [
@@ -15,8 +16,9 @@ const PLACES: [(&str, &str, [&str; 2]); 3] = [
     ("/sys/fs/cgroup/unified", "cgroup.freeze", ["1", "0"]),
     ("/sys/fs/cgroup", "cgroup.freeze", ["1", "0"]),
 ];
-/// Processes have left a group by then.
-const LEAVE_LIMIT: Duration = Duration::from_secs(1);
+/// Its standard input ends when the soak has ended, however that ended: then it lets the group go on, and removes it once it is empty.
+const KEEPER: &str =
+    "cat; echo \"$2\" > \"$1\"; for look in $(seq 100); do rmdir \"$3\" && break; sleep 0.01; done";
 
 /// The group. Dropping it removes it.
 #[derive(Debug)]
@@ -24,6 +26,7 @@ pub struct Freezer {
     folder: PathBuf,
     switch: PathBuf,
     words: [&'static str; 2],
+    keeper: Child,
 }
 
 impl Freezer {
@@ -32,12 +35,27 @@ impl Freezer {
         PLACES.iter().find_map(|(place, file, words)| {
             let folder = Path::new(place).join(name);
             fs::create_dir(&folder).ok()?;
-            let freezer = Freezer {
-                switch: folder.join(file),
+            let switch = folder.join(file);
+            if !switch.exists() {
+                // Not a control group.
+                let _ = fs::remove_dir(&folder);
+                return None;
+            }
+            let keeper = Command::new("sh")
+                .args(["-c", KEEPER, "sh"])
+                .args([switch.as_os_str(), words[1].as_ref(), folder.as_os_str()])
+                .stdin(Stdio::piped())
+                .stdout(Stdio::null())
+                .stderr(Stdio::null())
+                // Ctrl-C goes to the soak alone.
+                .process_group(0)
+                .spawn();
+            Some(Freezer {
+                switch,
                 folder,
                 words: *words,
-            };
-            freezer.switch.exists().then_some(freezer)
+                keeper: keeper.ok()?,
+            })
         })
     }
 
@@ -62,10 +80,7 @@ impl Freezer {
 
 impl Drop for Freezer {
     fn drop(&mut self) {
-        let _ = self.thaw();
-        let since = Instant::now();
-        while fs::remove_dir(&self.folder).is_err() && since.elapsed() < LEAVE_LIMIT {
-            std::thread::sleep(Duration::from_millis(10));
-        }
+        drop(self.keeper.stdin.take());
+        let _ = self.keeper.wait();
     }
 }
