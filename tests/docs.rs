@@ -168,9 +168,11 @@ fn no_line_of_prose_is_over_120_columns() {
         for (number, line) in outside_code(&read(&document)) {
             let is_table = line.trim_start().starts_with('|');
             let is_picture = line.starts_with("![");
+            // What a test runs stays on one line.
+            let is_comment = line.starts_with("<!-- ");
             // One link or word alone has no place to break at.
             let breaks = line.trim().trim_start_matches("- ").contains(' ') && !is_link(line);
-            if line.chars().count() > COLUMNS && !is_table && !is_picture && breaks {
+            if line.chars().count() > COLUMNS && !is_table && !is_picture && !is_comment && breaks {
                 long.push(format!("{}:{number}", shown(&document)));
             }
         }

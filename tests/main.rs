@@ -7,6 +7,7 @@ mod bad_input_table;
 mod bad_samples;
 mod beginning;
 mod bench;
+mod book;
 mod causes;
 mod compensation;
 mod dead_time;
