@@ -9,12 +9,13 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use bus::sample::Mode;
+use bus::sample::{Mode, Waiting};
 
 use crate::support::{
     Bench, LiveCell, Run, circle_program, endless_program, long_program, number, quadrant, send,
     text, traces_of,
 };
+use crate::up::obeyed;
 
 /// Moments, on a PC that does other things as well.
 const MOMENTS: Duration = Duration::from_secs(13);
@@ -27,6 +28,20 @@ fn cell_with(program: &str) -> (Bench, LiveCell) {
     let program = bench.file("circle.ngc", program);
     let cell = LiveCell::start(bench.path(), &program, "realtime");
     (bench, cell)
+}
+
+/// A cell that waits at M0 half a second before the end of its program, until it is told to [`go_on`].
+fn held_cell(bench: &Bench, pace: &str) -> LiveCell {
+    let circles = circle_program(5.0, 3000.0, (0.0, 0.0), 0.0);
+    let (before, last) = circles.rsplit_once("G2 ").expect("the last circle");
+    let program = bench.file("circle.ngc", &format!("{before}M0\nG2 {last}"));
+    let mut cell = LiveCell::start(bench.path(), &program, pace);
+    cell.wait_for(|f| f.auxiliary.waiting == Waiting::ProgramStop as u32 && f.hold == 1);
+    cell
+}
+
+fn go_on(cell: &LiveCell) {
+    obeyed(cell, &["resume"]);
 }
 
 /// Fills a pipe, made as small as pipes can be, of which this is the reading end.
@@ -87,20 +102,15 @@ fn output_that_nobody_takes_keeps_nobody_from_being_replaced_and_no_stop_from_be
     assert!(report.contains("\"interrupted\""), "{report}");
 }
 
-/// Circles for 3 s.
-fn short_program() -> String {
-    circle_program(5.0, 3000.0, (0.0, 0.0), 0.0)
-}
-
 /// The master stays after its last feedback until the recorder has it: a recorder that is stopped for a moment keeps it there.
 #[test]
 fn a_master_killed_after_its_last_feedback_is_not_missed() {
-    let (_bench, mut cell) = cell_with(&short_program());
-    let moves = cell.wait_for(|f| f.tag.element >= 5);
+    let bench = Bench::patient("xy", &[REPLACED]);
+    let mut cell = held_cell(&bench, "realtime");
     let recorder = cell.pid_of("quadrant recorder");
     send(recorder, libc::SIGSTOP);
-    let last = cell.wait_for(|f| f.last == 1);
-    assert!(last.scan > moves.scan);
+    go_on(&cell);
+    cell.wait_for(|f| f.last == 1);
     send(cell.pid_of("quadrant plant-sim"), libc::SIGKILL);
     let since = Instant::now();
     send(recorder, libc::SIGCONT);
@@ -121,9 +131,7 @@ fn a_master_killed_after_its_last_feedback_is_not_missed() {
 #[test]
 fn in_lockstep_a_master_waits_for_no_recorder_that_has_been_replaced_meanwhile() {
     let bench = Bench::of("xy", &[]);
-    let program = bench.file("circle.ngc", &short_program());
-    let mut cell = LiveCell::start(bench.path(), &program, "lockstep");
-    cell.wait_for_scan(50);
+    let cell = held_cell(&bench, "lockstep");
     let (recorder, master) = (
         cell.pid_of("quadrant recorder"),
         cell.pid_of("quadrant plant-sim"),
@@ -139,6 +147,7 @@ fn in_lockstep_a_master_waits_for_no_recorder_that_has_been_replaced_meanwhile()
     // It has its ports, and is in the roster.
     std::thread::sleep(Duration::from_millis(500));
     send(master, libc::SIGCONT);
+    go_on(&cell);
     let since = Instant::now();
     let run = cell.finish();
     assert!(since.elapsed() < MOMENTS, "{}", run.stderr());
@@ -157,15 +166,16 @@ fn a_process_that_misses_the_last_feedback_holds_up_no_run() {
         }
         std::thread::sleep(Duration::from_millis(1));
     };
-    let first = cell.wait_for(|_| true).scan;
+    // A reader that is there before has the last feedback also when the cell is gone.
+    let (_bus, mut feedback) = cell.feedback();
+    wait_until("a feedback", || feedback.newest(u64::MAX).is_some());
     send(servo, libc::SIGSTOP);
     cell.signal_launcher(libc::SIGTERM);
-    let last = cell.wait_for(|f| f.last == 1).scan;
-    assert!(last > first);
-    let since = Instant::now();
     let (status, took) = ends(&mut cell);
     send(servo, libc::SIGCONT);
-    assert!(since.elapsed() < Duration::from_millis(4500), "{took:?}");
+    let last = feedback.newest(u64::MAX).expect("a feedback");
+    assert_eq!(last.last, 1, "{last:?}");
+    assert!(took < Duration::from_millis(5500), "{took:?}");
     assert!(matches!(status, 1 | 130), "{status}");
 }
 
@@ -247,10 +257,11 @@ fn missing_at_the_end(run: &Run) -> (f64, f64, f64) {
 /// A launcher that is stopped for a moment replaces nobody before the run is over.
 #[test]
 fn a_recorder_killed_in_the_last_moments_holds_up_nothing_and_the_report_says_what_is_missing() {
-    let (_bench, mut cell) = cell_with(&short_program());
-    cell.wait_for(|f| f.tag.element >= 5);
+    let bench = Bench::patient("xy", &[REPLACED]);
+    let mut cell = held_cell(&bench, "realtime");
     cell.signal_launcher(libc::SIGSTOP);
     send(cell.pid_of("quadrant recorder"), libc::SIGKILL);
+    go_on(&cell);
     let last = cell.wait_for(|f| f.last == 1).scan as f64;
     cell.signal_launcher(libc::SIGCONT);
     let since = Instant::now();
@@ -263,8 +274,8 @@ fn a_recorder_killed_in_the_last_moments_holds_up_nothing_and_the_report_says_wh
 /// It comes when there is nothing left to record: the last feedback, for which it would wait, has been.
 #[test]
 fn a_recorder_that_comes_too_late_for_the_last_feedback_is_not_waited_for() {
-    let (_bench, mut cell) = cell_with(&short_program());
-    cell.wait_for(|f| f.tag.element >= 5);
+    let bench = Bench::patient("xy", &[REPLACED]);
+    let mut cell = held_cell(&bench, "realtime");
     send(cell.pid_of("quadrant recorder"), libc::SIGKILL);
     let mut second = None;
     wait_until("another recorder", || {
@@ -277,6 +288,7 @@ fn a_recorder_that_comes_too_late_for_the_last_feedback_is_not_waited_for() {
     });
     let second = second.expect("it was seen");
     send(second, libc::SIGSTOP);
+    go_on(&cell);
     let last = cell.wait_for(|f| f.last == 1).scan as f64;
     wait_until("the master leaves", || {
         let children = cell.children();

@@ -19,6 +19,15 @@ use tempfile::TempDir;
 /// Nothing here takes longer, whatever else this PC does.
 pub const PATIENCE: Duration = Duration::from_secs(120);
 
+/// `LATE_LOOKS_MS=1000` lets tests look at their cells so much later, as on a PC that has no time for them. What a test waits for may
+/// not be over by then: in lockstep a second is half a minute of the machine.
+pub fn look_late() {
+    if let Ok(late_ms) = std::env::var("LATE_LOOKS_MS") {
+        let late_ms = late_ms.parse().expect("LATE_LOOKS_MS, in ms");
+        std::thread::sleep(Duration::from_millis(late_ms));
+    }
+}
+
 /// The workspace.
 pub fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
@@ -298,6 +307,7 @@ impl LiveCell {
 
     /// Waits until some feedback satisfies `reached`.
     pub fn wait_for(&mut self, reached: impl Fn(&Feedback) -> bool) -> Feedback {
+        look_late();
         let (_bus, mut reader) = self.feedback();
         let started = Instant::now();
         loop {
@@ -312,6 +322,7 @@ impl LiveCell {
                 let said = String::from_utf8_lossy(&said);
                 panic!("the run ended before it came to that: {said}");
             }
+            look_late();
             std::thread::sleep(Duration::from_millis(1));
         }
     }

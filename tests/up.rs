@@ -10,7 +10,7 @@ use bus::sample::{Feedback, Mode, ProgramState};
 use serde_json::Value;
 
 use crate::support::{
-    Bench, LiveCell, circle_program, endless_program, long_program, number, quadrant, send, text,
+    Bench, LiveCell, circle_program, endless_program, look_late, number, quadrant, send, text,
     traces_of,
 };
 
@@ -21,6 +21,7 @@ pub(crate) struct Said {
 }
 
 pub(crate) fn ask(cell: &LiveCell, words: &[&str]) -> Said {
+    look_late();
     let Output {
         status,
         stdout,
@@ -57,7 +58,7 @@ pub(crate) fn refused(cell: &LiveCell, words: &[&str], why: &str) {
     assert!(printed.text.contains(why), "{words:?}: {}", printed.text);
 }
 
-/// A cell that is up, and two programs: circles for 6 s, and for minutes.
+/// A cell that is up, and two programs: circles for 6 s, and for hours.
 pub(crate) fn up(pace: &str) -> (Bench, LiveCell, String, String) {
     up_on(Bench::patient("xy", &[]), pace)
 }
@@ -67,7 +68,7 @@ pub(crate) fn up_on(bench: Bench, pace: &str) -> (Bench, LiveCell, String, Strin
     let short = circle_program(10.0, 3000.0, (0.0, 0.0), 0.0);
     let short = bench.file("short.ngc", &short).display().to_string();
     let long = bench
-        .file("long.ngc", &long_program())
+        .file("long.ngc", &endless_program())
         .display()
         .to_string();
     let mut cell = LiveCell::up(bench.path(), pace);
@@ -143,7 +144,8 @@ fn whoever_has_waited_gives_the_next_order_at_once_and_every_answer_names_its_ce
         }
     }
     obeyed(&cell, &["enable"]);
-    obeyed(&cell, &["jog", "X", "20"]);
+    // It takes half a minute.
+    obeyed(&cell, &["jog", "X", "20", "--speed", "40"]);
     let status = ask(&cell, &["status", "--json"]).text;
     assert!(status.contains("\"at_rest\": false"), "{status}");
     refused(&cell, &["disable"], &format!("{name}disable refused"));
@@ -508,10 +510,10 @@ fn a_reset_gives_up_the_rest_of_a_program_and_start_begins_it_again() {
     let now = cell.wait_for(|f| is(f, Mode::Ready, ProgramState::Loaded));
     assert_eq!((now.hold, place(&now)), (0, place(&held)));
     // From its beginning, from where the axes are.
-    obeyed(&cell, &["start"]);
-    let again = cell.wait_for(|f| f.run == 2 && !f.tag.is_off_path());
+    obeyed(&cell, &["start", "--single-block"]);
+    let again = cell.wait_for(|f| f.run == 2 && f.hold == 1 && f.at_rest == 1);
+    assert!(!again.tag.is_off_path());
     assert_eq!(again.tag.element, 0);
-    obeyed(&cell, &["hold"]);
     obeyed(&cell, &["down"]);
     cell.finish();
 }
@@ -547,9 +549,14 @@ fn a_program_starts_at_a_line_and_goes_on_from_there() {
     let said = obeyed(&cell, &["start", "--line", "3"]);
     assert!(said.contains("in hold: resume moves"), "{said}");
     refused(&cell, &["load", &part], "a program is running");
+    // It rests behind the line's block.
+    obeyed(&cell, &["single-block", "on"]);
     obeyed(&cell, &["resume"]);
-    let begun = cell.wait_for(|f| f.run == 2 && !f.window.is_none() && !f.tag.is_off_path());
-    assert_eq!(begun.tag.element, 1);
+    let begun =
+        cell.wait_for(|f| f.auxiliary.levels.blocks_done > 0 && f.hold == 1 && f.at_rest == 1);
+    assert_eq!((begun.run, begun.tag.element), (2, 1));
+    obeyed(&cell, &["single-block", "off"]);
+    obeyed(&cell, &["resume"]);
     cell.wait_for(|f| is(f, Mode::Ready, ProgramState::Done));
     obeyed(&cell, &["down"]);
     assert_eq!(cell.finish().output.status.code(), Some(0));
