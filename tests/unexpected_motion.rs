@@ -61,3 +61,24 @@ fn an_axis_outside_its_travel_is_jogged_inwards_step_by_step_and_then_takes_its_
     obeyed(&cell, &["start", "--wait"]);
     down(cell);
 }
+
+/// Lost motion that is found to lie on the other side puts the axis some µm beyond the end that it has moved to.
+#[test]
+fn from_both_ends_of_its_travel_an_axis_is_jogged_in_and_blocks_and_programs_go_on() {
+    let bench = Bench::of("xyz-mill", &[]);
+    let program = bench.file("inside.ngc", "G21 G90 G94\nG53 G1 X9 F6000\nM2\n");
+    let program = program.display().to_string();
+    let mut cell = LiveCell::up(bench.path(), "lockstep");
+    cell.wait_for(|_| true);
+    obeyed(&cell, &["enable"]);
+    for (end, inwards) in [("0", "0.12"), ("500", "-0.12")] {
+        obeyed(&cell, &["mdi", &format!("G90 G53 G0 X{end}")]);
+        obeyed(&cell, &["jog", "X", inwards, "--wait"]);
+        let back = inwards.parse::<f64>().expect("a way") / -2.0;
+        obeyed(&cell, &["jog", "X", &back.to_string(), "--wait"]);
+        obeyed(&cell, &["mdi", &format!("G91 G1 X{inwards} F600")]);
+        obeyed(&cell, &["load", &program]);
+        obeyed(&cell, &["start", "--wait"]);
+    }
+    down(cell);
+}

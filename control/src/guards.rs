@@ -6,15 +6,15 @@
     clippy::indexing_slicing
 )]
 
+use crate::travel::Travel;
+
 /// Guards of one axis, judged each scan; written so that a value that is not a number breaks them.
 ///
 /// Source: docs/developers/architecture.md. Units: mm and mm/s, increments for positions. No state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisGuards {
-    /// Lower end of travel, in increments.
-    pub travel_min: i64,
-    /// Upper end, in increments.
-    pub travel_max: i64,
+    /// The travel, in increments.
+    pub travel: Travel<i64>,
     /// How far the feedback may be beyond the travel, in increments: a command that ends exactly there overshoots a little.
     pub travel_margin: i64,
     /// Following error, in mm.
@@ -37,32 +37,27 @@ pub enum Broken {
 }
 
 impl AxisGuards {
-    /// Judges positions in increments; the axis was commanded to be at `before`. One whose loop was closed outside its travel
-    /// may be there and come back, and not go farther out than by the margin.
-    pub fn positions(&self, before: i64, command: i64, feedback: i64) -> Option<Broken> {
-        let low = self.travel_min.min(before);
-        let high = self.travel_max.max(before);
-        let margin = |outside: bool| if outside { self.travel_margin } else { 0 };
-        let lowest = low.saturating_sub(margin(low < self.travel_min));
-        let highest = high.saturating_add(margin(high > self.travel_max));
-        if (lowest..=highest).contains(&command) {
-            self.feedback(before, feedback)
+    /// Judges positions in increments, of an axis whose command may be anywhere in `reach`.
+    pub fn positions(&self, reach: Travel<i64>, command: i64, feedback: i64) -> Option<Broken> {
+        if reach.holds(command) {
+            self.feedback(command, feedback)
         } else {
             Some(Broken::Travel)
         }
     }
 
+    /// The same of a motion by hand, whose command was at `before`. It counts from where the motor stands, and so is off the
+    /// positions of the machine by what the axis was not in position.
+    pub fn by_hand(&self, before: i64, command: i64, feedback: i64) -> Option<Broken> {
+        let reach = self.travel.widened(self.travel_margin).from_place(before);
+        self.positions(reach, command, feedback)
+    }
+
     /// Judges the feedback alone, in increments, of an axis that is commanded to be at `command`.
     pub fn feedback(&self, command: i64, feedback: i64) -> Option<Broken> {
-        let lowest = self
-            .travel_min
-            .min(command)
-            .saturating_sub(self.travel_margin);
-        let highest = self
-            .travel_max
-            .max(command)
-            .saturating_add(self.travel_margin);
-        (!(lowest..=highest).contains(&feedback)).then_some(Broken::Travel)
+        let reach = self.travel.from_place(command);
+        let reach = reach.widened(self.travel_margin);
+        (!reach.holds(feedback)).then_some(Broken::Travel)
     }
 
     /// Judges the following error.
@@ -93,17 +88,24 @@ mod tests {
     use super::*;
 
     const GUARDS: AxisGuards = AxisGuards {
-        travel_min: -100,
-        travel_max: 200,
+        travel: Travel {
+            min: -100,
+            max: 200,
+        },
         travel_margin: 5,
         following_error_mm: 2.0,
         speed_mm_s: 250.0,
     };
 
+    /// Of an axis that was commanded to be at `before`.
+    fn positions(before: i64, command: i64, feedback: i64) -> Option<Broken> {
+        GUARDS.positions(GUARDS.travel.from_place(before), command, feedback)
+    }
+
     #[test]
     fn the_command_may_reach_the_travel_and_the_feedback_pass_it_by_the_margin() {
-        assert_eq!(GUARDS.positions(0, 200, 205), None);
-        assert_eq!(GUARDS.positions(0, -100, -105), None);
+        assert_eq!(positions(0, 200, 205), None);
+        assert_eq!(positions(0, -100, -105), None);
         for (command, feedback) in [
             (201, 200),
             (-101, 0),
@@ -112,22 +114,40 @@ mod tests {
             (i64::MIN, 0),
             (0, i64::MAX),
         ] {
-            assert_eq!(GUARDS.positions(0, command, feedback), Some(Broken::Travel));
+            assert_eq!(positions(0, command, feedback), Some(Broken::Travel));
         }
     }
 
     #[test]
     fn an_axis_that_is_outside_may_be_there_and_come_back_and_not_go_farther_out() {
-        assert_eq!(GUARDS.positions(300, 300, 302), None);
-        assert_eq!(GUARDS.positions(300, 280, 281), None);
-        assert_eq!(GUARDS.positions(-150, -149, -150), None);
-        for (before, command, feedback) in [(300, 306, 300), (300, 300, 306), (-150, -156, -150)] {
-            assert_eq!(
-                GUARDS.positions(before, command, feedback),
-                Some(Broken::Travel)
-            );
+        assert_eq!(positions(300, 300, 302), None);
+        assert_eq!(positions(300, 280, 281), None);
+        assert_eq!(positions(-150, -149, -150), None);
+        for (before, command, feedback) in [
+            (300, 301, 300),
+            (300, 300, 306),
+            (-150, -151, -150),
+            (300, -101, 0),
+        ] {
+            let broken = positions(before, command, feedback);
+            assert_eq!(broken, Some(Broken::Travel));
         }
-        assert_eq!(GUARDS.positions(300, -101, 0), Some(Broken::Travel));
+    }
+
+    #[test]
+    fn by_hand_an_axis_may_be_beyond_the_travel_by_the_margin_and_no_farther_scan_by_scan() {
+        assert_eq!(GUARDS.by_hand(0, -105, -110), None);
+        assert_eq!(GUARDS.by_hand(300, 300, 305), None);
+        assert_eq!(GUARDS.by_hand(-150, -140, -150), None);
+        for (before, command, feedback) in [
+            (0, -106, -106),
+            (-106, -107, -107),
+            (-105, -105, -111),
+            (300, 301, 301),
+        ] {
+            let broken = GUARDS.by_hand(before, command, feedback);
+            assert_eq!(broken, Some(Broken::Travel));
+        }
     }
 
     #[test]

@@ -43,6 +43,7 @@ pub mod speed_map;
 pub mod spindle_following;
 pub mod time_use;
 pub mod totals;
+pub mod travel;
 pub mod trigger;
 pub mod velocity_loop;
 pub mod window;

@@ -10,6 +10,7 @@ use thiserror::Error;
 
 use crate::axis_rates::AxisRates;
 use crate::path::{AxisVector, Element, MAX_AXES, Path};
+use crate::travel::Travel;
 
 /// Degrees per radian.
 const DEG_PER_RAD: f64 = 180.0 / std::f64::consts::PI;
@@ -92,7 +93,7 @@ pub enum OutOfReach {
         high_mm: f64,
     },
     /// The machine is with its arm outside the range.
-    #[error("the arm is at {angle_deg:.4}°: its range is {low_deg} to {high_deg}°")]
+    #[error("the arm is at {angle_deg:.4}°: its range is {low_deg} to {high_deg}°: jog it inwards")]
     Start {
         /// Where it stands.
         angle_deg: f64,
@@ -227,11 +228,15 @@ impl PivotY {
     /// Whether the arm reaches every place of an element; the line and the farthest Y where not.
     pub fn check_reach(&self, element: &Element) -> Result<(), OutOfReach> {
         let (low_mm, high_mm) = self.reach_mm();
+        let y_mm = |place: &AxisVector| place.get(self.arm).copied().unwrap_or(0.0);
+        let reach = Travel {
+            min: low_mm - REACH_ROUNDING_MM,
+            max: high_mm + REACH_ROUNDING_MM,
+        };
+        let reach = reach.from_place(y_mm(&element.point(0.0)));
         let (lowest, highest) = element.bounds();
-        for bound in [lowest, highest] {
-            let y_mm = bound.get(self.arm).copied().unwrap_or(0.0);
-            let inside = y_mm >= low_mm - REACH_ROUNDING_MM && y_mm <= high_mm + REACH_ROUNDING_MM;
-            if !inside {
+        for y_mm in [lowest, highest].map(|place| y_mm(&place)) {
+            if !reach.holds(y_mm) {
                 return Err(OutOfReach::Arm {
                     line: element.line,
                     y_mm,
@@ -244,10 +249,15 @@ impl PivotY {
         Ok(())
     }
 
-    /// Whether the arm stands within its range: the place of the tool alone does not say on which side of 90° it does.
-    pub fn check_start(&self, axes: &AxisVector) -> Result<(), OutOfReach> {
+    /// Whether the arm stands within its range, or outside by no more than its in-position window: the place of the tool alone does
+    /// not say on which side of 90° it does.
+    pub fn check_start(&self, axes: &AxisVector, window_deg: f64) -> Result<(), OutOfReach> {
         let angle_deg = axes.get(self.arm).copied().unwrap_or(0.0);
-        if (self.arm_min_deg..=self.arm_max_deg).contains(&angle_deg) {
+        let range = Travel {
+            min: self.arm_min_deg - window_deg,
+            max: self.arm_max_deg + window_deg,
+        };
+        if range.holds(angle_deg) {
             return Ok(());
         }
         Err(OutOfReach::Start {
@@ -294,12 +304,17 @@ impl PivotY {
     fn slide_outside(&self, element: &Element, low_mm: f64, high_mm: f64) -> Option<f64> {
         let rates = self.element_rates(element);
         let bend_per_mm = rates.second.get(self.slide).copied().unwrap_or(0.0);
+        let travel = Travel {
+            min: low_mm,
+            max: high_mm,
+        };
+        let reach = travel.from_place(self.slide_mm(element, 0.0));
         let mut pieces = vec![(0.0, element.length_mm)];
         let mut judged = 0;
         while let Some((from_mm, to_mm)) = pieces.pop() {
             judged += 1;
             let ends = [from_mm, to_mm].map(|at_mm| self.slide_mm(element, at_mm));
-            let outside = |x_mm: f64| !(x_mm >= low_mm && x_mm <= high_mm);
+            let outside = |x_mm: f64| !reach.holds(x_mm);
             if let Some(found_mm) = ends.into_iter().find(|x_mm| outside(*x_mm)) {
                 return Some(found_mm);
             }
@@ -517,7 +532,7 @@ mod tests {
         ));
         let turned = at(0.0, 61.0, 0.0);
         assert!(matches!(
-            pivot.check_start(&turned),
+            pivot.check_start(&turned, 0.0),
             Err(OutOfReach::Start { .. })
         ));
     }

@@ -201,6 +201,22 @@ impl Axis {
         }
     }
 
+    /// Lower and upper end of its travel, in increments.
+    pub fn travel_increments(&self) -> [i64; 2] {
+        [self.travel_min_mm, self.travel_max_mm].map(|mm| (mm / self.increment_mm()).round() as i64)
+    }
+
+    /// Whether a program may move it from there, in increments: it stands within its travel, or outside by no more than an axis in
+    /// position may be off.
+    pub fn may_stand_at(&self, position: i64) -> bool {
+        let [min, max] = self.travel_increments();
+        let window = (self.in_position_window_um() * 1e-3 / self.increment_mm()).round() as i64;
+        let outside = min
+            .saturating_sub(position)
+            .max(position.saturating_sub(max));
+        outside <= window
+    }
+
     /// The most that an axis in position may be off by its feedback, in µm: its window and its backlash.
     pub fn in_position_window_um(&self) -> f64 {
         self.in_position_um + self.reversal.backlash_um

@@ -488,6 +488,7 @@ impl<D: Drives> Master<D> {
         let commanded = self.axes.iter().map(|axis| axis.command_position);
         let allowed = self.mode == Mode::Enabled
             && self.is_homed()
+            && self.is_within_travel()
             && self.windows.pending_begins_at(commanded)
             && (!brakes || self.windows.pending_rests_no_later());
         self.windows.decide(self.scan + 1, allowed, held_by_all);

@@ -273,9 +273,8 @@ impl Planner {
         let shown = feedback.axes().iter().zip(&self.machine.axes);
         for (place, (shown, axis)) in start.iter_mut().zip(shown) {
             if shown.reference != Reference::Known as u32 {
-                let increments = |mm: f64| libm::round(mm / axis.increment_mm()) as i64;
-                let low = increments(axis.travel_min_mm);
-                *place = (*place).clamp(low, increments(axis.travel_max_mm).max(low));
+                let [low, high] = axis.travel_increments();
+                *place = (*place).clamp(low, high.max(low));
             }
         }
         start

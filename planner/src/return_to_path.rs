@@ -50,7 +50,7 @@ pub(crate) struct ReturnToPath {
 }
 
 impl ReturnToPath {
-    /// From the command positions to the place of `to` on the path of the program. Both ends are within the travel, so is the line
+    /// From the command positions to the place of `to` on the path of the program. Both ends are where the axes may stand, so is the line
     /// between them and the corner above; the run-up is on the path, where the tool has been. A tap in its thread goes straight and
     /// slowly.
     pub fn new(
@@ -115,11 +115,22 @@ fn corner_above(from: &AxisVector, to: &AxisVector, z_axis: usize) -> Option<Axi
     ((from_z - to_z).abs() > OVER_MM && aside_mm > OVER_MM).then_some(corner)
 }
 
-/// The machine with the accelerations of a return.
+/// The machine with the accelerations of a return. Both of its ends are where the axes have stood, which may be outside by what an axis
+/// in position may be off.
 fn gently(machine: &Machine) -> Machine {
     let mut machine = machine.clone();
     for axis in &mut machine.axes {
         axis.acceleration_mm_s2 *= ACCELERATION_SHARE;
+        let window_mm = axis.in_position_window_um() * 1e-3;
+        axis.travel_min_mm -= window_mm;
+        axis.travel_max_mm += window_mm;
+    }
+    if let Some(kinematics) = &mut machine.kinematics {
+        let arm = kinematics.arm_index(&machine.axes);
+        let arm = arm.and_then(|arm| machine.axes.get(arm));
+        let window_deg = arm.map_or(0.0, |arm| arm.in_position_window_um() * 1e-3);
+        kinematics.arm_min_deg -= window_deg;
+        kinematics.arm_max_deg += window_deg;
     }
     machine
 }

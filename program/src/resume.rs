@@ -24,7 +24,9 @@ pub fn tool_at(machine: &Machine, increments: &[i64]) -> Result<AxisVector, OutO
     }
     let kinematics = kinematics_of(machine);
     if let Kinematics::PivotY(pivot) = kinematics {
-        pivot.check_start(&axes)?;
+        let arm = machine.axes.get(pivot.arm);
+        let window_deg = arm.map_or(0.0, |arm| arm.in_position_window_um() * 1e-3);
+        pivot.check_start(&axes, window_deg)?;
     }
     Ok(kinematics.tool(&axes))
 }

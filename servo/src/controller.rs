@@ -215,6 +215,7 @@ impl Servo {
         command.stop_deceleration_mm_s2 =
             held.stop_deceleration_mm_s2(&self.settings, feedback.setpoint);
         let before = self.state.program.command_position;
+        let takes_over = !self.state.manual.program_drove();
         let wanted = match driver {
             Driver::Program => self.closed_loop(&scan, scans_passed),
             Driver::ManualStop => self.manual(&scan, scan.pace_of_stop(), true),
@@ -226,7 +227,8 @@ impl Servo {
                 return self.finish(command);
             }
         };
-        self.drive(&scan, before, &wanted, command)
+        let broken = self.broken_travel(&scan, (driver, takes_over), before);
+        self.drive(&scan, broken, &wanted, command)
     }
 
     /// A feedback that makes sense, or what is wrong with it.
@@ -372,12 +374,34 @@ impl Servo {
         .scan()
     }
 
-    /// Guards, then the velocity command for the drive or, in torque mode, through the velocity loop the torque. The axis was
-    /// commanded to be at `before` in the scan before.
+    /// Whether the axis leaves its travel, as far as anybody knows where that is; it was commanded to be at `before` in the scan
+    /// before. By hand its own command counts: that of the program follows the encoder, until its controller takes over.
+    fn broken_travel(
+        &self,
+        scan: &Judged,
+        (driver, takes_over): (Driver, bool),
+        before: i64,
+    ) -> Option<Broken> {
+        let guards = &self.settings.guards;
+        let command = self.state.program.command_position;
+        let broken = if driver == Driver::Program && takes_over {
+            guards.by_hand(before, command, scan.position)
+        } else if driver == Driver::Program {
+            let reach = self.settings.reach(scan.feedback).from_place(before);
+            guards.positions(reach, command, scan.position)
+        } else {
+            let ManualState { motion, step, .. } = self.state.manual;
+            let before = motion.command.saturating_sub(step.into());
+            guards.by_hand(before, motion.command, scan.position)
+        };
+        broken.filter(|_| scan.is_homed())
+    }
+
+    /// Guards, then the velocity command for the drive or, in torque mode, through the velocity loop the torque.
     fn drive(
         &mut self,
         scan: &Judged,
-        before: i64,
+        travel: Option<Broken>,
         wanted: &Wanted,
         mut command: AxisCommand,
     ) -> AxisCommand {
@@ -385,11 +409,9 @@ impl Servo {
         command.feed_forward_mm_s = wanted.feed_forward_mm_s;
         command.jog_done = u32::from(wanted.jog_done);
         let guards = &self.settings.guards;
-        let position = self.state.program.command_position;
-        let travel = guards.positions(before, position, scan.position);
         let broken = guards
             .following_error(wanted.following_error_mm)
-            .or(travel.filter(|_| scan.is_homed()))
+            .or(travel)
             .or(guards.speed(wanted.velocity_mm_s));
         if let Some(broken) = broken {
             return self.stop(command, cause(broken));

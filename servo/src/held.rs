@@ -9,6 +9,7 @@
 use bus::sample::{Feedback, MAX_WINDOW_SETPOINTS, PathTag, Setpoint, WindowHeader, WindowId};
 use bytemuck::Zeroable;
 use control::braking;
+use control::travel::Travel;
 
 use crate::settings::ServoSettings;
 
@@ -204,6 +205,7 @@ pub(crate) fn check_itself(
     settings: &ServoSettings,
     header: &WindowHeader,
     setpoints: &[Setpoint],
+    feedback: &Feedback,
 ) -> Result<(), Refusal> {
     if header.id.sequence == 0 || header.id.incarnation == 0 {
         return Err(Refusal::Unnamed);
@@ -237,11 +239,11 @@ pub(crate) fn check_itself(
     let first = position(settings, setpoints.first());
     let mut limits = RowLimits {
         settings,
+        reach: settings.reach(feedback),
         before: first,
         step: position(settings, setpoints.get(1)).saturating_sub(first),
     };
-    // The first step is judged against the predecessor, at the seam.
-    limits.inside(first)?;
+    // The first setpoint and the step to it are judged against the predecessor, at the seam.
     for setpoint in setpoints.iter().skip(1) {
         limits.take(position(settings, Some(setpoint)))?;
     }
@@ -287,7 +289,8 @@ pub(crate) fn check_seam(
         if position(settings, setpoints.first()) != command_position {
             return Err(Refusal::Register);
         }
-        RowLimits::starting(settings, command_position, command_position)
+        let here = (command_position, command_position);
+        RowLimits::starting(settings, feedback, here)
     } else {
         if held.id() != header.predecessor {
             // It came late, or when planners changed, and drives nothing without the window in force: the seam is judged by the
@@ -299,11 +302,9 @@ pub(crate) fn check_seam(
         }
         let setpoint =
             i64::try_from(header.first_scan - held.header().first_scan).unwrap_or(i64::MAX);
-        RowLimits::starting(
-            settings,
-            held.position(settings.axis, setpoint.saturating_sub(2)),
-            held.position(settings.axis, setpoint - 1),
-        )
+        let last = [setpoint.saturating_sub(2), setpoint - 1];
+        let [before, last] = last.map(|setpoint| held.position(settings.axis, setpoint));
+        RowLimits::starting(settings, feedback, (before, last))
     };
     for setpoint in setpoints.iter().take(2) {
         limits.take(position(settings, Some(setpoint)))?;
@@ -321,29 +322,30 @@ fn position(settings: &ServoSettings, setpoint: Option<&Setpoint>) -> i64 {
 /// First and second differences of the setpoints, judged one by one.
 struct RowLimits<'a> {
     settings: &'a ServoSettings,
+    reach: Travel<i64>,
     before: i64,
     step: i64,
 }
 
-impl RowLimits<'_> {
-    fn starting(settings: &ServoSettings, before: i64, last: i64) -> RowLimits<'_> {
+impl<'a> RowLimits<'a> {
+    /// Behind these two.
+    fn starting(
+        settings: &'a ServoSettings,
+        feedback: &Feedback,
+        (before, last): (i64, i64),
+    ) -> RowLimits<'a> {
         RowLimits {
             settings,
+            reach: settings.reach(feedback),
             before: last,
             step: last.saturating_sub(before),
         }
     }
 
-    fn inside(&self, position: i64) -> Result<(), Refusal> {
-        let limits = &self.settings.guards;
-        if position < limits.travel_min || position > limits.travel_max {
+    fn take(&mut self, position: i64) -> Result<(), Refusal> {
+        if !self.reach.from_place(self.before).holds(position) {
             return Err(Refusal::Travel);
         }
-        Ok(())
-    }
-
-    fn take(&mut self, position: i64) -> Result<(), Refusal> {
-        self.inside(position)?;
         let step = position.saturating_sub(self.before);
         if step.saturating_abs() > self.settings.step_max {
             return Err(Refusal::Speed);

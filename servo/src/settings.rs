@@ -6,12 +6,14 @@
     clippy::indexing_slicing
 )]
 
+use bus::sample::Feedback;
 use control::backlash::Backlash;
 use control::dual_feedback::DualFeedback;
 use control::feed_forward::FeedForward;
 use control::guards::AxisGuards;
 use control::prediction::Prediction;
 use control::reversal::{BacklashAcceleration, PulseShape};
+use control::travel::Travel;
 use control::trigger::{PositionErrorPart, Trigger};
 use control::velocity_loop::VelocityLoop;
 use machine::{
@@ -166,6 +168,16 @@ impl ServoSettings {
         }
         Ok(settings)
     }
+
+    /// Where the windows of the program in force may have the axis: within its travel, or where it began, which may be outside by
+    /// what an axis in position is off.
+    pub(crate) fn reach(&self, feedback: &Feedback) -> Travel<i64> {
+        let began = feedback.program_start.get(self.axis);
+        match began.filter(|_| feedback.program_hash != 0) {
+            Some(place) => self.guards.travel.from_place(*place),
+            None => self.guards.travel,
+        }
+    }
 }
 
 /// The second controller. Those of the two motors of a gantry look equally far ahead and settle in a time of their own, whatever
@@ -239,11 +251,11 @@ fn trigger(reversal: &Reversal) -> Trigger {
 }
 
 fn guards(axis: &Axis) -> AxisGuards {
-    let increments = |mm: f64| libm::round(mm / axis.increment_mm()) as i64;
+    let [min, max] = axis.travel_increments();
+    let margin_mm = TRAVEL_MARGIN * axis.following_error_limit_mm;
     AxisGuards {
-        travel_min: increments(axis.travel_min_mm),
-        travel_max: increments(axis.travel_max_mm),
-        travel_margin: increments(TRAVEL_MARGIN * axis.following_error_limit_mm),
+        travel: Travel { min, max },
+        travel_margin: libm::round(margin_mm / axis.increment_mm()) as i64,
         following_error_mm: axis.following_error_limit_mm,
         speed_mm_s: SPEED_MARGIN * axis.rapid_mm_s,
     }

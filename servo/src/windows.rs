@@ -49,7 +49,7 @@ impl Windows {
         if !id.is_none() && (id == self.held.id() || id == self.pending.id()) {
             return Ok(());
         }
-        let judged = check_itself(settings, header, setpoints).and_then(|()| {
+        let judged = check_itself(settings, header, setpoints, feedback).and_then(|()| {
             if id == feedback.window {
                 Ok(&mut self.held)
             } else {

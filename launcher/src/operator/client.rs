@@ -8,7 +8,7 @@ use bus::cell::{CellError, CellPaths};
 use bus::observer::{Held, Observer};
 use bus::port::OperatorClient;
 use bus::sample::{
-    Auxiliaries, Mode, OperatorRequest, OperatorResponse, Order, Reference, Refused,
+    Auxiliaries, Feedback, Mode, OperatorRequest, OperatorResponse, Order, Reference, Refused,
 };
 use bus::service::Bus;
 use machine::{KeptTexts, Machine};
@@ -250,6 +250,11 @@ impl Client {
                 Some(axes) => format!("not homed: {axes}: `quadrant home {axes}` first"),
                 None => plain_words(Some(reason), answer),
             },
+            Refused::OutsideTravel => {
+                let now = Eyes::open(self).and_then(|mut eyes| eyes.look()).ok();
+                let outside = now.and_then(|now| self.outside(&now));
+                outside.unwrap_or_else(|| plain_words(Some(reason), answer))
+            }
             Refused::BadValue if matches!(order, Order::Load | Order::Start) => {
                 "another program was loaded meanwhile: load it again".into()
             }
@@ -291,6 +296,25 @@ impl Client {
         let kept = KeptTexts::now(&self.cell.place, &machine, shown)?;
         machine.take_kept(kept)?;
         Ok(machine)
+    }
+
+    /// The axes that stand outside their travel, as the feedback has them, and the jogs that bring them in; none where none does.
+    pub(super) fn outside(&self, now: &Feedback) -> Option<String> {
+        let axes = now.axes().iter().zip(&self.machine.axes);
+        let outside = axes.filter(|(axis, settings)| {
+            let known = axis.reference == Reference::Known as u32;
+            known && !settings.may_stand_at(axis.command_position)
+        });
+        let words = outside.map(|(axis, settings)| {
+            let at_mm = axis.command_position as f64 * settings.increment_mm();
+            let way_mm = at_mm.clamp(settings.travel_min_mm, settings.travel_max_mm) - at_mm;
+            // Rounded away from 0, so that it leads in.
+            let way_mm = (way_mm.abs() * 1e3).ceil().copysign(way_mm) * 1e-3;
+            let name = &settings.name;
+            format!("axis {name} is outside its travel: jog it inwards (`quadrant jog {name} {way_mm:.3}`)")
+        });
+        let words: Vec<String> = words.collect();
+        (!words.is_empty()).then(|| words.join("; "))
     }
 
     /// Letters of the axes that are not homed, as the feedback has them; none where it says so of none.

@@ -107,7 +107,10 @@ fn by_distance(client: &Client, axis: u32, way: f64, speed_mm_s: f64, waits: boo
     let (scan, words) = jog_by(client, axis, way, speed_mm_s)?;
     client.say(&words);
     if waits {
-        return eyes.until_jogged(scan, axis as usize);
+        eyes.until_jogged(scan, axis as usize)?;
+        if let Some(outside) = client.outside(&eyes.look()?) {
+            client.say(&format!("still outside: {outside}"));
+        }
     }
     Ok(())
 }

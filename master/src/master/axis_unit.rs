@@ -9,6 +9,7 @@
 use bus::sample::{AxisCommand, Cause, Driver, Mode, Reference};
 use bytemuck::Zeroable;
 use control::guards::AxisGuards;
+use control::travel::Travel;
 use machine::{Axis, DriveMode, Machine, PositionFeedback};
 
 use super::redundancy::Standby;
@@ -73,10 +74,10 @@ const TRAVEL_MARGIN: f64 = 0.25;
 
 fn guards(axis: &Axis) -> AxisGuards {
     let increments = |mm: f64| libm::round(mm / axis.increment_mm()) as i64;
+    let [min, max] = axis.travel_increments();
     let following_error_mm = SECOND_GUARD * axis.following_error_limit_mm;
     AxisGuards {
-        travel_min: increments(axis.travel_min_mm),
-        travel_max: increments(axis.travel_max_mm),
+        travel: Travel { min, max },
         travel_margin: increments(TRAVEL_MARGIN * following_error_mm),
         following_error_mm,
         speed_mm_s: SPEED_SANITY * axis.rapid_mm_s,

@@ -83,21 +83,14 @@ impl AxisUnit {
             let travel = self.increments(travel_mm);
             return (travel.saturating_neg(), travel);
         }
-        let to = |mm: f64| self.increments(mm).saturating_sub(self.command_position);
-        let (low, high) = (
-            to(self.settings.travel_min_mm),
-            to(self.settings.travel_max_mm),
-        );
-        (low.min(0), high.max(0))
+        let reach = self.guards.travel.from_place(self.command_position);
+        let to = |end: i64| end.saturating_sub(self.command_position);
+        (to(reach.min), to(reach.max))
     }
 
+    /// Whether a program may move it.
     pub(super) fn is_within_travel(&self) -> bool {
-        if !self.is_homed() {
-            return true;
-        }
-        let low = self.increments(self.settings.travel_min_mm);
-        let high = self.increments(self.settings.travel_max_mm);
-        (low..=high).contains(&self.command_position)
+        !self.is_homed() || self.settings.may_stand_at(self.command_position)
     }
 }
 
@@ -303,7 +296,7 @@ impl<D: Drives> Master<D> {
         Ok(())
     }
 
-    /// Whether a program may move the axes: outside the travel only a jog does, inwards.
+    /// Whether a program may move the axes: farther outside the travel only a jog does, inwards.
     pub(super) fn is_within_travel(&self) -> bool {
         self.axes.iter().all(AxisUnit::is_within_travel)
     }

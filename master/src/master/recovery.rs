@@ -121,11 +121,11 @@ impl<D: Drives> Master<D> {
             let at_start = true;
             self.switching_on = Some(SwitchingOn {
                 at_start,
-                ..self.switching_on_now(!self.is_homed())
+                ..self.switching_on_now(!(self.is_homed() && self.is_within_travel()))
             });
         } else {
-            // Its program waits until the axes are homed, and somebody says so.
-            self.hold |= self.ends() && !self.is_homed();
+            // Its program waits until the axes are homed and within their travel, and somebody says so.
+            self.hold |= self.ends() && !(self.is_homed() && self.is_within_travel());
             // A drive that cannot be driven trips in the first scan, with its cause.
             self.mode = match self.run_end {
                 RunEnd::AfterProgram => Mode::Enabled,

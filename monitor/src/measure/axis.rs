@@ -4,6 +4,7 @@ pub mod blocks;
 pub mod percentiles;
 
 use bus::sample::{AxisCommand, AxisFeedback, Feedback, MAX_AXES, Mode};
+use control::travel::Travel;
 use machine::{Axis, Machine, WithinPeriod};
 use serde::Serialize;
 
@@ -139,8 +140,7 @@ struct AxisLimit {
     step_change: f64,
     /// Between two changes of steps; infinite where jerk is not limited.
     turn: f64,
-    low: f64,
-    high: f64,
+    travel: Travel<i64>,
 }
 
 /// Audit of the command positions that the master publishes, while it executes windows.
@@ -176,6 +176,7 @@ impl LimitsAudit {
         let stride_s = period_s * f64::from(stride);
         let limits = machine.axes.iter().map(|axis| {
             let increment_mm = axis.increment_mm();
+            let [min, max] = axis.travel_increments();
             AxisLimit {
                 step: axis.rapid_mm_s * period_s / increment_mm * (1.0 + 1e-9) + 1.0,
                 step_change: axis.acceleration_mm_s2 * stride_s * stride_s / increment_mm
@@ -184,8 +185,7 @@ impl LimitsAudit {
                 turn: axis.jerk_mm_s3.unwrap_or(f64::INFINITY) * stride_s.powi(3) / increment_mm
                     * (1.0 + 1e-9)
                     + 4.0,
-                low: axis.travel_min_mm / increment_mm - 1.0,
-                high: axis.travel_max_mm / increment_mm + 1.0,
+                travel: Travel { min, max }.widened(1),
             }
         });
         LimitsAudit {
@@ -221,11 +221,13 @@ impl LimitsAudit {
             value(a).saturating_sub(value(b)) as f64
         };
         for (axis, limit) in self.limits.iter().enumerate() {
-            let command_position = now.get(axis).map_or(0.0, |value| *value as f64);
-            self.counts.travel += u64::from(!(limit.low..=limit.high).contains(&command_position));
+            let value = |row: &[i64; MAX_AXES]| row.get(axis).copied().unwrap_or(0);
             let Some(one) = &self.before else {
                 continue;
             };
+            let reach = limit.travel.from_place(value(one));
+            let reach = reach.from_place(value(&feedback.program_start));
+            self.counts.travel += u64::from(!reach.holds(value(&now)));
             let last_step = step(&now, one, axis);
             self.counts.velocity += u64::from(last_step.abs() > limit.step);
         }

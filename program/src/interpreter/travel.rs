@@ -6,6 +6,7 @@ use crate::flat::Flat;
 use crate::polar::Polar;
 use crate::reader::Word;
 use crate::words::mask_of;
+use control::travel::Travel;
 use machine::TURN_DEG;
 
 /// Words that say where.
@@ -344,28 +345,26 @@ impl Interpreter {
     ) -> Vec<Refusal> {
         let mut refusals = Vec::new();
         for (index, axis) in self.setup.axes.iter().enumerate() {
-            let mut worst: Option<f64> = None;
-            for shape in shapes {
-                // A machine that stands outside its travel may move back in: the start of a line is not judged.
+            let bit = 1 << index;
+            let was_told = self.told_outside & bit != 0;
+            let travel = Travel {
+                min: axis.travel_min - TRAVEL_ROUNDING,
+                max: axis.travel_max + TRAVEL_ROUNDING,
+            };
+            let mut outside = shapes.iter().flat_map(|shape| {
                 let (low, high) = match shape {
                     Shape::Line { to, .. } => (*to, *to),
                     other => other.bounds(),
                 };
-                for value in [low.get(index), high.get(index)]
-                    .into_iter()
+                // A block that was refused leaves an axis where it is not.
+                let from = shape.start().get(index).copied().filter(|_| !was_told);
+                let reach = from.map_or(travel, |from| travel.from_place(from));
+                let ends = [low, high].map(|place| place.get(index).copied());
+                ends.into_iter()
                     .flatten()
-                    .copied()
-                {
-                    let inside = value >= axis.travel_min - TRAVEL_ROUNDING
-                        && value <= axis.travel_max + TRAVEL_ROUNDING;
-                    if !inside && worst.is_none() {
-                        worst = Some(value);
-                    }
-                }
-            }
-            let bit = 1 << index;
-            let was_told = self.told_outside & bit != 0;
-            let Some(value) = worst else {
+                    .filter(move |place| !reach.holds(*place))
+            });
+            let Some(value) = outside.next() else {
                 self.told_outside &= !bit;
                 continue;
             };
