@@ -9,7 +9,7 @@ use machine::parse_parameters;
 use monitor::log::{Reader, Sample};
 use serde_json::Value;
 
-use crate::support::{Bench, LiveCell, Run, quadrant, run, run_with, text};
+use crate::support::{Bench, Run, quadrant, run, run_with, text};
 use crate::up::{ask, is, obeyed, up};
 
 /// In line 6, at scan 2,001 or a little later; X is at 10 then.

@@ -41,7 +41,7 @@ fn parameters_of_the_system_can_be_read_and_those_that_tell_of_the_machine_not_b
 }
 
 /// Number, whether a program may use it as its own, and what is said instead.
-const FOREIGN: [(u32, bool, &str); 22] = [
+const FOREIGN: [(u32, bool, &str); 21] = [
     (1000, true, "M66"),
     (1035, true, "M66"),
     (1132, true, "M64"),

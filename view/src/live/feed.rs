@@ -9,7 +9,7 @@ use bus::drive_page::DrivePage;
 use bus::member::Pace;
 use bus::messages::MessageReader;
 use bus::observer::{Held, Observer};
-use bus::sample::Feedback;
+use bus::sample::{Feedback, MAX_AXES};
 use bus::service::RECORDER_DEPTH_SCANS;
 use machine::{KeptTexts, Machine};
 use program::{Modes, Program, SHORT_ELEMENTS, modal_at_start};
@@ -42,6 +42,8 @@ pub struct Feed {
     program_file: Option<PathBuf>,
     /// Hash of the program that was tried to be read.
     read: Option<u64>,
+    /// Tool, offset and modes that the state before the next program was made of.
+    next_start_of: Option<NextStart>,
     proc_seen: Option<Instant>,
     heard: Instant,
 }
@@ -65,6 +67,7 @@ impl Feed {
             machine,
             program_file: None,
             read: None,
+            next_start_of: None,
             proc_seen: None,
             heard: Instant::now(),
         })
@@ -107,6 +110,12 @@ impl Feed {
         }
         if newest.is_some() {
             self.heard = Instant::now();
+            let shown = self.model.feedback.map(|feedback| feedback.auxiliary);
+            let key = shown.map(|of| (of.tool, of.tool_offset_of, of.tool_offset, of.modes_of_run));
+            if self.next_start_of != key {
+                self.next_start_of = key;
+                self.look_at_offsets();
+            }
         }
         self.model.feedback_age_s = self.heard.elapsed().as_secs_f64();
         while let Some(roster) = ports.roster.any() {
