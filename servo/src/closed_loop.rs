@@ -57,6 +57,7 @@ pub(crate) struct ClosedLoop<'a> {
 impl ClosedLoop<'_> {
     /// The block diagram.
     pub fn scan(mut self) -> Wanted {
+        self.catch_up();
         self.take_over();
         let period_begins = self.step_period();
         let setpoint = self.setpoints.at(0);
@@ -97,6 +98,19 @@ impl ClosedLoop<'_> {
         increments as f64 * self.settings.increment_mm
     }
 
+    /// In scans that this servo has not seen the axis was commanded along the windows, and is taken to have moved so.
+    fn catch_up(&mut self) {
+        if self.scans_passed <= 1 || !self.setpoints.has_window() {
+            return;
+        }
+        let [before, last] = [-2, -1].map(|scans| self.setpoints.at(scans));
+        let unseen = last.saturating_sub(self.state.program.command_position);
+        let motor_position = &mut self.state.model.motor_position;
+        *motor_position = motor_position.saturating_add(unseen);
+        self.state.program.command_position = last;
+        self.state.command_position_before = before;
+    }
+
     /// Where another controller drove, the command position came from elsewhere: where it is, is no motion.
     fn take_over(&mut self) {
         if !self.state.manual.program_drove() {
@@ -108,19 +122,21 @@ impl ClosedLoop<'_> {
     }
 
     /// Steps the interpolation period; true in the first scan of one. Goes by scan numbers; where some were skipped, the
-    /// setpoints of the window say what was commanded.
+    /// setpoints of the window, and of the one before it, say what was commanded.
     fn step_period(&mut self) -> bool {
         let scan_in_period = self.setpoints.scan_in_period();
         let begins = self.scans_passed > u64::from(scan_in_period);
         if begins {
-            if self.scans_passed == 1 {
-                self.state.period.step(self.state.program.command_position);
-            } else {
-                let start = -1 - i64::from(scan_in_period);
-                let length = i64::from(self.settings.scans_per_period);
-                self.state.period.start = self.setpoints.at(start);
-                self.state.period.start_before = self.setpoints.at(start - length);
+            let start = -1 - i64::from(scan_in_period);
+            let length = self.settings.scans_per_period;
+            let passed = self.scans_passed;
+            if passed > u64::from(scan_in_period) + u64::from(length) {
+                self.state.period.start = self.setpoints.at(start - i64::from(length));
             }
+            self.state.period.step(match passed {
+                1 => self.state.program.command_position,
+                _ => self.setpoints.at(start),
+            });
         }
         self.setpoints = self.setpoints.after(self.state.period.start);
         begins
@@ -306,7 +322,8 @@ impl ClosedLoop<'_> {
 
     fn remember(&mut self, setpoint: i64) {
         let moved = self.position.saturating_sub(self.state.program.encoder);
-        self.state.velocity_mm_s = moved as f64 * self.speed_per_increment_mm_s();
+        let scans = self.scans_passed.max(1) as f64;
+        self.state.velocity_mm_s = moved as f64 / scans * self.speed_per_increment_mm_s();
         self.state.command_position_before = self.state.program.command_position;
         self.state.program = FollowUpState::closed(setpoint, self.position);
     }

@@ -80,7 +80,7 @@ impl<'a> Judged<'a> {
     /// The position commands around this scan.
     fn setpoints(&self, settings: &'a ServoSettings, windows: &'a Windows) -> Setpoints<'a> {
         let command_position = self.axis.command_position;
-        Setpoints::new(settings, &windows.held, self.feedback, command_position)
+        Setpoints::new(settings, windows, self.feedback, command_position)
     }
 }
 

@@ -10,15 +10,15 @@
 use bus::sample::{Feedback, PathTag};
 use machine::WithinPeriod;
 
-use crate::held::HeldWindow;
 use crate::linear_interpolation::PeriodEnds;
 use crate::settings::ServoSettings;
+use crate::windows::Windows;
 
 /// What the window in force commands, scan by scan; without a window the command position.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Setpoints<'a> {
     settings: &'a ServoSettings,
-    held: &'a HeldWindow,
+    windows: &'a Windows,
     feedback: &'a Feedback,
     command_position: i64,
     /// Position command at the end of the period before the present one; none before the first scan.
@@ -29,13 +29,13 @@ impl<'a> Setpoints<'a> {
     /// In the scan of this feedback; `command_position` is where the master has the axis commanded to be.
     pub fn new(
         settings: &'a ServoSettings,
-        held: &'a HeldWindow,
+        windows: &'a Windows,
         feedback: &'a Feedback,
         command_position: i64,
     ) -> Setpoints<'a> {
         Setpoints {
             settings,
-            held,
+            windows,
             feedback,
             command_position,
             period_start: None,
@@ -52,7 +52,7 @@ impl<'a> Setpoints<'a> {
 
     /// Whether there is a window.
     pub fn has_window(&self) -> bool {
-        !self.held.is_none()
+        !self.windows.held.is_none()
     }
 
     /// Scans of this period before the present one.
@@ -63,24 +63,25 @@ impl<'a> Setpoints<'a> {
 
     /// The position command `ahead` scans from this one.
     pub fn at(&self, ahead: i64) -> i64 {
-        if self.held.is_none() {
+        if self.windows.held.is_none() {
             return self.command_position;
         }
         let setpoint = i64::from(self.feedback.setpoint) + ahead;
         match self.settings.within_period {
-            WithinPeriod::Exact => self.held.position(self.settings.axis, setpoint),
+            WithinPeriod::Exact => self.windows.position(self.settings.axis, setpoint),
             WithinPeriod::Linear => self.interpolated(setpoint, ahead),
         }
     }
 
     /// Hash of the program that the window in force belongs to; 0 without one.
     pub fn program_hash(&self) -> u64 {
-        self.held.header().program_hash
+        self.windows.held.header().program_hash
     }
 
     /// Where on the path the setpoint `ahead` scans from this one is; none without a window.
     pub fn tag(&self, ahead: i64) -> Option<PathTag> {
-        self.held
+        self.windows
+            .held
             .tag_at(i64::from(self.feedback.setpoint).saturating_add(ahead))
     }
 
@@ -94,8 +95,8 @@ impl<'a> Setpoints<'a> {
         let scan_in_period = scan.saturating_add(ahead).rem_euclid(period.into());
         let before = setpoint - scan_in_period - 1;
         let last = before + i64::from(period);
-        if self.held.ends_by(last) {
-            return self.held.position(axis, setpoint);
+        if self.windows.held.ends_by(last) {
+            return self.windows.position(axis, setpoint);
         }
         // The window begins with this period: its predecessor's last setpoint is what was commanded.
         let from_predecessor = before < 0 && ahead >= 0;
@@ -103,8 +104,8 @@ impl<'a> Setpoints<'a> {
             before: self
                 .period_start
                 .filter(|_| from_predecessor)
-                .unwrap_or_else(|| self.held.position(axis, before)),
-            last: self.held.position(axis, last),
+                .unwrap_or_else(|| self.windows.position(axis, before)),
+            last: self.windows.position(axis, last),
         };
         ends.split(u32::try_from(scan_in_period).unwrap_or(0), period)
     }

@@ -17,6 +17,8 @@ use crate::settings::ServoSettings;
 pub(crate) struct Windows {
     /// Being executed.
     pub held: HeldWindow,
+    /// The one that it took over from: what was commanded in the scans before it. None where that is not known, or nothing was.
+    pub before: HeldWindow,
     /// Accepted, and reported in each command until feedback names or voids it.
     pub pending: HeldWindow,
     /// The last one refused.
@@ -28,6 +30,7 @@ impl Windows {
     pub fn none() -> Windows {
         Windows {
             held: HeldWindow::none(),
+            before: HeldWindow::none(),
             pending: HeldWindow::none(),
             refused: WindowId::NONE,
         }
@@ -51,7 +54,7 @@ impl Windows {
         }
         let judged = check_itself(settings, header, setpoints, feedback).and_then(|()| {
             if id == feedback.window {
-                Ok(&mut self.held)
+                Ok(())
             } else {
                 check_seam(
                     settings,
@@ -61,12 +64,17 @@ impl Windows {
                     setpoints,
                     feedback,
                 )
-                .map(|()| &mut self.pending)
             }
         });
         match judged {
-            Ok(slot) => {
-                slot.set(header, setpoints);
+            Ok(()) if id == feedback.window => {
+                core::mem::swap(&mut self.before, &mut self.held);
+                self.held.set(header, setpoints);
+                self.forget_stranger();
+                Ok(())
+            }
+            Ok(()) => {
+                self.pending.set(header, setpoints);
                 Ok(())
             }
             Err(refusal) => {
@@ -76,13 +84,22 @@ impl Windows {
         }
     }
 
+    /// What was held before the window in force, and is not what that follows, says nothing of the scans before it.
+    fn forget_stranger(&mut self) {
+        if self.before.id() != self.held.header().predecessor {
+            self.before.clear();
+        }
+    }
+
     /// Does as the feedback says: the pending window takes over, is void, or waits.
     pub fn follow(&mut self, feedback: &Feedback) {
         if !self.pending.is_none() {
             let id = self.pending.id();
             if feedback.window == id {
+                core::mem::swap(&mut self.before, &mut self.held);
                 core::mem::swap(&mut self.held, &mut self.pending);
                 self.pending.clear();
+                self.forget_stranger();
             } else {
                 let header = self.pending.header();
                 let missed = feedback.scan >= header.first_scan;
@@ -94,6 +111,7 @@ impl Windows {
         }
         if feedback.window.is_none() {
             self.held.clear();
+            self.before.clear();
         }
     }
 
@@ -101,7 +119,18 @@ impl Windows {
     pub fn take_what_is_left(&mut self, feedback: &Feedback) {
         if self.misses(feedback) && feedback.at_rest == 1 {
             self.held.stand(feedback);
+            self.before.clear();
         }
+    }
+
+    /// Position command of this axis at a setpoint of the window in force; before its first that of the window before.
+    pub fn position(&self, axis: usize, setpoint: i64) -> i64 {
+        if setpoint >= 0 || self.before.is_none() {
+            return self.held.position(axis, setpoint);
+        }
+        let [begins, began] = [&self.held, &self.before].map(|of| of.header().first_scan);
+        let passed = i64::try_from(begins.saturating_sub(began)).unwrap_or(i64::MAX);
+        self.before.position(axis, passed.saturating_add(setpoint))
     }
 
     /// Whether the window in force is not held.
