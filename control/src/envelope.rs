@@ -5,6 +5,8 @@
 //! is computed in pieces, as far ahead as needed. A piece starts with 0 beyond its end; from the first border where a cap
 //! decides, its values are those that a computation from the end of the path would give, to the bit, and only those
 //! are used. So the motion does not depend on how the path was cut into pieces, or on when planning started.
+//!
+//! On a block of the map no end of the path further away counts than the [horizon](SpeedMap::horizon) of that block: there it is 0 too.
 #![deny(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -15,7 +17,7 @@
 use std::collections::VecDeque;
 
 use crate::segment::Segment;
-use crate::speed_map::SpeedMap;
+use crate::speed_map::{Horizon, SpeedMap};
 
 /// Segments computed at a time at first; more when the motion needs to look further.
 const PIECE: usize = 64;
@@ -61,6 +63,8 @@ pub(crate) struct Envelope {
     piece: usize,
     /// A border was asked for that the map does not reach far enough to know.
     ran_short: bool,
+    /// The lowest speed at the end of a block that was so low only for what lies behind it being looked at no further.
+    limited_mm_s: Option<f64>,
 }
 
 impl Envelope {
@@ -73,6 +77,7 @@ impl Envelope {
             to: 0,
             piece: PIECE,
             ran_short: false,
+            limited_mm_s: None,
         }
     }
 
@@ -108,6 +113,11 @@ impl Envelope {
         self.ran_short
     }
 
+    /// The lowest speed that the horizon allows, of the places where the path would have gone faster.
+    pub fn limited_by_look_ahead_mm_s(&self) -> Option<f64> {
+        self.limited_mm_s
+    }
+
     /// Square of the highest speed at the start of segment `border`, in mm²/s².
     pub fn squared_mm2_s2(&mut self, map: &SpeedMap, border: usize) -> f64 {
         if !(self.from..self.to).contains(&border) {
@@ -120,15 +130,19 @@ impl Envelope {
     }
 
     fn extend(&mut self, map: &SpeedMap, border: usize) {
-        let count = map.segment_end();
         if border != self.to || self.from == self.to {
             (self.from, self.to) = (border, border);
         }
+        let Some(horizon) = map.horizon(border) else {
+            self.ran_short = true;
+            (self.from, self.to) = (border, border);
+            return self.set(border, 0.0);
+        };
         loop {
-            let end = (border + self.piece).min(count);
-            let is_last = end == count && map.is_complete();
-            // Known for good: the end of the path, else the last border where a cap decides.
-            let mut known_to = if is_last { count + 1 } else { 0 };
+            let end = (border + self.piece).min(horizon.rests_at);
+            let is_last = end == horizon.rests_at;
+            // Known for good: up to the last border where a cap decides.
+            let mut known_to = 0;
             let mut ahead = 0.0;
             self.set(end, 0.0);
             for index in (border..end).rev() {
@@ -147,6 +161,10 @@ impl Envelope {
                 }
                 self.set(index, ahead);
             }
+            if is_last && known_to < horizon.holds_to {
+                known_to = horizon.holds_to;
+                self.note_limit(&horizon);
+            }
             if known_to > border {
                 self.to = known_to;
                 if known_to - border < self.piece / 2 && !is_last {
@@ -154,13 +172,17 @@ impl Envelope {
                 }
                 return;
             }
-            if end == count && !is_last {
-                self.ran_short = true;
-                (self.from, self.to) = (border, border);
-                self.set(border, 0.0);
-                return;
-            }
             self.piece *= 2;
+        }
+    }
+
+    /// The speed at the last border that a horizon decides.
+    fn note_limit(&mut self, horizon: &Horizon) {
+        let last = (horizon.holds_to - 1).checked_sub(self.first);
+        let squared = last.and_then(|index| self.squared_mm2_s2.get(index));
+        if let Some(squared) = squared.filter(|_| !horizon.is_end) {
+            let before_mm_s = self.limited_mm_s.unwrap_or(f64::INFINITY);
+            self.limited_mm_s = Some(before_mm_s.min(squared.sqrt()));
         }
     }
 

@@ -25,6 +25,8 @@
     clippy::indexing_slicing
 )]
 
+use std::ops::Range;
+
 use crate::path_part::PathPart;
 use crate::profile::PathState;
 use crate::segment::{Acceleration, Segment};
@@ -33,6 +35,8 @@ use crate::segment::{Acceleration, Segment};
 const MARGIN_SCANS: f64 = 1.5;
 /// A zone may be longer by this share of its half length rather than cut a segment.
 const GRAIN: f64 = 0.05;
+/// Limits may hold this much further than into the neighbouring block, in mm, so that where that has no length the tool still moves.
+const BESIDE_MM: f64 = 1e-6;
 /// A long segment is cut into so many pieces where it may be braked on.
 const BRAKING_CUTS: u32 = 8;
 
@@ -251,9 +255,55 @@ impl Source {
         true
     }
 
+    /// The last element that it was made of.
+    pub fn last_element(&self) -> u32 {
+        self.last.element
+    }
+
     /// Up to where it may have a part in what holds, in mm along the path.
     pub fn reaches_to_mm(&self) -> f64 {
         self.end_mm + self.reach_mm
+    }
+}
+
+/// Adds a segment to `kept`, no faster anywhere than that its zone lies within this stretch of the path: near its ends in pieces, each as fast as its far end.
+pub(crate) fn keep_within(
+    placed: Placed,
+    beside_mm: &Range<f64>,
+    (reach_s, override_max): (f64, f64),
+    kept: &mut Vec<Placed>,
+) {
+    let mut left = placed;
+    let behind_mm = |from_mm: f64| (from_mm - beside_mm.start).max(BESIDE_MM);
+    let ahead_mm = |to_mm: f64| (beside_mm.end - to_mm).max(BESIDE_MM);
+    let zone_mm = placed.segment.cap_mm_s(override_max) * reach_s;
+    loop {
+        let (from_mm, to_mm) = (left.begin_mm(), left.end_mm());
+        let mut cut_mm = to_mm;
+        if behind_mm(from_mm) < zone_mm {
+            cut_mm = cut_mm.min(from_mm + behind_mm(from_mm));
+        }
+        if ahead_mm(to_mm) < zone_mm {
+            let half_mm = 0.5 * ahead_mm(from_mm);
+            cut_mm = cut_mm.min((from_mm + half_mm).max(beside_mm.end - zone_mm));
+        }
+        let on_element_mm = cut_mm - left.start_mm;
+        let is_inside = left.segment.from_mm < on_element_mm && on_element_mm < left.segment.to_mm;
+        let end_mm = if is_inside { cut_mm } else { to_mm };
+        let room_mm = behind_mm(from_mm).min(ahead_mm(end_mm));
+        let mut piece = left;
+        if room_mm < zone_mm {
+            piece.segment.speed_mm_s = piece.segment.speed_mm_s.min(room_mm / reach_s);
+        }
+        if !is_inside {
+            kept.push(piece);
+            return;
+        }
+        piece.segment.to_mm = on_element_mm;
+        piece.segment.ends_block = false;
+        left.segment.from_mm = on_element_mm;
+        left.segment.rests_at_start = false;
+        kept.push(piece);
     }
 }
 

@@ -23,6 +23,15 @@
 //! A path may be longer than what is at hand of it. The map is made in blocks of elements, each when as much of the path is known as has a part
 //! in it: the zones that reach into it from both sides (`course`), and what is passed while braking from it. Blocks begin at fixed
 //! numbers of elements, so a map that is begun in the middle of the path is the same as one that was begun at its start, to the bit.
+//!
+//! # No more than so many elements
+//!
+//! However short its elements are, the motion on a block depends on [`LOOK_AHEAD_ELEMENTS`] ahead of it at most. Where more would have a part in it, the speed is lower, not the
+//! knowledge missing:
+//!
+//! - From every place of a block the tool can rest before the end of the block that is `BRAKING_BLOCKS` behind it (`envelope`).
+//! - Where motion along the path is smoothed, no place is so fast that its limits hold further than into the neighbouring block (`smoothing`).
+//! - A block takes no less time than reading as many elements does.
 
 use std::collections::VecDeque;
 use std::ops::Range;
@@ -43,8 +52,14 @@ pub const BLOCK_ELEMENTS: u32 = 1024;
 /// The most elements to either side that are looked at for zones that reach into a block: chords of less than a thousandth of the way of a
 /// scan are not told from smooth curves.
 pub const MARGIN_ELEMENTS: u32 = 4096;
-/// The most elements ahead of a block that are looked at for what is passed while braking from it.
-const BRAKING_ELEMENTS_MAX: u32 = 65_536;
+/// The most blocks ahead of one that are passed while braking from it.
+const BRAKING_BLOCKS: u32 = 3;
+/// The most blocks to either side of one that its limits hold on where motion along the path is smoothed.
+const ZONE_BLOCKS: u32 = 1;
+/// The most elements ahead of the first one of a window that its motion depends on, as long as it does not leave the block of that element.
+pub const LOOK_AHEAD_ELEMENTS: u32 =
+    (1 + 2 * BRAKING_BLOCKS + ZONE_BLOCKS) * BLOCK_ELEMENTS + MARGIN_ELEMENTS + REACH_ELEMENTS;
+const _: () = assert!(ZONE_BLOCKS * BLOCK_ELEMENTS <= MARGIN_ELEMENTS);
 
 /// What the map must provide for, besides the axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,6 +68,8 @@ pub struct MapSettings {
     pub override_max: f64,
     /// Most setpoints a window has for braking to rest.
     pub braking_setpoints_max: u32,
+    /// So many elements are passed in a second at most, on an average over each block.
+    pub elements_per_s_max: f64,
 }
 
 impl MapSettings {
@@ -105,6 +122,9 @@ pub struct SpeedMap {
     /// Moves that were let go.
     first_move: usize,
     limited_by_window_mm_s: Option<f64>,
+    limited_by_reading_mm_s: Option<f64>,
+    /// Up to here every element has its segments.
+    done_to: u32,
     complete: bool,
 }
 
@@ -140,6 +160,8 @@ impl SpeedMap {
             moves: Vec::new(),
             first_move: 0,
             limited_by_window_mm_s: None,
+            limited_by_reading_mm_s: None,
+            done_to: first_mapped(first),
             complete: false,
         }
     }
@@ -175,33 +197,59 @@ impl SpeedMap {
         segments.truncate(behind);
         let before = segments.partition_point(|segment| segment.element < from);
         segments.drain(..before);
-        let end_mm = part.length_before_mm(to);
+        if to - from == BLOCK_ELEMENTS {
+            let length_mm = part.length_before_mm(to) - part.length_before_mm(from);
+            self.limit_by_reading(length_mm / f64::from(BLOCK_ELEMENTS), &mut segments);
+        }
         self.next_block = to;
-        if part.limits().smoothing_scans() == 0 {
+        if part.limits().smoothing_scans() > 0 {
+            self.lay(part, from..to, segments);
+        } else {
             self.blocks.push_back(Block {
                 end: to,
-                end_mm,
+                end_mm: part.length_before_mm(to),
                 segments,
             });
-            return true;
         }
+        true
+    }
+
+    /// Lowers the speed on the segments of a block to that at which reading keeps up with elements that are so long on an average.
+    fn limit_by_reading(&mut self, element_mm: f64, segments: &mut [Segment]) {
+        let read_mm_s = element_mm * self.settings.elements_per_s_max;
+        let override_max = self.override_max();
+        let is_faster = |of: &&mut Segment| of.cap_mm_s(override_max) > read_mm_s;
+        for segment in segments.iter_mut().filter(is_faster) {
+            segment.speed_mm_s = read_mm_s;
+            let before_mm_s = self.limited_by_reading_mm_s.unwrap_or(f64::INFINITY);
+            self.limited_by_reading_mm_s = Some(before_mm_s.min(read_mm_s));
+        }
+    }
+
+    /// Adds a block whose limits are yet to hold beside it, no further than into the blocks beside it.
+    fn lay(&mut self, part: &PathPart, block: Range<u32>, segments: Vec<Segment>) {
+        let limits = part.limits();
+        let reach_s = smoothing::reach_s(limits.smoothing_scans(), limits.scan_period_s());
         let fastest_mm_s = part.plan_limits().fastest_mm_s();
-        let placed = segments.into_iter().map(|segment| Placed {
-            start_mm: part.length_before_mm(segment.element),
-            segment: Segment {
-                speed_mm_s: segment.speed_mm_s.min(fastest_mm_s),
-                ..segment
-            },
-        });
-        let placed: Vec<Placed> = placed.collect();
-        let reach_s = smoothing::reach_s(part.limits().smoothing_scans(), scan_period_s);
+        let override_max = self.override_max();
+        let beside_mm = beside_mm(part, &block);
+        let mut placed: Vec<Placed> = Vec::with_capacity(segments.len());
+        for segment in segments {
+            let of_part = Placed {
+                start_mm: part.length_before_mm(segment.element),
+                segment: Segment {
+                    speed_mm_s: segment.speed_mm_s.min(fastest_mm_s),
+                    ..segment
+                },
+            };
+            smoothing::keep_within(of_part, &beside_mm, (reach_s, override_max), &mut placed);
+        }
         self.laid.push_back(LaidBlock {
-            end: to,
-            end_mm,
-            sources: smoothing::sources(&placed, reach_s, self.override_max()),
+            end: block.end,
+            end_mm: part.length_before_mm(block.end),
+            sources: smoothing::sources(&placed, reach_s, override_max),
             placed,
         });
-        true
     }
 
     /// Gives the first block that is laid out the limits that hold near it, if all of them are known.
@@ -214,7 +262,10 @@ impl SpeedMap {
         let reach_mm = part.plan_limits().fastest_mm_s() * reach_s;
         let until_mm = block.end_mm + reach_mm;
         let all = part.is_complete() && self.next_block >= part.end();
-        let count = match self.laid.iter().position(|of| of.end_mm >= until_mm) {
+        let reaches = |of: &LaidBlock| {
+            of.end_mm >= until_mm || of.end - block.end >= ZONE_BLOCKS * BLOCK_ELEMENTS
+        };
+        let count = match self.laid.iter().position(reaches) {
             Some(index) => index + 1,
             None if all => self.laid.len(),
             None => return false,
@@ -230,7 +281,8 @@ impl SpeedMap {
             self.override_max(),
         );
         let (end, end_mm) = (block.end, block.end_mm);
-        let is_over = |of: &&Source| of.reaches_to_mm() < end_mm;
+        let first = end.saturating_sub(ZONE_BLOCKS * BLOCK_ELEMENTS);
+        let is_over = |of: &&Source| of.reaches_to_mm() < end_mm || of.last_element() < first;
         let behind = sources.iter().take(own.end).skip_while(is_over);
         self.behind = behind.cloned().collect();
         self.blocks.push_back(Block {
@@ -254,7 +306,7 @@ impl SpeedMap {
             f64::from(self.settings.braking_setpoints_max) * part.limits().scan_period_s();
         let (first_end, until_mm) = (block.end, block.end_mm + fastest_mm_s * braking_time_s);
         let reaches = |block: &Block| {
-            block.end_mm >= until_mm || block.end - first_end >= BRAKING_ELEMENTS_MAX
+            block.end_mm >= until_mm || block.end - first_end >= BRAKING_BLOCKS * BLOCK_ELEMENTS
         };
         let all = self.is_laid_out(part);
         let count = match self.blocks.iter().position(reaches) {
@@ -288,6 +340,7 @@ impl SpeedMap {
             self.moves.extend(of_block);
         }
         self.segments.extend(segments.into_iter().take(own));
+        self.done_to = first_end;
         self.blocks.pop_front();
         true
     }
@@ -311,6 +364,11 @@ impl SpeedMap {
     /// The lowest path speed above which braking would not fit a window, of the places where the path would have gone faster.
     pub fn speed_limited_by_window_mm_s(&self) -> Option<f64> {
         self.limited_by_window_mm_s
+    }
+
+    /// The lowest path speed that reading keeps up with, of the blocks where the path would have gone faster.
+    pub(crate) fn limited_by_reading_mm_s(&self) -> Option<f64> {
+        self.limited_by_reading_mm_s
     }
 
     /// Highest override it provides for.
@@ -339,11 +397,39 @@ impl SpeedMap {
         self.complete
     }
 
-    /// Whether the segments of an element are all there, and those that are not are behind it.
-    pub(crate) fn reaches(&self, element: u32) -> bool {
-        self.segments
-            .back()
-            .is_some_and(|last| last.element > element)
+    /// Whether all is there that motion from an element depends on.
+    pub(crate) fn is_mapped(&self, element: u32) -> bool {
+        self.complete || self.done_to >= rests_by(element)
+    }
+
+    /// Where motion that begins on the segment before this border rests at the latest, and the first border that is not on the block of that segment; none
+    /// where that is not mapped yet.
+    pub(crate) fn horizon(&self, border: usize) -> Option<Horizon> {
+        let before = border.saturating_sub(1).max(self.first_segment);
+        let last = self.segment(before)?.element;
+        if !self.is_mapped(last) {
+            return None;
+        }
+        let first_behind = |element: u32| {
+            let behind = self.segments.partition_point(|of| of.element < element);
+            self.first_segment + behind
+        };
+        let rests_at = first_behind(rests_by(last));
+        if rests_at == self.segment_end() && self.complete {
+            return Some(Horizon {
+                rests_at,
+                holds_to: rests_at + 1,
+                is_end: true,
+            });
+        }
+        let holds_to = first_behind(block_end(last)) + 1;
+        // Before the last segment: rounding does not bring the tool beyond it.
+        let rests_at = (rests_at - 1).max(holds_to);
+        Some(Horizon {
+            rests_at,
+            holds_to,
+            is_end: false,
+        })
     }
 
     /// Index of the first segment at hand.
@@ -371,6 +457,43 @@ impl SpeedMap {
     }
 }
 
+/// How far ahead motion is planned from a place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Horizon {
+    /// The border at which it rests at the latest.
+    pub rests_at: usize,
+    /// The border behind the last one that this holds for.
+    pub holds_to: usize,
+    /// It is the end of the path.
+    pub is_end: bool,
+}
+
+/// The element behind the block of this one.
+fn block_end(element: u32) -> u32 {
+    (element / BLOCK_ELEMENTS + 1).saturating_mul(BLOCK_ELEMENTS)
+}
+
+/// The element before which the tool can rest from every place on this one.
+fn rests_by(element: u32) -> u32 {
+    block_end(element).saturating_add(BRAKING_BLOCKS * BLOCK_ELEMENTS)
+}
+
+/// From where to where limits of a block may hold, in mm along the path: to the far ends of the blocks beside it. Infinite where the path ends before.
+fn beside_mm(part: &PathPart, block: &Range<u32>) -> Range<f64> {
+    let reach = ZONE_BLOCKS * BLOCK_ELEMENTS;
+    let begin = block.start.checked_sub(reach);
+    let end = block.end.saturating_add(reach);
+    let is_behind_all = part.is_complete() && end >= part.end();
+    Range {
+        start: begin.map_or(f64::NEG_INFINITY, |of| part.length_before_mm(of)),
+        end: if is_behind_all {
+            f64::INFINITY
+        } else {
+            part.length_before_mm(end)
+        },
+    }
+}
+
 /// The first element that can be mapped where elements from `first` on are at hand.
 pub fn first_mapped(first: u32) -> u32 {
     if first == 0 {
@@ -391,6 +514,12 @@ fn with_margins(part: &PathPart, block: Range<u32>, scan_period_s: f64) -> Optio
         scan_period_s,
     };
     let mut to = block.end;
+    // Where blocks beside this one end is to be known.
+    let is_end = part.is_complete() && part.end() == part.ready();
+    let known = block.end.saturating_add(ZONE_BLOCKS * BLOCK_ELEMENTS);
+    if part.limits().smoothing_scans() > 0 && part.ready() < known && !is_end {
+        return None;
+    }
     while to - block.end < MARGIN_ELEMENTS && !(to == part.end() && part.is_complete()) {
         to += 1;
         if to > part.ready() {
@@ -436,6 +565,7 @@ mod tests {
     const SETTINGS: MapSettings = MapSettings {
         override_max: 1.0,
         braking_setpoints_max: 100_000,
+        elements_per_s_max: f64::INFINITY,
     };
 
     fn limits() -> MotionLimits {

@@ -36,6 +36,8 @@ pub struct Totals {
     pub complete: bool,
     /// The path speed that windows are limited to, if they are.
     pub speed_limited_by_window_mm_s: Option<f64>,
+    /// The path speed that is held where elements are so short that more of them would have to be looked at, or read, if it is.
+    pub speed_limited_by_look_ahead_mm_s: Option<f64>,
 }
 
 impl ProgramWalk {
@@ -99,6 +101,7 @@ impl ProgramWalk {
             fault,
             complete,
             speed_limited_by_window_mm_s: planner.speed_map().speed_limited_by_window_mm_s(),
+            speed_limited_by_look_ahead_mm_s: planner.speed_limited_by_look_ahead_mm_s(),
         })
     }
 }

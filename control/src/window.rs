@@ -44,6 +44,8 @@ pub struct WindowSettings {
     pub braking_setpoints_max: u32,
     /// Highest override that is obeyed; 1 is the programmed feed.
     pub override_max: f64,
+    /// So many elements of the path can be read in a second while the tool moves: it passes no more. Infinite where all of them are at hand.
+    pub elements_per_s_max: f64,
 }
 
 /// What one window is to do.
@@ -195,6 +197,7 @@ impl WindowPlanner {
         let of_map = MapSettings {
             override_max: settings.override_max,
             braking_setpoints_max: braking_setpoints_max - REST_ROWS - limits.smoothing_scans(),
+            elements_per_s_max: settings.elements_per_s_max,
         };
         let map = SpeedMap::empty(&of_map, positioning, first);
         Ok(Self {
@@ -414,9 +417,18 @@ impl WindowPlanner {
         }
     }
 
-    /// Whether the speed map holds an element, or the path has none of this number.
+    /// Whether the speed map holds all that motion from an element depends on, or the path has none of this number.
     pub fn is_mapped(&self, element: u32) -> bool {
-        self.map.is_complete() || self.map.reaches(element)
+        self.map.is_mapped(element)
+    }
+
+    /// The lowest path speed that the tool is held to because no more of the path is looked at, or read in time; none where it is not.
+    pub fn speed_limited_by_look_ahead_mm_s(&self) -> Option<f64> {
+        let limits = [
+            self.map.limited_by_reading_mm_s(),
+            self.envelope.limited_by_look_ahead_mm_s(),
+        ];
+        limits.into_iter().flatten().reduce(f64::min)
     }
 
     /// What the envelope of a window is computed for.

@@ -56,6 +56,7 @@ fn planner(
         intended_setpoints_max: 4000,
         braking_setpoints_max: 900,
         override_max: 1.0,
+        elements_per_s_max: f64::INFINITY,
     };
     WindowPlanner::with_positioning(path, limits, settings, positioning).unwrap()
 }

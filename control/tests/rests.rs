@@ -27,6 +27,7 @@ fn planner(elements: Vec<Element>) -> WindowPlanner {
         intended_setpoints_max: 64,
         braking_setpoints_max: 400,
         override_max: 1.0,
+        elements_per_s_max: f64::INFINITY,
     };
     WindowPlanner::new(Path { elements }, limits, settings).expect("a planner")
 }

@@ -20,6 +20,7 @@ fn settings(short: bool, limits: &MotionLimits) -> WindowSettings {
             900
         },
         override_max: 1.5,
+        elements_per_s_max: f64::INFINITY,
     }
 }
 

@@ -84,6 +84,7 @@ fn settings(intended_setpoints_max: u32) -> WindowSettings {
         intended_setpoints_max,
         braking_setpoints_max: 900,
         override_max: 1.5,
+        elements_per_s_max: f64::INFINITY,
     }
 }
 
@@ -890,6 +891,7 @@ fn a_speed_whose_braking_does_not_fit_the_window_is_limited_and_named() {
         intended_setpoints_max: 16,
         braking_setpoints_max: 63,
         override_max: 1.0,
+        elements_per_s_max: f64::INFINITY,
     };
     let mut planner = WindowPlanner::new(Path { elements: fast }, limits(1e-3), short).unwrap();
     let limited = planner.speed_map().speed_limited_by_window_mm_s().unwrap();

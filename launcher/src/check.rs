@@ -431,6 +431,11 @@ pub(crate) fn print_totals(checked: &Checked, totals: &Totals) {
             "  path speed limited to {speed_mm_s:.1} mm/s: braking from more does not fit a window"
         ));
     }
+    if let Some(speed_mm_s) = totals.speed_limited_by_look_ahead_mm_s {
+        say(&format!(
+            "  path speed limited to {speed_mm_s:.3} mm/s where blocks are shortest: no more of them are read ahead"
+        ));
+    }
     print_in_step(checked, program);
     print_notes(checked);
 }

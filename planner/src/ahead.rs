@@ -24,20 +24,21 @@ use machine::Machine;
 use crate::kept_parameters::Left;
 use program::{Message, Note, Piece, Progress, Question, Reading, ResumeError, Setup};
 
-use crate::course::{CourseError, Reach, motion_limits, window_planner_ahead};
+use crate::course::{AT_ONCE_ELEMENTS, CourseError, Reach, motion_limits, window_planner_ahead};
 use crate::events::Events;
 use crate::in_step::{self, InStep};
 use crate::place::{PLACE_ELEMENTS, Place};
 use crate::program_text::ProgramText;
 
 /// So many elements are known ahead of the tool.
-const AHEAD_ELEMENTS: u32 = 16_384;
+pub(crate) const AHEAD_ELEMENTS: u32 = 16_384;
 /// Blocks read in one period while the axes stand.
 const BLOCKS_AT_REST: usize = 16_384;
-/// Blocks read in one period while they move: ten times what the fastest machine travels of short chords.
-const BLOCKS_IN_MOTION: usize = 256;
+/// Blocks read in one period while they move: ten times what the fastest machine travels of short chords. Four times as many where the tool comes nearer to
+/// the end of what is known: blocks that only reckon have no elements.
+pub(crate) const BLOCKS_IN_MOTION: usize = 256;
 /// Blocks read at a time.
-const BLOCKS_AT_A_TIME: usize = 256;
+pub(crate) const BLOCKS_AT_A_TIME: usize = 256;
 
 /// Why a program cannot be planned.
 #[derive(Debug, thiserror::Error)]
@@ -129,12 +130,13 @@ impl Course {
 
     /// Reads on, if not enough is known ahead of the tool at this element; `in_motion`, less at a time.
     pub fn read_on(&mut self, element: u32, in_motion: bool) {
-        let mut blocks = if in_motion {
-            BLOCKS_IN_MOTION
-        } else {
-            BLOCKS_AT_REST
-        };
         let wanted = element.saturating_add(AHEAD_ELEMENTS);
+        let lacking = wanted.saturating_sub(self.windows.path().end());
+        let mut blocks = match in_motion {
+            true if lacking > AT_ONCE_ELEMENTS => 4 * BLOCKS_IN_MOTION,
+            true => BLOCKS_IN_MOTION,
+            false => BLOCKS_AT_REST,
+        };
         let mut grown = false;
         while blocks > 0 && !self.is_read && self.windows.path().end() < wanted {
             blocks = blocks.saturating_sub(BLOCKS_AT_A_TIME);
@@ -286,7 +288,7 @@ impl Course {
         });
     }
 
-    /// Whether the motion can go on from an element: it is known, and what is ahead of it as far as has been asked for.
+    /// Whether the motion can go on from an element: all is known that it depends on.
     pub fn is_ready(&self, element: u32) -> bool {
         self.windows.is_mapped(element)
     }

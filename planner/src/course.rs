@@ -8,10 +8,12 @@ use control::pivot::{OutOfReach, PivotY};
 use control::positioning::{MotorLoad, Positioning, RatingError};
 use control::rounding::RoundingSettings;
 use control::setpoint_settings::{SecondMotors, SetpointSettings, StraightLines};
+use control::speed_map::{BLOCK_ELEMENTS, LOOK_AHEAD_ELEMENTS};
 use control::window::{PlanError, WindowPlanner, WindowSettings};
 use machine::{self, AxisKind, Machine, RapidProfile};
 use program::{Program, kinematics_of};
 
+use crate::ahead::{AHEAD_ELEMENTS, BLOCKS_AT_A_TIME, BLOCKS_IN_MOTION};
 use crate::events::{EventError, Events};
 
 /// Why a program cannot be planned on a machine.
@@ -143,10 +145,11 @@ pub fn window_planner(
         reach.check(element)?;
     }
     let positioning = positioning(machine)?;
+    let settings = window_settings(machine, &limits);
     Ok(WindowPlanner::with_positioning(
         path,
         limits,
-        window_settings(machine),
+        settings,
         positioning.as_ref(),
     )?)
 }
@@ -161,9 +164,11 @@ pub(crate) fn window_planner_ahead(
     start_mm: f64,
 ) -> Result<WindowPlanner, CourseError> {
     let positioning = positioning(machine)?;
+    let limits = motion_limits(machine)?;
+    let settings = window_settings(machine, &limits);
     Ok(WindowPlanner::of_part(
-        motion_limits(machine)?,
-        window_settings(machine),
+        limits,
+        settings,
         positioning.as_ref(),
         first,
         start_mm,
@@ -178,14 +183,34 @@ pub(crate) fn window_setpoints(machine: &Machine) -> u32 {
 /// The longest window, where it has more than 1024 setpoints, in µs.
 const WINDOW_US: u32 = 1_024_000;
 
-fn window_settings(machine: &Machine) -> WindowSettings {
+fn window_settings(machine: &Machine, limits: &MotionLimits) -> WindowSettings {
     let intended_setpoints_max = machine.intended_setpoints();
     WindowSettings {
         intended_setpoints_max,
         braking_setpoints_max: window_setpoints(machine).saturating_sub(intended_setpoints_max + 1),
         override_max: f64::from(machine.path.feed_override_max_percent) / 100.0,
+        elements_per_s_max: elements_per_s_max(machine, limits),
     }
 }
+
+/// So many elements of a path are read in a second while the tool moves, and known ahead of it: more than the motion depends on by as many as it may pass
+/// from one reading to the last setpoint of a window.
+fn elements_per_s_max(machine: &Machine, limits: &MotionLimits) -> f64 {
+    let read_per_s = f64::from(BLOCKS_IN_MOTION as u32) / machine.interpolation_period_s();
+    let ahead_scans = machine.intended_setpoints() + limits.smoothing_scans();
+    let ahead_s = f64::from(ahead_scans) * machine.scan_period_s();
+    let known = AHEAD_ELEMENTS - LOOK_AHEAD_ELEMENTS - AT_ONCE_ELEMENTS;
+    let known_per_s = f64::from(known) / (ahead_s + 2.0 * machine.interpolation_period_s());
+    (READ_SHARE * read_per_s).min(known_per_s).min(READ_PER_S)
+}
+
+/// Elements that are read and mapped in a quarter of a processor's time.
+const READ_PER_S: f64 = 32_000.0;
+
+/// Of the elements that can be read, so many are passed: some blocks of a program have none.
+const READ_SHARE: f64 = 0.75;
+/// So many elements may be passed at once, at the end of one block of the speed map and the beginning of the next, and read at once.
+pub(crate) const AT_ONCE_ELEMENTS: u32 = 2 * BLOCK_ELEMENTS + BLOCKS_AT_A_TIME as u32;
 
 /// Where an arm and the slide under it can bring the tool.
 #[derive(Debug, Clone)]

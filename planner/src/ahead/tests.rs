@@ -178,3 +178,26 @@ fn events_of_a_program_in_pieces_are_those_of_the_whole() {
             .all(|pair| pair[1].number == pair[0].number + 1)
     );
 }
+
+#[test]
+fn a_program_begins_with_its_first_reading_however_short_its_elements_are() {
+    let machine = machine();
+    for length_mm in [1e-6, 1e-3, 0.01] {
+        let chord = |n: u32| format!("G1 X{:.6}\n", f64::from(n) * length_mm);
+        let text = "G21 G61 F10000\n".to_string() + &(1..20_000).map(chord).collect::<String>();
+        let text = ProgramText::Here("chords.ngc".into(), (text + "M2\n").into());
+        let mut course = begun(&machine, &text, [0; MAX_AXES], None).expect("a course");
+        course.read_on(0, false);
+        assert!(!course.is_over() && course.is_ready(0), "{length_mm} mm");
+        let at_hand = course.windows.path().end();
+        assert!(at_hand < AHEAD_ELEMENTS + 256, "{at_hand} elements");
+        let request = WindowRequest {
+            intended_setpoints: machine.intended_setpoints(),
+            repeats_start: true,
+            ..WindowRequest::default()
+        };
+        let start = course.windows.start_state();
+        let outcome = course.windows.plan(&start, &request, &mut Vec::new());
+        assert!(outcome.is_ok(), "{length_mm} mm: {outcome:?}");
+    }
+}
