@@ -4,6 +4,7 @@
 //! `EVERY_DEATH=1 cargo test --release --test cell -- beginning:: --nocapture` kills each process between each way and each next order.
 
 use std::fs;
+use std::time::Duration;
 
 use bus::sample::{Feedback, Mode};
 use serde_json::Value;
@@ -19,12 +20,17 @@ const WAYS: [(&[&str], f64); 7] = [
     (&["G43.1 Z75"], 75.0),
     (&["T1 M6", "G43 H3"], 75.0),
     (&["T3 M6 G43", "G49"], 0.0),
-    (&["T1 M6 G43", "G43.2 H2"], 102.5),
-    (&["T2 M6", "M61 Q3", "G43"], 75.0),
+    (&["T1 M6 G43", "G43.2 H4"], 85.0),
+    (&["T2 M6 G43", "T3 M6", "G43"], 75.0),
 ];
 
 /// Processes that die between a way and the next order.
-const DEATHS: [Option<&str>; 4] = [None, Some("planner"), Some("servo-Z"), Some("master")];
+const DEATHS: [Option<&str>; 4] = [
+    None,
+    Some("planner"),
+    Some("servo --axis Z --role a"),
+    Some("plant-sim"),
+];
 
 fn is_ready(now: &Feedback) -> bool {
     now.mode == Mode::Ready as u32
@@ -35,7 +41,10 @@ fn kill(cell: &mut LiveCell, role: &str) {
     let pid = cell.pid_of(role);
     send(pid, libc::SIGKILL);
     cell.wait_for(|_| true);
-    while cell.pid_of(role) == pid {}
+    let is_heir = |(other, line): &(i32, String)| line.contains(role) && *other != pid;
+    while !cell.children().iter().any(is_heir) {
+        std::thread::sleep(Duration::from_millis(5));
+    }
     let now = cell.wait_for(|now| {
         matches!(
             Mode::from_wire(now.mode),
@@ -84,17 +93,17 @@ fn every_way_of_applying_an_offset_holds_for_every_next_order_over_every_death()
     let program = program.display().to_string();
     let every = std::env::var("EVERY_DEATH").is_ok();
     for (number, (way, applied_mm)) in WAYS.into_iter().enumerate() {
-        for death in 0..DEATHS.len() {
-            if !every && death != number % DEATHS.len() {
+        for (turn, death) in DEATHS.into_iter().enumerate() {
+            if !every && turn != number % DEATHS.len() {
                 continue;
             }
-            let what = format!("{way:?}, {:?} killed", DEATHS[death]);
+            let what = format!("{way:?}, {death:?} killed");
             obeyed(&cell, &["mdi", "G21 G90 G49 G0 Z-10"]);
             for block in way {
                 obeyed(&cell, &["mdi", block]);
             }
             let tool = cell.wait_for(is_ready).auxiliary.tool;
-            if let Some(role) = DEATHS[death] {
+            if let Some(role) = death {
                 kill(&mut cell, role);
             }
             shows(&mut cell, applied_mm, tool, &what);
@@ -192,7 +201,7 @@ fn modes_stay_between_blocks_and_programs_until_m2_reset_or_a_program_that_is_gi
     obeyed(&cell, &set);
     cell.wait_for(is_ready);
     has(&cell, &["G91", "G20", "G55", "G18", "G99"]);
-    for role in ["planner", "master"] {
+    for role in ["planner", "plant-sim"] {
         kill(&mut cell, role);
         has(&cell, &["G91", "G20", "G55", "G18", "G99"]);
     }

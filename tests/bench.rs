@@ -1,7 +1,7 @@
 //! `quadrant bench`: every bench, and that none of them, and no tool that starts cells, leaves anything behind.
 
 use std::fs;
-use std::os::unix::process::ExitStatusExt as _;
+use std::os::unix::process::{CommandExt as _, ExitStatusExt as _};
 use std::process::{Child, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
@@ -207,13 +207,20 @@ struct Started {
 impl Started {
     fn new(words: &[&str]) -> Started {
         let temporary = tempfile::tempdir().expect("a temporary folder");
-        let child = quadrant()
+        let mut command = quadrant();
+        command
             .args(words)
             .env("TMPDIR", temporary.path())
             .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .expect("quadrant");
+            .stderr(Stdio::null());
+        let hears_interrupts = || {
+            // SAFETY: it is given a known signal, and async-signal-safe (POSIX).
+            unsafe { libc::signal(libc::SIGINT, libc::SIG_DFL) };
+            Ok(())
+        };
+        // SAFETY: between fork and exec it calls that function alone. A suite in the background of a shell ignores the signal.
+        unsafe { command.pre_exec(hears_interrupts) };
+        let child = command.spawn().expect("quadrant");
         Started {
             child,
             name: words.join(" "),
@@ -276,7 +283,15 @@ impl Started {
             .filter(|name| is_of(name, &mark))
             .collect();
         assert!(shared.is_empty(), "{}: {shared:?}", self.name);
-        (status, self.temporary)
+        let nowhere = tempfile::tempdir().expect("a temporary folder");
+        (status, std::mem::replace(&mut self.temporary, nowhere))
+    }
+}
+
+impl Drop for Started {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
     }
 }
 

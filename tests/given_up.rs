@@ -201,7 +201,7 @@ fn typed_in_blocks_that_give_themselves_up_fail_with_their_text_and_leave_the_pr
     assert!(given_up.text.contains("by hand"), "{}", given_up.text);
     let now = cell.wait_for(|f| is(f, Mode::Ready, ProgramState::Loaded));
     assert_eq!(x_nm(&now), 2_000_000);
-    obeyed(&cell, &["mdi", "G90 G1 X0"]);
+    obeyed(&cell, &["mdi", "G90 G1 X0 F3000"]);
     obeyed(&cell, &["start", "--wait"]);
     obeyed(&cell, &["down"]);
 }

@@ -144,6 +144,9 @@ structure!(
         coupled,
         jog_um_s,
         start_line,
+        tool_offset_of,
+        tool_offset,
+        modes_of_run,
         reserved,
     }
 );

@@ -138,7 +138,7 @@ mod tests {
     fn by_hand_an_axis_may_be_beyond_the_travel_by_the_margin_and_no_farther_scan_by_scan() {
         assert_eq!(GUARDS.by_hand(0, -105, -110), None);
         assert_eq!(GUARDS.by_hand(300, 300, 305), None);
-        assert_eq!(GUARDS.by_hand(-150, -140, -150), None);
+        assert_eq!(GUARDS.by_hand(-150, -140, -145), None);
         for (before, command, feedback) in [
             (0, -106, -106),
             (-106, -107, -107),

@@ -68,7 +68,7 @@ pub struct MapSettings {
     pub override_max: f64,
     /// Most setpoints a window has for braking to rest.
     pub braking_setpoints_max: u32,
-    /// So many elements are passed in a second at most, on an average over each block.
+    /// Most elements that are passed in a second, on an average over each block.
     pub elements_per_s_max: f64,
 }
 
@@ -457,7 +457,7 @@ impl SpeedMap {
     }
 }
 
-/// How far ahead motion is planned from a place.
+/// Length of the path that motion is planned ahead from a place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Horizon {
     /// The border at which it rests at the latest.

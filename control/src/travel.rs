@@ -35,7 +35,7 @@ impl<T: Copy + PartialOrd> Travel<T> {
 }
 
 impl Travel<i64> {
-    /// So many increments longer at both ends.
+    /// The travel, longer by a number of increments at both ends.
     #[must_use]
     pub fn widened(self, by: i64) -> Travel<i64> {
         Travel {

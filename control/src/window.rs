@@ -44,7 +44,7 @@ pub struct WindowSettings {
     pub braking_setpoints_max: u32,
     /// Highest override that is obeyed; 1 is the programmed feed.
     pub override_max: f64,
-    /// So many elements of the path can be read in a second while the tool moves: it passes no more. Infinite where all of them are at hand.
+    /// Elements of the path that can be read in a second while the tool moves: it passes no more. Infinite where all of them are at hand.
     pub elements_per_s_max: f64,
 }
 

@@ -102,7 +102,7 @@ assert ctypes.sizeof(Levels) == 112
 
 
 class Auxiliaries(ctypes.Structure):
-    """184 bytes."""
+    """256 bytes."""
 
     _fields_ = [
         ("levels", Levels),  # at 0
@@ -120,15 +120,18 @@ class Auxiliaries(ctypes.Structure):
         ("coupled", c_uint32),  # at 168
         ("jog_um_s", c_uint32),  # at 172
         ("start_line", c_uint32),  # at 176
-        ("reserved", c_uint32),  # at 180
+        ("tool_offset_of", c_uint32),  # at 180
+        ("tool_offset", c_double * 8),  # at 184
+        ("modes_of_run", c_uint32),  # at 248
+        ("reserved", c_uint32),  # at 252
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Auxiliaries/4"
+        return "quadrant/Auxiliaries/5"
 
 
-assert ctypes.sizeof(Auxiliaries) == 184
+assert ctypes.sizeof(Auxiliaries) == 256
 
 
 class Answer(ctypes.Structure):
@@ -170,7 +173,7 @@ assert ctypes.sizeof(Inputs) == 80
 
 
 class Feedback(ctypes.Structure):
-    """1624 bytes."""
+    """1696 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -200,18 +203,18 @@ class Feedback(ctypes.Structure):
         ("run", c_uint32),  # at 232
         ("messages", c_uint32),  # at 236
         ("auxiliary", Auxiliaries),  # at 240
-        ("answer", Answer),  # at 424
-        ("inputs", Inputs),  # at 576
-        ("axes", AxisFeedback * 8),  # at 656
-        ("checksum", c_uint64),  # at 1616
+        ("answer", Answer),  # at 496
+        ("inputs", Inputs),  # at 648
+        ("axes", AxisFeedback * 8),  # at 728
+        ("checksum", c_uint64),  # at 1688
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Feedback/8"
+        return "quadrant/Feedback/9"
 
 
-assert ctypes.sizeof(Feedback) == 1624
+assert ctypes.sizeof(Feedback) == 1696
 
 
 class Instruments(ctypes.Structure):

@@ -35,7 +35,7 @@ struct End {
     /// In a program, in machine coordinates.
     in_program: f64,
     inwards: f64,
-    /// It is an end of the travel: of the arm of a pivot it is that of its range, which no jog knows.
+    /// It is an end of the travel: the arm of a pivot ends at its range, which no jog knows.
     of_travel: bool,
 }
 
@@ -203,7 +203,7 @@ impl Stand {
         self.until(|now| now.mode == Mode::Finished as u32);
     }
 
-    /// How far inwards from the end it is commanded to be.
+    /// Distance inwards from the end at which it is commanded to be.
     fn inside(&self) -> f64 {
         let axis = &self.now.axes[self.end.axis];
         let at = axis.command_position as f64 * self.machine.axes[self.end.axis].increment_mm();

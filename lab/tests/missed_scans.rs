@@ -20,9 +20,9 @@ const MISSED_MAX: u64 = 3;
 const PERIODS: u64 = 2;
 /// Periods that are looked at behind: the speed is smoothed over one.
 const LOOKED_AT: u64 = 4;
-/// The speed that is fed forward is that of the undisturbed run to so many mm/s.
+/// Most by which the speed that is fed forward differs from the undisturbed run, in mm/s.
 const FEED_FORWARD_MM_S: f64 = 0.01;
-/// The command to the drive is that of the undisturbed run to so many mm/s: the loop answers what the axis did meanwhile.
+/// Most by which the command to the drive differs from the undisturbed run, in mm/s: the loop answers what the axis did meanwhile.
 const COMMAND_MM_S: f64 = 0.05;
 
 /// Commands of the first axis, scan by scan, up to this one.

@@ -140,6 +140,17 @@ fn wire(kind: &EventKind) -> Option<(EventCode, u32, f64, bool)> {
     })
 }
 
+/// Whether an event may have the program wait for the operator.
+fn may_hold(code: EventCode) -> bool {
+    matches!(
+        code,
+        EventCode::ProgramStop
+            | EventCode::OptionalStop
+            | EventCode::PalletStop
+            | EventCode::ToolChange
+    )
+}
+
 fn is_of_offset(code: u32) -> bool {
     code == EventCode::ToolOffset as u32 || code == EventCode::ToolOffsetOf as u32
 }
@@ -410,10 +421,14 @@ impl Events {
         let (code, index, value, in_motion) = of_wire;
         if is_of_offset(code as u32) {
             // The last one before a motion is the one that counts.
-            let same = |of: &ProgramEvent| {
-                of.code == code as u32 && (of.index == index || code == EventCode::ToolOffsetOf)
-            };
-            self.waiting.retain(|planned| !same(&planned.event));
+            let one = code == EventCode::ToolOffsetOf;
+            let same = |of: &ProgramEvent| of.code == code as u32 && (one || of.index == index);
+            self.waiting
+                .retain(|planned| !planned.in_motion || !same(&planned.event));
+        }
+        if may_hold(code) {
+            // The operator reads the offset while the program waits for him.
+            self.offsets_at_rest();
         }
         self.waiting.push(Planned {
             in_motion,
@@ -467,10 +482,14 @@ impl Events {
     fn offsets_give_way(&mut self) {
         let in_motion = self.waiting.iter().filter(|planned| planned.in_motion);
         if in_motion.count() > OUTPUTS_AHEAD {
-            let of_offset = |planned: &&mut Planned| is_of_offset(planned.event.code);
-            for planned in self.waiting.iter_mut().filter(of_offset) {
-                planned.in_motion = false;
-            }
+            self.offsets_at_rest();
+        }
+    }
+
+    fn offsets_at_rest(&mut self) {
+        let of_offset = |planned: &&mut Planned| is_of_offset(planned.event.code);
+        for planned in self.waiting.iter_mut().filter(of_offset) {
+            planned.in_motion = false;
         }
     }
 

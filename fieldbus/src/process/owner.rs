@@ -23,7 +23,7 @@ use crate::start_up::start_up;
 
 /// The longest wait for the master without a look around.
 const LOOK_AROUND: Duration = Duration::from_millis(100);
-/// So long the kernel may take to take down an owner that has died.
+/// Longest time the kernel may take to take down an owner that has died.
 const TAKEN_DOWN: Duration = Duration::from_millis(500);
 /// Cycles between two looks whether the launcher lives.
 const LOOK_AROUND_CYCLES: u64 = 64;

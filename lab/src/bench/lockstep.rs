@@ -28,7 +28,7 @@ const ROUND_TRIPS: u32 = 50_000;
 const LOOK_EVERY: Duration = Duration::from_millis(10);
 /// How often this side looks whether the other is ready.
 const START_LOOK: Duration = Duration::from_millis(2);
-/// So long another process that was in the cell may take to leave.
+/// Longest time another process that was in the cell may take to leave.
 const CLEAN_PATIENCE: Duration = Duration::from_secs(1);
 /// Scans of physics alone.
 const PHYSICS_SCANS: usize = 20_000;

@@ -29,6 +29,9 @@ const PROC_EVERY: Duration = Duration::from_millis(500);
 /// Messages of the program that an observer who comes later looks back for.
 const SAID_BEFORE: u32 = 8;
 
+/// Tool in the spindle, tool whose offset is applied, that offset, and the run whose modes are in force.
+type NextStart = (u32, u32, [f64; MAX_AXES], u32);
+
 /// A foot in the cell, and the model it fills.
 pub struct Feed {
     /// What is known.
