@@ -76,7 +76,7 @@ pub struct AuxiliaryLatches {
     pub start_line: u32,
     /// Number of the tool whose offset is applied; 0 for none.
     pub tool_offset_of: u32,
-    /// The run whose modes are in force, 0 or [`MODES_RESET`].
+    /// The run whose modes are in force, 0 or [`bus::sample::MODES_RESET`].
     pub modes_of_run: u32,
     /// Kept zero.
     pub reserved: u32,
