@@ -258,7 +258,7 @@ fn a_servo_that_hangs_in_a_jog_stops_both_motors_together() {
         assert!(speed_mm_s > 95.0, "{speed_mm_s}");
         let mut trip = all.iter().filter(|of| of.mode == Mode::Tripped as u32);
         let scan = trip.next().expect("a trip").scan;
-        assert!((1400..1410).contains(&scan), "{scan}");
+        assert!((1450..1460).contains(&scan), "{scan}");
         let report = ended.report();
         let axis = process.trim_start_matches("servo-");
         let reason = text(&report, "/outcome/reason");

@@ -381,7 +381,7 @@ impl Cause {
 
 /// What the master says of one axis in one scan.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/AxisFeedback/3")]
+#[type_name("quadrant/AxisFeedback/4")]
 #[repr(C)]
 pub struct AxisFeedback {
     /// Motor encoder, in increments of the axis (already through the position factor of the drive).
@@ -390,8 +390,8 @@ pub struct AxisFeedback {
     pub scale_position: i64,
     /// The command position: where the axis is commanded to be. Follows the encoder while the drive is off.
     pub command_position: i64,
-    /// Where the command position is to be at the end of a jog; counts while [`AxisFeedback::driver`] is the manual controller.
-    pub jog_target: i64,
+    /// Its course by hand; counts while [`AxisFeedback::driver`] is the manual controller.
+    pub hand: HandCourse,
     /// Scan of the command that acts in this scan.
     pub command_scan: u64,
     /// Velocity measured by the drive, in mm/s.
@@ -427,6 +427,47 @@ pub struct AxisFeedback {
     pub differences: u32,
     /// [`Reference`]: whether its positions are those of the machine.
     pub reference: u32,
+}
+
+/// The course of an axis that is moved by hand, as it was in the scan before (`control::hand_course`).
+///
+/// Places and steps in 1/65536 of an increment. From the same course everybody makes the same steps: a servo looks ahead on it.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/HandCourse/1")]
+#[repr(C)]
+pub struct HandCourse {
+    /// Position command.
+    pub command: i64,
+    /// What leads it.
+    pub lead: i64,
+    /// What the lead moved.
+    pub lead_step: i64,
+    /// What the command moved.
+    pub step: i64,
+    /// Where it is to end.
+    pub goal: i64,
+    /// Largest step of a scan.
+    pub step_max: i64,
+    /// Where it is to end once the change has come.
+    pub next_goal: i64,
+    /// Largest step of a scan from then on.
+    pub next_step_max: i64,
+    /// Largest change of the lead's step from scan to scan.
+    pub step_change_max: i64,
+    /// Share of the way to the lead that the command makes in a scan.
+    pub follows_by: f64,
+    /// Scans until that change, 1 in this one; 0 without one.
+    pub changes_in: u32,
+    /// Kept zero.
+    pub reserved: u32,
+}
+
+impl HandCourse {
+    /// Whether it has ended, or was none.
+    pub fn rests(&self) -> bool {
+        let at_goal = self.command == self.goal && self.lead == self.goal;
+        at_goal && self.lead_step == 0 && self.changes_in == 0
+    }
 }
 
 /// Whether the positions of an axis are those of the machine.
@@ -510,16 +551,10 @@ impl Redundancy {
 pub enum Driver {
     /// The program's: it executes windows.
     Program = 0,
-    /// The manual one: it jogs to [`AxisFeedback::jog_target`].
+    /// The manual one: it follows [`AxisFeedback::hand`].
     Manual = 1,
-    /// The manual one: it comes to rest where it can.
-    ManualStop = 2,
-    /// The manual one, at the search speed of the axis's homing.
-    Search = 3,
-    /// The manual one, at the latch speed of the axis's homing.
-    Latch = 4,
     /// None of them: the drive holds the axis or homes it, and the servo follows.
-    Drive = 5,
+    Drive = 2,
 }
 
 impl Driver {
@@ -528,18 +563,39 @@ impl Driver {
         Some(match value {
             0 => Driver::Program,
             1 => Driver::Manual,
-            2 => Driver::ManualStop,
-            3 => Driver::Search,
-            4 => Driver::Latch,
-            5 => Driver::Drive,
+            2 => Driver::Drive,
             _ => return None,
         })
     }
 }
 
+/// How far the manual controller of an axis is with it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+#[repr(u32)]
+pub enum Hand {
+    /// It does not drive, or the motor has not settled since it does.
+    #[default]
+    Off = 0,
+    /// It follows the course.
+    Follows = 1,
+    /// The course rests, and the motor has settled there.
+    Settled = 2,
+}
+
+impl Hand {
+    /// Decodes what came over the wire; what nobody knows is no hand.
+    pub fn from_wire(value: u32) -> Hand {
+        match value {
+            1 => Hand::Follows,
+            2 => Hand::Settled,
+            _ => Hand::Off,
+        }
+    }
+}
+
 /// What the master says each scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Feedback/9")]
+#[type_name("quadrant/Feedback/10")]
 #[repr(C)]
 pub struct Feedback {
     /// Number of the scan that begins with this sample.
@@ -594,6 +650,10 @@ pub struct Feedback {
     pub run: u32,
     /// Messages of the program that the path has come to: each is to be shown once.
     pub messages: u32,
+    /// 1 while the machine rests as orders to move or let go an axis want it.
+    pub rested: u32,
+    /// Kept zero.
+    pub reserved: u32,
     /// Spindle, coolant, outputs, tool and stops.
     pub auxiliary: Auxiliaries,
     /// The answer to what the program asked last.
@@ -631,7 +691,7 @@ pub struct Instruments {
 
 /// What one servo asks of its drive for one scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/AxisCommand/6")]
+#[type_name("quadrant/AxisCommand/7")]
 #[repr(C)]
 pub struct AxisCommand {
     /// Scan whose feedback this answers; takes effect one scan later.
@@ -683,8 +743,12 @@ pub struct AxisCommand {
     pub drive_mode: u32,
     /// [`Cause`] of a stop this servo asks for.
     pub cause: u32,
-    /// 1 while the manual controller drives and has come to rest: at its target, or where it was ordered to stop.
-    pub jog_done: u32,
+    /// [`Hand`]: how far the manual controller is with the axis.
+    pub hand: u32,
+    /// Scans that it looks ahead on a course by hand: a change of the course is known so early.
+    pub ahead_scans: u32,
+    /// Kept zero.
+    pub reserved: u32,
     /// Of all that stands before it (XXH3-64); written when it is sent, checked by every reader.
     pub checksum: u64,
 }

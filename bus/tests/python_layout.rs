@@ -4,8 +4,8 @@ use std::fmt::Write;
 use std::mem::offset_of;
 
 use bus::sample::{
-    Answer, Auxiliaries, AxisCommand, AxisFeedback, BusCycle, Feedback, Inputs, Instruments,
-    Levels, Participant, PathTag, PlannerStatus, ProgramEvent, Roster, WindowId,
+    Answer, Auxiliaries, AxisCommand, AxisFeedback, BusCycle, Feedback, HandCourse, Inputs,
+    Instruments, Levels, Participant, PathTag, PlannerStatus, ProgramEvent, Roster, WindowId,
 };
 use iceoryx2::prelude::ZeroCopySend;
 
@@ -86,12 +86,29 @@ structure!(
     }
 );
 structure!(
+    hand_course,
+    HandCourse {
+        command,
+        lead,
+        lead_step,
+        step,
+        goal,
+        step_max,
+        next_goal,
+        next_step_max,
+        step_change_max,
+        follows_by,
+        changes_in,
+        reserved,
+    }
+);
+structure!(
     axis_feedback,
     AxisFeedback {
         motor_position,
         scale_position,
         command_position,
-        jog_target,
+        hand,
         command_scan,
         velocity_mm_s,
         velocity_command_mm_s,
@@ -142,12 +159,10 @@ structure!(
         override_disabled,
         tool,
         coupled,
-        jog_um_s,
         start_line,
         tool_offset_of,
-        tool_offset,
         modes_of_run,
-        reserved,
+        tool_offset,
     }
 );
 structure!(
@@ -191,6 +206,8 @@ structure!(
         program,
         run,
         messages,
+        rested,
+        reserved,
         auxiliary,
         answer,
         inputs,
@@ -278,7 +295,9 @@ structure!(
         incarnation,
         drive_mode,
         cause,
-        jog_done,
+        hand,
+        ahead_scans,
+        reserved,
         checksum,
     }
 );
@@ -344,6 +363,7 @@ fn the_python_structures_have_the_layout_and_the_names_of_the_samples() {
     let structures = [
         window_id,
         path_tag,
+        hand_course,
         axis_feedback,
         levels,
         auxiliaries,

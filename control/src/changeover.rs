@@ -8,12 +8,10 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::follow_up::FollowUpState;
-
 /// What is done about the motor's drift after the switch to the second device.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Variant {
-    /// \[Fanuc-P2\]: the first device's error, once the second has settled, is its steady deviation.
+    /// \[Fanuc-P2\]: the second device makes the error good that the first one left.
     #[default]
     SettledDeviation,
     /// \[Fanuc-P3\]: an offset to the speed command first brings the motor back to where it stood before the switch.
@@ -31,27 +29,26 @@ pub enum Phase {
     Settling = 1,
     /// The motor has settled and is brought back ([`Variant::ReturnToStand`]).
     Returning = 2,
-    /// The second drives as it likes; the first follows up.
+    /// The second drives as it likes.
     Following = 3,
 }
 
-/// Switches a motor from a first control device to a second and back, without a step in the speed command, and keeps
-/// the first one's command position true meanwhile.
+/// Switches a motor from a first control device to a second and back, without a step in the speed command.
 ///
 /// ```text
 /// at a switch:   fade ← speed command before − own speed command      (each scan: fade ← fade·f)
-/// settling:      E1 counts what the motor drifts, command position 1 stands
-/// returning:     offset ← offset + g·(E2 − E2 before the switch)      until that is within the tolerance
-/// then:          E0 ← E1;  from then on d = E1 − E0;  command position 1 ← command position 1 − d;  E1 ← E1 − d
+/// settling:      the command stands; the second device takes the motor there
+/// returning:     offset ← offset + g·(E2 − E2 at the switch)          until that is within the tolerance
+/// then:          the second's command is the first's too:  E1 = command − encoder
 /// ```
 ///
-/// The second device's speed command is `Kp·E2 + fade + offset`; [`Changeover::update`] gives the last two. Command position less
-/// error is the encoder in every phase, to the increment. Every phase ends after `patience_scans` at the latest.
+/// The second device's speed command is `Kp·E2 + fade + offset`; [`Changeover::update`] gives the last two. Every phase ends after
+/// `patience_scans` at the latest.
 ///
 /// Source: \[Fanuc-P2\] and \[Fanuc-P3\], docs/methods/two-controllers.md, which says what is interpretation (how
-/// "settled" is judged, that the offset is summed up, and the fading share, which is ours). Units: increments for
-/// positions, mm/s for speeds. First call: [`Changeover::to_second`]. Speeds that are not numbers stay so in the speed
-/// command, which its guard refuses.
+/// "settled" is judged, that the offset is summed up, whose command counts, and the fading share, which is ours). Units: increments
+/// for positions, mm/s for speeds. First call: [`Changeover::to_second`]. Speeds that are not numbers stay so in the speed command,
+/// which its guard refuses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Changeover {
     /// Which variant.
@@ -73,7 +70,7 @@ pub struct Changeover {
 /// Below this the fading share is none, in mm/s: an increment of 1 nm in a quarter of an hour.
 const FADED_MM_S: f64 = 1e-9;
 
-/// What [`Changeover`] remembers, beside the first device's [`FollowUpState`]: command position, error counter, steady deviation.
+/// What [`Changeover`] remembers.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct ChangeoverState {
@@ -109,16 +106,10 @@ impl ChangeoverState {
         self.settled_scans = 0;
         self.waited_scans = 0;
     }
-
-    fn follow_up(&mut self, first: &mut FollowUpState) {
-        first.open();
-        self.enter(Phase::Following);
-    }
 }
 
 impl Changeover {
-    /// Switches to the second device, whose error counter and own speed command are now these. The first device's
-    /// [`FollowUpState`] is that of a closed loop.
+    /// Switches to the second device, whose error counter and own speed command are now these.
     pub fn to_second(
         &self,
         state: &mut ChangeoverState,
@@ -142,15 +133,9 @@ impl Changeover {
         };
     }
 
-    /// One scan while the second device drives; what is added to its speed command, in mm/s.
-    pub fn update(
-        &self,
-        state: &mut ChangeoverState,
-        first: &mut FollowUpState,
-        encoder: i64,
-        second_error: i64,
-    ) -> f64 {
-        let moved = encoder.saturating_sub(first.encoder);
+    /// One scan while the second device drives, in which the encoder has moved by `moved`; what is added to its speed command, in
+    /// mm/s.
+    pub fn update(&self, state: &mut ChangeoverState, moved: i64, second_error: i64) -> f64 {
         let stands = moved.saturating_abs() <= self.standing_increments;
         state.settled_scans = if stands {
             state.settled_scans.saturating_add(1)
@@ -160,18 +145,16 @@ impl Changeover {
         state.waited_scans = state.waited_scans.saturating_add(1);
         let impatient = state.waited_scans > self.patience_scans;
         match state.phase() {
-            Phase::FirstDrives => {}
+            Phase::FirstDrives | Phase::Following => {}
             Phase::Settling => {
-                first.count(encoder);
                 if state.settled_scans >= self.settle_scans || impatient {
                     match self.variant {
-                        Variant::SettledDeviation => state.follow_up(first),
+                        Variant::SettledDeviation => state.enter(Phase::Following),
                         Variant::ReturnToStand => state.enter(Phase::Returning),
                     }
                 }
             }
             Phase::Returning => {
-                first.count(encoder);
                 let off = second_error.saturating_sub(state.second_stored_error);
                 state.return_mm_s += self.return_gain_mm_s * off as f64;
                 let back = off.saturating_abs() <= self.return_tolerance;
@@ -179,10 +162,9 @@ impl Changeover {
                     state.settled_scans = 0;
                 }
                 if state.settled_scans >= self.settle_scans || impatient {
-                    state.follow_up(first);
+                    state.enter(Phase::Following);
                 }
             }
-            Phase::Following => first.follow(encoder),
         }
         self.fade(&mut state.fade_mm_s) + state.return_mm_s
     }
@@ -248,11 +230,11 @@ mod tests {
     struct Bench {
         block: Changeover,
         state: ChangeoverState,
-        first: FollowUpState,
         motor: Motor,
+        encoder_before: i64,
         gains_per_s: [f64; 2],
-        command_position: i64,
-        second_command: i64,
+        /// Of whichever device drives, and so of both.
+        command: i64,
         speed_mm_s: f64,
         /// Largest step of the speed command in a scan with a switch, in mm/s.
         switch_step_mm_s: f64,
@@ -263,62 +245,45 @@ mod tests {
             Bench {
                 block: changeover(variant),
                 state: ChangeoverState::default(),
-                first: FollowUpState::default(),
                 motor: Motor {
                     drift_mm_s,
                     position: 0.0,
                 },
+                encoder_before: 0,
                 gains_per_s,
-                command_position: 0,
-                second_command: 0,
+                command: 0,
                 speed_mm_s: 0.0,
                 switch_step_mm_s: 0.0,
             }
         }
 
-        fn first_mm_s(&self) -> f64 {
-            self.gains_per_s[0]
-                * (self.command_position - self.motor.encoder()) as f64
-                * INCREMENT_MM
+        fn error(&self) -> i64 {
+            self.command - self.motor.encoder()
         }
 
-        fn second_error(&self) -> i64 {
-            self.second_command - self.motor.encoder()
+        fn own_mm_s(&self, device: usize) -> f64 {
+            self.gains_per_s[device] * self.error() as f64 * INCREMENT_MM
         }
 
         fn first_scan(&mut self, switch: bool) {
-            let own_mm_s = self.first_mm_s();
+            let own_mm_s = self.own_mm_s(0);
             if switch {
-                self.command_position = self.first.command_position;
-                let own_mm_s = self.first_mm_s();
                 self.block
                     .to_first(&mut self.state, self.speed_mm_s, own_mm_s);
-                return self.drive(own_mm_s, true);
             }
-            self.drive(own_mm_s, false);
-        }
-
-        fn drive(&mut self, own_mm_s: f64, switch: bool) {
             let speed_mm_s = own_mm_s + self.block.fade(&mut self.state.fade_mm_s);
             self.took(speed_mm_s, switch);
         }
 
         fn second_scan(&mut self, switch: bool, step: i64) {
-            self.second_command += step;
+            self.command += step;
+            let (error, own_mm_s) = (self.error(), self.own_mm_s(1));
             if switch {
-                self.second_command = self.motor.encoder();
-                self.first = FollowUpState::closed(self.command_position, self.motor.encoder());
                 self.block
-                    .to_second(&mut self.state, 0, self.speed_mm_s, 0.0);
+                    .to_second(&mut self.state, error, self.speed_mm_s, own_mm_s);
             }
-            let error = self.second_error();
-            let own_mm_s = self.gains_per_s[1] * error as f64 * INCREMENT_MM;
-            let encoder = self.motor.encoder();
-            let added = self
-                .block
-                .update(&mut self.state, &mut self.first, encoder, error);
-            let first = &self.first;
-            assert_eq!(first.command_position - first.error, self.motor.encoder());
+            let moved = self.motor.encoder() - self.encoder_before;
+            let added = self.block.update(&mut self.state, moved, error);
             self.took(own_mm_s + added, switch);
         }
 
@@ -328,6 +293,7 @@ mod tests {
                 self.switch_step_mm_s = self.switch_step_mm_s.max(step);
             }
             self.speed_mm_s = speed_mm_s;
+            self.encoder_before = self.motor.encoder();
             self.motor.scan(speed_mm_s);
         }
 
@@ -338,7 +304,7 @@ mod tests {
             }
         }
 
-        /// To the second until it follows up.
+        /// To the second until it may move.
         fn change_over(&mut self) {
             self.second_scan(true, 0);
             for _ in 0..5000 {
@@ -360,21 +326,17 @@ mod tests {
             let mut bench = Bench::new(variant, 0.05, [50.0, 20.0]);
             bench.rest(1000);
             // It stands with the error that holds the drift: 0.05 mm/s / 50 1/s = 1 µm.
-            assert_eq!(bench.command_position - bench.motor.encoder(), -1000);
+            assert_eq!(bench.error(), -1000);
             let stood = bench.motor.encoder();
             bench.change_over();
-            let drifted = bench.first.encoder - stood;
-            // The second starts at no error and needs 2.5 µm to hold the drift.
+            let drifted = bench.motor.encoder() - stood;
+            // The second needs 2.5 µm to hold the drift.
             assert_eq!(
                 drifted.abs() <= 20,
                 back,
                 "{variant:?}: {drifted} increments"
             );
-            assert_eq!(bench.first.steady_deviation, -1000 - drifted);
-            assert_eq!(
-                bench.first.command_position, 0,
-                "the command position has not moved"
-            );
+            assert_eq!(bench.command, 0, "the command has not moved");
             // Back at the first, the motor stands where it stood.
             bench.first_scan(true);
             bench.rest(1000);
@@ -387,12 +349,11 @@ mod tests {
         for variant in [Variant::SettledDeviation, Variant::ReturnToStand] {
             let block = changeover(variant);
             let mut state = ChangeoverState::default();
-            let mut first = FollowUpState::closed(0, 0);
             block.to_second(&mut state, 0, 0.0, 0.0);
             let mut scans = 0;
             while state.phase() != Phase::Following {
                 scans += 1;
-                block.update(&mut state, &mut first, scans * 1000, -scans * 1000);
+                block.update(&mut state, 1000, -scans * 1000);
                 assert!(scans <= 4010);
             }
         }
@@ -400,7 +361,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn through_any_sequence_of_switches_command_positions_are_true_and_the_speed_command_does_not_step(
+        fn through_any_sequence_of_switches_the_command_is_what_was_asked_for_and_the_speed_command_does_not_step(
             returns in any::<bool>(),
             drift_mm_s in -0.1f64..0.1,
             first_gain in 10.0f64..100.0,
@@ -411,20 +372,16 @@ mod tests {
             let mut bench = Bench::new(variant, drift_mm_s, [first_gain, second_gain]);
             for (rest, jog, wait) in turns {
                 bench.rest(rest);
-                let before = bench.command_position;
+                let before = bench.command;
                 bench.change_over();
-                let followed_from = bench.first.encoder;
-                prop_assert_eq!(bench.first.command_position, before);
+                prop_assert_eq!(bench.command, before);
                 for step in &jog {
                     bench.second_scan(false, *step);
                 }
                 for _ in 0..wait {
                     bench.second_scan(false, 0);
                 }
-                let counted = bench.first.encoder - followed_from;
-                prop_assert_eq!(bench.first.command_position - before, counted);
-                let deviation = bench.first.steady_deviation;
-                prop_assert_eq!(bench.first.command_position, bench.first.encoder + deviation);
+                prop_assert_eq!(bench.command, before + jog.iter().sum::<i64>());
                 bench.first_scan(true);
             }
             prop_assert!(bench.switch_step_mm_s <= 1e-12, "{} mm/s", bench.switch_step_mm_s);

@@ -50,14 +50,6 @@ impl FollowUpState {
         self.steady_deviation = self.error;
     }
 
-    /// The motor is to stand so much further from the command position than before, to make up for lost motion: what it
-    /// moves for that is no motion of the axis.
-    pub fn compensate(&mut self, change: i64) {
-        self.command_position = self.command_position.saturating_sub(change);
-        self.error = self.error.saturating_sub(change);
-        self.steady_deviation = self.steady_deviation.saturating_sub(change);
-    }
-
     /// The error counter takes in what the motor moved; the command position stands.
     pub fn count(&mut self, encoder: i64) {
         let moved = encoder.saturating_sub(self.encoder);
@@ -90,17 +82,6 @@ mod tests {
                 (command_position, 30)
             );
         }
-    }
-
-    #[test]
-    fn what_the_motor_moves_for_lost_motion_does_not_move_the_command_position() {
-        let mut state = FollowUpState::closed(1_000, 970);
-        state.open();
-        state.compensate(8);
-        state.follow(978);
-        assert_eq!((state.command_position, state.error), (1_000, 22));
-        state.follow(1_078);
-        assert_eq!((state.command_position, state.error), (1_100, 22));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Command generation of a jog: to a target, from rest to rest, in whole increments.
+//! Command generation by hand: to a target, from any state of motion, in whole numbers.
 #![deny(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -8,10 +8,10 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// Steps towards a target as fast as its limits allow and stops exactly there.
+/// Steps towards a target as fast as its limits allow and stops exactly there, from any state of motion.
 ///
 /// A lead takes the largest step `s` of each scan within `±a` of the last and `±v` from which braking by `a` per scan ends no
-/// farther than the target: `s + (s − a) + (s − 2a) + … ≤ way left`. Ordered to stop, it brakes by `a` per scan. The command
+/// farther than the target: `s + (s − a) + (s − 2a) + … ≤ way left`. The command
 /// follows the lead by a share `k` of the way between them: `c ← c + k·(lead − c)`. So its acceleration changes by at most
 /// `2·k·a` per scan, which limits the jerk; with `k = 1` it is the lead. Near enough to a lead that has arrived it arrives.
 ///
@@ -29,7 +29,7 @@ pub struct JogProfile {
     pub arrives_from: i64,
 }
 
-/// Where a jog is.
+/// Where a motion by hand is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct JogMotion {
@@ -61,26 +61,33 @@ impl JogProfile {
     /// A profile whose command changes its acceleration by at most so many increments per scan² in a scan, where that is limited.
     pub fn new(step_max: i64, step_change_max: i64, jerk_max: Option<f64>) -> JogProfile {
         // The command's acceleration may change by 2·k·a; rounding takes up to four increments.
-        let (follows_by, arrives_from) = match jerk_max {
-            Some(jerk) => {
-                let left = (jerk - 4.0).max(1.0);
-                let follows_by = (left / (2.0 * step_change_max.max(1) as f64)).min(1.0);
-                (follows_by, (libm::floor(left / 4.0) as i64).min(step_max))
-            }
-            None => (1.0, 0),
+        let follows_by = jerk_max.map_or(1.0, |jerk| {
+            let left = (jerk - 4.0).max(1.0);
+            (left / (2.0 * step_change_max.max(1) as f64)).min(1.0)
+        });
+        JogProfile::following(step_max, step_change_max, follows_by)
+    }
+
+    /// A profile that follows its lead by this share.
+    pub fn following(step_max: i64, step_change_max: i64, follows_by: f64) -> JogProfile {
+        let acceleration = step_change_max.max(1) as f64;
+        let arrives_from = if follows_by < 1.0 {
+            libm::floor(follows_by * acceleration / 2.0) as i64
+        } else {
+            0
         };
         JogProfile {
             step_max,
             step_change_max,
             follows_by,
-            arrives_from,
+            arrives_from: arrives_from.min(step_max),
         }
     }
 
-    /// One scan on: towards the target, or to rest.
-    pub fn advance(&self, motion: &JogMotion, target: i64, stop: bool) -> JogMotion {
+    /// One scan on, towards the target.
+    pub fn advance(&self, motion: &JogMotion, target: i64) -> JogMotion {
         let left = target.saturating_sub(motion.lead);
-        let lead_step = self.step(motion.lead_step, left, stop);
+        let lead_step = self.step(motion.lead_step, left);
         let lead = motion.lead.saturating_add(lead_step);
         let way = lead.saturating_sub(motion.command);
         let arrives = self.follows_by >= 1.0
@@ -99,31 +106,33 @@ impl JogProfile {
         }
     }
 
+    /// Where it comes to rest if it brakes from now on.
+    pub fn rests_at(&self, motion: &JogMotion) -> i64 {
+        let change = self.step_change_max.max(1);
+        let slower = motion
+            .lead_step
+            .saturating_abs()
+            .saturating_sub(change)
+            .max(0);
+        let way = i64::try_from(braking_way(slower, change)).unwrap_or(i64::MAX);
+        let signed = way.saturating_mul(motion.lead_step.signum());
+        motion.lead.saturating_add(signed)
+    }
+
     /// The lead's step of this scan: `step` was the last, `left` is the way to the target, both signed.
-    fn step(&self, step: i64, left: i64, stop: bool) -> i64 {
+    fn step(&self, step: i64, left: i64) -> i64 {
         let change = self.step_change_max.max(1);
         let slower = step.signum() * (step.saturating_abs().saturating_sub(change)).max(0);
         // Away from the target it first has to come to rest.
-        if stop || left == 0 || (step != 0 && step.signum() != left.signum()) {
+        if left == 0 || (step != 0 && step.signum() != left.signum()) {
             return slower;
         }
         let way = left.saturating_abs();
         let fast = step.saturating_abs();
-        let mut low = fast.saturating_sub(change).max(0);
-        let mut high = fast
-            .saturating_add(change)
-            .min(self.step_max.max(1))
-            .min(way);
-        // Halving between a step that surely can be braked and the largest allowed: at most 63 turns.
-        while low < high {
-            let middle = high - (high - low) / 2;
-            if braking_way(middle, change) <= i128::from(way) {
-                low = middle;
-            } else {
-                high = middle - 1;
-            }
-        }
-        low * left.signum()
+        let low = fast.saturating_sub(change).max(0);
+        let most = fast.saturating_add(change).min(self.step_max.max(1));
+        let brakes = fastest(way, change);
+        brakes.min(most).min(way).max(low) * left.signum()
     }
 }
 
@@ -134,6 +143,20 @@ fn braking_way(step: i64, change: i64) -> i128 {
     (turns + 1) * step - change * turns * (turns + 1) / 2
 }
 
+/// The largest step whose braking way is no longer than `way`: `n` whole changes `a`, and of the rest of the way as much as `n + 1`
+/// steps share.
+fn fastest(way: i64, change: i64) -> i64 {
+    let (left, a) = (i128::from(way), i128::from(change));
+    let whole = |n: i128| a * n * (n + 1) / 2;
+    let root = libm::sqrt(1.0 + 8.0 * way as f64 / change as f64);
+    let mut n = i128::from(libm::floor((root - 1.0) / 2.0) as i64);
+    // The root is off by less than one.
+    n += i128::from(whole(n + 1) <= left);
+    n -= i128::from(n > 0 && whole(n) > left);
+    let share = (left - whole(n)) / (n + 1);
+    i64::try_from(n * a + share.clamp(0, a - 1)).unwrap_or(i64::MAX)
+}
+
 #[cfg(test)]
 #[allow(clippy::panic)]
 mod tests {
@@ -141,20 +164,26 @@ mod tests {
     use proptest::prelude::*;
 
     /// Position at rest, the largest step, change of step, and change of that; scans.
-    fn travel(profile: &JogProfile, target: i64, stop_at: Option<usize>) -> (i64, [i64; 3], usize) {
+    fn travel(
+        profile: &JogProfile,
+        mut target: i64,
+        stop_at: Option<usize>,
+    ) -> (i64, [i64; 3], usize) {
         let mut motion = JogMotion::at(0);
         let mut before = [0i64; 3];
         let mut largest = [0i64; 3];
         for scan in 0..400_000 {
-            let stop = stop_at.is_some_and(|s| scan >= s);
-            let next = profile.advance(&motion, target, stop);
+            if stop_at == Some(scan) {
+                target = profile.rests_at(&motion);
+            }
+            let next = profile.advance(&motion, target);
             let step = next.command - motion.command;
             let now = [step, step - before[0], step - before[0] - before[1]];
             for (largest, now) in largest.iter_mut().zip(now) {
                 *largest = (*largest).max(now.abs());
             }
             (before, motion) = (now, next);
-            if motion.rests() && (motion.command == target || stop) {
+            if motion.rests() && motion.command == target {
                 return (motion.command, largest, scan);
             }
         }
@@ -182,6 +211,19 @@ mod tests {
 
     proptest! {
         #[test]
+        fn the_fastest_step_can_be_braked_and_the_next_one_cannot(
+            way in 1i64..i64::MAX,
+            short in 1i64..1_000_000,
+            change in 1i64..1_000_000_000,
+        ) {
+            for way in [way, short] {
+                let step = fastest(way, change);
+                prop_assert!(braking_way(step, change) <= i128::from(way));
+                prop_assert!(braking_way(step + 1, change) > i128::from(way));
+            }
+        }
+
+        #[test]
         fn it_ends_exactly_at_any_target_within_its_limits(
             step_max in 1i64..50_000,
             step_change_max in 1i64..5_000,
@@ -205,7 +247,7 @@ mod tests {
         }
 
         #[test]
-        fn ordered_to_stop_it_brakes_to_rest_on_the_way(
+        fn told_to_rest_where_it_can_it_brakes_all_the_way_there(
             target in 1_000_000i64..3_000_000,
             stop_at in 1usize..200,
         ) {

@@ -42,39 +42,65 @@ class PathTag(ctypes.Structure):
 assert ctypes.sizeof(PathTag) == 16
 
 
+class HandCourse(ctypes.Structure):
+    """88 bytes."""
+
+    _fields_ = [
+        ("command", c_int64),  # at 0
+        ("lead", c_int64),  # at 8
+        ("lead_step", c_int64),  # at 16
+        ("step", c_int64),  # at 24
+        ("goal", c_int64),  # at 32
+        ("step_max", c_int64),  # at 40
+        ("next_goal", c_int64),  # at 48
+        ("next_step_max", c_int64),  # at 56
+        ("step_change_max", c_int64),  # at 64
+        ("follows_by", c_double),  # at 72
+        ("changes_in", c_uint32),  # at 80
+        ("reserved", c_uint32),  # at 84
+    ]
+
+    @staticmethod
+    def type_name() -> str:
+        return "quadrant/HandCourse/1"
+
+
+assert ctypes.sizeof(HandCourse) == 88
+
+
 class AxisFeedback(ctypes.Structure):
-    """120 bytes."""
+    """200 bytes."""
 
     _fields_ = [
         ("motor_position", c_int64),  # at 0
         ("scale_position", c_int64),  # at 8
         ("command_position", c_int64),  # at 16
-        ("jog_target", c_int64),  # at 24
-        ("command_scan", c_uint64),  # at 32
-        ("velocity_mm_s", c_double),  # at 40
-        ("velocity_command_mm_s", c_double),  # at 48
-        ("torque_nm", c_double),  # at 56
-        ("winding_k", c_double),  # at 64
-        ("missed_scans", c_uint32),  # at 72
-        ("missed_in_a_row", c_uint32),  # at 76
-        ("taken_incarnation", c_uint32),  # at 80
-        ("taken_role", c_uint32),  # at 84
-        ("cause", c_uint32),  # at 88
-        ("torque_limited", c_uint32),  # at 92
-        ("driver", c_uint32),  # at 96
-        ("drive_code", c_uint32),  # at 100
-        ("redundancy", c_uint32),  # at 104
-        ("unsynchronised_scans", c_uint32),  # at 108
-        ("differences", c_uint32),  # at 112
-        ("reference", c_uint32),  # at 116
+        ("hand", HandCourse),  # at 24
+        ("command_scan", c_uint64),  # at 112
+        ("velocity_mm_s", c_double),  # at 120
+        ("velocity_command_mm_s", c_double),  # at 128
+        ("torque_nm", c_double),  # at 136
+        ("winding_k", c_double),  # at 144
+        ("missed_scans", c_uint32),  # at 152
+        ("missed_in_a_row", c_uint32),  # at 156
+        ("taken_incarnation", c_uint32),  # at 160
+        ("taken_role", c_uint32),  # at 164
+        ("cause", c_uint32),  # at 168
+        ("torque_limited", c_uint32),  # at 172
+        ("driver", c_uint32),  # at 176
+        ("drive_code", c_uint32),  # at 180
+        ("redundancy", c_uint32),  # at 184
+        ("unsynchronised_scans", c_uint32),  # at 188
+        ("differences", c_uint32),  # at 192
+        ("reference", c_uint32),  # at 196
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/AxisFeedback/3"
+        return "quadrant/AxisFeedback/4"
 
 
-assert ctypes.sizeof(AxisFeedback) == 120
+assert ctypes.sizeof(AxisFeedback) == 200
 
 
 class Levels(ctypes.Structure):
@@ -102,7 +128,7 @@ assert ctypes.sizeof(Levels) == 112
 
 
 class Auxiliaries(ctypes.Structure):
-    """256 bytes."""
+    """248 bytes."""
 
     _fields_ = [
         ("levels", Levels),  # at 0
@@ -118,20 +144,18 @@ class Auxiliaries(ctypes.Structure):
         ("override_disabled", c_uint32),  # at 160
         ("tool", c_uint32),  # at 164
         ("coupled", c_uint32),  # at 168
-        ("jog_um_s", c_uint32),  # at 172
-        ("start_line", c_uint32),  # at 176
-        ("tool_offset_of", c_uint32),  # at 180
+        ("start_line", c_uint32),  # at 172
+        ("tool_offset_of", c_uint32),  # at 176
+        ("modes_of_run", c_uint32),  # at 180
         ("tool_offset", c_double * 8),  # at 184
-        ("modes_of_run", c_uint32),  # at 248
-        ("reserved", c_uint32),  # at 252
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Auxiliaries/5"
+        return "quadrant/Auxiliaries/6"
 
 
-assert ctypes.sizeof(Auxiliaries) == 256
+assert ctypes.sizeof(Auxiliaries) == 248
 
 
 class Answer(ctypes.Structure):
@@ -173,7 +197,7 @@ assert ctypes.sizeof(Inputs) == 80
 
 
 class Feedback(ctypes.Structure):
-    """1696 bytes."""
+    """2336 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -202,19 +226,21 @@ class Feedback(ctypes.Structure):
         ("program", c_uint32),  # at 228
         ("run", c_uint32),  # at 232
         ("messages", c_uint32),  # at 236
-        ("auxiliary", Auxiliaries),  # at 240
+        ("rested", c_uint32),  # at 240
+        ("reserved", c_uint32),  # at 244
+        ("auxiliary", Auxiliaries),  # at 248
         ("answer", Answer),  # at 496
         ("inputs", Inputs),  # at 648
         ("axes", AxisFeedback * 8),  # at 728
-        ("checksum", c_uint64),  # at 1688
+        ("checksum", c_uint64),  # at 2328
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Feedback/9"
+        return "quadrant/Feedback/10"
 
 
-assert ctypes.sizeof(Feedback) == 1696
+assert ctypes.sizeof(Feedback) == 2336
 
 
 class Instruments(ctypes.Structure):
@@ -269,7 +295,7 @@ assert ctypes.sizeof(BusCycle) == 160
 
 
 class AxisCommand(ctypes.Structure):
-    """1744 bytes."""
+    """1752 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -296,16 +322,18 @@ class AxisCommand(ctypes.Structure):
         ("incarnation", c_uint32),  # at 1720
         ("drive_mode", c_uint32),  # at 1724
         ("cause", c_uint32),  # at 1728
-        ("jog_done", c_uint32),  # at 1732
-        ("checksum", c_uint64),  # at 1736
+        ("hand", c_uint32),  # at 1732
+        ("ahead_scans", c_uint32),  # at 1736
+        ("reserved", c_uint32),  # at 1740
+        ("checksum", c_uint64),  # at 1744
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/AxisCommand/6"
+        return "quadrant/AxisCommand/7"
 
 
-assert ctypes.sizeof(AxisCommand) == 1744
+assert ctypes.sizeof(AxisCommand) == 1752
 
 
 class ProgramEvent(ctypes.Structure):

@@ -255,15 +255,18 @@ fn from_the_end_of_the_travel_an_axis_is_jogged_in_and_not_out_and_returns_to_it
             if end.of_travel {
                 let out = -0.001 - stand.inside().max(0.0);
                 stand.refused(&stand.jog(out), Refused::BeyondTravel);
-                stand.refused(&stand.jog_on(-1.0), Refused::TravelEnd);
+                if stand.inside() <= 0.0 {
+                    stand.refused(&stand.jog_on(-1.0), Refused::TravelEnd);
+                }
             }
             let began = stand.inside();
             stand.jogged(way);
-            stand.is_inside_by(began + way, stand.window());
+            stand.is_inside_by(began + way, 1e-9);
             // Out to the end, to the increment.
             let back = stand.inside();
             if back > 0.0 {
                 stand.jogged(-back);
+                stand.is_inside_by(0.0, 1e-9);
             }
             stand.off_and_on();
         }

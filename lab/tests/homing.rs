@@ -112,7 +112,14 @@ impl Bench {
 
     fn scans(&mut self, count: u64) {
         for _ in 0..count {
-            assert!(self.scan(), "the run has ended in scan {}", self.now.scan);
+            assert!(
+                self.scan(),
+                "the run has ended in scan {}: {:?} of {} in {}",
+                self.now.scan,
+                Cause::from_wire(self.now.cause),
+                self.now.cause_axis,
+                self.now.cause_scan
+            );
         }
     }
 
@@ -191,6 +198,8 @@ impl Bench {
 
 /// One count of the encoder.
 const COUNT_MM: f64 = 10.0 / 1_048_576.0;
+/// In this scan of a run with a kill it is homed, and on its way to where it is to stand.
+const HOMED_BY: u64 = 2_300;
 /// One increment of the machine, and what adding numbers makes of it.
 const INCREMENT_MM: f64 = 1.001e-6;
 
@@ -275,7 +284,7 @@ fn before_it_is_homed_no_program_starts_and_jogs_are_slow_and_know_no_travel() {
     bench.assert_homed("after a jog");
     // The travel counts from now on, and jogs are as fast as they are.
     bench.rest();
-    assert_eq!(bench.order(Order::Jog, 0, -215.0), Refused::BeyondTravel);
+    assert_eq!(bench.order(Order::Jog, 0, -245.0), Refused::BeyondTravel);
     let fastest_mm_s = bench.jog(10.0);
     assert!((59.0..63.0).contains(&fastest_mm_s), "{fastest_mm_s}");
     // And the program runs, which nobody may home any more.
@@ -433,7 +442,7 @@ fn killed(process: &str, scan: u64) -> Bench {
 fn a_kill_while_it_homes_ends_at_rest_and_homing_can_be_ordered_again() {
     let zero_mm = REFERENCE_MM - POSITION_MM;
     for process in ["planner", "servo-X", "servo-Y", "plant-sim"] {
-        // The motions begin in scan 201 and take three seconds.
+        // The motions begin in scan 201 and take three seconds; then the axis is homed, and goes to where it is to stand.
         for scan in [205, 260, 400, 900, 1_500, 2_200, 2_500] {
             let what = format!("{process} killed in scan {scan}");
             let mut bench = killed(process, scan);
@@ -449,7 +458,8 @@ fn a_kill_while_it_homes_ends_at_rest_and_homing_can_be_ordered_again() {
             if process == "planner" {
                 bench.assert_homed(&what);
             } else {
-                assert_eq!(bench.reference(), Reference::Missing, "{what}");
+                let homed = scan >= HOMED_BY && process != "plant-sim";
+                assert_eq!(bench.reference() == Reference::Known, homed, "{what}");
                 let mode = if process == "plant-sim" {
                     Mode::Disabled
                 } else {
@@ -457,7 +467,9 @@ fn a_kill_while_it_homes_ends_at_rest_and_homing_can_be_ordered_again() {
                 };
                 assert_eq!(bench.mode(), mode, "{what}");
                 assert_eq!(bench.order(Order::Enable, 0, 0.0), Refused::Not, "{what}");
-                bench.home();
+                if !homed {
+                    bench.home();
+                }
                 bench.assert_homed(&what);
             }
             bench.rest();

@@ -1,28 +1,21 @@
 //! Homing that is interrupted: whatever comes, in whatever step of whichever homing, the machine can be enabled and homed again, or
 //! ends. Master, servos and simulated drives are driven scan by scan, and copied where a run is to be interrupted.
 
+mod common;
+
 use std::collections::BTreeSet;
 use std::fmt;
-use std::sync::Arc;
 
-use bus::sample::{
-    AxisCommand, Cause, Feedback, Job, Mode, OperatorRequest, Order, PlannerStatus, ProgramState,
-    Reference, Refused, Roster,
-};
-use bytemuck::Zeroable;
-use machine::{Machine, Process};
-use master::saved::SavedState;
-use master::{Answers, Drives, Master, RunEnd};
-use plant_sim::SimulatedDrives;
+use bus::sample::{Cause, Job, Mode, Order, ProgramState, Reference, Refused};
+use common::staying::Cell;
+use machine::Machine;
+use master::Drives;
 use plant_sim::plant_file::PlantFile;
-use servo::Servo;
 use tune::options::NewMachineOptions;
 
 /// True places of the switches of the two motors, and of the indices behind them, in mm.
 const SWITCHES_MM: [f64; 2] = [-190.0, -189.6];
 const INDICES_MM: [f64; 2] = [-191.0, -191.3];
-/// A servo that died is back so many scans later.
-const RESTARTS_SCANS: u64 = 30;
 
 /// A machine as `quadrant new machine` writes it, whose X is homed: on one motor or two, with standbys or without.
 fn machine(motors: u32, standby: bool) -> (Machine, PlantFile) {
@@ -56,248 +49,34 @@ fn machine(motors: u32, standby: bool) -> (Machine, PlantFile) {
     (machine, plant)
 }
 
-/// One servo process.
-#[derive(Clone)]
-struct Member {
-    place: usize,
-    axis: usize,
-    role: usize,
-    servo: Servo,
-    /// What it commanded in the scan before.
-    said: Option<AxisCommand>,
+/// What makes one step of homing another than the one before.
+fn step(cell: &Cell) -> impl PartialEq + fmt::Debug + use<> {
+    let drives = cell.master.drives();
+    let axes = 0..cell.machine.axes.len();
+    let of_axis = |axis: usize| {
+        let now = &cell.now.axes[axis];
+        let finds = drives.feedback(axis).index_mm.is_some();
+        (now.driver, now.reference, finds)
+    };
+    let of_axes: Vec<_> = axes.map(of_axis).collect();
+    (cell.mode(), of_axes, drives.inputs().digital)
 }
 
-#[derive(Clone)]
-struct Cell {
-    machine: Arc<Machine>,
-    plant: Arc<PlantFile>,
-    master: Master<SimulatedDrives>,
-    saved: SavedState,
-    incarnation: u32,
-    members: Vec<Member>,
-    roster: Roster,
-    /// Places of processes that come back, and when.
-    joining: Vec<(usize, u64)>,
-    /// The servo of this axis breaks off in the next scan.
-    trips: Option<usize>,
-    now: Feedback,
-    /// Largest torque of a motor that is driven, in shares of the rated one, while it stands.
-    held_share: f64,
-    ended: bool,
-}
-
-impl Cell {
-    fn new(machine: Machine, plant: PlantFile) -> Cell {
-        let drives = plant.drives(&machine).expect("drives");
-        let saved = SavedState::of(&drives);
-        let mut roster = Roster::zeroed();
-        let servos: Vec<Process> = Process::servos(&machine).collect();
-        let everybody = [Process::from(Job::Planner)];
-        let all = everybody.into_iter().chain(servos.iter().copied());
-        for (place, process) in roster.participants.iter_mut().zip(all) {
-            *place = process.first();
+fn suffer(cell: &mut Cell, what: Interruption) {
+    let ordered = match what {
+        Interruption::Ordered(order) => cell.order(order),
+        _ => Refused::Not,
+    };
+    let jogging = matches!(cell.mode(), Mode::Jogging | Mode::Stopping);
+    match what {
+        Interruption::Ordered(Order::Disable | Order::Reset) => {
+            assert!(!jogging || ordered != Refused::Not, "{ordered:?}");
         }
-        let member = |(place, process): (usize, &Process)| Member {
-            place: place + 1,
-            axis: process.axis as usize,
-            role: process.role as usize,
-            servo: Servo::new(&machine, process.axis as usize, process.role, 1).expect("a servo"),
-            said: None,
-        };
-        Cell {
-            members: servos.iter().enumerate().map(member).collect(),
-            master: Master::new(&machine, drives, 1, 0, false, RunEnd::WhenOrdered),
-            machine: Arc::new(machine),
-            plant: Arc::new(plant),
-            saved,
-            incarnation: 1,
-            roster,
-            joining: Vec::new(),
-            trips: None,
-            now: Feedback::zeroed(),
-            held_share: 0.0,
-            ended: false,
-        }
-    }
-
-    fn scan(&mut self) {
-        self.now = self.master.feedback();
-        if self.master.is_last() {
-            self.ended = true;
-            return;
-        }
-        self.admit();
-        self.master.exchange();
-        let latches = self.master.latches();
-        self.saved.save(&latches, self.master.drives());
-        let answers = self.answers();
-        self.master.close_scan(&answers, &self.roster);
-        if self.master.take_latched() {
-            self.saved.latch(&self.master.latches());
-        }
-        for (axis, settings) in self.now.axes.iter().zip(&self.machine.axes) {
-            let stands = axis.velocity_mm_s.abs() < 0.05 && axis.velocity_command_mm_s == 0.0;
-            if self.mode() == Mode::Ready && stands {
-                let share = axis.torque_nm.abs() / settings.motor.rated_torque_nm;
-                self.held_share = self.held_share.max(share);
-            }
-        }
-    }
-
-    fn admit(&mut self) {
-        let scan = self.now.scan;
-        let due = |(_, at): &(usize, u64)| *at <= scan;
-        for (place, _) in self.joining.extract_if(.., |of| due(of)) {
-            let participant = &mut self.roster.participants[place];
-            participant.live = 1;
-            participant.incarnation += 1;
-            for member in self.members.iter_mut().filter(|of| of.place == place) {
-                member.servo = member.servo.replacement(participant.incarnation);
-            }
-        }
-    }
-
-    fn answers(&mut self) -> Answers {
-        let mut answers = Answers::NONE;
-        let before: Vec<_> = self.members.iter().map(|of| of.said).collect();
-        for (index, member) in self.members.iter_mut().enumerate() {
-            member.said = None;
-            if self.roster.participants[member.place].live == 0 {
-                continue;
-            }
-            for peer in before.iter().enumerate().filter(|(of, _)| *of != index) {
-                if let Some(command) = peer.1.filter(|c| c.axis as usize == member.axis) {
-                    member.servo.follow(&command, &self.now);
-                }
-            }
-            let mut command = member.servo.scan(&self.now);
-            if self.trips == Some(member.axis) {
-                command.cause = Cause::FollowingError as u32;
-            }
-            member.said = Some(command);
-            answers.commands[member.axis][member.role] = Some(command);
-        }
-        self.trips = None;
-        let planner = self.roster.participants[0];
-        let status = PlannerStatus {
-            scan: self.now.scan,
-            load: self.now.load,
-            incarnation: planner.incarnation,
-            ..PlannerStatus::zeroed()
-        };
-        answers.planner = (planner.live == 1).then_some(status);
-        answers
-    }
-
-    fn scans(&mut self, count: u64) {
-        for _ in 0..count {
-            self.scan();
-        }
-    }
-
-    /// Goes on until it is so, for so many scans at most; whether it is.
-    fn until(&mut self, scans: u64, is: impl Fn(&Cell) -> bool) -> bool {
-        (0..scans).any(|_| {
-            self.scan();
-            is(self)
-        })
-    }
-
-    fn order(&mut self, order: Order) -> Refused {
-        let value = if order == Order::Load { 1.0 } else { 0.0 };
-        let request = OperatorRequest {
-            order: order as u32,
-            value,
-            ..OperatorRequest::default()
-        };
-        let answer = self.master.order(&request);
-        self.saved.latch(&self.master.latches());
-        Refused::from_wire(answer.reason).expect("a reason")
-    }
-
-    fn mode(&self) -> Mode {
-        Mode::from_wire(self.now.mode).expect("a mode")
-    }
-
-    fn cause(&self) -> Cause {
-        Cause::from_wire(self.now.cause).expect("a cause")
-    }
-
-    fn is_homed(&self) -> bool {
-        let mut axes = self.now.axes().iter();
-        axes.all(|axis| axis.reference == Reference::Known as u32)
-    }
-
-    /// Drives on, ready.
-    fn ready(&mut self) {
-        assert_eq!(self.order(Order::Enable), Refused::Not);
-        assert!(
-            self.until(1_000, |of| of.mode() == Mode::Ready),
-            "not ready"
-        );
-        self.scans(200);
-    }
-
-    /// What makes one step of homing another than the one before.
-    fn step(&self) -> impl PartialEq + fmt::Debug + use<> {
-        let drives = self.master.drives();
-        let axes = 0..self.machine.axes.len();
-        let of_axis = |axis: usize| {
-            let now = &self.now.axes[axis];
-            let finds = drives.feedback(axis).index_mm.is_some();
-            (now.driver, now.reference, finds)
-        };
-        let of_axes: Vec<_> = axes.map(of_axis).collect();
-        (self.mode(), of_axes, drives.inputs().digital)
-    }
-
-    fn suffer(&mut self, what: Interruption) {
-        let ordered = match what {
-            Interruption::Ordered(order) => self.order(order),
-            _ => Refused::Not,
-        };
-        let jogging = matches!(self.mode(), Mode::Jogging | Mode::Stopping);
-        match what {
-            Interruption::Ordered(Order::Disable | Order::Reset) => {
-                assert!(!jogging || ordered != Refused::Not, "{ordered:?}");
-            }
-            Interruption::Ordered(_) => assert_eq!(ordered, Refused::Not),
-            Interruption::Trip(axis) => self.trips = Some(axis),
-            Interruption::Death(job, axis) => self.dies(job, axis),
-            Interruption::MasterDies => self.replace_master(),
-            Interruption::LauncherDies => self.master.end_after_stop(),
-        }
-    }
-
-    /// Who drives dies.
-    fn dies(&mut self, job: Job, axis: usize) {
-        let role = self.now.axes[axis].taken_role;
-        let mut participants = self.roster.participants.iter().enumerate();
-        let is_it = |p: &bus::sample::Participant| {
-            p.job == job as u32 && p.axis == axis as u32 && p.role == role && p.live == 1
-        };
-        if let Some((place, _)) = participants.find(|(_, p)| is_it(p)) {
-            self.roster.participants[place].live = 0;
-            self.joining.push((place, self.now.scan + RESTARTS_SCANS));
-        }
-    }
-
-    fn replace_master(&mut self) {
-        let mut drives = self.plant.drives(&self.machine).expect("drives");
-        let latches = self.saved.restore(&mut drives).expect("what was saved");
-        self.incarnation += 1;
-        let first = latches.scan + 1;
-        let end = RunEnd::WhenOrdered;
-        self.master = Master::new(&self.machine, drives, self.incarnation, first, false, end);
-        self.master.resume(&latches);
-    }
-
-    /// True place of a motor less the place that the machine shows, in mm.
-    fn off_mm(&self, axis: usize) -> f64 {
-        let samples = self.master.drives().instruments(axis);
-        let true_mm = samples.last().map_or(f64::NAN, |of| of.motor_mm);
-        let shown = self.master.feedback().axes[axis].motor_position;
-        true_mm - shown as f64 * self.machine.axes[axis].increment_mm()
+        Interruption::Ordered(_) => assert_eq!(ordered, Refused::Not),
+        Interruption::Trip(axis) => cell.trips = Some(axis),
+        Interruption::Death(job, axis) => cell.dies(job, axis),
+        Interruption::MasterDies => cell.replace_master(),
+        Interruption::LauncherDies => cell.master.end_after_stop(),
     }
 }
 
@@ -395,15 +174,15 @@ const SHORT_SCANS: u64 = 20;
 /// Scans of a homing in which it is to be interrupted: where a step begins, and in its middle.
 fn moments(mut cell: Cell) -> BTreeSet<u64> {
     let mut begins = vec![0_u64];
-    let mut step = cell.step();
+    let mut at = step(&cell);
     let mut scan = 0;
     while scan < 2 || cell.mode() == Mode::Jogging {
         cell.scan();
         scan += 1;
-        let now = cell.step();
-        if now != step {
+        let now = step(&cell);
+        if now != at {
             begins.push(scan);
-            step = now;
+            at = now;
         }
         assert!(scan < 20_000, "homing never ends");
     }
@@ -423,7 +202,7 @@ fn interrupted(name: &str, mut cell: Cell, all: &[Interruption]) -> (usize, Vec<
         for what in all {
             let mut cell = cell.clone();
             cell.held_share = 0.0;
-            cell.suffer(*what);
+            suffer(&mut cell, *what);
             count += 1;
             if let Err(why) = recovers(&mut cell, *what) {
                 let step = cell.now.scan;

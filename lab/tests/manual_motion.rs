@@ -2,11 +2,10 @@
 
 use std::path::Path;
 
-use bus::sample::{Driver, Feedback, Mode, OperatorRequest, Order};
+use bus::sample::{Feedback, Hand, Mode, OperatorRequest, Order};
 use lab::cell::InProcessCell;
 use machine::Machine;
 use plant_sim::plant_file::PlantFile;
-use servo::ServoState;
 
 /// Circle R25 F3000; the tool is at its start.
 const CIRCLE: &str = "G21 G90 G17\nG0 X25 Y0\nG3 X25 Y0 I-25 J0 F3000\nM2\n";
@@ -38,11 +37,11 @@ fn machine(name: &str, jerk_mm_s3: Option<f64>) -> (Machine, PlantFile) {
 /// One scan: what was shown and commanded at its start, and the true places at its end.
 struct Row {
     feedback: Feedback,
-    /// Where the program's controller wants the table.
+    /// Where its controller wants the table.
     command_mm: [f64; 2],
-    /// Where the manual one does.
-    jog_mm: [f64; 2],
     following_um: [f64; 2],
+    /// The manual controller follows its course.
+    follows: [bool; 2],
     table_mm: [f64; 2],
 }
 
@@ -58,11 +57,8 @@ fn run(machine: &Machine, plant: &PlantFile) -> Vec<Row> {
         rows.push(Row {
             feedback,
             command_mm: [0, 1].map(|axis| mm(axis, commands[axis].position)),
-            jog_mm: [0, 1].map(|axis| {
-                let state = ServoState::of(&commands[axis]);
-                mm(axis, state.manual.motion.command)
-            }),
             following_um: [0, 1].map(|axis| commands[axis].following_error_mm * 1e3),
+            follows: [0, 1].map(|axis| commands[axis].hand >= Hand::Follows as u32),
             table_mm: [0, 1].map(|axis| published.instruments.table_mm[axis][last]),
         });
         for (at_ms, order, axis, value) in ORDERS {
@@ -98,24 +94,17 @@ impl Off {
     fn of(rows: &[Row]) -> Off {
         let mut off = Off::default();
         for axis in 0..2 {
-            // Of a jog only the way counts: where the table was when it began.
-            let mut began_um = None;
             for pair in rows.windows(2) {
                 let [before, row] = pair else { continue };
-                let jogged = row.feedback.axes[axis].driver == Driver::Manual as u32;
+                let jogged = row.follows[axis];
                 let returns = row.feedback.tag.is_off_path() && !row.feedback.window.is_none();
-                let table_um = |command_mm: f64| (before.table_mm[axis] - command_mm) * 1e3;
+                let table_um = ((before.table_mm[axis] - row.command_mm[axis]) * 1e3).abs();
                 if jogged {
                     let lag_um = row.following_um[axis].abs();
-                    let table_um = table_um(row.jog_mm[axis]);
-                    let way_um = (table_um - *began_um.get_or_insert(table_um)).abs();
                     off.jog_lag_um[axis] = off.jog_lag_um[axis].max(lag_um);
-                    off.jog_table_um[axis] = off.jog_table_um[axis].max(way_um);
-                } else {
-                    began_um = None;
+                    off.jog_table_um[axis] = off.jog_table_um[axis].max(table_um);
                 }
                 if returns {
-                    let table_um = table_um(row.command_mm[axis]).abs();
                     off.return_table_um[axis] = off.return_table_um[axis].max(table_um);
                 }
             }

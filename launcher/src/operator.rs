@@ -14,14 +14,14 @@ mod program;
 mod tools;
 
 pub use client::{Client, Given, held};
-pub use jog::{JogAsked, JogSender, jog, jog_by, look};
+pub use eyes::Eyes;
+pub use jog::{Click, Clicks, JogAsked, JogSender, jog};
 pub use mdi::{mdi, mdi_in};
 pub use offsets::{offsets, zero};
 pub use program::{down, load, start};
 pub use tools::tool;
 
 use client::{order_urgently, running};
-use eyes::Eyes;
 
 use crate::exit::{Failure, Outcome};
 use crate::options::{

@@ -30,6 +30,11 @@ pub struct Homing {
     /// by itself knows it itself.
     #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000, "default" = 0.0))]
     pub position_mm: f64,
+    /// Where the axis goes once it is homed, and stands then. Without it clear of switch and index: a lead and the braking way behind the
+    /// reference point where that is a switch, two and a half leads where it is the index behind one, half a lead where it is an index
+    /// alone; a drive that homes by itself leaves the axis where it is.
+    #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000))]
+    pub rest_mm: Option<f64>,
     /// Longest way of each search; after it the axis stops. Without it 1.1 times the travel.
     #[schemars(extend("unit" = "mm", "exclusiveMinimum" = 0, "maximum" = 200_000))]
     pub search_distance_mm: Option<f64>,
@@ -65,6 +70,10 @@ pub enum HomingDirection {
     Positive,
 }
 
+/// A motion by hand may use this share of the axis's acceleration: it is watched by eye and stops by hand.
+pub const JOG_ACCELERATION_SHARE: f64 = 0.2;
+/// The index must come within so many turns of the motor behind the edge of the switch.
+pub const INDEX_TURNS: f64 = 1.5;
 /// Share of the travel that a search may take where the file does not say.
 const SEARCH_SHARE: f64 = 1.1;
 
@@ -86,6 +95,22 @@ impl HomingDirection {
 }
 
 impl Axis {
+    /// Where the axis goes once it is homed, in mm; none where it stays.
+    pub fn rest_mm(&self) -> Option<f64> {
+        let homing = self.homing?;
+        let braking_mm =
+            homing.search_mm_s.powi(2) / (2.0 * JOG_ACCELERATION_SHARE * self.acceleration_mm_s2);
+        let clear_mm = match homing.method {
+            HomingMethod::Switch => self.lead_mm + braking_mm,
+            HomingMethod::SwitchIndex => (1.0 + INDEX_TURNS) * self.lead_mm + braking_mm,
+            HomingMethod::Index => self.lead_mm / 2.0,
+            HomingMethod::Drive => return homing.rest_mm,
+        };
+        let clear_mm = homing.position_mm - homing.direction.sign() as f64 * clear_mm;
+        let rest_mm = clear_mm.clamp(self.travel_min_mm, self.travel_max_mm);
+        Some(homing.rest_mm.unwrap_or(rest_mm))
+    }
+
     /// Longest way of a search, in mm; 0 for an axis with an absolute encoder.
     pub fn search_distance_mm(&self) -> f64 {
         let travel_mm = self.range_mm();

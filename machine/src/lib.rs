@@ -45,7 +45,7 @@ pub use axis::{Axis, AxisKind, Changeover, DriveMode, Motor, PositionFeedback, T
 pub use beginning::{Beginning, MODES_OF_END, SPINDLE_FILE};
 pub use fieldbus::{AxisDrive, Fieldbus, Sync};
 pub use gantry::{Gantry, GantryPair, SECOND_MOTOR};
-pub use homing::{Homing, HomingDirection, HomingMethod};
+pub use homing::{Homing, HomingDirection, HomingMethod, INDEX_TURNS, JOG_ACCELERATION_SHARE};
 pub use interpolation::{Interpolation, StraightLines, WithinPeriod};
 pub use kept::{
     KeptFiles, KeptTexts, OFFSETS_FILE, TOOLS_FILE, keep_tool, update_offsets, update_tools,

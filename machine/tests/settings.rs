@@ -309,6 +309,10 @@ fn an_axis_is_homed_by_what_it_has() {
             "homing.switch_input = 3: this method looks at no switch",
         ),
         (
+            "method = \"drive\", rest_mm = 9000.0",
+            "homing.rest_mm = 9000 mm: must be at least -10 and at most 10 mm",
+        ),
+        (
             "method = \"index\", search_mm_s = 0.5",
             "homing.search_mm_s = 0.5 mm/s: must be at least 1 and at most 250 mm/s",
         ),

@@ -23,13 +23,14 @@ use crate::window_arbiter::{Dropped, WindowArbiter};
 mod auxiliary;
 mod axis_unit;
 mod beginning;
-mod continuous_jog;
 mod coupling;
 mod decide;
 mod emergency_stop;
 mod gantry;
+mod hand;
 mod homing;
 mod inner;
+mod jog;
 mod loaded;
 mod orders;
 mod program;
@@ -47,18 +48,17 @@ use auxiliary::Auxiliary;
 pub use auxiliary::AuxiliaryLatches;
 use axis_unit::AxisUnit;
 pub use beginning::Beginning;
-use continuous_jog::ContinuousJog;
 use decide::Plan;
 use gantry::Gantry;
 use homing::Homing;
 pub use homing::HomingLatches;
 pub use inner::{Inner, InnerAxis};
+use jog::Numbered;
 use program::Loaded;
 pub use program::RunEnd;
 pub use questions::QuestionLatches;
 use questions::program_positions;
 use silence::NextScan;
-use switch::Taken;
 use switching_on::SwitchingOn;
 
 /// Speed below which a braked axis counts as standing, in mm/s.
@@ -101,13 +101,14 @@ pub struct Master<D> {
     rest_scans: u32,
     /// So many of them make the machine be at rest: the feed-forward has run out by then.
     rest_scans_min: u32,
-    /// Mode that a jog began in and goes back to, and the scans it may still take.
+    /// Mode that a motion by hand began in and goes back to.
     jog_from: Mode,
-    jog_patience_scans: u64,
     jog_mm_s: f64,
-    /// Speed of the jog under way, in µm/s; 0 for that of the machine file.
-    jog_um_s: u32,
-    continuous_jog: Option<ContinuousJog>,
+    /// Increments that were taken, and what of the one that was ordered last, in mm.
+    numbered: Numbered,
+    jogged_mm: f64,
+    /// Scans that axes stay in the hand.
+    hand_on_scans: u64,
     /// Axes that are being homed.
     homing: Option<Homing>,
     scan_period_s: f64,
@@ -175,10 +176,10 @@ impl<D: Drives> Master<D> {
             rest_scans: 0,
             rest_scans_min: machine.intended_setpoints(),
             jog_from: Mode::Enabled,
-            jog_patience_scans: 0,
             jog_mm_s: machine.manual.jog_mm_s,
-            jog_um_s: 0,
-            continuous_jog: None,
+            numbered: Numbered::default(),
+            jogged_mm: 0.0,
+            hand_on_scans: 0,
             homing: None,
             scan_period_s: machine.scan_period_s(),
             may_end: false,
@@ -238,8 +239,8 @@ impl<D: Drives> Master<D> {
         feedback.load = self.program.load;
         feedback.program = self.program.state as u32;
         feedback.run = self.program.run;
+        feedback.rested = u32::from(self.rest_scans >= self.rest_scans_min);
         feedback.auxiliary = self.auxiliary.tell();
-        feedback.auxiliary.jog_um_s = self.jog_um_s;
         feedback.messages = self.auxiliary.latches.messages;
         feedback.answer = self.auxiliary.questions.latches.answer;
         feedback.inputs = self.auxiliary.questions.tell();
@@ -249,7 +250,7 @@ impl<D: Drives> Master<D> {
                 motor_position: axis.motor_position(),
                 scale_position: axis.scale_position(),
                 command_position: axis.command_position,
-                jog_target: axis.jog_target,
+                hand: axis.hand_course(),
                 command_scan: axis.command.scan,
                 velocity_mm_s: axis.drive.velocity_mm_s,
                 velocity_command_mm_s: axis.command.velocity_mm_s,
@@ -359,7 +360,8 @@ impl<D: Drives> Master<D> {
 
     /// Ends the scan: takes the answers, judges faults, decides about windows, and steps to the next.
     pub fn close_scan(&mut self, answers: &Answers, roster: &Roster) {
-        let jog_done = self.take_commands(answers, roster);
+        self.axes.iter_mut().for_each(AxisUnit::step_by_hand);
+        self.take_commands(answers, roster);
         self.heed_planner(answers, roster);
         self.hold_without_planner(answers, roster);
         self.hold_without_standby();
@@ -372,11 +374,9 @@ impl<D: Drives> Master<D> {
         self.decide_window();
         self.follow_up();
         self.follow_with_spindle();
-        if self.homing.is_some() {
-            self.step_homing(jog_done);
-        } else if jog_done {
-            self.end_jog();
-        }
+        self.step_homing();
+        self.step_hands();
+        self.leave_hands();
         self.advance_mode();
         self.couple_gantries();
         self.let_gantries_go();
@@ -407,21 +407,18 @@ impl<D: Drives> Master<D> {
         }
     }
 
-    /// Takes the commands of this scan; whether every axis that is driven by hand has come to rest.
-    fn take_commands(&mut self, answers: &Answers, roster: &Roster) -> bool {
-        let (mut by_hand, mut done) = (false, true);
+    /// Takes the commands of this scan.
+    fn take_commands(&mut self, answers: &Answers, roster: &Roster) {
         let driven = self.mode != Mode::Disabled;
         let closed = driven && self.mode != Mode::Tripped;
         let (in_force, _) = self.windows.in_force(self.scan);
         let next = NextScan::after(self.scan, self.scan_period_s, &self.windows);
         for (index, (axis, commands)) in self.axes.iter_mut().zip(&answers.commands).enumerate() {
-            let position = next.planned(axis, index).filter(|_| self.exact && closed);
+            let exact = self.exact || axis.driver == Driver::Manual;
+            let position = next.planned(axis, index).filter(|_| exact && closed);
             let plan = Plan { in_force, position };
             let taken = axis.decide_command(self.scan, index, commands, roster, plan, closed);
-            if axis.driver != Driver::Program {
-                by_hand = true;
-                done &= matches!(taken, Taken::Command(c) if c.jog_done == 1);
-            }
+            axis.heed_hand(&taken);
             axis.judge_standby(index, roster);
             let mut fault = axis.take(&taken, self.watchdog_scans);
             if closed {
@@ -437,7 +434,6 @@ impl<D: Drives> Master<D> {
                 };
             }
         }
-        by_hand && done
     }
 
     /// One axis's fault stops all: they brake together, each as its servo published beforehand.
@@ -467,11 +463,7 @@ impl<D: Drives> Master<D> {
         self.settled_scans = 0;
         self.brake_silent_axes();
         self.windows.drop_all(self.scan, Dropped::Tripped);
-        for axis in &mut self.axes {
-            axis.driver = Driver::Program;
-        }
-        self.continuous_jog = None;
-        self.jog_um_s = 0;
+        self.axes.iter_mut().for_each(AxisUnit::leave_hand);
         // References that went with the cause outlive this master.
         self.auxiliary.latched();
         self.give_up_homing();
@@ -522,8 +514,7 @@ impl<D: Drives> Master<D> {
         self.go_on_by_itself();
         self.await_switching_on();
         let next_scan = self.scan + 1;
-        let by_hand = self.is_by_hand();
-        let at_rest = self.windows.at_rest(next_scan) && !by_hand;
+        let at_rest = self.windows.at_rest(next_scan) && !self.is_moved_by_hand();
         self.rest_scans = if at_rest && self.stands() {
             self.rest_scans.saturating_add(1)
         } else {
@@ -556,10 +547,6 @@ impl<D: Drives> Master<D> {
             | Mode::Jogging
             | Mode::Ready => {}
         }
-        if by_hand {
-            self.await_renewal();
-            self.await_jog();
-        }
         let standing = match self.mode {
             Mode::Finished | Mode::Stopped => true,
             Mode::Tripped => self.stands() && (self.may_end || !self.waits_for_servo()),
@@ -581,11 +568,6 @@ impl<D: Drives> Master<D> {
         self.axes.iter().all(|axis| {
             axis.drive.state.is_lost() || axis.drive.velocity_mm_s.abs() < STANDSTILL_MM_S
         })
-    }
-
-    /// Whether a second controller drives an axis.
-    fn is_by_hand(&self) -> bool {
-        self.axes.iter().any(|axis| axis.driver != Driver::Program)
     }
 
     /// At the programmed end: finished once all axes are within their in-position windows; a trip if one never comes.

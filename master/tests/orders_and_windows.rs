@@ -1,10 +1,12 @@
 //! The master's judgement: commands, windows, modes. Each guard has a test that goes red without it.
 
 use bus::sample::{
-    AxisCommand, Cause, Driver, Feedback, Job, MAX_WINDOW_SETPOINTS, Mode, OperatorRequest, Order,
-    Participant, PlannerStatus, ProgramState, Refused, Roster, Setpoint, WindowHeader, WindowId,
+    AxisCommand, Cause, Driver, Feedback, Hand, Job, MAX_WINDOW_SETPOINTS, Mode, OperatorRequest,
+    Order, Participant, PlannerStatus, ProgramState, Refused, Roster, Setpoint, WindowHeader,
+    WindowId,
 };
 use bytemuck::Zeroable;
+use control::hand_course::HandCourse;
 use machine::Machine;
 use master::{Answers, Master, RunEnd};
 use plant_sim::SimulatedDrives;
@@ -90,6 +92,28 @@ impl Bench {
         let mut feedback = self.side.feedback();
         for _ in 0..count {
             feedback = self.scan(|_| {});
+        }
+        feedback
+    }
+
+    /// Scans in which servos follow what is moved by hand, and axes that stand have settled.
+    fn scans_by_hand(&mut self, count: usize) -> Feedback {
+        let mut feedback = self.side.feedback();
+        for _ in 0..count {
+            feedback = self.scan(|answers| {
+                for (axis, roles) in feedback.axes().iter().zip(&mut answers.commands) {
+                    let course: HandCourse = bytemuck::cast(axis.hand);
+                    let commands = roles.iter_mut().flatten();
+                    for command in commands.filter(|_| axis.driver == Driver::Manual as u32) {
+                        command.position = course.advanced().place();
+                        command.ahead_scans = 5;
+                        command.hand = match course.rests() {
+                            true => Hand::Settled as u32,
+                            false => Hand::Follows as u32,
+                        };
+                    }
+                }
+            });
         }
         feedback
     }
@@ -561,7 +585,7 @@ fn orders_are_refused_in_the_states_they_make_no_sense_in_and_nothing_is_latched
             [Not, NotAtRest, Not, NotAtRest, Not, NotAtRest],
         ),
         (State::Stopped, [Not, Not, Not, Not, Not, Not]),
-        (State::Jogging, [Not, Jogging, Not, Jogging, Not, Jogging]),
+        (State::Jogging, [Not, Jogging, Not, Jogging, Not, Not]),
         (State::Disabled, [Not, DrivesOff, Not, Not, Not, DrivesOff]),
         // No servo follows these axes, so nobody can acknowledge the trip; a run that waits in it may be ended.
         (
@@ -634,14 +658,14 @@ fn a_jog_voids_the_windows_begins_an_epoch_keeps_the_place_and_ends_in_hold() {
     let target = before.axes[1].command_position + 2_000_000;
     let driver = |feedback: &Feedback| feedback.axes.map(|axis| axis.driver);
     assert_eq!((driver(&feedback)[0], driver(&feedback)[1]), (0, 1));
-    assert_eq!(feedback.axes[1].jog_target, target);
-    let feedback = bench.scan(|answers| {
-        if let Some(command) = &mut answers.commands[1][0] {
-            command.jog_done = 1;
-        }
-    });
+    let feedback = bench.scans_by_hand(500);
+    assert_eq!(feedback.axes[1].command_position, target);
     assert_eq!((mode(&feedback), feedback.hold), (Mode::Enabled, 1));
+    // For a while it stays in the hand.
+    assert_eq!(driver(&feedback)[1], Driver::Manual as u32);
+    let feedback = bench.scans_by_hand(2000);
     assert_eq!(driver(&feedback)[1], Driver::Program as u32);
+    assert_eq!(feedback.axes[1].command_position, target);
 }
 
 #[test]
@@ -650,12 +674,7 @@ fn a_stop_in_a_jog_is_done_when_the_axis_rests_and_a_jog_that_never_ends_trips()
     assert_eq!(order(&mut bench, Order::Stop, 0, 0.0), Refused::Not);
     let feedback = bench.scans(50);
     assert_eq!(mode(&feedback), Mode::Stopping);
-    assert_eq!(feedback.axes[0].driver, Driver::ManualStop as u32);
-    let feedback = bench.scan(|answers| {
-        if let Some(command) = &mut answers.commands[0][0] {
-            command.jog_done = 1;
-        }
-    });
+    let feedback = bench.scans_by_hand(5);
     assert_eq!(mode(&feedback), Mode::Stopped);
 
     let mut bench = in_state(State::Jogging);
@@ -785,7 +804,7 @@ fn in_a_cell_that_stays_every_order_is_judged_by_the_state_it_comes_in() {
         Tripped, NotReady, Not, Not, Tripped, NotReady, Tripped, Tripped, Tripped, Not,
     ];
     let jogging = [
-        Not, Jogging, Not, Not, Jogging, Not, Jogging, Jogging, Jogging, Not,
+        Not, Jogging, Not, Not, Jogging, Not, Not, Jogging, Jogging, Not,
     ];
     let stopping = |load, start| {
         [
@@ -935,11 +954,7 @@ fn a_cell_that_is_ordered_to_end_comes_to_rest_first_in_every_state() {
         assert_eq!(order(&mut bench, Order::Down, 0, 0.0), Refused::Not);
         let mut last = bench.side.feedback();
         for _ in 0..3000 {
-            last = bench.scan(|answers| {
-                for command in answers.commands.iter_mut().flatten().flatten() {
-                    command.jog_done = 1;
-                }
-            });
+            last = bench.scans_by_hand(1);
             if last.last == 1 {
                 break;
             }

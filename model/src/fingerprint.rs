@@ -149,7 +149,7 @@ impl Cell {
             (
                 shown.motor_position,
                 shown.command_position,
-                shown.jog_target,
+                bytemuck::bytes_of(&shown.hand),
             )
                 .hash(hash);
             back(now, shown.command_scan).hash(hash);

@@ -7,7 +7,7 @@
     clippy::indexing_slicing
 )]
 
-use bus::sample::AxisFeedback;
+use bus::sample::{AxisFeedback, Hand};
 use control::feed_forward::{FeedForward, MovementCommands, PeriodState};
 use control::follow_up::FollowUpState;
 use control::learned_table::LearnedTable;
@@ -35,8 +35,8 @@ pub(crate) struct Wanted {
     pub feed_forward_mm_s: f64,
     /// Command minus feedback, compensation not counted, in mm.
     pub following_error_mm: f64,
-    /// The manual controller has come to rest where it is to be.
-    pub jog_done: bool,
+    /// How far the manual controller is with the axis.
+    pub hand: Hand,
 }
 
 /// One scan of the program's controller.
@@ -90,7 +90,7 @@ impl ClosedLoop<'_> {
             torque_nm: model.torque_nm + path.torque_nm,
             feed_forward_mm_s,
             following_error_mm: self.mm(setpoint.saturating_sub(self.position)),
-            jog_done: false,
+            hand: Hand::Off,
         }
     }
 

@@ -21,7 +21,7 @@ use machine::{DriveMode, Machine, PositionFeedback};
 
 use crate::closed_loop::{ClosedLoop, Wanted};
 use crate::held::Refusal;
-use crate::manual::{self, ManualState, Pace};
+use crate::manual::{self, ManualState};
 use crate::manual_loop::ManualLoop;
 use crate::setpoints::Setpoints;
 use crate::settings::{ServoSettings, ServoSettingsError};
@@ -58,23 +58,6 @@ impl<'a> Judged<'a> {
     /// Whether its positions are those of the machine: otherwise nobody knows where its travel is.
     fn is_homed(&self) -> bool {
         self.axis.reference == Reference::Known as u32
-    }
-
-    fn pace_of_jog(&self) -> Pace {
-        match (self.is_homed(), self.feedback.auxiliary.jog_um_s) {
-            (true, 0) => Pace::Jog,
-            (false, 0) => Pace::SlowJog,
-            (true, speed_um_s) => Pace::JogAt(speed_um_s),
-            (false, speed_um_s) => Pace::SlowJogAt(speed_um_s),
-        }
-    }
-
-    fn pace_of_stop(&self) -> Pace {
-        match (self.is_homed(), self.feedback.auxiliary.jog_um_s) {
-            (true, 0) => Pace::Jog,
-            (true, speed_um_s) => Pace::JogAt(speed_um_s),
-            (false, _) => Pace::AsItIs,
-        }
     }
 
     /// The position commands around this scan.
@@ -218,10 +201,7 @@ impl Servo {
         let takes_over = !self.state.manual.program_drove();
         let wanted = match driver {
             Driver::Program => self.closed_loop(&scan, scans_passed),
-            Driver::ManualStop => self.manual(&scan, scan.pace_of_stop(), true),
-            Driver::Manual => self.manual(&scan, scan.pace_of_jog(), false),
-            Driver::Search => self.manual(&scan, Pace::Search, false),
-            Driver::Latch => self.manual(&scan, Pace::Latch, false),
+            Driver::Manual => self.manual(&scan),
             Driver::Drive => {
                 self.open_loop(&scan);
                 return self.finish(command);
@@ -361,21 +341,19 @@ impl Servo {
     }
 
     /// The second controller drives the axis (docs/methods/two-controllers.md).
-    fn manual(&mut self, scan: &Judged, pace: Pace, stop: bool) -> Wanted {
+    fn manual(&mut self, scan: &Judged) -> Wanted {
         ManualLoop {
             settings: &self.settings,
             state: &mut self.state,
             learned: self.learned.as_deref(),
             axis: scan.axis,
             position: scan.position,
-            pace,
-            stop,
         }
         .scan()
     }
 
     /// Whether the axis leaves its travel, as far as anybody knows where that is; it was commanded to be at `before` in the scan
-    /// before. By hand its own command counts: that of the program follows the encoder, until its controller takes over.
+    /// before.
     fn broken_travel(
         &self,
         scan: &Judged,
@@ -384,15 +362,11 @@ impl Servo {
     ) -> Option<Broken> {
         let guards = &self.settings.guards;
         let command = self.state.program.command_position;
-        let broken = if driver == Driver::Program && takes_over {
-            guards.by_hand(before, command, scan.position)
-        } else if driver == Driver::Program {
+        let broken = if driver == Driver::Program && !takes_over {
             let reach = self.settings.reach(scan.feedback).from_place(before);
             guards.positions(reach, command, scan.position)
         } else {
-            let ManualState { motion, step, .. } = self.state.manual;
-            let before = motion.command.saturating_sub(step.into());
-            guards.by_hand(before, motion.command, scan.position)
+            guards.by_hand(before, command, scan.position)
         };
         broken.filter(|_| scan.is_homed())
     }
@@ -407,7 +381,7 @@ impl Servo {
     ) -> AxisCommand {
         command.following_error_mm = wanted.following_error_mm;
         command.feed_forward_mm_s = wanted.feed_forward_mm_s;
-        command.jog_done = u32::from(wanted.jog_done);
+        command.hand = wanted.hand as u32;
         let guards = &self.settings.guards;
         let broken = guards
             .following_error(wanted.following_error_mm)
@@ -464,6 +438,7 @@ impl Servo {
             axis: self.settings.axis as u32,
             role: self.role,
             incarnation: self.incarnation,
+            ahead_scans: self.settings.manual.ahead_scans(),
             drive_mode: match self.settings.drive_mode {
                 DriveMode::Velocity => 0,
                 DriveMode::Torque => 1,

@@ -147,7 +147,7 @@ impl ServoSettings {
                 axis.motor.peak_torque_nm,
             ),
             model,
-            manual: manual(machine, index, axis, &model),
+            manual: ManualController::new(machine, axis, model.ahead_scans()),
             guards: guards(axis),
             torque_limited_scans_max: libm::ceil(TORQUE_LIMITED_S / scan_s) as u32,
             quick_stop_mm_s2: [0.0; bus::sample::MAX_AXES],
@@ -177,24 +177,6 @@ impl ServoSettings {
             Some(place) => self.guards.travel.from_place(*place),
             None => self.guards.travel,
         }
-    }
-}
-
-/// The second controller. Those of the two motors of a gantry look equally far ahead and settle in a time of their own, whatever
-/// their motors do: their commands begin to move, and to stop, in the same scans.
-fn manual(machine: &Machine, index: usize, axis: &Axis, model: &ModelSettings) -> ManualController {
-    let motors = machine.gantry_of(index);
-    let motors = motors.map(|pair| [pair.leader, pair.follower]);
-    let (scan_s, dead_time_scans) = (machine.scan_period_s(), machine.scan.dead_time_scans);
-    let of_motors = motors.into_iter().flatten();
-    let ahead_scans = of_motors
-        .filter_map(|motor| machine.axes.get(motor))
-        .map(|axis| ModelSettings::new(axis, scan_s, dead_time_scans).ahead_scans())
-        .fold(model.ahead_scans(), u32::max);
-    let controller = ManualController::new(machine, axis, ahead_scans);
-    match motors {
-        Some(_) => controller.settling_in_time(),
-        None => controller,
     }
 }
 

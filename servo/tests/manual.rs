@@ -2,9 +2,10 @@
 #![allow(missing_docs)]
 mod common;
 
-use bus::sample::{AxisCommand, Cause, Driver, Feedback, Mode};
+use bus::sample::{AxisCommand, Cause, Driver, Feedback, Hand, Mode};
 use common::{Rig, machine, servo};
-use control::changeover::Phase;
+use control::hand_course::{Aim, HandCourse, fine};
+use control::jog::JogProfile;
 use machine::Changeover;
 use servo::{Servo, ServoState};
 
@@ -14,7 +15,9 @@ struct Axis {
     servo: Servo,
     command: AxisCommand,
     driver: Driver,
-    target: i64,
+    course: HandCourse,
+    /// What the servo has not been told yet.
+    aim: Option<i64>,
     blocked: bool,
 }
 
@@ -27,7 +30,8 @@ impl Axis {
             rig: Rig::new(machine),
             command: AxisCommand::default(),
             driver: Driver::Program,
-            target: 0,
+            course: HandCourse::at(0),
+            aim: None,
             blocked: false,
         }
     }
@@ -35,7 +39,7 @@ impl Axis {
     fn feedback(&self) -> Feedback {
         let mut feedback = self.rig.feedback();
         feedback.axes[0].driver = self.driver as u32;
-        feedback.axes[0].jog_target = self.target;
+        feedback.axes[0].hand = bytemuck::cast(self.course);
         feedback.axes[0].velocity_command_mm_s = self.command.velocity_mm_s;
         feedback
     }
@@ -44,12 +48,34 @@ impl Axis {
         let feedback = self.feedback();
         let before = self.command;
         self.command = self.servo.scan(&feedback);
+        if self.driver == Driver::Manual {
+            self.step_course();
+        }
         self.rig.command_position[0] = self.command.position;
         if !self.blocked {
             self.rig.position[0] += libm::round(before.velocity_mm_s * 1e3) as i64;
         }
         self.rig.scan += 1;
         self.command
+    }
+
+    /// The course is stepped beside the servo, which must be where it is.
+    fn step_course(&mut self) {
+        self.course = self.course.advanced();
+        assert_eq!(self.command.position, self.course.place());
+        let follows = Hand::from_wire(self.command.hand) >= Hand::Follows;
+        if let Some(goal) = self.aim.take_if(|_| follows) {
+            let step_max = 10_000 * fine(1);
+            let goal = fine(goal);
+            let scans = self.command.ahead_scans + 1;
+            self.course.change(Aim { goal, step_max }, scans);
+        }
+    }
+
+    fn is_done(&self) -> bool {
+        self.aim.is_none()
+            && self.course.rests()
+            && Hand::from_wire(self.command.hand) == Hand::Settled
     }
 
     /// What the motor stands from the table's place, in increments.
@@ -60,19 +86,20 @@ impl Axis {
     fn jog(&mut self, distance: i64) {
         self.rig.mode = Mode::Jogging;
         self.driver = Driver::Manual;
-        self.target = self.rig.command_position[0] + distance;
+        self.course = HandCourse::at(self.rig.command_position[0]);
+        let limits = JogProfile::new(1, 400 * fine(1), None);
+        self.course.limit(&limits);
+        self.aim = Some(self.rig.command_position[0] + distance);
     }
 
-    /// Command position and encoder agree in every scan in which it follows up.
+    /// Command position less error is the encoder in every scan.
     fn until_done(&mut self) {
         for _ in 0..20_000 {
             let seen = self.rig.position[0];
             let command = self.scan();
             let state = ServoState::of(&command);
-            if state.manual.changeover.phase() == Phase::Following {
-                assert_eq!(command.position - seen, state.program.steady_deviation);
-            }
-            if command.jog_done == 1 {
+            assert_eq!(command.position - seen, state.program.error);
+            if self.is_done() {
                 self.driver = Driver::Program;
                 self.rig.mode = Mode::Enabled;
                 return;
@@ -91,16 +118,16 @@ fn a_jog_moves_command_and_axis_by_its_distance_and_no_switch_steps() {
         axis.rig.position[0] = 40;
         axis.scan();
         for distance in [3_000_000, -1_234_567, 10, -3_000_000] {
-            let position = axis.rig.position[0] - axis.compensation();
             let command_position = axis.rig.command_position[0];
             let before = axis.command.velocity_mm_s;
             axis.jog(distance);
             assert!((axis.scan().velocity_mm_s - before).abs() < 1e-12);
             axis.until_done();
-            let moved = axis.rig.position[0] - axis.compensation() - position;
+            let table = axis.rig.position[0] - axis.compensation();
             let commanded = axis.rig.command_position[0] - command_position;
-            assert!((commanded - distance).abs() <= 100, "{commanded}");
-            assert!((moved - distance).abs() <= 100, "{distance}: {moved}");
+            assert_eq!(commanded, distance);
+            let off = table - axis.rig.command_position[0];
+            assert!(off.abs() <= 100, "{distance}: {off}");
             let before = axis.command.velocity_mm_s;
             assert!((axis.scan().velocity_mm_s - before).abs() < 1e-12);
             for _ in 0..500 {
@@ -118,11 +145,14 @@ fn ordered_to_stop_it_comes_to_rest_on_the_way() {
     for _ in 0..500 {
         axis.scan();
     }
-    axis.driver = Driver::ManualStop;
+    let scans = axis.command.ahead_scans + 1;
+    axis.course.stop(scans);
+    let target = axis.course.target();
     axis.until_done();
     let moved = axis.rig.position[0] - axis.compensation();
     assert!(moved > 1_000_000 && moved < 10_000_000, "{moved}");
-    assert!((axis.rig.command_position[0] - moved).abs() <= 50);
+    assert_eq!(axis.rig.command_position[0], target);
+    assert!((target - moved).abs() <= 100, "{target} {moved}");
 }
 
 #[test]
@@ -134,13 +164,15 @@ fn another_servo_goes_on_from_its_state_to_the_bit() {
         axis.jog(1_000_000);
         // Anywhere: settling, returning, moving, at rest, back at the program's controller.
         let mut seen = [0; 4];
+        let mut done = 0;
         for scan in 0..2_000 {
             let mut other = servo(&axis.rig.machine, 0);
             other.adopt(axis.servo.state());
             let expected = other.scan(&axis.feedback());
             assert_eq!(axis.scan(), expected, "scan {scan}");
             seen[ServoState::of(&axis.command).manual.changeover.phase as usize] += 1;
-            if axis.command.jog_done == 1 {
+            done += u32::from(axis.is_done());
+            if done == 1 {
                 axis.driver = Driver::Program;
                 axis.rig.mode = Mode::Enabled;
             }

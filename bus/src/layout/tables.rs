@@ -1,9 +1,9 @@
 //! The fields of every sample, by name. A field that is added to a sample and not here does not compile.
 
 use crate::sample::{
-    Answer, Auxiliaries, AxisCommand, AxisFeedback, BusCycle, Feedback, Inputs, Instruments,
-    Levels, OperatorRequest, Participant, PathTag, PlannerStatus, ProgramEvent, Roster, Setpoint,
-    WindowHeader, WindowId,
+    Answer, Auxiliaries, AxisCommand, AxisFeedback, BusCycle, Feedback, HandCourse, Inputs,
+    Instruments, Levels, OperatorRequest, Participant, PathTag, PlannerStatus, ProgramEvent,
+    Roster, Setpoint, WindowHeader, WindowId,
 };
 use crate::table;
 
@@ -15,13 +15,17 @@ table!(
     ends_program,
 );
 table!(
-    AxisFeedback: motor_position, scale_position, command_position, jog_target, command_scan, velocity_mm_s,
+    HandCourse: command, lead, lead_step, step, goal, step_max, next_goal, next_step_max, step_change_max, follows_by,
+    changes_in, reserved,
+);
+table!(
+    AxisFeedback: motor_position, scale_position, command_position, hand, command_scan, velocity_mm_s,
     velocity_command_mm_s, torque_nm, winding_k, missed_scans, missed_in_a_row, taken_incarnation, taken_role, cause,
     torque_limited, driver, drive_code, redundancy, unsynchronised_scans, differences, reference,
 );
 table!(
     Feedback: scan, visible_from, window, armed, voided, program_hash, tag, interrupted_at, cause_scan, program_start @ Axes, setpoint, at_rest, epoch, incarnation, mode,
-    cause, cause_axis, override_percent, hold, last, overrun_scans, axis_count, load, program, run, messages, auxiliary, answer, inputs, axes @ Axes, checksum,
+    cause, cause_axis, override_percent, hold, last, overrun_scans, axis_count, load, program, run, messages, rested, reserved, auxiliary, answer, inputs, axes @ Axes, checksum,
 );
 table!(
     Instruments: scan, visible_from, motion_digest_high, motion_digest_low, subsamples, axis_count,
@@ -33,7 +37,7 @@ table!(
 );
 table!(
     AxisCommand: scan, visible_from, position, velocity_mm_s, torque_nm, feed_forward_mm_s, following_error_mm,
-    stop_deceleration_mm_s2, compensation_mm, friction_pulse_mm_s, torque_feed_forward_nm, torque_cut_nm, friction_level, friction_unexplained, held, pending, refused, tag, state, axis, role, incarnation, drive_mode, cause, jog_done, checksum,
+    stop_deceleration_mm_s2, compensation_mm, friction_pulse_mm_s, torque_feed_forward_nm, torque_cut_nm, friction_level, friction_unexplained, held, pending, refused, tag, state, axis, role, incarnation, drive_mode, cause, hand, ahead_scans, reserved, checksum,
 );
 table!(
     PlannerStatus: scan, visible_from, program_hash, published, path_length_mm, path_done_mm, incarnation, finished,
@@ -46,8 +50,8 @@ table!(
 );
 table!(
     Auxiliaries: levels, spindle_rpm, spindle_turns, spindle_lag_turns, events_done, line, waiting, blocked, at_speed,
-    optional_stop, override_disabled, tool, coupled, jog_um_s, start_line,
-    tool_offset_of, tool_offset, modes_of_run, reserved,
+    optional_stop, override_disabled, tool, coupled, start_line,
+    tool_offset_of, modes_of_run, tool_offset,
 );
 table!(Answer: value, scan, tripped @ Axes, rests @ Axes, number, outcome);
 table!(Inputs: analog, digital, contact, panel);
@@ -55,4 +59,6 @@ table!(
     Participant: death_scan, job, axis, role, incarnation, live, death_signal, death_status, stalled,
 );
 table!(Roster: version, visible_from, participants, checksum);
-table!(OperatorRequest: order, axis, value, speed_mm_s, latest_scan, session, deadline_scans);
+table!(
+    OperatorRequest: order, axis, value, speed_mm_s, latest_scan, session, deadline_scans, line_mm @ Axes,
+);

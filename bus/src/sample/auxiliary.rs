@@ -294,7 +294,7 @@ impl Waiting {
 
 /// What the master says of spindle, coolant, outputs, tool and stops.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Auxiliaries/5")]
+#[type_name("quadrant/Auxiliaries/6")]
 #[repr(C)]
 pub struct Auxiliaries {
     /// Commanded in this scan.
@@ -323,19 +323,15 @@ pub struct Auxiliaries {
     pub tool: u32,
     /// Of the axis that the spindle is in step with, its index and 1; 0 for none.
     pub coupled: u32,
-    /// Speed of a jog whose order had one, in µm/s (thousandths of a degree per second); 0 for that of the machine file.
-    pub jog_um_s: u32,
     /// Line that the program is to be started at, until the tool is on its path there; 0 for none.
     pub start_line: u32,
     /// Number of the tool whose offset is applied (G43); 0 for none, or one of the program's own (G43.1).
     pub tool_offset_of: u32,
-    /// Offset of the tool that is applied, by axis, in mm and degrees; all 0 after G49.
-    pub tool_offset: [f64; MAX_AXES],
     /// The run whose modes are in force between two runs: the last one that came to its end. 0 before the first;
     /// [`MODES_RESET`] where a run was given up, or `reset` was ordered.
     pub modes_of_run: u32,
-    /// Kept zero.
-    pub reserved: u32,
+    /// Offset of the tool that is applied, by axis, in mm and degrees; all 0 after G49.
+    pub tool_offset: [f64; MAX_AXES],
 }
 
 /// No run's modes are in force, but those that M2 leaves.

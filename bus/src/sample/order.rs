@@ -3,9 +3,11 @@
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
+use super::MAX_AXES;
+
 /// What an operator, or the launcher for him, asks of the master.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/OperatorRequest/3")]
+#[type_name("quadrant/OperatorRequest/4")]
 #[repr(C)]
 pub struct OperatorRequest {
     /// What: see [`Order`].
@@ -17,13 +19,16 @@ pub struct OperatorRequest {
     pub value: f64,
     /// Speed of a jog, in mm/s; 0 for that of the machine file.
     pub speed_mm_s: f64,
-    /// The last scan in which it may be obeyed; 0 for any.
+    /// The last scan in which it may be obeyed, and until which a held jog goes on; 0 for any.
     pub latest_scan: u64,
-    /// Names a continuous jog, so that what was meant for one that is over begins no other. Of `start`, the number of the program
-    /// that is meant, or 0 for any; of `load`, not 0 where a program that was started must not be discarded.
+    /// Names a held jog, so that what was meant for one that is over begins no other; of increments, who gives them: 0 is nobody who
+    /// would repeat one. Of `start`, the number of the program that is meant, or 0 for any; of `load`, not 0 where a program that was
+    /// started must not be discarded.
     pub session: u32,
-    /// Scans that a continuous jog goes on without being renewed; 0 ends it.
+    /// Scans that a held jog goes on without being renewed; 0 ends it. Of increments, their number in the session, going up.
     pub deadline_scans: u32,
+    /// Ways of a jog along a straight line, by axis, in mm or degrees; all 0 of a jog of one axis.
+    pub line_mm: [f64; MAX_AXES],
 }
 
 /// The orders. Numbers stay what they are: they travel on the wire and are in logs.
@@ -184,11 +189,13 @@ pub enum Refused {
     TooLate = 25,
     /// The axis is at the end of its travel.
     TravelEnd = 26,
+    /// The axis has more to go than this increment and a fifth of a second.
+    Backlog = 27,
 }
 
 impl Refused {
     /// All of them.
-    pub const ALL: [Refused; 27] = [
+    pub const ALL: [Refused; 28] = [
         Refused::Not,
         Refused::UnknownOrder,
         Refused::BadValue,
@@ -216,6 +223,7 @@ impl Refused {
         Refused::JogSpeed,
         Refused::TooLate,
         Refused::TravelEnd,
+        Refused::Backlog,
     ];
 
     /// Decodes what came over the wire.
@@ -269,13 +277,16 @@ impl Refused {
             Refused::JogSpeed => "a jog may not be so fast",
             Refused::TooLate => "it came too late to be obeyed: give it again",
             Refused::TravelEnd => "the axis is at the end of its travel: jog it the other way",
+            Refused::Backlog => {
+                "the axis still goes by the increments before: it would run on after the hand is off"
+            }
         }
     }
 }
 
 /// The answer: done or not, and the state it was judged in.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/OperatorResponse/3")]
+#[type_name("quadrant/OperatorResponse/4")]
 #[repr(C)]
 pub struct OperatorResponse {
     /// Scan in which it was latched.
@@ -284,6 +295,8 @@ pub struct OperatorResponse {
     pub allowed_min_mm: f64,
     /// The upper one.
     pub allowed_max_mm: f64,
+    /// What was taken of an increment, in mm: less than was asked for where it is cut at the end of the travel.
+    pub jogged_mm: f64,
     /// 1 if accepted.
     pub accepted: u32,
     /// [`Mode`](super::Mode) after it.
@@ -296,6 +309,10 @@ pub struct OperatorResponse {
     pub override_percent: u32,
     /// The program that was started last, counted.
     pub run: u32,
+    /// Of a jog that was refused for an axis: its index.
+    pub axis: u32,
+    /// Kept zero.
+    pub reserved: u32,
 }
 
 #[cfg(test)]

@@ -1,6 +1,8 @@
 //! What the tests share.
 #![allow(dead_code, reason = "each test uses its part")]
 
+pub mod staying;
+
 use std::path::Path;
 
 use bus::sample::{Feedback, Mode, OperatorRequest, Order};

@@ -150,7 +150,7 @@ impl Client {
     }
 
     /// Unit of an axis's distances.
-    pub(super) fn unit(&self, axis: u32) -> &'static str {
+    pub fn unit(&self, axis: u32) -> &'static str {
         let axis = self.machine.axes.get(axis as usize);
         axis.map_or("mm", |axis| axis.kind.unit())
     }
@@ -178,14 +178,13 @@ impl Client {
         request: OperatorRequest,
     ) -> Result<OperatorResponse, Failure> {
         let answer = self.hear(order, request)?;
-        self.accepted(order, &request, answer)
+        self.accepted(order, answer)
     }
 
     /// A refusal is a failure with its reason.
     pub(super) fn accepted(
         &self,
         order: Order,
-        request: &OperatorRequest,
         answer: OperatorResponse,
     ) -> Result<OperatorResponse, Failure> {
         match Refused::from_wire(answer.reason) {
@@ -193,7 +192,7 @@ impl Client {
             reason => Err(refused(
                 &self.cell.place,
                 order,
-                &self.words(reason, order, request, &answer),
+                &self.words(reason, order, &answer),
             )),
         }
     }
@@ -235,13 +234,7 @@ impl Client {
         }
     }
 
-    fn words(
-        &self,
-        reason: Option<Refused>,
-        order: Order,
-        request: &OperatorRequest,
-        answer: &OperatorResponse,
-    ) -> String {
+    fn words(&self, reason: Option<Refused>, order: Order, answer: &OperatorResponse) -> String {
         let Some(reason) = reason else {
             return plain_words(None, answer);
         };
@@ -272,14 +265,18 @@ impl Client {
                 "the speed of a jog of this axis is {} to {} {}/min",
                 answer.allowed_min_mm * 60.0,
                 answer.allowed_max_mm * 60.0,
-                self.unit(request.axis)
+                self.unit(answer.axis)
             ),
             Refused::BeyondTravel => format!(
-                "{}: from here a jog may be {:+.3} to {:+.3} {}",
+                "{}: from here a jog of {} may be {:+.3} to {:+.3} {}",
                 reason.words(),
+                self.machine
+                    .axes
+                    .get(answer.axis as usize)
+                    .map_or("it", |axis| axis.name.as_str()),
                 answer.allowed_min_mm,
                 answer.allowed_max_mm,
-                self.unit(request.axis)
+                self.unit(answer.axis)
             ),
             _ => plain_words(Some(reason), answer),
         }

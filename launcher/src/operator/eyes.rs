@@ -5,9 +5,8 @@ use std::time::{Duration, Instant};
 use anyhow::anyhow;
 use bus::observer::Held;
 use bus::port::Reader;
-use bus::sample::{AxisFeedback, Cause, Feedback, Mode, Reference};
+use bus::sample::{Cause, Feedback, Mode, Reference};
 use machine::PositionFeedback;
-use master::STANDSTILL_MM_S;
 
 use super::Client;
 use super::client::soon_held;
@@ -27,8 +26,6 @@ const LOOK: Duration = Duration::from_millis(5);
 pub struct Eyes<'a> {
     reader: Held<Reader<Feedback>>,
     newest: Option<Feedback>,
-    /// The scan since which all axes have been seen at rest.
-    rests_since: Option<u64>,
     heard: Instant,
     client: &'a Client,
 }
@@ -42,7 +39,6 @@ impl Eyes<'_> {
         Ok(Eyes {
             reader: soon_held(&client.cell, || client.bus.feedback_reader(1))?,
             newest: None,
-            rests_since: None,
             heard: Instant::now(),
             client,
         })
@@ -77,27 +73,29 @@ impl Eyes<'_> {
         }
     }
 
-    /// Waits until a jog of an axis that was ordered in `scan` has ended and the axis is in position.
+    /// Waits until a jog of axes that was ordered in `scan` has ended and the axes are in position.
     ///
     /// # Errors
     /// The machine has tripped meanwhile, or the cell is silent.
-    pub fn until_jogged(&mut self, scan: u64, axis: usize) -> Outcome {
+    pub fn until_jogged(&mut self, scan: u64, axes: &[usize]) -> Outcome {
         let mut ended = None;
         loop {
             let now = self.look()?;
+            let off = axes.iter().find(|axis| !self.is_in_position(&now, **axis));
             match Mode::from_wire(now.mode) {
                 _ if now.scan <= scan => {}
                 Some(Mode::Jogging) => {}
                 Some(Mode::Tripped) => {
                     return Err(self.client.fails("the machine has tripped"));
                 }
-                _ if self.is_in_position(&now, axis) && self.has_rested(&now) => {
+                _ if off.is_none() && now.rested == 1 => {
                     self.client.say("jogged");
                     return Ok(());
                 }
                 _ => {
                     let since: Instant = *ended.get_or_insert_with(Instant::now);
                     if since.elapsed() > SETTLED_WITHIN {
+                        let axis = off.or(axes.first()).copied().unwrap_or(0);
                         let key = match self.client.unit(axis as u32) {
                             "deg" => "in_position_mdeg",
                             _ => "in_position_um",
@@ -110,18 +108,6 @@ impl Eyes<'_> {
             }
             std::thread::sleep(LOOK);
         }
-    }
-
-    /// Whether all axes have been at rest for as long as the master asks for before it takes an order that moves one by hand.
-    fn has_rested(&mut self, now: &Feedback) -> bool {
-        let moves = |axis: &AxisFeedback| axis.velocity_mm_s.abs() >= STANDSTILL_MM_S;
-        let on = now.mode != Mode::Disabled as u32;
-        if !on || now.axes().iter().any(moves) {
-            self.rests_since = None;
-            return false;
-        }
-        let since = *self.rests_since.get_or_insert(now.scan);
-        now.scan > since + u64::from(self.client.machine.intended_setpoints())
     }
 
     /// Whether an axis is where it is commanded to be, as closely as its machine file asks for.
@@ -160,7 +146,7 @@ impl Eyes<'_> {
                     .client
                     .fails(&format!("the drives did not come on: {why}")));
             }
-            if now.scan > scan && on && (moves || self.has_rested(&now)) {
+            if now.scan > scan && on && (moves || now.rested == 1) {
                 return Ok(now);
             }
             if now.scan > scan && !on && were_on {
@@ -188,7 +174,8 @@ impl Eyes<'_> {
             let now = self.look()?;
             let mode = Mode::from_wire(now.mode);
             let moves = matches!(mode, Some(Mode::Jogging | Mode::Stopping));
-            if now.scan <= scan || moves {
+            let settles = now.rested == 0 && mode != Some(Mode::Tripped);
+            if now.scan <= scan || moves || settles {
                 std::thread::sleep(LOOK);
                 continue;
             }

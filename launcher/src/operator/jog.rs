@@ -6,7 +6,7 @@ use anyhow::anyhow;
 use bus::observer::Held;
 use bus::port::OperatorClient;
 use bus::realtime;
-use bus::sample::{Driver, Feedback, Mode, OperatorRequest, OperatorResponse, Order, Refused};
+use bus::sample::{Feedback, Mode, OperatorRequest, OperatorResponse, Order, Refused};
 
 use super::Client;
 use super::eyes::Eyes;
@@ -34,85 +34,234 @@ fn letter_and_direction(text: &str) -> (&str, Option<f64>) {
     }
 }
 
+/// What is to be jogged.
+#[derive(Debug, Clone, PartialEq)]
+enum Asked<'a> {
+    /// An axis, until Ctrl-C.
+    Held(&'a str, f64),
+    /// These axes, by distances or to places.
+    By(Vec<(&'a str, f64)>),
+}
+
+/// Reads the words of an order; what is wrong with them.
+fn asked(words: &[String]) -> Result<Asked<'_>, String> {
+    let (first, rest) = words.split_first().ok_or("jog which axis?")?;
+    if let (letter, Some(direction)) = letter_and_direction(first) {
+        return match rest {
+            [] => Ok(Asked::Held(letter, direction)),
+            _ => Err(format!(
+                "jog {first}: goes on until Ctrl-C and has no distance; `jog {letter} 10` has one"
+            )),
+        };
+    }
+    let mut ways = Vec::new();
+    for pair in words.chunks(2) {
+        match pair {
+            [letter, way] => {
+                let number = way.parse::<f64>().ok().filter(|way| way.is_finite());
+                let way = number.ok_or_else(|| {
+                    format!("jog {letter} {way}: the distance is a number, as in `jog {letter} 10`")
+                })?;
+                ways.push((letter.as_str(), way));
+            }
+            _ => {
+                let letter = pair.first().map_or("X", String::as_str);
+                return Err(format!(
+                    "jog {letter}: how far? `jog {letter} 10` by a distance, `jog {letter}+` or `jog {letter}-` until Ctrl-C"
+                ));
+            }
+        }
+    }
+    Ok(Asked::By(ways))
+}
+
 /// `jog`.
 pub fn jog(options: &JogOptions) -> Outcome {
-    let (letter, direction) = letter_and_direction(&options.axis);
-    let wrong = match (direction, options.distance) {
-        (None, None) => Some(format!(
-            "jog {letter}: how far? `jog {letter} 10` by a distance, `jog {letter}+` or `jog {letter}-` until Ctrl-C"
-        )),
-        (Some(_), Some(_)) => Some(format!(
-            "jog {}: goes on until Ctrl-C and has no distance; `jog {letter} 10` has one",
-            options.axis
-        )),
-        _ if options.speed.is_some_and(|speed| speed <= 0.0) => {
-            Some("--speed: must be above 0 mm/min".into())
-        }
-        _ => None,
-    };
-    if let Some(wrong) = wrong {
-        return Err(Failure::Input(anyhow!(wrong)));
+    let bad = |wrong: String| Failure::Input(anyhow!(wrong));
+    let asked = asked(&options.ways).map_err(bad)?;
+    if options.speed.is_some_and(|speed| speed <= 0.0) {
+        return Err(bad("--speed: must be above 0 mm/min".into()));
     }
     let client = Client::to_order(options.to.cell.as_deref())?;
-    let axis = client
-        .machine
-        .program_axis_index(&letter.to_uppercase())
-        .map_err(|e| Failure::Input(anyhow!(e)))?;
+    let index = |letter: &str| {
+        let index = client.machine.program_axis_index(&letter.to_uppercase());
+        index.map_err(|e| Failure::Input(anyhow!(e)))
+    };
     let speed_mm_s = options.speed.unwrap_or(0.0) / 60.0;
-    match (direction, options.distance) {
-        (Some(direction), _) => until_interrupted(&client, axis, direction, speed_mm_s),
-        (None, distance) => by_distance(
-            &client,
-            axis,
-            distance.unwrap_or(0.0),
-            speed_mm_s,
-            options.wait,
-        ),
+    match asked {
+        Asked::Held(letter, direction) => {
+            until_interrupted(&client, index(letter)?, direction, speed_mm_s)
+        }
+        Asked::By(words) => {
+            let mut ways = Vec::new();
+            for (letter, way) in words {
+                let axis = index(letter)?;
+                if ways.iter().any(|(other, _)| *other == axis) {
+                    return Err(bad(format!("jog: {letter} is named twice")));
+                }
+                ways.push((axis, way));
+            }
+            by_distances(&client, ways, speed_mm_s, options)
+        }
     }
 }
 
-/// A jog by a distance, in mm or degrees, at a speed, or 0 for that of the machine file: in which scan it was judged, and what came
-/// of it, in words.
-///
-/// # Errors
-/// It is refused, or nobody answers.
-pub fn jog_by(
+/// Jogs by distances, or to places of the machine, in mm or degrees.
+fn by_distances(
     client: &Client,
-    axis: u32,
-    way: f64,
+    mut ways: Vec<(u32, f64)>,
     speed_mm_s: f64,
-) -> Result<(u64, String), Failure> {
-    let request = OperatorRequest {
+    options: &JogOptions,
+) -> Outcome {
+    let mut eyes = Eyes::open(client)?;
+    if options.to_machine {
+        let now = eyes.look()?;
+        for (axis, way) in &mut ways {
+            let settings = client.machine.axes.get(*axis as usize);
+            let shown = now.axes().get(*axis as usize);
+            if let Some((settings, shown)) = settings.zip(shown) {
+                let at_mm = shown.command_position as f64 * settings.increment_mm();
+                // The readout of a turning axis goes round; the axis does not.
+                *way -= if settings.modulo {
+                    settings.shown(at_mm)
+                } else {
+                    at_mm
+                };
+            }
+        }
+        ways.retain(|(axis, way)| {
+            let settings = client.machine.axes.get(*axis as usize);
+            settings.is_none_or(|of| (way / of.increment_mm()).round() != 0.0)
+        });
+        if ways.is_empty() {
+            client.say("is there already");
+            return Ok(());
+        }
+    }
+    let mut request = OperatorRequest {
         order: Order::Jog as u32,
-        axis,
-        value: way,
         speed_mm_s,
         ..OperatorRequest::default()
     };
+    match ways.as_slice() {
+        [(axis, way)] => (request.axis, request.value) = (*axis, *way),
+        ways => {
+            for (axis, way) in ways {
+                if let Some(line_mm) = request.line_mm.get_mut(*axis as usize) {
+                    *line_mm = *way;
+                }
+            }
+        }
+    }
     let answer = client.ask(Order::Jog, request)?;
-    let (name, unit) = (name(client, axis), client.unit(axis));
-    Ok((answer.scan, format!("jogging {name} by {way} {unit}")))
-}
-
-/// What the cell of a client shows now.
-///
-/// # Errors
-/// It is silent.
-pub fn look(client: &Client) -> Result<Feedback, Failure> {
-    Eyes::open(client)?.look()
-}
-
-fn by_distance(client: &Client, axis: u32, way: f64, speed_mm_s: f64, waits: bool) -> Outcome {
-    let mut eyes = Eyes::open(client)?;
-    let (scan, words) = jog_by(client, axis, way, speed_mm_s)?;
-    client.say(&words);
-    if waits {
-        eyes.until_jogged(scan, axis as usize)?;
+    let words = ways.iter().map(|(axis, way)| {
+        let (name, unit) = (name(client, *axis), client.unit(*axis));
+        format!("{name} by {} {unit}", rounded(*way))
+    });
+    let words: Vec<String> = words.collect();
+    client.say(&format!("jogging {}", words.join(", ")));
+    if options.wait {
+        let axes: Vec<usize> = ways.iter().map(|(axis, _)| *axis as usize).collect();
+        eyes.until_jogged(answer.scan, &axes)?;
         if let Some(outside) = client.outside(&eyes.look()?) {
             client.say(&format!("still outside: {outside}"));
         }
     }
     Ok(())
+}
+
+/// To a nanometre, without zeros behind it.
+fn rounded(way: f64) -> f64 {
+    (way * 1e6).round() * 1e-6
+}
+
+/// An increment that is older than this is not taken.
+const CLICK_AGE: Duration = Duration::from_millis(200);
+
+/// What came of an increment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Click {
+    /// It was taken.
+    Taken,
+    /// It was cut at the end of the travel: so much of it was taken, in mm or degrees.
+    Cut(f64),
+    /// It was not: the axis has more to go, or the order came too late.
+    NotTaken,
+}
+
+/// Who gives increments one after another. Each is numbered, so that none counts twice.
+pub struct Clicks<'a> {
+    client: &'a Client,
+    place: Held<OperatorClient>,
+    session: u32,
+    number: u32,
+}
+
+impl<'a> Clicks<'a> {
+    /// Takes a place among the clients of the cell.
+    ///
+    /// # Errors
+    /// There is none left, or the cell has ended.
+    pub fn of(client: &'a Client) -> Result<Clicks<'a>, Failure> {
+        Ok(Clicks {
+            client,
+            place: client.place()?,
+            session: session(),
+            number: 0,
+        })
+    }
+
+    /// Gives an increment, in mm or degrees, at a speed, or 0 for that of the machine file; `seen` is the newest scan that is known.
+    ///
+    /// # Errors
+    /// It is refused for another reason than that there is more to go, or nobody answers.
+    pub fn click(
+        &mut self,
+        axis: u32,
+        way: f64,
+        speed_mm_s: f64,
+        seen: u64,
+    ) -> Result<Click, Failure> {
+        self.number += 1;
+        let request = OperatorRequest {
+            order: Order::Jog as u32,
+            axis,
+            value: way,
+            speed_mm_s,
+            latest_scan: seen + u64::from(self.client.scans(CLICK_AGE)),
+            session: self.session,
+            deadline_scans: self.number,
+            ..OperatorRequest::default()
+        };
+        let answer = self.client.hear_by(&self.place, Order::Jog, request)?;
+        let reason = Refused::from_wire(answer.reason);
+        if matches!(reason, Some(Refused::Backlog | Refused::TooLate)) {
+            return Ok(Click::NotTaken);
+        }
+        self.client.accepted(Order::Jog, answer)?;
+        let of_axis = self.client.machine.axes.get(axis as usize);
+        let increment_mm = of_axis.map_or(0.0, machine::Axis::increment_mm);
+        let short_mm = way.abs() - answer.jogged_mm.abs();
+        Ok(match short_mm > increment_mm {
+            true => Click::Cut(answer.jogged_mm),
+            false => Click::Taken,
+        })
+    }
+
+    /// Brings to rest what goes by increments.
+    ///
+    /// # Errors
+    /// Nobody answers.
+    pub fn end(&mut self) -> Result<(), Failure> {
+        let request = OperatorRequest {
+            order: Order::JogRenew as u32,
+            session: self.session,
+            ..OperatorRequest::default()
+        };
+        // Where none was given it is refused, and nothing moves.
+        self.client.hear_by(&self.place, Order::JogRenew, request)?;
+        Ok(())
+    }
 }
 
 fn name(client: &Client, axis: u32) -> &str {
@@ -152,7 +301,7 @@ fn until_interrupted(client: &Client, axis: u32, direction: f64, speed_mm_s: f64
         if !ordered_off && now.scan >= due {
             renewed = now.scan;
             // The look that follows tells why, should it be over.
-            sender.renew(deadline_scans, 0.0)?;
+            sender.renew(now.scan, deadline_scans, 0.0)?;
         }
         std::thread::sleep(LOOK);
     }
@@ -218,8 +367,8 @@ impl<'a> JogSender<'a> {
         asked: &JogAsked,
         now: &Feedback,
     ) -> Result<JogSender<'a>, Failure> {
-        let (sender, request, answer) = JogSender::ask(client, asked, now)?;
-        client.accepted(Order::JogOn, &request, answer)?;
+        let (sender, answer) = JogSender::ask(client, asked, now)?;
+        client.accepted(Order::JogOn, answer)?;
         Ok(sender)
     }
 
@@ -232,12 +381,12 @@ impl<'a> JogSender<'a> {
         asked: &JogAsked,
         now: &Feedback,
     ) -> Result<Option<JogSender<'a>>, Failure> {
-        let (sender, request, answer) = JogSender::ask(client, asked, now)?;
+        let (sender, answer) = JogSender::ask(client, asked, now)?;
         let reason = Refused::from_wire(answer.reason);
         if matches!(reason, Some(Refused::Jogging | Refused::NotAtRest)) {
             return Ok(None);
         }
-        client.accepted(Order::JogOn, &request, answer)?;
+        client.accepted(Order::JogOn, answer)?;
         Ok(Some(sender))
     }
 
@@ -245,7 +394,7 @@ impl<'a> JogSender<'a> {
         client: &'a Client,
         asked: &JogAsked,
         now: &Feedback,
-    ) -> Result<(JogSender<'a>, OperatorRequest, OperatorResponse), Failure> {
+    ) -> Result<(JogSender<'a>, OperatorResponse), Failure> {
         let session = session();
         let request = OperatorRequest {
             order: Order::JogOn as u32,
@@ -255,6 +404,7 @@ impl<'a> JogSender<'a> {
             latest_scan: now.scan + u64::from(asked.deadline_scans),
             session,
             deadline_scans: asked.deadline_scans,
+            ..OperatorRequest::default()
         };
         let place = client.place()?;
         let answer = client.hear_by(&place, Order::JogOn, request)?;
@@ -265,33 +415,44 @@ impl<'a> JogSender<'a> {
             axis: asked.axis,
             began: answer.scan,
         };
-        Ok((sender, request, answer))
+        Ok((sender, answer))
     }
 
     /// Whether the axis is jogged, as the cell shows it.
     pub fn moves(&self, now: &Feedback) -> bool {
-        let axis = now.axes().get(self.axis as usize);
-        axis.is_some_and(|axis| axis.driver != Driver::Program as u32)
+        matches!(
+            Mode::from_wire(now.mode),
+            Some(Mode::Jogging | Mode::Stopping)
+        )
     }
 
-    /// Renews it, at another speed unless that is 0; false if it is over.
+    /// Renews it, at another speed unless that is 0; false if it is over. The deadline counts from `seen`, the newest scan that is known.
     ///
     /// # Errors
     /// It is refused for another reason, or nobody answers.
-    pub fn renew(&mut self, deadline_scans: u32, speed_mm_s: f64) -> Result<bool, Failure> {
+    pub fn renew(
+        &mut self,
+        seen: u64,
+        deadline_scans: u32,
+        speed_mm_s: f64,
+    ) -> Result<bool, Failure> {
         let request = OperatorRequest {
             order: Order::JogRenew as u32,
             axis: self.axis,
             speed_mm_s,
+            latest_scan: match deadline_scans {
+                0 => 0,
+                scans => seen + u64::from(scans),
+            },
             session: self.session,
             deadline_scans,
             ..OperatorRequest::default()
         };
         let answer = self.client.hear_by(&self.place, Order::JogRenew, request)?;
-        if answer.reason == Refused::JogOver as u32 {
+        if [Refused::JogOver as u32, Refused::TooLate as u32].contains(&answer.reason) {
             return Ok(false);
         }
-        self.client.accepted(Order::JogRenew, &request, answer)?;
+        self.client.accepted(Order::JogRenew, answer)?;
         Ok(true)
     }
 
@@ -300,7 +461,7 @@ impl<'a> JogSender<'a> {
     /// # Errors
     /// Nobody answers.
     pub fn end(&mut self) -> Result<bool, Failure> {
-        self.renew(0, 0.0)
+        self.renew(0, 0, 0.0)
     }
 }
 
@@ -314,12 +475,23 @@ fn session() -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use super::letter_and_direction;
+    use super::{Asked, asked};
 
     #[test]
-    fn a_sign_behind_the_letter_is_a_direction() {
-        assert_eq!(letter_and_direction("X"), ("X", None));
-        assert_eq!(letter_and_direction("x+"), ("x", Some(1.0)));
-        assert_eq!(letter_and_direction("B-"), ("B", Some(-1.0)));
+    fn an_axis_with_a_sign_is_held_and_axes_with_distances_make_a_line() {
+        let words = |text: &str| -> Vec<String> { text.split(' ').map(str::to_owned).collect() };
+        assert_eq!(asked(&words("x+")), Ok(Asked::Held("x", 1.0)));
+        assert_eq!(asked(&words("B-")), Ok(Asked::Held("B", -1.0)));
+        let line = Asked::By(vec![("X", 1.0), ("Y", -2.0)]);
+        assert_eq!(asked(&words("X 1 Y -2")), Ok(line));
+        for (text, why) in [
+            ("X", "how far?"),
+            ("X 1 Y", "jog Y: how far?"),
+            ("X+ 5", "has no distance"),
+            ("X one", "is a number"),
+        ] {
+            let said = asked(&words(text)).expect_err(text);
+            assert!(said.contains(why), "{text}: {said}");
+        }
     }
 }

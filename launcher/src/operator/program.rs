@@ -196,7 +196,7 @@ impl Laid {
         let answer = client.hear(Order::Load, request);
         // Unless it was refused the cell has it, or may have: then its launcher takes it away.
         self.kept = answer.as_ref().map_or(true, |answer| answer.accepted == 1);
-        client.accepted(Order::Load, &request, answer?)?;
+        client.accepted(Order::Load, answer?)?;
         Ok(())
     }
 

@@ -89,4 +89,8 @@ fn homing(rules: &mut Rules<'_>, axis: &Axis, at: At<'_>) {
     let search_mm_s = homing.search_mm_s;
     let (path, low) = (["homing", "search_mm_s"], homing.latch_mm_s);
     rules.between(&path, at, search_mm_s, "mm/s", low, axis.rapid_mm_s);
+    if let Some(rest_mm) = homing.rest_mm {
+        let (low, high) = (axis.travel_min_mm, axis.travel_max_mm);
+        rules.between(&["homing", "rest_mm"], at, rest_mm, "mm", low, high);
+    }
 }

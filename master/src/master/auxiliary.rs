@@ -340,12 +340,10 @@ impl Auxiliary {
                 Some(gear) if gear.mm_per_turn != 0.0 => self.latches.coupled,
                 _ => 0,
             },
-            jog_um_s: 0,
             start_line: self.latches.start_line,
             tool_offset_of: self.latches.tool_offset_of,
             tool_offset: self.latches.tool_offset,
             modes_of_run: self.latches.modes_of_run,
-            reserved: 0,
         }
     }
 

@@ -12,6 +12,7 @@ use control::guards::AxisGuards;
 use control::travel::Travel;
 use machine::{Axis, DriveMode, Machine, PositionFeedback};
 
+use super::hand::Hand;
 use super::redundancy::Standby;
 use super::substitute::Substitute;
 use super::switch::Switch;
@@ -44,16 +45,14 @@ pub(super) struct AxisUnit {
     pub standby: Standby,
     /// Its servo is silent or lost: the master commands it.
     pub silent: bool,
-    /// It is one of two motors of a gantry.
-    pub in_gantry: bool,
     /// How the master does.
     pub substitute: Substitute,
     /// What the master guards itself, whatever the servo says.
     pub guards: AxisGuards,
     /// Which of its controllers drives it.
     pub driver: Driver,
-    /// Where a jog is to bring the command position.
-    pub jog_target: i64,
+    /// The hand on it.
+    pub hand: Hand,
     /// Position of the machine less raw position of the drive, in increments: 0 until the controller has homed the axis.
     pub offset: i64,
     /// Whether its positions are those of the machine.
@@ -102,14 +101,10 @@ impl AxisUnit {
             followed: false,
             standby: Standby::default(),
             silent: false,
-            in_gantry: machine
-                .gantries()
-                .flat_map(|pair| [pair.leader, pair.follower])
-                .any(|index| machine.axis_name(index) == settings.name),
             substitute: Substitute::new(machine, settings),
             guards: guards(settings),
             driver: Driver::Program,
-            jog_target: 0,
+            hand: Hand::new(machine, settings),
             offset: 0,
             reference: Reference::Missing,
             deviation: 0,

@@ -109,19 +109,6 @@ impl<D: Drives> Master<D> {
         self.gantries.iter().any(|of| of.pair.follower == axis)
     }
 
-    /// The second motor does by hand what its leader has just been told to.
-    pub(super) fn follow_by_hand(&mut self, leader: usize) {
-        let Some(pair) = self.led_by(leader) else {
-            return;
-        };
-        let of_leader = self.axes.get(leader);
-        let told = of_leader.map(|axis| (axis.jog_target, axis.driver));
-        if let (Some((jog_target, driver)), Some(axis)) = (told, self.axes.get_mut(pair.follower)) {
-            axis.jog_target = jog_target;
-            axis.driver = driver;
-        }
-    }
-
     /// Encoders that begin anywhere, or have lost their place: both motors count from where the first one does, so that skew is what
     /// it has become since. Only where neither motor pulls: what strains the bridge would count as square.
     pub(super) fn align_gantries(&mut self) {

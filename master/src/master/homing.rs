@@ -1,6 +1,6 @@
 //! Homing: axes without absolute encoders find their place, one after another (docs/howto/home.md).
 //!
-//! Each search is a motion of the servo's manual controller. Where the axis is known is latched as what has to be added to the raw
+//! Each search is a motion by hand. Where the axis is known is latched as what has to be added to the raw
 //! position of its drive; it takes effect while the drive holds the axis by itself, so that no loop sees it jump.
 //!
 //! The two motors of a gantry move together, and a motion ends when both have found what they look for, each by its own switch and
@@ -13,24 +13,18 @@
     clippy::indexing_slicing
 )]
 
-use bus::sample::{Cause, Driver, MAX_AXES, Mode, Reference, Refused};
+use bus::sample::{Cause, Driver, MAX_AXES, Reference, Refused};
 use bytemuck::{Pod, Zeroable};
-use machine::{Homing as Settings, HomingMethod};
+use machine::{Homing as Settings, HomingMethod, INDEX_TURNS};
 
 use super::axis_unit::AxisUnit;
+use super::hand::Motion;
 use super::orders::{Refusal, whole_number};
 use super::{Master, STANDSTILL_MM_S};
 use crate::drives::Drives;
-use crate::window_arbiter::Dropped;
 
 /// Scans that the drive holds the axis before and after its positions change: everybody has seen it by then.
 pub(super) const HOLD_SCANS: u64 = 8;
-/// A motion may take this much longer than its way at its speed, in s: settling twice, lagging, speeding up.
-const PATIENCE_S: f64 = 5.0;
-/// The same as a share of that time.
-const PATIENCE_SHARE: f64 = 1.5;
-/// The index must come within so many turns of the motor behind the edge of the switch.
-const INDEX_TURNS: f64 = 1.5;
 
 /// What outlives the master.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
@@ -59,6 +53,8 @@ enum Step {
     Drive,
     /// The drive holds the axis, and its positions change.
     Set,
+    /// It is homed, and goes to where it is to stand.
+    Rest,
 }
 
 /// One motor of the axis that is being homed.
@@ -96,6 +92,8 @@ pub(super) struct Homing {
     /// The step's motion has been begun, and scans since.
     begun: bool,
     scans: u64,
+    /// What was looked for is found: it comes to rest, for the next step.
+    stops: bool,
     /// It is to come to rest where it can, and to end.
     ends: bool,
 }
@@ -196,17 +194,23 @@ impl AxisUnit {
         }
     }
 
-    /// Speed, direction as a factor, and driver of a step.
-    fn motion(&self, homing: &Settings, step: Step) -> (f64, i64, Driver) {
+    /// Speed of a step, in mm/s, and where it is to end without finding anything, in increments; none where the drive holds the axis.
+    fn search(&self, homing: &Settings, step: Step) -> Option<(f64, i64)> {
         let sign = homing.direction.sign();
         let (search, latch) = (homing.search_mm_s, homing.latch_mm_s);
-        match step {
-            Step::Leave => (search, -sign, Driver::Search),
-            Step::Search => (search, sign, Driver::Search),
-            Step::Back => (latch, -sign, Driver::Latch),
-            Step::Edge | Step::Index { .. } => (latch, sign, Driver::Latch),
-            Step::Drive | Step::Set => (latch, 0, Driver::Drive),
-        }
+        let (speed_mm_s, sign) = match step {
+            Step::Leave => (search, -sign),
+            Step::Search => (search, sign),
+            Step::Back => (latch, -sign),
+            Step::Edge | Step::Index { .. } => (latch, sign),
+            Step::Rest => return Some((search, self.increments(self.settings.rest_mm()?))),
+            Step::Drive | Step::Set => return None,
+        };
+        let way = self.increments(self.settings.search_distance_mm());
+        let end = self
+            .command_position
+            .saturating_add(way.saturating_mul(sign));
+        Some((speed_mm_s.min(self.settings.rapid_mm_s), end))
     }
 }
 
@@ -281,9 +285,7 @@ impl<D: Drives> Master<D> {
             self.cause_axis = u32::MAX;
             self.cause_scan = 0;
         }
-        self.jog_from = self.mode;
-        self.mode = Mode::Jogging;
-        self.windows.drop_all(self.scan, Dropped::LeavesPath);
+        self.take_in_hand();
         self.home_next(waiting);
         Ok(())
     }
@@ -296,7 +298,6 @@ impl<D: Drives> Master<D> {
         let due = due.filter_map(|(index, axis)| Some((index, axis.settings.homing?)));
         let Some((index, homing)) = due.min_by_key(|(index, homing)| (homing.order, *index)) else {
             self.homing = None;
-            self.end_jog();
             return;
         };
         let second = self.led_by(index).map(|pair| pair.follower);
@@ -327,39 +328,38 @@ impl<D: Drives> Master<D> {
             second: second.map(motor),
             begun: false,
             scans: 0,
+            stops: false,
             ends: false,
         });
         self.auxiliary.latched();
     }
 
-    /// One scan of homing; `rests`: its motion has come to rest.
-    pub(super) fn step_homing(&mut self, rests: bool) {
+    /// One scan of homing.
+    pub(super) fn step_homing(&mut self) {
         let inputs = self.digital_inputs();
-        let Some(mut homing) = self.homing else {
+        let Some(homing) = &mut self.homing else {
             return;
         };
-        let Some(axis) = self.axes.get_mut(homing.motor.axis) else {
+        homing.scans = homing.scans.saturating_add(1);
+        let homing = *homing;
+        let index = homing.motor.axis;
+        let Some(axis) = self.axes.get(index) else {
             return;
         };
         let Some(settings) = axis.settings.homing else {
             return;
         };
-        homing.scans = homing.scans.saturating_add(1);
+        let driver = axis.driver;
+        let rests = driver == Driver::Manual && self.is_done_by_hand(index);
         if homing.ends {
             let stands = axis.drive.velocity_mm_s.abs() < STANDSTILL_MM_S;
-            let held = axis.driver == Driver::Drive && homing.scans > HOLD_SCANS && stands;
-            if rests || held || axis.driver == Driver::Program {
+            let held = driver == Driver::Drive && homing.scans > HOLD_SCANS && stands;
+            if rests || held || driver == Driver::Program {
                 self.give_up_homing();
-                self.end_jog();
-            } else {
-                self.homing = Some(homing);
             }
-            return;
-        }
-        self.homing = Some(homing);
-        if !homing.begun {
+        } else if !homing.begun {
             self.begin_step(&settings);
-        } else if axis.driver == Driver::Drive {
+        } else if driver == Driver::Drive {
             self.hold_step(&settings);
         } else {
             self.move_step(rests, inputs);
@@ -371,26 +371,24 @@ impl<D: Drives> Master<D> {
         let Some(homing) = &mut self.homing else {
             return;
         };
+        (homing.begun, homing.stops, homing.scans) = (true, false, 0);
         let Motor {
             axis: index, step, ..
         } = homing.motor;
-        let Some(axis) = self.axes.get_mut(index) else {
-            return;
-        };
-        let (speed_mm_s, sign, driver) = axis.motion(settings, step);
-        let distance_mm = axis.settings.search_distance_mm();
-        let way = axis.increments(distance_mm).saturating_mul(sign);
-        axis.jog_target = axis.command_position.saturating_add(way);
-        axis.driver = driver;
-        (homing.begun, homing.scans) = (true, 0);
-        let patience_s = match step {
-            Step::Drive => settings.patience_s,
-            Step::Set => PATIENCE_S,
-            _ => PATIENCE_SHARE * distance_mm / speed_mm_s + PATIENCE_S,
-        };
-        // It ends by itself before; `Step::Drive` looks at the time on its own.
-        self.jog_patience_scans = libm::ceil((patience_s + PATIENCE_S) / self.scan_period_s) as u64;
-        self.follow_by_hand(index);
+        let search = self.axes.get(index).map(|axis| axis.search(settings, step));
+        let motors = [Some(index), self.led_by(index).map(|pair| pair.follower)];
+        for motor in motors.into_iter().flatten() {
+            let Some(axis) = self.axes.get_mut(motor) else {
+                continue;
+            };
+            match search.flatten() {
+                Some((speed_mm_s, end)) => axis.move_by_hand(Motion::Homing, end, speed_mm_s),
+                None => {
+                    axis.leave_hand();
+                    axis.driver = Driver::Drive;
+                }
+            }
+        }
     }
 
     /// One scan of a step that the servo drives.
@@ -398,12 +396,15 @@ impl<D: Drives> Master<D> {
         let Some(mut homing) = self.homing else {
             return;
         };
-        let driver = self.axes.get(homing.motor.axis).map(|axis| axis.driver);
-        if driver == Some(Driver::ManualStop) {
+        if homing.stops {
+            homing.begun = !rests;
+            self.homing = Some(homing);
+            return;
+        }
+        if homing.motor.step == Step::Rest {
             if rests {
-                self.drive_homing(&homing, Driver::Program);
-                homing.begun = false;
-                self.homing = Some(homing);
+                self.end_hands(&homing);
+                self.home_next(homing.waiting);
             }
             return;
         }
@@ -445,16 +446,22 @@ impl<D: Drives> Master<D> {
             for motor in homing.motors_mut() {
                 motor.step = motor.next.take().unwrap_or(motor.step);
             }
-            self.drive_homing(&homing, Driver::ManualStop);
+            homing.stops = true;
+            for motor in homing.motors() {
+                if let Some(axis) = self.axes.get_mut(motor.axis) {
+                    axis.rest_by_hand();
+                    axis.hand.motion = Motion::Homing;
+                }
+            }
         }
         self.homing = Some(homing);
     }
 
-    /// Gives the motors of the axis that is being homed another driver.
-    fn drive_homing(&mut self, homing: &Homing, driver: Driver) {
+    /// The motors of the axis that was homed stand in the hand.
+    fn end_hands(&mut self, homing: &Homing) {
         for motor in homing.motors() {
             if let Some(axis) = self.axes.get_mut(motor.axis) {
-                axis.driver = driver;
+                axis.hand.motion = Motion::None;
             }
         }
     }
@@ -488,17 +495,24 @@ impl<D: Drives> Master<D> {
             self.auxiliary.latched();
             return;
         }
-        let Some(homing) = self.homing else {
+        let Some(homing) = &mut self.homing else {
             return;
         };
-        for motor in homing.motors() {
+        let mut rests = false;
+        for motor in homing.motors_mut() {
             if let Some(axis) = self.axes.get_mut(motor.axis) {
                 axis.reference = Reference::Known;
                 axis.driver = Driver::Program;
+                motor.step = Step::Rest;
+                rests |= axis.settings.rest_mm().is_some();
             }
         }
+        homing.begun = false;
+        let waiting = homing.waiting;
         self.auxiliary.latched();
-        self.home_next(homing.waiting);
+        if !rests {
+            self.home_next(waiting);
+        }
     }
 
     /// Gives the motors the places that they have found; false once that is done.
@@ -531,7 +545,7 @@ impl<D: Drives> Master<D> {
         self.cause = cause;
         self.cause_axis = axis;
         self.cause_scan = self.scan + 1;
-        self.stop_jog();
+        self.rest_all_by_hand();
     }
 
     /// The axis that is being homed is to come to rest, and is not homed then.
@@ -542,13 +556,18 @@ impl<D: Drives> Master<D> {
         }
     }
 
-    /// It is not homed, whatever it was before.
+    /// It is not homed, whatever it was before; on its way to where it is to stand it is.
     pub(super) fn give_up_homing(&mut self) {
         let Some(homing) = self.homing.take() else {
             return;
         };
-        for motor in homing.motors() {
+        self.end_hands(&homing);
+        for motor in homing.motors().filter(|motor| motor.step != Step::Rest) {
             if let Some(axis) = self.axes.get_mut(motor.axis) {
+                axis.driver = match axis.driver {
+                    Driver::Drive => Driver::Program,
+                    driver => driver,
+                };
                 axis.reference = Reference::Missing;
                 axis.judge_reference();
             }

@@ -18,10 +18,8 @@ pub struct Inner {
     pub rest_scans: u32,
     /// Drives that are being switched on: scans left, whether in hold, whether at the start.
     pub switching_on: Option<(u64, bool, bool)>,
-    /// A jog: the mode it goes back to, and the scans left.
-    pub jog: Option<(Mode, u64)>,
-    /// A continuous one: its session, and the scans left without a renewal.
-    pub continuous_jog: Option<(u32, u32)>,
+    /// A motion by hand: the mode it goes back to, and the scans that the hand stays on.
+    pub by_hand: Option<(Mode, u64)>,
     /// Whether the run may end, was ordered to, ends with its program, and shows its last feedback.
     pub ends: [bool; 4],
     /// Scans since the planner answered last, up to what makes it lost.
@@ -41,6 +39,8 @@ pub struct InnerAxis {
     pub silent: bool,
     /// Deviation of the open loop.
     pub deviation: i64,
+    /// Its motion by hand.
+    pub hand: [u64; 4],
     /// The window that its command in force holds as pending.
     pub pending: WindowId,
 }
@@ -54,8 +54,7 @@ impl<D: Drives> Master<D> {
             settled_scans: [self.settled_scans, self.waited_scans],
             rest_scans: self.rest_scans.min(self.rest_scans_min),
             switching_on: self.switching_on.map(|on| (on.scans, on.hold, on.at_start)),
-            jog: by_hand.then_some((self.jog_from, self.jog_patience_scans)),
-            continuous_jog: self.continuous_jog.map(|jog| (jog.session, jog.left_scans)),
+            by_hand: by_hand.then_some((self.jog_from, self.hand_on_scans)),
             ends: [
                 self.may_end,
                 self.ordered_to_end,
@@ -71,6 +70,7 @@ impl<D: Drives> Master<D> {
                     followed: axis.followed,
                     silent: axis.silent,
                     deviation: axis.deviation,
+                    hand: axis.hand.inner(self.scan),
                     pending: axis.command.pending,
                 })
                 .collect(),

@@ -9,18 +9,13 @@
     clippy::indexing_slicing
 )]
 
-use bus::sample::{Cause, Driver, Mode, OperatorRequest, OperatorResponse, Order, Refused};
+use bus::sample::{Cause, Mode, OperatorRequest, OperatorResponse, Order, Refused};
 
 use crate::drives::Drives;
 
 use super::Master;
 use super::axis_unit::AxisUnit;
 use crate::window_arbiter::Dropped;
-
-/// No jog is slower than this, in mm/s: below it, speeds are not told apart.
-const JOG_MM_S_MIN: f64 = 0.001;
-/// A jog may take this much longer than its way at its speed, in s: settling twice, lagging, speeding up.
-const JOG_PATIENCE_S: f64 = 5.0;
 
 /// Orders that a cell which is about to end takes no more: they would keep it from ending.
 fn moves(order: Order) -> bool {
@@ -62,6 +57,7 @@ pub(super) fn whole_number(value: f64) -> Result<u32, Refusal> {
 pub(super) struct Refusal {
     pub(super) reason: Refused,
     pub(super) allowed_mm: (f64, f64),
+    pub(super) axis: u32,
 }
 
 impl From<Refused> for Refusal {
@@ -69,25 +65,12 @@ impl From<Refused> for Refusal {
         Refusal {
             reason,
             allowed_mm: (0.0, 0.0),
+            axis: 0,
         }
     }
 }
 
 impl AxisUnit {
-    /// Distances from its command position to the ends of its travel, in increments; from outside, to the far end and no farther
-    /// out.
-    /// Nobody knows where the travel of one that is not homed is: it may go as far as that is long.
-    pub(super) fn room(&self) -> (i64, i64) {
-        if !self.is_homed() {
-            let travel_mm = self.settings.travel_max_mm - self.settings.travel_min_mm;
-            let travel = self.increments(travel_mm);
-            return (travel.saturating_neg(), travel);
-        }
-        let reach = self.guards.travel.from_place(self.command_position);
-        let to = |end: i64| end.saturating_sub(self.command_position);
-        (to(reach.min), to(reach.max))
-    }
-
     /// Whether a program may move it.
     pub(super) fn is_within_travel(&self) -> bool {
         !self.is_homed() || self.settings.may_stand_at(self.command_position)
@@ -97,6 +80,7 @@ impl AxisUnit {
 impl<D: Drives> Master<D> {
     /// Judges an order; what is latched shows in the next feedback.
     pub fn order(&mut self, request: &OperatorRequest) -> OperatorResponse {
+        self.jogged_mm = 0.0;
         let judged = match Order::from_wire(request.order) {
             Some(order) if self.ordered_to_end && moves(order) => Err(Refused::Ending.into()),
             Some(_) if request.latest_scan != 0 && self.scan > request.latest_scan => {
@@ -108,6 +92,9 @@ impl<D: Drives> Master<D> {
             Some(Order::Override) => self.order_override(request.value),
             Some(Order::Disable) => self.order_disable(),
             Some(Order::Enable) => self.order_enable(),
+            Some(Order::Jog) if request.line_mm.iter().any(|way| *way != 0.0) => {
+                self.order_jog_line(request)
+            }
             Some(Order::Jog) => self.order_jog(request),
             Some(Order::JogOn) => self.order_jog_on(request),
             Some(Order::JogRenew) => self.order_jog_renew(request),
@@ -125,12 +112,17 @@ impl<D: Drives> Master<D> {
             }
             None => Err(Refused::UnknownOrder.into()),
         };
-        let (reason, allowed_mm) = match judged {
-            Ok(()) => (Refused::Not, (0.0, 0.0)),
-            Err(refusal) => (refusal.reason, refusal.allowed_mm),
+        let Refusal {
+            reason,
+            allowed_mm,
+            axis,
+        } = match judged {
+            Ok(()) => Refused::Not.into(),
+            Err(refusal) => refusal,
         };
         OperatorResponse {
             scan: self.scan,
+            jogged_mm: self.jogged_mm,
             allowed_min_mm: allowed_mm.0,
             allowed_max_mm: allowed_mm.1,
             accepted: u32::from(reason == Refused::Not),
@@ -139,6 +131,8 @@ impl<D: Drives> Master<D> {
             hold: u32::from(self.hold),
             override_percent: self.override_percent,
             run: self.program.run,
+            axis,
+            reserved: 0,
         }
     }
 
@@ -162,7 +156,7 @@ impl<D: Drives> Master<D> {
                 true
             }
             Mode::Jogging => {
-                self.stop_jog();
+                self.rest_all_by_hand();
                 self.mode = Mode::Stopping;
                 true
             }
@@ -183,7 +177,7 @@ impl<D: Drives> Master<D> {
             Mode::Tripped => Err(Refused::Tripped.into()),
             Mode::Finished => Err(Refused::Finished.into()),
             Mode::Jogging => {
-                self.stop_jog();
+                self.rest_all_by_hand();
                 self.hold = true;
                 Ok(())
             }
@@ -263,6 +257,11 @@ impl<D: Drives> Master<D> {
         Ok(())
     }
 
+    /// Whether nothing but the hand would move an axis.
+    pub(super) fn is_idle(&self) -> bool {
+        matches!(self.mode, Mode::Stopped | Mode::Ready)
+    }
+
     fn order_disable(&mut self) -> Result<(), Refusal> {
         if self.mode == Mode::Disabled {
             self.switching_on = None;
@@ -325,118 +324,5 @@ impl<D: Drives> Master<D> {
         self.settled_scans = 0;
         self.switch_on(hold);
         Ok(())
-    }
-
-    fn order_jog(&mut self, request: &OperatorRequest) -> Result<(), Refusal> {
-        let unit = self.unit_to_jog(request.axis)?;
-        let increment_mm = unit.settings.increment_mm();
-        // Beyond all machines a distance has no increments.
-        let distance = libm::round(request.value / increment_mm);
-        if !distance.is_finite() || distance == 0.0 {
-            return Err(Refused::BadValue.into());
-        }
-        let (low, high) = unit.room();
-        if !(low as f64..=high as f64).contains(&distance) {
-            return Err(Refusal {
-                reason: Refused::BeyondTravel,
-                allowed_mm: (low as f64 * increment_mm, high as f64 * increment_mm),
-            });
-        }
-        let speed_mm_s = self.jog_speed(request)?;
-        self.begin_jog(request.axis as usize, distance as i64, speed_mm_s);
-        Ok(())
-    }
-
-    /// The axis that an order is to jog, where one may be jogged.
-    pub(super) fn unit_to_jog(&self, axis: u32) -> Result<&AxisUnit, Refusal> {
-        self.must_rest()?;
-        if self.auxiliary.latches.coupled != 0 {
-            return Err(Refused::InThread.into());
-        }
-        let unit = self.axes.get(axis as usize);
-        let unit = unit.filter(|_| !self.is_follower(axis as usize));
-        Ok(unit.ok_or(Refused::UnknownAxis)?)
-    }
-
-    /// Speed of a jog, in mm/s: none where the machine file has it.
-    pub(super) fn jog_speed(&self, request: &OperatorRequest) -> Result<Option<f64>, Refusal> {
-        let unit = self.axes.get(request.axis as usize);
-        let unit = unit.ok_or(Refused::UnknownAxis)?;
-        let most_mm_s = unit.settings.rapid_mm_s;
-        match request.speed_mm_s {
-            0.0 => Ok(None),
-            speed if (JOG_MM_S_MIN..=most_mm_s).contains(&speed) => Ok(Some(speed)),
-            _ => Err(Refusal {
-                reason: Refused::JogSpeed,
-                allowed_mm: (JOG_MM_S_MIN, most_mm_s),
-            }),
-        }
-    }
-
-    /// The manual controller takes the axis so many increments further, with both motors of a gantry.
-    pub(super) fn begin_jog(&mut self, axis: usize, distance: i64, speed_mm_s: Option<f64>) {
-        self.continuous_jog = None;
-        self.set_jog_speed(axis, distance, speed_mm_s);
-        if let Some(unit) = self.axes.get_mut(axis) {
-            unit.jog_target = unit.command_position.saturating_add(distance);
-            unit.driver = Driver::Manual;
-        }
-        self.follow_by_hand(axis);
-        self.jog_from = self.mode;
-        self.mode = Mode::Jogging;
-        self.windows.drop_all(self.scan, Dropped::LeavesPath);
-    }
-
-    /// How fast a jog goes over so many increments, and how long it may take.
-    pub(super) fn set_jog_speed(&mut self, axis: usize, distance: i64, speed_mm_s: Option<f64>) {
-        let Some(unit) = self.axes.get(axis) else {
-            return;
-        };
-        self.jog_um_s = speed_mm_s.map_or(0, |speed| libm::round(speed * 1e3).max(1.0) as u32);
-        let speed_mm_s = speed_mm_s.unwrap_or(self.jog_mm_s);
-        let speed_mm_s = speed_mm_s.min(unit.settings.rapid_mm_s);
-        let speed_mm_s = match unit.settings.homing {
-            Some(homing) if !unit.is_homed() => speed_mm_s.min(homing.search_mm_s),
-            _ => speed_mm_s,
-        };
-        let distance_mm = distance.saturating_abs() as f64 * unit.settings.increment_mm();
-        let patience_s = 1.5 * distance_mm / speed_mm_s + JOG_PATIENCE_S;
-        self.jog_patience_scans = libm::ceil(patience_s / self.scan_period_s) as u64;
-    }
-
-    /// The second controllers come to rest where they can.
-    pub(super) fn stop_jog(&mut self) {
-        self.continuous_jog = None;
-        for axis in &mut self.axes {
-            if matches!(axis.driver, Driver::Manual | Driver::Search | Driver::Latch) {
-                axis.driver = Driver::ManualStop;
-            }
-        }
-        self.end_homing();
-    }
-
-    /// All second controllers are at rest: the program's drive again, in the mode the jog began in.
-    pub(super) fn end_jog(&mut self) {
-        self.continuous_jog = None;
-        self.jog_um_s = 0;
-        for axis in &mut self.axes {
-            axis.driver = Driver::Program;
-        }
-        if self.mode == Mode::Jogging {
-            self.mode = self.jog_from;
-        }
-        self.rest_scans = 0;
-    }
-
-    /// One scan of a jog; one that never ends trips.
-    pub(super) fn await_jog(&mut self) {
-        self.jog_patience_scans = self.jog_patience_scans.saturating_sub(1);
-        if self.jog_patience_scans == 0 {
-            let axis = self
-                .axes
-                .iter()
-                .position(|axis| axis.driver != Driver::Program);
-            self.trip(Cause::NotInPosition, axis.map_or(u32::MAX, |a| a as u32));
-        }
     }
 }

@@ -40,32 +40,37 @@ impl<'a> NextScan<'a> {
         }
     }
 
-    /// Where an axis that nobody moves by hand is in the scan that ends, in increments: the window in force has it there, or
-    /// nothing moves it.
+    /// Where an axis is in the scan that ends, in increments: the window in force has it there, or its course by hand, or nothing
+    /// moves it.
     pub fn planned(&self, axis: &AxisUnit, index: usize) -> Option<i64> {
-        let by_window = match self.positions {
-            Some([now, _, _]) => now.get(index).copied(),
-            None => Some(axis.command_position),
-        };
-        by_window.filter(|_| axis.driver == Driver::Program)
+        match (axis.driver, self.positions) {
+            (Driver::Program, Some([now, _, _])) => now.get(index).copied(),
+            (Driver::Program | Driver::Manual, _) => Some(axis.command_position),
+            (Driver::Drive, _) => None,
+        }
     }
 
-    /// Where an axis is commanded to be, in increments: by the window, which no servo has a say in, or as its servo says.
+    /// Where an axis is commanded to be in the scan that comes next, in increments: no servo has a say in it.
     fn position(&self, axis: &AxisUnit, index: usize) -> i64 {
         let by_window = self.positions.and_then(|[_, next, _]| next.get(index));
         match (axis.driver, by_window) {
             (Driver::Program, Some(position)) => *position,
+            (Driver::Manual, _) => axis.by_hand_in(1),
             _ => axis.command_position,
         }
     }
 
-    /// Its speed by the window, signed.
+    /// Its speed there, signed.
     fn velocity_mm_s(&self, axis: &AxisUnit, index: usize) -> f64 {
-        let step = self.positions.and_then(|[_, next, after]| {
+        let by_window = self.positions.and_then(|[_, next, after]| {
             let (next, after) = (next.get(index)?, after.get(index)?);
             Some(after.saturating_sub(*next))
         });
-        step.unwrap_or(0) as f64 * axis.settings.increment_mm() / self.scan_s
+        let step = match axis.driver {
+            Driver::Manual => axis.by_hand_in(2).saturating_sub(axis.by_hand_in(1)),
+            Driver::Program | Driver::Drive => by_window.unwrap_or(0),
+        };
+        step as f64 * axis.settings.increment_mm() / self.scan_s
     }
 
     /// The guard that the axis breaks, whatever its servo says of it.
@@ -122,7 +127,7 @@ impl AxisUnit {
     }
 
     /// Commands an axis with a closed loop whose servo is silent or lost, along the window until that ends at rest: the fault
-    /// waits until then. A jog comes to rest where it can; one of a gantry trips at once, so that both motors brake together.
+    /// waits until then. By hand it goes on along its course as long as its servo may answer again.
     pub(super) fn bridge_silence(
         &mut self,
         taken: &Taken,
@@ -134,9 +139,6 @@ impl AxisUnit {
         let missed = matches!(taken, Taken::Missed) && self.missed_in_a_row >= SILENT_SCANS;
         let by_hand = self.driver != Driver::Program;
         let never_commanded = self.command.incarnation == 0;
-        if missed && by_hand && self.in_gantry && fault == Cause::None {
-            return Cause::Watchdog;
-        }
         if !(lost || missed) || lost && by_hand || never_commanded {
             return fault;
         }
@@ -144,18 +146,14 @@ impl AxisUnit {
         // A scan without a command, as those of a servo that lives and says nothing: no log misses what nobody has sent.
         self.missed = self.missed.saturating_add(u32::from(lost));
         self.command.scan = next.scan;
-        let wanted = if by_hand {
-            Wanted::Slow
-        } else {
-            let position = next.position(self, index);
-            let now = next.positions.and_then(|[now, _, _]| now.get(index));
-            self.command_position = now.copied().unwrap_or(position);
-            self.command.position = self.command_position;
-            Wanted::Follow {
-                position_mm: position.saturating_sub(self.offset) as f64
-                    * self.settings.increment_mm(),
-                velocity_mm_s: next.velocity_mm_s(self, index),
-            }
+        let position = next.position(self, index);
+        if let Some(now) = next.planned(self, index) {
+            self.command_position = now;
+        }
+        self.command.position = self.command_position;
+        let wanted = Wanted {
+            position_mm: position.saturating_sub(self.offset) as f64 * self.settings.increment_mm(),
+            velocity_mm_s: next.velocity_mm_s(self, index),
         };
         self.substitute.step(&mut self.command, &self.drive, wanted);
         if by_hand || next.at_rest {

@@ -17,26 +17,19 @@ use crate::drives::DriveFeedback;
 /// Missed scans in a row from which on the master commands the axis; before, its drive holds the last command.
 pub(super) const SILENT_SCANS: u32 = 3;
 
-/// What an axis is to do for one scan, in mm and mm/s.
+/// Where an axis is to be for one scan, as the motor encoder shows it, in mm, and its speed there, in mm/s.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum Wanted {
-    /// Be at this place, as the motor encoder shows it, at this speed.
-    Follow {
-        position_mm: f64,
-        velocity_mm_s: f64,
-    },
-    /// Come to rest: nobody knows where the servo would have gone.
-    Slow,
+pub(super) struct Wanted {
+    pub position_mm: f64,
+    pub velocity_mm_s: f64,
 }
 
 /// A position loop without compensation, and in torque mode a proportional velocity loop, from where the servo left.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Substitute {
-    scan_s: f64,
     position_gain_per_s: f64,
     feed_forward: f64,
     rapid_mm_s: f64,
-    quick_stop_mm_s2: f64,
     drive_mode: DriveMode,
     velocity_gain_nm_s_per_mm: f64,
     peak_torque_nm: f64,
@@ -55,7 +48,6 @@ impl Substitute {
             axis.motor.peak_torque_nm,
         );
         Substitute {
-            scan_s,
             position_gain_per_s: axis.position_loop.gain_per_s,
             feed_forward: if axis.feed_forward.enabled {
                 axis.feed_forward.coefficient
@@ -63,7 +55,6 @@ impl Substitute {
                 0.0
             },
             rapid_mm_s: axis.rapid_mm_s,
-            quick_stop_mm_s2: axis.quick_stop_mm_s2,
             drive_mode: axis.drive_mode,
             velocity_gain_nm_s_per_mm: velocity_loop.gain_nm_s_per_mm,
             peak_torque_nm: axis.motor.peak_torque_nm,
@@ -76,7 +67,7 @@ impl Substitute {
         self.base_torque_nm = None;
     }
 
-    /// Changes the command in force to that of the next scan: `v = Kp·(s − x) + α·ṡ`, or a ramp to rest; in torque mode
+    /// Changes the command in force to that of the next scan: `v = Kp·(s − x) + α·ṡ`; in torque mode
     /// `T = T₀ + Kv·(v − ẋ)`, where T₀ makes the first torque go on from the servo's last.
     pub fn step(&mut self, command: &mut AxisCommand, drive: &DriveFeedback, wanted: Wanted) {
         let before_mm_s = command.velocity_mm_s;
@@ -84,26 +75,13 @@ impl Substitute {
         let base_nm = *self
             .base_torque_nm
             .get_or_insert(command.torque_nm - now_nm);
-        let velocity_mm_s = match wanted {
-            Wanted::Follow {
-                position_mm,
-                velocity_mm_s,
-            } => {
-                let error_mm = position_mm - drive.motor_position_mm;
-                self.position_gain_per_s * error_mm + self.feed_forward * velocity_mm_s
-            }
-            Wanted::Slow => {
-                let slower = before_mm_s.abs() - self.quick_stop_mm_s2 * self.scan_s;
-                slower.max(0.0).copysign(before_mm_s)
-            }
-        };
+        let fed_mm_s = self.feed_forward * wanted.velocity_mm_s;
+        let error_mm = wanted.position_mm - drive.motor_position_mm;
+        let velocity_mm_s = self.position_gain_per_s * error_mm + fed_mm_s;
         command.velocity_mm_s = velocity_mm_s.clamp(-self.rapid_mm_s, self.rapid_mm_s);
         if self.drive_mode == DriveMode::Position {
             // What the drive's position loop is not to answer.
-            command.feed_forward_mm_s = match wanted {
-                Wanted::Follow { velocity_mm_s, .. } => self.feed_forward * velocity_mm_s,
-                Wanted::Slow => command.velocity_mm_s,
-            };
+            command.feed_forward_mm_s = fed_mm_s;
             command.friction_pulse_mm_s = 0.0;
         }
         if self.drive_mode == DriveMode::Torque {

@@ -7,7 +7,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
 
 use launcher::exit::Failure;
-use launcher::operator::{self, Client, JogAsked, JogSender};
+use launcher::operator::{Click, Clicks, Client, Eyes, JogAsked, JogSender};
 use machine::Machine;
 use ratatui::crossterm::event::KeyCode;
 
@@ -178,7 +178,16 @@ fn send(cell: &str, asked: &Receiver<Ask>, answer: &Sender<(Tone, String)>) {
         Ok(client) => client,
         Err(failure) => return fails(&failure),
     };
-    let mut held: Option<(JogSender<'_>, u32, f64)> = None;
+    let mut hand = match Eyes::open(&client) {
+        Ok(eyes) => Hand {
+            client: &client,
+            eyes,
+            clicks: None,
+            held: None,
+            not_taken: 0,
+        },
+        Err(failure) => return fails(&failure),
+    };
     loop {
         let (mut asks, is_left) = match asked.recv() {
             Ok(ask) => (vec![ask], false),
@@ -186,9 +195,13 @@ fn send(cell: &str, asked: &Receiver<Ask>, answer: &Sender<(Tone, String)>) {
         };
         asks.extend(asked.try_iter());
         for ask in newest_holds(&asks) {
-            if let Err(failure) = obey(&client, &mut held, ask, answer) {
-                held = None;
-                fails(&failure);
+            match hand.obey(ask) {
+                Ok(Some(said)) => drop(answer.send(said)),
+                Ok(None) => {}
+                Err(failure) => {
+                    hand.held = None;
+                    fails(&failure);
+                }
             }
         }
         if is_left {
@@ -206,52 +219,96 @@ fn newest_holds(asks: &[Ask]) -> Vec<Ask> {
     kept.map(|(ask, _)| *ask).collect()
 }
 
-fn obey<'a>(
+/// What gives the orders.
+struct Hand<'a> {
     client: &'a Client,
-    held: &mut Option<(JogSender<'a>, u32, f64)>,
-    ask: Ask,
-    answer: &Sender<(Tone, String)>,
-) -> Result<(), Failure> {
-    match ask {
-        Ask::Hold {
-            axis,
-            direction,
-            speed_mm_s,
-        } => {
-            if let Some((sender, of_axis, to)) = held
-                && (*of_axis, *to) == (axis, direction)
-                && sender.renew(client.scans(NEXT), speed_mm_s)?
-            {
-                return Ok(());
-            }
-            if let Some((mut sender, ..)) = held.take() {
-                sender.end()?;
-            }
-            let asked = JogAsked {
+    eyes: Eyes<'a>,
+    clicks: Option<Clicks<'a>>,
+    held: Option<(JogSender<'a>, u32, f64)>,
+    /// Steps that were not taken since the last that was.
+    not_taken: u32,
+}
+
+impl Hand<'_> {
+    /// Does what a key asks for; what is to be said of it.
+    fn obey(&mut self, ask: Ask) -> Result<Option<(Tone, String)>, Failure> {
+        match ask {
+            Ask::Hold {
                 axis,
                 direction,
                 speed_mm_s,
-                deadline_scans: client.scans(FIRST),
-            };
-            // Coming to rest from the jog before, it is not there yet: the next repetition asks again.
-            let sender = JogSender::begin_soon(client, &asked, &operator::look(client)?)?;
-            *held = sender.map(|sender| (sender, axis, direction));
-        }
-        Ask::Step {
-            axis,
-            way,
-            speed_mm_s,
-        } => {
-            let (_, words) = operator::jog_by(client, axis, way, speed_mm_s)?;
-            let _ = answer.send((Tone::Good, words));
-        }
-        Ask::End => {
-            if let Some((mut sender, ..)) = held.take() {
-                sender.end()?;
-            }
+            } => self.hold(axis, direction, speed_mm_s).map(|()| None),
+            Ask::Step {
+                axis,
+                way,
+                speed_mm_s,
+            } => self.step(axis, way, speed_mm_s).map(Some),
+            Ask::End => self.end().map(|()| None),
         }
     }
-    Ok(())
+
+    fn hold(&mut self, axis: u32, direction: f64, speed_mm_s: f64) -> Result<(), Failure> {
+        let now = self.eyes.look()?;
+        let client = self.client;
+        if let Some((sender, of_axis, to)) = &mut self.held
+            && (*of_axis, *to) == (axis, direction)
+            && sender.renew(now.scan, client.scans(NEXT), speed_mm_s)?
+        {
+            return Ok(());
+        }
+        self.end()?;
+        let asked = JogAsked {
+            axis,
+            direction,
+            speed_mm_s,
+            deadline_scans: client.scans(FIRST),
+        };
+        // Coming to rest from the jog before, it is not there yet: the next repetition asks again.
+        let sender = JogSender::begin_soon(client, &asked, &now)?;
+        self.held = sender.map(|sender| (sender, axis, direction));
+        Ok(())
+    }
+
+    fn step(&mut self, axis: u32, way: f64, speed_mm_s: f64) -> Result<(Tone, String), Failure> {
+        let seen = self.eyes.look()?.scan;
+        let clicks = match &mut self.clicks {
+            Some(clicks) => clicks,
+            none => none.insert(Clicks::of(self.client)?),
+        };
+        let click = clicks.click(axis, way, speed_mm_s, seen)?;
+        let unit = self.client.unit(axis);
+        let settings = self.client.machine.axes.get(axis as usize);
+        let name = settings.map_or("?", |axis| axis.name.as_str());
+        Ok(match click {
+            Click::Taken => {
+                self.not_taken = 0;
+                (Tone::Good, format!("{name} by {way} {unit}"))
+            }
+            Click::Cut(taken) => {
+                self.not_taken = 0;
+                let words = format!("{name} by {taken:.3} {unit}: to the end of its travel");
+                (Tone::Waits, words)
+            }
+            Click::NotTaken => {
+                self.not_taken += 1;
+                let clicks = if self.not_taken == 1 {
+                    "click"
+                } else {
+                    "clicks"
+                };
+                let words = format!("{} {clicks} not taken: {name} still moves", self.not_taken);
+                (Tone::Waits, words)
+            }
+        })
+    }
+
+    /// All that the keys move comes to rest.
+    fn end(&mut self) -> Result<(), Failure> {
+        if let Some((mut sender, ..)) = self.held.take() {
+            sender.end()?;
+        }
+        self.clicks.as_mut().map_or(Ok(()), Clicks::end)
+    }
 }
 
 #[cfg(test)]

@@ -53,7 +53,7 @@ pub fn at_rest(feedback: &Feedback) -> bool {
 fn is_moved_by_hand(axis: &AxisFeedback) -> bool {
     match Driver::from_wire(axis.driver) {
         None | Some(Driver::Program) => false,
-        Some(Driver::Manual) => axis.command_position != axis.jog_target,
+        Some(Driver::Manual) => !axis.hand.rests(),
         Some(_) => true,
     }
 }
@@ -328,9 +328,9 @@ mod tests {
         assert!(detail(&returning).contains("at rest beside the path"));
         assert!(at_rest(&feedback));
         feedback.axes[1].driver = Driver::Manual as u32;
-        feedback.axes[1].jog_target = 5;
+        feedback.axes[1].hand.goal = 5;
         assert!(!at_rest(&feedback));
-        feedback.axes[1].command_position = 5;
+        feedback.axes[1].hand.goal = 0;
         assert!(at_rest(&feedback));
         assert!(detail(&feedback).contains("at rest beside the path"));
     }

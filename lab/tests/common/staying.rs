@@ -1,0 +1,241 @@
+//! A cell that stays up, scan by scan: master, servos and simulated drives, without a planner that plans. It can be copied where a run
+//! is to be interrupted.
+
+use std::sync::Arc;
+
+use bus::sample::{
+    AxisCommand, Cause, Feedback, Job, Mode, OperatorRequest, OperatorResponse, Order,
+    PlannerStatus, Reference, Refused, Roster,
+};
+use bytemuck::Zeroable;
+use machine::{Machine, Process};
+use master::saved::SavedState;
+use master::{Answers, Drives, Master, RunEnd};
+use plant_sim::SimulatedDrives;
+use plant_sim::plant_file::PlantFile;
+use servo::Servo;
+
+/// A servo that died is back so many scans later.
+const RESTARTS_SCANS: u64 = 30;
+
+/// One servo process.
+#[derive(Clone)]
+pub struct Member {
+    pub place: usize,
+    pub axis: usize,
+    pub role: usize,
+    pub servo: Servo,
+    /// What it commanded in the scan before.
+    pub said: Option<AxisCommand>,
+}
+
+#[derive(Clone)]
+pub struct Cell {
+    pub machine: Arc<Machine>,
+    pub plant: Arc<PlantFile>,
+    pub master: Master<SimulatedDrives>,
+    pub saved: SavedState,
+    pub incarnation: u32,
+    pub members: Vec<Member>,
+    pub roster: Roster,
+    /// Places of processes that come back, and when.
+    pub joining: Vec<(usize, u64)>,
+    /// The servo of this axis breaks off in the next scan.
+    pub trips: Option<usize>,
+    pub now: Feedback,
+    /// The servos of this axis say nothing in the next scan.
+    pub misses: Option<usize>,
+    /// Largest torque of a motor that is driven, in shares of the rated one, while it stands.
+    pub held_share: f64,
+    pub ended: bool,
+}
+
+impl Cell {
+    pub fn new(machine: Machine, plant: PlantFile) -> Cell {
+        let drives = plant.drives(&machine).expect("drives");
+        let saved = SavedState::of(&drives);
+        let mut roster = Roster::zeroed();
+        let servos: Vec<Process> = Process::servos(&machine).collect();
+        let everybody = [Process::from(Job::Planner)];
+        let all = everybody.into_iter().chain(servos.iter().copied());
+        for (place, process) in roster.participants.iter_mut().zip(all) {
+            *place = process.first();
+        }
+        let member = |(place, process): (usize, &Process)| Member {
+            place: place + 1,
+            axis: process.axis as usize,
+            role: process.role as usize,
+            servo: Servo::new(&machine, process.axis as usize, process.role, 1).expect("a servo"),
+            said: None,
+        };
+        Cell {
+            members: servos.iter().enumerate().map(member).collect(),
+            master: Master::new(&machine, drives, 1, 0, false, RunEnd::WhenOrdered),
+            machine: Arc::new(machine),
+            plant: Arc::new(plant),
+            saved,
+            incarnation: 1,
+            roster,
+            joining: Vec::new(),
+            trips: None,
+            misses: None,
+            now: Feedback::zeroed(),
+            held_share: 0.0,
+            ended: false,
+        }
+    }
+
+    pub fn scan(&mut self) {
+        self.now = self.master.feedback();
+        if self.master.is_last() {
+            self.ended = true;
+            return;
+        }
+        self.admit();
+        self.master.exchange();
+        let latches = self.master.latches();
+        self.saved.save(&latches, self.master.drives());
+        let answers = self.answers();
+        self.master.close_scan(&answers, &self.roster);
+        if self.master.take_latched() {
+            self.saved.latch(&self.master.latches());
+        }
+        for (axis, settings) in self.now.axes.iter().zip(&self.machine.axes) {
+            let stands = axis.velocity_mm_s.abs() < 0.05 && axis.velocity_command_mm_s == 0.0;
+            if self.mode() == Mode::Ready && stands {
+                let share = axis.torque_nm.abs() / settings.motor.rated_torque_nm;
+                self.held_share = self.held_share.max(share);
+            }
+        }
+    }
+
+    pub fn admit(&mut self) {
+        let scan = self.now.scan;
+        let due = |(_, at): &(usize, u64)| *at <= scan;
+        for (place, _) in self.joining.extract_if(.., |of| due(of)) {
+            let participant = &mut self.roster.participants[place];
+            participant.live = 1;
+            participant.incarnation += 1;
+            for member in self.members.iter_mut().filter(|of| of.place == place) {
+                member.servo = member.servo.replacement(participant.incarnation);
+            }
+        }
+    }
+
+    pub fn answers(&mut self) -> Answers {
+        let mut answers = Answers::NONE;
+        let before: Vec<_> = self.members.iter().map(|of| of.said).collect();
+        for (index, member) in self.members.iter_mut().enumerate() {
+            member.said = None;
+            if self.roster.participants[member.place].live == 0 || self.misses == Some(member.axis)
+            {
+                continue;
+            }
+            for peer in before.iter().enumerate().filter(|(of, _)| *of != index) {
+                if let Some(command) = peer.1.filter(|c| c.axis as usize == member.axis) {
+                    member.servo.follow(&command, &self.now);
+                }
+            }
+            let mut command = member.servo.scan(&self.now);
+            if self.trips == Some(member.axis) {
+                command.cause = Cause::FollowingError as u32;
+            }
+            member.said = Some(command);
+            answers.commands[member.axis][member.role] = Some(command);
+        }
+        (self.trips, self.misses) = (None, None);
+        let planner = self.roster.participants[0];
+        let status = PlannerStatus {
+            scan: self.now.scan,
+            load: self.now.load,
+            incarnation: planner.incarnation,
+            ..PlannerStatus::zeroed()
+        };
+        answers.planner = (planner.live == 1).then_some(status);
+        answers
+    }
+
+    pub fn scans(&mut self, count: u64) {
+        for _ in 0..count {
+            self.scan();
+        }
+    }
+
+    /// Goes on until it is so, for so many scans at most; whether it is.
+    pub fn until(&mut self, scans: u64, is: impl Fn(&Cell) -> bool) -> bool {
+        (0..scans).any(|_| {
+            self.scan();
+            is(self)
+        })
+    }
+
+    pub fn order(&mut self, order: Order) -> Refused {
+        let value = if order == Order::Load { 1.0 } else { 0.0 };
+        let request = OperatorRequest {
+            order: order as u32,
+            value,
+            ..OperatorRequest::default()
+        };
+        Refused::from_wire(self.ask(&request).reason).expect("a reason")
+    }
+
+    pub fn ask(&mut self, request: &OperatorRequest) -> OperatorResponse {
+        let answer = self.master.order(request);
+        self.saved.latch(&self.master.latches());
+        answer
+    }
+
+    pub fn mode(&self) -> Mode {
+        Mode::from_wire(self.now.mode).expect("a mode")
+    }
+
+    pub fn cause(&self) -> Cause {
+        Cause::from_wire(self.now.cause).expect("a cause")
+    }
+
+    pub fn is_homed(&self) -> bool {
+        let mut axes = self.now.axes().iter();
+        axes.all(|axis| axis.reference == Reference::Known as u32)
+    }
+
+    /// Drives on, ready.
+    pub fn ready(&mut self) {
+        assert_eq!(self.order(Order::Enable), Refused::Not);
+        assert!(
+            self.until(1_000, |of| of.mode() == Mode::Ready),
+            "not ready"
+        );
+        self.scans(200);
+    }
+
+    /// Who drives dies.
+    pub fn dies(&mut self, job: Job, axis: usize) {
+        let role = self.now.axes[axis].taken_role;
+        let mut participants = self.roster.participants.iter().enumerate();
+        let is_it = |p: &bus::sample::Participant| {
+            p.job == job as u32 && p.axis == axis as u32 && p.role == role && p.live == 1
+        };
+        if let Some((place, _)) = participants.find(|(_, p)| is_it(p)) {
+            self.roster.participants[place].live = 0;
+            self.joining.push((place, self.now.scan + RESTARTS_SCANS));
+        }
+    }
+
+    pub fn replace_master(&mut self) {
+        let mut drives = self.plant.drives(&self.machine).expect("drives");
+        let latches = self.saved.restore(&mut drives).expect("what was saved");
+        self.incarnation += 1;
+        let first = latches.scan + 1;
+        let end = RunEnd::WhenOrdered;
+        self.master = Master::new(&self.machine, drives, self.incarnation, first, false, end);
+        self.master.resume(&latches);
+    }
+
+    /// True place of a motor less the place that the machine shows, in mm.
+    pub fn off_mm(&self, axis: usize) -> f64 {
+        let samples = self.master.drives().instruments(axis);
+        let true_mm = samples.last().map_or(f64::NAN, |of| of.motor_mm);
+        let shown = self.master.feedback().axes[axis].motor_position;
+        true_mm - shown as f64 * self.machine.axes[axis].increment_mm()
+    }
+}

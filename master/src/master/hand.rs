@@ -1,0 +1,336 @@
+//! Motions by hand: increments, held jogs, and the motions that home an axis. The master steps the course of each, every servo
+//! follows it (docs/methods/two-controllers.md).
+//!
+//! Between motions the hand stays on for a while: the next one begins without a changeover, and everything else is as at rest.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::{Cause, Driver, Hand as Controller, Mode};
+use control::hand_course::{AHEAD_SCANS_MAX, Aim, FINE, HandCourse, fine};
+use control::jog::JogProfile;
+use machine::{Axis, JOG_ACCELERATION_SHARE, Machine};
+
+use super::Master;
+use super::axis_unit::AxisUnit;
+use super::switch::Taken;
+use crate::drives::Drives;
+use crate::window_arbiter::Dropped;
+
+/// After so long at rest the program's controllers drive again, in s.
+const HAND_ON_S: f64 = 2.0;
+/// A servo may take so long until its motor has settled, in s: longer than it waits itself.
+const SETTLE_PATIENCE_S: f64 = 5.0;
+
+/// What moves an axis by hand.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) enum Motion {
+    /// Nothing: it stands, and the next motion may begin.
+    #[default]
+    None,
+    /// Increments, which add up.
+    Increments,
+    /// A jog that goes on until this scan at the latest, unless its session renews it.
+    Held { session: u32, until: u64 },
+    /// A straight line of several axes.
+    Line,
+    /// Homing looks for something.
+    Homing,
+    /// It comes to rest where it can.
+    Stop,
+}
+
+/// What a course is to do once the change under way has come.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+enum Wanted {
+    #[default]
+    Nothing,
+    Aim(Aim),
+    Stop,
+}
+
+/// The hand on an axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Hand {
+    /// What moves it.
+    pub motion: Motion,
+    course: HandCourse,
+    wanted: Wanted,
+    /// How far its servo is, as it says.
+    controller: Controller,
+    /// Scan of its last increment.
+    pub clicked: u64,
+    /// Scans that its servo has been waited for.
+    waited_scans: u64,
+    /// Limits of acceleration and jerk.
+    limits: JogProfile,
+    /// Parts of an increment in a scan of 1 mm/s.
+    step_per_mm_s: f64,
+}
+
+impl Hand {
+    pub fn new(machine: &Machine, axis: &Axis) -> Hand {
+        let (scan_s, part_mm) = (machine.scan_period_s(), axis.increment_mm() / FINE as f64);
+        let acceleration_mm_s2 = JOG_ACCELERATION_SHARE * axis.acceleration_mm_s2;
+        let change = libm::floor(acceleration_mm_s2 * scan_s * scan_s / part_mm) as i64;
+        let jerk = axis.jerk_mm_s3;
+        Hand {
+            motion: Motion::None,
+            course: HandCourse::at(0),
+            wanted: Wanted::Nothing,
+            controller: Controller::Off,
+            clicked: 0,
+            waited_scans: 0,
+            limits: JogProfile::new(1, change, jerk.map(|jerk| jerk * scan_s.powi(3) / part_mm)),
+            step_per_mm_s: scan_s / part_mm,
+        }
+    }
+
+    /// Limits of acceleration and jerk, in parts of an increment and scans.
+    pub fn limits(&self) -> &JogProfile {
+        &self.limits
+    }
+
+    /// What a later scan depends on, beside the course: the kind of motion and the scans it is left, what is wanted, how far the servo is.
+    pub fn inner(&self, scan: u64) -> [u64; 4] {
+        let (kind, left) = match self.motion {
+            Motion::None => (0, 0),
+            Motion::Increments => (1, 0),
+            Motion::Held { session, until } => (2 + u64::from(session), until.saturating_sub(scan)),
+            Motion::Line => (u64::MAX - 2, 0),
+            Motion::Homing => (u64::MAX, 0),
+            Motion::Stop => (u64::MAX - 1, 0),
+        };
+        let wanted = match self.wanted {
+            Wanted::Nothing => 0,
+            Wanted::Aim(aim) => aim.goal as u64 ^ 1,
+            Wanted::Stop => u64::MAX,
+        };
+        [
+            kind,
+            left,
+            wanted,
+            self.waited_scans << 2 | self.controller as u64,
+        ]
+    }
+
+    /// Nothing moves or is about to.
+    fn rests(&self) -> bool {
+        self.course.rests() && self.wanted == Wanted::Nothing
+    }
+
+    /// Its motion has ended, and the motor has settled.
+    fn is_done(&self) -> bool {
+        self.rests() && self.controller == Controller::Settled
+    }
+
+    /// Where it is to end as far as is known, in increments.
+    pub fn target(&self) -> i64 {
+        match self.wanted {
+            Wanted::Aim(aim) => aim.goal.div_euclid(FINE),
+            Wanted::Nothing | Wanted::Stop => self.course.target(),
+        }
+    }
+}
+
+impl AxisUnit {
+    /// Whether it is moved by hand, or by its drive: not at rest in the hand.
+    pub(super) fn is_moved_by_hand(&self) -> bool {
+        match self.driver {
+            Driver::Program => false,
+            Driver::Manual => self.hand.motion != Motion::None,
+            Driver::Drive => true,
+        }
+    }
+
+    /// Whether it stands in the hand.
+    pub(super) fn is_in_hand(&self) -> bool {
+        self.driver == Driver::Manual && self.hand.motion == Motion::None
+    }
+
+    /// Where it is to end by hand, or is commanded to be, in increments.
+    pub(super) fn target(&self) -> i64 {
+        match self.driver {
+            Driver::Manual => self.hand.target(),
+            Driver::Program | Driver::Drive => self.command_position,
+        }
+    }
+
+    /// The hand takes it to a place in increments, at this speed.
+    pub(super) fn move_by_hand(&mut self, motion: Motion, goal: i64, speed_mm_s: f64) {
+        if self.driver != Driver::Manual {
+            self.driver = Driver::Manual;
+            self.hand.course = HandCourse::at(self.command_position);
+            self.hand.controller = Controller::Off;
+        }
+        if self.hand.course.rests() {
+            self.hand.course.limit(&self.hand.limits);
+        }
+        self.hand.motion = motion;
+        self.hand.waited_scans = 0;
+        self.hand.wanted = Wanted::Aim(Aim {
+            goal: fine(goal),
+            step_max: libm::floor(speed_mm_s * self.hand.step_per_mm_s) as i64,
+        });
+    }
+
+    /// The motion that has just been ordered, from rest, is within these limits of acceleration and jerk.
+    pub(super) fn limit_by_hand(&mut self, limits: &JogProfile) {
+        if self.hand.course.rests() {
+            self.hand.course.limit(limits);
+        }
+    }
+
+    /// The hand brings it to rest where it can.
+    pub(super) fn rest_by_hand(&mut self) {
+        if self.driver == Driver::Manual && self.hand.motion != Motion::None {
+            self.hand.motion = Motion::Stop;
+            self.hand.wanted = if self.hand.course.rests() {
+                Wanted::Nothing
+            } else {
+                Wanted::Stop
+            };
+        }
+    }
+
+    /// The program's controller drives again.
+    pub(super) fn leave_hand(&mut self) {
+        self.driver = Driver::Program;
+        self.hand.motion = Motion::None;
+        self.hand.wanted = Wanted::Nothing;
+        self.hand.controller = Controller::Off;
+    }
+
+    /// One scan of its course: where the servos have it in this scan.
+    pub(super) fn step_by_hand(&mut self) {
+        if self.driver == Driver::Manual {
+            self.hand.course = self.hand.course.advanced();
+            self.command_position = self.hand.course.place();
+        }
+    }
+
+    /// Where its course is in the scan after so many, in increments.
+    pub(super) fn by_hand_in(&self, scans: usize) -> i64 {
+        let mut course = self.hand.course;
+        for _ in 0..scans {
+            course = course.advanced();
+        }
+        course.place()
+    }
+
+    /// What its servo says of the motion.
+    pub(super) fn heed_hand(&mut self, taken: &Taken) {
+        if let Taken::Command(command) = taken {
+            self.hand.controller = Controller::from_wire(command.hand);
+        }
+    }
+
+    /// The course that its servos see.
+    pub(super) fn hand_course(&self) -> bus::sample::HandCourse {
+        match self.driver {
+            Driver::Manual => bytemuck::cast(self.hand.course),
+            Driver::Program | Driver::Drive => bus::sample::HandCourse::default(),
+        }
+    }
+}
+
+impl<D: Drives> Master<D> {
+    /// Axes begin to be moved by hand: the machine leaves the path.
+    pub(super) fn take_in_hand(&mut self) {
+        if self.mode != Mode::Jogging {
+            self.jog_from = self.mode;
+            self.mode = Mode::Jogging;
+            self.windows.drop_all(self.scan, Dropped::LeavesPath);
+        }
+    }
+
+    /// All that is moved by hand comes to rest where it can; homing ends.
+    pub(super) fn rest_all_by_hand(&mut self) {
+        self.axes.iter_mut().for_each(AxisUnit::rest_by_hand);
+        self.end_homing();
+    }
+
+    /// Whether an axis is moved by hand.
+    pub(super) fn is_moved_by_hand(&self) -> bool {
+        self.homing.is_some() || self.axes.iter().any(AxisUnit::is_moved_by_hand)
+    }
+
+    /// Whether what the hand moves on these axes has come to rest, and the motors with it.
+    pub(super) fn is_done_by_hand(&self, axis: usize) -> bool {
+        let motors = [Some(axis), self.led_by(axis).map(|pair| pair.follower)];
+        let mut motors = motors.into_iter().flatten();
+        motors.all(|motor| {
+            let axis = self.axes.get(motor);
+            axis.is_none_or(|axis| axis.driver != Driver::Manual || axis.hand.is_done())
+        })
+    }
+
+    /// One scan of all motions by hand, once the answers of the scan are taken: what is wanted is begun as early as the servos look
+    /// ahead, held jogs that nobody renews end, and what is done is over.
+    pub(super) fn step_hands(&mut self) {
+        let by_hand = |axis: &&AxisUnit| axis.driver == Driver::Manual;
+        let hands = self.axes.iter().filter(by_hand);
+        let ahead_scans = hands.map(|axis| axis.command.ahead_scans).max();
+        let Some(ahead_scans) = ahead_scans else {
+            return;
+        };
+        let scans = ahead_scans.min(AHEAD_SCANS_MAX) + 1;
+        let mut hands = self.axes.iter().filter(by_hand);
+        let all_follow = hands.all(|axis| axis.hand.controller >= Controller::Follows);
+        let patience_scans = (SETTLE_PATIENCE_S / self.scan_period_s) as u64;
+        let mut lost = None;
+        for (index, axis) in self.axes.iter_mut().enumerate() {
+            if axis.driver != Driver::Manual {
+                continue;
+            }
+            if matches!(axis.hand.motion, Motion::Held { until, .. } if self.scan >= until) {
+                axis.rest_by_hand();
+            }
+            let hand = &mut axis.hand;
+            // Those that begin together begin in the same scan: motors of a gantry, axes of a line.
+            let may_change = hand.course.changes_in == 0 && (all_follow || !hand.course.rests());
+            match hand.wanted {
+                Wanted::Aim(aim) if may_change => hand.course.change(aim, scans),
+                Wanted::Stop if may_change => hand.course.stop(scans),
+                _ => {
+                    let waits = hand.motion != Motion::None && hand.course.rests();
+                    hand.waited_scans = if waits { hand.waited_scans + 1 } else { 0 };
+                    if hand.waited_scans > patience_scans {
+                        lost = Some(index as u32);
+                    }
+                    if hand.is_done() && hand.motion != Motion::Homing {
+                        hand.motion = Motion::None;
+                    }
+                    continue;
+                }
+            }
+            hand.wanted = Wanted::Nothing;
+        }
+        if let Some(axis) = lost {
+            self.trip(Cause::NotInPosition, axis);
+        }
+    }
+
+    /// Nothing is moved by hand any more: the mode is again what it was before. The hand stays on for a while where no
+    /// program moves anything.
+    pub(super) fn leave_hands(&mut self) {
+        if self.is_moved_by_hand() {
+            self.hand_on_scans = (HAND_ON_S / self.scan_period_s) as u64;
+            return;
+        }
+        if self.mode == Mode::Jogging {
+            self.mode = self.jog_from;
+            self.rest_scans = 0;
+        }
+        self.hand_on_scans = self.hand_on_scans.saturating_sub(1);
+        // In a hold the planner still sends windows, which only the program's controllers execute.
+        let keeps = matches!(self.mode, Mode::Ready | Mode::Stopped | Mode::Stopping);
+        if !keeps || self.hand_on_scans == 0 {
+            self.axes.iter_mut().for_each(AxisUnit::leave_hand);
+        }
+    }
+}

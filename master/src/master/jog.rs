@@ -1,0 +1,406 @@
+//! Jogs: by an increment, and held by somebody who renews the order. Who gave a held jog and is dead, stopped or cut off moves nothing
+//! any more: the axis comes to rest. Deadlines are scans, so that no clock has to agree with another one.
+
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use bus::sample::{Mode, OperatorRequest, Refused};
+use control::hand_course::fine;
+use control::jog::JogProfile;
+use machine::AxisKind;
+
+use super::Master;
+use super::axis_unit::AxisUnit;
+use super::hand::Motion;
+use super::orders::Refusal;
+use crate::drives::Drives;
+
+/// No jog is slower than this, in mm/s: below it, speeds are not told apart.
+const JOG_MM_S_MIN: f64 = 0.001;
+/// The longest deadline, in s.
+const DEADLINE_MAX_S: f64 = 2.0;
+/// After an increment so much motion may be left beside it, in s at the speed of the jog.
+const BACKLOG_S: f64 = 0.2;
+
+/// Increments that come no further apart than this, in s, are one motion without a stop: each is spread over twice the time since the one
+/// before.
+const TURNING_S: f64 = 0.1;
+
+/// Increments that were taken lately, by who gave them.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Numbered {
+    /// Session and newest number, the newest session first.
+    taken: [(u32, u32); 4],
+}
+
+impl Numbered {
+    /// Whether this increment was taken before.
+    fn was_taken(&self, session: u32, number: u32) -> bool {
+        let same = |of: &&(u32, u32)| session != 0 && of.0 == session;
+        self.taken
+            .iter()
+            .find(same)
+            .is_some_and(|of| number <= of.1)
+    }
+
+    fn knows(&self, session: u32) -> bool {
+        self.taken.iter().any(|of| of.0 == session)
+    }
+
+    fn take(&mut self, session: u32, number: u32) {
+        if session == 0 {
+            return;
+        }
+        let place = self.taken.iter().position(|of| of.0 == session);
+        let place = place.unwrap_or(self.taken.len() - 1);
+        if let Some(of) = self.taken.get_mut(..=place) {
+            of.rotate_right(1);
+        }
+        let [newest, ..] = &mut self.taken;
+        *newest = (session, number);
+    }
+}
+
+/// A straight line by hand, from 0 to 1: how fast it may go so that no axis of it goes faster than it may.
+#[derive(Debug, Clone, Copy)]
+struct Line {
+    /// Square of the way of the slides, in mm², and of the others, in degrees².
+    length2: [f64; 2],
+    /// Per second; per scan²; and how closely the command follows its lead, which limits the jerk.
+    speed: f64,
+    acceleration: f64,
+    follows_by: f64,
+}
+
+impl Default for Line {
+    fn default() -> Line {
+        Line {
+            length2: [0.0; 2],
+            speed: f64::INFINITY,
+            acceleration: f64::INFINITY,
+            follows_by: 1.0,
+        }
+    }
+}
+
+impl Line {
+    /// With this axis, which goes so many increments and at most so fast, in mm/s.
+    fn take(&mut self, unit: &AxisUnit, way: i64, most_mm_s: f64) {
+        let way_mm = way as f64 * unit.settings.increment_mm();
+        let [slides, others] = &mut self.length2;
+        match unit.settings.kind {
+            AxisKind::Linear => *slides += way_mm * way_mm,
+            _ => *others += way_mm * way_mm,
+        }
+        if way == 0 {
+            return;
+        }
+        let limits = unit.hand.limits();
+        self.speed = self.speed.min(most_mm_s / way_mm.abs());
+        let way = fine(way).unsigned_abs() as f64;
+        self.acceleration = self.acceleration.min(limits.step_change_max as f64 / way);
+        // Jerk by acceleration: the slower an axis may speed up, the more closely it may follow.
+        self.follows_by = self.follows_by.min(limits.follows_by);
+    }
+
+    /// Speed of an axis, in mm/s, and its limits; the tool goes at most so fast along the slides, or else along the others.
+    fn of_axis(&self, unit: &AxisUnit, way: i64, along_mm_s: f64) -> (f64, JogProfile) {
+        let [slides, others] = self.length2.map(libm::sqrt);
+        let length = if slides > 0.0 { slides } else { others };
+        let speed = self.speed.min(along_mm_s / length);
+        let way_mm = way as f64 * unit.settings.increment_mm();
+        let change = self.acceleration * fine(way).unsigned_abs() as f64;
+        let limits = JogProfile::following(1, libm::floor(change) as i64, self.follows_by);
+        (speed * way_mm.abs(), limits)
+    }
+}
+
+impl AxisUnit {
+    /// A speed by hand, in mm/s, as fast as the axis may be: one that is not homed is no faster than its search.
+    fn speed_by_hand(&self, speed_mm_s: f64) -> f64 {
+        match self.settings.homing {
+            Some(homing) if !self.is_homed() => speed_mm_s.min(homing.search_mm_s),
+            _ => speed_mm_s,
+        }
+    }
+
+    /// Places where a jog may end, in increments; from outside the travel, to the far end and no farther out. Nobody knows where the
+    /// travel of an axis that is not homed is: it may go as far as that is long.
+    pub(super) fn reach(&self) -> (i64, i64) {
+        let here = self.command_position;
+        if !self.is_homed() {
+            let travel_mm = self.settings.travel_max_mm - self.settings.travel_min_mm;
+            let travel = self.increments(travel_mm);
+            return (here.saturating_sub(travel), here.saturating_add(travel));
+        }
+        let reach = self.guards.travel.from_place(here);
+        (reach.min, reach.max)
+    }
+}
+
+impl<D: Drives> Master<D> {
+    /// Takes an increment: from rest, or further where the axis goes by increments already.
+    ///
+    /// One that is numbered (its session is not 0) counts once, however often it comes, and is cut at the end of the travel.
+    pub(super) fn order_jog(&mut self, request: &OperatorRequest) -> Result<(), Refusal> {
+        let numbered = request.session != 0;
+        if self
+            .numbered
+            .was_taken(request.session, request.deadline_scans)
+        {
+            return Ok(());
+        }
+        let unit = self.unit_to_jog(request.axis, true)?;
+        let increment_mm = unit.settings.increment_mm();
+        // Beyond all machines a distance has no increments.
+        let distance = libm::round(request.value / increment_mm);
+        if !distance.is_finite() || distance == 0.0 {
+            return Err(Refused::BadValue.into());
+        }
+        let speed_mm_s = self.jog_speed(request)?;
+        let (from, (low, high)) = (unit.target(), unit.reach());
+        let room = (low.saturating_sub(from), high.saturating_sub(from));
+        let mut way = distance;
+        if !(room.0 as f64..=room.1 as f64).contains(&distance) {
+            if !numbered {
+                return Err(Refusal {
+                    reason: Refused::BeyondTravel,
+                    allowed_mm: (room.0 as f64 * increment_mm, room.1 as f64 * increment_mm),
+                    axis: request.axis,
+                });
+            }
+            way = distance.clamp(room.0 as f64, room.1 as f64);
+            if way == 0.0 {
+                return Err(Refused::TravelEnd.into());
+            }
+        }
+        let target = from.saturating_add(way as i64);
+        let left_mm = target.saturating_sub(unit.command_position) as f64 * increment_mm;
+        let most_mm = request.value.abs() + BACKLOG_S * speed_mm_s;
+        if unit.is_moved_by_hand() && left_mm.abs() > most_mm {
+            return Err(Refused::Backlog.into());
+        }
+        let mut speed_mm_s = speed_mm_s;
+        let since_s = self.scan.saturating_sub(unit.hand.clicked) as f64 * self.scan_period_s;
+        let turns = numbered && unit.is_moved_by_hand() && since_s > 0.0 && since_s <= TURNING_S;
+        if turns && left_mm * request.value > 0.0 {
+            speed_mm_s = speed_mm_s.min(left_mm.abs() / (2.0 * since_s));
+        }
+        self.numbered.take(request.session, request.deadline_scans);
+        self.jog_to(
+            request.axis as usize,
+            Motion::Increments,
+            target,
+            speed_mm_s,
+        );
+        self.jogged_mm = way * increment_mm;
+        let scan = self.scan;
+        if let Some(unit) = self.axes.get_mut(request.axis as usize) {
+            unit.hand.clicked = scan;
+        }
+        Ok(())
+    }
+
+    /// Begins a jog of several axes along a straight line, from rest to rest: one motion, of which each axis makes its share.
+    pub(super) fn order_jog_line(&mut self, request: &OperatorRequest) -> Result<(), Refusal> {
+        let mut line = Line::default();
+        for (index, way_mm) in request.line_mm.iter().enumerate() {
+            if *way_mm == 0.0 {
+                continue;
+            }
+            let axis = index as u32;
+            let unit = self.unit_to_jog(axis, false)?;
+            let increment_mm = unit.settings.increment_mm();
+            let distance = libm::round(way_mm / increment_mm);
+            if !distance.is_finite() {
+                return Err(Refused::BadValue.into());
+            }
+            let (low, high) = unit.reach();
+            let room = (
+                low.saturating_sub(unit.command_position),
+                high.saturating_sub(unit.command_position),
+            );
+            if !(room.0 as f64..=room.1 as f64).contains(&distance) {
+                return Err(Refusal {
+                    reason: Refused::BeyondTravel,
+                    allowed_mm: (room.0 as f64 * increment_mm, room.1 as f64 * increment_mm),
+                    axis,
+                });
+            }
+            let most_mm_s = self.jog_speed(&OperatorRequest {
+                axis,
+                speed_mm_s: 0.0,
+                ..*request
+            })?;
+            let most_mm_s = match request.speed_mm_s {
+                0.0 => most_mm_s,
+                _ => unit.speed_by_hand(unit.settings.rapid_mm_s),
+            };
+            line.take(unit, distance as i64, most_mm_s);
+        }
+        let along_mm_s = match request.speed_mm_s {
+            0.0 => self.jog_mm_s,
+            speed if speed >= JOG_MM_S_MIN => speed,
+            _ => return Err(Refused::BadValue.into()),
+        };
+        for (index, way_mm) in request.line_mm.iter().enumerate() {
+            let Some(unit) = self.axes.get(index).filter(|_| *way_mm != 0.0) else {
+                continue;
+            };
+            let way = unit.increments(*way_mm);
+            let target = unit.command_position.saturating_add(way);
+            let (speed_mm_s, limits) = line.of_axis(unit, way, along_mm_s);
+            self.jog_to(index, Motion::Line, target, speed_mm_s);
+            let motors = [Some(index), self.led_by(index).map(|pair| pair.follower)];
+            for motor in motors.into_iter().flatten() {
+                if let Some(unit) = self.axes.get_mut(motor) {
+                    unit.limit_by_hand(&limits);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Begins a held jog: the sign of the value is the direction. It ends at the end of the travel.
+    pub(super) fn order_jog_on(&mut self, request: &OperatorRequest) -> Result<(), Refusal> {
+        let unit = self.unit_to_jog(request.axis, false)?;
+        let direction = request.value;
+        let is_direction = direction == 1.0 || direction == -1.0;
+        if !is_direction || request.session == 0 || request.deadline_scans == 0 {
+            return Err(Refused::BadValue.into());
+        }
+        let (low, high) = unit.reach();
+        let target = if direction > 0.0 { high } else { low };
+        if target == unit.command_position {
+            return Err(Refused::TravelEnd.into());
+        }
+        let motion = Motion::Held {
+            session: request.session,
+            until: self.jog_until(request)?,
+        };
+        let speed_mm_s = self.jog_speed(request)?;
+        self.jog_to(request.axis as usize, motion, target, speed_mm_s);
+        Ok(())
+    }
+
+    /// Renews the jogs of this session, at another speed if the order has one; without a deadline they come to rest, and so does what
+    /// goes by increments that the session has given.
+    pub(super) fn order_jog_renew(&mut self, request: &OperatorRequest) -> Result<(), Refusal> {
+        if request.deadline_scans == 0 && self.numbered.knows(request.session) {
+            let by_increments = |axis: &&mut AxisUnit| axis.hand.motion == Motion::Increments;
+            let axes = self.axes.iter_mut().filter(by_increments);
+            axes.for_each(AxisUnit::rest_by_hand);
+            return Ok(());
+        }
+        let of_session = |(index, axis): (usize, &AxisUnit)| match axis.hand.motion {
+            Motion::Held { session, until } if session == request.session => Some((index, until)),
+            _ => None,
+        };
+        let mut jogged = [None; bus::sample::MAX_AXES];
+        let found = self.axes.iter().enumerate().filter_map(of_session);
+        jogged
+            .iter_mut()
+            .zip(found)
+            .for_each(|(slot, of)| *slot = Some(of));
+        if self.mode != Mode::Jogging || jogged.iter().flatten().next().is_none() {
+            return Err(Refused::JogOver.into());
+        }
+        let new_until = self.jog_until(request)?;
+        for (index, until) in jogged.into_iter().flatten() {
+            let mut speed_mm_s = None;
+            if request.speed_mm_s != 0.0 && !self.is_follower(index) {
+                let axis = index as u32;
+                speed_mm_s = Some(self.jog_speed(&OperatorRequest { axis, ..*request })?);
+            }
+            let session = request.session;
+            let Some(axis) = self.axes.get_mut(index) else {
+                continue;
+            };
+            if request.deadline_scans == 0 {
+                axis.rest_by_hand();
+                continue;
+            }
+            let until = until.max(new_until);
+            axis.hand.motion = Motion::Held { session, until };
+            if let Some(speed_mm_s) = speed_mm_s {
+                let (motion, target) = (axis.hand.motion, axis.target());
+                self.jog_to(index, motion, target, speed_mm_s);
+            }
+        }
+        Ok(())
+    }
+
+    /// The last scan of a held jog that nobody renews. An order names it, counted from what its sender has seen: what is on the way for
+    /// long moves nothing for long.
+    fn jog_until(&self, request: &OperatorRequest) -> Result<u64, Refusal> {
+        let most = libm::ceil(DEADLINE_MAX_S / self.scan_period_s) as u32;
+        if request.deadline_scans > most {
+            return Err(Refused::BadValue.into());
+        }
+        let until = self.scan.saturating_add(request.deadline_scans.into());
+        Ok(match request.latest_scan {
+            0 => until,
+            latest => until.min(latest),
+        })
+    }
+
+    /// The axis that an order is to jog, where one may be jogged.
+    fn unit_to_jog(&self, axis: u32, by_increment: bool) -> Result<&AxisUnit, Refusal> {
+        let unit = self.axes.get(axis as usize);
+        let unit = unit.filter(|_| !self.is_follower(axis as usize));
+        let ends = |axis: &AxisUnit| axis.hand.motion == Motion::Stop;
+        let others_end = self.homing.is_some() || self.axes.iter().any(ends);
+        match (self.mode, unit) {
+            (Mode::Jogging, Some(unit)) if !others_end => {
+                let adds_up = by_increment && unit.hand.motion == Motion::Increments;
+                if unit.is_moved_by_hand() && !adds_up {
+                    return Err(Refused::Jogging.into());
+                }
+            }
+            (_, Some(_)) if self.axes.iter().any(AxisUnit::is_in_hand) => match self.must_rest() {
+                // While the hand is on, the next motion may begin at once.
+                Err(refusal) if refusal.reason == Refused::NotAtRest && self.is_idle() => {}
+                judged => judged?,
+            },
+            _ => self.must_rest()?,
+        }
+        if self.auxiliary.latches.coupled != 0 {
+            return Err(Refused::InThread.into());
+        }
+        Ok(unit.ok_or(Refused::UnknownAxis)?)
+    }
+
+    /// Speed of a jog, in mm/s: that of the order, or of the machine file. An axis that is not homed is no faster than its search.
+    fn jog_speed(&self, request: &OperatorRequest) -> Result<f64, Refusal> {
+        let unit = self.axes.get(request.axis as usize);
+        let unit = unit.ok_or(Refused::UnknownAxis)?;
+        let most_mm_s = unit.settings.rapid_mm_s;
+        let speed_mm_s = match request.speed_mm_s {
+            0.0 => self.jog_mm_s.min(most_mm_s),
+            speed if (JOG_MM_S_MIN..=most_mm_s).contains(&speed) => speed,
+            _ => {
+                return Err(Refusal {
+                    reason: Refused::JogSpeed,
+                    allowed_mm: (JOG_MM_S_MIN, most_mm_s),
+                    axis: request.axis,
+                });
+            }
+        };
+        Ok(unit.speed_by_hand(speed_mm_s))
+    }
+
+    /// The hand takes an axis to a place in increments, with both motors of a gantry.
+    fn jog_to(&mut self, axis: usize, motion: Motion, target: i64, speed_mm_s: f64) {
+        let motors = [Some(axis), self.led_by(axis).map(|pair| pair.follower)];
+        for motor in motors.into_iter().flatten() {
+            if let Some(unit) = self.axes.get_mut(motor) {
+                unit.move_by_hand(motion, target, speed_mm_s);
+            }
+        }
+        self.take_in_hand();
+    }
+}
