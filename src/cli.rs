@@ -87,7 +87,7 @@ pub enum Command {
     OptionalStop(OptionalStopOptions),
     /// Run the program of a running cell block by block: it rests at the end of each, and `resume` runs the next
     SingleBlock(SingleBlockOptions),
-    /// Move one axis of a running cell by hand, by a distance or until Ctrl-C: ready, stopped, or at rest in hold
+    /// Move axes of a running cell by hand, by a distance or until Ctrl-C: ready, stopped, or at rest in hold
     Jog(JogOptions),
     /// Home axes of a running cell that have no absolute encoder, one after another: ready, or at rest in hold before a program has begun
     Home(HomeOptions),

@@ -265,11 +265,11 @@ pub struct SingleBlockOptions {
 /// What `quadrant jog` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "By a distance, along a straight line of several axes, or until Ctrl-C with a direction in place of it:\n  quadrant jog X 10\n  quadrant jog X -0.5 --speed 120 --wait\n  quadrant jog X 1 Y -2\n  quadrant jog X 100 --to-machine\n  quadrant jog Z- --speed 1500\n\nA distance that is given while its axis still goes by one adds to it. A jog with a direction goes on as long as this command renews its order. When it is killed, stopped or cut off, the axis comes to rest by itself, within 200 ms of scans and its braking; it also does at the end of its travel, and at `hold` and `stop`.\n\nPrints what happened, or why it was refused, and exits with 0 or 1; with 2 on bad usage."
+    after_help = "By a distance, along a straight line of several axes, or until Ctrl-C with a direction in place of it:\n  quadrant jog X 10\n  quadrant jog X -0.5 --speed 120 --wait\n  quadrant jog X 1 Y -2\n  quadrant jog X 100 --to-machine\n  quadrant jog Z- --speed 1500\n  quadrant jog X+ Y-\n\nA distance that is given while its axis still goes by one adds to it. A jog with a direction goes on as long as this command renews its order. When it is killed, stopped or cut off, the axis comes to rest by itself, within 200 ms of scans and its braking; it also does at the end of its travel, and at `hold` and `stop`.\n\nPrints what happened, or why it was refused, and exits with 0 or 1; with 2 on bad usage."
 )]
 pub struct JogOptions {
     /// Axis letter and distance from where the axis is commanded to be, in mm (degrees of a rotary axis), signed; of more axes for a
-    /// straight line; or an axis letter with a sign (X+, X-) to jog until Ctrl-C
+    /// straight line; or an axis letter with a sign (X+, X-), of one axis or more, to jog until Ctrl-C
     #[arg(
         value_name = "AXIS DISTANCE|AXIS+|AXIS-",
         required = true,

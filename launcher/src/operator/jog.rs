@@ -37,20 +37,23 @@ fn letter_and_direction(text: &str) -> (&str, Option<f64>) {
 /// What is to be jogged.
 #[derive(Debug, Clone, PartialEq)]
 enum Asked<'a> {
-    /// An axis, until Ctrl-C.
-    Held(&'a str, f64),
+    /// These axes, each in a direction, until Ctrl-C.
+    Held(Vec<(&'a str, f64)>),
     /// These axes, by distances or to places.
     By(Vec<(&'a str, f64)>),
 }
 
 /// Reads the words of an order; what is wrong with them.
 fn asked(words: &[String]) -> Result<Asked<'_>, String> {
-    let (first, rest) = words.split_first().ok_or("jog which axis?")?;
-    if let (letter, Some(direction)) = letter_and_direction(first) {
-        return match rest {
-            [] => Ok(Asked::Held(letter, direction)),
-            _ => Err(format!(
-                "jog {first}: goes on until Ctrl-C and has no distance; `jog {letter} 10` has one"
+    let read = words.iter().map(|word| letter_and_direction(word));
+    let held = read.filter_map(|(letter, way)| Some((letter, way?)));
+    let held: Vec<_> = held.collect();
+    if let Some((letter, _)) = held.first() {
+        return match held.len() == words.len() {
+            true => Ok(Asked::Held(held)),
+            false => Err(format!(
+                "jog {}: goes on until Ctrl-C and has no distance; `jog {letter} 10` has one",
+                words.join(" ")
             )),
         };
     }
@@ -88,21 +91,18 @@ pub fn jog(options: &JogOptions) -> Outcome {
         index.map_err(|e| Failure::Input(anyhow!(e)))
     };
     let speed_mm_s = options.speed.unwrap_or(0.0) / 60.0;
+    let (Asked::Held(words) | Asked::By(words)) = &asked;
+    let mut ways = Vec::new();
+    for (letter, way) in words {
+        let axis = index(letter)?;
+        if ways.iter().any(|(other, _)| *other == axis) {
+            return Err(bad(format!("jog: {letter} is named twice")));
+        }
+        ways.push((axis, *way));
+    }
     match asked {
-        Asked::Held(letter, direction) => {
-            until_interrupted(&client, index(letter)?, direction, speed_mm_s)
-        }
-        Asked::By(words) => {
-            let mut ways = Vec::new();
-            for (letter, way) in words {
-                let axis = index(letter)?;
-                if ways.iter().any(|(other, _)| *other == axis) {
-                    return Err(bad(format!("jog: {letter} is named twice")));
-                }
-                ways.push((axis, way));
-            }
-            by_distances(&client, ways, speed_mm_s, options)
-        }
+        Asked::Held(_) => until_interrupted(&client, &ways, speed_mm_s),
+        Asked::By(_) => by_distances(&client, ways, speed_mm_s, options),
     }
 }
 
@@ -269,29 +269,41 @@ fn name(client: &Client, axis: u32) -> &str {
     axis.map_or("?", |axis| axis.name.as_str())
 }
 
-fn until_interrupted(client: &Client, axis: u32, direction: f64, speed_mm_s: f64) -> Outcome {
+fn until_interrupted(client: &Client, ways: &[(u32, f64)], speed_mm_s: f64) -> Outcome {
     let signals = Signals::catch().environment()?;
     let mut eyes = Eyes::open(client)?;
     let now = eyes.look()?;
     let deadline_scans = client.scans(DEADLINE);
-    let asked = JogAsked {
-        axis,
-        direction,
+    let asked = ways.iter().map(|(axis, direction)| JogAsked {
+        axis: *axis,
+        direction: *direction,
         speed_mm_s,
         deadline_scans,
+    });
+    let asked: Vec<JogAsked> = asked.collect();
+    let Some((first, others)) = asked.split_first() else {
+        return Ok(());
     };
-    let mut sender = JogSender::begin(client, &asked, &now)?;
-    let sign = if direction > 0.0 { '+' } else { '-' };
-    client.say(&format!(
-        "jogging {}{sign} until Ctrl-C",
-        name(client, axis)
-    ));
+    let mut sender = JogSender::begin(client, first, &now)?;
+    for other in others {
+        if let Err(refused) = sender.also(other, &now) {
+            sender.end()?;
+            return Err(refused);
+        }
+    }
+    let words = ways.iter().map(|(axis, direction)| {
+        let sign = if *direction > 0.0 { '+' } else { '-' };
+        format!("{}{sign}", name(client, *axis))
+    });
+    let words: Vec<String> = words.collect();
+    client.say(&format!("jogging {} until Ctrl-C", words.join(" ")));
     let mut renewed = now.scan;
     let mut ordered_off = false;
     loop {
         let now = eyes.look()?;
-        if now.scan > sender.began && !sender.moves(&now) {
-            return ended(client, &now, axis, ordered_off);
+        if now.scan > sender.began && !JogSender::moves(&now) {
+            let mut ends = ways.iter();
+            return ends.try_for_each(|(axis, _)| ended(client, &now, *axis, ordered_off));
         }
         if signals.count() > 0 && !ordered_off {
             sender.end()?;
@@ -347,12 +359,26 @@ pub struct JogAsked {
     pub deadline_scans: u32,
 }
 
+impl JogAsked {
+    fn request(&self, session: u32, now: &Feedback) -> OperatorRequest {
+        OperatorRequest {
+            order: Order::JogOn as u32,
+            axis: self.axis,
+            value: self.direction,
+            speed_mm_s: self.speed_mm_s,
+            latest_scan: now.scan + u64::from(self.deadline_scans),
+            session,
+            deadline_scans: self.deadline_scans,
+            ..OperatorRequest::default()
+        }
+    }
+}
+
 /// Whoever renews a continuous jog.
 pub struct JogSender<'a> {
     client: &'a Client,
     place: Held<OperatorClient>,
     session: u32,
-    axis: u32,
     /// Scan in which it was judged.
     pub began: u64,
 }
@@ -390,36 +416,36 @@ impl<'a> JogSender<'a> {
         Ok(Some(sender))
     }
 
+    /// Another axis goes along.
+    ///
+    /// # Errors
+    /// It is refused, or nobody answers.
+    pub fn also(&mut self, asked: &JogAsked, now: &Feedback) -> Result<(), Failure> {
+        let request = asked.request(self.session, now);
+        let answer = self.client.hear_by(&self.place, Order::JogOn, request)?;
+        self.client.accepted(Order::JogOn, answer)?;
+        Ok(())
+    }
+
     fn ask(
         client: &'a Client,
         asked: &JogAsked,
         now: &Feedback,
     ) -> Result<(JogSender<'a>, OperatorResponse), Failure> {
         let session = session();
-        let request = OperatorRequest {
-            order: Order::JogOn as u32,
-            axis: asked.axis,
-            value: asked.direction,
-            speed_mm_s: asked.speed_mm_s,
-            latest_scan: now.scan + u64::from(asked.deadline_scans),
-            session,
-            deadline_scans: asked.deadline_scans,
-            ..OperatorRequest::default()
-        };
         let place = client.place()?;
-        let answer = client.hear_by(&place, Order::JogOn, request)?;
+        let answer = client.hear_by(&place, Order::JogOn, asked.request(session, now))?;
         let sender = JogSender {
             client,
             place,
             session,
-            axis: asked.axis,
             began: answer.scan,
         };
         Ok((sender, answer))
     }
 
-    /// Whether the axis is jogged, as the cell shows it.
-    pub fn moves(&self, now: &Feedback) -> bool {
+    /// Whether axes are jogged, as the cell shows it.
+    fn moves(now: &Feedback) -> bool {
         matches!(
             Mode::from_wire(now.mode),
             Some(Mode::Jogging | Mode::Stopping)
@@ -438,7 +464,6 @@ impl<'a> JogSender<'a> {
     ) -> Result<bool, Failure> {
         let request = OperatorRequest {
             order: Order::JogRenew as u32,
-            axis: self.axis,
             speed_mm_s,
             latest_scan: match deadline_scans {
                 0 => 0,
@@ -480,8 +505,9 @@ mod tests {
     #[test]
     fn an_axis_with_a_sign_is_held_and_axes_with_distances_make_a_line() {
         let words = |text: &str| -> Vec<String> { text.split(' ').map(str::to_owned).collect() };
-        assert_eq!(asked(&words("x+")), Ok(Asked::Held("x", 1.0)));
-        assert_eq!(asked(&words("B-")), Ok(Asked::Held("B", -1.0)));
+        assert_eq!(asked(&words("x+")), Ok(Asked::Held(vec![("x", 1.0)])));
+        let diagonal = Asked::Held(vec![("X", 1.0), ("B", -1.0)]);
+        assert_eq!(asked(&words("X+ B-")), Ok(diagonal));
         let line = Asked::By(vec![("X", 1.0), ("Y", -2.0)]);
         assert_eq!(asked(&words("X 1 Y -2")), Ok(line));
         for (text, why) in [
