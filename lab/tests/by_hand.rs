@@ -54,6 +54,11 @@ fn machines() -> Vec<(&'static str, Machine, PlantFile)> {
     all.push(("xy, position drives", machine, plant));
     let (mut machine, plant) = common::load("xy");
     for axis in &mut machine.axes {
+        axis.feedback = PositionFeedback::Scale;
+    }
+    all.push(("xy, by its scales", machine, plant));
+    let (mut machine, plant) = common::load("xy");
+    for axis in &mut machine.axes {
         axis.jerk_mm_s3 = Some(50_000.0);
         axis.standby = true;
     }
