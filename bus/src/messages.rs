@@ -78,8 +78,8 @@ impl Slot {
         slot
     }
 
-    fn message(&self, load: u32, run: u32, number: u32) -> Option<ProgramMessage> {
-        let is_it = self.load == load && self.run == run && self.number == number;
+    fn message(&self, run: u32, number: u32) -> Option<ProgramMessage> {
+        let is_it = self.run == run && self.number == number;
         if !is_it || self.checksum != self.sum() {
             return None;
         }
@@ -166,7 +166,8 @@ impl Heard {
 #[derive(Debug)]
 pub struct MessageReader {
     path: PathBuf,
-    of_run: (u32, u32),
+    /// No two programs of a cell have one run.
+    of_run: u32,
     shown: u32,
     /// The program is done, and all that it had to say was told.
     is_over: bool,
@@ -177,7 +178,7 @@ impl MessageReader {
     pub fn new(path: PathBuf) -> MessageReader {
         MessageReader {
             path,
-            of_run: (0, 0),
+            of_run: 0,
             shown: 0,
             is_over: false,
         }
@@ -185,12 +186,12 @@ impl MessageReader {
 
     /// Whether this feedback is of another run than the one before.
     pub fn is_other_run(&self, feedback: &Feedback) -> bool {
-        self.of_run != (feedback.load, feedback.run)
+        self.of_run != feedback.run
     }
 
     /// Takes those up to this number as shown.
     pub fn skip_to(&mut self, feedback: &Feedback, number: u32) {
-        self.of_run = (feedback.load, feedback.run);
+        self.of_run = feedback.run;
         self.shown = number;
         self.is_over = false;
     }
@@ -243,14 +244,14 @@ impl MessageReader {
 /// The last text that the path has come to, where it is still there.
 pub fn last_said(path: &Path, feedback: &Feedback) -> Option<ProgramMessage> {
     let file = File::open(path).ok()?;
-    read(&file, (feedback.load, feedback.run), feedback.messages)
+    read(&file, feedback.run, feedback.messages)
 }
 
-fn read(file: &File, (load, run): (u32, u32), number: u32) -> Option<ProgramMessage> {
+fn read(file: &File, run: u32, number: u32) -> Option<ProgramMessage> {
     let mut slot = Slot::zeroed();
     let bytes = bytemuck::bytes_of_mut(&mut slot);
     file.read_exact_at(bytes, place_of(number)).ok()?;
-    slot.message(load, run, number)
+    slot.message(run, number)
 }
 
 #[cfg(test)]

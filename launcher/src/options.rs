@@ -173,7 +173,7 @@ pub struct StartOptions {
 /// What `quadrant mdi` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "A block, or several, each a line of a small program that runs from where the axes are:\n  quadrant mdi \"G0 X10\"\n  quadrant mdi \"G91 G1 Z-1 F100\" \"G4 P0.5\" \"G0 Z1\"\n\nModes stay for the next block or program (G91, G20, G55, F, S, G43 …), until M2, M30, `reset` or the end of the cell; the spindle and coolant go off at the end. The program that was loaded is loaded again afterwards. Refused while a program runs, or is held or stopped.\n\nWaits until the block is done. Ctrl-C holds it. Exit status 0: done; 1: refused, stopped or tripped, as is printed; 2: the block is wrong; 130: held by Ctrl-C."
+    after_help = "A block, or several, each a line of a small program that runs from where the axes are:\n  quadrant mdi \"G0 X10\"\n  quadrant mdi \"G91 G1 Z-1 F100\" \"G4 P0.5\" \"G0 Z1\"\n\nModes stay for the next block or program (G91, G20, G55, F, S, G43 …), until M2, M30, `reset` or the end of the cell; the spindle and coolant stay too, until M5 and M9, M2, M30, `stop`, `reset`, a trip or drives off. The program that was loaded is loaded again afterwards, however the block ends; `start` never runs the block. Refused while a program runs, or is held or stopped.\n\nWaits until the block is done. Ctrl-C holds it. Exit status 0: done; 1: refused, stopped or tripped, as is printed; 2: the block is wrong; 130: held by Ctrl-C."
 )]
 pub struct MdiOptions {
     /// The blocks, each in quotes

@@ -6,7 +6,7 @@ use std::io;
 use std::path::Path;
 
 use bus::cell::{CellPaths, if_there};
-use bus::sample::{Auxiliaries, MAX_AXES, MODES_RESET};
+use bus::sample::{Auxiliaries, FLOOD, Levels, MAX_AXES, MIST, MODES_RESET, SpindleCommand};
 use serde::{Deserialize, Serialize};
 
 use crate::machine::Machine;
@@ -38,7 +38,7 @@ pub struct Beginning {
     /// The offset that is applied, by letter, in mm and degrees; a letter that is not there is 0.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub offset: BTreeMap<String, f64>,
-    /// The modes in force, as the words of a block; none where they are those of a cell that has just started.
+    /// The modes in force, and what turns and flows, as the words of a block; none where they are those of a cell that has just started.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub modes: String,
 }
@@ -96,11 +96,12 @@ impl Beginning {
     /// # Errors
     /// The cell's folder cannot be read.
     pub fn now(paths: &CellPaths, machine: &Machine, shown: &Auxiliaries) -> io::Result<Beginning> {
-        let modes = match shown.modes_of_run {
+        let mut modes = match shown.modes_of_run {
             0 => String::new(),
             MODES_RESET => MODES_OF_END.to_owned(),
             run => if_there(fs::read_to_string(paths.modes(run)))?.unwrap_or_default(),
         };
+        modes.push_str(&words_of_levels(&shown.levels));
         let axes = machine.axis_letters().zip(shown.tool_offset);
         let applied = axes.filter(|(_, value)| *value != 0.0);
         Ok(Beginning {
@@ -109,8 +110,14 @@ impl Beginning {
             offset: applied
                 .map(|(letter, value)| (letter.to_string(), value))
                 .collect(),
-            modes,
+            modes: modes.trim_start().to_owned(),
         })
+    }
+
+    /// Whether the spindle turns.
+    pub fn spindle_turns(&self) -> bool {
+        let mut words = self.modes.split_whitespace();
+        words.any(|word| ["M3", "M4"].contains(&word))
     }
 
     /// The offset along each letter of X Y Z A B C U V W, in mm and degrees.
@@ -121,6 +128,21 @@ impl Beginning {
         }
         all
     }
+}
+
+/// What turns and flows, as words of a block.
+fn words_of_levels(levels: &Levels) -> String {
+    let mut words = String::new();
+    if levels.spindle == SpindleCommand::Turn as u32 && levels.spindle_rpm != 0.0 {
+        let code = if levels.spindle_rpm > 0.0 { "M3" } else { "M4" };
+        words += &format!(" {code} S{}", levels.spindle_rpm.abs());
+    }
+    for (bit, word) in [(MIST, " M7"), (FLOOD, " M8")] {
+        if levels.coolant & bit != 0 {
+            words += word;
+        }
+    }
+    words
 }
 
 impl Machine {

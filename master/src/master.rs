@@ -547,9 +547,13 @@ impl<D: Drives> Master<D> {
             | Mode::Jogging
             | Mode::Ready => {}
         }
+        self.step_typed_blocks();
         let standing = match self.mode {
             Mode::Finished | Mode::Stopped => true,
-            Mode::Tripped => self.stands() && (self.may_end || !self.waits_for_servo()),
+            Mode::Tripped => {
+                let waits = self.waits_for_servo() && self.program.typed.is_none();
+                self.stands() && (self.may_end || !waits)
+            }
             Mode::Disabled => self.may_end,
             Mode::Enabled | Mode::Stopping | Mode::Jogging | Mode::Ready => false,
         };

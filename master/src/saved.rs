@@ -43,6 +43,10 @@ pub struct Latches {
     pub run: u32,
     /// 1 while feed hold is latched.
     pub hold: u32,
+    /// Typed-in blocks have the program's place: 1, or 2 where M2 or M30 ends them.
+    pub typed: u32,
+    /// Number under which the program before them is read again; 0 for none.
+    pub typed_before: u32,
     /// Spindle, coolant, outputs, tool and the events that are done.
     pub auxiliary: AuxiliaryLatches,
     /// What the program asked last, and the answer.

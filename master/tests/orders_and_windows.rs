@@ -995,3 +995,145 @@ fn a_planner_that_comes_back_and_refuses_what_was_loaded_leaves_nothing_to_start
     assert_eq!(bench.program(), ProgramState::None);
     assert_eq!(order(&mut bench, Order::Start, 0, 0.0), Refused::NoProgram);
 }
+
+/// How typed-in blocks end.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum TypedEnd {
+    RefusedByPlanner,
+    StoppedWhileRead,
+    JoggedWhileRead,
+    Done,
+    Stopped,
+    Disabled,
+    Tripped,
+    Reset,
+    NewMaster,
+}
+
+const TYPED_ENDS: [TypedEnd; 9] = [
+    TypedEnd::RefusedByPlanner,
+    TypedEnd::StoppedWhileRead,
+    TypedEnd::JoggedWhileRead,
+    TypedEnd::Done,
+    TypedEnd::Stopped,
+    TypedEnd::Disabled,
+    TypedEnd::Tripped,
+    TypedEnd::Reset,
+    TypedEnd::NewMaster,
+];
+
+/// Loads typed-in blocks as number 5, with the program from before as number 6.
+fn type_in(bench: &mut Bench) -> Refused {
+    let loaded = bench.side.feedback().load;
+    let answer = bench.side.order(&OperatorRequest {
+        order: Order::Load as u32,
+        value: 5.0,
+        session: loaded + 1,
+        deadline_scans: 6,
+        ..OperatorRequest::zeroed()
+    });
+    Refused::from_wire(answer.reason).expect("a known reason")
+}
+
+fn end_typed(mut bench: Bench, end: TypedEnd) -> Bench {
+    let accepted = |bench: &mut Bench, what, value| {
+        assert_eq!(order(bench, what, 0, value), Refused::Not, "{end:?}");
+    };
+    match end {
+        TypedEnd::RefusedByPlanner => bench.planner_says(5, Cause::Planner),
+        TypedEnd::StoppedWhileRead => accepted(&mut bench, Order::Stop, 0.0),
+        TypedEnd::JoggedWhileRead => accepted(&mut bench, Order::Jog, 1.0),
+        _ => {
+            bench.planner_says(5, Cause::None);
+            let begun = bench.side.feedback();
+            assert_eq!((mode(&begun), begun.run), (Mode::Enabled, 1), "{end:?}");
+        }
+    }
+    let state = match end {
+        TypedEnd::Done => State::Finished,
+        TypedEnd::Stopped => State::Stopped,
+        TypedEnd::Disabled => State::Disabled,
+        TypedEnd::Tripped => State::Tripped,
+        TypedEnd::Reset | TypedEnd::NewMaster => State::Held,
+        _ => {
+            bench.scans(2);
+            return bench;
+        }
+    };
+    bench = bring_into(bench, state);
+    if end == TypedEnd::Reset {
+        bench.scans(100);
+        assert_eq!(order(&mut bench, Order::Start, 0, 0.0), Refused::Running);
+        accepted(&mut bench, Order::Reset, 0.0);
+    }
+    if end == TypedEnd::NewMaster {
+        let latches = bench.side.latches();
+        bench = Bench::of(RunEnd::WhenOrdered);
+        bench.side.resume(&latches);
+    }
+    bench.scans(2000);
+    bench
+}
+
+#[test]
+fn however_typed_in_blocks_end_the_cell_goes_back_to_the_program_from_before_and_starts_no_other() {
+    for end in TYPED_ENDS {
+        for has_program in [true, false] {
+            let before = match has_program {
+                true => ProgramState::Loaded,
+                false => ProgramState::None,
+            };
+            let mut bench = staying(Stays::Ready(before));
+            assert_eq!(type_in(&mut bench), Refused::Not);
+            assert_eq!(order(&mut bench, Order::Start, 0, 0.0), Refused::Loading);
+            bench = end_typed(bench, end);
+            let what = format!("{end:?}, a program before: {has_program}");
+            assert_eq!(bench.side.feedback().hold, 0, "{what}");
+            let run = bench.side.feedback().run;
+            if !has_program {
+                assert_eq!(bench.program(), ProgramState::None, "{what}");
+                assert_ne!(order(&mut bench, Order::Start, 0, 0.0), Refused::Not);
+                assert_eq!(bench.side.feedback().run, run, "{what}");
+                continue;
+            }
+            let over = (bench.side.feedback().load, bench.program());
+            assert_eq!(over, (6, ProgramState::Loading), "{what}");
+            assert_ne!(order(&mut bench, Order::Start, 0, 0.0), Refused::Not);
+            bench.planner_says(6, Cause::None);
+            bench.scans(2);
+            let over = (bench.side.feedback().load, bench.program());
+            assert_eq!(over, (6, ProgramState::Loaded), "{what}");
+            assert_eq!(bench.side.feedback().run, run, "{what}");
+        }
+    }
+}
+
+#[test]
+fn typed_in_blocks_are_refused_beside_another_program_than_the_one_that_they_were_typed_behind() {
+    let mut bench = staying(Stays::Ready(ProgramState::Loaded));
+    let request = |session, deadline_scans| OperatorRequest {
+        order: Order::Load as u32,
+        value: 5.0,
+        session,
+        deadline_scans,
+        ..OperatorRequest::zeroed()
+    };
+    for (session, before) in [(1, 6), (3, 6), (2, 5), (2, 4)] {
+        let answer = bench.side.order(&request(session, before));
+        assert_eq!(
+            answer.reason,
+            Refused::BadValue as u32,
+            "{session} {before}"
+        );
+    }
+    assert_eq!(type_in(&mut bench), Refused::Not);
+    for state in [
+        Stays::Ready(ProgramState::Loading),
+        Stays::Running(State::Stopped),
+        Stays::Running(State::Held),
+        Stays::DrivesOff,
+    ] {
+        let mut bench = staying(state);
+        assert_ne!(type_in(&mut bench), Refused::Not, "{state:?}");
+    }
+}

@@ -239,6 +239,16 @@ struct SpindleAhead {
 }
 
 impl SpindleAhead {
+    /// A spindle that turns already may be on its way to its speed.
+    fn at_beginning(machine: &Machine) -> SpindleAhead {
+        let turns = machine.spindle.is_some() && machine.beginning.spindle_turns();
+        SpindleAhead {
+            turns,
+            changed_in_line: turns.then_some(1),
+            ..SpindleAhead::default()
+        }
+    }
+
     /// Behind a rapid, the next feed waits for a speed that follows the radius.
     fn meet(&mut self, element: &Element) {
         let rapid = element.length_mm > 0.0 && element.feed == Feed::Rapid;
@@ -298,6 +308,7 @@ impl Events {
             x_axis: machine.axes.iter().position(|axis| axis.name == "X"),
             keeps_parameters: machine.keeps_parameters(),
             steps: Steps::new(machine),
+            spindle_ahead: SpindleAhead::at_beginning(machine),
             ..Events::default()
         }
     }

@@ -12,7 +12,7 @@ use super::MAX_AXES;
 pub struct OperatorRequest {
     /// What: see [`Order`].
     pub order: u32,
-    /// Index of the axis, of orders to one axis.
+    /// Index of the axis, of orders to one axis; of `load` of typed-in blocks, 1 where M2 or M30 ends them.
     pub axis: u32,
     /// Its value: override in percent, distance of a jog in mm, direction of a continuous jog, number of a program to load,
     /// line to start at (0: the beginning), axes to home as bits.
@@ -22,10 +22,11 @@ pub struct OperatorRequest {
     /// The last scan in which it may be obeyed, and until which a held jog goes on; 0 for any.
     pub latest_scan: u64,
     /// Names a held jog, so that what was meant for one that is over begins no other; of increments, who gives them: 0 is nobody who
-    /// would repeat one. Of `start`, the number of the program that is meant, or 0 for any; of `load`, not 0 where a program that was
-    /// started must not be discarded.
+    /// would repeat one. Of `start`, the number of the program that is meant, or 0 for any; of `load` of typed-in blocks, the number
+    /// that is loaded before them and 1, else 0.
     pub session: u32,
-    /// Scans that a held jog goes on without being renewed; 0 ends it. Of increments, their number in the session, going up.
+    /// Scans that a held jog goes on without being renewed; 0 ends it. Of increments, their number in the session, going up. Of `load`
+    /// of typed-in blocks, the number under which a copy of the program that is loaded before them lies; 0 where none is.
     pub deadline_scans: u32,
     /// Ways of a jog along a straight line, by axis, in mm or degrees; all 0 of a jog of one axis.
     pub line_mm: [f64; MAX_AXES],
@@ -49,7 +50,8 @@ pub enum Order {
     Enable = 6,
     /// Move one axis by hand.
     Jog = 7,
-    /// Take a program that lies in the cell's folder under this number; one that was started is discarded.
+    /// Take a program that lies in the cell's folder under this number; one that was started is discarded. Typed-in blocks begin once they
+    /// are read.
     Load = 8,
     /// Begin the program that is loaded.
     Start = 9,

@@ -1,15 +1,18 @@
-//! `mdi`: typed-in blocks run as a small program of their own; the program that was loaded before is loaded again after it.
+//! `mdi`: typed-in blocks run as a small program of their own; the cell has the program from before again after it.
 
 use std::fs;
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 use anyhow::anyhow;
-use bus::sample::{Cause, Feedback, Mode, OperatorRequest, Order, ProgramState, Refused};
+use bus::sample::{Cause, Feedback, Mode, Order, ProgramState, Refused};
 
 use super::Client;
 use super::client::order_urgently;
 use super::eyes::Eyes;
-use super::program::{Laid, check, started, until_done, until_read};
+use super::program::{
+    LOOK, Laid, READ_LIMIT, check, folder_of, started_words, until_done, until_read,
+};
 use crate::exit::{Failure, Kind, Outcome, words};
 use crate::options::MdiOptions;
 use crate::output::say;
@@ -17,17 +20,20 @@ use crate::signals::Signals;
 
 /// Its name in the cell, in run directories and in messages.
 const NAME: &str = "mdi.ngc";
+/// So long blocks that have stopped or tripped may take to be given up by the cell.
+const GIVEN_UP_WITHIN: Duration = Duration::from_secs(2);
 
 /// `mdi`.
 pub fn mdi(options: &MdiOptions) -> Outcome {
     let client = Client::to_order(options.to.cell.as_deref())?;
     let text = options.blocks.join("\n");
     let mut says = |words: &str| client.say(words);
-    let block = Block::of(&client, &text, &mut says)?;
     if options.no_wait {
-        return Ok(());
+        return Block::of(&client, &text, &mut says).map(|_| ());
     }
+    // Before the cell has the block: it begins by itself, and Ctrl-C holds it from then on.
     let signals = Signals::catch().environment()?;
+    let block = Block::of(&client, &text, &mut says)?;
     if block.until_done(&client, &|| signals.count() > 0)? {
         client.say("done");
         return Ok(());
@@ -37,7 +43,9 @@ pub fn mdi(options: &MdiOptions) -> Outcome {
         Some(client.cell.place.name()),
         Order::Hold,
     )?);
-    client.say("the block is in hold: `quadrant resume` goes on with it; `quadrant stop`, then `load` discards it");
+    client.say(
+        "the block is in hold: `quadrant resume` goes on with it; `quadrant stop` gives it up",
+    );
     Err(Failure::Interrupted)
 }
 
@@ -52,15 +60,16 @@ pub fn mdi_in(cell: &str, text: &str, mut says: impl FnMut(&str)) -> Result<Stri
     Ok(format!("done: {text}"))
 }
 
-/// Blocks that have been started.
+/// Blocks that the cell has taken.
 struct Block {
+    load: u32,
     run: u32,
-    /// The program that was loaded before.
-    earlier: Option<Laid>,
+    /// Number under which the program from before is read again behind them; 0 where none was loaded.
+    before: u32,
 }
 
 impl Block {
-    /// Starts these blocks.
+    /// Has the cell take these blocks, and waits until they have begun.
     fn of(client: &Client, text: &str, says: &mut dyn FnMut(&str)) -> Result<Block, Failure> {
         if text.trim().is_empty() {
             return Err(Failure::Input(anyhow!(
@@ -73,65 +82,95 @@ impl Block {
             return Err(client.fails(&format!("mdi refused: {}", why.words())));
         }
         let written = Written::of(&client.cell.place.folder(), text)?;
-        let (notes, _) = check(client, &written.file, &now)
+        let checked = check(client, &written.file, &now)
             .map_err(|error| Failure::Input(anyhow!(written.of_blocks(&words(&error)))))?;
-        for note in &notes {
+        for note in &checked.notes {
             says(&written.of_blocks(note));
         }
         let mut laid = Laid::down(client, now.load, NAME, &written.file)?;
-        let mut earlier = match ProgramState::from_wire(now.program) {
+        let mut before = match ProgramState::from_wire(now.program) {
             Some(ProgramState::Loaded | ProgramState::Done) => {
                 Laid::again(client, laid.number, now.load)?
             }
             _ => None,
         };
-        laid.load(client, true)?;
-        until_read(&mut eyes, laid.number, NAME)?;
-        let request = OperatorRequest {
-            order: Order::Start as u32,
-            session: laid.number,
-            ..OperatorRequest::default()
+        let answer = laid.load_typed(client, &now, before.as_mut(), checked.ends_by_word)?;
+        let block = Block {
+            load: laid.number,
+            run: answer.run + 1,
+            before: before.map_or(0, |before| before.number),
         };
-        let answer = match client.ask(Order::Start, request) {
-            Ok(answer) => answer,
-            Err(failure) => {
-                load_again(client, &mut eyes, &mut earlier)?;
-                return Err(failure);
-            }
-        };
-        says(&started(client, &answer, laid.number).0);
-        Ok(Block {
-            run: answer.run,
-            earlier,
-        })
+        block.until_begun(&mut eyes)?;
+        let folder = folder_of(client, block.run, Path::new(NAME));
+        says(&started_words(
+            block.run,
+            answer.hold == 1,
+            folder.as_deref(),
+        ));
+        Ok(block)
     }
 
-    /// Waits until they are done, then loads the program from before again; false if it was interrupted.
-    fn until_done(mut self, client: &Client, is_over: &dyn Fn() -> bool) -> Result<bool, Failure> {
-        let mut eyes = Eyes::open(client)?;
-        let done = until_done(client, &mut eyes, self.run, is_over);
-        // Blocks that have given themselves up leave the machine ready for what comes next, as those that are done.
-        let has_given_up = |now: Feedback| now.cause == Cause::Abort as u32;
-        let leaves =
-            matches!(done, Ok(Some(_))) || done.is_err() && eyes.look().is_ok_and(has_given_up);
-        if !leaves {
-            return done.map(|_| false);
+    /// Whether nothing else was loaded since.
+    fn is_latest(&self, now: &Feedback) -> bool {
+        now.load <= self.load || now.load == self.before
+    }
+
+    /// Whether the cell has taken it and is done with it, one way or another.
+    fn is_over(&self, now: &Feedback) -> bool {
+        now.load > self.load || now.load == self.load && now.program == ProgramState::None as u32
+    }
+
+    /// Waits until they have begun: the cell sees to that.
+    fn until_begun(&self, eyes: &mut Eyes<'_>) -> Result<(), Failure> {
+        let asked = Instant::now();
+        loop {
+            let now = eyes.look()?;
+            if now.run >= self.run && now.load >= self.load {
+                return Ok(());
+            }
+            let why = if !self.is_latest(&now) {
+                "another program was loaded meanwhile"
+            } else if !self.is_over(&now) && asked.elapsed() <= READ_LIMIT {
+                std::thread::sleep(LOOK);
+                continue;
+            } else if now.cause == Cause::Planner as u32 {
+                "the planner refuses the blocks: its reason stands in the terminal of `quadrant up`"
+            } else if self.is_over(&now) {
+                "the blocks were not begun: the machine was no longer ready for them"
+            } else {
+                "the planner has not read the blocks; it is still at it"
+            };
+            return Err(Failure::Stopped(anyhow!(why)));
         }
-        load_again(client, &mut eyes, &mut self.earlier)?;
+    }
+
+    /// Waits until they are done, and the cell has the program from before again; false if it was interrupted.
+    fn until_done(
+        self,
+        client: &Client,
+        is_interrupted: &dyn Fn() -> bool,
+    ) -> Result<bool, Failure> {
+        let mut eyes = Eyes::open(client)?;
+        let done = until_done(client, &mut eyes, self.run, is_interrupted);
+        if matches!(done, Ok(None)) {
+            return Ok(false);
+        }
+        let ended = Instant::now();
+        while !self.is_over(&eyes.look()?) && ended.elapsed() < GIVEN_UP_WITHIN {
+            std::thread::sleep(LOOK);
+        }
+        if self.before != 0
+            && eyes.look()?.load == self.before
+            && let Err(failure) = until_read(&mut eyes, self.before, "the program from before")
+        {
+            match failure {
+                // The blocks are done all the same.
+                Failure::Stopped(why) => client.say(&words(&why)),
+                failure => return Err(failure),
+            }
+        }
         done.map(|_| true)
     }
-}
-
-fn load_again(
-    client: &Client,
-    eyes: &mut Eyes<'_>,
-    earlier: &mut Option<Laid>,
-) -> Result<(), Failure> {
-    let Some(mut earlier) = earlier.take() else {
-        return Ok(());
-    };
-    earlier.load(client, true)?;
-    until_read(eyes, earlier.number, "the program from before")
 }
 
 /// Why no block can run now.

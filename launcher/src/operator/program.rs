@@ -13,7 +13,7 @@ use anyhow::{anyhow, bail};
 use bus::process::watch;
 use bus::sample::{Cause, Feedback, Mode, OperatorRequest, OperatorResponse, Order, ProgramState};
 use planner::ProgramText;
-use program::Note;
+use program::{Note, ProgramEnd};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
 
@@ -30,7 +30,7 @@ use crate::user_codes;
 /// A program that takes longer to check would let the planner of a running cell seem to hang.
 const CHECK_LIMIT: Duration = Duration::from_secs(10);
 /// So long the planner may take to read a program.
-const READ_LIMIT: Duration = Duration::from_secs(60);
+pub(super) const READ_LIMIT: Duration = Duration::from_secs(60);
 /// So long a cell may take to come to rest, make its last report and leave.
 const DOWN_LIMIT: Duration = Duration::from_secs(240);
 /// So long a cell that takes no order may take to say that it ends.
@@ -39,7 +39,7 @@ const ENDS_BY_ITSELF: Duration = Duration::from_millis(500);
 const ENDS_LOOK: Duration = Duration::from_millis(5);
 /// The recorder comes behind the machine; one that was lost is replaced by then.
 const RECORDED_WITHIN: Duration = Duration::from_secs(10);
-const LOOK: Duration = Duration::from_millis(5);
+pub(super) const LOOK: Duration = Duration::from_millis(5);
 
 /// `load`.
 pub fn load(options: &LoadOptions) -> Outcome {
@@ -50,7 +50,7 @@ pub fn load(options: &LoadOptions) -> Outcome {
     let mut eyes = Eyes::open(&client)?;
     let now = eyes.look()?;
     let started = Instant::now();
-    let (notes, read) = check(&client, file, &now).input()?;
+    let Checked { notes, read, .. } = check(&client, file, &now).input()?;
     for note in &notes {
         say(note);
     }
@@ -63,7 +63,7 @@ pub fn load(options: &LoadOptions) -> Outcome {
         )));
     }
     let mut laid = Laid::down(&client, now.load, &name, file)?;
-    laid.load(&client, false)?;
+    laid.load(&client)?;
     until_read(&mut eyes, laid.number, &name)?;
     let given_up = if now.program == ProgramState::Running as u32 {
         format!("; run {} is given up", now.run)
@@ -122,38 +122,48 @@ fn fits(file: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Checks the program against the machine, from where its axes are; what is to be noted, and what it is, in words.
-pub(super) fn check(
-    client: &Client,
-    file: &Path,
-    now: &Feedback,
-) -> anyhow::Result<(Vec<String>, String)> {
+/// A program that was checked.
+pub(super) struct Checked {
+    /// What is to be noted.
+    pub notes: Vec<String>,
+    /// What it is, in words.
+    read: String,
+    /// M2 or M30 ends it.
+    pub ends_by_word: bool,
+}
+
+/// Checks the program against the machine, from where its axes are.
+pub(super) fn check(client: &Client, file: &Path, now: &Feedback) -> anyhow::Result<Checked> {
     let machine = &client.machine_of_next_program(&now.auxiliary)?;
     let start = now.axes.map(|axis| axis.command_position);
     let name = file.display().to_string();
     let short = program::load_if_short(machine, &start, file, program::SHORT_ELEMENTS)?;
-    let (notes, elements, length_mm) = match short {
+    let (notes, elements, length_mm, ends_by_word) = match short {
         Some(program) => {
             // The copy of a cell names the folder in full.
             if let Some(folder) = machine.user_code_folder(Path::new("")) {
                 user_codes::check(&folder, &program)?;
             }
             let (elements, length_mm) = (program.path.elements.len(), program.path.length_mm());
+            let ends_by_word = matches!(program.end, ProgramEnd::M2(_) | ProgramEnd::M30(_));
             let beside = without_spindle(machine, &program);
             let notes = program.notes.iter().map(Note::shown);
             let notes: Vec<String> = beside.into_iter().chain(notes).collect();
             planner::course(machine, program).map_err(|e| at_line(&name, &e.to_string()))?;
-            (notes, elements as u64, length_mm)
+            (notes, elements as u64, length_mm, ends_by_word)
         }
         None => {
             let text = ProgramText::File(file.to_path_buf());
             let survey = planner::survey(machine, &text, start, u64::MAX, |_| {})?;
             let notes = survey.notes.iter().map(Note::shown).collect();
-            (notes, survey.elements, survey.length_mm)
+            (notes, survey.elements, survey.length_mm, false)
         }
     };
-    let words = format!("{elements} elements, {length_mm:.1} mm");
-    Ok((notes, words))
+    Ok(Checked {
+        notes,
+        read: format!("{elements} elements, {length_mm:.1} mm"),
+        ends_by_word,
+    })
 }
 
 /// A program in the cell's folder; taken away again unless it is kept.
@@ -185,19 +195,48 @@ impl Laid {
         Ok(Some(laid))
     }
 
-    /// Has the cell take it; `spares` a program that was started.
-    pub fn load(&mut self, client: &Client, spares: bool) -> Result<(), Failure> {
+    /// Has the cell take it.
+    fn load(&mut self, client: &Client) -> Result<(), Failure> {
+        self.give(client, None, OperatorRequest::default())?;
+        Ok(())
+    }
+
+    /// Has the cell take it as typed-in blocks, with a copy of the program that `now` shows loaded, if one is. `end_program` where M2 or M30
+    /// ends them.
+    pub fn load_typed(
+        &mut self,
+        client: &Client,
+        now: &Feedback,
+        before: Option<&mut Laid>,
+        end_program: bool,
+    ) -> Result<OperatorResponse, Failure> {
+        let request = OperatorRequest {
+            axis: u32::from(end_program),
+            session: now.load.saturating_add(1),
+            deadline_scans: before.as_ref().map_or(0, |before| before.number),
+            ..OperatorRequest::default()
+        };
+        self.give(client, before, request)
+    }
+
+    fn give(
+        &mut self,
+        client: &Client,
+        before: Option<&mut Laid>,
+        request: OperatorRequest,
+    ) -> Result<OperatorResponse, Failure> {
         let request = OperatorRequest {
             order: Order::Load as u32,
             value: f64::from(self.number),
-            session: u32::from(spares),
-            ..OperatorRequest::default()
+            ..request
         };
         let answer = client.hear(Order::Load, request);
         // Unless it was refused the cell has it, or may have: then its launcher takes it away.
         self.kept = answer.as_ref().map_or(true, |answer| answer.accepted == 1);
-        client.accepted(Order::Load, answer?)?;
-        Ok(())
+        if let Some(before) = before {
+            before.kept = self.kept;
+        }
+        client.accepted(Order::Load, answer?)
     }
 
     fn empty(client: &Client, loaded: u32) -> Result<Laid, Failure> {
@@ -304,15 +343,23 @@ pub(super) fn started(
     answer: &OperatorResponse,
     load: u32,
 ) -> (String, Option<PathBuf>) {
-    let hold = if answer.hold == 1 {
+    let program = client.cell.place.program(load);
+    let folder = program.and_then(|program| folder_of(client, answer.run, &program));
+    (
+        started_words(answer.run, answer.hold == 1, folder.as_deref()),
+        folder,
+    )
+}
+
+/// A run was started, in words.
+pub(super) fn started_words(run: u32, in_hold: bool, folder: Option<&Path>) -> String {
+    let hold = if in_hold {
         ", in hold: resume moves"
     } else {
         ""
     };
-    let folder = folder_of(client, answer.run, load);
-    let shown = folder.as_ref();
-    let shown = shown.map_or(String::new(), |folder| format!(": {}", folder.display()));
-    (format!("run {} started{hold}{shown}", answer.run), folder)
+    let shown = folder.map_or(String::new(), |folder| format!(": {}", folder.display()));
+    format!("run {run} started{hold}{shown}")
 }
 
 /// Waits until a run is done: the scan in which it is; none if `is_over` says so before.
@@ -335,12 +382,12 @@ pub(super) fn until_done(
             )));
         }
         if now.run == run && !started {
-            if now.program == ProgramState::Done as u32 {
+            if now.auxiliary.modes_of_run == run {
                 return Ok(Some(now.scan));
             }
             let why = match Cause::from_wire(now.cause) {
-                Some(Cause::Abort) => format!(": {}", stop_words(&now)),
-                _ => String::new(),
+                Some(Cause::None) => String::new(),
+                _ => format!(": {}", stop_words(&now)),
             };
             return Err(Failure::Stopped(anyhow!("run {run} was given up{why}")));
         }
@@ -390,12 +437,11 @@ fn done(client: &Client, run: u32, scan: u64, folder: Option<&Path>) -> Outcome 
     )))
 }
 
-/// Run directory of a run that was started just now of the program with the number `load`, if it can be known.
-fn folder_of(client: &Client, run: u32, load: u32) -> Option<PathBuf> {
+/// Run directory of a run of this program that was started just now, if it can be known.
+pub(super) fn folder_of(client: &Client, run: u32, program: &Path) -> Option<PathBuf> {
     let runs = fs::read(client.cell.place.runs_file()).ok()?;
     let runs = PathBuf::from(OsString::from_vec(runs));
-    let program = client.cell.place.program(load)?;
-    Some(monitor::run_folder(&runs, run, &program))
+    Some(monitor::run_folder(&runs, run, program))
 }
 
 /// Whether a cell that takes no order ends all the same: somebody else's came first.

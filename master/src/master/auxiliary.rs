@@ -18,6 +18,7 @@ use machine::{Machine, ToolChanger};
 
 use super::Master;
 use super::coupling::{Coupling, Followed, Gear};
+use super::program::Loaded;
 use super::questions::Questions;
 use crate::drives::{AuxiliaryFeedback, Drives};
 
@@ -157,12 +158,17 @@ impl AuxiliaryLatches {
         }
     }
 
-    /// The program is done, or another one is to begin: spindle at rest, coolant off. Outputs and tool stay.
+    /// The program is done or given up: spindle at rest, coolant off. Outputs and tool stay.
     pub fn end_program(&mut self) {
         self.stop_spindle();
+        self.levels.coolant = 0;
+        self.leave_path();
+    }
+
+    /// Nothing of a path is in force any more. What turns and flows goes on.
+    pub fn leave_path(&mut self) {
         self.coupled = 0;
         self.surface = 0;
-        self.levels.coolant = 0;
         self.override_disabled = 0;
         self.stopped_for = Waiting::None as u32;
         self.line = 0;
@@ -380,9 +386,10 @@ impl Auxiliary {
         }
     }
 
-    /// Another program, or the same from its start, is to begin after this scan.
+    /// Another program, or the same from its start, is to begin after this scan. A spindle that was switched on by hand goes on.
     pub fn forget_program(&mut self, scan: u64) {
-        self.latches.end_program();
+        self.latches.leave_path();
+        self.comes_back = false;
         self.latches.events_done = 0;
         self.latches.messages = 0;
         self.latches.levels.blocks_done = 0;
@@ -591,21 +598,24 @@ impl Auxiliary {
         }
     }
 
-    /// Whether spindle and coolant act in this mode; a spindle that was stopped in the middle of a program comes back first.
-    fn release(&mut self, mode: Mode, hold: bool) {
+    /// Whether spindle and coolant act in this mode; a spindle that was stopped in the middle of a program comes back first. What was
+    /// switched on by typed-in blocks goes on behind them, until the machine is stopped, trips or is switched off.
+    fn release(&mut self, mode: Mode, hold: bool, program: &Loaded) {
         match mode {
             Mode::Enabled if !hold => {
                 self.comes_back |= !self.released && self.turns();
                 self.released = true;
             }
-            Mode::Enabled | Mode::Stopping | Mode::Jogging => {}
-            Mode::Disabled | Mode::Stopped | Mode::Tripped | Mode::Finished | Mode::Ready => {
+            Mode::Enabled | Mode::Stopping | Mode::Jogging | Mode::Ready => {}
+            Mode::Finished if program.leaves_spindle() => {}
+            Mode::Disabled | Mode::Stopped | Mode::Tripped | Mode::Finished => {
                 self.released = false;
                 self.comes_back = false;
+                // Of a program that is running they come back with `resume`.
+                if mode == Mode::Finished || !program.is_running() {
+                    self.latches.end_program();
+                }
             }
-        }
-        if mode == Mode::Finished {
-            self.latches.end_program();
         }
         self.comes_back &= !self.is_at_speed();
     }
@@ -638,7 +648,7 @@ impl<D: Drives> Master<D> {
         if spindle_fails {
             self.trip(Cause::Spindle, u32::MAX);
         }
-        self.auxiliary.release(self.mode, self.hold);
+        self.auxiliary.release(self.mode, self.hold, &self.program);
         let surface = self.auxiliary.surface_axis();
         if let Some(unit) = surface.and_then(|axis| self.axes.get(axis)) {
             let place_mm = following::commanded_mm(unit);

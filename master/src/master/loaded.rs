@@ -7,11 +7,12 @@
     clippy::indexing_slicing
 )]
 
-use bus::sample::{Cause, MODES_RESET, Mode, ProgramState, Refused};
+use bus::sample::{Cause, MODES_RESET, Mode, OperatorRequest, ProgramState, Refused};
 
 use crate::drives::Drives;
 
 use super::orders::{Refusal, whole_number};
+use super::program::TypedBlocks;
 use super::{Master, RunEnd};
 
 impl<D: Drives> Master<D> {
@@ -29,11 +30,11 @@ impl<D: Drives> Master<D> {
         }
     }
 
-    /// Takes another program; one that was started and is stopped is discarded, unless that is not meant.
-    pub(super) fn order_load(&mut self, number: f64, spares: bool) -> Result<(), Refusal> {
+    /// Takes another program; one that was started and is stopped is discarded.
+    pub(super) fn order_load(&mut self, request: &OperatorRequest) -> Result<(), Refusal> {
         self.must_stay()?;
-        if spares && self.program.is_running() {
-            return Err(Refused::Running.into());
+        if request.session != 0 {
+            return self.order_typed_blocks(request);
         }
         match self.mode {
             Mode::Ready | Mode::Stopped | Mode::Disabled => {}
@@ -42,7 +43,7 @@ impl<D: Drives> Master<D> {
             Mode::Jogging => return Err(Refused::Jogging.into()),
             Mode::Tripped => return Err(Refused::Tripped.into()),
         }
-        let number = whole_number(number)?;
+        let number = whole_number(request.value)?;
         // Numbers go up: a late order does not bring an earlier program back.
         if number <= self.program.load {
             return Err(Refused::BadValue.into());
@@ -50,15 +51,72 @@ impl<D: Drives> Master<D> {
         if self.mode == Mode::Stopped {
             self.mode = Mode::Ready;
         }
-        self.windows.forget_path(self.scan);
-        self.auxiliary.forget_program(self.scan);
         if self.program.is_running() {
             self.auxiliary.latches.modes_of_run = MODES_RESET;
+            self.auxiliary.latches.end_program();
         }
+        self.read_program(number, None);
+        Ok(())
+    }
+
+    /// Takes typed-in blocks, which begin as soon as they are read. The program that is loaded lies under another number too, by
+    /// which it is read again behind them.
+    fn order_typed_blocks(&mut self, request: &OperatorRequest) -> Result<(), Refusal> {
+        self.may_begin()?;
+        let is_loaded = match self.program.state {
+            ProgramState::Loaded | ProgramState::Done => true,
+            ProgramState::None => false,
+            ProgramState::Loading => return Err(Refused::Loading.into()),
+            ProgramState::Running => return Err(Refused::Running.into()),
+        };
+        let number = whole_number(request.value)?;
+        let before = request.deadline_scans;
+        // The other number is that of the program which is loaded now, and numbers go up.
+        let is_of_loaded = request.session == self.program.load.saturating_add(1);
+        if !is_of_loaded || number <= self.program.load || before != 0 && before <= number {
+            return Err(Refused::BadValue.into());
+        }
+        let typed = TypedBlocks {
+            before: if is_loaded { before } else { 0 },
+            end_program: request.axis == 1,
+        };
+        self.read_program(number, Some(typed));
+        Ok(())
+    }
+
+    /// The planner is to read what lies under this number.
+    fn read_program(&mut self, number: u32, typed: Option<TypedBlocks>) {
+        self.windows.forget_path(self.scan);
+        self.auxiliary.forget_program(self.scan);
         self.forget_program_cause();
         self.program.load = number;
         self.program.state = ProgramState::Loading;
-        Ok(())
+        self.program.typed = typed;
+    }
+
+    /// Typed-in blocks begin once they are read, where the machine is ready for them all that time. They are over once they are done, or
+    /// the machine has stopped, tripped or been switched off.
+    pub(super) fn step_typed_blocks(&mut self) {
+        if self.program.typed.is_none() {
+            return;
+        }
+        match (self.program.state, self.mode) {
+            (ProgramState::Loading, Mode::Ready) => {}
+            (ProgramState::Loaded, _) if self.may_begin().is_ok() => self.begin_program(0),
+            (ProgramState::Running, Mode::Disabled) => self.leave_typed_blocks(),
+            (ProgramState::Running, Mode::Tripped) if self.settled_scans > self.settle_scans => {
+                self.leave_typed_blocks();
+            }
+            (ProgramState::Running, _) => {}
+            _ => self.program.end_typed_blocks(),
+        }
+    }
+
+    /// Typed-in blocks that were begun are given up.
+    pub(super) fn leave_typed_blocks(&mut self) {
+        if self.program.typed.is_some() && self.program.is_running() {
+            self.leave_program();
+        }
     }
 
     /// Begins the program that is loaded, from where the axes are. A hold that is latched stays: nothing moves then before
@@ -69,22 +127,34 @@ impl<D: Drives> Master<D> {
         if meant != 0 && meant != self.program.load {
             return Err(Refused::BadValue.into());
         }
-        match self.mode {
-            Mode::Ready if !self.is_homed() => return Err(Refused::NotReferenced.into()),
-            Mode::Ready if !self.is_within_travel() => return Err(Refused::OutsideTravel.into()),
-            Mode::Ready => {}
-            Mode::Enabled | Mode::Stopping | Mode::Stopped => return Err(Refused::Running.into()),
-            Mode::Finished => return Err(Refused::NotAtRest.into()),
-            Mode::Disabled => return Err(Refused::DrivesOff.into()),
-            Mode::Jogging => return Err(Refused::Jogging.into()),
-            Mode::Tripped => return Err(Refused::Tripped.into()),
-        }
+        self.may_begin()?;
         match self.program.state {
             ProgramState::Loaded | ProgramState::Done => {}
             ProgramState::Loading => return Err(Refused::Loading.into()),
             ProgramState::Running => return Err(Refused::Running.into()),
             ProgramState::None => return Err(Refused::NoProgram.into()),
         }
+        self.begin_program(line);
+        Ok(())
+    }
+
+    /// Whether the machine is ready for a program.
+    fn may_begin(&self) -> Result<(), Refusal> {
+        let refused = match self.mode {
+            Mode::Ready if !self.is_homed() => Refused::NotReferenced,
+            Mode::Ready if !self.is_within_travel() => Refused::OutsideTravel,
+            Mode::Ready => return Ok(()),
+            Mode::Enabled | Mode::Stopping | Mode::Stopped => Refused::Running,
+            Mode::Finished => Refused::NotAtRest,
+            Mode::Disabled => Refused::DrivesOff,
+            Mode::Jogging => Refused::Jogging,
+            Mode::Tripped => Refused::Tripped,
+        };
+        Err(refused.into())
+    }
+
+    /// Begins what is loaded, at a line where one is given.
+    fn begin_program(&mut self, line: u32) {
         self.windows.forget_path(self.scan);
         self.auxiliary.forget_program(self.scan);
         self.forget_program_cause();
@@ -93,7 +163,6 @@ impl<D: Drives> Master<D> {
         self.program.run = self.program.run.saturating_add(1);
         self.waited_scans = 0;
         self.mode = Mode::Enabled;
-        Ok(())
     }
 
     /// Gives up what is left of the program, which is loaded then, from its beginning; axes and drives stay as they are, and no hold is
@@ -116,11 +185,18 @@ impl<D: Drives> Master<D> {
         self.hold = false;
         self.windows.forget_path(self.scan);
         self.auxiliary.forget_program(self.scan);
+        self.auxiliary.latches.end_program();
         self.auxiliary.latches.modes_of_run = MODES_RESET;
         if self.mode == Mode::Ready {
             self.clear_causes();
         }
-        self.program.state = ProgramState::Loaded;
+        if matches!(
+            self.program.state,
+            ProgramState::Running | ProgramState::Done
+        ) {
+            self.program.state = ProgramState::Loaded;
+        }
+        self.program.end_typed_blocks();
         Ok(())
     }
 
@@ -136,20 +212,32 @@ impl<D: Drives> Master<D> {
     }
 
     /// The program is done, or has given itself up: the machine is ready for it again, from its beginning, or for another one. Why it was
-    /// given up is shown until one begins. A program that was stopped otherwise stays where it is.
+    /// given up is shown until one begins. A program that was stopped otherwise stays where it is; typed-in blocks are given up.
     pub(super) fn leave_program(&mut self) {
-        self.program.state = match (self.mode, self.cause) {
-            (Mode::Finished, _) => ProgramState::Done,
-            (_, Cause::Abort) => ProgramState::Loaded,
-            _ => return,
-        };
+        let done = self.mode == Mode::Finished;
+        if !done && self.cause != Cause::Abort && self.program.typed.is_none() {
+            return;
+        }
         self.windows.forget_path(self.scan);
-        self.auxiliary.latches.modes_of_run = match self.program.state {
-            ProgramState::Done => self.program.run,
-            _ => MODES_RESET,
+        let latches = &mut self.auxiliary.latches;
+        if done && self.program.leaves_spindle() {
+            latches.leave_path();
+        } else {
+            latches.end_program();
+        }
+        (latches.modes_of_run, self.program.state) = if done {
+            (self.program.run, ProgramState::Done)
+        } else {
+            (MODES_RESET, ProgramState::Loaded)
         };
-        self.auxiliary.latches.end_program();
-        self.mode = Mode::Ready;
+        if self.program.typed.is_some() {
+            // It was for them.
+            self.hold = false;
+        }
+        self.program.end_typed_blocks();
+        if matches!(self.mode, Mode::Finished | Mode::Stopped) {
+            self.mode = Mode::Ready;
+        }
     }
 
     /// The program before could not go on, or has given itself up: another one, or the same once more, can.

@@ -100,7 +100,7 @@ impl<D: Drives> Master<D> {
             Some(Order::JogRenew) => self.order_jog_renew(request),
             Some(Order::EmergencyStop) => self.order_emergency_stop(),
             Some(Order::Home) => self.order_home(request.value),
-            Some(Order::Load) => self.order_load(request.value, request.session != 0),
+            Some(Order::Load) => self.order_load(request),
             Some(Order::Start) => self.order_start(request.session, request.value),
             Some(Order::OptionalStop) => self.order_optional_stop(request.value),
             Some(Order::RapidOverride) => self.order_rapid_override(request.value),
@@ -137,6 +137,10 @@ impl<D: Drives> Master<D> {
     }
 
     fn order_stop(&mut self) -> Result<(), Refusal> {
+        if self.mode == Mode::Ready {
+            self.auxiliary.latches.end_program();
+            self.program.end_typed_blocks();
+        }
         if self.stop() || !self.ends() {
             return Ok(());
         }

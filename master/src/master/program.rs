@@ -10,6 +10,10 @@ use bus::sample::{Mode, ProgramState};
 
 use crate::saved::Latches;
 
+/// Typed-in blocks in [`Latches::typed`], and those that M2 or M30 ends.
+const TYPED: u32 = 1;
+const TYPED_WITH_END: u32 = 2;
+
 /// When a run ends without an order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RunEnd {
@@ -28,6 +32,17 @@ pub(super) struct Loaded {
     pub state: ProgramState,
     /// Programs started so far.
     pub run: u32,
+    /// Typed-in blocks have its place.
+    pub typed: Option<TypedBlocks>,
+}
+
+/// Typed-in blocks: they begin as soon as they are read, and are never the program that `start` begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct TypedBlocks {
+    /// Number under which the program that was loaded before is read again behind them; 0 where none was.
+    pub before: u32,
+    /// M2 or M30 ends them: spindle and coolant go off.
+    pub end_program: bool,
 }
 
 impl Loaded {
@@ -41,6 +56,7 @@ impl Loaded {
             load: 0,
             state,
             run,
+            typed: None,
         }
     }
 
@@ -48,10 +64,45 @@ impl Loaded {
     pub fn resume(&mut self, latches: &Latches) {
         self.load = latches.load;
         self.run = latches.run;
+        self.typed = (latches.typed != 0).then_some(TypedBlocks {
+            before: latches.typed_before,
+            end_program: latches.typed == TYPED_WITH_END,
+        });
         self.state = match ProgramState::from_wire(latches.program) {
             // What was started was counted.
             Some(ProgramState::Running) if latches.run == 0 => ProgramState::None,
             state => state.unwrap_or(ProgramState::None),
+        };
+    }
+
+    /// The typed-in blocks as they are saved: whether there are any and M2 ends them, and the number of the program before.
+    pub fn typed_latches(&self) -> (u32, u32) {
+        self.typed.map_or((0, 0), |typed| {
+            let kind = if typed.end_program {
+                TYPED_WITH_END
+            } else {
+                TYPED
+            };
+            (kind, typed.before)
+        })
+    }
+
+    /// Whether spindle and coolant go on behind its end.
+    pub fn leaves_spindle(&self) -> bool {
+        self.typed.is_some_and(|typed| !typed.end_program)
+    }
+
+    /// Typed-in blocks are over: the program from before is read again, or none is loaded.
+    pub fn end_typed_blocks(&mut self) {
+        let Some(typed) = self.typed.take() else {
+            return;
+        };
+        self.state = match typed.before {
+            0 => ProgramState::None,
+            before => {
+                self.load = before;
+                ProgramState::Loading
+            }
         };
     }
 

@@ -52,6 +52,7 @@ impl<D: Drives> Master<D> {
 
     /// What must outlive this master after the scan in progress.
     pub fn latches(&self) -> Latches {
+        let (typed, typed_before) = self.program.typed_latches();
         Latches {
             scan: self.scan,
             digest: self.digest.value(),
@@ -67,6 +68,8 @@ impl<D: Drives> Master<D> {
             program: self.program.state as u32,
             run: self.program.run,
             hold: u32::from(self.hold),
+            typed,
+            typed_before,
             auxiliary: self.auxiliary.latches,
             questions: self.auxiliary.questions.latches,
             homing: self.homing_latches(),
@@ -245,6 +248,7 @@ impl<D: Drives> Master<D> {
 
     /// Ends a trip: drives on, where the axes are. Without a program that was started there is nothing to hold.
     pub(super) fn end_trip(&mut self, hold: bool) {
+        self.leave_typed_blocks();
         if self.program.is_running() {
             self.mode = Mode::Enabled;
             self.hold = hold;

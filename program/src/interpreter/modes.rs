@@ -211,6 +211,10 @@ impl Interpreter {
             ('S', _) => self.spindle.speed = value,
             ('P', _) => self.path_words[0] = Some(value),
             ('Q', _) => self.path_words[1] = Some(value),
+            ('M', 30) => self.spindle.direction = 1,
+            ('M', 40) => self.spindle.direction = -1,
+            ('M', 70) => self.coolant[0] = true,
+            ('M', _) => self.coolant[1] = true,
             (_, 0) => self.motion = Motion::Rapid,
             (_, 10) => self.motion = Motion::Line,
             (_, 20 | 30) => {
@@ -348,6 +352,7 @@ fn mode_words(modes: &str) -> impl Iterator<Item = Option<(char, f64)>> {
         let code = (value * 10.0).round() as u32;
         let known = match letter {
             'F' | 'S' | 'P' | 'Q' => true,
+            'M' => matches!(code, 30 | 40 | 70 | 80),
             'G' => {
                 matches!(
                     code,

@@ -9,7 +9,7 @@ use bus::drive_page::DrivePage;
 use bus::member::Pace;
 use bus::messages::MessageReader;
 use bus::observer::{Held, Observer};
-use bus::sample::{Feedback, MAX_AXES};
+use bus::sample::{Auxiliaries, Feedback, Levels};
 use bus::service::RECORDER_DEPTH_SCANS;
 use machine::{KeptTexts, Machine};
 use program::{Modes, Program, SHORT_ELEMENTS, modal_at_start};
@@ -29,9 +29,6 @@ const PROC_EVERY: Duration = Duration::from_millis(500);
 /// Messages of the program that an observer who comes later looks back for.
 const SAID_BEFORE: u32 = 8;
 
-/// Tool in the spindle, tool whose offset is applied, that offset, and the run whose modes are in force.
-type NextStart = (u32, u32, [f64; MAX_AXES], u32);
-
 /// A foot in the cell, and the model it fills.
 pub struct Feed {
     /// What is known.
@@ -45,8 +42,8 @@ pub struct Feed {
     program_file: Option<PathBuf>,
     /// Hash of the program that was tried to be read.
     read: Option<u64>,
-    /// Tool, offset and modes that the state before the next program was made of.
-    next_start_of: Option<NextStart>,
+    /// Tool, offset, modes, spindle and coolant that the state before the next program was made of.
+    next_start_of: Option<Auxiliaries>,
     proc_seen: Option<Instant>,
     heard: Instant,
 }
@@ -114,7 +111,19 @@ impl Feed {
         if newest.is_some() {
             self.heard = Instant::now();
             let shown = self.model.feedback.map(|feedback| feedback.auxiliary);
-            let key = shown.map(|of| (of.tool, of.tool_offset_of, of.tool_offset, of.modes_of_run));
+            let key = shown.map(|of| Auxiliaries {
+                tool: of.tool,
+                tool_offset_of: of.tool_offset_of,
+                tool_offset: of.tool_offset,
+                modes_of_run: of.modes_of_run,
+                levels: Levels {
+                    spindle: of.levels.spindle,
+                    spindle_rpm: of.levels.spindle_rpm.signum(),
+                    coolant: of.levels.coolant,
+                    ..Levels::default()
+                },
+                ..Auxiliaries::default()
+            });
             if self.next_start_of != key {
                 self.next_start_of = key;
                 self.look_at_offsets();

@@ -409,8 +409,11 @@ impl Model {
         places.position(|participant| Process::of(participant) == Some(process))
     }
 
-    /// Name of the program's file.
+    /// Name of the program's file; none where none is loaded.
     pub fn program_name(&self) -> Option<&str> {
+        if self.program_state() == Some(ProgramState::None) {
+            return None;
+        }
         if let Some(reported) = &self.reported {
             return reported.program_name.as_deref();
         }

@@ -49,7 +49,7 @@ pub fn text(served: &Served, dialect: Dialect) -> Result<String, Error> {
         cell,
         now_ns: bus::realtime::now_ns(),
         log_bytes: log_bytes(&served.log),
-        program: program(served, cell.map_or(0, |cell| cell.load)),
+        program: program(served, cell.as_ref()),
     }));
     let mut text = String::with_capacity(32 << 10);
     encode(&mut text, &registry)?;
@@ -71,10 +71,11 @@ fn log_bytes(folder: &Path) -> u64 {
     bytes_in(folder) + below.map(|entry| bytes_in(&entry.path())).sum::<u64>()
 }
 
-/// Name of the program: that of the run, or the one that was loaded last.
-fn program(served: &Served, load: u32) -> String {
-    let file = served.program.clone();
-    let file = file.or_else(|| served.place.program(load));
+/// Name of the program: that of the run, or the one that is loaded.
+fn program(served: &Served, cell: Option<&CellNow>) -> String {
+    let is_loaded = |cell: &&CellNow| cell.program != ProgramState::None as u32;
+    let loaded = || served.place.program(cell.filter(is_loaded)?.load);
+    let file = served.program.clone().or_else(loaded);
     let name = file.as_deref().and_then(Path::file_name);
     name.map_or(String::new(), |name| name.to_string_lossy().into_owned())
 }
