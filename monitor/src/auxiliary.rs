@@ -5,6 +5,8 @@ use bus::sample::{
     Waiting,
 };
 
+use crate::words::shown;
+
 /// The coolant that is on.
 pub fn coolant(levels: &Levels) -> &'static str {
     match (levels.coolant & MIST != 0, levels.coolant & FLOOD != 0) {
@@ -26,7 +28,7 @@ pub fn digital_outputs(levels: &Levels) -> Vec<u32> {
 pub fn spindle(levels: &Levels) -> String {
     match SpindleCommand::from_wire(levels.spindle) {
         SpindleCommand::Stop => "stopped".into(),
-        SpindleCommand::Orient => format!("at {}°", levels.orientation_deg),
+        SpindleCommand::Orient => format!("at {}°", shown(levels.orientation_deg, 3)),
         SpindleCommand::Follow => "in step with the tap".into(),
         SpindleCommand::Turn => {
             let way = if levels.spindle_rpm < 0.0 {
@@ -34,9 +36,14 @@ pub fn spindle(levels: &Levels) -> String {
             } else {
                 "clockwise"
             };
-            format!("{} rev/min {way}", levels.spindle_rpm.abs())
+            format!("{} {way}", rev_min(levels.spindle_rpm))
         }
     }
+}
+
+/// A speed of the spindle, whatever its direction.
+fn rev_min(speed_rpm: f64) -> String {
+    format!("{} rev/min", shown(speed_rpm.abs(), 1))
 }
 
 /// What is waited for and for which line; none if nothing is.
@@ -46,10 +53,10 @@ pub fn waiting(auxiliary: &Auxiliaries) -> Option<String> {
     let what = match waiting {
         Waiting::None => return None,
         Waiting::SpindleSpeed => format!(
-            "{}: {:.0} of {} rev/min",
+            "{}: {:.0} of {}",
             waiting.words(),
             auxiliary.spindle_rpm.abs(),
-            auxiliary.levels.spindle_rpm.abs()
+            rev_min(auxiliary.levels.spindle_rpm)
         ),
         Waiting::ToolChange => format!("{}: tool {tool}", waiting.words()),
         Waiting::ToolByOperator => format!("the operator to put in tool {tool}"),
@@ -146,7 +153,7 @@ pub fn changes(before: &Auxiliaries, now: &Auxiliaries) -> Vec<String> {
     for output in 0..ANALOG_OUTPUTS {
         let [old, new] = [was, is].map(|levels| levels.analog.get(output).copied());
         if let (true, Some(value)) = (old != new, new) {
-            changes.push(format!("analogue output {output} at {value}"));
+            changes.push(format!("analogue output {output} at {}", shown(value, 4)));
         }
     }
     if was.tool_prepared != is.tool_prepared {

@@ -1,9 +1,19 @@
-//! Why a machine stopped, for people.
+//! What people read: numbers, and why a machine stopped.
 
 use std::fmt;
 
 use bus::sample::{Cause, Feedback};
 use machine::Machine;
+
+/// A number with so many decimals at most, and without zeros at the end.
+pub fn shown(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    let text = match text.contains('.') {
+        true => text.trim_end_matches('0').trim_end_matches('.'),
+        false => &text,
+    };
+    if text == "-0" { "0" } else { text }.to_owned()
+}
 
 /// Why a machine tripped or stopped, as its feedback names it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -56,6 +66,25 @@ impl fmt::Display for StopCause {
         match &self.axis {
             Some(axis) => write!(f, "axis {axis}: {}", self.words),
             None => f.write_str(&self.words),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_number_has_no_more_decimals_than_it_needs() {
+        for (value, decimals, words) in [
+            (201.60007995844867, 1, "201.6"),
+            (1500.0, 1, "1500"),
+            (1500.0, 0, "1500"),
+            (-0.00001, 4, "0"),
+            (356.00012, 4, "356.0001"),
+            (-2.50, 3, "-2.5"),
+        ] {
+            assert_eq!(shown(value, decimals), words);
         }
     }
 }

@@ -12,6 +12,7 @@ use bus::sample::{
 };
 use bus::service::Bus;
 use machine::{KeptTexts, Machine};
+use monitor::words::shown;
 
 use super::eyes::Eyes;
 use super::origin;
@@ -263,8 +264,8 @@ impl Client {
             Refused::BadValue if order == Order::Jog => "a jog is any distance but 0".into(),
             Refused::JogSpeed => format!(
                 "the speed of a jog of this axis is {} to {} {}/min",
-                answer.allowed_min_mm * 60.0,
-                answer.allowed_max_mm * 60.0,
+                shown(answer.allowed_min_mm * 60.0, 4),
+                shown(answer.allowed_max_mm * 60.0, 4),
                 self.unit(answer.axis)
             ),
             Refused::BeyondTravel => format!(

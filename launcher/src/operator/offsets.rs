@@ -7,6 +7,7 @@ use bus::sample::{Feedback, Mode, Reference};
 use machine::offsets_file::{G92_APPLIES, WORK_OFFSETS, first_parameter, parameter_of};
 use machine::{Axis, KeptParameters, Machine, TURN_DEG, update_offsets};
 use master::STANDSTILL_MM_S;
+use monitor::words::shown;
 use serde_json::{Map, Value, json};
 
 use super::eyes::Eyes;
@@ -188,7 +189,7 @@ fn told(subject: &Subject, file: &Path, offset: &str) -> Result<String, Failure>
         let value = value(&machine, parameter_of(first, *letter)?);
         Some(format!(
             "{letter} {} {}",
-            shown(value),
+            shown(value, 4),
             subject.unit(*letter)
         ))
     });
@@ -199,13 +200,6 @@ fn told(subject: &Subject, file: &Path, offset: &str) -> Result<String, Failure>
         values.join("  "),
         file.display()
     ))
-}
-
-/// To a tenth of a micrometre, without zeros at the end.
-fn shown(value: f64) -> String {
-    let text = format!("{value:.4}");
-    let text = text.trim_end_matches('0').trim_end_matches('.');
-    if text == "-0" { "0" } else { text }.to_owned()
 }
 
 /// The work offsets, a line each.
@@ -227,7 +221,7 @@ fn table(subject: &Subject, file: &Path) -> String {
     let row = |name: &str, first: u32, turned: bool, mark: &str| {
         let letters = letters.iter().chain(['R'].iter().filter(|_| turned));
         let values = letters.filter_map(|letter| parameter_of(first, *letter));
-        let values = values.map(|number| format!("{:>12}", shown(value(machine, number))));
+        let values = values.map(|number| format!("{:>12}", shown(value(machine, number), 4)));
         format!("\n{mark}{name:<7}{}", values.collect::<String>())
     };
     for name in WORK_OFFSETS {

@@ -1,6 +1,7 @@
 //! The circle as on a ball-bar: radial deviation of the table, exaggerated.
 
 use bus::sample::ProgramState;
+use monitor::words::shown;
 use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::symbols::Marker;
@@ -42,7 +43,7 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let title = format!(
         "circle {} R{} {feed}, line {}{when}",
         circle.plane,
-        trimmed(circle.radius_mm),
+        shown(circle.radius_mm, 3),
         circle.line
     );
     let inside = panel(frame, area, &title, palette);
@@ -131,11 +132,6 @@ fn scale_um(largest_um: f64) -> f64 {
         .into_iter()
         .find(|step| *step >= largest_um)
         .unwrap_or(10.0 * power)
-}
-
-fn trimmed(value: f64) -> String {
-    let text = format!("{value:.3}");
-    text.trim_end_matches('0').trim_end_matches('.').to_string()
 }
 
 #[cfg(test)]

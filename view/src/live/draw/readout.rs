@@ -1,6 +1,7 @@
 //! The readout: where the axes are in the program and on the machine, large; feed, speed, codes, block, time left.
 
 use bus::sample::ProgramState;
+use monitor::words::shown;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::text::{Line, Span};
@@ -129,9 +130,7 @@ fn spindle_words(screen: &Screen<'_>, dro: &Dro) -> String {
     let speed = dro
         .speed_word
         .map_or(UNKNOWN.into(), |speed| format!("{speed:.0}"));
-    let feed = dro
-        .feed_word
-        .map_or(UNKNOWN.into(), |feed| format!("{feed}"));
+    let feed = dro.feed_word.map_or(UNKNOWN.into(), |feed| shown(feed, 4));
     format!("{actual:.0} 1/min, S {speed}   F {feed}   T {tool}")
 }
 

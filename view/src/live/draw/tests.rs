@@ -7,7 +7,9 @@ use crate::live::proc::Child;
 use crate::live::test_support::{machine, running};
 use crate::live::words::Tone;
 use bus::member::Pace;
-use bus::sample::{AxisCommand, Cause, Job, Mode, Participant, Roster};
+use bus::sample::{
+    AxisCommand, Cause, Job, Mode, Participant, ProgramState, Roster, SpindleCommand, Waiting,
+};
 use bytemuck::Zeroable;
 
 fn shown(screen: &Screen<'_>, width: u16, height: u16) -> Vec<String> {
@@ -223,4 +225,88 @@ fn a_view_from_another_machine_says_how_old_it_is_that_it_is_read_only_and_when_
         lines[2]
     );
     assert!(lines[2].contains("comes back by itself"), "{}", lines[2]);
+}
+
+/// Numbers in a text that have more than four decimals.
+fn overlong(text: &str) -> Vec<&str> {
+    let numbers = text.split(|letter: char| !letter.is_ascii_digit() && letter != '.');
+    let long = |number: &&str| {
+        let decimals = number.split_once('.').map_or("", |(_, decimals)| decimals);
+        decimals.trim_end_matches('.').len() > 4
+    };
+    numbers.filter(long).collect()
+}
+
+/// All that is said of a cell in words: by `status`, on the screen and its readout, in its events, and on the page.
+fn read_by_people(model: &Model) -> Vec<String> {
+    let mut texts = vec![crate::live::text::status(model)];
+    for (width, height) in [(80, 24), (160, 50)] {
+        for readout in [false, true] {
+            let mut screen = Screen::plain(model);
+            screen.readout = readout;
+            texts.extend(shown(&screen, width, height));
+        }
+    }
+    texts.extend(model.events.last.iter().map(|event| event.text.clone()));
+    let mut values = vec![serde_json::json!(crate::live::json::state(model))];
+    while let Some(value) = values.pop() {
+        match value {
+            serde_json::Value::String(text) => texts.push(text),
+            serde_json::Value::Array(inner) => values.extend(inner),
+            serde_json::Value::Object(inner) => values.extend(inner.into_values()),
+            _ => {}
+        }
+    }
+    texts
+}
+
+#[test]
+fn no_number_that_is_shown_has_more_than_four_decimals() {
+    assert_eq!(
+        overlong("at 1.2345 of 201.60007995844867."),
+        ["201.60007995844867."]
+    );
+    let mut model = model();
+    let mut next_start = program::modal_at_start(&model.machine);
+    next_start.feed = Some(1000.0 / 3.0);
+    next_start.speed = 2000.0 / 3.0;
+    model.next_start = Some(next_start);
+    let spindles = [
+        SpindleCommand::Turn,
+        SpindleCommand::Orient,
+        SpindleCommand::Follow,
+        SpindleCommand::Stop,
+    ];
+    for (case, waiting) in (1u32..).zip(Waiting::ALL.repeat(spindles.len())) {
+        let mut odd = f64::from(case) / 7.0;
+        let mut next = || {
+            odd += 100.0 / 3.0;
+            odd
+        };
+        let mut feedback = running(100_010 + u64::from(case));
+        feedback.program = [ProgramState::Running, ProgramState::Loaded][case as usize % 2] as u32;
+        let auxiliary = &mut feedback.auxiliary;
+        auxiliary.waiting = waiting as u32;
+        auxiliary.levels.spindle = spindles[case as usize % spindles.len()] as u32;
+        auxiliary.levels.spindle_rpm = next();
+        auxiliary.levels.orientation_deg = next();
+        auxiliary.levels.analog = auxiliary.levels.analog.map(|_| next());
+        auxiliary.spindle_rpm = next();
+        auxiliary.spindle_turns = next();
+        auxiliary.spindle_lag_turns = next();
+        auxiliary.tool_offset = auxiliary.tool_offset.map(|_| next());
+        feedback.inputs.analog = feedback.inputs.analog.map(|_| next());
+        for axis in &mut feedback.axes {
+            axis.command_position = (1e6 * next()) as i64;
+            axis.motor_position = (1e6 * next()) as i64;
+            axis.velocity_mm_s = next();
+            axis.velocity_command_mm_s = next();
+            axis.torque_nm = next();
+            axis.winding_k = next();
+        }
+        model.feedback(&feedback);
+        for text in read_by_people(&model) {
+            assert_eq!(overlong(&text), [] as [&str; 0], "{text}");
+        }
+    }
 }
