@@ -4,20 +4,43 @@ use std::f64::consts::{PI, TAU};
 
 use anyhow::{Context, anyhow, bail};
 use machine::settings_file::N_PER_NM;
+use monitor::words::shown;
 
 /// Letters that an axis can have.
 pub const LETTERS: &str = "X Y Z A B C U V W";
 /// Inertia of a rotor with coupling for each N·m of its continuous torque, in kg·m²/(N·m): that of the machines that come with Quadrant.
 const ROTOR_KG_M2_PER_NM: f64 = 2.4e-4;
+/// The same of the lightest rotors: servo motors of low inertia have 1e-5 to 8e-5, and a coupling comes to it.
+const ROTOR_KG_M2_PER_NM_MIN: f64 = 3e-5;
+/// An estimated rotor is at least as heavy as this at the axis, in kg, with pinion or pulley.
+const ROTOR_KG_MIN: f64 = 0.15;
+/// What moves is at most so many times as heavy as an estimated rotor at the axis: with more, the loops by law are too fast for a
+/// motor that is in its backlash.
+const MASS_PER_ROTOR_MAX: f64 = 5.0;
 /// Estimated motors have so much more continuous torque than the acceleration takes.
 const TORQUE_RESERVE: f64 = 1.3;
-/// At most so much of a motor's torque turns its own rotor.
+/// Largest continuous torque of an estimated motor, in N·m: below what a machine file takes.
+const TORQUE_NM_MAX: f64 = 8_000.0;
+/// So much of the continuous torque of a motor that was given speeds the axis up, for a moment: its quick stop takes twice that.
+const OVERLOAD: f64 = 1.5;
+/// At most so much of an estimated motor's torque turns its own rotor.
 const ROTOR_PART_MAX: f64 = 0.6;
+/// At most so much of the torque of a motor is estimated to be friction, and told to be right where it was given.
+const FRICTION_PART_MAX: f64 = 0.2;
+const FRICTION_PART_GIVEN_MAX: f64 = 0.8;
+/// An estimated mass is at least this, in kg, and an estimated rotor leaves it half of what the motor can speed up.
+const MASS_KG_MIN: f64 = 1.0;
+const MASS_PART_MIN: f64 = 0.5;
+/// Screws and gears that are taken where none is given: the first that suits speed and acceleration.
+const LEADS_MM: [f64; 7] = [10.0, 16.0, 20.0, 25.0, 32.0, 40.0, 50.0];
+const GEARS: [f64; 6] = [90.0, 60.0, 40.0, 20.0, 10.0, 5.0];
 /// Speed of an estimated motor at rapids, in turns per second: 3000 rev/min.
 const MOTOR_TURNS_S: f64 = 50.0;
+/// An estimated speed is reached in this time, in s.
+const SPEEDS_UP_S_MAX: f64 = 1.0;
 /// Friction at the two ends of a simulated bridge is that much less and more than half of it: as a carriage out of the middle makes it.
 const OTHER_END_SHARE: f64 = 0.2;
-/// Turns of the motor that the travel of an axis has at least that is homed by switch and index.
+/// Turns of the motor that the travel of an axis has at least that is homed by switch and index, so that both have their place.
 const HOMING_TURNS_MIN: f64 = 4.0;
 /// Keys of an axis.
 const KEYS: &str = "travel, lead, rack, belt, gear, ratio, speed, acceleration, mass, inertia, torque, rotor, friction, gap, start, motors, encoder, lifts";
@@ -72,6 +95,59 @@ pub struct NewAxis {
     pub lifts: Option<bool>,
     /// Keys that were given.
     given: Vec<String>,
+}
+
+/// What a motor has to speed an axis up with.
+struct Motor {
+    /// Continuous torque of the one that was given, or of the largest.
+    torque_nm: f64,
+    torque_given: bool,
+    /// Inertia, if that was given.
+    rotor: Option<f64>,
+    /// Way of the axis for a radian of the motor.
+    radius_m: f64,
+}
+
+impl Motor {
+    /// Its continuous torque as a force at the axis.
+    fn force_n(&self) -> f64 {
+        self.torque_nm / self.radius_m
+    }
+
+    /// Its rotor at the axis that moves a mass, with so much inertia for each N·m where none was given.
+    fn rotor_kg(&self, per_nm: f64, mass_kg: f64) -> f64 {
+        let at_axis = |inertia_kg_m2: f64| inertia_kg_m2 / self.radius_m.powi(2);
+        let estimated = || at_axis(per_nm * self.torque_nm).max(lightest_rotor_kg(mass_kg));
+        self.rotor.map_or_else(estimated, at_axis)
+    }
+
+    /// Highest acceleration of a mass by a force. A larger motor does not help beyond where it turns little but itself.
+    fn acceleration_m_s2(&self, force_n: f64, mass_kg: f64, per_nm: f64) -> f64 {
+        let most = force_n / (mass_kg + self.rotor_kg(per_nm, mass_kg));
+        match (self.torque_given, self.rotor) {
+            (false, None) => most.min(ROTOR_PART_MAX * self.radius_m / (TORQUE_RESERVE * per_nm)),
+            _ => most,
+        }
+    }
+
+    /// Inertia for each N·m of the heaviest rotor that leaves the acceleration possible, where the force has so much to spare for it.
+    fn rotor_per_nm(&self, spare_kg: f64, acceleration_m_s2: f64) -> f64 {
+        let most = spare_kg * self.radius_m.powi(2) / self.torque_nm;
+        if self.torque_given {
+            return most;
+        }
+        most.min(ROTOR_PART_MAX * self.radius_m / (TORQUE_RESERVE * acceleration_m_s2))
+    }
+}
+
+/// The lightest rotor that is estimated for a mass, in kg at the axis.
+fn lightest_rotor_kg(mass_kg: f64) -> f64 {
+    ROTOR_KG_MIN.max(mass_kg / MASS_PER_ROTOR_MAX)
+}
+
+/// Part of the torque of an estimated motor that its rotor takes for itself, with the usual rotor.
+fn rotor_part(acceleration: f64, lead: f64) -> f64 {
+    TORQUE_RESERVE * ROTOR_KG_M2_PER_NM * acceleration * TAU / lead
 }
 
 /// Whether an axis of this letter turns.
@@ -143,7 +219,14 @@ impl NewAxis {
     fn of(letter: &str, given: &Given<'_>) -> anyhow::Result<NewAxis> {
         let rotary = is_rotary(letter);
         let (endless, travel) = travel_or_turn(given, rotary)?;
-        let (drive, ratio) = drive(given, rotary)?;
+        let (speed, acceleration) = (
+            given.above_zero("speed")?,
+            given.above_zero("acceleration")?,
+        );
+        let (drive, ratio) = drive(given, rotary, |lead| {
+            let rotor_part = acceleration.map_or(0.0, |of| rotor_part(of, lead));
+            speed.unwrap_or(0.0) <= MOTOR_TURNS_S * lead && rotor_part <= ROTOR_PART_MAX
+        })?;
         let lead = turn(drive) / ratio;
         let (other, key) = if rotary {
             ("mass", "inertia")
@@ -156,13 +239,11 @@ impl NewAxis {
         let moved = given
             .above_zero(key)?
             .unwrap_or(if rotary { 0.5 } else { 100.0 });
-        let speed = given.above_zero("speed")?;
         let speed = speed.unwrap_or(rounded((MOTOR_TURNS_S * lead).min(if rotary {
             120.0
         } else {
             250.0
         })));
-        let acceleration = given.above_zero("acceleration")?;
         let acceleration = acceleration.unwrap_or(if rotary { 500.0 } else { 2000.0 });
         let friction = given.above_zero("friction")?;
         // Seals and bearings, and 1 % of the weight on the guideways.
@@ -198,6 +279,10 @@ impl NewAxis {
             given: given.0.iter().map(|(key, _)| (*key).to_string()).collect(),
         };
         axis.motor(given)?;
+        if !axis.was_given("speed") {
+            let reached = rounded(SPEEDS_UP_S_MAX * axis.acceleration);
+            axis.speed = axis.speed.min(reached);
+        }
         axis.fits()?;
         Ok(axis)
     }
@@ -210,14 +295,6 @@ impl NewAxis {
                 "encoder=incremental: is for axes with a travel; give an endless one [axis.homing] by hand"
             );
         }
-        let turns = (high - low) / self.lead();
-        if self.incremental && turns < HOMING_TURNS_MIN {
-            bail!(
-                "encoder=incremental: the travel must be at least {HOMING_TURNS_MIN} turns of the motor, so that switch and index \
-                 have their place: {} here",
-                rounded(turns)
-            );
-        }
         if !(low..=high).contains(&self.start) {
             bail!(
                 "start={}: must be within the travel, {low} to {high}",
@@ -227,29 +304,104 @@ impl NewAxis {
         Ok(())
     }
 
-    /// A motor that can do it, where none is given.
+    /// A motor that can do it. Of what was not given, friction, acceleration, rotor and mass give way to what was.
     fn motor(&mut self, given: &Given<'_>) -> anyhow::Result<()> {
-        let radius_m = self.lead() * 1e-3 / TAU;
-        let needed_nm = radius_m * (self.mass_kg() * self.acceleration_m_s2() + self.friction_n());
-        // The rotor takes a part of the torque for itself, and is larger the larger the motor is.
-        let rotor_part = TORQUE_RESERVE * ROTOR_KG_M2_PER_NM * self.acceleration_m_s2() / radius_m;
-        let torque_nm = given.above_zero("torque")?;
-        let estimated = || {
-            if rotor_part > ROTOR_PART_MAX {
-                let most = self.acceleration * ROTOR_PART_MAX / rotor_part;
+        let (torque_nm, rotor) = (given.above_zero("torque")?, given.above_zero("rotor")?);
+        let most = Motor {
+            torque_nm: torque_nm.unwrap_or(TORQUE_NM_MAX),
+            torque_given: torque_nm.is_some(),
+            rotor,
+            radius_m: self.radius_m(),
+        };
+        if self.was_given("friction") {
+            let felt = self.other_end().friction_n() / most.force_n();
+            if felt >= 1.0 {
+                let right = FRICTION_PART_GIVEN_MAX * self.whole(self.friction) / felt;
                 bail!(
-                    "acceleration={}: the motor would turn little but itself: at most {} with this lead or gear, \
-                     or give torque and rotor",
-                    self.acceleration,
-                    rounded(most)
+                    "friction={}: is all that the motor can do: at most {} with {}",
+                    self.whole(self.friction),
+                    rounded_down(right),
+                    self.motor_words(given)
                 );
             }
-            Ok(rounded_up(TORQUE_RESERVE * needed_nm / (1.0 - rotor_part)).max(0.1))
+        } else {
+            let friction = FRICTION_PART_MAX * most.force_n() / self.newtons();
+            self.friction = self.friction.min(rounded_down(friction));
+        }
+        let per_nm = self.speeds_up(given, &most)?;
+        let radius_m = self.radius_m();
+        let moves_nm = radius_m * (self.mass_kg() * self.acceleration_m_s2() + self.friction_n());
+        // The rotor takes a part of the torque for itself, and is larger the larger the motor is.
+        let rotor_m_s2 = TORQUE_RESERVE * self.acceleration_m_s2() / radius_m;
+        let with_rotor_nm = |rotor: f64| TORQUE_RESERVE * moves_nm + rotor * rotor_m_s2;
+        let lightest = lightest_rotor_kg(self.mass_kg()) * radius_m * radius_m;
+        let needed_nm = match rotor {
+            Some(rotor) => with_rotor_nm(rotor),
+            None => (TORQUE_RESERVE * moves_nm / (1.0 - per_nm * rotor_m_s2))
+                .max(with_rotor_nm(lightest)),
         };
-        self.torque_nm = torque_nm.map_or_else(estimated, Ok)?;
-        let rotor = given.above_zero("rotor")?;
-        self.rotor_kg_m2 = rotor.unwrap_or(rounded(ROTOR_KG_M2_PER_NM * self.torque_nm));
+        self.torque_nm = torque_nm.unwrap_or(rounded_up(needed_nm).max(0.1));
+        let estimated = rounded(per_nm * self.torque_nm).max(rounded_up(lightest));
+        self.rotor_kg_m2 = rotor.unwrap_or(estimated);
         Ok(())
+    }
+
+    /// Acceleration and mass that the largest motor can do, as far as they were not given; what a rotor has for each N·m.
+    fn speeds_up(&mut self, given: &Given<'_>, most: &Motor) -> anyhow::Result<f64> {
+        let free_n = (most.force_n() - self.other_end().friction_n()) / TORQUE_RESERVE;
+        if !self.was_given("acceleration") {
+            let can = 1e3 * most.acceleration_m_s2(free_n, self.mass_kg(), ROTOR_KG_M2_PER_NM);
+            self.acceleration = self.acceleration.min(rounded_down(can));
+            return Ok(ROTOR_KG_M2_PER_NM);
+        }
+        let mass_given = self.was_given("mass") || self.was_given("inertia");
+        let force_n = if mass_given && most.torque_given {
+            OVERLOAD * most.force_n() - self.other_end().friction_n()
+        } else {
+            free_n
+        };
+        let mass_kg = if mass_given {
+            self.mass_kg()
+        } else {
+            MASS_KG_MIN
+        };
+        let can = 1e3 * most.acceleration_m_s2(force_n, mass_kg, ROTOR_KG_M2_PER_NM_MIN);
+        if self.acceleration > can {
+            bail!(
+                "acceleration={}: is more than the motor can do that turns itself too: at most {} with {}",
+                self.acceleration,
+                rounded_down(can),
+                self.motor_words(given)
+            );
+        }
+        let acceleration_m_s2 = self.acceleration_m_s2();
+        let all_kg = force_n / acceleration_m_s2;
+        if mass_given {
+            let per_nm = most.rotor_per_nm(all_kg - mass_kg, acceleration_m_s2);
+            return Ok(per_nm.min(ROTOR_KG_M2_PER_NM));
+        }
+        let per_nm = most.rotor_per_nm((1.0 - MASS_PART_MIN) * all_kg, acceleration_m_s2);
+        let per_nm = per_nm.min(ROTOR_KG_M2_PER_NM);
+        let beside_rotor_kg = (all_kg - most.rotor_kg(per_nm, 0.0))
+            .min(all_kg / (1.0 + 1.0 / MASS_PER_ROTOR_MAX))
+            .max(MASS_KG_MIN);
+        let moved = rounded_down(beside_rotor_kg / self.per_slide());
+        self.moved = self.moved.min(moved);
+        Ok(per_nm)
+    }
+
+    /// What bounds the motor, as it was given, in words.
+    fn motor_words(&self, given: &Given<'_>) -> String {
+        const KEYS: [&str; 5] = ["mass", "inertia", "friction", "torque", "rotor"];
+        let unit = if self.is_rotary() { "°" } else { " mm" };
+        let way = format!("{}{unit} in one turn of the motor", shown(self.lead(), 4));
+        let pairs = KEYS.iter().filter_map(|key| Some((key, given.text(key)?)));
+        pairs.fold(way, |words, (key, value)| format!("{words}, {key}={value}"))
+    }
+
+    /// Of both motors where there are two.
+    fn whole(&self, of_a_motor: f64) -> f64 {
+        of_a_motor * if self.two_motors { 2.0 } else { 1.0 }
     }
 
     /// Whether it turns.
@@ -269,8 +421,16 @@ impl NewAxis {
 
     /// What moves with it, motor included, in kg of the slide that it is or that stands for it.
     pub fn all_mass_kg(&self) -> f64 {
-        let radius_m = self.lead() * 1e-3 / TAU;
-        self.mass_kg() + self.rotor_kg_m2 / (radius_m * radius_m)
+        self.mass_kg() + self.rotor_kg_m2 / self.radius_m().powi(2)
+    }
+
+    fn radius_m(&self) -> f64 {
+        self.lead() * 1e-3 / TAU
+    }
+
+    /// Whether the switch that it is homed by has an index of the encoder behind it.
+    pub fn has_index(&self) -> bool {
+        (self.travel.1 - self.travel.0) / self.lead() >= HOMING_TURNS_MIN
     }
 
     /// Kilograms of the slide for each unit of its own: 1 of a slide.
@@ -287,7 +447,12 @@ impl NewAxis {
     }
 
     fn friction_n(&self) -> f64 {
-        self.friction * if self.is_rotary() { N_PER_NM } else { 1.0 }
+        self.friction * self.newtons()
+    }
+
+    /// Newtons of the slide for each unit of force of its own: 1 of a slide.
+    fn newtons(&self) -> f64 {
+        if self.is_rotary() { N_PER_NM } else { 1.0 }
     }
 
     fn acceleration_m_s2(&self) -> f64 {
@@ -371,7 +536,12 @@ fn travel(given: &Given<'_>) -> anyhow::Result<(f64, f64)> {
     ends.with_context(|| format!("travel={text}: must be LOW..HIGH, such as travel=-200..200"))
 }
 
-fn drive(given: &Given<'_>, rotary: bool) -> anyhow::Result<(Drive, f64)> {
+/// What moves it, and the turns of the motor for one of that. A screw or gear that was not given `suits` by its way in a turn of the motor.
+fn drive(
+    given: &Given<'_>,
+    rotary: bool,
+    suits: impl Fn(f64) -> bool,
+) -> anyhow::Result<(Drive, f64)> {
     let ratio = given.above_zero("ratio")?;
     let (lead, rack, belt) = (
         given.above_zero("lead")?,
@@ -383,19 +553,27 @@ fn drive(given: &Given<'_>, rotary: bool) -> anyhow::Result<(Drive, f64)> {
         if lead.is_some() || rack.is_some() || belt.is_some() || ratio.is_some() {
             bail!("a rotary axis has gear=TURNS: turns of the motor for one of the axis");
         }
-        return Ok((Drive::Table, gear.unwrap_or(90.0)));
+        let gear = gear.unwrap_or_else(|| first(&GEARS, |gear| suits(360.0 / gear)));
+        return Ok((Drive::Table, gear));
     }
     if gear.is_some() {
         bail!("gear is for rotary axes (A, B, C): give ratio with lead, rack or belt");
     }
+    let turns = ratio.unwrap_or(1.0);
     let drive = match (lead, rack, belt) {
-        (None, None, None) => Drive::Screw(10.0),
+        (None, None, None) => Drive::Screw(first(&LEADS_MM, |lead| suits(lead / turns))),
         (Some(lead), None, None) => Drive::Screw(lead),
         (None, Some((module, teeth)), None) => Drive::Rack(module, teeth),
         (None, None, Some((pitch, teeth))) => Drive::Belt(pitch, teeth),
         _ => bail!("one of lead, rack and belt"),
     };
-    Ok((drive, ratio.unwrap_or(1.0)))
+    Ok((drive, turns))
+}
+
+/// The first that suits, or the last.
+fn first(all: &[f64], suits: impl Fn(f64) -> bool) -> f64 {
+    let fits = all.iter().find(|value| suits(**value));
+    fits.or(all.last()).copied().unwrap_or_default()
 }
 
 /// Whether two motors drive it.
@@ -440,6 +618,16 @@ fn turn(drive: Drive) -> f64 {
 /// Two significant digits, as people write an estimate.
 pub fn rounded(number: f64) -> f64 {
     format!("{number:.1e}").parse().unwrap_or(number)
+}
+
+/// The same, not above the number.
+pub fn rounded_down(number: f64) -> f64 {
+    let up = rounded(number);
+    if up <= number {
+        up
+    } else {
+        rounded(number / 1.05)
+    }
 }
 
 fn rounded_up(number: f64) -> f64 {

@@ -3,7 +3,7 @@
 use anyhow::Context;
 use machine::{DriveMode, Machine, SECOND_MOTOR};
 
-use super::axis::{Drive, NewAxis, rounded};
+use super::axis::{Drive, NewAxis, rounded, rounded_down};
 use crate::laws::Timing;
 use crate::write::digits;
 
@@ -17,6 +17,10 @@ const STROKE_MAX: f64 = 100.0;
 const SKEW_MAX_MM: f64 = 0.2;
 /// Fastest search for a home switch, in mm/s or degrees per second.
 const SEARCH_MAX: f64 = 20.0;
+/// A home switch without an index is so much of the travel from its end.
+const SWITCH_SHARE: f64 = 0.25;
+/// A search brakes with so much of the acceleration (docs/methods/two-controllers.md).
+const JOG_ACCELERATION_SHARE: f64 = 0.2;
 /// What joins the two ends of a gantry (docs/methods/physics.md, "A bridge between two motors").
 const PLANT_BRIDGE: &str = "\n[axis.bridge]          # joins it to the axis of its letter\nstiffness_n_per_um = 20.0  # estimated\n";
 /// Feed of that program, in mm/min.
@@ -163,11 +167,11 @@ impl Files<'_> {
                 |axis: &NewAxis| (axis.start - axis.travel.0).max(axis.travel.1 - axis.start);
             let half = |axis: &NewAxis| 0.5 * (axis.travel.1 - axis.travel.0);
             let radius = RADIUS_MM_MAX.min(0.4 * half(first)).min(0.4 * half(second));
+            let radius = rounded_down(radius.min(room(first)));
             let centre = |axis: &NewAxis| {
                 axis.start
                     .clamp(axis.travel.0 + radius, axis.travel.1 - radius)
             };
-            let radius = rounded(radius.min(room(first)));
             let (a, b) = (centre(first), centre(second));
             let feed = FEED_MM_MIN_MAX
                 .min(30.0 * first.speed)
@@ -253,6 +257,14 @@ impl Words {
     }
 }
 
+/// Increment of positions, in millionths of the unit, where the usual one is too coarse: a return to the path has a tenth of the
+/// acceleration, and rounding of places may look like half of that, which is nine increments in a scan squared.
+fn increment(axis: &NewAxis, scan_s: f64) -> Option<f64> {
+    let most = axis.acceleration * scan_s * scan_s * 1e6 / 90.0;
+    let finer = [1.0, 0.1, 0.01].into_iter().find(|of| *of <= most);
+    finer.or(Some(0.01)).filter(|of| *of < 1.0)
+}
+
 fn machine_axis(axis: &NewAxis, name: &str, timing: &Timing, drive_period_us: u32) -> String {
     let words = Words::of(axis);
     let transmission = transmission(axis, "axis.transmission");
@@ -273,11 +285,15 @@ fn machine_axis(axis: &NewAxis, name: &str, timing: &Timing, drive_period_us: u3
             words.length
         ),
     };
+    let increment = increment(axis, timing.scan_s).map_or(String::new(), |finer| {
+        let key = if axis.is_rotary() { "udeg" } else { "nm" };
+        format!("increment_{key} = {finer:?}  # finer than usual, for so low an acceleration\n")
+    });
     let peak = 3.0 * axis.torque_nm;
     let torque = why(axis, "torque", ": the acceleration with a reserve");
     format!(
         "\n[[axis]]\nname = \"{name}\"\n{kind}\
-         {travel}rapid_{speed} = {rapid:?}{rapid_why}\n\
+         {travel}{increment}rapid_{speed} = {rapid:?}{rapid_why}\n\
          acceleration_{acceleration} = {most:?}{most_why}\n\
          quick_stop_{acceleration} = {quick:?}  # braking, with the peak torque\n\
          following_error_limit_{length} = {limit:?}\n\
@@ -316,16 +332,43 @@ fn gantry(axis: &NewAxis) -> String {
     )
 }
 
-/// Where an axis with an incremental encoder has its index and the switch in front of it: half a turn of the motor and a whole one from
-/// the end of the travel that it is homed at.
-fn reference_point(axis: &NewAxis, lifts: bool) -> (f64, f64) {
-    let (end, inwards) = if lifts {
-        (axis.travel.1, -axis.lead())
-    } else {
-        (axis.travel.0, axis.lead())
-    };
-    let from_end = |turns: f64| digits(end + turns * inwards, 9);
-    (from_end(0.5), from_end(1.0))
+/// Where an axis with an incremental encoder has the switch that it is homed by and the reference point behind it, from the end of the
+/// travel that it is homed at: a turn of the motor, and half a turn for the index; on a travel of few turns the switch alone, at a
+/// quarter of it.
+struct HomeEnd {
+    switch_at: f64,
+    reference_at: f64,
+    /// Way from the switch to the end.
+    room: f64,
+}
+
+impl HomeEnd {
+    fn of(axis: &NewAxis, lifts: bool) -> HomeEnd {
+        let (low, high) = axis.travel;
+        let from_end = |way: f64| digits(if lifts { high - way } else { low + way }, 9);
+        let (room, reference) = if axis.has_index() {
+            (axis.lead(), 0.5 * axis.lead())
+        } else {
+            let room = SWITCH_SHARE * (high - low);
+            (room, room)
+        };
+        HomeEnd {
+            switch_at: from_end(room),
+            reference_at: from_end(reference),
+            room,
+        }
+    }
+
+    /// Speed of a search that rests before the end, which is at least a fifth of a second away.
+    fn search_speed(&self, axis: &NewAxis) -> f64 {
+        let rests = (JOG_ACCELERATION_SHARE * axis.acceleration * self.room).sqrt();
+        rounded(
+            (0.1 * axis.speed)
+                .min(SEARCH_MAX)
+                .min(5.0 * self.room)
+                .min(rests),
+        )
+    }
 }
 
 fn homing(axis: &NewAxis, input: usize, lifts: bool) -> String {
@@ -333,8 +376,16 @@ fn homing(axis: &NewAxis, input: usize, lifts: bool) -> String {
         return String::new();
     }
     let words = Words::of(axis);
-    let (index_at, _) = reference_point(axis, lifts);
-    let search = rounded((0.1 * axis.speed).min(SEARCH_MAX));
+    let end = HomeEnd::of(axis, lifts);
+    let search = end.search_speed(axis);
+    let (method, reference) = if axis.has_index() {
+        ("switch-index", "of the index behind the edge of the switch")
+    } else {
+        (
+            "switch",
+            "of the edge of the switch: the travel has few turns of the motor",
+        )
+    };
     let (direction, order, why) = if lifts {
         ("positive", 1, "  # off the work, and before the others")
     } else {
@@ -342,12 +393,13 @@ fn homing(axis: &NewAxis, input: usize, lifts: bool) -> String {
     };
     format!(
         "\n[axis.homing]          # the encoder is incremental: `quadrant home` before anything else\n\
-         method = \"switch-index\"\nswitch_input = {input}\ndirection = \"{direction}\"{why}\n\
+         method = \"{method}\"\nswitch_input = {input}\ndirection = \"{direction}\"{why}\n\
          search_{speed} = {search:?}  # estimated\nlatch_{speed} = {latch:?}  # estimated\n\
-         position_{length} = {index_at:?}  # of the index behind the edge of the switch\norder = {order}\n",
+         position_{length} = {position:?}  # {reference}\norder = {order}\n",
         speed = words.speed,
         length = words.length,
         latch = rounded(0.1 * search),
+        position = end.reference_at,
     )
 }
 
@@ -356,7 +408,11 @@ fn plant_homing(axis: &NewAxis, input: usize, lifts: bool) -> String {
         return String::new();
     }
     let length = Words::of(axis).length;
-    let (index_at, switch_at) = reference_point(axis, lifts);
+    let HomeEnd {
+        switch_at,
+        reference_at: index_at,
+        ..
+    } = HomeEnd::of(axis, lifts);
     let shows = digits(axis.travel.1 - axis.travel.0, 4);
     let actuated = if lifts { "actuated = \"above\"\n" } else { "" };
     format!(
