@@ -75,8 +75,8 @@ fn machines() -> Vec<(&'static str, Machine, PlantFile)> {
             "leads 4, 5, 16",
             &[
                 "X:travel=0..300,lead=16",
-                "Y:travel=0..300,lead=10",
-                "Z:travel=0..200,lead=8",
+                "Y:travel=0..300,lead=5",
+                "Z:travel=0..200,lead=4",
             ],
         ),
         ("rotary", &["X:travel=0..300,lead=10", "A:travel=-180..180"]),
