@@ -569,7 +569,7 @@ impl Driver {
     }
 }
 
-/// How far the manual controller of an axis is with it.
+/// State of the manual controller of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 #[repr(u32)]
 pub enum Hand {
@@ -743,7 +743,7 @@ pub struct AxisCommand {
     pub drive_mode: u32,
     /// [`Cause`] of a stop this servo asks for.
     pub cause: u32,
-    /// [`Hand`]: how far the manual controller is with the axis.
+    /// [`Hand`]: state of the manual controller.
     pub hand: u32,
     /// Scans that it looks ahead on a course by hand: a change of the course is known so early.
     pub ahead_scans: u32,

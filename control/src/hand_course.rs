@@ -1,4 +1,4 @@
-//! The course of an axis that is moved by hand: one owner steps it, and whoever sees it knows what comes next.
+//! The course of an axis that is moved by hand: one owner steps it, and every reader knows what comes next.
 #![deny(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -136,7 +136,7 @@ impl HandCourse {
         there && self.changes_in == 0
     }
 
-    /// Where it comes to rest if it begins to brake in so many scans: that becomes its aim then, the whole increment next to it.
+    /// Begins to brake in so many scans: the place where it rests then is its aim.
     pub fn stop(&mut self, scans: u32) {
         let mut then = *self;
         for _ in 1..scans.clamp(1, AHEAD_SCANS_MAX) {

@@ -12,25 +12,8 @@ use machine::{DriveMode, Machine, PositionFeedback};
 use master::Drives;
 use plant_sim::plant_file::PlantFile;
 use plant_sim::script::rng::Rng;
-use tune::options::NewMachineOptions;
 
 const SESSION: u32 = 5;
-
-/// As `quadrant new machine` writes it from these axes.
-fn new_machine(axes: &[&str]) -> (Machine, PlantFile) {
-    let folder = tempfile::tempdir().expect("a folder");
-    let written = folder.path().join("new");
-    let options = NewMachineOptions {
-        folder: written.clone(),
-        axis: axes.iter().map(|axis| (*axis).to_owned()).collect(),
-        name: None,
-        scan_us: 1000,
-    };
-    assert!(tune::new_machine::new_machine(&options).is_ok(), "{axes:?}");
-    let machine = Machine::load(&written).expect("machine.toml");
-    let plant = PlantFile::load(&written.join("plant.toml")).expect("plant.toml");
-    (machine, plant)
-}
 
 /// Shipped machines, and some that are newly written: velocity, torque and position drives, motors and scales, standbys.
 fn machines() -> Vec<(&'static str, Machine, PlantFile)> {
@@ -81,7 +64,7 @@ fn machines() -> Vec<(&'static str, Machine, PlantFile)> {
         ),
         ("rotary", &["X:travel=0..300,lead=10", "A:travel=-180..180"]),
     ] {
-        let (machine, plant) = new_machine(axes);
+        let (machine, plant) = common::new_machine(axes);
         all.push((name, machine, plant));
     }
     all
@@ -665,7 +648,7 @@ fn whatever_comes_in_whatever_step_of_a_jog_the_next_one_is_exact_again() {
     machine.axes[0].standby = true;
     let standby = Cell::new(machine, plant);
     let (machine, plant) = common::load("xy");
-    let (gantry, of_gantry) = new_machine(&[
+    let (gantry, of_gantry) = common::new_machine(&[
         "X:travel=0..300,lead=10,motors=2",
         "Y:travel=0..300,lead=10",
     ]);

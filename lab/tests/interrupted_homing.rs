@@ -11,7 +11,6 @@ use common::staying::Cell;
 use machine::Machine;
 use master::Drives;
 use plant_sim::plant_file::PlantFile;
-use tune::options::NewMachineOptions;
 
 /// True places of the switches of the two motors, and of the indices behind them, in mm.
 const SWITCHES_MM: [f64; 2] = [-190.0, -189.6];
@@ -19,20 +18,10 @@ const INDICES_MM: [f64; 2] = [-191.0, -191.3];
 
 /// A machine as `quadrant new machine` writes it, whose X is homed: on one motor or two, with standbys or without.
 fn machine(motors: u32, standby: bool) -> (Machine, PlantFile) {
-    let folder = tempfile::tempdir().expect("a folder");
-    let written = folder.path().join("homed");
     let axis = format!(
         "X:travel=-200..200,lead=10,mass=200,motors={motors},encoder=incremental,start=-188"
     );
-    let options = NewMachineOptions {
-        folder: written.clone(),
-        axis: vec![axis],
-        name: None,
-        scan_us: 1000,
-    };
-    assert!(tune::new_machine::new_machine(&options).is_ok());
-    let mut machine = Machine::load(&written).expect("machine.toml");
-    let mut plant = PlantFile::load(&written.join("plant.toml")).expect("plant.toml");
+    let (mut machine, mut plant) = common::new_machine(&[&axis]);
     for (index, axis) in machine.axes.iter_mut().enumerate() {
         axis.standby = standby;
         let homing = axis.homing.as_mut().expect("homing");

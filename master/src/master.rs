@@ -329,9 +329,7 @@ impl<D: Drives> Master<D> {
 
     /// Brakes of an axis that is in step with the spindle, of both motors of a gantry, are no harder than this.
     fn brake_evenly(&mut self, axis: usize, most_mm_s2: f64) {
-        let second = self.led_by(axis);
-        let motors = [Some(axis), second.map(|pair| pair.follower)];
-        for motor in motors.into_iter().flatten() {
+        for motor in self.motors_of(axis) {
             if let Some(DriveCommand::Brake { deceleration_mm_s2 }) =
                 self.drive_commands.get_mut(motor)
             {

@@ -35,7 +35,7 @@ pub(crate) struct Wanted {
     pub feed_forward_mm_s: f64,
     /// Command minus feedback, compensation not counted, in mm.
     pub following_error_mm: f64,
-    /// How far the manual controller is with the axis.
+    /// State of the manual controller.
     pub hand: Hand,
 }
 

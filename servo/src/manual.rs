@@ -146,8 +146,8 @@ impl ManualController {
             .to_second(&mut state.changeover, error, before_mm_s, own_mm_s);
     }
 
-    /// One scan of the changeover with an encoder that moved by `moved`: what is added to the speed command, in mm/s, and how far
-    /// the controller is with the axis.
+    /// One scan of the changeover with an encoder that moved by `moved`: what is added to the speed command, in mm/s, and the
+    /// state of the controller.
     pub(crate) fn changes_over(
         &self,
         state: &mut ManualState,

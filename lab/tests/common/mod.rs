@@ -8,6 +8,7 @@ use std::path::Path;
 use bus::sample::{Feedback, Mode, OperatorRequest, Order};
 use machine::{Machine, Spindle, ToolChange, ToolChanger};
 use plant_sim::plant_file::{PlantFile, PlantSpindle, PlantToolChanger};
+use tune::options::NewMachineOptions;
 
 /// Of [`mill_with_spindle`].
 pub const AT_SPEED_SHARE: f64 = 0.05;
@@ -20,6 +21,22 @@ pub fn load(name: &str) -> (Machine, PlantFile) {
     let mut machine = Machine::load(&folder).expect("machine.toml");
     machine.program.work_offset_mm.clear();
     let plant = PlantFile::load(&folder.join("plant.toml")).expect("plant.toml");
+    (machine, plant)
+}
+
+/// As `quadrant new machine` writes it from these axes.
+pub fn new_machine(axes: &[&str]) -> (Machine, PlantFile) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let written = folder.path().join("new");
+    let options = NewMachineOptions {
+        folder: written.clone(),
+        axis: axes.iter().map(|axis| (*axis).to_owned()).collect(),
+        name: None,
+        scan_us: 1000,
+    };
+    assert!(tune::new_machine::new_machine(&options).is_ok(), "{axes:?}");
+    let machine = Machine::load(&written).expect("machine.toml");
+    let plant = PlantFile::load(&written.join("plant.toml")).expect("plant.toml");
     (machine, plant)
 }
 

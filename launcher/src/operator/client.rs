@@ -150,6 +150,12 @@ impl Client {
         (time.as_secs_f64() / self.machine.scan_period_s()).ceil() as u32
     }
 
+    /// Name of an axis.
+    pub fn axis_name(&self, axis: u32) -> &str {
+        let axis = self.machine.axes.get(axis as usize);
+        axis.map_or("?", |axis| axis.name.as_str())
+    }
+
     /// Unit of an axis's distances.
     pub fn unit(&self, axis: u32) -> &'static str {
         let axis = self.machine.axes.get(axis as usize);
@@ -271,10 +277,7 @@ impl Client {
             Refused::BeyondTravel => format!(
                 "{}: from here a jog of {} may be {:+.3} to {:+.3} {}",
                 reason.words(),
-                self.machine
-                    .axes
-                    .get(answer.axis as usize)
-                    .map_or("it", |axis| axis.name.as_str()),
+                self.axis_name(answer.axis),
                 answer.allowed_min_mm,
                 answer.allowed_max_mm,
                 self.unit(answer.axis)

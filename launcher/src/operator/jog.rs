@@ -155,7 +155,7 @@ fn by_distances(
     }
     let answer = client.ask(Order::Jog, request)?;
     let words = ways.iter().map(|(axis, way)| {
-        let (name, unit) = (name(client, *axis), client.unit(*axis));
+        let (name, unit) = (client.axis_name(*axis), client.unit(*axis));
         format!("{name} by {} {unit}", rounded(*way))
     });
     let words: Vec<String> = words.collect();
@@ -264,11 +264,6 @@ impl<'a> Clicks<'a> {
     }
 }
 
-fn name(client: &Client, axis: u32) -> &str {
-    let axis = client.machine.axes.get(axis as usize);
-    axis.map_or("?", |axis| axis.name.as_str())
-}
-
 fn until_interrupted(client: &Client, ways: &[(u32, f64)], speed_mm_s: f64) -> Outcome {
     let signals = Signals::catch().environment()?;
     let mut eyes = Eyes::open(client)?;
@@ -293,7 +288,7 @@ fn until_interrupted(client: &Client, ways: &[(u32, f64)], speed_mm_s: f64) -> O
     }
     let words = ways.iter().map(|(axis, direction)| {
         let sign = if *direction > 0.0 { '+' } else { '-' };
-        format!("{}{sign}", name(client, *axis))
+        format!("{}{sign}", client.axis_name(*axis))
     });
     let words: Vec<String> = words.collect();
     client.say(&format!("jogging {} until Ctrl-C", words.join(" ")));

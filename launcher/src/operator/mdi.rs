@@ -20,7 +20,7 @@ use crate::signals::Signals;
 
 /// Its name in the cell, in run directories and in messages.
 const NAME: &str = "mdi.ngc";
-/// So long blocks that have stopped or tripped may take to be given up by the cell.
+/// The cell gives up blocks that have stopped or tripped within this time.
 const GIVEN_UP_WITHIN: Duration = Duration::from_secs(2);
 
 /// `mdi`.

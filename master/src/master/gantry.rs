@@ -104,6 +104,12 @@ impl<D: Drives> Master<D> {
         gantry.map(|of| of.pair)
     }
 
+    /// The motors of an axis: its own, and the second one of a gantry.
+    pub(super) fn motors_of(&self, axis: usize) -> impl Iterator<Item = usize> + use<D> {
+        let second = self.led_by(axis).map(|pair| pair.follower);
+        [Some(axis), second].into_iter().flatten()
+    }
+
     /// Whether this is the second motor of an axis: no order names it.
     pub(super) fn is_follower(&self, axis: usize) -> bool {
         self.gantries.iter().any(|of| of.pair.follower == axis)

@@ -60,14 +60,14 @@ pub(super) struct Hand {
     pub motion: Motion,
     course: HandCourse,
     wanted: Wanted,
-    /// How far its servo is, as it says.
+    /// State of its servo's manual controller.
     controller: Controller,
     /// Scan of its last increment.
     pub clicked: u64,
     /// Scans that its servo has been waited for.
     waited_scans: u64,
-    /// Limits of acceleration and jerk.
-    limits: JogProfile,
+    /// Limits of acceleration and jerk, in parts of an increment and scans.
+    pub limits: JogProfile,
     /// Parts of an increment in a scan of 1 mm/s.
     step_per_mm_s: f64,
 }
@@ -90,12 +90,7 @@ impl Hand {
         }
     }
 
-    /// Limits of acceleration and jerk, in parts of an increment and scans.
-    pub fn limits(&self) -> &JogProfile {
-        &self.limits
-    }
-
-    /// What a later scan depends on, beside the course: the kind of motion and the scans it is left, what is wanted, how far the servo is.
+    /// State that a later scan depends on, beside the course: the kind of motion and the scans it is left, the next aim, the servo.
     pub fn inner(&self, scan: u64) -> [u64; 4] {
         let (kind, left) = match self.motion {
             Motion::None => (0, 0),
@@ -160,15 +155,21 @@ impl AxisUnit {
         }
     }
 
-    /// The hand takes it to a place in increments, at this speed.
-    pub(super) fn move_by_hand(&mut self, motion: Motion, goal: i64, speed_mm_s: f64) {
+    /// The hand takes it to a place in increments, at this speed; from rest within these limits of acceleration and jerk, or its own.
+    pub(super) fn move_by_hand(
+        &mut self,
+        motion: Motion,
+        goal: i64,
+        speed_mm_s: f64,
+        limits: Option<&JogProfile>,
+    ) {
         if self.driver != Driver::Manual {
             self.driver = Driver::Manual;
             self.hand.course = HandCourse::at(self.command_position);
             self.hand.controller = Controller::Off;
         }
         if self.hand.course.rests() {
-            self.hand.course.limit(&self.hand.limits);
+            self.hand.course.limit(limits.unwrap_or(&self.hand.limits));
         }
         self.hand.motion = motion;
         self.hand.waited_scans = 0;
@@ -176,13 +177,6 @@ impl AxisUnit {
             goal: fine(goal),
             step_max: libm::floor(speed_mm_s * self.hand.step_per_mm_s) as i64,
         });
-    }
-
-    /// The motion that has just been ordered, from rest, is within these limits of acceleration and jerk.
-    pub(super) fn limit_by_hand(&mut self, limits: &JogProfile) {
-        if self.hand.course.rests() {
-            self.hand.course.limit(limits);
-        }
     }
 
     /// The hand brings it to rest where it can.
@@ -261,9 +255,7 @@ impl<D: Drives> Master<D> {
 
     /// Whether what the hand moves on these axes has come to rest, and the motors with it.
     pub(super) fn is_done_by_hand(&self, axis: usize) -> bool {
-        let motors = [Some(axis), self.led_by(axis).map(|pair| pair.follower)];
-        let mut motors = motors.into_iter().flatten();
-        motors.all(|motor| {
+        self.motors_of(axis).all(|motor| {
             let axis = self.axes.get(motor);
             axis.is_none_or(|axis| axis.driver != Driver::Manual || axis.hand.is_done())
         })

@@ -376,13 +376,14 @@ impl<D: Drives> Master<D> {
             axis: index, step, ..
         } = homing.motor;
         let search = self.axes.get(index).map(|axis| axis.search(settings, step));
-        let motors = [Some(index), self.led_by(index).map(|pair| pair.follower)];
-        for motor in motors.into_iter().flatten() {
+        for motor in self.motors_of(index) {
             let Some(axis) = self.axes.get_mut(motor) else {
                 continue;
             };
             match search.flatten() {
-                Some((speed_mm_s, end)) => axis.move_by_hand(Motion::Homing, end, speed_mm_s),
+                Some((speed_mm_s, end)) => {
+                    axis.move_by_hand(Motion::Homing, end, speed_mm_s, None);
+                }
                 None => {
                     axis.leave_hand();
                     axis.driver = Driver::Drive;

@@ -99,7 +99,7 @@ impl Line {
         if way == 0 {
             return;
         }
-        let limits = unit.hand.limits();
+        let limits = &unit.hand.limits;
         self.speed = self.speed.min(most_mm_s / way_mm.abs());
         let way = fine(way).unsigned_abs() as f64;
         self.acceleration = self.acceleration.min(limits.step_change_max as f64 / way);
@@ -126,6 +126,26 @@ impl AxisUnit {
             Some(homing) if !self.is_homed() => speed_mm_s.min(homing.search_mm_s),
             _ => speed_mm_s,
         }
+    }
+
+    /// A way of a jog, in increments, as a whole number of them; within the travel from `from` on, or what of it is allowed there.
+    fn way_of_jog(&self, axis: u32, way_mm: f64, from: i64) -> Result<i64, Refusal> {
+        let increment_mm = self.settings.increment_mm();
+        // Beyond all machines a distance has no increments.
+        let distance = libm::round(way_mm / increment_mm);
+        if !distance.is_finite() {
+            return Err(Refused::BadValue.into());
+        }
+        let (low, high) = self.reach();
+        let [least, most] = [low, high].map(|end| end.saturating_sub(from) as f64);
+        if !(least..=most).contains(&distance) {
+            return Err(Refusal {
+                reason: Refused::BeyondTravel,
+                allowed_mm: (least * increment_mm, most * increment_mm),
+                axis,
+            });
+        }
+        Ok(distance as i64)
     }
 
     /// Places where a jog may end, in increments; from outside the travel, to the far end and no farther out. Nobody knows where the
@@ -156,29 +176,23 @@ impl<D: Drives> Master<D> {
         }
         let unit = self.unit_to_jog(request.axis, true)?;
         let increment_mm = unit.settings.increment_mm();
-        // Beyond all machines a distance has no increments.
         let distance = libm::round(request.value / increment_mm);
         if !distance.is_finite() || distance == 0.0 {
             return Err(Refused::BadValue.into());
         }
         let speed_mm_s = self.jog_speed(request)?;
-        let (from, (low, high)) = (unit.target(), unit.reach());
-        let room = (low.saturating_sub(from), high.saturating_sub(from));
-        let mut way = distance;
-        if !(room.0 as f64..=room.1 as f64).contains(&distance) {
-            if !numbered {
-                return Err(Refusal {
-                    reason: Refused::BeyondTravel,
-                    allowed_mm: (room.0 as f64 * increment_mm, room.1 as f64 * increment_mm),
-                    axis: request.axis,
-                });
+        let from = unit.target();
+        let way = match unit.way_of_jog(request.axis, request.value, from) {
+            Err(beyond) if numbered => {
+                let (least_mm, most_mm) = beyond.allowed_mm;
+                unit.increments(request.value.clamp(least_mm, most_mm))
             }
-            way = distance.clamp(room.0 as f64, room.1 as f64);
-            if way == 0.0 {
-                return Err(Refused::TravelEnd.into());
-            }
+            judged => judged?,
+        };
+        if way == 0 {
+            return Err(Refused::TravelEnd.into());
         }
-        let target = from.saturating_add(way as i64);
+        let target = from.saturating_add(way);
         let left_mm = target.saturating_sub(unit.command_position) as f64 * increment_mm;
         let most_mm = request.value.abs() + BACKLOG_S * speed_mm_s;
         if unit.is_moved_by_hand() && left_mm.abs() > most_mm {
@@ -196,8 +210,9 @@ impl<D: Drives> Master<D> {
             Motion::Increments,
             target,
             speed_mm_s,
+            None,
         );
-        self.jogged_mm = way * increment_mm;
+        self.jogged_mm = way as f64 * increment_mm;
         let scan = self.scan;
         if let Some(unit) = self.axes.get_mut(request.axis as usize) {
             unit.hand.clicked = scan;
@@ -214,33 +229,13 @@ impl<D: Drives> Master<D> {
             }
             let axis = index as u32;
             let unit = self.unit_to_jog(axis, false)?;
-            let increment_mm = unit.settings.increment_mm();
-            let distance = libm::round(way_mm / increment_mm);
-            if !distance.is_finite() {
-                return Err(Refused::BadValue.into());
-            }
-            let (low, high) = unit.reach();
-            let room = (
-                low.saturating_sub(unit.command_position),
-                high.saturating_sub(unit.command_position),
-            );
-            if !(room.0 as f64..=room.1 as f64).contains(&distance) {
-                return Err(Refusal {
-                    reason: Refused::BeyondTravel,
-                    allowed_mm: (room.0 as f64 * increment_mm, room.1 as f64 * increment_mm),
-                    axis,
-                });
-            }
-            let most_mm_s = self.jog_speed(&OperatorRequest {
-                axis,
-                speed_mm_s: 0.0,
-                ..*request
-            })?;
+            let way = unit.way_of_jog(axis, *way_mm, unit.command_position)?;
+            let rapid_mm_s = unit.settings.rapid_mm_s;
             let most_mm_s = match request.speed_mm_s {
-                0.0 => most_mm_s,
-                _ => unit.speed_by_hand(unit.settings.rapid_mm_s),
+                0.0 => self.jog_mm_s.min(rapid_mm_s),
+                _ => rapid_mm_s,
             };
-            line.take(unit, distance as i64, most_mm_s);
+            line.take(unit, way, unit.speed_by_hand(most_mm_s));
         }
         let along_mm_s = match request.speed_mm_s {
             0.0 => self.jog_mm_s,
@@ -254,13 +249,7 @@ impl<D: Drives> Master<D> {
             let way = unit.increments(*way_mm);
             let target = unit.command_position.saturating_add(way);
             let (speed_mm_s, limits) = line.of_axis(unit, way, along_mm_s);
-            self.jog_to(index, Motion::Line, target, speed_mm_s);
-            let motors = [Some(index), self.led_by(index).map(|pair| pair.follower)];
-            for motor in motors.into_iter().flatten() {
-                if let Some(unit) = self.axes.get_mut(motor) {
-                    unit.limit_by_hand(&limits);
-                }
-            }
+            self.jog_to(index, Motion::Line, target, speed_mm_s, Some(&limits));
         }
         Ok(())
     }
@@ -283,7 +272,7 @@ impl<D: Drives> Master<D> {
             until: self.jog_until(request)?,
         };
         let speed_mm_s = self.jog_speed(request)?;
-        self.jog_to(request.axis as usize, motion, target, speed_mm_s);
+        self.jog_to(request.axis as usize, motion, target, speed_mm_s, None);
         Ok(())
     }
 
@@ -328,7 +317,7 @@ impl<D: Drives> Master<D> {
             axis.hand.motion = Motion::Held { session, until };
             if let Some(speed_mm_s) = speed_mm_s {
                 let (motion, target) = (axis.hand.motion, axis.target());
-                self.jog_to(index, motion, target, speed_mm_s);
+                self.jog_to(index, motion, target, speed_mm_s, None);
             }
         }
         Ok(())
@@ -394,11 +383,17 @@ impl<D: Drives> Master<D> {
     }
 
     /// The hand takes an axis to a place in increments, with both motors of a gantry.
-    fn jog_to(&mut self, axis: usize, motion: Motion, target: i64, speed_mm_s: f64) {
-        let motors = [Some(axis), self.led_by(axis).map(|pair| pair.follower)];
-        for motor in motors.into_iter().flatten() {
+    fn jog_to(
+        &mut self,
+        axis: usize,
+        motion: Motion,
+        target: i64,
+        speed_mm_s: f64,
+        limits: Option<&JogProfile>,
+    ) {
+        for motor in self.motors_of(axis) {
             if let Some(unit) = self.axes.get_mut(motor) {
-                unit.move_by_hand(motion, target, speed_mm_s);
+                unit.move_by_hand(motion, target, speed_mm_s, limits);
             }
         }
         self.take_in_hand();

@@ -277,8 +277,7 @@ impl Hand<'_> {
         };
         let click = clicks.click(axis, way, speed_mm_s, seen)?;
         let unit = self.client.unit(axis);
-        let settings = self.client.machine.axes.get(axis as usize);
-        let name = settings.map_or("?", |axis| axis.name.as_str());
+        let name = self.client.axis_name(axis);
         Ok(match click {
             Click::Taken => {
                 self.not_taken = 0;
