@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use bus::member::Pace;
 use clap::{Args, Parser, Subcommand};
-use lab::options::{BenchOptions, BenchPongOptions, SoakOptions};
 use launcher::options::{
     BusOptions, CheckOptions, CleanOptions, DoctorOptions, HomeOptions, JogOptions, LoadOptions,
     MdiOptions, OffsetsOptions, OperatorOptions, OptionalStopOptions, OverrideOptions, PlanOptions,
@@ -126,10 +125,6 @@ pub enum Command {
     Tune(TuneOptions),
     /// Identify an axis from a recording that somebody else made: mass, friction, what they do not explain
     Identify(IdentifyOptions),
-    /// The project's own measurements, each beside its floor on this machine
-    Bench(BenchOptions),
-    /// Run a cell and kill its processes at random instants, again and again: does everything hold that must?
-    Soak(SoakOptions),
     /// The master of a running cell (started by `run`)
     PlantSim(PlantSimOptions),
     /// The master over drives on a fieldbus, of a running cell (started by `run`)
@@ -148,9 +143,6 @@ pub enum Command {
     Man(ManOptions),
     /// Print what the machine file, the plant file or a drive file may hold: the page of the reference, or the schema for editors
     Reference(ReferenceOptions),
-    /// The other side of a measurement
-    #[command(hide = true)]
-    BenchPong(BenchPongOptions),
 }
 
 /// What `quadrant remote` takes.

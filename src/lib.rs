@@ -3,3 +3,83 @@
 pub mod cli;
 pub mod manual;
 pub mod roles;
+
+use bus::sample::Order;
+use console::exit::Outcome;
+use launcher::run::Injection;
+use launcher::{check, doctor, drive_files, operator, plan, report, run, up};
+use view::{live, scope, web};
+
+use crate::cli::Command;
+
+/// Carries a command out; the fault script of a run may do so much.
+///
+/// # Errors
+/// It could not be carried out, and why.
+pub fn obey(command: Command, injection: Injection) -> Outcome {
+    match command {
+        Command::Run(options) => {
+            for pass in 1..=options.passes {
+                let completed = run::run(&options.of_pass(pass), injection)?;
+                if options.learn {
+                    tune::learn::after(&completed)?;
+                }
+                if options.learn_path {
+                    tune::learn_path::after(&completed)?;
+                }
+            }
+            Ok(())
+        }
+        Command::Check(options) => check::check(&options),
+        Command::Plan(options) => plan::plan(&options),
+        Command::Report(options) => report::report(&options),
+        Command::Doctor(options) => doctor::doctor(&options),
+        Command::Clean(options) => run::clean(&options),
+        Command::New(options) => match &options.what {
+            cli::NewWhat::Machine(options) => tune::new_machine::new_machine(options),
+        },
+        Command::Up(options) => up::up(&options),
+        Command::Load(options) => operator::load(&options),
+        Command::Start(options) => operator::start(&options),
+        Command::Down(options) => operator::down(&options),
+        Command::Hold(options) => operator::simple(Order::Hold, &options),
+        Command::Resume(options) => operator::simple(Order::Resume, &options),
+        Command::Stop(options) => operator::simple(Order::Stop, &options),
+        Command::Override(options) => operator::set_override(&options),
+        Command::RapidOverride(options) => operator::set_rapid_override(&options),
+        Command::Reset(options) => operator::simple(Order::Reset, &options),
+        Command::OptionalStop(options) => operator::optional_stop(&options),
+        Command::SingleBlock(options) => operator::single_block(&options),
+        Command::Jog(options) => operator::jog(&options),
+        Command::Home(options) => operator::home(&options),
+        Command::Offsets(options) => operator::offsets(&options),
+        Command::Tool(options) => operator::tool(&options),
+        Command::Zero(options) => operator::zero(&options),
+        Command::Enable(options) => operator::simple(Order::Enable, &options),
+        Command::Mdi(options) => operator::mdi(&options),
+        Command::Estop(options) => operator::simple(Order::EmergencyStop, &options),
+        Command::Disable(options) => operator::simple(Order::Disable, &options),
+        Command::Status(options) => live::status(&options),
+        Command::Monitor(options) => live::monitor(&options),
+        Command::Web(options) => web::web(&options),
+        Command::Scope(options) => scope::scope(&options),
+        #[cfg(feature = "remote")]
+        Command::Remote(options) => match &options.command {
+            cli::RemoteCommand::Serve(options) => live::serve::serve(options),
+            cli::RemoteCommand::Order(options) => live::remote_orders::give(options),
+        },
+        Command::IceoryxConfig(options) => operator::iceoryx_config(&options),
+        Command::Bus(options) => drive_files::bus(&options),
+        Command::Tune(options) => tune::tune(&options),
+        Command::Identify(options) => tune::identify_recording(&options),
+        Command::Completions(options) => manual::completions(&options),
+        Command::Man(options) => manual::man(&options),
+        Command::Reference(options) => manual::reference(&options),
+        Command::PlantSim(options) => roles::plant_sim(&options),
+        Command::Master(options) => roles::master(&options),
+        Command::Fieldbus(options) => roles::fieldbus(&options),
+        Command::Planner(options) => roles::planner(&options),
+        Command::Servo(options) => roles::servo(&options),
+        Command::Recorder(options) => roles::recorder(&options),
+    }
+}

@@ -7,9 +7,9 @@ use anyhow::Context;
 use clap::CommandFactory;
 use clap_mangen::Man;
 
+use console::exit::{Kind, Outcome};
+use console::output::say;
 use fieldbus::drive_file;
-use launcher::exit::{Kind, Outcome};
-use launcher::output::say;
 use plant_sim::plant_file;
 
 use crate::cli::{Cli, CompletionsOptions, ManOptions, ReferenceOptions};

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use launcher::exit::{Kind, Outcome};
-use launcher::logs;
+use console::exit::{Kind, Outcome};
+use console::logs;
 use machine::Machine;
 use plant_sim::script::orders;
 use plant_sim::script::ports::ScriptedPorts;

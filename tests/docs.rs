@@ -226,8 +226,14 @@ fn every_source_and_every_test_that_a_developers_page_names_is_there() {
         } else {
             format!("fn {start}")
         };
-        let in_file =
-            |path: &Path| file.is_none_or(|file| path.ends_with(format!("tests/{file}.rs")));
+        let in_file = |path: &Path| {
+            let is = |file: &str| {
+                let places = ["tests", "tests/processes"];
+                let mut places = places.iter();
+                places.any(|place| path.ends_with(format!("{place}/{file}.rs")))
+            };
+            file.is_none_or(is)
+        };
         let mut files = sources.iter().filter(|(path, _)| in_file(path));
         match start {
             "*" => files.next().is_some(),

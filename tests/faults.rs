@@ -9,7 +9,7 @@ use bus::sample::{Feedback, Mode};
 use monitor::log::{Reader, Sample};
 use serde_json::Value;
 
-use crate::support::{Bench, Run, number, run, run_with, text};
+use crate::support::{Bench, Run, number, root, run, run_with, text};
 
 /// Straights, a corner, arcs that turn back, a dwell, a rapid, and more of the same; ends in (30, 0).
 fn mixed_program(turns: usize) -> String {
@@ -566,4 +566,26 @@ fn a_master_that_comes_back_waits_with_its_drives_off_where_the_axes_stand() {
     let last = last_feedback(&ended);
     assert_eq!(last.mode, Mode::Finished as u32);
     assert_eq!(last.axes[0].command_position, 30_000_000);
+}
+
+/// Wrong samples are for the lab: the product's own processes cannot be asked for them.
+#[test]
+fn quadrant_itself_refuses_a_script_that_would_have_it_send_wrong_samples() {
+    for action in ["drop", "delay", "corrupt"] {
+        let more = match action {
+            "delay" => "late_scans = 2",
+            "corrupt" => "what = \"jump\"",
+            _ => "",
+        };
+        let script = format!(
+            "[[fault]]\nat = {{ scan = 300 }}\nprocess = \"servo-X\"\ndo = \"{action}\"\n{more}\n"
+        );
+        let bench = Bench::of("xy", &[]);
+        let faults = bench.file("faults.toml", &script).display().to_string();
+        let program = root().join("machines/xy/programs/circle-r25-f3000.ngc");
+        let run = run_with(bench.path(), &program, &["--faults", &faults]);
+        assert_eq!(run.status(), 2, "{}", run.stderr());
+        assert!(run.stderr().contains("quadrant-lab"), "{}", run.stderr());
+        assert!(!run.out.exists(), "nothing is started, nothing is written");
+    }
 }

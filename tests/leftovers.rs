@@ -1,31 +1,8 @@
 //! What a crash leaves behind goes at the next start, and children of a dead launcher do not stay.
 
 use std::path::Path;
-use std::time::{Duration, Instant};
 
-use crate::support::{Bench, LiveCell, circle_program, quadrant, traces_of};
-
-pub(crate) fn wait_until_gone(children: &[(i32, String)]) {
-    let started = Instant::now();
-    for (pid, line) in children {
-        while is_alive(*pid) {
-            assert!(
-                started.elapsed() < Duration::from_secs(60),
-                "{line} lives on without its launcher"
-            );
-            std::thread::sleep(Duration::from_millis(10));
-        }
-    }
-}
-
-/// Whether a process lives; a zombie that nobody reaps yet does not.
-pub(crate) fn is_alive(pid: i32) -> bool {
-    std::fs::read_to_string(format!("/proc/{pid}/stat")).is_ok_and(|stat| {
-        !stat
-            .rsplit_once(')')
-            .is_some_and(|(_, rest)| rest.trim_start().starts_with('Z'))
-    })
-}
+use crate::support::{Bench, LiveCell, circle_program, quadrant, traces_of, wait_until_gone};
 
 #[test]
 fn children_of_a_killed_launcher_leave_and_the_next_run_of_the_cell_cleans_up() {

@@ -30,7 +30,9 @@ pub fn look_late() {
 
 /// The workspace.
 pub fn root() -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+    let mut above = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors();
+    let root = above.find(|folder| folder.join("machines").is_dir());
+    root.expect("the workspace").to_path_buf()
 }
 
 /// A cell name that no other test has.
@@ -119,9 +121,15 @@ impl Bench {
     }
 }
 
-/// The `quadrant` command.
+/// The command under test: `quadrant`, in the tests of the lab `quadrant-lab`, which can do all that it can.
+pub const QUADRANT: Option<&str> = match option_env!("CARGO_BIN_EXE_quadrant") {
+    None => option_env!("CARGO_BIN_EXE_quadrant-lab"),
+    quadrant => quadrant,
+};
+
+/// The same, as a command.
 pub fn quadrant() -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_quadrant"));
+    let mut command = Command::new(QUADRANT.expect("a command to test"));
     command.current_dir(root()).stdin(Stdio::null());
     hear_hangups(&mut command);
     command
@@ -136,13 +144,6 @@ fn hear_hangups(command: &mut Command) {
     };
     // SAFETY: the closure makes one system call and allocates nothing.
     unsafe { command.pre_exec(hear) };
-}
-
-/// The `quadrant-lab` command, whose processes can send wrong samples.
-pub fn quadrant_lab() -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_quadrant-lab"));
-    command.current_dir(root()).stdin(Stdio::null());
-    command
 }
 
 /// What `quadrant plan` prints.
@@ -442,22 +443,6 @@ pub fn run_with(machine: impl AsRef<Path>, program: impl AsRef<Path>, more: &[&s
     LiveCell::start_with(machine.as_ref(), program.as_ref(), "lockstep", more).finish()
 }
 
-/// The same by `quadrant-lab`, with the faults of a script among the options.
-pub fn run_in_lab(machine: impl AsRef<Path>, program: impl AsRef<Path>, more: &[&str]) -> Run {
-    let (machine, program) = (machine.as_ref(), Some(program.as_ref()));
-    let cell = unique_cell();
-    LiveCell::launch(
-        quadrant_lab(),
-        &cell,
-        "run",
-        machine,
-        program,
-        "lockstep",
-        more,
-    )
-    .finish()
-}
-
 /// What of a cell is in shared memory.
 pub fn traces_of(cell: &str) -> Vec<String> {
     let mine = [
@@ -563,4 +548,27 @@ pub fn dead_time_of(line: &str, axis: &str) -> f64 {
     let mut each = found.split([',', ':']).map(str::trim);
     let of = each.find_map(|words| words.strip_prefix(axis)?.trim().parse().ok());
     of.unwrap_or_else(|| panic!("no number for {axis}: {line}"))
+}
+
+/// Waits until none of these processes lives.
+pub fn wait_until_gone(children: &[(i32, String)]) {
+    let started = Instant::now();
+    for (pid, line) in children {
+        while is_alive(*pid) {
+            assert!(
+                started.elapsed() < Duration::from_secs(60),
+                "{line} lives on without its launcher"
+            );
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+}
+
+/// Whether a process lives; a zombie that nobody reaps yet does not.
+pub fn is_alive(pid: i32) -> bool {
+    fs::read_to_string(format!("/proc/{pid}/stat")).is_ok_and(|stat| {
+        !stat
+            .rsplit_once(')')
+            .is_some_and(|(_, rest)| rest.trim_start().starts_with('Z'))
+    })
 }

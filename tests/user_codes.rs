@@ -5,8 +5,9 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use crate::leftovers::{is_alive, wait_until_gone};
-use crate::support::{Bench, LiveCell, Run, quadrant, run, run_with, text, traces_of};
+use crate::support::{
+    Bench, LiveCell, Run, is_alive, quadrant, run, run_with, text, traces_of, wait_until_gone,
+};
 use crate::up::{ask, down, obeyed};
 
 const PROGRAM: &str = "G21 G90 G94\nG1 X10 F6000\nM101 P2.5 Q-1.25\nG1 X0\nM102\nO1 repeat [3]\nM101 P[#1]\n#1=[#1+1]\nG1 X5\nX0\nO1 endrepeat\nM2\n";

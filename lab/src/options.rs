@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use launcher::options::number;
 
-/// What `quadrant bench-pong` takes.
+/// What `quadrant-lab bench-pong` takes.
 #[derive(Debug, Clone, Args)]
 pub struct BenchPongOptions {
     /// Name of the cell
@@ -22,10 +22,10 @@ pub struct BenchPongOptions {
     pub samples: bool,
 }
 
-/// What `quadrant soak` takes.
+/// What `quadrant-lab soak` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "A run of a program of lines, arcs, dwells and rapids is started on a copy of the machine, on which every loss is\nfollowed by a restart; every axis has a standby in one run, every second in the next. Its processes are killed\n(SIGKILL: planner, servos, standbys, monitor, plant-sim, two at once) and stopped for a while (SIGSTOP), each time as\nsoon as the cell is whole again and some random microseconds later. With drives on a bus, so are the owner of the bus\nand its standby, which is there in every other run: as long as one of the two is left running, no drive may be lost.\nAfter the loss of the master, and of all drives, the soak sends `enable` and `resume` as an operator does. When the\nprogram is done, the next run begins.\n\nJudged all the while: no step of a command beyond velocity and acceleration limits; commanded points on the path to\nthe increment; modes change only as documented; the end exact; limits in the run's log; nobody grows, nobody stays\ndead, no process and no file of the cell outlives its run.\n\nExit status 0: no violation; 1: some, printed, with the seed and the folder of the run.\n\n  quadrant soak machines/xy --kills 500"
+    after_help = "A run of a program of lines, arcs, dwells and rapids is started on a copy of the machine, on which every loss is\nfollowed by a restart; every axis has a standby in one run, every second in the next. Its processes are killed\n(SIGKILL: planner, servos, standbys, monitor, plant-sim, two at once) and stopped for a while (SIGSTOP), each time as\nsoon as the cell is whole again and some random microseconds later. With drives on a bus, so are the owner of the bus\nand its standby, which is there in every other run: as long as one of the two is left running, no drive may be lost.\nAfter the loss of the master, and of all drives, the soak sends `enable` and `resume` as an operator does. When the\nprogram is done, the next run begins.\n\nJudged all the while: no step of a command beyond velocity and acceleration limits; commanded points on the path to\nthe increment; modes change only as documented; the end exact; limits in the run's log; nobody grows, nobody stays\ndead, no process and no file of the cell outlives its run.\n\nExit status 0: no violation; 1: some, printed, with the seed and the folder of the run.\n\n  quadrant-lab soak machines/xy --kills 500"
 )]
 pub struct SoakOptions {
     /// Folder with machine.toml and plant.toml or drive files, or the path of a machine.toml; axes X and Y with 30 mm to either side of 0
@@ -61,7 +61,7 @@ fn hours(text: &str) -> Result<f64, String> {
     }
 }
 
-/// What `quadrant bench` takes.
+/// What `quadrant-lab bench` takes.
 #[derive(Debug, Clone, Args)]
 pub struct BenchOptions {
     /// Which measurement
@@ -98,12 +98,12 @@ impl Default for BenchCommand {
     }
 }
 
-/// Rounds of `quadrant bench lockstep` if no number is given.
+/// Rounds of `quadrant-lab bench lockstep` if no number is given.
 const ROUNDS: u32 = 5;
 /// Machine that is measured if none is named.
 const BENCH_MACHINE: &str = "machines/xy";
 
-/// What `quadrant bench lockstep` takes.
+/// What `quadrant-lab bench lockstep` takes.
 #[derive(Debug, Clone, Args)]
 pub struct LockstepOptions {
     /// Folder with machine.toml, plant.toml and programs/circle-r25-f3000.ngc
@@ -114,7 +114,7 @@ pub struct LockstepOptions {
     pub rounds: u32,
 }
 
-/// What `quadrant bench fieldbus` takes.
+/// What `quadrant-lab bench fieldbus` takes.
 #[derive(Debug, Clone, Args)]
 pub struct FieldbusBenchOptions {
     /// Folder with machine.toml of a machine with [bus]
@@ -125,7 +125,7 @@ pub struct FieldbusBenchOptions {
     pub seconds: u64,
 }
 
-/// What `quadrant bench planning` takes.
+/// What `quadrant-lab bench planning` takes.
 #[derive(Debug, Clone, Args)]
 pub struct PlanningOptions {
     /// Folder with machine.toml and plant.toml, or the path of a machine.toml
@@ -136,7 +136,7 @@ pub struct PlanningOptions {
     pub programs: Vec<PathBuf>,
 }
 
-/// What `quadrant bench plants` takes.
+/// What `quadrant-lab bench plants` takes.
 #[derive(Debug, Clone, Args)]
 pub struct PlantsOptions {
     /// Folder with machine.toml and plant.toml, or the path of a machine.toml; axes X and Y with 100 mm to either side of 0
@@ -167,7 +167,7 @@ pub struct PlantsOptions {
     pub jobs: u64,
 }
 
-/// What `quadrant bench report` takes.
+/// What `quadrant-lab bench report` takes.
 #[derive(Debug, Clone, Args)]
 pub struct BenchReportOptions {
     /// Folder with machine.toml and plant.toml, or the path of a machine.toml; axes X and Y with 25 mm to either side of 0
@@ -181,7 +181,7 @@ pub struct BenchReportOptions {
     pub run: Option<PathBuf>,
 }
 
-/// What `quadrant bench circles` takes.
+/// What `quadrant-lab bench circles` takes.
 #[derive(Debug, Clone, Args)]
 pub struct CirclesOptions {
     /// Folder with machine.toml and plant.toml, or the path of a machine.toml
@@ -215,7 +215,7 @@ pub struct CirclesOptions {
     pub jobs: u64,
 }
 
-/// What `quadrant bench faults` takes.
+/// What `quadrant-lab bench faults` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
     after_help = "Each seed draws a program, a machine with or without standbys, one to four faults, restart policies and\nnow and then orders of an operator. Exit status 1: a seed violates an invariant; the command that repeats it\nis printed."

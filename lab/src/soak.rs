@@ -1,4 +1,4 @@
-//! `quadrant soak`: a real cell whose processes, launcher and clients are killed and stopped at random instants, again and again,
+//! `quadrant-lab soak`: a real cell whose processes, launcher and clients are killed and stopped at random instants, again and again,
 //! and what must hold all the while.
 //!
 //! One loop: look on (`cell::Cell::look`, every feedback judged by `judge::Judge`), inject a fault, wait until the cell is whole
@@ -34,16 +34,16 @@ use toml_edit::{DocumentMut, value};
 
 use crate::options::SoakOptions;
 use cell::{Cell, Process, Start};
+use console::exit::{Failure, Kind, Outcome};
+use console::logs;
+use console::output::say;
+use console::signals::Signals;
 use disturb::RETURN_LIMIT;
 use ending::Left;
 use fault::Injection;
 use freezer::Freezer;
 use growth::{FILES_MAX, Growth};
 use launcher::check::{self, Checked};
-use launcher::exit::{Failure, Kind, Outcome};
-use launcher::logs;
-use launcher::output::say;
-use launcher::signals::Signals;
 use places::Places;
 use tally::{Came, Tally};
 

@@ -1,4 +1,4 @@
-//! What seeds of `quadrant bench faults` have found, each in its smallest form.
+//! What seeds of `quadrant-lab bench faults` have found, each in its smallest form.
 
 mod common;
 

@@ -4,8 +4,8 @@
 use std::fs;
 
 use bus::sample::{Cause, Feedback, Mode, OperatorRequest, Order, Reference, Refused};
+use console::exit::Failure;
 use lab::cell::InProcessCell;
-use launcher::exit::Failure;
 use machine::Machine;
 use plant_sim::plant_file::PlantFile;
 use plant_sim::script::rng::Rng;

@@ -1,4 +1,4 @@
-//! Seeds of `quadrant bench faults`, a few in each run of the tests; more with `SEEDS=5000 cargo test -p lab --test seeds`, one and
+//! Seeds of `quadrant-lab bench faults`, a few in each run of the tests; more with `SEEDS=5000 cargo test -p lab --test seeds`, one and
 //! all of it with `FROM=17 SEEDS=1 VERBOSE=1`.
 
 mod common;

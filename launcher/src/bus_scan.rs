@@ -9,9 +9,9 @@ use fieldbus::process::claim::Claim;
 use fieldbus::start_up::{self, FoundPdo, FoundSlave, StartUpError};
 use serde::Serialize;
 
-use crate::exit::{Failure, Kind, Outcome};
 use crate::options::BusScanOptions;
-use crate::output::{self, say};
+use console::exit::{Failure, Kind, Outcome};
+use console::output::{self, say};
 
 /// Widest line.
 const COLUMNS: usize = 100;

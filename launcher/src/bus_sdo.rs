@@ -4,9 +4,9 @@ use fieldbus::cia402;
 use fieldbus::start_up::{self, ObjectData};
 
 use crate::bus_scan::open;
-use crate::exit::{Kind, Outcome};
 use crate::options::BusSdoOptions;
-use crate::output::say;
+use console::exit::{Kind, Outcome};
+use console::output::say;
 
 /// `quadrant bus sdo`.
 ///

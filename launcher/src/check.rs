@@ -14,11 +14,11 @@ use planner::{ProgramText, Survey};
 use plant_sim::plant_file::PlantFile;
 use program::{Note, Program, SHORT_ELEMENTS};
 
-use crate::exit::{Kind, Outcome};
-use crate::logs;
 use crate::options::CheckOptions;
-use crate::output::say;
 use crate::user_codes;
+use console::exit::{Kind, Outcome};
+use console::logs;
+use console::output::say;
 
 /// `check` plans so many setpoints one by one, in some tenths of a second; the time of what comes behind them follows from the speed map.
 const JUDGED_SETPOINTS: u64 = 300_000;

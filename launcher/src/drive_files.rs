@@ -10,10 +10,10 @@ use fieldbus::drive_file::{self, DriveFile};
 use fieldbus::esi::{Choice, Device, Esi, choose};
 use fieldbus::process_data;
 
-use crate::exit::{Kind, Outcome};
 use crate::options::{BusCheckOptions, BusCommand, BusOptions, DriveFileOptions};
-use crate::output::say;
 use crate::{bus_scan, bus_sdo};
+use console::exit::{Kind, Outcome};
+use console::output::say;
 
 /// Longest name of a file that is made of a drive's name, in letters.
 const NAME_LETTERS_MAX: usize = 40;

@@ -21,9 +21,9 @@ use machine::{KeptFiles, Machine, Process};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
 
-use crate::logs;
 use crate::metrics_socket::Listener;
 use crate::run_dir::RunDir;
+use console::logs;
 
 mod death;
 mod restart;
@@ -159,7 +159,11 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
     if plan.metrics.is_some() {
         recorder.add(&["--metrics"]);
     }
-    let mut planner = Role::new(machine, Job::Planner.into(), &["planner"]);
+    let (planner, subcommand) = match plan.wrong_samples {
+        true => ("faulty-planner", "faulty-servo"),
+        false => ("planner", "servo"),
+    };
+    let mut planner = Role::new(machine, Job::Planner.into(), &[planner]);
     let limit = plan.answer_limit_s.to_string();
     let limit = ["--answer-limit", &limit];
     let mut master = Role::new(machine, Job::Master.into(), &[]);
@@ -185,7 +189,11 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
     let servo = |process: Process| {
         let axis = machine.axis_name(process.axis as usize);
         let role = ROLES.get(process.role as usize).unwrap_or(&"?");
-        Role::new(machine, process, &["servo", "--axis", axis, "--role", role])
+        Role::new(
+            machine,
+            process,
+            &[subcommand, "--axis", axis, "--role", role],
+        )
     };
     let fieldbus = |process: Process| {
         let mut role = Role::new(machine, process, &["fieldbus"]);

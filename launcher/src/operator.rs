@@ -23,12 +23,12 @@ pub use tools::tool;
 
 use client::{order_urgently, running};
 
-use crate::exit::{Failure, Outcome};
 use crate::options::{
     HomeOptions, OperatorOptions, OptionalStopOptions, OverrideOptions, RapidOverrideOptions,
     SingleBlockOptions,
 };
-use crate::output::say;
+use console::exit::{Failure, Outcome};
+use console::output::say;
 
 /// `hold`, `resume`, `stop`, `enable`, `disable`, `estop`.
 pub fn simple(order: Order, options: &OperatorOptions) -> Outcome {

@@ -12,10 +12,10 @@ use control::totals::Totals;
 use control::window::{PlannedSetpoint, WindowPlanner};
 
 use crate::check::{self, Checked, Depth, print_totals};
-use crate::exit::{Failure, Kind, Outcome};
-use crate::logs;
 use crate::options::PlanOptions;
-use crate::output::say;
+use console::exit::{Failure, Kind, Outcome};
+use console::logs;
+use console::output::say;
 
 use long_dwells::LongDwells;
 use picture::Picture;

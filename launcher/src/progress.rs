@@ -8,7 +8,7 @@ use bus::port::Reader;
 use bus::sample::{Feedback, PlannerStatus, Waiting};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
 
-use crate::output;
+use console::output;
 
 /// Looks at the cell now and then.
 pub struct Progress {
@@ -39,7 +39,7 @@ impl Progress {
         if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} %  {msg}") {
             bar.set_style(style);
         }
-        crate::logs::write_above(&bar);
+        console::logs::write_above(&bar);
         Progress {
             bar,
             feedback,

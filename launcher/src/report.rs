@@ -5,11 +5,11 @@ use std::path::Path;
 
 use anyhow::{Context, bail};
 
-use crate::exit::{Kind, Outcome};
-use crate::logs;
 use crate::options::ReportOptions;
-use crate::output::say;
 use crate::settings_difference;
+use console::exit::{Kind, Outcome};
+use console::logs;
+use console::output::say;
 
 /// Of a report that is made beside a machine that moves.
 const NICENESS: i32 = 19;

@@ -13,19 +13,18 @@ use plant_sim::script::orders;
 
 use crate::check::{self, Checked, Depth};
 use crate::events::{Event, Events};
-use crate::exit::{Failure, Kind, Outcome};
 use crate::group::{Group, Plan};
 use crate::operator::origin;
 use crate::options::{CleanOptions, RunOptions};
-use crate::output::{self, say};
 use crate::retention::Retention;
 use crate::run_dir::{RunDir, Sources, default_folder, program_name};
-use crate::signals::Signals;
 use crate::supervise::{Ending, Subject, Watch, supervise};
 use crate::view::{self, View};
-use crate::{
-    disk_room, doctor, exit, logs, metrics_socket, report, service_manager, training, web,
-};
+use crate::{disk_room, doctor, metrics_socket, report, service_manager, training, web};
+use console::exit::{Failure, Kind, Outcome};
+use console::output::{self, say};
+use console::signals::Signals;
+use console::{exit, logs};
 
 /// Members of a dead launcher get so long to stop on the path and leave.
 const MEMBERS_PATIENCE: Duration = Duration::from_secs(10);
@@ -85,9 +84,10 @@ pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Fail
     if options.pace() == Pace::Realtime {
         doctor::say_what_realtime_lacks();
     }
+    let sends = |script: &FaultScript| script.faults.iter().any(|f| f.action.is_of_samples());
     let plan = Plan {
+        wrong_samples: faults.as_ref().is_some_and(sends),
         records: options.log == FULL,
-        wrong_samples: injection == Injection::WrongSamples,
         fault_blocks: fault_blocks.unwrap_or_default(),
         single_block: options.single_block,
         start_line: options.from_line,

@@ -13,9 +13,9 @@ use bus::sample::{Cause, Feedback, Mode, ProgramState};
 use serde_json::Value;
 
 use crate::events::{Event, Events};
-use crate::logs;
 use crate::retention::{RUNS, Retention};
-use crate::signals::Signals;
+use console::logs;
+use console::signals::Signals;
 
 /// So long the reports that are still being made may hold up the end of the cell.
 const REPORT_LIMIT: Duration = Duration::from_secs(120);

@@ -13,7 +13,6 @@ use machine::Machine;
 use plant_sim::script::faults::FaultScript;
 
 use crate::events::{Event, Events};
-use crate::exit;
 use crate::fault_injector::FaultInjector;
 use crate::group::{Death, Group, LEAVE_LIMIT, LEAVE_LIMIT_AFTER_MACHINE};
 use crate::hangs::Hangs;
@@ -21,12 +20,13 @@ use crate::hints;
 use crate::progress::{LOOK_EVERY, Progress};
 use crate::service_manager;
 use crate::session::Session;
-use crate::signals::Signals;
 use crate::standby_alarm::StandbyAlarm;
 use crate::supervisor::{Supervisor, Verdict, goes_on_after_stop};
 use crate::user_codes::UserCodes;
 use crate::view::View;
 use crate::web::Page;
+use console::exit;
+use console::signals::Signals;
 
 /// So long the machine may take to come to rest once it was ordered to.
 const STOP_LIMIT: Duration = Duration::from_secs(15);

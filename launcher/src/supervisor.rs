@@ -196,7 +196,7 @@ impl Supervisor {
         let now = self.begun.elapsed();
         while let Some(place) = self.rules.take_due(now) {
             if let Err(error) = group.respawn(place, None) {
-                tracing::error!("{}", crate::exit::words(&error));
+                tracing::error!("{}", console::exit::words(&error));
                 self.rules.put_off(place, now);
             }
         }

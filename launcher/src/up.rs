@@ -9,19 +9,20 @@ use bus::sample::Job;
 use machine::{Machine, machine_file};
 
 use crate::check::Checked;
-use crate::exit::{Failure, Kind, Outcome};
 use crate::group::{Death, Plan};
 use crate::operator::origin;
 use crate::options::UpOptions;
-use crate::output::{self, say};
 use crate::retention::Retention;
 use crate::run::{FULL, make_checked, make_events, note_started, own, start};
 use crate::run_dir::{RunDir, Sources, dated_folder};
 use crate::session::Session;
-use crate::signals::Signals;
 use crate::supervise::{Ending, Subject, Watch, supervise};
 use crate::view::{self, View};
-use crate::{check, disk_room, doctor, logs, metrics_socket, service_manager, training, web};
+use crate::{check, disk_room, doctor, metrics_socket, service_manager, training, web};
+use console::exit::{Failure, Kind, Outcome};
+use console::logs;
+use console::output::{self, say};
+use console::signals::Signals;
 
 /// Starts the group of a machine and stays until it is ordered to end.
 pub fn up(options: &UpOptions) -> Outcome {

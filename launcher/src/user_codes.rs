@@ -14,7 +14,7 @@ use program::{EventKind, Program};
 use rustix::fs::Access;
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
 
-use crate::logs;
+use console::logs;
 
 /// Where they lie, and the one that runs.
 pub struct UserCodes {

@@ -8,7 +8,7 @@ use std::time::Duration;
 use anyhow::{Context, bail};
 
 use crate::closing::close;
-use crate::output;
+use console::output;
 
 /// So long the view may take to give the terminal back; one that takes nothing more cannot be given back.
 const CLOSE_LIMIT: Duration = Duration::from_secs(1);

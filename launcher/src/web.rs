@@ -21,8 +21,8 @@ pub use socket::{DEFAULT_ADDRESS, PORT, parse_address};
 pub use token::{TOKEN_VARIABLE, Token};
 
 use crate::closing::close;
-use crate::exit::{Failure, Kind};
-use crate::output::say;
+use console::exit::{Failure, Kind};
+use console::output::say;
 
 /// So long the page may take to leave.
 const CLOSE_LIMIT: Duration = Duration::from_secs(1);

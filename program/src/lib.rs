@@ -19,7 +19,7 @@
 //! on is in the interpreter, which can be copied. `cycles`, `splines`, `threading`, `compensation`, `roughing` and `polar` are pure.
 //!
 //! The language is that of LinuxCNC 2.9; docs/reference/g-code.md and program-flow.md list its words. A program starts in G17 G21 G40
-//! G49 G54 G61 G90 G91.1 G94 G98 with no motion mode and no feed. `examples/linuxcnc` compares programs with what LinuxCNC's
+//! G49 G54 G61 G90 G91.1 G94 G98 with no motion mode and no feed. `quadrant-lab linuxcnc` compares programs with what LinuxCNC's
 //! interpreter makes of them. Where this differs, or needs choosing:
 //!
 //! - `/` before a block runs unless [`Setup::block_delete`] says otherwise.

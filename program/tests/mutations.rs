@@ -3,7 +3,7 @@
 //! `CASES=1000000 cargo test --release -p program --test mutations -- --nocapture` does more of them.
 
 mod common;
-#[path = "../examples/linuxcnc/generate.rs"]
+#[path = "../../lab/src/linuxcnc/generate.rs"]
 mod generate;
 
 use std::time::{Duration, Instant};

@@ -1,7 +1,7 @@
 //! A reading that is cut anywhere and goes on in a fresh one makes the same, to the bit.
 
 mod common;
-#[path = "../examples/linuxcnc/generate.rs"]
+#[path = "../../lab/src/linuxcnc/generate.rs"]
 mod generate;
 
 use std::path::{Path, PathBuf};

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use crate::runs::{Run, circle, run};
-use crate::segment::{Network, enabled_steps, is_enabled, machine};
+use crate::segment::{Network, is_enabled, machine};
 use crate::support::root;
 
 #[test]
@@ -247,34 +247,4 @@ fn a_bus_without_a_standby_is_started_again_and_the_program_goes_on_from_its_pla
     let errors = first_target_errors(&segment.end());
     assert_eq!(errors.len(), 3 * (kills + 1), "{errors:?}");
     assert!(errors.iter().all(|error| error.abs() <= 1), "{errors:?}");
-}
-
-/// The long one is `quadrant soak machines/xy-ethercat --pace lockstep --hours 1` beside a segment (docs/developers/measurements.md).
-#[test]
-fn a_short_soak_of_the_bus_processes_loses_no_drive_while_one_of_them_lives() {
-    let Some(network) = Network::new() else {
-        return;
-    };
-    let segment = network.segment(&["--drives", "3"]);
-    let soak = network.quadrant(&[
-        "soak",
-        "machines/xy-ethercat",
-        "--pace",
-        "lockstep",
-        "--only",
-        "fieldbus",
-        "--kills",
-        "16",
-        "--seed",
-        "4",
-    ]);
-    let printed = String::from_utf8_lossy(&soak.stdout);
-    let errors = String::from_utf8_lossy(&soak.stderr);
-    assert_eq!(soak.status.code(), Some(0), "{printed}{errors}");
-    assert!(printed.contains("violations: 0"), "{printed}");
-    assert!(
-        printed.contains("kill owner of the bus (standby)"),
-        "{printed}"
-    );
-    assert!(enabled_steps(&segment.end()) > 0);
 }

@@ -7,7 +7,7 @@ use serde_json::Value;
 use crate::cells::{await_status, mode, order};
 use crate::runs::circle;
 use crate::segment::{Network, enabled_steps, machine};
-use crate::support::{root, traces_of, unique_cell};
+use crate::support::{root, unique_cell};
 
 /// The value of a metric whose labels hold these words.
 fn metric(text: &str, name: &str, words: &str) -> Option<f64> {
@@ -149,32 +149,4 @@ fn what_a_bus_does_is_seen_in_status_metrics_and_scope_of_the_cell_and_of_its_lo
     assert!(enabled_steps(&segment.end()) > 0);
     let run = shown(&machine.path().join("up/001-circle"));
     is_in_the_scope(&network, ["--log", &run]);
-}
-
-#[test]
-fn the_bench_of_the_fieldbus_measures_a_cell_beside_a_bare_loop_and_leaves_nothing() {
-    let Some(network) = Network::new() else {
-        return;
-    };
-    let segment = network.segment(&["--drives", "3"]);
-    let machine = machine(&[], &[]);
-    let folder = machine.path().to_string_lossy();
-    let bench = network
-        .command(env!("CARGO_BIN_EXE_quadrant"))
-        .args(["bench", "fieldbus", &folder, "--seconds", "1"])
-        .stdout(std::process::Stdio::piped())
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .expect("the bench");
-    let cell = format!("bench-{}", bench.id());
-    let done = bench.wait_with_output().expect("its end");
-    assert!(done.status.success(), "{done:?}");
-    assert_eq!(traces_of(&cell), Vec::<String>::new());
-    let printed = String::from_utf8_lossy(&done.stdout);
-    let frames = |line: &str| line.split_whitespace().find_map(|word| word.parse().ok());
-    for name in ["bare loop", "cell"] {
-        let row = printed.lines().find(|line| line.trim().starts_with(name));
-        assert!(row.and_then(frames) > Some(500_u64), "{printed}");
-    }
-    drop(segment);
 }

@@ -9,7 +9,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use tempfile::TempDir;
 
-use crate::support::{root, unique_cell};
+use crate::support::{QUADRANT, root, unique_cell};
 
 /// The end of the cable that machines/xy-ethercat names.
 pub const MASTER: &str = "ecat-master";
@@ -117,7 +117,7 @@ impl Network {
 
     /// `quadrant` inside.
     pub fn quadrant(&self, arguments: &[&str]) -> Output {
-        let mut command = self.command(env!("CARGO_BIN_EXE_quadrant"));
+        let mut command = self.command(QUADRANT.expect("quadrant"));
         command.args(arguments).output().expect("running quadrant")
     }
 

@@ -10,9 +10,9 @@ use toml_edit::DocumentMut;
 
 use super::dead_time;
 use super::recording::{self, Recording};
-use launcher::child;
-use launcher::exit::{Failure, Kind};
-use launcher::signals::Signals;
+use console::child;
+use console::exit::{Failure, Kind};
+use console::signals::Signals;
 
 /// Where test motions run.
 pub struct Bench {

@@ -8,8 +8,8 @@ use super::bench::Bench;
 use super::motions::{self, Circle, Limit};
 use super::trial::{self, Column};
 use super::{keep, write};
-use launcher::exit::Failure;
-use launcher::output::say;
+use console::exit::Failure;
+use console::output::say;
 
 /// Means that differ by less, in µm, are the same.
 const SAME_UM: f64 = 0.1;

@@ -5,8 +5,8 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::Context;
-use launcher::exit::{Failure, Kind};
-use launcher::output::say;
+use console::exit::{Failure, Kind};
+use console::output::say;
 use machine::{Machine, replace_file};
 use toml_edit::DocumentMut;
 

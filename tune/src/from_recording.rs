@@ -10,8 +10,8 @@ use crate::identify::{self, Found, Lever};
 use crate::judge;
 use crate::options::IdentifyOptions;
 use crate::recording::Recording;
-use launcher::exit::{Failure, Kind, Outcome};
-use launcher::output::say;
+use console::exit::{Failure, Kind, Outcome};
+use console::output::say;
 
 /// Travel of the motor below which nothing is identified, in mm.
 const TRAVEL_MM_MIN: f64 = 0.5;

@@ -13,8 +13,8 @@ use super::identify::Found;
 use super::ringing::Ringing;
 use super::smooth;
 use crate::options::TuneOptions;
-use launcher::exit::{Failure, Kind, Outcome};
-use launcher::output::say;
+use console::exit::{Failure, Kind, Outcome};
+use console::output::say;
 
 /// The table of what was identified.
 pub fn findings(machine: &Machine, all: &[Found]) -> String {

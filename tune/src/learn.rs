@@ -4,10 +4,10 @@ use std::path::Path;
 
 use anyhow::{Context, bail};
 use bus::sample::{AxisCommand, Feedback};
+use console::exit::{Kind, Outcome};
+use console::output::say;
 use control::learned_table::{LearnedTable, LearnedValue};
 use control::learning::{Learner, Observation, TrainingLimits};
-use launcher::exit::{Kind, Outcome};
-use launcher::output::say;
 use launcher::run::Completed;
 use machine::learned::{
     Learned, LearnedAxis, LearnedContour, LearnedPass, learned_file, settings_hash,

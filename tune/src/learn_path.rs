@@ -7,9 +7,9 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::Context;
+use console::exit::{Kind, Outcome};
+use console::output::say;
 use control::path_learning::{CORNER_HZ, PathKnot};
-use launcher::exit::{Kind, Outcome};
-use launcher::output::say;
 use launcher::run::Completed;
 use machine::learned::Learned;
 use machine::learned_path::{

@@ -41,13 +41,13 @@ use toml_edit::DocumentMut;
 
 use crate::options::{TuneOptions, of_axes};
 use bench::Bench;
+use console::exit::{Failure, Kind, Outcome};
+use console::logs;
+use console::output::say;
+use console::signals::Signals;
 use dead_time::DeadTime;
 pub use from_recording::identify as identify_recording;
 use identify::Found;
-use launcher::exit::{Failure, Kind, Outcome};
-use launcher::logs;
-use launcher::output::say;
-use launcher::signals::Signals;
 use ringing::Ringing;
 use test_motions::TestMotions;
 

@@ -12,9 +12,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow, bail};
 use bus::cell::is_cell_name;
+use console::exit::{Kind, Outcome};
+use console::output::say;
 use launcher::check::{self, Depth};
-use launcher::exit::{Kind, Outcome};
-use launcher::output::say;
 
 use crate::options::NewMachineOptions;
 use axis::NewAxis;

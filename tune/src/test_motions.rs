@@ -12,7 +12,7 @@ use super::motions::{self, Limit};
 use super::recording::{self, Recording};
 use super::ringing::{self, Ringing};
 use super::write;
-use launcher::exit::{Failure, Kind};
+use console::exit::{Failure, Kind};
 
 /// Part of the gain by law at which the strokes are repeated: what depends on the gain shows itself so.
 const SOFT_PART: f64 = 0.4;

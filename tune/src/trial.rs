@@ -15,7 +15,7 @@ use super::bench::Bench;
 use super::least_squares::NormalEquations;
 use super::motions::Circle;
 use super::write;
-use launcher::exit::Failure;
+use console::exit::Failure;
 
 /// Deviation of the command from the circle, in mm, and of its speed from the feed, as a part of it, within which motion is steady.
 const ON_CIRCLE_MM: f64 = 2e-3;

@@ -1,7 +1,7 @@
 //! What processes agree on by words of the page alone: urgent orders and their answers, the answers to a scan, requests to the launcher.
 //!
 //! Nothing here knows where the words are. So the same code runs over the page, and over the atomics of `loom`, which tries every
-//! interleaving of it (model/tests/page.rs).
+//! interleaving of it (lab/model/tests/page.rs).
 
 #![deny(
     clippy::unwrap_used,

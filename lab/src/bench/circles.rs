@@ -1,4 +1,4 @@
-//! `quadrant bench circles`: quadrant protrusions on a grid of radii and feeds, for each way of compensating them.
+//! `quadrant-lab bench circles`: quadrant protrusions on a grid of radii and feeds, for each way of compensating them.
 
 mod measured;
 pub(crate) mod methods;
@@ -18,10 +18,10 @@ use super::lanes::in_order;
 use super::progress::progress_bar;
 use super::runs::{self, Runs};
 use crate::options::CirclesOptions;
+use console::exit::{Failure, Kind, Outcome};
+use console::output::say;
+use console::signals::Signals;
 use launcher::check;
-use launcher::exit::{Failure, Kind, Outcome};
-use launcher::output::say;
-use launcher::signals::Signals;
 
 /// Everything that is to be run, checked before anything starts.
 struct Bench {

@@ -1,4 +1,4 @@
-//! `quadrant bench faults`: whole cells in this one process, with faults drawn from seeds; every scan of every run is judged.
+//! `quadrant-lab bench faults`: whole cells in this one process, with faults drawn from seeds; every scan of every run is judged.
 
 mod judges;
 mod operator;
@@ -14,9 +14,9 @@ use std::time::Instant;
 use anyhow::{Context, anyhow};
 
 use crate::options::FaultsOptions;
+use console::exit::{Failure, Kind, Outcome};
+use console::output::say;
 use launcher::check;
-use launcher::exit::{Failure, Kind, Outcome};
-use launcher::output::say;
 
 use programs::{ShortProgram, short_programs};
 use seed::{Scenario, Shape, draw, kind_of};
@@ -302,7 +302,7 @@ fn conclude(tally: &Tally, options: &FaultsOptions, started: Instant) -> Outcome
     for (seed, words) in tally.failures.iter().take(FAILURES_SHOWN) {
         say(&format!("seed {seed}: {}", words.join("; ")));
         say(&format!(
-            "  quadrant bench faults {machine}{program} --from {seed} --seeds 1 -v"
+            "  quadrant-lab bench faults {machine}{program} --from {seed} --seeds 1 -v"
         ));
     }
     Err(Failure::Stopped(anyhow!(

@@ -1,4 +1,4 @@
-//! `quadrant bench fieldbus`: how punctually frames leave and how soon they are back, in a cell and in a bare loop with the same socket.
+//! `quadrant-lab bench fieldbus`: how punctually frames leave and how soon they are back, in a cell and in a bare loop with the same socket.
 
 use std::path::Path;
 use std::process::Child;
@@ -17,10 +17,10 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use super::runs;
 use crate::options::FieldbusBenchOptions;
-use launcher::child;
-use launcher::exit::{Failure, Kind, Outcome};
-use launcher::output::say;
-use launcher::signals::Signals;
+use console::child;
+use console::exit::{Failure, Kind, Outcome};
+use console::output::say;
+use console::signals::Signals;
 
 /// Bytes of process data that the bare loop carries, to no slave.
 const BARE_BYTES: usize = 4;

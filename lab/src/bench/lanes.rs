@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc;
 
-use launcher::exit::Failure;
+use console::exit::Failure;
 
 /// Does jobs `0` to `count − 1` in so many lanes. `work` gets the job, its lane, and whether another has failed meanwhile; `done` is
 /// called after each with all results up to the first that is missing.

@@ -1,4 +1,4 @@
-//! `quadrant bench lockstep`: speed of a whole cell beside physics alone and the bare hand-over between two processes.
+//! `quadrant-lab bench lockstep`: speed of a whole cell beside physics alone and the bare hand-over between two processes.
 
 use std::path::Path;
 use std::process::Child;
@@ -16,11 +16,11 @@ use serde_json::Value;
 
 use super::runs::{self, Runs};
 use crate::options::{BenchPongOptions, LockstepOptions};
+use console::child;
+use console::exit::{Failure, Kind, Outcome};
+use console::output::say;
+use console::signals::Signals;
 use launcher::check;
-use launcher::child;
-use launcher::exit::{Failure, Kind, Outcome};
-use launcher::output::say;
-use launcher::signals::Signals;
 
 /// Hand-overs there and back for the floor.
 const ROUND_TRIPS: u32 = 50_000;

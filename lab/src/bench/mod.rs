@@ -1,4 +1,4 @@
-//! `quadrant bench`: the project's own measurements, each beside its floor or its rivals on this machine.
+//! `quadrant-lab bench`: the project's own measurements, each beside its floor or its rivals on this machine.
 
 pub(crate) mod circles;
 mod faults;
@@ -12,8 +12,8 @@ mod report;
 mod runs;
 
 use crate::options::{BenchCommand, BenchOptions};
-use launcher::exit::Outcome;
-use launcher::logs;
+use console::exit::Outcome;
+use console::logs;
 
 pub use faults::faults;
 pub use lockstep::pong;

@@ -1,4 +1,4 @@
-//! `quadrant bench planning`: how many blocks a second are planned on one core, and what a window takes of its period.
+//! `quadrant-lab bench planning`: how many blocks a second are planned on one core, and what a window takes of its period.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -16,9 +16,9 @@ use program::{Piece, Progress, Reading, Setup};
 use super::runs;
 use crate::faceted;
 use crate::options::PlanningOptions;
-use launcher::exit::{Failure, Kind, Outcome};
-use launcher::output::say;
-use launcher::signals::Signals;
+use console::exit::{Failure, Kind, Outcome};
+use console::output::say;
+use console::signals::Signals;
 
 /// Times that each program is read and planned; the fastest counts: whatever else the PC does takes time, nothing gives any.
 const ROUNDS: usize = 5;

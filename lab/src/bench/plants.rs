@@ -1,4 +1,4 @@
-//! `quadrant bench plants`: what is left at reversals on machines of another structure than the controller's model.
+//! `quadrant-lab bench plants`: what is left at reversals on machines of another structure than the controller's model.
 
 mod course;
 mod distribution;
@@ -20,9 +20,9 @@ use self::foreign::{FOREIGN, Foreign};
 use super::lanes::in_order;
 use super::progress::progress_bar;
 use crate::options::PlantsOptions;
-use launcher::exit::{Failure, Kind, Outcome};
-use launcher::output::say;
-use launcher::signals::Signals;
+use console::exit::{Failure, Kind, Outcome};
+use console::output::say;
+use console::signals::Signals;
 
 /// Circles before the grid, in which the servos see the machine that they drive: radius in mm, feed in mm/min.
 const WARM_UP: [(f64, f64); 6] = [

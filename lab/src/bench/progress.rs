@@ -16,6 +16,6 @@ pub fn progress_bar(total: u64) -> ProgressBar {
     {
         bar.set_style(style);
     }
-    launcher::logs::write_above(&bar);
+    console::logs::write_above(&bar);
     bar
 }

@@ -1,4 +1,4 @@
-//! `quadrant bench report`: speed and memory of `quadrant report` on a long log.
+//! `quadrant-lab bench report`: speed and memory of `quadrant report` on a long log.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -13,10 +13,10 @@ use tempfile::TempDir;
 
 use super::runs::{self, Runs};
 use crate::options::BenchReportOptions;
-use launcher::child;
-use launcher::exit::{Failure, Kind, Outcome};
-use launcher::output::say;
-use launcher::signals::Signals;
+use console::child;
+use console::exit::{Failure, Kind, Outcome};
+use console::output::say;
+use console::signals::Signals;
 
 /// Times that the report is made; the median counts.
 const ROUNDS: usize = 3;

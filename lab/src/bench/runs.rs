@@ -7,9 +7,9 @@ use anyhow::{Context, anyhow};
 use serde_json::Value;
 use tempfile::TempDir;
 
-use launcher::child;
-use launcher::exit::{Failure, Kind};
-use launcher::signals::Signals;
+use console::child;
+use console::exit::{Failure, Kind};
+use console::signals::Signals;
 
 /// A folder for the files of a bench, removed when dropped.
 ///

@@ -14,8 +14,8 @@ use bus::process::watch;
 use bus::sample::{Feedback, Job, Mode, OperatorRequest, Order, Participant, Refused, Roster};
 use bus::service::{Bus, RECORDER_DEPTH_SCANS};
 use bus::signal_page::SignalPage;
+use console::child;
 use control::path::Path as ProgramPath;
-use launcher::child;
 use machine::Machine;
 use rustix::process::{Pid, Signal, kill_process, pidfd_send_signal};
 

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use bus::cell::CellPaths;
 use bus::sample::Mode;
-use launcher::exit::words;
+use console::exit::words;
 use rustix::process::{Signal, geteuid};
 use serde_json::Value;
 

@@ -17,9 +17,9 @@ use std::path::Path;
 use anyhow::{Context, anyhow};
 use machine::{Machine, machine_file};
 
-use crate::exit::{Failure, Kind, Outcome};
 use crate::options::DoctorOptions;
-use crate::output::say;
+use console::exit::{Failure, Kind, Outcome};
+use console::output::say;
 use facts::Facts;
 use finding::{Finding, Grade};
 use network::Network;

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::finding::{Finding, Grade};
-use crate::output;
+use console::output;
 
 const COLUMNS: usize = 80;
 /// Where text begins behind the name of the thing.

@@ -16,8 +16,8 @@ use monitor::words::shown;
 
 use super::eyes::Eyes;
 use super::origin;
-use crate::exit::{Failure, Kind};
-use crate::output::say;
+use console::exit::{Failure, Kind};
+use console::output::say;
 
 /// A cell that has not answered by then is silent.
 const ANSWER_LIMIT: Duration = Duration::from_secs(5);

@@ -10,8 +10,8 @@ use machine::PositionFeedback;
 
 use super::Client;
 use super::client::soon_held;
-use crate::exit::{Failure, Outcome};
 use crate::supervise::stop_words;
+use console::exit::{Failure, Outcome};
 
 /// A cell of which nothing was heard by then is silent.
 const SILENCE: Duration = Duration::from_secs(10);

@@ -10,9 +10,9 @@ use bus::sample::{Feedback, Mode, OperatorRequest, OperatorResponse, Order, Refu
 
 use super::Client;
 use super::eyes::Eyes;
-use crate::exit::{Failure, Kind, Outcome};
 use crate::options::JogOptions;
-use crate::signals::Signals;
+use console::exit::{Failure, Kind, Outcome};
+use console::signals::Signals;
 
 /// Without a renewal the axis comes to rest after so long, counted in scans.
 const DEADLINE: Duration = Duration::from_millis(200);

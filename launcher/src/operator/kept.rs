@@ -11,7 +11,7 @@ use machine::{AxisKind, KeptFiles, Machine, machine_file};
 
 use super::client::Client;
 use super::eyes::Eyes;
-use crate::exit::{Failure, Kind};
+use console::exit::{Failure, Kind};
 
 /// A machine, with what its next program begins with.
 pub(super) struct Subject {

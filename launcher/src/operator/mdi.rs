@@ -13,10 +13,10 @@ use super::eyes::Eyes;
 use super::program::{
     LOOK, Laid, READ_LIMIT, check, folder_of, started_words, until_done, until_read,
 };
-use crate::exit::{Failure, Kind, Outcome, words};
 use crate::options::MdiOptions;
-use crate::output::say;
-use crate::signals::Signals;
+use console::exit::{Failure, Kind, Outcome, words};
+use console::output::say;
+use console::signals::Signals;
 
 /// Its name in the cell, in run directories and in messages.
 const NAME: &str = "mdi.ngc";

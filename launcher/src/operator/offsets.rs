@@ -12,9 +12,9 @@ use serde_json::{Map, Value, json};
 
 use super::eyes::Eyes;
 use super::kept::{Subject, is_started, number, pair, written};
-use crate::exit::{Failure, Kind, Outcome};
 use crate::options::{OffsetsChange, OffsetsOptions, ZeroOptions};
-use crate::output::say;
+use console::exit::{Failure, Kind, Outcome};
+use console::output::say;
 
 /// `offsets`.
 pub fn offsets(options: &OffsetsOptions) -> Outcome {

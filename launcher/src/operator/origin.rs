@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::anyhow;
 use bus::cell::CellPaths;
 
-use crate::exit::{Failure, Kind};
+use console::exit::{Failure, Kind};
 
 /// Notes in the folder of a cell where its machine file lies, before the cell runs.
 ///

@@ -20,12 +20,12 @@ use rustix::process::{Signal, pidfd_send_signal};
 use super::Client;
 use super::eyes::Eyes;
 use crate::check::{self, at_line, without_spindle};
-use crate::exit::{Failure, Kind, Outcome};
 use crate::options::{LoadOptions, OperatorOptions, StartOptions};
-use crate::output::say;
 use crate::run_dir::{copy_program, program_name};
 use crate::supervise::stop_words;
 use crate::user_codes;
+use console::exit::{Failure, Kind, Outcome};
+use console::output::say;
 
 /// A program that takes longer to check would let the planner of a running cell seem to hang.
 const CHECK_LIMIT: Duration = Duration::from_secs(10);

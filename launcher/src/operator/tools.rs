@@ -8,9 +8,9 @@ use machine::{Tool, update_tools};
 use serde_json::{Map, Value, json};
 
 use super::kept::{Subject, pair, written};
-use crate::exit::{Failure, Outcome};
 use crate::options::{ToolChangeOptions, ToolOptions};
-use crate::output::say;
+use console::exit::{Failure, Outcome};
+use console::output::say;
 
 /// `tool`.
 pub fn tool(options: &ToolOptions) -> Outcome {

@@ -8,7 +8,7 @@ use std::path::Path;
 use control::time_use::{Cause, Form, Limit, SlowPlace, TimeTable};
 
 use crate::check::Checked;
-use crate::output::say;
+use console::output::say;
 
 /// So many of the places that cost most are named.
 const NAMED: usize = 8;

@@ -1,6 +1,6 @@
 //! The source that the command line names.
 
-use launcher::exit::Failure;
+use console::exit::Failure;
 use launcher::options::CellOptions;
 
 use super::feed::Feed;

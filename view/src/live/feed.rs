@@ -20,7 +20,7 @@ use super::model::Model;
 use super::ports::Ports;
 use super::proc::children_of;
 use super::timing::listen;
-use launcher::exit::Failure;
+use console::exit::Failure;
 use launcher::operator::{Client, held};
 
 /// Time between two looks at `/proc`.

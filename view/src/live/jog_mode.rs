@@ -6,7 +6,7 @@
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
 
-use launcher::exit::Failure;
+use console::exit::Failure;
 use launcher::operator::{Click, Clicks, Client, Eyes, JogAsked, JogSender};
 use machine::Machine;
 use ratatui::crossterm::event::KeyCode;

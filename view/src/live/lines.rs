@@ -11,9 +11,9 @@ use super::json::{self, Reported};
 use super::looks::{FRAME, heard};
 use super::source::Source;
 use crate::drawing::text_of;
-use launcher::exit::{Failure, Kind, Outcome};
-use launcher::output::{self, say};
-use launcher::signals::Signals;
+use console::exit::{Failure, Kind, Outcome};
+use console::output::{self, say};
+use console::signals::Signals;
 
 /// One screen shows this long a time.
 const WATCH: Duration = Duration::from_millis(600);

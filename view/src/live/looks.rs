@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use anyhow::anyhow;
-use launcher::exit::{Failure, Outcome};
+use console::exit::{Failure, Outcome};
 
 use super::source::Source;
 

@@ -45,8 +45,8 @@ use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
 use crate::options::{MonitorOptions, StatusOptions};
-use launcher::exit::Outcome;
-use launcher::output::say;
+use console::exit::Outcome;
+use console::output::say;
 use looks::{ONE_LOOK, SILENCE, heard};
 
 /// `quadrant status`.

@@ -13,7 +13,7 @@ use super::events::Weight;
 use super::model::{LinkView, Model};
 use super::picture;
 use super::source::Source;
-use launcher::exit::{Failure, Kind};
+use console::exit::{Failure, Kind};
 
 /// Nobody who is there is silent for so long.
 const PATIENCE: Duration = Duration::from_secs(10);

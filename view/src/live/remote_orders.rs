@@ -4,9 +4,9 @@ use std::path::Path;
 
 use anyhow::anyhow;
 use bus::sample::Order;
-use launcher::exit::{Failure, Kind, Outcome, words};
+use console::exit::{Failure, Kind, Outcome, words};
+use console::output::{self, say};
 use launcher::operator;
-use launcher::output::{self, say};
 use remote::orders::{Identity, OrderServer, OrdersError, TlsPlace, give as send};
 
 use crate::options::{OrderOptions, ServeOptions};

@@ -15,9 +15,9 @@ use super::events::Weight;
 use super::feed::Feed;
 use super::{picture, remote_orders};
 use crate::options::ServeOptions;
-use launcher::exit::{Failure, Kind, Outcome};
-use launcher::output::say;
-use launcher::signals::Signals;
+use console::exit::{Failure, Kind, Outcome};
+use console::output::say;
+use console::signals::Signals;
 
 /// Time between two pictures of the circle.
 const CIRCLE_EVERY: Duration = Duration::from_millis(500);

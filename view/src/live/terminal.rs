@@ -17,9 +17,9 @@ use super::palette::Palette;
 use super::source::Source;
 use super::typed_line::{Typed, TypedLine};
 use super::words::Tone;
-use launcher::exit::{INTERRUPTED, Kind, Outcome, words};
+use console::exit::{INTERRUPTED, Kind, Outcome, words};
+use console::signals::Signals;
 use launcher::operator;
-use launcher::signals::Signals;
 use launcher::view::OF_A_LAUNCHER;
 
 /// So long an answer stays in the bottom line.
@@ -401,8 +401,8 @@ impl View {
     }
 }
 
-pub(super) fn failure_words(failure: &launcher::exit::Failure) -> String {
-    use launcher::exit::Failure;
+pub(super) fn failure_words(failure: &console::exit::Failure) -> String {
+    use console::exit::Failure;
     match failure {
         Failure::Stopped(error) | Failure::Input(error) | Failure::Environment(error) => {
             words(error)

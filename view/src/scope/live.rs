@@ -14,7 +14,7 @@ use super::path::{Paths, Text, Wanted};
 use super::source::Source;
 use crate::live::ports::Ports;
 use crate::live::proc::children_of;
-use launcher::exit::Failure;
+use console::exit::Failure;
 use launcher::operator::{Client, held};
 
 /// Time between two looks: queues hold a thousand scans.

@@ -9,7 +9,7 @@ use monitor::scope::Scope;
 
 use super::path::{Paths, Text, Wanted};
 use super::source::Source;
-use launcher::exit::{Failure, Kind};
+use console::exit::{Failure, Kind};
 
 /// Samples between two looks at whether anything else is to be done.
 const SAMPLES_AT_ONCE: usize = 4096;

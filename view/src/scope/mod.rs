@@ -21,10 +21,10 @@ use monitor::scope::trigger::Trigger;
 use monitor::scope::{Capture, Scope, Settings, csv, picture};
 
 use crate::options::ScopeOptions;
-use launcher::exit::{Failure, Kind, Outcome};
-use launcher::logs;
-use launcher::output::{self, say};
-use launcher::signals::Signals;
+use console::exit::{Failure, Kind, Outcome};
+use console::logs;
+use console::output::{self, say};
+use console::signals::Signals;
 use path::Wanted;
 use source::Source;
 

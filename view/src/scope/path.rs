@@ -10,7 +10,7 @@ use monitor::scope::trigger::Trigger;
 use monitor::scope::{Scope, Settings};
 use program::{Program, SHORT_ELEMENTS};
 
-use launcher::exit::Failure;
+use console::exit::Failure;
 
 /// What of the settings needs the path.
 pub struct Wanted {

@@ -1,6 +1,6 @@
 //! Where a scope takes its samples from: a running cell, or a log.
 
-use launcher::exit::Failure;
+use console::exit::Failure;
 use machine::Machine;
 use monitor::scope::Scope;
 

@@ -16,10 +16,10 @@ use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
 use bus::cell::CellPaths;
-use launcher::exit::{Failure, Kind, Outcome};
-use launcher::signals::Signals;
+use console::exit::{Failure, Kind, Outcome};
+use console::signals::Signals;
+use console::{logs, output};
 use launcher::web::{Place, is_loopback};
-use launcher::{logs, output};
 use tokio::sync::watch;
 
 use crate::live::feed::Feed;
@@ -166,7 +166,7 @@ impl Page {
 fn words_of(failure: &Failure) -> String {
     match failure {
         Failure::Stopped(error) | Failure::Input(error) | Failure::Environment(error) => {
-            launcher::exit::words(error)
+            console::exit::words(error)
         }
         Failure::Interrupted => "interrupted".into(),
     }

@@ -15,7 +15,7 @@ use plant_sim::plant_file::PlantFile;
 use program::Setup;
 
 use crate::cell::InProcessCell;
-use launcher::exit::{Failure, Kind};
+use console::exit::{Failure, Kind};
 
 /// A program that is not done after that time never ends, in s of the machine.
 const TIME_S_MAX: f64 = 3600.0;

@@ -1,4 +1,4 @@
-//! `quadrant bench plants --random N`: how what is left at reversals is spread over machines that nobody has seen.
+//! `quadrant-lab bench plants --random N`: how what is left at reversals is spread over machines that nobody has seen.
 
 use std::fmt::Write as _;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,9 +13,9 @@ use super::{WAYS, Way, summary, write};
 use crate::bench::lanes::in_order;
 use crate::bench::progress::progress_bar;
 use crate::options::PlantsOptions;
-use launcher::exit::{Failure, Kind, Outcome};
-use launcher::output::say;
-use launcher::signals::Signals;
+use console::exit::{Failure, Kind, Outcome};
+use console::output::say;
+use console::signals::Signals;
 
 /// Circles before those that count.
 const WARM_UP: [Circle; 2] = [(20.0, 4000.0), (35.0, 8000.0)];

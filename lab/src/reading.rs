@@ -1,38 +1,53 @@
-//! Reads files of any length, and says how fast and in how much memory.
-//!
-//! ```text
-//! cargo run --release -p program --example reading -- make 1000 /tmp/part.ngc
-//! cargo run --release -p program --example reading -- read /tmp/part.ngc
-//! cargo run --release -p program --example reading -- check /tmp/part.ngc
-//! ```
+//! `quadrant-lab reading`: files of any length, how fast they are read and in how much memory.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
+use clap::Subcommand;
+use console::exit::{Kind, Outcome};
 use control::path::AxisVector;
 use program::{AxisSetup, Piece, Progress, Reading, Setup, check_file};
 
 /// So many lines are read at a time.
 const LINES: usize = 1_000;
 
-fn main() {
-    let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
-    match arguments.as_slice() {
-        ["make", megabytes, file] => {
-            let megabytes: u64 = megabytes.parse().expect("a number of megabytes");
-            make(megabytes * 1_000_000, Path::new(file)).expect("the file");
-        }
-        ["read", file] => read(Path::new(file)),
-        ["check", file] => check(Path::new(file)),
-        _ => {
-            eprintln!(
-                "usage: reading make MEGABYTES FILE | reading read FILE | reading check FILE"
-            );
-            std::process::exit(2);
+/// What can be asked for.
+#[derive(Debug, Clone, Subcommand)]
+pub enum ReadingCommand {
+    /// Write a program of so many megabytes
+    Make {
+        /// Its size
+        #[arg(value_name = "MEGABYTES")]
+        megabytes: u64,
+        /// Where to
+        file: PathBuf,
+    },
+    /// Read a program piece by piece, as the planner does
+    Read {
+        /// The program
+        file: PathBuf,
+    },
+    /// Check a program, as `quadrant check` does
+    Check {
+        /// The program
+        file: PathBuf,
+    },
+}
+
+/// Carries it out.
+///
+/// # Errors
+/// The file cannot be read or written.
+pub fn reading(command: &ReadingCommand) -> Outcome {
+    match command {
+        ReadingCommand::Make { megabytes, file } => make(megabytes * 1_000_000, file).environment(),
+        ReadingCommand::Read { file } => read(file).input(),
+        ReadingCommand::Check { file } => {
+            check(file);
+            Ok(())
         }
     }
 }
@@ -77,9 +92,9 @@ fn make(bytes: u64, file: &Path) -> std::io::Result<()> {
     to.flush()
 }
 
-fn read(file: &Path) {
+fn read(file: &Path) -> Result<(), program::ProgramError> {
     let begun = Instant::now();
-    let mut reading = Reading::open(file, &setup(), AxisVector::zeros()).expect("the file");
+    let mut reading = Reading::open(file, &setup(), AxisVector::zeros())?;
     let opened = begun.elapsed().as_secs_f64();
     println!("opened in {opened:.3} s");
     let mut piece = Piece::default();
@@ -106,6 +121,7 @@ fn read(file: &Path) {
     println!("{LINES} lines took at most {:.1} ms", longest_s * 1e3);
     println!("a snapshot has {} bytes", reading.snapshot().len());
     memory();
+    Ok(())
 }
 
 fn check(file: &Path) {

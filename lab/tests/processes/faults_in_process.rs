@@ -5,7 +5,7 @@ use machine::Machine;
 use plant_sim::plant_file::PlantFile;
 use plant_sim::script::{faults, orders};
 
-use crate::support::{Bench, run_in_lab};
+use crate::support::{Bench, run_with};
 
 /// Two lines, an arc with a reversal of each axis, a dwell: about a second.
 const PROGRAM: &str = "G21 G17 G90 G94\nG0 X4 Y1\nG1 X10 Y4 F3000\nG3 X10 Y-4 I0 J-4\nG1 X6 Y-2\nG4 P0.1\nG2 X6 Y4 I0 J3 F4000\nG0 X0 Y0\nM2\n";
@@ -52,7 +52,7 @@ fn same(edits: &[(&str, &str)], scripts: &[(&str, &str, &str)]) {
         let [faults_file, orders_file] =
             [faults_file, orders_file].map(|p| p.display().to_string());
         let more = ["--faults", &faults_file, "--orders", &orders_file];
-        let real = run_in_lab(bench.path(), &program, &more);
+        let real = run_with(bench.path(), &program, &more);
         let report = real.report();
         println!("{name}: {scans} scans, exit {}", real.status());
         if report["motion_digest"] != digest.as_str() {

@@ -7,11 +7,11 @@ use control::path::{AxisVector, Feed, Shape};
 use machine::{Tool, parse_tools};
 use program::{AxisSetup, EventKind, Program, ProgramEnd, Setup, SurfaceSpeed};
 
-use crate::trace::{Circle, LETTERS, Place, Step, Trace, Way};
+use crate::linuxcnc::trace::{Circle, LETTERS, Place, Step, Trace, Way};
 
 static TOOLS: LazyLock<Vec<Tool>> = LazyLock::new(|| {
-    let text =
-        std::fs::read_to_string(crate::theirs::tools()).expect("the tool table of the comparison");
+    let text = std::fs::read_to_string(crate::linuxcnc::theirs::tools())
+        .expect("the tool table of the comparison");
     parse_tools("tools.tbl", &text).expect("a tool table")
 });
 

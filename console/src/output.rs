@@ -29,7 +29,7 @@ pub fn never_wait() {
 }
 
 /// A text behind a beginning, wrapped at spaces into lines of so many columns; those after the first begin with `next`.
-pub(crate) fn wrapped(columns: usize, first: &str, next: &str, text: &str) -> Vec<String> {
+pub fn wrapped(columns: usize, first: &str, next: &str, text: &str) -> Vec<String> {
     let options = textwrap::Options::new(columns)
         .initial_indent(first)
         .subsequent_indent(next)

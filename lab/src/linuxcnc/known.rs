@@ -4,7 +4,7 @@
 
 use seen::Seen;
 
-use crate::verdict::Verdict;
+use crate::linuxcnc::verdict::Verdict;
 
 #[path = "known_seen.rs"]
 mod seen;

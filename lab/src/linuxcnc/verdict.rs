@@ -3,9 +3,9 @@
 use std::fmt;
 use std::path::Path;
 
-use crate::ours;
-use crate::theirs::Theirs;
-use crate::trace::{Step, Trace, first_difference, simplified};
+use crate::linuxcnc::ours;
+use crate::linuxcnc::theirs::Theirs;
+use crate::linuxcnc::trace::{Step, Trace, first_difference, simplified};
 
 /// What two interpreters make of one program.
 #[derive(Debug, Clone, PartialEq, Eq)]

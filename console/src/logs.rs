@@ -19,8 +19,9 @@ fn filter(default: &str) -> EnvFilter {
 }
 
 /// What may be named in the filter: the parts of quadrant and the libraries that log.
-const TARGETS: [&str; 20] = [
+const TARGETS: [&str; 21] = [
     "bus",
+    "console",
     "control",
     "fieldbus",
     "iceoryx2",

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use control::path::AxisVector;
 
-use crate::ours;
+use crate::linuxcnc::ours;
 
 const ROUNDS: usize = 5;
 

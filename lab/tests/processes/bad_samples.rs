@@ -5,9 +5,7 @@ use bus::service::Bus;
 use machine::Machine;
 use plant_sim::script::faults::Sent;
 
-use crate::support::{
-    Bench, LiveCell, Run, long_program, number, root, run, run_in_lab, run_with, send, text,
-};
+use crate::support::{Bench, LiveCell, Run, long_program, number, run, run_with, send, text};
 
 const STANDBY: (&str, &str) = (
     "drive_mode = \"velocity\"",
@@ -23,7 +21,7 @@ fn with_fault(bench: &Bench, process: &str, fault: &str) -> Run {
     let program = bench.file("arc.ngc", PROGRAM);
     let text = format!("[[fault]]\nat = {{ scan = {SCAN} }}\nprocess = \"{process}\"\n{fault}\n");
     let faults = bench.file("faults.toml", &text);
-    run_in_lab(
+    run_with(
         bench.path(),
         &program,
         &["--faults", &faults.display().to_string()],
@@ -184,7 +182,7 @@ fn with_faults(bench: &Bench, faults: &str) -> Run {
     let program = bench.file("arc.ngc", PROGRAM);
     let faults = bench.file("faults.toml", faults);
     let faults = faults.display().to_string();
-    run_in_lab(bench.path(), &program, &["--faults", &faults])
+    run_with(bench.path(), &program, &["--faults", &faults])
 }
 
 /// One number after the other, of either servo in turn: nobody waits for an answer that is none, and the other servo goes on.
@@ -305,26 +303,4 @@ fn a_foreign_process_in_a_dead_servos_place_drives_nothing() {
         after.axes[0].taken_incarnation,
         before.axes[0].taken_incarnation
     );
-}
-
-/// Wrong samples are for the lab: the product's own processes cannot be asked for them.
-#[test]
-fn quadrant_itself_refuses_a_script_that_would_have_it_send_wrong_samples() {
-    for action in ["drop", "delay", "corrupt"] {
-        let more = match action {
-            "delay" => "late_scans = 2",
-            "corrupt" => "what = \"jump\"",
-            _ => "",
-        };
-        let script = format!(
-            "[[fault]]\nat = {{ scan = 300 }}\nprocess = \"servo-X\"\ndo = \"{action}\"\n{more}\n"
-        );
-        let bench = Bench::of("xy", &[]);
-        let faults = bench.file("faults.toml", &script).display().to_string();
-        let program = root().join("machines/xy/programs/circle-r25-f3000.ngc");
-        let run = run_with(bench.path(), &program, &["--faults", &faults]);
-        assert_eq!(run.status(), 2, "{}", run.stderr());
-        assert!(run.stderr().contains("quadrant-lab"), "{}", run.stderr());
-        assert!(!run.out.exists(), "nothing is started, nothing is written");
-    }
 }

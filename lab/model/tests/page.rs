@@ -89,7 +89,7 @@ mod atomic {
     mortal!(AtomicU64, AtomicU64, u64);
 }
 
-#[path = "../../bus/src/signal_page/words.rs"]
+#[path = "../../../bus/src/signal_page/words.rs"]
 #[allow(dead_code)]
 mod words;
 

@@ -1,4 +1,4 @@
-//! A short soak: the long one is `quadrant soak machines/xy --kills 500` (docs/developers/measurements.md).
+//! A short soak: the long one is `quadrant-lab soak machines/xy --kills 500` (docs/developers/measurements.md).
 
 use crate::support::quadrant;
 

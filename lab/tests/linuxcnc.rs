@@ -1,30 +1,15 @@
 //! Our interpreter against LinuxCNC's, where that is installed (Debian's linuxcnc-uspace).
 
-#[path = "common/diameters.rs"]
+#[path = "../../program/tests/common/diameters.rs"]
 mod diameters;
-#[path = "../examples/linuxcnc/fuzz.rs"]
-#[allow(dead_code, reason = "shared with the example")]
-mod fuzz;
-#[path = "../examples/linuxcnc/generate.rs"]
-mod generate;
-#[path = "../examples/linuxcnc/known.rs"]
-mod known;
-#[path = "../examples/linuxcnc/ours.rs"]
-mod ours;
-#[path = "../examples/linuxcnc/theirs.rs"]
-#[allow(dead_code, reason = "shared with the example")]
-mod theirs;
-#[path = "../examples/linuxcnc/trace.rs"]
-mod trace;
-#[path = "../examples/linuxcnc/verdict.rs"]
-mod verdict;
 
 use std::path::Path;
 
 use control::path::AxisVector;
+use lab::linuxcnc::verdict::{self, Verdict};
+use lab::linuxcnc::{fuzz, generate, known, theirs, trace};
 use machine::Machine;
 use program::Setup;
-use verdict::Verdict;
 
 /// Programs of ours in the style of three CAM posts.
 const POSTS: [&str; 3] = ["plate-fusion.ngc", "plate-freecad.ngc", "plate-fanuc.nc"];

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::trace::{Circle, Place, Step, Trace, Way};
+use crate::linuxcnc::trace::{Circle, Place, Step, Trace, Way};
 
 /// Where the script and its tool table are.
 pub fn folder() -> PathBuf {

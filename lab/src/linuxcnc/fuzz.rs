@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Instant;
 
-use crate::generate::{self, Kinds};
-use crate::theirs::Theirs;
-use crate::verdict::{self, Tally, Verdict};
-use crate::{known, ours};
+use crate::linuxcnc::generate::{self, Kinds};
+use crate::linuxcnc::theirs::Theirs;
+use crate::linuxcnc::verdict::{self, Tally, Verdict};
+use crate::linuxcnc::{known, ours};
 
 /// How many programs the other side is ahead of us.
 const AHEAD: usize = 6;

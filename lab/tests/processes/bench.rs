@@ -1,4 +1,4 @@
-//! `quadrant bench`: every bench, and that none of them, and no tool that starts cells, leaves anything behind.
+//! `quadrant-lab bench`: every bench, and that none of them, and no tool that starts cells, leaves anything behind.
 
 use std::fs;
 use std::os::unix::process::{CommandExt as _, ExitStatusExt as _};
@@ -7,8 +7,7 @@ use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
 
-use crate::leftovers::wait_until_gone;
-use crate::support::{Bench, PATIENCE, children_of, quadrant, send};
+use crate::support::{Bench, PATIENCE, children_of, quadrant, send, wait_until_gone};
 
 #[test]
 fn a_small_grid_gives_a_table_a_csv_and_a_plot() {
