@@ -6,10 +6,11 @@ use std::path::{Path, PathBuf};
 use crate::support::root;
 
 /// The crates whose code runs inside a scan, and those that it is made of.
-const IN_A_SCAN: [&str; 8] = [
+const IN_A_SCAN: [&str; 9] = [
     "bus",
     "machine",
-    "control",
+    "path",
+    "loops",
     "program",
     "planner",
     "servo",
@@ -18,25 +19,26 @@ const IN_A_SCAN: [&str; 8] = [
 ];
 
 /// The crates in the order of the map in docs: each may use those before it in the list, and not all of them.
-const CRATES: [(&str, &[&str]); 17] = [
+const CRATES: [(&str, &[&str]); 18] = [
     ("bus", &[]),
     ("console", &["bus"]),
     ("machine", &["bus"]),
-    ("control", &[]),
-    ("program", &["bus", "machine", "control"]),
-    ("planner", &["bus", "machine", "control", "program"]),
-    ("servo", &["bus", "machine", "control"]),
-    ("master", &["bus", "machine", "control"]),
+    ("path", &[]),
+    ("loops", &["path"]),
+    ("program", &["bus", "machine", "path"]),
+    ("planner", &["bus", "machine", "path", "program"]),
+    ("servo", &["bus", "machine", "path", "loops"]),
+    ("master", &["bus", "machine", "path", "loops"]),
     ("plant-sim", &["bus", "machine", "master"]),
     ("fieldbus", &["bus", "machine", "master"]),
-    ("monitor", &["bus", "machine", "control", "program"]),
+    ("monitor", &["bus", "machine", "path", "program"]),
     (
         "launcher",
         &[
             "bus",
             "console",
             "machine",
-            "control",
+            "path",
             "program",
             "planner",
             "master",
@@ -49,13 +51,13 @@ const CRATES: [(&str, &[&str]); 17] = [
     (
         "view",
         &[
-            "bus", "console", "machine", "control", "program", "monitor", "launcher", "remote",
+            "bus", "console", "machine", "path", "program", "monitor", "launcher", "remote",
         ],
     ),
     (
         "tune",
         &[
-            "bus", "console", "machine", "control", "program", "monitor", "launcher",
+            "bus", "console", "machine", "path", "loops", "program", "monitor", "launcher",
         ],
     ),
     (
@@ -64,7 +66,8 @@ const CRATES: [(&str, &[&str]); 17] = [
             "bus",
             "console",
             "machine",
-            "control",
+            "path",
+            "loops",
             "program",
             "planner",
             "servo",
@@ -249,13 +252,15 @@ fn nothing_that_runs_in_a_scan_reads_drive_files() {
 }
 
 #[test]
-fn control_has_no_processes_no_clock_and_no_files() {
-    let allowed = ["bytemuck", "libm", "nalgebra", "thiserror"];
-    for dependency in dependencies("control") {
-        assert!(
-            allowed.contains(&dependency.as_str()),
-            "control depends on {dependency}"
-        );
+fn path_and_loops_have_no_processes_no_clock_and_no_files() {
+    let allowed = ["bytemuck", "libm", "nalgebra", "path", "thiserror"];
+    for krate in ["path", "loops"] {
+        for dependency in dependencies(krate) {
+            assert!(
+                allowed.contains(&dependency.as_str()),
+                "{krate} depends on {dependency}"
+            );
+        }
     }
     let forbidden = [
         "std::fs",
@@ -267,7 +272,8 @@ fn control_has_no_processes_no_clock_and_no_files() {
         "std::env",
         "println!",
     ];
-    for (path, text) in sources(&root().join("control/src")) {
+    let of = |krate: &str| sources(&root().join(krate).join("src"));
+    for (path, text) in of("path").into_iter().chain(of("loops")) {
         let product = text.split("#[cfg(test)]").next().unwrap_or_default();
         for word in forbidden {
             assert!(!product.contains(word), "{} uses {word}", path.display());
@@ -371,26 +377,26 @@ fn code_that_runs_in_a_scan_refuses_to_panic_by_lint() {
         "bus/src/signal_page/words.rs",
         "bus/src/port.rs",
         "bus/src/window.rs",
-        "control/src/adaptation.rs",
-        "control/src/backlash.rs",
-        "control/src/changeover.rs",
-        "control/src/disturbance_observer.rs",
-        "control/src/dual_feedback.rs",
-        "control/src/envelope.rs",
-        "control/src/feed_forward.rs",
-        "control/src/follow_up.rs",
-        "control/src/guards.rs",
-        "control/src/inverse_dynamics.rs",
-        "control/src/jog.rs",
-        "control/src/learned_table.rs",
-        "control/src/maxwell_slip.rs",
-        "control/src/path_correction.rs",
-        "control/src/prediction.rs",
-        "control/src/profile.rs",
-        "control/src/reversal.rs",
-        "control/src/trigger.rs",
-        "control/src/velocity_loop.rs",
-        "control/src/window.rs",
+        "loops/src/adaptation.rs",
+        "loops/src/backlash.rs",
+        "loops/src/changeover.rs",
+        "loops/src/disturbance_observer.rs",
+        "loops/src/dual_feedback.rs",
+        "path/src/envelope.rs",
+        "loops/src/feed_forward.rs",
+        "loops/src/follow_up.rs",
+        "loops/src/guards.rs",
+        "loops/src/inverse_dynamics.rs",
+        "loops/src/jog.rs",
+        "loops/src/learned_table.rs",
+        "loops/src/maxwell_slip.rs",
+        "loops/src/path_correction.rs",
+        "loops/src/prediction.rs",
+        "path/src/profile.rs",
+        "loops/src/reversal.rs",
+        "loops/src/trigger.rs",
+        "loops/src/velocity_loop.rs",
+        "path/src/window.rs",
         "fieldbus/src/drives/axis.rs",
         "fieldbus/src/drives/cia402_drives.rs",
         "fieldbus/src/drives/field.rs",

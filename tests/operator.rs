@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::Output;
 
 use bus::sample::{AxisCommand, Driver, Feedback, Hand, Mode};
-use control::changeover::Phase;
+use loops::changeover::Phase;
 use monitor::log::{Reader, Sample};
 
 use crate::support::{Bench, LiveCell, Run, circle_program, long_program, number, quadrant, text};

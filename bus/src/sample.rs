@@ -429,7 +429,7 @@ pub struct AxisFeedback {
     pub reference: u32,
 }
 
-/// The course of an axis that is moved by hand, as it was in the scan before (`control::hand_course`).
+/// The course of an axis that is moved by hand, as it was in the scan before (`loops::hand_course`).
 ///
 /// Places and steps in 1/65536 of an increment. From the same course everybody makes the same steps: a servo looks ahead on it.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]

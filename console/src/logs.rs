@@ -19,18 +19,19 @@ fn filter(default: &str) -> EnvFilter {
 }
 
 /// What may be named in the filter: the parts of quadrant and the libraries that log.
-const TARGETS: [&str; 21] = [
+const TARGETS: [&str; 22] = [
     "bus",
     "console",
-    "control",
     "fieldbus",
     "iceoryx2",
     "lab",
     "launcher",
+    "loops",
     "machine",
     "master",
     "model",
     "monitor",
+    "path",
     "planner",
     "plant_sim",
     "program",

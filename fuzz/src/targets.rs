@@ -4,9 +4,9 @@ use std::io::Write;
 use std::sync::LazyLock;
 
 use bus::sample::MAX_AXES;
-use control::window::{PlannedSetpoint, WindowRequest};
 use machine::Machine;
 use master::{DriveCommand, Drives};
+use path::window::{PlannedSetpoint, WindowRequest};
 use plant_sim::plant_file::PlantFile;
 use plant_sim::script::{faults as fault_script, orders as order_script};
 
@@ -70,7 +70,7 @@ pub fn program(data: &[u8]) {
         return;
     };
     let mut setpoints: Vec<PlannedSetpoint> = Vec::new();
-    let mut state = control::profile::PathState::default();
+    let mut state = path::profile::PathState::default();
     for index in 0..WINDOWS_MAX {
         let request = WindowRequest {
             intended_setpoints: machine.intended_setpoints(),

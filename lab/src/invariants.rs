@@ -11,11 +11,11 @@
 use std::sync::Arc;
 
 use bus::sample::{AxisFeedback, Cause, Feedback, Instruments, Job, MAX_AXES, Mode, Roster};
-use control::audit::SetpointAudit;
-use control::limits::MotionLimits;
-use control::path::{AxisVector, Element};
-use control::path_part::PathPart;
 use machine::{Machine, PositionFeedback, WithinPeriod};
+use path::audit::SetpointAudit;
+use path::geometry::{AxisVector, Element};
+use path::limits::MotionLimits;
+use path::path_part::PathPart;
 use plant_sim::plant_file::PlantFile;
 
 use crate::cell::{Published, Window};

@@ -6,9 +6,9 @@
 //! and Pham, IEEE Transactions on Robotics 34(3), 2018). A jump of the tangent is crossed at the speed whose jump of the velocity takes
 //! the whole acceleration for one scan.
 
-use control::limits::MotionLimits;
-use control::path::{AxisVector, Element, Feed, Shape};
-use control::path_part::PathPart;
+use path::geometry::{AxisVector, Element, Feed, Shape};
+use path::limits::MotionLimits;
+use path::path_part::PathPart;
 
 /// Halvings until the highest speed at a place is known.
 const HALVINGS: u32 = 40;

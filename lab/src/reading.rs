@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use clap::Subcommand;
 use console::exit::{Kind, Outcome};
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 use program::{AxisSetup, Piece, Progress, Reading, Setup, check_file};
 
 /// So many lines are read at a time.

@@ -2,11 +2,11 @@
 //! says is held against what the run was. It writes no file.
 
 use bus::sample::{Feedback, Job, MAX_AXES, Mode};
-use control::path::Path;
-use control::path_part::PathPart;
 use machine::Machine;
 use monitor::log::Sample;
 use monitor::measure::{Analysis, Outcome};
+use path::geometry::Path;
+use path::path_part::PathPart;
 
 use crate::cell::Published;
 use crate::invariants::Violation;

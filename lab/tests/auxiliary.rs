@@ -6,10 +6,10 @@ use std::fmt::Write as _;
 
 use bus::sample::{Cause, FLOOD, Feedback, Levels, MIST, Mode, Order, SpindleCommand, Waiting};
 use common::{AT_SPEED_SHARE, kill, load, mill_with_spindle, order, seeds};
-use control::path::Feed;
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::{Course, Judge};
 use machine::{KeptParameters, Machine, ToolChanger};
+use path::geometry::Feed;
 use plant_sim::plant_file::{PlantFile, PlantSpindle};
 use plant_sim::script::faults;
 use plant_sim::script::rng::Rng;

@@ -5,11 +5,11 @@
 
 use std::path::Path;
 
-use control::path::AxisVector;
 use lab::cell::InProcessCell;
 use machine::{Axis, Machine};
 use monitor::log::Sample;
 use monitor::measure::{Analysis, Outcome};
+use path::geometry::AxisVector;
 use plant_sim::plant_file::PlantFile;
 use program::Setup;
 use tune::laws::Timing;

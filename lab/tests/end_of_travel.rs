@@ -5,9 +5,9 @@ mod common;
 
 use bus::sample::{Feedback, MAX_AXES, Mode, OperatorRequest, OperatorResponse, Order, Refused};
 use common::load;
-use control::kinematics::Kinematics;
 use lab::cell::InProcessCell;
 use machine::Machine;
+use path::kinematics::Kinematics;
 use plant_sim::plant_file::PlantFile;
 
 /// Those that have a simulated plant.

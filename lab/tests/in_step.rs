@@ -6,10 +6,10 @@ use std::path::Path;
 
 use bus::sample::{Cause, Feedback, Mode, Order, Refused};
 use common::{kill, order, seeds};
-use control::path_part::PathPart;
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::{Course, Judge};
 use machine::Machine;
+use path::path_part::PathPart;
 use plant_sim::plant_file::PlantFile;
 use plant_sim::script::faults;
 use plant_sim::script::rng::Rng;
@@ -216,7 +216,7 @@ fn thread_errors(
             continue;
         };
         let mm_s = mm_per_turn * row.rpm / 60.0;
-        let fed = element.feed != control::path::Feed::Rapid && mm_s > 0.0;
+        let fed = element.feed != path::geometry::Feed::Rapid && mm_s > 0.0;
         let inside = (run_in_mm..element.length_mm - run_out_mm).contains(&tag.distance_mm);
         if !fed || !inside {
             continue;
@@ -482,7 +482,7 @@ fn in_g96_the_spindle_follows_the_radius_and_the_feed_follows_the_spindle() {
         if next.element != tag.element || !(2.0..58.0).contains(&x_mm) {
             continue;
         }
-        assert_ne!(element.feed, control::path::Feed::Rapid);
+        assert_ne!(element.feed, path::geometry::Feed::Rapid);
         let turns = pair[1].turns - pair[0].turns;
         let m_min = pair[1].rpm * std::f64::consts::TAU * x_mm * 1e-3;
         cut.push((x_mm, m_min, (next.distance_mm - tag.distance_mm) / turns));

@@ -5,10 +5,10 @@ mod diameters;
 
 use std::path::Path;
 
-use control::path::AxisVector;
 use lab::linuxcnc::verdict::{self, Verdict};
 use lab::linuxcnc::{fuzz, generate, known, theirs, trace};
 use machine::Machine;
+use path::geometry::AxisVector;
 use program::Setup;
 
 /// Programs of ours in the style of three CAM posts.
@@ -126,5 +126,5 @@ fn a_difference_is_seen() {
     );
     let judged = verdict::compared(Ok(of(1.0)), Ok(of(1.000_01))).verdict;
     assert!(matches!(judged, Verdict::Differs(_)), "{judged}");
-    assert_eq!(AxisVector::zeros().len(), control::path::MAX_AXES);
+    assert_eq!(AxisVector::zeros().len(), path::geometry::MAX_AXES);
 }

@@ -1,7 +1,7 @@
 //! How long motions by hand take beside the shortest that there are: rsruckig, another planner of time-optimal motions, is the judge.
 
-use control::hand_course::{Aim, FINE, HandCourse, fine};
-use control::jog::JogProfile;
+use loops::hand_course::{Aim, FINE, HandCourse, fine};
+use loops::jog::JogProfile;
 use plant_sim::script::rng::Rng;
 use rsruckig::prelude::*;
 

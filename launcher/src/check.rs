@@ -6,10 +6,10 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow, bail};
 use bus::sample::MAX_AXES;
-use control::path_part::PathPart;
-use control::totals::{ProgramWalk, Totals};
-use control::window::{PlannedSetpoint, WindowPlanner};
 use machine::{Machine, machine_file};
+use path::path_part::PathPart;
+use path::totals::{ProgramWalk, Totals};
+use path::window::{PlannedSetpoint, WindowPlanner};
 use planner::{ProgramText, Survey};
 use plant_sim::plant_file::PlantFile;
 use program::{Note, Program, SHORT_ELEMENTS};

@@ -6,10 +6,10 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use anyhow::Context;
-use control::path_part::PathPart;
-use control::time_use::{TimeTable, TimeUse};
-use control::totals::Totals;
-use control::window::{PlannedSetpoint, WindowPlanner};
+use path::path_part::PathPart;
+use path::time_use::{TimeTable, TimeUse};
+use path::totals::Totals;
+use path::window::{PlannedSetpoint, WindowPlanner};
 
 use crate::check::{self, Checked, Depth, print_totals};
 use crate::options::PlanOptions;

@@ -6,7 +6,7 @@ use bus::sample::{
     WindowId,
 };
 use bytemuck::Zeroable;
-use control::hand_course::HandCourse;
+use loops::hand_course::HandCourse;
 use machine::Machine;
 use master::{Answers, Master, RunEnd};
 use plant_sim::SimulatedDrives;

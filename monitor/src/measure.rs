@@ -34,9 +34,9 @@ mod gap_tests;
 mod tests;
 
 use bus::sample::{Cause, Feedback, Instruments, Mode, WindowId};
-use control::kinematics::Kinematics;
-use control::path::{AxisVector, MAX_AXES};
 use machine::Machine;
+use path::geometry::{AxisVector, MAX_AXES};
+use path::kinematics::Kinematics;
 
 use crate::log::Sample;
 use crate::words::StopCause;

@@ -4,8 +4,8 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use bus::sample::*;
 use bytemuck::Zeroable;
-use control::path::{AxisVector, Feed, Path, Shape};
 use machine::Machine;
+use path::geometry::{AxisVector, Feed, Path, Shape};
 
 use crate::log::Sample;
 

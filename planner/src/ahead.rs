@@ -14,12 +14,10 @@ use std::iter::Peekable;
 use std::sync::Arc;
 
 use bus::sample::{Feedback, MAX_AXES};
-use control::path::{Element, Feed};
-use control::profile::PathState;
-use control::window::{
-    Lead, PlanError, PlannedSetpoint, WindowOutcome, WindowPlanner, WindowRequest,
-};
 use machine::Machine;
+use path::geometry::{Element, Feed};
+use path::profile::PathState;
+use path::window::{Lead, PlanError, PlannedSetpoint, WindowOutcome, WindowPlanner, WindowRequest};
 
 use crate::kept_parameters::Left;
 use program::{Message, Note, Piece, Progress, Question, Reading, ResumeError, Setup};
@@ -64,7 +62,7 @@ pub(crate) struct Course {
     piece: Piece,
     reach: Reach,
     /// Where the tool is at the start of the program.
-    tool: control::path::AxisVector,
+    tool: path::geometry::AxisVector,
     /// All of it is read.
     is_read: bool,
     /// It is read up to here, and what comes next is refused for this reason.

@@ -1,16 +1,16 @@
 //! The course of a run: the program's path with the limits of the machine on it.
 
 use bus::sample::MAX_WINDOW_SETPOINTS;
-use control::kinematics::Kinematics;
-use control::limits::{AxisLimits, LimitsError, MotionLimits};
-use control::path::{AxisVector, Element, MAX_AXES, Path};
-use control::pivot::{OutOfReach, PivotY};
-use control::positioning::{MotorLoad, Positioning, RatingError};
-use control::rounding::RoundingSettings;
-use control::setpoint_settings::{SecondMotors, SetpointSettings, StraightLines};
-use control::speed_map::{BLOCK_ELEMENTS, LOOK_AHEAD_ELEMENTS};
-use control::window::{PlanError, WindowPlanner, WindowSettings};
 use machine::{self, AxisKind, Machine, RapidProfile};
+use path::geometry::{AxisVector, Element, MAX_AXES, Path};
+use path::kinematics::Kinematics;
+use path::limits::{AxisLimits, LimitsError, MotionLimits};
+use path::pivot::{OutOfReach, PivotY};
+use path::positioning::{MotorLoad, Positioning, RatingError};
+use path::rounding::RoundingSettings;
+use path::setpoint_settings::{SecondMotors, SetpointSettings, StraightLines};
+use path::speed_map::{BLOCK_ELEMENTS, LOOK_AHEAD_ELEMENTS};
+use path::window::{PlanError, WindowPlanner, WindowSettings};
 use program::{Program, kinematics_of};
 
 use crate::ahead::{AHEAD_ELEMENTS, BLOCKS_AT_A_TIME, BLOCKS_IN_MOTION};

@@ -14,8 +14,8 @@ use bus::messages::ProgramMessage;
 use bus::sample::{
     ANALOG_OUTPUTS, DIGITAL_OUTPUTS, EventCode, OUTPUTS_AHEAD, PROBE_AWAY, PROBE_MUST, ProgramEvent,
 };
-use control::path::{Element, Feed, Path};
 use machine::{Machine, Spindle};
+use path::geometry::{Element, Feed, Path};
 use program::{Event, EventKind, Message, ProgramEnd, SurfaceSpeed};
 
 use crate::in_step::{InStepError, Pass, Steps};

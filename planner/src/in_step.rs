@@ -14,12 +14,12 @@
 use std::collections::VecDeque;
 
 use bus::sample::{Feedback, MAX_WINDOW_SETPOINTS};
-use control::path::{Element, Feed};
-use control::path_part::PathPart;
-use control::profile::PathState;
-use control::spindle_following::{FollowingSettings, FollowingState, SpindlePlace};
-use control::window::{PlanError, PlannedSetpoint, WindowOutcome, WindowPlanner, WindowRequest};
 use machine::{Axis, Machine, SPINDLE_RAMP_SHARE};
+use path::geometry::{Element, Feed};
+use path::path_part::PathPart;
+use path::profile::PathState;
+use path::spindle_following::{FollowingSettings, FollowingState, SpindlePlace};
+use path::window::{PlanError, PlannedSetpoint, WindowOutcome, WindowPlanner, WindowRequest};
 use program::{Event, EventKind};
 
 use crate::course::window_setpoints;

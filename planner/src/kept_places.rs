@@ -11,7 +11,7 @@ use std::fs;
 use std::path::PathBuf;
 
 use bus::cell::CellPaths;
-use control::speed_map::first_mapped;
+use path::speed_map::first_mapped;
 
 use crate::place::Place;
 

@@ -15,11 +15,11 @@ use bus::sample::{
 use bus::user_codes::UserCall;
 use bus::window::checksum;
 use bytemuck::Zeroable;
-use control::profile::PathState;
-use control::speed_map::first_mapped;
-use control::window::{Lead, PlanError, PlannedSetpoint, WindowRequest};
 use machine::settings_file::SettingsFileError;
 use machine::{KeptTexts, Machine};
+use path::profile::PathState;
+use path::speed_map::first_mapped;
+use path::window::{Lead, PlanError, PlannedSetpoint, WindowRequest};
 use program::Setup;
 
 use crate::ahead::{AheadError, Course};
@@ -829,7 +829,7 @@ fn command_positions(feedback: &Feedback) -> [i64; MAX_AXES] {
 }
 
 fn wire_setpoint(setpoint: &PlannedSetpoint) -> Setpoint {
-    const _: () = assert!(MAX_AXES == control::path::MAX_AXES);
+    const _: () = assert!(MAX_AXES == path::geometry::MAX_AXES);
     Setpoint {
         position: setpoint.position_increments,
         tag: PathTag {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 use program::{ProgramError, Reading, Setup};
 
 /// The text of a program.

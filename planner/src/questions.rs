@@ -13,8 +13,8 @@
 
 use bus::sample::{Answer, AnswerOutcome, Feedback};
 use bytemuck::{Pod, Zeroable};
-use control::pivot::OutOfReach;
 use machine::Machine;
+use path::pivot::OutOfReach;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// An answer as it is kept.

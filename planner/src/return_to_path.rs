@@ -9,11 +9,11 @@
 )]
 
 use bus::sample::MAX_AXES;
-use control::path::{ALL_LINEAR, AxisVector, Element, Feed, Path, Shape};
-use control::path_part::PathPart;
-use control::profile::PathState;
-use control::window::WindowPlanner;
 use machine::{AxisKind, Machine};
+use path::geometry::{ALL_LINEAR, AxisVector, Element, Feed, Path, Shape};
+use path::path_part::PathPart;
+use path::profile::PathState;
+use path::window::WindowPlanner;
 
 use crate::course::{CourseError, window_planner};
 
@@ -158,7 +158,7 @@ fn point_before(path: &PathPart, place: &PathState, back_mm: f64) -> Option<Axis
 #[allow(clippy::indexing_slicing, clippy::expect_used)]
 mod tests {
     use super::*;
-    use control::limits::{AxisLimits, MotionLimits};
+    use path::limits::{AxisLimits, MotionLimits};
 
     #[test]
     fn a_return_goes_over_the_workpiece_and_never_through_it() {

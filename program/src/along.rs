@@ -3,8 +3,8 @@
 use std::path::Path as FilePath;
 use std::sync::Arc;
 
-use control::path::Path;
 use machine::Machine;
+use path::geometry::Path;
 
 use crate::bundle::read_program;
 use crate::error::ResumeError;

@@ -1,6 +1,6 @@
 //! The geometry of one arc block, in the plane: where its centre is and which way round it goes.
 
-use control::path::{AxisVector, Element, Shape, axis_unit, sweep_between_rad};
+use path::geometry::{AxisVector, Element, Shape, axis_unit, sweep_between_rad};
 
 /// Ends nearer than this are one point, and the arc a full circle: 1 nm, as LinuxCNC's CIRCLE_FUZZ.
 const FULL_CIRCLE_CHORD_MM: f64 = 1e-6;

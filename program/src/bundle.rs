@@ -252,7 +252,7 @@ mod tests {
     use super::*;
     use crate::Setup;
     use crate::program::AxisSetup;
-    use control::path::AxisVector;
+    use path::geometry::AxisVector;
 
     #[test]
     fn subroutines_beside_the_program_and_in_folders_come_with_it() {

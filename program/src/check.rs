@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 
 use crate::error::ProgramError;
 use crate::execution::Execution;

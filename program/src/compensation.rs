@@ -20,7 +20,7 @@ mod corner;
 #[cfg(test)]
 mod tests;
 
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 use serde::{Deserialize, Serialize};
 
 use crate::flat::{Flat, sweep_rad};

@@ -1,7 +1,7 @@
 //! Canned cycles G73, G74 and G81 to G89 (NIST §3.5.16; LinuxCNC 2.9, "G-Codes", for G73, G74 and the tapping of G84):
 //! what they keep from block to block, and the steps of one block.
 
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 use serde::{Deserialize, Serialize};
 
 use crate::words::mask_of;

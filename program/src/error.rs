@@ -1,6 +1,6 @@
 //! What is wrong with a program, for the person who wrote it.
 
-use control::pivot::OutOfReach;
+use path::pivot::OutOfReach;
 use serde::{Deserialize, Serialize};
 
 /// The most problems reported at once; the rest is usually their echo.

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-use control::path::{AxisVector, Path};
+use path::geometry::{AxisVector, Path};
 
 use crate::error::{PROBLEMS_MAX, Problem, ProgramError, Shown};
 use crate::flow::{FlowWord, Keyword};

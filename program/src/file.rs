@@ -5,7 +5,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::string::FromUtf8Error;
 
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 
 use crate::bundle::read_program;
 use crate::error::{Problem, ProgramError};

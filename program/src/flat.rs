@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use std::ops::{Add, Mul, Neg, Sub};
 
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 
 /// Points nearer than this are one point: 1 nm, as in arcs.
 const SAME_POINT_MM: f64 = 1e-6;

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use control::path::{
+use path::geometry::{
     AxisVector, Element, Feed, MAX_AXES, RotaryAxes, Shape, displacement_length_mm,
 };
 

@@ -23,7 +23,7 @@
 //! interpreter makes of them. Where this differs, or needs choosing:
 //!
 //! - `/` before a block runs unless [`Setup::block_delete`] says otherwise.
-//! - G64 says how far the path may be left (P at corners, Q at chords); who travels the path rounds it (`control::rounding`).
+//! - G64 says how far the path may be left (P at corners, Q at chords); who travels the path rounds it (`path::rounding`).
 //! - The end of the file ends a program without M2, M30 or closing `%`.
 //! - Text after M2, M30 or the closing `%` is ignored as NIST says; so is the axis offset part of M2, since nothing follows.
 //! - An F word in the block that changes the unit is read in the unit of before, as LinuxCNC does.

@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 use std::path::Path as FilePath;
 use std::sync::Arc;
 
-use control::path::AxisVector;
 use machine::Machine;
+use path::geometry::AxisVector;
 
 use crate::bundle::read_program;
 use crate::compensation::WAITING_MAX;

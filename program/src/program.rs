@@ -1,8 +1,8 @@
 //! What goes into the interpreter and what comes out.
 
 use bus::sample::AskedInput;
-use control::path::{AxisVector, MAX_AXES, Path};
 use machine::{Beginning, KeptParameters, Tool};
+use path::geometry::{AxisVector, MAX_AXES, Path};
 use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::Xxh3;
 

@@ -2,9 +2,9 @@
 //! the answer is.
 
 use bus::sample::{AnswerOutcome, AskedInput, InputWait};
-use control::path::{AxisVector, Element};
-use control::pivot::OutOfReach;
 use machine::Machine;
+use path::geometry::{AxisVector, Element};
+use path::pivot::OutOfReach;
 
 use crate::resume::tool_at;
 

@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use control::path::{AxisVector, Element};
 use machine::{KeptParameters, Tool};
+use path::geometry::{AxisVector, Element};
 
 use crate::error::ProgramError;
 use crate::execution::Execution;

@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use control::kinematics::Kinematics;
-use control::path::AxisVector;
-use control::pivot::OutOfReach;
 use machine::Machine;
+use path::geometry::AxisVector;
+use path::kinematics::Kinematics;
+use path::pivot::OutOfReach;
 
 use crate::error::ResumeError;
 use crate::program::{Program, Setup};

@@ -1,9 +1,9 @@
 //! What the machine file says of programs.
 
-use control::kinematics::Kinematics;
-use control::path::AxisVector;
-use control::pivot::{self, PivotY};
 use machine::{self, AxisKind, KinematicsKind, Machine};
+use path::geometry::AxisVector;
+use path::kinematics::Kinematics;
+use path::pivot::{self, PivotY};
 
 use crate::program::{AxisSetup, Setup};
 

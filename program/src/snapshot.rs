@@ -54,7 +54,7 @@ pub fn unpack<'a, T: Deserialize<'a>>(
 
 /// Vectors of axes, as their components.
 pub mod vector {
-    use control::path::{AxisVector, MAX_AXES};
+    use path::geometry::{AxisVector, MAX_AXES};
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
     /// Writes one.
@@ -71,7 +71,7 @@ pub mod vector {
 
 /// The same where there may be none.
 pub mod maybe_vector {
-    use control::path::{AxisVector, MAX_AXES};
+    use path::geometry::{AxisVector, MAX_AXES};
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
     /// Writes one.
@@ -88,7 +88,7 @@ pub mod maybe_vector {
 
 /// Feeds, which belong to another crate.
 pub mod feed {
-    use control::path::Feed;
+    use path::geometry::Feed;
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
     /// Writes one: its speed, none for a rapid.

@@ -9,7 +9,7 @@
 //! control point over equal steps of the parameter, the construction of LinuxCNC's controller; where they leave the curve
 //! by more than [`TOLERANCE_MM`], the step is halved.
 
-use control::path::{AxisVector, Element, Shape};
+use path::geometry::{AxisVector, Element, Shape};
 use serde::{Deserialize, Serialize};
 
 #[cfg(test)]

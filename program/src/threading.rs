@@ -1,6 +1,6 @@
 //! Threads cut in step with the spindle: the passes of G76, and the moves of G33 and G33.1 (LinuxCNC 2.9, "G-Codes").
 
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 
 #[cfg(test)]
 mod tests;

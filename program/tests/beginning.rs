@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use control::path::AxisVector;
 use machine::Machine;
+use path::geometry::AxisVector;
 use program::{EventKind, Modal, Piece, Progress, Reading, Setup};
 use proptest::prelude::*;
 

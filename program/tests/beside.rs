@@ -3,7 +3,7 @@
 mod common;
 
 use common::{at, on_mill, refusal, slide};
-use control::path::{AxisVector, Shape};
+use path::geometry::{AxisVector, Shape};
 use program::{EventKind, Program, Setup, interpret};
 
 /// Ends of the elements, X Y Z with four decimals; arcs with their radius.

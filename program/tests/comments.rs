@@ -5,7 +5,7 @@ mod common;
 use std::sync::Arc;
 
 use common::{at, everything, mill, on_mill, refusal};
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 use program::{Message, Piece, Program, ProgramEnd, Progress, Reading, Setup, interpret};
 
 fn program(text: &str) -> Program {

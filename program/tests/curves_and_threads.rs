@@ -3,7 +3,7 @@
 mod common;
 
 use common::{at, mill, on_mill, refusal};
-use control::path::{Feed, Shape};
+use path::geometry::{Feed, Shape};
 use program::{EventKind, Program, interpret};
 
 fn program(text: &str) -> Program {
@@ -14,7 +14,7 @@ fn program(text: &str) -> Program {
 
 /// How far a place is from the path, in mm.
 fn distance_mm(program: &Program, place: &[f64]) -> f64 {
-    let distance = |element: &control::path::Element| {
+    let distance = |element: &path::geometry::Element| {
         let (along_mm, _) = element.closest_distance(&at(place));
         (element.point(along_mm) - at(place)).norm()
     };

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{at, mill, on_mill, refusal, slide};
-use control::path::{AxisVector, Element, Feed, Shape};
+use path::geometry::{AxisVector, Element, Feed, Shape};
 use program::{EventKind, Setup, interpret};
 
 /// The moves of a program: `R` rapid, `F` feed and `W` wait, with where they end (X, Y, Z) or the seconds.

@@ -7,7 +7,7 @@ mod common;
 use std::sync::Arc;
 
 use common::everything;
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 use program::{Program, interpret};
 
 fn made(text: &str) -> Result<Program, String> {

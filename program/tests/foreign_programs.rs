@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use common::mill;
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 use program::{Program, load};
 
 fn collection() -> Option<PathBuf> {

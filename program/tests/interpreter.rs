@@ -5,7 +5,7 @@ mod common;
 use std::f64::consts::PI;
 
 use common::{at, mill, on_mill, refusal, slide};
-use control::path::{AxisVector, Element, Feed, Shape};
+use path::geometry::{AxisVector, Element, Feed, Shape};
 use program::{AxisSetup, EventKind, Program, ProgramEnd, Setup, interpret};
 
 fn elements(text: &str) -> Vec<Element> {

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{at, mill, on_mill, refusal};
-use control::path::{AxisVector, Feed};
+use path::geometry::{AxisVector, Feed};
 use program::{EventKind, Program, Setup, Tool, interpret};
 
 fn program(text: &str) -> Program {
@@ -151,7 +151,7 @@ fn a_turned_work_offset_turns_lines_and_arcs() {
         .path
         .elements
         .iter()
-        .map(control::path::Element::end)
+        .map(path::geometry::Element::end)
         .collect();
     for (found, expected) in found.iter().zip([[0.0, 10.0], [-5.0, 10.0], [-15.0, 10.0]]) {
         assert!(

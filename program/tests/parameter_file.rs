@@ -5,8 +5,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 
-use control::path::AxisVector;
 use machine::{KeptParameters, Machine, parse_parameters};
+use path::geometry::AxisVector;
 use program::{Progress, Reading, Setup};
 
 /// A counter, work offsets with a rotation, G92, G28.1 and G30.1; one parameter that nobody keeps.

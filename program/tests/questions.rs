@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use bus::sample::{AskedInput, InputWait};
 use common::{at, mill};
-use control::path::{AxisVector, Element};
+use path::geometry::{AxisVector, Element};
 use program::{Answer, EventKind, Piece, Progress, Question, Reading, Setup, interpret};
 
 fn setup(answers: &[Answer]) -> Arc<Setup> {

@@ -5,7 +5,7 @@ mod common;
 use std::sync::Arc;
 
 use common::{at, mill};
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 use program::{Piece, Program, ProgramError, Progress, Reading, Setup, interpret};
 
 /// Reads to the end, so many lines at a time, the pieces put together.

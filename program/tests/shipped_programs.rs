@@ -5,7 +5,7 @@ mod common;
 use std::path::{Path, PathBuf};
 
 use common::{at, slide};
-use control::path::{AxisVector, Feed, Shape};
+use path::geometry::{AxisVector, Feed, Shape};
 use program::{Program, ProgramEnd, Setup, load};
 
 fn programs_of(machine: &str) -> Vec<PathBuf> {

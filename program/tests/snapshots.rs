@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use common::{at, everything, mill};
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 use program::{Piece, ProgramError, Progress, Reading};
 
 type Outcome = Result<Progress, ProgramError>;

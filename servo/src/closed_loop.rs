@@ -8,11 +8,11 @@
 )]
 
 use bus::sample::{AxisFeedback, Hand};
-use control::feed_forward::{FeedForward, MovementCommands, PeriodState};
-use control::follow_up::FollowUpState;
-use control::learned_table::LearnedTable;
-use control::path_correction::PathCorrection;
-use control::trigger::Speeds;
+use loops::feed_forward::{FeedForward, MovementCommands, PeriodState};
+use loops::follow_up::FollowUpState;
+use loops::learned_table::LearnedTable;
+use loops::path_correction::PathCorrection;
+use loops::trigger::Speeds;
 use machine::PositionFeedback;
 
 use crate::compensation::{Added, Beside};

@@ -8,14 +8,14 @@
 
 use bus::sample::AxisFeedback;
 use bytemuck::{Pod, Zeroable};
-use control::adaptation::{Adaptation, AdaptationState, Seen};
-use control::disturbance_observer::{DisturbanceObserver, DisturbanceObserverState};
-use control::inverse_dynamics::{
+use loops::adaptation::{Adaptation, AdaptationState, Seen};
+use loops::disturbance_observer::{DisturbanceObserver, DisturbanceObserverState};
+use loops::inverse_dynamics::{
     Ahead, Belief, InverseDynamics, InverseDynamicsState, LEAD_SCANS_MAX, Motion, Parts,
     SMOOTHING_RAD_S_MAX,
 };
-use control::learned_table::LearnedTable;
-use control::maxwell_slip::{MaxwellSlip, SlipElement};
+use loops::learned_table::LearnedTable;
+use loops::maxwell_slip::{MaxwellSlip, SlipElement};
 use machine::model::{FrictionCurve, TableModel};
 use machine::{AdaptationMode, Axis, AxisModel, DEAD_TIME_SCANS_MAX, DriveMode, ReversalMethod};
 

@@ -12,11 +12,11 @@ use bus::sample::{
     AxisCommand, AxisFeedback, Cause, Driver, Feedback, Mode, Reference, Setpoint, WindowHeader,
 };
 use bytemuck::Zeroable;
-use control::feed_forward::PeriodState;
-use control::follow_up::FollowUpState;
-use control::guards::Broken;
-use control::learned_table::LearnedTable;
-use control::path_correction::PathCorrection;
+use loops::feed_forward::PeriodState;
+use loops::follow_up::FollowUpState;
+use loops::guards::Broken;
+use loops::learned_table::LearnedTable;
+use loops::path_correction::PathCorrection;
 use machine::{DriveMode, Machine, PositionFeedback};
 
 use crate::closed_loop::{ClosedLoop, Wanted};

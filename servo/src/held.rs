@@ -8,8 +8,8 @@
 
 use bus::sample::{Feedback, MAX_WINDOW_SETPOINTS, PathTag, Setpoint, WindowHeader, WindowId};
 use bytemuck::Zeroable;
-use control::braking;
-use control::travel::Travel;
+use loops::braking;
+use path::travel::Travel;
 
 use crate::settings::ServoSettings;
 

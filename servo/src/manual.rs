@@ -10,9 +10,9 @@
 
 use bus::sample::{AxisFeedback, Hand};
 use bytemuck::{Pod, Zeroable};
-use control::changeover::{Changeover, ChangeoverState, Phase, Variant};
-use control::follow_up::FollowUpState;
-use control::hand_course::{AHEAD_SCANS_MAX, HandCommands, HandCourse};
+use loops::changeover::{Changeover, ChangeoverState, Phase, Variant};
+use loops::follow_up::FollowUpState;
+use loops::hand_course::{AHEAD_SCANS_MAX, HandCommands, HandCourse};
 use machine::{Axis, Changeover as Setting, Machine};
 
 /// Below this speed the motor stands, in mm/s: five encoder counts of 10 nm in a scan of 1 ms.

@@ -8,10 +8,10 @@
 )]
 
 use bus::sample::AxisFeedback;
-use control::feed_forward::PeriodState;
-use control::follow_up::FollowUpState;
-use control::hand_course::HandCommands;
-use control::learned_table::LearnedTable;
+use loops::feed_forward::PeriodState;
+use loops::follow_up::FollowUpState;
+use loops::hand_course::HandCommands;
+use loops::learned_table::LearnedTable;
 use machine::PositionFeedback;
 
 use crate::closed_loop::Wanted;

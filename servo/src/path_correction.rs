@@ -10,7 +10,7 @@
     clippy::indexing_slicing
 )]
 
-use control::path_correction::PathCorrection;
+use loops::path_correction::PathCorrection;
 
 use crate::setpoints::Setpoints;
 use crate::settings::ServoSettings;

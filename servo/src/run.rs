@@ -12,8 +12,8 @@ use std::sync::Arc;
 
 use bus::member::{Member, MemberError, Slot};
 use bus::realtime::Priority;
-use control::learned_table::LearnedTable;
-use control::path_correction::{Knot, PathCorrection};
+use loops::learned_table::LearnedTable;
+use loops::path_correction::{Knot, PathCorrection};
 use machine::Machine;
 use machine::learned::Learned;
 use machine::learned_path::{LEARNED_PATH_FILE, LearnedPath};

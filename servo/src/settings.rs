@@ -7,19 +7,19 @@
 )]
 
 use bus::sample::Feedback;
-use control::backlash::Backlash;
-use control::dual_feedback::DualFeedback;
-use control::feed_forward::FeedForward;
-use control::guards::AxisGuards;
-use control::prediction::Prediction;
-use control::reversal::{BacklashAcceleration, PulseShape};
-use control::travel::Travel;
-use control::trigger::{PositionErrorPart, Trigger};
-use control::velocity_loop::VelocityLoop;
+use loops::backlash::Backlash;
+use loops::dual_feedback::DualFeedback;
+use loops::feed_forward::FeedForward;
+use loops::guards::AxisGuards;
+use loops::prediction::Prediction;
+use loops::reversal::{BacklashAcceleration, PulseShape};
+use loops::trigger::{PositionErrorPart, Trigger};
+use loops::velocity_loop::VelocityLoop;
 use machine::{
     Axis, DriveMode, Machine, PositionErrorPart as PartSetting, PositionFeedback,
     PulseShape as ShapeSetting, Reversal, ReversalMethod, Trigger as TriggerSetting, WithinPeriod,
 };
+use path::travel::Travel;
 
 use crate::compensation::ModelSettings;
 use crate::manual::ManualController;

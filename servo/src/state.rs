@@ -12,13 +12,13 @@
 
 use bus::sample::{AxisCommand, SERVO_STATE_WORDS};
 use bytemuck::{Pod, Zeroable};
-use control::backlash::BacklashState;
-use control::dual_feedback::DualFeedbackState;
-use control::feed_forward::PeriodState;
-use control::follow_up::FollowUpState;
-use control::learned_table::LearnedTable;
-use control::reversal::ReversalState;
-use control::velocity_loop::VelocityLoopState;
+use loops::backlash::BacklashState;
+use loops::dual_feedback::DualFeedbackState;
+use loops::feed_forward::PeriodState;
+use loops::follow_up::FollowUpState;
+use loops::learned_table::LearnedTable;
+use loops::reversal::ReversalState;
+use loops::velocity_loop::VelocityLoopState;
 
 use crate::compensation::{ModelSettings, ModelState};
 use crate::manual::ManualState;

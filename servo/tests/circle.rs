@@ -5,7 +5,7 @@ mod common;
 use bus::sample::{AxisCommand, Mode};
 use bytemuck::{Zeroable, bytes_of};
 use common::{RADIUS_MM, Rig, SPEED_MM_S, machine, servo};
-use control::reversal::{Announcement, ReversalState};
+use loops::reversal::{Announcement, ReversalState};
 use machine::{Prediction, PulseShape, WithinPeriod};
 use servo::ServoState;
 

@@ -4,8 +4,8 @@ mod common;
 
 use bus::sample::{AxisCommand, Cause, Driver, Feedback, Hand, Mode};
 use common::{Rig, machine, servo};
-use control::hand_course::{Aim, HandCourse, fine};
-use control::jog::JogProfile;
+use loops::hand_course::{Aim, HandCourse, fine};
+use loops::jog::JogProfile;
 use machine::Changeover;
 use servo::{Servo, ServoState};
 

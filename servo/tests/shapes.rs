@@ -1,8 +1,8 @@
 //! The form of the friction pulse as the machine file asks for it.
 #![allow(missing_docs)]
 
-use control::reversal::PulseShape as Shape;
-use control::trigger::{PositionErrorPart, Trigger};
+use loops::reversal::PulseShape as Shape;
+use loops::trigger::{PositionErrorPart, Trigger};
 use machine::{Machine, PulseShape};
 use servo::ServoSettings;
 

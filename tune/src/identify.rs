@@ -12,7 +12,7 @@ pub mod signals;
 mod tests;
 mod wind_up;
 
-pub use control::maxwell_slip::ELEMENTS;
+pub use loops::maxwell_slip::ELEMENTS;
 
 use crate::least_squares::{Fit, NormalEquations};
 use crate::recording::Recording;

@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
+use crate::learning::{Learner, Observation, TrainingLimits};
 use anyhow::{Context, bail};
 use bus::sample::{AxisCommand, Feedback};
 use console::exit::{Kind, Outcome};
 use console::output::say;
-use control::learned_table::{LearnedTable, LearnedValue};
-use control::learning::{Learner, Observation, TrainingLimits};
 use launcher::run::Completed;
+use loops::learned_table::{LearnedTable, LearnedValue};
 use machine::learned::{
     Learned, LearnedAxis, LearnedContour, LearnedPass, learned_file, settings_hash,
 };

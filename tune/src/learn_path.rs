@@ -6,10 +6,10 @@ mod observe;
 use std::fs;
 use std::path::Path;
 
+use crate::path_learning::{CORNER_HZ, PathKnot};
 use anyhow::Context;
 use console::exit::{Kind, Outcome};
 use console::output::say;
-use control::path_learning::{CORNER_HZ, PathKnot};
 use launcher::run::Completed;
 use machine::learned::Learned;
 use machine::learned_path::{

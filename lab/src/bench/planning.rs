@@ -6,9 +6,9 @@ use std::time::Instant;
 
 use anyhow::{Context, anyhow};
 use bus::sample::MAX_AXES;
-use control::window::{Lead, WindowPlanner, WindowRequest};
 use hdrhistogram::Histogram;
 use machine::{Machine, machine_file};
+use path::window::{Lead, WindowPlanner, WindowRequest};
 use planner::ProgramText;
 use plant_sim::plant_file::PlantFile;
 use program::{Piece, Progress, Reading, Setup};

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use bus::sample::{AxisCommand, Feedback, PlannerStatus, Setpoint, WindowHeader};
-use control::speed_map::first_mapped;
 use machine::{KeptParameters, Machine};
+use path::speed_map::first_mapped;
 use planner::questions::{KeptAnswer, kept_in};
 use planner::{Left, Place, PlannerPorts, ProgramText};
 use servo::ServoPorts;

@@ -3,8 +3,8 @@
 use std::path::Path;
 use std::sync::LazyLock;
 
-use control::path::{AxisVector, Feed, Shape};
 use machine::{Tool, parse_tools};
+use path::geometry::{AxisVector, Feed, Shape};
 use program::{AxisSetup, EventKind, Program, ProgramEnd, Setup, SurfaceSpeed};
 
 use crate::linuxcnc::trace::{Circle, LETTERS, Place, Step, Trace, Way};

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 
 use crate::linuxcnc::ours;
 

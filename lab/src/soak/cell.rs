@@ -15,8 +15,8 @@ use bus::sample::{Feedback, Job, Mode, OperatorRequest, Order, Participant, Refu
 use bus::service::{Bus, RECORDER_DEPTH_SCANS};
 use bus::signal_page::SignalPage;
 use console::child;
-use control::path::Path as ProgramPath;
 use machine::Machine;
+use path::geometry::Path as ProgramPath;
 use rustix::process::{Pid, Signal, kill_process, pidfd_send_signal};
 
 use super::growth::Held;

@@ -3,8 +3,8 @@
 use std::collections::VecDeque;
 
 use bus::sample::{AxisFeedback, Cause, Feedback, Mode, PathTag};
-use control::path::Path;
 use machine::{Machine, WithinPeriod};
+use path::geometry::Path;
 
 /// Violations kept in words; more are counted only.
 const WORDS_MAX: usize = 40;
@@ -150,7 +150,7 @@ impl Judge {
             .collect();
         let straight = machine.kinematics.is_none()
             && machine.interpolation.within_period == WithinPeriod::Exact;
-        let end = path.end().unwrap_or_else(control::path::AxisVector::zeros);
+        let end = path.end().unwrap_or_else(path::geometry::AxisVector::zeros);
         let end = end.iter().zip(&bounds);
         let end = end.map(|(mm, axis)| libm::round(mm / axis.increment_mm) as i64);
         Judge {
@@ -511,7 +511,7 @@ impl Judge {
 mod tests {
     use bus::sample::WindowId;
     use bytemuck::Zeroable;
-    use control::path::{AxisVector, Element, Feed};
+    use path::geometry::{AxisVector, Element, Feed};
 
     use super::*;
 

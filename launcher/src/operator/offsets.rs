@@ -352,7 +352,7 @@ struct Touched<'a> {
 impl Touched<'_> {
     /// The tool's place in the machine along a letter, without the length of the tool.
     fn place(&self, letter: char) -> f64 {
-        let mut axes = control::path::AxisVector::zeros();
+        let mut axes = path::geometry::AxisVector::zeros();
         let samples = self.machine.axes.iter().zip(self.now.axes());
         for (to, (axis, sample)) in axes.iter_mut().zip(samples) {
             *to = axis.shown(sample.command_position as f64 * axis.increment_mm());

@@ -1,8 +1,8 @@
 //! Dwells of hours: nothing happens in their scans, so most of them are counted and not planned.
 
-use control::path::Shape;
-use control::time_use::{BlockTime, Cause, SlowPlace, TimeTable};
-use control::totals::Totals;
+use path::geometry::Shape;
+use path::time_use::{BlockTime, Cause, SlowPlace, TimeTable};
+use path::totals::Totals;
 use program::Program;
 
 /// Scans of a dwell that are planned; those above them are all the same.

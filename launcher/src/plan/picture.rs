@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use anyhow::Context;
-use control::totals::Totals;
-use control::window::PlannedSetpoint;
 use machine::AxisKind;
 use monitor::path_plot::{self, Meaning, PathPicture, PathPoint};
+use path::totals::Totals;
+use path::window::PlannedSetpoint;
 
 use crate::check::Checked;
 

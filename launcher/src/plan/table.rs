@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-use control::time_use::{Cause, Form, Limit, SlowPlace, TimeTable};
+use path::time_use::{Cause, Form, Limit, SlowPlace, TimeTable};
 
 use crate::check::Checked;
 use console::output::say;

@@ -8,9 +8,9 @@
 
 use bus::sample::{AxisCommand, Cause, Driver, Mode, Reference};
 use bytemuck::Zeroable;
-use control::guards::AxisGuards;
-use control::travel::Travel;
+use loops::guards::AxisGuards;
 use machine::{Axis, DriveMode, Machine, PositionFeedback};
+use path::travel::Travel;
 
 use super::hand::Hand;
 use super::redundancy::Standby;

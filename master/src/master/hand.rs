@@ -11,8 +11,8 @@
 )]
 
 use bus::sample::{Cause, Driver, Hand as Controller, Mode};
-use control::hand_course::{AHEAD_SCANS_MAX, Aim, FINE, HandCourse, fine};
-use control::jog::JogProfile;
+use loops::hand_course::{AHEAD_SCANS_MAX, Aim, FINE, HandCourse, fine};
+use loops::jog::JogProfile;
 use machine::{Axis, JOG_ACCELERATION_SHARE, Machine};
 
 use super::Master;

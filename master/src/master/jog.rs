@@ -9,8 +9,8 @@
 )]
 
 use bus::sample::{Mode, OperatorRequest, Refused};
-use control::hand_course::fine;
-use control::jog::JogProfile;
+use loops::hand_course::fine;
+use loops::jog::JogProfile;
 use machine::AxisKind;
 
 use super::Master;

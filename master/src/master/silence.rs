@@ -8,8 +8,8 @@
 )]
 
 use bus::sample::{Cause, Driver, MAX_AXES};
-use control::braking;
-use control::guards::Broken;
+use loops::braking;
+use loops::guards::Broken;
 
 use crate::drives::Drives;
 use crate::window_arbiter::WindowArbiter;

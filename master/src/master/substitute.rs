@@ -9,7 +9,7 @@
 )]
 
 use bus::sample::AxisCommand;
-use control::velocity_loop::VelocityLoop;
+use loops::velocity_loop::VelocityLoop;
 use machine::{Axis, DriveMode, Machine};
 
 use crate::drives::DriveFeedback;

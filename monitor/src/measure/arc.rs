@@ -22,8 +22,8 @@ mod runs;
 use std::f64::consts::TAU;
 
 use bus::sample::{Feedback, PathTag};
-use control::kinematics::Kinematics;
-use control::path::{AxisVector, Path};
+use path::geometry::{AxisVector, Path};
+use path::kinematics::Kinematics;
 
 use super::ball_bar::BallBarMeter;
 use evaluate::{Keeps, Series, Taken, measure};

@@ -4,8 +4,8 @@ pub mod blocks;
 pub mod percentiles;
 
 use bus::sample::{AxisCommand, AxisFeedback, Feedback, MAX_AXES, Mode};
-use control::travel::Travel;
 use machine::{Axis, Machine, WithinPeriod};
+use path::travel::Travel;
 use serde::Serialize;
 
 use self::percentiles::Percentiles;

@@ -1,7 +1,7 @@
 //! Contour error: how far the table is from the programmed path.
 
 use bus::sample::PathTag;
-use control::path::{AxisVector, Element, Path};
+use path::geometry::{AxisVector, Element, Path};
 
 /// Elements looked at in each direction at most.
 const NEIGHBOURS_MAX: usize = 32;
@@ -76,7 +76,7 @@ fn nearest_place<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use control::path::Feed;
+    use path::geometry::Feed;
 
     fn at(x: f64, y: f64) -> AxisVector {
         let mut point = AxisVector::zeros();

@@ -22,9 +22,9 @@
 #[cfg(test)]
 mod tests;
 
-use control::kinematics::Kinematics;
-use control::path::{AxisVector, MAX_AXES};
 use nalgebra::{DMatrix, DVector};
+use path::geometry::{AxisVector, MAX_AXES};
+use path::kinematics::Kinematics;
 use serde::Serialize;
 
 use super::contour::Nearest;

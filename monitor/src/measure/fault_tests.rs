@@ -2,7 +2,7 @@
 
 use bus::sample::*;
 use bytemuck::Zeroable;
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 
 use super::faults::{FaultResult, Faults, ProcessResult, Seen};
 use crate::test_support::machine;

@@ -15,8 +15,8 @@
 use std::collections::BTreeMap;
 
 use bus::sample::{AxisFeedback, Cause, Feedback, Job, MAX_AXES, Mode, Participant, Roster};
-use control::path::AxisVector;
 use machine::{Machine, Process};
+use path::geometry::AxisVector;
 
 use super::outcome::{Loss, NotNeeded, Positions, Reaction};
 use crate::deaths::death_of;

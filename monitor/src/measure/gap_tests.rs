@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use control::path::{AxisVector, Element, Feed, Path};
+use path::geometry::{AxisVector, Element, Feed, Path};
 
 use super::*;
 use crate::log::Sample;

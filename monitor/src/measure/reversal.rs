@@ -1,8 +1,8 @@
 //! Every change of direction of an axis command, what was done about it and what it left on the table.
 
 use bus::sample::{AxisCommand, PathTag};
-use control::path::{Feed, Path, Shape};
 use machine::{Machine, ReversalMethod};
+use path::geometry::{Feed, Path, Shape};
 
 use super::arc::{ArcResult, Quadrant};
 use crate::turns::Turns;
@@ -164,7 +164,7 @@ impl ReversalMeter {
                 Shape::Arc {
                     radius_mm, u, v, ..
                 } => {
-                    let moves = |unit: &control::path::AxisVector| unit.get(axis) == Some(&1.0);
+                    let moves = |unit: &path::geometry::AxisVector| unit.get(axis) == Some(&1.0);
                     (moves(u) || moves(v)).then_some(*radius_mm)
                 }
                 _ => None,
@@ -216,7 +216,7 @@ fn quadrant_of<'a>(
     let mut started = started.take_while(|arc| scan >= arc.scans.0 - 2.0);
     let arc = started.find(|arc| (arc.elements.0..=arc.elements.1).contains(&element))?;
     let before = path.elements.get(arc.elements.0..element)?;
-    let sweep_rad = |element: &control::path::Element| match &element.shape {
+    let sweep_rad = |element: &path::geometry::Element| match &element.shape {
         Shape::Arc { sweep_rad, .. } => sweep_rad.abs(),
         _ => 0.0,
     };

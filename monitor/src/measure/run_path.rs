@@ -1,7 +1,7 @@
 //! The path that a run is measured along.
 
 use bus::sample::PathTag;
-use control::path::{AxisVector, Path};
+use path::geometry::{AxisVector, Path};
 use program::Along;
 
 use super::contour::{self, Nearest};

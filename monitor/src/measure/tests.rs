@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use bus::sample::*;
-use control::path::{AxisVector, Element, Feed, Path};
+use path::geometry::{AxisVector, Element, Feed, Path};
 
 use super::*;
 use crate::test_support::{Deviation, PULSE_LEAD_SCANS, SyntheticRun, machine};

@@ -1,6 +1,6 @@
 //! Where the tool was and how far off the path, thinned out without losing peaks, in memory that no length of a run enlarges.
 
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 
 /// A peak smaller than this part of the largest is none.
 const PEAK_SHARE_MIN: f64 = 0.2;

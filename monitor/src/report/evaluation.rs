@@ -2,8 +2,8 @@
 
 use std::path::{Path as FilePath, PathBuf};
 
-use control::path::Path;
 use machine::{AxisKind, Machine};
+use path::geometry::Path;
 use program::{Along, Answer, Note, ResumeError, Setup};
 use serde_json::Value;
 

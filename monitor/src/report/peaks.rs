@@ -48,7 +48,7 @@ pub(super) fn contour_peaks(run: &Evaluation) -> Vec<PeakReport> {
     let peaks = run.measurements.travelled.peaks(PEAKS_MAX);
     let lines: BTreeSet<u32> = peaks.iter().map(|peak| peak.error.line).collect();
     let texts = block_texts(run, &lines);
-    let position = |tool_mm: &control::path::AxisVector, unit: &str| {
+    let position = |tool_mm: &path::geometry::AxisVector, unit: &str| {
         let axes = 0..run.machine.program_axes().len();
         let of_unit = axes.filter(|axis| run.coordinate_unit(*axis) == unit);
         let each = of_unit.map(|axis| {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 use program::Setup;
 
 use super::evaluation::Ended;

@@ -1,9 +1,9 @@
 //! What a scope can show: one number per scan, each with its name, its unit and where it comes from.
 
 use bus::sample::{AxisCommand, AxisFeedback, BusCycle, Feedback, Instruments, Mode};
-use control::kinematics::Kinematics;
-use control::path::{AxisVector, Path};
 use machine::{AxisKind, GantryPair, Machine, PositionFeedback};
+use path::geometry::{AxisVector, Path};
+use path::kinematics::Kinematics;
 
 use super::error::ScopeError;
 use crate::measure::align::ScanSet;
@@ -395,7 +395,7 @@ impl KnownPath {
     /// Of the program that path tags with this hash belong to.
     pub fn new(hash: u64, path: Path) -> KnownPath {
         let mut sum_mm = 0.0;
-        let begin = |element: &control::path::Element| {
+        let begin = |element: &path::geometry::Element| {
             let begins_mm = sum_mm;
             sum_mm += element.length_mm;
             begins_mm

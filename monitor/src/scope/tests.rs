@@ -2,8 +2,8 @@ use bus::sample::{
     AxisCommand, BusCycle, Cause, Feedback, Instruments, Job, Mode, PathTag, Roster, WindowId,
 };
 use bytemuck::Zeroable;
-use control::path::{AxisVector, Element, Feed, Path};
 use machine::Machine;
+use path::geometry::{AxisVector, Element, Feed, Path};
 
 use super::signal::{KnownPath, Signal};
 use super::trigger::{Side, Trigger};

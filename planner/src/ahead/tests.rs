@@ -3,8 +3,8 @@
 use super::*;
 use crate::test_spindle::spindle;
 use bus::sample::{EventCode, ProgramEvent};
-use control::path_part::PathPart;
-use control::speed_map::first_mapped;
+use path::path_part::PathPart;
+use path::speed_map::first_mapped;
 
 fn machine() -> Machine {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");

@@ -4,7 +4,7 @@ use super::*;
 
 use crate::test_spindle::spindle;
 
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 use program::{Setup, interpret};
 
 fn machine(turns: bool) -> Machine {

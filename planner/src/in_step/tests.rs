@@ -2,7 +2,7 @@
 
 use bus::sample::SpindleCommand;
 use bytemuck::Zeroable;
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 use program::{Setup, interpret};
 
 use super::*;

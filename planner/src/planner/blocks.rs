@@ -8,7 +8,7 @@
 )]
 
 use bus::sample::{EventCode, Feedback, ProgramEvent};
-use control::profile::PathState;
+use path::profile::PathState;
 
 use super::{From, Planner};
 

@@ -9,7 +9,7 @@
 
 use bus::sample::{Cause, EventCode, Feedback, PlannerStatus, ProgramEvent, ProgramState};
 use bus::user_codes::{CallId, UserCall};
-use control::profile::PathState;
+use path::profile::PathState;
 
 use super::start_at_line::seeks_line;
 use super::{Planner, tool_element, tool_tag};

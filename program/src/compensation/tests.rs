@@ -1,6 +1,6 @@
 //! Expected values are those of LinuxCNC 2.9.4's interpreter (its python module `gcode`, full doubles).
 
-use control::path::axis_unit;
+use path::geometry::axis_unit;
 use proptest::prelude::*;
 
 use super::*;

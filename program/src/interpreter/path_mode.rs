@@ -1,7 +1,7 @@
 //! G61, G61.1 and G64: how exactly the path is travelled.
 
 use super::*;
-use control::path::PathTolerance;
+use path::geometry::PathTolerance;
 
 impl Interpreter {
     /// P and Q of a block with G64.

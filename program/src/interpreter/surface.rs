@@ -5,7 +5,7 @@
 
 use std::f64::consts::{FRAC_PI_4, TAU};
 
-use control::path::{Element, Feed, Shape};
+use path::geometry::{Element, Feed, Shape};
 use serde::{Deserialize, Serialize};
 
 use super::{FeedMode, Group, Interpreter};

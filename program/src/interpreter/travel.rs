@@ -6,8 +6,8 @@ use crate::flat::Flat;
 use crate::polar::Polar;
 use crate::reader::Word;
 use crate::words::mask_of;
-use control::travel::Travel;
 use machine::TURN_DEG;
+use path::travel::Travel;
 
 /// Words that say where.
 const PLACES: u32 = mask_of(AXIS_LETTERS) | mask_of("@^");

@@ -174,8 +174,8 @@ fn farthest_mm(curve: &Curve, shapes: &[Shape]) -> f64 {
         let element = Element::new(
             1,
             shape.clone(),
-            control::path::Feed::Rapid,
-            &control::path::ALL_LINEAR,
+            path::geometry::Feed::Rapid,
+            &path::geometry::ALL_LINEAR,
         );
         for part in 0..=10 {
             let place = element.point(element.length_mm * f64::from(part) / 10.0);
@@ -222,8 +222,8 @@ fn the_arcs_stay_within_the_tolerance_and_meet_with_one_tangent() {
                 Element::new(
                     1,
                     shape,
-                    control::path::Feed::Rapid,
-                    &control::path::ALL_LINEAR,
+                    path::geometry::Feed::Rapid,
+                    &path::geometry::ALL_LINEAR,
                 )
             })
             .collect();

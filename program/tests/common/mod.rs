@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 use program::{AxisSetup, Program, ProgramError, Setup, interpret, parse_tools};
 
 pub fn slide(letter: char, travel_min: f64, travel_max: f64) -> AxisSetup {

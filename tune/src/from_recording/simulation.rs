@@ -1,6 +1,6 @@
 //! Open-loop simulation: the recorded force drives the model from the first recorded instant on; nothing corrects it.
 
-use control::maxwell_slip::{Level, MaxwellSlip, SlipElement};
+use loops::maxwell_slip::{Level, MaxwellSlip, SlipElement};
 
 use crate::identify::{BREAK_UM, Found, Lever};
 use crate::recording::Recording;

@@ -1,6 +1,6 @@
 //! What equations are made of: signals of one recording, smoothed alike, and how much each instant counts.
 
-use control::maxwell_slip::{Level, MaxwellSlip, SlipElement};
+use loops::maxwell_slip::{Level, MaxwellSlip, SlipElement};
 
 use super::{BREAK_UM, ELEMENTS, Lever};
 use crate::recording::Recording;

@@ -1,4 +1,4 @@
-use control::maxwell_slip::{Level, MaxwellSlip, SlipElement};
+use loops::maxwell_slip::{Level, MaxwellSlip, SlipElement};
 
 use super::*;
 

@@ -1,6 +1,6 @@
 //! Whether a pass was better, and what the next one runs with.
 
-use control::path_learning::GAIN;
+use crate::path_learning::GAIN;
 use machine::learned_path::LearnedPathPass;
 
 /// A pass is worse than the best one from this factor on …

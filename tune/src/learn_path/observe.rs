@@ -2,16 +2,16 @@
 
 use std::path::Path as FilePath;
 
+use crate::path_learning::{Pass, PassScan};
 use anyhow::{bail, ensure};
 use bus::sample::{AxisCommand, Feedback, Mode, PathTag};
-use control::kinematics::Kinematics;
-use control::path::{AxisVector, Feed, Path};
-use control::path_correction::{Knot, PathCorrection};
-use control::path_learning::{Pass, PassScan};
+use loops::path_correction::{Knot, PathCorrection};
 use machine::learned_path::{LEARNED_PATH_ROWS_MAX, LearnedPath};
 use machine::{Machine, PositionFeedback};
 use monitor::log::{LOG_FILE, Reader, Sample, part_files};
 use monitor::measure::RunPath;
+use path::geometry::{AxisVector, Feed, Path};
+use path::kinematics::Kinematics;
 
 /// What a log showed.
 pub(crate) struct Observed {

@@ -1,6 +1,6 @@
 //! The circle that is being travelled, or was last: radial deviation of the table over the angle.
 
-use control::path::{AxisVector, Element, Feed, Shape};
+use path::geometry::{AxisVector, Element, Feed, Shape};
 
 /// Angles that the curve is kept at, per turn.
 pub const BINS: usize = 360;

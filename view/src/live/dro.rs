@@ -1,10 +1,10 @@
 //! The digital readout: what an operator reads while a program runs, and between two. Data alone; others draw it.
 
 use bus::sample::{Feedback, ProgramState, Waiting};
-use control::kinematics::Kinematics;
-use control::path::{AxisVector, Element, Feed, Path, Shape};
 use machine::offsets_file::WORK_OFFSETS;
 use machine::{Axis, AxisKind, Machine};
+use path::geometry::{AxisVector, Element, Feed, Path, Shape};
+use path::kinematics::Kinematics;
 use program::{Modal, Modes};
 
 use super::model::Model;

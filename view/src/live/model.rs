@@ -8,10 +8,10 @@ use bus::sample::{
     AxisCommand, Cause, Feedback, Instruments, Job, MAX_SUBSAMPLES, Mode, PlannerStatus,
     ProgramState, Roster, STANDBY_ALARM_S,
 };
-use control::kinematics::Kinematics;
-use control::path::{AxisVector, Element, Feed, Shape};
 use machine::{GantryPair, Machine, Process};
 use monitor::measure::contour;
+use path::geometry::{AxisVector, Element, Feed, Shape};
+use path::kinematics::Kinematics;
 use program::{Modal, Program};
 use remote::wire::ProcessState;
 

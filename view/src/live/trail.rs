@@ -2,7 +2,7 @@
 //!
 //! Points nearer to each other than a grain are one, with the largest error of them: a trail is as fine as a picture can show.
 
-use control::path::AxisVector;
+use path::geometry::AxisVector;
 
 /// Grain where no program says how large its path is, in mm.
 const GRAIN_MM: f64 = 0.1;

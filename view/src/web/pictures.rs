@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use axum::body::Bytes;
-use control::path::{AxisVector, Element, Feed, Path, Shape};
 use machine::{AxisKind, TURN_DEG};
+use path::geometry::{AxisVector, Element, Feed, Path, Shape};
 use serde::Serialize;
 use serde_json::json;
 

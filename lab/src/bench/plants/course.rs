@@ -6,11 +6,11 @@ use std::f64::consts::PI;
 use std::fmt::Write as _;
 
 use bus::sample::{Instruments, Mode};
-use control::path::AxisVector;
 use machine::Machine;
 use monitor::log::Sample;
 use monitor::measure::{Analysis, Outcome as RunOutcome};
 use monitor::words::StopCause;
+use path::geometry::AxisVector;
 use plant_sim::plant_file::PlantFile;
 use program::Setup;
 

@@ -2,8 +2,8 @@
 
 use std::f64::consts::TAU;
 
-use control::kinematics::Kinematics;
-use control::path::{AxisVector, Element, Feed, Path, Shape};
+use path::geometry::{AxisVector, Element, Feed, Path, Shape};
+use path::kinematics::Kinematics;
 
 /// Places of a turn looked at for reversals; between two of them an axis reverses at most once.
 const REVERSAL_STEPS: u32 = 720;

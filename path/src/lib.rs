@@ -1,0 +1,28 @@
+//! The path of a program and the speed along it: geometry, rounding, limits of the axes, windows that end at rest.
+//!
+//! Nothing here knows of processes, clocks, files or shared memory.
+
+pub mod audit;
+pub mod axis_rates;
+mod braking_limit;
+mod course;
+mod envelope;
+pub mod geometry;
+pub mod kinematics;
+pub mod limits;
+pub mod line;
+pub mod path_part;
+pub mod pivot;
+pub mod positioning;
+pub mod profile;
+pub mod rounding;
+mod segment;
+pub mod setpoint_settings;
+pub mod setpoints;
+mod smoothing;
+pub mod speed_map;
+pub mod spindle_following;
+pub mod time_use;
+pub mod totals;
+pub mod travel;
+pub mod window;

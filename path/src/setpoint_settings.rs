@@ -1,0 +1,87 @@
+//! How setpoints are made of a path.
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::indexing_slicing
+)]
+
+use crate::geometry::{Element, MAX_AXES, Shape};
+use crate::kinematics::Kinematics;
+use crate::rounding::RoundingSettings;
+
+/// How setpoints of straight elements are made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum StraightLines {
+    /// Every axis is rounded from the exact place by itself: at most half an increment off.
+    #[default]
+    Rounded,
+    /// The axis of the largest travel is rounded, the others follow it by division with a carried remainder
+    /// ([`StraightLine`](crate::line::StraightLine)): less than an increment behind the line between the rounded ends.
+    MasterAxis,
+}
+
+/// How setpoints are made.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SetpointSettings {
+    /// Of lines.
+    pub straight_lines: StraightLines,
+    /// How the axes carry the tool.
+    pub kinematics: Kinematics,
+    /// How the path is rounded where the program allows it. Axes that do not move in straight lines travel it exactly.
+    pub rounding: RoundingSettings,
+    /// Frequency of the machine that motion is not to excite, in Hz.
+    pub vibration_hz: Option<f64>,
+    /// Motors beside those of the axes that a path has.
+    pub second_motors: SecondMotors,
+}
+
+/// Second motors of gantries: each gets the setpoint of an axis of the path, in a place behind those axes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct SecondMotors {
+    /// By the place of the motor, the place of its axis.
+    leader: [Option<u8>; MAX_AXES],
+}
+
+impl SecondMotors {
+    /// The motor in this place follows the axis in that one.
+    #[must_use]
+    pub fn with(mut self, follower: usize, leader: usize) -> SecondMotors {
+        if let Some(slot) = self.leader.get_mut(follower) {
+            *slot = u8::try_from(leader).ok();
+        }
+        self
+    }
+
+    /// Gives each second motor the setpoint of its axis.
+    pub(crate) fn follow(&self, mut increments: [i64; MAX_AXES]) -> [i64; MAX_AXES] {
+        for (follower, leader) in self.leader.iter().enumerate() {
+            let Some(leader) = leader else { continue };
+            let of_leader = increments.get(usize::from(*leader)).copied();
+            if let (Some(slot), Some(of_leader)) = (increments.get_mut(follower), of_leader) {
+                *slot = of_leader;
+            }
+        }
+        increments
+    }
+}
+
+impl SetpointSettings {
+    /// Whether the setpoints of an element follow a master axis.
+    pub(crate) fn follow_master(&self, element: &Element) -> bool {
+        self.straight_lines == StraightLines::MasterAxis
+            && matches!(element.shape, Shape::Line { .. })
+            && element.rounding.is_none()
+    }
+
+    /// Furthest that a setpoint can be from the exact place of its tag, in increments.
+    ///
+    /// Rounded: a half. With a master axis, at worst: a half by rounding the ends of the line, one because the master is
+    /// rounded against them (a half each, times a slope of at most 1), and one by which slaves lag.
+    pub(crate) fn off_place_increments(&self) -> f64 {
+        match self.straight_lines {
+            StraightLines::Rounded => 0.5,
+            StraightLines::MasterAxis => 2.5,
+        }
+    }
+}
