@@ -4,13 +4,6 @@
 //! frame before it is sent, and answers with inputs. Each lies in the slot of its cycle's parity, so that whoever is killed while
 //! writing leaves the cycle before whole. A standby of the fieldbus process reads here how far the one before it came.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::marker::PhantomData;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering, fence};
 use std::time::Duration;

@@ -83,6 +83,10 @@ pub struct Table {
 
 impl Table {
     /// Whether the fields cover the struct from the first to the last byte.
+    #[expect(
+        clippy::indexing_slicing,
+        reason = "evaluated by the compiler alone: `get` is not const"
+    )]
     pub const fn is_whole(&self) -> bool {
         let (mut next, mut index) = (0, 0);
         while index < self.fields.len() {

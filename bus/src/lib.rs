@@ -2,6 +2,16 @@
 //!
 //! **Invariant**: this is the only crate that names iceoryx2 (a test in `tests/` holds it).
 
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::indexing_slicing
+    )
+)]
+
 pub mod cell;
 pub mod drive_codes;
 pub mod drive_page;

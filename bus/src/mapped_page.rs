@@ -1,12 +1,5 @@
 //! Files of a cell that its processes map: pages of atomic words.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::fmt;
 use std::fs::OpenOptions;
 use std::ops::Deref;

@@ -1,12 +1,5 @@
 //! Taking part in a cell: what every role does before its first scan, and how it learns that it is to leave.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::io;
 use std::os::fd::OwnedFd;
 use std::path::PathBuf;

@@ -4,13 +4,6 @@
 //! same scan. A [`Writer`] overwrites the oldest sample of a slow reader and never blocks. What iceoryx2 refuses while
 //! running is counted and otherwise a sample that is not there: the reader's age rules decide what follows.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::port::client::Client;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};

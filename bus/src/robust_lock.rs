@@ -4,13 +4,6 @@
 //! the memory and the descriptors of the process: a pidfd tells of the death milliseconds later where a packet socket is to be closed.
 //! It does so only where the lock is still mapped then: a holder that lives gives it back before it unmaps it.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::cell::UnsafeCell;
 use std::io;
 use std::sync::atomic::{AtomicU32, Ordering};

@@ -5,13 +5,6 @@
 //! later. So the C library's `ftruncate` is replaced here for the whole program: what grows in shared memory takes all its
 //! memory at once (`fallocate`), or is refused with an error.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::cell::Cell;
 use std::ffi::{c_int, c_long};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd};

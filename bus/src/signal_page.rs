@@ -3,13 +3,6 @@
 //! iceoryx2 carries the data; waking is done here, because its events can lose wake-ups. A signal is only a hint: whoever
 //! waits looks at its ports after every wake and after every timeout, so a lost ring costs time, never progress.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::time::Duration;
 
 use rustix::thread::futex;

@@ -6,6 +6,16 @@
 //!
 //! The only crate that names ethercrab, for the start-up, and only with the feature `ethercat`.
 
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::indexing_slicing
+    )
+)]
+
 pub mod cia402;
 pub mod drive_file;
 pub mod drives;

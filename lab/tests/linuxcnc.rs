@@ -86,7 +86,7 @@ fn every_motion_in_every_plane_is_made_as_by_linuxcnc_with_x_as_radius_and_as_di
         .flat_map(|pair| [&pair.radii, &pair.diameters])
         .collect();
     let (mut different, mut same) = (Vec::new(), 0);
-    let folder = fuzz::Folder::new();
+    let folder = fuzz::Folder::make();
     let mut theirs = theirs::Theirs::start();
     for text in &texts {
         let judged = verdict::judge(&mut theirs, &folder.write(0, text));

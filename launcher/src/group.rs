@@ -203,23 +203,30 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
     let mut others: Vec<Role> = Process::fieldbus(machine).map(fieldbus).collect();
     others.extend(Process::servos(machine).map(servo));
     others.extend([planner, master]);
-    if let Some(faults) = &plan.faults {
-        let reads = |role: &&mut Role| {
-            let job = role.process.job;
-            job == Job::Master || plan.wrong_samples && job != Job::Fieldbus
-        };
-        for role in others.iter_mut().filter(reads) {
-            role.add(&["--faults", &path(faults)]);
-        }
-        if let Some(master) = others.last_mut() {
-            for (line, element) in &plan.fault_blocks {
-                master.add(&["--fault-block", &format!("{line}={element}")]);
-            }
-        }
-    }
+    give_faults(&mut others, plan);
     let mut roles = vec![recorder];
     roles.extend(others);
     roles
+}
+
+/// Hands the fault script to the master, which comes last, and to what sends wrong samples by it.
+fn give_faults(roles: &mut [Role], plan: &Plan) {
+    let Some(faults) = &plan.faults else {
+        return;
+    };
+    let faults = faults.display().to_string();
+    let reads = |role: &&mut Role| {
+        let job = role.process.job;
+        job == Job::Master || plan.wrong_samples && job != Job::Fieldbus
+    };
+    for role in roles.iter_mut().filter(reads) {
+        role.add(&["--faults", &faults]);
+    }
+    if let Some(master) = roles.last_mut() {
+        for (line, element) in &plan.fault_blocks {
+            master.add(&["--fault-block", &format!("{line}={element}")]);
+        }
+    }
 }
 
 /// A started process.

@@ -1,11 +1,4 @@
 //! Follows what friction becomes while the machine runs.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 use nalgebra::SVector;
 

@@ -1,11 +1,4 @@
 //! Position backlash compensation and the direction of the command.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 /// Increments the command must go on in the new direction, as far as it is known ahead, before a change of sign is a

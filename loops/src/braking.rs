@@ -1,11 +1,4 @@
 //! Axes that brake together.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 /// Deceleration that brings one axis to rest together with all others, each within its quick stop, in mm/s².
 ///
 /// `T = max |v_i|/q_i`, deceleration `|v|/T`; the axis's own quick stop at rest. Each axis comes as its speed, in mm/s, and its

@@ -1,11 +1,4 @@
 //! Two control devices on one motor: the switch between them, and the position of the one that does not drive.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 /// What is done about the motor's drift after the switch to the second device.

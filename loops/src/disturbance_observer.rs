@@ -1,11 +1,4 @@
 //! The force that nobody planned, observed and taken out.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 /// Estimates the force that resists the axis beyond what was fed forward.

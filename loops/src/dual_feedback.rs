@@ -1,11 +1,4 @@
 //! One position out of two encoders: the motor's for what is fast, the scale's for what stays.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 /// Takes over into the motor's position error what the scale's says beyond it, at once or through a first-order filter.

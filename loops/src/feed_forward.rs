@@ -1,11 +1,4 @@
 //! Look-ahead velocity feed-forward from movement commands (docs/methods/overview.md §2, \[Fanuc\] JP 2875646).
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 /// Most interpolation periods that can be looked ahead.

@@ -1,11 +1,4 @@
 //! Follow-up: the position is never lost while the position loop is open.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 /// Keeps a command position true while nobody closes its loop, and lets the loop close again without a jump.

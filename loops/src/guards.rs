@@ -1,11 +1,4 @@
 //! What an axis must not leave while its loop is closed.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use path::travel::Travel;
 
 /// Guards of one axis, judged each scan; written so that a value that is not a number breaks them.

@@ -1,11 +1,4 @@
 //! The course of an axis that is moved by hand: one owner steps it, and every reader knows what comes next.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 use crate::jog::{JogMotion, JogProfile};

@@ -1,11 +1,4 @@
 //! What the motor must do, and with which torque, so that the *table* follows the command.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 use crate::learned_table::LearnedTable;

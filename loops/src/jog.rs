@@ -1,11 +1,4 @@
 //! Command generation by hand: to a target, from any state of motion, in whole numbers.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 /// Steps towards a target as fast as its limits allow and stops exactly there, from any state of motion.

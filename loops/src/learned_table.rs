@@ -1,11 +1,4 @@
 //! What runs before this one have learned about an axis's reversals.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 /// Cells of one direction.
 pub const CELLS: usize = 64;
 /// Distance since the reversal of the last cell, in mm.

@@ -2,6 +2,16 @@
 //!
 //! Nothing here knows of processes, clocks, files or shared memory.
 
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::indexing_slicing
+    )
+)]
+
 pub mod adaptation;
 pub mod backlash;
 pub mod braking;

@@ -1,11 +1,4 @@
 //! Friction as a function of distance: Maxwell slip elements.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 /// Elements of one curve.
 pub const ELEMENTS: usize = 6;
 

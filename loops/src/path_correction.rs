@@ -1,11 +1,4 @@
 //! What an axis's command is corrected by along the path of one program: the value over the place on the path.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 /// Difference of speed, as a part of the learned one, up to which a correction counts in full.
 const SPEED_NEAR: f64 = 0.05;
 /// … and from which on it does not count.

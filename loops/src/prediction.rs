@@ -1,11 +1,4 @@
 //! First-difference prediction of a sampled value (docs/methods/prediction.md, \[Fanuc-S\]).
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 /// Makes up for the age of a sample: `x̂ = x + Δx/m`, Δx the change since the sample before.
 ///
 /// 1/m is the age in sample periods; the value is right where the speed was constant. What it costs: noise of Δx is

@@ -1,12 +1,5 @@
 //! Backlash acceleration: a short velocity pulse, started a fixed time ahead of the reversal (docs/methods/overview.md §2, \[Fanuc\]
 //! JP 2875646 / US 5,343,132).
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 use crate::backlash::REVERSAL_TRAVEL_MIN;

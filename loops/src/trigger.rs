@@ -1,11 +1,4 @@
 //! What starts a pulse: the four triggers of docs/methods/backlash-acceleration.md.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 /// Part of A beyond which a clamped Kp·ε counts no further: the start then moves by at most half the lead.
 const CLAMPED_PART: f64 = 0.5;
 

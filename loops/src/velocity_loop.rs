@@ -1,11 +1,4 @@
 //! Velocity loop of torque mode.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 /// Proportional-integral velocity loop with a torque limit and anti-windup.

@@ -1,12 +1,5 @@
 //! The ports of a master process: shared memory, the signal page, the clock.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::time::{Duration, Instant};
 
 use bus::cell::CellError;

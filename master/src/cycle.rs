@@ -1,12 +1,5 @@
 //! One scan of a master: publish the feedback, signal everybody, exchange with the drives, await the answers, close the scan.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use crate::drives::Drives;
 use crate::master::Master;
 use crate::ports::{Answered, Flow, MasterPorts};

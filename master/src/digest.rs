@@ -3,13 +3,6 @@
 //! It covers scan, applied command, window, setpoint, encoder and table position of every axis; not roles, misses, roster or
 //! standbys. Two runs with the same motion have the same digest, whoever computed it.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{MAX_AXES, WindowId};
 use xxhash_rust::xxh3::xxh3_128;
 

@@ -2,6 +2,16 @@
 //!
 //! [`Master`] is pure. [`cycle()`](cycle::cycle) is one scan of it over [`MasterPorts`]; [`run`](run::run) is the process.
 
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::indexing_slicing
+    )
+)]
+
 pub mod answers;
 pub mod bus_ports;
 pub mod cycle;

@@ -1,13 +1,6 @@
 //! The master, pure: it latches what the machine does, admits windows, hands commands to the drives and says in
 //! the feedback what everybody obeys. Reads no clock and no port: [`cycle`](mod@crate::cycle) brings the answers.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{
     AxisFeedback, BusCycle, Cause, Driver, Feedback, Instruments, Job, MAX_AXES, Mode, Roster,
     STANDBY_ALARM_S, Setpoint, WindowHeader, WindowId,

@@ -1,12 +1,5 @@
 //! A master as a process, over any drives.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::time::Duration;
 
 use bus::member::{Member, MemberError, Slot};

@@ -1,13 +1,6 @@
 //! What outlives a master: its latches and the state of its drives, saved each scan, so that a replacement knows where the
 //! axes really are and where the path was left.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::MAX_AXES;
 use bytemuck::{Pod, Zeroable};
 

@@ -1,12 +1,5 @@
 //! Which window is executed: decided here, in one place, for all axes at once (docs/developers/architecture.md, Windows).
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{
     Feedback, MAX_AXES, MAX_WINDOW_SETPOINTS, PathTag, Setpoint, WindowHeader, WindowId,
 };

@@ -1,12 +1,5 @@
 //! The judge of setpoints: speeds and accelerations by differences of setpoints, places by the path. It knows nothing of
 //! how setpoints were planned.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::indexing_slicing,
-    clippy::panic
-)]
-
 use thiserror::Error;
 
 use crate::geometry::{Element, MAX_AXES};

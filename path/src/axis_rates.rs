@@ -1,11 +1,4 @@
 //! How fast the axes change with the distance on a piece of path.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use crate::geometry::{AxisVector, Element, MAX_AXES, Shape};
 
 /// Highest rates of change along a piece of path with the distance on it, as magnitudes.

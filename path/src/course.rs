@@ -21,6 +21,10 @@ use crate::segment::{Acceleration, Segment};
 
 use sharing::{PlanLimits, Sharing};
 
+#[expect(
+    clippy::indexing_slicing,
+    reason = "each index counts the axes of arrays that have MAX_AXES"
+)]
 pub(crate) mod sharing;
 
 /// Share of an axis' acceleration that crossings of junctions may use; the rest changes the speed meanwhile.

@@ -7,13 +7,6 @@
 //! are used. So the motion does not depend on how the path was cut into pieces, or on when planning started.
 //!
 //! On a block of the map no end of the path further away counts than the [horizon](SpeedMap::horizon) of that block: there it is 0 too.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::indexing_slicing,
-    clippy::panic
-)]
-
 use std::collections::VecDeque;
 
 use crate::segment::Segment;

@@ -1,11 +1,4 @@
 //! From places of the tool, in the coordinates of programs, to places of the axes, and back.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::indexing_slicing,
-    clippy::panic
-)]
-
 use crate::axis_rates::AxisRates;
 use crate::geometry::{AxisVector, Element, MAX_AXES};
 use crate::pivot::{OutOfReach, PivotY};

@@ -1,11 +1,4 @@
 //! A straight line from one position pattern: one axis runs it, the others follow by division with a carried remainder.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::indexing_slicing,
-    clippy::panic
-)]
-
 use crate::geometry::MAX_AXES;
 
 /// A straight line between two places in whole increments, of any number of axes up to [`MAX_AXES`].

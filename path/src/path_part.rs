@@ -2,13 +2,6 @@
 //!
 //! Elements keep the numbers that they have on the whole path, and each knows where it lies on it, so that nothing that is made of
 //! them depends on where reading began or on how far it has come.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::indexing_slicing,
-    clippy::panic
-)]
-
 use std::collections::VecDeque;
 use std::sync::Arc;
 

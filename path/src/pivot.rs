@@ -1,11 +1,4 @@
 //! A pivot axis that is in for Y: a swing arm about an axis parallel to Z, on a machine with X, B and Z.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::indexing_slicing,
-    clippy::panic
-)]
-
 use thiserror::Error;
 
 use crate::axis_rates::AxisRates;

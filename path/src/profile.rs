@@ -4,13 +4,6 @@
 //! along the envelope. Single rapids may follow a profile of least heat instead (`positioning`). Where a scan ends has no
 //! influence on the motion, and the state at the end of a scan is all that the next scan depends on. So two plans that
 //! share a state share everything after it, to the bit.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::indexing_slicing,
-    clippy::panic
-)]
-
 use crate::envelope::{Envelope, EnvelopeKey};
 use crate::limits::MotionLimits;
 use crate::path_part::PathPart;

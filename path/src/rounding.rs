@@ -21,13 +21,6 @@
 //! (`half_widths`).
 //!
 //! What is made of an element depends on elements within `REACH_ELEMENTS` alone.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::indexing_slicing,
-    clippy::panic
-)]
-
 mod correction;
 mod evening;
 mod half_widths;

@@ -1,11 +1,4 @@
 //! A stretch of the path with one cap of speed.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use thiserror::Error;
 
 use crate::pivot::OutOfReach;

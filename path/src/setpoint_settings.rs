@@ -1,11 +1,4 @@
 //! How setpoints are made of a path.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use crate::geometry::{Element, MAX_AXES, Shape};
 use crate::kinematics::Kinematics;
 use crate::rounding::RoundingSettings;

@@ -1,11 +1,4 @@
 //! How a place of the path becomes a setpoint of whole increments: the one border between the two.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::indexing_slicing,
-    clippy::panic
-)]
-
 use crate::geometry::{AxisVector, Element, MAX_AXES, Shape};
 use crate::kinematics::Kinematics;
 use crate::limits::{AxisLimits, MotionLimits};

@@ -18,13 +18,6 @@
 //! lead enter that zone at `t₀` and leave it at `t₁`. At `t₀ + τ` it is no further than at `V(p)` from its start, so the average is at most `p`; at `t₁`
 //! it is at least `p`. So when the tool is at `p`, the lead was in the zone all the time over which the average is taken. [`spread`] gives each place
 //! of the path the lowest limits of all zones that it lies in. Nothing spreads across a rest.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::ops::Range;
 
 use crate::path_part::PathPart;

@@ -6,13 +6,6 @@
 //!
 //! State and motion are discrete: a place, and the way of the last scan as a speed. `|v(k) − v(k−1)| ≤ A·Tp` holds for every scan,
 //! whatever is asked for; so do `0 ≤ v ≤ V` and the stop at the end of the element.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::indexing_slicing,
-    clippy::panic
-)]
-
 use crate::geometry::Element;
 use crate::limits::MotionLimits;
 

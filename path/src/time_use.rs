@@ -3,13 +3,6 @@
 //! Judged by the setpoints alone, like the audit: at the programmed feed it is the program, at an axis' highest speed that axis. Where the speed
 //! is lowest, the limit of which most is used there holds the tool back; the scans before, in which it slows down, and those behind, in
 //! which it gains speed, belong to that place too.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::indexing_slicing,
-    clippy::panic
-)]
-
 use crate::geometry::{Element, Feed, MAX_AXES};
 use crate::limits::MotionLimits;
 use crate::path_part::PathPart;

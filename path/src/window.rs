@@ -2,13 +2,6 @@
 //!
 //! A window starts from the state of the setpoint before it and depends on that state and the request alone. Its setpoints
 //! are those of the window before wherever they overlap and nothing was asked to change, to the increment.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::indexing_slicing,
-    clippy::panic
-)]
-
 use std::sync::Arc;
 
 use thiserror::Error;

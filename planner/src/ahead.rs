@@ -3,13 +3,6 @@
 //! What is made of a program does not depend on when it is read: reading only has to be far enough ahead. What lies behind the tool is let go, so the
 //! length of a program takes no memory.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::iter::Peekable;
 use std::sync::Arc;
 

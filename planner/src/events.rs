@@ -1,13 +1,6 @@
 //! What happens between the elements of a program's path, as the master is asked for it: numbered, each at the element that comes
 //! after it. A pure function of program and machine, so every planner of a run numbers alike.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::collections::VecDeque;
 
 use bus::messages::ProgramMessage;

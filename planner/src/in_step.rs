@@ -4,13 +4,6 @@
 //! speed that the newest feedback shows, and override and hold do not count in it. A tap's are those of an axis that never asks more
 //! than the spindle can do; the master lets the spindle follow it, also in the tail.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::collections::VecDeque;
 
 use bus::sample::{Feedback, MAX_WINDOW_SETPOINTS};

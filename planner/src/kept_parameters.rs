@@ -1,12 +1,5 @@
 //! What outlives a run of a program: in the user's files between two runs, and for each run in the cell's folder, as it started with it.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::cell::CellPaths;
 use bus::sample::Auxiliaries;
 use machine::settings_file::SettingsFileError;

@@ -1,12 +1,5 @@
 //! The places of a program that are kept for planners to come: small files in the cell's folder, which end with the cell.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::fs;
 use std::path::PathBuf;
 

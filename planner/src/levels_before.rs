@@ -1,13 +1,6 @@
 //! What the events before a place of a program leave behind: the levels that they set, each once, in an order that a machine can take
 //! them in: the tool, then the spindle, then coolant and outputs.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{EventCode, ProgramEvent};
 
 /// The levels that the events so far have set.

@@ -2,6 +2,16 @@
 //!
 //! [`run()`] is the process; [`Planner`] its pure part: feedback in, window out.
 
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::indexing_slicing
+    )
+)]
+
 mod ahead;
 mod course;
 mod events;

@@ -1,12 +1,5 @@
 //! Start at a line: reads a program up to the first motion of a line, and what stands before it comes to.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{EventCode, MAX_AXES, ProgramEvent};
 use machine::Machine;
 use program::Setup;

@@ -1,13 +1,6 @@
 //! What a program says, in order: each text at the element that comes behind it. A pure function of the program, so every planner of a
 //! run numbers alike.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::collections::VecDeque;
 
 use bus::messages::ProgramMessage;

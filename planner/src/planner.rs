@@ -1,12 +1,5 @@
 //! The planner, pure: from the feedback of a period boundary to the next window.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::messages::ProgramMessage;
 use bus::sample::{
     Cause, Feedback, MAX_AXES, Mode, PathTag, PlannerStatus, ProgramState, Reference, Setpoint,

@@ -1,12 +1,5 @@
 //! What a planner sees of its cell, and the same over the bus.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::fs::{self, OpenOptions};
 use std::io;
 use std::os::unix::fs::FileExt;

@@ -4,13 +4,6 @@
 //! file in the cell's folder before it reads on; so whichever of the two is killed, it is in the other. Until
 //! the planner has said that it keeps the answer, the master wants no motion.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Answer, AnswerOutcome, Feedback};
 use bytemuck::{Pod, Zeroable};
 use machine::Machine;

@@ -1,13 +1,6 @@
 //! The return to where the path was left: a straight line at a reduced feed to a point shortly before it, the last
 //! piece along the path, then a moment to settle.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::MAX_AXES;
 use machine::{AxisKind, Machine};
 use path::geometry::{ALL_LINEAR, AxisVector, Element, Feed, Path, Shape};

@@ -1,12 +1,5 @@
 //! The planner as a process. At each period boundary: wake, read feedback, plan, publish a window or nothing new.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::path::PathBuf;
 use std::rc::Rc;
 

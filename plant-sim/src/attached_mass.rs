@@ -1,12 +1,5 @@
 //! A mass that swings on the table: a fixture, a column, a tall workpiece.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 /// The mass and what holds it.

@@ -1,12 +1,5 @@
 //! The simulated spindle, tool changer and outputs.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Levels, SpindleCommand};
 use bytemuck::{Pod, Zeroable};
 use master::AuxiliaryFeedback;

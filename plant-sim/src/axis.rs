@@ -1,12 +1,5 @@
 //! One simulated axis: drive, motor and mechanics, advanced one scan at a time.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 use master::{DriveCommand, InstrumentSample, StateRefused};
 

@@ -1,12 +1,5 @@
 //! The bridge of a gantry: a spring and a damper between the tables at its two ends.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use crate::mechanics::MechanicsState;
 
 /// What joins the two ends (docs/methods/physics.md, "A bridge between two motors").

@@ -1,12 +1,5 @@
 //! What an axis gets of where another one is: errors of its guideways, and friction.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 /// Share by which friction falls at most.
 pub const FRICTION_SHARE_MIN: f64 = -0.9;
 

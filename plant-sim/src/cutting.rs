@@ -1,12 +1,5 @@
 //! The force of the cut on the table.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 /// A tool that enters and leaves the material, and its teeth.

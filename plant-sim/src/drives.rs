@@ -1,12 +1,5 @@
 //! The simulated drives of a machine, behind the seam that real ones have.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Levels, MAX_AXES, MAX_SUBSAMPLES};
 use bytemuck::{Pod, Zeroable};
 use master::{

@@ -1,12 +1,5 @@
 //! The frame that carries an axis and swings under the forces of its drive.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 /// The mass that swings and what holds it to the ground.

@@ -2,13 +2,6 @@
 //!
 //! Inside, everything is SI: N, m, s, kg.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 use crate::sliding_curve::SlidingCurve;

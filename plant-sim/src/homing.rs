@@ -1,13 +1,6 @@
 //! What an axis without an absolute encoder has to find its place: an incremental encoder with an index, a home switch, a drive that
 //! homes by itself.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 use master::DriveCommand;
 

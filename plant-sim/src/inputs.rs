@@ -1,12 +1,5 @@
 //! Simulated inputs: a script says when which of them changes.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::DIGITAL_OUTPUTS;
 use bytemuck::{Pod, Zeroable};
 use master::InputFeedback;

@@ -1,5 +1,15 @@
 //! Simulated drives, motors, mechanics and friction, and the process that runs a master over them.
 
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::indexing_slicing
+    )
+)]
+
 mod attached_mass;
 pub mod auxiliary;
 pub mod axis;

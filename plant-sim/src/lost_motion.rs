@@ -1,12 +1,5 @@
 //! Lost motion with hysteresis: bearings and nut that give way elastically and slip, beside the clean gap.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 /// Elements of the hysteresis.

@@ -1,12 +1,5 @@
 //! What a drive measures wrongly: errors of the encoder within a signal period and noise; a torque that comes late, in steps, with noise.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 use crate::script::rng::Rng;

@@ -3,13 +3,6 @@
 //! Inside, everything is SI and linear: the motor's inertia is the mass `J/p²` and its torque the force `T/p`, with
 //! `p = lead/2π`.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 use crate::attached_mass::{AttachedMass, AttachedMassState};

@@ -1,13 +1,6 @@
 //! A simulated touch probe: the ball of its stylus against bodies at rest. It tells the instant of a contact within the scan, as the
 //! touch-probe unit of a drive does.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 use master::InputFeedback;
 

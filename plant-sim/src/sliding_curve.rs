@@ -1,12 +1,5 @@
 //! Friction in steady sliding as somebody measured it: a table of speed and force, for each direction.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 /// Most rows of one direction.
 pub const SIDE_ROWS_MAX: usize = 16;
 

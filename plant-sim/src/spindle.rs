@@ -1,12 +1,5 @@
 //! The simulated spindle: a drive with a speed loop on one inertia, a load that comes and goes, an encoder with an index.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Levels, SpindleCommand};
 use bytemuck::{Pod, Zeroable};
 

@@ -1,12 +1,5 @@
 //! Friction that is not the same everywhere and always: by place, direction, temperature and rest.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 /// Slower than this an axis rests, in m/s.

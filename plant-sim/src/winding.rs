@@ -1,12 +1,5 @@
 //! Heat of the motor winding.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, Zeroable};
 
 /// What is true of one motor's winding.

@@ -1,12 +1,5 @@
 //! The program's controller in one scan: position loop, feed-forward, reversal compensation, model.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{AxisFeedback, Hand};
 use loops::feed_forward::{FeedForward, MovementCommands, PeriodState};
 use loops::follow_up::FollowUpState;

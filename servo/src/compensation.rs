@@ -1,11 +1,4 @@
 //! What the identified model of an axis adds to its commands: inverse dynamics, learned residuals, disturbance observer.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::AxisFeedback;
 use bytemuck::{Pod, Zeroable};
 use loops::adaptation::{Adaptation, AdaptationState, Seen};

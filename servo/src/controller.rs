@@ -1,11 +1,4 @@
 //! The pure servo: windows in, feedback in, command out. No port, no clock, no allocation after construction.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::sync::Arc;
 
 use bus::sample::{

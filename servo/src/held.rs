@@ -1,11 +1,4 @@
 //! The windows a servo holds, and what it refuses.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Feedback, MAX_WINDOW_SETPOINTS, PathTag, Setpoint, WindowHeader, WindowId};
 use bytemuck::Zeroable;
 use loops::braking;

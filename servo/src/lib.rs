@@ -5,6 +5,16 @@
 //! **Invariant**: whatever a command depends on is in the feedback, in the windows held, or in the state that the
 //! command before carried; a second controller of the axis goes on from there to the bit.
 
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::indexing_slicing
+    )
+)]
+
 mod closed_loop;
 mod compensation;
 mod controller;

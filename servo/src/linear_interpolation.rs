@@ -1,11 +1,4 @@
 //! The source's even splitting of an interpolation period over its scans, as a selectable historical mode.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 /// Where a period begins and ends, in increments.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct PeriodEnds {

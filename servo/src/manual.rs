@@ -1,13 +1,6 @@
 //! The second control device of an axis: it follows the course of a motion by hand, which the master steps.
 //!
 //! Everything it remembers is in the servo's state, so that another servo of the axis goes on to the bit.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{AxisFeedback, Hand};
 use bytemuck::{Pod, Zeroable};
 use loops::changeover::{Changeover, ChangeoverState, Phase, Variant};

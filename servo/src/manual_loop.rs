@@ -1,12 +1,5 @@
 //! The manual controller in one scan: command generation, compensation of lost motion, model, position loop, changeover.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::AxisFeedback;
 use loops::feed_forward::PeriodState;
 use loops::follow_up::FollowUpState;

@@ -3,13 +3,6 @@
 //! The command is meant to be where the correction has it, so it moves as setpoints do: position at the position loop, speed at the
 //! lead of the feed-forward, acceleration as torque at the lead of the model. It is in neither compensation nor torque that the model
 //! knows of: adaptation and observer take the axis's own acceleration off what they see, and its torque with it.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use loops::path_correction::PathCorrection;
 
 use crate::setpoints::Setpoints;

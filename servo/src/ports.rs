@@ -1,12 +1,5 @@
 //! What a servo sees of its cell, and the same over the bus.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::rc::Rc;
 
 use bus::cell::CellError;

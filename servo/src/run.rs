@@ -1,12 +1,5 @@
 //! The servo as a process. Each scan: wake, read feedback and windows, compute, command.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::rc::Rc;
 use std::sync::Arc;
 

@@ -1,12 +1,5 @@
 //! The position commands of an axis around the present scan.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Feedback, PathTag};
 use machine::WithinPeriod;
 

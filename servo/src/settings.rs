@@ -1,11 +1,4 @@
 //! What a servo needs of the machine file, in its own units, computed once.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::Feedback;
 use loops::backlash::Backlash;
 use loops::dual_feedback::DualFeedback;

@@ -3,13 +3,6 @@
 //! Each command carries it as opaque words. Whoever adds a block with a state adds its state here; no sample changes as long
 //! as it fits into them (docs/developers/adding.md).
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{AxisCommand, SERVO_STATE_WORDS};
 use bytemuck::{Pod, Zeroable};
 use loops::backlash::BacklashState;

@@ -1,12 +1,5 @@
 //! The windows of a servo: the one being executed, the one that waits, and the last one refused.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Feedback, Setpoint, WindowHeader, WindowId};
 
 use crate::held::{HeldWindow, Refusal, check_itself, check_seam};

@@ -1,12 +1,5 @@
 //! The checksum at the end of a sample: what a bit that flipped in memory, or a stray write, cannot fake.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bytemuck::{Pod, bytes_of};
 use xxhash_rust::xxh3::xxh3_64;
 

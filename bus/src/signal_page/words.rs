@@ -3,13 +3,6 @@
 //! Nothing here knows where the words are. So the same code runs over the page, and over the atomics of `loom`, which tries every
 //! interleaving of it (lab/model/tests/page.rs).
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use super::atomic::{AtomicU32, AtomicU64, Ordering, fence};
 
 /// Orders of one kind that must always come through: they need no place in a service, and wait here for a master that is being

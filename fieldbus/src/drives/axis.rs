@@ -1,12 +1,5 @@
 //! One drive: what it is sent and what it shows, in its own numbers and in those of the machine.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::drive_page::{Inputs, SlaveState, SlaveWiring};
 use machine::Axis;
 use master::{DriveCommand, DriveFeedback, DriveState};

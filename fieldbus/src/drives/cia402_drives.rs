@@ -1,12 +1,5 @@
 //! All drives of a machine, behind the master's seam.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::drive_page::{Inputs, Outputs, SlaveState, SlaveWiring, Wiring};
 use bus::sample::{BusCycle, MAX_AXES, MAX_SUBSAMPLES};
 use bytemuck::Zeroable;

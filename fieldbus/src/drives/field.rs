@@ -1,12 +1,5 @@
 //! Fields of an image: numbers of so many bits that begin at any bit.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 /// A number of up to 32 bits in an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Field {

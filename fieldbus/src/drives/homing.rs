@@ -1,12 +1,5 @@
 //! Homing by the drive itself: CiA 402 mode 6 (IEC 61800-7-201, "homing mode").
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use machine::Axis;
 
 /// Mode of operation "homing".

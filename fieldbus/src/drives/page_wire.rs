@@ -1,12 +1,5 @@
 //! The wire of a master: the drive page, at whose other end the fieldbus process is.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::time::{Duration, Instant};
 
 use bus::drive_page::{BusState, DrivePage, Inputs, Outputs, Wiring};

@@ -1,12 +1,5 @@
 //! The position target of a drive that closes its position loop itself (607A): what it is told, and the way to rest from there.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 /// A target, none while the drive follows none.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PositionTarget {

@@ -1,13 +1,6 @@
 //! The state machine of a CiA 402 drive (IEC 61800-7-201, "power drive system") as whoever controls it walks it: from whatever the drive
 //! shows towards what is wanted, one transition a cycle.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 /// State of a drive, from its statusword.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DeviceState {

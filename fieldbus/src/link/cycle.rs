@@ -1,12 +1,5 @@
 //! One cycle over the wire: sent once, answered once or not at all.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::rc::Rc;
 
 use bus::drive_page::{Counts, Inputs, Wiring};

@@ -5,13 +5,6 @@
 //! answer that comes late, twice or from others is never taken for that of this frame; and which of the master's cycles it carries, so
 //! that a standby sees what was sent before the sender died.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::drive_page::{Inputs, SLAVES_MAX, SlaveState, Wiring};
 
 use super::socket::{ETHERTYPE, Socket};

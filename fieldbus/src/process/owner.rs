@@ -1,12 +1,5 @@
 //! Whoever owns the bus.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 

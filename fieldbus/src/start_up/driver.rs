@@ -99,9 +99,9 @@ impl Driver<'_> {
                 }
                 // A first slave that does not mark the source address would be taken for an echo.
                 buffer[6] |= 2;
-                let _ = self
-                    .rx
-                    .receive_frame(&buffer[..length.min(FRAME_BYTES_MAX)]);
+                if let Some(frame) = buffer.get(..length) {
+                    let _ = self.rx.receive_frame(frame);
+                }
             }
         }
     }

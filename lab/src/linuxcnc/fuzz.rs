@@ -36,7 +36,7 @@ pub struct Round {
 
 /// Runs the programs of `seeds` through both.
 pub fn round(seeds: std::ops::Range<u64>, kinds: Kinds, progress: bool) -> Round {
-    let folder = Folder::new();
+    let folder = Folder::make();
     let mut theirs = Theirs::start();
     let mut sorting = Sorting {
         small: Theirs::start(),
@@ -252,7 +252,7 @@ fn counts(line: &str) -> bool {
 pub struct Folder(PathBuf);
 
 impl Folder {
-    pub fn new() -> Folder {
+    pub fn make() -> Folder {
         let shared = Path::new("/dev/shm");
         let base = if shared.is_dir() {
             shared.to_owned()

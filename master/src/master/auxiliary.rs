@@ -2,13 +2,6 @@
 //! them. An event sets levels, so that one whose end is not known is done again without harm; how many are done is latched
 //! (docs/developers/architecture.md, "Events").
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{
     Auxiliaries, Cause, DIGITAL_OUTPUTS, EventCode, FLOOD, Inputs, Levels, MAX_AXES, MIST, Mode,
     OUTPUTS_AHEAD, PathTag, PlannerStatus, ProgramEvent, SpindleCommand, Waiting,

@@ -1,11 +1,4 @@
 //! One axis as the master sees it.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{AxisCommand, Cause, Driver, Mode, Reference};
 use bytemuck::Zeroable;
 use loops::guards::AxisGuards;

@@ -1,12 +1,5 @@
 //! How the program that a cell is started with begins.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use super::Master;
 use crate::drives::Drives;
 

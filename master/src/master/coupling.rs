@@ -4,13 +4,6 @@
 //! motions of the axis like any other, and the tap goes with each of them. The relation is latched as angle and place, so that it
 //! outlives every process.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use machine::{SPINDLE_RAMP_SHARE, Spindle};
 
 /// What the follower is made of.

@@ -4,13 +4,6 @@
 //! does not, and the other one is eligible, the other's answer of the same scan is taken, and the switch stays there. It
 //! is eligible once its command was the same to the bit, state included, in [`SAME_SCANS`] scans in a row until then, and
 //! holds the window in force (docs/developers/architecture.md, "Standby").
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{AxisCommand, Cause, Job, Roster, WindowId};
 use bus::service::ROLES;
 

@@ -1,12 +1,5 @@
 //! The operator's emergency stop: a trip that is ordered. It stands beside the safety functions of a machine and replaces none of them.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Cause, Mode};
 
 use super::Master;

@@ -1,13 +1,6 @@
 //! The two motors of a gantry: both have the same command position wherever nothing else gives them one, they are moved by hand
 //! together, and the skew between them and the torques with which they pull against each other are guarded (docs/howto/gantry.md).
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Cause, Driver, Mode, Reference};
 use machine::GantryPair;
 

@@ -3,13 +3,6 @@
 //!
 //! Between motions the hand stays on for a while: the next one begins without a changeover, and everything else is as at rest.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Cause, Driver, Hand as Controller, Mode};
 use loops::hand_course::{AHEAD_SCANS_MAX, Aim, FINE, HandCourse, fine};
 use loops::jog::JogProfile;

@@ -6,13 +6,6 @@
 //! The two motors of a gantry move together, and a motion ends when both have found what they look for, each by its own switch and
 //! index. Once both know their places the bridge is squared: the second motor is commanded to be where the first is.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Cause, Driver, MAX_AXES, Reference, Refused};
 use bytemuck::{Pod, Zeroable};
 use machine::{Homing as Settings, HomingMethod, INDEX_TURNS};

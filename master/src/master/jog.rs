@@ -1,13 +1,6 @@
 //! Jogs: by an increment, and held by somebody who renews the order. Who gave a held jog and is dead, stopped or cut off moves nothing
 //! any more: the axis comes to rest. Deadlines are scans, so that no clock has to agree with another one.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Mode, OperatorRequest, Refused};
 use loops::hand_course::fine;
 use loops::jog::JogProfile;

@@ -1,12 +1,5 @@
 //! Programs of a cell that stays up: loaded, started, done, discarded.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Cause, MODES_RESET, Mode, OperatorRequest, ProgramState, Refused};
 
 use crate::drives::Drives;

@@ -2,13 +2,6 @@
 //!
 //! The table of states and orders is docs/reference/orders.md.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Cause, Mode, OperatorRequest, OperatorResponse, Order, Refused};
 
 use crate::drives::Drives;

@@ -1,11 +1,4 @@
 //! The program of a cell: loaded, started, done; and when a run ends by itself.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Mode, ProgramState};
 
 use crate::saved::Latches;

@@ -2,13 +2,6 @@
 //! it, and stays until the program asks again; so whoever is killed meanwhile, the program learns it once and the same
 //! (docs/developers/architecture.md, "Questions").
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{
     Answer, AnswerOutcome, AskedInput, Cause, EventCode, InputWait, Inputs, MAX_AXES, Mode,
     PROBE_AWAY, PROBE_MUST, ProgramEvent,

@@ -1,12 +1,5 @@
 //! After a fault: the machine waits until it can go on, and for whoever may tell it to.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Cause, Job, Mode, Roster};
 use machine::AfterLoss;
 

@@ -1,13 +1,6 @@
 //! Whether the other servo of an axis could take it over: a state that everybody sees, and where the machine file says so a
 //! reason to hold.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Job, Mode, Redundancy, Roster};
 use machine::AfterStandby;
 

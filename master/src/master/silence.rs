@@ -1,12 +1,5 @@
 //! An axis whose servo says nothing, and what the master itself guards.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Cause, Driver, MAX_AXES};
 use loops::braking;
 use loops::guards::Broken;

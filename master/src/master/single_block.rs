@@ -1,13 +1,6 @@
 //! Single block: the planner brings the path to rest at the end of each block, and the master latches there that the operator is
 //! waited for. What identifies a stop is the end of its block on the path, so that one that is latched is made once, whoever is killed.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{EventCode, Mode, PlannerStatus, Refused, Waiting};
 
 use super::Master;

@@ -1,13 +1,6 @@
 //! Start at a line: while its line is latched and no path has started, the planner's events set the levels of what stands before it, and
 //! the last of them says where the path begins. The planned return brings the tool there; the line is forgotten once it is on the path.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{EventCode, Mode, PathTag, PlannerStatus};
 
 use super::Master;

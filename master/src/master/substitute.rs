@@ -1,13 +1,6 @@
 //! Commands of the master's own for an axis whose servo is silent or lost: the axis goes on along the window that every process
 //! knows, comes to rest with the others at the window's end, and trips there (docs/developers/architecture.md, "A silent servo").
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::AxisCommand;
 use loops::velocity_loop::VelocityLoop;
 use machine::{Axis, DriveMode, Machine};

@@ -1,12 +1,5 @@
 //! Which of two servos on an axis is active (docs/developers/architecture.md, "Standby").
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{AxisCommand, Cause};
 
 /// What became of an axis's commands in one scan.

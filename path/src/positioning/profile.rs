@@ -1,11 +1,4 @@
 //! The motion of least ∫a²dt over a distance in a time, from rest to rest, within a speed and an acceleration.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::indexing_slicing,
-    clippy::panic
-)]
-
 /// The motion from rest to rest over a distance in a time that has the least ∫a²dt of all that keep to a speed and an
 /// acceleration.
 ///

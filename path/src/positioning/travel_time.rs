@@ -1,11 +1,4 @@
 //! How long a move must take so that its motor stays within its continuous rating.
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::indexing_slicing,
-    clippy::panic
-)]
-
 use thiserror::Error;
 
 use super::profile::{Profile, minimum_travel_time_s};

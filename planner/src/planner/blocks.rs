@@ -1,12 +1,5 @@
 //! Single block: the path rests at the end of each block until the master has latched the stop there and somebody has resumed.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{EventCode, Feedback, ProgramEvent};
 use path::profile::PathState;
 

@@ -1,13 +1,6 @@
 //! Start at a line: what stands before it is read and not travelled. The master is asked for the levels that it leaves, one after
 //! another, and then to begin at the place; the planned return to the path is the way there (docs/developers/architecture.md, "Events").
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Cause, EventCode, Feedback, Mode, ProgramEvent};
 
 use super::{Planner, command_positions, tool_element};

@@ -1,12 +1,5 @@
 //! What a planner tells: where the path is, what happens there, what the program says, what it keeps at its end.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Cause, EventCode, Feedback, PlannerStatus, ProgramEvent, ProgramState};
 use bus::user_codes::{CallId, UserCall};
 use path::profile::PathState;

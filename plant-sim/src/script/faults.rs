@@ -51,13 +51,6 @@
 //!
 //! A fault fires once. Reversals are counted by the living master, from its own first scan on.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 mod field;
 mod reading;
 #[cfg(test)]

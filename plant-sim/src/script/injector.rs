@@ -1,13 +1,6 @@
 //! The master's part of a fault script: it sees when a fault is due, has the launcher act, and in lockstep waits
 //! until it has, so that everybody sees the same on every run (docs/reference/fault-scripts.md).
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use super::faults::{Action, FaultScript, TriggerState};
 use super::reach;
 use bus::sample::{Feedback, Job, Participant};

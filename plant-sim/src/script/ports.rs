@@ -1,13 +1,6 @@
 //! The ports of a master whose run follows a script: in lockstep it withholds the feedback of a scan until the launcher has
 //! done what the script wants in it, so that everybody sees the same on every run.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::member::Pace;
 use bus::sample::{
     BusCycle, Feedback, Instruments, OperatorRequest, OperatorResponse, Order, Participant,

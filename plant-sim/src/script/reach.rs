@@ -1,13 +1,6 @@
 //! Which samples a fault meets: a fault that fired in scan f and lasts n scans meets what is made from the feedbacks of scans
 //! f to f + n − 1.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::Job;
 use bus::service::SCAN_MAX;
 use machine::Process;

@@ -1,12 +1,5 @@
 //! Rigid tapping: the gear between an axis and the spindle begins, and each scan the spindle follows it.
 
-#![deny(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::indexing_slicing
-)]
-
 use bus::sample::{Cause, EventCode, Mode, ProgramEvent};
 
 use crate::drives::Drives;
