@@ -1,8 +1,6 @@
 //! The page of the machine file in the book and the schema for editors are those of the keys in the code.
 
-mod fresh;
-
-use fresh::assert_fresh;
+use crate::fresh::assert_fresh;
 
 #[test]
 fn the_page_of_the_machine_file_is_that_of_its_keys() {

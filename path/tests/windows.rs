@@ -991,7 +991,7 @@ fn the_audit_sees_a_row_one_increment_over_a_limit() {
     assert!(audit.place(&path, 1, 0.0).is_err());
 }
 
-/// `cargo test -p path --release --test windows -- --ignored --nocapture`
+/// `cargo test -p path --release windows -- --ignored --nocapture`
 #[test]
 #[ignore = "measures, proves nothing"]
 fn time_of_planning_one_window() {

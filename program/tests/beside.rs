@@ -1,8 +1,6 @@
 //! Cutter radius compensation, polar words and lathe cycles in programs. Expected values are those of LinuxCNC 2.9's interpreter.
 
-mod common;
-
-use common::{at, on_mill, refusal, slide};
+use crate::common::{at, on_mill, refusal, slide};
 use path::geometry::{AxisVector, Shape};
 use program::{EventKind, Program, Setup, interpret};
 

@@ -1,10 +1,8 @@
 //! Comments that ask for something: each does what it says, or is refused.
 
-mod common;
-
 use std::sync::Arc;
 
-use common::{at, everything, mill, on_mill, refusal};
+use crate::common::{at, everything, mill, on_mill, refusal};
 use path::geometry::AxisVector;
 use program::{Message, Piece, Program, ProgramEnd, Progress, Reading, Setup, interpret};
 

@@ -1,8 +1,6 @@
 //! Splines and threads through the interpreter, against LinuxCNC 2.9's.
 
-mod common;
-
-use common::{at, mill, on_mill, refusal};
+use crate::common::{at, mill, on_mill, refusal};
 use path::geometry::{Feed, Shape};
 use program::{EventKind, Program, interpret};
 

@@ -1,8 +1,6 @@
 //! Drilling cycles: where the tool goes, what stays from block to block, and how mistakes are reported.
 
-mod common;
-
-use common::{at, mill, on_mill, refusal, slide};
+use crate::common::{at, mill, on_mill, refusal, slide};
 use path::geometry::{AxisVector, Element, Feed, Shape};
 use program::{EventKind, Setup, interpret};
 

@@ -2,11 +2,10 @@
 
 #[path = "common/diameters.rs"]
 mod combinations;
-mod common;
 
 use std::sync::Arc;
 
-use common::everything;
+use crate::common::everything;
 use path::geometry::AxisVector;
 use program::{Program, interpret};
 
@@ -108,7 +107,7 @@ fn the_places_of_cycles_and_arcs_with_diameters_are_those_of_linuxcnc() {
         let places: Vec<AxisVector> = ways.map(|element| element.end()).collect();
         assert_eq!(places.len(), expected.len(), "{text}");
         for (place, expected) in places.iter().zip(expected) {
-            let off = (place - common::at(expected)).amax();
+            let off = (place - crate::common::at(expected)).amax();
             assert!(off < 1e-9, "{text}: {place:?} for {expected:?}");
         }
     }

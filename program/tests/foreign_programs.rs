@@ -1,12 +1,10 @@
 //! Real programs that none of us wrote: each is interpreted, or refused with a reason and a place. Runs only where the
 //! collection lies beside the workspace; its README tells what LinuxCNC's interpreter makes of each file.
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use common::mill;
+use crate::common::mill;
 use path::geometry::AxisVector;
 use program::{Program, load};
 

@@ -1,8 +1,6 @@
 //! Whatever the text, the interpreter ends, without a panic, with a sound path or a refusal.
 
-mod common;
-
-use common::{at, mill};
+use crate::common::{at, mill};
 use program::{AxisSetup, Program, ProgramError, Setup, interpret};
 use proptest::prelude::*;
 

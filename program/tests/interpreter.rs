@@ -1,10 +1,8 @@
 //! What each word does, and how each mistake is reported.
 
-mod common;
-
 use std::f64::consts::PI;
 
-use common::{at, mill, on_mill, refusal, slide};
+use crate::common::{at, mill, on_mill, refusal, slide};
 use path::geometry::{AxisVector, Element, Feed, Shape};
 use program::{AxisSetup, EventKind, Program, ProgramEnd, Setup, interpret};
 

@@ -1,8 +1,6 @@
 //! Parameters, program flow, coordinate systems, tools: what LinuxCNC's interpreter does with the same text, in mm.
 
-mod common;
-
-use common::{at, mill, on_mill, refusal};
+use crate::common::{at, mill, on_mill, refusal};
 use path::geometry::{AxisVector, Feed};
 use program::{EventKind, Program, Setup, Tool, interpret};
 

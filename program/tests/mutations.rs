@@ -1,14 +1,13 @@
 //! Programs with bytes changed: reading them ends soon, without a panic, and as the whole says.
 //!
-//! `CASES=1000000 cargo test --release -p program --test mutations -- --nocapture` does more of them.
+//! `CASES=1000000 cargo test --release -p program mutations -- --nocapture` does more of them.
 
-mod common;
 #[path = "../../lab/src/linuxcnc/generate.rs"]
 mod generate;
 
 use std::time::{Duration, Instant};
 
-use common::{at, everything};
+use crate::common::{at, everything};
 use program::{Piece, Progress, Reading, interpret};
 
 /// So many lines are read of a program that does not end.

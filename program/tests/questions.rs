@@ -1,11 +1,9 @@
 //! What a program asks the machine while it runs: it is read up to there, and on with the answer.
 
-mod common;
-
 use std::sync::Arc;
 
+use crate::common::{at, mill};
 use bus::sample::{AskedInput, InputWait};
-use common::{at, mill};
 use path::geometry::{AxisVector, Element};
 use program::{Answer, EventKind, Piece, Progress, Question, Reading, Setup, interpret};
 

@@ -1,10 +1,8 @@
 //! A program read block by block makes what it makes as a whole.
 
-mod common;
-
 use std::sync::Arc;
 
-use common::{at, mill};
+use crate::common::{at, mill};
 use path::geometry::AxisVector;
 use program::{Piece, Program, ProgramError, Progress, Reading, Setup, interpret};
 

@@ -1,10 +1,8 @@
 //! The part programs that come with the product fit their machines and are what their names say.
 
-mod common;
-
 use std::path::{Path, PathBuf};
 
-use common::{at, slide};
+use crate::common::{at, slide};
 use path::geometry::{AxisVector, Feed, Shape};
 use program::{Program, ProgramEnd, Setup, load};
 

@@ -1,13 +1,12 @@
 //! A reading that is cut anywhere and goes on in a fresh one makes the same, to the bit.
 
-mod common;
 #[path = "../../lab/src/linuxcnc/generate.rs"]
 mod generate;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use common::{at, everything, mill};
+use crate::common::{at, everything, mill};
 use path::geometry::AxisVector;
 use program::{Piece, ProgramError, Progress, Reading};
 

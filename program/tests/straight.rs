@@ -1,8 +1,6 @@
 //! Blocks of straight motion make the same by the short way as by the way of all blocks.
 
-mod common;
-
-use common::{at, mill, slide};
+use crate::common::{at, mill, slide};
 use program::{Setup, interpret};
 use proptest::prelude::*;
 

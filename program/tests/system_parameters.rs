@@ -1,8 +1,6 @@
 //! Parameters by number: those of the program, those of the system, and those that only Fanuc's language has.
 
-mod common;
-
-use common::{on_mill, refusal};
+use crate::common::{on_mill, refusal};
 
 fn value(parameter: &str, before: &str) -> f64 {
     let program = on_mill(&format!("{before}\n#<_seen>={parameter}\nM2"));

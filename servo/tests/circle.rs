@@ -1,10 +1,9 @@
 //! A servo on a circle: what it remembers, when its friction pulses start, how it would stop.
 #![allow(missing_docs)]
-mod common;
 
+use crate::common::{RADIUS_MM, Rig, SPEED_MM_S, machine, servo};
 use bus::sample::{AxisCommand, Mode};
 use bytemuck::{Zeroable, bytes_of};
-use common::{RADIUS_MM, Rig, SPEED_MM_S, machine, servo};
 use loops::reversal::{Announcement, ReversalState};
 use machine::{Prediction, PulseShape, WithinPeriod};
 use servo::ServoState;

@@ -1,9 +1,8 @@
 //! Each guard, by name, and how a stop is held.
 #![allow(missing_docs)]
-mod common;
 
+use crate::common::{Rig, machine, servo};
 use bus::sample::{AxisCommand, Cause, Feedback, Mode};
-use common::{Rig, machine, servo};
 use machine::Machine;
 
 /// The command after two quiet scans and a third with this change.

@@ -1,9 +1,8 @@
 //! The second controller of an axis: jogs, switches, and another servo that goes on from its state.
 #![allow(missing_docs)]
-mod common;
 
+use crate::common::{Rig, machine, servo};
 use bus::sample::{AxisCommand, Cause, Driver, Feedback, Hand, Mode};
-use common::{Rig, machine, servo};
 use loops::hand_course::{Aim, HandCourse, fine};
 use loops::jog::JogProfile;
 use machine::Changeover;

@@ -1,9 +1,8 @@
 //! Which windows a servo takes and which it refuses.
 #![allow(missing_docs)]
-mod common;
 
+use crate::common::{Rig, machine, refusal, seal, servo};
 use bus::sample::{Cause, Setpoint, WindowHeader, WindowId};
-use common::{Rig, machine, refusal, seal, servo};
 use servo::Refusal;
 
 /// A good first window and the rig it belongs to.

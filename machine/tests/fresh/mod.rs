@@ -13,6 +13,6 @@ pub fn assert_fresh(path: &str, text: &str) {
     let krate = env!("CARGO_PKG_NAME");
     assert!(
         found == text,
-        "{path} is not what the keys in the code say. Write it again: RENEW=1 cargo test --release -p {krate} --test reference"
+        "{path} is not what the keys in the code say. Write it again: RENEW=1 cargo test --release -p {krate} reference"
     );
 }

@@ -1,0 +1,6 @@
+//! The simulated machine, seen from outside.
+
+mod closed_loop;
+mod dead_time;
+mod reference;
+mod structures;

@@ -1,0 +1,21 @@
+//! The language of part programs, seen from outside.
+
+mod beginning;
+mod beside;
+mod comments;
+mod common;
+mod curves_and_threads;
+mod cycles;
+mod diameters;
+mod foreign_programs;
+mod fuzz;
+mod interpreter;
+mod language;
+mod mutations;
+mod parameter_file;
+mod questions;
+mod reading;
+mod shipped_programs;
+mod snapshots;
+mod straight;
+mod system_parameters;
