@@ -19,7 +19,7 @@ const IN_A_SCAN: [&str; 9] = [
 ];
 
 /// The crates in the order of the map in docs: each may use those before it in the list, and not all of them.
-const CRATES: [(&str, &[&str]); 18] = [
+const CRATES: [(&str, &[&str]); 19] = [
     ("bus", &[]),
     ("console", &["bus"]),
     ("machine", &["bus"]),
@@ -32,6 +32,7 @@ const CRATES: [(&str, &[&str]); 18] = [
     ("plant-sim", &["bus", "machine", "master"]),
     ("fieldbus", &["bus", "machine", "master"]),
     ("monitor", &["bus", "machine", "path", "program"]),
+    ("report", &["bus", "machine", "path", "program", "monitor"]),
     (
         "launcher",
         &[

@@ -19,7 +19,7 @@ const NICENESS: i32 = 19;
 /// # Errors
 /// The log cannot be read, or the folder not be written.
 pub fn make(run_dir: &Path) -> anyhow::Result<String> {
-    let report = monitor::report::make_report(run_dir)?;
+    let report = ::report::make_report(run_dir)?;
     if report.samples_lost > 0 {
         tracing::warn!(
             "{} samples are missing in the log: its digest compares with no other run's",
@@ -73,7 +73,7 @@ pub fn report(options: &ReportOptions) -> Outcome {
 /// Holds one run against another and prints what differs.
 fn against(a: &Path, b: &Path, json: bool) -> Outcome {
     let settings = settings_difference::between(a, b).input()?;
-    let written = monitor::report::against::make_against(a, b, settings).input()?;
+    let written = ::report::against::make_against(a, b, settings).input()?;
     if json {
         say(&written.json);
     } else {

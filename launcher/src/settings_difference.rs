@@ -5,9 +5,9 @@ use std::fs;
 use std::io::ErrorKind;
 use std::path::Path;
 
+use ::report::against::Setting;
 use anyhow::Context;
 use machine::parse_parameters;
-use monitor::report::against::Setting;
 use toml_edit::{DocumentMut, Item, TableLike, Value};
 
 use crate::run_dir::SETTINGS_FILES;

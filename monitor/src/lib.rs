@@ -1,8 +1,7 @@
 //! The monitor process: records every sample, measures and shows.
 //!
 //! A reader descends so: [`log`] writes and reads `run.mcap`; [`measure`] turns the stream of samples into errors,
-//! arcs and reversals, the same code whether the stream comes from the wire or from the log; [`report`] puts them into
-//! `report.json`, `report.txt` and plots.
+//! arcs and reversals, the same code whether the stream comes from the wire or from the log. What is made of them lies in the crate `report`.
 //!
 //! **Invariant**: nothing here looks at a clock to decide a number. Only the recorder does, to flush once a second, and
 //! the wall time of a run is handed in.
@@ -11,14 +10,10 @@ pub mod auxiliary;
 pub mod black_box;
 pub mod deaths;
 pub mod digest;
-mod label_layout;
 pub mod log;
 mod logbook;
 pub mod measure;
 mod options;
-pub mod path_plot;
-pub mod plot;
-pub mod report;
 mod run;
 pub mod said;
 pub mod scope;

@@ -6,7 +6,6 @@
 
 pub mod csv;
 mod error;
-pub mod picture;
 pub mod signal;
 pub mod span;
 #[cfg(test)]

@@ -8,9 +8,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
+use ::report::comparison::{self, Comparison, MethodPoints, Point};
 use anyhow::{Context, anyhow};
 use machine::{Machine, machine_file};
-use monitor::report::comparison::{self, Comparison, MethodPoints, Point};
 
 use self::measured::{Condition, Line, Measured, csv};
 use self::methods::{METHODS, Method, NEVER_WORSE_UM, REFERENCE};

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
+use ::report::path_plot::{self, Meaning, PathPicture, PathPoint};
 use anyhow::Context;
 use machine::AxisKind;
-use monitor::path_plot::{self, Meaning, PathPicture, PathPoint};
 use path::totals::Totals;
 use path::window::PlannedSetpoint;
 

@@ -45,7 +45,7 @@ pub(crate) fn observe(
         machine.gantries().next().is_none(),
         "learns along the path only where each axis has one motor"
     );
-    let Some(RunPath::Whole(path)) = monitor::report::run_path(run_dir)? else {
+    let Some(RunPath::Whole(path)) = ::report::run_path(run_dir)? else {
         bail!("the program has too many elements to be learned along its path");
     };
     let log = run_dir.join(LOG_FILE);

@@ -18,7 +18,7 @@ use anyhow::{Context, anyhow};
 use machine::Machine;
 use monitor::scope::signal::Signal;
 use monitor::scope::trigger::Trigger;
-use monitor::scope::{Capture, Scope, Settings, csv, picture};
+use monitor::scope::{Capture, Scope, Settings, csv};
 
 use crate::options::ScopeOptions;
 use console::exit::{Failure, Kind, Outcome};
@@ -255,7 +255,7 @@ impl<'a> Sink<'a> {
         }
         if let Some(file) = self.svg {
             let file = numbered(file, self.count);
-            picture::write(&file, capture).environment()?;
+            report::scope_picture::write(&file, capture).environment()?;
             written.push(file.display().to_string());
         }
         let words = format!("{}: {}", capture.title(), written.join(", "));

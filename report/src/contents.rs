@@ -12,8 +12,8 @@ use super::json::{
 };
 use super::match_up::orders;
 use super::peaks::PeakReport;
-use crate::measure::outcome::Reaction;
-use crate::said::Line;
+use monitor::measure::outcome::Reaction;
+use monitor::said::Line;
 
 /// Blocks that the text shows: those with the largest contour error.
 const BLOCKS_IN_TEXT: usize = 16;

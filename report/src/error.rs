@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use machine::settings_file::SettingsFileError;
 use program::ResumeError;
 
-use crate::log::LogError;
 use crate::plot::PlotError;
+use monitor::log::LogError;
 
 /// A report that cannot be made.
 #[derive(Debug, thiserror::Error)]

@@ -17,7 +17,7 @@ use super::json::Report;
 use super::side_by_side::SideBySide;
 use super::text::shortened;
 use super::{circle_plot, contents, html, text, tracking_plot};
-use crate::log::RunLog;
+use monitor::log::RunLog;
 
 /// Settings that the text shows.
 const SETTINGS_IN_TEXT: usize = 20;

@@ -18,18 +18,28 @@ mod files;
 mod gaps;
 mod html;
 mod json;
+mod label_layout;
 mod match_up;
 mod path_picture;
+pub mod path_plot;
 mod peaks;
+pub mod plot;
 mod ranking;
+pub mod scope_picture;
 mod side_by_side;
 mod text;
 mod tracking_plot;
 
 #[cfg(test)]
+#[path = "../../monitor/src/test_support.rs"]
+mod test_support;
+#[cfg(test)]
 mod tests;
 
 use std::path::Path;
+
+#[cfg(test)]
+use monitor::log;
 
 pub use axes::{AxisReport, BlockReport, PeakRmsPercentiles, PredictionReport};
 pub use causes::{BallBarReport, CauseReport, ContourPartReport, ContourPartsReport, OneWayReport};

@@ -189,7 +189,7 @@ fn head_lines(title: &str, most: usize) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::document::{Columns, Value};
+    use crate::document::{Columns, Value};
 
     fn rendered(table: Table) -> String {
         render(&Document {

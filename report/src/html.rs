@@ -197,7 +197,7 @@ fn more(count: usize, body: &mut String) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::document::{Columns, Fact};
+    use crate::document::{Columns, Fact};
 
     #[test]
     fn nothing_that_comes_from_outside_becomes_markup() {

@@ -7,10 +7,10 @@ use program::Setup;
 
 use super::evaluation::Ended;
 use super::*;
-use crate::log::{LOG_FILE, Recorder, RunEnd, RunInfo, Sample, SampleRef};
-use crate::measure::Outcome;
-use crate::measure::outcome::{Loss, StopReason};
 use crate::test_support::{Deviation, SyntheticRun, machine, machine_text};
+use monitor::log::{LOG_FILE, Recorder, RunEnd, RunInfo, Sample, SampleRef};
+use monitor::measure::Outcome;
+use monitor::measure::outcome::{Loss, StopReason};
 
 const PROGRAM: &str = "G17 G21 G90
 (there and back on one circle)
@@ -578,6 +578,6 @@ fn a_death_reported_behind_the_damage_of_a_log_is_not_reported() {
     let scans = evaluation.measurements.scans;
     assert_eq!(scans, 1001);
     assert_eq!(evaluation.measurements.faults.len(), 0);
-    let found = crate::log::skim(dir.path()).unwrap();
+    let found = monitor::log::skim(dir.path()).unwrap();
     assert_eq!(found.rosters.len(), 1, "its index still names it");
 }

@@ -10,12 +10,12 @@ use super::evaluation::Evaluation;
 pub use super::gaps::ScanRange;
 use super::gaps::{missing_scans, samples_lost};
 use super::peaks::{PeakReport, contour_peaks};
-use crate::measure::arc::{ArcResult, Deviations};
-use crate::measure::axis::LimitCounts;
-use crate::measure::fit::FitKind;
-use crate::measure::outcome::{Loss, Reaction, StopReason};
-use crate::measure::{Measurements, Outcome};
-use crate::said::Line;
+use monitor::measure::arc::{ArcResult, Deviations};
+use monitor::measure::axis::LimitCounts;
+use monitor::measure::fit::FitKind;
+use monitor::measure::outcome::{Loss, Reaction, StopReason};
+use monitor::measure::{Measurements, Outcome};
+use monitor::said::Line;
 
 /// The whole report.
 #[derive(Debug, Clone, Serialize)]

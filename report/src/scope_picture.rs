@@ -4,10 +4,9 @@ use std::path::Path;
 
 use plotters::prelude::*;
 
-use super::Capture;
-use super::error::ScopeError;
-use super::signal::Signal;
-use crate::plot::{self, Area, CURVES, Drawn, FINE, Frame, INK, SOFT, font, words};
+use crate::plot::{self, Area, CURVES, Drawn, FINE, Frame, INK, PlotError, SOFT, font, words};
+use monitor::scope::Capture;
+use monitor::scope::signal::Signal;
 
 const WIDTH: i32 = 1000;
 const PANEL: i32 = 170;
@@ -18,10 +17,10 @@ const FOOT: i32 = 44;
 ///
 /// # Errors
 /// The file cannot be written.
-pub fn write(path: &Path, capture: &Capture) -> Result<(), ScopeError> {
+pub fn write(path: &Path, capture: &Capture) -> Result<(), PlotError> {
     let panels = capture.signals.len().max(1) as i32;
     let size = (WIDTH, HEAD + PANEL * panels + FOOT);
-    Ok(plot::write(path, size, |root| draw(root, capture))?)
+    plot::write(path, size, |root| draw(root, capture))
 }
 
 fn draw(root: &Area, capture: &Capture) -> Drawn {

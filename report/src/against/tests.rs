@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use super::*;
-use crate::report::match_up::matched;
-use crate::report::side_by_side::Compared;
-use crate::report::tests::{DEVIATION, run_directory, run_directory_of};
+use crate::match_up::matched;
+use crate::side_by_side::Compared;
 use crate::test_support::Deviation;
+use crate::tests::{DEVIATION, run_directory, run_directory_of};
 
 fn compared(a: f64, b: f64) -> Compared {
     Compared::of(Some(a), Some(b))
