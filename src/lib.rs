@@ -1,16 +1,24 @@
-//! The command line of Quadrant: what can be asked for, and the roles of the process group.
+//! The command line of Quadrant: what can be asked for.
 
 pub mod cli;
 pub mod manual;
-pub mod roles;
 
 use bus::sample::Order;
+use cell::RecorderOptions;
 use console::exit::Outcome;
+use launcher::desk::Desk;
 use launcher::run::Injection;
-use launcher::{check, doctor, drive_files, operator, plan, report, run, up};
+use launcher::{check, run, up};
+use monitor::Tap;
+use prepare::{doctor, drive_files, plan};
 use view::{live, scope, web};
 
 use crate::cli::Command;
+
+/// What the processes of a cell have beside them in this command.
+const DESK: Option<Desk> = Some(Desk {
+    say_what_realtime_lacks: doctor::say_what_realtime_lacks,
+});
 
 /// Carries a command out; the fault script of a run may do so much.
 ///
@@ -20,7 +28,7 @@ pub fn obey(command: Command, injection: Injection) -> Outcome {
     match command {
         Command::Run(options) => {
             for pass in 1..=options.passes {
-                let completed = run::run(&options.of_pass(pass), injection)?;
+                let completed = run::run(&options.of_pass(pass), injection, DESK)?;
                 if options.learn {
                     tune::learn::after(&completed)?;
                 }
@@ -32,13 +40,13 @@ pub fn obey(command: Command, injection: Injection) -> Outcome {
         }
         Command::Check(options) => check::check(&options),
         Command::Plan(options) => plan::plan(&options),
-        Command::Report(options) => report::report(&options),
+        Command::Report(options) => report::command::report(&options),
         Command::Doctor(options) => doctor::doctor(&options),
         Command::Clean(options) => run::clean(&options),
         Command::New(options) => match &options.what {
             cli::NewWhat::Machine(options) => tune::new_machine::new_machine(options),
         },
-        Command::Up(options) => up::up(&options),
+        Command::Up(options) => up::up(&options, DESK),
         Command::Load(options) => operator::load(&options),
         Command::Start(options) => operator::start(&options),
         Command::Down(options) => operator::down(&options),
@@ -75,11 +83,13 @@ pub fn obey(command: Command, injection: Injection) -> Outcome {
         Command::Completions(options) => manual::completions(&options),
         Command::Man(options) => manual::man(&options),
         Command::Reference(options) => manual::reference(&options),
-        Command::PlantSim(options) => roles::plant_sim(&options),
-        Command::Master(options) => roles::master(&options),
-        Command::Fieldbus(options) => roles::fieldbus(&options),
-        Command::Planner(options) => roles::planner(&options),
-        Command::Servo(options) => roles::servo(&options),
-        Command::Recorder(options) => roles::recorder(&options),
+        Command::Role(role) => cell::take_part(&role, Some(metrics)),
     }
+}
+
+/// Metrics at the listening socket that standard input is.
+fn metrics(options: &RecorderOptions) -> anyhow::Result<Box<dyn Tap>> {
+    let listener = view::metrics::inherited()?;
+    let (out, program) = (options.out.clone(), options.program.clone());
+    Ok(Box::new(view::metrics::Watch::new(listener, out, program)))
 }

@@ -2,6 +2,9 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use serde_json::Value;
 
 use crate::support::root;
 
@@ -18,76 +21,48 @@ const IN_A_SCAN: [&str; 9] = [
     "plant-sim",
 ];
 
-/// The crates in the order of the map in docs: each may use those before it in the list, and not all of them.
-const CRATES: [(&str, &[&str]); 19] = [
-    ("bus", &[]),
-    ("console", &["bus"]),
-    ("machine", &["bus"]),
-    ("path", &[]),
-    ("loops", &["path"]),
-    ("program", &["bus", "machine", "path"]),
-    ("planner", &["bus", "machine", "path", "program"]),
-    ("servo", &["bus", "machine", "path", "loops"]),
-    ("master", &["bus", "machine", "path", "loops"]),
-    ("plant-sim", &["bus", "machine", "master"]),
-    ("fieldbus", &["bus", "machine", "master"]),
-    ("monitor", &["bus", "machine", "path", "program"]),
-    ("report", &["bus", "machine", "path", "program", "monitor"]),
-    (
-        "launcher",
-        &[
-            "bus",
-            "console",
-            "machine",
-            "path",
-            "program",
-            "planner",
-            "master",
-            "plant-sim",
-            "fieldbus",
-            "monitor",
-        ],
-    ),
-    ("remote", &[]),
-    (
-        "view",
-        &[
-            "bus", "console", "machine", "path", "program", "monitor", "launcher", "remote",
-        ],
-    ),
-    (
-        "tune",
-        &[
-            "bus", "console", "machine", "path", "loops", "program", "monitor", "launcher",
-        ],
-    ),
-    (
-        "lab",
-        &[
-            "bus",
-            "console",
-            "machine",
-            "path",
-            "loops",
-            "program",
-            "planner",
-            "servo",
-            "master",
-            "plant-sim",
-            "fieldbus",
-            "monitor",
-            "launcher",
-        ],
-    ),
-    (
-        "lab/model",
-        &["bus", "machine", "planner", "servo", "master"],
-    ),
+/// What lives while axes may move.
+const CELL: [&str; 14] = [
+    "bus",
+    "console",
+    "machine",
+    "path",
+    "loops",
+    "program",
+    "planner",
+    "servo",
+    "master",
+    "plant-sim",
+    "fieldbus",
+    "monitor",
+    "launcher",
+    "quadrant-cell",
 ];
+
+/// What asks, shows and prepares.
+const DESK: [&str; 8] = [
+    "esi", "operator", "prepare", "report", "remote", "view", "tune", "quadrant",
+];
+
+/// What breaks, judges and studies.
+const LAB: [&str; 2] = ["lab", "model"];
+
+/// Folders of the crates that have another name than their folder.
+const FOLDERS: [(&str, &str); 3] = [
+    ("quadrant-cell", "cell"),
+    ("quadrant", "."),
+    ("model", "lab/model"),
+];
+
+/// Where the sources of a crate are.
+fn folder(krate: &str) -> PathBuf {
+    let other = FOLDERS.iter().find(|(name, _)| *name == krate);
+    root().join(other.map_or(krate, |(_, folder)| folder))
+}
 
 /// Names in the `[dependencies]` table of a crate.
 fn dependencies(krate: &str) -> Vec<String> {
-    let text = fs::read_to_string(root().join(krate).join("Cargo.toml")).expect("Cargo.toml");
+    let text = fs::read_to_string(folder(krate).join("Cargo.toml")).expect("Cargo.toml");
     let (_, after) = text.split_once("[dependencies]").expect("[dependencies]");
     let table = after.split("\n[").next().unwrap_or_default();
     table
@@ -117,36 +92,105 @@ fn sources(folder: &Path) -> Vec<(PathBuf, String)> {
 }
 
 fn crates() -> impl Iterator<Item = &'static str> {
-    CRATES.into_iter().map(|(name, _)| name)
+    let all = CELL.into_iter().chain(DESK).chain(LAB);
+    all.filter(|krate| *krate != "quadrant")
 }
 
-/// A crate uses those that this table names and no other: the product knows nothing of who watches, tunes or breaks it, and the
-/// plant shares no model with its controller.
+/// Packages of the workspace with the names of all crates that they build with.
+fn packages() -> Vec<(String, Vec<String>)> {
+    let metadata = Command::new(env!("CARGO"))
+        .args([
+            "metadata",
+            "--no-deps",
+            "--offline",
+            "--format-version",
+            "1",
+        ])
+        .current_dir(root())
+        .output()
+        .expect("cargo metadata");
+    let metadata: Value = serde_json::from_slice(&metadata.stdout).expect("its JSON");
+    let text = |of: &Value| of["name"].as_str().expect("a name").to_owned();
+    let uses = |package: &Value| {
+        let all = package["dependencies"].as_array().expect("dependencies");
+        // What only tests use binds nobody.
+        let built = all.iter().filter(|used| used["kind"] != "dev");
+        built.map(text).collect()
+    };
+    let packages = metadata["packages"].as_array().expect("packages");
+    packages
+        .iter()
+        .map(|package| (text(package), uses(package)))
+        .collect()
+}
+
+/// A cell stands without what asks and shows, and both without what breaks them.
 #[test]
-fn each_crate_uses_only_what_the_map_allows_it() {
-    let names: Vec<&str> = crates().collect();
-    for (krate, allowed) in CRATES {
-        let place = names.iter().position(|name| *name == krate);
-        for used in dependencies(krate) {
-            let Some(at) = names.iter().position(|name| *name == used) else {
-                continue;
-            };
+fn no_crate_of_the_cell_uses_the_desk_or_the_lab_and_none_of_the_desk_the_lab() {
+    let packages = packages();
+    let part = |krate: &str| {
+        let parts = [&CELL[..], &DESK, &LAB];
+        parts.iter().position(|part| part.contains(&krate))
+    };
+    for (krate, uses) in &packages {
+        let own = part(krate).unwrap_or_else(|| panic!("{krate} is in no part of the house"));
+        for used in uses {
+            let other = part(used);
             assert!(
-                Some(at) < place,
-                "{krate} uses {used}, which stands behind it"
+                other.is_none_or(|other| other <= own),
+                "{krate} uses {used}"
             );
-            assert!(allowed.contains(&used.as_str()), "{krate} uses {used}");
         }
     }
-    let folders = fs::read_dir(root()).expect("the workspace").flatten();
-    for folder in folders.filter(|f| f.path().join("Cargo.toml").exists()) {
-        let name = folder.file_name().to_string_lossy().into_owned();
-        // A workspace of its own.
-        let apart = name == "fuzz";
-        assert!(
-            apart || names.contains(&name.as_str()),
-            "{name} is not in the map"
-        );
+    let all = CELL.iter().chain(&DESK).chain(&LAB);
+    for krate in all {
+        assert!(packages.iter().any(|(name, _)| name == krate), "{krate}");
+    }
+}
+
+/// What a controller PC runs has no network, page, picture or terminal of its own.
+#[test]
+fn a_cell_alone_is_built_without_http_tls_plots_and_terminal() {
+    let tree = Command::new(env!("CARGO"))
+        .args(["tree", "--offline", "-p", "quadrant-cell", "-e", "normal"])
+        .args(["--prefix", "none", "--features", "ethercat"])
+        .current_dir(root())
+        .output()
+        .expect("cargo tree");
+    assert!(tree.status.success(), "{tree:?}");
+    let tree = String::from_utf8_lossy(&tree.stdout);
+    let names = tree.lines().filter_map(|line| line.split(' ').next());
+    let names: Vec<&str> = names.collect();
+    assert!(names.contains(&"launcher"), "{tree}");
+    for other in ["axum", "hyper", "tokio", "rustls", "plotters", "ratatui"] {
+        assert!(!names.contains(&other), "{other}");
+    }
+}
+
+/// The plant shares no model with its controller, and processes do not use each other.
+#[test]
+fn each_process_uses_only_what_it_is_made_of() {
+    let of_processes = [
+        ("path", &[][..]),
+        ("loops", &["path"]),
+        ("machine", &["bus"]),
+        ("console", &["bus"]),
+        ("program", &["bus", "machine", "path"]),
+        ("planner", &["bus", "machine", "path", "program"]),
+        ("servo", &["bus", "machine", "path", "loops"]),
+        ("master", &["bus", "machine", "path", "loops"]),
+        ("plant-sim", &["bus", "machine", "master"]),
+        ("fieldbus", &["bus", "machine", "master"]),
+        ("monitor", &["bus", "machine", "path", "program"]),
+    ];
+    let packages = packages();
+    for (krate, allowed) in of_processes {
+        let found = packages.iter().find(|(name, _)| name == krate);
+        let (_, uses) = found.expect(krate);
+        let own = uses.iter().filter(|used| CELL.contains(&used.as_str()));
+        for used in own {
+            assert!(allowed.contains(&used.as_str()), "{krate} uses {used}");
+        }
     }
 }
 
@@ -161,14 +205,14 @@ fn the_root_package_has_at_most_1500_lines() {
 /// What sends wrong samples is in the lab, whose command is not built with the others.
 #[test]
 fn nothing_that_drives_a_machine_can_send_wrong_samples() {
-    for krate in crates().filter(|k| !k.starts_with("lab")) {
-        for (path, text) in sources(&root().join(krate).join("src")) {
+    for krate in crates().filter(|k| !LAB.contains(k)) {
+        for (path, text) in sources(&folder(krate).join("src")) {
             let names = text.contains("lab::") || text.contains("Corruptor");
             assert!(!names, "{} names the lab", path.display());
         }
     }
     for krate in ["servo", "planner", "master"] {
-        for (path, text) in sources(&root().join(krate).join("src")) {
+        for (path, text) in sources(&folder(krate).join("src")) {
             assert!(!text.contains("FaultScript"), "{}", path.display());
         }
     }
@@ -186,7 +230,7 @@ fn only_bus_names_iceoryx2() {
                 .any(|d| d.starts_with("iceoryx2")),
             "{krate}"
         );
-        for (path, text) in sources(&root().join(krate).join("src")) {
+        for (path, text) in sources(&folder(krate).join("src")) {
             assert!(
                 !text.contains("iceoryx2::"),
                 "{} names iceoryx2",
@@ -273,7 +317,7 @@ fn path_and_loops_have_no_processes_no_clock_and_no_files() {
         "std::env",
         "println!",
     ];
-    let of = |krate: &str| sources(&root().join(krate).join("src"));
+    let of = |krate: &str| sources(&folder(krate).join("src"));
     for (path, text) in of("path").into_iter().chain(of("loops")) {
         let product = text.split("#[cfg(test)]").next().unwrap_or_default();
         for word in forbidden {
@@ -297,7 +341,7 @@ fn every_service_has_one_writer() {
     for (call, owner) in writers {
         let folders = crates().filter(|k| *k != "bus");
         let using: Vec<PathBuf> = folders
-            .flat_map(|krate| sources(&root().join(krate).join("src")))
+            .flat_map(|krate| sources(&folder(krate).join("src")))
             .filter(|(_, text)| text.contains(call))
             .map(|(path, _)| path)
             // The ping-pong of the bench writes into a cell of its own.
@@ -319,7 +363,7 @@ fn every_service_has_one_writer() {
 #[test]
 fn only_the_simulated_drives_the_launcher_and_the_lab_know_the_plant_file() {
     for krate in crates().filter(|k| !["plant-sim", "launcher", "lab"].contains(k)) {
-        for (path, text) in sources(&root().join(krate).join("src")) {
+        for (path, text) in sources(&folder(krate).join("src")) {
             // The tuner's bench copies it for the simulated machine, unread; a new machine gets one, and `check` reads it.
             let copies = path.ends_with("tune/src/bench.rs")
                 || path
@@ -339,7 +383,7 @@ fn only_the_simulated_drives_the_launcher_and_the_lab_know_the_plant_file() {
 #[test]
 fn results_do_not_depend_on_fused_arithmetic_or_a_native_processor() {
     for krate in IN_A_SCAN {
-        for (path, text) in sources(&root().join(krate).join("src")) {
+        for (path, text) in sources(&folder(krate).join("src")) {
             let product = text.split("#[cfg(test)]").next().unwrap_or_default();
             for word in [
                 ".mul_add(",
@@ -398,7 +442,7 @@ fn nothing_but_name_and_age_of_run_directories_depends_on_the_system_time() {
         "gettimeofday",
     ];
     for krate in crates() {
-        for (path, text) in sources(&root().join(krate).join("src")) {
+        for (path, text) in sources(&folder(krate).join("src")) {
             let may = ["run_dir.rs", "retention.rs"]
                 .iter()
                 .any(|file| path.ends_with(Path::new("launcher/src").join(file)));

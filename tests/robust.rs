@@ -4,10 +4,10 @@
 use std::fs;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use ::report::measure::{Analysis, Outcome};
 use lab::cell::InProcessCell;
 use machine::{Machine, ReversalMethod, TorqueFeedForward};
 use monitor::log::Sample;
-use monitor::measure::{Analysis, Outcome};
 use path::geometry::AxisVector;
 use plant_sim::plant_file::PlantFile;
 use program::Setup;

@@ -19,7 +19,6 @@
 pub mod cia402;
 pub mod drive_file;
 pub mod drives;
-pub mod esi;
 pub mod link;
 pub mod master_process;
 pub mod process;

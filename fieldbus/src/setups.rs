@@ -39,7 +39,7 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
             .with_context(|| format!("{shown}: axis {} has no drive", axis.name))?
             .file;
         let path = folder.join(file);
-        let judged = drive_file::load(&path, None)?;
+        let judged = drive_file::load(&path, |_, _| ())?;
         let path = path.display();
         for warning in judged.warnings {
             let warning = format!("{path}: {warning}");

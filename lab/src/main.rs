@@ -3,6 +3,7 @@
 
 use std::path::PathBuf;
 
+use cell::{PlannerOptions, ServoOptions};
 use clap::{Args, Parser, Subcommand};
 use console::exit::{self, Kind, Outcome};
 use console::{logs, signals};
@@ -10,7 +11,6 @@ use lab::linuxcnc::LinuxcncCommand;
 use lab::options::{BenchOptions, BenchPongOptions, SoakOptions};
 use lab::reading::ReadingCommand;
 use launcher::run::Injection;
-use quadrant::cli::{PlannerOptions, ServoOptions};
 
 /// What measures and breaks a cell; beside it all that `quadrant` can do.
 ///

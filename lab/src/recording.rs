@@ -1,10 +1,10 @@
 //! The recorder of a simulated cell: what it takes while it lives is measured as the report measures a log, and what the measurement
 //! says is held against what the run was. It writes no file.
 
+use ::report::measure::{Analysis, Outcome};
 use bus::sample::{Feedback, Job, MAX_AXES, Mode};
 use machine::Machine;
 use monitor::log::Sample;
-use monitor::measure::{Analysis, Outcome};
 use path::geometry::Path;
 use path::path_part::PathPart;
 

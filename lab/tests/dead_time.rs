@@ -5,10 +5,10 @@
 
 use std::path::Path;
 
+use ::report::measure::{Analysis, Outcome};
 use lab::cell::InProcessCell;
 use machine::{Axis, Machine};
 use monitor::log::Sample;
-use monitor::measure::{Analysis, Outcome};
 use path::geometry::AxisVector;
 use plant_sim::plant_file::PlantFile;
 use program::Setup;

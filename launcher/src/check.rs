@@ -75,7 +75,7 @@ pub fn load(machine: &Path, program: Option<&Path>, depth: Depth) -> anyhow::Res
 ///
 /// # Errors
 /// As [`load`], but for the start.
-pub(crate) fn load_wherever_it_stands(machine: &Path) -> anyhow::Result<Checked> {
+pub fn load_wherever_it_stands(machine: &Path) -> anyhow::Result<Checked> {
     let checked = load_changed(machine, None, Depth::Whole, |_| Ok(()))?;
     if let Err(outside) = checked.starts_within(&machine_file(machine)) {
         tracing::warn!("{outside:#}; jog it inwards before a program");
@@ -87,7 +87,7 @@ pub(crate) fn load_wherever_it_stands(machine: &Path) -> anyhow::Result<Checked>
 ///
 /// # Errors
 /// As [`load`]; and what `change` says.
-pub(crate) fn load_changed(
+pub fn load_changed(
     machine: &Path,
     program: Option<&Path>,
     depth: Depth,
@@ -140,7 +140,7 @@ pub(crate) fn load_changed(
 }
 
 /// Whether a program can be started at a line, from these command positions.
-pub(crate) fn start_line(
+pub fn start_line(
     machine: &Machine,
     file: &Path,
     start: [i64; MAX_AXES],
@@ -154,7 +154,7 @@ pub(crate) fn start_line(
 }
 
 /// What is wrong with a program, with its line as every other message has it.
-pub(crate) fn at_line(name: &str, words: &str) -> anyhow::Error {
+pub fn at_line(name: &str, words: &str) -> anyhow::Error {
     let line = words.strip_prefix("line ").and_then(|rest| {
         let (line, what) = rest.split_once(": ")?;
         line.parse::<u32>().is_ok().then_some((line, what))
@@ -268,7 +268,7 @@ impl Checked {
     }
 
     /// Time of the program, about, in s; none of a long one.
-    pub(crate) fn seconds(&self) -> Option<f64> {
+    pub fn seconds(&self) -> Option<f64> {
         let mut windows = self.planner().ok()?;
         let start = windows.start_state();
         windows.time_to_end_s(&start, 1.0).ok()
@@ -295,7 +295,7 @@ impl Checked {
     ///
     /// # Errors
     /// The path cannot be planned within the limits.
-    pub(crate) fn planner_along(&self, program: Program) -> anyhow::Result<WindowPlanner> {
+    pub fn planner_along(&self, program: Program) -> anyhow::Result<WindowPlanner> {
         let name = program.name.clone();
         let course = planner::course(&self.machine, program);
         Ok(course
@@ -381,7 +381,7 @@ fn print_notes(checked: &Checked) {
 }
 
 /// S and M3 to M5 where nothing obeys them, in words.
-pub(crate) fn without_spindle(machine: &Machine, program: &Program) -> Option<String> {
+pub fn without_spindle(machine: &Machine, program: &Program) -> Option<String> {
     let mut events = program.events.iter();
     let event = events.find(|event| !planner::acts_on(machine, &event.kind))?;
     Some(format!(
@@ -391,7 +391,7 @@ pub(crate) fn without_spindle(machine: &Machine, program: &Program) -> Option<St
 }
 
 /// Says what a planned program comes to.
-pub(crate) fn print_totals(checked: &Checked, totals: &Totals) {
+pub fn print_totals(checked: &Checked, totals: &Totals) {
     let Some(program) = &checked.program else {
         return;
     };

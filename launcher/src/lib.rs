@@ -1,12 +1,9 @@
-//! The process group of a cell: started, supervised, restarted, stopped; and the operator's commands to a running one.
+//! The process group of a cell: started, supervised, restarted, stopped.
 
-mod bus_scan;
-mod bus_sdo;
 pub mod check;
 mod closing;
+pub mod desk;
 mod disk_room;
-pub mod doctor;
-pub mod drive_files;
 pub mod events;
 mod fault_injector;
 mod group;
@@ -14,22 +11,19 @@ mod hangs;
 pub mod hints;
 pub mod listening;
 pub mod metrics_socket;
-pub mod operator;
 pub mod options;
-pub mod plan;
+pub mod origin;
 pub mod progress;
-pub mod report;
 mod retention;
 pub mod run;
 pub mod run_dir;
 mod service_manager;
 mod session;
-mod settings_difference;
 mod standby_alarm;
 pub mod supervise;
 pub mod supervisor;
 mod training;
 pub mod up;
-mod user_codes;
+pub mod user_codes;
 pub mod view;
 pub mod web;

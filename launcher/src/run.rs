@@ -12,15 +12,15 @@ use plant_sim::script::faults::{self, Fault, FaultScript};
 use plant_sim::script::orders;
 
 use crate::check::{self, Checked, Depth};
+use crate::desk::{self, Desk};
 use crate::events::{Event, Events};
 use crate::group::{Group, Plan};
-use crate::operator::origin;
 use crate::options::{CleanOptions, RunOptions};
 use crate::retention::Retention;
 use crate::run_dir::{RunDir, Sources, default_folder, program_name};
 use crate::supervise::{Ending, Subject, Watch, supervise};
 use crate::view::{self, View};
-use crate::{disk_room, doctor, metrics_socket, report, service_manager, training, web};
+use crate::{disk_room, metrics_socket, origin, service_manager, training, web};
 use console::exit::{Failure, Kind, Outcome};
 use console::output::{self, say};
 use console::signals::Signals;
@@ -61,9 +61,21 @@ pub struct Completed {
 ///
 /// # Errors
 /// Nothing was started, or the run did not complete.
-pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Failure> {
+pub fn run(
+    options: &RunOptions,
+    injection: Injection,
+    desk: Option<Desk>,
+) -> Result<Completed, Failure> {
     logs::init_launcher();
     output::never_wait();
+    let shown = [
+        ("--view", options.view),
+        ("--web", options.web.is_some()),
+        ("--metrics", options.metrics.is_some()),
+        ("--learn", options.learn),
+        ("--learn-path", options.learn_path),
+    ];
+    desk::check(desk, &shown).input()?;
     let (checked, faults) = check_all(options, injection)?;
     let cell_name = options.cell.as_deref().unwrap_or(&checked.machine.name);
     let place = CellPaths::new(cell_name).input()?;
@@ -81,8 +93,8 @@ pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Fail
     if let Some(script) = &faults {
         script.restart.apply(&mut checked.machine.restart);
     }
-    if options.pace() == Pace::Realtime {
-        doctor::say_what_realtime_lacks();
+    if let Some(desk) = desk.filter(|_| options.pace() == Pace::Realtime) {
+        (desk.say_what_realtime_lacks)();
     }
     let sends = |script: &FaultScript| script.faults.iter().any(|f| f.action.is_of_samples());
     let plan = Plan {
@@ -112,7 +124,7 @@ pub fn run(options: &RunOptions, injection: Injection) -> Result<Completed, Fail
     };
     let ending = supervise(&mut group, subject, watch, &signals, &mut events);
     drop(group);
-    let made = (options.log == FULL).then(|| report::make(&run_dir.folder));
+    let made = (options.log == FULL && desk.is_some()).then(|| desk::report(&run_dir.folder));
     conclude(ending, made, &run_dir.folder)?;
     Ok(Completed {
         folder: run_dir.folder,

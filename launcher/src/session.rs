@@ -54,8 +54,8 @@ pub struct Session {
     report: Option<Report>,
     /// What is kept of earlier runs, if not all.
     retention: Option<Retention>,
-    /// No logs are written.
-    without_logs: bool,
+    /// Runs have reports.
+    reports: bool,
     /// The cell has ended.
     ended: bool,
 }
@@ -75,11 +75,11 @@ impl Session {
         folder: &Path,
         place: &CellPaths,
         retention: Option<Retention>,
-        without_logs: bool,
+        reports: bool,
     ) -> Session {
         Session {
             retention: retention.filter(|_| folder.starts_with(RUNS)),
-            without_logs,
+            reports,
             folder: folder.into(),
             place: place.clone(),
             reported: 0,
@@ -199,7 +199,7 @@ impl Session {
         self.reap(scan, events);
         while self.report.is_none() && self.reported < self.logged {
             self.reported += 1;
-            if self.without_logs {
+            if !self.reports {
                 continue;
             }
             let Some(folder) = self.folder_of(self.reported) else {

@@ -9,8 +9,8 @@ use bus::sample::Job;
 use machine::{Machine, machine_file};
 
 use crate::check::Checked;
+use crate::desk::{self, Desk};
 use crate::group::{Death, Plan};
-use crate::operator::origin;
 use crate::options::UpOptions;
 use crate::retention::Retention;
 use crate::run::{FULL, make_checked, make_events, note_started, own, start};
@@ -18,16 +18,22 @@ use crate::run_dir::{RunDir, Sources, dated_folder};
 use crate::session::Session;
 use crate::supervise::{Ending, Subject, Watch, supervise};
 use crate::view::{self, View};
-use crate::{check, disk_room, doctor, metrics_socket, service_manager, training, web};
+use crate::{check, disk_room, metrics_socket, origin, service_manager, training, web};
 use console::exit::{Failure, Kind, Outcome};
 use console::logs;
 use console::output::{self, say};
 use console::signals::Signals;
 
 /// Starts the group of a machine and stays until it is ordered to end.
-pub fn up(options: &UpOptions) -> Outcome {
+pub fn up(options: &UpOptions, desk: Option<Desk>) -> Outcome {
     logs::init_launcher();
     output::never_wait();
+    let shown = [
+        ("--view", options.view),
+        ("--web", options.web.is_some()),
+        ("--metrics", options.metrics.is_some()),
+    ];
+    desk::check(desk, &shown).input()?;
     if options.view {
         view::check().input()?;
     }
@@ -50,8 +56,8 @@ pub fn up(options: &UpOptions) -> Outcome {
     let (run_dir, mut checked) = make_folder(options, &machine_path, &checked, cell_name)?;
     let folder = run_dir.folder.clone();
     checked.machine.restart = checked.machine.restart.of_staying();
-    if options.pace() == Pace::Realtime {
-        doctor::say_what_realtime_lacks();
+    if let Some(desk) = desk.filter(|_| options.pace() == Pace::Realtime) {
+        (desk.say_what_realtime_lacks)();
     }
     let records = options.log == FULL;
     let plan = Plan {
@@ -75,7 +81,12 @@ pub fn up(options: &UpOptions) -> Outcome {
     let subject = Subject {
         machine: &checked.machine,
         faults: None,
-        session: Some(Session::new(&folder, &place, retention, !records)),
+        session: Some(Session::new(
+            &folder,
+            &place,
+            retention,
+            records && desk.is_some(),
+        )),
         page: web::Page::start_if(web, cell_name, options.view)?,
         view: View::open_if(options.view, cell_name).environment()?,
     };

@@ -1,18 +1,19 @@
-//! The monitor process: records every sample, measures and shows.
+//! The monitor process: records every sample.
 //!
-//! A reader descends so: [`log`] writes and reads `run.mcap`; [`measure`] turns the stream of samples into errors,
-//! arcs and reversals, the same code whether the stream comes from the wire or from the log. What is made of them lies in the crate `report`.
+//! A reader descends so: [`log`] writes and reads `run.mcap`; [`black_box`] keeps what led to a fault; [`scope`] has the signals that
+//! can be shown and triggered on, tracking and contour error among them. The crate `report` measures errors, arcs and reversals.
 //!
 //! **Invariant**: nothing here looks at a clock to decide a number. Only the recorder does, to flush once a second, and
 //! the wall time of a run is handed in.
 
+pub mod align;
 pub mod auxiliary;
 pub mod black_box;
+pub mod contour;
 pub mod deaths;
 pub mod digest;
 pub mod log;
 mod logbook;
-pub mod measure;
 mod options;
 mod run;
 pub mod said;
@@ -20,6 +21,7 @@ pub mod scope;
 mod sinks;
 mod tap;
 #[cfg(test)]
+#[allow(dead_code, reason = "shared with the tests of the report")]
 mod test_support;
 pub mod turns;
 pub mod words;

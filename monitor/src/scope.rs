@@ -16,8 +16,8 @@ use std::collections::VecDeque;
 
 use machine::Machine;
 
+use crate::align::{Aligner, ScanSet};
 use crate::log::Sample;
-use crate::measure::align::{Aligner, ScanSet};
 pub use error::ScopeError;
 use signal::{Eyes, KnownPath, Signal};
 use trigger::{Fired, Trigger, Watch};

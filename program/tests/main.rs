@@ -9,6 +9,8 @@ mod cycles;
 mod diameters;
 mod foreign_programs;
 mod fuzz;
+#[path = "../../lab/src/linuxcnc/generate.rs"]
+mod generate;
 mod interpreter;
 mod language;
 mod mutations;

@@ -2,12 +2,10 @@
 //!
 //! `CASES=1000000 cargo test --release -p program mutations -- --nocapture` does more of them.
 
-#[path = "../../lab/src/linuxcnc/generate.rs"]
-mod generate;
-
 use std::time::{Duration, Instant};
 
 use crate::common::{at, everything};
+use crate::generate;
 use program::{Piece, Progress, Reading, interpret};
 
 /// So many lines are read of a program that does not end.

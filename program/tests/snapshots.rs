@@ -1,12 +1,10 @@
 //! A reading that is cut anywhere and goes on in a fresh one makes the same, to the bit.
 
-#[path = "../../lab/src/linuxcnc/generate.rs"]
-mod generate;
-
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use crate::common::{at, everything, mill};
+use crate::generate;
 use path::geometry::AxisVector;
 use program::{Piece, ProgramError, Progress, Reading};
 

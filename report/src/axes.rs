@@ -7,13 +7,13 @@ use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use super::evaluation::Evaluation;
 use super::json::r3;
-use monitor::measure::axis::blocks::BlockPeaks;
-use monitor::measure::axis::{AMBIENT_C, AxisMeter};
-use monitor::measure::prediction::PredictionMeter;
+use crate::measure::axis::blocks::BlockPeaks;
+use crate::measure::axis::{AMBIENT_C, AxisMeter};
+use crate::measure::prediction::PredictionMeter;
 
 /// Peak, root mean square and percentiles of the magnitude.
 ///
-/// A percentile is too high by at most 0.8 %, never too low: see [`monitor::measure::axis::percentiles`].
+/// A percentile is too high by at most 0.8 %, never too low: see [`crate::measure::axis::percentiles`].
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct PeakRmsPercentiles {
     /// Largest absolute value.

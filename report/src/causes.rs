@@ -5,8 +5,8 @@ use serde::Serialize;
 
 use super::evaluation::Evaluation;
 use super::json::{MaxMin, max_min, r3};
-use monitor::measure::ball_bar::{BallBar, CauseKind, OneWay, Part};
-use monitor::measure::contour_parts::ContourCause;
+use crate::measure::ball_bar::{BallBar, CauseKind, OneWay, Part};
+use crate::measure::contour_parts::ContourCause;
 
 /// A circle that was travelled both ways, or one way, in the terms of ISO 230-4.
 #[derive(Debug, Clone, Serialize)]

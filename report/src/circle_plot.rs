@@ -10,10 +10,10 @@ use super::causes;
 use super::evaluation::Evaluation;
 use super::match_up::matched;
 use super::ranking;
+use crate::measure::arc::plots::{PLOTS_MAX, RUNS_MAX, in_one_plot, shown};
+use crate::measure::arc::{ArcResult, CurvePoint, Quadrant};
+use crate::measure::ball_bar::BallBar;
 use crate::plot::{self, Area, Drawn, INK, PlotError, SOFT, at, fine, words};
-use monitor::measure::arc::plots::{PLOTS_MAX, RUNS_MAX, in_one_plot, shown};
-use monitor::measure::arc::{ArcResult, CurvePoint, Quadrant};
-use monitor::measure::ball_bar::BallBar;
 
 const WIDTH: i32 = 900;
 const CENTRE: (f64, f64) = (450.0, 470.0);

@@ -12,7 +12,7 @@ use super::json::{
 };
 use super::match_up::orders;
 use super::peaks::PeakReport;
-use monitor::measure::outcome::Reaction;
+use crate::measure::outcome::Reaction;
 use monitor::said::Line;
 
 /// Blocks that the text shows: those with the largest contour error.

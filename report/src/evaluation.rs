@@ -9,8 +9,8 @@ use serde_json::Value;
 
 use super::error::ReportError;
 use super::json::OutcomeKind;
+use crate::measure::{Analysis, Measurements, RunPath};
 use monitor::log::{Answers, Part, Prescan, RunEnd, RunInfo, RunLog, Sample, Start, skim};
-use monitor::measure::{Analysis, Measurements, RunPath};
 use monitor::said::Said;
 
 /// How the launcher saw a run end.

@@ -10,11 +10,11 @@ use super::evaluation::Evaluation;
 pub use super::gaps::ScanRange;
 use super::gaps::{missing_scans, samples_lost};
 use super::peaks::{PeakReport, contour_peaks};
-use monitor::measure::arc::{ArcResult, Deviations};
-use monitor::measure::axis::LimitCounts;
-use monitor::measure::fit::FitKind;
-use monitor::measure::outcome::{Loss, Reaction, StopReason};
-use monitor::measure::{Measurements, Outcome};
+use crate::measure::arc::{ArcResult, Deviations};
+use crate::measure::axis::LimitCounts;
+use crate::measure::fit::FitKind;
+use crate::measure::outcome::{Loss, Reaction, StopReason};
+use crate::measure::{Measurements, Outcome};
 use monitor::said::Line;
 
 /// The whole report.

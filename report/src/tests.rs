@@ -7,10 +7,10 @@ use program::Setup;
 
 use super::evaluation::Ended;
 use super::*;
+use crate::measure::Outcome;
+use crate::measure::outcome::{Loss, StopReason};
 use crate::test_support::{Deviation, SyntheticRun, machine, machine_text};
 use monitor::log::{LOG_FILE, Recorder, RunEnd, RunInfo, Sample, SampleRef};
-use monitor::measure::Outcome;
-use monitor::measure::outcome::{Loss, StopReason};
 
 const PROGRAM: &str = "G17 G21 G90
 (there and back on one circle)

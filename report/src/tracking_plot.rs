@@ -7,8 +7,8 @@ use machine::AxisKind;
 use plotters::prelude::*;
 
 use super::evaluation::Evaluation;
+use crate::measure::axis::AxisMeter;
 use crate::plot::{self, Area, CURVES, Drawn, FINE, Frame, INK, PlotError, SOFT, font, words};
-use monitor::measure::axis::AxisMeter;
 
 const WIDTH: i32 = 1100;
 const PANEL: i32 = 230;

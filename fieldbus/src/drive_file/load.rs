@@ -2,12 +2,10 @@
 
 use std::path::Path;
 
-use machine::settings_file::{self, Schema, SettingsFileError, read_text};
+use machine::settings_file::{self, Rules, Schema, SettingsFileError, read_text};
 
-use crate::drive_file::against;
 use crate::drive_file::keys::DriveFile;
 use crate::drive_file::rules;
-use crate::esi::Esi;
 
 /// A drive file that is good.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,27 +16,32 @@ pub struct Judged {
     pub warnings: Vec<String>,
 }
 
-/// Reads a drive file and judges it by itself, and against an ESI file if there is one.
+/// Reads a drive file and judges it by itself, and by what is to be judged `besides`.
 ///
 /// # Errors
 /// Unreadable, no TOML, an unknown or missing key, or a value against its rule: everything that is wrong, each with file, line, value
 /// and what to do.
-pub fn load(path: &Path, esi: Option<&Esi>) -> Result<Judged, SettingsFileError> {
-    parse(&path.display().to_string(), &read_text(path)?, esi)
+pub fn load(
+    path: &Path,
+    besides: impl FnOnce(&mut Rules<'_>, &DriveFile),
+) -> Result<Judged, SettingsFileError> {
+    parse(&path.display().to_string(), &read_text(path)?, besides)
 }
 
 /// The same of the text of a drive file; `name` is in the messages.
 ///
 /// # Errors
 /// As [`load`].
-pub fn parse(name: &str, text: &str, esi: Option<&Esi>) -> Result<Judged, SettingsFileError> {
+pub fn parse(
+    name: &str,
+    text: &str,
+    besides: impl FnOnce(&mut Rules<'_>, &DriveFile),
+) -> Result<Judged, SettingsFileError> {
     let mut warnings = Vec::new();
     let drive = settings_file::load(name, text, &[], |all, drive: &DriveFile| {
         rules::judge(all, drive);
         warnings = rules::warnings(drive);
-        if let Some(esi) = esi {
-            against::judge(all, drive, esi);
-        }
+        besides(all, drive);
     })?;
     Ok(Judged { drive, warnings })
 }

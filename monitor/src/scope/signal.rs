@@ -6,8 +6,8 @@ use path::geometry::{AxisVector, Path};
 use path::kinematics::Kinematics;
 
 use super::error::ScopeError;
-use crate::measure::align::ScanSet;
-use crate::measure::contour;
+use crate::align::ScanSet;
+use crate::contour;
 
 /// What a number is of, and with it its unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -24,8 +24,8 @@ use machine::{Machine, Process};
 
 use super::error::ScopeError;
 use super::signal::{Eyes, Signal};
+use crate::align::ScanSet;
 use crate::deaths::Deaths;
-use crate::measure::align::ScanSet;
 use crate::turns::Turns;
 use crate::words::StopCause;
 

@@ -3,13 +3,13 @@
 use std::path::Path as FilePath;
 
 use crate::path_learning::{Pass, PassScan};
+use ::report::measure::RunPath;
 use anyhow::{bail, ensure};
 use bus::sample::{AxisCommand, Feedback, Mode, PathTag};
 use loops::path_correction::{Knot, PathCorrection};
 use machine::learned_path::{LEARNED_PATH_ROWS_MAX, LearnedPath};
 use machine::{Machine, PositionFeedback};
 use monitor::log::{LOG_FILE, Reader, Sample, part_files};
-use monitor::measure::RunPath;
 use path::geometry::{AxisVector, Feed, Path};
 use path::kinematics::Kinematics;
 

@@ -21,7 +21,7 @@ use super::ports::Ports;
 use super::proc::children_of;
 use super::timing::listen;
 use console::exit::Failure;
-use launcher::operator::{Client, held};
+use operator::{Client, held};
 
 /// Time between two looks at `/proc`.
 const PROC_EVERY: Duration = Duration::from_millis(500);

@@ -7,8 +7,8 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
 
 use console::exit::Failure;
-use launcher::operator::{Click, Clicks, Client, Eyes, JogAsked, JogSender};
 use machine::Machine;
+use operator::{Click, Clicks, Client, Eyes, JogAsked, JogSender};
 use ratatui::crossterm::event::KeyCode;
 
 use super::terminal::failure_words;

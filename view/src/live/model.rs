@@ -9,7 +9,7 @@ use bus::sample::{
     ProgramState, Roster, STANDBY_ALARM_S,
 };
 use machine::{GantryPair, Machine, Process};
-use monitor::measure::contour;
+use monitor::contour;
 use path::geometry::{AxisVector, Element, Feed, Shape};
 use path::kinematics::Kinematics;
 use program::{Modal, Program};

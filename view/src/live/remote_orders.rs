@@ -6,7 +6,7 @@ use anyhow::anyhow;
 use bus::sample::Order;
 use console::exit::{Failure, Kind, Outcome, words};
 use console::output::{self, say};
-use launcher::operator;
+use operator;
 use remote::orders::{Identity, OrderServer, OrdersError, TlsPlace, give as send};
 
 use crate::options::{OrderOptions, ServeOptions};

@@ -19,8 +19,8 @@ use super::typed_line::{Typed, TypedLine};
 use super::words::Tone;
 use console::exit::{INTERRUPTED, Kind, Outcome, words};
 use console::signals::Signals;
-use launcher::operator;
 use launcher::view::OF_A_LAUNCHER;
+use operator;
 
 /// So long an answer stays in the bottom line.
 const ANSWER_SHOWN: Duration = Duration::from_secs(8);

@@ -15,7 +15,7 @@ use super::source::Source;
 use crate::live::ports::Ports;
 use crate::live::proc::children_of;
 use console::exit::Failure;
-use launcher::operator::{Client, held};
+use operator::{Client, held};
 
 /// Time between two looks: queues hold a thousand scans.
 const LOOK: Duration = Duration::from_millis(3);

@@ -8,8 +8,8 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use bus::sample::Order;
-use launcher::operator::Given;
 use launcher::web::TOKEN_VARIABLE;
+use operator::Given;
 use serde::Deserialize;
 
 use super::words_of;

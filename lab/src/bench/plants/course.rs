@@ -5,10 +5,10 @@ use std::collections::VecDeque;
 use std::f64::consts::PI;
 use std::fmt::Write as _;
 
+use ::report::measure::{Analysis, Outcome as RunOutcome};
 use bus::sample::{Instruments, Mode};
 use machine::Machine;
 use monitor::log::Sample;
-use monitor::measure::{Analysis, Outcome as RunOutcome};
 use monitor::words::StopCause;
 use path::geometry::AxisVector;
 use plant_sim::plant_file::PlantFile;

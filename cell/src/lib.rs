@@ -1,0 +1,10 @@
+//! The processes of a running cell, as subcommands of any command that starts one.
+
+mod options;
+mod roles;
+
+pub use options::{
+    FieldbusOptions, MasterOptions, PlannerOptions, PlantSimOptions, RecorderOptions, Role,
+    ServoOptions, SlotOptions,
+};
+pub use roles::{Metrics, take_part};

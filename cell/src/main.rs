@@ -1,0 +1,52 @@
+//! The `quadrant-cell` command: what a controller PC needs to run a cell, and nothing that shows, prepares or reports.
+
+use clap::{Parser, Subcommand};
+use console::exit::{self, Kind, Outcome};
+use console::{logs, signals};
+use launcher::options::{CheckOptions, CleanOptions, RunOptions, UpOptions};
+use launcher::run::Injection;
+use launcher::{check, run, up};
+
+use cell::Role;
+
+/// Runs a cell: the process group, its supervision, its processes.
+///
+/// All that shows a cell, gives it orders and makes reports is in `quadrant`, on this PC or another one.
+#[derive(Debug, Parser)]
+#[command(version, name = "quadrant-cell")]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Start the process group, run the program to its end, stop the group, write the run directory
+    Run(RunOptions),
+    /// Start the process group and keep it up
+    Up(UpOptions),
+    /// Check a machine and, if given, a program; start nothing
+    Check(CheckOptions),
+    /// Remove what a crashed run has left of a cell
+    Clean(CleanOptions),
+    #[command(flatten)]
+    Role(Role),
+}
+
+fn main() -> std::process::ExitCode {
+    signals::survive_file_size_limit();
+    let command = Cli::parse().command;
+    exit::code(logs::check_filter().input().and_then(|()| obey(command)))
+}
+
+fn obey(command: Command) -> Outcome {
+    match command {
+        Command::Run(options) => {
+            run::run(&options, Injection::KillsAndStops, None).map(|_completed| ())
+        }
+        Command::Up(options) => up::up(&options, None),
+        Command::Check(options) => check::check(&options),
+        Command::Clean(options) => run::clean(&options),
+        Command::Role(role) => cell::take_part(&role, None),
+    }
+}

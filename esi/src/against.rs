@@ -1,0 +1,457 @@
+//! A drive file against the vendor's ESI file.
+
+use machine::settings_file::Rules;
+
+use crate::mapping;
+use crate::{Device, Esi, Pdo as EsiPdo, Purpose};
+use fieldbus::cia402;
+use fieldbus::drive_file::rules::{Direction, WATCHDOG, directions, place};
+use fieldbus::drive_file::{DriveFile, ManagerPurpose, Mapping};
+use fieldbus::process_data::Pdo;
+
+/// Judges a drive file against an ESI file; where that has no such drive, nothing else is said.
+pub fn judge(rules: &mut Rules<'_>, drive: &DriveFile, esi: &Esi) {
+    let Some(device) = same_device(rules, drive, esi) else {
+        return;
+    };
+    for direction in directions(&drive.process_data) {
+        judge_direction(rules, &direction, drive, device);
+    }
+    judge_limits(rules, drive, device);
+    judge_start_up(rules, drive, device);
+    judge_mode(rules, drive, device);
+    judge_mailbox(rules, drive, device);
+    judge_sync_managers(rules, drive, device);
+    judge_sync_modes(rules, drive, device);
+}
+
+/// The device that the drive file names.
+fn same_device<'a>(rules: &mut Rules<'_>, drive: &DriveFile, esi: &'a Esi) -> Option<&'a Device> {
+    let identity = &drive.identity;
+    let file = &esi.file;
+    if identity.vendor != esi.vendor {
+        let what = format!(
+            "= 0x{:08X}: {file} is of vendor 0x{:08X} ({}): take the ESI file of this drive",
+            identity.vendor, esi.vendor, esi.vendor_name
+        );
+        rules.say(&["identity", "vendor"], None, &what);
+        return None;
+    }
+    let of_product: Vec<&Device> = esi
+        .devices
+        .iter()
+        .filter(|device| device.product_code == identity.product_code)
+        .collect();
+    if of_product.is_empty() {
+        let mut codes: Vec<u32> = esi
+            .devices
+            .iter()
+            .map(|device| device.product_code)
+            .collect();
+        codes.dedup();
+        let what = format!(
+            "= 0x{:08X}: {file} has {}",
+            identity.product_code,
+            hexadecimal(&codes)
+        );
+        rules.say(&["identity", "product_code"], None, &what);
+        return None;
+    }
+    let mut revisions = of_product.iter();
+    let found = revisions.find(|device| device.revision == identity.revision);
+    if found.is_none() {
+        let revisions: Vec<u32> = of_product.iter().map(|device| device.revision).collect();
+        let what = format!(
+            "= 0x{:08X}: of this product {file} has {}: make the drive file again with --revision, or take the ESI file of this revision",
+            identity.revision,
+            hexadecimal(&revisions)
+        );
+        rules.say(&["identity", "revision"], None, &what);
+    }
+    found.copied()
+}
+
+fn hexadecimal(numbers: &[u32]) -> String {
+    let numbers: Vec<String> = numbers
+        .iter()
+        .map(|number| format!("0x{number:08X}"))
+        .collect();
+    numbers.join(", ")
+}
+
+fn judge_direction(
+    rules: &mut Rules<'_>,
+    direction: &Direction<'_>,
+    drive: &DriveFile,
+    device: &Device,
+) {
+    let receives = direction.key == "receive";
+    for (at, pdo) in direction.pdos.iter().enumerate() {
+        let number = (at + 1).to_string();
+        let path = ["process_data", direction.key, &number, "index"];
+        let (found, all) = if receives {
+            (device.receive_pdo(pdo.index), &device.receive)
+        } else {
+            (device.transmit_pdo(pdo.index), &device.transmit)
+        };
+        let Some(of_esi) = found else {
+            let there: Vec<String> = all
+                .iter()
+                .map(|pdo| format!("0x{:04X}", pdo.index))
+                .collect();
+            let what = format!(
+                "= 0x{:04X}: the drive has no such PDO: it has {}",
+                pdo.index,
+                there.join(", ")
+            );
+            rules.say(&path, None, &what);
+            continue;
+        };
+        judge_exclusion(rules, direction, at, of_esi);
+        let assigns = device.mailbox.is_some_and(|mailbox| mailbox.pdo_assign);
+        if of_esi.sync_manager.is_none() && !assigns {
+            let what = format!(
+                "= 0x{:04X}: the drive exchanges another PDO, and takes no choice",
+                pdo.index
+            );
+            rules.say(&path, None, &what);
+        }
+        match direction.mapping {
+            Mapping::Written => {
+                // Where the drive file itself says that nothing can be written, it is judged already.
+                if drive.mailbox.pdo_config {
+                    judge_written(rules, direction, device, of_esi);
+                }
+                judge_objects(rules, direction, at, device);
+            }
+            Mapping::Fixed => judge_fixed(rules, direction, at, pdo, of_esi),
+        }
+    }
+}
+
+fn judge_exclusion(rules: &mut Rules<'_>, direction: &Direction<'_>, at: usize, of_esi: &EsiPdo) {
+    let mut before = direction.pdos.iter().take(at);
+    if let Some(other) = before.find(|other| of_esi.excludes.contains(&other.index)) {
+        let number = (at + 1).to_string();
+        let what = format!(
+            "= 0x{:04X}: the drive does not exchange it together with 0x{:04X}; leave out one of the two",
+            of_esi.index, other.index
+        );
+        rules.say(
+            &["process_data", direction.key, &number, "index"],
+            None,
+            &what,
+        );
+    }
+}
+
+fn judge_written(
+    rules: &mut Rules<'_>,
+    direction: &Direction<'_>,
+    device: &Device,
+    of_esi: &EsiPdo,
+) {
+    if mapping::can_be_written(device, of_esi) {
+        return;
+    }
+    let key = format!("{}_mapping", direction.key);
+    let what = format!(
+        "= \"written\": the entries of PDO 0x{:04X} are fixed: write \"fixed\", and its own entries",
+        of_esi.index
+    );
+    rules.say(&["process_data", &key], None, &what);
+}
+
+/// Whether the drive has every object of a PDO that is written, in this size, and lets it be mapped.
+fn judge_objects(rules: &mut Rules<'_>, direction: &Direction<'_>, at: usize, device: &Device) {
+    let Some(pdo) = direction.pdos.get(at) else {
+        return;
+    };
+    for (entry_at, entry) in pdo.entries.iter().enumerate() {
+        if entry.is_gap() {
+            continue;
+        }
+        let [pdo_number, entry_number] = place(at, entry_at);
+        let path = [
+            "process_data",
+            direction.key,
+            &pdo_number,
+            "entries",
+            &entry_number,
+        ];
+        let object = cia402::named(entry.index, entry.sub);
+        let Some(known) = device.object(entry.index, entry.sub) else {
+            let what = format!("is {object}: the drive has no such object; remove the entry");
+            rules.say(&path, None, &what);
+            continue;
+        };
+        if known.bits != 0 && known.bits != entry.bits {
+            let what = format!(
+                "is {object} with {} bits: it has {}",
+                entry.bits, known.bits
+            );
+            rules.say(&path, None, &what);
+        }
+        let receives = direction.key == "receive";
+        if (receives && !known.receive) || (!receives && !known.transmit) {
+            let where_to = if receives { "receives" } else { "transmits" };
+            let what = format!(
+                "is {object}: the drive does not let it be mapped into what it {where_to}; remove the entry"
+            );
+            rules.say(&path, None, &what);
+        }
+    }
+}
+
+/// A PDO that is taken as it is must be the one that the drive has, entry by entry.
+fn judge_fixed(
+    rules: &mut Rules<'_>,
+    direction: &Direction<'_>,
+    at: usize,
+    pdo: &Pdo,
+    of_esi: &EsiPdo,
+) {
+    let number = (at + 1).to_string();
+    let expected = |entry_at: usize| of_esi.entries.get(entry_at);
+    for (entry_at, entry) in pdo.entries.iter().enumerate() {
+        let [pdo_number, entry_number] = place(at, entry_at);
+        let path = [
+            "process_data",
+            direction.key,
+            &pdo_number,
+            "entries",
+            &entry_number,
+        ];
+        let found = entry.words();
+        let what = match expected(entry_at) {
+            Some(of_esi) => {
+                let is = fieldbus::process_data::Entry::of(of_esi.index, of_esi.sub, of_esi.bits);
+                let same = (entry.index, entry.bits) == (is.index, is.bits)
+                    && (entry.is_gap() || entry.sub == is.sub);
+                if same {
+                    continue;
+                }
+                format!("is {found}: the fixed PDO has {} there", is.words())
+            }
+            None => format!(
+                "is {found}: the fixed PDO has {} entries",
+                of_esi.entries.len()
+            ),
+        };
+        // What follows is shifted, and would be wrong too.
+        return rules.say(&path, None, &what);
+    }
+    if let Some(lacking) = expected(pdo.entries.len()) {
+        let is = fieldbus::process_data::Entry::of(lacking.index, lacking.sub, lacking.bits);
+        let what = format!(
+            "ends before {}, which the fixed PDO has; add it",
+            is.words()
+        );
+        rules.say(
+            &["process_data", direction.key, &number, "entries"],
+            None,
+            &what,
+        );
+    }
+}
+
+fn judge_limits(rules: &mut Rules<'_>, drive: &DriveFile, device: &Device) {
+    for (direction, purpose, assign) in directions(&drive.process_data)
+        .iter()
+        .zip([Purpose::Outputs, Purpose::Inputs])
+        .zip([cia402::RECEIVE_ASSIGN, cia402::TRANSMIT_ASSIGN])
+        .map(|((direction, purpose), assign)| (direction, purpose, assign))
+    {
+        let key = direction.key;
+        let manager = device.sync_manager(purpose);
+        let bytes_max = manager.and_then(|manager| manager.size_max).map(u32::from);
+        let written = direction
+            .pdos
+            .iter()
+            .filter(|_| direction.mapping == Mapping::Written);
+        let entries_max = written
+            .filter_map(|pdo| mapping::entries_max(device, pdo.index))
+            .min();
+        for (name, found, most) in [
+            ("entries", direction.entries_max, entries_max),
+            (
+                "pdos",
+                direction.pdos_max,
+                mapping::entries_max(device, assign),
+            ),
+            ("bytes", direction.bytes_max, bytes_max),
+        ] {
+            let Some(most) = most.filter(|most| found.is_none_or(|found| found > *most)) else {
+                continue;
+            };
+            let found = found.map_or(" is left out".to_string(), |found| format!("= {found}"));
+            let key = format!("{key}_{name}");
+            let what = format!(
+                "{}: the drive takes {most}; write {most}",
+                found.trim_start()
+            );
+            rules.say(&["process_data", "limits", &key], None, &what);
+        }
+    }
+}
+
+fn judge_start_up(rules: &mut Rules<'_>, drive: &DriveFile, device: &Device) {
+    let dictionary = &device.dictionary;
+    if dictionary.is_empty() {
+        return;
+    }
+    if drive.start_up.interpolation_time {
+        for sub in [1, 2] {
+            if !dictionary.writes(cia402::INTERPOLATION_TIME, sub) {
+                let what =
+                    format!("= true: the drive has no 60C2:{sub} that can be written; write false");
+                rules.say(&["start_up", "interpolation_time"], None, &what);
+                break;
+            }
+        }
+    }
+    if drive.start_up.following_error_window
+        && !dictionary.writes(cia402::FOLLOWING_ERROR_WINDOW, 0)
+    {
+        let what = "= true: the drive has no 6065 that can be written; write false";
+        rules.say(&["start_up", "following_error_window"], None, what);
+    }
+    for (at, sdo) in drive.start_up.sdos.iter().enumerate() {
+        let number = (at + 1).to_string();
+        let path = ["start_up", "sdo", &number];
+        let object = cia402::named(sdo.index, sdo.sub);
+        let Some(known) = device.object(sdo.index, sdo.sub) else {
+            rules.say(
+                &path,
+                None,
+                &format!("writes {object}: the drive has no such object; remove it"),
+            );
+            continue;
+        };
+        if known.writable == Some(false) {
+            rules.say(
+                &path,
+                None,
+                &format!("writes {object}: the drive lets it be read only; remove it"),
+            );
+        }
+        if known.bits != 0 && known.bits != sdo.bits {
+            let what = format!("= {} bits: {object} has {}", sdo.bits, known.bits);
+            rules.say(&["start_up", "sdo", &number, "bits"], None, &what);
+        }
+        let (low, high) = (known.min.unwrap_or(i64::MIN), known.max.unwrap_or(i64::MAX));
+        if low <= high && !(low..=high).contains(&sdo.value) {
+            let value = sdo.value;
+            let what = format!("= {value}: {object} takes {low} to {high}");
+            rules.say(&["start_up", "sdo", &number, "value"], None, &what);
+        }
+    }
+}
+
+fn judge_mode(rules: &mut Rules<'_>, drive: &DriveFile, device: &Device) {
+    let supported = device.dictionary.default_of(cia402::SUPPORTED_MODES, 0);
+    let supported = cia402::DriveMode::of(supported.unwrap_or(0));
+    let mode = drive.mode.operate;
+    // Where the drive file itself says that the drive has no such mode, it is judged already.
+    let own = &drive.mode.supported;
+    if !own.is_empty() && !own.contains(&mode.as_drive_mode()) {
+        return;
+    }
+    if !supported.is_empty() && !supported.contains(&mode.as_drive_mode()) {
+        let can: Vec<&str> = supported.iter().map(|mode| mode.word()).collect();
+        let what = format!(
+            "= \"{}\": the drive supports {} (6502)",
+            mode.word(),
+            can.join(", ")
+        );
+        rules.say(&["mode", "operate"], None, &what);
+    }
+}
+
+fn judge_mailbox(rules: &mut Rules<'_>, drive: &DriveFile, device: &Device) {
+    let Some(known) = device.mailbox else {
+        rules.say(&["mailbox"], None, "is there: the drive has none");
+        return;
+    };
+    let own = &drive.mailbox;
+    for (key, found, is) in [
+        (
+            "complete_access",
+            own.complete_access,
+            known.complete_access,
+        ),
+        ("pdo_assign", own.pdo_assign, known.pdo_assign),
+        ("pdo_config", own.pdo_config, known.pdo_config),
+        ("sdo_info", own.sdo_info, known.sdo_info),
+    ] {
+        if found != is {
+            rules.say(
+                &["mailbox", key],
+                None,
+                &format!("= {found}: the drive has {is}; write {is}"),
+            );
+        }
+    }
+}
+
+fn judge_sync_managers(rules: &mut Rules<'_>, drive: &DriveFile, device: &Device) {
+    let (found, known) = (drive.sync_managers.len(), device.sync_managers.len());
+    if found != known {
+        let what = format!("is there {found} times: the drive has {known} sync managers");
+        rules.say(&["sync_manager"], None, &what);
+    }
+    for (at, (own, known)) in drive
+        .sync_managers
+        .iter()
+        .zip(&device.sync_managers)
+        .enumerate()
+    {
+        let number = (at + 1).to_string();
+        let mut differs = |key: &str, found: u32, is: u32| {
+            if found != is {
+                let what = format!("= 0x{found:X}: the drive has 0x{is:X}; write 0x{is:X}");
+                rules.say(&["sync_manager", &number, key], None, &what);
+            }
+        };
+        differs("start", own.start.into(), known.start.into());
+        // The watchdog of the outputs may be switched on where the vendor leaves it off.
+        let watchdog = if own.purpose == ManagerPurpose::Outputs {
+            own.control & WATCHDOG
+        } else {
+            0
+        };
+        differs(
+            "control",
+            own.control.into(),
+            (known.control | watchdog).into(),
+        );
+        let is_mailbox =
+            [ManagerPurpose::MailboxOut, ManagerPurpose::MailboxIn].contains(&own.purpose);
+        if is_mailbox {
+            differs("size_bytes", own.size_bytes.into(), known.size.into());
+        }
+    }
+}
+
+fn judge_sync_modes(rules: &mut Rules<'_>, drive: &DriveFile, device: &Device) {
+    for (at, mode) in drive.sync_modes.iter().enumerate() {
+        let mut known = device.sync_modes.iter();
+        if !known.any(|known| known.assign_activate == mode.assign_activate) {
+            let number = (at + 1).to_string();
+            let all: Vec<String> = device
+                .sync_modes
+                .iter()
+                .map(|known| format!("0x{:04X}", known.assign_activate))
+                .collect();
+            let all = if all.is_empty() {
+                "none".into()
+            } else {
+                all.join(", ")
+            };
+            let found = mode.assign_activate;
+            let what =
+                format!("= 0x{found:04X}: the drive has {all}; remove it or write one of them");
+            rules.say(&["sync_mode", &number, "assign_activate"], None, &what);
+        }
+    }
+}

@@ -1,0 +1,200 @@
+//! What a client sees of the cell that it gives orders to.
+
+use std::time::{Duration, Instant};
+
+use anyhow::anyhow;
+use bus::observer::Held;
+use bus::port::Reader;
+use bus::sample::{Cause, Feedback, Mode, Reference};
+use machine::PositionFeedback;
+
+use super::Client;
+use super::client::soon_held;
+use console::exit::{Failure, Outcome};
+use launcher::supervise::stop_words;
+
+/// A cell of which nothing was heard by then is silent.
+const SILENCE: Duration = Duration::from_secs(10);
+/// So long drives may take to come on; a fieldbus may be started again for it.
+const DRIVES_ON_WITHIN: Duration = Duration::from_secs(10);
+/// So long an axis may take to settle.
+const SETTLED_WITHIN: Duration = Duration::from_secs(2);
+/// Time between two looks.
+const LOOK: Duration = Duration::from_millis(5);
+
+/// The cell's feedback, as a client sees it.
+pub struct Eyes<'a> {
+    reader: Held<Reader<Feedback>>,
+    newest: Option<Feedback>,
+    heard: Instant,
+    client: &'a Client,
+}
+
+impl Eyes<'_> {
+    /// Looks at the cell of this client.
+    ///
+    /// # Errors
+    /// It cannot be entered.
+    pub fn open(client: &Client) -> Result<Eyes<'_>, Failure> {
+        Ok(Eyes {
+            reader: soon_held(&client.cell, || client.bus.feedback_reader(1))?,
+            newest: None,
+            heard: Instant::now(),
+            client,
+        })
+    }
+
+    /// The newest feedback, waited for if there was none yet.
+    ///
+    /// # Errors
+    /// The cell is silent.
+    pub fn look(&mut self) -> Result<Feedback, Failure> {
+        let place = &self.client.cell.place;
+        loop {
+            // Looked at first: what was said before the end is there after it.
+            let gone = self.client.cell.is_gone();
+            if let Some(feedback) = self.reader.newest(u64::MAX) {
+                self.newest = Some(feedback);
+                self.heard = Instant::now();
+            } else if gone {
+                let cell = place.name();
+                return Err(Failure::Stopped(anyhow!("cell {cell:?} has ended")));
+            }
+            if self.heard.elapsed() > SILENCE {
+                return Err(Failure::Stopped(anyhow!(
+                    "cell {:?} says nothing any more: its master is lost, or the cell has ended",
+                    place.name()
+                )));
+            }
+            if let Some(feedback) = self.newest {
+                return Ok(feedback);
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Waits until a jog of axes that was ordered in `scan` has ended and the axes are in position.
+    ///
+    /// # Errors
+    /// The machine has tripped meanwhile, or the cell is silent.
+    pub fn until_jogged(&mut self, scan: u64, axes: &[usize]) -> Outcome {
+        let mut ended = None;
+        loop {
+            let now = self.look()?;
+            let off = axes.iter().find(|axis| !self.is_in_position(&now, **axis));
+            match Mode::from_wire(now.mode) {
+                _ if now.scan <= scan => {}
+                Some(Mode::Jogging) => {}
+                Some(Mode::Tripped) => {
+                    return Err(self.client.fails("the machine has tripped"));
+                }
+                _ if off.is_none() && now.rested == 1 => {
+                    self.client.say("jogged");
+                    return Ok(());
+                }
+                _ => {
+                    let since: Instant = *ended.get_or_insert_with(Instant::now);
+                    if since.elapsed() > SETTLED_WITHIN {
+                        let axis = off.or(axes.first()).copied().unwrap_or(0);
+                        let key = match self.client.unit(axis as u32) {
+                            "deg" => "in_position_mdeg",
+                            _ => "in_position_um",
+                        };
+                        let words =
+                            format!("the jog has ended, and the axis is not in position (`{key}`)");
+                        return Err(self.client.fails(&words));
+                    }
+                }
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Whether an axis is where it is commanded to be, as closely as its machine file asks for.
+    fn is_in_position(&self, now: &Feedback, axis: usize) -> bool {
+        let settings = self.client.machine.axes.get(axis);
+        settings
+            .zip(now.axes().get(axis))
+            .is_some_and(|(of, axis)| {
+                let measured = match of.feedback {
+                    PositionFeedback::Motor => axis.motor_position,
+                    PositionFeedback::Scale => axis.scale_position,
+                };
+                let off = measured.saturating_sub(axis.command_position) as f64;
+                off.abs() * of.increment_mm() <= of.in_position_window_um() * 1e-3
+            })
+    }
+
+    /// Waits until the drives that an order in `scan` switches on are on; what the cell shows then.
+    ///
+    /// # Errors
+    /// The machine trips in place of it, or they are not in time.
+    pub fn until_enabled(&mut self, scan: u64) -> Result<Feedback, Failure> {
+        let asked = Instant::now();
+        let mut were_on = false;
+        loop {
+            let now = self.look()?;
+            let (on, moves) = match Mode::from_wire(now.mode) {
+                Some(Mode::Disabled | Mode::Tripped) => (false, false),
+                Some(Mode::Enabled) => (true, now.hold == 0),
+                Some(Mode::Jogging | Mode::Stopping) => (true, true),
+                _ => (true, false),
+            };
+            if now.scan > scan && now.cause != Cause::None as u32 && now.cause_scan > scan {
+                let why = stop_words(&now, &self.client.machine, None);
+                return Err(self
+                    .client
+                    .fails(&format!("the drives did not come on: {why}")));
+            }
+            if now.scan > scan && on && (moves || now.rested == 1) {
+                return Ok(now);
+            }
+            if now.scan > scan && !on && were_on {
+                let words = "the drives are off again: another order took this one back";
+                return Err(self.client.fails(words));
+            }
+            were_on |= now.scan > scan && on;
+            if asked.elapsed() > DRIVES_ON_WITHIN {
+                let words = format!(
+                    "the drives are not on after {} s",
+                    DRIVES_ON_WITHIN.as_secs()
+                );
+                return Err(self.client.fails(&words));
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Waits until axes whose homing was ordered in `scan` are homed.
+    ///
+    /// # Errors
+    /// They are not when homing ends, with the cause; or the cell is silent.
+    pub fn until_homed(&mut self, scan: u64, axes: &[usize]) -> Outcome {
+        loop {
+            let now = self.look()?;
+            let mode = Mode::from_wire(now.mode);
+            let moves = matches!(mode, Some(Mode::Jogging | Mode::Stopping));
+            let settles = now.rested == 0 && mode != Some(Mode::Tripped);
+            if now.scan <= scan || moves || settles {
+                std::thread::sleep(LOOK);
+                continue;
+            }
+            let missing = axes.iter().filter(|index| {
+                let axis = now.axes().get(**index);
+                axis.is_none_or(|axis| axis.reference != Reference::Known as u32)
+            });
+            let names = missing.filter_map(|index| self.client.machine.axes.get(*index));
+            let names: Vec<&str> = names.map(|axis| axis.name.as_str()).collect();
+            if names.is_empty() {
+                self.client.say("homed");
+                return Ok(());
+            }
+            let why = match Cause::from_wire(now.cause) {
+                None | Some(Cause::None) => "it was stopped",
+                Some(cause) => cause.words(),
+            };
+            let words = format!("not homed: {}: {why}", names.join(" "));
+            return Err(self.client.fails(&words));
+        }
+    }
+}
