@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use cell::Role;
 use clap::{Args, Parser, Subcommand};
-use launcher::options::{CheckOptions, CleanOptions, RunOptions, UpOptions};
+use launcher::options::{CleanOptions, RunOptions, UpOptions};
 use operator::options::{
     HomeOptions, JogOptions, LoadOptions, MdiOptions, OffsetsOptions, OperatorOptions,
     OptionalStopOptions, OverrideOptions, RapidOverrideOptions, SingleBlockOptions, StartOptions,
     ToolOptions, ZeroOptions,
 };
-use prepare::options::{BusOptions, DoctorOptions, PlanOptions};
+use prepare::options::{BusOptions, CheckOptions, DoctorOptions, PlanOptions};
 use report::options::ReportOptions;
 use tune::options::{IdentifyOptions, NewMachineOptions, TuneOptions};
 use view::options::{MonitorOptions, ScopeOptions, StatusOptions, WebOptions};

@@ -8,9 +8,9 @@ use cell::RecorderOptions;
 use console::exit::Outcome;
 use launcher::desk::Desk;
 use launcher::run::Injection;
-use launcher::{check, run, up};
+use launcher::{run, up};
 use monitor::Tap;
-use prepare::{doctor, drive_files, plan};
+use prepare::{check, doctor, drive_files, plan};
 use view::{live, scope, web};
 
 use crate::cli::Command;

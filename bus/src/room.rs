@@ -26,7 +26,12 @@ thread_local! {
 /// In place of the C library's: a file that grows in shared memory has its memory from then on.
 #[unsafe(no_mangle)]
 extern "C" fn ftruncate(file: c_int, length: libc::off_t) -> c_int {
-    // SAFETY: the caller's file is open for as long as the call lasts; where it is not, the system calls refuse it.
+    if file < 0 {
+        // SAFETY: the address of this thread's own variable.
+        unsafe { *libc::__errno_location() = libc::EBADF };
+        return -1;
+    }
+    // SAFETY: a descriptor of the caller's; one that is not open is refused by the system calls that it is given to.
     let file = unsafe { BorrowedFd::borrow_raw(file) };
     let resized = u64::try_from(length)
         .map_err(|_| Errno::INVAL)
@@ -48,9 +53,16 @@ extern "C" fn ftruncate(file: c_int, length: libc::off_t) -> c_int {
     }
 }
 
+/// The same by its other name.
+#[unsafe(no_mangle)]
+extern "C" fn ftruncate64(file: c_int, length: libc::off64_t) -> c_int {
+    ftruncate(file, length)
+}
+
 /// Makes this program's linker take `ftruncate` from here.
 pub(crate) fn is_in_force() {
     std::hint::black_box(ftruncate as extern "C" fn(c_int, libc::off_t) -> c_int);
+    std::hint::black_box(ftruncate64 as extern "C" fn(c_int, libc::off64_t) -> c_int);
 }
 
 /// Gives a file its size; in shared memory with all the memory that this takes.
@@ -134,5 +146,17 @@ pub fn check(place: &CellPaths, services: &Services) -> Result<(), CellError> {
             total: megabytes(total),
         }),
         _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn a_descriptor_that_is_none_is_refused_as_by_the_c_library() {
+        // SAFETY: plain system calls.
+        let refused = unsafe { [libc::ftruncate(-1, 5), libc::ftruncate64(-1, 5)] };
+        assert_eq!(refused, [-1, -1]);
+        let error = std::io::Error::last_os_error();
+        assert_eq!(error.raw_os_error(), Some(libc::EBADF));
     }
 }

@@ -3,9 +3,9 @@
 use clap::{Parser, Subcommand};
 use console::exit::{self, Kind, Outcome};
 use console::{logs, signals};
-use launcher::options::{CheckOptions, CleanOptions, RunOptions, UpOptions};
+use launcher::options::{CleanOptions, RunOptions, UpOptions};
 use launcher::run::Injection;
-use launcher::{check, run, up};
+use launcher::{run, up};
 
 use cell::Role;
 
@@ -25,8 +25,6 @@ enum Command {
     Run(RunOptions),
     /// Start the process group and keep it up
     Up(UpOptions),
-    /// Check a machine and, if given, a program; start nothing
-    Check(CheckOptions),
     /// Remove what a crashed run has left of a cell
     Clean(CleanOptions),
     #[command(flatten)]
@@ -45,7 +43,6 @@ fn obey(command: Command) -> Outcome {
             run::run(&options, Injection::KillsAndStops, None).map(|_completed| ())
         }
         Command::Up(options) => up::up(&options, None),
-        Command::Check(options) => check::check(&options),
         Command::Clean(options) => run::clean(&options),
         Command::Role(role) => cell::take_part(&role, None),
     }

@@ -69,6 +69,9 @@ pub struct RunOptions {
     /// Faults to inject: kills, stops, lost or corrupted samples, each at its scan, block or reversal (TOML; see docs/reference/fault-scripts.md)
     #[arg(long, value_name = "FILE")]
     pub faults: Option<PathBuf>,
+    /// With --faults on a machine with [bus]: its drives are real, and what is killed may let them stop hard
+    #[arg(long, requires = "faults")]
+    pub with_drives: bool,
 }
 
 impl RunOptions {
@@ -146,15 +149,6 @@ pub struct CellOptions {
     /// See a cell of another machine, on which `quadrant remote serve` runs; read only (docs/howto/remote.md)
     #[arg(long, value_name = "tcp/HOST:PORT")]
     pub remote: Option<String>,
-}
-
-/// What `quadrant check` takes.
-#[derive(Debug, Clone, Args)]
-pub struct CheckOptions {
-    /// Folder with machine.toml and plant.toml, or the path of a machine.toml
-    pub machine: PathBuf,
-    /// Part program to check against the machine
-    pub program: Option<PathBuf>,
 }
 
 /// What `quadrant clean` takes.

@@ -177,6 +177,10 @@ fn check_all(
         return Err(anyhow!(refused)).input();
     }
     let faults = options.faults.as_deref();
+    if let Some(path) = faults.filter(|_| checked.machine.bus.is_some() && !options.with_drives) {
+        let refused = "the drives of this machine are on a bus, and a fault may let them stop hard: --with-drives says that it may";
+        return Err(anyhow!("--faults {}: {refused}", path.display())).input();
+    }
     let faults = faults.map(|path| load_faults(path, &checked, injection));
     Ok((checked, faults.transpose().input()?))
 }

@@ -32,7 +32,6 @@ pub mod setpoints;
 mod smoothing;
 pub mod speed_map;
 pub mod spindle_following;
-pub mod time_use;
 pub mod totals;
 pub mod travel;
 pub mod window;

@@ -2,7 +2,9 @@
 
 mod bus_scan;
 mod bus_sdo;
+pub mod check;
 pub mod doctor;
 pub mod drive_files;
 pub mod options;
 pub mod plan;
+mod time_use;

@@ -4,6 +4,15 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+/// What `quadrant check` takes.
+#[derive(Debug, Clone, Args)]
+pub struct CheckOptions {
+    /// Folder with machine.toml and plant.toml, or the path of a machine.toml
+    pub machine: PathBuf,
+    /// Part program to check against the machine
+    pub program: Option<PathBuf>,
+}
+
 /// What `quadrant plan` takes.
 #[derive(Debug, Clone, Args)]
 #[command(

@@ -5,17 +5,18 @@ use std::io::{BufWriter, Write};
 use std::ops::ControlFlow;
 use std::path::Path;
 
+use crate::time_use::{TimeTable, TimeUse};
 use anyhow::Context;
 use path::path_part::PathPart;
-use path::time_use::{TimeTable, TimeUse};
 use path::totals::Totals;
 use path::window::{PlannedSetpoint, WindowPlanner};
 
+use crate::check::{print_totals, walk};
 use crate::options::PlanOptions;
 use console::exit::{Failure, Kind, Outcome};
 use console::logs;
 use console::output::say;
-use launcher::check::{self, Checked, Depth, print_totals};
+use launcher::check::{self, Checked, Depth};
 
 use long_dwells::LongDwells;
 use picture::Picture;
@@ -129,7 +130,7 @@ fn time_along(
 ) -> anyhow::Result<(Totals, TimeTable)> {
     let mut time_use = TimeUse::new(windows.limits().clone());
     let mut result = Ok(());
-    let totals = checked.walk(&mut windows, u64::MAX, |path, setpoint| {
+    let totals = walk(&checked, &mut windows, u64::MAX, |path, setpoint| {
         time_use.setpoint(path, setpoint);
         result = each(path, setpoint);
         match result {

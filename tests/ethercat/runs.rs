@@ -82,7 +82,7 @@ impl Run<'_> {
         let script_name = shown(&script);
         if let Some(faults) = self.faults {
             fs::write(&script, faults).expect("writing");
-            arguments.extend(["--faults", &script_name]);
+            arguments.extend(["--faults", &script_name, "--with-drives"]);
         }
         let output = network.quadrant(&arguments);
         let report = fs::read_to_string(out.join("report.json"));

@@ -50,7 +50,7 @@ impl Shape {
     }
 
     /// Derivative of the point with respect to the distance, for a curve of this length; zero for a dwell.
-    pub(crate) fn tangent(&self, distance_mm: f64, length_mm: f64) -> AxisVector {
+    pub fn tangent(&self, distance_mm: f64, length_mm: f64) -> AxisVector {
         if length_mm <= 0.0 {
             return AxisVector::zeros();
         }

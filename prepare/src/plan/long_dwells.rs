@@ -1,7 +1,7 @@
 //! Dwells of hours: nothing happens in their scans, so most of them are counted and not planned.
 
+use crate::time_use::{BlockTime, Cause, SlowPlace, TimeTable};
 use path::geometry::Shape;
-use path::time_use::{BlockTime, Cause, SlowPlace, TimeTable};
 use path::totals::Totals;
 use program::Program;
 

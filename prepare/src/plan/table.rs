@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-use path::time_use::{Cause, Form, Limit, SlowPlace, TimeTable};
+use crate::time_use::{Cause, Form, Limit, SlowPlace, TimeTable};
 
 use console::output::say;
 use launcher::check::Checked;

@@ -3,10 +3,10 @@
 //! Judged by the setpoints alone, like the audit: at the programmed feed it is the program, at an axis' highest speed that axis. Where the speed
 //! is lowest, the limit of which most is used there holds the tool back; the scans before, in which it slows down, and those behind, in
 //! which it gains speed, belong to that place too.
-use crate::geometry::{Element, Feed, MAX_AXES};
-use crate::limits::MotionLimits;
-use crate::path_part::PathPart;
-use crate::window::PlannedSetpoint;
+use path::geometry::{Element, Feed, MAX_AXES};
+use path::limits::MotionLimits;
+use path::path_part::PathPart;
+use path::window::PlannedSetpoint;
 
 /// From this share of what is asked for, or of an axis' highest speed, the tool is as fast as that.
 const AS_FAST: f64 = 0.985;
@@ -417,7 +417,7 @@ fn junction_near<'a>(path: &'a PathPart, scan: &Scan) -> Option<(&'a Element, &'
     }
 }
 
-fn angle_between_rad(a: &crate::geometry::AxisVector, b: &crate::geometry::AxisVector) -> f64 {
+fn angle_between_rad(a: &path::geometry::AxisVector, b: &path::geometry::AxisVector) -> f64 {
     let size = a.norm() * b.norm();
     if size > 0.0 {
         libm::acos((a.dot(b) / size).clamp(-1.0, 1.0))

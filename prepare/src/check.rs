@@ -1,0 +1,180 @@
+//! `quadrant check`: a machine and, if given, a program; starts nothing.
+
+use std::ops::ControlFlow;
+
+use crate::options::CheckOptions;
+use anyhow::bail;
+use console::exit::{Kind, Outcome};
+use console::logs;
+use console::output::say;
+use launcher::check::{Checked, Depth, load};
+use path::path_part::PathPart;
+use path::totals::{ProgramWalk, Totals};
+use path::window::{PlannedSetpoint, WindowPlanner};
+use program::Program;
+
+/// `check` plans so many setpoints one by one, in some tenths of a second; the time of what comes behind them follows from the speed map.
+const JUDGED_SETPOINTS: u64 = 300_000;
+
+/// `quadrant check`.
+pub fn check(options: &CheckOptions) -> Outcome {
+    logs::init_launcher();
+    let checked = load(&options.machine, options.program.as_deref(), Depth::Whole).input()?;
+    let machine = &checked.machine;
+    say(&format!(
+        "machine {}: {} axes ({}), scan {} µs, interpolation period {} scans: good",
+        machine.name,
+        machine.axes.len(),
+        machine
+            .axes
+            .iter()
+            .map(|axis| axis.name.as_str())
+            .collect::<Vec<_>>()
+            .join(" "),
+        machine.scan.period_us,
+        machine.scan.interpolation_period_scans
+    ));
+    print_remarks(&checked);
+    if checked.program.is_some() {
+        let each = |_: &PathPart, _: &PlannedSetpoint| ControlFlow::Continue(());
+        let mut windows = checked.planner().input()?;
+        let totals = walk(&checked, &mut windows, JUDGED_SETPOINTS, each).input()?;
+        print_totals(&checked, &totals);
+    }
+    if let Some(survey) = &checked.long {
+        say(&format!(
+            "program {}: {} elements, {:.3} mm: good",
+            survey.name, survey.elements, survey.length_mm
+        ));
+        print_notes(&checked);
+    }
+    Ok(())
+}
+
+/// Says what of the machine was accepted with a remark.
+fn print_remarks(checked: &Checked) {
+    for remark in checked.remarks() {
+        say(&format!("  {remark}"));
+    }
+    if checked.plant.is_none() {
+        say(
+            "  a program is checked from the machine's zero: where the axes are, the drives say when they are started",
+        );
+    }
+}
+
+/// Says what of the program was accepted with a remark.
+fn print_notes(checked: &Checked) {
+    for note in checked.notes() {
+        say(&format!("  {note}"));
+    }
+}
+
+/// Plans the program as the planner process would, window by window, up to so many setpoints.
+///
+/// # Errors
+/// The path cannot be planned within the limits.
+pub fn walk(
+    checked: &Checked,
+    windows: &mut WindowPlanner,
+    setpoints_max: u64,
+    each: impl FnMut(&PathPart, &PlannedSetpoint) -> ControlFlow<()>,
+) -> anyhow::Result<Totals> {
+    let walk = ProgramWalk {
+        feed_override: 1.0,
+        setpoints_per_window: checked.machine.scan.interpolation_period_scans,
+        setpoints_max,
+    };
+    let totals = walk.walk(windows, each)?;
+    if let Some(fault) = &totals.fault {
+        bail!("the plan breaks its own limits: {fault}; this is a defect of quadrant");
+    }
+    Ok(totals)
+}
+
+/// Says what a planned program comes to.
+pub fn print_totals(checked: &Checked, totals: &Totals) {
+    let Some(program) = &checked.program else {
+        return;
+    };
+    say(&format!(
+        "program {}: {} elements, {:.3} mm, {:.3} s, {} setpoints: good",
+        program.name,
+        program.path.elements.len(),
+        totals.distance_mm,
+        totals.time_s,
+        totals.setpoints
+    ));
+    for (index, axis) in checked.machine.program_axes().iter().enumerate() {
+        let unit = axis.kind.unit();
+        let share = |shares: &[f64]| shares.get(index).copied().unwrap_or(0.0) * 100.0;
+        let jerk = axis.jerk_mm_s3.map_or(String::new(), |limit| {
+            let share = share(&totals.shares.jerk);
+            format!(", {share:5.1} % of {limit} {unit}/s³")
+        });
+        say(&format!(
+            "  axis {}: at most {:5.1} % of {} {unit}/s, {:5.1} % of {} {unit}/s²{jerk}",
+            axis.name,
+            share(&totals.shares.velocity),
+            axis.rapid_mm_s,
+            share(&totals.shares.acceleration),
+            axis.acceleration_mm_s2
+        ));
+    }
+    if totals.judged_setpoints < totals.setpoints {
+        say(&format!(
+            "  (of the first {} setpoints; `quadrant plan` judges all)",
+            totals.judged_setpoints
+        ));
+    }
+    print_rapids(checked);
+    if let Some(speed_mm_s) = totals.speed_limited_by_window_mm_s {
+        say(&format!(
+            "  path speed limited to {speed_mm_s:.1} mm/s: braking from more does not fit a window"
+        ));
+    }
+    if let Some(speed_mm_s) = totals.speed_limited_by_look_ahead_mm_s {
+        say(&format!(
+            "  path speed limited to {speed_mm_s:.3} mm/s where blocks are shortest: no more of them are read ahead"
+        ));
+    }
+    print_in_step(checked, program);
+    print_notes(checked);
+}
+
+/// What threads and taps need of their path and their speed.
+fn print_in_step(checked: &Checked, program: &Program) {
+    let Ok((windows, events)) = planner::course(&checked.machine, program.clone()) else {
+        return;
+    };
+    for need in planner::needs_in_step(&checked.machine, &windows, events.passes()) {
+        say(&format!("  {need}"));
+    }
+}
+
+/// The rapids that are travelled at least heat, and how near they take the motors to their rating.
+fn print_rapids(checked: &Checked) {
+    let Ok(planner) = checked.planner() else {
+        return;
+    };
+    let moves = planner.speed_map().moves();
+    if moves.is_empty() {
+        return;
+    }
+    let of_axes = checked
+        .machine
+        .axes
+        .iter()
+        .enumerate()
+        .map(|(index, axis)| {
+            let shares = moves.iter().filter_map(|of| of.rms_share.get(index));
+            let most = shares.copied().fold(0.0, f64::max);
+            format!("{} {:.1} %", axis.name, most * 100.0)
+        });
+    let of_axes: Vec<String> = of_axes.collect();
+    say(&format!(
+        "  {} rapids at least heat: motors at most at {} of their continuous rating",
+        moves.len(),
+        of_axes.join(", ")
+    ));
+}
