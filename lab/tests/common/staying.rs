@@ -1,16 +1,17 @@
-//! A cell that stays up, scan by scan: master, servos and simulated drives, without a planner that plans. It can be copied where a run
-//! is to be interrupted.
+//! A cell that stays up, scan by scan: master, servos and simulated drives, with a planner that plans where programs are laid. It can be
+//! copied where a run is to be interrupted.
 
 use std::sync::Arc;
 
 use bus::sample::{
     AxisCommand, Cause, Feedback, Job, Mode, OperatorRequest, OperatorResponse, Order,
-    PlannerStatus, Reference, Refused, Roster,
+    PlannerStatus, Reference, Refused, Roster, Setpoint, WindowHeader,
 };
 use bytemuck::Zeroable;
 use machine::{Machine, Process};
 use master::saved::SavedState;
 use master::{Answers, Drives, Master, RunEnd};
+use planner::{Planner, PlannerPorts, ProgramText};
 use plant_sim::SimulatedDrives;
 use plant_sim::plant_file::PlantFile;
 use servo::Servo;
@@ -29,6 +30,44 @@ pub struct Member {
     pub said: Option<AxisCommand>,
 }
 
+/// The planner process, and the programs that were laid for it: the first is number 1.
+#[derive(Clone)]
+pub struct Planning {
+    planner: Planner,
+    ports: PlanningPorts,
+    /// Windows that everybody sees in the next scan.
+    windows: Vec<(WindowHeader, Vec<Setpoint>)>,
+}
+
+#[derive(Clone, Default)]
+struct PlanningPorts {
+    programs: Vec<Arc<str>>,
+    feedback: Option<Feedback>,
+    windows: Vec<(WindowHeader, Vec<Setpoint>)>,
+    status: Option<PlannerStatus>,
+}
+
+impl PlannerPorts for PlanningPorts {
+    fn next_feedback(&mut self) -> Option<Feedback> {
+        self.feedback.take()
+    }
+
+    fn program(&mut self, load: u32) -> Option<ProgramText> {
+        let text = self.programs.get((load as usize).checked_sub(1)?)?;
+        Some(ProgramText::Here("laid.ngc".into(), Arc::clone(text)))
+    }
+
+    fn publish_window(&mut self, header: &WindowHeader, setpoints: &[Setpoint]) {
+        self.windows.push((*header, setpoints.to_vec()));
+    }
+
+    fn publish_status(&mut self, status: &PlannerStatus) {
+        self.status = Some(*status);
+    }
+
+    fn answered(&mut self, _scan: u64) {}
+}
+
 #[derive(Clone)]
 pub struct Cell {
     pub machine: Arc<Machine>,
@@ -37,6 +76,8 @@ pub struct Cell {
     pub saved: SavedState,
     pub incarnation: u32,
     pub members: Vec<Member>,
+    /// None where nothing is planned: then the planner's place says in every scan that it has what is loaded.
+    pub planning: Option<Planning>,
     pub roster: Roster,
     /// Places of processes that come back, and when.
     pub joining: Vec<(usize, u64)>,
@@ -75,6 +116,7 @@ impl Cell {
             plant: Arc::new(plant),
             saved,
             incarnation: 1,
+            planning: None,
             roster,
             joining: Vec::new(),
             trips: None,
@@ -95,7 +137,9 @@ impl Cell {
         self.master.exchange();
         let latches = self.master.latches();
         self.saved.save(&latches, self.master.drives());
-        let answers = self.answers();
+        let asks_planner = self.master.is_period_boundary();
+        self.see_windows();
+        let answers = self.answers(asks_planner);
         self.master.close_scan(&answers, &self.roster);
         if self.master.take_latched() {
             self.saved.latch(&self.master.latches());
@@ -119,10 +163,60 @@ impl Cell {
             for member in self.members.iter_mut().filter(|of| of.place == place) {
                 member.servo = member.servo.replacement(participant.incarnation);
             }
+            if let Some(planning) = self.planning.as_mut().filter(|_| place == 0) {
+                planning.planner = Planner::idle(&self.machine, participant.incarnation);
+            }
         }
     }
 
-    pub fn answers(&mut self) -> Answers {
+    /// Lays a program where a planner finds it; its number.
+    pub fn lay(&mut self, text: &str) -> u32 {
+        let planning = self.planning.get_or_insert_with(|| Planning {
+            planner: Planner::idle(&self.machine, self.roster.participants[0].incarnation),
+            ports: PlanningPorts::default(),
+            windows: Vec::new(),
+        });
+        planning.ports.programs.push(text.into());
+        planning.ports.programs.len() as u32
+    }
+
+    /// Windows of the scan before.
+    fn see_windows(&mut self) {
+        let planning = self.planning.as_mut();
+        let windows = planning.map_or_else(Vec::new, |of| std::mem::take(&mut of.windows));
+        for (header, setpoints) in windows {
+            for member in &mut self.members {
+                // A window that a servo refuses is not pending with it, and so not admitted.
+                let _ = member.servo.offer(&header, &setpoints, &self.now);
+            }
+            self.master.offer(&header, &setpoints, &self.roster);
+        }
+    }
+
+    fn planner_says(&mut self, asked: bool) -> Option<PlannerStatus> {
+        let place = self.roster.participants[0];
+        if place.live == 0 {
+            return None;
+        }
+        let Some(planning) = &mut self.planning else {
+            return Some(PlannerStatus {
+                scan: self.now.scan,
+                load: self.now.load,
+                incarnation: place.incarnation,
+                ..PlannerStatus::zeroed()
+            });
+        };
+        if !asked {
+            return None;
+        }
+        let Planning { planner, ports, .. } = planning;
+        ports.feedback = Some(self.now);
+        planner::cycle(planner, ports);
+        planning.windows = std::mem::take(&mut ports.windows);
+        ports.status.take()
+    }
+
+    pub fn answers(&mut self, asks_planner: bool) -> Answers {
         let mut answers = Answers::NONE;
         let before: Vec<_> = self.members.iter().map(|of| of.said).collect();
         for (index, member) in self.members.iter_mut().enumerate() {
@@ -144,14 +238,7 @@ impl Cell {
             answers.commands[member.axis][member.role] = Some(command);
         }
         (self.trips, self.misses) = (None, None);
-        let planner = self.roster.participants[0];
-        let status = PlannerStatus {
-            scan: self.now.scan,
-            load: self.now.load,
-            incarnation: planner.incarnation,
-            ..PlannerStatus::zeroed()
-        };
-        answers.planner = (planner.live == 1).then_some(status);
+        answers.planner = self.planner_says(asks_planner);
         answers
     }
 
