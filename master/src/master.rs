@@ -560,9 +560,8 @@ impl<D: Drives> Master<D> {
 
     /// Whether the axes are, as far as anybody can see: a drive that does not answer shows no speed.
     fn stands(&self) -> bool {
-        self.axes.iter().all(|axis| {
-            axis.drive.state.is_lost() || axis.drive.velocity_mm_s.abs() < STANDSTILL_MM_S
-        })
+        let mut axes = self.axes.iter();
+        axes.all(|axis| axis.drive.state.is_lost() || axis.stands())
     }
 
     /// At the programmed end: finished once all axes are within their in-position windows; a trip if one never comes.

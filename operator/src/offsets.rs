@@ -320,7 +320,7 @@ fn may_touch_off(subject: &Subject, now: &Feedback, letters: &[char]) -> Result<
     let moves = |axis: &bus::sample::AxisFeedback| axis.velocity_mm_s.abs() >= STANDSTILL_MM_S;
     let mode = Mode::from_wire(now.mode);
     let is_moved = matches!(mode, Some(Mode::Jogging | Mode::Stopping));
-    if is_moved || now.axes().iter().any(moves) {
+    if is_moved || now.rested == 0 && now.axes().iter().any(moves) {
         return Err(refuse("an axis moves: touch off at rest".into()));
     }
     if mode == Some(Mode::Tripped) {

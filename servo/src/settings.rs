@@ -19,6 +19,8 @@ use crate::manual::ManualController;
 
 /// Speed commands may be that much above the rapid traverse before they trip: position loop and pulses add to the setpoints.
 const SPEED_MARGIN: f64 = 1.2;
+/// What the position loop makes of this share of the following-error limit never trips a slow axis, whose margin is less.
+const SPEED_ERROR_SHARE: f64 = 0.1;
 /// Feedback may be beyond the travel by that part of the following-error limit: a command may end exactly at the travel.
 const TRAVEL_MARGIN: f64 = 0.25;
 /// Time the torque may stay at its limit, in s, before the axis is stopped.
@@ -228,10 +230,12 @@ fn trigger(reversal: &Reversal) -> Trigger {
 fn guards(axis: &Axis) -> AxisGuards {
     let [min, max] = axis.travel_increments();
     let margin_mm = TRAVEL_MARGIN * axis.following_error_limit_mm;
+    let loop_mm_s =
+        axis.position_loop.gain_per_s * SPEED_ERROR_SHARE * axis.following_error_limit_mm;
     AxisGuards {
         travel: Travel { min, max },
         travel_margin: libm::round(margin_mm / axis.increment_mm()) as i64,
         following_error_mm: axis.following_error_limit_mm,
-        speed_mm_s: SPEED_MARGIN * axis.rapid_mm_s,
+        speed_mm_s: (SPEED_MARGIN * axis.rapid_mm_s).max(axis.rapid_mm_s + loop_mm_s),
     }
 }

@@ -5,6 +5,7 @@ use loops::guards::AxisGuards;
 use machine::{Axis, DriveMode, Machine, PositionFeedback};
 use path::travel::Travel;
 
+use super::STANDSTILL_MM_S;
 use super::hand::Hand;
 use super::redundancy::Standby;
 use super::substitute::Substitute;
@@ -54,8 +55,13 @@ pub(super) struct AxisUnit {
     pub deviation: i64,
 }
 
+/// A motor that turns more slowly counts as standing too, in turns/s: with much way in a turn, one count of its encoder to and fro in a
+/// period of its drive looks faster than [`STANDSTILL_MM_S`].
+const STANDSTILL_TURNS_S: f64 = 0.01;
 /// A command beyond the axis's speed limit by this factor is no command: friction pulses and the position loop stay well below.
 const SPEED_SANITY: f64 = 2.0;
+/// Of a slow axis the loop adds more: what it makes of this share of the following-error limit.
+const SPEED_ERROR_SHARE: f64 = 0.1;
 /// A position command further outside the travel than this is no command.
 const POSITION_SANITY_MM: f64 = 10.0;
 
@@ -105,6 +111,12 @@ impl AxisUnit {
         unit.take_drive(drive);
         unit.command_position = unit.feedback_position();
         unit
+    }
+
+    /// Whether its motor stands, as far as its drive shows it.
+    pub fn stands(&self) -> bool {
+        let standstill_mm_s = STANDSTILL_MM_S.max(STANDSTILL_TURNS_S * self.settings.lead_mm);
+        self.drive.velocity_mm_s.abs() < standstill_mm_s
     }
 
     pub fn increments(&self, mm: f64) -> i64 {
@@ -243,7 +255,10 @@ impl AxisUnit {
 
     /// Whether a command is one that the drive may see; the named cause otherwise.
     pub fn judge(&self, command: &AxisCommand) -> Cause {
-        let speed_most = self.settings.rapid_mm_s * SPEED_SANITY;
+        let settings = &self.settings;
+        let error_mm = SPEED_ERROR_SHARE * settings.following_error_limit_mm;
+        let loop_mm_s = settings.position_loop.gain_per_s * error_mm;
+        let speed_most = SPEED_SANITY * settings.rapid_mm_s.max(loop_mm_s);
         let finite = command.velocity_mm_s.is_finite()
             && command.torque_nm.is_finite()
             && command.stop_deceleration_mm_s2.is_finite();

@@ -4,8 +4,8 @@
 use bus::sample::{Cause, Driver, Mode, Reference};
 use machine::GantryPair;
 
+use super::Master;
 use super::axis_unit::AxisUnit;
-use super::{Master, STANDSTILL_MM_S};
 use crate::drives::{DriveCommand, Drives};
 
 /// Time constant of what counts as a lasting difference of torques, in s.
@@ -82,10 +82,6 @@ impl Gantry {
 impl AxisUnit {
     fn torque_share(&self) -> f64 {
         self.drive.torque_nm / self.settings.motor.rated_torque_nm
-    }
-
-    fn stands(&self) -> bool {
-        self.drive.velocity_mm_s.abs() < STANDSTILL_MM_S
     }
 }
 

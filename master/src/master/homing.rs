@@ -10,10 +10,10 @@ use bus::sample::{Cause, Driver, MAX_AXES, Reference, Refused};
 use bytemuck::{Pod, Zeroable};
 use machine::{Homing as Settings, HomingMethod, INDEX_TURNS};
 
+use super::Master;
 use super::axis_unit::AxisUnit;
 use super::hand::Motion;
 use super::orders::{Refusal, whole_number};
-use super::{Master, STANDSTILL_MM_S};
 use crate::drives::Drives;
 
 /// Scans that the drive holds the axis before and after its positions change: everybody has seen it by then.
@@ -345,7 +345,7 @@ impl<D: Drives> Master<D> {
         let driver = axis.driver;
         let rests = driver == Driver::Manual && self.is_done_by_hand(index);
         if homing.ends {
-            let stands = axis.drive.velocity_mm_s.abs() < STANDSTILL_MM_S;
+            let stands = axis.stands();
             let held = driver == Driver::Drive && homing.scans > HOLD_SCANS && stands;
             if rests || held || driver == Driver::Program {
                 self.give_up_homing();
@@ -480,7 +480,7 @@ impl<D: Drives> Master<D> {
         let scans = homing.scans;
         let stands = homing.motors().all(|motor| {
             let axis = self.axes.get(motor.axis);
-            axis.is_none_or(|axis| axis.drive.velocity_mm_s.abs() < STANDSTILL_MM_S)
+            axis.is_none_or(AxisUnit::stands)
         });
         if scans <= HOLD_SCANS || !stands {
             return;

@@ -292,7 +292,7 @@ impl NewAxis {
         let (low, high) = self.travel;
         if self.incremental && self.endless {
             bail!(
-                "encoder=incremental: is for axes with a travel; give an endless one [axis.homing] by hand"
+                "encoder=incremental: an axis that turns without end has no end for a switch to find: leave it out, for an absolute encoder, or give it a travel, as in travel=-180..180"
             );
         }
         if !(low..=high).contains(&self.start) {
