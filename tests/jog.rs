@@ -89,6 +89,124 @@ fn a_jog_whose_sender_is_killed_or_stopped_comes_to_rest_and_stays_there() {
             assert!(text.contains("not renewed in time"), "{text}");
         }
         stays(&mut cell, &rest);
+        next_is_exact(&mut cell);
+    }
+    obeyed(&cell, &["down"]);
+}
+
+/// The next increment ends exactly at its distance from where the command was.
+fn next_is_exact(cell: &mut LiveCell) {
+    let from = rest(cell).axes[0].command_position;
+    obeyed(cell, &["jog", "X", "-0.251", "--wait"]);
+    assert_eq!(rest(cell).axes[0].command_position, from - 251_000);
+}
+
+/// How far an increment is when somebody is killed.
+#[derive(Debug, Clone, Copy)]
+enum Step {
+    /// So many scans after its client was started.
+    Scans(u64),
+    Moves,
+    Done,
+}
+
+impl Step {
+    fn wait(self, cell: &mut LiveCell, began: &Feedback, end: i64) {
+        let from = began.axes[0].command_position;
+        match self {
+            Step::Scans(scans) => cell.wait_for_scan(began.scan + scans),
+            Step::Moves => cell.wait_for(|f| f.axes[0].command_position != from),
+            Step::Done => cell.wait_for(|f| f.axes[0].command_position == end),
+        };
+    }
+}
+
+fn increment(cell: &LiveCell, distance_mm: &str) -> Child {
+    quadrant()
+        .args(["jog", "X", distance_mm, "--wait", "--cell", &cell.cell])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("a client")
+}
+
+#[test]
+fn an_increment_whose_client_is_killed_is_carried_out_whole_or_not_at_all_and_the_next_one_is_exact()
+ {
+    let (_bench, mut cell, ..) = up("lockstep");
+    obeyed(&cell, &["enable"]);
+    let mut steps: Vec<Step> = [0, 1, 20, 60, 150].map(Step::Scans).into();
+    steps.extend([Step::Moves, Step::Done]);
+    for step in steps {
+        let began = rest(&mut cell);
+        let from = began.axes[0].command_position;
+        let end = from + 3_001_007;
+        let mut client = increment(&cell, "3.001007");
+        step.wait(&mut cell, &began, end);
+        client.kill().expect("killing the client");
+        client.wait().expect("reaping it");
+        // What it has asked for is judged by then.
+        let killed = cell.wait_for(|_| true).scan;
+        cell.wait_for_scan(killed + 100);
+        let at = rest(&mut cell).axes[0].command_position;
+        let may_be = match step {
+            Step::Scans(_) => &[from, end][..],
+            Step::Moves | Step::Done => &[end],
+        };
+        assert!(may_be.contains(&at), "{step:?}: {at} from {from}");
+        next_is_exact(&mut cell);
+        obeyed(&cell, &["jog", "X", "-2", "--wait"]);
+    }
+    obeyed(&cell, &["down"]);
+}
+
+#[test]
+fn a_cell_whose_launcher_is_killed_in_a_jog_comes_to_rest_says_so_and_jogs_again_when_it_is_up_again()
+ {
+    let (bench, mut cell, ..) = up("lockstep");
+    for (step, distance_mm) in [
+        (Step::Scans(0), "40"),
+        (Step::Moves, "40"),
+        (Step::Done, "1"),
+    ] {
+        obeyed(&cell, &["enable"]);
+        let began = rest(&mut cell);
+        let from = began.axes[0].command_position;
+        let end = from + distance_mm.parse::<i64>().expect("mm") * 1_000_000;
+        // Who reads before has the last feedback also when the cell is gone.
+        let (bus, mut feedback) = cell.feedback();
+        let client = increment(&cell, distance_mm);
+        step.wait(&mut cell, &began, end);
+        cell.signal_launcher(libc::SIGKILL);
+        let (status, text) = printed(client);
+        let name = cell.cell.clone();
+        let children = cell.children();
+        drop(cell.finish());
+        let lives = |pid: &i32| std::path::Path::new(&format!("/proc/{pid}")).exists();
+        while children.iter().any(|(pid, _)| lives(pid)) {
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        let mut last = began;
+        while let Some(newer) = feedback.newest(u64::MAX) {
+            last = newer;
+        }
+        drop((feedback, bus));
+        let at = last.axes[0].command_position;
+        assert!((from..=end).contains(&at), "{step:?}: {at} from {from}");
+        // A jog that the end of the cell cuts short is not said to be done.
+        let is_done = status == 0 && text.contains("jogged\n");
+        match step {
+            Step::Done => assert!(is_done || text.contains("has ended"), "{text}"),
+            Step::Scans(_) | Step::Moves => assert!(status != 0, "{step:?}: {text}"),
+        }
+        let next = quadrant().args(["jog", "X", "1", "--cell", &name]).output();
+        let said = String::from_utf8_lossy(&next.expect("the command").stderr).into_owned();
+        assert!(said.contains("does not run"), "{said}");
+        cell = LiveCell::up_as(&name, bench.path(), "lockstep");
+        cell.wait_for(|_| true);
+        obeyed(&cell, &["enable"]);
+        next_is_exact(&mut cell);
+        obeyed(&cell, &["disable"]);
     }
     obeyed(&cell, &["down"]);
 }
@@ -161,5 +279,60 @@ fn an_emergency_stop_trips_a_running_program_and_enable_takes_it_back() {
     cell.wait_for(|f| is(f, Mode::Enabled, ProgramState::Running) && f.hold == 1);
     let status = ask(&cell, &["status"]);
     assert_eq!(status.status, 0, "{}", status.text);
+    obeyed(&cell, &["down"]);
+}
+
+/// Held, an increment that is waited for ends before it is done: its client says so.
+#[test]
+fn an_increment_that_is_cut_short_is_not_said_to_be_done() {
+    let (_bench, mut cell, ..) = up("realtime");
+    obeyed(&cell, &["enable"]);
+    for cut in ["hold", "stop"] {
+        let began = rest(&mut cell);
+        let from = began.axes[0].command_position;
+        let client = increment(&cell, "60");
+        Step::Moves.wait(&mut cell, &began, 0);
+        obeyed(&cell, &[cut]);
+        let (status, text) = printed(client);
+        let at = rest(&mut cell).axes[0].command_position;
+        let gone = format!("X has gone {} of 60 mm", (at - from) as f64 / 1e6);
+        assert!(
+            status == 1 && text.contains(&gone),
+            "{cut}: {status} {text}, not {gone}"
+        );
+        if cut == "hold" {
+            obeyed(&cell, &["resume"]);
+        }
+        obeyed(&cell, &["jog", "X", "-1", "--wait"]);
+    }
+    obeyed(&cell, &["down"]);
+}
+
+/// Zero is set where the axis is commanded to be, whatever the motor is off.
+#[test]
+fn behind_fifty_clicks_and_zero_g0_to_zero_moves_nothing() {
+    let (_bench, mut cell, ..) = up("lockstep");
+    obeyed(&cell, &["enable"]);
+    let first = rest(&mut cell).axes[0].command_position;
+    for click in 0..50 {
+        let way = if click % 3 == 2 { "-0.02" } else { "0.013" };
+        obeyed(&cell, &["jog", "X", way, "--wait"]);
+    }
+    let clicked = rest(&mut cell);
+    assert_eq!(
+        clicked.axes[0].command_position - first,
+        34 * 13_000 - 16 * 20_000
+    );
+    // By then the program's controllers drive again.
+    let settled = cell.wait_for_scan(clicked.scan + 3_000).axes[0];
+    obeyed(&cell, &["zero", "X"]);
+    let run = cell.wait_for(|_| true).run;
+    obeyed(&cell, &["mdi", "G90 G0 X0"]);
+    let done = cell.wait_for(|now| now.run > run && now.mode == Mode::Ready as u32);
+    let after = cell.wait_for_scan(done.scan + 500).axes[0];
+    assert_eq!(after.command_position, settled.command_position);
+    let moved_nm = after.motor_position - settled.motor_position;
+    println!("the motor moved by {moved_nm} nm");
+    assert!(moved_nm.abs() <= 1_000, "{moved_nm} nm");
     obeyed(&cell, &["down"]);
 }

@@ -240,7 +240,12 @@ impl LiveCell {
 
     /// Starts `quadrant up` with a cell of its own.
     pub fn up(machine: &Path, pace: &str) -> LiveCell {
-        Self::launch(quadrant(), &unique_cell(), "up", machine, None, pace, &[])
+        Self::up_as(&unique_cell(), machine, pace)
+    }
+
+    /// The same under the name of a cell that has ended.
+    pub fn up_as(cell: &str, machine: &Path, pace: &str) -> LiveCell {
+        Self::launch(quadrant(), cell, "up", machine, None, pace, &[])
     }
 
     fn launch(

@@ -73,11 +73,11 @@ impl Eyes<'_> {
         }
     }
 
-    /// Waits until a jog of axes that was ordered in `scan` has ended and the axes are in position.
+    /// Waits until a jog of axes that was ordered in `scan` has ended and the axes are in position; what the cell shows then.
     ///
     /// # Errors
     /// The machine has tripped meanwhile, or the cell is silent.
-    pub fn until_jogged(&mut self, scan: u64, axes: &[usize]) -> Outcome {
+    pub fn until_jogged(&mut self, scan: u64, axes: &[usize]) -> Result<Feedback, Failure> {
         let mut ended = None;
         loop {
             let now = self.look()?;
@@ -88,13 +88,12 @@ impl Eyes<'_> {
                 Some(Mode::Tripped) => {
                     return Err(self.client.fails("the machine has tripped"));
                 }
-                _ if off.is_none() && now.rested == 1 => {
-                    self.client.say("jogged");
-                    return Ok(());
-                }
+                _ if off.is_none() && now.rested == 1 => return Ok(now),
                 _ => {
-                    let since: Instant = *ended.get_or_insert_with(Instant::now);
-                    if since.elapsed() > SETTLED_WITHIN {
+                    // By the scans of the cell: a client that gets no time of its PC has seen nothing of them.
+                    let ended_in: u64 = *ended.get_or_insert(now.scan);
+                    let scans = u64::from(self.client.scans(SETTLED_WITHIN));
+                    if now.scan > ended_in + scans {
                         let axis = off.or(axes.first()).copied().unwrap_or(0);
                         let key = match self.client.unit(axis as u32) {
                             "deg" => "in_position_mdeg",

@@ -153,6 +153,7 @@ fn by_distances(
             }
         }
     }
+    let before = eyes.look()?;
     let answer = client.ask(Order::Jog, request)?;
     let words = ways.iter().map(|(axis, way)| {
         let (name, unit) = (client.axis_name(*axis), client.unit(*axis));
@@ -162,7 +163,9 @@ fn by_distances(
     client.say(&format!("jogging {}", words.join(", ")));
     if options.wait {
         let axes: Vec<usize> = ways.iter().map(|(axis, _)| *axis as usize).collect();
-        eyes.until_jogged(answer.scan, &axes)?;
+        let rested = eyes.until_jogged(answer.scan, &axes)?;
+        is_whole(client, &ways, &before, &rested)?;
+        client.say("jogged");
         if let Some(outside) = client.outside(&eyes.look()?) {
             client.say(&format!("still outside: {outside}"));
         }
@@ -170,9 +173,35 @@ fn by_distances(
     Ok(())
 }
 
+/// Whether a jog by distances was made whole, from what the cell showed before it and shows at its end. One that adds to another is no
+/// more than both of them.
+fn is_whole(client: &Client, ways: &[(u32, f64)], before: &Feedback, now: &Feedback) -> Outcome {
+    if before.mode == Mode::Jogging as u32 {
+        return Ok(());
+    }
+    for (axis, way) in ways {
+        let index = *axis as usize;
+        let shown = before.axes().get(index).zip(now.axes().get(index));
+        let Some((settings, (from, at))) = client.machine.axes.get(index).zip(shown) else {
+            continue;
+        };
+        let asked = (way / settings.increment_mm()).round() as i64;
+        let made = at.command_position.saturating_sub(from.command_position);
+        if (asked - made) * asked.signum() > 0 {
+            let (name, unit) = (&settings.name, client.unit(*axis));
+            let made = rounded(made as f64 * settings.increment_mm());
+            return Err(client.fails(&format!(
+                "the jog was cut short, by hold, stop, the end of the cell or another jog: {name} has gone {made} of {} {unit}",
+                rounded(*way),
+            )));
+        }
+    }
+    Ok(())
+}
+
 /// To a nanometre, without zeros behind it.
 fn rounded(way: f64) -> f64 {
-    (way * 1e6).round() * 1e-6
+    (way * 1e6).round() / 1e6
 }
 
 /// An increment that is older than this is not taken.
