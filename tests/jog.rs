@@ -4,7 +4,7 @@ use std::process::{Child, Output, Stdio};
 
 use bus::sample::{Cause, Feedback, Mode, ProgramState};
 
-use crate::support::{LiveCell, quadrant, send};
+use crate::support::{Bench, LiveCell, quadrant, send};
 use crate::up::{ask, is, obeyed, refused, up};
 
 const SPEED_MM_S: f64 = 20.0;
@@ -334,5 +334,103 @@ fn behind_fifty_clicks_and_zero_g0_to_zero_moves_nothing() {
     let moved_nm = after.motor_position - settled.motor_position;
     println!("the motor moved by {moved_nm} nm");
     assert!(moved_nm.abs() <= 1_000, "{moved_nm} nm");
+    obeyed(&cell, &["down"]);
+}
+
+/// Numbers of the readout: work coordinates in mm.
+fn work_mm(cell: &LiveCell) -> Vec<f64> {
+    let status = crate::readout::status(cell);
+    let axes = status["axes"].as_array().expect("axes").iter();
+    axes.map(|axis| axis["work_mm"].as_f64().expect("known"))
+        .collect()
+}
+
+fn reads(cell: &LiveCell, places_mm: [f64; 3]) {
+    for (found, expected) in work_mm(cell).into_iter().zip(places_mm) {
+        // What rounding to increments leaves of a turned place.
+        assert!(
+            (found - expected).abs() <= 1.5e-6,
+            "{found} mm for {expected}"
+        );
+    }
+}
+
+#[test]
+fn a_jog_to_a_work_place_ends_where_the_readout_shows_it_turned_shifted_and_with_a_tool() {
+    let bench = Bench::patient("xyz-mill", &[]);
+    let offsets = "[G54]\nX = 100.0\nY = 110.0\nZ = -100.0\nR = 30.0\n\n[G55]\nX = 240.0\nY = 90.0\nZ = -90.0\n";
+    std::fs::write(bench.path().join("offsets.toml"), offsets).expect("written");
+    let text = "G21 G90 G94 G55\nG92 X3 Y4\nG1 X20 Y10 F3000\nM0\nG1 X30\nM2\n";
+    let program = bench.file("places.ngc", text).display().to_string();
+    let mut cell = LiveCell::up(bench.path(), "lockstep");
+    cell.wait_for(|_| true);
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["mdi", "G20 G43 H1"]);
+    let words = "jog X 10 Y 5 Z -20 --to --wait --speed 6000";
+    obeyed(&cell, &words.split(' ').collect::<Vec<_>>());
+    reads(&cell, [10.0, 5.0, -20.0]);
+    let before = cell
+        .wait_for(|_| true)
+        .axes
+        .map(|axis| axis.command_position);
+    // One number moves two axes of the machine.
+    obeyed(&cell, &["jog", "X", "22.5", "--to", "--wait"]);
+    reads(&cell, [22.5, 5.0, -20.0]);
+    let after = cell
+        .wait_for(|_| true)
+        .axes
+        .map(|axis| axis.command_position);
+    assert!(before[0] != after[0] && before[1] != after[1] && before[2] == after[2]);
+    let there = obeyed(&cell, &["jog", "X", "22.5", "--to"]);
+    assert!(there.contains("is there already"), "{there}");
+    refused(
+        &cell,
+        &["jog", "X", "9000", "--to"],
+        "work coordinates are turned",
+    );
+    refused(
+        &cell,
+        &["jog", "Z", "9000", "--to"],
+        "mm in work coordinates",
+    );
+    refused(
+        &cell,
+        &["jog", "X", "9000", "--to-machine"],
+        "mm of the machine",
+    );
+    let both = ask(&cell, &["jog", "X", "1", "--to", "--to-machine"]);
+    assert_eq!(both.status, 2, "{}", both.text);
+    reads(&cell, [22.5, 5.0, -20.0]);
+    // Off the path of a program its own offsets are in force.
+    obeyed(&cell, &["load", &program]);
+    obeyed(&cell, &["start"]);
+    cell.wait_for(|now| now.auxiliary.waiting != 0 && now.auxiliary.line == 4);
+    obeyed(&cell, &["hold"]);
+    let z_mm = work_mm(&cell)[2];
+    obeyed(
+        &cell,
+        &["jog", "X", "7", "--to", "--wait", "--speed", "6000"],
+    );
+    let [x_mm, _, z_now_mm] = work_mm(&cell)[..] else {
+        panic!("three axes");
+    };
+    assert!(
+        (x_mm - 7.0).abs() <= 1.5e-6 && z_now_mm == z_mm,
+        "{x_mm} mm"
+    );
+    crate::up::down(cell);
+}
+
+#[test]
+fn waiting_for_a_jog_is_for_its_own_axes() {
+    let (_bench, mut cell, ..) = up("realtime");
+    obeyed(&cell, &["enable"]);
+    // It takes a minute and a half.
+    obeyed(&cell, &["jog", "X", "90", "--speed", "60"]);
+    obeyed(&cell, &["jog", "Y", "0.1", "--wait"]);
+    let now = cell.wait_for(|_| true);
+    assert_eq!(now.axes[1].command_position % 100_000, 0);
+    assert!(!now.axes[0].hand.rests(), "X is done as well");
+    obeyed(&cell, &["hold"]);
     obeyed(&cell, &["down"]);
 }

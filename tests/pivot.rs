@@ -3,9 +3,11 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use bus::sample::{Feedback, Mode, ProgramState};
 use serde_json::Value;
 
-use crate::support::{Bench, circle_program, number, quadrant, root, run, text};
+use crate::support::{Bench, LiveCell, circle_program, number, quadrant, root, run, text};
+use crate::up::{ask, down, is, obeyed};
 
 const ARM_LENGTH_MM: f64 = 150.0;
 
@@ -272,4 +274,90 @@ fn the_report_of_an_arm_has_its_errors_in_thousandths_of_a_degree() {
     // The tool is in X, Y and Z.
     let path = fs::read_to_string(run.out.join("path.svg")).expect("path.svg");
     assert!(path.contains("Y mm"), "the path of the tool");
+}
+
+/// Places of the tool, each as often as the cell was looked at, until it is as it is asked for.
+fn tool_until(cell: &mut LiveCell, reached: impl Fn(&Feedback) -> bool) -> Vec<[f64; 3]> {
+    let machine = machine::Machine::load(&root().join("machines/xzb-pivot")).expect("a machine");
+    let mut places = Vec::new();
+    loop {
+        let now = cell.wait_for(|_| true);
+        let tool = program::kinematics_of(&machine).tool(&program::commanded(&machine, &now));
+        places.push([tool[0], tool[1], tool[2]]);
+        if reached(&now) {
+            return places;
+        }
+    }
+}
+
+#[test]
+fn a_jog_along_y_that_an_arm_makes_moves_the_tool_along_y_and_nothing_else() {
+    let bench = Bench::patient("xzb-pivot", &[]);
+    let mut cell = LiveCell::up(bench.path(), "realtime");
+    cell.wait_for(|_| true);
+    crate::up::refused(&cell, &["jog", "Y", "1"], "jog refused: the drives are off");
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["mdi", "G91 G20 G55", "G1 X0.5 F40"]);
+    let ready = |f: &Feedback| is(f, Mode::Ready, ProgramState::None);
+    let codes = |cell: &LiveCell| {
+        let status = crate::readout::status(cell);
+        ["active_codes", "feed_word", "work_offset"].map(|key| status["readout"][key].clone())
+    };
+    let (before, state) = (tool_until(&mut cell, ready), codes(&cell));
+    let [x_mm, y_mm, z_mm] = before[before.len() - 1];
+    let run = cell.wait_for(ready).run;
+    let jog = std::thread::scope(|scope| {
+        let name = cell.cell.clone();
+        let jog = scope.spawn(move || {
+            let words = ["jog", "Y", "20", "--speed", "900", "--cell", &name];
+            quadrant().args(words).output().expect("an answer")
+        });
+        let done = |f: &Feedback| f.run > run && is(f, Mode::Ready, ProgramState::None);
+        let way = tool_until(&mut cell, done);
+        for place in &way {
+            assert!((place[0] - x_mm).abs() < 2e-3, "{place:?}");
+            assert!((place[2] - z_mm).abs() < 1e-5, "{place:?}");
+        }
+        let end = way[way.len() - 1];
+        assert!((end[1] - y_mm - 20.0).abs() < 1e-4, "{end:?}");
+        jog.join().expect("its end")
+    });
+    assert!(
+        jog.status.success(),
+        "{}",
+        String::from_utf8_lossy(&jog.stderr)
+    );
+    assert_eq!(codes(&cell), state, "modes are as before");
+    // In work coordinates, and beside another axis; of the machine; and the arm alone, as its joint.
+    obeyed(&cell, &["mdi", "G54 G21"]);
+    obeyed(&cell, &["jog", "Y", "-5", "Z", "3", "--to"]);
+    let at = tool_until(&mut cell, ready);
+    let at = at[at.len() - 1];
+    assert!(
+        (at[1] + 5.0).abs() < 1e-4 && (at[2] + 97.0).abs() < 1e-4,
+        "{at:?}"
+    );
+    obeyed(&cell, &["jog", "X", "2", "--to"]);
+    let at = tool_until(&mut cell, ready);
+    assert!((at[at.len() - 1][0] - 2.0).abs() < 1e-4, "{at:?}");
+    obeyed(&cell, &["jog", "Y", "8", "--to-machine"]);
+    let at = tool_until(&mut cell, ready);
+    assert!((at[at.len() - 1][1] - 8.0).abs() < 1e-4, "{at:?}");
+    obeyed(&cell, &["jog", "B", "1", "--wait"]);
+    let turned = tool_until(&mut cell, ready);
+    assert!(
+        (turned[turned.len() - 1][0] - 2.0).abs() > 1e-3,
+        "the joint alone"
+    );
+    for (words, why) in [
+        (&["jog", "Y", "500"][..], "Y"),
+        (&["jog", "Y", "1", "B", "1"], "jogged alone"),
+        (&["jog", "B", "1", "--to"], "jogged alone"),
+        (&["jog", "Y+"], "by distances or to places alone"),
+    ] {
+        let said = ask(&cell, words);
+        assert_eq!(said.status, 2, "{words:?}: {}", said.text);
+        assert!(said.text.contains(why), "{words:?}: {}", said.text);
+    }
+    down(cell);
 }

@@ -1,6 +1,7 @@
 //! The process group of a cell: started, supervised, restarted, stopped.
 
 pub mod check;
+pub mod children;
 mod closing;
 pub mod desk;
 mod disk_room;

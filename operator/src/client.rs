@@ -188,6 +188,11 @@ impl Client {
         self.accepted(order, answer)
     }
 
+    /// An order that the cell has refused, and why.
+    pub(super) fn refused(&self, order: Order, why: &str) -> Failure {
+        refused(&self.cell.place, order, why)
+    }
+
     /// A refusal is a failure with its reason.
     pub(super) fn accepted(
         &self,
@@ -196,11 +201,7 @@ impl Client {
     ) -> Result<OperatorResponse, Failure> {
         match Refused::from_wire(answer.reason) {
             Some(Refused::Not) => Ok(answer),
-            reason => Err(refused(
-                &self.cell.place,
-                order,
-                &self.words(reason, order, &answer),
-            )),
+            reason => Err(self.refused(order, &self.words(reason, order, &answer))),
         }
     }
 

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use anyhow::anyhow;
 use bus::observer::Held;
 use bus::port::Reader;
-use bus::sample::{Cause, Feedback, Mode, Reference};
+use bus::sample::{Cause, Driver, Feedback, Mode, Reference};
 use machine::PositionFeedback;
 
 use super::Client;
@@ -73,17 +73,31 @@ impl Eyes<'_> {
         }
     }
 
-    /// Waits until a jog of axes that was ordered in `scan` has ended and the axes are in position; what the cell shows then.
+    /// Waits until a jog that was ordered in `scan` has ended: its axes are in position at their goals, in increments, or nothing is
+    /// jogged any more; what the cell shows then.
     ///
     /// # Errors
     /// The machine has tripped meanwhile, or the cell is silent.
-    pub fn until_jogged(&mut self, scan: u64, axes: &[usize]) -> Result<Feedback, Failure> {
+    pub fn until_jogged(&mut self, scan: u64, goals: &[(usize, i64)]) -> Result<Feedback, Failure> {
         let mut ended = None;
         loop {
             let now = self.look()?;
-            let off = axes.iter().find(|axis| !self.is_in_position(&now, **axis));
+            let mut axes = goals.iter().map(|(axis, _)| *axis);
+            let off = axes.find(|axis| !self.is_in_position(&now, *axis));
+            let are_there = goals.iter().all(|(axis, goal)| {
+                let axis = now.axes().get(*axis);
+                axis.is_some_and(|axis| axis.hand.rests() && axis.command_position == *goal)
+            });
+            let mut others = now.axes().iter().enumerate();
+            let others_move = others.any(|(index, axis)| {
+                let is_asked = goals.iter().any(|(of, _)| *of == index);
+                !is_asked && axis.driver == Driver::Manual as u32 && !axis.hand.rests()
+            });
             match Mode::from_wire(now.mode) {
                 _ if now.scan <= scan => {}
+                Some(Mode::Jogging) if others_move && are_there && off.is_none() => {
+                    return Ok(now);
+                }
                 Some(Mode::Jogging) => {}
                 Some(Mode::Tripped) => {
                     return Err(self.client.fails("the machine has tripped"));
@@ -94,7 +108,8 @@ impl Eyes<'_> {
                     let ended_in: u64 = *ended.get_or_insert(now.scan);
                     let scans = u64::from(self.client.scans(SETTLED_WITHIN));
                     if now.scan > ended_in + scans {
-                        let axis = off.or(axes.first()).copied().unwrap_or(0);
+                        let first = goals.first().map(|(axis, _)| *axis);
+                        let axis = off.or(first).unwrap_or(0);
                         let key = match self.client.unit(axis as u32) {
                             "deg" => "in_position_mdeg",
                             _ => "in_position_um",

@@ -6,10 +6,14 @@ use anyhow::anyhow;
 use bus::observer::Held;
 use bus::port::OperatorClient;
 use bus::realtime;
-use bus::sample::{Feedback, Mode, OperatorRequest, OperatorResponse, Order, Refused};
+use bus::sample::{Driver, Feedback, Mode, OperatorRequest, OperatorResponse, Order, Refused};
+use loops::hand_course::HandCourse;
+use path::geometry::AxisVector;
+use program::Modal;
 
 use super::Client;
 use super::eyes::Eyes;
+use super::jog_tool;
 use crate::options::JogOptions;
 use console::exit::{Failure, Kind, Outcome};
 use console::signals::Signals;
@@ -36,7 +40,7 @@ fn letter_and_direction(text: &str) -> (&str, Option<f64>) {
 
 /// What is to be jogged.
 #[derive(Debug, Clone, PartialEq)]
-enum Asked<'a> {
+pub(super) enum Asked<'a> {
     /// These axes, each in a direction, until Ctrl-C.
     Held(Vec<(&'a str, f64)>),
     /// These axes, by distances or to places.
@@ -86,6 +90,9 @@ pub fn jog(options: &JogOptions) -> Outcome {
         return Err(bad("--speed: must be above 0 mm/min".into()));
     }
     let client = Client::to_order(options.to.cell.as_deref())?;
+    if let Some(made) = jog_tool::asked(&client.machine, &asked, options) {
+        return jog_tool::jog(&client, made, options);
+    }
     let index = |letter: &str| {
         let index = client.machine.program_axis_index(&letter.to_uppercase());
         index.map_err(|e| Failure::Input(anyhow!(e)))
@@ -106,7 +113,7 @@ pub fn jog(options: &JogOptions) -> Outcome {
     }
 }
 
-/// Jogs by distances, or to places of the machine, in mm or degrees.
+/// Jogs by distances, or to places, in mm or degrees.
 fn by_distances(
     client: &Client,
     mut ways: Vec<(u32, f64)>,
@@ -114,37 +121,23 @@ fn by_distances(
     options: &JogOptions,
 ) -> Outcome {
     let mut eyes = Eyes::open(client)?;
-    if options.to_machine {
-        let now = eyes.look()?;
-        for (axis, way) in &mut ways {
-            let settings = client.machine.axes.get(*axis as usize);
-            let shown = now.axes().get(*axis as usize);
-            if let Some((settings, shown)) = settings.zip(shown) {
-                let at_mm = shown.command_position as f64 * settings.increment_mm();
-                // The readout of a turning axis goes round; the axis does not.
-                *way -= if settings.modulo {
-                    settings.shown(at_mm)
-                } else {
-                    at_mm
-                };
-            }
-        }
-        ways.retain(|(axis, way)| {
-            let settings = client.machine.axes.get(*axis as usize);
-            settings.is_none_or(|of| (way / of.increment_mm()).round() != 0.0)
-        });
-        if ways.is_empty() {
-            client.say("is there already");
-            return Ok(());
-        }
-    }
+    let now = eyes.look()?;
+    let places = Places::of(client, &now, options)?;
     let mut request = OperatorRequest {
         order: Order::Jog as u32,
         speed_mm_s,
         ..OperatorRequest::default()
     };
+    if let Some(places) = &places {
+        ways = places.ways(&ways);
+        if ways.is_empty() {
+            client.say("is there already");
+            return Ok(());
+        }
+    }
     match ways.as_slice() {
-        [(axis, way)] => (request.axis, request.value) = (*axis, *way),
+        [(axis, way)] if places.is_none() => (request.axis, request.value) = (*axis, *way),
+        // A place is counted from rest, where a line begins: it adds to nothing.
         ways => {
             for (axis, way) in ways {
                 if let Some(line_mm) = request.line_mm.get_mut(*axis as usize) {
@@ -153,8 +146,13 @@ fn by_distances(
             }
         }
     }
-    let before = eyes.look()?;
-    let answer = client.ask(Order::Jog, request)?;
+    let answer = client.hear(Order::Jog, request)?;
+    if let Some(places) = &places
+        && answer.reason == Refused::BeyondTravel as u32
+    {
+        return Err(client.refused(Order::Jog, &places.allowed(&answer)));
+    }
+    let answer = client.accepted(Order::Jog, answer)?;
     let words = ways.iter().map(|(axis, way)| {
         let (name, unit) = (client.axis_name(*axis), client.unit(*axis));
         format!("{name} by {} {unit}", rounded(*way))
@@ -162,9 +160,12 @@ fn by_distances(
     let words: Vec<String> = words.collect();
     client.say(&format!("jogging {}", words.join(", ")));
     if options.wait {
-        let axes: Vec<usize> = ways.iter().map(|(axis, _)| *axis as usize).collect();
-        let rested = eyes.until_jogged(answer.scan, &axes)?;
-        is_whole(client, &ways, &before, &rested)?;
+        let goals = ways
+            .iter()
+            .map(|(axis, way)| goal(client, &now, *axis, *way));
+        let goals: Vec<(usize, i64)> = goals.collect();
+        let rested = eyes.until_jogged(answer.scan, &goals)?;
+        is_whole(client, &ways, &goals, &now, &rested)?;
         client.say("jogged");
         if let Some(outside) = client.outside(&eyes.look()?) {
             client.say(&format!("still outside: {outside}"));
@@ -173,30 +174,149 @@ fn by_distances(
     Ok(())
 }
 
-/// Whether a jog by distances was made whole, from what the cell showed before it and shows at its end. One that adds to another is no
-/// more than both of them.
-fn is_whole(client: &Client, ways: &[(u32, f64)], before: &Feedback, now: &Feedback) -> Outcome {
+/// Whether a jog by distances was made whole, from what the cell showed before it and shows at its end. One that adds to another may
+/// be taken back by others.
+fn is_whole(
+    client: &Client,
+    ways: &[(u32, f64)],
+    goals: &[(usize, i64)],
+    before: &Feedback,
+    now: &Feedback,
+) -> Outcome {
     if before.mode == Mode::Jogging as u32 {
         return Ok(());
     }
-    for (axis, way) in ways {
-        let index = *axis as usize;
-        let shown = before.axes().get(index).zip(now.axes().get(index));
-        let Some((settings, (from, at))) = client.machine.axes.get(index).zip(shown) else {
+    for ((axis, way), (index, goal)) in ways.iter().zip(goals) {
+        let settings = client.machine.axes.get(*index);
+        let Some((settings, shown)) = settings.zip(now.axes().get(*index)) else {
             continue;
         };
-        let asked = (way / settings.increment_mm()).round() as i64;
-        let made = at.command_position.saturating_sub(from.command_position);
-        if (asked - made) * asked.signum() > 0 {
+        let short_mm = (goal - shown.command_position) as f64 * settings.increment_mm();
+        if short_mm * way.signum() > 0.0 {
             let (name, unit) = (&settings.name, client.unit(*axis));
-            let made = rounded(made as f64 * settings.increment_mm());
             return Err(client.fails(&format!(
-                "the jog was cut short, by hold, stop, the end of the cell or another jog: {name} has gone {made} of {} {unit}",
+                "the jog was cut short, by hold, stop, the end of the cell or another jog: {name} has gone {} of {} {unit}",
+                rounded(way - short_mm),
                 rounded(*way),
             )));
         }
     }
     Ok(())
+}
+
+/// Where an axis is to end that is jogged by a distance now, in increments.
+fn goal(client: &Client, now: &Feedback, axis: u32, way: f64) -> (usize, i64) {
+    let index = axis as usize;
+    let settings = client.machine.axes.get(index);
+    let increment_mm = settings.map_or(1.0, machine::Axis::increment_mm);
+    let from = now
+        .axes()
+        .get(index)
+        .map_or(0, |axis| match Driver::from_wire(axis.driver) {
+            Some(Driver::Manual) => bytemuck::cast::<_, HandCourse>(axis.hand).target(),
+            _ => axis.command_position,
+        });
+    (
+        index,
+        from.saturating_add((way / increment_mm).round() as i64),
+    )
+}
+
+/// The numbers of a jog are places, not distances.
+struct Places<'a> {
+    client: &'a Client,
+    now: Feedback,
+    /// The state in whose coordinates they are; none for those of the machine.
+    state: Option<Modal>,
+}
+
+impl<'a> Places<'a> {
+    fn of(
+        client: &'a Client,
+        now: &Feedback,
+        options: &JogOptions,
+    ) -> Result<Option<Places<'a>>, Failure> {
+        if !options.to_work && !options.to_machine {
+            return Ok(None);
+        }
+        let state = options.to_work.then(|| client.state_of_readout(now));
+        Ok(Some(Places {
+            client,
+            now: *now,
+            state: state.transpose()?,
+        }))
+    }
+
+    /// Places of all axes as they read now, in mm or degrees.
+    fn shown(&self) -> AxisVector {
+        let machine = &self.client.machine;
+        let work = |state| program::work_place(machine, &self.now, state);
+        self.state.as_ref().and_then(work).unwrap_or_else(|| {
+            let mut place = program::commanded(machine, &self.now);
+            for (value, axis) in place.iter_mut().zip(&machine.axes) {
+                *value = axis.shown(*value);
+            }
+            place
+        })
+    }
+
+    /// Distances of the axes that have to move.
+    fn ways(&self, places: &[(u32, f64)]) -> Vec<(u32, f64)> {
+        let machine = &self.client.machine;
+        let work = |state| program::ways_to_work(machine, &self.now, state, places);
+        let all = self.state.as_ref().and_then(work).unwrap_or_else(|| {
+            let (mut ways, shown) = (AxisVector::zeros(), self.shown());
+            for (axis, place) in places {
+                // The readout of a turning axis goes round; the axis does not.
+                let index = *axis as usize;
+                if let Some((way, shown)) = ways.get_mut(index).zip(shown.get(index)) {
+                    *way = place - shown;
+                }
+            }
+            ways
+        });
+        let ways = (0u32..)
+            .zip(all.iter().copied())
+            .zip(machine.program_axes());
+        ways.filter(|((_, way), of)| (way / of.increment_mm()).round() != 0.0)
+            .map(|(way, _)| way)
+            .collect()
+    }
+
+    /// Where the axis of a refusal may be jogged to, as the places that were given are counted; under a rotation by the axis itself.
+    fn allowed(&self, answer: &OperatorResponse) -> String {
+        let (client, index) = (self.client, answer.axis as usize);
+        let turns = |state: &Modal| {
+            let way = |axis, way| {
+                program::ways_to_work(&client.machine, &self.now, state, &[(axis, way)])
+            };
+            let shown = self.shown().get(index).copied().unwrap_or(0.0);
+            way(answer.axis, shown + 1.0).is_some_and(|ways| {
+                let mut others = ways.iter().enumerate();
+                others.any(|(other, way)| other != index && way.abs() > 1e-9)
+            })
+        };
+        let (name, unit) = (client.axis_name(answer.axis), client.unit(answer.axis));
+        let (low, high) = (answer.allowed_min_mm, answer.allowed_max_mm);
+        if self.state.as_ref().is_some_and(turns) {
+            return format!(
+                "{}: the work coordinates are turned, and from here axis {name} of the machine may go {low:+.3} to {high:+.3} {unit}",
+                Refused::BeyondTravel.words()
+            );
+        }
+        let at = self.shown().get(index).copied().unwrap_or(0.0);
+        let of = if self.state.is_some() {
+            "in work coordinates"
+        } else {
+            "of the machine"
+        };
+        format!(
+            "{}: from here {name} may be jogged to places from {:.3} to {:.3} {unit} {of}",
+            Refused::BeyondTravel.words(),
+            at + low,
+            at + high
+        )
+    }
 }
 
 /// To a nanometre, without zeros behind it.

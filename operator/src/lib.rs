@@ -6,12 +6,14 @@ use bus::sample::{OperatorRequest, Order};
 mod client;
 mod eyes;
 mod jog;
+mod jog_tool;
 mod kept;
 mod mdi;
 mod offsets;
 pub mod options;
 mod program;
 mod tools;
+mod work;
 
 pub use client::{Client, Given, held};
 pub use eyes::Eyes;
@@ -20,6 +22,7 @@ pub use mdi::{mdi, mdi_in};
 pub use offsets::{offsets, zero};
 pub use program::{down, load, start};
 pub use tools::tool;
+pub use work::{machine_of_run, modes_behind, next_start, program_behind};
 
 use client::{order_urgently, running};
 

@@ -27,14 +27,19 @@ const GIVEN_UP_WITHIN: Duration = Duration::from_secs(2);
 pub fn mdi(options: &MdiOptions) -> Outcome {
     let client = Client::to_order(options.to.cell.as_deref())?;
     let text = options.blocks.join("\n");
-    let mut says = |words: &str| client.say(words);
     if options.no_wait {
-        return Block::of(&client, &text, &mut says).map(|_| ());
+        let mut says = |words: &str| client.say(words);
+        return Block::of(&client, "mdi", &text, &mut says).map(|_| ());
     }
+    run(&client, "mdi", &text)
+}
+
+/// Runs blocks of a command of this name, and waits until they are done; Ctrl-C holds them.
+pub(super) fn run(client: &Client, command: &str, text: &str) -> Outcome {
     // Before the cell has the block: it begins by itself, and Ctrl-C holds it from then on.
     let signals = Signals::catch().environment()?;
-    let block = Block::of(&client, &text, &mut says)?;
-    if block.until_done(&client, &|| signals.count() > 0)? {
+    let block = Block::of(client, command, text, &mut |words| client.say(words))?;
+    if block.until_done(client, &|| signals.count() > 0)? {
         client.say("done");
         return Ok(());
     }
@@ -55,7 +60,7 @@ pub fn mdi(options: &MdiOptions) -> Outcome {
 /// It is refused, wrong, or was stopped.
 pub fn mdi_in(cell: &str, text: &str, mut says: impl FnMut(&str)) -> Result<String, Failure> {
     let client = Client::find(Some(cell), "mdi")?;
-    let block = Block::of(&client, text, &mut says)?;
+    let block = Block::of(&client, "mdi", text, &mut says)?;
     block.until_done(&client, &|| false)?;
     Ok(format!("done: {text}"))
 }
@@ -69,8 +74,13 @@ struct Block {
 }
 
 impl Block {
-    /// Has the cell take these blocks, and waits until they have begun.
-    fn of(client: &Client, text: &str, says: &mut dyn FnMut(&str)) -> Result<Block, Failure> {
+    /// Has the cell take these blocks of a command, and waits until they have begun.
+    fn of(
+        client: &Client,
+        command: &str,
+        text: &str,
+        says: &mut dyn FnMut(&str),
+    ) -> Result<Block, Failure> {
         if text.trim().is_empty() {
             return Err(Failure::Input(anyhow!(
                 "mdi: no block: `quadrant mdi \"G0 X10\"`"
@@ -79,13 +89,13 @@ impl Block {
         let mut eyes = Eyes::open(client)?;
         let now = eyes.look()?;
         if let Some(why) = why_not(&now) {
-            return Err(client.fails(&format!("mdi refused: {}", why.words())));
+            return Err(client.fails(&format!("{command} refused: {}", why.words())));
         }
         let written = Written::of(&client.cell.place.folder(), text)?;
         let checked = check(client, &written.file, &now)
-            .map_err(|error| Failure::Input(anyhow!(written.of_blocks(&words(&error)))))?;
+            .map_err(|error| Failure::Input(anyhow!(written.of_blocks(command, &words(&error)))))?;
         for note in &checked.notes {
-            says(&written.of_blocks(note));
+            says(&written.of_blocks(command, note));
         }
         let mut laid = Laid::down(client, now.load, NAME, &written.file)?;
         let mut before = match ProgramState::from_wire(now.program) {
@@ -207,8 +217,8 @@ impl Written {
     }
 
     /// A message of the program, as one of the typed-in blocks.
-    fn of_blocks(&self, message: &str) -> String {
-        message.replace(&self.file.display().to_string(), "mdi")
+    fn of_blocks(&self, command: &str, message: &str) -> String {
+        message.replace(&self.file.display().to_string(), command)
     }
 }
 

@@ -122,7 +122,7 @@ pub struct SingleBlockOptions {
 /// What `quadrant jog` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "By a distance, along a straight line of several axes, or until Ctrl-C with a direction in place of it:\n  quadrant jog X 10\n  quadrant jog X -0.5 --speed 120 --wait\n  quadrant jog X 1 Y -2\n  quadrant jog X 100 --to-machine\n  quadrant jog Z- --speed 1500\n  quadrant jog X+ Y-\n\nA distance that is given while its axis still goes by one adds to it. A jog with a direction goes on as long as this command renews its order. When it is killed, stopped or cut off, the axis comes to rest by itself, within 200 ms of scans and its braking; it also does at the end of its travel, and at `hold` and `stop`.\n\nPrints what happened, or why it was refused, and exits with 0 or 1; with 2 on bad usage."
+    after_help = "By a distance, along a straight line of several axes, or until Ctrl-C with a direction in place of it:\n  quadrant jog X 10\n  quadrant jog X -0.5 --speed 120 --wait\n  quadrant jog X 1 Y -2\n  quadrant jog X 10 Y 5 --to\n  quadrant jog X 100 --to-machine\n  quadrant jog Z- --speed 1500\n  quadrant jog X+ Y-\n\nA distance that is given while its axis still goes by one adds to it; a jog to a place is refused until it rests. A jog with a direction goes on as long as this command renews its order. When it is killed, stopped or cut off, the axis comes to rest by itself, within 200 ms of scans and its braking; it also does at the end of its travel, and at `hold` and `stop`.\n\nAlong a Y that an arm makes, the tool goes by a typed-in block (`quadrant mdi`), which is waited for.\n\nPrints what happened, or why it was refused, and exits with 0 or 1; with 2 on bad usage."
 )]
 pub struct JogOptions {
     /// Axis letter and distance from where the axis is commanded to be, in mm (degrees of a rotary axis), signed; of more axes for a
@@ -133,6 +133,9 @@ pub struct JogOptions {
         allow_negative_numbers = true
     )]
     pub ways: Vec<String>,
+    /// The numbers are places in work coordinates as the readout shows them, not distances
+    #[arg(long = "to", conflicts_with = "to_machine")]
+    pub to_work: bool,
     /// The numbers are places of the machine, not distances
     #[arg(long)]
     pub to_machine: bool,

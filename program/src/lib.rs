@@ -99,6 +99,7 @@ mod straight;
 mod text;
 mod threading;
 mod words;
+mod work;
 
 pub use along::{Along, SHORT_ELEMENTS, load_if_short, load_if_short_knowing};
 pub use bundle::{bundle_to, read_program};
@@ -115,3 +116,4 @@ pub use question::{Answer, Question};
 pub use reading::{Piece, Progress, Reading};
 pub use resume::{load_from, resume_from, resume_knowing, tool_at};
 pub use setup::kinematics_of;
+pub use work::{commanded, ways_to_work, work_place};

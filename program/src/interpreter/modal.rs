@@ -25,6 +25,11 @@ impl Modal {
             .in_program(&(place - tool_offset + self.offsets.tool))
     }
 
+    /// The other way round.
+    pub fn in_machine(&self, place: &AxisVector, tool_offset: &AxisVector) -> AxisVector {
+        self.offsets.in_machine(place) - self.offsets.tool + tool_offset
+    }
+
     /// What the length of the tool takes off, in mm and degrees.
     pub fn tool_length(&self) -> AxisVector {
         self.offsets.tool

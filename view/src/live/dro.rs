@@ -1,11 +1,11 @@
 //! The digital readout: what an operator reads while a program runs, and between two. Data alone; others draw it.
 
-use bus::sample::{Feedback, ProgramState, Waiting};
+use bus::sample::{Feedback, ProgramState};
 use machine::offsets_file::WORK_OFFSETS;
 use machine::{Axis, AxisKind, Machine};
-use path::geometry::{AxisVector, Element, Feed, Path, Shape};
+use path::geometry::{Element, Feed, Path, Shape};
 use path::kinematics::Kinematics;
-use program::{Modal, Modes};
+use program::Modes;
 
 use super::model::Model;
 
@@ -126,7 +126,8 @@ pub fn of(model: &Model) -> Dro {
     dro.tool_length = Some(applied.take(axes).copied().collect());
     let runs = model.program_state() == Some(ProgramState::Running);
     let modal = if runs {
-        modal_in_program(model, feedback)
+        let course = model.course.as_ref();
+        course.and_then(|course| course.modes.in_force(feedback))
     } else {
         model.next_start.as_ref()
     };
@@ -135,12 +136,10 @@ pub fn of(model: &Model) -> Dro {
         dro.active_codes.clone_from(&modal.codes);
         dro.feed_word = modal.feed;
         dro.speed_word = Some(modal.speed);
-        if is_plain {
-            let applied = AxisVector::from(feedback.auxiliary.tool_offset);
-            let work = modal.in_program(&place(machine, feedback), &applied);
+        if let Some(work) = program::work_place(machine, feedback, modal) {
             let named = dro.work.iter_mut().take(machine.program_axes().len());
-            for ((slot, value), axis) in named.zip(work.iter()).zip(&machine.axes) {
-                *slot = Some(without_sign_of_nothing(axis.shown(*value)));
+            for (slot, value) in named.zip(work.iter()) {
+                *slot = Some(without_sign_of_nothing(*value));
             }
         }
     }
@@ -148,24 +147,6 @@ pub fn of(model: &Model) -> Dro {
         along_the_path(&mut dro, model, feedback, is_plain);
     }
     dro
-}
-
-/// The state in the block of this feedback.
-fn modal_in_program<'a>(model: &'a Model, feedback: &Feedback) -> Option<&'a Modal> {
-    let course = model.course.as_ref()?;
-    let tag = if feedback.tag.is_off_path() {
-        &feedback.interrupted_at
-    } else {
-        &feedback.tag
-    };
-    let auxiliary = &feedback.auxiliary;
-    // Behind a block of single block nothing waits in a line of its own.
-    let waits_in_line = auxiliary.waiting != 0 && auxiliary.waiting != Waiting::SingleBlock as u32;
-    if waits_in_line {
-        // Blocks before it that move nothing have changed the state as well.
-        return course.modes.where_it_waits(tag.element, auxiliary.line);
-    }
-    course.modes.at(tag.element)
 }
 
 /// What can be said of the block that is travelled.
@@ -195,7 +176,7 @@ fn along_the_path(dro: &mut Dro, model: &Model, feedback: &Feedback, is_plain: b
         .skip(at)
         .take_while(|other| other.line == element.line);
     if is_plain && let Some(last) = of_block.last() {
-        let way = last.end() - place(&model.machine, feedback);
+        let way = last.end() - program::commanded(&model.machine, feedback);
         let named = model.machine.program_axes().len();
         for (slot, value) in dro.distance_to_go.iter_mut().take(named).zip(way.iter()) {
             *slot = Some(without_sign_of_nothing(*value));
@@ -208,16 +189,6 @@ fn along_the_path(dro: &mut Dro, model: &Model, feedback: &Feedback, is_plain: b
     let course = model.course.as_ref();
     dro.time_left_s = course
         .and_then(|course| course.left_s(feedback.tag.element, done, feedback.override_percent));
-}
-
-/// Command position of the axes.
-fn place(machine: &Machine, feedback: &Feedback) -> AxisVector {
-    let mut place = AxisVector::zeros();
-    let axes = machine.axes.iter().zip(feedback.axes());
-    for (to, (axis, sample)) in place.iter_mut().zip(axes) {
-        *to = sample.command_position as f64 * axis.increment_mm();
-    }
-    place
 }
 
 /// What is less than half of the last digit that is shown is nothing, and nothing has no sign.

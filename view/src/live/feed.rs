@@ -1,27 +1,25 @@
 //! Takes samples from a running cell into a model; nobody in the cell waits for it.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
-use bus::cell::CellPaths;
 use bus::drive_page::DrivePage;
 use bus::member::Pace;
 use bus::messages::MessageReader;
 use bus::observer::{Held, Observer};
 use bus::sample::{Auxiliaries, Feedback, Levels};
 use bus::service::RECORDER_DEPTH_SCANS;
-use machine::{KeptTexts, Machine};
-use program::{Modes, Program, SHORT_ELEMENTS, modal_at_start};
+use machine::Machine;
 
 use super::dro::Course;
 use super::fieldbus::BusView;
 use super::model::Model;
 use super::ports::Ports;
-use super::proc::children_of;
 use super::timing::listen;
 use console::exit::Failure;
-use operator::{Client, held};
+use launcher::children::children_of;
+use operator::{Client, held, machine_of_run, modes_behind, next_start, program_behind};
 
 /// Time between two looks at `/proc`.
 const PROC_EVERY: Duration = Duration::from_millis(500);
@@ -207,12 +205,12 @@ impl Feed {
             return;
         };
         self.read = Some(hash);
-        let machine = with_kept(&self.machine, &self.cell.place, feedback);
+        let machine = machine_of_run(&self.machine, &self.cell.place, feedback);
         self.model.program = program_behind(file, &machine, feedback);
         let path = self.model.program.as_ref().map(|program| &program.path);
         self.model.course = path.and_then(|path| {
-            let modes = Modes::of(&machine, &feedback.program_start, file).ok()?;
-            (modes.source_hash() == hash).then(|| Course::new(&machine, path, modes))
+            let modes = modes_behind(file, &machine, feedback)?;
+            Some(Course::new(&machine, path, modes))
         });
     }
 
@@ -222,10 +220,7 @@ impl Feed {
             return;
         };
         let shown = &feedback.auxiliary;
-        let mut machine = self.machine.clone();
-        let kept = KeptTexts::now(&self.cell.place, &machine, shown);
-        let taken = kept.and_then(|kept| machine.take_kept(kept));
-        self.model.next_start = taken.is_ok().then(|| modal_at_start(&machine));
+        self.model.next_start = next_start(&self.machine, &self.cell.place, shown);
     }
 
     /// Whether the cell is gone, or about to go.
@@ -268,33 +263,4 @@ impl Feed {
             timing.take(period_ns)
         });
     }
-}
-
-/// The machine with what the run of this feedback began with.
-fn with_kept(machine: &Machine, place: &CellPaths, feedback: &Feedback) -> Machine {
-    if feedback.load == 0 {
-        // The one program of a run: the machine file has what it began with.
-        return machine.clone();
-    }
-    let run = (feedback.load, feedback.run);
-    let shown = &feedback.auxiliary;
-    let kept = match place.parameters(run.0, run.1).exists() {
-        true => KeptTexts::of_run(place, run, machine, shown),
-        false => KeptTexts::now(place, machine, shown),
-    };
-    let mut known = machine.clone();
-    // What cannot be read leaves the program unknown, for its hash is another.
-    if let Ok(kept) = kept {
-        let _ = known.take_kept(kept);
-    }
-    known
-}
-
-/// The program that the tags of this feedback belong to, if `file` is it; none of one that cannot be read, is very long or is
-/// another program by now.
-pub fn program_behind(file: &Path, machine: &Machine, feedback: &Feedback) -> Option<Program> {
-    let start = &feedback.program_start;
-    let read = program::load_if_short(machine, start, file, SHORT_ELEMENTS).ok();
-    read.flatten()
-        .filter(|program| program.source_hash == feedback.program_hash)
 }

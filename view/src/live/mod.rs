@@ -22,7 +22,6 @@ mod palette;
 #[cfg(any(feature = "remote", test))]
 mod picture;
 pub mod ports;
-pub mod proc;
 #[cfg(feature = "remote")]
 mod remote_feed;
 #[cfg(feature = "remote")]

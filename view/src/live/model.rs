@@ -20,12 +20,12 @@ use super::circle::CircleView;
 use super::dro::Course;
 use super::events::{Events, Weight};
 use super::fieldbus::BusView;
-use super::proc::Child;
 use super::reversal::Reversals;
 use super::timing::Timing;
 use super::track::Track;
 use super::trail::Trail;
 use super::words::{self, Says, Tone};
+use launcher::children::Child;
 
 /// Messages of the program that are shown.
 const SAID_KEPT: usize = 5;

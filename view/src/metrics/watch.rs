@@ -17,8 +17,8 @@ use program::Program;
 use super::numbers::{CellNow, Numbers, base_unit};
 use super::served::Served;
 use super::{interval, server};
-use crate::live::feed::program_behind;
 use crate::live::model::Model;
+use operator::program_behind;
 
 /// The recorder's listener for metrics.
 pub struct Watch {

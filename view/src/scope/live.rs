@@ -13,8 +13,8 @@ use monitor::scope::Scope;
 use super::path::{Paths, Text, Wanted};
 use super::source::Source;
 use crate::live::ports::Ports;
-use crate::live::proc::children_of;
 use console::exit::Failure;
+use launcher::children::children_of;
 use operator::{Client, held};
 
 /// Time between two looks: queues hold a thousand scans.

@@ -3,7 +3,6 @@ use ratatui::backend::TestBackend;
 
 use super::*;
 use crate::live::model::Model;
-use crate::live::proc::Child;
 use crate::live::test_support::{machine, running};
 use crate::live::words::Tone;
 use bus::member::Pace;
@@ -11,6 +10,7 @@ use bus::sample::{
     AxisCommand, Cause, Job, Mode, Participant, ProgramState, Roster, SpindleCommand, Waiting,
 };
 use bytemuck::Zeroable;
+use launcher::children::Child;
 
 fn shown(screen: &Screen<'_>, width: u16, height: u16) -> Vec<String> {
     let mut terminal = Terminal::new(TestBackend::new(width, height)).expect("a terminal");
