@@ -6,9 +6,9 @@ use cell::Role;
 use clap::{Args, Parser, Subcommand};
 use launcher::options::{CleanOptions, RunOptions, UpOptions};
 use operator::options::{
-    HomeOptions, JogOptions, LoadOptions, MdiOptions, OffsetsOptions, OperatorOptions,
-    OptionalStopOptions, OverrideOptions, RapidOverrideOptions, SingleBlockOptions, StartOptions,
-    ToolOptions, ZeroOptions,
+    HomeOptions, JogOptions, JogOverrideOptions, LoadOptions, MdiOptions, OffsetsOptions,
+    OperatorOptions, OptionalStopOptions, OverrideOptions, RapidOverrideOptions,
+    SingleBlockOptions, StartOptions, ToolOptions, ZeroOptions,
 };
 use prepare::options::{BusOptions, CheckOptions, DoctorOptions, PlanOptions};
 use report::options::ReportOptions;
@@ -82,6 +82,8 @@ pub enum Command {
     Override(OverrideOptions),
     /// Set the override of rapids and returns to the path, 0 to 100 percent
     RapidOverride(RapidOverrideOptions),
+    /// Set the override of jogs, 0 to 200 percent, of those under way too; at 0 they rest until there is more
+    JogOverride(JogOverrideOptions),
     /// Give up what is left of the program: it is loaded, from its beginning; axes and drives stay as they are
     Reset(OperatorOptions),
     /// Let M1 stop the program of a running cell, or pass it

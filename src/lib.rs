@@ -55,6 +55,7 @@ pub fn obey(command: Command, injection: Injection) -> Outcome {
         Command::Stop(options) => operator::simple(Order::Stop, &options),
         Command::Override(options) => operator::set_override(&options),
         Command::RapidOverride(options) => operator::set_rapid_override(&options),
+        Command::JogOverride(options) => operator::set_jog_override(&options),
         Command::Reset(options) => operator::simple(Order::Reset, &options),
         Command::OptionalStop(options) => operator::optional_stop(&options),
         Command::SingleBlock(options) => operator::single_block(&options),

@@ -434,3 +434,29 @@ fn waiting_for_a_jog_is_for_its_own_axes() {
     obeyed(&cell, &["hold"]);
     obeyed(&cell, &["down"]);
 }
+
+#[test]
+fn the_override_of_jogs_is_shown_and_counts_for_what_is_jogged_already() {
+    let (_bench, mut cell, ..) = up("lockstep");
+    obeyed(&cell, &["enable"]);
+    refused(
+        &cell,
+        &["jog-override", "201"],
+        "an override of jogs is 0 to 200 %",
+    );
+    let said = obeyed(&cell, &["jog-override", "0"]);
+    assert!(said.contains("jog override 0 %"), "{said}");
+    obeyed(&cell, &["jog", "X", "5"]);
+    let stands = cell.wait_for(|f| f.mode == Mode::Jogging as u32);
+    let later = cell.wait_for_scan(stands.scan + 500);
+    assert_eq!(later.mode, Mode::Jogging as u32);
+    assert_eq!(x_mm(&later), x_mm(&stands));
+    let status = ask(&cell, &["status"]).text;
+    assert!(status.contains("jogs 0 %"), "{status}");
+    assert!(status.contains("jog-override 100"), "{status}");
+    obeyed(&cell, &["jog-override", "150"]);
+    let there = cell.wait_for(|f| is(f, Mode::Ready, ProgramState::None));
+    assert_eq!(there.inputs.jog_override_percent(), 150);
+    assert!((x_mm(&there) - x_mm(&stands) - 5.0).abs() < 1e-9);
+    obeyed(&cell, &["down"]);
+}

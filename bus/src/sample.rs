@@ -922,7 +922,7 @@ pub use auxiliary::{
 pub use bus_cycle::BusCycle;
 pub use inputs::{
     ANALOG_INPUTS, Answer, AnswerOutcome, AskedInput, DIGITAL_INPUTS, InputWait, Inputs,
-    PROBE_AWAY, PROBE_MUST,
+    JOG_OVERRIDE_MAX_PERCENT, PROBE_AWAY, PROBE_MUST,
 };
 pub use order::{OperatorRequest, OperatorResponse, Order, Refused};
 

@@ -31,7 +31,8 @@ impl Promises {
             | Order::Load
             | Order::OptionalStop
             | Order::SingleBlock
-            | Order::RapidOverride => {}
+            | Order::RapidOverride
+            | Order::JogOverride => {}
         }
     }
 

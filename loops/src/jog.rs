@@ -9,7 +9,7 @@ use bytemuck::{Pod, Zeroable};
 /// `2·k·a` per scan, which limits the jerk; with `k = 1` it is the lead. Near enough to a lead that has arrived it arrives.
 ///
 /// Source: our own; a trapezoid of speed in integers and a filter of first order (docs/methods/two-controllers.md). Units: increments and scans.
-/// Limits below 1 count as 1, so that it always arrives. First call: a motion at rest.
+/// A change below 1 counts as 1. A largest step of 0 brings it to rest where it is; with any other it arrives. First call: a motion at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JogProfile {
     /// Largest step of a scan (speed).
@@ -123,7 +123,7 @@ impl JogProfile {
         let way = left.saturating_abs();
         let fast = step.saturating_abs();
         let low = fast.saturating_sub(change).max(0);
-        let most = fast.saturating_add(change).min(self.step_max.max(1));
+        let most = fast.saturating_add(change).min(self.step_max.max(0));
         let brakes = fastest(way, change);
         brakes.min(most).min(way).max(low) * left.signum()
     }

@@ -109,6 +109,10 @@ pub fn panel(inputs: &Inputs) -> Option<String> {
         100 => {}
         percent => words.push(format!("rapids {percent} %")),
     }
+    match inputs.jog_override_percent() {
+        100 => {}
+        percent => words.push(format!("jogs {percent} %")),
+    }
     (!words.is_empty()).then(|| words.join(", "))
 }
 
@@ -122,6 +126,10 @@ pub fn switched(before: &Inputs, now: &Inputs) -> Vec<String> {
     let [was, is] = [before, now].map(Inputs::rapid_override_percent);
     if was != is {
         changes.push(format!("rapid override {was} % → {is} %"));
+    }
+    let [was, is] = [before, now].map(Inputs::jog_override_percent);
+    if was != is {
+        changes.push(format!("jog override {was} % → {is} %"));
     }
     changes
 }

@@ -8,7 +8,8 @@ use bus::cell::{CellError, CellPaths};
 use bus::observer::{Held, Observer};
 use bus::port::OperatorClient;
 use bus::sample::{
-    Auxiliaries, Feedback, Mode, OperatorRequest, OperatorResponse, Order, Reference, Refused,
+    Auxiliaries, Feedback, JOG_OVERRIDE_MAX_PERCENT, Mode, OperatorRequest, OperatorResponse,
+    Order, Reference, Refused,
 };
 use bus::service::Bus;
 use machine::{KeptTexts, Machine};
@@ -173,6 +174,7 @@ impl Client {
         let words = match order {
             Order::SingleBlock => single_block(value).into(),
             Order::RapidOverride => format!("rapid override {} %", value as u32),
+            Order::JogOverride => format!("jog override {} %", value as u32),
             _ => obeyed(order, &answer),
         };
         Ok(named(self.cell.place.name(), &words))
@@ -267,6 +269,9 @@ impl Client {
             }
             Refused::BadValue if order == Order::RapidOverride => {
                 "an override of rapids is 0 to 100 %".into()
+            }
+            Refused::BadValue if order == Order::JogOverride => {
+                format!("an override of jogs is 0 to {JOG_OVERRIDE_MAX_PERCENT} %")
             }
             Refused::BadValue if order == Order::Jog => "a jog is any distance but 0".into(),
             Refused::JogSpeed => format!(

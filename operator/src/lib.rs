@@ -27,8 +27,8 @@ pub use work::{machine_of_run, modes_behind, next_start, program_behind};
 use client::{order_urgently, running};
 
 use crate::options::{
-    HomeOptions, OperatorOptions, OptionalStopOptions, OverrideOptions, RapidOverrideOptions,
-    SingleBlockOptions,
+    HomeOptions, JogOverrideOptions, OperatorOptions, OptionalStopOptions, OverrideOptions,
+    RapidOverrideOptions, SingleBlockOptions,
 };
 use console::exit::{Failure, Outcome};
 use console::output::say;
@@ -68,6 +68,13 @@ pub fn set_override(options: &OverrideOptions) -> Outcome {
 pub fn set_rapid_override(options: &RapidOverrideOptions) -> Outcome {
     let client = Client::to_order(options.to.cell.as_deref())?;
     say(&client.order(Order::RapidOverride, options.percent)?);
+    Ok(())
+}
+
+/// `jog-override`.
+pub fn set_jog_override(options: &JogOverrideOptions) -> Outcome {
+    let client = Client::to_order(options.to.cell.as_deref())?;
+    say(&client.order(Order::JogOverride, options.percent)?);
     Ok(())
 }
 

@@ -91,6 +91,20 @@ pub struct RapidOverrideOptions {
     pub to: OperatorOptions,
 }
 
+/// What `quadrant jog-override` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Acts at once, also on what is jogged just now; homing keeps its speed. An axis is no faster than its rapid, or than its search before it is homed.\n\nPrints what happened, or why it was refused, and exits with 0 or 1; also with 1 if\nno cell runs or it does not answer within 5 s; with 2 on bad usage.\n\nHalf as fast near the part, then as before:\n  quadrant jog-override 50\n  quadrant jog Z -20\n  quadrant jog-override 100"
+)]
+pub struct JogOverrideOptions {
+    /// Share of the speed of jogs, in percent; at 0 they rest, and go on from there at more
+    #[arg(allow_negative_numbers = true, value_parser = percent)]
+    pub percent: f64,
+    /// Which cell.
+    #[command(flatten)]
+    pub to: OperatorOptions,
+}
+
 /// What `quadrant optional-stop` takes.
 #[derive(Debug, Clone, Args)]
 #[command(

@@ -150,14 +150,20 @@ pub struct Inputs {
     pub digital: u64,
     /// 1 while the probe is in contact.
     pub contact: u32,
-    /// What the operator has switched: bit 0 single block, from bit 8 on by how many percent rapids are slowed down.
+    /// What the operator has switched: bit 0 single block, from bit 8 on by how many percent rapids are slowed down, from bit 16 on by
+    /// how many jogs are, in a signed byte.
     pub panel: u32,
 }
 
+/// Jogs are at most twice as fast as they were asked for.
+pub const JOG_OVERRIDE_MAX_PERCENT: u32 = 200;
+
 impl Inputs {
-    /// What is shown of the operator's switches: single block, and the override of rapids in percent.
-    pub fn panel(single_block: bool, rapid_override_percent: u32) -> u32 {
-        u32::from(single_block) | (100 - rapid_override_percent.min(100)) << 8
+    /// What is shown of the operator's switches: single block, and the overrides of rapids and of jogs in percent.
+    pub fn panel(single_block: bool, (rapid_percent, jog_percent): (u32, u32)) -> u32 {
+        let jog_less = 100 - jog_percent.min(JOG_OVERRIDE_MAX_PERCENT) as i32;
+        let jog_less = u32::from(jog_less as u8);
+        u32::from(single_block) | (100 - rapid_percent.min(100)) << 8 | jog_less << 16
     }
 
     /// Whether the operator has single block switched on.
@@ -169,11 +175,35 @@ impl Inputs {
     pub fn rapid_override_percent(&self) -> u32 {
         100u32.saturating_sub(self.panel >> 8 & 0x7f)
     }
+
+    /// Override of jogs, in percent.
+    pub fn jog_override_percent(&self) -> u32 {
+        let less = (self.panel >> 16) as u8 as i8;
+        (100 - i32::from(less)).clamp(0, JOG_OVERRIDE_MAX_PERCENT as i32) as u32
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_switches_of_the_operator_are_read_back_and_none_of_them_moved_is_0() {
+        assert_eq!(Inputs::panel(false, (100, 100)), 0);
+        for single_block in [false, true] {
+            for rapid_percent in 0..=100 {
+                for jog_percent in 0..=JOG_OVERRIDE_MAX_PERCENT {
+                    let inputs = Inputs {
+                        panel: Inputs::panel(single_block, (rapid_percent, jog_percent)),
+                        ..Inputs::default()
+                    };
+                    assert_eq!(inputs.single_block(), single_block);
+                    assert_eq!(inputs.rapid_override_percent(), rapid_percent);
+                    assert_eq!(inputs.jog_override_percent(), jog_percent);
+                }
+            }
+        }
+    }
 
     #[test]
     fn what_is_asked_of_an_input_is_read_back_and_what_there_is_not_is_not() {

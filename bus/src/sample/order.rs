@@ -73,11 +73,13 @@ pub enum Order {
     JogRenew = 19,
     /// Brake at the limits and switch off, whatever the machine is doing.
     EmergencyStop = 20,
+    /// Override of jogs, those under way too.
+    JogOverride = 22,
 }
 
 impl Order {
     /// All of them.
-    pub const ALL: [Order; 18] = [
+    pub const ALL: [Order; 19] = [
         Order::Stop,
         Order::Hold,
         Order::Resume,
@@ -96,6 +98,7 @@ impl Order {
         Order::JogOn,
         Order::JogRenew,
         Order::EmergencyStop,
+        Order::JogOverride,
     ];
 
     /// Decodes what came over the wire.
@@ -124,6 +127,7 @@ impl Order {
             Order::JogOn => "jog-on",
             Order::JogRenew => "jog-renew",
             Order::EmergencyStop => "estop",
+            Order::JogOverride => "jog-override",
         }
     }
 

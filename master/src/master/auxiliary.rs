@@ -3,8 +3,9 @@
 //! (docs/developers/architecture.md, "Events").
 
 use bus::sample::{
-    Auxiliaries, Cause, DIGITAL_OUTPUTS, EventCode, FLOOD, Inputs, Levels, MAX_AXES, MIST, Mode,
-    OUTPUTS_AHEAD, PathTag, PlannerStatus, ProgramEvent, SpindleCommand, Waiting,
+    Auxiliaries, Cause, DIGITAL_OUTPUTS, EventCode, FLOOD, Inputs, JOG_OVERRIDE_MAX_PERCENT,
+    Levels, MAX_AXES, MIST, Mode, OUTPUTS_AHEAD, PathTag, PlannerStatus, ProgramEvent,
+    SpindleCommand, Waiting,
 };
 use bytemuck::{Pod, Zeroable};
 use machine::{Machine, ToolChanger};
@@ -72,8 +73,8 @@ pub struct AuxiliaryLatches {
     pub tool_offset_of: u32,
     /// The run whose modes are in force, 0 or [`bus::sample::MODES_RESET`].
     pub modes_of_run: u32,
-    /// Kept zero.
-    pub reserved: u32,
+    /// Override of jogs, in percent.
+    pub jog_override_percent: u32,
 }
 
 impl AuxiliaryLatches {
@@ -89,7 +90,8 @@ impl AuxiliaryLatches {
 
     /// What the feedback shows of the operator's switches.
     pub fn panel(&self) -> u32 {
-        Inputs::panel(self.single_block == 1, self.rapid_override_percent)
+        let overrides = (self.rapid_override_percent, self.jog_override_percent);
+        Inputs::panel(self.single_block == 1, overrides)
     }
 
     /// The gear between an axis and the spindle, while it is one.
@@ -210,6 +212,7 @@ impl Auxiliary {
             latches: AuxiliaryLatches {
                 optional_stop: u32::from(machine.program.optional_stop),
                 rapid_override_percent: 100,
+                jog_override_percent: 100,
                 tool: machine.beginning.tool,
                 levels: Levels {
                     tool: machine.beginning.tool,
@@ -376,6 +379,8 @@ impl Auxiliary {
         if values.iter().chain(&levels.analog).chain(offset).all(sound) {
             self.latches = *latches;
             self.latches.rapid_override_percent = latches.rapid_override_percent.min(100);
+            let most = JOG_OVERRIDE_MAX_PERCENT;
+            self.latches.jog_override_percent = latches.jog_override_percent.min(most);
         }
     }
 

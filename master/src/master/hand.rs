@@ -46,6 +46,22 @@ enum Wanted {
     Stop,
 }
 
+/// How fast a motion by hand is to be, in mm/s.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct HandSpeed {
+    /// Where no override scales it.
+    pub full_mm_s: f64,
+    /// At most, whatever the override.
+    pub most_mm_s: f64,
+}
+
+impl HandSpeed {
+    /// At this share of it, 1 for all.
+    pub fn at(&self, share: f64) -> f64 {
+        (self.full_mm_s * share).min(self.most_mm_s)
+    }
+}
+
 /// The hand on an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Hand {
@@ -55,6 +71,8 @@ pub(super) struct Hand {
     wanted: Wanted,
     /// State of its servo's manual controller.
     controller: Controller,
+    /// How fast it is to go.
+    speed: HandSpeed,
     /// Scan of its last increment.
     pub clicked: u64,
     /// Scans that its servo has been waited for.
@@ -76,6 +94,7 @@ impl Hand {
             course: HandCourse::at(0),
             wanted: Wanted::Nothing,
             controller: Controller::Off,
+            speed: HandSpeed::default(),
             clicked: 0,
             waited_scans: 0,
             limits: JogProfile::new(1, change, jerk.map(|jerk| jerk * scan_s.powi(3) / part_mm)),
@@ -84,7 +103,7 @@ impl Hand {
     }
 
     /// State that a later scan depends on, beside the course: the kind of motion and the scans it is left, the next aim, the servo.
-    pub fn inner(&self, scan: u64) -> [u64; 4] {
+    pub fn inner(&self, scan: u64) -> [u64; 6] {
         let (kind, left) = match self.motion {
             Motion::None => (0, 0),
             Motion::Increments => (1, 0),
@@ -103,7 +122,15 @@ impl Hand {
             left,
             wanted,
             self.waited_scans << 2 | self.controller as u64,
+            self.speed.full_mm_s.to_bits(),
+            self.speed.most_mm_s.to_bits(),
         ]
+    }
+
+    /// Largest step of a scan at this share of its speed; only at none of it 0, where it rests.
+    fn step_max(&self, share: f64) -> i64 {
+        let step = libm::floor(self.speed.at(share) * self.step_per_mm_s) as i64;
+        step.max(i64::from(share > 0.0))
     }
 
     /// Nothing moves or is about to.
@@ -148,12 +175,13 @@ impl AxisUnit {
         }
     }
 
-    /// The hand takes it to a place in increments, at this speed; from rest within these limits of acceleration and jerk, or its own.
+    /// The hand takes it to a place in increments, at this share of a speed; from rest within these limits of acceleration and jerk, or
+    /// its own.
     pub(super) fn move_by_hand(
         &mut self,
         motion: Motion,
         goal: i64,
-        speed_mm_s: f64,
+        (speed, share): (HandSpeed, f64),
         limits: Option<&JogProfile>,
     ) {
         if self.driver != Driver::Manual {
@@ -166,10 +194,26 @@ impl AxisUnit {
         }
         self.hand.motion = motion;
         self.hand.waited_scans = 0;
+        self.hand.speed = speed;
         self.hand.wanted = Wanted::Aim(Aim {
             goal: fine(goal),
-            step_max: libm::floor(speed_mm_s * self.hand.step_per_mm_s) as i64,
+            step_max: self.hand.step_max(share),
         });
+    }
+
+    /// What is jogged goes on at this share of its speed.
+    pub(super) fn scale_by_hand(&mut self, share: f64) {
+        let hand = &mut self.hand;
+        let is_jog = matches!(
+            hand.motion,
+            Motion::Increments | Motion::Held { .. } | Motion::Line
+        );
+        if self.driver == Driver::Manual && is_jog && !hand.rests() {
+            hand.wanted = Wanted::Aim(Aim {
+                goal: fine(hand.target()),
+                step_max: hand.step_max(share),
+            });
+        }
     }
 
     /// The hand brings it to rest where it can.

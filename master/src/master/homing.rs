@@ -12,7 +12,7 @@ use machine::{Homing as Settings, HomingMethod, INDEX_TURNS};
 
 use super::Master;
 use super::axis_unit::AxisUnit;
-use super::hand::Motion;
+use super::hand::{HandSpeed, Motion};
 use super::orders::{Refusal, whole_number};
 use crate::drives::Drives;
 
@@ -375,7 +375,12 @@ impl<D: Drives> Master<D> {
             };
             match search.flatten() {
                 Some((speed_mm_s, end)) => {
-                    axis.move_by_hand(Motion::Homing, end, speed_mm_s, None);
+                    let speed = HandSpeed {
+                        full_mm_s: speed_mm_s,
+                        most_mm_s: speed_mm_s,
+                    };
+                    // The override is of jogs alone.
+                    axis.move_by_hand(Motion::Homing, end, (speed, 1.0), None);
                 }
                 None => {
                     axis.leave_hand();

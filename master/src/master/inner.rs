@@ -40,7 +40,7 @@ pub struct InnerAxis {
     /// Deviation of the open loop.
     pub deviation: i64,
     /// Its motion by hand.
-    pub hand: [u64; 4],
+    pub hand: [u64; 6],
     /// The window that its command in force holds as pending.
     pub pending: WindowId,
 }

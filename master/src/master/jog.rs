@@ -1,14 +1,14 @@
 //! Jogs: by an increment, and held by somebody who renews the order. Who gave a held jog and is dead, stopped or cut off moves nothing
 //! any more: the axis comes to rest. Deadlines are scans, so that no clock has to agree with another one.
 
-use bus::sample::{Mode, OperatorRequest, Refused};
+use bus::sample::{JOG_OVERRIDE_MAX_PERCENT, Mode, OperatorRequest, Refused};
 use loops::hand_course::fine;
 use loops::jog::JogProfile;
 use machine::AxisKind;
 
 use super::Master;
 use super::axis_unit::AxisUnit;
-use super::hand::Motion;
+use super::hand::{HandSpeed, Motion};
 use super::orders::Refusal;
 use crate::drives::Drives;
 
@@ -63,8 +63,10 @@ impl Numbered {
 struct Line {
     /// Square of the way of the slides, in mm², and of the others, in degrees².
     length2: [f64; 2],
-    /// Per second; per scan²; and how closely the command follows its lead, which limits the jerk.
-    speed: f64,
+    /// Per second at most, and where the order gives no speed; per scan²; and how closely the command follows its lead, which limits the
+    /// jerk.
+    most: f64,
+    usual: f64,
     acceleration: f64,
     follows_by: f64,
 }
@@ -73,7 +75,8 @@ impl Default for Line {
     fn default() -> Line {
         Line {
             length2: [0.0; 2],
-            speed: f64::INFINITY,
+            most: f64::INFINITY,
+            usual: f64::INFINITY,
             acceleration: f64::INFINITY,
             follows_by: 1.0,
         }
@@ -81,8 +84,8 @@ impl Default for Line {
 }
 
 impl Line {
-    /// With this axis, which goes so many increments and at most so fast, in mm/s.
-    fn take(&mut self, unit: &AxisUnit, way: i64, most_mm_s: f64) {
+    /// With this axis, which goes so many increments; jogs of it are so fast, in mm/s, where the order gives no speed.
+    fn take(&mut self, unit: &AxisUnit, way: i64, usual_mm_s: f64) {
         let way_mm = way as f64 * unit.settings.increment_mm();
         let [slides, others] = &mut self.length2;
         match unit.settings.kind {
@@ -93,22 +96,27 @@ impl Line {
             return;
         }
         let limits = &unit.hand.limits;
-        self.speed = self.speed.min(most_mm_s / way_mm.abs());
+        let most_mm_s = unit.speed_by_hand(unit.settings.rapid_mm_s);
+        self.most = self.most.min(most_mm_s / way_mm.abs());
+        self.usual = self.usual.min(usual_mm_s / way_mm.abs());
         let way = fine(way).unsigned_abs() as f64;
         self.acceleration = self.acceleration.min(limits.step_change_max as f64 / way);
         // Jerk by acceleration: the slower an axis may speed up, the more closely it may follow.
         self.follows_by = self.follows_by.min(limits.follows_by);
     }
 
-    /// Speed of an axis, in mm/s, and its limits; the tool goes at most so fast along the slides, or else along the others.
-    fn of_axis(&self, unit: &AxisUnit, way: i64, along_mm_s: f64) -> (f64, JogProfile) {
+    /// Speed of an axis and its limits; the tool goes so fast along the slides, or else along the others, where nothing scales it.
+    fn of_axis(&self, unit: &AxisUnit, way: i64, along_mm_s: f64) -> (HandSpeed, JogProfile) {
         let [slides, others] = self.length2.map(libm::sqrt);
         let length = if slides > 0.0 { slides } else { others };
-        let speed = self.speed.min(along_mm_s / length);
-        let way_mm = way as f64 * unit.settings.increment_mm();
+        let way_mm = libm::fabs(way as f64 * unit.settings.increment_mm());
+        let speed = HandSpeed {
+            full_mm_s: self.usual.min(along_mm_s / length) * way_mm,
+            most_mm_s: self.most * way_mm,
+        };
         let change = self.acceleration * fine(way).unsigned_abs() as f64;
         let limits = JogProfile::following(1, libm::floor(change) as i64, self.follows_by);
-        (speed * way_mm.abs(), limits)
+        (speed, limits)
     }
 }
 
@@ -173,7 +181,7 @@ impl<D: Drives> Master<D> {
         if !distance.is_finite() || distance == 0.0 {
             return Err(Refused::BadValue.into());
         }
-        let speed_mm_s = self.jog_speed(request)?;
+        let mut speed = self.jog_speed(request)?;
         let from = unit.target();
         let way = match unit.way_of_jog(request.axis, request.value, from) {
             Err(beyond) if numbered => {
@@ -187,22 +195,21 @@ impl<D: Drives> Master<D> {
         }
         let target = from.saturating_add(way);
         let left_mm = target.saturating_sub(unit.command_position) as f64 * increment_mm;
-        let most_mm = request.value.abs() + BACKLOG_S * speed_mm_s;
+        let most_mm = request.value.abs() + BACKLOG_S * speed.at(self.jog_share());
         if unit.is_moved_by_hand() && left_mm.abs() > most_mm {
             return Err(Refused::Backlog.into());
         }
-        let mut speed_mm_s = speed_mm_s;
         let since_s = self.scan.saturating_sub(unit.hand.clicked) as f64 * self.scan_period_s;
         let turns = numbered && unit.is_moved_by_hand() && since_s > 0.0 && since_s <= TURNING_S;
         if turns && left_mm * request.value > 0.0 {
-            speed_mm_s = speed_mm_s.min(left_mm.abs() / (2.0 * since_s));
+            speed.most_mm_s = speed.most_mm_s.min(left_mm.abs() / (2.0 * since_s));
         }
         self.numbered.take(request.session, request.deadline_scans);
         self.jog_to(
             request.axis as usize,
             Motion::Increments,
             target,
-            speed_mm_s,
+            speed,
             None,
         );
         self.jogged_mm = way as f64 * increment_mm;
@@ -223,12 +230,11 @@ impl<D: Drives> Master<D> {
             let axis = index as u32;
             let unit = self.unit_to_jog(axis, false)?;
             let way = unit.way_of_jog(axis, *way_mm, unit.command_position)?;
-            let rapid_mm_s = unit.settings.rapid_mm_s;
-            let most_mm_s = match request.speed_mm_s {
-                0.0 => self.jog_mm_s.min(rapid_mm_s),
-                _ => rapid_mm_s,
+            let usual_mm_s = match request.speed_mm_s {
+                0.0 => self.jog_mm_s,
+                _ => f64::INFINITY,
             };
-            line.take(unit, way, unit.speed_by_hand(most_mm_s));
+            line.take(unit, way, usual_mm_s);
         }
         let along_mm_s = match request.speed_mm_s {
             0.0 => self.jog_mm_s,
@@ -241,8 +247,8 @@ impl<D: Drives> Master<D> {
             };
             let way = unit.increments(*way_mm);
             let target = unit.command_position.saturating_add(way);
-            let (speed_mm_s, limits) = line.of_axis(unit, way, along_mm_s);
-            self.jog_to(index, Motion::Line, target, speed_mm_s, Some(&limits));
+            let (speed, limits) = line.of_axis(unit, way, along_mm_s);
+            self.jog_to(index, Motion::Line, target, speed, Some(&limits));
         }
         Ok(())
     }
@@ -264,8 +270,8 @@ impl<D: Drives> Master<D> {
             session: request.session,
             until: self.jog_until(request)?,
         };
-        let speed_mm_s = self.jog_speed(request)?;
-        self.jog_to(request.axis as usize, motion, target, speed_mm_s, None);
+        let speed = self.jog_speed(request)?;
+        self.jog_to(request.axis as usize, motion, target, speed, None);
         Ok(())
     }
 
@@ -293,10 +299,10 @@ impl<D: Drives> Master<D> {
         }
         let new_until = self.jog_until(request)?;
         for (index, until) in jogged.into_iter().flatten() {
-            let mut speed_mm_s = None;
+            let mut speed = None;
             if request.speed_mm_s != 0.0 && !self.is_follower(index) {
                 let axis = index as u32;
-                speed_mm_s = Some(self.jog_speed(&OperatorRequest { axis, ..*request })?);
+                speed = Some(self.jog_speed(&OperatorRequest { axis, ..*request })?);
             }
             let session = request.session;
             let Some(axis) = self.axes.get_mut(index) else {
@@ -308,9 +314,9 @@ impl<D: Drives> Master<D> {
             }
             let until = until.max(new_until);
             axis.hand.motion = Motion::Held { session, until };
-            if let Some(speed_mm_s) = speed_mm_s {
+            if let Some(speed) = speed {
                 let (motion, target) = (axis.hand.motion, axis.target());
-                self.jog_to(index, motion, target, speed_mm_s, None);
+                self.jog_to(index, motion, target, speed, None);
             }
         }
         Ok(())
@@ -356,12 +362,12 @@ impl<D: Drives> Master<D> {
         Ok(unit.ok_or(Refused::UnknownAxis)?)
     }
 
-    /// Speed of a jog, in mm/s: that of the order, or of the machine file. An axis that is not homed is no faster than its search.
-    fn jog_speed(&self, request: &OperatorRequest) -> Result<f64, Refusal> {
+    /// Speed of a jog: that of the order, or of the machine file. An axis that is not homed is no faster than its search.
+    fn jog_speed(&self, request: &OperatorRequest) -> Result<HandSpeed, Refusal> {
         let unit = self.axes.get(request.axis as usize);
         let unit = unit.ok_or(Refused::UnknownAxis)?;
         let most_mm_s = unit.settings.rapid_mm_s;
-        let speed_mm_s = match request.speed_mm_s {
+        let full_mm_s = match request.speed_mm_s {
             0.0 => self.jog_mm_s.min(most_mm_s),
             speed if (JOG_MM_S_MIN..=most_mm_s).contains(&speed) => speed,
             _ => {
@@ -372,7 +378,27 @@ impl<D: Drives> Master<D> {
                 });
             }
         };
-        Ok(unit.speed_by_hand(speed_mm_s))
+        Ok(HandSpeed {
+            full_mm_s,
+            most_mm_s: unit.speed_by_hand(most_mm_s),
+        })
+    }
+
+    /// Scales the speeds of all jogs, those under way too; 0 rests, and what was begun goes on from there later.
+    pub(super) fn order_jog_override(&mut self, percent: f64) -> Result<(), Refusal> {
+        if !(0.0..=f64::from(JOG_OVERRIDE_MAX_PERCENT)).contains(&percent) {
+            return Err(Refused::BadValue.into());
+        }
+        self.auxiliary.latches.jog_override_percent = percent as u32;
+        let share = self.jog_share();
+        let axes = self.axes.iter_mut();
+        axes.for_each(|axis| axis.scale_by_hand(share));
+        Ok(())
+    }
+
+    /// Share of their speed that jogs are made at.
+    fn jog_share(&self) -> f64 {
+        f64::from(self.auxiliary.latches.jog_override_percent) / 100.0
     }
 
     /// The hand takes an axis to a place in increments, with both motors of a gantry.
@@ -381,12 +407,13 @@ impl<D: Drives> Master<D> {
         axis: usize,
         motion: Motion,
         target: i64,
-        speed_mm_s: f64,
+        speed: HandSpeed,
         limits: Option<&JogProfile>,
     ) {
+        let share = self.jog_share();
         for motor in self.motors_of(axis) {
             if let Some(unit) = self.axes.get_mut(motor) {
-                unit.move_by_hand(motion, target, speed_mm_s, limits);
+                unit.move_by_hand(motion, target, (speed, share), limits);
             }
         }
         self.take_in_hand();

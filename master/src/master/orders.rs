@@ -30,6 +30,7 @@ fn moves(order: Order) -> bool {
         | Order::OptionalStop
         | Order::SingleBlock
         | Order::RapidOverride
+        | Order::JogOverride
         | Order::EmergencyStop => false,
     }
 }
@@ -97,6 +98,7 @@ impl<D: Drives> Master<D> {
             Some(Order::Start) => self.order_start(request.session, request.value),
             Some(Order::OptionalStop) => self.order_optional_stop(request.value),
             Some(Order::RapidOverride) => self.order_rapid_override(request.value),
+            Some(Order::JogOverride) => self.order_jog_override(request.value),
             Some(Order::Reset) => self.order_reset(),
             Some(Order::SingleBlock) => self.order_single_block(request.value),
             Some(Order::Down) => {

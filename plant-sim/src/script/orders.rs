@@ -96,9 +96,11 @@ fn request(entry: &Entry, machine: &Machine) -> Result<OperatorRequest, String> 
     }
     let (wants_axis, wants_value) = match order {
         Order::Jog | Order::JogOn => (true, true),
-        Order::Override | Order::RapidOverride | Order::OptionalStop | Order::SingleBlock => {
-            (false, true)
-        }
+        Order::Override
+        | Order::RapidOverride
+        | Order::JogOverride
+        | Order::OptionalStop
+        | Order::SingleBlock => (false, true),
         _ => (false, false),
     };
     // It homes one axis, or all.

@@ -29,6 +29,7 @@ pub struct State<'a> {
     at_rest: Option<bool>,
     override_percent: Option<u32>,
     rapid_override_percent: Option<u32>,
+    jog_override_percent: Option<u32>,
     single_block: Option<bool>,
     cause: Option<CauseOf>,
     overrun_scans: Option<u32>,
@@ -362,6 +363,7 @@ pub fn state(model: &Model) -> State<'_> {
         at_rest: feedback.map(words::at_rest),
         override_percent: feedback.map(|feedback| feedback.override_percent),
         rapid_override_percent: feedback.map(|now| now.inputs.rapid_override_percent()),
+        jog_override_percent: feedback.map(|now| now.inputs.jog_override_percent()),
         single_block: feedback.map(|now| now.inputs.single_block()),
         cause: cause.map(|feedback| CauseOf {
             code: feedback.cause,

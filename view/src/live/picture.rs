@@ -363,7 +363,7 @@ mod tests {
             feedback.program = 3;
             feedback.run = 2;
             busy(&mut feedback.auxiliary);
-            feedback.inputs.panel = Inputs::panel(true, 50);
+            feedback.inputs.panel = Inputs::panel(true, (50, 150));
             if scan == 109 {
                 feedback.mode = Mode::Tripped as u32;
                 feedback.cause = Cause::FollowingError as u32;

@@ -18,10 +18,11 @@ pub fn status(model: &Model) -> String {
         let pace = model.pace.map_or("", |pace| pace.word());
         let _ = write!(
             text,
-            "\n  hold {}, override {} %, rapids {} %, single block {}, scan {} ({time_s:.1} s) {pace}, overrun scans {}",
+            "\n  hold {}, override {} %, rapids {} %, jogs {} %, single block {}, scan {} ({time_s:.1} s) {pace}, overrun scans {}",
             if feedback.hold == 1 { "on" } else { "off" },
             feedback.override_percent,
             feedback.inputs.rapid_override_percent(),
+            feedback.inputs.jog_override_percent(),
             if feedback.inputs.single_block() {
                 "on"
             } else {

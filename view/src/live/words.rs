@@ -128,6 +128,11 @@ fn jogging(feedback: &Feedback, machine: &Machine) -> Says {
             let detail = format!("axis {axes} is being homed");
             Says::new("⌂", "HOMING", Tone::Waits, &detail, next)
         }
+        None if feedback.inputs.jog_override_percent() == 0 => {
+            let detail = "stands: the override of jogs is at 0 %";
+            let next = "`quadrant jog-override 100` goes on; h ends it";
+            Says::new("‖", "JOGGING", Tone::Waits, detail, next)
+        }
         None => {
             let detail = "an axis is moved by hand";
             Says::new("↔", "JOGGING", Tone::Waits, detail, next)
