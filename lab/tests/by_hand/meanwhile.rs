@@ -221,11 +221,20 @@ impl Bench {
         if self.cell.mode() == Mode::Enabled {
             self.obeys(Order::Hold);
         }
-        let rests = |of: &Cell| of.now.at_rest == 1 && of.mode() != Mode::Finished;
-        let rested = self.cell.until(5_000, rests);
-        assert!(rested, "{}: it never rests", self.what);
-        self.look();
+        let ended = |of: &Cell| of.mode() != Mode::Finished;
+        assert!(
+            self.cell.until(5_000, ended),
+            "{}: it never ends",
+            self.what
+        );
         self.obeys(Order::Reset);
+        // In that scan, and from then on.
+        self.at = self
+            .cell
+            .master
+            .feedback()
+            .axes
+            .map(|axis| axis.command_position);
         self.scans(100);
     }
 
