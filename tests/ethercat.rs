@@ -8,6 +8,8 @@
 #[path = "support.rs"]
 mod support;
 
+#[path = "ethercat/by_hand.rs"]
+mod by_hand;
 #[path = "ethercat/cells.rs"]
 mod cells;
 #[path = "ethercat/clocks.rs"]
