@@ -7,7 +7,7 @@ use std::net::{TcpListener, TcpStream};
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
-use bus::sample::{Mode, ProgramState};
+use bus::sample::{Feedback, Mode, ProgramState};
 use serde_json::Value;
 
 use crate::support::{
@@ -271,6 +271,62 @@ fn frames_follow_each_other_to_the_end_and_have_what_is_drawn() {
     let last = frames.last().expect("frames to the end");
     assert_eq!(last["ended"], true, "{last}");
     assert_eq!(cell.finish().status(), 130);
+}
+
+#[test]
+fn clicks_on_the_page_count_once_each_and_what_is_not_taken_is_said() {
+    let (_bench, mut cell, ..) = up("realtime");
+    let by_hand = ByHand::start(&cell, &[]);
+    let page = &by_hand.page;
+    obeyed(&cell, &["enable"]);
+    let ready = |now: &Feedback| is(now, Mode::Ready, ProgramState::None);
+    let from = cell.wait_for(ready);
+    let click = |number: u64, distance: f64, seen: u64| {
+        page.order(&format!(
+            r#"{{"order":"jog","axis":"X","distance":{distance},"session":7,"click":{number},"seen":{seen}}}"#
+        ))
+    };
+    // However slow this PC is, these are not old.
+    let seen = from.scan + 1_000_000;
+    for (number, distance, words) in [
+        (1, 0.01, "X by 0.01 mm"),
+        (2, -0.05, "X by -0.05 mm"),
+        (2, -0.05, "X by"),
+        (1, 0.01, "X by"),
+        (3, 0.02, "X by 0.02 mm"),
+    ] {
+        let (status, said) = click(number, distance, seen);
+        assert_eq!(status, 200, "{number}: {said}");
+        assert!(said.contains(words), "{number}: {said}");
+    }
+    cell.wait_for_scan(1_000);
+    let old = click(4, 5.0, 1);
+    assert_eq!(old.0, 409, "{old:?}");
+    assert!(old.1.starts_with("not taken: X"), "{old:?}");
+    let at = cell.wait_for(ready);
+    let way = at.axes[0].command_position - from.axes[0].command_position;
+    assert_eq!(way, -20_000);
+    // What would run on is not taken; what goes beyond the travel is cut.
+    assert_eq!(page.order(r#"{"order":"jog-override","percent":0}"#).0, 200);
+    assert_eq!(click(5, 3.0, seen).0, 200);
+    let more = click(6, 3.0, seen);
+    assert!(
+        more.0 == 409 && more.1.starts_with("not taken: X still moves"),
+        "{more:?}"
+    );
+    obeyed(&cell, &["hold"]);
+    cell.wait_for(|now| now.hold == 1 && now.mode == Mode::Ready as u32);
+    obeyed(&cell, &["resume"]);
+    let cut = click(7, 9000.0, seen);
+    assert_eq!(cut.0, 200, "{cut:?}");
+    assert!(cut.1.contains("to the end of its travel"), "{cut:?}");
+    obeyed(&cell, &["hold"]);
+    let half = page.order(r#"{"order":"jog","axis":"X","distance":1,"session":7,"click":8}"#);
+    assert_eq!(half.0, 400, "{half:?}");
+    assert!(half.1.contains("`seen`"), "{half:?}");
+    let offered: Value = serde_json::from_str(&page.get("/machine").1).expect("JSON");
+    assert_eq!(offered["axes"][0]["increments"][0]["way"], 0.001);
+    obeyed(&cell, &["down"]);
 }
 
 #[test]

@@ -16,6 +16,7 @@ use crate::interpolation::Interpolation;
 use crate::kept::KeptFiles;
 use crate::kinematics::Kinematics;
 use crate::log_keeping::LogKeeping;
+use crate::manual::Manual;
 use crate::parameter_file::KeptParameters;
 use crate::path::PathSettings;
 use crate::positioning::Positioning;
@@ -177,18 +178,6 @@ pub struct ProgramSettings {
     /// Whether optional stops (M1) are switched on when the cell starts; the order `optional-stop` changes it.
     #[schemars(extend("default" = false))]
     pub optional_stop: bool,
-}
-
-/// Motion off the path.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Manual {
-    /// Speed of a jog.
-    #[schemars(extend("unit" = "mm/s", "exclusiveMinimum" = 0, "maximum" = 100, "default" = 10.0))]
-    pub jog_mm_s: f64,
-    /// Speed along the straight line at which a resumed program returns to where its path was left.
-    #[schemars(extend("unit" = "mm/s", "exclusiveMinimum" = 0, "maximum" = 100, "default" = 20.0))]
-    pub return_mm_s: f64,
 }
 
 impl Machine {

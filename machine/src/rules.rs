@@ -4,6 +4,7 @@ use bus::cell::{CELL_NAME_LENGTH_MAX, is_cell_name};
 
 use crate::axis::{Axis, AxisKind};
 use crate::machine::Machine;
+use crate::manual;
 use crate::positioning::RapidProfile;
 use crate::settings_file::{From, Rules};
 
@@ -21,6 +22,7 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
     tools_and_parameters(rules, machine);
     work_offsets(rules, machine);
     minimum_heat(rules, machine);
+    manual::judge(rules, &machine.manual);
     if let Some(spindle) = &machine.spindle {
         let (low, high) = (spindle.speed_min_rpm, spindle.speed_max_rpm);
         let path = ["spindle", "speed_max_rpm"];

@@ -338,6 +338,45 @@ pub enum Click {
     NotTaken,
 }
 
+impl Click {
+    /// What came of an increment of an axis, given as this number of a unit.
+    pub fn words(self, client: &Client, axis: u32, shown: f64, unit: &str) -> String {
+        let name = client.axis_name(axis);
+        match self {
+            Click::Taken => format!("{name} by {shown} {unit}"),
+            Click::Cut(taken) => {
+                let unit = client.unit(axis);
+                format!("{name} by {taken:.3} {unit}: to the end of its travel")
+            }
+            Click::NotTaken => format!("not taken: {name} still moves"),
+        }
+    }
+}
+
+/// Gives an increment of a cell that somebody else has numbered in a session of theirs; `seen` is the newest scan that they knew. What came
+/// of it, and in words.
+///
+/// # Errors
+/// As of [`Clicks::click`]; the cell does not run or has no such axis.
+pub fn click_numbered(
+    cell: &str,
+    letter: &str,
+    way: f64,
+    (session, number, seen): (u32, u32, u64),
+) -> Result<(Click, String), Failure> {
+    let client = Client::find(Some(cell), "clicks")?;
+    let axis = client.machine.program_axis_index(&letter.to_uppercase());
+    let axis = axis.map_err(|e| Failure::Input(anyhow!(e)))?;
+    let mut clicks = Clicks {
+        session,
+        number: number.saturating_sub(1),
+        ..Clicks::of(&client)?
+    };
+    let click = clicks.click(axis, way, 0.0, seen)?;
+    let words = click.words(&client, axis, way, client.unit(axis));
+    Ok((click, words))
+}
+
 /// Who gives increments one after another. Each is numbered, so that none counts twice.
 pub struct Clicks<'a> {
     client: &'a Client,

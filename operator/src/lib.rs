@@ -17,7 +17,7 @@ mod work;
 
 pub use client::{Client, Given, held};
 pub use eyes::Eyes;
-pub use jog::{Click, Clicks, JogAsked, JogSender, jog};
+pub use jog::{Click, Clicks, JogAsked, JogSender, click_numbered, jog};
 pub use mdi::{mdi, mdi_in};
 pub use offsets::{offsets, zero};
 pub use program::{down, load, start};

@@ -7,7 +7,7 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Duration;
 
 use console::exit::Failure;
-use machine::Machine;
+use machine::{AxisKind, Increment, Machine, Manual};
 use operator::{Click, Clicks, Client, Eyes, JogAsked, JogSender};
 use ratatui::crossterm::event::KeyCode;
 
@@ -18,8 +18,6 @@ use super::words::Tone;
 const FIRST: Duration = Duration::from_millis(700);
 /// From one repetition to the next.
 const NEXT: Duration = Duration::from_millis(200);
-/// Distances of a step, in mm or degrees.
-const STEPS: [f64; 5] = [0.001, 0.01, 0.1, 1.0, 10.0];
 /// Speeds, in mm/min or degrees/min.
 const SPEEDS: [f64; 10] = [
     6.0, 30.0, 60.0, 150.0, 300.0, 600.0, 1500.0, 3000.0, 6000.0, 15_000.0,
@@ -37,7 +35,8 @@ enum Ask {
     /// One step.
     Step {
         axis: u32,
-        way: f64,
+        direction: f64,
+        step: Increment,
         speed_mm_s: f64,
     },
     /// Come to rest.
@@ -59,10 +58,11 @@ pub enum Came {
 #[derive(Debug)]
 pub struct JogMode {
     axis: usize,
-    /// Of [`STEPS`]; none as long as the key is held.
+    /// Of the increments of the axis; none as long as the key is held.
     step: Option<usize>,
     speed: usize,
-    letters: Vec<(char, &'static str)>,
+    letters: Vec<(char, AxisKind)>,
+    manual: Manual,
     asks: Sender<Ask>,
     answers: Receiver<(Tone, String)>,
 }
@@ -78,14 +78,15 @@ impl JogMode {
         let usual = machine.manual.jog_mm_s * 60.0;
         let speed = SPEEDS.iter().rposition(|speed| *speed <= usual);
         let letter = |axis: &machine::Axis| {
-            let unit = axis.kind.unit();
-            axis.name.chars().next().map(|letter| (letter, unit))
+            let letter = axis.name.chars().next();
+            letter.map(|letter| (letter, axis.kind))
         };
         JogMode {
             axis: 0,
             step: None,
             speed: speed.unwrap_or(0),
             letters: machine.program_axes().iter().filter_map(letter).collect(),
+            manual: machine.manual.clone(),
             asks,
             answers,
         }
@@ -93,16 +94,30 @@ impl JogMode {
 
     /// What the bottom line says.
     pub fn words(&self) -> String {
-        let (letter, unit) = self.letters.get(self.axis).copied().unwrap_or(('?', "mm"));
-        let step = match self.step {
+        let axis = self.letters.get(self.axis);
+        let (letter, kind) = axis.copied().unwrap_or(('?', AxisKind::Linear));
+        let unit = kind.unit();
+        let step = match self.increment() {
             None => "while a key is held".to_owned(),
-            Some(step) => format!("by {} {unit}", STEPS.get(step).copied().unwrap_or_default()),
+            Some(Increment { shown, unit, .. }) => format!("by {shown} {unit}"),
         };
         let others: String = self.letters.iter().map(|(letter, _)| *letter).collect();
         format!(
             "JOG {letter} {step}, {} {unit}/min   ← → jog   {others} axis   i step   ↑ ↓ speed   space rest   Esc leaves",
             self.speed()
         )
+    }
+
+    /// The increments of the axis.
+    fn increments(&self) -> Vec<Increment> {
+        let axis = self.letters.get(self.axis);
+        axis.map_or(Vec::new(), |(_, kind)| self.manual.increments(*kind))
+    }
+
+    /// That of a step; none as long as the key is held.
+    fn increment(&self) -> Option<Increment> {
+        let (step, increments) = (self.step?, self.increments());
+        increments.get(step).or(increments.last()).copied()
     }
 
     fn speed(&self) -> f64 {
@@ -119,7 +134,7 @@ impl JogMode {
             KeyCode::Char('i') => {
                 self.step = match self.step {
                     None => Some(0),
-                    Some(step) if step + 1 < STEPS.len() => Some(step + 1),
+                    Some(step) if step + 1 < self.increments().len() => Some(step + 1),
                     Some(_) => None,
                 };
                 self.ask(Ask::End);
@@ -144,8 +159,7 @@ impl JogMode {
 
     fn jog(&self, direction: f64) {
         let (axis, speed_mm_s) = (self.axis as u32, self.speed() / 60.0);
-        let step = self.step.and_then(|step| STEPS.get(step));
-        self.ask(match step {
+        self.ask(match self.increment() {
             None => Ask::Hold {
                 axis,
                 direction,
@@ -153,7 +167,8 @@ impl JogMode {
             },
             Some(step) => Ask::Step {
                 axis,
-                way: direction * step,
+                direction,
+                step,
                 speed_mm_s,
             },
         });
@@ -240,9 +255,10 @@ impl Hand<'_> {
             } => self.hold(axis, direction, speed_mm_s).map(|()| None),
             Ask::Step {
                 axis,
-                way,
+                direction,
+                step,
                 speed_mm_s,
-            } => self.step(axis, way, speed_mm_s).map(Some),
+            } => self.step(axis, direction, step, speed_mm_s).map(Some),
             Ask::End => self.end().map(|()| None),
         }
     }
@@ -269,23 +285,27 @@ impl Hand<'_> {
         Ok(())
     }
 
-    fn step(&mut self, axis: u32, way: f64, speed_mm_s: f64) -> Result<(Tone, String), Failure> {
+    fn step(
+        &mut self,
+        axis: u32,
+        direction: f64,
+        step: Increment,
+        speed_mm_s: f64,
+    ) -> Result<(Tone, String), Failure> {
         let seen = self.eyes.look()?.scan;
         let clicks = match &mut self.clicks {
             Some(clicks) => clicks,
             none => none.insert(Clicks::of(self.client)?),
         };
-        let click = clicks.click(axis, way, speed_mm_s, seen)?;
-        let unit = self.client.unit(axis);
-        let name = self.client.axis_name(axis);
+        let click = clicks.click(axis, direction * step.way, speed_mm_s, seen)?;
+        let words = click.words(self.client, axis, direction * step.shown, step.unit);
         Ok(match click {
             Click::Taken => {
                 self.not_taken = 0;
-                (Tone::Good, format!("{name} by {way} {unit}"))
+                (Tone::Good, words)
             }
-            Click::Cut(taken) => {
+            Click::Cut(_) => {
                 self.not_taken = 0;
-                let words = format!("{name} by {taken:.3} {unit}: to the end of its travel");
                 (Tone::Waits, words)
             }
             Click::NotTaken => {
@@ -295,8 +315,7 @@ impl Hand<'_> {
                 } else {
                     "clicks"
                 };
-                let words = format!("{} {clicks} not taken: {name} still moves", self.not_taken);
-                (Tone::Waits, words)
+                (Tone::Waits, format!("{} {clicks} {words}", self.not_taken))
             }
         })
     }
@@ -312,7 +331,35 @@ impl Hand<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Ask, newest_holds};
+    use super::{Ask, Increment, JogMode, KeyCode, newest_holds};
+
+    #[test]
+    fn steps_are_the_increments_of_the_machine_file_in_the_unit_of_the_axis() {
+        let text = include_str!("../../../machines/xzb-pivot/machine.toml");
+        let lists = "increments_mm = [0.02, 0.2]\nincrements_inch = [0.0001, 0.001, 0.01]";
+        let text = format!("{text}\n[manual]\n{lists}\n");
+        let machine = machine::Machine::parse("machine.toml", &text).expect("a machine");
+        let mut keys = JogMode::of("no-cell-of-this-name", &machine);
+        let mut shown = |key: char| {
+            keys.key(KeyCode::Char(key));
+            keys.words()
+        };
+        for step in [
+            "by 0.0001 in,",
+            "by 0.001 in,",
+            "by 0.01 in,",
+            "while a key",
+        ] {
+            let words = shown('i');
+            assert!(words.contains(&format!("JOG X {step}")), "{words}");
+        }
+        for step in ["by 0.0001 in,", "by 0.001 in,", "by 0.01 in,"] {
+            assert!(shown('i').contains(step), "{step}");
+        }
+        // An axis with fewer of them takes its largest.
+        let words = shown('b');
+        assert!(words.contains("JOG B by 0.2 deg,"), "{words}");
+    }
 
     #[test]
     fn of_repetitions_in_a_row_the_last_counts_and_nothing_else_is_lost() {
@@ -323,7 +370,12 @@ mod tests {
         };
         let step = Ask::Step {
             axis: 0,
-            way: 0.1,
+            direction: 1.0,
+            step: Increment {
+                way: 0.1,
+                shown: 0.1,
+                unit: "mm",
+            },
             speed_mm_s: 1.0,
         };
         let asks = [

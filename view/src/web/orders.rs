@@ -4,12 +4,13 @@
 //! time is the command's. `hold`, `stop`, `estop` and `disable` need no process: nothing that this PC lacks, and no other order, may
 //! keep them back.
 
+use std::num::NonZero;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use bus::sample::Order;
 use launcher::web::TOKEN_VARIABLE;
-use operator::Given;
+use operator::{Click, Given, click_numbered};
 use serde::Deserialize;
 
 use super::words_of;
@@ -71,6 +72,17 @@ pub enum WebOrder {
         axis: String,
         /// In mm (degrees), signed.
         distance: f64,
+        /// Of a numbered click, which counts once: who gives it.
+        session: Option<NonZero<u32>>,
+        /// Its number in the session, going up.
+        click: Option<NonZero<u32>>,
+        /// The newest scan that was known when it was given.
+        seen: Option<u64>,
+    },
+    /// Override of jogs.
+    JogOverride {
+        /// In percent.
+        percent: f64,
     },
     /// Home axes.
     Home {
@@ -81,7 +93,7 @@ pub enum WebOrder {
 }
 
 /// What an order has to look like.
-const EXAMPLES: &str = r#"{"order":"hold"}, "resume", "stop", "estop", "start", "reset", "enable", "disable"; {"order":"override","percent":80}, "rapid-override"; {"order":"single-block","on":true}, "optional-stop"; {"order":"zero","axis":"X"}; {"order":"jog","axis":"X","distance":-0.1}; {"order":"home","axes":["X"]}"#;
+const EXAMPLES: &str = r#"{"order":"hold"}, "resume", "stop", "estop", "start", "reset", "enable", "disable"; {"order":"override","percent":80}, "rapid-override", "jog-override"; {"order":"single-block","on":true}, "optional-stop"; {"order":"zero","axis":"X"}; {"order":"jog","axis":"X","distance":-0.1}; {"order":"home","axes":["X"]}"#;
 
 /// Reads an order.
 ///
@@ -101,6 +113,18 @@ pub fn parse(body: &[u8]) -> Result<WebOrder, String> {
     };
     if axes.len() > AXES_MAX || !axes.iter().all(is_letter) {
         return Err("an axis is named by its letter, as X\n".into());
+    }
+    if let WebOrder::Jog {
+        session,
+        click,
+        seen,
+        ..
+    } = &order
+    {
+        let has = [session.is_some(), click.is_some(), seen.is_some()];
+        if has.contains(&true) && has.contains(&false) {
+            return Err("a click has `session` and `click`, numbers above 0, and `seen`, a scan; a jog that is no click has none of them\n".into());
+        }
     }
     Ok(order)
 }
@@ -124,7 +148,8 @@ impl WebOrder {
             WebOrder::SingleBlock { on } => words(&["single-block", switch(*on)]),
             WebOrder::RapidOverride { percent } => words(&["rapid-override", &percent.to_string()]),
             WebOrder::Zero { axis } => words(&["zero", axis]),
-            WebOrder::Jog { axis, distance } => words(&["jog", axis, &distance.to_string()]),
+            WebOrder::JogOverride { percent } => words(&["jog-override", &percent.to_string()]),
+            WebOrder::Jog { axis, distance, .. } => words(&["jog", axis, &distance.to_string()]),
             WebOrder::Home { axes } => {
                 let mut all: Vec<String> = words(&["home"]);
                 all.extend(axes.iter().cloned());
@@ -144,10 +169,34 @@ impl WebOrder {
         }
     }
 
+    /// A numbered increment, given by the rules of the monitor's keys; none of other orders.
+    fn click(&self, cell: &str) -> Option<Outcome> {
+        let WebOrder::Jog {
+            axis,
+            distance,
+            session: Some(session),
+            click: Some(click),
+            seen: Some(seen),
+        } = self
+        else {
+            return None;
+        };
+        let number = (session.get(), click.get(), *seen);
+        Some(match click_numbered(cell, axis, *distance, number) {
+            Ok((Click::NotTaken, words)) => Err(words),
+            Ok((_, words)) => Ok(words),
+            Err(failure) => Err(words_of(&failure)),
+        })
+    }
+
     /// Gives it to the cell of this name: what came of it, in words; or why nothing did.
     pub fn give(&self, cell: &str) -> Outcome {
         let arguments = self.arguments();
-        told(&arguments.join(" "), command(&arguments, cell))
+        let outcome = match self.click(cell) {
+            Some(outcome) => outcome,
+            None => command(&arguments, cell),
+        };
+        told(&arguments.join(" "), outcome)
     }
 }
 

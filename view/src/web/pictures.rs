@@ -130,6 +130,10 @@ fn machine(model: &Model) -> Bytes {
     let machine = &model.machine;
     let axes = machine.axes.iter().zip(&model.axes).map(|(axis, view)| {
         let homes = axis.homing.is_some();
+        let increments = machine.manual.increments(axis.kind).into_iter();
+        let increments = increments
+            .map(|of| json!({"way": of.way, "shown": of.shown, "unit": of.unit}))
+            .collect::<Vec<_>>();
         let (low, high) = match axis.modulo {
             true => (0.0, TURN_DEG),
             false => (axis.travel_min_mm, axis.travel_max_mm),
@@ -142,6 +146,7 @@ fn machine(model: &Model) -> Bytes {
                 "maximum_mm": high,
                 "following_error_limit_um": view.error_limit_um,
                 "homes": homes,
+                "increments": increments,
             }),
             AxisKind::Rotary => json!({
                 "axis": axis.name,
@@ -150,6 +155,7 @@ fn machine(model: &Model) -> Bytes {
                 "maximum_deg": high,
                 "following_error_limit_mdeg": view.error_limit_um,
                 "homes": homes,
+                "increments": increments,
             }),
         }
     });

@@ -1,12 +1,20 @@
 // Orders: only with the token, which comes behind the address (#token=…) or from the field, and stays in this tab.
 
 const KEY = "quadrant-token";
-const INCREMENTS = [0.001, 0.01, 0.1, 1, 10];
 const RAPIDS = [100, 50, 25, 5];
+const JOGS = [100, 50, 25, 10];
 const ANSWER_MS = 10000;
 
 const $ = id => document.getElementById(id);
-let increment = 1;
+const increments = {}; // of a unit: the one that is chosen
+const units = {}; // of an axis: the unit of its increments
+const session = crypto.getRandomValues(new Uint32Array(1))[0] || 1;
+const clicks = []; // given and not sent yet
+let clicked = 0;
+let clicking = false;
+let notTaken = 0;
+let scanSeen = 0;
+let jogsSeen = 100;
 let tripped = () => false;
 let overrideSeen = 100;
 let rapidsSeen = 100;
@@ -52,8 +60,12 @@ async function confirmed(words) {
   return dialog.returnValue === "yes";
 }
 
-export async function send(order) {
-  const name = [order.order, order.axis, order.distance, order.percent, order.on].filter(part => part !== undefined).join(" ");
+function named(order) {
+  return [order.order, order.axis, order.distance, order.percent, order.on].filter(part => part !== undefined).join(" ");
+}
+
+export async function send(order, words = saidOf) {
+  const name = named(order);
   answer("waits", `${name} …`);
   try {
     const response = await fetch("order", {
@@ -61,8 +73,7 @@ export async function send(order) {
       headers: { "Content-Type": "application/json", Authorization: `Bearer ${token()}` },
       body: JSON.stringify(order),
     });
-    const words = (await response.text()).trim();
-    answer(response.ok ? "good" : "bad", words || name);
+    answer(...words(response, (await response.text()).trim() || name));
     if (response.status === 401 || response.status === 403) {
       sessionStorage.removeItem(KEY);
       shown();
@@ -70,7 +81,7 @@ export async function send(order) {
     return response.ok;
   } catch {
     answer("bad", `${name}: the server is not reached: not given, or nobody knows`);
-    return false;
+    return undefined;
   }
 }
 
@@ -109,6 +120,13 @@ function rapids() {
   send({ order: "rapid-override", percent });
 }
 
+// The override of jogs; the next step below the one in force, and from the last all of it again.
+function jogs() {
+  if (token() === "") return;
+  const percent = JOGS.find(step => step < jogsSeen) ?? JOGS[0];
+  send({ order: "jog-override", percent });
+}
+
 function blocks() {
   if (token() !== "") send({ order: "single-block", on: !singleBlock });
 }
@@ -121,6 +139,9 @@ export async function zero(axis) {
 export function seen(status) {
   rapidsSeen = status.rapid_override_percent ?? rapidsSeen;
   singleBlock = status.single_block ?? singleBlock;
+  scanSeen = status.scan ?? scanSeen;
+  jogsSeen = status.jog_override_percent ?? jogsSeen;
+  $("jogs").textContent = `${jogsSeen} %`;
   $("rapids").firstChild.data = `${rapidsSeen} % `;
   $("blocks").firstChild.data = `Blocks ${singleBlock ? "on" : "off"} `;
   $("blocks").setAttribute("aria-pressed", `${singleBlock}`);
@@ -129,30 +150,73 @@ export function seen(status) {
   if (overrideWanted === null) $("override-value").textContent = `${overrideSeen} %`;
 }
 
-export function jog(axis, direction) {
-  send({ order: "jog", axis, distance: direction * increment });
+// Each click has a number, and goes when the one before is answered: however often one is sent, it counts once, and old ones are refused.
+export async function jog(axis, direction) {
+  const of = increments[units[axis]];
+  if (token() === "" || !of) return;
+  clicks.push({ order: "jog", axis, distance: direction * of.chosen.way, session, click: ++clicked, seen: scanSeen });
+  if (clicking) return;
+  clicking = true;
+  while (clicks.length) {
+    const click = clicks.shift();
+    if (await send(click, saidOfClick) === undefined) await send(click, saidOfClick);
+  }
+  clicking = false;
 }
 
-function incrementButtons() {
-  const group = $("increments");
-  const title = document.createElement("span");
-  title.textContent = "Jog by";
-  group.append(title);
-  for (const step of INCREMENTS) {
-    const button = document.createElement("button");
-    button.type = "button";
-    button.setAttribute("role", "radio");
-    button.textContent = `${step}`;
-    button.onclick = () => {
-      increment = step;
-      for (const other of group.querySelectorAll("button")) other.setAttribute("aria-checked", `${other === button}`);
-    };
-    button.setAttribute("aria-checked", `${step === increment}`);
-    group.append(button);
+function saidOf(response, words) {
+  return [response.ok ? "good" : "bad", words];
+}
+
+function saidOfClick(response, words) {
+  if (!words.startsWith("not taken")) {
+    notTaken = 0;
+    return saidOf(response, words);
+  }
+  notTaken += 1;
+  return ["waits", `${notTaken} ${notTaken === 1 ? "click" : "clicks"} ${words}`];
+}
+
+// A choice for each unit that the machine's axes are jogged in.
+function incrementButtons(machine) {
+  const place = $("increments");
+  place.replaceChildren();
+  for (const { axis, increments: offered } of machine.axes) {
+    const unit = offered[0].unit;
+    units[axis] = unit;
+    if (increments[unit] && place.querySelector(`[data-unit="${unit}"]`)) continue;
+    const group = document.createElement("div");
+    group.className = "group";
+    group.dataset.unit = unit;
+    group.setAttribute("role", "radiogroup");
+    group.setAttribute("aria-label", `Jog increment in ${unit}`);
+    const title = document.createElement("span");
+    title.textContent = "Jog by";
+    group.append(title);
+    const before = offered.find(step => step.way === increments[unit]?.chosen.way);
+    const chosen = before ?? offered.findLast(step => step.way <= 1) ?? offered[0];
+    increments[unit] = { chosen };
+    for (const step of offered) {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.setAttribute("role", "radio");
+      button.textContent = `${step.shown}`;
+      button.onclick = () => {
+        increments[unit].chosen = step;
+        for (const other of group.querySelectorAll("button")) other.setAttribute("aria-checked", `${other === button}`);
+      };
+      button.setAttribute("aria-checked", `${step === chosen}`);
+      group.append(button);
+    }
+    const shownUnit = document.createElement("span");
+    shownUnit.textContent = unit === "deg" ? "°" : unit;
+    group.append(shownUnit);
+    place.append(group);
   }
 }
 
 export function begin(machine) {
+  incrementButtons(machine);
   $("home").hidden = !machine.axes.some(axis => axis.homes);
 }
 
@@ -160,12 +224,12 @@ export function prepare() {
   takeToken();
   window.addEventListener("hashchange", () => { takeToken(); shown(); });
   shown();
-  incrementButtons();
   for (const button of document.querySelectorAll("[data-order]")) button.onclick = () => give(button.dataset.order);
   for (const button of document.querySelectorAll("[data-step]")) {
     button.onclick = () => override((overrideWanted ?? overrideSeen) + Number(button.dataset.step));
   }
   $("rapids").onclick = rapids;
+  $("jogs").onclick = jogs;
   $("blocks").onclick = blocks;
   document.querySelector("[data-percent]").onclick = () => override(100);
   $("token-form").onsubmit = event => {
