@@ -8,7 +8,7 @@ use launcher::options::{CleanOptions, RunOptions, UpOptions};
 use operator::options::{
     HomeOptions, JogOptions, JogOverrideOptions, LoadOptions, MdiOptions, OffsetsOptions,
     OperatorOptions, OptionalStopOptions, OverrideOptions, RapidOverrideOptions,
-    SingleBlockOptions, StartOptions, ToolOptions, ZeroOptions,
+    SingleBlockOptions, StartOptions, ToolOptions, WheelOptions, ZeroOptions,
 };
 use prepare::options::{BusOptions, CheckOptions, DoctorOptions, PlanOptions};
 use report::options::ReportOptions;
@@ -92,6 +92,8 @@ pub enum Command {
     SingleBlock(SingleBlockOptions),
     /// Move axes of a running cell by hand, by a distance or until Ctrl-C: ready, stopped, or at rest in hold
     Jog(JogOptions),
+    /// Move an axis of a running cell by the running count of a handwheel, from standard input
+    Wheel(WheelOptions),
     /// Home axes of a running cell that have no absolute encoder, one after another: ready, or at rest in hold before a program has begun
     Home(HomeOptions),
     /// Show or change the work offsets that programs begin with

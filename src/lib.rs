@@ -60,6 +60,7 @@ pub fn obey(command: Command, injection: Injection) -> Outcome {
         Command::OptionalStop(options) => operator::optional_stop(&options),
         Command::SingleBlock(options) => operator::single_block(&options),
         Command::Jog(options) => operator::jog(&options),
+        Command::Wheel(options) => operator::wheel(&options),
         Command::Home(options) => operator::home(&options),
         Command::Offsets(options) => operator::offsets(&options),
         Command::Tool(options) => operator::tool(&options),

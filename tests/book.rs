@@ -295,7 +295,7 @@ quadrant() {
         done
         cat up.txt ;;
     run) command quadrant "$@" --cell "$CELL-r" ;;
-    load | start | hold | resume | stop | override | rapid-override | single-block | optional-stop | reset | jog | home | offsets | \
+    load | start | hold | resume | stop | override | rapid-override | single-block | optional-stop | reset | jog | wheel | home | offsets | \
     tool | zero | enable | disable | mdi | estop | status | down)
         for look in $(seq 100); do
             said=$(command quadrant "$@" --cell "$CELL" 2>&1)

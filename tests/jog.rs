@@ -1,6 +1,8 @@
 //! The sender of a continuous jog is killed, stopped or interrupted: the axis comes to rest, and nothing that it asked for acts later.
 
+use std::io::Write as _;
 use std::process::{Child, Output, Stdio};
+use std::time::Duration;
 
 use bus::sample::{Cause, Feedback, Mode, ProgramState};
 
@@ -223,11 +225,92 @@ fn control_c_ends_a_jog_well_and_hold_ends_it_from_elsewhere() {
     stays(&mut cell, &at);
 
     let jogging = moving(&mut cell);
-    obeyed(&cell, &["hold"]);
+    let held = obeyed(&cell, &["hold"]);
     let (status, text) = printed(jogging);
     assert_eq!(status, 1, "{text}");
     assert!(text.contains("X is at rest at"), "{text}");
+    let at = rest(&mut cell);
+    let stands = format!("hold: X will stand at {:.3} mm", x_mm(&at));
+    // On a PC that gave the sender no time, the jog was over before.
+    let was_over = held.contains("nothing moves");
+    assert!(was_over || held.contains(&stands), "{held}: {stands}");
     obeyed(&cell, &["resume"]);
+    obeyed(&cell, &["down"]);
+}
+
+/// `quadrant wheel` with these lines, 10 ms apart; what it says.
+fn wheel(cell: &LiveCell, options: &[&str], lines: impl Iterator<Item = String>) -> (i32, String) {
+    let mut wheel = quadrant()
+        .args(["wheel", "X", "0.01", "--cell", &cell.cell])
+        .args(options)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("a wheel");
+    let mut stdin = wheel.stdin.take().expect("its input");
+    for line in lines {
+        // One that has ended reads no more.
+        let _ = writeln!(stdin, "{line}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    drop(stdin);
+    printed(wheel)
+}
+
+/// Counts that were taken, and those that were not.
+fn said_counts(text: &str) -> (i64, i64) {
+    let numbers = text.split_whitespace().filter_map(|word| word.parse().ok());
+    match numbers.collect::<Vec<i64>>()[..] {
+        [taken, not, ..] => (taken, not),
+        _ => panic!("no counts: {text}"),
+    }
+}
+
+#[test]
+fn a_wheel_on_standard_input_moves_its_axis_to_where_its_counts_say_and_what_was_taken_is_said() {
+    let (_bench, mut cell, ..) = up("realtime");
+    let turning = || (0..60).map(|count| count.to_string());
+    // Counts that come while the drives are off move nothing, and it says why.
+    let from_mm = x_mm(&cell.wait_for(|_| true));
+    let (status, text) = wheel(&cell, &[], turning());
+    assert_eq!(status, 0, "{text}");
+    assert!(
+        text.contains("counts are not taken: the drives are off"),
+        "{text}"
+    );
+    assert!(text.contains("0 counts taken, 59 not"), "{text}");
+    obeyed(&cell, &["enable"]);
+    assert_eq!(
+        x_mm(&cell.wait_for(|f| is(f, Mode::Ready, ProgramState::None))),
+        from_mm
+    );
+    for (options, sign) in [(&[][..], 1), (&["--velocity"], -1)] {
+        let from_mm = x_mm(&rest(&mut cell));
+        let lines = (0..60).map(|count| (sign * count).to_string());
+        let (status, text) = wheel(&cell, options, lines);
+        assert_eq!(status, 0, "{text}");
+        let (taken, not) = said_counts(&text[text.find("Ctrl-C").expect("a beginning")..]);
+        assert_eq!(taken + not, 59, "{text}");
+        let at = rest(&mut cell);
+        let way_mm = x_mm(&at) - from_mm;
+        let counted_mm = (sign * taken) as f64 * 0.01;
+        assert!(
+            (way_mm - counted_mm).abs() < 1e-9,
+            "{way_mm} of {counted_mm} mm: {text}"
+        );
+        let place = format!("X is at rest at {:.3} mm", x_mm(&at));
+        assert!(text.contains(&place), "{text}: {place}");
+    }
+    // What is no count ends it, with the axis where the last count says.
+    let lines = ["7", "8", "eight", "9"].map(str::to_owned);
+    let (status, text) = wheel(&cell, &[], lines.into_iter());
+    assert_eq!(status, 2, "{text}");
+    assert!(
+        text.contains("line 3 of standard input: \"eight\" is no running count"),
+        "{text}"
+    );
+    assert!(text.contains("1 counts taken, 0 not"), "{text}");
     obeyed(&cell, &["down"]);
 }
 
@@ -430,7 +513,7 @@ fn waiting_for_a_jog_is_for_its_own_axes() {
     obeyed(&cell, &["jog", "Y", "0.1", "--wait"]);
     let now = cell.wait_for(|_| true);
     assert_eq!(now.axes[1].command_position % 100_000, 0);
-    assert!(!now.axes[0].hand.rests(), "X is done as well");
+    assert_eq!(now.mode, Mode::Jogging as u32, "X is done as well");
     obeyed(&cell, &["hold"]);
     obeyed(&cell, &["down"]);
 }

@@ -280,11 +280,13 @@ pub enum Cause {
     Abort = 32,
     /// The two motors of a gantry pull against each other for too long; the axis is the second of them.
     GantryTorque = 33,
+    /// The probe made contact in a motion by hand, which has come to rest where it could.
+    ProbeJogged = 34,
 }
 
 impl Cause {
     /// All of them. A number is never given to another cause: logs keep them.
-    pub const ALL: [Cause; 30] = [
+    pub const ALL: [Cause; 31] = [
         Cause::None,
         Cause::FollowingError,
         Cause::SoftLimit,
@@ -315,6 +317,7 @@ impl Cause {
         Cause::Skew,
         Cause::Abort,
         Cause::GantryTorque,
+        Cause::ProbeJogged,
     ];
 
     /// Whether a servo can know it: of its own axis, and of what it was told.
@@ -373,6 +376,7 @@ impl Cause {
             Cause::EmergencyStop => "emergency stop by the operator",
             Cause::Skew => "the two motors of the gantry are too far apart (skew)",
             Cause::GantryTorque => "the two motors of the gantry pull against each other",
+            Cause::ProbeJogged => "the probe made contact in a jog: jog it off",
             Cause::Stalled => "master stalled for longer than the watchdog, drives off",
             Cause::Abort => "given up by the program itself (ABORT)",
         }
@@ -460,14 +464,6 @@ pub struct HandCourse {
     pub changes_in: u32,
     /// Kept zero.
     pub reserved: u32,
-}
-
-impl HandCourse {
-    /// Whether it has ended, or was none.
-    pub fn rests(&self) -> bool {
-        let at_goal = self.command == self.goal && self.lead == self.goal;
-        at_goal && self.lead_step == 0 && self.changes_in == 0
-    }
 }
 
 /// Whether the positions of an axis are those of the machine.

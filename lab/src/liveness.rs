@@ -252,6 +252,7 @@ impl<'a> Liveness<'a> {
                 settings.is_some_and(|settings| settings.homing.is_some())
             }
             Cause::Abort => feedback.messages > 0,
+            Cause::ProbeJogged => feedback.inputs.contact == 1,
             Cause::ProbeMissed => feedback.answer.outcome == AnswerOutcome::Missed as u32,
             Cause::ProbeEarly => feedback.answer.outcome == AnswerOutcome::Early as u32,
             Cause::ProbeLost => feedback.answer.outcome == AnswerOutcome::Lost as u32,

@@ -27,6 +27,7 @@ impl Promises {
             | Order::Jog
             | Order::JogOn
             | Order::JogRenew
+            | Order::Wheel
             | Order::Home
             | Order::Load
             | Order::OptionalStop

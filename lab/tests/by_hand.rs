@@ -145,7 +145,7 @@ impl Bench {
         );
         for (index, (axis, was)) in now.axes().iter().zip(before.axes()).enumerate() {
             let rests = match axis.driver == Driver::Manual as u32 {
-                true => axis.hand.rests(),
+                true => bytemuck::cast::<_, loops::hand_course::HandCourse>(axis.hand).rests(),
                 false => axis.driver == Driver::Program as u32,
             };
             if axis.driver == Driver::Manual as u32 {

@@ -36,6 +36,7 @@ mod start_at_line;
 mod substitute;
 mod switch;
 mod switching_on;
+mod wheel;
 
 use auxiliary::Auxiliary;
 pub use auxiliary::AuxiliaryLatches;
@@ -43,6 +44,7 @@ use axis_unit::AxisUnit;
 pub use beginning::Beginning;
 use decide::Plan;
 use gantry::Gantry;
+use hand::ByOrder;
 use homing::Homing;
 pub use homing::HomingLatches;
 pub use inner::{Inner, InnerAxis};
@@ -97,9 +99,10 @@ pub struct Master<D> {
     /// Mode that a motion by hand began in and goes back to.
     jog_from: Mode,
     jog_mm_s: f64,
-    /// Increments that were taken, and what of the one that was ordered last, in mm.
+    /// Increments that were taken.
     numbered: Numbered,
-    jogged_mm: f64,
+    /// What the order that was judged last did by hand.
+    by_order: ByOrder,
     /// Scans that axes stay in the hand.
     hand_on_scans: u64,
     /// Axes that are being homed.
@@ -171,7 +174,7 @@ impl<D: Drives> Master<D> {
             jog_from: Mode::Enabled,
             jog_mm_s: machine.manual.jog_mm_s,
             numbered: Numbered::default(),
-            jogged_mm: 0.0,
+            by_order: ByOrder::default(),
             hand_on_scans: 0,
             homing: None,
             scan_period_s: machine.scan_period_s(),
@@ -366,6 +369,8 @@ impl<D: Drives> Master<D> {
         self.follow_up();
         self.follow_with_spindle();
         self.step_homing();
+        self.heed_touch();
+        self.forget_wheels();
         self.step_hands();
         self.leave_hands();
         self.advance_mode();

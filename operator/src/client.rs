@@ -8,8 +8,8 @@ use bus::cell::{CellError, CellPaths};
 use bus::observer::{Held, Observer};
 use bus::port::OperatorClient;
 use bus::sample::{
-    Auxiliaries, Feedback, JOG_OVERRIDE_MAX_PERCENT, Mode, OperatorRequest, OperatorResponse,
-    Order, Reference, Refused,
+    Auxiliaries, Cause, Feedback, JOG_OVERRIDE_MAX_PERCENT, Mode, OperatorRequest,
+    OperatorResponse, Order, Reference, Refused,
 };
 use bus::service::Bus;
 use machine::{KeptTexts, Machine};
@@ -45,6 +45,21 @@ fn single_block(on: f64) -> &'static str {
         1.0 => "single block on: the machine rests behind each block, resume runs the next",
         _ => "single block off",
     }
+}
+
+/// Where the axis will stand whose motion by hand an order has cut short, if it has.
+fn cut_words(cell: &Observer, order: Order, answer: &OperatorResponse) -> Option<String> {
+    if answer.cut == 0 {
+        return None;
+    }
+    let machine = Machine::load(&cell.place.machine_file()).ok()?;
+    let axis = machine.axes.get(answer.axis as usize)?;
+    let at_mm = axis.shown(answer.rests as f64 * axis.increment_mm());
+    let (name, unit) = (&axis.name, axis.kind.unit());
+    Some(format!(
+        "{}: {name} will stand at {at_mm:.3} {unit}",
+        order.word()
+    ))
 }
 
 fn obeyed(order: Order, answer: &OperatorResponse) -> String {
@@ -244,7 +259,12 @@ impl Client {
         }
     }
 
-    fn words(&self, reason: Option<Refused>, order: Order, answer: &OperatorResponse) -> String {
+    pub(super) fn words(
+        &self,
+        reason: Option<Refused>,
+        order: Order,
+        answer: &OperatorResponse,
+    ) -> String {
         let Some(reason) = reason else {
             return plain_words(None, answer);
         };
@@ -338,6 +358,12 @@ impl Client {
     }
 }
 
+/// What to say where the probe has stopped a motion by hand that was ordered in an earlier scan.
+pub(super) fn probe_words(now: &Feedback, ordered_in: u64) -> Option<&'static str> {
+    let stopped = now.cause == Cause::ProbeJogged as u32 && now.cause_scan > ordered_in;
+    stopped.then(|| Cause::ProbeJogged.words())
+}
+
 /// What a cell answers, behind its name.
 fn named(cell: &str, words: &str) -> String {
     format!("{cell}: {words}")
@@ -402,7 +428,11 @@ impl Given {
         let found = look_for_answer(cell, order, self.at, &answer, &|| false)?;
         Some(
             found.and_then(|answer| match Refused::from_wire(answer.reason) {
-                Some(Refused::Not) => Ok(named(cell.place.name(), &obeyed(order, &answer))),
+                Some(Refused::Not) => {
+                    let cut = cut_words(cell, order, &answer);
+                    let words = cut.unwrap_or_else(|| obeyed(order, &answer));
+                    Ok(named(cell.place.name(), &words))
+                }
                 reason => Err(refused(&cell.place, order, &plain_words(reason, &answer))),
             }),
         )

@@ -5,11 +5,12 @@ use std::time::{Duration, Instant};
 use anyhow::anyhow;
 use bus::observer::Held;
 use bus::port::Reader;
-use bus::sample::{Cause, Driver, Feedback, Mode, Reference};
+use bus::sample::{AxisFeedback, Cause, Driver, Feedback, Mode, Reference};
+use loops::hand_course::HandCourse;
 use machine::PositionFeedback;
 
 use super::Client;
-use super::client::soon_held;
+use super::client::{probe_words, soon_held};
 use console::exit::{Failure, Outcome};
 use launcher::supervise::stop_words;
 
@@ -86,13 +87,14 @@ impl Eyes<'_> {
             let off = axes.find(|axis| !self.is_in_position(&now, *axis));
             let are_there = goals.iter().all(|(axis, goal)| {
                 let axis = now.axes().get(*axis);
-                axis.is_some_and(|axis| axis.hand.rests() && axis.command_position == *goal)
+                axis.is_some_and(|axis| course(axis).rests() && axis.command_position == *goal)
             });
             let mut others = now.axes().iter().enumerate();
             let others_move = others.any(|(index, axis)| {
                 let is_asked = goals.iter().any(|(of, _)| *of == index);
-                !is_asked && axis.driver == Driver::Manual as u32 && !axis.hand.rests()
+                !is_asked && axis.driver == Driver::Manual as u32 && !course(axis).rests()
             });
+            let probed = probe_words(&now, scan);
             match Mode::from_wire(now.mode) {
                 _ if now.scan <= scan => {}
                 Some(Mode::Jogging) if others_move && are_there && off.is_none() => {
@@ -101,6 +103,9 @@ impl Eyes<'_> {
                 Some(Mode::Jogging) => {}
                 Some(Mode::Tripped) => {
                     return Err(self.client.fails("the machine has tripped"));
+                }
+                _ if probed.is_some() => {
+                    return Err(self.client.fails(probed.unwrap_or_default()));
                 }
                 _ if off.is_none() && now.rested == 1 => return Ok(now),
                 _ => {
@@ -211,4 +216,9 @@ impl Eyes<'_> {
             return Err(self.client.fails(&words));
         }
     }
+}
+
+/// The course of an axis that is moved by hand.
+pub(super) fn course(axis: &AxisFeedback) -> HandCourse {
+    bytemuck::cast(axis.hand)
 }

@@ -7,12 +7,12 @@ use bus::observer::Held;
 use bus::port::OperatorClient;
 use bus::realtime;
 use bus::sample::{Driver, Feedback, Mode, OperatorRequest, OperatorResponse, Order, Refused};
-use loops::hand_course::HandCourse;
 use path::geometry::AxisVector;
 use program::Modal;
 
 use super::Client;
-use super::eyes::Eyes;
+use super::client::probe_words;
+use super::eyes::{Eyes, course};
 use super::jog_tool;
 use crate::options::JogOptions;
 use console::exit::{Failure, Kind, Outcome};
@@ -213,7 +213,7 @@ fn goal(client: &Client, now: &Feedback, axis: u32, way: f64) -> (usize, i64) {
         .axes()
         .get(index)
         .map_or(0, |axis| match Driver::from_wire(axis.driver) {
-            Some(Driver::Manual) => bytemuck::cast::<_, HandCourse>(axis.hand).target(),
+            Some(Driver::Manual) => course(axis).target(),
             _ => axis.command_position,
         });
     (
@@ -325,7 +325,7 @@ fn rounded(way: f64) -> f64 {
 }
 
 /// An increment that is older than this is not taken.
-const CLICK_AGE: Duration = Duration::from_millis(200);
+pub(super) const CLICK_AGE: Duration = Duration::from_millis(200);
 
 /// What came of an increment.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -468,6 +468,7 @@ fn until_interrupted(client: &Client, ways: &[(u32, f64)], speed_mm_s: f64) -> O
         return Ok(());
     };
     let mut sender = JogSender::begin(client, first, &now)?;
+    let began = sender.began;
     for other in others {
         if let Err(refused) = sender.also(other, &now) {
             sender.end()?;
@@ -486,7 +487,7 @@ fn until_interrupted(client: &Client, ways: &[(u32, f64)], speed_mm_s: f64) -> O
         let now = eyes.look()?;
         if now.scan > sender.began && !JogSender::moves(&now) {
             let mut ends = ways.iter();
-            return ends.try_for_each(|(axis, _)| ended(client, &now, *axis, ordered_off));
+            return ends.try_for_each(|(axis, _)| ended(client, &now, *axis, (began, ordered_off)));
         }
         if signals.count() > 0 && !ordered_off {
             sender.end()?;
@@ -503,7 +504,7 @@ fn until_interrupted(client: &Client, ways: &[(u32, f64)], speed_mm_s: f64) -> O
 }
 
 /// The axis is at rest: where, and whether that was meant.
-fn ended(client: &Client, now: &Feedback, axis: u32, ordered_off: bool) -> Outcome {
+fn ended(client: &Client, now: &Feedback, axis: u32, (began, ordered_off): (u64, bool)) -> Outcome {
     let settings = client.machine.axes.get(axis as usize);
     let feedback = now.axes().get(axis as usize);
     let Some((settings, feedback)) = settings.zip(feedback) else {
@@ -515,6 +516,9 @@ fn ended(client: &Client, now: &Feedback, axis: u32, ordered_off: bool) -> Outco
     let place = format!("{name} is at rest at {:.3} {unit}", settings.shown(at_mm));
     if now.mode == Mode::Tripped as u32 {
         return Err(client.fails("the machine has tripped"));
+    }
+    if let Some(words) = probe_words(now, began) {
+        return Err(client.fails(&format!("{words}: {place}")));
     }
     if ordered_off {
         client.say(&format!("jogged: {place}"));
@@ -674,7 +678,7 @@ impl<'a> JogSender<'a> {
 }
 
 /// A name that no other continuous jog of the cell has had lately.
-fn session() -> u32 {
+pub(super) fn session() -> u32 {
     let nanoseconds = realtime::now_ns();
     let mixed =
         (nanoseconds ^ (u64::from(std::process::id()) << 40)).wrapping_mul(0x9E37_79B9_7F4A_7C15);

@@ -13,6 +13,7 @@ mod offsets;
 pub mod options;
 mod program;
 mod tools;
+mod wheel;
 mod work;
 
 pub use client::{Client, Given, held};
@@ -22,6 +23,7 @@ pub use mdi::{mdi, mdi_in};
 pub use offsets::{offsets, zero};
 pub use program::{down, load, start};
 pub use tools::tool;
+pub use wheel::wheel;
 pub use work::{machine_of_run, modes_behind, next_start, program_behind};
 
 use client::{order_urgently, running};

@@ -164,6 +164,25 @@ pub struct JogOptions {
     pub to: OperatorOptions,
 }
 
+/// What `quadrant wheel` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Reads running counts from standard input, one whole number a line, and tells the cell the newest. The first one only says where the wheel is.\n  for count in $(seq 0 50); do echo $count; sleep 0.02; done | quadrant wheel X 0.01\n  for count in $(seq 0 -1 -50); do echo $count; sleep 0.02; done | quadrant wheel X 0.01 --velocity\n\nEvery count is travelled that comes no faster than the axis may be jogged (`jog_mm_s` of the machine file). After each there is at most one count and 0.2 s of motion left to go; what is more is not taken and never catches up. With --velocity there is only the braking left. Counts that come while the axis may not be jogged move nothing.\n\nAt the end of input, or at Ctrl-C, the axis comes to rest where its count says; what was taken is printed. Exit status 1: the cell has ended; 2: a line is no whole number, or bad usage."
+)]
+pub struct WheelOptions {
+    /// Axis letter
+    pub axis: String,
+    /// Distance of one count, in mm (degrees of a rotary axis); negative to turn the other way
+    #[arg(value_name = "DISTANCE", allow_negative_numbers = true, value_parser = number)]
+    pub per_count: f64,
+    /// The axis rests as soon as the wheel does, also where counts are lost by it
+    #[arg(long)]
+    pub velocity: bool,
+    /// Which cell.
+    #[command(flatten)]
+    pub to: OperatorOptions,
+}
+
 /// What `quadrant offsets` takes.
 #[derive(Debug, Clone, Args)]
 #[command(

@@ -60,5 +60,6 @@ table!(
 );
 table!(Roster: version, visible_from, participants, checksum);
 table!(
-    OperatorRequest: order, axis, value, speed_mm_s, latest_scan, session, deadline_scans, line_mm @ Axes,
+    OperatorRequest: order, axis, value, speed_mm_s, latest_scan, session, deadline_scans, count, velocity_mode,
+    line_mm @ Axes,
 );

@@ -7,27 +7,31 @@ use super::MAX_AXES;
 
 /// What an operator, or the launcher for him, asks of the master.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/OperatorRequest/4")]
+#[type_name("quadrant/OperatorRequest/5")]
 #[repr(C)]
 pub struct OperatorRequest {
     /// What: see [`Order`].
     pub order: u32,
     /// Index of the axis, of orders to one axis; of `load` of typed-in blocks, 1 where M2 or M30 ends them.
     pub axis: u32,
-    /// Its value: override in percent, distance of a jog in mm, direction of a continuous jog, number of a program to load,
-    /// line to start at (0: the beginning), axes to home as bits.
+    /// Its value: override in percent, distance of a jog in mm, direction of a continuous jog, mm of a wheel's count, number of a program
+    /// to load, line to start at (0: the beginning), axes to home as bits.
     pub value: f64,
     /// Speed of a jog, in mm/s; 0 for that of the machine file.
     pub speed_mm_s: f64,
     /// The last scan in which it may be obeyed, and until which a held jog goes on; 0 for any.
     pub latest_scan: u64,
     /// Names a held jog, so that what was meant for one that is over begins no other; of increments, who gives them: 0 is nobody who
-    /// would repeat one. Of `start`, the number of the program that is meant, or 0 for any; of `load` of typed-in blocks, the number
+    /// would repeat one; of a wheel, who counts. Of `start`, the number of the program that is meant, or 0 for any; of `load` of typed-in blocks, the number
     /// that is loaded before them and 1, else 0.
     pub session: u32,
     /// Scans that a held jog goes on without being renewed; 0 ends it. Of increments, their number in the session, going up. Of `load`
     /// of typed-in blocks, the number under which a copy of the program that is loaded before them lies; 0 where none is.
     pub deadline_scans: u32,
+    /// Running count of a wheel, up and down; behind the largest number comes the smallest.
+    pub count: i32,
+    /// Of a wheel: 1 where its axis is to rest as soon as it does, 0 where every count is to be travelled.
+    pub velocity_mode: u32,
     /// Ways of a jog along a straight line, by axis, in mm or degrees; all 0 of a jog of one axis.
     pub line_mm: [f64; MAX_AXES],
 }
@@ -73,13 +77,15 @@ pub enum Order {
     JogRenew = 19,
     /// Brake at the limits and switch off, whatever the machine is doing.
     EmergencyStop = 20,
+    /// The running count of a wheel that moves one axis.
+    Wheel = 21,
     /// Override of jogs, those under way too.
     JogOverride = 22,
 }
 
 impl Order {
     /// All of them.
-    pub const ALL: [Order; 19] = [
+    pub const ALL: [Order; 20] = [
         Order::Stop,
         Order::Hold,
         Order::Resume,
@@ -98,6 +104,7 @@ impl Order {
         Order::JogOn,
         Order::JogRenew,
         Order::EmergencyStop,
+        Order::Wheel,
         Order::JogOverride,
     ];
 
@@ -127,6 +134,7 @@ impl Order {
             Order::JogOn => "jog-on",
             Order::JogRenew => "jog-renew",
             Order::EmergencyStop => "estop",
+            Order::Wheel => "wheel",
             Order::JogOverride => "jog-override",
         }
     }
@@ -195,7 +203,7 @@ pub enum Refused {
     TooLate = 25,
     /// The axis is at the end of its travel.
     TravelEnd = 26,
-    /// The axis has more to go than this increment and a fifth of a second.
+    /// The axis has more to go than this increment, or a count of its wheel, and a fifth of a second.
     Backlog = 27,
 }
 
@@ -292,7 +300,7 @@ impl Refused {
 
 /// The answer: done or not, and the state it was judged in.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/OperatorResponse/4")]
+#[type_name("quadrant/OperatorResponse/5")]
 #[repr(C)]
 pub struct OperatorResponse {
     /// Scan in which it was latched.
@@ -303,6 +311,8 @@ pub struct OperatorResponse {
     pub allowed_max_mm: f64,
     /// What was taken of an increment, in mm: less than was asked for where it is cut at the end of the travel.
     pub jogged_mm: f64,
+    /// Where the axis will stand whose motion by hand was cut short, in increments.
+    pub rests: i64,
     /// 1 if accepted.
     pub accepted: u32,
     /// [`Mode`](super::Mode) after it.
@@ -315,8 +325,12 @@ pub struct OperatorResponse {
     pub override_percent: u32,
     /// The program that was started last, counted.
     pub run: u32,
-    /// Of a jog that was refused for an axis: its index.
+    /// Index of the axis that a jog was refused for, or of the first one whose motion by hand was cut short.
     pub axis: u32,
+    /// What was taken of a wheel's counts, signed.
+    pub counts: i32,
+    /// 1 where a motion by hand was cut short.
+    pub cut: u32,
     /// Kept zero.
     pub reserved: u32,
 }

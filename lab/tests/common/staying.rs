@@ -295,6 +295,49 @@ impl Cell {
         self.scans(200);
     }
 
+    /// Drives on, homed, and the first two axes not far from the middle of their travel.
+    pub fn ready_in_the_middle(&mut self) {
+        self.scans(5);
+        self.ready();
+        if !self.is_homed() {
+            assert_eq!(self.order(Order::Home), Refused::Not);
+            self.rests();
+        }
+        let mut line = OperatorRequest {
+            order: Order::Jog as u32,
+            ..OperatorRequest::default()
+        };
+        for axis in 0..2 {
+            let (left_mm, travel_mm) = self.to_the_middle(axis);
+            if left_mm.abs() > travel_mm / 4.0 {
+                line.line_mm[axis] = left_mm;
+            }
+        }
+        if line.line_mm.iter().any(|way_mm| *way_mm != 0.0) {
+            assert_eq!(self.ask(&line).reason, Refused::Not as u32);
+            self.rests();
+        }
+    }
+
+    /// Way of an axis to the middle of its travel, and how long that is, in mm.
+    pub fn to_the_middle(&self, axis: usize) -> (f64, f64) {
+        let settings = &self.machine.axes[axis];
+        let at_mm = self.now.axes[axis].command_position as f64 * settings.increment_mm();
+        let middle_mm = f64::midpoint(settings.travel_min_mm, settings.travel_max_mm);
+        (
+            middle_mm - at_mm,
+            settings.travel_max_mm - settings.travel_min_mm,
+        )
+    }
+
+    /// What moves comes to rest.
+    pub fn rests(&mut self) {
+        self.scans(2);
+        let moves = |of: &Cell| matches!(of.mode(), Mode::Jogging | Mode::Stopping);
+        assert!(self.until(100_000, |of| !moves(of)), "it never rests");
+        self.scans(200);
+    }
+
     /// Who drives dies.
     pub fn dies(&mut self, job: Job, axis: usize) {
         let role = self.now.axes[axis].taken_role;

@@ -11,6 +11,7 @@ use machine::{Axis, JOG_ACCELERATION_SHARE, Machine};
 use super::Master;
 use super::axis_unit::AxisUnit;
 use super::switch::Taken;
+use super::wheel::Wheel;
 use crate::drives::Drives;
 use crate::window_arbiter::Dropped;
 
@@ -35,6 +36,17 @@ pub(super) enum Motion {
     Homing,
     /// It comes to rest where it can.
     Stop,
+}
+
+/// What an order did by hand, for its answer.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct ByOrder {
+    /// What was taken of an increment or of a wheel's counts, in mm.
+    pub jogged_mm: f64,
+    /// Counts of a wheel that were taken, signed.
+    pub counts: i32,
+    /// The first axis whose motion was cut short, and where it will stand, in increments.
+    pub cut: Option<(u32, i64)>,
 }
 
 /// What a course is to do once the change under way has come.
@@ -75,6 +87,8 @@ pub(super) struct Hand {
     speed: HandSpeed,
     /// Scan of its last increment.
     pub clicked: u64,
+    /// The wheel that it follows.
+    pub wheel: Wheel,
     /// Scans that its servo has been waited for.
     waited_scans: u64,
     /// Limits of acceleration and jerk, in parts of an increment and scans.
@@ -83,10 +97,15 @@ pub(super) struct Hand {
     step_per_mm_s: f64,
 }
 
+/// Acceleration of motions by hand, in mm/s².
+pub(super) fn acceleration_by_hand(axis: &Axis) -> f64 {
+    JOG_ACCELERATION_SHARE * axis.acceleration_mm_s2
+}
+
 impl Hand {
     pub fn new(machine: &Machine, axis: &Axis) -> Hand {
         let (scan_s, part_mm) = (machine.scan_period_s(), axis.increment_mm() / FINE as f64);
-        let acceleration_mm_s2 = JOG_ACCELERATION_SHARE * axis.acceleration_mm_s2;
+        let acceleration_mm_s2 = acceleration_by_hand(axis);
         let change = libm::floor(acceleration_mm_s2 * scan_s * scan_s / part_mm) as i64;
         let jerk = axis.jerk_mm_s3;
         Hand {
@@ -96,6 +115,7 @@ impl Hand {
             controller: Controller::Off,
             speed: HandSpeed::default(),
             clicked: 0,
+            wheel: Wheel::default(),
             waited_scans: 0,
             limits: JogProfile::new(1, change, jerk.map(|jerk| jerk * scan_s.powi(3) / part_mm)),
             step_per_mm_s: scan_s / part_mm,
@@ -160,6 +180,12 @@ impl AxisUnit {
             Driver::Manual => self.hand.motion != Motion::None,
             Driver::Drive => true,
         }
+    }
+
+    /// Whether a motion by hand other than homing is on its way.
+    fn is_under_way(&self) -> bool {
+        let homes = matches!(self.hand.motion, Motion::Homing | Motion::None);
+        self.driver == Driver::Manual && !homes && !self.hand.rests()
     }
 
     /// Whether it stands in the hand.
@@ -228,6 +254,18 @@ impl AxisUnit {
         }
     }
 
+    /// Where it will stand once it has braked as it is about to, in increments: the change under way comes first.
+    fn stands_by_hand(&self, scans: u32) -> i64 {
+        let mut course = self.hand.course;
+        if self.hand.wanted == Wanted::Stop {
+            for _ in 0..course.changes_in.max(1) {
+                course = course.advanced();
+            }
+            course.stop(scans);
+        }
+        course.target()
+    }
+
     /// The program's controller drives again.
     pub(super) fn leave_hand(&mut self) {
         self.driver = Driver::Program;
@@ -273,6 +311,7 @@ impl<D: Drives> Master<D> {
     /// Axes begin to be moved by hand: the machine leaves the path.
     pub(super) fn take_in_hand(&mut self) {
         if self.mode != Mode::Jogging {
+            self.forget_cause_of_jog();
             self.jog_from = self.mode;
             self.mode = Mode::Jogging;
             self.windows.drop_all(self.scan, Dropped::LeavesPath);
@@ -281,8 +320,46 @@ impl<D: Drives> Master<D> {
 
     /// All that is moved by hand comes to rest where it can; homing ends.
     pub(super) fn rest_all_by_hand(&mut self) {
-        self.axes.iter_mut().for_each(AxisUnit::rest_by_hand);
+        self.cut_by_hand(|_| true);
         self.end_homing();
+    }
+
+    /// What is moved by hand of these axes comes to rest where it can. The first that is cut short is told.
+    pub(super) fn cut_by_hand(&mut self, which: impl Fn(&AxisUnit) -> bool) {
+        let scans = self.change_scans().unwrap_or(1);
+        for (index, axis) in self.axes.iter_mut().enumerate() {
+            if !which(axis) {
+                continue;
+            }
+            let moves = axis.is_under_way();
+            axis.rest_by_hand();
+            if moves && self.by_order.cut.is_none() {
+                self.by_order.cut = Some((index as u32, axis.stands_by_hand(scans)));
+            }
+        }
+    }
+
+    /// Contact of the probe ends all that is moved by hand, but homing.
+    pub(super) fn heed_touch(&mut self) {
+        let moves = |axis: &AxisUnit| axis.is_under_way() && axis.hand.motion != Motion::Stop;
+        let moved = self.axes.iter().position(moves);
+        let Some(axis) = moved.filter(|_| self.auxiliary.questions.touched) else {
+            return;
+        };
+        self.axes.iter_mut().for_each(AxisUnit::rest_by_hand);
+        // What has stopped a program for good stays to be seen.
+        if self.jog_from != Mode::Stopped || self.cause == Cause::None {
+            self.cause = Cause::ProbeJogged;
+            self.cause_axis = axis as u32;
+            self.cause_scan = self.scan + 1;
+        }
+    }
+
+    /// The probe has stopped a motion by hand: another one begins, or the program goes on.
+    pub(super) fn forget_cause_of_jog(&mut self) {
+        if self.cause == Cause::ProbeJogged {
+            self.clear_causes();
+        }
     }
 
     /// Whether an axis is moved by hand.
@@ -298,17 +375,24 @@ impl<D: Drives> Master<D> {
         })
     }
 
+    /// Scans until a change of a course takes effect: as far as the servos look ahead, and one; none where the hand is on nothing.
+    fn change_scans(&self) -> Option<u32> {
+        let by_hand = |axis: &&AxisUnit| axis.driver == Driver::Manual;
+        let hands = self.axes.iter().filter(by_hand);
+        let ahead_scans = hands.map(|axis| axis.command.ahead_scans).max()?;
+        Some(ahead_scans.min(AHEAD_SCANS_MAX) + 1)
+    }
+
     /// One scan of all motions by hand, once the answers of the scan are taken: what is wanted is begun as early as the servos look
     /// ahead, held jogs that nobody renews end, and what is done is over.
     pub(super) fn step_hands(&mut self) {
-        let by_hand = |axis: &&AxisUnit| axis.driver == Driver::Manual;
-        let hands = self.axes.iter().filter(by_hand);
-        let ahead_scans = hands.map(|axis| axis.command.ahead_scans).max();
-        let Some(ahead_scans) = ahead_scans else {
+        let Some(scans) = self.change_scans() else {
             return;
         };
-        let scans = ahead_scans.min(AHEAD_SCANS_MAX) + 1;
-        let mut hands = self.axes.iter().filter(by_hand);
+        let mut hands = self
+            .axes
+            .iter()
+            .filter(|axis| axis.driver == Driver::Manual);
         let all_follow = hands.all(|axis| axis.hand.controller >= Controller::Follows);
         let patience_scans = (SETTLE_PATIENCE_S / self.scan_period_s) as u64;
         let mut lost = None;

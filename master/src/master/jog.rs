@@ -1,7 +1,7 @@
 //! Jogs: by an increment, and held by somebody who renews the order. Who gave a held jog and is dead, stopped or cut off moves nothing
 //! any more: the axis comes to rest. Deadlines are scans, so that no clock has to agree with another one.
 
-use bus::sample::{JOG_OVERRIDE_MAX_PERCENT, Mode, OperatorRequest, Refused};
+use bus::sample::{JOG_OVERRIDE_MAX_PERCENT, MAX_AXES, Mode, OperatorRequest, Refused};
 use loops::hand_course::fine;
 use loops::jog::JogProfile;
 use machine::AxisKind;
@@ -17,11 +17,11 @@ const JOG_MM_S_MIN: f64 = 0.001;
 /// The longest deadline, in s.
 const DEADLINE_MAX_S: f64 = 2.0;
 /// After an increment so much motion may be left beside it, in s at the speed of the jog.
-const BACKLOG_S: f64 = 0.2;
+pub(super) const BACKLOG_S: f64 = 0.2;
 
 /// Increments that come no further apart than this, in s, are one motion without a stop: each is spread over twice the time since the one
 /// before.
-const TURNING_S: f64 = 0.1;
+pub(super) const TURNING_S: f64 = 0.1;
 
 /// Increments that were taken lately, by who gave them.
 #[derive(Debug, Clone, Copy, Default)]
@@ -181,7 +181,7 @@ impl<D: Drives> Master<D> {
         if !distance.is_finite() || distance == 0.0 {
             return Err(Refused::BadValue.into());
         }
-        let mut speed = self.jog_speed(request)?;
+        let speed = self.jog_speed(request)?;
         let from = unit.target();
         let way = match unit.way_of_jog(request.axis, request.value, from) {
             Err(beyond) if numbered => {
@@ -199,25 +199,47 @@ impl<D: Drives> Master<D> {
         if unit.is_moved_by_hand() && left_mm.abs() > most_mm {
             return Err(Refused::Backlog.into());
         }
+        let turning_s = self.turning_s(unit).filter(|_| numbered);
+        self.numbered.take(request.session, request.deadline_scans);
+        self.move_by_increments(request.axis as usize, way, speed, turning_s);
+        Ok(())
+    }
+
+    /// Time since the increment before, where this one goes on with it, in s.
+    pub(super) fn turning_s(&self, unit: &AxisUnit) -> Option<f64> {
         let since_s = self.scan.saturating_sub(unit.hand.clicked) as f64 * self.scan_period_s;
-        let turns = numbered && unit.is_moved_by_hand() && since_s > 0.0 && since_s <= TURNING_S;
-        if turns && left_mm * request.value > 0.0 {
+        let turns = unit.is_moved_by_hand() && since_s > 0.0 && since_s <= TURNING_S;
+        turns.then_some(since_s)
+    }
+
+    /// An axis goes further by so many increments; where increments go on with those before, no faster than in twice the time since then.
+    pub(super) fn move_by_increments(
+        &mut self,
+        index: usize,
+        way: i64,
+        mut speed: HandSpeed,
+        turning_s: Option<f64>,
+    ) {
+        let Some(unit) = self.axes.get(index) else {
+            return;
+        };
+        let increment_mm = unit.settings.increment_mm();
+        let target = unit.target().saturating_add(way);
+        let left = target.saturating_sub(unit.command_position);
+        let left_mm = left as f64 * increment_mm;
+        if let Some(since_s) = turning_s.filter(|_| left.signum() == way.signum()) {
             speed.most_mm_s = speed.most_mm_s.min(left_mm.abs() / (2.0 * since_s));
         }
-        self.numbered.take(request.session, request.deadline_scans);
-        self.jog_to(
-            request.axis as usize,
-            Motion::Increments,
-            target,
-            speed,
-            None,
-        );
-        self.jogged_mm = way as f64 * increment_mm;
-        let scan = self.scan;
-        if let Some(unit) = self.axes.get_mut(request.axis as usize) {
-            unit.hand.clicked = scan;
+        self.jog_to(index, Motion::Increments, target, speed, None);
+        self.by_order.jogged_mm = way as f64 * increment_mm;
+        self.note_increment(index);
+    }
+
+    /// An increment came for this axis.
+    pub(super) fn note_increment(&mut self, index: usize) {
+        if let Some(unit) = self.axes.get_mut(index) {
+            unit.hand.clicked = self.scan;
         }
-        Ok(())
     }
 
     /// Begins a jog of several axes along a straight line, from rest to rest: one motion, of which each axis makes its share.
@@ -279,42 +301,35 @@ impl<D: Drives> Master<D> {
     /// goes by increments that the session has given.
     pub(super) fn order_jog_renew(&mut self, request: &OperatorRequest) -> Result<(), Refusal> {
         if request.deadline_scans == 0 && self.numbered.knows(request.session) {
-            let by_increments = |axis: &&mut AxisUnit| axis.hand.motion == Motion::Increments;
-            let axes = self.axes.iter_mut().filter(by_increments);
-            axes.for_each(AxisUnit::rest_by_hand);
+            let by_increments = |axis: &AxisUnit| axis.hand.motion == Motion::Increments;
+            self.cut_by_hand(by_increments);
             return Ok(());
         }
-        let of_session = |(index, axis): (usize, &AxisUnit)| match axis.hand.motion {
-            Motion::Held { session, until } if session == request.session => Some((index, until)),
-            _ => None,
-        };
-        let mut jogged = [None; bus::sample::MAX_AXES];
-        let found = self.axes.iter().enumerate().filter_map(of_session);
-        jogged
-            .iter_mut()
-            .zip(found)
-            .for_each(|(slot, of)| *slot = Some(of));
-        if self.mode != Mode::Jogging || jogged.iter().flatten().next().is_none() {
+        let of_session = |axis: &AxisUnit| matches!(axis.hand.motion, Motion::Held { session, .. } if session == request.session);
+        if self.mode != Mode::Jogging || !self.axes.iter().any(of_session) {
             return Err(Refused::JogOver.into());
         }
         let new_until = self.jog_until(request)?;
-        for (index, until) in jogged.into_iter().flatten() {
-            let mut speed = None;
-            if request.speed_mm_s != 0.0 && !self.is_follower(index) {
-                let axis = index as u32;
-                speed = Some(self.jog_speed(&OperatorRequest { axis, ..*request })?);
+        if request.deadline_scans == 0 {
+            self.cut_by_hand(of_session);
+            return Ok(());
+        }
+        // All are judged before the first is renewed.
+        let mut speeds = [None; MAX_AXES];
+        for (index, speed) in speeds.iter_mut().enumerate() {
+            let axis = index as u32;
+            let renews = self.axes.get(index).is_some_and(of_session);
+            if renews && request.speed_mm_s != 0.0 && !self.is_follower(index) {
+                *speed = Some(self.jog_speed(&OperatorRequest { axis, ..*request })?);
             }
-            let session = request.session;
-            let Some(axis) = self.axes.get_mut(index) else {
-                continue;
-            };
-            if request.deadline_scans == 0 {
-                axis.rest_by_hand();
-                continue;
+        }
+        for axis in self.axes.iter_mut().filter(|axis| of_session(axis)) {
+            if let Motion::Held { until, .. } = &mut axis.hand.motion {
+                *until = new_until.max(*until);
             }
-            let until = until.max(new_until);
-            axis.hand.motion = Motion::Held { session, until };
-            if let Some(speed) = speed {
+        }
+        for (index, speed) in speeds.into_iter().enumerate() {
+            if let Some((axis, speed)) = self.axes.get(index).zip(speed) {
                 let (motion, target) = (axis.hand.motion, axis.target());
                 self.jog_to(index, motion, target, speed, None);
             }
@@ -337,7 +352,7 @@ impl<D: Drives> Master<D> {
     }
 
     /// The axis that an order is to jog, where one may be jogged.
-    fn unit_to_jog(&self, axis: u32, by_increment: bool) -> Result<&AxisUnit, Refusal> {
+    pub(super) fn unit_to_jog(&self, axis: u32, by_increment: bool) -> Result<&AxisUnit, Refusal> {
         let unit = self.axes.get(axis as usize);
         let unit = unit.filter(|_| !self.is_follower(axis as usize));
         let ends = |axis: &AxisUnit| axis.hand.motion == Motion::Stop;
@@ -363,7 +378,7 @@ impl<D: Drives> Master<D> {
     }
 
     /// Speed of a jog: that of the order, or of the machine file. An axis that is not homed is no faster than its search.
-    fn jog_speed(&self, request: &OperatorRequest) -> Result<HandSpeed, Refusal> {
+    pub(super) fn jog_speed(&self, request: &OperatorRequest) -> Result<HandSpeed, Refusal> {
         let unit = self.axes.get(request.axis as usize);
         let unit = unit.ok_or(Refused::UnknownAxis)?;
         let most_mm_s = unit.settings.rapid_mm_s;
@@ -397,7 +412,7 @@ impl<D: Drives> Master<D> {
     }
 
     /// Share of their speed that jogs are made at.
-    fn jog_share(&self) -> f64 {
+    pub(super) fn jog_share(&self) -> f64 {
         f64::from(self.auxiliary.latches.jog_override_percent) / 100.0
     }
 

@@ -235,7 +235,10 @@ impl<D: Drives> Master<D> {
 
     /// The program before could not go on, or has given itself up: another one, or the same once more, can.
     fn forget_program_cause(&mut self) {
-        if matches!(self.cause, Cause::Planner | Cause::Abort) {
+        if matches!(
+            self.cause,
+            Cause::Planner | Cause::Abort | Cause::ProbeJogged
+        ) {
             self.cause = Cause::None;
             self.cause_scan = 0;
         }

@@ -8,6 +8,7 @@ use crate::drives::Drives;
 
 use super::Master;
 use super::axis_unit::AxisUnit;
+use super::hand::ByOrder;
 use crate::window_arbiter::Dropped;
 
 /// Orders that a cell which is about to end takes no more: they would keep it from ending.
@@ -19,6 +20,7 @@ fn moves(order: Order) -> bool {
         | Order::Jog
         | Order::JogOn
         | Order::JogRenew
+        | Order::Wheel
         | Order::Home
         | Order::Load
         | Order::Start
@@ -74,7 +76,7 @@ impl AxisUnit {
 impl<D: Drives> Master<D> {
     /// Judges an order; what is latched shows in the next feedback.
     pub fn order(&mut self, request: &OperatorRequest) -> OperatorResponse {
-        self.jogged_mm = 0.0;
+        self.by_order = ByOrder::default();
         let judged = match Order::from_wire(request.order) {
             Some(order) if self.ordered_to_end && moves(order) => Err(Refused::Ending.into()),
             Some(_) if request.latest_scan != 0 && self.scan > request.latest_scan => {
@@ -92,6 +94,7 @@ impl<D: Drives> Master<D> {
             Some(Order::Jog) => self.order_jog(request),
             Some(Order::JogOn) => self.order_jog_on(request),
             Some(Order::JogRenew) => self.order_jog_renew(request),
+            Some(Order::Wheel) => self.order_wheel(request),
             Some(Order::EmergencyStop) => self.order_emergency_stop(),
             Some(Order::Home) => self.order_home(request.value),
             Some(Order::Load) => self.order_load(request),
@@ -115,9 +118,11 @@ impl<D: Drives> Master<D> {
             Ok(()) => Refused::Not.into(),
             Err(refusal) => refusal,
         };
+        let cut = self.by_order.cut;
         OperatorResponse {
             scan: self.scan,
-            jogged_mm: self.jogged_mm,
+            jogged_mm: self.by_order.jogged_mm,
+            rests: cut.map_or(0, |(_, place)| place),
             allowed_min_mm: allowed_mm.0,
             allowed_max_mm: allowed_mm.1,
             accepted: u32::from(reason == Refused::Not),
@@ -126,7 +131,9 @@ impl<D: Drives> Master<D> {
             hold: u32::from(self.hold),
             override_percent: self.override_percent,
             run: self.program.run,
-            axis,
+            axis: cut.map_or(axis, |(axis, _)| axis),
+            counts: self.by_order.counts,
+            cut: u32::from(cut.is_some()),
             reserved: 0,
         }
     }
@@ -199,7 +206,9 @@ impl<D: Drives> Master<D> {
             Mode::Enabled => {}
             Mode::Ready if !self.hold => return Err(Refused::NotRunning.into()),
             Mode::Ready => {}
-            Mode::Stopped if self.cause != Cause::None => return Err(Refused::Faulted.into()),
+            Mode::Stopped if !matches!(self.cause, Cause::None | Cause::ProbeJogged) => {
+                return Err(Refused::Faulted.into());
+            }
             Mode::Stopped => self.mode = Mode::Enabled,
             Mode::Stopping => return Err(Refused::NotAtRest.into()),
             Mode::Jogging => return Err(Refused::Jogging.into()),
@@ -210,6 +219,7 @@ impl<D: Drives> Master<D> {
             Mode::Tripped => return Err(Refused::Tripped.into()),
             Mode::Finished => return Err(Refused::Finished.into()),
         }
+        self.forget_cause_of_jog();
         self.hold = false;
         self.auxiliary.end_stop();
         Ok(())

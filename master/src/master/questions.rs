@@ -40,6 +40,8 @@ pub(super) struct Questions {
     shown: InputFeedback,
     /// Digital inputs in the scan before.
     before: u64,
+    /// The probe made contact in the scan that ends.
+    pub touched: bool,
     /// Changes of the contact in the scan that ends, the earlier one first.
     touches: [Option<Touch>; 2],
     scan_s: f64,
@@ -101,6 +103,7 @@ impl Questions {
     /// What drives and terminals show at the end of a scan in which the axes went from one place to another.
     pub fn take(&mut self, shown: InputFeedback, from: &[i64; MAX_AXES], to: &[i64; MAX_AXES]) {
         self.before = self.shown.digital;
+        self.touched = !self.shown.contact && (shown.contact || shown.made_at.is_some());
         self.shown = shown;
         let touch = |made: bool, share: Option<f64>| {
             let share = share?.clamp(0.0, 1.0);

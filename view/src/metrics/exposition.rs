@@ -264,6 +264,7 @@ fn cause_label(cause: Cause) -> &'static str {
         Cause::Skew => "skew",
         Cause::Abort => "abort",
         Cause::GantryTorque => "gantry-torque",
+        Cause::ProbeJogged => "probe-jogged",
     }
 }
 
