@@ -230,7 +230,10 @@ fn control_c_ends_a_jog_well_and_hold_ends_it_from_elsewhere() {
     assert_eq!(status, 1, "{text}");
     assert!(text.contains("X is at rest at"), "{text}");
     let at = rest(&mut cell);
-    let stands = format!("hold: X will stand at {:.3} mm", x_mm(&at));
+    let stands = format!(
+        "hold: the jog comes to rest: X will stand at {:.3} mm",
+        x_mm(&at)
+    );
     // On a PC that gave the sender no time, the jog was over before.
     let was_over = held.contains("nothing moves");
     assert!(was_over || held.contains(&stands), "{held}: {stands}");

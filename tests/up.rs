@@ -133,7 +133,7 @@ pub(crate) fn down(cell: LiveCell) -> crate::support::Run {
 
 #[test]
 fn whoever_has_waited_gives_the_next_order_at_once_and_every_answer_names_its_cell() {
-    let (_bench, cell, _, _) = up("realtime");
+    let (_bench, mut cell, _, _) = up("realtime");
     let name = format!("{}: ", cell.cell);
     for _ in 0..5 {
         for words in [&["enable"][..], &["jog", "X", "1", "--wait"], &["disable"]] {
@@ -145,7 +145,9 @@ fn whoever_has_waited_gives_the_next_order_at_once_and_every_answer_names_its_ce
     }
     obeyed(&cell, &["enable"]);
     // It takes half a minute.
+    let from = cell.wait_for(|_| true).axes[0].command_position;
     obeyed(&cell, &["jog", "X", "20", "--speed", "40"]);
+    cell.wait_for(|now| now.axes[0].command_position != from);
     let status = ask(&cell, &["status", "--json"]).text;
     assert!(status.contains("\"at_rest\": false"), "{status}");
     refused(&cell, &["disable"], &format!("{name}disable refused"));

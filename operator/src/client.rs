@@ -57,7 +57,7 @@ fn cut_words(cell: &Observer, order: Order, answer: &OperatorResponse) -> Option
     let at_mm = axis.shown(answer.rests as f64 * axis.increment_mm());
     let (name, unit) = (&axis.name, axis.kind.unit());
     Some(format!(
-        "{}: {name} will stand at {at_mm:.3} {unit}",
+        "{}: the jog comes to rest: {name} will stand at {at_mm:.3} {unit}",
         order.word()
     ))
 }
