@@ -130,7 +130,7 @@ fn time_along(
 ) -> anyhow::Result<(Totals, TimeTable)> {
     let mut time_use = TimeUse::new(windows.limits().clone());
     let mut result = Ok(());
-    let totals = walk(&checked, &mut windows, u64::MAX, |path, setpoint| {
+    let totals = walk(checked, &mut windows, u64::MAX, |path, setpoint| {
         time_use.setpoint(path, setpoint);
         result = each(path, setpoint);
         match result {
