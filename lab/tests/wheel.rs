@@ -237,8 +237,10 @@ fn a_wheel_that_turns_too_fast_never_runs_on_and_what_is_not_taken_never_catches
                 "{}: {taken} of {turned}, at rest after {rests_s:.3} s",
                 bench.what
             );
-            // 3 s at 10 mm/s are 300 counts.
-            assert!((250..350).contains(&taken), "{}: {taken}", bench.what);
+            // As many as the axis can go in that time, and what is left to go at the end.
+            let counts = 3_000.0 * bench.cell.machine.scan_period_s() * JOG_MM_S / 0.1;
+            let is_most = (0.8 * counts..counts + 25.0).contains(&f64::from(taken));
+            assert!(is_most, "{}: {taken} of {counts}", bench.what);
             let at = bench.at[0];
             bench.turn_all(0, 1);
             bench.rests_where_it_was_counted();
