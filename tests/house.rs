@@ -24,7 +24,7 @@ const IN_A_SCAN: [&str; 9] = [
 /// What lives while axes may move.
 const CELL: [&str; 14] = [
     "bus",
-    "console",
+    "quadrant-console",
     "machine",
     "path",
     "loops",
@@ -48,7 +48,8 @@ const DESK: [&str; 8] = [
 const LAB: [&str; 2] = ["lab", "model"];
 
 /// Folders of the crates that have another name than their folder.
-const FOLDERS: [(&str, &str); 3] = [
+const FOLDERS: [(&str, &str); 4] = [
+    ("quadrant-console", "console"),
     ("quadrant-cell", "cell"),
     ("quadrant", "."),
     ("model", "lab/model"),
@@ -174,7 +175,7 @@ fn each_process_uses_only_what_it_is_made_of() {
         ("path", &[][..]),
         ("loops", &["path"]),
         ("machine", &["bus"]),
-        ("console", &["bus"]),
+        ("quadrant-console", &["bus"]),
         ("program", &["bus", "machine", "path"]),
         ("planner", &["bus", "machine", "path", "program"]),
         ("servo", &["bus", "machine", "path", "loops"]),

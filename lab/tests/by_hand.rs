@@ -403,6 +403,11 @@ fn increments_of_any_size_both_ways_and_on_top_of_each_other_are_exact_on_every_
             match bench.click(axis, way_mm) {
                 Refused::Not => taken += 1,
                 Refused::Backlog | Refused::TravelEnd => not_taken += 1,
+                // Behind a program the motors are still coming to rest.
+                Refused::NotAtRest => {
+                    not_taken += 1;
+                    bench.scans(400);
+                }
                 other => panic!("{}: {other:?}", bench.what),
             }
             match bench.random.below(9) {
