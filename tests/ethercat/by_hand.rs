@@ -83,7 +83,7 @@ fn commands(network: &Network, run: &str, end: u64) -> Vec<[i64; 3]> {
     let table = String::from_utf8_lossy(&scope.stdout).into_owned();
     let head: Vec<&str> = table.lines().next().expect("a head").split(',').collect();
     let column = |name: &str| head.iter().position(|of| *of == name).expect("a column");
-    let places = AXES.map(|axis| column(&format!("{axis}.command")));
+    let places = AXES.map(|axis| column(&format!("{axis}.command_mm")));
     let row = |line: &str| {
         let cells: Vec<&str> = line.split(',').collect();
         places.map(|at| (cells[at].parse::<f64>().expect("a place") * 1e6).round() as i64)
