@@ -27,7 +27,7 @@ struct Click {
 fn clicks(count: u64) -> Vec<Click> {
     let mut random = Rng::new(7);
     let mut scan = FIRST;
-    let mut last_axis = 0;
+    let (mut last_axis, mut rested) = (0, [0; 3]);
     let mut clicks = Vec::new();
     for _ in 0..count {
         let beside = !clicks.is_empty() && random.one_in(3);
@@ -38,6 +38,9 @@ fn clicks(count: u64) -> Vec<Click> {
         };
         let axis = (last_axis + step as usize) % 3;
         scan += if beside { 60 } else { EVERY };
+        // Each from rest: one on top of another may be more than is taken.
+        scan = scan.max(rested[axis]);
+        rested[axis] = scan + EVERY;
         let size_nm = 10f64.powf(random.between(3.0, 6.6)).round() as i64;
         let way_nm = if random.one_in(2) { size_nm } else { -size_nm };
         clicks.push(Click { scan, axis, way_nm });
@@ -62,7 +65,10 @@ fn orders(clicks: &[Click], end: u64) -> String {
 
 /// Command positions of a run, in nm, from [`SHOWN`] to this scan.
 fn commands(network: &Network, run: &str, end: u64) -> Vec<[i64; 3]> {
-    let (trigger, after) = (format!("scan {SHOWN}"), format!("{} scans", end - SHOWN));
+    let (trigger, after) = (
+        format!("scan {SHOWN}"),
+        format!("{} scans", end - SHOWN + 1),
+    );
     let scope = network.quadrant(&[
         "scope",
         "--log",
