@@ -3,12 +3,10 @@
 use std::fs::File;
 use std::io::{Read, Seek};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 
 use anyhow::{Context, bail};
-use bus::process::end_with_parent;
-use console::logs;
-use rustix::process::Signal;
+use console::{child, logs};
 
 /// The desk: a command with `report`, `web` and `monitor` as subcommands.
 #[derive(Debug, Clone, Copy)]
@@ -37,15 +35,11 @@ pub fn check(desk: Option<Desk>, options: &[(&str, bool)]) -> anyhow::Result<()>
 pub fn report(run_dir: &Path) -> anyhow::Result<String> {
     // A file takes all of it, however long, while its errors are read.
     let mut text: File = tempfile::tempfile()?;
-    let mut command = Command::new("/proc/self/exe");
-    command
-        .arg("report")
+    let mut child = child::command("report")
         .arg(run_dir)
-        .stdin(Stdio::null())
         .stdout(text.try_clone()?)
-        .stderr(Stdio::piped());
-    end_with_parent(&mut command, Signal::KILL);
-    let mut child = command.spawn()?;
+        .stderr(Stdio::piped())
+        .spawn()?;
     let lines = child.stderr.take().context("its errors")?;
     let lines = logs::forward("report".into(), lines)?;
     let status = child.wait()?;
